@@ -313,7 +313,7 @@ def test_a_trigger_that_does_not_fire_is_not_a_missing_gateway(url):
     with gateway(url, axes="1"), AxisClient(1, url) as axis:
         with pytest.raises(NoAnswer) as error:
             axis.capture(["force"], timeout_s=0.3, trigger_level=2**31 - 1)
-        assert "its trigger has not fired" in str(error.value)
+        assert "the trigger condition has not occurred" in str(error.value)
         assert "gateway" not in str(error.value)
         with pytest.raises(NoAnswer) as error:
             axis.wait_event(axis_event_t.EVENT_FAULT, timeout_s=0.3)
@@ -322,7 +322,9 @@ def test_a_trigger_that_does_not_fire_is_not_a_missing_gateway(url):
 
 def test_the_example_ends_in_one_line(monkeypatch):
     def nobody(*_):
-        raise NoAnswer("axis 1: expected a capture within 30 s, its trigger has not fired")
+        raise NoAnswer(
+            "axis 1: expected a capture within 30 s, the trigger condition has not occurred"
+        )
 
     monkeypatch.setattr("forceaxis.gateway.Session", nobody)
     with pytest.raises(SystemExit) as end:

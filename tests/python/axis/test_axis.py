@@ -244,7 +244,7 @@ def test_nothing_moves_without_a_position_gain(tmp_path, verb):
     out = ["--out", tmp_path / "out"] if verb.startswith("measure") else []
     done = forceaxis(*verb.split(), "--sim", CONTACT, *out)
     text = refusal(done, 1)
-    assert "expected a position_gain" in text and "firmware.position_gain of its experiment" in text
+    assert "expected a position_gain" in text and "firmware.position_gain in the experiment" in text
     assert not (tmp_path / "out").exists()
 
 
@@ -388,7 +388,9 @@ def test_a_trigger_that_does_not_fire_is_said():
     done = forceaxis(
         "axis", "capture", *SIM, "force", "--trigger", "force rising 31", "--timeout", "0.5"
     )
-    assert refusal(done, 1).endswith("its recorder is armed; its trigger has not fired")
+    assert refusal(done, 1).endswith(
+        "but the recorder is armed; the trigger condition has not occurred"
+    )
     done = forceaxis("axis", "capture", *SIM, "force", "--trigger", "force up 31")
     assert 'expected a trigger as "NAME rising|falling|either LEVEL"' in refusal(done, 2)
     done = forceaxis("axis", "capture", *SIM, *["force"] * 9)
@@ -463,7 +465,9 @@ def test_an_enabled_axis_of_another_client_is_shared_only_if_wanted(axis, monkey
     monkeypatch.setattr(axis.link, "close", lambda: None)  # both have this one
     axis.enable("profile velocity")
     other = Axis(axis.link)
-    with pytest.raises(Refused, match="it is operation enabled by another client of this bus"):
+    with pytest.raises(
+        Refused, match="the axis is operation enabled by another client of this bus"
+    ):
         other.acquire()
     other.acquire(shared=True)
     other.set(velocity_window=123)

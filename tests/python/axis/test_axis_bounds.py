@@ -64,7 +64,7 @@ def still():
                 "larger range",
             ],
         ),
-        ({"force_max": 20}, "60 N", ["less than 50 N", "force_max (201Dh)", "got 60 N"]),
+        ({"force_max": 20}, "60 N", ["below 50 N", "force_max (201Dh)", "got 60 N"]),
     ],
 )
 def test_a_press_that_would_be_clipped_is_refused_before_anything_is_written(
@@ -238,7 +238,10 @@ def test_commissioning_refuses_a_force_beyond_the_reading_before_it_moves(tmp_pa
         if verb == "tune" else ["--force", "280"]
     )  # fmt: skip
     text = refusal(forceaxis(verb, "--sim", file, *more), 2)
-    assert "expected at most 266." in text and "the end of the range of the measured force" in text
+    assert (
+        "expected a force of at most 266." in text
+        and "the end of the range of the measured force" in text
+    )
 
 
 @pytest.mark.parametrize(
@@ -352,7 +355,9 @@ def test_a_retract_is_bounded():
         assert -1.3 * 4 * MM < held.values("velocity_actual").min() < -0.7 * 4 * MM
         assert held.values("force").max() < 40
         axis.set(position_limit_min=axis.read("position") - 10)
-        with pytest.raises(Refused, match=r"cannot be retracted: .*position_limit_min"):
+        with pytest.raises(
+            Refused, match=r"expected an axis that can be retracted, got: .*position_limit_min"
+        ):
             axis.retract("5 mm")
         with pytest.raises(InputError, match="expected a distance above 0"):
             axis.retract(0)
@@ -364,13 +369,15 @@ def test_a_retract_that_leaves_it_in_contact_is_said(axis):
     axis.set(target_position=60, controlword=0x1F)
     axis.link.wait(6.0)
     assert axis.read("force") > 4
-    with pytest.raises(Refused, match=r"expected it apart .* still reads .* retract it further"):
+    with pytest.raises(
+        Refused, match=r"expected no contact after .* is still .* retract the axis further"
+    ):
         axis.retract(1)
     assert axis.read("drive_state") == "ready_to_switch_on"
 
 
 def test_what_an_axis_is_in_reads_as_a_sentence(axis):
-    assert axis.about().startswith("it is switch on disabled without a fault, mode ")
+    assert axis.about().startswith("the axis is switch on disabled without a fault, mode ")
     with pytest.raises(NoAnswer) as error:
         axis.press(-30.0, 0.1, approach_s=0.2)
     assert ", it has the fault no_contact, mode force counts, position " in str(error.value)

@@ -191,7 +191,9 @@ def test_a_file_is_written_only_to_a_disabled_axis_of_this_table(owned, tmp_path
     axis = owned(BANK, overrides=["firmware.first_motion_test=off"])
     axis.enable("profile position")
     axis.set(watchdog=400)
-    with pytest.raises(Refused, match="expected it disabled, it is operation enabled"):
+    with pytest.raises(
+        Refused, match="expected a disabled axis, got: the axis is operation enabled"
+    ):
         parameter_set.load(axis, file)
     assert axis.read("watchdog") == 400
     found = axis.link.read
@@ -248,7 +250,7 @@ def test_a_load_that_ends_in_between_is_undone(owned, tmp_path, error):
     axis.link.write = failing
     with pytest.raises((Refused, KeyboardInterrupt)) as ended:
         parameter_set.load(axis, file)
-    assert str(ended.value) in ("", f"{file}: no answer; everything is as it was before")
+    assert str(ended.value) in ("", f"{file}: no answer; all earlier values were restored")
     assert count > 12 and parameter_set.read(axis) == before
 
 
@@ -395,7 +397,7 @@ def test_what_a_link_does_not_reach_or_manages_itself_is_left_alone(owned, tmp_p
     assert {"tpdo_cob_id_3", "tpdo_mapping_17"} < set(loaded.managed)
     assert third.read("tpdo_mapped_3") == 2 and third.read("watchdog") == 250
     third.link.manages, third.link.reaches = (lambda name: False), by_register
-    with pytest.raises(Refused, match="tpdo_cob_id_1: it has no Modbus register"):
+    with pytest.raises(Refused, match="tpdo_cob_id_1: this object has no Modbus register"):
         parameter_set.load(third, whole)
 
 

@@ -204,9 +204,9 @@ def expect_position_gain(axis: Drive) -> None:
     follow a position."""
     if axis.read("position_gain") == 0:
         raise Refused(
-            f"{axis.link.where}: expected a position_gain above 0, the axis neither approaches nor "
-            "follows without it; set position_gain, for a simulated axis firmware.position_gain of "
-            "its experiment"
+            f"{axis.link.where}: expected a position_gain above 0, because the axis neither "
+            "approaches nor follows without position_gain; set position_gain, or for a simulated "
+            "axis firmware.position_gain in the experiment"
         )
 
 
@@ -393,7 +393,10 @@ def _hold(
     for _ in axis.link.polls(seconds):
         now = axis.record(PressSample)
         if state_names.drive_state(now.statusword) != "operation enabled":
-            raise Refused(f"{axis.link.where}: it was disabled while it pressed, {axis.about()}")
+            raise Refused(
+                f"{axis.link.where}: expected an enabled axis during the press, but the axis was "
+                f"disabled: {axis.about()}"
+            )
         is_limited = bool(now.statusword & bounds.INTERNAL_LIMIT)
         if is_limited and not was_limited:
             axis.expect_unlimited(target, "while it pressed")
@@ -464,13 +467,15 @@ def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> Ax
         try:
             axis.move(place, way / per_s + RETRACT_EXTRA_S)
         except InputError as error:  # a position limit is nearer than the end of the retract
-            raise Refused(f"{axis.link.where}: it cannot be retracted: {error}") from None
+            raise Refused(
+                f"{axis.link.where}: expected an axis that can be retracted, got: {error}"
+            ) from None
         found = axis.record(ContactObjects)
         if found.contact or abs(found.force) > counts:
             newton = found.force * force_per_count(axis)
             raise Refused(
-                f"{axis.link.where}: expected it apart after the retract, it still reads "
-                f"{newton:.4g} N: retract it further"
+                f"{axis.link.where}: expected no contact after the retraction, but the measured "
+                f"force is still {newton:.4g} N: retract the axis further"
             )
         return state(axis)
     finally:

@@ -102,7 +102,7 @@ class Axis(Drive):
                 if is_this_bus
                 else f"the client that owns it, {now.command_source}"
             )
-            raise Refused(f"{self.link.where}: it is {now.state} by {whose}")
+            raise Refused(f"{self.link.where}: the axis is {now.state} by {whose}")
         self.link.acquire()
         self._owned = True
 

@@ -172,15 +172,16 @@ class CanLink(RecorderLink):
             except aborted as error:
                 if error.code >> 16 in TRANSFER_ABORTS:
                     raise NoAnswer(
-                        f"{self.where}: {what} was interrupted, {error}; is another client, or a "
-                        "gateway, at this node? then connect through the gateway"
+                        f"{self.where}: {what} was interrupted, {error}; if another client or a "
+                        "gateway uses this node, connect through the gateway"
                     ) from None
                 text = REASONS.get(REASON_OF_ABORT.get(error.code, 0), f"{error}")
                 raise Refused(f"{what}: {text}", error.code) from None
             except (silent, OSError, self._can.CanError) as error:
                 raise NoAnswer(
                     f"{self.where}: expected an answer about {what} within {self._timeout_s:g} s, "
-                    f"{error}; is it on, with this node id, and not stopped by NMT?"
+                    f"{error}; check that the axis is switched on, has this node id and is not "
+                    "stopped by NMT"
                 ) from None
 
     def read(self, names: Iterable[str]) -> dict[str, int]:
@@ -192,8 +193,8 @@ class CanLink(RecorderLink):
                 (found[name],) = struct.unpack(STRUCT_FORMATS[known.type], data)
             except struct.error:
                 raise NoAnswer(
-                    f"{self.where}: expected {name} as {known.type}, got {len(data)} bytes: "
-                    "another object table"
+                    f"{self.where}: expected {name} as {known.type}, got {len(data)} bytes, "
+                    "because the axis has another object table"
                 ) from None
         return found
 
@@ -278,8 +279,8 @@ class CanLink(RecorderLink):
         """Raises Refused if another node sends heartbeats with the node id of this program."""
         if self._rival.wait(RIVAL_LISTEN_S):
             raise Refused(
-                f"{self.where}: expected no other node {self._own}, it sends heartbeats; choose "
-                "another id as own_node"
+                f"{self.where}: expected no other node with the node id {self._own}, but such a "
+                "node sends heartbeats; choose another id as own_node"
             )
 
     def _heard(self, _can_id: int, _data: bytes, timestamp: float) -> None:
@@ -291,12 +292,15 @@ class CanLink(RecorderLink):
         try:
             self._network.send_message(HEARTBEAT_ID + self._own, data)
         except self._can.CanError as error:
-            raise NoAnswer(f"{self.where}: expected to send a heartbeat, {error}") from None
+            raise NoAnswer(f"{self.where}: expected to send a heartbeat, got: {error}") from None
 
     def _be_watched(self) -> None:
         place, before = self._entry()
         if place is None:
-            raise Refused(f"{self.where}: expected a free heartbeat consumer in 1016h, all are set")
+            raise Refused(
+                f"{self.where}: expected a free heartbeat consumer in 1016h, but all consumers "
+                "are set"
+            )
         if before & 0xFFFF or self._rival.is_set():
             self._expect_alone()
         self._watched = place, before

@@ -226,4 +226,6 @@ class Drive(AxisValues):
         try:
             bounds.expect(self, targets)
         except InputError as error:
-            raise Refused(f"{self.link.where}: its bounds have changed {when}: {error}") from None
+            raise Refused(
+                f"{self.link.where}: the bounds of the axis have changed {when}: {error}"
+            ) from None

@@ -94,8 +94,8 @@ class GatewayLink(Link):
                 time.sleep(RETRY_PERIOD_S)
             if time.monotonic() > end:
                 raise NoAnswer(
-                    f"{self.where}: expected it operational within {self._ready_s:g} s, it is "
-                    f"{state_names.node_state(state.nmt_state)}"
+                    f"{self.where}: expected a node in the NMT state operational within "
+                    f"{self._ready_s:g} s, got the state {state_names.node_state(state.nmt_state)}"
                 )
         self._keeper = GatewayKeeper(self._axis, self._url)
 

@@ -217,7 +217,10 @@ class RecorderLink(Link):
     def recording(self, timeout_s: float) -> Recording:
         self._wait_recorded(timeout_s)
         if self._armed is None:
-            raise Refused(f"{self.where}: expected a recording that was armed, there is none")
+            raise Refused(
+                f"{self.where}: expected a recording that was armed, got none; start a recording "
+                "first"
+            )
         signals, decimation = self._armed
         trigger = self.read_one("recorder_trigger_index")
         raw = self._samples(signals)
@@ -234,8 +237,9 @@ class RecorderLink(Link):
                 raise Refused(f"{self.where}: the recording was stopped")
             if passed >= timeout_s:
                 raise NoAnswer(
-                    f"{self.where}: expected a recording within {timeout_s:g} s, its recorder is "
-                    f"{state}" + ("; its trigger has not fired" if state == "armed" else "")
+                    f"{self.where}: expected a recording within {timeout_s:g} s, but the recorder "
+                    f"is {state}"
+                    + ("; the trigger condition has not occurred" if state == "armed" else "")
                 )
             self.wait(POLL_PERIOD_S)
             passed += POLL_PERIOD_S

@@ -122,7 +122,8 @@ class ModbusLink(Link):
         for name in names:
             if not self.reaches(name):
                 raise Refused(
-                    f"{name}: it has no Modbus register; connect over CAN or through a gateway"
+                    f"{name}: this object has no Modbus register; connect over CAN or through a "
+                    "gateway"
                 )
 
     def _read(self, name: str) -> int:

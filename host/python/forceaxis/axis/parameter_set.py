@@ -100,8 +100,8 @@ def expect_table(axis: Drive) -> None:
     ours = parameter_file.table_hash()
     if theirs != ours:
         raise Refused(
-            f"{axis.link.where}: expected object table {ours}, it has {theirs}; take the "
-            "forceaxis of its firmware"
+            f"{axis.link.where}: expected object table {ours}, got {theirs} from the axis; use "
+            "the version of forceaxis that belongs to this firmware"
         )
 
 
@@ -152,7 +152,8 @@ def _compared(
     for name in wanted:
         if name not in before:
             raise Refused(
-                f"{name}: it has no Modbus register; skip it, or connect over CAN or a gateway"
+                f"{name}: this object has no Modbus register; skip the object, or connect over "
+                "CAN or through a gateway"
             )
     for name in file.defaults:
         if name in before and (measured or name not in MEASURED):
@@ -180,7 +181,7 @@ def load(
         return replace(loaded, bank=bank(axis))
     word = axis.link.read_one("statusword")
     if state_names.drive_state(word) in state_names.POWERED:
-        raise Refused(f"{axis.link.where}: expected it disabled, {axis.about()}")
+        raise Refused(f"{axis.link.where}: expected a disabled axis, got: {axis.about()}")
     changes = {change.name: change.file for change in loaded.changed}
     try:
         write(axis, changes, before)
@@ -189,7 +190,7 @@ def load(
         _put_back(axis, before, error)
         if isinstance(error, KeyboardInterrupt):
             raise
-        raise Refused(f"{path}: {error}; everything is as it was before") from None
+        raise Refused(f"{path}: {error}; all earlier values were restored") from None
     return replace(loaded, bank=bank(axis))
 
 
@@ -322,4 +323,4 @@ def _command(axis: Drive, name: str, done: str) -> None:
         StoreObjects, lambda s: s.store_state != "saving", "its store to end", STORE_MAX_S
     ).store_state
     if state != done:
-        raise Refused(f"{axis.link.where}: expected its store to report {done}, it is {state}")
+        raise Refused(f"{axis.link.where}: expected the store to report {done}, got {state}")

@@ -239,10 +239,10 @@ class AxisClient(Closable):
             state = self.read("recorder_state")
         except (NoAnswer, Refused):
             return self._silence(f"a capture within {timeout_s:g} s")
-        why = f"its recorder is {state} and no samples were received"
+        why = f"the recorder is {state} and no samples were received"
         if state == "armed":
             why = (
-                "its trigger has not fired; wait longer, or check trigger_source, trigger_level "
+                "the trigger condition has not occurred; wait longer, or check trigger_source, trigger_level "
                 "and trigger_edge"
             )
         return NoAnswer(f"axis {self.axis}: expected a capture within {timeout_s:g} s, {why}")
@@ -359,10 +359,12 @@ class AxisClient(Closable):
         if self._bus.trouble:
             return NoAnswer(self._bus.trouble)
         if time.monotonic() - self._received_s < SILENCE_S:
-            return NoAnswer(f"axis {self.axis}: expected {wanted}, other messages came, not that")
+            return NoAnswer(
+                f"axis {self.axis}: expected {wanted}, but only other messages were received"
+            )
         return NoAnswer(
-            f"axis {self.axis}: expected {wanted}, nothing came on {self._bus.url}; "
-            "is its gateway running?"
+            f"axis {self.axis}: expected {wanted}, but no message was received on "
+            f"{self._bus.url}; check that the gateway is running"
         )
 
 

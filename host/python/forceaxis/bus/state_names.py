@@ -67,14 +67,14 @@ def drive_state(statusword: int) -> str:
 
 def condition(statusword: int, fault: str) -> str:
     """Returns state and fault of a drive as a sentence, such as "it is operation enabled without a
-    fault" or "it has the fault no_contact". fault: the text of the object `fault`, "none" without a
+    fault" or "the axis has the fault no_contact". fault: the text of the object `fault`, "none" without a
     fault."""
     state = drive_state(statusword)
     if fault == "none":
-        return f"it is {state} without a fault"
+        return f"the axis is {state} without a fault"
     if state == "fault":
-        return f"it has the fault {fault}"
-    return f"it is {state} with the fault {fault}"
+        return f"the axis has the fault {fault}"
+    return f"the axis is {state} with the fault {fault}"
 
 
 def status_bits(statusword: int, mode: int | None = None) -> list[str]:
