@@ -380,4 +380,4 @@ def test_what_an_axis_is_in_reads_as_a_sentence(axis):
     assert axis.about().startswith("the axis is switch on disabled without a fault, mode ")
     with pytest.raises(NoAnswer) as error:
         axis.press(-30.0, 0.1, approach_s=0.2)
-    assert ", it has the fault no_contact, mode force counts, position " in str(error.value)
+    assert ", the axis has the fault no_contact, mode force counts, position " in str(error.value)

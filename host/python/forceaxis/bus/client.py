@@ -242,8 +242,8 @@ class AxisClient(Closable):
         why = f"the recorder is {state} and no samples were received"
         if state == "armed":
             why = (
-                "the trigger condition has not occurred; wait longer, or check trigger_source, trigger_level "
-                "and trigger_edge"
+                "the trigger condition has not occurred; wait longer, or check trigger_source, "
+                "trigger_level and trigger_edge"
             )
         return NoAnswer(f"axis {self.axis}: expected a capture within {timeout_s:g} s, {why}")
 
