@@ -98,7 +98,8 @@ class MeasuredFile(FolderFile[StepFile[MeasuredResponses]]):
         """Replaces the three files."""
         result = content.result
         BETWEEN.write(folder, result.between)
-        if result.shaken is None:  # the file belongs to a measurement that is replaced
+        # this file belongs to an earlier measurement that is now replaced
+        if result.shaken is None:
             (folder / SHAKEN.name).unlink(missing_ok=True)
         else:
             SHAKEN.write(folder, result.shaken)

@@ -116,8 +116,8 @@ class SimulatedLimit:
 
 @dataclass(frozen=True)
 class Ratios:
-    """Ratio of each figure of a changed design to the figure of the present design; None if one of
-    the two figures does not exist."""
+    """For each figure, the ratio of the changed design to the present design; None if one of the
+    two designs does not have the figure."""
 
     critical_gain: float | None
     loop_gain: float | None
@@ -186,9 +186,9 @@ class NextCrossing:
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """The content of `forceaxis advise --json`. unit: of the gains; reference_hz: crossover of the
-    present design, the frequency of loop_gain_at; present_gain: force_gain of the experiment; over,
-    modes: tolerances and modes of the set of plants."""
+    """The content of `forceaxis advise --json`. unit: unit of the gains; reference_hz: crossover
+    frequency of the present design, at which loop_gain_at is computed; present_gain: force_gain of
+    the experiment; over, modes: tolerances and modes of the set of plants."""
 
     model: str
     experiment: str | None
@@ -399,8 +399,8 @@ class _Over:
         return ShortSearch(plants, goal or self.goal, random)
 
     def figures(self, change: Change = NO_CHANGE) -> FiguresOverSet | None:
-        """The worst figures over the set with a change of the design, at the margins; None if no
-        gain keeps the margins."""
+        """The worst figures over the set of plants with a change of the design and the largest gain
+        that keeps the margins; None if no gain keeps the margins."""
         spec = change.spec or LoopSpec(timing=self.design.timing)
         bits = change.firmware.get("adc_bits", self.goal.adc_bits)
         goal = replace(self.goal, timings=(spec.timing,), adc_bits=bits)

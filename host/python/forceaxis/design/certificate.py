@@ -41,7 +41,8 @@ Row = tuple[float | None, ...]
 
 @dataclass(frozen=True)
 class WorstFigures:
-    """The worst figures of a law over a set of plants; None if a figure does not exist."""
+    """The worst figures of a law over a set of plants. The value None stands for a figure that does
+    not exist."""
 
     fS_Hz: float | None  # lowest frequency at which |S| reaches -3 dB
     fT_Hz: float | None  # frequency at which |T| last falls through -3 dB

@@ -127,8 +127,8 @@ class Design:
         return working.number(given, self.facts.parameters)
 
     def file(self, name: str, text: str) -> Path:
-        """Writes a text to a temporary file, which exists until the design is closed, and returns
-        the path of the file."""
+        """Writes a text to a temporary file and returns the path of the file. The file exists until
+        the design is closed."""
         if self._folder is None:
             self._folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
         path = self._folder / name

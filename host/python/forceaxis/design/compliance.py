@@ -43,8 +43,8 @@ STATIC_HZ = 0.01
 
 @dataclass(frozen=True)
 class CompliancePoint:
-    """The figures at one stiffness in N/m; None if no gain keeps the margins. Fields whose names
-    begin with p_ belong to the P law, the others to the bank that was designed for the
+    """The figures at one stiffness in N/m; None if no gain keeps the margins. Fields with the
+    prefix p_ belong to the P law, all other fields to the bank that was designed for this
     stiffness."""
 
     stiffness: float

@@ -58,13 +58,14 @@ class SheetField:
 
 
 def number(field: SheetField) -> float:
-    """A field of SheetValues that is always a number. The number is 0 if the field has no effect on
-    the axis."""
+    """Makes a field of SheetValues whose value is always a number. The number is 0 if the field has
+    no effect on the axis."""
     return dataclasses.field(default=0.0, metadata={"field": field})
 
 
 def number_or_word(field: SheetField) -> float | None:
-    """A field of SheetValues that is None if the user gives the word of the field."""
+    """Makes a field of SheetValues whose value is None if the user gives the word of the field
+    instead of a number."""
     return dataclasses.field(default=None, metadata={"field": field})
 
 

@@ -25,8 +25,8 @@ EPOCH = datetime.date(1984, 1, 1)  # day 0 of the object certificate_date
 
 
 def signed(name: str, value: float) -> float:
-    """Returns the engineering value of an object with the correct sign. value: from _core.inputs,
-    which gives negative values as unsigned numbers."""
+    """Returns the engineering value of an object with the correct sign. value: number from
+    _core.inputs, in which a negative value is an unsigned number."""
     known = objects.BY_NAME[name]
     raw = round(value / known.scale)
     return (raw - 2**32 if raw > known.max else raw) * known.scale
@@ -134,8 +134,8 @@ def write(
     date: datetime.date | None = None,
 ) -> list[str]:  # fmt: skip
     """Write the experiments and bank.toml of a design into a folder, and return the names of the
-    files. own: experiment of the user, of which a copy gets the bank; date: of the certificate,
-    None: today."""
+    files. own: experiment of the user; a copy of this experiment gets the bank. date: date of the
+    certificate, None for today."""
     names = []
     model = folder.reference(bench.model)
     if bench.change.edits:

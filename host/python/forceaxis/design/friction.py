@@ -80,8 +80,8 @@ def _at(found: tuple[FrictionRange, ...], shares: list[float]) -> dict[str, floa
 
 
 def named(model: Path) -> str | None:
-    """The text of the model file after each friction force that is a number has been replaced by a
-    parameter, so that a run can change this force. None if no friction force is a number."""
+    """The text of the model file in which parameters replace the numbers of friction forces, so
+    that a run can change these forces. None if no friction force is a number."""
     document = model_file.document(model)
     changed = False
     for row in document.get("friction", ()):

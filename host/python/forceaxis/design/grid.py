@@ -350,8 +350,8 @@ def _highest(values: Samples) -> Index:
 
 
 def _first_root(ahead: Samples, share_q: Samples, constant: float) -> tuple[float, Index]:
-    """(gain, index of the point) of the smallest gain g > 0 that solves the quadratic condition
-    constant - 2 g ahead + g^2 q' = 0 at a point of the grid. share_q: q' times `constant`."""
+    """(gain, index of the point) for the smallest gain g > 0 at which the condition constant - 2 g
+    ahead + g^2 q' = 0 holds at a point of the grid. share_q: q' times `constant`."""
     root = ahead**2 - share_q
     real = (root >= 0) & (ahead > 0)
     if not real.any():

@@ -48,8 +48,8 @@ class ShortDesign:
 
 @dataclass(frozen=True)
 class ShapedDesign(ShortDesign):
-    """A bank that a search has found. numbers: logarithms from which `structures` makes the
-    bank."""
+    """A bank that a search has found. numbers: logarithms of parameters from which `structures`
+    computes the bank."""
 
     numbers: Samples
 
@@ -148,9 +148,9 @@ class ShortSearch:
         return certificate.sentence(self.grid, found.bank, 1.0, only, self.goal.hf_cure())
 
     def _starts(self, fS: float, rate: float) -> list[Samples]:
-        """Starts of the search as logarithms: zeros at antiresonances with a pole above, a lead, a
-        lag, and the best PI law. fS: bandwidth of the PI law in Hz; rate: integral rate of the PI
-        law in rad/s."""
+        """Starts of the search as logarithms: zeros at antiresonances with a pole at a higher
+        frequency, a lead, a lag, and the best PI law. fS: bandwidth of the PI law in Hz; rate:
+        integral rate of the PI law in rad/s."""
         zeros = search.antiresonances(self.grid)[:ZEROS_MAX]
         shapes = [(z, 0.06, z * pole, 0.5) for z in zeros for pole in (1.25, 2.6)]
         shapes += [(4 * fS, 1.0, 16 * fS, 0.8), (20 * fS, 0.8, 5 * fS, 0.8)]

@@ -196,9 +196,9 @@ def _search(
     problem: SearchProblem, thin: SearchProblem, name: str, fS: float, zeros: list[float],
     best: Samples,
 ) -> Samples:  # fmt: skip
-    """The numbers of the best law of a structure. thin: the same problem on a thin grid; fS:
-    bandwidth of a PI law in Hz; zeros: antiresonances in Hz; best: numbers of the best law of the
-    next smaller structure."""
+    """The numbers of the best law of a structure. thin: the same problem on a grid with fewer
+    points; fS: bandwidth of a PI law in Hz; zeros: antiresonances in Hz; best: numbers of the best
+    law of the next smaller structure."""
     rng = np.random.default_rng(SEED)
     results = []
     for begin in LOWEST_FACTORS[: RESTARTS[structures.STRUCTURES[name] or 0]]:
@@ -280,8 +280,8 @@ def search(
 
 
 def antiresonances(grid: Grid) -> list[float]:
-    """Frequencies in Hz of the lightly damped zeros of the plants of a grid, at most eight.
-    Frequencies that are nearly equal are listed once."""
+    """Frequencies in Hz of the lightly damped zeros of the plants of a grid, at most eight. Of
+    nearly equal frequencies, only one is returned."""
     found: list[float] = []
     for loop in grid.open_loops:
         zeros = loop.open.zeros_s()

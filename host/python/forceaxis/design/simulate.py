@@ -85,8 +85,8 @@ WEAK_GAIN_SHARE = 0.25
 
 class ContactBench:
     """A model with an ADC of `bits` bits, with which contacts are simulated. own: an experiment of
-    the user that is an additional case; firmware: settings that replace those of the experiment;
-    forces_N: force set-points in N, empty: chosen by the ranges of sensor and drive."""
+    the user that is an additional case; firmware: settings that replace the settings of the
+    experiment; forces_N: force set-points in N, empty: chosen by the ranges of sensor and drive."""
 
     def __init__(
         self, design: Design, bits: int, own: Path | None = None,
@@ -158,8 +158,8 @@ class ContactBench:
             )
 
     def _settings(self, bits: int) -> dict[str, float | str]:
-        """Firmware settings that are equal in all cases, without set-point, approach speed and
-        bank."""
+        """Returns the firmware settings that are equal in all cases: all except set-point, approach
+        speed and bank."""
         zero = self.change.firmware.get("force_zero_code")
         if zero is None:
             zero = int(self.design.value(self.design.tables.force_adc.zero_code) or 0)
