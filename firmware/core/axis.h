@@ -7,8 +7,8 @@
  * axis_tick() is the complete control loop. The result of axis_tick() depends only on the state and
  * the inputs. The function uses no heap, no floating point and no peripherals. Its execution time
  * is bounded: docs/chip/instructions.md states the number of instructions, and
- * tests/chip/test_budget.py checks this number. The caller owns the state, so any number of axes
- * can run side by side.
+ * tests/firmware/chip/test_budget.py checks this number. The caller owns the state, so any number
+ * of axes can run side by side.
  *
  * Parameters are the fields of axis->params and signals are those of axis->signals. The names and
  * types of these fields are generated from firmware/objects/axis_objects.toml. Signals may be read

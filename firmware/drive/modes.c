@@ -135,14 +135,15 @@ static void shape_setpoint(cia402_t *drive, axis_t *axis) {
       shaper_step(&drive->force_shaper, axis->params.force_setpoint, axis->signals.force);
 }
 
-/* Runs a native mode of the axis with the parameters that the user has written. */
-static void run_native(cia402_t *drive, axis_t *axis, uint8_t mode) {
-  if (mode == AXIS_MODE_POSITION && drive->tracking == CIA402_TRACKING_AXIS) {
+/* Runs a native mode of the axis with the parameters that the user has written. Each native law of
+ * force gets the bounds without a certificate, the force shaper and the contact guard. */
+static void run_native(cia402_t *drive, axis_t *axis, const cia402_mode_t *mode) {
+  if (mode->native == AXIS_MODE_POSITION && drive->tracking == CIA402_TRACKING_AXIS) {
     axis->params.position_setpoint = fx_cnt_from_q32(drive->trajectory.position_q32);
   }
   drive->tracking = CIA402_TRACKING_NONE;
-  axis->params.mode = mode;
-  if (mode == AXIS_MODE_FORCE) {
+  axis->params.mode = mode->native;
+  if (mode->controls_force != 0) {
     const int32_t demand = axis->params.force_setpoint;
     if (drive->guards.contact_guard.speed_q8 != 0 || drive->uncertified != 0) {
       motion_override(drive, axis);
@@ -183,7 +184,7 @@ void cia402_run(cia402_t *drive, axis_t *axis) {
   } else if (mode->run != NULL) {
     mode->run(drive, axis);
   } else {
-    run_native(drive, axis, mode->native);
+    run_native(drive, axis, mode);
   }
 }
 

@@ -146,7 +146,11 @@ static inline int16_t per_mille(const cia402_t *drive, int32_t force_q8) {
 
 static void measure_force(cia402_t *drive, const axis_t *axis) {
   drive_signals_t *signals = &drive->signals;
-  const bool native = axis->signals.active_mode == AXIS_MODE_FORCE && drive->pressing == 0;
+  const cia402_mode_t *mode = drive->mode;
+  const bool native =
+      drive->pressing == 0 &&
+      (axis->signals.active_mode == AXIS_MODE_FORCE ||
+       (mode->holds == CIA402_HOLDS_SETPOINT && axis->signals.active_mode == mode->native));
   signals->force_actual = per_mille(drive, axis->signals.force);
   signals->force_demand =
       native ? per_mille(drive, axis->params.force_setpoint)
