@@ -180,10 +180,12 @@ def test_too_short_a_ring_down_is_refused(tmp_path):
     y = np.exp(-2 * t) * np.cos(2 * np.pi * 10 * t)
     file = save(tmp_path / "a.csv", time_s=t, a=y, b=y)
     assert "--signal" in refusal("decrement", file)
-    assert "column c" in refusal("decrement", file, "--signal", "c")
+    assert "column with the name c" in refusal("decrement", file, "--signal", "c")
     assert "3 cycles, got 2" in refusal("decrement", file, "--signal", "a", "--to-s", 0.26)
     assert "3 cycles, got 0" in refusal("decrement", file, "--signal", "a", "--to-s", 0.05)
-    assert "not both" in refusal("decrement", file, "--signal", "a", "--mass", 1, "--stiffness", 2)
+    assert "got both options" in refusal(
+        "decrement", file, "--signal", "a", "--mass", 1, "--stiffness", 2
+    )
     assert "+-ERROR" in refusal("decrement", file, "--signal", "a", "--mass", "1+-x")
     file.write_text("time_s,a\n0,1\n1,x\n")
     assert "line 3, a: expected a number below 1e+100, got 'x'" in refusal("decrement", file)
@@ -221,7 +223,7 @@ def test_the_split_carries_errors_and_refuses_what_has_no_solution():
     ends = [run("split", *known, f)["solutions"][0]["m_r2"]["value"] for f in (33.5, 32.5)]
     assert m_r2["interval"] == pytest.approx(ends, rel=5e-3)
     assert "at least 22.559 Hz" in refusal("split", *known, 22.5)
-    assert "above 0" in refusal("split", *known, -3)
+    assert "from 1e-30" in refusal("split", *known, -3)
     tiny = run("split", *known, 1e10)["solutions"][0]["m_r2"]["value"]
     assert tiny == pytest.approx(665000 / (2 * math.pi * 1e10) ** 2)
 
@@ -285,7 +287,7 @@ def test_too_few_speeds_are_refused(tmp_path):
         "tach", rows((1e200, 1, 1), (2, 2, 2), (3, 3, 3))
     )
     file.write_text("speed_rad_per_s,tach_V,tach_V\n1,2,3\n2,4,6\n3,6,9\n")
-    assert "one column tach_V" in refusal("tach", file)
+    assert "exactly one column with the name tach_V" in refusal("tach", file)
     file.write_bytes(b"speed_rad_per_s,tach_V\n\xff,1\n")
     assert f"{file}: expected a CSV file in UTF-8" in refusal("tach", file)
 

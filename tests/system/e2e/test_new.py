@@ -283,7 +283,7 @@ BAD = [
         ["--velocity-loop-hz", "expected a bandwidth at which the drive is stable"],
     ),
     ("--full-scale-speed-m-per-s 100 --sensor-stiffness-n-per-m 1e9", ["--full-scale-speed"]),
-    ("--encoder-counts-per-rev 1e9", ["--encoder-counts-per-rev", "2^31 counts"]),
+    ("--encoder-counts-per-rev 1e9", ["--encoder-counts-per-rev", "2^31 encoder counts"]),
     ("--nonsense 1", ["--nonsense"]),
 ]
 
