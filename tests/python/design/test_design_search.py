@@ -195,7 +195,7 @@ def test_a_search_is_repeated_to_the_bit_and_a_smaller_peak_of_S_costs_bandwidth
             {"model": "fig3_7", "ranges": [], "modes": ({},)},
             {},
         ),
-        ("expected a path", {"modes": ({"sensor": "apart"},)}, {}),
+        ("expected a signal path", {"modes": ({"sensor": "apart"},)}, {}),
     ],
 )
 def test_what_cannot_be_designed_is_refused_in_one_line(says, plants, goal):

@@ -455,9 +455,9 @@ BAD = [
     ('final_value = "never"', "expect.final_value: expected a number"),
     ("final_value = nan", "expect.final_value: expected a number"),
     ("final_value = [1]", "expect.final_value: expected a number"),
-    ("final_value = {}", "expect.final_value: expected value"),
+    ("final_value = {}", "expect.final_value: expected one of the keys value"),
     ("final_value = { valu = 1 }", "expect.final_value.valu: expected one of"),
-    ("final_value = { tolerance = 1 }", "expect.final_value: expected value"),
+    ("final_value = { tolerance = 1 }", "expect.final_value: expected one of the keys value"),
     ("final_value = { value = 1, tolerance = -1 }", "expect.final_value.tolerance: "),
     ("final_value = { value = 1, tolerance = nan }", "expect.final_value.tolerance: "),
     ("final_value = { value = 1, tolerance = true }", "expect.final_value.tolerance: "),
@@ -471,7 +471,7 @@ BAD = [
     ("overshoot = { max = -1 }", "expect.overshoot.max: "),
     ("band = -1", "expect.band: "),
     ("band = { width = 1 }", "expect.band: "),
-    ("final_s = 5", "expect.final_s: expected at most the 4 s"),
+    ("final_s = 5", "expect.final_s: expected at most 4 s"),
     ("final_s = 'a'", "expect.final_s: "),
 ]
 
