@@ -61,7 +61,7 @@ def test_a_picture_of_a_page_has_its_texts_and_no_background(monkeypatch):
     assert kind == "data:image/svg+xml" and "strike 0.3912 N s" in svg
     assert "#1b3a5b" in svg and "#ffffff" not in svg
     assert not re.search(r' d="[^"]*\.\d{3}', svg)
-    monkeypatch.setattr(drawing, "LARGEST", 10)
+    monkeypatch.setattr(drawing, "SVG_BYTES_MAX", 10)
     assert drawing.uri(drawn()).startswith("data:image/png;base64,")
 
 

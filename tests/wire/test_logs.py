@@ -163,7 +163,7 @@ def test_damage_inside_a_log_costs_only_what_it_hit(recorded, tmp_path):
     with path.open("wb") as file:
         name = b"AXIS_1_STATE"
         for data in (b"\x12" * 40, entry.data):
-            header = logs.HEADER.pack(logs.SYNC, 0, 1, len(name), len(data))
+            header = logs.HEADER.pack(logs.SYNC_MARK, 0, 1, len(name), len(data))
             file.write(header + name + data)
     summary = log_tables.export(path, tmp_path / "out")
     assert summary.undecodable == 1
@@ -201,7 +201,7 @@ def test_ticks_beyond_64_bits_cost_only_their_block(kind, damage, ticks, tmp_pat
     with path.open("wb") as file:
         for message in (damaged, good):
             data = message.encode()
-            header = logs.HEADER.pack(logs.SYNC, 0, 1, len(channel), len(data))
+            header = logs.HEADER.pack(logs.SYNC_MARK, 0, 1, len(channel), len(data))
             file.write(header + channel.encode() + data)
     done = forceaxis("log", "export", path, "--out", tmp_path / "out")
     assert (done.returncode, done.stderr) == (0, "")
@@ -214,7 +214,7 @@ def test_ticks_beyond_64_bits_cost_only_their_block(kind, damage, ticks, tmp_pat
 @pytest.mark.parametrize("channel", ["../outside", "a/b", "\0"])
 def test_a_channel_of_any_name_is_a_file_in_the_folder(channel, tmp_path):
     path, data = tmp_path / "odd.log", block_of(sim_truth_t).encode()
-    header = logs.HEADER.pack(logs.SYNC, 0, 1, len(channel), len(data))
+    header = logs.HEADER.pack(logs.SYNC_MARK, 0, 1, len(channel), len(data))
     path.write_bytes(header + channel.encode() + data)
     summary = log_tables.export(path, tmp_path / "out")
     assert {f.name for f in tmp_path.iterdir()} == {"odd.log", "out"}

@@ -142,7 +142,7 @@ def test_a_ramp_is_followed_as_the_loop_follows_it(laboratory):
 @pytest.fixture
 def fast(monkeypatch):
     monkeypatch.setattr(search, "RANDOM", 30)
-    monkeypatch.setattr(search, "PROBE", 10)
+    monkeypatch.setattr(search, "PROBE_RANDOM", 10)
     monkeypatch.setattr(search, "RESTARTS", (1, 1, 1))
     small = {n: structures.STRUCTURES[n] for n in ("P", "PI", "PI and one biquad")}
     monkeypatch.setattr(structures, "STRUCTURES", small)
@@ -218,7 +218,7 @@ def test_a_gain_that_breaks_the_set_is_lowered(laboratory):
 def test_a_section_may_begin_near_the_bandwidth_of_pi(monkeypatch):
     """A search of another program reached 26 Hz; with zeros and poles four times above 18.5."""
     monkeypatch.setattr(search, "RANDOM", 10)
-    monkeypatch.setattr(search, "PROBE", 5)
+    monkeypatch.setattr(search, "PROBE_RANDOM", 5)
     monkeypatch.setattr(search, "RESTARTS", (1, 1, 1))
     plants = plant_set("fig4_19", [], ({},))
     found = search.search(plants, search.Goal(adc_bits=12, timings=("zoh",)))
