@@ -295,8 +295,8 @@ TEST(ModelRefuses, MissingAndUnused) {
   expect_refusal(
       with(kAxis, "k = { value", "spare = { value = 1, unit = \"V\" }\nk = { value"),
       {"parameters.spare",
-       "expected a parameter that this model uses, but nothing "
-       "refers to this one; remove it, use its name, or mark it with documentation = true"});
+       "expected a parameter that this model uses, got an unused parameter; remove the parameter, "
+       "use its name, or mark it with documentation = true"});
   std::string motor = motor_drive("robot");
   expect_refusal(kAxis + with(motor, "k_torque = 0.5\n", ""),
                  {"drive.k_torque",
