@@ -19,6 +19,7 @@ PACKAGE = ROOT / "host/python/forceaxis"
 GENERATED = "bus/messages/"
 COLUMNS = ("functions", "untyped", "subscripts", "loose", "options", "statements")
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
+TOOL_COMMAND = re.compile(r"tools/\w+ --[a-z-]+")
 
 
 def wing(path: Path, package: Path = PACKAGE) -> str:
@@ -77,6 +78,12 @@ def executable(node: ast.stmt, docs: set[int]) -> bool:
     return not (isinstance(node, ast.AnnAssign) and node.value is None)
 
 
+def names_option(text: str) -> bool:
+    """Whether a text tells the reader an option of `forceaxis`. An argument of a program that is
+    started, such as "--link", and a command of tools/ are no such text."""
+    return not OPTION.fullmatch(text) and bool(OPTION.search(TOOL_COMMAND.sub("", text)))
+
+
 def is_text(node: ast.expr) -> TypeGuard[ast.Constant]:
     """Whether an expression is a constant string."""
     return isinstance(node, ast.Constant) and isinstance(node.value, str)
@@ -107,7 +114,7 @@ def found(tree: ast.Module) -> Iterator[tuple[str, int]]:
             yield "loose", node.lineno
         elif isinstance(node, ast.Subscript) and is_text(node.slice):
             yield "subscripts", node.lineno
-        elif is_text(node) and id(node) not in docs and OPTION.search(node.value):
+        elif is_text(node) and id(node) not in docs and names_option(node.value):
             yield "options", node.lineno
         if isinstance(node, ast.stmt) and id(node) not in fields and executable(node, docs):
             yield "statements", node.lineno

@@ -307,7 +307,7 @@ def _disagreement(path: Path | str, header: Header, problems: Sequence[str]) -> 
     other_table = where if theirs not in ("", ours) else ""
     return InputError(
         f"{path}{other_table}: {'; '.join(problems)}; correct the values of these objects, or "
-        "read the file without these objects (`--skip NAME`)"
+        "read the file without these objects: name them in `skip`"
     )
 
 

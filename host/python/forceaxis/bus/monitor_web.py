@@ -178,7 +178,7 @@ def serve(settings: MonitorSettings, host: str, port: int, ready: Callable[[str]
         reason = error.strerror or str(error)
         raise AddressError(
             f"expected an address of this machine and a free port, got: {reason}; choose another "
-            "--host or --port"
+            "address or port"
         ) from None
 
 

@@ -569,8 +569,7 @@ class TuningStep(Generic[R]):
         if done is None:
             raise Refusal(
                 self.name,
-                "expected a complete earlier result of this step, got none; run this step first, "
-                "with --only",
+                "expected a complete earlier result of this step, got none; run this step first",
             )
         return done
 

@@ -105,7 +105,7 @@ class CheckedExperiment:
         if not self.checks:
             raise InputError(
                 f"{self.file}: expect: expected a table [expect] with at least one value; "
-                "`forceaxis test --update` fills the table with the measured values"
+                "the option update of `forceaxis test` fills the table"
             )
         lines = [str(check) for check in self.checks if not check.passed]
         if lines:
