@@ -994,7 +994,7 @@ typedef struct {
   uint8_t adc_bits; /* resolution of both ADC channels in bits; an ADC code of 2^adc_bits or more is a fault [1] */
   uint8_t profile_enable; /* type of motion to a new position set-point, as a step or along the trapezoidal profile [enum] */
   uint8_t latency_ticks; /* number of ticks from reading the sensors to the output of the DAC code that is computed from these sensor values [tick] */
-  uint8_t bump_decay_shift; /* exponent n of the decay of bump_bias: after a change of mode or gain, the bias keeps the output continuous and decays by 2^-n in each tick; 0 means no bias [1] */
+  uint8_t bump_decay_shift; /* exponent n of the decay of bump_bias. After a change of mode or gain, this bias keeps the output continuous; in each tick the bias is reduced by the fraction 2^-n of its value. 0 means no bias [1] */
 } axis_params_t;
 
 typedef struct {
@@ -1021,7 +1021,7 @@ typedef struct {
   uint32_t bank_integral[4]; /* integral rate of the bank, per second; 0 means no integral action [2.235174e-05 1/s] */
   uint32_t bank_crc[4]; /* CRC-32 of all other values of the bank as 32-bit words, least significant byte first, in the order of their sub-indices [1] */
   int32_t bank_coefficient[60]; /* coefficients b0, b1, b2, a1, a2 of each second-order section of the bank; a0 is 1 [1/67108864 1] */
-  uint32_t certificate_hash[4]; /* CRC-32 of bank_crc, adc_bits, force_scale, the version of the force law, and a hash of names, types, units and scales of the objects that the law uses. The tool that designed the bank writes this CRC. 0 means no certificate [1] */
+  uint32_t certificate_hash[4]; /* CRC-32 of bank_crc, adc_bits, force_scale, the version of the force law, and a hash of names, types, units and scales of the objects that the law uses. The design tool writes this CRC, which shows that the bank was designed for this axis. 0 means no certificate [1] */
   uint32_t certificate_parts[4]; /* one byte for each part of certificate_hash, with which the firmware determines the part that certificate_state shows; from the lowest byte up: bank, ADC, scale, law [1] */
   uint16_t bank_gain[4]; /* gain of the bank for the filtered force error, in DAC codes per count of an 8-bit ADC [1/256 code/count] */
   uint16_t bank_velocity_gain[4]; /* velocity gain of the bank: damping in DAC codes for a velocity of one encoder count per tick [1/256 code tick/count] */
@@ -1029,7 +1029,7 @@ typedef struct {
   uint16_t certificate_ms[4]; /* largest magnitude Ms of the sensitivity function for all plants within the tolerances of the certificate [1/1000 1] */
   uint16_t certificate_stiffness[4]; /* tolerance of the workpiece stiffness for which the bank was designed [per mille] */
   uint16_t certificate_mass[4]; /* tolerance of the workpiece mass for which the bank was designed [per mille] */
-  uint16_t uncertified_force; /* largest demanded force without a matching certificate, in per mille of force_limit, in every mode that controls force [per mille] */
+  uint16_t uncertified_force; /* limit of the demanded force in every mode that controls force while no certificate matches the force law, in per mille of force_limit [per mille] */
   uint16_t uncertified_output; /* largest magnitude of the DAC code of the force law without a matching certificate, in addition to output_limit; 2048 means no limit [code] */
   uint8_t force_bank; /* number of the selected bank of the force law; 0 means the law with force_gain alone. A bank can be selected only if its bank_state is valid; the selected bank cannot be written [1] */
   uint8_t bank_sections[4]; /* number of second-order sections of the bank, which filter the force error [1] */
@@ -1063,8 +1063,8 @@ typedef struct {
   uint32_t position_window; /* distance from the target position within which the drive reports the target as reached [count] */
   int32_t target_position; /* position to which the axis shall move [count] */
   int32_t home_offset; /* user position that the reference position has after homing [count] */
-  int32_t position_limit_min; /* smallest target position; the drive uses this limit in place of a smaller target. The smallest value means no limit. In force modes only position_min (2016h) acts [count] */
-  int32_t position_limit_max; /* largest target position; the drive uses this limit in place of a larger target. The largest value means no limit. In force modes only position_max (2017h) acts [count] */
+  int32_t position_limit_min; /* smallest target position; the drive replaces a smaller target by this limit. The smallest i32 value, -2147483648, means no limit. The force modes ignore this limit and use position_min (2016h) [count] */
+  int32_t position_limit_max; /* largest target position; the drive replaces a larger target by this limit. The largest i32 value, 2147483647, means no limit. The force modes ignore this limit and use position_max (2017h) [count] */
   uint32_t encoder_increments; /* number of encoder counts in encoder_revolutions motor revolutions [count] */
   uint32_t encoder_revolutions; /* number of motor revolutions in which the encoder counts encoder_increments [1] */
   uint32_t gear_motor_revolutions; /* number of motor revolutions in gear_shaft_revolutions revolutions of the driving shaft [1] */
@@ -1085,7 +1085,7 @@ typedef struct {
   uint32_t force_scale; /* force that one count of an 8-bit ADC represents [uN] */
   uint32_t approach_velocity_max; /* largest speed of the approach in the force modes [count/s] */
   uint32_t stiffness; /* gain from position error to force in the stiffness and impedance modes, in force counts per encoder count [1/65536 count/count] */
-  uint32_t damping; /* gain from velocity error to force in the damping and impedance modes, in force counts per encoder count in a tick [1/256 count tick/count] */
+  uint32_t damping; /* gain from velocity error to force in the damping and impedance modes, in force counts per (encoder count per tick) [1/256 count tick/count] */
   uint32_t homing_travel; /* largest permitted distance of the axis from the start of homing [count] */
   uint32_t homing_timeout; /* longest permitted duration of homing [ms] */
   uint32_t homing_retract; /* distance by which homing on contact moves back from the first contact [count] */
@@ -1135,7 +1135,7 @@ typedef struct {
   uint16_t first_motion_speed; /* largest speed in the first motion test; a higher speed causes the fault runaway [count/tick] */
   uint16_t force_railed_time; /* longest time for which the ADC code of the force may be at an end of its range; a longer time causes the fault force_railed; 0 means off [ms] */
   uint16_t force_stuck_travel; /* travel in contact, in encoder counts, that causes the fault force_stuck if the ADC code of the force does not change during this travel within force_stuck_time; 0 means off [count] */
-  uint16_t force_stuck_time; /* time within which a travel of force_stuck_travel without a change of the ADC code of the force causes the fault force_stuck [ms] */
+  uint16_t force_stuck_time; /* time window of the check for a stuck force sensor: the fault force_stuck is raised if the axis moves by force_stuck_travel within this time and the ADC code of the force does not change [ms] */
   uint16_t force_disconnected_code; /* magnitude of the DAC code at which the axis must move or be in contact; standstill without contact at such a code causes the fault force_disconnected; 0 means off [code] */
   uint16_t force_disconnected_time; /* time for which the axis must be at standstill before the fault force_disconnected occurs [ms] */
   uint16_t force_disconnected_travel; /* largest motion in encoder counts within force_disconnected_time that the firmware still regards as standstill [count] */
