@@ -194,7 +194,7 @@ def command_line() -> None:
     try:
         for text in sys.argv:
             text.encode()  # raises UnicodeError if an argument is not valid UTF-8
-        cli(standalone_mode=False)
+        cli(prog_name="forceaxis", standalone_mode=False)
     except click.exceptions.Abort:
         fail("interrupted", status=130)
     except click.exceptions.NoArgsIsHelpError as error:

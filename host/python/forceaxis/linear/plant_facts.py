@@ -40,8 +40,9 @@ class DriveFacts:
 
 @dataclass(frozen=True)
 class SensorFacts:
-    """The sensor that the firmware reads: its signal, the size of one ADC code in the unit of the
-    signal (`per_count`), and the resolution of the ADC in bits."""
+    """The sensor that the firmware reads: its signal, the size of one 8-bit count in the unit of
+    the signal (`per_count`, for an ADC of any resolution), and the resolution of the ADC in bits.
+    """
 
     signal: str
     per_count: float
