@@ -1,1 +1,2 @@
-"""HTML pages about a folder of experiments, a design or a tuning, which the command line writes."""
+"""Writes HTML pages for the command line: about a folder of experiments, about a design of a force
+law, or about the tuning of an axis."""

@@ -1,5 +1,5 @@
-"""The report's sections on models: description, critical gains, recommended P gain, and worst
-figures of the designed banks."""
+"""The sections of the report about models: description, critical gains, recommended P gain, and
+worst margins of the designed filter banks."""
 
 import re
 from collections.abc import Sequence
@@ -25,10 +25,10 @@ from forceaxis.words import plain
 
 Picture = tuple[str, Markup]  # caption and image
 
-# largest number of experiments for which the page shows all pictures at once
+# Largest number of experiments for which the report shows all plots at once.
 SHOWN_EXPERIMENTS_MAX = 6
-# Map of verdicts of an experiment: factors of the gain and of the set-point,
-# and the longest run in ticks.
+# Settings of the table of verdicts over gain and set-point: factors of the gain, factors of the
+# set-point, and the longest duration of a run in ticks.
 MAP_GAIN_FACTORS = (0.5, 0.8, 1.25, 2.0, 3.2, 5.0)
 MAP_SETPOINT_FACTORS = (0.3, 0.6, 1.0, 1.5, 2.2)
 MAP_TICKS_MAX = 12_000
@@ -36,7 +36,8 @@ MAP_TICKS_MAX = 12_000
 
 @dataclass(frozen=True)
 class ExperimentBank:
-    """The designed bank of an experiment, with its worst figures over the set of plants."""
+    """The designed filter bank of an experiment, with the worst bandwidth and margins over the set
+    of plants."""
 
     entry: Entry
     bank: Bank
@@ -45,10 +46,10 @@ class ExperimentBank:
 
 @dataclass(frozen=True)
 class ModelLaws:
-    """The recommended P gain of a model and the banks of the experiments with this model, over a
-    set of plants."""
+    """The recommended P gain of a model, and the filter banks of all experiments with this model.
+    Both are evaluated over a set of plants."""
 
-    over: str  # ranges of the parameters of the set, as text
+    over: str  # text with the ranges of the parameters in the set of plants
     p: reduced.ShortDesign
     banks: list[ExperimentBank]
 
@@ -57,29 +58,31 @@ class ModelLaws:
 class ModelSection:
     """The section of the report about one model."""
 
-    id: str  # name of the anchor of the section
+    id: str  # name of the HTML anchor of the section
     file: str
     title: str
     words: list[str]  # sentences about the model
-    limits: list[str] | None  # limits of force_gain; None if the model has no force loop
+    # critical values of force_gain as texts; None if the model has no force loop
+    limits: list[str] | None
     laws: ModelLaws | None
     refused: str  # reason why `laws` is None
     pictures: list[Picture]
 
 
 def limits(model: Path) -> list[str] | None:
-    """Returns the limit of force_gain for each timing as text. Returns None if the model has no
-    force loop."""
+    """Returns the critical value of force_gain as text, one text for each delay of the loop (zoh or
+    zoh+1). Returns None if the model has no force loop."""
     try:
         found = [loops.force_loop(model, timing=timing) for timing in loops.TIMINGS]
-    # the model has no force sensor, or the command has no effect (stuck, no contact)
+    # The model has no force sensor, or the command has no effect on the force: the axis is stuck or
+    # has no contact.
     except _core.InputError:
         return None
     return [limit_text(loop) for loop in found]
 
 
 def limit_text(loop: stability.Loop) -> str:
-    """Returns the limit of a loop as text, in DAC codes per 8-bit count of force."""
+    """Returns the critical gain of a force loop as text, in DAC codes per 8-bit count of force."""
     limit = loop.limit()
     if limit.gain is not None:
         gain = plain(loop.firmware_gain(limit.gain))
@@ -90,7 +93,7 @@ def limit_text(loop: stability.Loop) -> str:
 
 
 def by_model(entries: Sequence[Entry]) -> dict[Path, list[Entry]]:
-    """Returns for each model file the experiments with this model that ran without error."""
+    """Returns {model file: experiments with this model that ran without error}."""
     found: dict[Path, list[Entry]] = {}
     for entry in entries:
         if entry.done:
@@ -99,7 +102,7 @@ def by_model(entries: Sequence[Entry]) -> dict[Path, list[Entry]]:
 
 
 def sections(entries: Sequence[Entry]) -> list[ModelSection]:
-    """Returns one section for each model of the experiments."""
+    """Returns one section of the report for each model that the experiments use."""
     with_pictures = len(entries) <= SHOWN_EXPERIMENTS_MAX
     return [_section(model, own, with_pictures) for model, own in by_model(entries).items()]
 
@@ -126,7 +129,7 @@ def _section(model: Path, entries: Sequence[Entry], with_pictures: bool) -> Mode
 
 
 def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
-    """Returns caption and picture of the Nyquist curve at the recommended P gain. The list is empty
+    """Returns caption and image of the Nyquist plot at the recommended P gain. The list is empty
     without a recommended gain."""
     if not recommended.worst:
         return []
@@ -135,7 +138,8 @@ def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
         found = curves.nyquist_of(
             LoopRequest(str(model), law="p", timing="zoh", firmware_gain=gain)
         )
-    except _core.InputError:  # the command has no effect on the force in this mode of the model
+    # The command has no effect on the force in this combination of states of the model.
+    except _core.InputError:
         return []
     margins = found.at.margins
     phase = margins.phase_margin_deg
@@ -148,8 +152,8 @@ def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
 
 
 def _map(entries: Sequence[Entry]) -> list[Picture]:
-    """Returns caption and picture of the verdict over gain and set-point, for the first short
-    experiment with a P law. The list is empty without such an experiment."""
+    """Returns caption and image of a plot that shows the verdict over gain and set-point, for the
+    first short experiment with a P law. The list is empty without such an experiment."""
     for entry in entries:
         given = read_inputs(entry.file).firmware
         gain, setpoint = given.get("force_gain"), given.get("force_setpoint")
@@ -202,8 +206,8 @@ def words(model: Path) -> list[str]:
 
 
 def laws(model: Path, entries: Sequence[Entry]) -> ModelLaws:
-    """Returns the P gain that keeps the usual margins over the set of plants, and the worst figures
-    of each bank of the experiments over this set. Raises InputError, for example for a model
+    """Returns the P gain that keeps the usual margins over the set of plants, and the worst margins
+    over this set for the filter bank of each experiment. Raises InputError, for example for a model
     without a sensor."""
     plants = sets.plant_set(str(model))
     facts = linear.facts(model)
@@ -213,7 +217,7 @@ def laws(model: Path, entries: Sequence[Entry]) -> ModelLaws:
     for entry in entries:
         try:
             own = settings.of(str(entry.file))
-        except _core.InputError:  # the experiment has no force law
+        except _core.InputError:  # An experiment without a force law has no filter bank.
             continue
         if own.bank and own.law == "bank":
             banks.append(ExperimentBank(entry, own.bank, search.at(own.bank)))

@@ -1,4 +1,4 @@
-"""Writes the page of a design, an HTML file with the tables and figures of a force law."""
+"""Writes the page of a design: an HTML file with tables and plots about a designed force law."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -26,20 +26,23 @@ from forceaxis.linear.system import TICK_S
 from forceaxis.pages.template import template
 from forceaxis.words import plain
 
-# width of a figure in inches; a row has two figures on a screen and one on a telephone
+# Width of a plot in inches. A row of the page has two plots on a screen and one plot on a
+# telephone.
 WIDE_IN = 4.4
-LOOP_GAIN_DRAWN = 20.0  # largest |L| that a figure shows
+LOOP_GAIN_DRAWN = 20.0  # largest magnitude of the loop gain that a plot shows
 RANDOM_PLANTS = (
-    4  # number of random plants in the figures, in addition to the nominal plant and the corners
+    # number of random plants in the plots, in addition to the nominal plant and the corner plants
+    4
 )
 
-# (loop gain L at the frequencies, key of its line style in LOOKS)
+# One curve of a plot for each loop: (loop gain L at the frequencies, key of the line style in
+# LOOKS).
 Loops = list[tuple[NDArray[Any], str]]
 
 
 def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loops:
-    """Returns the frequency responses of the open loops with a bank, over the plants of the set and
-    the latencies."""
+    """Returns the frequency responses of the loop gain with a filter bank, for each plant of the
+    set and each latency."""
     plants = outcome.plants
     members = [(m, True) for m in plants.nominal()]
     members += [(m, False) for m in plants.corners() + plants.random(RANDOM_PLANTS)]
@@ -64,21 +67,22 @@ LOOKS: dict[str, tuple[dict[str, Any], str]] = {
 
 
 def keys(loops: Iterable[tuple[Response | None, str]]) -> list[Artist]:
-    """Returns the entries of the legend of a figure, one for each line style in `loops`."""
+    """Returns the legend entries of a plot, with one entry for each line style in `loops`."""
     met = {kind for _, kind in loops}
     return [plt.Line2D([], [], label=name, **look)
             for kind, (look, name) in LOOKS.items() if kind in met]  # fmt: skip
 
 
 def laws(outcome: DesignOutcome) -> list[tuple[str, Bank]]:
-    """Returns [(name, bank)] of the control laws that the figures compare: the design, and law P if
-    P keeps the margins at some gain."""
+    """Returns [(name, filter bank)] of the control laws that the plots compare: the designed law,
+    and law P if a P gain exists that keeps the margins."""
     p = [("P", outcome.p_bank)] if outcome.p_bank.force_gain else []
     return [*p, (outcome.chosen, outcome.bank)]
 
 
 def sensitivity(outcome: DesignOutcome, name: str, frequency_hz: Samples, loops: Loops) -> Figure:
-    """Returns the figure with |S| and |T| in dB of one control law over the set of plants."""
+    """Returns a plot of |S| and |T| in dB over the frequency, for one control law with all plants
+    of the set."""
     figure, axes = plt.subplots(2, 1, figsize=(WIDE_IN, 4.6), sharex=True)
     for L, kind in loops:
         for ax, value in zip(axes, (1 / (1 + L), L / (1 + L)), strict=True):
@@ -104,7 +108,7 @@ def sensitivity(outcome: DesignOutcome, name: str, frequency_hz: Samples, loops:
 
 
 def nyquist(outcome: DesignOutcome, name: str, loops: Loops) -> Figure:
-    """Returns the Nyquist plot near -1 of one control law over the set of plants."""
+    """Returns a Nyquist plot near the point -1, for one control law with all plants of the set."""
     figure, ax = plt.subplots(figsize=(WIDE_IN, 4.2))
     turn = np.linspace(0, 2 * np.pi, 200)
     style(ax)
@@ -123,8 +127,8 @@ def nyquist(outcome: DesignOutcome, name: str, loops: Loops) -> Figure:
 
 
 def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> Figure:
-    """Returns the figure of the force over time in a simulated contact, with law P and with the
-    design."""
+    """Returns a plot of the force over time in a simulated contact, with law P and with the
+    designed law."""
     figure, ax = plt.subplots(figsize=(WIDE_IN, 3.0))
     style(ax)
     latency = outcome.order.latencies[0]
@@ -136,7 +140,7 @@ def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> F
         done = runs.run(Path(file), texts)
         force = done.columns[bench.facts.contacts[0].name + ".force"]
         time_s = done.columns["time_s"]
-        if not case.strike_N_s:  # the figure begins shortly before the first contact
+        if not case.strike_N_s:  # The plot begins shortly before the first contact.
             touched = np.flatnonzero(force > 0)
             start = time_s[touched[0]] - 0.05 if len(touched) else 0.0
         inside = (time_s >= start - 0.05) & (time_s <= start + (1.0 if case.strike_N_s else 0.6))
@@ -149,12 +153,13 @@ def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> F
 
 
 def shown(value: float | str) -> str:
-    """Returns the value of a parameter or the state of an element as text."""
+    """Returns a text with the value of a parameter or the state of an element."""
     return plain(value, 4) if isinstance(value, float) else str(value)
 
 
 def figure_rows(outcome: DesignOutcome) -> list[tuple[str, str, str]]:
-    """Returns (figure, value of law P, value of the design)."""
+    """Returns rows (name of a margin or bandwidth, value with law P, value with the designed
+    law)."""
     names = [*FIGURES, "gain, DAC codes per count of force"]
     p = (*outcome.p.row, outcome.p.force_gain)
     own = (*outcome.worst.row, outcome.bank.force_gain)
@@ -163,8 +168,8 @@ def figure_rows(outcome: DesignOutcome) -> list[tuple[str, str, str]]:
 
 
 def structure_rows(outcome: DesignOutcome) -> list[list[str]]:
-    """Returns the rows of a table of the structures: name, fS, Ms, gain margin, gain, and gain at
-    high frequency."""
+    """Returns one row for each structure of the force law: name, bandwidth fS, Ms, gain margin,
+    gain, and gain at high frequency."""
     rows = []
     for one in outcome.structures:
         figures = (*one.row, one.bank.force_gain, one.bank.hf_gain)
@@ -173,8 +178,8 @@ def structure_rows(outcome: DesignOutcome) -> list[list[str]]:
 
 
 def write(folder: NewFolder, bench: ContactBench, outcome: DesignOutcome, run: str) -> None:
-    """Writes the page index.html of a design to a folder. run: path of the experiment that the page
-    tells the user to run."""
+    """Writes the page index.html of a design to a folder. `run`: path of the experiment that the
+    page recommends for a run."""
     frequency_hz = np.geomspace(0.3, 0.499 / TICK_S, 2000)
     loops = [responses(outcome, bank, frequency_hz) for _, bank in laws(outcome)]
     html = template("design").render(

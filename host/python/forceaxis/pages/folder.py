@@ -21,45 +21,48 @@ T = TypeVar("T")
 
 @dataclass
 class Entry:
-    """An experiment of the page, with its run or with the error that prevented the run."""
+    """An experiment of the report, with the finished run or with the error that prevented the
+    run."""
 
     file: Path
-    name: str  # path of the file relative to the folder, without suffix
+    name: str  # path of the experiment file relative to the folder, without suffix
     done: Run | None = None  # the finished run; None after an error
-    # differences between the run and the table [expect], one line each
+    # Differences between the result of the run and the table [expect], one text line for each
+    # difference.
     differs: tuple[str, ...] = ()
     error: str = ""
 
     @property
     def run(self) -> Run:
-        """Run of an experiment that ended without error."""
+        """The finished run of an experiment that ended without error."""
         assert self.done is not None
         return self.done
 
     @property
     def id(self) -> str:
-        """Name of the anchor of the experiment on the page."""
+        """Name of the HTML anchor of the experiment on the page."""
         return re.sub(r"\W", "_", self.name)
 
     @property
     def verdict(self) -> str:
-        """One of the four verdicts, "none" for an experiment without a verdict, or "error"."""
+        """Verdict of the experiment (stable, unstable, not_met or never_in_contact), "none" for an
+        experiment without a verdict, or "error"."""
         return "error" if self.error else self.run.result.verdict or "none"
 
     @property
     def status(self) -> str:
-        """Status that selects the colour of the experiment: "error", "differs" (from the table
-        [expect]), or the verdict."""
+        """Status of the experiment, which selects a colour: "error", "differs" (the result differs
+        from the table [expect]), or the verdict."""
         return "differs" if self.differs else self.verdict
 
     @property
     def title(self) -> str:
-        """Title of the experiment. After an error, the name of the experiment."""
+        """Title of the experiment, or the name of the experiment after an error."""
         return self.done.title if self.done else self.name
 
     @property
     def held(self) -> str:
-        """Controlled force and its error as text. Empty if the experiment has no force
+        """Text with the controlled force and the static error. Empty if the experiment has no force
         set-point."""
         held = self.done and self.done.result.metrics.held_force
         if not held:
@@ -70,25 +73,25 @@ class Entry:
 
     @cached_property
     def picture(self) -> Markup:
-        """Figure of the traces as a data URI."""
+        """Plot of the signals of the run as a data URI."""
         return pictures.figure(trace.figure(self.run))
 
     @cached_property
     def thumbnail(self) -> Markup:
-        """Thumbnail of the main signal of the run."""
+        """Small plot of the main signal of the run."""
         return pictures.thumbnail(self.run)
 
 
 def figure_order(figure: str) -> tuple[int | str, ...]:
-    """Returns a key that sorts figure numbers: "2.16a, 5.1" gives (2, 16, "a"). A text without a
-    number is sorted last."""
+    """Returns a sort key for the numbers of figures: "2.16a, 5.1" gives (2, 16, "a"). A text
+    without a number is sorted last."""
     found = re.match(r"(\d+)\.(\d+)(\w*)", figure)
     return (int(found[1]), int(found[2]), found[3]) if found else (99,)
 
 
 def files(folder: Path) -> list[Path]:
-    """Returns the experiments below a folder, and the files that cannot be read. Raises InputError
-    if the folder contains no experiment."""
+    """Returns the experiments below a folder, and the files that are not readable as experiments.
+    Raises InputError if the folder contains no experiment."""
     if not folder.is_dir():
         raise InputError(
             f"{folder}: expected a folder with experiments, got no such folder; `forceaxis new "
@@ -111,18 +114,19 @@ def files(folder: Path) -> list[Path]:
 
 
 def begin(pool: Pool, folder: Path) -> list[AsyncResult[Entry]]:
-    """Starts the runs of all experiments of a folder in the processes of `pool`."""
+    """Starts the runs of all experiments of a folder in the worker processes of `pool`."""
     return [pool.apply_async(_drawn, (path, folder)) for path in files(folder)]
 
 
 def results(jobs: Sequence[AsyncResult[T]], what: str) -> list[T]:
-    """Waits for the results of all jobs and returns them. what: plural name of the jobs, for the
-    progress."""
+    """Waits for the results of all jobs and returns the results. `what`: plural name of the jobs in
+    the progress line."""
     return [job.get() for job in progress.each(jobs, what)]
 
 
 def entries(jobs: Sequence[AsyncResult[Entry]]) -> list[Entry]:
-    """Waits for all experiments and returns them, sorted by figure and name."""
+    """Waits until all experiments have finished. Returns one Entry for each experiment, sorted by
+    figure number and name."""
     return sorted(
         results(jobs, "experiments"),
         key=lambda e: (figure_order(e.done.result.figure if e.done else ""), e.name),
@@ -130,8 +134,8 @@ def entries(jobs: Sequence[AsyncResult[Entry]]) -> list[Entry]:
 
 
 def _drawn(path: Path, folder: Path) -> Entry:
-    """Returns an experiment with its pictures and without its trace, because the result is sent to
-    another process."""
+    """Runs an experiment in a worker process. Returns the experiment with its plots but without the
+    table of signals, which is too large for the transfer to the main process."""
     name = path.relative_to(folder).with_suffix("").as_posix()
     try:
         examined = expect.examine(path)

@@ -1,5 +1,5 @@
-"""Sections that only the page of the thesis has: tables, fit, models by figure, and frequency
-domain. Templates use the names of the fields."""
+"""The sections that only the report on the experiments of the thesis has: tables, fit, models by
+figure, and frequency domain. Templates use the names of the dataclass fields."""
 
 import os
 import re
@@ -24,22 +24,24 @@ from forceaxis.thesis import figures as thesis_figures
 from forceaxis.thesis import nonlinear, tables
 from forceaxis.thesis.tables import CellResult
 
-WIDE_IN = 6.0  # width in inches above which a figure has a row of its own
+WIDE_IN = 6.0  # width in inches above which a plot has its own row on the page
 
 
 @dataclass(frozen=True)
 class ModelRow:
-    """A model with its critical gains and its experiments."""
+    """A model of the thesis with critical gains and experiments."""
 
     name: str
     title: str
     shows: str
-    limits: list[str] | None  # limits of force_gain; None if the model has no force loop
+    # critical values of force_gain as texts; None if the model has no force loop
+    limits: list[str] | None
     runs: list[Entry]
 
 
 def models(entries: Sequence[Entry]) -> list[ModelRow]:
-    """Returns all models of the experiments, in the order of their figures."""
+    """Returns one row for each model of the experiments, in the order of the figure numbers of the
+    thesis."""
     rows = {}
     for path, runs in axes.by_model(entries).items():
         text = toml.read(path)
@@ -60,7 +62,7 @@ class CellGrid:
 
 
 def grid_3_15(cells: Sequence[CellResult]) -> CellGrid:
-    """Returns Fig 3.15, whose rows are gains and whose columns are set-points."""
+    """Returns the stability table of Fig 3.15. Rows are gains, and columns are set-points."""
     at = {(c.force_gain, c.force_setpoint): c for c in cells if c.figure == "3.15"}
     gains = sorted({gain for gain, _ in at})
     setpoints = sorted({setpoint for _, setpoint in at if setpoint is not None})
@@ -72,7 +74,8 @@ def grid_3_15(cells: Sequence[CellResult]) -> CellGrid:
 
 
 def grid_5_10(cells: Sequence[CellResult]) -> CellGrid:
-    """Returns Fig 5.10, whose rows are gains. The first and third columns are Fig 3.16."""
+    """Returns the stability table of Fig 5.10, whose rows are gains. The first and third columns
+    are also Fig 3.16."""
     at = {(c.force_gain, c.test, c.workpiece): c for c in cells if c.figure == "5.10"}
     columns = list(dict.fromkeys((test, workpiece) for _, test, workpiece in at))
     return CellGrid(
@@ -86,7 +89,8 @@ def grid_5_10(cells: Sequence[CellResult]) -> CellGrid:
 
 
 def grid_rest(cells: Sequence[CellResult]) -> CellGrid:
-    """Returns Figs 5.2, 5.3, 5.8 and 5.9, each of which is one cell."""
+    """Returns the stability tables of Figs 5.2, 5.3, 5.8 and 5.9. Each of these figures has only
+    one cell."""
     rows = {
         f"Fig {c.figure}, {c.workpiece}, {c.grip.replace('_', ' ')}, "
         f"gain {c.force_gain}, set-point {c.force_setpoint}": [c]
@@ -97,13 +101,14 @@ def grid_rest(cells: Sequence[CellResult]) -> CellGrid:
 
 
 def mode_rows() -> list[tuple[str, str, list[str]]]:
-    """Returns (model, lowest mode of vibration, [other modes with their labels]) of each model in
-    which the drive acts on the force."""
+    """Returns (model, lowest mode of vibration, [other modes of vibration with labels]) for each
+    model in which the drive acts on the force."""
     rows = []
     for path in sorted(paths.MODELS.glob("*.toml"), key=lambda p: p.stem):
         try:
             found = modes.modes(path)
-        except _core.InputError:  # the file contains only parameters, or the model has no drive
+        # This model file contains only parameters, or the model has no drive.
+        except _core.InputError:
             continue
         if not found.has_path or found.contact == "apart":
             continue
@@ -120,7 +125,7 @@ def mode_rows() -> list[tuple[str, str, list[str]]]:
 
 @dataclass(frozen=True)
 class MeasuredFigure:
-    """A measurement of the thesis, repeated on the simulated plant."""
+    """A measurement of the thesis that is repeated on the simulated plant."""
 
     name: str
     shows: str
@@ -130,24 +135,26 @@ class MeasuredFigure:
 
 @dataclass(frozen=True)
 class DrawnFigure:
-    """A figure of the thesis, drawn from its model."""
+    """A plot of the thesis that is drawn from a model."""
 
     figure: str
     see: str
-    wide: bool  # True if the figure has a row of its own
+    wide: bool  # True if the plot has its own row on the page
     image: Markup
 
 
 @dataclass(frozen=True)
 class FrequencySection:
-    """The section of the page on the frequency domain."""
+    """The section of the report about the frequency domain: bandwidths, modes of vibration,
+    frequency responses."""
 
     designs: list[plant_designs.PlantDesign]
     designs_image: Markup
     advice: advise.Advice
     advice_image: Markup
     claims: thesis.CheckedClaims
-    value: Callable[[float | str, str], str]  # function that returns a value of a claim as text
+    # function that returns the value of a claim of the thesis as text
+    value: Callable[[float | str, str], str]
     modes: list[tuple[str, str, list[str]]]
     measurements: list[MeasuredFigure]
     figures: list[DrawnFigure]
@@ -156,7 +163,8 @@ class FrequencySection:
 
 @dataclass(frozen=True)
 class FrequencyJobs:
-    """Running computations of the frequency domain in the processes of a pool."""
+    """Computations for the section on the frequency domain that run in the worker processes of a
+    pool."""
 
     designs: list[AsyncResult[plant_designs.PlantDesign]]
     advice: AsyncResult[tuple[advise.Advice, Markup]]
@@ -167,7 +175,7 @@ class FrequencyJobs:
 
     @classmethod
     def start(cls, pool: Pool) -> "FrequencyJobs":
-        """Starts all computations of the frequency domain."""
+        """Starts all computations for the section on the frequency domain."""
         measurements = sorted(
             paths.MEASUREMENTS.glob("*.toml"),
             key=lambda p: figure_order(p.stem[3:].replace("_", ".")),
@@ -186,7 +194,8 @@ class FrequencyJobs:
         )
 
     def section(self) -> FrequencySection:
-        """Waits for the results of all computations."""
+        """Waits for the results of all computations and returns the section on the frequency
+        domain."""
         rows = folder.results(self.designs, "designs")
         advice, advice_image = self.advice.get()
         errors = beam.Beam(1.0, 1.0, 1.0).approximation_errors()
@@ -205,7 +214,8 @@ class FrequencyJobs:
 
 
 def measured(path: Path) -> MeasuredFigure:
-    """Repeats a measurement of the thesis and draws its figure."""
+    """Repeats a measurement of the thesis with the simulated plant and draws the measured
+    response."""
     done = measure_result.run(path)
     assert done.setup is not None
     image = pictures.figure(measure_result.figure(done))
@@ -213,7 +223,7 @@ def measured(path: Path) -> MeasuredFigure:
 
 
 def thesis_figure(number: int) -> DrawnFigure:
-    """Draws one figure of the thesis."""
+    """Draws the plot of the thesis with the number `number`."""
     found = thesis_figures.thesis_figures()[number]
     drawn = found.draw()
     wide = drawn.get_figwidth() > WIDE_IN
@@ -221,7 +231,8 @@ def thesis_figure(number: int) -> DrawnFigure:
 
 
 def advised() -> tuple[advise.Advice, Markup]:
-    """Returns the advice for the laboratory's axis, and its picture."""
+    """Returns the advice for the laboratory's axis (how much each change improves the axis), and a
+    plot of the advice."""
     advice = advise.advise(advise.AdviceOrder("laboratory", threads=1))
     return advice, pictures.figure(advice_plot.figure(advice))
 
@@ -239,15 +250,16 @@ STORY = (
 
 @dataclass(frozen=True)
 class ModelsSection:
-    """The sections of the page on one axis and on all models."""
+    """The sections of the report about the example axis and about all models of the thesis."""
 
-    story: list[tuple[Entry, str, str]]  # (experiment, heading, reason) for each step of the story
-    models: list[ModelRow]  # models of the machines of the thesis
+    # (experiment, heading, reason) for each step of the design of the example axis
+    story: list[tuple[Entry, str, str]]
+    models: list[ModelRow]  # models of the machines in the thesis
     element_models: list[ModelRow]  # models of single elements
 
 
 def models_section(entries: Sequence[Entry]) -> ModelsSection:
-    """Returns the sections on the models of the experiments."""
+    """Returns the sections of the report about the models that the experiments use."""
     done = [e for e in entries if e.done]
     elements = [e for e in done if e.run.model.stem.startswith("nl_")]
     by_name = {e.name: e for e in done}
@@ -260,26 +272,29 @@ def models_section(entries: Sequence[Entry]) -> ModelsSection:
 
 @dataclass(frozen=True)
 class FittedConstant:
-    """A fitted constant with the result of the fit."""
+    """A constant of the model that is fitted to the stability tables, with the result of the
+    fit."""
 
     constant: tables.Constant
     parameter: tables.SourcedParameter
     found: float  # value of the constant in the stored fit
-    plateau: dict[float, int]  # {ratio to the fitted value: score}
+    plateau: dict[float, int]  # {ratio to the fitted value: number of cells with equal verdicts}
 
 
 @dataclass(frozen=True)
 class TablesSection:
-    """The sections of the page on the stability tables, their fit, contact and friction."""
+    """The sections of the report about the stability tables, the fit of the constants, contact, and
+    friction."""
 
     result: tables.TablesResult
     grids: list[CellGrid]
-    # cells whose simulated verdict differs from the measured verdict
+    # Cells of the stability tables whose simulated verdict differs from the measured verdict.
     misses: list[tuple[str, CellResult]]
     constants: list[FittedConstant]
     assumed: list[tuple[str, tables.SourcedParameter]]
     found: tables.FitRecord
-    # (figure, number of cells, number of cells with the measured verdict)
+    # Result of the fit without one figure: (figure, number of cells, number of correctly predicted
+    # cells).
     predicted: list[tuple[str, int, int]]
     plateau: Markup
     criterion: Criterion
@@ -288,11 +303,12 @@ class TablesSection:
     stability_map: Markup
     maps: list[nonlinear.ContactMap]
     maps_image: Markup
-    friction: list[tuple[float, float]]  # result of nonlinear.friction_limits
+    friction: list[tuple[float, float]]  # result of nonlinear.friction_limits()
 
 
 def tables_section(threads: int | None = None) -> TablesSection:
-    """Runs the stability tables, the maps of contact and the sweep of the laboratory's axis."""
+    """Simulates the stability tables, the tables of limit cycles over gain and gap, and the sweep
+    of the laboratory's axis."""
     found, known = tables.evidence(), tables.load()
     result = tables.run(threads)
     maps = nonlinear.contact_maps(threads or os.cpu_count() or 1)

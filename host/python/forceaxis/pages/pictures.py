@@ -1,4 +1,4 @@
-"""Pictures inside a page: figures as SVG images, and thumbnails as inline SVG."""
+"""Images inside an HTML page: plots as SVG images, and small plots as inline SVG."""
 
 import itertools
 
@@ -10,17 +10,18 @@ from forceaxis import drawing
 from forceaxis.experiments.run import Run
 
 WIDTH, HEIGHT = 160, 56  # of a thumbnail
-STEPS = 80  # number of steps of a thumbnail's line; each step shows the lowest and highest value
+# number of steps of the line in a small plot; each step shows the lowest and highest value
+STEPS = 80
 
 
 def figure(drawn: Figure) -> Markup:
-    """Returns a matplotlib figure as a data URI and closes the figure."""
+    """Returns a matplotlib figure as a data URI and closes the matplotlib figure."""
     return Markup(drawing.uri(drawn))
 
 
 def thumbnail(done: Run) -> Markup:
-    """Returns the main signal of a run as inline SVG. The main signal is a force of the model, if
-    the model has a force."""
+    """Returns a small plot of the main signal of a run as inline SVG. The main signal is a force of
+    the model, if the model has a force."""
     name = _shown(done)
     values = np.asarray(done.columns[name], float)[done.in_plot]
     held = done.result.metrics.held_force
@@ -54,7 +55,7 @@ FORCES = ("force", "spring_force")  # endings of the names of signals that are a
 
 
 def _shown(done: Run) -> str:
-    """Returns the column of the trace that a thumbnail shows."""
+    """Returns the signal of a run that the small plot shows, as a column of the trace."""
     there = [n for row in done.plot.rows for n in row if n in done.columns]
     forces = [n for n in there if n.rpartition(".")[2] in FORCES]
     return next(iter([*forces, *(n for n in there if n == "adc0"), *there]), "adc0")

@@ -1,4 +1,5 @@
-"""The section of the report on design: law P and the designed bank for the plants of the thesis."""
+"""The section of the report about the design of force laws: law P and the designed filter bank for
+the plants of the thesis."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from forceaxis.design import reduced, sets
 from forceaxis.design.grid import Goal
 from forceaxis.linear.bank import Bank
 
-# (model with a force loop, resolution of its ADC in bits)
+# (name of a model with a force loop, resolution of the ADC of the model in bits)
 PLANTS = (
     *(("fig4_15", 12), ("fig4_19", 12), ("fig4_25", 12), ("fig5_2", 12), ("fig5_5", 12)),
     *(("laboratory", 8), ("laboratory", 12), ("full_axis", 12)),
@@ -20,19 +21,20 @@ PLANTS = (
 
 @dataclass(frozen=True)
 class PlantDesign:
-    """The P gain and a designed bank for one of PLANTS."""
+    """The P gain and a designed filter bank for one of the models in PLANTS."""
 
     model: str
     bits: int  # resolution of the ADC in bits
     over: str  # names of the parameters that have a tolerance
-    modes: int  # number of modes of the plant in the set of plants
+    modes: int  # number of combinations of element states in the set of plants
     p: reduced.ShortDesign
     design: reduced.ShapedDesign
-    limited_by: str  # sentence about the bound that limits the bandwidth
+    limited_by: str  # sentence about the margin or other bound that limits the bandwidth
 
 
 def plant_design(model: str, bits: int) -> PlantDesign:
-    """Computes the P gain and a bank for a plant with tolerances. bits: resolution of the ADC."""
+    """Computes the P gain and a filter bank for a plant with tolerances. `bits`: resolution of the
+    ADC."""
     plants = sets.plant_set(model)
     problem = reduced.ShortSearch(plants, Goal(adc_bits=bits), random=0)
     found = problem.designed()
@@ -48,7 +50,7 @@ def plant_design(model: str, bits: int) -> PlantDesign:
 
 
 def figure(rows: Sequence[PlantDesign]) -> Figure:
-    """Returns a figure of the bandwidth over the set of plants, for law P and for the designed
+    """Returns a plot of the bandwidth over the set of plants, for law P and for the designed filter
     bank."""
     drawn, ax = plt.subplots(figsize=(6.4, 0.7 + 0.3 * len(rows)))
     drawing.style(ax)

@@ -1,4 +1,4 @@
-"""Figures that only the report uses."""
+"""Plots that only the report uses."""
 
 from collections.abc import Mapping, Sequence
 
@@ -14,8 +14,8 @@ from forceaxis.thesis.nonlinear import ContactMap
 def plateau(
     curves: Mapping[str, Sequence[tuple[float, float]]], score_of_fit: float, label: str
 ) -> Figure:
-    """Returns a figure of the score over each constant, relative to the fitted value of the
-    constant.
+    """Returns a plot of the number of cells with equal verdicts over each fitted constant, relative
+    to the fitted value of the constant.
 
     curves: {constant: [(ratio to the fitted value, score)]}. label: of the scores.
     """
@@ -39,8 +39,8 @@ def plateau(
 def contact_maps(
     maps: Sequence[ContactMap], gains: Sequence[float], gaps: Sequence[float]
 ) -> Figure:
-    """Returns a figure of the runs with a limit cycle, over the initial gap and the gain relative
-    to the linear limit."""
+    """Returns a plot that shows which simulated runs have a limit cycle. The axes are the initial
+    gap and the gain relative to the linear limit."""
     size = (5.6, 0.7 + 2.3 * len(maps))
     figure, axes = plt.subplots(len(maps), 1, sharex=True, figsize=size)
     columns, rows = np.meshgrid(np.arange(len(gaps)), gains)

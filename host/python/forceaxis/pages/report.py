@@ -1,4 +1,5 @@
-"""The report: one page about all experiments below a folder, without further files."""
+"""Writes the report: one HTML page about all experiments below a folder. The page needs no further
+files."""
 
 import multiprocessing
 import os
@@ -16,7 +17,7 @@ from forceaxis.pages.template import template
 from forceaxis.results import json_field
 from forceaxis.thesis import tables
 
-# {status of an experiment: text of the status on the page}
+# {status of an experiment: text that the page shows for this status}
 STATUS_TEXTS = {
     **verdicts.WORDS,
     "none": "no verdict",
@@ -27,19 +28,20 @@ STATUS_TEXTS = {
 
 @dataclass(frozen=True)
 class ReportSummary:
-    """Summary of the content of a page."""
+    """Summary of the content of a report."""
 
     report: str  # path of the page
     experiments: int  # number of experiments
     counts: dict[str, int]  # {status: number of experiments with this status}
-    errors: list[str]  # experiments that could not be run, one line each
-    # number of cells of the thesis whose simulated verdict is the measured verdict
+    errors: list[str]  # one text line for each experiment that could not be run
+    # Number of cells of the stability tables whose simulated verdict equals the measured verdict.
     matched: int | None = json_field(omit_none=True)
     total: int | None = json_field(omit_none=True)  # number of cells of the thesis
 
 
 def workers(threads: int | None) -> Pool:
-    """Context with a pool of processes, which are terminated after an error or an interruption."""
+    """Context with a pool of worker processes, which are terminated after an error or an
+    interruption."""
     return multiprocessing.get_context("fork").Pool(
         threads or os.cpu_count(), signal.signal, (signal.SIGINT, signal.SIG_IGN)
     )
@@ -53,7 +55,8 @@ def write(source: Path | None, out: Path, threads: int | None = None) -> ReportS
     """
     own = source is None or source.resolve() == paths.SIM.resolve()
     experiments = paths.EXPERIMENTS if source is None or own else source
-    # A missing fit, an empty folder or an impossible path is reported before the computation.
+    # A missing fit, an empty folder or an impossible path is reported before the computation
+    # starts.
     if own:
         tables.evidence()
     else:
@@ -65,7 +68,7 @@ def write(source: Path | None, out: Path, threads: int | None = None) -> ReportS
 
 
 def _made(source: Path, out: Path, threads: int | None, own: bool) -> tuple[str, ReportSummary]:
-    """Returns (page, summary)."""
+    """Runs the experiments and returns (text of the HTML page, ReportSummary)."""
     tables_section = None
     with workers(threads) as pool:
         if own:

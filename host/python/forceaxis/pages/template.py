@@ -1,5 +1,5 @@
-"""The templates of this folder. The page of a template is one HTML file that needs no other
-file."""
+"""The page templates of this folder. The HTML page that is made from a template needs no further
+files."""
 
 from importlib import resources
 
@@ -16,8 +16,8 @@ def _text(name: str) -> str:
 
 
 def template(name: str) -> jinja2.Template:
-    """Returns the template `name`.html.jinja, in which the characters of each text are escaped for
-    HTML."""
+    """Returns the page template in the file `name`.html.jinja. The template escapes the characters
+    of all inserted texts for HTML."""
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(_text),
         autoescape=True,

@@ -1,4 +1,5 @@
-"""Writes the page of a tuning: responses, margins, and predicted and measured contacts."""
+"""Writes the page about the tuning of an axis: responses, margins, and predicted and measured
+contacts."""
 
 import functools
 from collections.abc import Iterator
@@ -30,10 +31,11 @@ from forceaxis.pages.template import template
 from forceaxis.words import plain
 
 FILE = "index.html"
-# Tolerance band of a settled force, relative to the set-point.
-# The figure of a contact ends after the force stays within the band.
+# Tolerance band of a settled force, relative to the set-point. The plot of a contact ends after the
+# force stays within the tolerance band.
 SETTLED_SHARE = 0.02
-# width of a figure in inches; a row has three figures on a screen and one on a telephone
+# Width of a plot in inches. A row of the page has three plots on a screen and one plot on a
+# telephone.
 FIGURE_WIDTH_IN = 4.2
 
 _number = functools.partial(outcome.number, digits=4)
@@ -41,8 +43,8 @@ Rows = list[list[str]]  # rows of a table; the first row is the header
 
 
 def write(tuning: Tuning, summary: TuningSummary) -> None:
-    """Writes the page index.html to the folder of a tuning, with the results of the steps that are
-    finished."""
+    """Writes the page index.html to the folder of a tuning. The page shows the results of all
+    finished steps."""
     forces, folder = tuning.order.forces, tuning.folder
     fitted = FIT.done(tuning)
     touched = [f for f in forces if (folder / f"{contact.name(f)}.csv").exists()]
@@ -64,8 +66,8 @@ def write(tuning: Tuning, summary: TuningSummary) -> None:
 
 
 def _friction(summary: TuningSummary) -> Rows:
-    """Returns the table of the measured dry friction: place, force in N, and whether the model
-    contains the friction."""
+    """Returns a table of the measured dry friction. Its columns are the place, the force in N, and
+    if the model contains the friction."""
     return [
         ["dry friction between", "N", "in the model"],
         *(
@@ -76,8 +78,8 @@ def _friction(summary: TuningSummary) -> Rows:
 
 
 def _margins(summary: TuningSummary) -> Rows:
-    """Returns a table of the previous law, law P and the designed law, for the fitted plant and
-    over the set."""
+    """Returns a table that compares the margins of the previous law, law P and the designed law,
+    for the fitted plant and over the set of plants."""
     rows = [["law", "fS, Hz", "fT, Hz", "Ms", "gain margin"]]
     for name, loop in (summary.on_fitted or {}).items():
         label = f"{name}, on the fitted plant"
@@ -94,21 +96,21 @@ def _margins(summary: TuningSummary) -> Rows:
 
 
 def _figures(law: WorstFigures | Figures | None) -> Iterator[str]:
-    """Yields the figures of a law for the table of the margins, or "-" for each figure if there is
-    no law."""
+    """Yields the bandwidth and margins of a law for the table of the margins. Without a law, yields
+    "-" in each column."""
     figures = (law.fS_Hz, law.fT_Hz, law.Ms, law.gain_margin) if law else (None,) * 4
     return map(_number, figures)
 
 
 def _cases(summary: TuningSummary) -> Rows:
-    """Returns the table of the contacts that were simulated with the designed law."""
+    """Returns a table of the contacts that were simulated with the designed law."""
     rows = [outcome.CASE_HEAD, *outcome.cases(summary.simulated)]
     law = outcome.CASE_HEAD.index("law")
     return [[*row[:law], *row[law + 1 :]] for row in rows]
 
 
 def _verified(summary: TuningSummary) -> Rows:
-    """Returns the table of the measured and predicted Ms at each force set-point."""
+    """Returns a table of the measured and the predicted Ms at each force set-point."""
     rows = [["set-point", "Ms", "95 %, ±", "Ms predicted", "at, Hz"]]
     for level in (summary.levels or {}).values():
         Ms, predicted, at = map(_number, (level.Ms, level.Ms_predicted, level.Ms_hz))
@@ -117,7 +119,7 @@ def _verified(summary: TuningSummary) -> Rows:
 
 
 def _parameters(summary: TuningSummary) -> Rows:
-    """Returns the table of the fitted parameters with their confidence intervals."""
+    """Returns a table of the fitted parameters with confidence intervals."""
     rows = [["parameter", "value", "95 % interval", "unit"]]
     for name, row in (summary.parameters or {}).items():
         ends = " to ".join(_number(end) for end in row.interval)
@@ -126,7 +128,7 @@ def _parameters(summary: TuningSummary) -> Rows:
 
 
 def _touch_down(folder: Path, force_N: float) -> str:
-    """Returns the data URI of a figure: measured and predicted force over time after a first
+    """Returns the data URI of a plot: measured and predicted force over time after a first
     contact."""
     touch = read_touch_down(folder / f"{contact.name(force_N)}.csv")
     time_s, expected, measured = touch.time_s, touch.predicted_N, touch.force_N
@@ -146,9 +148,9 @@ def _touch_down(folder: Path, force_N: float) -> str:
 
 
 def _response(tuning: Tuning, name: str, fitted: Fitted | None) -> str:
-    """Returns the data URI of a figure: a response with its confidence band, the response of the
-    fitted model, and the coherence."""
-    # The model with dampers in place of dry friction is drawn, if the axis has dry friction.
+    """Returns the data URI of a plot: a measured response with its confidence band, the response of
+    the fitted model, and the coherence."""
+    # If the axis has dry friction, the plot shows the model with dampers in place of dry friction.
     damped = tuning.folder / RESPONSES_MODEL
     model = damped if damped.exists() else tuning.given
     states = known.states_of(model, tuning.states)
@@ -176,7 +178,7 @@ def _response(tuning: Tuning, name: str, fitted: Fitted | None) -> str:
         style(axis)
         axis.grid(True, which="both", linewidth=0.3, alpha=0.6)
         axis.set_ylabel(text)
-    # leaves out the lower end of the confidence band, which may be near zero
+    # The plot omits the lower end of the confidence band, which may be near zero.
     size.set_ylim(bottom=magnitude.min() / 2)
     plain_ticks(coherence.xaxis)
     plain_ticks(size.yaxis)

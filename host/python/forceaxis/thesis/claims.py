@@ -1,5 +1,5 @@
-"""The numbers that the thesis quotes and the numbers that its models give, for `forceaxis
-check-thesis`."""
+"""The numbers that the thesis quotes, and the numbers that the models of the thesis give.
+`forceaxis check-thesis` compares both."""
 
 import functools
 import math
@@ -19,17 +19,18 @@ Response = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class CheckedClaim:
-    """A number or statement of the thesis, together with the value that its model gives."""
+    """One number or statement of the thesis, together with the value that a model of the thesis
+    gives."""
 
     where: str
     what: str
     thesis: float | str
     ours: float | str
     unit: str
-    # largest relative difference from the number of the thesis; None for a statement
+    # Largest permitted relative difference from the number of the thesis. None for a statement.
     within: float | None
     agrees: bool
-    why: str  # the reason why the two values differ
+    why: str  # reason why the value of the model differs from the thesis
 
 
 @dataclass(frozen=True)
@@ -37,9 +38,10 @@ class CheckedClaims:
     """All numbers and statements of the thesis, together with the values that the models give."""
 
     claims: list[CheckedClaim]
-    agree: int  # number of claims with which the models agree
-    differ: int  # number of claims with which the models do not agree
-    unexplained: int  # number of claims that differ without a known reason
+    agree: int  # number of claims of the thesis with which the models agree
+    differ: int  # number of claims of the thesis with which the models disagree
+    # number of claims of the thesis that differ from the model without a known reason
+    unexplained: int
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,8 @@ class Claim:
     at_least: bool = False
 
     def checked(self) -> CheckedClaim:
-        """Returns the claim together with the value that its model gives."""
+        """Computes the value that the model gives for a claim of the thesis. Returns the claim
+        together with this value."""
         ours = self.ours()
         if isinstance(self.thesis, str) or isinstance(ours, str):
             agrees = ours == self.thesis
@@ -82,32 +85,32 @@ class Claim:
 
 @functools.cache
 def limit(model: str, **overrides: float) -> Limit:
-    """Returns the largest stable gain of a model's force loop in continuous time."""
+    """Returns the largest gain at which the force loop of a model is stable in continuous time."""
     return loops.force_loop(model, timing="continuous", overrides=overrides).limit()
 
 
 def stability(model: str, **overrides: float) -> str:
-    """Returns the stability of the linear model in continuous time at high gains, as a text."""
+    """Returns a text that states if the linear model is stable at high gains in continuous time."""
     return STABLE if limit(model, **overrides).gain is None else UNSTABLE
 
 
 def critical_gain(model: str, **overrides: float) -> float:
-    """Returns the critical gain of a model's force loop in continuous time, or infinity without a
-    critical gain."""
+    """Returns the critical gain of the force loop of a model in continuous time. Returns infinity
+    if the loop has no critical gain."""
     gain = limit(model, **overrides).gain
     return math.inf if gain is None else gain
 
 
 def crossing_hz(model: str) -> float:
-    """Returns the frequency in Hz at which the model's force loop becomes unstable in continuous
+    """Returns the frequency in Hz at which the force loop of a model becomes unstable in continuous
     time. Returns infinity if the loop is stable at every gain."""
     frequency_hz = limit(model).frequency_hz
     return math.inf if frequency_hz is None else frequency_hz
 
 
 def gain_ratio(model: str, experiment: str, without: str) -> float:
-    """Returns the critical gain with the workpiece of an experiment, divided by the critical gain
-    with a rigid workpiece."""
+    """Returns the ratio of two critical gains: with the workpiece of an experiment, divided by the
+    critical gain with a rigid workpiece."""
     settings = toml.read(paths.EXPERIMENTS / f"{experiment}.toml")["set"]
     return critical_gain(model, **settings) / critical_gain(without)
 
@@ -119,7 +122,8 @@ def pole(
     free: bool = False,
     drive: bool = True,
 ) -> tuple[float, float]:
-    """Returns (natural frequency in Hz, damping ratio) of the pole nearest to a frequency."""
+    """Returns the pole of a model that is nearest to the frequency `near_hz`, as (natural frequency
+    in Hz, damping ratio)."""
     poles = linear.linearise(model, outputs=(), overrides=overrides, free=free, drive=drive).poles()
     poles = poles[poles.imag > 0]
     found = poles[np.argmin(abs(abs(poles) / (2 * math.pi) - near_hz))]
@@ -133,13 +137,14 @@ def response(
     overrides: linear.Overrides | None = None,
     free: bool = False,
 ) -> Response:
-    """Returns the frequency response from the drive's command to one output."""
+    """Returns the frequency response of a model from the command of the drive to one output."""
     system = linear.linearise(model, outputs=(output,), overrides=overrides, free=free)
     return system.response(frequency_hz)
 
 
 def rolloff_hz(model: str, output: str, **overrides: float) -> tuple[float, float]:
-    """Returns (gain at 0.01 Hz, frequency in Hz at which the gain is 3 dB lower)."""
+    """Returns (gain of a model at 0.01 Hz, frequency in Hz at which the gain of the model is 3 dB
+    lower)."""
     f = np.geomspace(0.01, 1e4, 60001)
     size = abs(response(model, output, f, overrides=overrides))
     return size[0], f[np.argmax(size < size[0] / math.sqrt(2))]
@@ -147,30 +152,31 @@ def rolloff_hz(model: str, output: str, **overrides: float) -> tuple[float, floa
 
 def loop_rolloff_hz(k_amp: float) -> float:
     """Returns the frequency in Hz at which the gain of the current loop is 3 dB lower than at
-    frequency 0. The shaft is locked, and the gain is k_amp k_current / (L s + R + k_amp
-    k_current)."""
+    frequency 0. The shaft is locked. The gain of the current loop is k_amp k_current / (L s + R +
+    k_amp k_current)."""
     feedback = k_amp * parameter("laboratory", "k_current")
     inductance = parameter("laboratory", "L")
     return (parameter("laboratory", "R") + feedback) / inductance / (2 * math.pi)
 
 
 def current_loop_gain(k_amp: float) -> float:
-    """Returns the current feedback divided by the command at frequency 0, k_amp k_current / (R +
-    k_amp k_current)."""
+    """Returns the ratio of current feedback to command at frequency 0, which is k_amp k_current /
+    (R + k_amp k_current)."""
     feedback = k_amp * parameter("laboratory", "k_current")
     return feedback / (parameter("laboratory", "R") + feedback)
 
 
 def flatness(output: str, frequency_hz: float) -> float:
-    """Returns the gain from the command to an output of the laboratory's drive, divided by the same
-    gain at 0.01 Hz."""
+    """Returns the gain at `frequency_hz` divided by the gain at 0.01 Hz. Both gains are those of
+    the laboratory's drive from the command to an output."""
     low, high = abs(response("laboratory", output, [0.01, frequency_hz]))
     return float(high / low)
 
 
 def phase_crossing_hz(output: str) -> float | str:
-    """Returns the frequency in Hz at which the phase from command to an acceleration falls through
-    0 degrees, without contact. Returns "none" if there is no such frequency."""
+    """Returns the frequency in Hz at which the phase from the command to an acceleration falls
+    through 0 degrees, without contact. Returns "none" if the phase never falls through 0
+    degrees."""
     f = np.linspace(5.0, 200.0, 39001)
     H = response("fig4_14", output, f, free=True)
     falls = (H.imag[:-1] > 0) & (H.imag[1:] <= 0) & (H.real[:-1] > 0)
@@ -187,8 +193,8 @@ def base_dip() -> tuple[float, float]:
 
 
 def phase_dip_deg(**overrides: float) -> float:
-    """Returns the largest additional phase lag in degrees that a moving base causes in the force
-    response of the rigid robot."""
+    """Returns the largest phase lag in degrees that a moving base adds to the force response of the
+    rigid robot."""
     f = np.linspace(5.0, 60.0, 20001)
     with_base = np.unwrap(np.angle(response("fig4_17", "reading", f, overrides=overrides)))
     without = np.unwrap(np.angle(response("fig4_11", "reading", f)))
@@ -201,18 +207,20 @@ def parameter(model: str, name: str) -> float:
 
 
 def workpiece_damping(b_w: float) -> float:
-    """Returns the damping ratio of the workpiece alone, with a damping of b_w in N s/m."""
+    """Returns the damping ratio of the workpiece alone, with the damping `b_w` in N s/m."""
     return pole("fig4_19", 39.8, overrides={"b_w": b_w}, free=True)[1]
 
 
 @functools.cache
 def cells() -> list[tables.CellResult]:
-    """Returns the cells of the stability tables with their simulated verdicts."""
+    """Returns all cells of the stability tables of the thesis, each with the verdict of its
+    simulated run."""
     return tables.run().cells
 
 
 def highest_stable(test: str, workpiece: str) -> float:
-    """Returns the highest gain in a column of Fig 5.10 for which the simulated run is stable."""
+    """Returns the highest gain at which the simulated run is stable, in one column of the stability
+    table of Fig 5.10."""
     return float(
         max(
             c.force_gain
@@ -224,12 +232,13 @@ def highest_stable(test: str, workpiece: str) -> float:
 
 
 def higher_gains_percent(test: str) -> float:
-    """Returns the increase of the highest stable gain by the damped workpiece, in per cent."""
+    """Returns by how many per cent the damped workpiece increases the highest stable gain."""
     return 100 * (highest_stable(test, "damped") / highest_stable(test, "original") - 1)
 
 
 def cell(figure: str) -> str:
-    """Returns the simulated verdict of a figure that consists of one cell."""
+    """Returns the verdict of the simulated run for a stability table of the thesis that has only
+    one cell, such as Fig 5.2. `figure` is the number of the table."""
     return next(c.ours for c in cells() if c.figure == figure)
 
 
@@ -463,16 +472,16 @@ CLAIMS = [
 
 
 def resonances_below(highest_hz: float) -> int:
-    """Returns the number of pole pairs of the free axis of Fig 4.14 below a frequency that have a
-    damping ratio below 0.3."""
+    """Returns the number of pole pairs of Fig 4.14 (axis without contact) with a frequency below
+    `highest_hz` and a damping ratio below 0.3."""
     poles = linear.linearise("fig4_14", outputs=(), free=True).poles()
     light = (poles.imag > 0) & (-poles.real < 0.3 * abs(poles))
     return int(np.sum(light & (abs(poles) < 2 * math.pi * highest_hz)))
 
 
 def check() -> CheckedClaims:
-    """Returns all numbers and statements of the thesis, together with the values that the models
-    give."""
+    """Returns all numbers and statements of the thesis, each together with the value that a model
+    gives."""
     claims = [claim.checked() for claim in CLAIMS]
     return CheckedClaims(
         claims=claims,
@@ -483,8 +492,8 @@ def check() -> CheckedClaims:
 
 
 def value(number: float | str, unit: str) -> str:
-    """Returns a number with its unit as text. Numbers below 1000 have 3 digits, larger numbers have
-    no decimals. A text is returned unchanged."""
+    """Returns a number with its unit as text. Numbers below 1000 have 3 digits, and larger numbers
+    have no decimals. A value that already is a text is returned unchanged."""
     if not isinstance(number, str):
         number = f"{number:.3g}" if number < 1e3 else f"{number:.0f}"
     return f"{number} {unit}".strip()

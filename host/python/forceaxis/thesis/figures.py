@@ -1,5 +1,5 @@
-"""The Bode plots, root loci and pole-zero arrays of the thesis, and how they are drawn from
-models."""
+"""The Bode plots, root loci and pole-zero arrays of the thesis, and the functions that draw these
+plots from models."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,14 +22,14 @@ Data = list[curves.Curve] | list[locus.Locus] | list[locus.Array]
 Source = Callable[[], Data]
 Options = Mapping[str, str | float | tuple[float, float]]  # {argument of a drawing function: value}
 
-# Channels of a response: from the command voltage to the measured force,
-# from the force of a perfect actuator to the measured force,
-# and from the command voltage to the tachometer voltage.
+# Inputs and outputs of the frequency responses: from the command voltage to the measured force,
+# from the force of a perfect actuator to the measured force, and from the command voltage to the
+# tachometer voltage.
 VOLTAGE = curves.Channel()
 FORCE = curves.Channel(drive=False)
 TACH = curves.Channel(output="drive.tach")
 
-# {kind of a figure: function that draws the data of the figure}
+# {kind of a plot: function that draws this kind of plot}
 DRAWINGS: dict[str, Callable[..., Figure]] = {
     "bode": plots.bode,
     "rlocus": plots.rlocus,
@@ -39,18 +39,19 @@ DRAWINGS: dict[str, Callable[..., Figure]] = {
 
 @dataclass(frozen=True)
 class ThesisFigure:
-    """A Bode plot, root locus or pole-zero array of the thesis, drawn from models."""
+    """One plot of the thesis (Bode plot, root locus or pole-zero array) that is drawn from
+    models."""
 
     figure: str  # number of the figure
     kind: str  # a key of DRAWINGS
     title: str
-    see: str  # text about what a reader sees in the figure
-    data: Source  # function that computes the data of the figure
-    # further arguments of the function that draws the figure
+    see: str  # text about what a reader sees in the plot
+    data: Source  # function that computes the data of the plot
+    # Further arguments of the function that draws the plot.
     options: Options = field(default_factory=dict)
 
     def draw(self, data: Data | None = None) -> Figure:
-        """Draws the figure. data: the result of data(), if already computed."""
+        """Draws the plot. `data` is the result of the method data(), if it is already computed."""
         title = f"Fig {self.figure}: {self.title}"
         return DRAWINGS[self.kind](self.data() if data is None else data, title, **self.options)
 
@@ -60,7 +61,8 @@ def responses(
     span_hz: tuple[float, float] = (0.5, 200.0),
     channel: curves.Channel = VOLTAGE,
 ) -> list[curves.Curve]:
-    """Computes one frequency response for each run. channel: input and output of the response."""
+    """Computes one frequency response for each run. `channel` selects input and output of the
+    frequency response."""
     return [
         curves.model_curve(m, label, replace(channel, overrides=settings or {}), span_hz)
         for m, label, settings in runs
@@ -68,7 +70,8 @@ def responses(
 
 
 def outputs(model: str, names: dict[str, str], channel: curves.Channel) -> list[curves.Curve]:
-    """Returns the frequency responses of one model to several outputs, {output: label}."""
+    """Returns the frequency responses of one model to several outputs. `names` is {output: label of
+    the curve}."""
     return [
         curves.model_curve(model, label, replace(channel, output=output), (0.5, 200.0))
         for output, label in names.items()
@@ -76,13 +79,14 @@ def outputs(model: str, names: dict[str, str], channel: curves.Channel) -> list[
 
 
 def loci(*runs: Run, span_hz: float | None = None) -> list[locus.Locus]:
-    """Returns the root loci of force loops in continuous time, one for each run."""
+    """Returns one root locus for each run. The force loops are in continuous time."""
     found = [loops.force_loop(m, timing="continuous", overrides=s) for m, _, s in runs]
     return locus.loci(found, [label for _, label, _ in runs], span_hz)
 
 
 def damped(model: str, parameter: str, values: Sequence[float], unit: str) -> list[Run]:
-    """Returns runs of one model, one for each value of a parameter in `unit`."""
+    """Returns several runs of one model. Each run has another value of one parameter, in the unit
+    `unit`."""
     return [(model, f"{parameter} = {value:g} {unit}", {parameter: value}) for value in values]
 
 
@@ -92,11 +96,11 @@ ARM = beam.TwoLinkArm()
 
 
 def beam_curves() -> list[curves.Curve]:
-    """Fig 2.22: the exact velocity responses of a distributed-parameter beam, at its actuator and
-    its tip."""
+    """Fig 2.22: the exact velocity responses of a distributed-parameter beam, at the actuator and
+    at the tip of the beam."""
     natural = BEAM.natural_frequencies(4)
     roots = np.concatenate([BEAM.poles(4), BEAM.actuator_zeros(4)])
-    # adds the damping ratio 0.001, because the beam itself has no damping
+    # Adds the damping ratio 0.001 to the poles and zeros of the beam, because the beam is undamped.
     roots = roots - 1e-3 * np.abs(roots)
     frequency = curves.grid_hz(
         0.05 * natural[0] / (2 * np.pi), 1.35 * natural[3] / (2 * np.pi), roots, 800
@@ -109,8 +113,8 @@ def beam_curves() -> list[curves.Curve]:
 
 
 def beam_arrays() -> list[locus.Array]:
-    """Fig 2.23: the pole-zero arrays of a distributed-parameter beam up to the fourth mode, at its
-    actuator and its tip."""
+    """Fig 2.23: the pole-zero arrays of a distributed-parameter beam up to the fourth bending mode,
+    at the actuator and at the tip of the beam."""
     poles = BEAM.poles(4)
     return [
         locus.Array("actuator (colocated)", poles, BEAM.actuator_zeros(4)),
@@ -119,13 +123,15 @@ def beam_arrays() -> list[locus.Array]:
 
 
 def arrays(system: System, names: dict[str, str], input: str | None = None) -> list[locus.Array]:
-    """Returns the pole-zero arrays of one system to several outputs, {output: label}."""
+    """Returns one pole-zero array for each output of a system. `names` is {output: label of the
+    array}."""
     inputs = (input,) if input else None
     return [locus.array(system.select(inputs, (o,)), label) for o, label in names.items()]
 
 
 def measured(*runs: Run) -> list[curves.Curve]:
-    """Returns the frequency responses of section 3.2 that the models predict.
+    """Returns the frequency responses that the models predict for the measurements of thesis
+    section 3.2.
 
     runs: (stem of a file in sim/measurements, label, model parameters or None).
     """
@@ -145,8 +151,8 @@ def measured(*runs: Run) -> list[curves.Curve]:
 
 
 def fitted_resonances() -> tuple[NDArray[np.float64], Response, System, resonance.Fit]:
-    """Returns data of Fig 4.14 without contact: frequencies in Hz, tip acceleration, system of the
-    rigid body, and the fit of the resonances of section 4.2."""
+    """Returns the data of Fig 4.14 without contact: frequencies in Hz, tip acceleration, system of
+    the rigid body, and the fitted resonance model of thesis section 4.2."""
     frequency = np.geomspace(1, 200, 1500)
     tip = linear.linearise("fig4_14", outputs=("tip.acceleration",), free=True)
     rigid = linear.linearise("fig4_11", outputs=("robot.acceleration",), free=True)
@@ -155,8 +161,8 @@ def fitted_resonances() -> tuple[NDArray[np.float64], Response, System, resonanc
 
 
 def resonance_curves() -> list[curves.Curve]:
-    """Fig 4.8: the response of the lumped-parameter model, and the polynomial model that is fitted
-    to this response."""
+    """Fig 4.8: the frequency response of the lumped-parameter model, and the polynomial model that
+    is fitted to this response."""
     frequency, data, rigid, fit = fitted_resonances()
     unit = curves.unit_of("fig4_14", "drive.command", "tip.acceleration")
     model = fit.response(frequency, rigid.response(frequency))
@@ -167,7 +173,8 @@ def resonance_curves() -> list[curves.Curve]:
 
 
 def resonance_array() -> list[locus.Array]:
-    """Fig 4.9: poles and zeros of the polynomial model."""
+    """Fig 4.9: poles and zeros of the polynomial model that is fitted to the lumped-parameter
+    model."""
     _, _, rigid, fit = fitted_resonances()
     own = locus.array(rigid)
     zeros, poles, _ = fit.cascade().zpk()
@@ -175,7 +182,8 @@ def resonance_array() -> list[locus.Array]:
 
 
 def three_problems() -> list[curves.Curve]:
-    """Fig 6.1: force responses on a rigid workpiece, with base and arm, and of the rigid axis."""
+    """Fig 6.1: two force responses on a rigid workpiece, of the robot with base and arm, and of the
+    rigid axis with its actuator."""
     hard = {"k_g": 1e8, "k_w": 4e8, "b_b": 1500.0, "b_rf": 200.0}
     return [
         curves.model_curve(

@@ -33,41 +33,44 @@ from forceaxis.experiments.run_result import JournalFacts
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Report = Callable[[str], None]  # function that is called with the name of each step
+# function that is called with the name of a step of the session when the step begins
+Report = Callable[[str], None]
 
 EXPERIMENT = paths.EXPERIMENTS / "session.toml"
 TRAVEL_COUNTS = 36_000  # travel of the move in encoder counts
-# force set-point in 8-bit counts; the P law of the thesis settles at a lower force
+# Force set-point in 8-bit counts. The P law of the thesis settles at a lower force.
 SETPOINT = 30.0
 RECORDED = ["force", "dac_code"]
 GAINS = {
     "position_gain": 4.0,
     "velocity_gain": 20.0,
     "force_gain": 5.0,
-    # The value 0 switches bumpless transfer off, as in the controller of the thesis.
+    # The value 0 of bump_decay_shift switches bumpless transfer off, as in the controller of the
+    # thesis.
     "bump_decay_shift": 0,
 }
 
 
 @dataclass(frozen=True)
 class ObservedSession:
-    """Values that a client of the gateway observes in a session. Forces are in 8-bit counts."""
+    """Values that a client of the gateway observes in a laboratory session. Forces are in 8-bit
+    counts."""
 
-    software: int  # value of the object object_table_hash
-    position_after_move_cnt: int  # position after the move in encoder counts
+    software: int  # value of the object object_table_hash of the axis
+    position_after_move_cnt: int  # position in encoder counts after the move
     force_held_cnt: float
-    position_in_contact_cnt: int  # position in contact in encoder counts
-    force_after_cnt: float  # force after the impact in 8-bit counts
-    samples: int  # number of samples of the recorder
+    position_in_contact_cnt: int  # position in encoder counts while the axis is in contact
+    force_after_cnt: float  # measured force in 8-bit counts after the impact
+    samples: int  # number of samples that the recorder stored
     samples_missing: int
     peak_force_cnt: float  # largest force in the recording in 8-bit counts
-    states: int  # number of state messages that were received
+    states: int  # number of state messages that the client received
     messages_lost: int
 
 
 @dataclass(frozen=True)
 class NodeHashes:
-    """The trace hashes that the two programs of a session have computed."""
+    """The trace hashes of a session: one from the firmware program, one from the plant program."""
 
     plant_node: str
     axis_node: str
@@ -75,21 +78,22 @@ class NodeHashes:
 
 @dataclass(frozen=True)
 class SessionResult(ObservedSession):
-    """Result of a session: observed values, results of its programs, and result of the replay of
-    its journal."""
+    """Result of a laboratory session: observed values, results of the programs of the session, and
+    result of the replay of the journal."""
 
     gateway_status: int  # exit status of the gateway
     trace_hash: NodeHashes
     replayed_hash: str
     journal: JournalFacts
-    plant_overruns: int  # number of ticks that the plant computed too late for real time
+    plant_overruns: int  # number of ticks that the plant program computed too late for real time
     fault: str
-    folder: str  # folder to which the files were written
+    folder: str  # folder to which the session wrote its files
 
 
 @dataclass(frozen=True)
 class Scales:
-    """Sizes of a count and of a code in physical units, for the model of the session."""
+    """Physical size of one encoder count, one force count and one DAC code in the model of the
+    session."""
 
     mm_per_count: float  # travel per encoder count
     N_per_count: float  # measured force in N per 8-bit count
@@ -102,8 +106,8 @@ def run(
     strike_within_s: float = 20.0,
     report: Report = lambda step: None,
 ) -> tuple[ObservedSession, list[axis_state_t], Assembly]:
-    """Runs the session and returns (observed values, states, recording). report: function that is
-    called with the name of each step when the step begins."""
+    """Runs the session and returns (observed values, states, recording). `report` is a function
+    that is called with the name of each step when the step begins."""
     report("connecting")
     with Session(axis, url, wait_s=20) as session:
         software = int(session.read("object_table_hash"))
@@ -148,7 +152,8 @@ def run(
 
 @functools.cache
 def scales() -> Scales:
-    """Reads the sizes of counts and codes from the model of the session."""
+    """Reads the physical sizes of encoder counts, force counts and DAC codes from the model of the
+    session."""
     converters = read_inputs(EXPERIMENT).converters
     return Scales(
         mm_per_count=converters["encoder"].per_code * 1e3,
@@ -158,8 +163,8 @@ def scales() -> Scales:
 
 
 def figure(states: Sequence[axis_state_t], recording: Assembly) -> "Figure":
-    """Returns a figure of position and force in the received states, and of force and command in
-    the recording of the impact."""
+    """Returns a plot of the session: position and force in the received states, and force and
+    command in the recording of the impact."""
     import matplotlib.pyplot as plt
     import numpy as np
 
@@ -202,8 +207,8 @@ def machine(
     journal: Path | None = None,
     endless: bool = False,
 ) -> Iterator[dict[str, subprocess.Popen[str]]]:
-    """Context in which plant, firmware and gateway run in real time on vcan0 and vcan1. Yields
-    {name: process}.
+    """Context in which the programs plant, firmware and gateway run in real time on the CAN
+    interfaces vcan0 and vcan1. Yields {name: process}.
 
     journal: file of the journal, by default folder/axis.journal. endless: the programs run until
     they are ended. Raises link.LinkError with the output of the programs after an error.
@@ -222,7 +227,7 @@ def machine(
             str(journal or folder / "axis.journal"),
         ],
         "plant_node": [*common, "--pace", "real"],
-        # The time-out is long, because a guest kernel on a busy computer sometimes pauses.
+        # The watchdog time is long, because a guest kernel on a busy computer sometimes pauses.
         "gateway": ["--axes", "1", "--modbus-port", "0", "--watch-ms", "1000"],
     }
     commands = {name: commands[name] for name in programs}
@@ -250,14 +255,13 @@ def machine(
 
 
 def _end_with_us() -> None:
-    """Called in a new process, so that the kernel sends SIGTERM to this process when its parent
-    process ends."""
+    """Asks the kernel to send SIGTERM to this process when the parent process ends. Called in a new
+    process."""
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # 1 is PR_SET_PDEATHSIG
 
 
 def _output(name: str, process: subprocess.Popen[str]) -> str:
-    """Returns the output of a finished program. Raises link.LinkError unless the program
-    succeeded."""
+    """Returns the output of a finished program. Raises link.LinkError if the program has failed."""
     out, _ = process.communicate(timeout=60)
     if process.returncode != 0 or not out.strip():
         raise link.LinkError(f"{name}: expected exit status 0, got {process.returncode}")
@@ -280,8 +284,8 @@ def _stop(process: subprocess.Popen[str]) -> None:
 
 
 def run_with_programs(folder: Path, report: Report = lambda step: None) -> SessionResult:
-    """Starts plant, firmware and gateway, runs the session and replays its journal. Writes either
-    all files below `folder` or none. report: as in `run`."""
+    """Starts plant, firmware and gateway, runs the session and replays the journal of the session.
+    Writes all files below `folder`, or no file after an error. `report`: as in run()."""
     from forceaxis import drawing
 
     with tempfile.TemporaryDirectory() as scratch:

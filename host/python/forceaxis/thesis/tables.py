@@ -1,5 +1,5 @@
 """The 55 measured cells of the stability tables of the thesis: simulated and measured verdicts, the
-fit of the free constants, and the sensitivity of the result.
+fit of the free constants, and the effect of changed thresholds on the number of equal verdicts.
 
 A cell is a run of one experiment file with a gain, a set-point and a workpiece. The constants that
 the thesis does not state are fitted; sim/models/thesis.toml contains them like every other
@@ -27,31 +27,33 @@ from forceaxis.results import from_json, json_field, to_json
 FILE = paths.EXPERIMENTS / "tables.toml"
 EVIDENCE = paths.EXPERIMENTS / "tables_fit.json"
 
-Job = tuple[str, list[str]]  # one run: (experiment file, overrides)
-Point = tuple[int, ...]  # a point of the search grid: for each constant, the index of its value
+Job = tuple[str, list[str]]  # one simulated run: (experiment file, overrides)
+Point = tuple[int, ...]  # point of the search grid: the index of the value of each constant
 
 
 class StaleFit(Exception):
-    """Error: the stored fit was made with other models, other experiments or another grid."""
+    """Error: the stored fit of the constants was made with other models, other experiments or
+    another grid."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell of a stability table of the thesis: the settings of a run and the measured verdict."""
+    """One cell of a stability table of the thesis: the settings of a run and the measured
+    verdict."""
 
     figure: str
-    test: str  # test of the cell: "contact" or "disturbance"
-    workpiece: str  # workpiece of the cell: "original" or "damped"
-    grip: str  # grip of the workpiece: "none", "hard_pad" or "soft_pad"
+    test: str  # test in this cell of the table: "contact" or "disturbance"
+    workpiece: str  # workpiece in this cell of the table: "original" or "damped"
+    grip: str  # pad between robot and workpiece: "none", "hard_pad" or "soft_pad"
     force_gain: int  # gain in DAC codes per 8-bit count of force
-    # force set-point in 8-bit counts; None if the thesis does not state it
+    # Force set-point in 8-bit counts. None if the thesis does not state the set-point.
     force_setpoint: int | None
-    thesis: str  # the measured verdict: "stable" or "unstable"
+    thesis: str  # verdict that the thesis has measured: "stable" or "unstable"
 
 
 @dataclass(frozen=True)
 class CellRun:
-    """The simulated run of one cell."""
+    """The simulated run of one cell of a stability table."""
 
     verdict: str
     metrics: Metrics
@@ -63,14 +65,15 @@ class CellRun:
 
 @dataclass(frozen=True)
 class CellResult(Cell):
-    """A cell with the verdict of its simulated run, and the reason for this verdict."""
+    """A cell of a stability table with the verdict of its simulated run, and the reason for this
+    verdict."""
 
-    ours: str  # the simulated verdict: "stable" or "unstable"
+    ours: str  # verdict of the simulated run: "stable" or "unstable"
     metrics: Metrics
     criterion: Criterion
     fault: str
     trace_hash: str
-    # reason why simulated and measured verdict differ; None if they agree
+    # Reason why simulated and measured verdict of the cell differ. None if the verdicts agree.
     reason: str | None = json_field(omit_none=True)
 
     @property
@@ -80,8 +83,8 @@ class CellResult(Cell):
 
     @property
     def ripple_limit_count(self) -> float:
-        """Returns the largest force ripple of a stable run in 8-bit counts. Raises InputError if
-        the experiment does not limit the ripple."""
+        """Returns the largest force ripple, in 8-bit counts, at which a run is still stable. Raises
+        InputError if the experiment does not limit the force ripple."""
         limit_count = self.criterion.force_ripple_max_count
         if limit_count is None:
             raise InputError(
@@ -93,50 +96,55 @@ class CellResult(Cell):
 
 @dataclass(frozen=True)
 class TablesResult:
-    """All cells of the stability tables with their simulated verdicts."""
+    """All cells of the stability tables of the thesis, each with the verdict of its simulated
+    run."""
 
     cells: list[CellResult]
-    matched: int  # number of cells whose simulated verdict is the measured verdict
+    matched: int  # number of cells whose simulated verdict equals the measured verdict
     total: int
     fitted: dict[str, float]  # {fitted constant: value}
-    overridden: list[str]  # printed parameters that a run changed
+    overridden: list[str]  # parameters printed in the thesis whose values a run changed
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Effect of a changed threshold of the verdict on the result of the tables."""
+    """Effect of a changed threshold of the verdict on the stability tables: the number of cells
+    with equal verdicts, and the cells whose verdict changes."""
 
     threshold: str
     factor: float
     value: float
-    score: int  # number of cells whose simulated verdict is the measured verdict
-    changed: list[str]  # keys (key_of) of the cells whose simulated verdict changes
+    score: int  # number of cells whose simulated verdict equals the measured verdict
+    changed: list[str]  # keys (see key_of) of the cells whose simulated verdict changes
 
 
 @dataclass(frozen=True)
 class Constant:
-    """A constant that is fitted: its parameter, the cells that depend on the constant, and the grid
-    of the search."""
+    """A constant of the model that is fitted to the stability tables: its parameter, the cells that
+    depend on the constant, and the grid of the search."""
 
     name: str
-    how: str  # text that names the measurement which determines the constant
+    how: str  # text that names the measurement from which the constant is determined
     grid: tuple[float, ...]
-    # groups of cells that depend on the constant; empty if all groups depend on it
+    # Names of the groups of cells that depend on the constant. Empty if all groups depend on the
+    # constant.
     groups: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another interpretation of a sentence of the thesis, described by changed parameters."""
+    """Another interpretation of a sentence of the thesis. Changed parameter values describe the
+    interpretation."""
 
     what: str
-    set: list[str]  # texts "parameter=value" that change parameters
+    set: list[str]  # texts "parameter=value" that change parameters of the model
 
 
 @dataclass(frozen=True)
 class Reading:
-    """A choice that the thesis leaves open: the interpretation that is used, its reason, and other
-    interpretations, whose scores the report shows."""
+    """A sentence of the thesis that can be read in several ways: the interpretation that is used,
+    the reason for this interpretation, and the other interpretations, whose scores the report
+    shows."""
 
     name: str
     taken: str
@@ -155,55 +163,62 @@ class SourcedParameter:
 
 @dataclass(frozen=True)
 class OmittedFigure:
-    """Result of a fit to all figures except one, and of the prediction of the cells of this
-    figure."""
+    """Result of a fit of the constants to all figures of the thesis except one, with the cells of
+    the omitted figure that this fit predicts correctly."""
 
     figure: str
-    cells: int  # number of cells of the omitted figure
+    cells: int  # number of cells of the stability table that the fit omits
     fitted: dict[str, float]  # {fitted constant: value}
-    predicted_right: int  # number of cells of the omitted figure with the measured verdict
-    score_on_all: int  # number of cells of all figures with the measured verdict
+    # number of cells of the omitted table for which the fit predicts the measured verdict
+    predicted_right: int
+    # number of cells of all tables for which the fit predicts the measured verdict
+    score_on_all: int
 
 
 @dataclass(frozen=True)
 class FitRecord:
-    """The stored result of the fit of the constants."""
+    """The stored result of the fit of the constants to the stability tables."""
 
-    inputs_hash: str  # evidence_hash() of the files from which the fit was made
+    inputs_hash: str  # evidence_hash() of the files from which the constants were fitted
     grid: dict[str, list[float]]  # {constant: searched values}
     points: int  # number of points of the grid
-    # number of points at which the cells of test "disturbance" were also run
+    # Number of grid points at which the cells of the test "disturbance" were also simulated.
     points_with_strikes: int
     fitted: dict[str, float]  # {constant: fitted value}
-    score: int  # number of fitted cells with the measured verdict
+    score: int  # number of fitted cells whose simulated verdict equals the measured verdict
     cells: int  # number of cells to which the constants are fitted
-    points_at_best: int  # number of points with the highest score
+    points_at_best: int  # number of grid points with the highest score
     left_out: list[OmittedFigure]
-    plateau: dict[str, list[tuple[float, int]]]  # {constant: [(ratio to the fitted value, score)]}
-    # (name of the open choice, alternative interpretation, score)
+    # {constant: [(ratio to the fitted value, score)]}, where a score is a number of equal verdicts
+    plateau: dict[str, list[tuple[float, int]]]
+    # One entry for each alternative interpretation: (name of the open choice, interpretation,
+    # score).
     readings: list[tuple[str, str, int]]
 
 
 @dataclass(frozen=True)
 class Tables:
-    """The content of tables.toml and of the file with the measured cells."""
+    """The content of the file tables.toml and of the file with the measured cells of the thesis."""
 
     cells: list[Cell]
     experiments: dict[str, str]  # {"test/grip": experiment file}
     workpieces: dict[str, dict[str, float]]  # {workpiece: {parameter: value}}
-    # name of the parameter with the set-point for cells without a stated set-point
+    # Name of the parameter that gives the set-point for cells whose set-point the thesis does not
+    # state.
     unstated_setpoint: str
-    # groups of cells to which the constants are fitted; all other cells are predicted
+    # Names of the groups of cells to which the constants are fitted. The cells of all other groups
+    # are predicted.
     fit_on: tuple[str, ...]
     matched_at_least: int
     constants: list[Constant] = json_field(key="constant")
     readings: list[Reading] = json_field(key="reading", default_factory=list)
-    # {key_of(cell): reason why the simulated verdict differs}
+    # {key_of(cell): reason why the simulated verdict of the cell differs from the measured verdict}
     reasons: dict[str, str] = field(default_factory=dict)
 
     def group(self, cell: Cell) -> str:
-        """Returns the name of the group of a cell. A group is a figure, with the tests contact and
-        disturbance separate. The fit omits whole groups.
+        """Returns the name of the group to which a cell of the tables belongs. The cells of one
+        figure with the same test (contact or disturbance) are one group. A fit omits only complete
+        groups.
 
         The original half of Fig 5.10 is Fig 3.16 and has this name.
         """
@@ -213,12 +228,12 @@ class Tables:
         return f"{figure} {cell.test}"
 
     def groups(self) -> list[str]:
-        """Returns the names of all groups of cells, in the order of the cells."""
+        """Returns the names of all groups of cells, in the order in which the cells are listed."""
         return list(dict.fromkeys(self.group(c) for c in self.cells))
 
     def job(self, cell: Cell, constants: Mapping[str, float] | None = None) -> Job:
-        """Returns (experiment, overrides) for the run of a cell. constants: {parameter: value} to
-        try."""
+        """Returns (experiment, overrides) for the simulated run of a cell. `constants` is
+        {parameter: value} with the constants to try."""
         setpoint = self.unstated_setpoint if cell.force_setpoint is None else cell.force_setpoint
         sets = [
             f"firmware.force_gain={cell.force_gain}",
@@ -231,21 +246,21 @@ class Tables:
 
 @functools.cache
 def load() -> Tables:
-    """Reads tables.toml and the file with the measured cells. Raises InputError."""
+    """Reads the file tables.toml and the file with the measured cells. Raises InputError."""
     data = toml.read(FILE)
     cells = json.loads((FILE.parent / data["cells"]).read_text())["cells"]
     return from_json(Tables, data | {"cells": cells}, paths.display(FILE))
 
 
 def parameters() -> dict[str, SourcedParameter]:
-    """Returns the parameters of sim/models/thesis.toml by name."""
+    """Returns the parameters of sim/models/thesis.toml as a dictionary with their names as keys."""
     file = paths.MODELS / "thesis.toml"
     table = toml.read(file)["parameters"]
     return {name: from_json(SourcedParameter, p, f"{file}: {name}") for name, p in table.items()}
 
 
 def fitted() -> dict[str, float]:
-    """Returns the present values of the fitted constants in sim/models/thesis.toml."""
+    """Returns the values that the fitted constants have in sim/models/thesis.toml."""
     values = parameters()
     return {c.name: values[c.name].value for c in load().constants}
 
@@ -253,7 +268,7 @@ def fitted() -> dict[str, float]:
 def run_jobs(
     jobs: Sequence[Job], threads: int | None, title: str, over: link.LinkOptions | None = None
 ) -> list[CellRun]:
-    """Runs pairs (experiment, overrides) and shows a progress bar on a terminal.
+    """Simulates a list of pairs (experiment, overrides) and shows a progress bar on a terminal.
 
     over: options of a run with the firmware in another process; the runs then follow each other.
     """
@@ -276,20 +291,21 @@ def run_jobs(
 
 
 def key_of(cell: Cell) -> str:
-    """Returns a cell as text: figure, test, workpiece, grip, gain and set-point. The text is also
-    the key of the cell in tables.toml."""
+    """Returns the key of a cell in tables.toml, a text of figure, test, workpiece, grip, gain and
+    set-point."""
     words = [cell.figure, cell.test, cell.workpiece, cell.grip.replace("_", " ")]
     setpoint = cell.force_setpoint or "not stated"
     return f"{', '.join(words)}, gain {cell.force_gain}, set-point {setpoint}"
 
 
 def run(threads: int | None = None, over: link.LinkOptions | None = None) -> TablesResult:
-    """Runs all cells with the constants of the parameter file. over: as in run_jobs."""
+    """Simulates all cells of the tables with the constants of the parameter file. `over`: as in
+    run_jobs()."""
     tables = load()
     runs = run_jobs([tables.job(c) for c in tables.cells], threads, "tables", over)
     cells = []
     for cell, done in zip(tables.cells, runs, strict=True):
-        # the verdicts of the thesis are only "stable" and "unstable"
+        # The verdicts in the thesis are only "stable" and "unstable".
         ours = stability(done.verdict)
         reason = tables.reasons.get(key_of(cell), "not explained") if ours != cell.thesis else None
         cells.append(
@@ -303,7 +319,7 @@ def run(threads: int | None = None, over: link.LinkOptions | None = None) -> Tab
                 reason=reason,
             )
         )
-    # Damper and pad of a cell are not among the printed parameters.
+    # The damper and the pad of a cell are not among the parameters that the thesis prints.
     named = {"b_w", "k_g"}
     return TablesResult(
         cells=cells,
@@ -315,14 +331,15 @@ def run(threads: int | None = None, over: link.LinkOptions | None = None) -> Tab
 
 
 def matches(cells: Sequence[Cell], runs: Sequence[CellRun]) -> NDArray[np.bool_]:
-    """Returns for each cell True if the verdict of its run is the measured verdict."""
+    """Returns one truth value for each cell: True if the verdict of its run equals the measured
+    verdict."""
     pairs = zip(cells, runs, strict=True)
     return np.array([stability(r.verdict) == c.thesis for c, r in pairs])
 
 
 def score_with(variants: Sequence[Sequence[str]], threads: int | None, title: str) -> list[int]:
-    """Returns for each list of further overrides the number of cells with the measured verdict. All
-    runs share one pool of threads."""
+    """Returns the number of cells with the measured verdict for each entry of `variants`, which is
+    a list of further overrides. All simulated runs share one pool of threads."""
     tables = load()
     jobs = [
         (path, latest([*sets, *extra]))
@@ -341,37 +358,37 @@ def plateau(
     threads: int | None = None,
     steps: Sequence[float] = (0.9, 0.95, 0.975, 1.0, 1.025, 1.05, 1.1),
 ) -> dict[str, list[tuple[float, int]]]:
-    """Returns the scores when one constant at a time is changed: {constant: [(ratio to its value,
-    score)]}."""
+    """Returns the scores of the fit when only one constant at a time is changed: {constant: [(ratio
+    to the fitted value, score)]}."""
     variants = [sets_of({**values, n: value * r}) for n, value in values.items() for r in steps]
     scores = iter(score_with(variants, threads, "plateau"))
     return {name: [(ratio, next(scores)) for ratio in steps] for name in values}
 
 
 def readings(values: Mapping[str, float], threads: int | None = None) -> list[tuple[str, str, int]]:
-    """Returns the score of each alternative interpretation when only this alternative is used:
-    (open choice, alternative, score)."""
+    """Returns the score of each alternative interpretation of the thesis, used alone: (open choice,
+    interpretation, score)."""
     rows = [(r.name, a) for r in load().readings for a in r.alternatives]
     scores = score_with([sets_of(values) + a.set for _, a in rows], threads, "readings")
     return [(name, a.what, score) for (name, a), score in zip(rows, scores, strict=True)]
 
 
 def latest(sets: Sequence[str]) -> list[str]:
-    """Returns the overrides. If a name occurs several times, only the last override of this name is
-    kept."""
+    """Returns the overrides without repeated names. If a name occurs several times, only the last
+    override of this name is returned."""
     return list({text.partition("=")[0]: text for text in sets}.values())
 
 
 def sets_of(values: Mapping[str, float]) -> list[str]:
-    """Returns parameter values as overrides "parameter=value"."""
+    """Returns parameter values as overrides, which are texts "parameter=value"."""
     return [f"{k}={v!r}" for k, v in values.items()]
 
 
 def criterion_sensitivity(
     cells: Sequence[CellResult], threads: int | None = None
 ) -> list[Sensitivity]:
-    """Returns the effect of a change of +-20 % on each threshold of the verdict. cells: results of
-    run().
+    """Returns the effect on the stability tables if a threshold of the verdict is changed by +-20
+    %. `cells` is the result of run().
 
     For another window the cells are run again; for another limit of the ripple, verdicts follow
     from the metrics of the runs.
@@ -404,8 +421,8 @@ def criterion_sensitivity(
 
 
 def evidence_hash() -> str:
-    """Returns a hash of the inputs of the fit: grid, cells, models and experiments, without fitted
-    values."""
+    """Returns a hash of all inputs of the fit of the constants: grid, cells, models and
+    experiments. The hash does not depend on the fitted values."""
     tables = load()
     free = {c.name for c in tables.constants}
     fixed = {name: p.value for name, p in parameters().items() if name not in free}
@@ -417,14 +434,15 @@ def evidence_hash() -> str:
     for name in sorted(set(tables.experiments.values())):
         experiment = toml.read(paths.EXPERIMENTS / name)
         model = toml.read(paths.EXPERIMENTS / experiment["model"])
-        for table in (experiment, model):  # descriptions do not affect a run
+        # The descriptions in a file do not affect a simulated run.
+        for table in (experiment, model):
             texts = ("title", "figure", "shows", "plot", "expect")
             digest.update(repr({k: v for k, v in table.items() if k not in texts}).encode())
     return digest.hexdigest()
 
 
 def fit(threads: int | None = None) -> FitRecord:
-    """Searches the grid of tables.toml for the constants with which most cells of `fit_on` have the
+    """Searches the grid of tables.toml for the constants at which most cells of `fit_on` have the
     measured verdict. Writes the result to tables_fit.json beside tables.toml.
 
     Cells of test "contact" are run on every grid point on which they depend. Cells of test
@@ -435,15 +453,15 @@ def fit(threads: int | None = None) -> FitRecord:
     tables = load()
     grids = [c.grid for c in tables.constants]
     members = {g: [c for c in tables.cells if tables.group(c) == g] for g in tables.groups()}
-    # For each group, the indices of the constants on which the cells of the group depend.
+    # {group of cells: indices of the constants on which the cells of the group depend}
     needed = {
         group: [i for i, c in enumerate(tables.constants) if not c.groups or group in c.groups]
         for group in tables.fit_on
     }
 
     def evaluate(group: str, points: Iterable[Point]) -> dict[Point, int]:
-        """Returns {point: score} for the cells of a group. A point has only the coordinates of the
-        constants on which the group depends."""
+        """Returns {grid point: score} for the cells of one group. A grid point has only the
+        coordinates of the constants on which the group depends."""
         wanted = sorted({tuple(p[i] for i in needed[group]) for p in points})
         own = [tables.constants[i] for i in needed[group]]
         jobs = [
@@ -480,8 +498,8 @@ def fit(threads: int | None = None) -> FitRecord:
         scores[group] = evaluate(group, points)
 
     def choose(groups: Sequence[str]) -> Point:
-        """Returns the point with the highest score. Of several such points, returns the point whose
-        neighbours have the highest mean score."""
+        """Returns the grid point with the highest score. Of several points with this score, returns
+        the point whose neighbours have the highest mean score."""
         score = {p: total(p, groups) for p in points}
         best = max(score.values())
 
@@ -529,8 +547,8 @@ def fit(threads: int | None = None) -> FitRecord:
 
 
 def neighbours(point: Point, grids: Sequence[Sequence[float]]) -> list[Point]:
-    """Returns the points that are at most one step away from a point in each constant. Some of them
-    may be outside the grid."""
+    """Returns the grid points that differ from `point` by at most one step in each constant. Some
+    of these points may be outside the grid."""
     steps = [(-1, 0, 1) if len(g) > 1 else (0,) for g in grids]
     return [
         tuple(a + b for a, b in zip(point, step, strict=True)) for step in itertools.product(*steps)
@@ -538,8 +556,8 @@ def neighbours(point: Point, grids: Sequence[Sequence[float]]) -> list[Point]:
 
 
 def evidence() -> FitRecord:
-    """Returns the stored fit. Raises StaleFit if there is no stored fit, or if the fit was made
-    with other files."""
+    """Returns the stored fit of the constants. Raises StaleFit if there is no stored fit, or if the
+    stored fit was made with other files."""
     again = "repeat the fit of `forceaxis tables`, which takes some minutes, and commit the file"
     if not EVIDENCE.exists():
         raise StaleFit(f"{paths.display(EVIDENCE)}: expected the record of a fit; {again}")
