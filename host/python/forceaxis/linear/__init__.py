@@ -1,5 +1,5 @@
-"""Linear analysis of a model: state space, force loops, modes of vibration, beams, and the mode of
-vibration that limits the bandwidth."""
+"""Linear analysis of a plant model: state space, force loops, modes of vibration, beams, and the
+mode of vibration that limits the bandwidth."""
 
 from forceaxis.linear.plant_facts import Overrides, PlantFacts
 from forceaxis.linear.system import (

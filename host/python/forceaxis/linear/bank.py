@@ -1,5 +1,5 @@
-"""The general force law of the firmware, a bank of coefficients (firmware/core/force_law.h), as a
-linear system.
+"""The general force law of the firmware as a linear system. A filter bank, which is a set of
+coefficients (firmware/core/force_law.h), defines the law.
 
     u = g I(z) H_1(z) .. H_n(z) e - K_v v,   I(z) = 1 + w_i T z / (z - 1)
 
@@ -19,10 +19,11 @@ from forceaxis import _core
 from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.results import json_field
 
-GAIN_STEP = 1 / 256  # smallest step of force_gain and velocity_gain
+GAIN_STEP = 1 / 256  # smallest step of the objects force_gain and velocity_gain
 COEFFICIENT_STEP = 2.0**-26
 COEFFICIENT_MAX = 16.0
-# Largest gain at high frequency that the firmware accepts for a bank, in DAC codes per ADC code.
+# Largest gain at high frequency that the firmware accepts for a filter bank, in DAC codes per ADC
+# code.
 HF_CODES_MAX = 15
 TICK_S = 1 / _core.TICKS_PER_SECOND
 
@@ -33,9 +34,10 @@ def _rounded(value: float, step: float) -> float:
 
 @dataclass(frozen=True)
 class BankKeys:
-    """A bank with the keys of the table [firmware.bank_N] of an experiment. gain and hf_gain: DAC
-    codes per 8-bit count; integral_rad_per_s: integral rate in 1/s; velocity_gain: DAC codes per
-    count/tick. A part that the bank does not have is None and has no key."""
+    """A filter bank with the keys of the table [firmware.bank_N] of an experiment. `gain` and
+    `hf_gain`: DAC codes per 8-bit count; `integral_rad_per_s`: integral rate in 1/s;
+    `velocity_gain`: DAC codes per count/tick. A coefficient that the filter bank does not have is
+    None and has no key."""
 
     gain: float
     integral_rad_per_s: float | None = json_field(omit_none=True)
@@ -45,7 +47,7 @@ class BankKeys:
 
     @property
     def bank(self) -> "Bank":
-        """The bank that these keys describe."""
+        """Returns the filter bank that these keys describe."""
         return Bank(
             self.gain, self.integral_rad_per_s or 0.0, self.velocity_gain or 0.0,
             self.sections or (),
@@ -54,9 +56,9 @@ class BankKeys:
 
 @dataclass(frozen=True)
 class Bank:
-    """A bank of the firmware. force_gain: DAC codes per 8-bit count; integral_rad_per_s: integral
-    rate in 1/s, >= 0; velocity_gain: DAC codes per count/tick; sections: up to three of (b0, b1,
-    b2, a1, a2)."""
+    """A filter bank of the firmware. `force_gain`: DAC codes per 8-bit count; `integral_rad_per_s`:
+    integral rate in 1/s, >= 0; `velocity_gain`: DAC codes per count/tick; `sections`: up to three
+    second-order sections (b0, b1, b2, a1, a2)."""
 
     force_gain: float
     integral_rad_per_s: float = 0.0
@@ -64,8 +66,8 @@ class Bank:
     sections: tuple[tuple[float, ...], ...] = ()
 
     def quantised(self) -> "Bank":
-        """Returns the bank with all values rounded to values that the firmware's objects can
-        store."""
+        """Returns the filter bank with all coefficients rounded to values that the objects of the
+        firmware can store."""
         return replace(
             self,
             force_gain=_rounded(self.force_gain, GAIN_STEP),
@@ -78,9 +80,9 @@ class Bank:
         )
 
     def response(self, z: ArrayLike) -> Matrix:
-        """Returns the transfer function I H_1 .. H_n of the law at points z, without the gain g of
-        the law. I is the integral part, and H_1 .. H_n are the sections. The result has the shape
-        of z."""
+        """Returns the transfer function I H_1 .. H_n of the force law at the complex points z,
+        without the gain of the law. I is the integral part, and H_1 .. H_n are the second-order
+        sections. The result has the shape of z."""
         z = np.asarray(z, complex)
         back = 1 / z
         value: Matrix = 1 + self.integral_rad_per_s * TICK_S / (1 - back)
@@ -89,8 +91,8 @@ class Bank:
         return value
 
     def compensator(self) -> StateSpace:
-        """Returns (A, B, C, D) of the law without its gain. Each section has two states, and the
-        integral has the last state."""
+        """Returns the state space (A, B, C, D) of the force law without the gain of the law. Each
+        second-order section has two states, and the integral has the last state."""
         system = (np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1)))
         for b0, b1, b2, a1, a2 in self.sections:
             A = np.array([[-a1, -a2], [1.0, 0.0]])
@@ -103,14 +105,15 @@ class Bank:
         return system
 
     def hf_gain(self) -> float:
-        """Returns the gain at high frequency in DAC codes per 8-bit count, computed as
-        law_bank_state() of the firmware does."""
+        """Returns the gain of the filter bank at high frequency in DAC codes per 8-bit count,
+        computed as law_bank_state() of the firmware does."""
         direct = math.prod(section[0] for section in self.sections)
         highest = math.prod((b0 - b1 + b2) / (1 - a1 + a2) for b0, b1, b2, a1, a2 in self.sections)
         return self.force_gain * max(abs(direct), abs(highest))
 
     def keys(self) -> BankKeys:
-        """Returns the bank as a table [firmware.bank_N] of an experiment, without hf_gain."""
+        """Returns the filter bank as a table [firmware.bank_N] of an experiment, without the key
+        hf_gain."""
         return BankKeys(
             gain=self.force_gain,
             integral_rad_per_s=self.integral_rad_per_s or None,
@@ -120,16 +123,16 @@ class Bank:
 
 
 def series(front: StateSpace, back: StateSpace) -> StateSpace:
-    """Returns the series connection of two systems (A, B, C, D) with one input each; the output of
-    `front` is the input of `back`."""
+    """Returns the series connection of two systems (A, B, C, D) with one input each. The output of
+    the system `front` is the input of the system `back`."""
     (A1, B1, C1, D1), (A2, B2, C2, D2) = front, back
     A = np.block([[A1, np.zeros((len(A1), len(A2)))], [B2 @ C1, A2]])
     return A, np.vstack([B1, B2 @ D1]), np.hstack([D2 @ C1, C2]), D2 @ D1
 
 
 def of_settings(settings: Mapping[str, float]) -> Bank | None:
-    """Returns the bank that the firmware settings of an experiment select
-    (`_core.inputs(...)["firmware"]`). Returns None if they select a law of the thesis."""
+    """Returns the filter bank that the firmware settings of an experiment select
+    (`_core.inputs(...)["firmware"]`). Returns None if the settings select a law of the thesis."""
     number = int(settings.get("force_bank", 0))
     if not number:
         return None

@@ -1,4 +1,5 @@
-"""Beams in bending (2.4.4) and the two-link arm (6.2.3): their transfer functions have real zeros.
+"""Beams in bending (thesis section 2.4.4) and the two-link arm (thesis section 6.2.3). The transfer
+functions of both have real zeros.
 
 These models are linear only and have no time simulation. Displacement and force are positive in the
 same direction; transfer functions are velocity per actuator force, in m/s per N.
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Factored:
-    """A rational function as a product: gain s^order prod(1 - s / zero) / prod(1 - s / pole).
+    """A rational function in factored form: gain s^order prod(1 - s / zero) / prod(1 - s / pole).
 
     Zeros and poles are complex arrays in 1/s without the origin, which is `order` (negative: poles
     there); so `gain` is the low-frequency gain and no coefficient can overflow.
@@ -34,7 +35,7 @@ class Factored:
     order: int = 0
 
     def at(self, s: ArrayLike) -> Matrix:
-        """Returns the values of the function at complex s in 1/s. The array s may have any
+        """Returns the values of the rational function at complex s in 1/s. The array s may have any
         shape."""
         s = np.asarray(s, dtype=complex)
         value = self.gain * s**self.order
@@ -47,13 +48,13 @@ class Factored:
         return value
 
     def response(self, frequency_hz: ArrayLike) -> Matrix:
-        """Returns the complex values of the function at s = 2 pi j frequency_hz, in the shape of
-        frequency_hz."""
+        """Returns the complex values of the rational function at s = 2 pi j frequency_hz, in the
+        shape of frequency_hz."""
         return self.at(2j * np.pi * np.asarray(frequency_hz))
 
     def zpk(self) -> tuple[Matrix, Matrix, float]:
-        """Returns (zeros, poles, gain) of the form gain prod(s - zero) / prod(s - pole). Zeros and
-        poles are in 1/s and include roots at s = 0."""
+        """Returns (zeros, poles, gain) of the rational function in the form gain prod(s - zero) /
+        prod(s - pole). Zeros and poles are in 1/s and include roots at s = 0."""
         zeros = np.concatenate([self.zeros, np.zeros(max(self.order, 0))])
         poles = np.concatenate([self.poles, np.zeros(max(-self.order, 0))])
         gain = self.gain
@@ -62,7 +63,7 @@ class Factored:
         return zeros, poles, float(np.real(gain))
 
     def transfer_function(self) -> "control.TransferFunction":
-        """Returns the function as a control.TransferFunction in powers of s (1/s). Raises
+        """Returns the rational function as a control.TransferFunction in powers of s (1/s). Raises
         InputError if a coefficient exceeds the range of double precision."""
         import control
 
@@ -79,20 +80,20 @@ class Factored:
 
 
 def _newton(x: Matrix, step: Callable[[Matrix], Matrix]) -> Matrix:
-    """Returns the roots that Newton's iteration finds. step(x) returns f / f'; the iteration ends
-    when the steps are as small as rounding errors."""
+    """Returns roots of a function f by Newton's iteration. The function step(x) returns f / f'. The
+    iteration ends when the steps are as small as rounding errors."""
     for _ in range(40):
         change = step(x)
         x = x - change
         if np.all(np.abs(change) <= 4 * np.finfo(float).eps * x):
             return x
-    # Every start value is close to a root, so this error can only be a defect of the program.
+    # Every start value is close to a root, so this error always shows a defect of the program.
     raise ArithmeticError("a root of the beam did not converge")
 
 
 def sliding_free_roots(count: int) -> Matrix:
-    """Returns the first `count` positive roots of tan y + tanh y = 0: 2.36502, 5.49780, ... The
-    roots have no unit; the array has the shape (count,)."""
+    """Returns the first `count` positive roots of tan y + tanh y = 0, which are 2.36502, 5.49780,
+    ... The roots have no unit, and the array has the shape (count,)."""
     y = (np.arange(1, count + 1) - 0.25) * np.pi
 
     def step(y: Matrix) -> Matrix:
@@ -104,8 +105,8 @@ def sliding_free_roots(count: int) -> Matrix:
 
 
 def clamped_free_roots(count: int) -> Matrix:
-    """Returns the first `count` positive roots of cos y cosh y = -1: 1.87510, 4.69409, ... The
-    roots have no unit; the array has the shape (count,)."""
+    """Returns the first `count` positive roots of cos y cosh y = -1, which are 1.87510, 4.69409,
+    ... The roots have no unit, and the array has the shape (count,)."""
     y = (np.arange(1, count + 1) - 0.5) * np.pi
 
     def step(y: Matrix) -> Matrix:
@@ -119,8 +120,8 @@ def clamped_free_roots(count: int) -> Matrix:
 
 @dataclass(frozen=True)
 class Beam:
-    """Distributed-parameter beam of Figure 2.21. One end slides without turning, and the other end
-    is free.
+    """Distributed-parameter beam of Figure 2.21 of the thesis. One end slides without turning, and
+    the other end is free.
 
     The actuator pushes the sliding end. `damping_s` makes the modulus E (1 + damping_s s), so mode
     k of natural frequency w_k has the damping ratio damping_s w_k / 2. Raises InputError unless the
@@ -148,8 +149,8 @@ class Beam:
 
     @property
     def rate(self) -> float:
-        """The factor sqrt(E I / (rho A)) / l^2 in rad/s. A root y of the beam equation belongs to
-        the frequency y^2 times this factor."""
+        """The factor sqrt(E I / (rho A)) / l^2 of the beam in rad/s. A root y of the beam equation
+        belongs to the frequency y^2 times this factor."""
         a = np.sqrt(self.bending_stiffness_Nm2 / self.mass_per_length_kg_per_m)
         return float(a / self.length_m**2)
 
@@ -159,38 +160,39 @@ class Beam:
         return self.rate * sliding_free_roots(count) ** 2
 
     def poles(self, count: int) -> Matrix:
-        """Returns the poles of velocity per force in 1/s, in the shape (1 + 2 count,): first 0 for
-        the rigid body, then a pair for each of `count` bending modes in ascending order."""
+        """Returns the poles of the transfer function from force to velocity in 1/s, in the shape (1
+        + 2 count,): first 0 for the rigid body, then a pair for each of `count` bending modes in
+        ascending order."""
         return np.concatenate([[0.0], self._roots(-(self.natural_frequencies(count) ** 2))])
 
     def actuator_zeros(self, count: int) -> Matrix:
-        """Returns `count` pairs of zeros of V_act / F_a in 1/s, in the shape (2 count,). At the
-        frequency of a zero the sliding end does not move."""
+        """Returns `count` pairs of zeros of V_act / F_a (actuator velocity per force) in 1/s, in
+        the shape (2 count,). At the frequency of a zero the sliding end does not move."""
         return self._roots(-((self.rate * clamped_free_roots(count) ** 2) ** 2))
 
     def tip_zeros(self, count: int) -> Matrix:
-        """Returns `count` real pairs of zeros of V_tip / F_a in 1/s, in the shape (2 count,).
-        Without damping the zeros are +-2 rate ((k - 1/2) pi)^2."""
+        """Returns `count` real pairs of zeros of V_tip / F_a (tip velocity per force) in 1/s, in
+        the shape (2 count,). Without damping the zeros are +-2 rate ((k - 1/2) pi)^2."""
         k = np.arange(1, count + 1)
         return self._roots((2 * self.rate * ((k - 0.5) * np.pi) ** 2) ** 2)
 
     def _roots(self, squares: Matrix) -> Matrix:
-        """Returns both roots s of the equation s^2 = square (1 + damping_s s) for each `square`, as
-        a complex array."""
+        """Returns both roots s of the equation s^2 = square (1 + damping_s s) for each element of
+        `squares`, as a complex array."""
         half = squares * self.damping_s / 2
         root = np.sqrt((half**2 + squares).astype(complex))
-        # the root of larger magnitude, for which no digits cancel
+        # The root of larger magnitude is computed first, because no digits cancel in its formula.
         far = half + np.where(half < 0, -1, 1) * root
         return np.column_stack([-squares / far, far]).ravel()
 
     def actuator(self, s: ArrayLike) -> Matrix:
-        """Returns V_act / F_a in m/s per N at complex s (1/s), in the shape of s. The function has
-        a pole at s = 0. No frequency causes an overflow."""
+        """Returns V_act / F_a (actuator velocity per force) in m/s per N at complex s (1/s), in the
+        shape of s. The function has a pole at s = 0. No frequency causes an overflow."""
         return self._transfer(s)[0]
 
     def tip(self, s: ArrayLike) -> Matrix:
-        """Returns V_tip / F_a in m/s per N at complex s (1/s), in the shape of s. The function has
-        a pole at s = 0."""
+        """Returns V_tip / F_a (tip velocity per force) in m/s per N at complex s (1/s), in the
+        shape of s. The function has a pole at s = 0."""
         return self._transfer(s)[1]
 
     def _transfer(self, s: ArrayLike) -> tuple[Matrix, Matrix]:
@@ -213,15 +215,15 @@ class Beam:
         tip = sum(np.exp(k * half - z) for k in (1 + 1j, -1 - 1j, 1 - 1j, -1 + 1j)) / 2
         # np.where computes both formulas. The formula that is not selected may overflow.
         with np.errstate(over="ignore", invalid="ignore"):
-            small = e * (np.sinh(z) + np.sin(z)) / 2  # near z = 0, this formula keeps all digits
+            small = e * (np.sinh(z) + np.sin(z)) / 2  # Near z = 0, this formula keeps all digits.
         large = (1 - e * e + (cos_part[0] - cos_part[1]) / 1j) / 4
         bending = np.where(np.abs(z) < 1, small, large)
         factor = s / (4 * stiffness * b**3 * bending)
         return factor * act, factor * tip
 
     def polynomial(self, modes: int, output: str = "actuator") -> Factored:
-        """Returns the rational approximation of V_act / F_a or V_tip / F_a with all modes up to
-        `modes`, as a Factored.
+        """Returns the rational approximation of V_act / F_a or V_tip / F_a with the first `modes`
+        bending modes, as an object of the class Factored.
 
         It has the exact poles and zeros of the first `modes` modes, the same number of each, and
         the exact low-frequency gain 1 / (rho A l s).
@@ -234,8 +236,8 @@ class Beam:
         return Factored(zeros[output](modes), self.poles(modes)[1:], 1 / self.mass_kg, -1)
 
     def approximation_error(self, modes: int, output: str = "actuator", through: int = 4) -> float:
-        """Returns the largest error |approximation / true - 1| of the complex response between
-        frequency 0 and a mode.
+        """Returns the largest error |approximation / true - 1| of the complex frequency response of
+        the beam, between frequency 0 and the frequency of a bending mode.
 
         The error is evaluated at 4000 frequencies from a thousandth of the first pole to the pole
         of mode `through`, and at a relative distance of 1e-6 from each pole and zero between. No
@@ -255,7 +257,8 @@ class Beam:
     def approximation_errors(
         self, modes: Iterable[int] = range(4, 41), through: int = 4
     ) -> list["ApproximationError"]:
-        """Returns the approximation_error of V_act and V_tip for each number of modes."""
+        """Returns the errors of the approximations of V_act and V_tip (see approximation_error) for
+        each number of bending modes in `modes`."""
         outputs = ("actuator", "tip")
         return [
             ApproximationError(n, *(self.approximation_error(n, o, through) for o in outputs))
@@ -263,7 +266,7 @@ class Beam:
         ]
 
     def lumped(self, elements: int) -> "LumpedBeam":
-        """Returns a LumpedBeam of `elements` bending elements with the total mass of this beam.
+        """Returns a LumpedBeam with `elements` bending elements and the total mass of this beam.
 
         The beam is divided into 2 `elements` equal parts: one for the sliding body, two for each
         inner body, one for the last body. Each body is located at the common centre of mass of its
@@ -278,7 +281,8 @@ class Beam:
         inertias = 2 * m * (2 * part) ** 2 / 12 * np.ones(elements)
         inertias[-1] = m * part**2 / 12
         lengths = np.full(elements, 2 * part)
-        lengths[-1] -= part / 2  # The centre of the last body is half a part from the tip.
+        # The distance from the centre of the last body to the tip is half the length of a part.
+        lengths[-1] -= part / 2
         return LumpedBeam(
             self.bending_stiffness_Nm2, tuple(lengths), tuple(masses), tuple(inertias), part / 2
         )
@@ -286,7 +290,8 @@ class Beam:
 
 @dataclass(frozen=True)
 class LumpedBeam:
-    """Lumped-parameter bending beam. With one element the model is that of Figure 2.24.
+    """Lumped-parameter beam in bending. With one element, the model is that of Figure 2.24 of the
+    thesis.
 
     The model has one mass that slides without turning, and masses that move and turn. Each mass is
     joined to the previous one by a massless bending element. The tip is `tip_offset_m` beyond the
@@ -294,9 +299,12 @@ class LumpedBeam:
     """
 
     bending_stiffness_Nm2: float  # E I of the elements
-    lengths_m: tuple[float, ...]  # length of each element between the centres of its two masses
-    masses_kg: tuple[float, ...]  # mass of the sliding body, then one mass for each element
-    inertias_kgm2: tuple[float, ...]  # inertias of all masses except the sliding mass
+    # length in m of each element, between the centres of the two masses of the element
+    lengths_m: tuple[float, ...]
+    # mass of the sliding body in kg, then one mass in kg for each element
+    masses_kg: tuple[float, ...]
+    # moments of inertia in kg m^2 of all masses except the sliding mass
+    inertias_kgm2: tuple[float, ...]
     tip_offset_m: float = 0.0
 
     def __post_init__(self) -> None:
@@ -322,19 +330,20 @@ class LumpedBeam:
         J2_kgm2: float,
         tip_offset_m: float,
     ) -> "LumpedBeam":
-        """The beam of Figure 2.24 with two masses and one element: bending stiffness E I in N m^2,
-        length of the element in m, masses in kg, inertia of the second mass in kg m^2, offset of
-        the tip in m. Raises InputError for values that are not > 0."""
+        """Returns the beam of Figure 2.24 with two masses and one element: bending stiffness E I in
+        N m^2, length of the element in m, masses in kg, inertia of the second mass in kg m^2,
+        offset of the tip in m. Raises InputError for values that are not > 0."""
         return cls(bending_stiffness_Nm2, (length_m,), (m1_kg, m2_kg), (J2_kgm2,), tip_offset_m)
 
     def matrices(self) -> tuple[Matrix, Matrix]:
-        """Returns mass matrix M and stiffness matrix K, each (2 n + 1, 2 n + 1) for n elements. The
-        coordinates are (x_1; x_2, angle_2; x_3, angle_3; ...) in m and rad."""
+        """Returns mass matrix M and stiffness matrix K of the beam, each (2 n + 1, 2 n + 1) for n
+        elements. The coordinates are (x_1; x_2, angle_2; x_3, angle_3; ...) in m and rad."""
         n = len(self.lengths_m)
         diagonal = np.zeros(2 * n + 1)
         diagonal[[0, *range(1, 2 * n, 2)]] = self.masses_kg
         diagonal[2::2] = self.inertias_kgm2
-        # This matrix also includes the angle of the sliding mass. The angle is removed at the end.
+        # This matrix also includes the angle of the sliding mass. The end of this function removes
+        # the angle.
         whole = np.zeros((2 * n + 2, 2 * n + 2))
         # Stiffness matrix of a massless element for the coordinates (x, angle length) of both ends.
         bending = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])
@@ -348,8 +357,8 @@ class LumpedBeam:
         return np.diag(diagonal), whole[np.ix_(keep, keep)]
 
     def system(self) -> System:
-        """Returns the System from the force on the sliding mass in N to the velocities of the
-        sliding mass and of the tip in m/s, without damping."""
+        """Returns the beam without damping as a System. The input is the force on the sliding mass
+        in N, and the outputs are the velocities of the sliding mass and of the tip in m/s."""
         M, K = self.matrices()
         tip = np.zeros(len(M))
         tip[-2:] = 1.0, self.tip_offset_m
@@ -361,8 +370,8 @@ class LumpedBeam:
         return structure.system(("actuator", "tip"), np.array([first, tip]), velocity=True)
 
     def nonminimum_phase(self) -> bool:
-        """Returns True if the tip of Figure 2.24 (one element) has a real +- pair of zeros, which
-        is so for e (l/2) m2 > J2.
+        """Returns True if the tip of the beam of Figure 2.24 (one element) has a real +- pair of
+        zeros. The condition is e (l/2) m2 > J2.
 
         The zeros are s^2 = E I / (l (e (l/2) m2 - J2)); if both sides are equal there are no zeros.
         """
@@ -376,7 +385,7 @@ class LumpedBeam:
 
 @dataclass(frozen=True)
 class TwoLinkArm:
-    """Rigid two-link arm of Figure 6.3 in a horizontal plane, linearised at rest.
+    """Rigid two-link arm of Figure 6.3 of the thesis in a horizontal plane, linearised at rest.
 
     Motor 1 turns link 1 against ground, and motor 2 turns link 2 against link 1. A joint without a
     drive torque is held by its servo with the stiffness k (N m/rad) and the damping d (N m s/rad).
@@ -414,16 +423,16 @@ class TwoLinkArm:
                 )
 
     def mass_matrix(self) -> Matrix:
-        """Returns the mass matrix, 2 x 2, in kg m^2. Its coordinates are the angle of link 1, and
-        the angle of link 2 relative to link 1."""
+        """Returns the mass matrix of the arm, 2 x 2, in kg m^2. The coordinates are the angle of
+        link 1, and the angle of link 2 relative to link 1."""
         M22 = self.I2 + self.m2 * self.c2**2
         cross = self.m2 * self.l1 * self.c2 * np.cos(self.angle2_rad)
         M11 = self.I1 + self.m1 * self.c1**2 + self.m2 * self.l1**2 + M22 + 2 * cross
         return np.array([[M11, M22 + cross], [M22 + cross, M22]])
 
     def jacobian(self) -> Matrix:
-        """Returns the motion of the endpoint per joint angle in m/rad, with the rows x, y and
-        normal. `normal` is the direction at right angles to link 2."""
+        """Returns the motion of the endpoint of the arm per joint angle in m/rad, with the rows x,
+        y and normal. `normal` is the direction at right angles to link 2."""
         end = self.angle1_rad + self.angle2_rad
         s1, c1, s2, c2 = np.sin(self.angle1_rad), np.cos(self.angle1_rad), np.sin(end), np.cos(end)
         x = [-self.l1 * s1 - self.l2 * s2, -self.l2 * s2]
@@ -432,8 +441,8 @@ class TwoLinkArm:
         return np.array([x, y, normal])
 
     def system(self) -> System:
-        """Returns the System from the torques 1 and 2 in N m to both joint angles in rad and to x,
-        y and normal of the endpoint in m."""
+        """Returns the arm as a System. The inputs are the torques 1 and 2 in N m, and the outputs
+        are both joint angles in rad and the coordinates x, y and normal of the endpoint in m."""
         names, torques = ("joint1", "joint2"), ("torque1", "torque2")
         K, D = np.diag([self.k1, self.k2]), np.diag([self.d1, self.d2])
         structure = _Structure(names, self.mass_matrix(), D, K, torques, np.eye(2))
@@ -441,8 +450,8 @@ class TwoLinkArm:
         return structure.system((*names, "x", "y", "normal"), rows, velocity=False)
 
     def nonminimum_phase(self) -> bool:
-        """Returns True if the response from torque 1 to the endpoint's normal has a real zero > 0
-        while joint 2 is held with the stiffness k2 > 0.
+        """Returns True if the response of the arm from torque 1 to the normal motion of the
+        endpoint has a real zero > 0, while a spring with the stiffness k2 > 0 acts on joint 2.
 
         The zeros are those of (l2 + l1 cos) (M22 s^2 + d2 s + k2) - l2 M21 s^2. The factor of s^2
         is l1 cos(angle 2) (I2 - m2 c2 (l2 - c2)). For an angle below 90 degrees one zero is
@@ -470,8 +479,8 @@ class _Structure:
     forces: Matrix
 
     def system(self, outputs: tuple[str, ...], rows: Matrix, velocity: bool) -> System:
-        """Returns the structure as a System with y = rows q, or with y = rows q' if `velocity` is
-        True. outputs: names of y."""
+        """Returns the structure as a System with the outputs y = rows q, or y = rows q' if
+        `velocity` is True. `outputs`: names of the outputs."""
         n = len(self.M)
         inverse = np.linalg.inv(self.M)
         A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ self.K, -inverse @ self.D]])
@@ -487,8 +496,8 @@ class _Structure:
 
 @dataclass(frozen=True)
 class ApproximationError:
-    """Error of a beam's rational approximation with the first `modes` modes: the largest
-    |approximation / true - 1| of the actuator's response and of the tip's response."""
+    """Error of the rational approximation of a beam with the first `modes` bending modes: the
+    largest |approximation / true - 1| of the actuator's response and of the tip's response."""
 
     modes: int
     actuator: float
@@ -508,15 +517,16 @@ class BeamMode:
 
 @dataclass(frozen=True)
 class BeamAnalysis:
-    """The first bending modes of a beam, and the errors of its rational approximations."""
+    """The first bending modes of a beam, and the errors of the rational approximations of the
+    beam."""
 
     modes: list[BeamMode]
     approximation_errors: list[ApproximationError]
 
 
 def analyse(beam: Beam, modes: int) -> BeamAnalysis:
-    """Returns the first `modes` modes of a beam, and the errors of the approximations of thesis
-    section 2.4.4 with 4 to 40 modes."""
+    """Returns the first `modes` bending modes of a beam, and the errors of the approximations of
+    thesis section 2.4.4 with 4 to 40 bending modes."""
     roots = sliding_free_roots(modes)
     poles = beam.natural_frequencies(modes)
     zeros, tip = beam.actuator_zeros(modes)[1::2], beam.tip_zeros(modes)[1::2]

@@ -1,5 +1,5 @@
-"""The response of a system with one input and one output along the stability boundary, its
-important frequencies, and the states that affect the response.
+"""The response of a linear system along the stability boundary, the important frequencies of this
+response, and the states that affect the response. The system has one input and one output.
 
 Frequencies belong to a plane whose imaginary axis is the stability boundary: s = j w, or w = (2/T)
 (z - 1)/(z + 1) for a sampled system.
@@ -13,13 +13,14 @@ from forceaxis import _core
 from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.system import System
 
-# Smallest new component of a vector, relative to the vector, that is not a rounding error.
-# A smaller component ends the search for states that the input controls.
+# Smallest ratio of a new vector component to the vector at which the component is more than a
+# rounding error. A smaller component ends the search for states that the input controls.
 DIRECTION_SHARE_MIN = 1e-15
 
 
 def _reachable(A: Matrix, B: Matrix) -> Matrix:
-    """Returns an orthonormal basis of the states that the input can control, as columns."""
+    """Returns an orthonormal basis of the states that the input can control. The columns are the
+    basis vectors."""
     basis: Matrix = B / np.linalg.norm(B)
     while basis.shape[1] < len(A):
         image = A @ basis[:, -1:]
@@ -58,9 +59,9 @@ def minimal(system: System) -> System:
 
 
 def plane(system: System) -> StateSpace:
-    """Returns balanced (A, B, C, D) as np.longdouble of a System with one input and one output,
-    with the imaginary axis as the stability boundary. A sampled system is transformed to the
-    variable w = (2/T) (z - 1)/(z + 1)."""
+    """Returns the balanced matrices (A, B, C, D) of a System with one input and one output as
+    np.longdouble. The stability boundary is the imaginary axis. A sampled system is transformed to
+    the variable w = (2/T) (z - 1)/(z + 1)."""
     A, B, C = (matrix.astype(np.longdouble) for matrix in system.balanced)
     D = system.D
     if system.dt is not None and len(A):
@@ -73,18 +74,18 @@ def plane(system: System) -> StateSpace:
 
 
 def response(system: System) -> _core.BoundaryResponse:
-    """Returns the response of a System with one input and one output along the stability boundary,
-    as a function of the frequency along the boundary."""
+    """Returns a function that computes the response of a System at frequencies along the stability
+    boundary. The System has one input and one output."""
     return _core.BoundaryResponse(
         system.A, system.B, system.C, float(system.D[0, 0]), system.dt or 0.0
     )
 
 
 def marks(roots: Matrix, fastest: float) -> Matrix:
-    """Returns frequencies in rad/s, > 0, along the stability boundary: values beside and between
-    `roots`, which are also frequencies. fastest: largest magnitude of a pole in 1/s."""
+    """Returns frequencies in rad/s, > 0, along the stability boundary: the given `roots`, and
+    values beside and between the roots. `fastest`: largest magnitude of a pole in 1/s."""
     found = np.unique(roots[np.isfinite(roots) & (roots > 1e-15 * fastest)])
-    # Two equal roots are used as one root, because no frequency lies between them.
+    # Two equal roots are used as one root, because no frequency lies between equal roots.
     found = found[np.diff(found, prepend=0.0) > 1e-9 * found]
     if not len(found):
         found = np.array([fastest or 1.0])

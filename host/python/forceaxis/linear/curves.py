@@ -27,7 +27,8 @@ def _loop_gain(loop: Loop, gain: float) -> System:
     return replace(open_loop, C=gain * open_loop.C, D=gain * open_loop.D)
 
 
-# {part of a loop at a gain: function that returns the System of this part}
+# {name of a transfer function of the loop: function that returns this transfer function as a
+# System, for a loop at a gain}
 PARTS: dict[str, Callable[[Loop, float], System]] = {
     "loop": _loop_gain,
     "closed": lambda loop, gain: loop.closed(gain),
@@ -36,8 +37,8 @@ PARTS: dict[str, Callable[[Loop, float], System]] = {
 
 
 def phase_deg(frequency_hz: Numbers, response: Roots) -> Numbers:
-    """Returns the phase in degrees without jumps of 360 degrees. The slope of the magnitude at the
-    lowest frequency determines the phase there.
+    """Returns the phase of a frequency response in degrees without jumps of 360 degrees. The slope
+    of the magnitude at the lowest frequency determines the phase at this frequency.
 
     A response with a constant magnitude at the lowest frequencies starts at 0 degrees (-180 if
     negative), one with an integrator at -90, and one that increases with the frequency at +90.
@@ -48,7 +49,8 @@ def phase_deg(frequency_hz: Numbers, response: Roots) -> Numbers:
     size = np.log(np.maximum(np.abs(response[:2]), 1e-300))
     slope = (size[1] - size[0]) / np.log(frequency_hz[1] / frequency_hz[0])
     turns = (90 * round(slope) - phase[0]) / 360
-    # If the gain is negative and the magnitude nearly constant, the phase starts at -180 degrees.
+    # If the gain is negative and the magnitude is nearly constant, the phase starts at -180
+    # degrees.
     result: Numbers = phase + 360 * np.ceil(turns - 0.55)
     return result
 
@@ -75,8 +77,8 @@ def grid_hz(
 
 @dataclass(frozen=True)
 class CurveTable:
-    """A curve as a result: magnitude in `unit` and phase in degrees without jumps, at
-    frequency_hz."""
+    """A frequency response for the JSON output: magnitude in `unit` and phase in degrees without
+    jumps, at the frequencies `frequency_hz`."""
 
     label: str
     unit: str
@@ -87,7 +89,7 @@ class CurveTable:
 
 @dataclass(frozen=True)
 class Curve:
-    """A frequency response: complex `response` at `frequency_hz`."""
+    """A frequency response: complex values `response` at the frequencies `frequency_hz` in Hz."""
 
     label: str
     frequency_hz: Numbers
@@ -96,24 +98,25 @@ class Curve:
 
     @property
     def magnitude(self) -> Numbers:
-        """Magnitude of the response in `unit`."""
+        """Magnitude of the frequency response in `unit`."""
         return np.abs(self.response)
 
     @property
     def phase_deg(self) -> Numbers:
-        """Phase in degrees without jumps of 360 degrees; see the function phase_deg."""
+        """Phase of the frequency response in degrees, without jumps of 360 degrees; see the
+        function phase_deg()."""
         return phase_deg(self.frequency_hz, self.response)
 
     def table(self) -> CurveTable:
-        """The curve as a part of a result."""
+        """Returns the frequency response as a CurveTable for the JSON output."""
         return CurveTable(self.label, self.unit, self.frequency_hz, self.magnitude, self.phase_deg)
 
 
 def curve(
     system: System, label: str, span_hz: tuple[float, float], unit: str = "", points: int = 400
 ) -> Curve:
-    """Returns the response of a System with one input and one output in the range span_hz = (low,
-    high)."""
+    """Returns the frequency response of a System with one input and one output, between the two
+    frequencies of span_hz = (low, high)."""
     low, high = span_hz
     if system.dt is not None:
         high = min(high, 0.5 / system.dt)
@@ -127,8 +130,9 @@ def curve(
 
 @dataclass(frozen=True, kw_only=True)
 class BodeCurve:
-    """A curve of a Bode plot: the output of the response, the values of the curve, and the loop
-    with the figures at its gain. The loop is None if the input is not the input of a force loop."""
+    """One curve of a Bode plot: the output of the response, the values of the curve, and the force
+    loop with its margins at the gain. The loop is None if the input of the response is not the
+    input of a force loop."""
 
     output: str
     table: CurveTable = json_field(inline=True)
@@ -137,7 +141,8 @@ class BodeCurve:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopBode:
-    """Frequency responses of a force loop. of: name of the part of the loop, a key of PARTS."""
+    """Frequency responses of a force loop. `of`: name of the transfer function of the loop, a key
+    of PARTS."""
 
     loop: AnalysedLoop = json_field(inline=True)
     of: str
@@ -146,15 +151,16 @@ class LoopBode:
 
     @property
     def working(self) -> Working | None:
-        """Mode of the plant, or None if the plant has only one mode."""
+        """States of the elements of the plant, or None if no element of the plant has different
+        states."""
         return self.loop.working
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlantBode:
-    """Frequency responses of a plant from `input`. of: "plant". timing: a name of loops.TIMINGS, or
-    the sampling period of a measurement. working: mode of the plant, None if the plant has only one
-    mode."""
+    """Frequency responses of a plant from `input`. `of`: the text "plant". `timing`: a name of
+    loops.TIMINGS, or the sampling period of a measurement. `working`: states of the elements of the
+    plant, None if no element has different states."""
 
     model: str
     of: str
@@ -167,7 +173,7 @@ class PlantBode:
 @dataclass(frozen=True, kw_only=True)
 class NyquistResult:
     """The loop gain k L at the frequencies of a Nyquist plot, the critical gain of the loop, and
-    its figures at the gain of the plot."""
+    the margins of the loop at the gain of the plot."""
 
     limit: LimitResult = json_field(inline=True)
     at: LoopAtGain
@@ -180,7 +186,8 @@ class NyquistResult:
 
 @dataclass(frozen=True)
 class Channel:
-    """Input, output, parameter values and mode of the response of a model.
+    """Selects one frequency response of a model: input, output, parameter values and states of the
+    elements.
 
     input, output, overrides, modes, free, drive: as in `linear.linearise`. timing: "continuous", or
     as in LoopSpec.
@@ -201,8 +208,8 @@ def model_curve(
     channel: Channel | None = None,
     span_hz: tuple[float, float] = (0.5, 500.0),
 ) -> Curve:
-    """Returns the open-loop response of a model in SI units. channel: input and output; None: from
-    the command to the measured force.
+    """Returns the open-loop frequency response of a model in SI units. `channel`: input and output
+    of the response; None means the response from the command to the measured force.
 
     Raises InputError if the input does not act on the output.
     """
@@ -228,20 +235,22 @@ def model_curve(
 
 
 def unit_of(model: str | Path, input: str, output: str, settings: Overrides | None = None) -> str:
-    """Returns the unit of a response, such as "N/V", which is the unit of the output divided by the
-    unit of the input. Returns "" if both units are equal. settings: {parameter: value} of the
-    model."""
+    """Returns the unit of a frequency response, such as "N/V", which is the unit of the output
+    divided by the unit of the input. Returns "" if both units are equal. `settings`: {parameter:
+    value} of the model."""
     facts = linear.facts(model, settings)
     if output == "reading":
         output = facts.required_reading.signal
-    # A signal that is not in the table is an ADC or the encoder. The unit of both is the count.
+    # An output that is not in the table of signals is an ADC or the encoder. The unit of an ADC and
+    # of the encoder is the count.
     above = facts.signals.get(output, "count")
     below = "V" if input in ("drive.command", "drive.tach") else "N"
     return "" if above == below else f"{above}/{below}"
 
 
 def check_span(span_hz: tuple[float, float], timing: str) -> None:
-    """Raises InputError if the response is not defined at these frequencies."""
+    """Raises InputError if the frequencies `span_hz` are outside the range in which the frequency
+    response is defined."""
     low_hz, high_hz = span_hz
     highest = 1e6 if timing == "continuous" else 0.5 / linear.TICK_S
     if not (1e-6 <= low_hz < high_hz <= highest):
@@ -254,7 +263,8 @@ def check_span(span_hz: tuple[float, float], timing: str) -> None:
 
 @dataclass(frozen=True)
 class BodeView:
-    """What a Bode plot shows: part of the loop, input, outputs, frequencies and varied parameters.
+    """The choices of the user for a Bode plot: transfer function of the loop, input, outputs,
+    frequencies and varied parameters.
 
     part: "plant", or a name of PARTS; None: the plant of a model, the loop of an experiment.
     input, outputs: of the plant. span_hz: lowest and highest frequency, Hz. vary: texts
@@ -269,8 +279,8 @@ class BodeView:
 
 
 def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[Curve], LoopBode]:
-    """Returns (curves, result) for one part of a loop, with one curve for each combination of
-    `vary`."""
+    """Returns (curves, result) for one transfer function of a force loop, with one curve for each
+    combination of the parameter values in `vary`."""
     curves, rows = [], []
     for label, values in varied(request.overrides, view.vary):
         loop = replace(request, overrides=values).loop()
@@ -284,8 +294,8 @@ def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[
 
 
 def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], PlantBode]:
-    """Returns (curves, result) for a plant, with one curve for each combination of `vary` and each
-    output."""
+    """Returns (curves, result) of the Bode plot of a plant, with one curve for each output and each
+    combination of the parameter values in `vary`."""
     timing = request.timing or "continuous"
     if request.has_gain and view.input != "drive.command":
         raise ParameterError(
@@ -306,7 +316,7 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], PlantBod
             one = model_curve(own.model, name, channel, view.span_hz)
             curves.append(one)
             limit = None
-            if view.input == "drive.command":  # drive.command is the only input of a force loop
+            if view.input == "drive.command":  # A force loop has drive.command as its only input.
                 spec = loops.LoopSpec("p", timing, output, request.free)
                 loop = spec.around(own.model, own.overrides, request.states)
                 limit = limits.limit_result(loop, request.gain_of(loop))
@@ -324,8 +334,8 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], PlantBod
 
 
 def nyquist_of(request: LoopRequest) -> NyquistResult:
-    """Returns the curve of a Nyquist plot. Without a given gain, the gain is half the critical
-    gain, or 1 if the loop has no critical gain."""
+    """Returns the curve of a Nyquist plot. Without a given gain, the plot uses half the critical
+    gain, or the gain 1 if the loop has no critical gain."""
     loop = request.loop()
     gain = request.drawn_gain(loop)
     c = curve(loop.open, "", NYQUIST_HZ, points=1200)

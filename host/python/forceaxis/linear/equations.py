@@ -1,4 +1,5 @@
-"""State space of a model in one mode, computed from the same equations as the simulation."""
+"""State space of a model with given states of its elements, computed from the same equations as the
+simulation."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,8 +12,8 @@ from forceaxis import _core
 
 Numbers = NDArray[np.float64]
 Roots = NDArray[np.complex128]
-Matrix = NDArray[Any]  # matrix of float, np.longdouble or complex
-StateSpace = tuple[Matrix, Matrix, Matrix, Matrix]  # (A, B, C, D) of a linear system
+Matrix = NDArray[Any]  # matrix of float, np.longdouble or complex numbers
+StateSpace = tuple[Matrix, Matrix, Matrix, Matrix]  # matrices (A, B, C, D) of a linear system
 
 
 @dataclass(frozen=True)

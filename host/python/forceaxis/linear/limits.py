@@ -1,4 +1,5 @@
-"""Critical gain, margins, poles and step response of one force loop as results with types."""
+"""Results of the analysis of one force loop as dataclasses: critical gain, margins, poles and step
+response."""
 
 import math
 from dataclasses import dataclass, replace
@@ -21,7 +22,7 @@ from forceaxis.results import json_field
 
 @dataclass(frozen=True, kw_only=True)
 class AnalysedLoop:
-    """Description of the analysed loop, as a part of a result.
+    """Description of the force loop that was analysed, for the JSON output.
 
     model: path of the model. parameters: those of the law in SI units. timing: a name of
     loops.TIMINGS, or several joined by "and". output: the controlled signal. working: mode of the
@@ -38,7 +39,7 @@ class AnalysedLoop:
 
     @classmethod
     def of(cls, loop: Loop) -> "AnalysedLoop":
-        """Returns the description of a loop."""
+        """Returns the description of the force loop `loop`."""
         return cls(
             model=paths.display(loop.model),
             law=loop.law,
@@ -52,8 +53,9 @@ class AnalysedLoop:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopAtGain:
-    """Figures and margins of a loop at one gain k, in the unit of the loop. firmware_gain: k in DAC
-    codes per 8-bit count, or None if the loop does not feed back ADC 0."""
+    """Bandwidths and margins of a force loop at one gain k, in the unit of the loop.
+    `firmware_gain`: k in DAC codes per 8-bit count, or None if the loop does not feed back ADC
+    0."""
 
     gain: float
     firmware_gain: float | None
@@ -63,8 +65,8 @@ class LoopAtGain:
 
 @dataclass(frozen=True, kw_only=True)
 class LimitResult:
-    """The critical gain of a loop, the crossings of the stability boundary, and the ranges of
-    stable gains.
+    """The critical gain of a force loop, the gains at which a closed-loop pole crosses the
+    stability boundary, and the ranges of stable gains.
 
     critical_gain: in `unit`; None if the loop is stable at every gain, or at every gain up to
     known_to; 0 if it is unstable at every small gain, see `reason`. frequency_hz: of the crossing.
@@ -87,7 +89,7 @@ class LimitResult:
 
 @dataclass(frozen=True)
 class StepResponse:
-    """Response of a closed loop to a unit step of the set-point at time 0.
+    """Response of a closed force loop to a unit step of the set-point at time 0.
 
     rise_s: from 10 to 90 % of the final value. settle_s: time from which on the signal stays within
     2 % of the final value. overshoot: share of the final value. A figure is None if it is not
@@ -106,8 +108,8 @@ class StepResponse:
 
 @dataclass(frozen=True, kw_only=True)
 class StepResult:
-    """The step response of a loop at a gain k in `unit`. firmware_gain: k in DAC codes per 8-bit
-    count, or None if the loop does not feed back ADC 0."""
+    """The step response of a force loop at a gain k in `unit`. `firmware_gain`: k in DAC codes per
+    8-bit count, or None if the loop does not feed back ADC 0."""
 
     loop: AnalysedLoop = json_field(inline=True)
     gain: float
@@ -118,8 +120,9 @@ class StepResult:
 
 @dataclass(frozen=True)
 class Root:
-    """A pole or a zero: real and imaginary part in 1/s, magnitude in Hz, and damping ratio. All are
-    None for an infinite value. re_z, im_z: real and imaginary part in z of a sampled system."""
+    """A pole or a zero: real and imaginary part in 1/s, magnitude in Hz, and damping ratio. These
+    four values are None for an infinite root. `re_z`, `im_z`: real and imaginary part in z for a
+    sampled system."""
 
     re_per_s: float | None
     im_per_s: float | None
@@ -131,8 +134,8 @@ class Root:
 
 @dataclass(frozen=True)
 class ClosingGain:
-    """The gain k at which a loop is closed, in `unit` and in DAC codes per 8-bit count. The second
-    value is None if the loop does not feed back ADC 0."""
+    """The gain k at which a force loop is closed, in `unit` and in DAC codes per 8-bit count. The
+    value in DAC codes is None if the loop does not feed back ADC 0."""
 
     gain: float
     unit: str
@@ -141,31 +144,33 @@ class ClosingGain:
 
 @dataclass(frozen=True, kw_only=True)
 class ClosedLoop:
-    """The closed loop to which the poles of a result belong."""
+    """Description of the closed force loop whose poles are the result."""
 
     loop: AnalysedLoop = json_field(inline=True)
     closed: ClosingGain
 
     @property
     def model(self) -> str:
-        """Path of the model."""
+        """Path of the model of the plant."""
         return self.loop.model
 
     @property
     def timing(self) -> str:
-        """Timing of the loop, a name of loops.TIMINGS."""
+        """Delay of the force loop, a name of loops.TIMINGS such as zoh+1."""
         return self.loop.timing
 
     @property
     def working(self) -> Working | None:
-        """Mode of the plant, or None if the model has only one mode."""
+        """States of the elements of the plant, or None if no element of the model has different
+        states."""
         return self.loop.working
 
 
 @dataclass(frozen=True, kw_only=True)
 class AnalysedPlant:
-    """The plant to which the poles of a result belong: path of its model, timing of its input, and
-    its mode. The mode is None if the model has only one mode."""
+    """Description of the plant whose poles are the result: path of the model, delay of the
+    input, and states of the elements. The states are None if no element of the model has
+    different states."""
 
     model: str
     timing: str
@@ -174,7 +179,7 @@ class AnalysedPlant:
 
 @dataclass(frozen=True, kw_only=True)
 class PolesResult:
-    """Poles, zeros and transfer function between one input and one output.
+    """Poles, zeros and transfer function of a plant or force loop between one input and one output.
 
     gain: factor of the product of (s - zeros) / (s - poles). numerator, denominator: coefficients,
     highest power first, with a monic denominator.
@@ -192,8 +197,8 @@ class PolesResult:
 
 
 def largest_firmware_gain(loop: Loop, limit: Limit) -> float | None:
-    """Returns the largest storable value of force_gain below the critical gain. Returns None if
-    there is no such value or if the model has no measured force."""
+    """Returns the largest value of force_gain that the firmware can store and that is below the
+    critical gain. Returns None if there is no such value or if the model has no measured force."""
     gain = limit.stable_to
     if loop.codes_per_gain is None or gain == 0:
         return None
@@ -204,8 +209,8 @@ def largest_firmware_gain(loop: Loop, limit: Limit) -> float | None:
 
 
 def limit_result(loop: Loop, gain: float | None = None) -> LimitResult:
-    """Returns the critical gain of a loop and, if a gain k is given, the figures and margins of the
-    loop at k."""
+    """Returns the critical gain of a force loop. If a gain k is given, also returns the bandwidths
+    and margins of the loop at k."""
     limit = loop.limit()
     return LimitResult(
         critical_gain=limit.gain,
@@ -223,7 +228,7 @@ def limit_result(loop: Loop, gain: float | None = None) -> LimitResult:
 
 
 def loop_at(loop: Loop, gain: float) -> LoopAtGain:
-    """Returns the figures and margins of a loop at a gain k."""
+    """Returns the bandwidths and margins of a force loop at a gain k."""
     return LoopAtGain(
         gain=gain,
         firmware_gain=loop.optional_firmware_gain(gain),
@@ -233,15 +238,16 @@ def loop_at(loop: Loop, gain: float) -> LoopAtGain:
 
 
 def hz_text(hz: float | None, digits: int = 4) -> str:
-    """Returns a frequency as text, such as "at 12 Hz". None stands for an infinite frequency."""
+    """Returns a frequency as text, such as "at 12 Hz". The value None stands for an infinite
+    frequency."""
     return "at infinite frequency" if hz is None else f"at {hz:.{digits}g} Hz"
 
 
 def _figures(
     time_s: Matrix, value: Matrix, final: float, duration_s: float
 ) -> tuple[float | None, float | None, float | None]:
-    """Returns (rise_s, settle_s, overshoot) of a step response. The array `value` also contains the
-    response after `duration_s`.
+    """Returns the rise time, settling time and overshoot of a step response as (rise_s, settle_s,
+    overshoot). The array `value` also contains the response after `duration_s`.
 
     Settled: the signal stays within 2 % to the end of `value`. A figure is None if it is not
     reached within duration_s, or if the final value is 0.
@@ -262,15 +268,16 @@ def _figures(
 
 
 def step_response(loop: Loop, gain: float, duration_s: float) -> StepResponse:
-    """Returns the step response of a loop at a gain k. Raises ParameterError if duration_s is below
-    two ticks or above 600 s, or if the response is unstable and exceeds the range of numbers."""
+    """Returns the step response of a force loop at a gain k. Raises ParameterError if duration_s is
+    below two ticks or above 600 s, or if the response is unstable and exceeds the range of double
+    precision."""
     if not (2 * linear.TICK_S <= duration_s <= 600):
         raise ParameterError(
             "duration_s", f"expected a duration from two ticks to 600 s, got {duration_s:g}"
         )
     stable = loop.stable(gain)
-    # The response is computed for twice the duration,
-    # because a settled signal must stay within 2 % of its final value.
+    # The response is computed for twice the duration, because a settled signal must stay within 2 %
+    # of its final value.
     time_s, value = loop.step(gain, 2 * duration_s if stable else duration_s)
     within = time_s <= duration_s * (1 + 1e-12)
     final: float | None = None
@@ -291,8 +298,8 @@ def step_response(loop: Loop, gain: float, duration_s: float) -> StepResponse:
 
 
 def step_result(loop: Loop, gain: float, duration_s: float) -> StepResult:
-    """Returns the step response of a loop at a gain k, together with the loop. Arguments and errors
-    are those of step_response."""
+    """Returns the step response of a force loop at a gain k, together with a description of the
+    loop. Arguments and errors are those of step_response()."""
     return StepResult(
         loop=AnalysedLoop.of(loop),
         gain=gain,
@@ -303,8 +310,8 @@ def step_result(loop: Loop, gain: float, duration_s: float) -> StepResult:
 
 
 def _root(value: complex, dt: float | None) -> Root:
-    """Returns the Root of an eigenvalue. The eigenvalue is in 1/s if dt is None, otherwise it is z
-    of a system that is sampled every dt seconds."""
+    """Returns an eigenvalue as a Root. The eigenvalue is in 1/s if `dt` is None. Otherwise the
+    eigenvalue is z of a system that is sampled every `dt` seconds."""
 
     def number(x: float) -> float | None:
         return float(x) if np.isfinite(x) else None
@@ -322,7 +329,7 @@ def _root(value: complex, dt: float | None) -> Root:
 
 
 def _poles_result(system: System, subject: AnalysedPlant | ClosedLoop) -> PolesResult:
-    """Returns the PolesResult of a System with one input and one output."""
+    """Returns the poles and zeros of a System with one input and one output as a PolesResult."""
 
     def ordered(values: Matrix) -> list[complex]:
         return sorted(
@@ -344,9 +351,9 @@ def _poles_result(system: System, subject: AnalysedPlant | ClosedLoop) -> PolesR
 
 
 def poles_of(request: LoopRequest, input: str | None, output: str | None) -> PolesResult:
-    """Returns the poles and zeros of the loop of `request`, closed at the gain of the request.
-    Without a gain, or with an input, returns those of the plant from input (None: drive.command) to
-    output (None: measured force)."""
+    """Returns the poles and zeros of the force loop of `request`, closed at the gain of the
+    request. Without a gain, or with an input, returns the poles and zeros of the plant from `input`
+    (None: drive.command) to `output` (None: measured force)."""
     own = request.settings(plant=input is not None)
     if not request.has_gain and (input is not None or own.firmware_gain is None):
         if request.law not in (None, "p") or request.parameters:
@@ -364,7 +371,7 @@ def poles_of(request: LoopRequest, input: str | None, output: str | None) -> Pol
         )
     loop = replace(request, output=output or "reading").loop()
     gain = request.gain_of(loop)
-    assert gain is not None  # the caller has checked that the loop has a gain
+    assert gain is not None  # the caller has checked that the force loop has a gain
     closing = ClosingGain(gain, loop.unit, loop.optional_firmware_gain(gain))
     return _poles_result(loop.closed(gain), ClosedLoop(loop=AnalysedLoop.of(loop), closed=closing))
 

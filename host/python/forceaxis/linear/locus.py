@@ -1,4 +1,4 @@
-"""Root loci, and arrays of poles and zeros."""
+"""Root loci of force loops, and arrays of poles and zeros."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -24,8 +24,7 @@ class Array:
 
 
 def pairs(roots: Iterable[complex]) -> list[list[float] | None]:
-    """Returns complex roots as [real part, imaginary part] for JSON, and None for a root at
-    infinity."""
+    """Returns complex roots as [real part, imaginary part] for JSON. A root at infinity is None."""
     return [[float(s.real), float(s.imag)] if np.isfinite(s) else None for s in roots]
 
 
@@ -37,9 +36,10 @@ def array(system: System, label: str = "") -> Array:
 
 @dataclass(frozen=True)
 class LocusTable:
-    """A root locus as a result. branches, poles (of the open loop) and zeros: roots in 1/s as [real
-    part, imaginary part], or None for a root at infinity. Each branch has one root for each of
-    `gains`, which are in `unit`. For further fields see stability.Limit."""
+    """A root locus for the JSON output. `branches`, `poles` (of the open loop) and `zeros`:
+    roots in 1/s as [real part, imaginary part], or None for a root at infinity. Each branch has
+    one root for each of `gains`, which are in `unit`. The class stability.Limit describes the
+    other fields."""
 
     label: str
     unit: str
@@ -56,7 +56,7 @@ class LocusTable:
 
 @dataclass(frozen=True, kw_only=True)
 class LocusResult:
-    """Root loci of one loop for different values of its parameters."""
+    """Root loci of one force loop, one root locus for each choice of parameter values."""
 
     loop: AnalysedLoop = json_field(inline=True)
     loci: list[LocusTable]
@@ -64,22 +64,22 @@ class LocusResult:
 
 @dataclass(frozen=True)
 class Locus:
-    """Closed-loop poles as a function of the gain: `branches` (gains, poles) in 1/s, and the
-    crossings of the stability boundary."""
+    """A root locus: the closed-loop poles as a function of the gain (`branches`, an array (gains,
+    poles) in 1/s), and the gains at which a pole crosses the stability boundary."""
 
     label: str
     gains: Numbers
     branches: Roots
-    ends: Array  # poles and zeros of the open loop
-    crossings: list[Crossing]  # all gains at which a pole is on the stability boundary
+    ends: Array  # poles and zeros of the open loop in 1/s
+    crossings: list[Crossing]  # all gains at which a closed-loop pole is on the stability boundary
     limit: Limit
     unit: str  # of the gain
-    codes: float | None  # gain of the firmware in DAC codes per 8-bit count if k is 1
+    codes: float | None  # firmware gain in DAC codes per 8-bit count that corresponds to k = 1
     span_hz: float
     at_gain: Roots  # closed-loop poles in 1/s at the marked gain
 
     def table(self) -> LocusTable:
-        """The root locus as a part of a result."""
+        """Returns the root locus as a LocusTable for the JSON output."""
         return LocusTable(
             label=self.label,
             unit=self.unit,
@@ -96,7 +96,7 @@ class Locus:
 
 
 def span_of(ends: Array, critical_hz: float | None) -> float:
-    """Returns the half-width in Hz of a figure that shows the poles and zeros of the structure.
+    """Returns the half-width in Hz of a plot that shows the poles and zeros of the structure.
 
     The figure contains the crossing of the stability boundary and the lightly damped (below 0.3)
     poles and zeros up to three times its frequency. The electrical poles of the motor are outside,
@@ -111,13 +111,13 @@ def span_of(ends: Array, critical_hz: float | None) -> float:
     return 1.35 * float(natural.max(initial=1.0))
 
 
-# no warning for a pole at z = 0, which is -infinity in 1/s
+# Without this decorator, NumPy warns of a pole at z = 0, which is -infinity in 1/s.
 @np.errstate(divide="ignore", invalid="ignore")
 def locus(
     loop: Loop, label: str = "", span_hz: float | None = None, gain: float | None = None
 ) -> Locus:
-    """Returns the root locus of a `stability.Loop`, with small steps of the gain inside a figure of
-    half-width span_hz (default: span_of).
+    """Returns the root locus of a `stability.Loop`, with small steps of the gain inside a plot of
+    the half-width span_hz (default: result of span_of()).
 
     gain: at this gain, in the unit of the loop, the closed-loop poles are marked.
     """
@@ -126,7 +126,8 @@ def locus(
     ends = array(loop.open, label)
     limit, crossings = loop.limit(), loop.crossings()
     span = span_hz or span_of(ends, limit.frequency_hz)
-    # A branch crosses the edge of the figure at the gain 1 / |L|. Much larger gains are not drawn.
+    # A branch of the root locus crosses the edge of the plot at the gain 1 / |L|. Much larger gains
+    # are not drawn.
     edge = 2 * np.pi * span
     side = np.linspace(0, 1, 24)
     around = np.concatenate(
@@ -141,7 +142,7 @@ def locus(
     low = 1e-5 * min([high, *shown])
     gains = np.concatenate([[0.0], np.geomspace(low, high, 150), shown])
     gains = np.unique(gains[gains <= high])
-    for _ in range(6):  # adds gains where a pole moves far between two gains
+    for _ in range(6):  # Each pass adds gains where a pole moves far from one gain to the next.
         branches = loop.locus(gains)
         inside = np.abs(branches) < 1.6 * edge
         moved = np.abs(np.diff(branches, axis=0))
@@ -164,8 +165,8 @@ def loci(
     span_hz: float | None = None,
     gains: Sequence[float | None] | None = None,
 ) -> list[Locus]:
-    """Returns a root locus for each loop. All loci have the same half-width span_hz, by default the
-    largest half-width that one of the loops needs."""
+    """Returns a root locus for each force loop. All root loci have the same half-width span_hz, by
+    default the largest half-width that one of the loops needs."""
     if span_hz is None:
         span_hz = max(span_of(array(loop.open), loop.limit().frequency_hz) for loop in found)
     gains = gains or [None] * len(found)
@@ -178,8 +179,8 @@ def loci(
 def loci_of(
     request: LoopRequest, vary: Sequence[str] = (), span_hz: float | None = None
 ) -> tuple[list[Locus], LocusResult]:
-    """Returns (loci, result) with one root locus for each combination of `vary`, which are texts
-    NAME=VALUE,VALUE. span_hz: as in `loci`."""
+    """Returns (loci, result) with one root locus for each combination of the texts `vary`, which
+    have the form NAME=VALUE,VALUE. `span_hz`: as in loci()."""
     runs = varied(request.overrides, vary)
     found = [replace(request, overrides=values).loop() for _, values in runs]
     gains = [request.gain_of(loop) for loop in found]
