@@ -1,4 +1,4 @@
-"""Force loops: control laws around a plant; `stability.Loop` analyses them.
+"""Force loops: control laws around a plant. The class `stability.Loop` analyses force loops.
 
 A law is u = k e - K_v v, in volts; e is the set-point minus the feedback, in newtons:
 
@@ -38,7 +38,8 @@ from forceaxis.linear.system import TICK_S, System, facts, find_model, linearise
 from forceaxis.linear.working import States, cut_by, working
 
 TIMINGS = ("continuous", "zoh", "zoh+1")
-# {control law: names of its parameters}. Only the inner damping may be omitted.
+# {control law: names of the parameters of the law}. A law may be used without inner damping, but no
+# other parameter may be omitted.
 LAWS: dict[str, tuple[str, ...]] = {
     "p": (),
     "pi": ("integral_rad_per_s",),
@@ -56,12 +57,13 @@ MOTION_LAWS = (
     "impedance",
 )  # control laws that feed back position or velocity in addition to the force
 VELOCITY_GAIN = "velocity_gain_Vs_per_m"
-FIRMWARE_HIGHEST = 65535 * GAIN_STEP  # largest force_gain in DAC codes per 8-bit count
+# largest force_gain of the firmware in DAC codes per 8-bit count
+FIRMWARE_HIGHEST = 65535 * GAIN_STEP
 
 
 @dataclass(frozen=True)
 class LoopSpec:
-    """A force loop without its plant: control law, timing, and controlled signal.
+    """A force loop without its plant: control law, delay of the loop, and controlled signal.
 
     law: a name of LAWS. timing: a name of TIMINGS. output: the signal that takes the place of the
     force; "reading" is the input of ADC 0. free: contacts are open. parameters: those of the law in
@@ -83,13 +85,14 @@ class LoopSpec:
 
     @property
     def is_continuous(self) -> bool:
-        """True if the law acts in continuous time, without sampling."""
+        """True if the control law acts in continuous time, without sampling."""
         return self.timing == "continuous"
 
     def around(
         self, model: str | Path, overrides: Overrides | None = None, modes: States | None = None
     ) -> Loop:
-        """The loop around a model; model, overrides, modes as in `linear.linearise`.
+        """Returns the force loop around a model. The arguments `model`, `overrides` and `modes` are
+        those of `linear.linearise`.
 
         Raises InputError if the model lacks something that the law needs, and ParameterError for a
         wrong field of this specification.
@@ -127,8 +130,8 @@ def force_loop(
     free: bool = False,
     **parameters: float | None,
 ) -> Loop:
-    """The loop of a control law around a model; LoopSpec describes loops with a bank or another
-    sampling period.
+    """Returns the force loop of a control law around a model. LoopSpec describes force loops with a
+    filter bank or another sampling period.
 
     model: a path, or the stem of a file of sim/models. overrides: {parameter of the model: value}.
     modes: {element: state}. free: contacts are open. law, timing, output: as in LoopSpec.
@@ -143,14 +146,15 @@ def force_loop(
 
 
 def _first_order(a: float, b: float, c: float, d: float) -> StateSpace:
-    """Returns the state space with one state whose matrices are the numbers a, b, c, d."""
+    """Returns the state space of a system with one state. The numbers a, b, c, d are the entries of
+    the 1 x 1 matrices."""
     A, B, C, D = (np.array([[float(value)]]) for value in (a, b, c, d))
     return A, B, C, D
 
 
 def _compensator(law: str, p: Mapping[str, float], dt: float | None) -> StateSpace:
-    """Returns the part of the law between error and command: the integral of law pi, or the filter
-    of law lead."""
+    """Returns the part of the control law between error and command: the integral of law pi, or the
+    filter of law lead."""
     if law == "pi":
         w = p["integral_rad_per_s"]
         return _first_order(0, 1, w, 1) if dt is None else _first_order(1, w * dt, 1, 1 + w * dt)
@@ -163,7 +167,7 @@ def _compensator(law: str, p: Mapping[str, float], dt: float | None) -> StateSpa
 
 
 def _check(spec: LoopSpec) -> None:
-    """Raises ParameterError if a field of the specification contradicts another field."""
+    """Raises ParameterError if a field of the force loop `spec` contradicts another field."""
     law, bank = spec.law, spec.bank
     if law == "bank" and bank is None:
         raise ParameterError(
@@ -201,7 +205,7 @@ def _check(spec: LoopSpec) -> None:
 
 
 def _check_number(name: str, value: float) -> None:
-    """Raises ParameterError if a parameter of a law is not finite or has the wrong sign."""
+    """Raises ParameterError if a parameter of a control law is not finite or has the wrong sign."""
     may_be_0 = name in (VELOCITY_GAIN, "stiffness_N_per_m", "damping_Ns_per_m")
     if not (math.isfinite(value) and (value >= 0 if may_be_0 else value > 0)):
         wanted = ">= 0" if may_be_0 else "> 0"
@@ -209,8 +213,8 @@ def _check_number(name: str, value: float) -> None:
 
 
 class _Site(NamedTuple):
-    """The plant of a loop: facts and file of the model, overrides of parameters, and states of the
-    mode."""
+    """The plant of a force loop: contents and file of the model, overrides of parameters, and
+    states of the elements."""
 
     known: PlantFacts
     where: str
@@ -219,8 +223,8 @@ class _Site(NamedTuple):
 
 
 class _Plant(NamedTuple):
-    """A plant whose outputs are the signals that a law can feed back: the force f, the rate of the
-    force, the position x and the velocity v."""
+    """A plant whose outputs are the signals that a control law can feed back: the force f, the time
+    derivative of f, the position x and the velocity v."""
 
     A: Matrix
     B: Matrix
@@ -234,8 +238,8 @@ class _Plant(NamedTuple):
 
 
 def _controlled(known: PlantFacts, where: str, law: str, output: str) -> tuple[str, str]:
-    """Returns (signal, unit) of the signal that a loop controls. Raises InputError if the model has
-    no such signal."""
+    """Returns (signal, unit) of the signal that a force loop controls. Raises InputError if the
+    model has no such signal."""
     if known.drive is None:
         raise _core.InputError(
             f"{where}: drive: expected a model with a [drive], got a model without a drive; "
@@ -255,7 +259,7 @@ def _controlled(known: PlantFacts, where: str, law: str, output: str) -> tuple[s
 
 
 def _encoder_scale(known: PlantFacts, where: str) -> float:
-    """Returns the number of encoder counts per metre."""
+    """Returns the number of encoder counts per metre of the model."""
     if known.encoder is None:
         raise _core.InputError(
             f"{where}: encoder: expected a model with an [encoder], because the loop has a "
@@ -265,7 +269,8 @@ def _encoder_scale(known: PlantFacts, where: str) -> float:
 
 
 def _force_rate(known: PlantFacts, signal: str, unit: str) -> str:
-    """Returns the name of the signal that is the rate of the force of a spring or contact."""
+    """Returns the name of the signal that is the time derivative of the force of a spring or
+    contact."""
     rate = signal.rpartition(".")[0] + ".spring_force_rate"
     if unit != "N" or rate not in known.signals:
         raise ParameterError(
@@ -277,7 +282,8 @@ def _force_rate(known: PlantFacts, signal: str, unit: str) -> str:
 
 
 def _inner_damping(spec: LoopSpec, known: PlantFacts, where: str) -> float:
-    """Returns the velocity gain K_v in V s/m of the law or of its bank."""
+    """Returns the velocity gain K_v in V s/m of the control law, or of the filter bank of the
+    law."""
     if spec.bank is not None and spec.bank.velocity_gain:
         scale = _encoder_scale(known, where)
         return spec.bank.velocity_gain * known.volts_per_code * scale * TICK_S
@@ -285,8 +291,8 @@ def _inner_damping(spec: LoopSpec, known: PlantFacts, where: str) -> float:
 
 
 def _plant(spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float) -> _Plant:
-    """Returns the plant with its feedback signals and with inner damping, sampled as `timing`
-    requires."""
+    """Returns the plant with the signals that the control law feeds back and with inner damping,
+    sampled as `timing` of `spec` requires."""
     law, moves = spec.law, bool(spec.law in MOTION_LAWS or inner)
     names = [spec.output]
     if law == "derivative":
@@ -306,7 +312,8 @@ def _plant(spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float) ->
 
 
 def _feedback(spec: LoopSpec, site: _Site, signal: str, moves: bool, names: list[str]) -> System:
-    """Returns the plant as a System with the outputs f, f', x and v.
+    """Returns the plant as a System with four outputs: force f, time derivative of the force f',
+    position x and velocity v.
 
     names: the output, and the name of its rate if the law needs the rate.
     """
@@ -359,7 +366,7 @@ def _feedback(spec: LoopSpec, site: _Site, signal: str, moves: bool, names: list
 
 
 def _continuous(system: System, law: str, where: str) -> _Plant:
-    """Returns the _Plant for a law in continuous time."""
+    """Returns the plant for a control law in continuous time, as a _Plant."""
     A, B, C, D = system.A, system.B, system.C, system.D
     f, rate, x, v = (C[[i]] for i in range(4))
     direct, rate_direct = D[:1], D[1:2]
@@ -375,13 +382,13 @@ def _continuous(system: System, law: str, where: str) -> _Plant:
 
 
 def _sampled(system: System, law: str, timing: str, tick_s: float, moves: bool) -> _Plant:
-    """Returns the _Plant for a law that is computed once per tick. The velocity and the rate of law
-    pd are backward differences."""
+    """Returns the plant for a control law that is computed once per tick, as a _Plant. The velocity
+    and the time derivative of the force (law pd) are backward differences."""
     system = system.sampled(0, tick_s, extended=True)
     A, B, C, D = system.A, system.B, system.C, system.D
     states = system.states
-    # The ADC converts immediately before the new DAC code acts.
-    # A direct path from the DAC code to the measured force therefore acts one tick later.
+    # The ADC converts immediately before the new DAC code acts. A direct path from the DAC code to
+    # the measured force therefore acts one tick later.
     if D.any():
         n = len(A)
         A = np.block([[A, np.zeros((n, 1))], [np.zeros((1, n + 1))]])
@@ -406,7 +413,8 @@ def _sampled(system: System, law: str, timing: str, tick_s: float, moves: bool) 
 
 
 def _late_motion(plant: _Plant) -> _Plant:
-    """Returns the _Plant with position x and velocity v of the previous tick."""
+    """Returns the plant with the position x and the velocity v of the previous tick, as a
+    _Plant."""
     A, B, (f, rate, v, x) = _with_last(plant.A, plant.B, [plant.f, plant.rate, plant.v], plant.x)
     A, B, (f, rate, x, v) = _with_last(A, B, [f, rate, x], v)
     states = (*plant.states, "x late", "v late")
@@ -414,8 +422,8 @@ def _late_motion(plant: _Plant) -> _Plant:
 
 
 def _with_law(spec: LoopSpec, plant: _Plant) -> System:
-    """Returns the series connection of law and plant, from the error to the feedback of the law and
-    the controlled signal."""
+    """Returns the series connection of control law and plant. The input is the error, and the
+    outputs are the feedback of the law and the controlled signal."""
     law, given = spec.law, spec.parameters
     dt = None if spec.is_continuous else spec.tick_s
     fed, fed_direct = plant.f.copy(), plant.direct.copy()
@@ -449,8 +457,9 @@ def no_reading(where: str) -> _core.InputError:
 def _with_last(
     A: Matrix, B: Matrix, rows: list[Matrix], kept: Matrix
 ) -> tuple[Matrix, Matrix, list[Matrix]]:
-    """Adds a state to a sampled system. The new state stores the last sample of the row `kept`.
-    Returns A, B, the given rows for the larger state, and the row that reads the new state."""
+    """Adds a state to a sampled system. The new state stores the last sample of the output row
+    `kept`. Returns A, B, the given rows for the larger system, and the row that outputs the new
+    state."""
     n = len(A)
     A = np.block([[A, np.zeros((n, 1))], [kept, np.zeros((1, 1))]])
     B = np.vstack([B, np.zeros((1, B.shape[1]))])

@@ -1,4 +1,5 @@
-"""Modes of vibration of a model, and which of them are dynamically colocated (2.4-2.6, 6.1.4).
+"""Modes of vibration of a model. The analysis also finds which modes of vibration are dynamically
+colocated (thesis sections 2.4 to 2.6 and 6.1.4).
 
 The labels follow from the undamped mechanics without the drive, M x'' + K x = force. The output has
 to be a function of positions: the measured force, or the position of the endpoint out of contact.
@@ -38,18 +39,21 @@ CRITERION = (
     "sign of the undamped residue from input to output, drive removed: against the lowest mode "
     "(label) and against the mode below; residue 0: colocated if dampers couple it, else neither"
 )
-# Largest share of a residue in the sum of all residues that is a rounding error.
+# Largest ratio of a residue to the sum of all residues at which the residue counts as a rounding
+# error of 0.
 NO_RESIDUE = 1e-9
-# Largest ratio of the frequency of a rigid-body mode to the highest frequency.
-# The frequency of a rigid-body mode differs from 0 only by rounding errors.
+# Largest ratio of the frequency of a rigid-body mode to the highest frequency. The frequency of a
+# rigid-body mode differs from 0 only by rounding errors.
 NO_STIFFNESS = 1e-6
-# Magnitude in rad/s below which all poles are equally similar to a mode of frequency 0.
+# Poles with a magnitude below this value in rad/s are equally similar to a mode of vibration at
+# frequency 0.
 SLOW_RAD_PER_S = 0.06
 
 
 @dataclass(frozen=True)
 class Pole:
-    """A pole of a damped system. For a complex pair, the pole with the positive imaginary part.
+    """A pole of a system with damping. Of a complex pair, the pole with the positive imaginary
+    part.
 
     frequency_hz: magnitude of the pole divided by 2 pi. damping_ratio: None for a pole at 0.
     real_per_s, imag_per_s: real and imaginary part in 1/s.
@@ -63,7 +67,7 @@ class Pole:
 
 @dataclass(frozen=True)
 class VibrationMode:
-    """One mode of vibration of the mechanics without damping and without the drive.
+    """One mode of vibration of the mechanics, without damping and without the drive.
 
     damping_ratio: that of the dampers in the undamped mode shape; None at 0 Hz. shape: {body:
     displacement}, the largest has the magnitude 1. residue: of the response from input to output,
@@ -85,14 +89,14 @@ class VibrationMode:
 
     @property
     def largest_body(self) -> str:
-        """The body with the largest displacement."""
+        """The body with the largest displacement in the mode of vibration."""
         return max(self.shape, key=lambda body: abs(self.shape[body]))
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModeAnalysis:
-    """Result of `modes`: the modes of vibration of a model with their labels, in ascending order of
-    frequency.
+    """Result of `forceaxis modes`: the modes of vibration of a model with their labels, in
+    ascending order of frequency.
 
     model: stem of the model file. contact: "pressed", "apart", or None for a model without contact.
     working: the mode of operation that was analysed, None if the model has only one. has_path:
@@ -115,7 +119,7 @@ class ModeAnalysis:
 @dataclass(frozen=True)
 class Mechanics:
     """The modes of vibration of a model without damping and without the drive, for b bodies and n
-    modes.
+    modes of vibration.
 
     bodies: names. masses (b,) in kg. w (n,): angular frequencies in rad/s, ascending. shapes (b,
     n): displacement of each body in each mode, scaled to a modal mass of 1 kg. damping_ratio (n,):
@@ -155,9 +159,8 @@ def mechanics(
     x = [system.states.index(f"{body}.position") for body in bodies]
     v = [system.states.index(f"{body}.velocity") for body in bodies]
     root = np.sqrt(np.array([masses[body] for body in bodies]))
-    # In the coordinates sqrt(m) x all matrices are symmetric.
-    # Stuck frictions leave a projection P in M x'' = P (force - K x).
-    # The modes lie within the projection P.
+    # In the coordinates sqrt(m) x all matrices are symmetric. Stuck frictions leave a projection P
+    # in M x'' = P (force - K x). The modes of vibration lie within the projection P.
     P = root[:, None] * system.B[np.ix_(v, range(1, len(v) + 1))] * root
     share, basis = linalg.eigh((P + P.T) / 2)
     basis = basis[:, share > 0.5]
@@ -171,7 +174,8 @@ def mechanics(
     squares, vectors = linalg.eigh(symmetric(x))
     shapes = basis @ vectors
     push = shapes.T @ (root * system.B[v, 0])
-    # Modes with equal frequencies are rotated so that the input excites only one of them.
+    # Modes of vibration with equal frequencies are rotated so that the input excites only one of
+    # these modes.
     highest = squares.max(initial=0.0)
     w = np.sqrt(np.where(squares > NO_STIFFNESS**2 * highest, squares, 0.0))
     first = 0
@@ -191,22 +195,22 @@ def mechanics(
 
 
 def default_output(facts: PlantFacts, apart: Sequence[ContactFacts]) -> str:
-    """Returns the output for the residues: the measured signal, or the position of the body that
-    would touch the workpiece. apart: the contacts of the model if all contacts are open, otherwise
-    empty."""
+    """Returns the output at which the residues are computed: the measured signal, or the position
+    of the body that would touch the workpiece. `apart`: the contacts of the model if all contacts
+    are open, otherwise empty."""
     for contact in apart:
         return next(end for end in contact.between if end != "ground") + ".position"
     reading = facts.reading
     if reading and not reading.signal.startswith("drive."):
         return reading.signal
-    # A tachometer signal or motor current follows the motion of the drive itself.
+    # A tachometer signal or a motor current follows the motion of the drive itself.
     body = facts.required_drive.body if facts.drive else next(iter(facts.masses_kg))
     return f"{body}.position"
 
 
 def as_positions(output: str) -> str:
-    """Returns the signal whose residues are compared for an output. The position replaces a
-    velocity or an acceleration, and the force replaces the rate of a force."""
+    """Returns the signal whose residues are compared for an output. A position replaces a velocity
+    or an acceleration, and a force replaces the time derivative of a force."""
     for ending, plain in (
         (".velocity", ".position"),
         (".acceleration", ".position"),
@@ -243,10 +247,11 @@ def modes(
     pressed = any(states.get(c.name, otherwise) == "pressed" for c in contacts)
     named = output is not None or input not in ("drive.force", "drive.command")
     if input == "drive.command":
-        # force of the drive, which is the input without the dynamics of the drive
+        # The input is the force of the drive, so that the dynamics of the drive are left out.
         input = "drive.force"
     if output in ("reading", "adc0") and facts.reading:
-        output = facts.required_reading.signal  # signal of the sensor before the filter of the ADC
+        # signal of the force sensor before the filter of the ADC
+        output = facts.required_reading.signal
     if output is None:
         output = default_output(facts, [] if pressed else contacts)
     output = as_positions(output)
@@ -315,8 +320,8 @@ def modes(
 
 
 def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[Pole]]:
-    """Assigns a pole of the damped `system` to each undamped mode. Returns ([pole or None], [other
-    poles]).
+    """Assigns a pole of the system with damping, `system`, to each undamped mode of vibration.
+    Returns ([pole or None], [other poles]).
 
     A pole is assigned at most once, to a mode with similar displacements and a similar frequency.
     """
@@ -324,7 +329,7 @@ def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[
     keep = poles.imag >= 0
     poles, vectors = poles[keep], vectors[:, keep]
     pairs = _assign(m, system, poles, vectors)
-    # The exact pole of a rigid body is 0; the computed pole differs by rounding errors.
+    # The exact pole of a rigid body is 0, but the computed pole differs by rounding errors.
     poles = np.where(np.abs(poles) > 1e-12 * np.abs(poles).max(), poles, 0)
     names = [_pole(p) for p in poles]
     others = sorted(
@@ -336,8 +341,8 @@ def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[
 def _assign(
     m: Mechanics, system: linear.System, poles: np.ndarray, vectors: np.ndarray
 ) -> dict[int, int]:
-    """Returns {index of a mode: index of the pole that is most similar in displacements and
-    frequency}."""
+    """Returns {index of a mode of vibration: index of the pole}. The pole is the most similar one
+    in displacements and frequency."""
     x = [system.states.index(f"{body}.position") for body in m.bodies]
     shapes = vectors[x] * np.sqrt(m.masses)[:, None]
     norm = np.linalg.norm(shapes, axis=0)
@@ -349,13 +354,14 @@ def _assign(
 
 
 def _damped_residues(m: Mechanics, system: linear.System) -> np.ndarray:
-    """Returns an array with True for each mode at whose pole the damped mechanics have a
-    residue."""
+    """Returns an array with True for each mode of vibration at whose pole the damped mechanics have
+    a residue."""
     poles, left, right = linalg.eig(system.A, left=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = np.einsum("in,in->n", left.conj(), right)
         residues = np.abs((system.C[0] @ right) * (left.conj().T @ system.B[:, 0]) / scale)
-    # A free body without damping has a double pole at 0, where its residue is not defined.
+    # A free body without damping has a double pole at 0. The residue is not defined at a double
+    # pole.
     residues[~np.isfinite(residues) | (np.abs(poles) < 1e-6 * np.abs(poles).max())] = 0.0
     keep = np.flatnonzero(poles.imag >= 0)
     pairs = _assign(m, system, poles[keep], right[:, keep])

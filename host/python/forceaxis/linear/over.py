@@ -1,5 +1,5 @@
-"""Figures of a force loop, and their worst values over a set of plants with several modes and
-latencies.
+"""Bandwidths and margins of a force loop, and the worst bandwidth and margins over a set of plants.
+The set may contain several combinations of element states and several delays of the loop.
 
 The frequencies belong to the loop from set-point to measured force, S = 1 / (1 + k L). The
 bandwidth fS is the lowest frequency at which |S| reaches -3 dB (half the power); fT is the
@@ -33,17 +33,20 @@ from forceaxis.linear.system import System
 from forceaxis.linear.working import States
 
 T = TypeVar("T")
-Entry = tuple[Member, str, T]  # (member of the set, timing, result of the analysis of the loop)
-Mode = tuple[tuple[str, str], ...]  # (element, state) of each element, in alphabetical order
+# (plant of the set, delay of the loop, result of the analysis of the loop)
+Entry = tuple[Member, str, T]
+# (element, state) for each element of the model, in alphabetical order
+Mode = tuple[tuple[str, str], ...]
 
 HALF_POWER = math.sqrt(0.5)
-# number of random plants that are analysed in addition to the nominal plant and the corners
+# Number of random plants that are analysed in addition to the nominal plant and the corner plants.
 RANDOM_MEMBERS = 24
-SEARCH_STARTS = 2  # number of plants from which the search for the worst value of a figure starts
-# First and last step of the search for the worst plant, relative to half the width of a range.
+SEARCH_STARTS = 2  # number of plants from which the search for the worst plant starts
+# First and last step of the search for the worst plant, relative to half the width of the range of
+# a parameter.
 COARSE_STEP, FINE_STEP = 1 / 16, 1 / 2048
 COMBINATIONS_MAX = 20000
-# {figure: True if the largest value of the figure is the worst}
+# {bandwidth or margin: True if the largest value is the worst value}
 FIGURES = {
     "fS_Hz": False,
     "fT_Hz": False,
@@ -55,27 +58,30 @@ FIGURES = {
 
 @dataclass(frozen=True)
 class Figures:
-    """Figures of one loop at one gain. For an unstable loop only `stable` is defined, and the other
-    figures are None or False."""
+    """Bandwidths and margins of one force loop at one gain. For an unstable loop only `stable` is
+    defined, and the other fields are None or False."""
 
     stable: bool
-    # fS is None if |S| stays below -3 dB, and 0 if |S| is above -3 dB at frequency 0
+    # Bandwidth of the sensitivity function S in Hz. None if |S| stays below -3 dB, and 0 if |S| is
+    # above -3 dB at frequency 0.
     fS_Hz: float | None = None
-    # fT is None if |T| stays above -3 dB, and 0 if |T| is never above -3 dB
+    # Bandwidth of the closed loop T in Hz. None if |T| stays above -3 dB, and 0 if |T| is never
+    # above -3 dB.
     fT_Hz: float | None = None
     Ms: float | None = None  # largest |S| for frequencies up to half the tick rate
-    # Gain factor up to the next crossing of the stability boundary.
-    # The gain margin is None if no crossing is known up to the gain factor known_to.
+    # Factor by which the gain can rise until the loop crosses the stability boundary. None if no
+    # crossing is known up to the factor `known_to`.
     gain_margin: float | None = None
-    # The phase margin with the smallest magnitude. None if |L| is 1 at no frequency.
+    # The phase margin with the smallest magnitude, in degrees. None if |L| is 1 at no frequency.
     phase_margin_deg: float | None = None
-    sag: bool = False  # True if |T| is below -3 dB at a frequency below fS
-    # Gain factor above which rounding errors hide crossings. None if no such factor exists.
+    sag: bool = False  # True if |T| is below -3 dB at a frequency below the bandwidth fS
+    # Factor of the gain above which rounding errors hide crossings of the stability boundary. None
+    # if no such factor exists.
     known_to: float | None = None
 
     def badness(self, name: str) -> float:
-        """Returns a number that is larger if the figure `name` is worse; infinity for an unstable
-        loop."""
+        """Returns a number that is larger for a worse value of the bandwidth or margin `name`, and
+        infinity for an unstable loop."""
         if not self.stable:
             return math.inf
         value = getattr(self, name)
@@ -87,7 +93,7 @@ class Figures:
 
 
 class _Response:
-    """Magnitude |H| of a stable System H along the stability boundary."""
+    """Magnitude |H| of the frequency response of a stable System H along the stability boundary."""
 
     def __init__(self, system: System) -> None:
         system = boundary.minimal(system)
@@ -104,13 +110,13 @@ class _Response:
         return result
 
     def ends(self) -> tuple[float, float]:
-        """Returns |H| at frequency 0 and at the other end of the stability boundary (z = -1 or
-        infinity)."""
+        """Returns |H| at both ends of the stability boundary: at frequency 0, and at z = -1
+        (sampled) or infinity (continuous)."""
         return float(self.size(0.0)), float(abs(self.D))
 
     def _level_roots(self, level: float) -> Matrix:
-        """Returns complex points s near the frequencies at which |H| = level: the zeros of level^2
-        - H(s) H(-s)."""
+        """Returns complex points s near the frequencies at which |H| equals `level`. The points are
+        the zeros of level^2 - H(s) H(-s)."""
         A, B, C, D = self.A, self.B, self.C, self.D
         rest = level**2 - D**2
         if abs(rest) < 1e-9 * level**2:
@@ -132,8 +138,8 @@ class _Response:
         return np.concatenate([[0.0], boundary.marks(np.abs(roots.imag), self.widest)])
 
     def crossings(self, level: float) -> list[tuple[float, bool]]:
-        """Returns [(w, True if |H| rises)] for all frequencies w with |H| = level, in ascending
-        order."""
+        """Returns (w, True if |H| rises) for each frequency w at which |H| equals `level`, in
+        ascending order."""
         grid = self.marks(level)
         apart = self.size(grid) - level
         found = []
@@ -145,8 +151,8 @@ class _Response:
         return found
 
     def peak(self) -> float:
-        """Returns the largest |H|. The search raises a level to the highest |H| on a grid, until
-        |H| exceeds the level nowhere."""
+        """Returns the largest |H| over all frequencies. The search raises a level to the highest
+        |H| on a grid, until |H| exceeds the level nowhere."""
         best = max(self.ends())
         grid = self.marks(max(best, 1e-300) * (1 + 1e-6))
         for _ in range(20):
@@ -159,7 +165,8 @@ class _Response:
         return float(best)
 
     def _hill(self, grid: Matrix, sizes: Matrix, i: int) -> float:
-        """Returns the largest |H| between the two neighbours of point i of a grid."""
+        """Returns the largest |H| between the two neighbours of point `i` of a grid of
+        frequencies."""
         high = grid[min(i + 1, len(grid) - 1)]
         low = max(grid[max(i - 1, 0)], 1e-6 * high)
         top = optimize.minimize_scalar(
@@ -168,8 +175,8 @@ class _Response:
         )  # fmt: skip
         w = math.exp(top.x)
         best = max(float(sizes[i]), -top.fun)
-        # The minimiser determines only half of the digits of w.
-        # The zero of the slope of |H| determines all digits of w.
+        # The search for the maximum determines only half of the digits of the frequency w. The zero
+        # of the slope of |H| determines all digits of w.
         for share in (1e-7, 1e-6, 1e-5, 1e-4):
             ends = w * (1 - share), w * (1 + share)
             if self._rise(ends[0]) > 0 > self._rise(ends[1]):
@@ -184,7 +191,7 @@ class _Response:
 
 
 def figures(loop: Loop, gain: float) -> Figures:
-    """Returns the Figures of a loop at a gain k in V/N."""
+    """Returns the bandwidths and margins of a force loop at a gain k in V/N."""
     if not loop.stable(gain):
         return Figures(False)
     S, T = _Response(loop.sensitivity(gain)), _Response(loop.closed(gain))
@@ -200,9 +207,9 @@ def figures(loop: Loop, gain: float) -> Figures:
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst value of each figure over a set of plants. A value is None if no plant has the
-    figure, or if one plant is unstable. known_to: gain factor up to which no plant has a gain
-    margin, if the margin above this factor is unknown."""
+    """The worst bandwidth and margins over a set of plants. A value is None if no plant has this
+    bandwidth or margin, or if one plant is unstable. `known_to`: gain factor up to which no plant
+    has a gain margin, if the gain margin above this factor is unknown."""
 
     stable: bool
     fS_Hz: float | None = None
@@ -213,14 +220,14 @@ class Worst:
     sag: bool = False
     member: dict[str, tuple[Member, str]] = field(
         default_factory=dict
-    )  # {figure, "stable" or "sag": (Member, timing)}
+    )  # {field: (plant, delay of the loop)} with the worst value
     members: int = 0  # number of analysed loops
     known_to: float | None = None
 
 
 class _Set(Generic[T]):
-    """The loops of a PlantSet, each analysed once, and the search for the loop with the worst
-    value."""
+    """The force loops of a set of plants, each analysed once, and the search for the loop with the
+    worst value."""
 
     def __init__(
         self,
@@ -234,7 +241,8 @@ class _Set(Generic[T]):
         self.found: dict[tuple[tuple[float, ...], Mode, str], Entry[T]] = {}
 
     def at(self, member: Member, timing: str) -> Entry[T]:
-        """Returns the analysis of the loop of one member."""
+        """Returns the analysis of the force loop of one plant of the set with the delay
+        `timing`."""
         key = tuple(member.values.values()), tuple(sorted(member.modes.items())), timing
         if key not in self.found:
             loop = self.plants.loop(member, timing, self.spec)
@@ -242,13 +250,13 @@ class _Set(Generic[T]):
         return self.found[key]
 
     def cover(self, members: Iterable[Member]) -> None:
-        """Analyses each of the members with every timing."""
+        """Analyses the force loops of the plants in `members` with every delay of the loop."""
         for member, timing in itertools.product(members, self.timings):
             self.at(member, timing)
 
     def worst(self, badness: Callable[[T], float]) -> Entry[T]:
-        """Returns the entry with the largest badness, after a search that starts at the worst
-        entries."""
+        """Returns the analysed force loop with the largest badness. The search starts at the worst
+        loops that are already analysed."""
         for member, timing, _ in self._starts(badness):
             self._climb(member, timing, badness, (0.5, COARSE_STEP))
         member, timing, _ = self._first(badness)
@@ -259,8 +267,8 @@ class _Set(Generic[T]):
         return max(self.found.values(), key=lambda entry: badness(entry[2]))
 
     def _starts(self, badness: Callable[[T], float]) -> list[Entry[T]]:
-        """Returns the entries at which the search starts: the worst entry of each mode and timing,
-        and the worst of all entries."""
+        """Returns the force loops at which the search starts. The worst loops of different element
+        states and delays come first, then the worst of all loops."""
         ordered = sorted(self.found.values(), key=lambda entry: -badness(entry[2]))
         first: dict[tuple[Mode, str], Entry[T]] = {}
         for member, timing, result in ordered:
@@ -276,9 +284,10 @@ class _Set(Generic[T]):
         badness: Callable[[T], float],
         steps: tuple[float, float],
     ) -> None:
-        """Pattern search for a larger badness within the ranges, which starts at one member. steps:
-        first and last step, relative to half the width of a range. If the first step is
-        COARSE_STEP, a parameter at the end of its range does not change."""
+        """Searches within the parameter ranges for a plant with a larger badness, by a pattern
+        search that starts at the plant `member`. `steps`: first and last step, relative to half the
+        width of a range. If the first step is COARSE_STEP, a parameter at the end of its range does
+        not change."""
         ranges = self.plants.ranges
         best, (step, last) = badness(self.at(member, timing)[2]), steps
         if step == COARSE_STEP:
@@ -305,8 +314,8 @@ class _Set(Generic[T]):
 
 
 def sample(plants: PlantSet) -> list[Member]:
-    """Returns the members of a set that are analysed before the search: nominal members, corners,
-    and random members."""
+    """Returns the plants of a set that are analysed before the search: nominal plants, corner
+    plants, and random plants."""
     return plants.nominal() + (
         plants.corners() + plants.random(RANDOM_MEMBERS) if plants.ranges else []
     )
@@ -315,15 +324,15 @@ def sample(plants: PlantSet) -> list[Member]:
 def _explored(
     plants: PlantSet, timings: Sequence[str], spec: LoopSpec | None, analyse: Callable[[Loop], T]
 ) -> _Set[T]:
-    """Returns a _Set whose nominal, corner and random members are already analysed."""
+    """Returns a _Set whose nominal, corner and random plants are already analysed."""
     group = _Set(plants, timings, spec, analyse)
     group.cover(sample(plants))
     return group
 
 
 def gain_at(loop: Loop, gain: float | None, force_gain: float | None) -> float:
-    """Returns the gain k of a loop from the first value that is given: `gain`, `force_gain`, or the
-    gain of the loop's bank. Raises ParameterError without any of them."""
+    """Returns the gain k of a force loop from the first value that is given: `gain`, `force_gain`,
+    or the gain of the filter bank of the loop. Raises ParameterError if no gain is given."""
     if gain is not None:
         return gain
     if force_gain is not None:
@@ -340,8 +349,8 @@ def worst(
     gain: float | None = None,
     force_gain: float | None = None,
 ) -> Worst:
-    """Returns the Worst of a PlantSet over its modes and `timings`, for the loop of `spec` (None:
-    law p).
+    """Returns the worst bandwidth and margins over a set of plants with all delays in `timings`,
+    for the force loop `spec` (None: law p).
 
     gain: k in V/N; or force_gain in DAC codes per 8-bit count; or the gain of the bank. The nominal
     members, corners and random members (with a fixed seed) are analysed first; then a pattern
@@ -359,7 +368,8 @@ def worst(
         if unstable:
             return Worst(False, member={"stable": unstable[0][:2]}, members=len(group.found))
     values = {name: getattr(entry[2], name) for name, entry in found.items()}
-    # A loop without a known crossing has a gain margin of at least the factor known_to.
+    # A force loop without a known crossing of the stability boundary has at least the gain margin
+    # known_to.
     doubt = min(group.found.values(), key=lambda entry: entry[2].known_to or math.inf)
     known_to = doubt[2].known_to
     if known_to is not None and known_to > (values["gain_margin"] or math.inf):
@@ -376,10 +386,10 @@ def worst(
 
 @dataclass(frozen=True)
 class Largest:
-    """The largest gain k up to which all members of a set are stable, and the member that becomes
-    unstable at this gain. `gain` is None if all members are stable at every gain, or at every gain
-    up to `known_to`, above which rounding errors hide crossings. `gain` is 0 if one member is
-    stable at no gain."""
+    """The largest gain k up to which all plants of a set are stable, and the plant that becomes
+    unstable at this gain. `gain` is None if all plants are stable at every gain, or at every gain
+    up to `known_to`, above which rounding errors hide crossings. `gain` is 0 if one plant is stable
+    at no gain."""
 
     gain: float | None
     member: Member
@@ -391,8 +401,8 @@ class Largest:
 def largest_gain(
     plants: PlantSet, timings: Sequence[str] = ("zoh",), spec: LoopSpec | None = None
 ) -> Largest:
-    """Returns the largest gain at which all members of a PlantSet are stable, with the loop of
-    `spec` (None: law p)."""
+    """Returns the largest gain at which all plants of a set are stable, with the force loop `spec`
+    (None: law p)."""
 
     def analyse(loop: Loop) -> tuple[float, Limit]:
         limit = loop.limit()
@@ -407,8 +417,8 @@ def largest_gain(
 def _equations(
     model: str | Path, overrides: Overrides | None, modes: States, output: str
 ) -> StateSpace | None:
-    """Returns (A, B, C, D) from the command to the output in a mode. Returns None if the command
-    does not act on the output."""
+    """Returns the matrices (A, B, C, D) of a model from the command to the output, with the element
+    states `modes`. Returns None if the command does not act on the output."""
     plant = linear.linearise(model, outputs=(output,), overrides=overrides, modes=modes)
     return (plant.A, plant.B, plant.C, plant.D) if plant.has_path() else None
 
@@ -419,8 +429,9 @@ def distinct(
     output: str,
     candidates: Iterable[dict[str, str]],
 ) -> tuple[dict[str, str], ...]:
-    """Returns one mode of each group of modes with equal equations. Modes in which the command does
-    not act on the output are left out. Each mode is given by as few states as possible."""
+    """Returns combinations of element states without repetition: of all combinations with equal
+    equations, only one is returned. Combinations in which the command does not act on the output
+    are left out. Each combination is given by as few states as possible."""
 
     def same(modes: States, equations: StateSpace) -> bool:
         own = _equations(model, overrides, modes, output)
@@ -441,9 +452,9 @@ def distinct(
 
 
 def _lasts(known: PlantFacts, modes: States) -> bool:
-    """Returns True if a force law can stay in this mode. All contacts of the model must be pressed
-    and no element saturated, because a loop with a saturated feedback inside the drive is stable at
-    no gain."""
+    """Returns True if a force law can work permanently with the element states `modes`. All
+    contacts of the model must be pressed and no element saturated, because a loop with a saturated
+    feedback inside the drive is stable at no gain."""
     if any(state.endswith(" limit") for state in modes.values()):
         return False
     names = [contact.name for contact in known.contacts]
@@ -456,9 +467,10 @@ def modes_visited(
     output: str = "reading",
     fixed: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, str], ...]:
-    """Returns the modes, {element: state}, that a run of an experiment visits in contact, without
-    saturation and with a path for its loop. The result has at least the mode of `fixed`, whose
-    states are part of all modes. experiment: a path; overrides: texts NAME=VALUE.
+    """Returns the combinations of element states, {element: state}, that a run of an experiment
+    visits in contact, without saturation, and while the command acts on the force. All combinations
+    contain the states `fixed`, and the result has at least one combination. `experiment`: a path;
+    `overrides`: texts NAME=VALUE.
 
     Each friction counts as both stuck and sliding, even if the run visits only one of these states:
     a friction that always sticks slides after a larger step, and one that always slides sticks at
@@ -494,7 +506,7 @@ def modes_all(
     output: str = "reading",
     fixed: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, str], ...]:
-    """Returns all combinations of states of all elements that switch, with the conditions of
+    """Returns all combinations of states of all elements that switch, under the conditions of
     modes_visited(). Raises InputError if no combination is left."""
     known = linear.facts(model, overrides)
     where = linear.find_model(model)

@@ -1,4 +1,4 @@
-"""What a plant model contains: bodies, signals, parameters, contacts, drive, sensor and encoder."""
+"""Contents of a plant model: bodies, signals, parameters, contacts, drive, sensor and encoder."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -7,13 +7,14 @@ from typing import NamedTuple, TypeVar
 from forceaxis import _core
 
 T = TypeVar("T")
-# value of an entry about a drive, a sensor or an encoder
+# Value of one entry in the description of a drive, a sensor or an encoder.
 FactValue = str | float | dict[str, float]
-Overrides = Mapping[str, float | str]  # {parameter name: value in SI units, or text with a unit}
+# {name of a parameter: value in SI units, or text with a unit}
+Overrides = Mapping[str, float | str]
 
 
 class ParameterFacts(NamedTuple):
-    """A parameter of a model: its value in SI units, and the name of the SI unit."""
+    """A parameter of a model: the value in SI units, and the name of the SI unit."""
 
     value: float
     unit: str
@@ -21,7 +22,8 @@ class ParameterFacts(NamedTuple):
 
 @dataclass(frozen=True)
 class ContactFacts:
-    """A contact of a model: its name, and the two bodies (or "ground") that touch each other."""
+    """A contact of a model: the name of the contact, and the two bodies (or "ground") that touch
+    each other."""
 
     name: str
     between: tuple[str, str]
@@ -29,8 +31,8 @@ class ContactFacts:
 
 @dataclass(frozen=True)
 class DriveFacts:
-    """A drive: its type, the body that the drive moves, the reaction body ("ground" for none), and
-    its parameters in SI units."""
+    """The drive of a model: type of the drive, body that the drive moves, reaction body ("ground"
+    for none), and parameters of the drive in SI units."""
 
     type: str
     body: str
@@ -40,9 +42,9 @@ class DriveFacts:
 
 @dataclass(frozen=True)
 class SensorFacts:
-    """The sensor that the firmware reads: its signal, the size of one 8-bit count in the unit of
-    the signal (`per_count`, for an ADC of any resolution), and the resolution of the ADC in bits.
-    """
+    """The force sensor that the firmware reads: measured signal, size of one 8-bit count in the
+    unit of the signal (`per_count`, for an ADC of any resolution), and resolution of the ADC in
+    bits."""
 
     signal: str
     per_count: float
@@ -51,8 +53,8 @@ class SensorFacts:
 
 @dataclass(frozen=True)
 class EncoderFacts:
-    """The encoder: the body whose position is measured, the reference body, and the number of
-    counts per metre (or per rad) with their sign."""
+    """The encoder of a model: the body whose position is measured, the reference body, and the
+    number of counts per metre (or per rad) with their sign."""
 
     body: str
     reference: str
@@ -117,8 +119,8 @@ def _optional(kind: Callable[..., T], table: Mapping[str, FactValue] | None) -> 
 
 
 def read(path: str, overrides: Overrides | None = None) -> PlantFacts:
-    """Returns the facts of the model file at `path`. Raises `_core.InputError` if the file is not a
-    model."""
+    """Returns the contents of the model file at `path`. Raises `_core.InputError` if the file is
+    not a model."""
     table = _core.facts(path, dict(overrides or {}))
     return PlantFacts(
         path=path,

@@ -1,6 +1,7 @@
-"""A set of plants, defined by ranges of a model's parameters and by modes of the plant. Texts such
-as k_w=30% or m_w=200..500 define the ranges. A Member has one value of each parameter and one mode.
-Margins are computed for the loops of all members, with one latency or several."""
+"""A set of plants, defined by ranges of the parameters of a model and by states of its elements.
+Texts such as k_w=30% or m_w=200..500 define the ranges. A plant of the set (class Member) has one
+value of each parameter and one state of each element. Margins are computed for the force loops of
+all plants, with one delay of the loop or several."""
 
 import itertools
 import math
@@ -17,20 +18,22 @@ from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.stability import Loop
 from forceaxis.words import plain, suggestion
 
-RANGES_MAX = 8  # largest number of parameters with a range; such a set has 256 corners
+# largest number of parameters with a range; a set with 8 ranges has 256 corner plants
+RANGES_MAX = 8
 Range = tuple[float, float, float]  # nominal, low and high value of a parameter in SI units
 
 
 @dataclass(frozen=True)
 class Member:
-    """One plant of a set. values: {parameter: SI value} within the ranges; modes: {element:
-    state}."""
+    """One plant of a set of plants. `values`: {parameter: SI value} within the ranges; `modes`:
+    {element: state}."""
 
     values: dict[str, float] = field(default_factory=dict)
     modes: dict[str, str] = field(default_factory=dict)
 
     def label(self) -> str:
-        """Text for a user, such as "k_w = 288,900, drive.amplifier = high outer" or "nominal"."""
+        """Name of the plant for a user: "nominal", or a text such as "k_w = 288,900,
+        drive.amplifier = high outer"."""
         parts = [f"{n} = {plain(v, 4)}" for n, v in self.values.items()]
         parts += [f"{n} = {state}" for n, state in self.modes.items()]
         return ", ".join(parts) or "nominal"
@@ -38,11 +41,11 @@ class Member:
 
 @dataclass(frozen=True)
 class PlantSet:
-    """The plants of one model with parameters in ranges, in several modes. model: a path or stem.
-    overrides: {parameter: value} of all members. ranges: {parameter: (nominal, low, high)} in SI
-    units. modes: {element: state} of each mode. together: {parameter: SI value} for parameters that
-    change together. Each choice of values in the ranges is combined with each entry of `together`
-    and with each mode."""
+    """A set of plants: one model with parameters in ranges and several combinations of element
+    states. `model`: a path or stem. `overrides`: {parameter: value} of all plants. `ranges`:
+    {parameter: (nominal, low, high)} in SI units. `modes`: combinations {element: state}.
+    `together`: {parameter: SI value} for parameters that change together. Each choice of values in
+    the ranges is combined with each entry of `together` and with each combination of states."""
 
     model: str
     overrides: dict[str, Any] = field(default_factory=dict)
@@ -51,19 +54,21 @@ class PlantSet:
     together: tuple[dict[str, float], ...] = ({},)
 
     def nominal(self) -> list[Member]:
-        """Returns the members with the nominal values, one for each mode."""
+        """Returns the plants with the nominal parameter values, one plant for each combination of
+        element states."""
         return self._in_modes({name: r[0] for name, r in self.ranges.items()})
 
     def corners(self) -> list[Member]:
-        """Returns the members at all combinations of the ends of the ranges, in each mode. The list
-        is empty without ranges."""
+        """Returns the plants at all combinations of the ends of the parameter ranges, for each
+        combination of element states. The list is empty without ranges."""
         ends = [[(name, end) for end in r[1:]] for name, r in self.ranges.items()]
         if not ends:
             return []
         return [m for c in itertools.product(*ends) for m in self._in_modes(dict(c))]
 
     def random(self, count: int, seed: int = 1988) -> list[Member]:
-        """Returns members with `count` random choices of values, uniform within the ranges."""
+        """Returns plants with `count` random choices of parameter values, uniform within the
+        ranges."""
         rng = random.Random(seed)
         chosen = [
             {name: rng.uniform(r[1], r[2]) for name, r in self.ranges.items()} for _ in range(count)
@@ -76,7 +81,8 @@ class PlantSet:
         ]
 
     def loop(self, member: Member, timing: str = "zoh", spec: LoopSpec | None = None) -> Loop:
-        """Returns the loop of `spec` (None: law p) around a member, with the timing `timing`."""
+        """Returns the force loop `spec` (None: law p) around a plant of the set, with the delay
+        `timing`."""
         overrides = {**self.overrides, **member.values}
         own = replace(spec or LoopSpec(), timing=timing)
         return own.around(self.model, overrides, member.modes or None)
@@ -86,7 +92,7 @@ def ranges_of(
     model: str | Path, over: Iterable[str], overrides: Overrides | None = None
 ) -> dict[str, Range]:
     """Returns {parameter: (nominal, low, high)} in SI units from texts NAME=PERCENT% or
-    NAME=LOW..HIGH. A text may contain several ranges with commas between them. Raises
+    NAME=LOW..HIGH. A text may contain several ranges with commas between the ranges. Raises
     ParameterError for an unknown parameter or a wrong range."""
     known = linear.facts(model, overrides).parameters
     ranges: dict[str, Range] = {}

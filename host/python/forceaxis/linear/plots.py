@@ -47,7 +47,7 @@ from forceaxis.linear.system import facts
 
 
 class LineStyle(TypedDict, total=False):
-    """Options of Matplotlib for a line."""
+    """Options of Matplotlib for the style of a curve."""
 
     color: str
     linewidth: float
@@ -57,7 +57,7 @@ class LineStyle(TypedDict, total=False):
     zorder: float
 
 
-# Style of the line of a corner or random member of a set of plants.
+# Style of the curve of a corner plant or random plant of a set of plants.
 MEMBER_LINE: LineStyle = {"color": "#9db4c8", "linewidth": 0.5, "zorder": 1}
 
 
@@ -70,7 +70,8 @@ def bode(
     others: Sequence[Curve] = (),
     margins: LimitResult | None = None,
 ) -> Figure:
-    """Returns a figure of magnitude and phase over the frequency. `phase_only` omits the magnitude.
+    """Returns a plot of magnitude and phase over the frequency. The option `phase_only` omits the
+    magnitude.
 
     others: curves of the other members of a set, drawn thin. margins: the limit of the loop and
     its figures at the gain of the curves; the margins are marked at the first curve.
@@ -104,7 +105,7 @@ def bode(
     plain_ticks(phase.xaxis)
     if not phase_only:
         low, high = axes[0, 0].get_ylim()
-        if high < 10 * low:  # a nearly constant curve must not look like a large change
+        if high < 10 * low:  # A nearly constant curve must not look like a large change.
             wider = np.sqrt(10 * low / high)
             axes[0, 0].set_ylim(low / wider, high * wider)
         plain_ticks(axes[0, 0].yaxis)
@@ -125,14 +126,14 @@ def bode(
 
 
 def members_key(ax: Axes) -> None:
-    """Adds a legend that names the nominal curve and the curves of other members of a set."""
+    """Adds a legend that names the nominal curve and the curves of the other plants of a set."""
     thin = Line2D([], [], label="corners and random members", **MEMBER_LINE)
     legend(ax, handles=[Line2D([], [], color=INK, label="nominal"), thin], loc="best")
 
 
 def mark_margins(size: Axes, phase: Axes, curve: Curve, limit: LimitResult, at: LoopAtGain) -> None:
-    """Marks gain and phase margin of a loop gain as distances from |L| = 1 and from -180
-    degrees."""
+    """Marks gain margin and phase margin of a loop gain in a Bode plot, as distances from |L| = 1
+    and from -180 degrees."""
     size.axhline(1, color=FAINT, linewidth=0.8, linestyle=":", zorder=1)
     gain_line: LineStyle = {
         "color": WANTED, "linewidth": 1.4, "zorder": 4, "marker": "_", "markersize": 5,
@@ -172,8 +173,8 @@ def nyquist(
     size: tuple[float, float] = (4.8, 4.6),
     others: Sequence[Curve] = (),
 ) -> Figure:
-    """Returns a figure of the loop gain `values` around the point -1, for positive and negative
-    frequencies.
+    """Returns a Nyquist plot of the loop gain `values` around the point -1, for positive and
+    negative frequencies.
 
     The figure contains the unit circle and the curve within a distance of 2.5. others: curves of
     the other members of a set, drawn thin.
@@ -219,7 +220,7 @@ def nyquist(
 
 
 def decades(frequency_hz: Numbers, values: Roots, span: float) -> list[float]:
-    """Returns round frequencies for labels at a Nyquist curve. The labels are inside the figure and
+    """Returns round frequencies for labels at a Nyquist curve. The labels are inside the plot and
     do not overlap."""
     shown: list[tuple[float, complex]] = []
     for hz in (1, 2, 5, 10, 20, 30, 50, 70, 100, 200, 500):
@@ -235,13 +236,13 @@ def decades(frequency_hz: Numbers, values: Roots, span: float) -> list[float]:
 
 
 def hz(roots: ArrayLike) -> tuple[Numbers, Numbers]:
-    """Returns real and imaginary parts of roots in 1/s, divided by 2 pi."""
+    """Returns real and imaginary parts of roots, converted from 1/s to Hz by division by 2 pi."""
     roots = np.asarray(roots) / (2 * np.pi)
     return roots.real, roots.imag
 
 
 def mark(ax: Axes, ends: Array, size: float = 5.5) -> None:
-    """Marks poles with x and zeros with o in a figure of the s-plane."""
+    """Marks poles with x and zeros with o in a plot of the s-plane."""
     ax.plot(*hz(ends.poles), "x", color=INK, markersize=size, markeredgewidth=1.3, zorder=4)
     ax.plot(
         *hz(ends.zeros), "o", color=GOT, markersize=size, markerfacecolor="none",
@@ -250,7 +251,8 @@ def mark(ax: Axes, ends: Array, size: float = 5.5) -> None:
 
 
 def panels(labels: Sequence[str], wide: float, tall: float) -> tuple[Figure, list[Axes]]:
-    """Returns a figure and a panel of wide x tall inches for each of the labels, side by side."""
+    """Returns a Matplotlib figure with one panel for each of the labels, side by side. Each panel
+    is `wide` x `tall` inches."""
     left, right, gap, low = 0.74, 0.15, 0.4, 0.48
     high = 0.55 if any(labels) else 0.32
     count = len(labels)
@@ -272,7 +274,8 @@ def panels(labels: Sequence[str], wide: float, tall: float) -> tuple[Figure, lis
 
 
 def headline(figure: Figure, title: str) -> None:
-    """Writes the title above the panels and removes the figure from the list of pyplot."""
+    """Writes the title above the panels of a figure and removes the figure from the list of
+    pyplot."""
     figure.suptitle(
         title, fontsize=9, color=INK, parse_math=False, x=0.02, ha="left", va="top", y=0.985
     )
@@ -280,8 +283,8 @@ def headline(figure: Figure, title: str) -> None:
 
 
 def rlocus(loci: Sequence[Locus], title: str = "", wide: float = 2.7) -> Figure:
-    """Returns a figure of root loci side by side, with upper half-planes in Hz and the critical
-    gain marked."""
+    """Returns a plot of root loci side by side. The plot shows the upper half-planes in Hz and
+    marks the critical gain."""
     span = max(one.span_hz for one in loci)
     figure, axes = panels(
         [one.label for one in loci], wide, 1.05 * wide
@@ -297,7 +300,7 @@ def rlocus(loci: Sequence[Locus], title: str = "", wide: float = 2.7) -> Figure:
         if len(one.at_gain):
             closed = one.at_gain[one.at_gain.imag > -1e-6]
             ax.plot(*hz(closed), "s", color=INK, markersize=3.5, zorder=5)
-        ax.set_xlim(-0.57 * span, 0.43 * span)  # poles farther to the left are outside the figure
+        ax.set_xlim(-0.57 * span, 0.43 * span)  # poles farther to the left are outside the plot
         ax.set_ylim(-0.05 * span, span)
         ax.set_xlabel("real part / 2\u03c0, Hz")
         label_crossings(ax, one, span)
@@ -314,14 +317,15 @@ def rlocus(loci: Sequence[Locus], title: str = "", wide: float = 2.7) -> Figure:
 
 
 def gain_text(gain: float, one: Locus) -> str:
-    """Returns a gain with its unit as text, and the force_gain of the firmware if it is known."""
+    """Returns a text with a gain and its unit, and with the force_gain of the firmware if this gain
+    is known."""
     text = f"k = {gain:.3g} {one.unit}".rstrip()
     return text + (f"\n(force_gain {gain * one.codes:.3g})" if one.codes else "")
 
 
 def label_crossings(ax: Axes, one: Locus, span: float) -> None:
-    """Marks the crossings of the stability boundary, and the critical gain with its frequency and
-    force_gain."""
+    """Marks the crossings of the stability boundary in a root locus, and the critical gain with its
+    frequency and force_gain."""
     limit = one.limit
     if not limit.gain:
         note = limit.reason.replace(" at ", "\nat ").replace(", above", ",\nabove")
@@ -366,7 +370,7 @@ def label_crossings(ax: Axes, one: Locus, span: float) -> None:
 def pole_zero(
     arrays: Sequence[Array], title: str = "", span_hz: float | None = None, wide: float = 2.9
 ) -> Figure:
-    """Returns a figure of pole-zero arrays side by side, in Hz, with x for poles and o for zeros.
+    """Returns a plot of pole-zero arrays side by side, in Hz, with x for poles and o for zeros.
 
     span_hz: half-width of the figure; by default it shows the structural dynamics, as in 4.3.1. The
     number of poles and zeros outside is printed below.
@@ -374,8 +378,8 @@ def pole_zero(
     figure, axes = panels([one.label for one in arrays], wide, wide)
     for ax, one in zip(axes, arrays, strict=True):
         roots = np.concatenate([one.poles, one.zeros])
-        # The frame shows lightly damped roots and roots in the right half-plane.
-        # Most real roots in the left half-plane are electrical poles of the drive.
+        # The frame of the plot shows lightly damped roots and roots in the right half-plane. Most
+        # real roots in the left half-plane are electrical poles of the drive.
         light = np.abs(roots.real) < 0.3 * np.abs(roots)
         structural = roots[light | (roots.real > np.abs(roots.imag))]
         span = span_hz or frame(np.abs(structural if structural.any() else roots)) / (2 * np.pi)
@@ -394,8 +398,8 @@ def pole_zero(
 
 
 def frame(sizes: Numbers) -> float:
-    """Returns the half-width in 1/s of a figure of roots with these magnitudes. Outer roots are
-    left out if their magnitude is more than six times the magnitude of the next smaller root."""
+    """Returns the half-width in 1/s of a plot of roots with the magnitudes `sizes`. An outer root
+    is left out if its magnitude is more than six times the magnitude of the next smaller root."""
     # Magnitudes that are 0 except for rounding errors are left out.
     ordered = np.sort(sizes[sizes > 1e-6 * sizes.max(initial=0)])
     if not len(ordered):
@@ -406,8 +410,8 @@ def frame(sizes: Numbers) -> float:
 
 
 def mode_shapes(result: ModeAnalysis, title: str = "") -> Figure:
-    """Returns a figure of a ModeAnalysis with one row for each mode. Each body is shown at rest
-    (dashed) and displaced.
+    """Returns a plot of the modes of vibration in a ModeAnalysis, with one row for each mode of
+    vibration. Each body is shown at rest (dashed) and displaced.
 
     The bodies are side by side in the order of the model; displacements are along the axis. The
     largest displacement has the same length in each mode.
@@ -450,7 +454,7 @@ def mode_shapes(result: ModeAnalysis, title: str = "") -> Figure:
 
 
 def step_response(result: StepResult) -> Figure:
-    """Returns a figure of a step response."""
+    """Returns a plot of a step response."""
     figure, ax = plt.subplots(figsize=(5.6, 3.0))
     style(ax)
     ax.plot(result.response.time_s, result.response.value, color=INK, linewidth=1.2)
@@ -478,14 +482,13 @@ PART_NAMES = {"loop": "loop gain", "closed": "closed loop", "sensitivity": "sens
 
 
 def loop_title(loop: AnalysedLoop) -> str:
-    """Returns the title of a figure of a loop."""
+    """Returns the title of a plot that shows a force loop."""
     law, timing = LAW_NAMES.get(loop.law, loop.law), TIMING_NAMES.get(loop.timing, loop.timing)
     return f"{name_of(loop.model)}: {law}, {timing}"
 
 
 def bode_figure(curves: Sequence[Curve], result: LoopBode | PlantBode | CurvesOfSet) -> Figure:
-    """Returns a Bode plot of the curves of a result. For a set of plants, the first curve is
-    nominal."""
+    """Returns a Bode plot of the given curves. For a set of plants, the first curve is nominal."""
     if isinstance(result, CurvesOfSet):
         label = PART_NAMES[result.of or "loop"]
         title = f"{loop_title(result.analysed.loop)}, {label}"
@@ -502,37 +505,39 @@ def bode_figure(curves: Sequence[Curve], result: LoopBode | PlantBode | CurvesOf
 
 
 def _with_units(curves: Sequence[Curve], model: str) -> list[Curve]:
-    """Returns the curves of a model, with units in their labels."""
+    """Returns the curves of a model with the units of the parameters in the labels of the
+    curves."""
     return [replace(c, label=with_units(c.label, model)) for c in curves]
 
 
 def rlocus_figure(loci: Sequence[Locus], result: LocusResult) -> Figure:
-    """Returns a root-locus plot of the loci of a result."""
+    """Returns a plot of root loci."""
     named = [replace(one, label=with_units(one.label, result.loop.model)) for one in loci]
     return rlocus(named, loop_title(result.loop))
 
 
 def nyquist_figure(result: NyquistResult) -> Figure:
-    """Returns a Nyquist plot of one loop."""
+    """Returns a Nyquist plot of one force loop."""
     limit = result.limit
     title = _title_with_gain(limit.loop, result.at, limit.unit)
     return nyquist(result.frequency_hz, result.real + 1j * result.imag, title)
 
 
 def nyquist_set_figure(curves: Sequence[Curve], result: CurvesOfSet) -> Figure:
-    """Returns a Nyquist plot of the loops of a set, of which the first curve is nominal."""
+    """Returns a Nyquist plot of the force loops of a set of plants. The first curve is nominal."""
     title = _title_with_gain(result.analysed.loop, result.at, result.unit)
     return nyquist(curves[0].frequency_hz, curves[0].response, title, others=curves[1:])
 
 
 def _title_with_gain(loop: AnalysedLoop, at: LoopAtGain | WorstAtGain, unit: str) -> str:
-    """Returns the title of a figure of a loop at a gain."""
+    """Returns the title of a plot that shows a force loop at a gain."""
     own = f" (force_gain {at.firmware_gain:.3g})" if at.firmware_gain else ""
     return f"{loop_title(loop)}\nk = {at.gain:.3g} {unit}{own}"
 
 
 def step_set_figure(result: StepOfSet) -> Figure:
-    """Returns a figure of the step responses of a set, of which the first response is nominal."""
+    """Returns a plot of the step responses of a set of plants. The first step response is
+    nominal."""
     figure, ax = plt.subplots(figsize=(5.6, 3.0))
     style(ax)
     responses = [member.response for member in result.members]
@@ -540,7 +545,7 @@ def step_set_figure(result: StepOfSet) -> Figure:
     for one in others:
         ax.plot(one.time_s, one.value, **MEMBER_LINE)
     ax.plot(first.time_s, first.value, color=INK, linewidth=1.2)
-    if not result.stable:  # an unstable response would grow and hide the responses of stable loops
+    if not result.stable:  # An unstable response would grow and hide the responses of stable loops.
         shown = [one for one in responses if one.stable] or [first]
         reach = 1.5 * max(np.abs(one.value).max() for one in shown)
         ax.set_ylim(-reach, reach)
@@ -552,7 +557,7 @@ def step_set_figure(result: StepOfSet) -> Figure:
 
 
 def poles_figure(result: PolesResult, span_hz: float | None = None) -> Figure:
-    """Returns a figure of poles and zeros without roots at infinity."""
+    """Returns a plot of poles and zeros without roots at infinity."""
 
     def finite(roots: Sequence[Root]) -> Roots:
         return np.array(

@@ -1,5 +1,5 @@
-"""A force loop as a user specifies it: the loop around a model, or the loop of an experiment's
-firmware."""
+"""A force loop as a user specifies the loop: a force loop around a model, or the force loop that
+the firmware of an experiment closes."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -17,8 +17,8 @@ from forceaxis.linear.working import States
 
 @dataclass(frozen=True)
 class LoopRequest:
-    """A force loop as the user specifies it. A field that is None has the value of the experiment,
-    or a default value.
+    """A force loop as the user specifies the loop. If a field is None, the value of the experiment
+    or a default value is used.
 
     model: a model or an experiment, as a path or as the stem of a file in sim/. overrides:
     {parameter: value}, with an experiment also firmware.NAME. states: {element: state} of the
@@ -39,22 +39,22 @@ class LoopRequest:
 
     @property
     def has_law(self) -> bool:
-        """True if the request itself names a control law or a parameter of a law."""
+        """True if the request itself contains a control law or a parameter of a control law."""
         return self.law is not None or bool(self.parameters)
 
     @property
     def has_gain(self) -> bool:
-        """True if the request itself has a gain."""
+        """True if the request itself contains a gain."""
         return self.gain is not None or self.firmware_gain is not None
 
     def settings(self, plant: bool = False) -> ModelSettings:
-        """Returns the settings of the model or experiment. plant: True if only the plant is needed,
-        without the loop."""
+        """Returns the settings of the model or experiment. `plant`: True if only the plant is
+        needed, without the force loop."""
         return settings.of(self.model, self.overrides, plant)
 
     def spec(self, own: ModelSettings) -> LoopSpec:
-        """Returns the specification of the loop. Fields of the request replace those of `own`, the
-        settings of the experiment."""
+        """Returns the specification of the force loop. Fields of the request replace the fields of
+        `own`, the settings of the experiment."""
         law = self.law or own.law
         return LoopSpec(
             law=law,
@@ -67,7 +67,8 @@ class LoopRequest:
         )
 
     def loop(self) -> Loop:
-        """Returns the loop. Its `own_gain` is the gain of the experiment. Raises InputError."""
+        """Returns the force loop of the request. The field `own_gain` of the loop is the gain of
+        the experiment. Raises InputError."""
         own = self.settings()
         loop = self.spec(own).around(own.model, own.overrides, self.states)
         if loop.codes_per_gain and own.firmware_gain:
@@ -76,20 +77,20 @@ class LoopRequest:
         return loop
 
     def gain_of(self, loop: Loop) -> float | None:
-        """Returns the gain k of the request, otherwise the gain of the experiment, otherwise
-        None."""
+        """Returns the gain k of the request. Without a gain in the request, returns the gain of the
+        experiment, or None."""
         return one_gain(loop, self.gain, self.firmware_gain)
 
     def drawn_gain(self, loop: Loop) -> float:
-        """Returns the gain k for a drawing of the loop. Without a gain, k is half the critical
-        gain, or 1."""
+        """Returns the gain k at which the force loop is drawn. Without a given gain, k is half the
+        critical gain, or 1."""
         return drawn_gain(loop, self.gain, self.firmware_gain)
 
 
 def one_gain(loop: Loop, gain: float | None, firmware_gain: float | None) -> float | None:
-    """Returns the gain k of a loop: `gain`, the gain of firmware_gain (force_gain in DAC codes per
-    8-bit count), or the gain of the loop's experiment; None without a gain. Raises ParameterError
-    if both are given, or if a gain is out of range."""
+    """Returns the gain k of a force loop: `gain`, the gain that corresponds to `firmware_gain`
+    (force_gain in DAC codes per 8-bit count), the gain of the loop's experiment, or None. Raises
+    ParameterError if both gains are given, or if a gain is out of range."""
     if gain is not None and firmware_gain is not None:
         raise ParameterError("gain", "expected either `gain` or `firmware_gain`, got both")
     if firmware_gain is not None:
@@ -108,14 +109,14 @@ def one_gain(loop: Loop, gain: float | None, firmware_gain: float | None) -> flo
 
 
 def drawn_gain(loop: Loop, gain: float | None, firmware_gain: float | None) -> float:
-    """Returns the gain k as `one_gain` does. Without a gain, k is half the critical gain, or 1 if
-    the loop has no critical gain."""
+    """Returns the gain k as one_gain() does. Without a given gain, k is half the critical gain, or
+    1 if the loop has no critical gain."""
     given = one_gain(loop, gain, firmware_gain)
     return (loop.limit().gain or 2.0) / 2 if given is None else given
 
 
 def varied(overrides: Overrides, vary: Iterable[str]) -> list[tuple[str, dict[str, float | str]]]:
-    """Returns [(label, {parameter: value})] for all combinations of the texts
+    """Returns (label, {parameter: value}) for each combination of parameter values in the texts
     NAME=VALUE,VALUE,..."""
     runs: list[tuple[str, dict[str, float | str]]] = [("", dict(overrides))]
     for text in vary:

@@ -1,4 +1,5 @@
-"""A force loop over a set of plants: ranges of parameters, several modes, and several latencies."""
+"""A force loop over a set of plants: ranges of parameters, several combinations of element states,
+and several delays of the loop."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -21,8 +22,8 @@ BOTH_TIMINGS = ("zoh", "zoh+1")
 
 @dataclass(frozen=True)
 class SetMember:
-    """One loop of a set: {parameter: SI value} and {element: state} of its plant, and its
-    timing."""
+    """One force loop of a set: the plant as {parameter: SI value} and {element: state}, and the
+    delay of the loop."""
 
     values: dict[str, float]
     modes: dict[str, str]
@@ -30,17 +31,19 @@ class SetMember:
 
     @classmethod
     def of(cls, member: Member, timing: str) -> "SetMember":
-        """Returns the loop around a member of a set of plants, with a timing."""
+        """Returns the force loop around a plant of a set, with the delay `timing`, as a
+        SetMember."""
         return cls(member.values, member.modes, timing)
 
     def label(self) -> str:
-        """Text for a user, such as "k_w = 288,900, drive.amplifier = high outer, zoh"."""
+        """Name of the force loop for a user: parameter values, states and delay, such as "k_w =
+        288,900, drive.amplifier = high outer, zoh"."""
         return f"{Member(self.values, self.modes).label()}, {self.timing}"
 
 
 @dataclass(frozen=True)
 class RangeEntry:
-    """The range of a parameter of a set in SI units."""
+    """The range of a parameter of a set of plants, in SI units."""
 
     nominal: float
     low: float
@@ -49,8 +52,8 @@ class RangeEntry:
 
 @dataclass(frozen=True)
 class SetEntry:
-    """The set of plants of a result: ranges of parameters, modes as {element: state}, and timings
-    of the loops."""
+    """Description of a set of plants for the JSON output: ranges of parameters, combinations of
+    element states as {element: state}, and delays of the loops."""
 
     ranges: dict[str, RangeEntry]
     modes: list[dict[str, str]]
@@ -59,7 +62,7 @@ class SetEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class AnalysedSet:
-    """The set of loops that was analysed, as a part of a result. loop: the nominal loop."""
+    """The set of force loops that was analysed, for the JSON output. `loop`: the nominal loop."""
 
     loop: AnalysedLoop = json_field(inline=True)
     over: SetEntry
@@ -67,7 +70,8 @@ class AnalysedSet:
 
 @dataclass(frozen=True, kw_only=True)
 class WorstAtGain:
-    """The worst value of each figure over a set of loops at one gain k, in the unit of the loop.
+    """The worst bandwidth and margins over a set of force loops at one gain k, in the unit of the
+    loop.
 
     firmware_gain: the gain in DAC codes per 8-bit count, None if the loops do not feed back ADC 0.
     The figures are those of over.Worst. member: {name of a figure, "stable" or "sag": the loop with
@@ -90,8 +94,8 @@ class WorstAtGain:
 
 @dataclass(frozen=True)
 class NominalLimit:
-    """Critical gain of the nominal loop, and the gain above which rounding errors hide crossings;
-    see stability.Limit."""
+    """Critical gain of the nominal force loop, and the gain above which rounding errors hide
+    crossings of the stability boundary; see stability.Limit."""
 
     critical_gain: float | None
     known_to: float | None
@@ -99,8 +103,8 @@ class NominalLimit:
 
 @dataclass(frozen=True, kw_only=True)
 class LimitOfSet:
-    """The largest gain at which all loops of a set are stable, and the loop that becomes unstable
-    first.
+    """The largest gain at which all force loops of a set are stable, and the loop that becomes
+    unstable first.
 
     critical_gain: k in `unit`, None if all loops are stable at every gain, or up to known_to; the
     further fields are as in limits.LimitResult. at: worst figures at the gain of the request.
@@ -120,7 +124,7 @@ class LimitOfSet:
 
 @dataclass(frozen=True, kw_only=True)
 class MemberCurve(SetMember):
-    """The curve of one loop of a set, and the gain k of the loop."""
+    """The frequency response of one force loop of a set, and the gain k of the loop."""
 
     gain: float
     table: CurveTable = json_field(inline=True)
@@ -128,8 +132,9 @@ class MemberCurve(SetMember):
 
 @dataclass(frozen=True, kw_only=True)
 class CurvesOfSet:
-    """Frequency responses of the loops of a set, first the nominal loops, and the worst figures.
-    of: part of the loop in a Bode plot, None in a Nyquist plot."""
+    """Frequency responses of the force loops of a set, with the nominal loops first, and the worst
+    bandwidth and margins. `of`: transfer function of the loop in a Bode plot, None in a Nyquist
+    plot."""
 
     analysed: AnalysedSet = json_field(inline=True)
     unit: str
@@ -140,15 +145,15 @@ class CurvesOfSet:
 
 @dataclass(frozen=True, kw_only=True)
 class MemberStep(SetMember):
-    """The step response of one loop of a set."""
+    """The step response of one force loop of a set."""
 
     response: StepResponse = json_field(inline=True)
 
 
 @dataclass(frozen=True, kw_only=True)
 class WorstStep:
-    """The largest value of a figure of the step responses, and the loop to which the value
-    belongs."""
+    """The largest overshoot or settling time over a set of step responses, and the force loop to
+    which the value belongs."""
 
     value: float
     member: SetMember = json_field(inline=True)
@@ -156,7 +161,7 @@ class WorstStep:
 
 @dataclass(frozen=True, kw_only=True)
 class StepOfSet:
-    """The step responses of the loops of a set, first the nominal loops.
+    """The step responses of the force loops of a set, with the nominal loops first.
 
     gain: k of the nominal loop in `unit`; firmware_gain: in DAC codes per 8-bit count, None if the
     loops do not feed back ADC 0. stable: whether all loops are stable. worst: the largest overshoot
@@ -173,13 +178,15 @@ class StepOfSet:
 
 
 def wanted(request: LoopRequest, over: Sequence[str], modes: str | None) -> bool:
-    """Returns True if ranges, modes and timing specify more than one loop."""
+    """Returns True if parameter ranges, element states and delays specify more than one force
+    loop."""
     return bool(over or modes or request.timing == "both")
 
 
 @dataclass(frozen=True)
 class LoopSet:
-    """A set of loops: the loop of `spec` around each of `plants`, with each of `timings`."""
+    """A set of force loops: the loop `spec` around each plant of `plants`, with each delay in
+    `timings`."""
 
     plants: plant_set.PlantSet
     timings: tuple[str, ...]
@@ -188,16 +195,17 @@ class LoopSet:
     force_gain: float | None
 
     def loop(self, member: Member, timing: str) -> Loop:
-        """Returns the loop around one member."""
+        """Returns the force loop around one plant of the set, with the delay `timing`."""
         return self.plants.loop(member, timing, self.spec)
 
     def nominal(self) -> Loop:
-        """Returns the loop around the nominal plant in its first mode."""
+        """Returns the force loop around the nominal plant with the first combination of element
+        states."""
         return self.loop(self.plants.nominal()[0], self.timings[0])
 
     def drawn_gain(self) -> tuple[float | None, float | None]:
-        """Returns (k, force_gain) for the loops in a drawing. Without a given gain, k is half the
-        largest gain at which all loops are stable, or 1."""
+        """Returns (k, force_gain) at which the force loops of the set are drawn. Without a given
+        gain, k is half the largest gain at which all loops are stable, or 1."""
         if self.gain is not None or self.force_gain is not None:
             return self.gain, self.force_gain
         largest = over.largest_gain(self.plants, self.timings, self.spec).gain
@@ -205,7 +213,8 @@ class LoopSet:
 
 
 def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None = None) -> LoopSet:
-    """Returns the LoopSet of a request. ranges: texts NAME=RANGE as in `plant_set.ranges_of`.
+    """Returns the set of force loops that a request specifies. `ranges`: texts NAME=RANGE as in
+    `plant_set.ranges_of`.
 
     modes: "visited" (the modes of a run of the experiment), "all", "nominal" (that of the request).
     None: nominal if the request has states, otherwise visited for an experiment and all for a
@@ -221,14 +230,14 @@ def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None
     timings = BOTH_TIMINGS if request.timing == "both" else (spec.timing,)
     plants = plant_set.PlantSet(own.model, own.overrides, spans, states)
     found = LoopSet(plants, timings, spec, gain, force_gain)
-    one_gain(found.nominal(), gain, force_gain)  # raises ParameterError if a gain is out of range
+    one_gain(found.nominal(), gain, force_gain)  # Raises ParameterError if a gain is out of range.
     return found
 
 
 def _modes_of(
     request: LoopRequest, own: ModelSettings, modes: str | None
 ) -> tuple[dict[str, str], ...]:
-    """Returns the modes of a set, as described in `loop_set`."""
+    """Returns the combinations of element states of a set of plants, as described in `loop_set`."""
     fixed = dict(request.states)
     if fixed and modes:
         raise ParameterError("modes", "expected either `modes` or `states`, got both")
@@ -251,7 +260,7 @@ def _modes_of(
 
 
 def _analysed(found: LoopSet) -> AnalysedSet:
-    """Returns the description of the analysed set for a result."""
+    """Returns the description of the set of force loops for the JSON output."""
     return AnalysedSet(
         loop=replace(AnalysedLoop.of(found.nominal()), timing=" and ".join(found.timings)),
         over=SetEntry(
@@ -263,8 +272,8 @@ def _analysed(found: LoopSet) -> AnalysedSet:
 
 
 def worst_at(found: LoopSet, gain: float | None, force_gain: float | None) -> WorstAtGain:
-    """Returns the worst value of each figure of a set at a gain k, or at a force_gain in DAC codes
-    per 8-bit count."""
+    """Returns the worst bandwidth and margins of a set of force loops, at a gain k or at a
+    force_gain in DAC codes per 8-bit count."""
     nominal = found.nominal()
     k = over.gain_at(nominal, gain, force_gain)
     worst = over.worst(found.plants, found.timings, found.spec, gain, force_gain)
@@ -285,8 +294,8 @@ def worst_at(found: LoopSet, gain: float | None, force_gain: float | None) -> Wo
 
 
 def limit_of(found: LoopSet) -> LimitOfSet:
-    """Returns the largest gain at which all loops of a set are stable, and the worst figures at the
-    gain of the set."""
+    """Returns the largest gain at which all force loops of a set are stable, and the worst
+    bandwidth and margins at the gain of the set."""
     largest = over.largest_gain(found.plants, found.timings, found.spec)
     loop = found.loop(largest.member, largest.timing)
     own = found.nominal().limit()
@@ -306,8 +315,8 @@ def limit_of(found: LoopSet) -> LimitOfSet:
 
 
 def _members(found: LoopSet) -> Iterator[tuple[Member, str, Loop]]:
-    """Returns (member, timing, loop) of the loops in a drawing. The nominal members of all modes
-    are the first."""
+    """Returns (plant, delay, force loop) for each loop in a plot. The nominal plants of all
+    combinations of element states are the first."""
     for member in over.sample(found.plants):
         for timing in found.timings:
             yield member, timing, found.loop(member, timing)
@@ -320,8 +329,8 @@ def _curves_over(
     points: int,
     of: str | None = None,
 ) -> tuple[list[Curve], CurvesOfSet]:
-    """Returns (curves, result) over a set. response(loop, k) returns a System with one input and
-    one output for each curve.
+    """Returns (curves, result) of the frequency responses over a set of force loops. The function
+    response(loop, k) returns a System with one input and one output for each curve.
 
     The first curve is nominal; the result contains the worst value of each figure, and `of`.
     """
@@ -343,7 +352,7 @@ def _curves_over(
 
 
 def nyquist_of(found: LoopSet) -> tuple[list[Curve], CurvesOfSet]:
-    """Returns (curves, result) of the loop gains of a set for a Nyquist plot."""
+    """Returns (curves, result) of a Nyquist plot: the loop gains of a set of force loops."""
     return _curves_over(found, curves.PARTS["loop"], curves.NYQUIST_HZ, 300)
 
 
@@ -353,7 +362,8 @@ def bode(
     ranges: Sequence[str] = (),
     modes: str | None = None,
 ) -> tuple[list[Curve], LoopBode | PlantBode | CurvesOfSet]:
-    """Returns (curves, result) of a Bode plot for a plant, for a loop, or for a set of loops.
+    """Returns (curves, result) of a Bode plot for a plant, for a force loop, or for a set of force
+    loops.
 
     ranges, modes: as in `loop_set`.
     """
@@ -387,8 +397,8 @@ def bode(
 
 
 def step_of(found: LoopSet, duration_s: float) -> StepOfSet:
-    """Returns the step responses of the nominal loops and of other loops of a set. duration_s: as
-    in limits.step_response."""
+    """Returns the step responses of the nominal force loops and of other loops of a set.
+    `duration_s`: as in limits.step_response."""
     given = found.drawn_gain()
     rows = []
     for member, timing, loop in _members(found):
@@ -414,8 +424,8 @@ def step_of(found: LoopSet, duration_s: float) -> StepOfSet:
 def _worst_step(
     rows: Sequence[MemberStep], figure: Callable[[StepResponse], float | None]
 ) -> WorstStep | None:
-    """Returns the first response with the largest value of a figure, or None if no response has the
-    figure."""
+    """Returns the step response with the largest overshoot or settling time, as `figure` selects.
+    Returns None if no step response has this value."""
     found: WorstStep | None = None
     for row in rows:
         value = figure(row.response)

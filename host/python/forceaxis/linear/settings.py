@@ -1,7 +1,7 @@
 """The plant of a model or an experiment, and the force loop that the firmware of an experiment
 closes. The analysis uses the experiment's model, the table [set], and the initial values of
-[firmware] as the firmware stores them: law, bank, gain, latency. Later writes of the experiment
-([[at]]) are ignored."""
+[firmware] as the firmware stores these values: control law, filter bank, gain, latency. Later
+writes of the experiment ([[at]]) are ignored."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ from forceaxis.linear import bank as banks
 from forceaxis.linear import system as linear
 from forceaxis.linear.plant_facts import Overrides, PlantFacts
 
-Firmware = Mapping[str, float]  # {object: initial value in an experiment}
+Firmware = Mapping[str, float]  # {firmware object: initial value in an experiment}
 
 MODES_OF_OPERATION = objects.BY_NAME["modes_of_operation"]
 NATIVE_MODES = objects.BY_NAME["mode"].enum
@@ -24,8 +24,8 @@ FORCE_MODES = {4: "p", 10: "p", -1: "p", -6: "stiffness", -7: "damping", -8: "im
 
 @dataclass(frozen=True)
 class ExperimentInputs:
-    """Inputs of an experiment: path of its model, {parameter of the model: SI value}, and {object:
-    initial value} of the firmware."""
+    """Inputs of an experiment: path of the model, {parameter of the model: SI value}, and {firmware
+    object: initial value}."""
 
     model: str
     parameters: dict[str, float]
@@ -42,7 +42,8 @@ def read_inputs(path: str, texts: Sequence[str]) -> ExperimentInputs:
 
 @dataclass(frozen=True)
 class ModelSettings:
-    """The plant of a loop, and the control law of the firmware if an experiment specifies a law."""
+    """The plant of a force loop, and the control law of the firmware if an experiment specifies a
+    law."""
 
     model: str
     overrides: dict[str, float | str]  # {parameter: value in SI units, or text with a unit}
@@ -56,13 +57,14 @@ class ModelSettings:
 
     @property
     def firmware_gain(self) -> float | None:
-        """The active gain in DAC codes per 8-bit count. None for a model, or if no gain is set."""
+        """The active gain of the firmware in DAC codes per 8-bit count. None for a model, or if no
+        gain is given."""
         return self.bank.force_gain if self.bank else self.force_gain
 
 
 def find(text: str | Path) -> Path:
-    """Returns the path of a model or experiment that is given as a path or as a stem. A model has
-    precedence over an experiment of the same stem."""
+    """Returns the path of a model or experiment, from a path or from a file name without suffix. If
+    a model and an experiment have the same name, returns the path of the model."""
     if Path(text).suffix != ".toml" and Path(text).parent == Path():
         for folder in (paths.MODELS, paths.EXPERIMENTS):
             if (folder / f"{text}.toml").exists():
@@ -71,16 +73,16 @@ def find(text: str | Path) -> Path:
 
 
 def is_experiment(table: Mapping[str, Any]) -> bool:
-    """Returns True if the table of a file is that of an experiment, which names a model and a
+    """Returns True if `table`, the content of a file, is an experiment, which names a model and a
     run."""
     return "model" in table and "duration_s" in table
 
 
 def of(text: str | Path, overrides: Overrides | None = None, plant: bool = False) -> ModelSettings:
-    """Returns the ModelSettings of a model or experiment, which is given as path or stem.
-    overrides: {parameter: value}, for an experiment also firmware.NAME. plant: True if only the
-    plant is needed. Raises InputError for a wrong file or value; without `plant`, also for an
-    experiment without a force law."""
+    """Returns the ModelSettings of a model or experiment, which is given as path or as file name
+    without suffix. `overrides`: {parameter: value}, for an experiment also firmware.NAME. `plant`:
+    True if only the plant is needed. Raises InputError for a wrong file or value; without `plant`,
+    also for an experiment without a force law."""
     given = dict(overrides or {})
     path = find(text)
     if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
@@ -124,7 +126,7 @@ def _law(path: Path, firmware: Firmware) -> str:
 
 
 def _bank(path: Path, firmware: Firmware) -> banks.Bank | None:
-    """Returns the bank that the experiment selects, or None."""
+    """Returns the filter bank that the experiment selects, or None."""
     try:
         return banks.of_settings(firmware)
     except KeyError:
@@ -136,7 +138,7 @@ def _bank(path: Path, firmware: Firmware) -> banks.Bank | None:
 
 
 def _parameters(path: Path, law: str, firmware: Firmware, known: PlantFacts) -> dict[str, float]:
-    """Returns the parameters of the laws stiffness, damping and impedance in SI units."""
+    """Returns the parameters of the control laws stiffness, damping and impedance in SI units."""
     if law not in ("stiffness", "damping", "impedance"):
         return {}
     if known.reading is None or known.encoder is None:

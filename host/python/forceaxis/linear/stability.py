@@ -23,48 +23,51 @@ from forceaxis.linear.system import TICK_S, System
 from forceaxis.linear.working import Working
 from forceaxis.words import plain
 
-# Largest relative change of a crossing's gain by rounding of the matrix entries.
-# A crossing whose gain changes more is not reported.
+# Largest relative change of the gain at a crossing by rounding of the matrix entries. A crossing of
+# the stability boundary whose gain changes more is not reported.
 GAIN_CHANGE_MAX = 1e-7
-GAIN_MAX = 1e15  # largest gain k of a loop that is analysed
+GAIN_MAX = 1e15  # largest gain k of a force loop that is analysed
 
 
 def known_text(known_to: float, unit: str) -> str:
-    """Returns a text with the gain known_to in `unit`. Up to this gain the loop has no crossing;
-    above this gain rounding errors are too large for a statement."""
+    """Returns a text with the gain `known_to` in `unit`. Up to this gain the force loop has no
+    crossing of the stability boundary. Above this gain rounding errors are too large for a
+    statement."""
     return f"{plain(known_to)} {unit}".rstrip() + ", above which rounding decides"
 
 
 @dataclass(frozen=True)
 class Crossing:
-    """A gain at which a closed-loop pole is on the stability boundary."""
+    """A crossing: a gain at which a closed-loop pole is on the stability boundary."""
 
     gain: float
-    # The frequency is None for a pole at infinity (continuous loop, negative direct path).
+    # The frequency of the crossing in Hz. None for a pole at infinity (continuous loop, negative
+    # direct path).
     frequency_hz: float | None
-    # Direction of a pole as the gain rises: 1 leaves the stable region,
-    # -1 enters the stable region, 0 touches the stability boundary.
+    # Direction in which the pole moves as the gain rises: 1 leaves the stable region, -1 enters the
+    # stable region, 0 touches the stability boundary.
     direction: int
 
 
 @dataclass(frozen=True)
 class Limit:
-    """The gain at which the loop becomes unstable as the gain rises from 0. `gain` is None if the
-    loop is stable at every gain, or at every gain up to `known_to`."""
+    """The gain at which the force loop becomes unstable as the gain rises from 0. `gain` is None if
+    the loop is stable at every gain, or at every gain up to `known_to`."""
 
     gain: float | None
     frequency_hz: float | None
     crossings: list[Crossing]
-    # stable gains as (from, to); `to` is None if the range has no upper end
+    # Ranges of stable gains as (from, to). The value `to` is None if the range has no upper end.
     stable_ranges: list[tuple[float, float | None]]
     reason: str
-    # Gain above which rounding errors hide crossings. None if no such gain exists.
+    # Gain above which rounding errors hide crossings of the stability boundary. None if no such
+    # gain exists.
     known_to: float | None = None
 
     @property
     def stable_to(self) -> float | None:
-        """The gain up to which the loop is known to be stable. None if the loop is stable at every
-        gain."""
+        """The gain up to which the force loop is known to be stable. None if the loop is stable at
+        every gain."""
         return self.known_to if self.gain is None else self.gain
 
 
@@ -79,7 +82,7 @@ class Crossover:
 
 @dataclass(frozen=True)
 class Margins:
-    """Gain and phase margins of a loop at one gain.
+    """Gain margins and phase margins of a force loop at one gain.
 
     gain_margin: gain factor up to the next crossing above, None if there is no crossing, or none up
     to `known_to`. gain_reduction: gain factor (< 1) down to the next crossing below, None if there
@@ -114,7 +117,7 @@ class Loop:
     codes_per_gain: float | None
     parameters: dict[str, float] = field(default_factory=dict)
     bank: Bank | None = None
-    own_gain: float | None = None  # gain k of the experiment to which the loop belongs
+    own_gain: float | None = None  # gain k of the experiment to which the force loop belongs
     working: Working = field(default_factory=lambda: Working({}))
 
     @cached_property
@@ -124,7 +127,7 @@ class Loop:
 
     @property
     def dt(self) -> float | None:
-        """Sampling period in s; None for a continuous loop."""
+        """Sampling period of the force loop in s; None for a continuous loop."""
         return self.whole.dt
 
     def firmware_gain(self, gain: float) -> float:
@@ -171,12 +174,12 @@ class Loop:
         return replace(self.open, A=A - share * B @ C, B=share * B, C=-C / D, D=1 / D)
 
     def closed_poles(self, gain: float) -> Matrix:
-        """Returns the closed-loop poles in 1/s, which are log(z) / T for a sampled loop."""
+        """Returns the closed-loop poles in 1/s. For a sampled loop, the poles are log(z) / T."""
         return self.closed(gain).poles_s()
 
-    # At a critical gain, L / k on the stability boundary is real and negative.
-    # A sampled loop is transformed to w = (2/T) (z - 1)/(z + 1).
-    # This transformation maps the unit circle to the imaginary axis.
+    # At a critical gain, L / k on the stability boundary is real and negative. A sampled loop is
+    # transformed to w = (2/T) (z - 1)/(z + 1). This transformation moves the unit circle to the
+    # imaginary axis.
 
     @cached_property
     def _minimal(self) -> System:
@@ -184,11 +187,13 @@ class Loop:
 
     @cached_property
     def _plane(self) -> StateSpace:
-        """Balanced (A, B, C, D) of the loop, with the imaginary axis as the stability boundary."""
+        """The balanced matrices (A, B, C, D) of the force loop, with the imaginary axis as the
+        stability boundary."""
         return plane(self._minimal)
 
     def hz(self, w: float) -> float:
-        """Returns the frequency in Hz for a frequency w in rad/s along the stability boundary."""
+        """Returns the frequency in Hz that corresponds to a frequency w in rad/s along the
+        stability boundary."""
         if self.dt is None:
             return w / (2 * math.pi)
         return math.atan(w * self.dt / 2) / (math.pi * self.dt)
@@ -203,7 +208,7 @@ class Loop:
 
     def _known(self, w: ArrayLike) -> tuple[Matrix, Matrix, Matrix]:
         """Returns (G, dG/dw, change of G by rounding of the matrix entries) at frequencies w along
-        the stability boundary. Each array has the shape of w."""
+        the stability boundary. G is the response of the loop, and each array has the shape of w."""
         at = np.asarray(w, float)
         # The minimal system is needed at w = 0 only, if a pole at 0 has no effect on the output.
         whole = self._boundary if np.all(at) else self._boundary_minimal
@@ -214,8 +219,8 @@ class Loop:
         return self._known(w)[0]
 
     def _static_rounding(self, static: float) -> float:
-        """Returns the value that |G(0)| must exceed, so that its rounding error is below 1 %.
-        Returns infinity for an integrator.
+        """Returns the value that |G(0)| must exceed, so that the rounding error of G(0) is below 1
+        %. Returns infinity for an integrator.
 
         G(0) is computed again with states in other units, whose rounding differs. The difference
         also contains errors that `_known` does not include, from a pole and a zero at 0 Hz that
@@ -235,9 +240,9 @@ class Loop:
         return float(100 * max(apart, self._known(0.0)[2].item()))
 
     def _marks(self, zeros: Matrix) -> Matrix:
-        """Returns frequencies along the stability boundary. Between two of them a real function of
-        w changes its sign at most once. zeros: estimates of the zeros of this function in s. No
-        returned frequency is a pole."""
+        """Returns frequencies along the stability boundary. Between two adjacent frequencies, a
+        real function of w changes its sign at most once. `zeros`: estimates of the zeros of this
+        function in s. No returned frequency is a pole."""
         found = np.concatenate([np.abs(zeros.imag), np.abs(self._poles.imag), np.abs(self._poles)])
         return marks(found, np.abs(self._poles).max())
 
@@ -248,8 +253,8 @@ class Loop:
 
     @cached_property
     def _boundary_poles(self) -> list[tuple[float, complex | None]]:
-        """Returns the poles on the stability boundary at gain 0, within rounding errors, as
-        (frequency along the boundary, change of the pole per gain). The change is None for a
+        """Returns the poles that lie on the stability boundary at gain 0, within rounding errors,
+        as (frequency along the boundary, change of the pole per gain). The change is None for a
         multiple pole."""
         A, B, C, _ = self._plane
         size = np.linalg.norm(A)
@@ -262,7 +267,7 @@ class Loop:
         found = []
         for w in there:
             i = np.argmin(np.abs(poles - 1j * w))
-            # product of left and right eigenvector, which is 0 if two poles are equal
+            # Product of left and right eigenvector. The product is 0 if two poles are equal.
             turn = left[i] @ right[:, i]
             move = -(left[i] @ B @ C @ right[:, i]) / turn if abs(turn) > 1e-6 else None
             found.append((float(w), None if move is None else complex(move)))
@@ -270,7 +275,8 @@ class Loop:
 
     @property
     def _at_gain_0(self) -> list[Crossing]:
-        """Crossings at gain 0, which are the undamped simple poles of the plant."""
+        """Crossings of the stability boundary at gain 0. These crossings are the undamped simple
+        poles of the plant."""
         found = [(w, move) for w, move in self._boundary_poles if move is not None]
         sideways = [abs(move.real) < 1e-9 * abs(move) for _, move in found]
         return [
@@ -279,19 +285,20 @@ class Loop:
         ]
 
     def _phase(self, w: float) -> float:
-        """Returns the sine of the phase of G at a frequency w in rad/s. Returns 0 at a pole, and
-        where G is real or 0."""
+        """Returns the sine of the phase of the response G at a frequency w in rad/s. Returns 0 at a
+        pole, and where G is real or 0."""
         G = self._at(w)
         return float(G.imag / np.abs(G)) if np.isfinite(G) and G else 0.0
 
     def _turn(self, w: float) -> float:
-        """Returns the derivative of the imaginary part of G with respect to the frequency w."""
+        """Returns the derivative of the imaginary part of the response G with respect to the
+        frequency w."""
         return float(self._known(w)[1].imag)
 
     @cached_property
     def _real_points(self) -> Matrix:
-        """Complex points s with G(s) = G(-s). At those points that lie on the imaginary axis G is
-        real."""
+        """Complex points s with G(s) = G(-s), where G is the response of the loop. At those points
+        that lie on the imaginary axis, G is real."""
         A, B, C, _ = self._plane
         zero = np.zeros((len(A), len(A)))
         both = System(
@@ -312,8 +319,9 @@ class Loop:
 
     @cached_property
     def _crossed(self) -> tuple[list[Crossing], float | None]:
-        """(crossings, gain above which rounding errors hide crossings). All crossings below this
-        gain are included. The gain is None if rounding errors hide no crossing."""
+        """Computes (crossings, gain above which rounding errors hide crossings). All crossings of
+        the stability boundary below this gain are included. The gain is None if rounding errors
+        hide no crossing."""
         if not len(self._minimal.A):
             return [], None
         zeros = self._real_points
@@ -331,10 +339,12 @@ class Loop:
         crossings = self._ends(values, -1e-11 * np.median(np.abs(G[known])))
         for w, direction in dict.fromkeys(found):
             if any(abs(w - pole) < 1e-9 * w for pole, _ in self._boundary_poles):
-                continue  # the phase changes at a pole, but no gain has a crossing at a pole
+                # The phase changes at a pole, but no gain has a crossing of the stability boundary
+                # at a pole.
+                continue
             G, slope, rounding = self._known(w)
             value = G.real
-            # corrects G for the rounding error of the frequency w
+            # The value of G is corrected for the rounding error of the frequency w.
             if abs(G.imag) < 1e-12 * w * abs(slope.imag):
                 value -= slope.real * G.imag / slope.imag
             # The phase also changes at a zero of G, but there the gain -1 / G is infinite.
@@ -349,9 +359,9 @@ class Loop:
         return crossings, doubt if doubt < GAIN_MAX else None
 
     def _drowned(self, grid: Matrix, G: Matrix, rounding: Matrix, known: Matrix) -> float:
-        """Returns the smallest gain at which rounding errors could hide a crossing. Between two
-        frequencies of the grid, the rounding error of G then exceeds both Im G and GAIN_CHANGE_MAX
-        |G|."""
+        """Returns the smallest gain at which rounding errors could hide a crossing of the stability
+        boundary. Between two frequencies of the grid, the rounding error of G then exceeds both Im
+        G and GAIN_CHANGE_MAX |G|."""
         hidden = rounding > GAIN_CHANGE_MAX * np.abs(G)
         gains = 1 / (np.abs(G) + rounding)
         least = math.inf
@@ -377,8 +387,8 @@ class Loop:
 
     def _touches(self, zeros: Matrix, grid: Matrix, values: Matrix) -> list[tuple[float, int]]:
         """Returns frequencies w at which a closed-loop pole touches the stability boundary without
-        crossing it, as [(w, 0)]. They are the double zeros of Im G. zeros: all zeros of Im G in the
-        complex plane; values: Im G on the grid."""
+        crossing the boundary, as [(w, 0)]. These frequencies are the double zeros of Im G. `zeros`:
+        all zeros of Im G in the complex plane; `values`: Im G on the grid."""
         found = []
         for zero in zeros:
             w = abs(zero.imag)
@@ -393,7 +403,7 @@ class Loop:
 
     def _ends(self, values: Matrix, least: float) -> list[Crossing]:
         """Returns the crossings at the two ends of the stability boundary: at frequency 0, unless
-        the plant integrates, and at infinity or z = -1. values: Im G on the grid; least: the
+        the plant integrates, and at infinity or z = -1. `values`: Im G on the grid; `least`: the
         largest negative direct path that rounding errors can cause."""
         crossings = []
         static = float(self._at(0.0).real)
@@ -414,8 +424,8 @@ class Loop:
         return bool(np.all((poles.real if self.dt is None else np.abs(poles) - 1) < -rounding))
 
     def decay(self, gain: float) -> float:
-        """Returns the decay rate in 1/s of the slowest closed-loop pole at a gain k. The rate is
-        negative for an unstable loop."""
+        """Returns the decay rate in 1/s of the slowest closed-loop pole at a gain k. The decay rate
+        is negative for an unstable loop."""
         poles = _core.eigenvalues(self._closed_minimal(gain))
         if self.dt is None:
             return float(-poles.real.max())
@@ -431,8 +441,8 @@ class Loop:
 
     @cached_property
     def stable_ranges(self) -> list[tuple[float, float | None]]:
-        """Gain ranges (from, to) in which the loop is stable. `to` is None if the range has no
-        upper end."""
+        """Ranges (from, to) of gains in which the force loop is stable. The value `to` is None if
+        the range has no upper end."""
         if not len(self._minimal.A):
             return [(0.0, None)]
         crossings, known_to = self._crossed
@@ -444,8 +454,8 @@ class Loop:
         for low, high in zip(edges, [*edges[1:], known_to], strict=True):
             if high is not None and high <= low:
                 continue
-            # The loop is stable in the whole range of gains or nowhere in the range.
-            # Small gains are also checked, because rounding may hide stability at high gains.
+            # The loop is stable in the whole range of gains or nowhere in the range. Small gains
+            # are also checked, because rounding may hide stability at high gains.
             if high is None:
                 inside = [2 * low, 10 * low]
             else:
@@ -455,9 +465,9 @@ class Loop:
         return ranges
 
     def limit(self) -> Limit:
-        """Returns the smallest gain at which the loop becomes unstable as the gain rises from 0,
-        with all crossings. If this gain is 0, the crossings also contain the poles of the plant
-        that lie on the stability boundary."""
+        """Returns the smallest gain at which the force loop becomes unstable as the gain rises from
+        0, with all crossings of the stability boundary. If this gain is 0, the crossings also
+        contain the poles of the plant that lie on the stability boundary."""
         crossings, ranges = self.crossings(), self.stable_ranges
         if not ranges or ranges[0][0] > 0:
             reason = "unstable at any small gain" if ranges else "stable at no gain"
@@ -472,7 +482,8 @@ class Loop:
         return Limit(first.gain, first.frequency_hz, crossings, ranges, "")
 
     def margins(self, gain: float) -> Margins:
-        """Returns the gain and phase margins at a gain k at which the loop is stable."""
+        """Returns the gain and phase margins of a force loop at a gain k at which the loop is
+        stable."""
         if not len(self._minimal.A):
             return Margins(None, None, None, None, [])
         crossings, known_to = self._crossed
@@ -480,8 +491,8 @@ class Loop:
         above = min((g for g in gains if g > gain), default=None)
         below = max((g for g in gains if g < gain), default=None)
         A, B, C, D = self._plane
-        # |k G| is 1 at the zeros of 1 - k^2 G(s) G(-s).
-        # These zeros are the poles of a system with the positive feedback k^2 G(s) G(-s).
+        # |k G| is 1 at the zeros of 1 - k^2 G(s) G(-s). These zeros are the poles of a system with
+        # the positive feedback k^2 G(s) G(-s).
         share = gain**2 / (1 - gain**2 * D[0, 0] ** 2)
         product = np.block(
             [
@@ -511,8 +522,8 @@ class Loop:
         )
 
     def step(self, gain: float, duration_s: float) -> tuple[Matrix, Matrix]:
-        """Returns (time_s, signal), the response from rest to a unit step of the set-point, at
-        every tick or every 1/1500 s.
+        """Returns (time_s, signal), the response of the closed loop from rest to a unit step of the
+        set-point, at every tick (for a continuous loop every 1/1500 s).
 
         The set-point is f_d; for the law stiffness K_fs x_d, for damping K_fd v_d. The values at
         these times are exact.

@@ -1,5 +1,5 @@
-"""The plant in one mode as a linear system: matrices, poles, zeros, responses, and sampling with
-zero-order hold.
+"""The plant with given states of its elements as a linear system: matrices, poles, zeros,
+responses, and sampling with zero-order hold.
 
 All results come from the equations that the time simulation integrates (`_core.linear`). `loops`
 closes control loops around the system, `modes` analyses the mechanics alone. Poles, zeros and holds
@@ -32,8 +32,8 @@ TICK_S = 1 / _core.TICKS_PER_SECOND
 
 
 def _complement(rows: Matrix) -> Matrix:
-    """Returns orthonormal columns (n, n - d), computed by Householder reflections, that are
-    orthogonal to all d rows of length n."""
+    """Returns orthonormal columns (n, n - d) that are orthogonal to all d rows of length n,
+    computed by Householder reflections."""
     work = np.array(rows.T, np.longdouble)
     basis = np.eye(len(work), dtype=np.longdouble)
     for k in range(len(rows)):
@@ -81,31 +81,32 @@ class System:
 
     @cached_property
     def balanced(self) -> tuple[Matrix, Matrix, Matrix]:
-        """(A, B, C) with the states in other units, so that rows and columns of A have similar
-        magnitudes."""
+        """The matrices (A, B, C) after a change of the units of the states. With the new units,
+        rows and columns of A have similar magnitudes."""
         if not len(self.A):
             return self.A, self.B, self.C
         scale = _core.balance(self.A)
         return self.A * scale / scale[:, None], self.B / scale[:, None], self.C * scale
 
     def poles(self) -> Matrix:
-        """Returns the eigenvalues of A, which are in 1/s, or z for a sampled system."""
+        """Returns the poles of the system, which are the eigenvalues of A in 1/s, or z for a
+        sampled system."""
         result: Matrix = _core.eigenvalues(self.A)
         return result
 
     def poles_s(self) -> Matrix:
-        """Returns the poles in 1/s. For a sampled system they are log(z) / dt, and a pole at z = 0
-        is -infinity."""
+        """Returns the poles of the system in 1/s. For a sampled system the poles are log(z) / dt,
+        and a pole at z = 0 is -infinity."""
         return self._per_second(self.poles())
 
     def stable(self) -> bool:
-        """Returns True if all poles are inside the stable region."""
+        """Returns True if all poles of the system are inside the stable region."""
         poles = self.poles()
         return bool(np.all(poles.real < 0 if self.dt is None else abs(poles) < 1))
 
     def _markov(self) -> tuple[int, float]:
-        """Returns the relative degree r of the transfer function and its first nonzero Markov
-        parameter, which is C A^(r-1) B, or D for r = 0."""
+        """Returns the relative degree r of the transfer function, and the first nonzero Markov
+        parameter of the system, which is C A^(r-1) B, or D for r = 0."""
         if self.B.shape[1] != 1 or self.C.shape[0] != 1:
             raise ValueError("expected one input and one output")
         A, B, C = (matrix.astype(np.longdouble) for matrix in self.balanced)
@@ -120,10 +121,10 @@ class System:
             if abs(value) > 1e-11 * size:
                 return degree, value
             row, bound = row @ A, bound @ abs(A)
-        return len(A) + 1, 0.0  # the input does not act on the output
+        return len(A) + 1, 0.0  # The input of the system does not act on the output.
 
     def has_path(self) -> bool:
-        """Returns True if the input acts on the output."""
+        """Returns True if the input of the system acts on the output."""
         return self._markov()[1] != 0.0
 
     def zeros(self) -> Matrix:
@@ -141,7 +142,8 @@ class System:
         if not degree:
             result: Matrix = _core.eigenvalues(A - B @ C / value)
             return result
-        # Rows of the output and of its lower derivatives, made orthogonal to each other.
+        # Rows of the output and of the lower derivatives of the output, made orthogonal to each
+        # other.
         rows = C / np.linalg.norm(C)
         for _ in range(degree - 1):
             row = rows[-1:] @ A
@@ -154,7 +156,8 @@ class System:
         return result
 
     def zeros_s(self) -> Matrix:
-        """Returns the zeros in 1/s; for a sampled system see `poles_s`."""
+        """Returns the zeros of the transfer function in 1/s. For a sampled system, zeros are
+        converted as in `poles_s`."""
         return self._per_second(self.zeros())
 
     def _per_second(self, roots: Matrix) -> Matrix:
@@ -169,8 +172,8 @@ class System:
         return float(self._markov()[1])
 
     def transfer_function(self) -> tuple[Matrix, Matrix]:
-        """Returns the coefficients (numerator, denominator), highest power first. The first
-        coefficient of the denominator is 1."""
+        """Returns the coefficients (numerator, denominator) of the transfer function, highest power
+        first. The first coefficient of the denominator is 1."""
         value = self.gain()
         if value == 0.0:
             return np.zeros(1), polynomial(self.poles())
@@ -182,8 +185,8 @@ class System:
         return result
 
     def at(self, points: ArrayLike) -> Matrix:
-        """Returns the transfer function at complex points s (or z), in the shape of `points`. With
-        several inputs or outputs the shape is followed by (outputs, inputs)."""
+        """Returns the values of the transfer function at complex points s (or z), in the shape of
+        `points`. With several inputs or outputs, (outputs, inputs) is appended to this shape."""
         s = np.asarray(points, complex)
         H, B, C = self._hessenberg
         values: Matrix = _core.hessenberg_response(H, B, C, self.D, s.ravel())
@@ -192,14 +195,16 @@ class System:
         return values.reshape(s.shape + values.shape[1:])
 
     def response(self, frequency_hz: ArrayLike) -> Matrix:
-        """Returns the frequency response in the form of `at`."""
+        """Returns the values of the frequency response at frequencies in Hz, in the form of
+        at()."""
         s = 2j * np.pi * np.asarray(frequency_hz, float)
         return self.at(s if self.dt is None else np.exp(s * self.dt))
 
     def sampled(self, delay_ticks: int = 0, dt: float = TICK_S, extended: bool = False) -> "System":
-        """Returns the system with a zero-order hold at its input, sampled every `dt` s. The inputs
-        act `delay_ticks` samples later. extended: True if A and B keep the digits of np.longdouble,
-        because in double precision a very small G would lose its digits."""
+        """Returns the sampled system with a zero-order hold at its input and the sampling period
+        `dt` in s. The inputs act `delay_ticks` samples later. `extended`: True if A and B keep the
+        digits of np.longdouble, because in double precision a very small response G would lose its
+        digits."""
         if self.dt is not None:
             raise ValueError("expected a continuous system")
         n = len(self.A)
@@ -213,7 +218,7 @@ class System:
         return system
 
     def delayed(self) -> "System":
-        """Returns a sampled system whose inputs act one sample later."""
+        """Returns a sampled system whose inputs act one sample later than those of this system."""
         n, m = self.B.shape
         A = np.zeros((n + m, n + m), self.A.dtype)
         A[:n, :n], A[:n, n:] = self.A, self.B
@@ -230,8 +235,8 @@ class System:
         )
 
     def state_space(self) -> "control.StateSpace":
-        """Returns the system as `control.StateSpace` with its names. python-control needs _ in
-        place of dots."""
+        """Returns the system as `control.StateSpace` with the names of inputs, outputs and states.
+        python-control needs _ in place of dots."""
         import control
 
         def plain(names: Sequence[str]) -> list[str]:
@@ -248,14 +253,14 @@ class System:
 
 
 def polynomial(roots: Matrix) -> Matrix:
-    """Returns the coefficients of the monic real polynomial with these roots, highest power
+    """Returns the coefficients of the monic real polynomial with the given roots, highest power
     first."""
     return np.atleast_1d(np.real(np.poly(roots)))  # without roots, NumPy returns a scalar 1
 
 
 def find_model(text: str | Path) -> Path:
-    """Returns the path of a model that is given as a path or as the stem of a file in sim/models
-    (fig4_19)."""
+    """Returns the path of a model from a path, or from the name of a file in sim/models without
+    suffix (fig4_19)."""
     path = Path(text)
     if path.suffix == ".toml" or path.parent != Path():
         return path
@@ -315,7 +320,7 @@ def states(texts: Sequence[str]) -> dict[str, str]:
 
 
 def facts(model: str | Path, overrides: Overrides | None = None) -> PlantFacts:
-    """Returns what a model contains: bodies, signals with units, parameters, drive, sensor and
+    """Returns the contents of a model: bodies, signals with units, parameters, drive, sensor and
     encoder."""
     return plant_facts.read(str(find_model(model)), overrides)
 
@@ -329,7 +334,8 @@ def linearise(
     free: bool = False,
     drive: bool = True,
 ) -> System:
-    """Returns one mode of a model as a System, from the equations that the simulation integrates.
+    """Returns a model with given states of its elements as a System, from the equations that the
+    simulation integrates.
 
     model: a path, or the stem of a file of sim/models. inputs: drive.command (V), drive.tach (V,
     added to the tachometer), drive.force (N, between the body of the drive and its reaction body,
@@ -354,7 +360,7 @@ def linearise(
 
 
 def once(parameter: str, names: Sequence[str]) -> None:
-    """Raises InputError if the names for a parameter contain one name twice."""
+    """Raises InputError if `names`, the names for a parameter, contains one name twice."""
     if len(set(names)) < len(names):
         raise ParameterError(
             parameter, f"expected each name once, got {', '.join(names)}; remove repeated names"
@@ -362,13 +368,15 @@ def once(parameter: str, names: Sequence[str]) -> None:
 
 
 def check_export(path: str | Path | None) -> None:
-    """Raises InputError before the computation if matrices cannot be written to this file."""
+    """Raises InputError before the computation if the program cannot write matrices to a file with
+    this suffix."""
     if path is not None and Path(path).suffix not in (".npz", ".mat"):
         raise ParameterError("out", f"{path}: expected a file ending in .npz or .mat")
 
 
 def export(system: System, path: str | Path) -> None:
-    """Writes A, B, C, D, dt (0 for a continuous system) and the names to a file .npz or .mat."""
+    """Writes A, B, C, D, dt (0 for a continuous system) and the names of inputs, outputs and states
+    to a file .npz or .mat."""
     dt, names = system.dt or 0.0, (system.states, system.inputs, system.outputs)
     if Path(path).suffix == ".mat":
         from scipy import io
@@ -386,8 +394,8 @@ def export(system: System, path: str | Path) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class SystemResult:
-    """A System as a result, with the mode of the model (None if the model has only one mode) and dt
-    in s (None if the system is continuous)."""
+    """A System for the JSON output, with the states of the elements of the model (None if no
+    element has different states) and dt in s (None if the system is continuous)."""
 
     working: Working | None = json_field(inline=True)
     states: tuple[str, ...]
@@ -401,7 +409,7 @@ class SystemResult:
 
 
 def system_result(system: System, mode: Working) -> SystemResult:
-    """Returns the SystemResult of a System and its mode."""
+    """Returns a System and the states of the elements of its model as a SystemResult."""
     return SystemResult(
         working=mode.shown,
         states=system.states,

@@ -1,5 +1,5 @@
-"""The default mode in which a model is linearised: the states of its elements in which the axis
-works.
+"""The default states of the elements with which a model is linearised. These are the states in
+which the axis works.
 
 A force law works while the axis presses and moves. In this mode contacts are pressed, frictions
 slide, backlash is closed, and all other elements are in the middle of their range. Sliding friction
@@ -36,9 +36,9 @@ Used = tuple[tuple[str, float | str], ...]  # (parameter, value) pairs
 
 @dataclass(frozen=True)
 class Friction:
-    """A [[friction]] of a model: its name, its two ends, sliding force and breakaway force in N.
-    parameters: names of the parameters that define these two forces. A name is None if the file
-    states the force as a number."""
+    """An element [[friction]] of a model: name, two ends, sliding force and breakaway force in N.
+    `parameters`: names of the parameters that define these two forces. A parameter name is None if
+    the file states the force as a number."""
 
     name: str
     between: tuple[str, str]
@@ -49,22 +49,23 @@ class Friction:
 
 @dataclass(frozen=True)
 class Working:
-    """The mode in which a model is linearised. modes: {element: state}, given or chosen; text: the
-    chosen states as one line for a user, or "" if the model has only one mode and no state was
-    given."""
+    """The states of the elements with which a model is linearised. `modes`: {element: state}, given
+    or chosen; `text`: the chosen states as one text line for a user, or "" if no element has
+    different states and no state was given."""
 
     modes: dict[str, str] = json_field(key="mode")
     text: str = json_field(key="mode_text", default="")
 
     @property
     def shown(self) -> "Working | None":
-        """The mode as a part of a result. None if the model has only one mode."""
+        """Returns the states of the elements for the JSON output. None if no element of the model
+        has different states."""
         return self if self.text else None
 
 
 class _FrictionRow(NamedTuple):
-    """A [[friction]] as written in a file. A force is a number, a quantity or the name of a
-    parameter."""
+    """A [[friction]] element as written in a model file. A force is a number, a quantity or the
+    name of a parameter."""
 
     name: str
     between: tuple[str, str]
@@ -81,8 +82,8 @@ class _Elements(NamedTuple):
 
 @lru_cache(maxsize=64)
 def _elements(path: str, stamp: Stamp) -> _Elements:
-    """Returns the elements of a model file. `stamp`, the time and size of the file, is part of the
-    key of the cache."""
+    """Returns the elements of a model file. The argument `stamp`, the time and size of the file, is
+    part of the key of the cache."""
     table = toml.read(path)
     frictions = (
         _FrictionRow(
@@ -102,15 +103,15 @@ def _stamp(path: str | Path) -> Stamp:
 
 
 def _own_elements(path: str | Path) -> _Elements:
-    # a missing file is reported later by the function that reads models
+    # A missing model file is reported later by the function that reads models.
     if not Path(path).is_file():
         return _Elements()
     return _elements(str(path), _stamp(path))
 
 
 def number(given: float | str | None, parameters: Mapping[str, tuple[float, str]]) -> float | None:
-    """Returns the value of a number, quantity or parameter in a model file, or None for another
-    type.
+    """Returns the value of a number, quantity or parameter in a model file. Returns None for a
+    value of another type.
 
     parameters: as facts has them.
     """
@@ -122,8 +123,8 @@ def number(given: float | str | None, parameters: Mapping[str, tuple[float, str]
 
 
 def frictions(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction, ...]:
-    """Returns the frictions of the model at `path` with the parameters {parameter: value}, in the
-    order of the file."""
+    """Returns the friction elements of the model at `path` with the parameters {parameter: value},
+    in the order of the file."""
     if not _own_elements(path).frictions:
         return ()
     return _frictions(path, plant_facts.read(str(path), overrides).parameters)
@@ -144,13 +145,13 @@ def _frictions(
 
 
 def backlashes(path: str | Path) -> tuple[str, ...]:
-    """Returns the names of the backlashes of a model."""
+    """Returns the names of the backlash elements of a model."""
     return _own_elements(path).backlashes
 
 
 def held(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction, ...]:
-    """Returns the frictions that the drive cannot overcome. The force of the drive that arrives at
-    such a friction is below its breakaway force."""
+    """Returns the friction elements that the drive cannot overcome. The force of the drive that
+    arrives at such an element is below the breakaway force."""
     arriving = arriving_N(path, overrides)
     return tuple(
         one
@@ -160,9 +161,9 @@ def held(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction
 
 
 def arriving_N(path: str | Path, overrides: Overrides | None = None) -> dict[str, float]:
-    """Returns {friction: largest force in N with which the drive can load this friction while it
-    sticks}. The DAC is at full scale, the drive is within its limits, all other frictions slide and
-    contacts are pressed. Empty for a model without a drive."""
+    """Returns {friction: largest force in N with which the drive can load this friction while the
+    friction sticks}. The DAC is at full scale, the drive is within its limits, all other frictions
+    slide and contacts are pressed. The result is empty for a model without a drive."""
     values = dict(overrides or {})
     own = frictions(path, values)
     known = plant_facts.read(str(path), values)
@@ -202,8 +203,9 @@ def _sliding(path: str | Path, own: tuple[Friction, ...]) -> dict[str, str]:
 
 @lru_cache(maxsize=512)
 def _chosen(path: str, stamp: Stamp, used: Used, overrides: Used) -> dict[str, str]:
-    """Returns the default states of frictions and backlashes. stamp, used: version of the file and
-    the values that the computation uses; both are part of the key of the cache."""
+    """Returns the default states of friction and backlash elements. `stamp`, `used`: version of
+    the file and the values that the computation uses; both arguments are part of the key of the
+    cache."""
     values = dict(overrides)
     stuck = {one.name: STUCK for one in held(path, values)}
     return _sliding(path, frictions(path, values)) | stuck
@@ -215,7 +217,8 @@ def working(
     modes: States | None = None,
     free: bool = False,
 ) -> Working:
-    """Returns the Working mode of the model at `path`. States that are given in `modes` are kept.
+    """Returns the states of the elements with which the model at `path` is linearised. States that
+    are given in `modes` are kept.
 
     free: contacts are open. Raises InputError for a file that is not a model.
     """
@@ -237,7 +240,7 @@ def working(
 def friction_states(
     path: str | Path, overrides: Overrides | None = None
 ) -> list[tuple[tuple[str, str], ...]]:
-    """Returns for each friction of the model its possible states ((name, state), ...): sliding and
+    """Returns for each friction of the model the possible states ((name, state), ...): sliding and
     stuck, or only stuck if the drive cannot overcome the friction. Both directions of sliding give
     the same linear system, so the result contains one direction."""
     stuck = {one.name for one in held(path, overrides)}
@@ -252,8 +255,8 @@ def choices(
     path: str | Path, switches: Mapping[str, tuple[str, ...]], overrides: Overrides | None = None
 ) -> list[list[dict[str, str]]]:
     """Returns for each element that switches the states that can last and that differ as linear
-    systems, each as {switch: state}. switches: as in facts. A backlash or a stop with two ends has
-    at most one closed end. Both flanks of a backlash give the same system."""
+    systems, each as {switch: state}. `switches`: as in facts(). A backlash or a stop with two ends
+    has at most one closed end. Both flanks of a backlash give the same system."""
     found = [[dict([one]) for one in states] for states in friction_states(path, overrides)]
     done = {name for states in found for one in states for name in one}
     plays = backlashes(path)
@@ -290,9 +293,9 @@ def cut_by(
     taken: States,
     has_path: Callable[[dict[str, str]], bool],
 ) -> str:
-    """Returns the end of an error text that names the element that interrupts the signal path in
-    the mode `taken`, and the remedy. The text is empty if no single element interrupts the path.
-    has_path(modes): returns True if the path exists in a mode."""
+    """Returns the end of an error text that names the element that interrupts the signal path with
+    the states `taken`, and the remedy. The text is empty if no single element interrupts the path.
+    The function has_path(modes) returns True if the path exists with the states `modes`."""
     for one in held(path, overrides):
         if has_path({**taken, one.name: SLIDING}):
             return (
