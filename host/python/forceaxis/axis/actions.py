@@ -20,19 +20,19 @@ QUICK_STOP = 0x02
 QUICK_STOP_MAX_S = 10.0  # longest duration of a quick stop in s
 FIRST_DAY = datetime.date(1984, 1, 1)  # first day of dates in CiA 301
 CALIBRATION_POINTS = range(2, 9)
-FORCE_MAX_COUNTS = 512  # largest value of force_max in force counts
+FORCE_MAX_COUNTS = 512  # largest value of the object force_max in force counts
 COAST_MAX_S = 5.0  # longest time in s for which a disabled axis may coast
-# force counts by which the force may exceed its initial value during a retract
+# Force in 8-bit counts by which the measured force may exceed its initial value during a retract.
 RETRACT_FORCE_COUNTS = 8
-# Number of steps in which a target decreases to 0 to release the force,
-# and longest time in s until the force is released.
+# Number of steps in which a target force decreases to 0 to release the force, and longest time in s
+# until the force is released.
 RELEASE_MAX_STEPS, RELEASE_MAX_S = 25, 3.0
-# {mode of operation: the object that sets the target force in this mode}
+# {mode of operation: name of the object that sets the target force in this mode}
 FORCE_TARGETS = {
     "force": "target_force", "cyclic_force": "target_force", "force_counts": "force_setpoint"
 }  # fmt: skip
 RETRACT_EXTRA_S = 10.0  # time in s that a retract may take in addition to the time for its distance
-# Force limit of a move in force counts, a quarter of a signed range.
+# Force limit of a move in force counts, which is a quarter of a signed range.
 MOVE_COUNTS = 32
 
 
@@ -52,7 +52,7 @@ class AxisStatus:
 
 
 def state(axis: Drive) -> AxisStatus:
-    """Returns the present AxisStatus of an axis. Raises NoAnswer, Refused."""
+    """Returns the present state of an axis as an AxisStatus. Raises NoAnswer, Refused."""
     now = axis.record(DriveObjects)
     return AxisStatus(
         state=now.state,
@@ -67,9 +67,9 @@ def state(axis: Drive) -> AxisStatus:
 
 def stop(axis: Drive) -> AxisStatus:
     """Commands a quick stop, which also stops an axis that another client owns. Waits until the
-    axis is disabled, or at standstill if quick_stop_option keeps it enabled. Returns the state of
-    the axis. Raises NoAnswer, Refused."""
-    for remaining in (2, 1, 0):  # another CANopen master may interrupt a transfer
+    axis is disabled, or at standstill if quick_stop_option keeps the axis enabled. Returns the
+    state of the axis. Raises NoAnswer, Refused."""
+    for remaining in (2, 1, 0):  # another CANopen master may interrupt a transfer of an object
         try:
             axis.link.write({"controlword": QUICK_STOP})
             break
@@ -90,7 +90,7 @@ def stop(axis: Drive) -> AxisStatus:
 
 
 def wait_to_stand(axis: Drive) -> None:
-    """Waits until a disabled axis no longer coasts, at most COAST_MAX_S. Raises NoAnswer,
+    """Waits until a disabled axis no longer coasts, at most COAST_MAX_S seconds. Raises NoAnswer,
     Refused."""
     before, passed = None, 0.0
     while (now := axis.read("position")) != before and passed < COAST_MAX_S:
@@ -109,8 +109,8 @@ class TareResult:
 
 @dataclass(frozen=True)
 class TareObjects:
-    """State of the tare (idle, running, done, or the reason of a failure), and the latched
-    fault."""
+    """State of the tare (idle, running, done, or the reason of a failure), and the latched fault of
+    the axis."""
 
     tare_state: str
     fault: str
@@ -130,14 +130,14 @@ def tare(axis: Drive) -> TareResult:
 
 
 def reading(axis: Drive, seconds: float = 0.5) -> float:
-    """Returns the mean of the measured force in counts over `seconds` in the time of the axis."""
+    """Returns the mean of the measured force in 8-bit counts over `seconds` of the axis' time."""
     return statistics.fmean(axis.read("force") for _ in axis.link.polls(seconds))
 
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """Result of a calibration: scale of the measured force, and linearity error in per mille of the
-    span."""
+    """Result of a calibration of the force sensor: scale of the measured force, and linearity error
+    in per mille of the span."""
 
     force_scale_N_per_count: float
     linearity_permille: float
@@ -145,8 +145,8 @@ class CalibrationResult:
 
 @dataclass(frozen=True)
 class CalibrationObjects:
-    """State of a calibration, linearity error in per mille of the span, and force_scale in uN per
-    8-bit count."""
+    """State of a calibration of the force sensor, linearity error in per mille of the span, and
+    force_scale in uN per 8-bit count."""
 
     calibration_state: str
     calibration_linearity: float
@@ -154,9 +154,10 @@ class CalibrationObjects:
 
 
 def calibrate(axis: Drive, points: Sequence[tuple[float, float]]) -> CalibrationResult:
-    """Computes and sets force_scale of a disabled axis from a straight line through 2 to 8
-    `points`. Each point is (measured force in counts, reference force in N). Raises InputError, and
-    Refused with the reason that the axis states."""
+    """Computes force_scale of a disabled axis from a straight line through 2 to 8 calibration
+    points, and writes force_scale to the axis. Each element of `points` is (measured force in
+    counts, reference force in N). Raises InputError, and Refused with the reason that the axis
+    states."""
     if len(points) not in CALIBRATION_POINTS:
         raise InputError(f"calibrate: expected 2 to 8 calibration points, got {len(points)}")
     values: dict[str, float] = {}
@@ -169,7 +170,7 @@ def calibrate(axis: Drive, points: Sequence[tuple[float, float]]) -> Calibration
     try:
         axis.set(calibrate=1)
         axis.link.wait(POLL_PERIOD_S)
-    except Refused as error:  # the object calibration_state contains the reason
+    except Refused as error:  # the object calibration_state contains the reason of the refusal
         refusal = error
     found = axis.record(CalibrationObjects)
     if refusal or found.calibration_state != "done":
@@ -187,9 +188,9 @@ def calibrate(axis: Drive, points: Sequence[tuple[float, float]]) -> Calibration
 
 @contextlib.contextmanager
 def bounded(axis: Drive, counts: float) -> Iterator[None]:
-    """Context with a lower limit for the measured force. If the force exceeds `counts`, or
-    force_max if force_max is smaller, the axis is disabled in the same tick. At the end of the
-    context the axis is disabled and force_max is restored."""
+    """Context in which the axis is disabled in the same tick if the measured force exceeds `counts`
+    (or force_max, if force_max is smaller). At the end of the context the axis is disabled and
+    force_max has its earlier value again."""
     own = axis.read("force_max")
     axis.set(force_max=min(counts, own) if own else counts)
     try:
@@ -200,8 +201,8 @@ def bounded(axis: Drive, counts: float) -> Iterator[None]:
 
 
 def expect_position_gain(axis: Drive) -> None:
-    """Raises Refused if position_gain of the axis is 0, because such an axis cannot approach or
-    follow a position."""
+    """Raises Refused if position_gain of the axis is 0, because an axis without position gain
+    cannot approach or follow a position."""
     if axis.read("position_gain") == 0:
         raise Refused(
             f"{axis.link.where}: expected a position_gain above 0, because the axis neither "
@@ -211,8 +212,8 @@ def expect_position_gain(axis: Drive) -> None:
 
 
 def most_counts(axis: Drive, force_max: float | str | None) -> float | None:
-    """Converts a force limit such as "120 N" to counts; a number already is in counts, and None
-    stays None. Raises InputError."""
+    """Converts a force limit such as "120 N" to 8-bit counts. A number already is in counts, and
+    None stays None. Raises InputError."""
     if force_max is None:
         return None
     try:
@@ -236,11 +237,11 @@ def move(
     timeout_s: float = 60.0,
     counts: float = MOVE_COUNTS,
 ) -> AxisStatus:
-    """Moves to a position in profile position mode and then disables the axis. Returns the state of
-    the axis before it is disabled. position: in user units of the axis or "10 mm"; speed: in user
-    units per second or "5 mm/s", None: trajectory_velocity; counts: force limit. Raises InputError
-    before the motion if the axis would limit a target; Refused; NoAnswer, which names the fault if
-    the force limit was exceeded."""
+    """Moves the axis to a position in profile position mode and then disables the axis. Returns the
+    state of the axis before the axis is disabled. `position`: in user units of the axis or "10 mm";
+    `speed`: in user units per second or "5 mm/s", None: trajectory_velocity; `counts`: force limit
+    in 8-bit counts. Raises InputError before the motion if the axis would limit a target; Refused;
+    NoAnswer, which names the fault if the force limit was exceeded."""
     expect_position_gain(axis)
     given: dict[str, Value] = {} if speed is None else {"trajectory_velocity": speed}
     settings = expect(axis, {**given, "target_position": position})
@@ -257,7 +258,8 @@ def move(
 
 def expect(axis: Drive, values: Mapping[str, Value]) -> dict[str, Value]:
     """Converts targets and quantities to engineering values. Raises InputError if the axis would
-    limit a target; the text states the bound and its object."""
+    limit a target. The error text states the bound of the target and the object that sets the
+    bound."""
     raw = quantity.all_raw(axis, values)
     bounds.expect_raw(axis, raw)
     return {name: from_raw(name, value) for name, value in raw.items()}
@@ -265,8 +267,8 @@ def expect(axis: Drive, values: Mapping[str, Value]) -> dict[str, Value]:
 
 @dataclass(frozen=True)
 class PressOrder:
-    """Options of a press besides its force; see Axis.press(). An option that is None has the
-    default stated there."""
+    """Options of a press in addition to the force; see Axis.press(). If an option is None, the
+    default value that Axis.press() states is used."""
 
     seconds: float = 3.0
     speed: float | str | None = None
@@ -287,8 +289,9 @@ class PressSample:
 
 @dataclass(frozen=True)
 class PressResult:
-    """Result of a press. Measured force: mean, smallest and largest value in the second half of the
-    time, and the peak since the first contact. Positions are in encoder counts."""
+    """Result of a press: mean, smallest and largest measured force in the second half of the
+    pressing time, and the peak of the measured force since the first contact. Positions are in
+    encoder counts."""
 
     force_count: float
     force_N: float
@@ -296,7 +299,7 @@ class PressResult:
     most_N: float
     peak_N: float
     position: int
-    #: position after a retract in encoder counts; None without a retract
+    #: Position after a retract in encoder counts. None without a retract.
     retracted_position: int | None = None
 
 
@@ -314,8 +317,8 @@ def press(
     order: PressOrder,
     shown: Callable[[PressSample], None] | None = None,
 ) -> PressResult:
-    """Presses with `force` as `order` specifies, then disables the axis. Raises the errors of
-    Axis.press(). shown(sample) is called a few times per second."""
+    """Presses with the force `force` as `order` specifies, then disables the axis. Raises the
+    errors of Axis.press(). The function shown(sample) is called a few times per second."""
     speed = order.speed
     expect_position_gain(axis)
     bound = "approach_velocity_max" if force.newton else "touch_velocity_max"
@@ -362,8 +365,8 @@ def press(
 
 
 def _force_bound(axis: Drive, counts: float, force_max: float | str | None) -> float:
-    """Returns the force limit of a press in counts, which is larger than the force of the press.
-    Raises InputError."""
+    """Returns the force limit of a press in 8-bit counts, which is larger than the force of the
+    press. Raises InputError."""
     most = most_counts(axis, force_max)
     newton, own = force_per_count(axis), axis.read("force_max")
     for limit, by, remedy in (
@@ -385,9 +388,9 @@ def _hold(
     target: Mapping[str, Value],
     shown: Callable[[PressSample], None] | None,
 ) -> list[PressSample]:
-    """Samples the axis while it presses, and calls shown(sample) a few times per second. Raises
-    Refused if the axis becomes disabled, or if the axis limits the target because a bound has
-    changed."""
+    """Samples the state of the axis while the axis presses, and calls shown(sample) a few times per
+    second. Raises Refused if the axis becomes disabled, or if the axis limits the target because a
+    bound has changed."""
     samples: list[PressSample] = []
     was_limited = False
     for _ in axis.link.polls(seconds):
@@ -417,8 +420,8 @@ def _distance(axis: Drive, distance: float | str) -> float:
 
 
 def retract(axis: Drive, distance: float | str, speed: float | str | None = None) -> AxisStatus:
-    """Moves the axis back from a contact by a distance and disables it. Returns the state of the
-    axis before it is disabled. Arguments and errors are those of Axis.retract()."""
+    """Moves the axis back from a contact by a distance and disables the axis. Returns the state of
+    the axis before the axis is disabled. Arguments and errors are those of Axis.retract()."""
     expect_position_gain(axis)
     way = _distance(axis, distance)
     if speed is not None:
@@ -444,9 +447,9 @@ class RetractObjects:
 
 
 def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> AxisStatus:
-    """Lowers the force target `target` (if not "") to 0. Then moves the axis against the direction
-    of the force, to the distance `way` from its present position. Returns the state of the axis,
-    which is still enabled."""
+    """Lowers the force target in the object `target` to 0 (if `target` is not ""). Then moves the
+    axis against the direction of the force, to the distance `way` from the present position.
+    Returns the state of the axis, which is still enabled."""
     ratio = quantity.user_per_count(axis) or 1.0
     if speed is None:
         most = axis.read("approach_velocity_max")

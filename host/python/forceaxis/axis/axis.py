@@ -1,4 +1,4 @@
-"""An axis in engineering units, over any connection.
+"""Operates one axis with values in engineering units, over any connection.
 
 with Axis.sim("sim/experiments/session.toml") as axis:    # acquired; or can, gateway, modbus
     axis.set(position_gain=4.0, velocity_gain=20.0, force_gain=5.0)
@@ -31,14 +31,14 @@ __all__ = ["MODES", "Axis", "trigger_on"]
 
 @dataclass(frozen=True)
 class OwnerObjects(StatusObjects):
-    """The statusword, and the name of the command source that owns the axis."""
+    """The statusword of an axis, and the name of the command source that owns the axis."""
 
     command_source: str
 
 
 class Axis(Drive):
-    """An axis over a connection. A `with` block acquires the axis; close() disables and releases
-    it."""
+    """An axis that is reached over a connection. A `with` block acquires the axis; close() disables
+    and releases the axis."""
 
     def __init__(self, link: Link) -> None:
         super().__init__(link)
@@ -46,8 +46,9 @@ class Axis(Drive):
 
     @classmethod
     def sim(cls, experiment: str | Path, overrides: Sequence[str] = (), store: str = "") -> Axis:
-        """Returns the simulated axis of an experiment, which has its own time. Raises InputError.
-        Warns if force_scale of the axis differs from the scale of the sensor in the model."""
+        """Returns the simulated axis of an experiment, which runs in simulated time. Raises
+        InputError. Warns if force_scale of the axis differs from the scale of the force sensor in
+        the model."""
         from forceaxis.axis.sim import SimLink
 
         link = SimLink(experiment, overrides, store)
@@ -57,7 +58,7 @@ class Axis(Drive):
 
     @classmethod
     def can(cls, interface: str = "can0", node: int = 1, model: str | Path | None = None) -> Axis:
-        """Returns the axis of a node on a CAN interface. model: a model file whose encoder gives
+        """Returns the axis of a node on a CAN interface. `model`: a model file whose encoder gives
         the size of a count in mm. Raises InputError, NoAnswer."""
         from forceaxis.axis.can import CanLink
 
@@ -67,16 +68,16 @@ class Axis(Drive):
     def gateway(
         cls, axis: int = 1, url: str | None = None, model: str | Path | None = None
     ) -> Axis:
-        """Returns an axis at the gateway of an LCM bus. url: URL of the bus, or None for the
-        default of LCM. model: as in can(). Raises InputError."""
+        """Returns an axis at the gateway of an LCM bus. `url`: URL of the bus, or None for the
+        default of LCM. `model`: as in can(). Raises InputError."""
         from forceaxis.axis.gateway import GatewayLink
 
         return cls(_with_model(GatewayLink(axis, url), model))
 
     @classmethod
     def modbus(cls, url: str, unit: int = 1, model: str | Path | None = None) -> Axis:
-        """Returns the axis of a Modbus unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". model: as
-        in can(). Raises InputError, NoAnswer."""
+        """Returns the axis of a Modbus unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". `model`:
+        as in can(). Raises InputError, NoAnswer."""
         from forceaxis.axis.modbus import ModbusLink
 
         return cls(_with_model(ModbusLink(url, unit), model))
@@ -89,8 +90,8 @@ class Axis(Drive):
         self.close()
 
     def acquire(self, shared: bool = False) -> None:
-        """Acquires the axis. Raises Refused if another client has enabled the axis. shared: if that
-        client is on the same bus, it stays the owner; this program may then write to the axis, and
+        """Acquires the axis. Raises Refused if another client has enabled the axis. `shared`:
+        another client on the same bus stays the owner; this program may then write to the axis, and
         close() does not disable the axis."""
         now = self.record(OwnerObjects)
         if now.state in POWERED:
@@ -108,7 +109,7 @@ class Axis(Drive):
 
     def close(self) -> str:
         """Disables and releases an owned axis and ends the connection, also after an error. Returns
-        a text about the result."""
+        a text about the result of the disabling."""
         done = "was not owned"
         try:
             if self._owned:
@@ -135,7 +136,8 @@ class Axis(Drive):
         force_max: float | str | None = None,
         retract: float | str | None = None,
     ) -> actions.PressResult:
-        """Approaches, presses for `seconds` from the first contact on, and disables the axis.
+        """Approaches the workpiece, presses for `seconds` from the first contact on, and disables
+        the axis.
 
         force: "75 N" in mode 4, with the active force law or bank; a number (8-bit counts) in mode
         -1, with the P law. speed: limit of the approach speed, "4 mm/s" or encoder counts per
@@ -154,7 +156,7 @@ class Axis(Drive):
         self, distance: float | str, speed: float | str | None = None
     ) -> actions.AxisStatus:
         """Moves an axis in contact back by a distance, "5 mm" or in user units, and disables the
-        axis there. Returns the state of the axis before it is disabled.
+        axis at the end of this distance. Returns the state of the axis before the axis is disabled.
 
         The force is released first. The axis then moves in the opposite direction of the force, or
         away from the workpiece without a force, at most at `speed` (default: approach_velocity_max)
@@ -164,7 +166,7 @@ class Axis(Drive):
         return actions.retract(self, distance, speed)
 
     def arm(self, signals: Sequence[str], samples: int = 0, **settings: Value) -> None:
-        """Starts a recording with the arguments of capture()."""
+        """Starts a recording of signals with the arguments of capture()."""
         if not 1 <= len(signals) <= 8:
             raise InputError(f"capture: expected 1 to 8 signals, got {len(signals)}")
         for name in signals:
@@ -175,7 +177,8 @@ class Axis(Drive):
     def capture(
         self, signals: Sequence[str], samples: int = 0, timeout_s: float = 30.0, **settings: Value
     ) -> Recording:
-        """Records `signals` in each tick and waits for the end; returns a link.Recording.
+        """Records `signals` in each tick and waits for the end of the recording. Returns a
+        link.Recording.
 
         samples 0: as many as the recorder can store. `settings` are further objects of the recorder
         without their prefix: decimation=3, pretrigger=100, trigger_edge="rising"; see trigger_on().

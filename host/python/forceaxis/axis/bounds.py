@@ -1,6 +1,6 @@
-"""Checks targets against the bounds of an axis. The firmware limits a target beyond a bound, so
-such a target is refused before it is written. The text of the error states the target, the bound,
-the object that sets the bound, and the remedy.
+"""Checks targets against the bounds of an axis before the targets are written. The firmware limits
+a target beyond a bound, so the program refuses such a target. The error text states the target, the
+bound, the object that sets the bound, and the remedy.
 
 expect(axis, {"target_force": 5000})      # InputError where 6072h and rated_force permit less
 
@@ -33,18 +33,18 @@ class Bound:
 
     least: float
     most: float
-    by: str  #: the object that sets the bound, and other values from which the bound is computed
+    by: str  # the object that sets the bound, and other values from which the bound is computed
     remedy: str
 
 
-# Each class names objects from which bounds are computed.
-# The value of an object is None if the connection cannot access the object.
+# Each of the following classes names objects from which bounds of targets are computed. The value
+# of an object is None if the connection cannot access the object.
 
 
 @dataclass(frozen=True)
 class SensorObjects:
-    """Objects that define how an ADC code is converted to the measured force; force_tare is in
-    8-bit counts."""
+    """Objects that define how an ADC code is converted to the measured force. The object force_tare
+    is in 8-bit counts."""
 
     adc_bits: int | None
     force_zero_code: int | None
@@ -54,7 +54,8 @@ class SensorObjects:
 
 @dataclass(frozen=True)
 class ForceLimits:
-    """Limits of the demanded force in per mille of rated_force. rated_force itself is in mN."""
+    """Limits of the demanded force in per mille of rated_force. The object rated_force itself is in
+    mN."""
 
     force_limit: float
     force_limit_positive: float | None
@@ -67,7 +68,7 @@ class ForceLimits:
 
 @dataclass(frozen=True)
 class EncoderLimits:
-    """Limits of the position in encoder counts."""
+    """Limits of the axis position in encoder counts."""
 
     position_min: int
     position_max: int
@@ -93,9 +94,9 @@ def _object(name: str) -> str:
 
 
 def expect_raw(axis: AxisValues, raw: Mapping[str, int]) -> None:
-    """Raises InputError, in one line, if the axis would limit one of the raw values that are to be
-    written in this order. The function reads only the objects from which bounds of these values are
-    computed."""
+    """Raises InputError, in one text line, if the axis would limit one of the raw values that are
+    to be written in this order. The function reads only the objects from which bounds of these
+    values are computed."""
     targets = [name for name in raw if name in BOUNDS]
     planned = PlannedValues(axis, raw)
     for name in targets:
@@ -106,7 +107,8 @@ def expect_raw(axis: AxisValues, raw: Mapping[str, int]) -> None:
 
 
 def expect(axis: AxisValues, values: Mapping[str, Value]) -> None:
-    """Checks engineering values before they are written. Raises the errors of expect_raw()."""
+    """Checks engineering values against the bounds of the axis before the values are written.
+    Raises the errors of expect_raw()."""
     expect_raw(axis, {name: to_raw(name, value) for name, value in values.items()})
 
 
@@ -128,7 +130,7 @@ def expect_readable(
     axis: AxisValues, force_N: float, swing: float, newton_per_count: float
 ) -> None:
     """Raises InputError if a force with an excitation leaves the range of the measured force or
-    exceeds force_max. `swing`: range of the force from peak to peak, relative to the force."""
+    exceeds force_max. `swing`: peak-to-peak range of the force, relative to the force."""
     reading, force_max = of_reading(PlannedValues(axis, {})), axis.read("force_max")
     for counts, by in (
         (reading.most if reading else math.inf, "the end of the range of the measured force"),
@@ -155,9 +157,9 @@ def _refusal(axis: AxisValues, name: str, value: float, bound: Bound) -> str:
 
 
 def of_reading(planned: PlannedValues) -> Bound | None:
-    """Returns the range of the measured force in counts, from the ADC codes without the two end
-    codes. An end of the range with the force zero is no bound: there the axis presses against the
-    end or has no contact."""
+    """Returns the range of the measured force in 8-bit counts, computed from the ADC codes without
+    the two end codes. An end of the range with the force zero is no bound, because the axis then
+    presses against the end or has no contact."""
     sensor = planned.record(SensorObjects)
     bits, zero, tare = sensor.adc_bits, sensor.force_zero_code, sensor.force_tare
     sign = sensor.force_sign
@@ -182,8 +184,8 @@ def _force_setpoint(planned: PlannedValues) -> Iterator[Bound]:
 
 
 def _target_force(other: str) -> Callable[[PlannedValues], Iterator[Bound]]:
-    """Returns a function for the bounds of a summand of the demanded force, in per mille of
-    rated_force. other: object of the other summand."""
+    """Returns a function that yields the bounds of a summand of the demanded force, in per mille of
+    rated_force. `other`: object of the other summand."""
 
     def bounds(planned: PlannedValues) -> Iterator[Bound]:
         added = planned.read(other) or 0
@@ -208,7 +210,8 @@ def _target_force(other: str) -> Callable[[PlannedValues], Iterator[Bound]]:
         yield from _uncertified(planned, limits, bound)
         reading = of_reading(planned)
         if reading:
-            # force_scale in uN divided by rated_force in mN gives per mille
+            # The quotient of force_scale in uN and rated_force in mN is in per mille of
+            # rated_force.
             per_count = planned.read("force_scale") / limits.rated_force
             yield bound(
                 reading.most * per_count, reading.least * per_count, reading.by, reading.remedy
@@ -224,7 +227,7 @@ def _uncertified(
     bank, share = limits.force_bank, limits.uncertified_force
     if not bank and limits.certificate_required != "yes":
         return
-    # the certificate state is None if the connection cannot access the object
+    # The state of the certificate is None if the connection cannot access the object.
     state = planned.read(f"certificate_state_{bank}") if bank else "none"
     if state in ("fits", None):
         return
@@ -265,7 +268,7 @@ def _position(planned: PlannedValues) -> Iterator[Bound]:
 
 
 def _end(position: float) -> float:
-    """Returns a position limit, or infinity if the axis has no such limit."""
+    """Returns a position limit, or infinity if the axis has no position limit at this end."""
     return math.copysign(math.inf, position) if abs(position) >= NO_LIMIT else position
 
 
@@ -277,8 +280,8 @@ def _native_position(planned: PlannedValues) -> Iterator[Bound]:
 
 
 def _velocity(other: str = "") -> Callable[[PlannedValues], Iterator[Bound]]:
-    """Returns a function for the bounds of a speed in user units per second. other: object that is
-    added to the speed in cyclic velocity mode."""
+    """Returns a function that yields the bounds of a speed in user units per second. `other`:
+    object that is added to the speed in cyclic velocity mode."""
 
     def bounds(planned: PlannedValues) -> Iterator[Bound]:
         most = planned.read("velocity_max")
@@ -293,7 +296,7 @@ def _velocity(other: str = "") -> Callable[[PlannedValues], Iterator[Bound]]:
 
 
 def _approach(planned: PlannedValues) -> Iterator[Bound]:
-    """Yields the bounds of a speed in encoder counts per second."""
+    """Yields the bounds of an approach speed in encoder counts per second."""
     most, ratio = planned.read("velocity_max"), quantity.user_per_count(planned.axis)
     if most is not None and ratio is not None:
         yield Bound(
@@ -303,8 +306,8 @@ def _approach(planned: PlannedValues) -> Iterator[Bound]:
 
 
 def _code(beside: str = "", always: bool = False) -> Callable[[PlannedValues], Iterator[Bound]]:
-    """Returns a function for the bounds of a DAC code. beside: object whose code is added in
-    excitation mode, or in every mode if `always` is True."""
+    """Returns a function that yields the bounds of a DAC code. `beside`: object whose DAC code is
+    added in excitation mode, or in every mode if `always` is True."""
 
     def bounds(planned: PlannedValues) -> Iterator[Bound]:
         limit = planned.read("output_limit")
@@ -320,7 +323,7 @@ def _code(beside: str = "", always: bool = False) -> Callable[[PlannedValues], I
     return bounds
 
 
-# {target: function that yields the bounds of the target}
+# {name of a target: function that yields the bounds of the target}
 BOUNDS: dict[str, Callable[[PlannedValues], Iterator[Bound]]] = {
     "target_force": _target_force("force_offset"),
     "force_offset": _target_force("target_force"),

@@ -1,5 +1,5 @@
-"""An axis on a CAN bus. The program is the CANopen master of the axis: SDO, NMT and a monitored
-heartbeat."""
+"""Access to an axis on a CAN bus. The program is the CANopen master of the axis: SDO, NMT and a
+monitored heartbeat."""
 
 import contextlib
 import errno
@@ -33,17 +33,18 @@ REQUEST_ID, ANSWER_ID, HEARTBEAT_ID = 0x600, 0x580, 0x700
 TEXT_INDICES = range(0x1008, 0x100B)
 # Command specifiers in the answers of an SDO server (CiA 301, 7.2.4.3).
 UPLOAD_ANSWER, DOWNLOAD_ANSWER, ABORT_ANSWER = 2, 3, 4
-# Upper halves of SDO abort codes: toggle-bit error; time-out, wrong command or wrong block.
+# Upper halves of SDO abort codes: one for a toggle-bit error, and one for a time-out, a wrong
+# command or a wrong block.
 TRANSFER_ABORTS = (0x0503, 0x0504)
 # Longest time in s to close a bus without traffic. The default of python-canopen is 1 s.
 NOTIFIER_S = 0.05
-# consumer heartbeat time of the axis in ms; heartbeats are sent ten times as often
+# Consumer heartbeat time in the axis in ms. This program sends heartbeats ten times as often.
 HEARTBEAT_MS = 1000
 HEARTBEAT_ENTRIES = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
 STORING = ("store_all", "store_parameters")
 RECORDER_DATA = 0x2120
-# Largest sizes of a transfer in bytes: of a name, and of a recording (30 KiB in the firmware).
-# A node that sends segments without end is aborted at this size.
+# Largest sizes of an SDO transfer in bytes: of a name, and of a recording (30 KiB in the firmware).
+# The program aborts the transfer of a node that sends segments without end at this size.
 MOST_BYTES, MOST_RECORDED_BYTES = 256, 1 << 20
 READ_TRIES = 2
 ABORT_TOO_LONG = 0x06070012  # SDO abort code: the object is longer than expected
@@ -57,8 +58,8 @@ REASON_OF_ABORT = {
 
 
 def libraries() -> tuple[Any, Any]:
-    """Returns the modules canopen and can, which have no types here. Raises InputError if they are
-    not installed."""
+    """Returns the Python modules canopen and can, whose functions have no type annotations here.
+    Raises InputError if the modules are not installed."""
     try:
         import can
         import canopen
@@ -68,7 +69,8 @@ def libraries() -> tuple[Any, Any]:
             "expected the packages python-canopen and python-can; install both packages with `pip "
             "install 'forceaxis[can]'`",
         ) from None
-    # log messages of the libraries are suppressed, because a verb prints an error on one line
+    # Log messages of the libraries canopen and can are suppressed, because a subcommand prints an
+    # error on one line.
     for library in ("can", "canopen"):
         logging.getLogger(library).addHandler(logging.NullHandler())
     return canopen, can
@@ -76,8 +78,8 @@ def libraries() -> tuple[Any, Any]:
 
 @contextlib.contextmanager
 def network(interface: str, bus: Any = None) -> Iterator[Any]:
-    """Returns a canopen.Network. bus: a python-can bus that is used in place of the interface.
-    Raises InputError."""
+    """Returns a canopen.Network. `bus`: a python-can bus that is used in place of the CAN
+    interface. Raises InputError."""
     canopen, can = libraries()
     made = canopen.Network()
     made.bus = bus
@@ -139,20 +141,21 @@ class CanLink(RecorderLink):
         self._network.subscribe(ANSWER_ID + node, self._answered)
         self._errors = canopen.SdoCommunicationError, canopen.SdoAbortedError
         self._lock, self._owns = threading.RLock(), False
-        # (object of 1016h, its previous value) for the monitoring of this program's heartbeat
+        # (object of 1016h, previous value of the object) for the monitoring of this program's
+        # heartbeat
         self._watched: tuple[str, int] | None = None
         # (command specifier, index, sub-index) of the expected SDO answer, or None
         self._expected: tuple[int, int, int] | None = None
         self._interface = interface if bus is None else None
-        # set if another node sends heartbeats with the node id of this program
+        # This event is set if another node sends heartbeats with the node id of this program.
         self._rival = threading.Event()
         # Time in s since 1970 until which heartbeats with the own node id come from this program.
         self._beaten_until = 0.0
         self._network.subscribe(HEARTBEAT_ID + own_node, self._heard)
 
     def _answered(self, can_id: int, data: bytes, timestamp: float) -> None:
-        """Passes an SDO answer to the library. Ignores an answer to another client of the same
-        channel, such as a gateway that polls."""
+        """Passes an SDO answer to the library. Ignores an answer to another client of the same SDO
+        channel, such as a gateway that polls the axis."""
         if self._expected is not None:
             command, *about = struct.unpack_from("<BHB", data) if len(data) == 8 else (0,)
             kind, *expected = self._expected
@@ -199,11 +202,12 @@ class CanLink(RecorderLink):
         return found
 
     def text(self, index: int) -> str:
-        """Returns a text of TEXT_INDICES, such as the name of the device in 1008h."""
+        """Returns a CANopen text of the node, such as the name of the device in 1008h. `index` is
+        one of TEXT_INDICES."""
         return self._upload(f"{index:04X}h", index, 0).decode(errors="replace")
 
     def _upload(self, name: str, index: int, sub: int) -> bytes:
-        """Returns the bytes of an object. The request is sent again if a frame may have been
+        """Returns the bytes of an object. The SDO request is sent again if a frame may have been
         lost."""
         for remaining in range(READ_TRIES, 0, -1):
             try:
@@ -236,7 +240,7 @@ class CanLink(RecorderLink):
             if enables and self._owns and self._watched is None:
                 self._be_watched()
             if name in STORING:
-                # a stored parameter set does not contain the heartbeat entry of this program
+                # A stored parameter set must not contain the heartbeat entry of this program.
                 self._be_unwatched()
             self._download(name, raw)
 
@@ -248,12 +252,12 @@ class CanLink(RecorderLink):
     def acquire(self) -> None:
         if self.read_one("command_source") != self.source:
             self._download("command_source", self.source)
-        # A node that missed a heartbeat has left the state operational, so the node is started
-        # again.
+        # A node that missed a heartbeat has left the state operational, so the program starts the
+        # node again.
         with self._asking("NMT start"):
             self._network.send_message(0, [NMT_START, self._id])
         place, raw = self._entry()
-        # A killed program with the same node id has left its entry in 1016h.
+        # An earlier program with the same node id was killed, and its entry in 1016h still exists.
         if place is not None and raw == self._ours:
             self._expect_alone()
             self._download(place, 0)
@@ -268,8 +272,8 @@ class CanLink(RecorderLink):
         return self._own << 16 | HEARTBEAT_MS
 
     def _entry(self) -> tuple[str | None, int]:
-        """Returns (object, raw value) of the entry of 1016h with the node id of this program.
-        Without such an entry, returns a free entry, otherwise (None, 0)."""
+        """Returns (object, raw value) of the entry of 1016h with the node id of this program. If
+        there is no such entry, returns a free entry, otherwise (None, 0)."""
         entries = self.read(HEARTBEAT_ENTRIES).items()
         own = [entry for entry in entries if entry[1] >> 16 == self._own]
         free = [entry for entry in entries if not entry[1] & 0xFFFF]
@@ -288,7 +292,8 @@ class CanLink(RecorderLink):
             self._rival.set()
 
     def _send_beat(self, data: bytes) -> None:
-        # A thread sends the heartbeat, because a transfer may exceed the consumer heartbeat time.
+        # A thread sends the heartbeat, because an SDO transfer may last longer than the consumer
+        # heartbeat time.
         try:
             self._network.send_message(HEARTBEAT_ID + self._own, data)
         except self._can.CanError as error:
@@ -306,8 +311,8 @@ class CanLink(RecorderLink):
         self._watched = place, before
         self._download(place, self._ours)
         self._beaten_until = math.inf
-        # 1016h is written before the first heartbeat, from which on the axis monitors the
-        # heartbeat.
+        # The object 1016h is written before the first heartbeat. The axis monitors the heartbeat
+        # from the first heartbeat on.
         self._keeper = HeartbeatKeeper(
             self._interface, HEARTBEAT_ID + self._own, bytes([NMT_OPERATIONAL]),
             HEARTBEAT_MS / 10_000, self._send_beat,

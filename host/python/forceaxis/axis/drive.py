@@ -14,13 +14,13 @@ from forceaxis.bus.client import Value, to_raw
 from forceaxis.bus.state_names import POWERED
 
 MODES = {text: number for number, text in state_names.MODES.items()}
-# Controlwords, and bits of the statusword (CiA 402).
+# Values of the controlword, and bits of the statusword (CiA 402).
 SHUTDOWN, SWITCH_ON, ENABLE, NEW_SETPOINT = 0x06, 0x07, 0x0F, 0x1F
 START_HOMING, FAULT_RESET = 0x1F, 0x80
 DISABLE_VOLTAGE = 0  # the only controlword that ends a latched quick stop
 TARGET_REACHED, BIT_12, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
-# End of the error text for an axis with a fault.
-# The command line replaces this text by its own command.
+# End of the error text for an axis with a fault. The command line replaces this text by its own
+# command.
 FAULT_REMEDY = "; reset_fault() resets the fault"
 # Longest time in s from the controlword to the disabled state, including the ramp of a stop.
 DISABLE_TIMEOUT_S = 2.0
@@ -32,7 +32,7 @@ class DriveObjects:
     counts."""
 
     statusword: int
-    modes_of_operation_display: str | int  # a mode without a name stays a number
+    modes_of_operation_display: str | int  # a mode of operation without a name stays a number
     fault: str
     position: int
     force: float
@@ -40,25 +40,25 @@ class DriveObjects:
 
     @property
     def state(self) -> str:
-        """Returns the state of the drive (CiA 402)."""
+        """Returns the CiA 402 state of the drive as text."""
         return state_names.drive_state(self.statusword)
 
     @property
     def mode(self) -> str:
-        """Returns the mode of operation as text."""
+        """Returns the mode of operation of the axis as text."""
         return str(self.modes_of_operation_display).replace("_", " ")
 
 
 @dataclass(frozen=True)
 class FaultObjects:
-    """The latched fault as text, which is "none" without a fault."""
+    """The latched fault of the axis as text, which is "none" without a fault."""
 
     fault: str
 
 
 @dataclass(frozen=True)
 class ExcitationObjects:
-    """State of the excitation, such as "running" or "done"."""
+    """State of the excitation of the axis, such as "running" or "done"."""
 
     excitation_state: str
 
@@ -71,7 +71,7 @@ class StatusObjects:
 
     @property
     def state(self) -> str:
-        """Returns the state of the drive (CiA 402)."""
+        """Returns the CiA 402 state of the drive as text."""
         return state_names.drive_state(self.statusword)
 
 
@@ -84,26 +84,26 @@ class StoppedObjects(StatusObjects):
 
 @dataclass(frozen=True)
 class ModeObjects(StatusObjects):
-    """The statusword and the active mode of operation."""
+    """The statusword of the axis and the active mode of operation."""
 
     modes_of_operation_display: str | int
 
 
 @dataclass(frozen=True)
 class ReachedPosition(StatusObjects):
-    """The statusword and the position in encoder counts at the end of a move."""
+    """The statusword of the axis, and the position in encoder counts at the end of a move."""
 
     position: int
 
 
 class Drive(AxisValues):
-    """An axis that accepts commands from this program. The program owns the axis after it has
-    acquired the connection."""
+    """An axis that accepts commands from this program. The program owns the axis after the program
+    has acquired the connection."""
 
     def set(self, **values: Value) -> None:
-        """Writes engineering values, texts of enumerations or quantities ("75 N", "10 mm/s") in
-        order. Raises InputError before anything is written for an unknown or read-only object, an
-        invalid value, or a target that the axis would limit (see bounds). Also raises Refused,
+        """Writes engineering values, texts of enumerations or quantities ("75 N", "10 mm/s") to the
+        axis in order. Before the first write, raises InputError for an unknown or read-only object,
+        an invalid value, or a target that the axis would limit (see bounds). Also raises Refused,
         NoAnswer."""
         for name in values:
             if known_object(name).access == "ro":
@@ -116,7 +116,7 @@ class Drive(AxisValues):
         self.link.write(raw)
 
     def put_back(self, **values: Value) -> None:
-        """Restores earlier engineering values of the axis, or reduces a value in steps to 0. In
+        """Writes earlier engineering values to the axis again, or reduces a value in steps to 0. In
         contrast to set(), this function does not check bounds, because a bound may have changed
         since. Raises InputError, Refused, NoAnswer."""
         self.link.write({name: to_raw(name, value) for name, value in values.items()})
@@ -128,10 +128,10 @@ class Drive(AxisValues):
         what: str,
         timeout_s: float = 5.0,
     ) -> R:
-        """Reads the fields of the dataclass `kind`, which are objects, again and again until
+        """Reads the objects that are the fields of the dataclass `kind` repeatedly until
         holds(values) is true, and returns these values. Raises NoAnswer after timeout_s of the
-        axis' time, or after a fault if `kind` has no field `fault`. The text names `what` and the
-        state of the axis."""
+        axis' time, or after a fault if `kind` has no field `fault`. The error text contains `what`
+        and the state of the axis."""
         names = object_names(kind)
         passed_s = 0.0
         while True:
@@ -150,8 +150,8 @@ class Drive(AxisValues):
             passed_s += POLL_PERIOD_S
 
     def about(self) -> str:
-        """Returns the state of the axis as text: drive, fault, mode, position in encoder counts,
-        force in 8-bit counts."""
+        """Returns the state of the axis as text: drive, fault, mode of operation, position in
+        encoder counts, force in 8-bit counts."""
         now = self.record(DriveObjects)
         return (
             f"{state_names.condition(now.statusword, now.fault)}, mode {now.mode}, "
@@ -160,8 +160,9 @@ class Drive(AxisValues):
 
     def enable(self, mode: str | int, **parameters: Value) -> None:
         """Enables the axis (state operation enabled) in a mode of operation, a name of
-        state_names.MODES or a number. `parameters` are written before the mode changes. Raises
-        InputError for an unknown mode; Refused if the axis has a fault; NoAnswer."""
+        state_names.MODES or a number. The values in `parameters` are written before the mode
+        changes. Raises InputError for an unknown mode; Refused if the axis has a fault;
+        NoAnswer."""
         number = MODES.get(mode, mode) if isinstance(mode, str) else mode
         if number not in state_names.MODES:
             raise InputError(f"{mode}: expected a mode of operation: {', '.join(MODES)}")
@@ -203,10 +204,10 @@ class Drive(AxisValues):
         self.link.write({"controlword": FAULT_RESET})
 
     def move(self, position: int | str, timeout_s: float = 20.0) -> ReachedPosition:
-        """Moves to `position` in profile position mode and waits until the axis has reached the
-        position, at most timeout_s of the axis' time. position: in user units of the axis, or "10
-        mm". Raises InputError for a position beyond a limit; Refused if a limit has changed
-        meanwhile; NoAnswer."""
+        """Moves the axis to `position` in profile position mode and waits until the axis has
+        reached the position, at most timeout_s of the axis' time. `position`: in user units of the
+        axis, or "10 mm". Raises InputError for a position beyond a limit; Refused if a limit has
+        changed meanwhile; NoAnswer."""
         self.set(target_position=position, controlword=NEW_SETPOINT)
         target = self.read("target_position")
         self.wait_for(StatusObjects, lambda s: s.statusword & BIT_12, "the set-point acknowledged")
@@ -221,8 +222,8 @@ class Drive(AxisValues):
         return reached
 
     def expect_unlimited(self, targets: Mapping[str, Value], when: str) -> None:
-        """Raises Refused, in one line, if the axis now limits one of the targets. when: a text for
-        the message, such as "while it moved"."""
+        """Raises Refused, in one text line, if the axis now limits one of the targets. `when`: end
+        of the message, a text such as "while it moved"."""
         try:
             bounds.expect(self, targets)
         except InputError as error:

@@ -1,4 +1,4 @@
-"""An axis that a gateway serves on LCM."""
+"""Access to an axis that a gateway serves on LCM."""
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,7 +19,7 @@ from forceaxis.bus.keeper import GatewayKeeper
 from forceaxis.objects import BY_NAME
 
 READY_S = 10.0
-# longest time in s until the polling gateway detects the end of a recording
+# Longest time in s until the polling gateway detects the end of a recording.
 RECORDING_END_MAX_S = 2.0
 RETRY_PERIOD_S = 0.1  # period in s in which a refused command is sent again
 # Parts of the texts with which the gateway refuses a command (host/gateway/commands.cpp).
@@ -27,14 +27,14 @@ NOT_SET_UP_TEXT = "not set up yet"
 RECORDER_BUSY_TEXT = "another recording is in progress"
 PRODUCT, REVISION = "product_code", "revision_number"
 DEVICE = "forceaxis"  # name of the device (1008h) of every product with this product code
-OBJECTS_PER_COMMAND = 64  # largest number of objects in one command
-# Prefixes of the objects that a gateway sets itself.
+OBJECTS_PER_COMMAND = 64  # largest number of objects in one command to the gateway
+# Prefixes of the names of objects that a gateway sets itself.
 MANAGED_PREFIXES = ("tpdo_", "consumer_heartbeat_", "producer_heartbeat_time")
 
 
 class GatewayLink(Link):
-    """Connection to axis 1 to 127 at the gateway of an LCM bus. client: an existing client, which
-    close() does not close; ready_s: longest time until the axis is operational. Raises
+    """Connection to axis 1 to 127 at the gateway of an LCM bus. `client`: an existing client, which
+    close() does not close; `ready_s`: longest time until the axis is operational. Raises
     InputError."""
 
     source = COMMAND_SOURCES.index("lcm")
@@ -111,7 +111,7 @@ class GatewayLink(Link):
             try:
                 self._armed = self.client.arm(list(signals), samples, **wanted)
                 return
-            # The recorder still contains a finished recording of another client.
+            # The recorder of the axis still contains a finished recording of another client.
             except Refused as refusal:
                 if RECORDER_BUSY_TEXT not in str(refusal) or time.monotonic() > end:
                     raise

@@ -1,5 +1,5 @@
-"""Access to the objects of one axis: the interface that all connections have in common, and their
-errors.
+"""Access to the objects of one axis: the interface that all connections have in common, and the
+errors of the connections.
 
 A connection transfers raw values of named objects, in the axis' own time. From acquire() to
 release() it owns the axis and writes to its watchdog, which disables the axis if the program ends.
@@ -29,11 +29,11 @@ __all__ = ["Link", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned
 
 TICKS_PER_S: int = _core.TICKS_PER_SECOND
 POLL_PERIOD_S = 0.02  # time in s between two reads while a program waits for a new value
-# names of the owners of an axis, indexed by raw value
+# Names of the owners of an axis, indexed by the raw value of the object command_source.
 COMMAND_SOURCES = BY_NAME["command_source"].enum
 # Largest relative difference between a calibrated force_scale and the force_scale of the sensor.
 FORCE_SCALE_TOLERANCE = 0.1
-# CANopen indices of two texts: name of the device, version of its firmware.
+# CANopen indices of two texts: name of the device, version of the firmware of the device.
 DEVICE_NAME_INDEX, VERSION_INDEX = 0x1008, 0x100A
 
 
@@ -57,25 +57,26 @@ RawSamples = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Recording:
-    """Content of the recorder: raw values in the shape (samples, signals). The samples are
-    `decimation` ticks apart."""
+    """Recording of signals from the recorder of the axis: raw values in the shape (samples,
+    signals). The samples are `decimation` ticks apart."""
 
     signals: tuple[str, ...]
-    #: raw values (n, len(signals)) as int64; values of unsigned objects are >= 0
+    #: Raw values of the signals, shape (n, len(signals)), as int64. Values of unsigned objects are
+    #: >= 0.
     raw: RawSamples = field(repr=False)
     decimation: int = 1
-    trigger_sample: int = 0  #: index of the first sample at or after the trigger
+    trigger_sample: int = 0  # index of the first sample at or after the trigger
 
     def values(self, name: str) -> NDArray[Any]:
-        """Returns a signal in engineering units as an array (n,), of integers if the scale of the
-        object is 1."""
+        """Returns one signal of the recording in engineering units as an array (n,). The array
+        contains integers if the scale of the object is 1."""
         known = BY_NAME[name]
         column = self.raw[:, self.signals.index(name)]
         return column if known.scale == 1 else column * known.scale
 
     @property
     def time_s(self) -> NDArray[np.float64]:
-        """Returns the time in s from the trigger as an array (n,)."""
+        """Returns the times of the samples in s from the trigger as an array (n,)."""
         samples = np.arange(len(self.raw)) - self.trigger_sample
         return np.asarray(samples * (self.decimation / TICKS_PER_S))
 
@@ -92,12 +93,12 @@ class Link(abc.ABC):
     source: int
     warning: str | None = None
     counts_per_metre: float | None = None
-    # thread that keeps the axis acquired, from acquire() to release()
+    # Thread that keeps the axis acquired, from acquire() to release().
     _keeper: Keeper | None = None
 
     def use_model(self, model: str | Path) -> None:
-        """Sets the size of an encoder count from the encoder of a model (a path). Raises InputError
-        if the model has no encoder."""
+        """Takes the size of an encoder count from the encoder of a model (a path). Raises
+        InputError if the model has no encoder."""
         encoder = plant_facts.read(str(model)).encoder
         if encoder is None:
             raise InputError(
@@ -108,15 +109,15 @@ class Link(abc.ABC):
 
     @abc.abstractmethod
     def read(self, names: Iterable[str]) -> dict[str, int]:
-        """Returns {name: raw value} of objects. Raises Refused, NoAnswer."""
+        """Returns {object: raw value} for the objects `names`. Raises Refused, NoAnswer."""
 
     def read_one(self, name: str) -> int:
         """Returns the raw value of one object. Raises Refused, NoAnswer."""
         return self.read([name])[name]
 
     def reaches(self, name: str) -> bool:
-        """Returns True if this connection can access an object. Over Modbus the object needs a
-        register."""
+        """Returns True if this connection can access an object. Over Modbus, only objects with a
+        register can be accessed."""
         return True
 
     def manages(self, name: str) -> bool:
@@ -125,18 +126,18 @@ class Link(abc.ABC):
         return False
 
     def text(self, index: int) -> str | None:
-        """Returns a CANopen text: name of the device (1008h) or version of the firmware (100Ah).
-        Returns None if the connection transmits no texts."""
+        """Returns a CANopen text of the axis: name of the device (1008h) or version of the firmware
+        (100Ah). Returns None if the connection transmits no texts."""
         return None
 
     @abc.abstractmethod
     def write(self, values: Mapping[str, int]) -> None:
-        """Writes {name: raw value} in order and stops at the first value that the axis refuses.
+        """Writes {object: raw value} in order and stops at the first value that the axis refuses.
         Raises Refused, NoAnswer."""
 
     @abc.abstractmethod
     def acquire(self) -> None:
-        """Acquires the axis. Raises Refused if another client owns it."""
+        """Acquires the axis. Raises Refused if another client owns the axis."""
 
     @abc.abstractmethod
     def release(self) -> None:
@@ -147,8 +148,8 @@ class Link(abc.ABC):
         time.sleep(seconds)
 
     def polls(self, seconds: float) -> Iterator[float]:
-        """Yields the time in s since the start every POLL_PERIOD_S, for `seconds`. All times are in
-        the time of the axis."""
+        """Yields the time in s since the start of the call every POLL_PERIOD_S, for `seconds`. All
+        times are in the time of the axis."""
         passed = 0.0
         while passed < seconds:
             yield passed
@@ -157,24 +158,25 @@ class Link(abc.ABC):
 
     @abc.abstractmethod
     def arm(self, signals: Sequence[str], settings: Mapping[str, int]) -> None:
-        """Starts a recording of up to 8 objects. settings: {recorder object without its prefix: raw
-        value}; the names are length, decimation, pretrigger, trigger_source, trigger_edge,
-        trigger_level."""
+        """Starts a recording of up to 8 objects. `settings` is {recorder object without its prefix:
+        raw value}, where the names are length, decimation, pretrigger, trigger_source,
+        trigger_edge, trigger_level."""
 
     @abc.abstractmethod
     def fetch(self, signals: Sequence[str]) -> None:
-        """Loads an incident of the black box into the recorder. The black box has recorded
-        `signals`. The next reading of the recorder returns the incident. Raises Refused without an
-        incident."""
+        """Loads an incident of the black box into the recorder of the axis. The black box has
+        recorded `signals`. The next reading of the recorder returns the incident. Raises Refused
+        without an incident."""
 
     @abc.abstractmethod
     def recording(self, timeout_s: float) -> Recording:
-        """Waits for the armed recording, at most timeout_s of the axis' time, and returns it.
-        Afterwards the recorder is idle, so that the black box records again. Raises NoAnswer."""
+        """Waits for the armed recording, at most timeout_s of the axis' time, and returns the
+        recording. Afterwards the recorder is idle, so that the black box records again. Raises
+        NoAnswer."""
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Ends the connection and does not disable the axis; see Axis.close()."""
+        """Ends the connection without disabling the axis; see Axis.close()."""
 
     @contextlib.contextmanager
     def unfed(self, names: Iterable[str]) -> Iterator[None]:
@@ -194,15 +196,15 @@ class Link(abc.ABC):
 
 
 class RecorderLink(Link):
-    """A connection that accesses the recorder of the axis through its objects."""
+    """A connection that reads the recorder of the axis through objects of the axis."""
 
-    # signals and decimation of the latest armed recording
+    # Signals and decimation (in ticks) of the latest armed recording.
     _armed: tuple[tuple[str, ...], int] | None = None
 
     @abc.abstractmethod
     def _samples(self, signals: Sequence[str]) -> RawSamples:
-        """Reads the recorder after a recording. Returns an array (n, len(signals)) as int64. Raises
-        NoAnswer."""
+        """Reads the samples from the recorder after the end of a recording. Returns an array (n,
+        len(signals)) as int64. Raises NoAnswer."""
 
     def arm(self, signals: Sequence[str], settings: Mapping[str, int]) -> None:
         self.write({"recorder_arm": 0})
@@ -246,8 +248,8 @@ class RecorderLink(Link):
 
 
 def _address(name: str) -> int:
-    """Returns CANopen index times 256 plus sub-index of an object, the number that selects a signal
-    of the recorder."""
+    """Returns the number by which the recorder selects a signal: CANopen index times 256 plus
+    sub-index of the object."""
     known = BY_NAME[name]
     return known.index << 8 | known.sub
 
@@ -258,7 +260,8 @@ def unsigned(name: str, raw: int) -> int:
 
 
 def _recorder_writes(signals: Sequence[str], settings: Mapping[str, int]) -> dict[str, int]:
-    """Returns {object: raw value} to write to the stopped recorder before it is armed."""
+    """Returns {object: raw value} with the values that are written to the stopped recorder before a
+    recording starts."""
     channels = [_address(name) for name in signals] + [0] * (8 - len(signals))
     defaults = {"decimation": 1, "pretrigger": 0, "length": 0, "trigger_edge": 0}
     return {

@@ -1,5 +1,5 @@
-"""An axis on Modbus, over RTU or over the TCP server of a gateway, with the registers of the object
-table."""
+"""Access to an axis over Modbus, RTU or the TCP server of a gateway, with the registers of the
+object table."""
 
 import logging
 import re
@@ -23,7 +23,7 @@ TCP_URL = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL_URL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
 BAUD_RATE = 115_200  # baud rate, the default of the firmware, for 8 data bits and even parity
 PARITIES = "EN"
-# {CANopen index of a text: number of the same text in function 43 / 14}
+# {CANopen index of a text: number of the same text in Modbus function 43 / 14}
 IDENTIFICATION_OBJECTS = {DEVICE_NAME_INDEX: 4, VERSION_INDEX: 2}
 EXCEPTIONS = {
     2: "there is no such register",
@@ -36,7 +36,8 @@ EXCEPTIONS = {
 
 
 def client(url: str, timeout_s: float = 1.0) -> Any:
-    """Returns a connected pymodbus client, which has no types here. Raises InputError, NoAnswer."""
+    """Returns a connected pymodbus client, whose functions have no type annotations here. Raises
+    InputError, NoAnswer."""
     tcp, serial = TCP_URL.fullmatch(url), SERIAL_URL.fullmatch(url)
     if tcp is None and serial is None:
         raise ParameterError(
@@ -58,7 +59,8 @@ def client(url: str, timeout_s: float = 1.0) -> Any:
         made = [ModbusTcpClient(tcp[1].strip("[]"), port=port, timeout=timeout_s, retries=0)]
     elif serial is not None:
         baud = int(serial[2] or BAUD_RATE)
-        # Parity is switched off for a pseudo-terminal, because it cannot be opened with parity.
+        # Parity is switched off for a pseudo-terminal, because a pseudo-terminal cannot be opened
+        # with parity.
         made = [
             ModbusSerialClient(serial[1], baudrate=baud, parity=p, timeout=timeout_s, retries=0)
             for p in PARITIES
@@ -105,7 +107,8 @@ class ModbusLink(Link):
         return BY_NAME[name].modbus >= 0
 
     def text(self, index: int) -> str | None:
-        """Returns a text of the device identification, function 43 / 14."""
+        """Returns one text of the device identification, which is read by Modbus function 43 /
+        14."""
         if index not in IDENTIFICATION_OBJECTS:
             return None
         ask = self.client.read_device_information

@@ -72,15 +72,15 @@ ARRAY_OF = {o.name: stem for stem, elements in ARRAYS.items() for o in elements}
 
 @dataclass(frozen=True)
 class About:
-    """The table [about] of a file, which describes the axis from which dump() wrote the file. A
-    field that is None is not in the file."""
+    """The table [about] of a parameter file, which describes the axis from which dump() wrote the
+    file. A field that is None is not in the file."""
 
-    object_table: str  #: hash of the object table as 0x and 8 digits
+    object_table: str  # hash of the object table as 0x and 8 digits
     firmware: str | None
     axis: str
     name: str | None
-    serial_number: str | None  #: serial number as 0x and 8 digits
-    written: str  #: date of the file, such as 2026-11-25
+    serial_number: str | None  # serial number of the axis as 0x and 8 digits
+    written: str  # date on which the file was written, such as 2026-11-25
     node_id: int
 
 
@@ -100,7 +100,8 @@ def default(known: AxisObject, node_id: int) -> int:
 
 
 def engineering(known: AxisObject, raw: int) -> float:
-    """Returns the engineering value with the fewest digits that is converted back to `raw`."""
+    """Returns the engineering value with the fewest digits that is converted back to the raw value
+    `raw`."""
     if known.scale == 1:
         return raw
     for digits in range(1, 17):
@@ -111,7 +112,7 @@ def engineering(known: AxisObject, raw: int) -> float:
 
 
 def text(known: AxisObject, raw: int, node_id: int = 0) -> str:
-    """Returns a raw value as the text that a parameter file contains."""
+    """Returns the raw value of an object as the text that a parameter file contains."""
     for name, value in texts(known).items():
         if value == raw:
             return f'"{name}"'
@@ -127,8 +128,8 @@ def text(known: AxisObject, raw: int, node_id: int = 0) -> str:
 
 @dataclass(frozen=True)
 class Signature:
-    """Meaning of an object's value in a file: type, scale, unit, range of the raw value, texts of
-    an enumeration."""
+    """Properties that give the value of an object its meaning in a parameter file: type, scale,
+    unit, range of the raw value, texts of an enumeration."""
 
     type: str
     scale: float
@@ -139,15 +140,16 @@ class Signature:
 
 
 def signature(known: AxisObject) -> Signature:
-    """Returns the Signature of an object in the object table of this program."""
+    """Returns type, scale, unit, range and texts of an object in the object table of this program,
+    as a Signature."""
     names = list(texts(known)) or None
     return Signature(known.type, known.scale, known.unit, known.min, known.max, names)
 
 
 def dump(values: Mapping[str, int], about: About, everything: bool = False) -> str:
-    """Returns the text of a file with the parameters {object: raw value}. everything: True includes
-    default values. The table `without` of the file names the parameters that are not among the
-    values."""
+    """Returns the text of a parameter file with the parameters {object: raw value}. `everything`:
+    True includes default values. The table `without` of the file names the parameters that are not
+    among the values."""
     node_id = about.node_id
     groups: dict[str, list[str]] = {}
     named: list[tuple[str, AxisObject]] = []
@@ -178,15 +180,15 @@ def dump(values: Mapping[str, int], about: About, everything: bool = False) -> s
 
 
 def _entries() -> Iterator[tuple[str, tuple[AxisObject, ...]]]:
-    """Yields (name, objects) for each line of a file. The line contains an array or a single
-    object."""
+    """Yields (name, objects) for each text line of a parameter file. A text line contains an array
+    or a single object."""
     for name, elements in itertools.groupby(PARAMETERS, lambda o: ARRAY_OF.get(o.name) or o.name):
         yield name, tuple(elements)
 
 
 def _line(name: str, elements: Sequence[AxisObject], raw: Sequence[int], node_id: int) -> str:
-    """Returns a line NAME = VALUE with the unit in a comment. A list of objects with several
-    CANopen indices has one line for each index."""
+    """Returns a text line NAME = VALUE of a parameter file, with the unit in a comment. A list of
+    objects with several CANopen indices has one text line for each index."""
     unit = "" if elements[0].unit == "1" else f"  # {elements[0].unit}"
     pairs = zip(elements, raw, strict=True)
     if name not in ARRAYS:
@@ -202,18 +204,21 @@ def _line(name: str, elements: Sequence[AxisObject], raw: Sequence[int], node_id
 
 @dataclass(frozen=True)
 class Header:
-    """The tables [about] and [objects] of a file that is read."""
+    """The tables [about] and [objects] of a parameter file that is read."""
 
-    #: hash of the object table, as 0x and 8 digits; "" if the file does not state the hash
+    #: Hash of the object table, as 0x and 8 digits, or "" if the parameter file does not state the
+    #: hash.
     object_table: str
-    #: True if all parameters that are not in the file have their default values
+    #: True if all parameters that are not in the parameter file have their default values.
     has_defaults: bool
-    without: list[str]  #: names of objects or arrays without a value in the file
-    objects: dict[str, toml.TomlValue]  #: {object or array: its Signature as a table}
+    without: list[str]  # names of objects or arrays without a value in the parameter file
+    # {object or array: table of type, scale, unit and range (see Signature)}
+    objects: dict[str, toml.TomlValue]
 
 
 def _pop_header(path: Path | str, tables: dict[str, toml.TomlValue]) -> Header:
-    """Removes the header from the tables of a file and returns the header. Raises InputError."""
+    """Removes the header from the tables of a parameter file and returns the header. Raises
+    InputError."""
     about, described = tables.pop("about", {}), tables.pop("objects", {})
     if not isinstance(about, dict):
         raise InputError(
@@ -247,7 +252,8 @@ def _pop_header(path: Path | str, tables: dict[str, toml.TomlValue]) -> Header:
 def _file_entries(
     path: Path | str, tables: Mapping[str, toml.TomlValue]
 ) -> Iterator[tuple[str, toml.TomlValue]]:
-    """Yields (key, value) for each line in the tables of a file. Raises InputError."""
+    """Yields (key, value) for each text line in the tables of a parameter file. Raises
+    InputError."""
     for group, table in tables.items():
         if not isinstance(table, dict):
             raise InputError(
@@ -258,8 +264,8 @@ def _file_entries(
 
 
 def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> ParameterFile:
-    """Reads a ParameterFile. skip: names of objects or arrays that are not read. Raises InputError
-    with all entries that do not agree with the object table."""
+    """Reads a parameter file as a ParameterFile. `skip`: names of objects or arrays that are not
+    read. Raises InputError with all entries that do not agree with the object table."""
     tables = toml.read(path)
     header = _pop_header(path, tables)
     problems: list[str] = []
@@ -301,7 +307,7 @@ def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> Paramete
 
 
 def _disagreement(path: Path | str, header: Header, problems: Sequence[str]) -> InputError:
-    """Returns the error for a file whose entries do not agree with the object table."""
+    """Returns the error for a parameter file whose entries do not agree with the object table."""
     theirs, ours = header.object_table, table_hash()
     where = f", which is of object table {theirs}, this one is {ours}"
     other_table = where if theirs not in ("", ours) else ""
@@ -312,12 +318,13 @@ def _disagreement(path: Path | str, header: Header, problems: Sequence[str]) -> 
 
 
 def table_hash() -> str:
-    """Returns the hash of the object table of this program in the form of object_table_hash."""
+    """Returns the hash of the object table of this program in the form of the object
+    object_table_hash."""
     return f"0x{objects.OBJECTS_HASH[:8]}"
 
 
 def raw_value(known: AxisObject, value: toml.TomlValue, node_id: int) -> int:
-    """Returns the raw value of an entry of a file. Raises InputError."""
+    """Returns the raw value of one entry of a parameter file. Raises InputError."""
     if isinstance(value, str) and (match := COB_ID_PATTERN.fullmatch(value)):
         if not known.node_id:
             raise InputError(
@@ -341,7 +348,8 @@ def raw_value(known: AxisObject, value: toml.TomlValue, node_id: int) -> int:
 
 
 def _elements(key: str, given: toml.TomlValue) -> list[tuple[AxisObject, toml.TomlValue]]:
-    """Yields (object, value) for each value in a line of a file. Raises InputError."""
+    """Yields (object, value) for each value in one text line of a parameter file. Raises
+    InputError."""
     if key in BY_NAME:
         return [(BY_NAME[key], given)]
     if key in ARRAYS:
@@ -368,9 +376,9 @@ def _elements(key: str, given: toml.TomlValue) -> list[tuple[AxisObject, toml.To
 
 
 def _expect_same(known: AxisObject, described: toml.TomlValue | None) -> None:
-    """Checks that type, scale, unit and texts of an object are the same in the file and in this
-    program, so that its value has the same meaning. The range of the object may have become larger.
-    Raises InputError."""
+    """Checks that type, scale, unit and texts of an object are the same in the parameter file and
+    in this program, so that the value of the object has the same meaning. The range of the object
+    may have become larger. Raises InputError."""
     if described is None:
         return
     if not isinstance(described, dict):
@@ -395,8 +403,8 @@ def _expect_same(known: AxisObject, described: toml.TomlValue | None) -> None:
 def _described_bound(
     known: AxisObject, described: Mapping[str, toml.TomlValue], bound: str, ours: int
 ) -> float:
-    """Returns a bound of the range in the signature of a file. If the file states no bound, returns
-    `ours`. Raises InputError."""
+    """Returns the lower or upper end of the range that a parameter file states for an object. If
+    the parameter file states no such end, returns `ours`. Raises InputError."""
     value = described.get(bound, ours)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(

@@ -20,10 +20,10 @@ from forceaxis.bus.state_names import texts
 from forceaxis.objects import BY_NAME, AxisObject
 from forceaxis.results import json_field
 
-# bit of a COB-ID that disables the PDO; only a disabled PDO can be changed
+# Bit of a COB-ID that disables the PDO. Only a disabled PDO can be changed.
 INVALID_COB_ID = 1 << 31
 PDO_COUNT, ENTRIES_PER_PDO = 4, 8
-# Objects whose names contain one of these parts are written last, in this order.
+# Objects whose names contain one of these texts are written last, in this order.
 WRITTEN_LAST = ("_mapped_", "_cob_id", "force_bank")
 WRITE_RANKS = 1 + len(WRITTEN_LAST)
 STORE_MAX_S = 10.0  # time limit in s; the firmware needs up to a second to erase a sector of flash
@@ -31,8 +31,8 @@ STORE_MAX_S = 10.0  # time limit in s; the firmware needs up to a second to eras
 
 @dataclass(frozen=True)
 class BankState:
-    """The selected bank, the state of this bank, and the state of its certificate. A field is None
-    if no bank is selected, or if the connection cannot access the state."""
+    """The selected filter bank, the state of this filter bank, and the state of its certificate. A
+    field is None if no filter bank is selected, or if the connection cannot access the state."""
 
     force_bank: int | None = json_field(omit_none=True)
     bank_state: str | None = json_field(omit_none=True)
@@ -41,7 +41,8 @@ class BankState:
 
 @dataclass(frozen=True)
 class DifferenceShown:
-    """A Difference for a user, with texts of enumerations or engineering values in `unit`."""
+    """A parameter that differs between axis and file, for a user: the values are texts of
+    enumerations or engineering values in `unit`."""
 
     name: str
     axis: float | str
@@ -51,14 +52,14 @@ class DifferenceShown:
 
 @dataclass(frozen=True)
 class Difference:
-    """A parameter whose values in the axis and in the file differ; both are raw values."""
+    """A parameter that differs between axis and file. Both values are raw values."""
 
     name: str
     axis: int
     file: int
 
     def shown(self) -> DifferenceShown:
-        """Returns the difference in engineering values."""
+        """Returns the parameter that differs, with both values in engineering units."""
         known = BY_NAME[self.name]
         return DifferenceShown(
             self.name, shown(known, self.axis), shown(known, self.file), known.unit
@@ -69,7 +70,7 @@ class Difference:
 class LoadResult:
     """The parameters that a file has changed or would change. `concerned` is the number of all
     parameters in the file. `managed` names parameters of the file that are skipped, because the
-    gateway of the connection sets them."""
+    gateway of the connection sets these parameters."""
 
     changed: list[Difference]
     concerned: int
@@ -106,7 +107,7 @@ def expect_table(axis: Drive) -> None:
 
 
 def about(axis: Drive) -> About:
-    """Returns the table [about] for a file of this axis."""
+    """Returns the table [about] for a parameter file of this axis."""
     has_serial = axis.link.reaches("serial_number")
     serial = axis.link.read_one("serial_number") if has_serial else None
     return About(
@@ -121,7 +122,7 @@ def about(axis: Drive) -> About:
 
 
 def dump(axis: Drive, everything: bool = False) -> str:
-    """Returns the text of a file with the parameters of the axis. everything: True includes
+    """Returns the text of a file with the parameters of the axis. `everything`: True includes
     parameters with default values."""
     return parameter_file.dump(read(axis), about(axis), everything)
 
@@ -129,8 +130,8 @@ def dump(axis: Drive, everything: bool = False) -> str:
 def differences(
     axis: Drive, path: Path | str, skip: Collection[str] = (), measured: bool = False
 ) -> list[Difference]:
-    """Returns the differences between an axis and a file. measured: True includes the table
-    [measured] of the file. Raises InputError, Refused, NoAnswer."""
+    """Returns the parameters that differ between an axis and a file. `measured`: True includes the
+    table [measured] of the file. Raises InputError, Refused, NoAnswer."""
     return _compared(axis, read(axis), path, skip, measured).changed
 
 
@@ -141,8 +142,8 @@ def _compared(
     skip: Collection[str],
     measured: bool,
 ) -> LoadResult:
-    """Returns the changes that a file makes to {object: raw value}, without the state of the
-    bank."""
+    """Returns the changes that a file makes to the parameters `before` ({object: raw value}),
+    without the state of the filter bank."""
     node_id = axis.link.read_one("node_id")
     file = parameter_file.read(path, node_id, skip)
     managed = [name for name in file.values if axis.link.manages(name)]
@@ -169,7 +170,7 @@ def load(
     measured: bool = False,
     dry_run: bool = False,
 ) -> LoadResult:
-    """Sets the parameters of a disabled axis, which this program owns, to the values of a file.
+    """Writes the values of a file to the parameters of a disabled axis, which this program owns.
 
     All parameters are set or none: raises InputError before the first write, and Refused with the
     name of the refused parameter after the previous values have been restored. dry_run writes
@@ -195,7 +196,7 @@ def load(
 
 
 def bank(axis: Drive) -> BankState:
-    """Returns the selected bank and its states."""
+    """Returns the selected filter bank of the axis and the states of this filter bank."""
     number = axis.read("force_bank")
     if not number:
         return BankState()
@@ -226,9 +227,10 @@ def _expect_written(axis: Drive, wanted: Mapping[str, int]) -> None:
 
 
 def _parked(changes: Mapping[str, int], present: Mapping[str, int]) -> dict[str, int]:
-    """Returns {object: raw value} to write first, so that the axis accepts the other values: no
-    bank is selected, PDOs have no entries, COB-IDs are invalid, and no node is monitored twice.
-    After the changes, write() gives the other objects of this dictionary their earlier values."""
+    """Returns {object: raw value} that must be written first, so that the axis accepts the other
+    values: no filter bank is selected, PDOs have no entries, COB-IDs are invalid, and no node is
+    monitored twice. After the changes, write() gives the other objects of this dictionary their
+    earlier values."""
     park: dict[str, int] = {}
     law = any(BY_NAME[name].part == "law" or name == "adc_bits" for name in changes)
     if law and present["force_bank"]:
@@ -245,7 +247,7 @@ def _parked(changes: Mapping[str, int], present: Mapping[str, int]) -> dict[str,
             if changes.keys() & (entries | {f"{side}_mapped_{i}"}):
                 park[f"{side}_mapped_{i}"] = 0
     for name in changes:
-        # the axis accepts a new COB-ID only while the present COB-ID is invalid
+        # The axis accepts a new COB-ID only while the present COB-ID is invalid.
         if BY_NAME[name].node_id:
             park[name] = present[name] | INVALID_COB_ID
     heartbeats = [n for n in changes if n.startswith("consumer_heartbeat_") and present[n]]
@@ -253,8 +255,8 @@ def _parked(changes: Mapping[str, int], present: Mapping[str, int]) -> dict[str,
 
 
 def write(axis: Drive, changes: Mapping[str, int], present: Mapping[str, int]) -> None:
-    """Writes {object: raw value} in rounds. Each round tries the values again that the round before
-    has refused. Raises Refused for the first value if a round writes no value."""
+    """Writes {object: raw value} to the axis in rounds. Each round tries the values again that the
+    previous round has refused. Raises Refused for the first value if a round writes no value."""
     park = {n: raw for n, raw in _parked(changes, present).items() if raw != present[n]}
     axis.link.write(park)
     wanted = {**changes, **{name: changes.get(name, present[name]) for name in park}}
@@ -278,12 +280,13 @@ def _write_rounds(axis: Drive, remaining: Mapping[str, int]) -> None:
 
 def _rank(name: str) -> int:
     """Returns the position of an object in the order of writing. The entries of a PDO precede the
-    number of entries, then follow the COB-ID that enables the PDO, and the selected bank."""
+    number of entries, then follow the COB-ID that enables the PDO, and the selected filter bank."""
     return next((i for i, end in enumerate(WRITTEN_LAST, 1) if end in name), 0)
 
 
 def _explained(axis: Drive, name: str, raw: int) -> str:
-    """Returns a text about a refused value. For a bank the text states the reason."""
+    """Returns a text about a value that the axis has refused. For a filter bank the text states the
+    reason."""
     known = BY_NAME[name]
     unit = "" if known.unit == "1" else f" {known.unit}"
     state = f"bank_state_{raw}"
@@ -298,13 +301,13 @@ def _explained(axis: Drive, name: str, raw: int) -> str:
 
 def store(axis: Drive) -> None:
     """Stores all parameters of a disabled axis, which this program owns, and waits for the end of
-    the storing. Raises Refused with the state of the store, NoAnswer."""
+    the storing. Raises Refused with the state of the parameter store; NoAnswer."""
     _command(axis, "store_parameters", "saved")
 
 
 def restore(axis: Drive) -> None:
-    """Selects the default values for the next power-up or reset of the node. The present values do
-    not change. Raises Refused, NoAnswer."""
+    """Selects the default values of the parameters for the next power-up or reset of the node. The
+    present values do not change. Raises Refused, NoAnswer."""
     _command(axis, "restore_defaults", "restored")
 
 

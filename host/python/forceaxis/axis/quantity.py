@@ -24,12 +24,12 @@ from forceaxis.objects import BY_NAME, AxisObject, default
 CODES_PER_V = 4096 / 20  # of the DAC
 METRE_UNIT = 0x01  # of CiA 303-2
 NUMBER_WITH_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
-# Objects whose unit is per mille of rated_force.
+# Objects whose unit is per mille of the object rated_force.
 PER_MILLE_OF_RATED_FORCE = {
     "target_force", "force_offset", "force_limit", "force_limit_positive", "force_limit_negative",
     "force_demand", "force_actual",
 }  # fmt: skip
-# Objects whose unit is the DAC code. For other objects, the unit "code" is an ADC code.
+# Objects whose unit is the DAC code. For all other objects, the unit "code" is an ADC code.
 DAC_CODE_OBJECTS = {
     "open_loop_code", "excitation_amplitude", "excitation_code", "output_limit",
     "uncertified_output", "contact_loss_cap", "first_motion_code", "dac_code", "command_code",
@@ -45,7 +45,7 @@ COUNT_UNITS = {
     "count/tick": ("m/s", 1), "count/tick^2": ("m/s^2", 2),
 }  # fmt: skip
 COUNTS_WITHOUT_LENGTH = {"encoder_increments"}
-# CiA 402 objects whose unit is the count even if the axis has user units
+# CiA 402 objects whose unit is the count even if the axis has user units.
 COUNT_INDICES = (0x6063, 0x6069)
 UNKNOWN_COUNT_SIZE = (
     "; what a count is in mm is not known: give a model, or the axis its units (6092h, 60A8h)"
@@ -66,7 +66,8 @@ class GearObjects:
 
 @dataclass(frozen=True)
 class Force:
-    """A force that the user has given. newton: True for a value in N, False for 8-bit counts."""
+    """A force that the user has given. `newton`: True for a value in N, False for a value in 8-bit
+    counts."""
 
     value: float
     newton: bool
@@ -79,12 +80,12 @@ def force_per_count(axis: AxisValues) -> float:
 
 def never_set(force_scale: float, calibration_date: int) -> bool:
     """Returns True if force_scale, in uN per count, still has its default value, which does not
-    belong to the sensor of the axis. calibration_date: 0 without a calibration."""
+    belong to the sensor of the axis. `calibration_date`: 0 without a calibration."""
     return not calibration_date and force_scale == default("force_scale")
 
 
 def is_reading(known: AxisObject | None) -> bool:
-    """Returns True if the unit of an object is counts of the measured force."""
+    """Returns True if the unit of an object is the 8-bit count of the measured force."""
     return known is not None and known.unit == "count" and known.quantity == "force"
 
 
@@ -112,8 +113,8 @@ def _metres_of_user(axis: AxisValues) -> float | None:
 
 
 def per_metre(axis: AxisValues, known: AxisObject) -> float | None:
-    """Returns the number of units per metre of an object for positions, speeds or accelerations.
-    Returns None if the number is not known."""
+    """Returns the number of object units per metre, for an object that is a position, a speed or an
+    acceleration. Returns None if the number is not known."""
     of_user = known.index >= 0x6000 and known.index not in COUNT_INDICES
     metres, ratio = _metres_of_user(axis), user_per_count(axis)
     model = axis.link.counts_per_metre
@@ -135,8 +136,8 @@ def _is_length(known: AxisObject) -> bool:
 
 
 def scale_of(axis: AxisValues, known: AxisObject) -> tuple[str, float] | None:
-    """Returns (SI unit, number of object units in one SI unit). Returns None if the object has no
-    such unit or if its scale is not known."""
+    """Returns (SI unit, number of object units in one SI unit) for an object. Returns None if the
+    object has no physical unit, or if the scale of the object is not known."""
     if is_reading(known):
         return "N", 1 / force_per_count(axis)
     if known.name in PER_MILLE_OF_RATED_FORCE:
@@ -153,14 +154,15 @@ def scale_of(axis: AxisValues, known: AxisObject) -> tuple[str, float] | None:
 
 
 def parse(axis: AxisValues, name: str, text: str) -> Value:
-    """Returns the value for Axis.set() from a text: a number, "30 count", "75 N" or "10 mm" if the
-    object has such a unit, or the text of an enumeration. Raises InputError."""
+    """Returns the value for Axis.set() from the text of a user. The text is a number, a quantity
+    such as "30 count", "75 N" or "10 mm" if the object has such a unit, or the text of an
+    enumeration. Raises InputError."""
     known = object_named(name)
     if known is None or text in texts(known):
         return text
     parts = NUMBER_WITH_UNIT.fullmatch(text)
     if parts is None:
-        return text  # Axis.set() raises the error and states the expected text
+        return text  # Axis.set() raises the error and states the expected text.
     number, unit = parts.groups()
     if not unit or unit == known.unit:
         return number
@@ -177,8 +179,8 @@ def parse(axis: AxisValues, name: str, text: str) -> Value:
 
 def all_raw(axis: AxisValues, values: Mapping[str, Value]) -> dict[str, int]:
     """Returns the raw values of engineering values, texts of enumerations or quantities that are to
-    be written in this order. A rated_force among them is the scale of a later target_force. Raises
-    InputError."""
+    be written in this order. If rated_force is among these values, its new value is the scale of a
+    later target_force. Raises InputError."""
     raw: dict[str, int] = {}
     planned = PlannedValues(axis, raw)
     for name, value in values.items():
@@ -188,7 +190,8 @@ def all_raw(axis: AxisValues, values: Mapping[str, Value]) -> dict[str, int]:
 
 def to_raw(axis: AxisValues, name: str, value: Value) -> int:
     """Returns the raw value of an engineering value, the text of an enumeration or a quantity.
-    Raises InputError, which states the range also in N or mm if the scale is known."""
+    Raises InputError; the error states the permitted range also in N or mm if the scale of the
+    object is known."""
     if not isinstance(value, str):
         return client.to_raw(name, value)
     given = parse(axis, name, value)
@@ -212,8 +215,8 @@ def number(axis: AxisValues, name: str, text: str) -> float:
 
 
 def expect_written(option: str, text: str | None, example: str) -> None:
-    """Raises InputError for a text that is neither a number nor a quantity. This check needs no
-    axis."""
+    """Raises InputError for the text of an option that is neither a number nor a quantity. This
+    check needs no axis."""
     if text is not None and NUMBER_WITH_UNIT.fullmatch(text) is None:
         raise InputError(
             f'{option}: expected a number or a quantity such as "{example}", got {text}'
@@ -221,7 +224,7 @@ def expect_written(option: str, text: str | None, example: str) -> None:
 
 
 def force(text: str | float) -> Force:
-    """Returns the force of a text such as "75 N" or "75N", or of "30", "30 count" or 30 in 8-bit
+    """Returns the force that a text gives: "75 N" or "75N" in N; "30", "30 count" or 30 in 8-bit
     counts. Raises InputError."""
     parts = NUMBER_WITH_UNIT.fullmatch(str(text))
     if parts is not None:
@@ -237,8 +240,8 @@ def force(text: str | float) -> Force:
 
 
 def shown(axis: AxisValues, name: str, value: float) -> str:
-    """Returns a value of an object as text in its own unit, and in N or mm if the scale is
-    known."""
+    """Returns the value of an object as text in the unit of the object, and in N or mm if the scale
+    of the object is known."""
     known = object_named(name)
     if known is None:
         return f"{value:g}"
@@ -251,8 +254,8 @@ def shown(axis: AxisValues, name: str, value: float) -> str:
 
 
 def trigger_on(name: str, level: float, edge: str = "rising") -> dict[str, Value]:
-    """Settings of a recording whose trigger is an object that crosses a level in engineering
-    units."""
+    """Returns the settings of a recording whose trigger is an object that crosses a level in
+    engineering units."""
     known = known_object(name)
     return {
         "trigger_source": known.index << 8 | known.sub,
@@ -262,8 +265,8 @@ def trigger_on(name: str, level: float, edge: str = "rising") -> dict[str, Value
 
 
 def trigger(axis: AxisValues, text: str) -> dict[str, Value]:
-    """Returns settings for Axis.capture() from "force rising 31", "fault either 0.5" or a force in
-    N."""
+    """Returns the trigger settings for Axis.capture() from "force rising 31", "fault either 0.5" or
+    a force in N."""
     words = text.split(None, 2)
     if text == "excitation_start":
         return {"trigger_edge": text}

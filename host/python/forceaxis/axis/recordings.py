@@ -1,4 +1,4 @@
-"""Writes recordings of an axis to files."""
+"""Writes recordings of the signals of an axis to files."""
 
 import csv
 from pathlib import Path
@@ -16,14 +16,14 @@ FILES = ("capture.csv", "capture.npz", "capture.png")
 
 
 def columns(recording: Recording) -> dict[str, NDArray[Any]]:
-    """Returns {column: values (n,)}: time_s from the trigger, and each signal with its unit in the
-    name."""
+    """Returns {column: values (n,)} of a recording: time_s from the trigger, and each signal with
+    its unit in the name."""
     values = {column_name(name): recording.values(name) for name in recording.signals}
     return {"time_s": recording.time_s, **values}
 
 
 def write(recording: Recording, folder: Path, title: str) -> None:
-    """Writes the recording as capture.csv, .npz and .png to `folder`, which is created. Writes
+    """Writes a recording as capture.csv, .npz and .png to `folder`, and creates the folder. Writes
     either all files or none. Raises OSError."""
     table = columns(recording)
     with paths.replacing(folder, *FILES) as (text, arrays, picture):
@@ -37,7 +37,8 @@ def write(recording: Recording, folder: Path, title: str) -> None:
 
 
 def figure(recording: Recording, title: str) -> Figure:
-    """Returns a figure with one row for each signal over the time from the trigger."""
+    """Returns a plot of a recording with one row for each signal, over the time from the
+    trigger."""
     import matplotlib.pyplot as plt
 
     from forceaxis.drawing import INK, THIN, style

@@ -1,4 +1,4 @@
-"""Searches for the axes of a bus; returns one ScannedAxis for each."""
+"""Searches for the axes of a bus, and returns one ScannedAxis for each axis."""
 
 import time
 from collections.abc import Iterator
@@ -15,9 +15,9 @@ UNIT_TIMEOUT_S = 0.15  # time in s in which one Modbus unit must answer
 
 @dataclass(frozen=True)
 class ScannedAxis:
-    """One axis that was found on a bus. A field is None if the axis did not state its value; `note`
-    then states the reason. `table` is the hash of the object table as 8 hexadecimal digits. `owner`
-    is the name of the command source."""
+    """One axis that was found on a bus. A field is None if the axis did not state the value of the
+    field; `note` then states the reason. `table` is the hash of the object table as 8 hexadecimal
+    digits. `owner` is the name of the command source."""
 
     id: int | None
     name: str | None = None
@@ -31,8 +31,8 @@ class ScannedAxis:
 
 
 def scanned(link: Link, number: int | None = None) -> ScannedAxis:
-    """Reads the axis of a connection and closes the connection. `number` is the number of the axis
-    on its bus, by default its node id."""
+    """Reads the data of the axis at a connection and closes the connection. `number` is the number
+    of the axis on the bus, by default the node id."""
     axis, found = Axis(link), ScannedAxis(number)
     try:
         if number is None:
@@ -50,7 +50,7 @@ def scanned(link: Link, number: int | None = None) -> ScannedAxis:
 
 
 def at_gateway(url: str | None = None, seconds: float = 1.0) -> Iterator[ScannedAxis]:
-    """Yields each axis whose gateway publishes a state within `seconds`."""
+    """Yields each axis whose state a gateway publishes within `seconds`."""
     from forceaxis.axis.gateway import GatewayLink
     from forceaxis.bus.monitor_state import Watch
     from forceaxis.bus.sources import LiveSource
@@ -69,8 +69,8 @@ def at_gateway(url: str | None = None, seconds: float = 1.0) -> Iterator[Scanned
 def on_can(
     interface: str, bus: Any = None, seconds: float = NODE_ANSWERS_S
 ) -> Iterator[ScannedAxis]:
-    """Yields each node 1 to 127 that answers a read of 1000h or sends any message within
-    `seconds`."""
+    """Yields each node 1 to 127 of a CAN bus that answers a read of 1000h or sends any message
+    within `seconds`."""
     from forceaxis.axis.can import CanLink, network
 
     with network(interface, bus) as opened:

@@ -1,4 +1,4 @@
-"""A session with one axis through its gateway: acquire, move, record, release.
+"""A session of a program with one axis through the gateway: acquire, move, record, release.
 
     from forceaxis.gateway import Session
 
@@ -28,7 +28,7 @@ from forceaxis.bus import state_names
 from forceaxis.bus.client import AxisClient, NoAnswer, Refused, Value
 from forceaxis.bus.messages import axis_event_t, axis_state_t
 
-STATES_KEPT = 30_000  # number of stored states: ten minutes at 50 per second
+STATES_KEPT = 30_000  # number of stored states: ten minutes at 50 states per second
 
 
 class Session(AxisClient):
@@ -41,7 +41,8 @@ class Session(AxisClient):
         timeout_s: float = 2.0,
         wait_s: float = READY_S,
     ) -> None:
-        # Client that receives states until the thread of the bus delivers the first state.
+        # Client that receives states of the axis until the thread of the bus delivers the first
+        # state.
         self._states: deque[axis_state_t] = deque(maxlen=STATES_KEPT)
         super().__init__(axis, url, timeout_s)
         self._link = GatewayLink(axis, url, client=self, ready_s=wait_s)
@@ -53,7 +54,7 @@ class Session(AxisClient):
             raise
 
     def write_all(self, values: Mapping[str, Value]) -> axis_event_t:
-        """Writes objects as AxisClient does, with two differences: the thread that repeatedly
+        """Writes objects as AxisClient does, with two differences. The thread that repeatedly
         writes the watchdog does not overwrite a new watchdog value, and a target that the axis
         would limit raises InputError (axis/bounds)."""
         bounds.expect(self._drive, values)
@@ -62,7 +63,8 @@ class Session(AxisClient):
 
     def close(self) -> None:
         """Disables and releases the axis, unless the axis no longer answers."""
-        # The axis cannot be released if another client owns it or if it does not answer.
+        # The axis cannot be released if another client owns the axis or if the axis does not
+        # answer.
         with contextlib.suppress(Refused, NoAnswer):
             self._drive.off()
             self._link.release()
@@ -71,8 +73,8 @@ class Session(AxisClient):
 
     @property
     def states(self) -> list[axis_state_t]:
-        """Returns the received states, axis_state_t, in order. At most the latest STATES_KEPT are
-        stored."""
+        """Returns the received states of the axis (axis_state_t) in order. At most the latest
+        STATES_KEPT states are stored."""
         with self._news:
             return list(self._states)
 
@@ -86,8 +88,8 @@ class Session(AxisClient):
     def wait_for(
         self, holds: Callable[[axis_state_t], bool | int], what: str, timeout_s: float = 5.0
     ) -> axis_state_t:
-        """Waits for the first state for which holds(state) is True, and returns it. Raises
-        NoAnswer, which names `what`, if no such state arrives within timeout_s."""
+        """Waits for the first state of the axis for which holds(state) is True, and returns this
+        state. Raises NoAnswer, which contains `what`, if no such state arrives within timeout_s."""
         end = time.monotonic() + timeout_s
         state: axis_state_t | None = None
         while (remaining := end - time.monotonic()) > 0:
@@ -118,7 +120,7 @@ class Session(AxisClient):
         self._drive.reset_fault()
 
     def home(self, position: int = 0) -> None:
-        """Homes the axis at its present position, which becomes `position` in counts."""
+        """Homes the axis at the present position, which becomes `position` in encoder counts."""
         self.enable("homing", homing_method=37, home_offset=position)
         self.write("controlword", START_HOMING)
         state = self.wait_for(lambda s: s.statusword & (BIT_12 | HOMING_ERROR), "to be homed")
@@ -127,8 +129,8 @@ class Session(AxisClient):
         self.write("controlword", ENABLE)
 
     def move(self, position: int | str, timeout_s: float = 20.0) -> axis_state_t:
-        """Moves to `position`, in counts, in profile position mode. Waits until the axis has
-        reached the position and returns the next axis_state_t."""
+        """Moves the axis to `position`, in encoder counts, in profile position mode. Waits until
+        the axis has reached the position and returns the next axis_state_t."""
         self._drive.move(position, timeout_s)
         state: axis_state_t = self.state()
         return state
@@ -160,8 +162,8 @@ class Session(AxisClient):
 
 
 def seconds(states: Sequence[axis_state_t]) -> tuple[list[axis_state_t], list[float]]:
-    """Returns the states whose firmware time is available, and their times in s from the first such
-    state."""
+    """Returns the states of the axis whose firmware time is available, and the times of these
+    states in s from the first such state."""
     known = [s for s in states if s.utime != axis_state_t.NOT_AVAILABLE]
     start = known[0].utime if known else 0
     return known, [(s.utime - start) / 1e6 for s in known]

@@ -24,14 +24,16 @@ from forceaxis.objects import BY_NAME
 if TYPE_CHECKING:
     from forceaxis._core import ConverterTable
 
-# ticks between two writes of the watchdog, 50 ms; the default of the watchdog is 500 ms
+# Number of ticks between two writes of the watchdog, equal to 50 ms. The default time of the
+# watchdog is 500 ms.
 FEED_TICKS = 75
 WATCHDOG = BY_NAME["watchdog"].number
 
 
 class SimLink(RecorderLink):
-    """The axis of an experiment. Before a client acquires the axis, the commands [[at]] of the
-    experiment control it; an experiment without such commands leaves it disabled.
+    """The simulated axis of an experiment. Before a client acquires the axis, the commands [[at]]
+    of the experiment control the axis. An experiment without such commands leaves the axis
+    disabled.
 
     store: file of the parameter store, created if it does not exist. Raises InputError.
     """
@@ -45,17 +47,17 @@ class SimLink(RecorderLink):
         still = [] if "firmware.mode" in given else ["firmware.mode=disabled"]
         self.axis = _core.LiveAxis(str(experiment), [*overrides, *still], str(store))
         self.where = f"the simulated axis of {experiment}"
-        self.store = store  # file of the parameter store; "": no file
+        self.store = store  # file of the parameter store; "" means no file
         self._owned = False
-        self.axis.step(1)  # the firmware reads its first inputs
+        self.axis.step(1)  # the firmware reads the sensors of the plant for the first time
         converters = _core.inputs(str(experiment), list(overrides))["converters"]
         self.warning = self._scale_warning(converters.get("adc0"))
         if encoder := converters.get("encoder"):
             self.counts_per_metre = 1 / abs(encoder["per_code"])
 
     def _scale_warning(self, reading: "ConverterTable | None") -> str | None:
-        """Returns a line of text if force_scale of the axis differs from the scale of the sensor in
-        the model, otherwise None."""
+        """Returns a text line if force_scale of the axis differs from the scale of the force sensor
+        in the model, otherwise None."""
         if reading is None:
             return None
         has = self.read_one("force_scale") * 1e-6
@@ -85,7 +87,7 @@ class SimLink(RecorderLink):
             error = self.axis.write(BY_NAME[name].number, raw)
             if error:
                 raise Refused(f"{name}: {REASONS[error]}")
-            self.axis.step(1)  # a written value acts in the next tick, as it does over a bus
+            self.axis.step(1)  # a written value acts in the next tick, as over a bus
 
     def acquire(self) -> None:
         self.axis.end_schedule()  # after acquire(), only the owner commands the axis

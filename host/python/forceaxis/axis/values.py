@@ -29,7 +29,7 @@ R = TypeVar("R", bound="DataclassInstance")
 
 
 def known_object(name: str) -> AxisObject:
-    """Returns the object of this name. Raises InputError for an unknown name or a CANopen
+    """Returns the object with the given name. Raises InputError for an unknown name or a CANopen
     address."""
     known = object_named(name)
     if known is None:
@@ -41,7 +41,7 @@ def known_object(name: str) -> AxisObject:
 
 
 def object_names(kind: type[R]) -> list[str]:
-    """Returns the field names of a dataclass; each must be the name of an object."""
+    """Returns the field names of a dataclass. Each field name must be the name of an object."""
     return [field.name for field in dataclasses.fields(kind)]
 
 
@@ -51,11 +51,11 @@ class AxisValues:
     def __init__(self, link: Link) -> None:
         self.link = link
 
-    # The type of a value depends on the name of its object. Only record() returns values with
+    # The type of a value depends on the name of the object. Only record() returns values with
     # types.
     def get(self, *names: str) -> dict[str, Any]:
-        """Returns {name: engineering value or text of an enumeration} in the order of `names`.
-        Raises InputError for an unknown name; Refused; NoAnswer."""
+        """Returns {name: engineering value or text of an enumeration} of objects in the order of
+        `names`. Raises InputError for an unknown name; Refused; NoAnswer."""
         for name in names:
             known_object(name)
         raw = self.link.read(names)
@@ -66,19 +66,19 @@ class AxisValues:
         return self.get(name)[name]
 
     def record(self, kind: type[R]) -> R:
-        """Reads the objects that are the fields of a dataclass `kind` and returns an instance of
-        it. Raises the errors of get()."""
+        """Reads the objects of the axis whose names are the fields of the dataclass `kind`. Returns
+        an instance of `kind`. Raises the errors of get()."""
         return kind(**self.get(*object_names(kind)))
 
 
 class PlannedValues(AxisValues):
-    """Values that an axis will have after {name: raw value}, `planned`, was written. The value of
-    an object that the connection cannot access is None."""
+    """Values that the objects of an axis will have after the raw values `planned` ({name: raw
+    value}) are written. The value of an object that the connection cannot access is None."""
 
     def __init__(self, axis: AxisValues, planned: Mapping[str, int]) -> None:
         super().__init__(axis.link)
         self.axis, self.planned = axis, planned
-        # values that were already read; each object is read once
+        # Values that were already read, because each object is read only once.
         self._present: dict[str, Any] = {}
 
     def get(self, *names: str) -> dict[str, Any]:
