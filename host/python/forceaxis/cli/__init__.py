@@ -1,2 +1,2 @@
-"""The command line of forceaxis, one module for each group of verbs. A verb parses its options,
-calls the library and prints the result; it computes nothing itself."""
+"""The command line of forceaxis, with one module for each group of subcommands. A subcommand parses
+the options, calls the library and prints the result. Only the library computes."""

@@ -1,4 +1,4 @@
-"""The verbs `advise` and `compliance`, which compare possible changes of an axis."""
+"""The subcommands `advise` and `compliance`, which compare possible changes of an axis."""
 
 import shutil
 from pathlib import Path
@@ -22,7 +22,7 @@ from forceaxis.cli.models import TIMINGS, check_drawing, drawn, present
 
 def over_options(verb: Callback) -> Callback:
     """Add the options --over (tolerances of parameters) and --modes (states of elements of the
-    model) to a verb."""
+    model) to a subcommand."""
     verb = click.option(
         "--modes",
         type=click.Choice(["visited", "all", "nominal"]),
@@ -90,8 +90,8 @@ def advise(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Show what limits the bandwidth of a force loop, and how much each possible change of the
-    axis improves it.
+    """Show what limits the bandwidth of a force loop, and by how much each possible change of the
+    axis would increase the bandwidth.
 
     A change multiplies or divides a stiffness, a mass or a damping by --factor, or uses another
     ADC, sampling or law. The result is a table with one row for each change. Rows are ranked by the
@@ -185,8 +185,8 @@ def compliance(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Show how a force loop changes with the stiffness of its pad, sensor or workpiece, to choose
-    between a soft contact and a low gain.
+    """Show how the margins of a force loop change with the stiffness of the pad, the sensor or the
+    workpiece, to choose between a soft contact and a low gain.
 
     For each stiffness of one element the verb prints the bandwidth fS over the set of plants, of
     the P law and of a bank designed for it, at equal margins; the static error of P; the travel of

@@ -24,23 +24,23 @@ NAME_WIDTH_MIN = 20  # smallest number of characters for the name of a change
 
 
 def short(value: float | None) -> str:
-    """Return a number as text with three significant digits, or "-" for None."""
+    """Return a number as text with three significant digits. Return "-" for the value None."""
     return "-" if value is None else f"{value:.3g}"
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the table of `advise`: its heading, of one or two lines, and a note that explains
-    the column, or "" if the heading is enough."""
+    """A column of the table of `forceaxis advise`: the heading, of one or two text lines, and a
+    note that explains the column. The note is "" if the heading is enough."""
 
     head: str
     note: str = ""
-    is_optional: bool = False  # True if the column is left out when the terminal is too narrow
+    is_optional: bool = False  # True if a narrow terminal does not show the column
 
 
 def describe(result: Advice, width: int | None = None) -> str:
-    """Return the text of `forceaxis advise`, at most `width` characters wide. Without `width` no
-    line is wrapped."""
+    """Return the text that `forceaxis advise` prints, at most `width` characters wide. Without
+    `width`, no text line is wrapped."""
     lines = [f"model        {result.title}", f"timing       {result.timing}"]
     lines += [*_limit_lines(result), *_gain_lines(result)]
     if width:
@@ -84,8 +84,8 @@ def describe(result: Advice, width: int | None = None) -> str:
 
 
 def _limit_lines(result: Advice) -> list[str]:
-    """Return the lines about the states of the model, the mode of vibration that limits the
-    bandwidth, and the critical gain."""
+    """Return the text lines about the element states of the model, the mode of vibration that
+    limits the bandwidth, and the critical gain."""
     base, mode = result.present, result.limiting_mode
     lines = [f"mode         {result.mode_text}"] if result.mode_text else []
     if isinstance(mode, LimitingMode):
@@ -112,8 +112,8 @@ def _limit_lines(result: Advice) -> list[str]:
 
 
 def _gain_lines(result: Advice) -> list[str]:
-    """Return the lines about the second critical gain, the gain of the experiment and the largest
-    gain that is stable in the simulation."""
+    """Return the text lines about the second critical gain, the gain of the experiment and the
+    largest gain that is stable in the simulation."""
     lines = []
     if following := result.next_crossing:
         lines.append(
@@ -133,7 +133,8 @@ def _gain_lines(result: Advice) -> list[str]:
 
 
 def _columns(result: Advice) -> dict[int, Column]:
-    """Return {index of a cell of `_cells`: its column} for the columns that the result contains."""
+    """Return the columns of the table of `forceaxis advise` for which the result has values, as
+    {index of the text in `_cells`: column}."""
     hz = short(result.reference_hz)
     columns = [
         Column(result.unit),
@@ -156,7 +157,8 @@ def _columns(result: Advice) -> dict[int, Column]:
 
 
 def _cells(row: PresentDesign | AdviceRow) -> list[str]:
-    """Return the texts of the cells of one row of the table, in the order of `_columns`."""
+    """Return the texts of one row of the table of `forceaxis advise`, one text for each column, in
+    the order of `_columns`."""
     factors: tuple[float | None, ...] = (1.0, 1.0, 1.0)
     if isinstance(row, AdviceRow):
         factors = (row.ratio.critical_gain, row.ratio.loop_gain_at, row.ratio.crossover_hz)
@@ -188,7 +190,8 @@ def _cells(row: PresentDesign | AdviceRow) -> list[str]:
 
 
 def _notes(result: Advice, shown: list[Column]) -> list[str]:
-    """Return the notes that are printed below the table of `advise` and explain its columns."""
+    """Return the notes below the table of `forceaxis advise`, which explain the columns of the
+    table."""
     notes = ["; ".join(column.note for column in shown if column.note)]
     if any(row.known_to is not None for row in (result.present, *result.rows)):
         notes.append(
@@ -207,7 +210,8 @@ def _notes(result: Advice, shown: list[Column]) -> list[str]:
 
 
 def describe_compliance(result: Compliance) -> str:
-    """Return the text of `forceaxis compliance`: a table with one row for each stiffness."""
+    """Return the text that `forceaxis compliance` prints: a table with one row for each
+    stiffness."""
 
     def number(value: float | None, scale: float = 1.0) -> str:
         return "-" if value is None else f"{scale * value:.3g}"

@@ -1,4 +1,4 @@
-"""`forceaxis axis`: read, set up and move one axis over any of its connections."""
+"""`forceaxis axis`: read, set up and move one axis over any connection."""
 
 from __future__ import annotations
 
@@ -59,13 +59,13 @@ def axis() -> None:
 
 
 def shown(value: float | str) -> str:
-    """Return the value of an object as text; a float has six significant digits."""
+    """Return the value of an object as text. A floating-point value has six significant digits."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def lines(axis: Axis, values: Mapping[str, float | str]) -> Iterator[str]:
-    """Yield a line for each object of {name: value} with its value and unit. A force is shown in N
-    and in counts."""
+    """Yield one text line with value and unit for each object in `values` ({name: value}). A force
+    is shown in N and in counts."""
     from forceaxis.axis import quantity
 
     width = max((len(name) for name in values), default=0)
@@ -81,7 +81,8 @@ def lines(axis: Axis, values: Mapping[str, float | str]) -> Iterator[str]:
 
 
 def assignments(words: Sequence[str]) -> dict[str, str]:
-    """Return {NAME: VALUE} from a list of texts "NAME=VALUE". Raises InputError for other texts."""
+    """Return {NAME: VALUE} from a list of texts "NAME=VALUE". Raises InputError for texts of
+    another form."""
     for word in words:
         name, equals, value = word.partition("=")
         if not (name and equals and value):
@@ -91,7 +92,7 @@ def assignments(words: Sequence[str]) -> dict[str, str]:
 
 def in_mm(axis: Axis, position: int) -> str:
     """Return a position in encoder counts as the text " (12.3 mm)". Return "" if the number of
-    counts per metre is unknown."""
+    encoder counts per metre is unknown."""
     from forceaxis.axis import quantity
 
     scale = quantity.per_metre(axis, objects.BY_NAME["position"])
@@ -99,7 +100,8 @@ def in_mm(axis: Axis, position: int) -> str:
 
 
 def print_state(axis: Axis, prefix: str, as_json: bool, **more: float) -> None:
-    """Print drive state, mode, fault, position and force of the axis in one line or as JSON."""
+    """Print drive state, mode of operation, fault, position and force of the axis in one text line
+    or as JSON."""
     from forceaxis.axis import actions
 
     now = actions.state(axis)
@@ -158,11 +160,12 @@ def scanned(connection: AxisConnection) -> list[ScannedAxis]:
 
 
 def table_of(rows: Sequence[ScannedAxis]) -> Iterator[str]:
-    """Yield the lines of the table of axes. A note about an axis is printed in the lines after its
-    row, at most 76 characters wide."""
+    """Yield the text lines of the table of axes. A note about an axis is printed in the text lines
+    after the row of the axis, at most 76 characters wide."""
     cells = [["id", "name", "version", "table", "state", "fault"]]
     for row in rows:
-        # The text of a version may also contain object table and commit after the version number.
+        # The text of a firmware version may also contain object table and commit after the version
+        # number.
         version = row.version and row.version.split(" ")[0]
         values = (row.id, row.name, version, row.table, row.state, row.fault)
         cells.append(["-" if v is None else str(v).replace("_", " ") for v in values])
@@ -251,7 +254,7 @@ def reset(connection: AxisConnection, as_json: bool) -> None:
         print_state(axis, "reset", as_json)
 
 
-# a negative number such as -500 is an argument and not an option
+# A negative number such as -500 is an argument of the subcommand and not an option.
 NEGATIVE = {"ignore_unknown_options": True}
 
 
@@ -342,7 +345,7 @@ def move(
     connection: AxisConnection,
     as_json: bool,
 ) -> None:
-    """Move the axis to POSITION, and disable the axis at this position.
+    """Move the axis to the position POSITION. Disable the axis after the move.
 
     POSITION is a length, as "10 mm", or a number in encoder counts or user units, from the zero of
     the axis. If the measured force exceeds --force-max
@@ -400,8 +403,8 @@ def press(
     connection: AxisConnection,
     as_json: bool,
 ) -> None:
-    """Approach the workpiece, press on it with the force FORCE, print the measured force, and
-    disable the axis.
+    """Approach the workpiece, press on the workpiece with the force FORCE, print the measured
+    force, and disable the axis.
 
     FORCE "75 N" selects mode 4 with the active force law or bank. FORCE 30 is in counts at 8 bits
     and selects mode -1, the P law with force_gain. Afterwards all parameters have their earlier

@@ -1,4 +1,4 @@
-"""Verbs of `forceaxis axis` that set up the force sensor and record signals."""
+"""Subcommands of `forceaxis axis` that set up the force sensor and record signals."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 @live
 @as_json
 def tare(connection: AxisConnection, as_json: bool) -> None:
-    """Measure the force without load and set it as the tare, so that the force is 0 without load.
+    """Measure the force without load and set this force as the tare, so that the measured force is
+    0 without load.
 
     The axis has to be at standstill and out of contact. The exit status is 1, with the reason, if
     the axis moves, if the measured force is too noisy or if it exceeds tare_band."""
@@ -76,8 +77,8 @@ def calibrate(given: Sequence[str], connection: AxisConnection, as_json: bool) -
 
 
 def point(text: str) -> tuple[float, float]:
-    """Return (measured force in counts, reference force in N) from a text "COUNT,N". Raises
-    InputError for another text."""
+    """Return a calibration point (measured force in counts, reference force in N) from a text
+    "COUNT,N". Raises InputError for another text."""
     try:
         count, newton = text.split(",")
         return float(count), float(newton)
@@ -89,8 +90,8 @@ def point(text: str) -> tuple[float, float]:
 
 
 def asked(axis: Axis, most: int) -> Iterator[tuple[float, float]]:
-    """Ask the user for reference forces, at most `most` times, until the user enters an empty line.
-    Yield each calibration point as (measured force in counts, reference force in N)."""
+    """Ask the user for reference forces, at most `most` times, until the user enters an empty text
+    line. Yield each calibration point as (measured force in counts, reference force in N)."""
     from forceaxis.axis import actions
 
     for i in range(most):
@@ -181,7 +182,8 @@ def capture(
 
 
 def capture_lines(found: CaptureSummary) -> Iterator[str]:
-    """Yield the lines about a recording: its samples, and the statistics of each signal."""
+    """Yield the text lines about a recording: number of samples, and the statistics of each
+    signal."""
     yield f"{found.samples} samples, trigger at {found.trigger_sample}"
     for name, row in to_json(found.signals).items():
         yield f"{name}: " + ", ".join(f"{key} {shown(value)}" for key, value in row.items())
@@ -199,16 +201,17 @@ class SignalSummary:
 
 @dataclass(frozen=True)
 class CaptureSummary:
-    """Result of `axis capture`: number and spacing of the samples, statistics of each signal."""
+    """Result of `forceaxis axis capture`: number and spacing of the samples, statistics of each
+    signal."""
 
     samples: int
-    decimation: int  #: ticks from one sample to the next
+    decimation: int  # number of ticks from one sample to the next
     trigger_sample: int
     signals: dict[str, SignalSummary]
 
 
 def summary(values: NDArray[np.float64]) -> SignalSummary:
-    """Return minimum, mean, maximum and standard deviation of the samples of a signal."""
+    """Return minimum, mean, maximum and standard deviation of the samples of one signal."""
     return SignalSummary(
         float(values.min()), float(values.mean()), float(values.max()), float(values.std())
     )

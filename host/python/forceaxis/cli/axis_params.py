@@ -36,8 +36,8 @@ FILE = click.argument("file", type=click.Path(dir_okay=False, exists=True))
     forceaxis axis params store --can can0""",
 )
 def params() -> None:
-    """Write the parameters of an axis to a TOML file, compare an axis with a file, load a file, and
-    store the parameters in the axis or delete the stored ones.
+    """Write the parameters of an axis to a TOML file, compare an axis with a file, load a file,
+    store the parameters in the axis, or delete the stored parameters.
 
     A parameter is an object that the axis can store. A file never contains node id and bit rate.
     Tare and calibration points belong to one sensor; they are loaded and compared only with
@@ -55,7 +55,7 @@ def params() -> None:
 @as_json
 def dump(file: Path | None, everything: bool, connection: AxisConnection, as_json: bool) -> None:
     """Write all parameters of the axis that differ from their default values to FILE, or print
-    them if FILE is missing.
+    these parameters if FILE is missing.
 
     FILE also contains type, scale, unit and range of each value, so that a later version can name
     what it cannot load. Over Modbus it has only the objects with a register; through a gateway it
@@ -90,8 +90,8 @@ def dump(file: Path | None, everything: bool, connection: AxisConnection, as_jso
 def diff(
     file: str, skip: Sequence[str], measured: bool, connection: AxisConnection, as_json: bool
 ) -> None:
-    """Compare the parameters of the axis with FILE, and print each parameter that differs with its
-    value in the axis, its value in FILE and its unit.
+    """Compare the parameters of the axis with FILE, and print each parameter that differs with the
+    value in the axis, the value in FILE and the unit.
 
     A parameter that a dump does not contain is compared with its default. The exit status is 1 if
     a value differs.
@@ -163,8 +163,8 @@ def load(
 @live
 @as_json
 def store(connection: AxisConnection, as_json: bool) -> None:
-    """Store all parameters of the axis in its non-volatile memory, so that they are kept when the
-    power is off.
+    """Store all parameters of the axis in its non-volatile memory, so that the axis keeps the
+    parameters when the power is off.
 
     The axis is disabled while it stores. If storing fails, the exit status is 1 and the parameter
     set that was stored before remains valid.
@@ -205,8 +205,8 @@ def restore(yes: bool, connection: AxisConnection, as_json: bool) -> None:
 
 
 def table(rows: Sequence[DifferenceShown]) -> list[str]:
-    """Return the lines of the table of differences with a header. Without a difference, return no
-    line."""
+    """Return the text lines of a table with all parameters that differ, after a header. If no
+    parameter differs, return no text line."""
     cells = [
         ["" if value == "1" else str(value) for value in (row.name, row.axis, row.file, row.unit)]
         for row in rows

@@ -55,7 +55,7 @@ def bench_(
     as_json: bool,
 ) -> None:
     """Measure the speed of the simulator. The programs odeint, MuJoCo and SciPy are measured for
-    comparison if they are installed.
+    comparison if these programs are installed.
 
     The verb prints how many times faster than real time one thread simulates 2 s of a force loop,
     and the error of the contact force against an independent integration with extended precision.
@@ -83,12 +83,14 @@ def bench_(
 
 
 def check_line(requirement: Requirement) -> str:
-    """Return one line: whether a required figure is reached, and the figure."""
+    """Return one text line about a speed requirement: the measured value, and if the value
+    satisfies the requirement."""
     return f"{'held' if requirement.held else 'NOT HELD':12} {requirement.check}"
 
 
 def rates_line(r: bench_link.LinkRates) -> str:
-    """Return one line: the rates of the lock-step over a transport, and its raw rate."""
+    """Return one text line about the lock-step of firmware and plant over a transport: ticks per
+    second, and the number of messages per second of the transport alone (ping-pong)."""
     return (
         f"{r.link:12} {r.ticks_per_s:,.0f} ticks/s ({r.real_time:.1f} x real time), "
         f"{r.share:.0%} of a raw ping-pong's {r.raw_per_s:,.0f}/s; six axes "
@@ -98,7 +100,8 @@ def rates_line(r: bench_link.LinkRates) -> str:
 
 
 def bench_text(result: bench.BenchResult) -> str:
-    """Return the table of the cases, and one line for each other result of the benchmark."""
+    """Return a table of the measured models, and one text line for each other result of the
+    benchmark."""
     lines = ["case  tool                x real time   us/tick   spread   force error   events"]
     for r in result.results:
         error = "unknown" if r.force_error_N is None else f"{r.force_error_N:.1e} N"

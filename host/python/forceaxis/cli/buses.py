@@ -1,4 +1,4 @@
-"""The verbs `gateway`, `monitor` and `log`, for axes on buses and for recorded messages."""
+"""The subcommands `gateway`, `monitor` and `log`, for axes on buses and for recorded messages."""
 
 import os
 import sys
@@ -94,8 +94,8 @@ def monitor(
     port: int | None,
     as_json: bool,
 ) -> None:
-    """Show the axes of running gateways in a terminal: drive state, mode, fault, values, strip
-    charts and lost messages.
+    """Show the axes of running gateways in a terminal: drive state, mode of operation, fault,
+    values, strip charts and lost messages.
 
     The monitor shows what a gateway publishes (AXIS_n_STATE, _EVENT, _CAPTURE) and writes nothing
     to an axis. Forces are in N by the scale of the axis. Positions are in its user unit, in mm with
@@ -159,8 +159,8 @@ def monitor(
 def source_of(
     watch: "Watch", url: str | None, replay: Path | None, speed: float, axis: int | None
 ) -> "Source":
-    """Return the source of the messages for `watch`: the log file `replay`, or the LCM bus `url` if
-    there is no log file."""
+    """Return the source of the messages for the monitor: the log file `replay`, or the LCM bus
+    `url` if there is no log file."""
     from forceaxis.bus.sources import LiveSource, ReplaySource
 
     return ReplaySource(watch, replay, speed, axis) if replay else LiveSource(watch, url, axis)
@@ -180,8 +180,8 @@ def encoder_mm(model: str) -> float:
 
 
 def serve(shown: dict[str, Any], host: str, port: int) -> NoReturn:
-    """Serve the monitor to web browsers until a signal ends the program. The exit status is 128
-    plus the number of the signal."""
+    """Serve the monitor to web browsers until a signal such as SIGTERM ends the program. The exit
+    status is 128 plus the number of the signal."""
     try:
         from forceaxis.bus import monitor_web
     except ImportError:
@@ -239,8 +239,8 @@ def log() -> None:
 @log_file
 @as_json
 def info(log_path: Path, as_json: bool) -> None:
-    """Print the contents of a log: time span, and for each channel the type, number, rate and
-    losses of its messages.
+    """Print the contents of a log: time span, and for each channel the type, the number, the number
+    per second and the losses of the messages.
 
     A log that is damaged or incomplete is read as far as possible; one line names what was skipped.
     """
@@ -297,8 +297,8 @@ def report_damage(damage: str | None) -> None:
 )
 @click.argument("args", nargs=-1, type=click.UNPROCESSED)
 def gateway(args: tuple[str, ...]) -> None:
-    """Run the gateway, the program that controls the axes of a CAN bus as CANopen master and makes
-    them available over LCM and Modbus TCP.
+    """Run the gateway, a program that controls the axes of a CAN bus as CANopen master and makes
+    the axes available over LCM and Modbus TCP.
 
     SIGTERM or SIGINT ends it. `forceaxis gateway --help` lists its options.
     """

@@ -9,7 +9,7 @@ from forceaxis.cli.common import aligned
 
 
 def snapshot_text(shown: Snapshot) -> str:
-    """Return the states of the axes at one time as text, with one line for each axis."""
+    """Return the states of the axes at one time as text, with one text line for each axis."""
     lines = []
     for number, a in shown.axes.items():
         force = "-"
@@ -47,7 +47,8 @@ def position_text(a: AxisSnapshot) -> str:
 
 
 def log_text(summary: LogSummary) -> str:
-    """Return the summary of a log as text: a line on the log and a table of its channels."""
+    """Return the summary of a log as text: a text line about the log, and a table of the channels
+    of the log."""
     rows: list[tuple[str, ...]] = [("channel", "type", "messages", "per s", "lost", "doubled", "")]
     for name, row in summary.channels.items():
         rate = "" if row.rate_per_s is None else f"{row.rate_per_s:.1f}"
@@ -63,8 +64,8 @@ def log_text(summary: LogSummary) -> str:
 
 
 def export_text(summary: ExportSummary) -> str:
-    """Return the text about an export: the written tables, and the channels and messages that were
-    not exported."""
+    """Return the text about an export of a log: the written tables, and the channels and messages
+    that were not exported."""
     lines = []
     for table in summary.tables:
         lines.append(f"{' '.join(table.files):44} {table.rows} rows, {len(table.columns)} columns")

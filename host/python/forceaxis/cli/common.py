@@ -1,5 +1,5 @@
-"""Code for all verbs of the command line: layout of the help, common options and their types,
-error messages, progress and colours."""
+"""Code for all subcommands of the command line: layout of the help, common options with their
+types, error messages, progress and colours."""
 
 import contextlib
 import io
@@ -28,26 +28,26 @@ if TYPE_CHECKING:
 
     from forceaxis.experiments.link import LinkOptions
 
-    # A value that a verb can print as JSON.
+    # A value that a subcommand can print as JSON.
     Scalar = str | float | bool | Path | None
     Printable = DataclassInstance | Scalar | Mapping[str, "Printable"] | Sequence["Printable"]
 
 Callback = TypeVar("Callback", bound=Callable[..., None])  # the function of a verb
 
-# Longest first sentence of a help text in characters.
-# The library click replaces the rest of a longer sentence by dots.
+# Longest first sentence of a help text in characters. The library click replaces the rest of a
+# longer sentence by dots.
 FIRST_SENTENCE_LENGTH = 300
 
 
-# Control sequences that the program itself sends to a terminal:
-# the colours of click.style, and the start of the progress line of `waiting`.
+# Control sequences that the program itself sends to a terminal: the colours of click.style, and the
+# start of the progress line of `waiting`.
 OWN_SEQUENCES = re.compile("((?:\r?\x1b\\[(?:0|1|22|3[0-9]|39|9[0-7])?m|\r\x1b\\[2K)+)")
 
 
 class Printed(io.TextIOWrapper):
     """A standard stream for output to a terminal. Control sequences in texts from buses and files
-    are printed as visible characters, so that they cannot change the terminal. The colours of the
-    program are still shown."""
+    are printed as visible characters, so that these texts cannot change the terminal. The colours
+    of the program are still shown."""
 
     def __init__(self, stream: TextIO) -> None:
         super().__init__(
@@ -55,8 +55,8 @@ class Printed(io.TextIOWrapper):
         )
 
     def write(self, text: str) -> int:
-        """Write `text` with control sequences from other programs as visible characters. Return the
-        length of `text`."""
+        """Write `text` to the stream, with control sequences from other programs as visible
+        characters. Return the length of `text`."""
         pieces = OWN_SEQUENCES.split(text)
         pieces[::2] = [printable(piece, keep="\n\t\r") for piece in pieces[::2]]
         super().write("".join(pieces))
@@ -76,8 +76,8 @@ def printed_streams() -> Iterator[None]:
         sys.stdout, sys.stderr = before
         for stream in streams:
             if isinstance(stream, Printed):
-                # without detach(), the end of this stream would close the file of the earlier
-                # stream
+                # Without detach(), the end of this stream would close the file of the earlier
+                # stream.
                 stream.detach()
 
 
@@ -106,7 +106,8 @@ def option_of(command: click.Command, parameter: str) -> str | None:
 
 def with_options(command: click.Command, error: InputError) -> str:
     """Return the message of `error` with the names of options of `command` in place of parameters
-    of the library. The message contains a parameter between backticks or at its beginning."""
+    of the library. The message contains a parameter between backticks or at the beginning of the
+    message."""
     text = str(error)
     if isinstance(error, ParameterError):
         text = f"{option_of(command, error.parameter) or error.parameter}: {error.text}"
@@ -120,8 +121,9 @@ def options_in(command: click.Command, text: str) -> str:
 
 
 class Verb(click.Command):
-    """A verb of the command line. The help of the verb prints an example with the line breaks of
-    the source, and its error messages name options instead of parameters of the library."""
+    """A subcommand of the command line. The help of the subcommand prints an example with the line
+    breaks of the source. Error messages name options of the subcommand instead of parameters of the
+    library."""
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -140,8 +142,8 @@ class Verb(click.Command):
 
 
 class Slow(Verb):
-    """A verb whose computation can last many seconds. A terminal shows the progress until the verb
-    prints the result."""
+    """A subcommand whose computation can last many seconds. A terminal shows the progress until the
+    subcommand prints the result."""
 
     def invoke(self, ctx: click.Context) -> Any:
         with waiting(self.name):
@@ -149,14 +151,15 @@ class Slow(Verb):
 
 
 def done_waiting() -> None:
-    """Clear the progress line on the terminal. A verb calls this function before it prints a
-    result."""
+    """Clear the progress line on the terminal. A subcommand calls this function before the
+    subcommand prints a result."""
     if stop := click.get_current_context().meta.get("forceaxis.waiting"):
         stop()
 
 
 def listed(context: click.Context, formatter: click.HelpFormatter, verbs: Iterable[str]) -> None:
-    """Write a list of verbs to the help, each with the first sentence of the help of the verb."""
+    """Write a list of subcommands to the help, each with the first sentence of the help of the
+    subcommand."""
     group = cast(click.Group, context.command)
     found = [(name, cast(click.Command, group.get_command(context, name))) for name in verbs]
     formatter.write_dl(
@@ -165,7 +168,8 @@ def listed(context: click.Context, formatter: click.HelpFormatter, verbs: Iterab
 
 
 class Verbs(click.Group):
-    """A group of verbs, such as `axis` with the verb `axis move`."""
+    """A group of subcommands, such as `forceaxis axis` with the subcommand `forceaxis axis
+    move`."""
 
     command_class = Verb
     format_epilog = Verb.format_epilog
@@ -176,7 +180,8 @@ class Verbs(click.Group):
 
 
 class Folder(click.Path):
-    """Type of an option for the folder to which results are written. The folder need not exist."""
+    """Type of an option for the folder to which a subcommand writes results. The folder need not
+    exist."""
 
     def __init__(self) -> None:
         super().__init__(file_okay=False, path_type=Path)
@@ -193,7 +198,7 @@ class Folder(click.Path):
 
 
 class Positive(click.ParamType[float]):
-    """Type of an option for a number from `low` to `high`; both bounds are above 0."""
+    """Type of an option for a number from `low` to `high`. Both ends of this range are above 0."""
 
     name = "float"
 
@@ -214,15 +219,16 @@ class Positive(click.ParamType[float]):
 
 
 class File(click.Path):
-    """Type of an option for the path of a file that the verb writes."""
+    """Type of an option for the path of a file that the subcommand writes."""
 
     def __init__(self) -> None:
         super().__init__(dir_okay=False, path_type=Path)
 
 
 class Kind(click.Choice[str]):
-    """Type of the option --link, which selects the link between firmware and plant. The module of
-    the links is loaded only for a verb that has this option."""
+    """Type of the option --link, which selects the connection between the firmware process and the
+    plant process. The Python module for these connections is loaded only for a subcommand that has
+    this option."""
 
     def __init__(self) -> None:
         from forceaxis.experiments import link
@@ -231,9 +237,9 @@ class Kind(click.Choice[str]):
 
 
 class Subject(click.ParamType[str | Path]):
-    """Type of an argument for a file that the verb reads. The user gives the path of the file, or
-    only its name without ".toml" for a file in one of `folders`. The verb receives the text that
-    the user has given, or a Path if `as_path` is True."""
+    """Type of an argument for a file that the subcommand reads. The user gives the path of the
+    file, or the file name without ".toml" for a file in one of `folders`. The subcommand receives
+    the text that the user has given, or a Path if `as_path` is True."""
 
     name = "file"
 
@@ -241,8 +247,8 @@ class Subject(click.ParamType[str | Path]):
         self.folders, self.as_path = folders, as_path
 
     def files(self) -> dict[str, Path]:
-        """Return {name without ".toml": path} for all files in the folders. If a name occurs in two
-        folders, the path is in the first folder."""
+        """Return {file name without ".toml": path} for all files in the folders. If two folders
+        contain the same file name, return the path in the first folder."""
         return {p.stem: p for f in reversed(self.folders) for p in sorted(f.glob("*.toml"))}
 
     def convert(
@@ -288,15 +294,16 @@ class Override(click.ParamType[str]):
 
 
 def set_option(text: str) -> Callable[[Callback], Callback]:
-    """Return a decorator that adds the option --set to a verb. `text` is the help of the option."""
+    """Return a decorator that adds the option --set to a subcommand. `text` is the help of the
+    option."""
     return click.option(
         "--set", "overrides", multiple=True, type=Override(), metavar="NAME=VALUE", help=text
     )
 
 
 def mode_option(name: str) -> Callable[[Callback], Callback]:
-    """Return a decorator that adds the option --mode to a verb. The function of the verb receives
-    the states of elements as the parameter `name`."""
+    """Return a decorator that adds the option --mode to a subcommand. The function of the
+    subcommand receives the states of elements as the parameter `name`."""
     return click.option(
         "--mode",
         name,
@@ -323,7 +330,7 @@ class Parameter(click.ParamType[str]):
 
 class Object(click.ParamType[str]):
     """Type of an argument for the name of a firmware object. With `end="="`, the argument is a text
-    NAME=VALUE, and the object must be writable. A shell can complete the names."""
+    NAME=VALUE, and the object must be writable. A shell can complete the names of the objects."""
 
     name = "object"
 
@@ -360,7 +367,8 @@ def _parameters(ctx: click.Context) -> list[str]:
     from forceaxis import _core, toml
     from forceaxis.linear import plant_facts, settings
 
-    # The last option has no value yet, therefore click has left the arguments in `args`.
+    # The last option has no value yet, therefore the library click has left the arguments in
+    # `args`.
     arguments = [p.name for p in ctx.command.params if isinstance(p, click.Argument)] + [
         "model",
         "sim",
@@ -391,8 +399,8 @@ threads = click.option(
 
 
 def linked(command: Callback) -> Callback:
-    """Add the options --link, --lcm-url and --link-can to a verb that can run the firmware as a
-    separate process."""
+    """Add the options --link, --lcm-url and --link-can to a subcommand that can run the firmware as
+    a separate process."""
     for option in (
         click.option("--inject", default="", hidden=True, help="Faults of the link, for tests."),
         click.option(
@@ -417,9 +425,9 @@ def linked(command: Callback) -> Callback:
 
 
 def link_of(kind: str | None, lcm_url: str, link_can: str, inject: str) -> "LinkOptions | None":
-    """Return the settings of the link to a separate firmware process, or None without the option
-    --link. If the kernel does not support CAN, the verb is started again in a guest kernel that
-    supports CAN."""
+    """Return the settings of the connection to a separate firmware process, or None without the
+    option --link. If the kernel does not support CAN, the subcommand is started again in a guest
+    kernel that supports CAN."""
     if kind is None:
         return None
     from forceaxis.experiments import link
@@ -437,17 +445,17 @@ COLOURS = {
 
 
 def coloured(text: str, word: str | None = None) -> str:
-    """Return `text` in the colour of the result `word`, such as "stable" or "failed". Without
+    """Return `text` in the colour of the result `word`, for example "stable" or "failed". Without
     `word`, `text` itself is the result. If the result has no colour or the environment variable
-    NO_COLOR is set, return `text` without a colour."""
+    NO_COLOR exists, return `text` without a colour."""
     colour = COLOURS.get((word or text).strip())
     plain = os.environ.get("NO_COLOR") or not colour
     return text if plain else click.style(text, fg=colour, bold=True)
 
 
 def fitted(text: str, indent: int = 0) -> str:
-    """Wrap a line to the width of the terminal and indent the continuation lines by `indent`
-    characters. Without a terminal, return the line unchanged."""
+    """Wrap a text line to the width of the terminal and indent the continuation lines by `indent`
+    characters. Without a terminal, return the text line unchanged."""
     if not sys.stdout.isatty():
         return text
     width = max(shutil.get_terminal_size().columns, 40)
@@ -456,20 +464,20 @@ def fitted(text: str, indent: int = 0) -> str:
 
 
 def fitted_lines(text: str) -> str:
-    """Wrap the text of lines "key text" to the width of the terminal. A row of a table, which is a
-    text with two spaces in sequence, is not wrapped."""
+    """Wrap the texts of text lines "key text" to the width of the terminal. A text with two spaces
+    in sequence is a row of a table and is not wrapped."""
     return "\n".join(
         line if "  " in line[13:].strip() else fitted(line, 13) for line in text.splitlines()
     )
 
 
 def show(rows: Iterable[tuple[str, str]]) -> None:
-    """Print rows of (key, text), one line for each row. On a terminal, long texts are wrapped and
+    """Print rows (key, text), one text line for each row. On a terminal, long texts are wrapped and
     the verdict is coloured."""
     done_waiting()
     for key, text in rows:
         line = f"{key:12} {text}"
-        # texts that the user copies must not be wrapped
+        # Texts that the user copies must not be wrapped.
         if key not in ("trace hash", "axis hash", "again", "files"):
             line = fitted(line, 13)
         if key == "verdict":
@@ -479,7 +487,8 @@ def show(rows: Iterable[tuple[str, str]]) -> None:
 
 
 def print_json(result: "Printable") -> None:
-    """Print a result on one line as JSON: a dataclass, or a dict or list of results."""
+    """Print a result as JSON on one text line. The result is a dataclass, or a dict or list of
+    results."""
     from forceaxis.results import to_json
 
     done_waiting()
@@ -489,8 +498,8 @@ def print_json(result: "Printable") -> None:
 def print_result(
     result: "Printable", as_json: bool, text: Callable[[], str], out: Path | None = None
 ) -> None:
-    """Print a result as JSON, or as the text that `text` returns, followed by the folder `out` of
-    the files."""
+    """Print a result as JSON, or as the text that the function `text` returns. The text ends with
+    `out`, the folder of the written files."""
     if as_json:
         print_json(result)
         return
@@ -501,8 +510,8 @@ def print_result(
 
 
 def aligned(rows: Sequence[Sequence[str]], to_the_left: Container[int] = (0,)) -> list[str]:
-    """Return the lines of a table. Columns with an index in `to_the_left` are aligned to the left,
-    all other columns to the right."""
+    """Return the text lines of a table. Columns with an index in `to_the_left` are aligned to the
+    left, all other columns to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(
@@ -515,8 +524,9 @@ def aligned(rows: Sequence[Sequence[str]], to_the_left: Container[int] = (0,)) -
 
 @contextlib.contextmanager
 def waiting(what: str | None) -> Iterator[None]:
-    """Show the progress of the verb `what` on standard error during a `with` block. On a terminal,
-    one line is updated, beginning after two seconds. A file gets one line for each phase."""
+    """Show the progress of the subcommand `what` on standard error during a `with` block. On a
+    terminal, one text line is updated, beginning after two seconds. If standard error is a file,
+    each phase is written as one text line."""
     if not sys.stderr.isatty():
         with progress.told(lambda phase: click.echo(f"{what}: {phase}", err=True)):
             yield
@@ -552,6 +562,7 @@ def waiting(what: str | None) -> Iterator[None]:
 
 
 def fail(message: str, status: int = 2) -> NoReturn:
-    """Print an error message on one line of standard error and exit with `status`, by default 2."""
+    """Print an error message on one text line of standard error and exit with `status`, by default
+    2."""
     click.echo("forceaxis: " + " ".join(message.split()), err=True)
     sys.exit(status)

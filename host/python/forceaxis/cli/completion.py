@@ -21,8 +21,8 @@ def _script(shell: str) -> str:
 
 
 def _places(shell: str) -> tuple[Path, Path | None]:
-    """Return the path of the completion script of a shell, and the path of the start-up file that
-    has to load the script. Fish needs no start-up file; its second value is None."""
+    """Return two paths for a shell: the completion script, and the start-up file that has to load
+    the completion script. The second path is None for Fish, which needs no start-up file."""
     home = Path.home()
     data = Path(os.environ.get("XDG_DATA_HOME") or home / ".local/share")
     if shell == "fish":
@@ -36,7 +36,7 @@ def _places(shell: str) -> tuple[Path, Path | None]:
 
 @click.group(cls=Verbs, epilog="forceaxis completion install")
 def completion() -> None:
-    """Set up a shell so that the tabulator key completes names of verbs, options, models,
+    """Set up a shell so that the Tab key completes the names of subcommands, options, models,
     experiments and firmware objects."""
 
 
@@ -45,7 +45,7 @@ def completion() -> None:
 )
 @click.argument("shell", metavar="[SHELL]", type=SHELLS, required=False)
 def install(shell: str | None) -> None:
-    """Install the completion script for SHELL, which is bash, zsh or fish.
+    """Install the completion script for the shell SHELL, which is bash, zsh or fish.
 
     Without SHELL the verb uses the shell that the environment variable SHELL names.
     The verb writes the script and, for bash and zsh, one line at the end of the start-up file of
@@ -73,7 +73,8 @@ def install(shell: str | None) -> None:
 @completion.command(cls=Verb, epilog="forceaxis completion show bash")
 @click.argument("shell", metavar="SHELL", type=SHELLS)
 def show(shell: str) -> None:
-    """Print the completion script of SHELL (bash, zsh or fish), for an installation by hand."""
+    """Print the completion script of the shell SHELL (bash, zsh or fish), for an installation by
+    hand."""
     click.echo(_script(shell))
 
 

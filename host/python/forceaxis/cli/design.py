@@ -136,8 +136,8 @@ def design(
     as_json: bool,
     **given: Any,
 ) -> None:
-    """Design a force law: find the bank with the largest bandwidth that keeps the required margins
-    for all plants within the tolerances of MODEL.
+    """Design a force law: find the filter bank with the largest bandwidth that keeps the required
+    margins for all plants within the tolerances of MODEL.
 
     The law is a bank of the firmware: gain, integral action and up to three second-order sections,
     with coefficients rounded as the firmware stores them. It keeps the margins for every corner of
@@ -194,7 +194,7 @@ def design(
         return
     write_page = None
     if out:
-        # the module imports Matplotlib, which takes time
+        # The module `design` imports Matplotlib, which takes time.
         from forceaxis.pages import design as page
 
         write_page = page.write
@@ -209,8 +209,9 @@ def design(
 def _identified(
     order: "DesignOrder", measured: tuple[str, ...], priors: tuple[str, ...]
 ) -> "DesignOrder":
-    """Fit the model to the measured responses. Return `order` with the fitted parameters, and with
-    their confidence intervals as tolerances. Raises Refusal if the fit is rejected."""
+    """Fit the model to the measured responses. Return `order` with the fitted parameters, and
+    with the confidence intervals of the parameters as tolerances. Raises Refusal if the fit is
+    rejected."""
     from forceaxis.commission import damper_fit, known
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify.fit import read_response
@@ -249,8 +250,8 @@ def _pareto(order: "DesignOrder", pareto: str, out: Path | None, as_json: bool) 
 
 @contextlib.contextmanager
 def progress_on(stream: TextIO) -> Iterator[Callable[[str], None] | None]:
-    """Provide a function for a `with` block. The function shows its text as the progress line of a
-    terminal. Provide None if `stream` is no terminal."""
+    """Provide a function for a `with` block that shows a text as the progress line of a terminal.
+    Provide None if `stream` is not a terminal."""
     if not stream.isatty():
         yield None
         return

@@ -1,4 +1,5 @@
-"""Texts that `forceaxis design` prints: the designed bank, and the trade-off of --pareto."""
+"""Texts that `forceaxis design` prints: the designed filter bank, and the trade-off of the option
+--pareto."""
 
 from pathlib import Path
 
@@ -14,8 +15,8 @@ NARROW_HEAD = ["law", "stable", "error %", "peak N", "losses", "settle ms"]
 
 
 def describe(outcome: DesignOutcome, width: int | None = None) -> str:
-    """Return the text of a design, at most `width` characters wide. Without `width` the tables have
-    all columns."""
+    """Return the text of a design, at most `width` characters wide. Without `width`, the tables
+    have all columns."""
     bank = outcome.bank
     ranges = ", ".join(f"{n} {r[1]:.4g} to {r[2]:.4g}" for n, r in outcome.ranges.items())
     lines = [
@@ -47,9 +48,9 @@ def describe(outcome: DesignOutcome, width: int | None = None) -> str:
 
 
 def _figures(outcome: DesignOutcome) -> list[str]:
-    """Return two tables for the worst plant of the set. The first table shows bandwidth and margins
-    of the P law and of the designed bank, and the second table shows these figures for each
-    structure of the law."""
+    """Return two tables with bandwidth and margins for the worst plant of the set. The first table
+    compares the P law with the designed filter bank, and the second table compares the structures
+    of the force law."""
     table = [["", "fS Hz", "fT Hz", "Ms", "a tick late", "gain margin", "phase margin"]]
     for name, law in (("P", outcome.p), ("design", outcome.worst)):
         table.append([name, *map(number, law.row)])
@@ -82,8 +83,8 @@ def _simulated(outcome: DesignOutcome, width: int | None) -> list[str]:
 
 
 def _set_lines(outcome: DesignOutcome) -> list[str]:
-    """Return the lines about the states of the model in the linear analysis, the other states in
-    the set of plants, and the dry friction in the simulated contacts."""
+    """Return the text lines about the states of the model in the linear analysis, the other states
+    in the set of plants, and the dry friction in the simulated contacts."""
     text = outcome.working.text
     lines = [f"mode         {text}"] if text else []
     others = [Member({}, m).label() for m in outcome.plants.modes if m != outcome.order.states]
@@ -98,7 +99,8 @@ def _set_lines(outcome: DesignOutcome) -> list[str]:
 
 
 def describe_tradeoff(result: Tradeoff) -> str:
-    """Return the text of `forceaxis design --pareto`: a table with one row for each design."""
+    """Return the text that `forceaxis design --pareto` prints: a table with one row for each
+    design."""
 
     def short(value: float | None) -> str:
         return "-" if value is None else f"{value:.3g}"

@@ -1,4 +1,4 @@
-"""The verbs `run`, `replay`, `sweep` and `test`, which run experiments with the simulator."""
+"""The subcommands `run`, `replay`, `sweep` and `test`, which run experiments with the simulator."""
 
 import sys
 from collections.abc import Callable
@@ -111,7 +111,7 @@ def run(
 @as_json
 def replay(journal: Path, out: Path | None, codes: bool, as_json: bool) -> None:
     """Repeat an earlier run of the program axis_node (the firmware on this computer) from its
-    journal, and check that all codes are the same.
+    journal, and check that all DAC codes are the same.
 
     The replay has to give the trace hash of the journal; otherwise the exit status is 1. If the
     node was killed, its journal has no hash: the recorded part is replayed and the exit status is
@@ -254,8 +254,8 @@ def sweep(
     scheduler: str | None,
     as_json: bool,
 ) -> None:
-    """Run one experiment many times with different values of parameters, and show for which values
-    it is stable.
+    """Run one experiment many times with different values of parameters, and show for which
+    parameter values the run is stable.
 
     NAME is a parameter of the model or an object of the firmware, as in `forceaxis run --set`.
     The journal in the folder of --out keeps every finished run. After an interruption, or with more
@@ -279,9 +279,9 @@ def sweep(
 
 
 def outcome_text(outcome: "RegressionOutcome", coloured: Callable[[str], str] = str) -> str:
-    """Return the text about one test of `forceaxis test`: a line with the status, a line for each
-    figure that differs, and a line with the place of the curves. `coloured`: True if the status has
-    a colour."""
+    """Return the text about one test of `forceaxis test`: a text line with the status, a text line
+    for each value that differs, and a text line with the path of the recorded signals. `coloured`:
+    True if the status has a colour."""
     line = f"{coloured(f'{outcome.status:7}')}  {outcome.name}"
     line += "".join(f"\n           warning: {text}" for text in outcome.warnings)
     if outcome.status != "failed":
@@ -323,8 +323,8 @@ def test(
     threads: int | None,
     as_json: bool,
 ) -> None:
-    """Test experiments: run every experiment in DIR that has a table [expect], and compare its
-    results with the values in the table.
+    """Test experiments: run every experiment in DIR that has a table [expect], and compare the
+    results with the values in this table.
 
     \b
     [expect]                  # a verdict needs [verdict]

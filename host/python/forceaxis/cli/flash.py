@@ -62,8 +62,8 @@ def flash_(
     dry_run: bool,
     as_json: bool,
 ) -> None:
-    """Write a firmware image (.elf, .hex, .bin) to the flash memory of its board, with the program
-    openocd and a debug probe.
+    """Write a firmware image (.elf, .hex, .bin) to the flash memory of a board. The program openocd
+    writes the image through a debug probe.
 
     The verb prints the contents of the file and the flash sectors that they occupy, asks for
     consent, writes, verifies and resets the chip. The stored parameters are kept. Switch the power
@@ -96,7 +96,7 @@ def flash_(
 
 def show(plan: flash.Plan, as_json: bool, quiet: bool = False) -> None:
     """Print on standard output what will be written to the chip, and on standard error a warning
-    about the image. With `quiet`, print only the warning."""
+    about the firmware image. With `quiet`, print only the warning."""
     if plan.warning:
         click.echo(f"forceaxis: warning: {plan.warning}", err=True)
     if not quiet:
@@ -104,8 +104,8 @@ def show(plan: flash.Plan, as_json: bool, quiet: bool = False) -> None:
 
 
 def plan_text(plan: flash.Plan) -> str:
-    """Return a text about the image, the flash sectors that are overwritten, the version of the
-    image, and whether the stored parameters are kept."""
+    """Return a text about the firmware image, the flash sectors that are overwritten, the version
+    of the image, and if the stored parameters are kept."""
     who, image, parameters = plan.identity, plan.image, plan.board.memory.parameters
     options = plan.probe.options
     starts = [sector.start for sector in flash.sectors_of(plan.board)]

@@ -1,5 +1,5 @@
-"""The verbs of `forceaxis identify`: the identification procedures of the thesis, and fits of model
-parameters to measured responses."""
+"""The subcommands of `forceaxis identify`: the identification procedures of the thesis, and fits of
+model parameters to measured responses."""
 
 from __future__ import annotations
 
@@ -72,7 +72,8 @@ def identify() -> None:
 
 
 def show(result: Printable, as_json: bool, rows: Iterable[tuple[str, str | Estimate]]) -> None:
-    """Print the result of an identification as JSON, or as the lines `rows` of (name, text)."""
+    """Print the result of an identification as JSON, or as the text lines `rows` of (name,
+    text)."""
     print_result(result, as_json, lambda: "\n".join(f"{name:12} {text}" for name, text in rows))
 
 
@@ -109,7 +110,7 @@ def decrement(
     stiffness: Estimate | None,
     as_json: bool,
 ) -> None:
-    """Identify frequency and damping ratio of a decaying vibration from a recording, by its
+    """Identify frequency and damping ratio of a decaying vibration from a recording, by the
     logarithmic decrement.
 
     DATA.csv has a column time_s and a signal of any unit and offset, with at least 3 cycles. A
@@ -195,7 +196,7 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate, as_
 
 
 def with_offset(verb: Callable[..., None]) -> Callable[..., None]:
-    """Add the option --offset to a verb that fits a straight line."""
+    """Add the option --offset to a subcommand that fits a straight line."""
     return click.option("--offset", is_flag=True, help="Fit a line with an offset, not through 0.")(
         verb
     )
@@ -302,8 +303,8 @@ def fit(
     as_json: bool,
     **given: Any,
 ) -> None:
-    """Fit parameters of MODEL to a measured frequency response, and test whether the model explains
-    the response.
+    """Fit parameters of the model MODEL to a measured frequency response, and test if the fitted
+    model explains the response.
 
     RESPONSE is the folder of `forceaxis measure --out`, or a CSV file with columns frequency_hz,
     coherence and magnitude, phase_deg (or real, imag). For each parameter the verb prints its 95 %
@@ -401,8 +402,8 @@ def resonances(
 
 
 def resonances_in_words(result: ResonanceResult) -> str:
-    """Return the text of `forceaxis identify resonances`: a table of the resonances, and the error
-    of the fitted response."""
+    """Return the text that `forceaxis identify resonances` prints: a table of the resonances, and
+    the error of the fitted response."""
     lines = [f"{'peak Hz':>10}{'damping':>10}{'trough Hz':>12}{'damping':>10}"]
     for r in result.resonances:
         line = f"{r.peak_hz:10.4g}{r.peak_damping:10.4f}"

@@ -1,4 +1,4 @@
-"""`forceaxis incident`: read and explain the recording that an axis has kept of an error."""
+"""`forceaxis incident`: read and explain the recording of an error that an axis has stored."""
 
 from pathlib import Path
 

@@ -25,14 +25,15 @@ if TYPE_CHECKING:
 
 Verb = Callable[..., None]
 
-OWN_NODE = 126  # same value as in axis/can.py, which is loaded only for a connection over CAN
+# Same value as in axis/can.py. The module axis/can.py is loaded only for a connection over CAN.
+OWN_NODE = 126
 CONNECTIONS = "--axis N, --can INTERFACE, --modbus URL or --sim EXPERIMENT"
 
 
 @dataclass(frozen=True)
 class AxisConnection:
-    """Connection to one axis: the values of the options --axis, --can, --modbus and --sim, and of
-    further options for these connections."""
+    """Connection to one axis as selected by the user: the values of the options --axis, --can,
+    --modbus and --sim, and of further options for these connections."""
 
     axis: int | None = None
     lcm_url: str | None = None
@@ -43,11 +44,11 @@ class AxisConnection:
     sim: Path | None = None
     overrides: tuple[str, ...] = ()
     store: str = ""
-    model: str | None = None  #: path of a model whose encoder converts counts to mm
+    model: str | None = None  # path of a model whose encoder converts encoder counts to mm
 
     def link(self) -> Link:
-        """Connect to the axis and return the open link. Raises InputError for wrong options and
-        NoAnswer if the axis does not respond."""
+        """Connect to the axis and return the open connection. Raises InputError for wrong options
+        and NoAnswer if the axis does not respond."""
         found = self._connect()
         if self.model is not None:
             from forceaxis import linear
@@ -77,7 +78,7 @@ class AxisConnection:
         return SimLink(self.sim or "", self.overrides, self.store)
 
     def options(self) -> str:
-        """Return the text of the options with which another command selects the same axis."""
+        """Return the options that select this axis as text, for use in another command."""
         if self.axis is not None:
             return f"--axis {self.axis}" + (f" --lcm-url {self.lcm_url}" if self.lcm_url else "")
         if self.can is not None:
@@ -145,8 +146,8 @@ OPTIONS = (
 
 
 def options(command: Verb) -> Verb:
-    """Add the options of a connection to a verb. The function of the verb receives the values of
-    the options as an `AxisConnection`, which may select no axis or several axes."""
+    """Add the options of a connection to a subcommand. The function of the subcommand receives the
+    values of the options as an `AxisConnection`, which may select no axis or several axes."""
 
     @functools.wraps(command)
     def with_connection(*arguments: Any, **given: Any) -> None:
@@ -163,8 +164,8 @@ def options(command: Verb) -> Verb:
 
 
 def live(command: Verb) -> Verb:
-    """Add the options of a connection to a verb that needs exactly one axis. The function of the
-    verb receives the values of the options as an `AxisConnection`."""
+    """Add the options of a connection to a subcommand that needs exactly one axis. The function of
+    the subcommand receives the values of the options as an `AxisConnection`."""
 
     @functools.wraps(command)
     def with_one(*arguments: Any, connection: AxisConnection, **others: Any) -> None:
@@ -176,7 +177,7 @@ def live(command: Verb) -> Verb:
 
 def live_in_mm(command: Verb) -> Verb:
     """Add the options of a connection to exactly one axis, and the option --model. The encoder of
-    the model converts counts to mm."""
+    the model converts encoder counts to mm."""
 
     @functools.wraps(command)
     def with_model(
@@ -196,7 +197,7 @@ def live_in_mm(command: Verb) -> Verb:
 @contextlib.contextmanager
 def connected(connection: AxisConnection) -> Iterator[Axis]:
     """Connect to an axis for a `with` block. Ctrl-C in the block ends the program with exit status
-    130; the signal SIGTERM ends the program with 143."""
+    130; the signal SIGTERM ends the program with exit status 143."""
     from forceaxis.axis.axis import Axis
 
     axis: Axis | None = None
@@ -219,8 +220,8 @@ def connected(connection: AxisConnection) -> Iterator[Axis]:
 
 def warn_of_newtons(axis: Axis, connection: AxisConnection) -> None:
     """Print a warning if force_scale of the axis was never set, because forces in N are then wrong.
-    A simulated axis gets no warning from this function, because its connection compares force_scale
-    with the model."""
+    This function prints no warning for a simulated axis, because the connection of a simulated axis
+    compares force_scale with the model."""
     from forceaxis.axis import quantity
 
     found = axis.get("force_scale", "calibration_date")
@@ -245,8 +246,8 @@ def owned(connection: AxisConnection, shared: bool = False) -> Iterator[Axis]:
 
 @contextlib.contextmanager
 def errors(connection: AxisConnection | None = None) -> Iterator[None]:
-    """During a `with` block: if the axis refuses a request or does not respond, print one line and
-    exit with status 1."""
+    """During a `with` block: if the axis refuses a request or does not respond, print one text line
+    and exit with status 1."""
     from forceaxis.axis.link import NoAnswer, Refused
 
     try:

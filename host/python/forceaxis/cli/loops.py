@@ -1,4 +1,4 @@
-"""The verbs `limit`, `rlocus`, `nyquist` and `step`, which analyse a linear force loop."""
+"""The subcommands `limit`, `rlocus`, `nyquist` and `step`, which analyse a linear force loop."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 def limit(
     request: "LoopRequest", as_json: bool, ranges: tuple[str, ...], visit: str | None
 ) -> None:
-    """Compute the critical gain of the force loop of MODEL|EXPERIMENT: the gain at which the loop
-    becomes unstable.
+    """Compute the critical gain of the force loop of MODEL|EXPERIMENT: the gain at which the force
+    loop becomes unstable.
 
     With an EXPERIMENT (a path or a name in sim/experiments) the verb takes the control law or the
     quantised bank, the gain and the latency of its firmware; options take precedence. The loop is
@@ -134,7 +134,8 @@ def nyquist(
     ranges: tuple[str, ...],
     visit: str | None,
 ) -> None:
-    """Draw the Nyquist plot of the force loop of MODEL|EXPERIMENT, and print its margins.
+    """Draw the Nyquist plot of the force loop of MODEL|EXPERIMENT, and print the margins of the
+    force loop.
 
     The gain is that of the options, of the experiment, or half the critical gain. JSON: as
     `forceaxis limit` at that gain (margins under "at"), and the curve of the loop gain:

@@ -1,5 +1,5 @@
-"""The program `forceaxis`, which loads the module of a verb and runs the verb. The exit status is 0
-on success, 1 if the run or check failed, and 2 for wrong usage or input."""
+"""The program `forceaxis`, which loads the Python module of a subcommand and runs the subcommand.
+The exit status is 0 on success, 1 if the run or check failed, and 2 for wrong usage or input."""
 
 import importlib
 import os
@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import cast
 
 # With small matrices, several threads of the BLAS library need fifty times as long as one thread.
-# On a busy computer the threads wait for each other. NumPy reads this variable when it is loaded.
+# On a busy computer the threads wait for each other. NumPy reads this variable when NumPy is
+# loaded.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import click
@@ -32,9 +33,9 @@ Keep it from breaking in CI
   forceaxis test press --update     records the results of today
   forceaxis test press              status 1 and the figures if one changed"""
 
-# {group: {verb: module of this folder whose list VERBS contains the verb}}
-# A module MODULE is loaded when one of its verbs is used. Modules MODULE_... are then also loaded,
-# because they add verbs to MODULE.
+# {group: {subcommand: Python module}}. The list VERBS of a Python module contains its subcommands.
+# A module MODULE is loaded when one of its subcommands is used. Modules MODULE_... are then also
+# loaded, because they add subcommands to MODULE.
 GROUPS = {
     "An axis and its runs": {
         "new": "new",
@@ -75,8 +76,8 @@ GROUPS = {
 }
 MODULES = {verb: module for verbs in GROUPS.values() for verb, module in verbs.items()}
 
-# Exceptions that end a verb with one line and exit status 1.
-# The exceptions are listed by name, so that their modules need not be loaded.
+# Exceptions that end a subcommand with one text line and exit status 1. The exceptions are listed
+# by name, so that the Python modules of the exceptions need not be loaded.
 FAILURES = {
     "forceaxis._core.SimulationError",
     "forceaxis.experiments.link.LinkError",
@@ -98,8 +99,8 @@ def show_versions(context: click.Context, _parameter: click.Parameter, wanted: b
 
 
 class Program(click.Group):
-    """The command `forceaxis` with all its verbs. The module of a verb is loaded only when the verb
-    is used, so that the program starts fast."""
+    """The command `forceaxis` with all subcommands. The Python module of a subcommand is loaded
+    only when the subcommand is used, so that the program starts fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(MODULES)
@@ -109,7 +110,7 @@ class Program(click.Group):
             return None
         name = MODULES[cmd_name]
         for found in pkgutil.iter_modules(forceaxis.cli.__path__):
-            # a module "..._text" has no verbs, only functions for printed text
+            # A module "..._text" has no subcommands, only functions for printed text.
             if found.name.endswith("_text"):
                 continue
             if found.name.startswith(f"{name}_"):
@@ -151,7 +152,7 @@ class Program(click.Group):
 )
 @click.pass_context
 def cli(context: click.Context) -> None:
-    """Simulate the firmware of a force-controlled axis before you flash it."""
+    """Simulate the firmware of a force-controlled axis before you flash the firmware."""
     if context.invoked_subcommand is None:
         formatter = context.make_formatter()
         cli.format_commands(context, formatter)
@@ -189,8 +190,8 @@ def main() -> None:
 
 
 def command_line() -> None:
-    """Run the verb that sys.argv names. After an expected error, print one line on standard error
-    and exit with status 1, 2 or 130 (Ctrl-C)."""
+    """Run the subcommand that sys.argv names. After an expected error, print one text line on
+    standard error and exit with status 1, 2 or 130 (Ctrl-C)."""
     try:
         for text in sys.argv:
             text.encode()  # raises UnicodeError if an argument is not valid UTF-8

@@ -49,8 +49,8 @@ def band(
 
 
 def newtons(context: click.Context, option: click.Parameter, text: str | None) -> tuple[float, ...]:
-    """Return the forces in N from a text such as "30,75". Raises InputError for another text, or if
-    a force is not above 0."""
+    """Return the forces in N from a text of numbers with commas between them, for example "30,75".
+    Raises InputError for another text, or if a force is not above 0."""
     if text is None:
         return ()
     try:
@@ -74,8 +74,8 @@ def measure_axis(
     free: bool,
     model: str,
 ) -> None:
-    """Run the verb `measure` on a live axis: measure, write the files to `out` and print the
-    result."""
+    """Run the subcommand `measure` on a live axis: measure the frequency response, write the files
+    to `out` and print the result."""
     from forceaxis import linear
     from forceaxis.cli.response_text import describe_response
     from forceaxis.commission import as_found, measuring
@@ -202,7 +202,7 @@ def measure(
     **options: Any,
 ) -> None:
     """Measure the frequency response of a simulated plant or of a live axis by an excitation, and
-    compare it with the response that a model predicts.
+    compare the measured response with the response that a model predicts.
 
     TARGET is a measurement file (a path, or one of fig3_6 to fig3_12 in sim/measurements), or a
     model (a path, or a name in sim/models) together with --output. Options replace keys of the
@@ -281,8 +281,8 @@ def command_line(
 
 
 def in_words(summary: MeasurementSummary) -> str:
-    """Return the text about a measurement of a model: excitation, figures of the response,
-    coherence, and the comparison with the model."""
+    """Return the text about a measurement of a model: excitation, bandwidth and other values of the
+    response, coherence, and the comparison with the model."""
     from forceaxis.identify.measurement import COHERENT
 
     compared, readings = summary.comparison, summary.readings

@@ -1,5 +1,5 @@
-"""The verbs `modes`, `poles`, `bode`, `linearise` and `beam`, which analyse linear models, and
-options that the verbs for force loops also use."""
+"""The subcommands `modes`, `poles`, `bode`, `linearise` and `beam`, which analyse linear models,
+and options that the subcommands for force loops also use."""
 
 import functools
 import inspect
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def check_drawing(out: Path | None) -> None:
-    """Raise InputError if the suffix of `out` is not that of a figure file. A verb calls this
+    """Raise InputError if the suffix of `out` is not that of an image file. A subcommand calls this
     function before a long computation."""
     if out:
         from forceaxis import drawing
@@ -45,8 +45,8 @@ def check_drawing(out: Path | None) -> None:
 
 
 def draw(out: Path | None, make: Callable[[ModuleType], "Figure"]) -> None:
-    """Write the figure that make(plots) draws to the file `out`. If `out` is None, draw nothing.
-    `plots` is the module linear.plots, which is loaded only for a figure."""
+    """Write the plot that make(plots) draws to the file `out`. If `out` is None, draw nothing.
+    `plots` is the module linear.plots, which is loaded only for a plot."""
     if out:
         from forceaxis import drawing
         from forceaxis.linear import plots
@@ -57,8 +57,8 @@ def draw(out: Path | None, make: Callable[[ModuleType], "Figure"]) -> None:
 def present(
     result: Result, as_json: bool, describe: Callable[[Result], str], out: Path | None = None
 ) -> None:
-    """Print the result of a verb as a JSON object, or as the text of `describe` and the path of the
-    figure `out`."""
+    """Print the result of a subcommand as a JSON object, or as the text of `describe` and the path
+    of the image file `out`."""
     done_waiting()
     if as_json:
         click.echo(json.dumps(to_json(result), allow_nan=False))
@@ -81,7 +81,8 @@ def _model_options(subject: str, *folders: Path) -> Callable[[Callback], Callbac
     return add
 
 
-# Decorators that add the argument MODEL (or MODEL|EXPERIMENT) and the options --set and --mode.
+# Decorators that add the argument MODEL (or MODEL|EXPERIMENT) and the options --set and --mode to a
+# subcommand.
 model_options = _model_options("MODEL", paths.MODELS)
 subject_options = _model_options("MODEL|EXPERIMENT", paths.MODELS, paths.EXPERIMENTS)
 
@@ -95,8 +96,8 @@ TIMINGS = click.Choice(["continuous", "zoh", "zoh+1"])
 
 
 def law_options(verb: Callback) -> Callback:
-    """Add the options of a control law to a verb: --law, the parameters of each law, and the gain
-    in two units."""
+    """Add the options of a control law to a subcommand: --law, the parameters of each law, and the
+    gain in two units."""
     for name, text in reversed(
         {
             "--integral-rad-per-s": "w_i of law pi: k (1 + w_i / s).",
@@ -121,7 +122,8 @@ def law_options(verb: Callback) -> Callback:
     )(verb)
 
 
-# {parameter of the verb's function in lower case, as click writes names: parameter of the law}
+# {parameter of the subcommand's function in lower case, as the library click writes names:
+# parameter of the control law}
 LAW_PARAMETERS = {
     name.lower(): name
     for name in (
@@ -137,8 +139,8 @@ LAW_PARAMETERS = {
 
 
 def requests_loop(verb: Callable[..., None]) -> Callable[..., None]:
-    """Give a verb the parameter `request`, a LoopRequest. The LoopRequest is made from all options
-    that are not parameters of the verb's own function."""
+    """Give a subcommand the parameter `request`, a LoopRequest. The LoopRequest is made from all
+    options that are not parameters of the subcommand's own function."""
     own = inspect.signature(verb).parameters
 
     @functools.wraps(verb)
@@ -191,7 +193,7 @@ loop_timing = click.option(
 
 
 def over_options(verb: Callback) -> Callback:
-    """Add the options for a set of plants to a verb: --over, --modes and --timing, which also
+    """Add the options for a set of plants to a subcommand: --over, --modes and --timing, which also
     accepts "both"."""
     for decorate in (
         click.option(
@@ -261,7 +263,7 @@ def modes_(
     as_json: bool,
 ) -> None:
     """Compute the modes of vibration of MODEL: frequency, damping ratio, shape, and whether
-    actuator and sensor are colocated in the mode (thesis 6.1.4).
+    actuator and sensor are colocated in the mode of vibration (thesis 6.1.4).
 
     MODEL is a path or a name in sim/models. The modes are those of the mechanics without damping
     and without drive. The label compares the sign of the residue of a mode, from input to output,
@@ -394,7 +396,8 @@ def bode(
     from_hz: float,
     to_hz: float,
 ) -> None:
-    """Draw the frequency response (Bode plot) of MODEL|EXPERIMENT or of its force loop.
+    """Draw the frequency response (Bode plot) of MODEL|EXPERIMENT or of the force loop of
+    MODEL|EXPERIMENT.
 
     The phase is unwrapped from 0 at the lowest frequency. The default --timing is continuous for
     the plant; for the others it is that of the experiment, else zoh. JSON: curves, each with
@@ -431,7 +434,7 @@ def _overlay(
     measured: tuple[str, ...],
 ) -> None:
     """Draw measured points over the response of the model. The model has the same input, output,
-    states and timing as the measurement."""
+    element states and delay as the measurement."""
     from forceaxis import linear
     from forceaxis.cli import text_models
     from forceaxis.identify import overlay
@@ -488,8 +491,8 @@ def linearise(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Compute the linear state space model of MODEL, the matrices of x' = A x + B u and
-    y = C x + D u in SI units, for one combination of states of its elements.
+    """Compute the linear state space model of MODEL for one combination of states of its elements:
+    the matrices of x' = A x + B u and y = C x + D u in SI units.
 
     With a sampled timing the equation is x(k+1) = A x(k) + B u(k). JSON, .npz and .mat contain A,
     B, C, D, dt in s (null or 0: continuous) and the names of states, inputs and outputs.
@@ -528,7 +531,7 @@ def linearise(
 @as_json
 def beam(modes: int, as_json: bool, **given: float) -> None:
     """Compute the exact poles and zeros of the elastic beam of thesis section 2.4.4, and the error
-    of its approximation by a few modes of vibration.
+    if a few modes of vibration approximate the beam.
 
     The beam slides at the actuator; its tip is free. The verb prints the undamped poles and zeros
     and the error of an approximation by the first n modes, for the first four modes.

@@ -21,12 +21,12 @@ from forceaxis.design import data_sheet, new
 
 
 def option_of(field: data_sheet.SheetField) -> str:
-    """Return the option that sets the value of a field."""
+    """Return the name of the option that sets the value of a field."""
     return "--" + field.name.lower().replace("_", "-")
 
 
 def options(command: Callback) -> Callback:
-    """Add one option to the verb for each value of the data sheets."""
+    """Add one option to the subcommand for each value of the data sheets."""
     for field in reversed(data_sheet.FIELDS):
         default = field.why if callable(field.default) else field.shown(field.default)
         help_text = f"{field.part}: {field.ask} [default: {default}]"
@@ -38,7 +38,7 @@ def options(command: Callback) -> Callback:
 
 def prompt(field: data_sheet.SheetField, proposed: str, number: int) -> str:
     """Ask the user for one value of the data sheets until the answer is valid. Return the answer,
-    or the word with which the user returns to the question before."""
+    or the word with which the user returns to the previous question."""
     count = len(data_sheet.FIELDS)
     if number == 1:
         click.echo(

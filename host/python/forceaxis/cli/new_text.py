@@ -6,14 +6,16 @@ from forceaxis.design.grid import LOWEST_HZ
 from forceaxis.design.new import HELD, BankForAxis, NewAxis, NoBank
 
 LIMIT_NAMED_BELOW = (
-    # Smallest ratio of the bandwidths of bank and P law for a text without an explanation.
-    # Below this ratio, the text states what limits the bandwidth of the bank.
+    # Smallest ratio of the bandwidth with a filter bank to the bandwidth with the P law for a text
+    # without an explanation. Below this ratio, the text states what limits the bandwidth with the
+    # filter bank.
     1.5
 )
 
 
 def describe(done: NewAxis) -> list[tuple[str, str]]:
-    """Return the lines (key, text) about the written files, the gain of the P law and the bank."""
+    """Return the text lines (key, text) about the written files, the gain of the P law and the
+    filter bank."""
     return [
         ("written", ", ".join(shlex.quote(f"{done.folder}/{name}") for name in done.files)),
         ("total mass", f"{done.total_mass_kg:.4g} kg, reflected rotor included"),
@@ -29,8 +31,8 @@ def describe(done: NewAxis) -> list[tuple[str, str]]:
 
 
 def _bank(bought: BankForAxis | NoBank | None) -> list[tuple[str, str]]:
-    """Return the lines (key, text) that compare the designed bank with the P law at the same
-    margins."""
+    """Return the text lines (key, text) that compare the designed filter bank with the P law at the
+    same margins."""
     if bought is None:
         return []
     if isinstance(bought, NoBank):

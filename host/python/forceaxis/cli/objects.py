@@ -1,4 +1,5 @@
-"""`forceaxis objects`: list the objects of the firmware, and write files that describe them."""
+"""`forceaxis objects`: list the objects of the firmware, and write files that describe these
+objects."""
 
 import shutil
 import sys
@@ -21,7 +22,7 @@ FILES = {
 
 
 def file_options(verb: Callback) -> Callback:
-    """Add an option to a verb for each kind of file that describes the objects."""
+    """Add an option to a subcommand for each kind of file that describes the objects."""
     for kind, (_, content) in reversed(FILES.items()):
         option = click.option(
             f"--{kind}", type=File(), metavar="FILE", help=f"Write the {content}."
@@ -53,7 +54,7 @@ def line(o: objects.AxisObject) -> str:
     canopen, modbus = addresses(o)
     text = f"{o.meaning} [{span(o)}{writable(o)}]"
     whole = f"{o.name:26} {canopen:7} {modbus:6} {o.access:3} {text}"
-    # without a terminal, each object is printed on one line for other programs
+    # Without a terminal, each object is printed on one text line for other programs.
     if not sys.stdout.isatty():
         return whole
     width = max(60, shutil.get_terminal_size().columns)
@@ -61,8 +62,8 @@ def line(o: objects.AxisObject) -> str:
 
 
 def details(o: objects.AxisObject) -> Iterator[str]:
-    """Yield the lines about one object: meaning, addresses, type, range, default, access, values,
-    storage and PDO."""
+    """Yield the text lines about one object: meaning, addresses, type, range, default, access,
+    values, storage and PDO."""
     yield from textwrap.wrap(f"{o.name}: {o.meaning}", DETAIL_COLUMNS, subsequent_indent="  ")
     size = 32 if o.type.endswith("32") else 16
     registers = f"{o.modbus:#06x}" + (f" and {o.modbus + 1:#06x}" if size == 32 else "")

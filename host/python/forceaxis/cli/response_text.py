@@ -1,4 +1,4 @@
-"""Texts about measured and fitted responses that verbs print on a terminal."""
+"""Texts about measured and fitted frequency responses that subcommands print on a terminal."""
 
 from forceaxis.commission import friction
 from forceaxis.commission.damper_fit import AxisFitSummary
@@ -6,11 +6,11 @@ from forceaxis.commission.friction import FrictionSummary
 from forceaxis.commission.measuring import AxisMeasurementSummary
 from forceaxis.identify.measurement import COHERENT
 
-Row = tuple[str, str]  # (name, text) of a printed line
+Row = tuple[str, str]  # (name, text) of a printed text line
 
 
 def describe_response(summary: AxisMeasurementSummary) -> list[Row]:
-    """Return the rows about one measured response of an axis."""
+    """Return the rows (name, text) about one measured frequency response of an axis."""
     readings, compared, found = summary.readings, summary.comparison, summary.friction
     low, high = summary.band_hz
     rows = [
@@ -50,7 +50,8 @@ def describe_response(summary: AxisMeasurementSummary) -> list[Row]:
 
 
 def _friction_rows(found: FrictionSummary) -> list[Row]:
-    """Return the rows about the dry friction that was found with a response."""
+    """Return the rows (name, text) about the dry friction that was found with a frequency
+    response."""
     rows, parts = [], []
     if found.dead_zone_codes:
         newtons = "" if found.moving_N is None else f", {found.moving_N:.3g} N"
@@ -76,13 +77,14 @@ def _friction_rows(found: FrictionSummary) -> list[Row]:
 
 
 def _missing_friction_rows(toml_lines: str) -> list[Row]:
-    """Return the rows with the [[friction]] elements that the model does not contain."""
+    """Return the rows (name, text) with the [[friction]] elements that the model does not
+    contain."""
     lines = list(filter(None, toml_lines.splitlines()))
     return [("" if i else "model lacks", line) for i, line in enumerate(lines)]
 
 
 def describe_fit(summary: AxisFitSummary) -> list[str]:
-    """Return the lines about a fit of model parameters."""
+    """Return the text lines about a fit of model parameters to a measured response."""
     p = f"p = {summary.p_value:.2g}" if summary.p_value else "p below 1e-300"
     lines = [
         f"model        {summary.model}, {summary.input} to {summary.output}",
@@ -111,8 +113,8 @@ def describe_fit(summary: AxisFitSummary) -> list[str]:
 
 
 def _damper_lines(summary: AxisFitSummary) -> list[str]:
-    """Return the lines about the dampers that replaced dry friction in a fit. Without dampers the
-    list is empty."""
+    """Return the text lines about the dampers that replaced dry friction in a fit. Without dampers,
+    the list is empty."""
     if summary.friction is None:
         return []
     lines = []

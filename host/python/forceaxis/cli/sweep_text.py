@@ -10,7 +10,7 @@ SHOWN_POINTS = 10
 
 
 def rows(done: Sweep) -> list[summary.Row]:
-    """Return the rows (key, text) about a sweep: runs, verdicts or boundaries, warnings,
+    """Return the rows (key, text) about a sweep: runs, verdicts or stability boundaries, warnings,
     failures."""
     result, counts = done.result, done.result.counts
     ran = counts.runs - counts.resumed
@@ -36,8 +36,8 @@ def rows(done: Sweep) -> list[summary.Row]:
 
 
 def isolated_text(point: IsolatedPoint) -> str:
-    """Return a text about a point of a sweep whose verdict differs from the verdicts of its
-    neighbours."""
+    """Return a text about a point of a sweep whose verdict differs from the verdicts of the
+    neighbouring points."""
     at = text_of(point.values)
     if point.around:
         return f"{at}: {point.verdict}, as are {point.alike} of {point.around} points around it"
@@ -45,8 +45,8 @@ def isolated_text(point: IsolatedPoint) -> str:
 
 
 def boundary_text(boundary: Boundary, name: str) -> str:
-    """Return a text about the stability boundary at one point of a sweep. name: the parameter whose
-    boundary was searched."""
+    """Return a text about the stability boundary at one point of a sweep. `name`: the parameter
+    whose stability boundary was searched."""
     what = (
         f"{name}: stable at {boundary.stable:.6g}, "
         f"{WORDS[boundary.beyond]} at {boundary.unstable:.6g}"
@@ -57,5 +57,5 @@ def boundary_text(boundary: Boundary, name: str) -> str:
 
 
 def text_of(values: Row) -> str:
-    """Return the values of a point of a sweep as text."""
+    """Return the parameter values of one point of a sweep as text."""
     return ", ".join(f"{name} = {value:g}" for name, value in values.items())

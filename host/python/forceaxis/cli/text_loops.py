@@ -1,5 +1,5 @@
-"""Texts that the verbs for a force loop print: limit, rlocus, nyquist, step, and bode for a set of
-plants."""
+"""Texts that the subcommands for a force loop print: limit, rlocus, nyquist, step, and bode for a
+set of plants."""
 
 from dataclasses import replace
 
@@ -15,7 +15,8 @@ from forceaxis.words import counted
 
 
 def law_text(loop: AnalysedLoop) -> str:
-    """Return the name of the control law with its parameters or the coefficients of its bank."""
+    """Return the name of the control law with the parameters of the law or the coefficients of its
+    filter bank."""
     bank = loop.bank
     parts = [f"{name} {value:.5g}" for name, value in loop.parameters.items()]
     if bank:
@@ -29,12 +30,14 @@ def law_text(loop: AnalysedLoop) -> str:
 
 
 def loop_line(loop: AnalysedLoop) -> str:
-    """Return the line about the loop that was analysed: law, timing and controlled signal."""
+    """Return the text line about the force loop that was analysed: control law, delay of the loop
+    and controlled signal."""
     return f"loop         {law_text(loop)}, {loop.timing}, {loop.output}"
 
 
 def mode_lines(mode: Working | None) -> list[str]:
-    """Return the line about the mode of the plant; no line for a model that has only one mode."""
+    """Return the text line about the element states of the plant. Return no text line for a model
+    whose elements have no different states."""
     return [f"mode         {mode.text}"] if mode else []
 
 
@@ -55,7 +58,8 @@ AT_REST = {
 
 
 def describe_limit(result: LimitResult) -> str:
-    """Return the text of `forceaxis limit`: critical gain, crossings and margins of one loop."""
+    """Return the text that `forceaxis limit` prints: critical gain, crossings of the stability
+    boundary, and margins of one force loop."""
     unit, in_firmware = result.unit, IN_FIRMWARE.get(result.loop.law)
     lines = [loop_line(result.loop), *mode_lines(result.loop.working)]
     if in_firmware:
@@ -83,13 +87,13 @@ def describe_limit(result: LimitResult) -> str:
 
 
 def describe_nyquist(result: NyquistResult) -> str:
-    """Return the text of `forceaxis nyquist` for one loop, with the content of `forceaxis limit` at
-    the gain of the plot."""
+    """Return the text that `forceaxis nyquist` prints for one force loop. The text has the content
+    of `forceaxis limit` at the gain of the plot."""
     return describe_limit(replace(result.limit, at=result.at))
 
 
 def at_gain_lines(limit: LimitResult, at: LoopAtGain) -> list[str]:
-    """Return the lines about the bandwidths and margins of a loop at one gain."""
+    """Return the text lines about the bandwidths and margins of a force loop at one gain."""
     unit, margins = limit.unit, at.margins
     shows_firmware_gain = at.firmware_gain and limit.loop.law not in IN_FIRMWARE
     own = f", force_gain {at.firmware_gain:.5g}" if shows_firmware_gain else ""
@@ -110,7 +114,7 @@ def at_gain_lines(limit: LimitResult, at: LoopAtGain) -> list[str]:
 
 
 def figures_text(figures: over.Figures) -> list[str]:
-    """Return the lines about the bandwidths and Ms of a stable loop."""
+    """Return the text lines about the bandwidths and Ms of a stable force loop."""
     rows = []
     for name, key, value in (
         ("|S| -3 dB", "fS_Hz", figures.fS_Hz),
@@ -124,7 +128,8 @@ def figures_text(figures: over.Figures) -> list[str]:
 
 
 def describe_step(result: StepResult) -> str:
-    """Return the text of `forceaxis step` for one loop: final value, overshoot and times."""
+    """Return the text that `forceaxis step` prints for one force loop: final value, overshoot, rise
+    time and settling time."""
     response = result.response
     lines = [
         f"{loop_line(result.loop)}, {result.gain:.6g} {result.unit}",
@@ -143,7 +148,7 @@ def describe_step(result: StepResult) -> str:
 
 
 def describe_loci(result: LocusResult) -> str:
-    """Return the text of `forceaxis rlocus`: the critical gain of each root locus."""
+    """Return the text that `forceaxis rlocus` prints: the critical gain of each root locus."""
     lines = mode_lines(result.loop.working)
     for one in result.loci:
         limit = one.critical_gain
@@ -155,10 +160,12 @@ def describe_loci(result: LocusResult) -> str:
 
 
 def _set_lines(analysed: AnalysedSet) -> list[str]:
-    """Return the lines about a set of plants: the ranges of its parameters, and its modes."""
+    """Return the text lines about a set of plants: the ranges of the parameters, and the
+    combinations of element states."""
     spans = [f"{n} {r.low:.6g}..{r.high:.6g}" for n, r in analysed.over.ranges.items()]
     modes = [Member({}, m).label() for m in analysed.over.modes]
-    if analysed.loop.working:  # the line describes the nominal mode, which is the first mode
+    # the text line describes the nominal element states, which are the first combination
+    if analysed.loop.working:
         modes[0] = analysed.loop.working.text
     return [
         f"set          {', '.join(spans) or 'the nominal values'}",
@@ -167,8 +174,8 @@ def _set_lines(analysed: AnalysedSet) -> list[str]:
 
 
 def worst_lines(at: WorstAtGain, unit: str) -> list[str]:
-    """Return the lines about the worst value of each figure over a set of plants, each with the
-    plant that has this value. unit: unit of the gain."""
+    """Return the text lines about the worst bandwidth and margins over a set of plants. Each value
+    is printed with the plant that has this value. `unit`: unit of the gain."""
     own = f", force_gain {at.firmware_gain:.5g}" if at.firmware_gain else ""
     head = f"at           {at.gain:.6g} {unit}{own}: "
     if not at.stable:
@@ -195,8 +202,8 @@ def worst_lines(at: WorstAtGain, unit: str) -> list[str]:
 
 
 def describe_limit_of_set(result: LimitOfSet) -> str:
-    """Return the text of `forceaxis limit --over`: the largest gain at which all plants of a set
-    are stable."""
+    """Return the text that `forceaxis limit --over` prints: the largest gain at which all plants of
+    a set are stable."""
     unit, gain, known_to = result.unit, result.critical_gain, result.known_to
     lines = [loop_line(result.analysed.loop), *_set_lines(result.analysed)]
     if gain is None:
@@ -218,15 +225,15 @@ def describe_limit_of_set(result: LimitOfSet) -> str:
 
 
 def describe_curves_of_set(result: CurvesOfSet) -> str:
-    """Return the text of `forceaxis bode` and `forceaxis nyquist` for a set of plants: the worst
-    figures."""
+    """Return the text that `forceaxis bode` and `forceaxis nyquist` print for a set of plants: the
+    worst bandwidth and margins."""
     head = [loop_line(result.analysed.loop), *_set_lines(result.analysed)]
     return "\n".join(head + worst_lines(result.at, result.unit))
 
 
 def describe_step_of_set(result: StepOfSet) -> str:
-    """Return the text of `forceaxis step --over`: the largest overshoot and settling time over a
-    set of plants."""
+    """Return the text that `forceaxis step --over` prints: the largest overshoot and settling time
+    over a set of plants."""
     lines = [
         f"{loop_line(result.analysed.loop)}, {result.gain:.6g} {result.unit}",
         *_set_lines(result.analysed),

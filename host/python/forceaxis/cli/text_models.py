@@ -1,4 +1,4 @@
-"""Texts that the verbs for linear models print: poles, bode, modes, linearise and beam."""
+"""Texts that the subcommands for linear models print: poles, bode, modes, linearise and beam."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from forceaxis.linear.working import Working
 
 
 def describe_poles(result: PolesResult) -> str:
-    """Return the text of `forceaxis poles`: a line for each pole and each zero."""
+    """Return the text that `forceaxis poles` prints: a text line for each pole and each zero."""
     subject = result.subject
     head = f"from         {result.input} to {result.output}, {subject.timing}"
     if isinstance(subject, ClosedLoop):
@@ -25,7 +25,7 @@ def describe_poles(result: PolesResult) -> str:
 
 
 def _root_line(kind: str, root: Root) -> str:
-    """Return the line of one pole or zero."""
+    """Return the text line about one pole or zero."""
     text = "at -infinity"
     if root.re_per_s is not None and root.im_per_s is not None:
         text = f"{root.re_per_s:11.6g} {root.im_per_s:+11.6g}j 1/s {root.hz:8.5g} Hz"
@@ -37,8 +37,8 @@ def _root_line(kind: str, root: Root) -> str:
 
 
 def describe_bode(result: LoopBode | PlantBode) -> str:
-    """Return the text of `forceaxis bode`: for each curve its lowest and highest frequency, and the
-    frequencies at which the phase is -180 degrees."""
+    """Return the text that `forceaxis bode` prints: for each curve the lowest and highest
+    frequency, and the frequencies at which the phase is -180 degrees."""
     lines = mode_lines(result.working)
     for c in result.curves:
         table = c.table
@@ -61,8 +61,8 @@ def describe_bode(result: LoopBode | PlantBode) -> str:
 
 
 def describe_measured(result: MeasuredBode) -> str:
-    """Return the text of `forceaxis bode --measured`: the curves, and for each measurement whether
-    the model explains it."""
+    """Return the text that `forceaxis bode --measured` prints: the curves, and for each measurement
+    a statement if the model explains the measurement."""
     lines = [describe_bode(result)]
     for row in result.measured:
         found = row.comparison
@@ -76,7 +76,8 @@ def describe_measured(result: MeasuredBode) -> str:
 
 
 def describe_modes(result: ModeAnalysis) -> str:
-    """Return the text of `forceaxis modes`: a row for each mode of vibration, and its shape."""
+    """Return the text that `forceaxis modes` prints: a table row for each mode of vibration, and
+    the shape of each mode of vibration."""
     lines = [
         f"{result.model}, contact {result.contact or 'none'}: {result.input} to {result.output}",
         *mode_lines(result.working),
@@ -111,7 +112,7 @@ def _number(value: float | None) -> str:
 
 
 def describe_system(system: System, mode: Working | None) -> str:
-    """Return the text of `forceaxis linearise`: one row of the matrices for each state and
+    """Return the text that `forceaxis linearise` prints: one row of the matrices for each state and
     output."""
     kind = "continuous" if system.dt is None else f"sampled every {system.dt:.6g} s"
     lines = [f"system       {kind}, inputs {', '.join(system.inputs)}"]
@@ -124,7 +125,8 @@ def describe_system(system: System, mode: Working | None) -> str:
 
 
 def describe_beam(result: BeamAnalysis) -> str:
-    """Return the text of `forceaxis beam`: poles and zeros, and the errors of the approximation."""
+    """Return the text that `forceaxis beam` prints: poles and zeros, and the errors of the
+    approximation."""
     lines = [f"{'mode':4}{'b l':>16}{'pole':>18}{'actuator zero':>20}{'tip zero':>18}"]
     for k, mode in enumerate(result.modes, 1):
         lines.append(

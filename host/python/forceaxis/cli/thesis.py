@@ -1,5 +1,5 @@
-"""The verbs `tables`, `check-thesis` and `session`, which repeat results of the thesis, and the
-verb `report`, which writes a page about a folder of experiments."""
+"""The subcommands `tables`, `check-thesis` and `session`, which repeat results of the thesis, and
+the subcommand `report`, which writes a page about a folder of experiments."""
 
 import json
 import signal
@@ -43,8 +43,8 @@ def tables_(
     inject: str,
     as_json: bool,
 ) -> None:
-    """Simulate the 55 cases of the stability tables of the thesis, and compare the results with the
-    tables.
+    """Simulate the 55 cells of the stability tables of the thesis, and compare the simulated
+    verdicts with the tables.
 
     The exit status is 1 if fewer cells match than the parameter file records. With --link the
     firmware is one separate process for all cells.
@@ -63,8 +63,9 @@ def tables_(
 
 
 def tables_text(result: tables.TablesResult) -> str:
-    """Return the lines about the stability tables: each cell whose simulated verdict differs, with
-    the reason; the fitted constants; the number of cells that agree."""
+    """Return the text lines about the stability tables of the thesis: each cell whose simulated
+    verdict differs, with the reason; the fitted constants; the number of cells with equal
+    verdicts."""
     lines = []
     for cell in result.cells:
         if cell.agrees:
@@ -99,7 +100,7 @@ def tables_text(result: tables.TablesResult) -> str:
 @as_json
 def report(folder: Path | None, out: Path, threads: int | None, as_json: bool) -> None:
     """Run every experiment in FOLDER, and write one HTML page about the axis with gains, margins,
-    verdicts and traces.
+    verdicts and plots of the signals.
 
     For each model the page shows the recommended P gain and the margins of each designed bank, for
     each experiment the verdict, the controlled force and the traces. Without FOLDER the verb runs
@@ -144,7 +145,7 @@ def session(out: Path, as_json: bool) -> None:
     link.under_vcan(link.LinkOptions("socketcan"))
     from forceaxis.thesis import session as thesis_session
 
-    # SIGTERM acts as an interrupt, so that the programs end and the journal is complete.
+    # The signal SIGTERM acts as an interrupt, so that the programs end and the journal is complete.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 
     def report(step: str) -> None:
@@ -161,7 +162,7 @@ def session(out: Path, as_json: bool) -> None:
 
 
 def session_text(found: "SessionResult") -> str:
-    """Return the values that were observed in a session as lines with units."""
+    """Return the values that were observed in a laboratory session as text lines with units."""
     from forceaxis.thesis import session as thesis_session
 
     scales = thesis_session.scales()
@@ -189,7 +190,8 @@ def session_text(found: "SessionResult") -> str:
 )
 @as_json
 def check_thesis(as_json: bool) -> None:
-    """Compare the numbers in the text of the thesis with the results that its models give here.
+    """Compare the numbers in the text of the thesis with the numbers that the models of the thesis
+    give in this program.
 
     The numbers are frequencies, crossovers, damping ratios and improvements. Each difference has a
     line with its reason. The exit status is 1 if a difference has no known reason.
@@ -203,8 +205,8 @@ def check_thesis(as_json: bool) -> None:
 
 
 def claims_text(result: "claims.CheckedClaims") -> str:
-    """Return two lines for each number of the thesis. They state whether the number agrees, its
-    value in the thesis, and its value here."""
+    """Return two text lines for each number of the thesis. The text lines state if the number
+    agrees, the value in the thesis, and the value that the model gives."""
     from forceaxis.thesis import claims
 
     lines = []

@@ -1,4 +1,5 @@
-"""`forceaxis tune`: identify a live axis, design its force law, verify the law and store it."""
+"""`forceaxis tune`: identify a live axis, design the force law, verify the force law and store the
+force law."""
 
 from pathlib import Path
 from typing import Any
@@ -72,7 +73,7 @@ def tune(
     connection: AxisConnection, only: str | None, out: Path, as_json: bool, **options: Any
 ) -> None:  # fmt: skip
     """Tune the force control of a live axis: measure the axis, design the force law with the
-    largest bandwidth, verify the law on the axis and store it.
+    largest bandwidth, verify the force law on the axis and store the force law.
 
     The steps are: check (sensors at rest, tare), free (response out of contact), measure (response
     in contact at each force), fit (parameters of MODEL), design (law for the set of plants),
