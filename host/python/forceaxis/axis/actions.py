@@ -27,7 +27,7 @@ RETRACT_FORCE_COUNTS = 8
 # Number of steps in which a target force decreases to 0 to release the force, and longest time in s
 # until the force is released.
 RELEASE_MAX_STEPS, RELEASE_MAX_S = 25, 3.0
-# {mode of operation: name of the object that sets the target force in this mode}
+# Name of the object that sets the target force, for each mode of operation with force control.
 FORCE_TARGETS = {
     "force": "target_force", "cyclic_force": "target_force", "force_counts": "force_setpoint"
 }  # fmt: skip
@@ -188,9 +188,9 @@ def calibrate(axis: Drive, points: Sequence[tuple[float, float]]) -> Calibration
 
 @contextlib.contextmanager
 def bounded(axis: Drive, counts: float) -> Iterator[None]:
-    """Context in which the axis is disabled in the same tick if the measured force exceeds `counts`
-    (or force_max, if force_max is smaller). At the end of the context the axis is disabled and
-    force_max has its earlier value again."""
+    """Context manager that disables the axis in the same tick if the measured force exceeds
+    `counts` (or force_max, if force_max is smaller). At the end of the context the axis is disabled
+    and force_max has its earlier value again."""
     own = axis.read("force_max")
     axis.set(force_max=min(counts, own) if own else counts)
     try:

@@ -323,7 +323,7 @@ def _code(beside: str = "", always: bool = False) -> Callable[[PlannedValues], I
     return bounds
 
 
-# {name of a target: function that yields the bounds of the target}
+# For each target object, the function that yields the bounds of the target.
 BOUNDS: dict[str, Callable[[PlannedValues], Iterator[Bound]]] = {
     "target_force": _target_force("force_offset"),
     "force_offset": _target_force("target_force"),

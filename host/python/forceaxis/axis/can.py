@@ -49,7 +49,7 @@ MOST_BYTES, MOST_RECORDED_BYTES = 256, 1 << 20
 READ_TRIES = 2
 ABORT_TOO_LONG = 0x06070012  # SDO abort code: the object is longer than expected
 STRUCT_FORMATS = {"u8": "<B", "i8": "<b", "u16": "<H", "i16": "<h", "u32": "<I", "i32": "<i"}
-# {SDO abort code: error code of the firmware, a key of link.REASONS}
+# Error code of the firmware (a key of link.REASONS) for each SDO abort code.
 REASON_OF_ABORT = {
     0x06020000: -1, 0x06090011: -1, 0x06010002: -2, 0x06010001: -3, 0x06090030: -4,
     0x06090031: -4, 0x06090032: -4, 0x08000020: -4, 0x08000021: -7, 0x08000022: -5,
@@ -141,10 +141,11 @@ class CanLink(RecorderLink):
         self._network.subscribe(ANSWER_ID + node, self._answered)
         self._errors = canopen.SdoCommunicationError, canopen.SdoAbortedError
         self._lock, self._owns = threading.RLock(), False
-        # (object of 1016h, previous value of the object) for the monitoring of this program's
-        # heartbeat
+        # Sub-object of 1016h in which this program has entered its heartbeat, and the previous
+        # value of this sub-object. None without such an entry.
         self._watched: tuple[str, int] | None = None
-        # (command specifier, index, sub-index) of the expected SDO answer, or None
+        # Command specifier, index and sub-index of the expected SDO answer. None if no answer is
+        # expected.
         self._expected: tuple[int, int, int] | None = None
         self._interface = interface if bus is None else None
         # This event is set if another node sends heartbeats with the node id of this program.
@@ -165,8 +166,8 @@ class CanLink(RecorderLink):
 
     @contextlib.contextmanager
     def _asking(self, what: str, about: tuple[int, int, int] | None = None) -> Iterator[None]:
-        """Context of an SDO access to `about`, which is (UPLOAD_ANSWER or DOWNLOAD_ANSWER, index,
-        sub-index), or None for a longer transfer."""
+        """Context manager for an SDO access to `about`, which is (UPLOAD_ANSWER or DOWNLOAD_ANSWER,
+        index, sub-index), or None for a longer transfer."""
         silent, aborted = self._errors
         with self._lock:
             self._expected = about
@@ -272,8 +273,8 @@ class CanLink(RecorderLink):
         return self._own << 16 | HEARTBEAT_MS
 
     def _entry(self) -> tuple[str | None, int]:
-        """Returns (object, raw value) of the entry of 1016h with the node id of this program. If
-        there is no such entry, returns a free entry, otherwise (None, 0)."""
+        """Returns the object and the raw value of the entry of 1016h that contains the node id of
+        this program. If there is no such entry, returns a free entry, otherwise (None, 0)."""
         entries = self.read(HEARTBEAT_ENTRIES).items()
         own = [entry for entry in entries if entry[1] >> 16 == self._own]
         free = [entry for entry in entries if not entry[1] & 0xFFFF]

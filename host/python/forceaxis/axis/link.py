@@ -37,7 +37,7 @@ FORCE_SCALE_TOLERANCE = 0.1
 DEVICE_NAME_INDEX, VERSION_INDEX = 0x1008, 0x100A
 
 
-# {FW_ERROR_ code of the firmware: text for the user}
+# Text for the user for each error code FW_ERROR_ of the firmware.
 REASONS = {
     -1: "there is no such object",
     -2: "it cannot be written",
@@ -109,7 +109,8 @@ class Link(abc.ABC):
 
     @abc.abstractmethod
     def read(self, names: Iterable[str]) -> dict[str, int]:
-        """Returns {object: raw value} for the objects `names`. Raises Refused, NoAnswer."""
+        """Returns the raw values of the objects `names`, with the names of the objects as keys.
+        Raises Refused, NoAnswer."""
 
     def read_one(self, name: str) -> int:
         """Returns the raw value of one object. Raises Refused, NoAnswer."""
@@ -180,8 +181,8 @@ class Link(abc.ABC):
 
     @contextlib.contextmanager
     def unfed(self, names: Iterable[str]) -> Iterator[None]:
-        """Context in which no WatchdogKeeper writes the watchdog, if the watchdog is among the
-        objects `names`."""
+        """Context manager during which no WatchdogKeeper writes the watchdog, if the watchdog is
+        among the objects `names`."""
         keeper = self._keeper
         if isinstance(keeper, WatchdogKeeper) and {"watchdog", "0x2302"}.intersection(names):
             with keeper.unchanged:
@@ -260,7 +261,7 @@ def unsigned(name: str, raw: int) -> int:
 
 
 def _recorder_writes(signals: Sequence[str], settings: Mapping[str, int]) -> dict[str, int]:
-    """Returns {object: raw value} with the values that are written to the stopped recorder before a
+    """Returns the raw values that must be written to the objects of the stopped recorder before a
     recording starts."""
     channels = [_address(name) for name in signals] + [0] * (8 - len(signals))
     defaults = {"decimation": 1, "pretrigger": 0, "length": 0, "trigger_edge": 0}

@@ -23,7 +23,7 @@ TCP_URL = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL_URL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
 BAUD_RATE = 115_200  # baud rate, the default of the firmware, for 8 data bits and even parity
 PARITIES = "EN"
-# {CANopen index of a text: number of the same text in Modbus function 43 / 14}
+# Number of a text in Modbus function 43 / 14, for each CANopen index of the same text.
 IDENTIFICATION_OBJECTS = {DEVICE_NAME_INDEX: 4, VERSION_INDEX: 2}
 EXCEPTIONS = {
     2: "there is no such register",

@@ -52,7 +52,7 @@ HEXADECIMAL_NAMES = ("bank_crc", "certificate_hash", "certificate_parts")
 
 
 def _arrays() -> dict[str, tuple[AxisObject, ...]]:
-    """Returns {common name: objects} of the arrays in the object table. The objects of an array are
+    """Returns the arrays in the object table as {common name: objects}. The objects of an array are
     similar, adjacent in the table and numbered from 1."""
     found: dict[str, list[AxisObject]] = {}
     for o in PARAMETERS:
@@ -180,8 +180,8 @@ def dump(values: Mapping[str, int], about: About, everything: bool = False) -> s
 
 
 def _entries() -> Iterator[tuple[str, tuple[AxisObject, ...]]]:
-    """Yields (name, objects) for each text line of a parameter file. A text line contains an array
-    or a single object."""
+    """Yields the name and the objects of each text line in a parameter file. A text line contains
+    an array or a single object."""
     for name, elements in itertools.groupby(PARAMETERS, lambda o: ARRAY_OF.get(o.name) or o.name):
         yield name, tuple(elements)
 
@@ -212,7 +212,7 @@ class Header:
     #: True if all parameters that are not in the parameter file have their default values.
     has_defaults: bool
     without: list[str]  # names of objects or arrays without a value in the parameter file
-    # {object or array: table of type, scale, unit and range (see Signature)}
+    # Table of type, scale, unit and range (see Signature) for each object or array.
     objects: dict[str, toml.TomlValue]
 
 
@@ -252,7 +252,7 @@ def _pop_header(path: Path | str, tables: dict[str, toml.TomlValue]) -> Header:
 def _file_entries(
     path: Path | str, tables: Mapping[str, toml.TomlValue]
 ) -> Iterator[tuple[str, toml.TomlValue]]:
-    """Yields (key, value) for each text line in the tables of a parameter file. Raises
+    """Yields key and value of each text line in the tables of a parameter file. Raises
     InputError."""
     for group, table in tables.items():
         if not isinstance(table, dict):
@@ -348,7 +348,7 @@ def raw_value(known: AxisObject, value: toml.TomlValue, node_id: int) -> int:
 
 
 def _elements(key: str, given: toml.TomlValue) -> list[tuple[AxisObject, toml.TomlValue]]:
-    """Yields (object, value) for each value in one text line of a parameter file. Raises
+    """Yields object and value for each value in one text line of a parameter file. Raises
     InputError."""
     if key in BY_NAME:
         return [(BY_NAME[key], given)]

@@ -85,8 +85,8 @@ def shown(known: AxisObject, raw: int) -> float | str:
 
 
 def read(axis: Drive) -> dict[str, int]:
-    """Returns {object: raw value} of all parameters that the connection can access and does not set
-    itself. Raises Refused, NoAnswer."""
+    """Returns the raw values of all parameters that the connection can access and does not set
+    itself, with the names of the objects as keys. Raises Refused, NoAnswer."""
     expect_table(axis)
     link = axis.link
     return link.read(
@@ -227,10 +227,10 @@ def _expect_written(axis: Drive, wanted: Mapping[str, int]) -> None:
 
 
 def _parked(changes: Mapping[str, int], present: Mapping[str, int]) -> dict[str, int]:
-    """Returns {object: raw value} that must be written first, so that the axis accepts the other
-    values: no filter bank is selected, PDOs have no entries, COB-IDs are invalid, and no node is
-    monitored twice. After the changes, write() gives the other objects of this dictionary their
-    earlier values."""
+    """Returns the raw values that must be written first, so that the axis accepts the other values:
+    no filter bank is selected, PDOs have no entries, COB-IDs are invalid, and no node is monitored
+    twice. After the changes, write() restores the earlier values of all objects that the changes do
+    not contain."""
     park: dict[str, int] = {}
     law = any(BY_NAME[name].part == "law" or name == "adc_bits" for name in changes)
     if law and present["force_bank"]:

@@ -34,12 +34,13 @@ DAC_CODE_OBJECTS = {
     "open_loop_code", "excitation_amplitude", "excitation_code", "output_limit",
     "uncertified_output", "contact_loss_cap", "first_motion_code", "dac_code", "command_code",
 }  # fmt: skip
-# {unit: (SI unit, number of units in one SI unit)}
+# For each unit: the SI unit, and the number of units in one SI unit.
 FIXED_UNITS = {
     "mN": ("N", 1e3), "uN": ("N", 1e6), "ms": ("s", 1e3), "us": ("s", 1e6),
     "tick": ("s", float(TICKS_PER_S)), "Hz": ("Hz", 1.0), "Hz/s": ("Hz/s", 1.0),
 }  # fmt: skip
-# {unit of a length in counts: (SI unit, exponent of the tick rate in the conversion factor)}
+# For each unit of a length in encoder counts: the SI unit, and the exponent of the tick rate in the
+# conversion factor.
 COUNT_UNITS = {
     "count": ("m", 0), "count/s": ("m/s", 0), "count/s^2": ("m/s^2", 0),
     "count/tick": ("m/s", 1), "count/tick^2": ("m/s^2", 2),
@@ -136,8 +137,8 @@ def _is_length(known: AxisObject) -> bool:
 
 
 def scale_of(axis: AxisValues, known: AxisObject) -> tuple[str, float] | None:
-    """Returns (SI unit, number of object units in one SI unit) for an object. Returns None if the
-    object has no physical unit, or if the scale of the object is not known."""
+    """Returns the SI unit for an object, and the number of object units in one SI unit. Returns
+    None if the object has no physical unit, or if the scale of the object is not known."""
     if is_reading(known):
         return "N", 1 / force_per_count(axis)
     if known.name in PER_MILLE_OF_RATED_FORCE:

@@ -54,8 +54,8 @@ class AxisValues:
     # The type of a value depends on the name of the object. Only record() returns values with
     # types.
     def get(self, *names: str) -> dict[str, Any]:
-        """Returns {name: engineering value or text of an enumeration} of objects in the order of
-        `names`. Raises InputError for an unknown name; Refused; NoAnswer."""
+        """Returns the values of objects in the order of `names`, as {name: engineering value or
+        text of an enumeration}. Raises InputError for an unknown name; Refused; NoAnswer."""
         for name in names:
             known_object(name)
         raw = self.link.read(names)
@@ -82,7 +82,8 @@ class PlannedValues(AxisValues):
         self._present: dict[str, Any] = {}
 
     def get(self, *names: str) -> dict[str, Any]:
-        """Returns {name: value} as AxisValues.get() does, for the time after the write."""
+        """Returns the values that objects will have after the write, in the form of
+        AxisValues.get()."""
         missing = [n for n in names if n not in self.planned and n not in self._present]
         reached = [n for n in missing if self.link.reaches(n)]
         self._present |= dict.fromkeys(missing) | (self.axis.get(*reached) if reached else {})

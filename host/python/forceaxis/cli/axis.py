@@ -81,8 +81,8 @@ def lines(axis: Axis, values: Mapping[str, float | str]) -> Iterator[str]:
 
 
 def assignments(words: Sequence[str]) -> dict[str, str]:
-    """Return {NAME: VALUE} from a list of texts "NAME=VALUE". Raises InputError for texts of
-    another form."""
+    """Return the names and values from a list of texts "NAME=VALUE" as {NAME: VALUE}. Raises
+    InputError for texts of another form."""
     for word in words:
         name, equals, value = word.partition("=")
         if not (name and equals and value):

@@ -81,7 +81,7 @@ def printed_streams() -> Iterator[None]:
                 stream.detach()
 
 
-# {parameter of the library: option}, for options whose name differs from the parameter.
+# Name of the option for each parameter of the library whose option has another name.
 OTHER_NAMES = {"states": "--mode", "overrides": "--set", "forces_N": "--force"}
 
 
@@ -247,8 +247,8 @@ class Subject(click.ParamType[str | Path]):
         self.folders, self.as_path = folders, as_path
 
     def files(self) -> dict[str, Path]:
-        """Return {file name without ".toml": path} for all files in the folders. If two folders
-        contain the same file name, return the path in the first folder."""
+        """Return the paths of all files in the folders as {file name without ".toml": path}. If two
+        folders contain the same file name, return the path in the first folder."""
         return {p.stem: p for f in reversed(self.folders) for p in sorted(f.glob("*.toml"))}
 
     def convert(

@@ -161,8 +161,8 @@ def replay(journal: Path, out: Path | None, codes: bool, as_json: bool) -> None:
 def named(
     context: click.Context, option: click.Parameter, texts: tuple[str, ...]
 ) -> dict[str, str]:
-    """Return {NAME: VALUE} from the texts "NAME=VALUE" of an option. Raises InputError for a text
-    of another form, and for a name that occurs twice."""
+    """Return the names and values from the texts "NAME=VALUE" of an option as {NAME: VALUE}. Raises
+    InputError for a text of another form, and for a name that occurs twice."""
     given: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.partition("=")

@@ -33,9 +33,9 @@ Keep it from breaking in CI
   forceaxis test press --update     records the results of today
   forceaxis test press              status 1 and the figures if one changed"""
 
-# {group: {subcommand: Python module}}. The list VERBS of a Python module contains its subcommands.
-# A module MODULE is loaded when one of its subcommands is used. Modules MODULE_... are then also
-# loaded, because they add subcommands to MODULE.
+# The Python module of each subcommand, in groups for the help. The list VERBS of a Python module
+# contains its subcommands. A module MODULE is loaded when one of its subcommands is used. Modules
+# MODULE_... are then also loaded, because they add subcommands to MODULE.
 GROUPS = {
     "An axis and its runs": {
         "new": "new",

@@ -122,8 +122,8 @@ def law_options(verb: Callback) -> Callback:
     )(verb)
 
 
-# {parameter of the subcommand's function in lower case, as the library click writes names:
-# parameter of the control law}
+# Parameter of the control law for each parameter of the subcommand's function. The names of the
+# function's parameters are in lower case, as the library click writes them.
 LAW_PARAMETERS = {
     name.lower(): name
     for name in (

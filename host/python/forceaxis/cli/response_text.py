@@ -6,7 +6,7 @@ from forceaxis.commission.friction import FrictionSummary
 from forceaxis.commission.measuring import AxisMeasurementSummary
 from forceaxis.identify.measurement import COHERENT
 
-Row = tuple[str, str]  # (name, text) of a printed text line
+Row = tuple[str, str]  # name and text of a printed text line
 
 
 def describe_response(summary: AxisMeasurementSummary) -> list[Row]:

@@ -41,7 +41,8 @@ def mode_lines(mode: Working | None) -> list[str]:
     return [f"mode         {mode.text}"] if mode else []
 
 
-# {control law that no mode of the firmware has: text about how the firmware can compute the law}
+# Text about how the firmware can compute a control law, for each control law that no mode of the
+# firmware has.
 IN_FIRMWARE = {
     "pi": "runs this law as a bank with an integral: `forceaxis design`",
     "lead": "runs this law as a bank with a section: `forceaxis design`",

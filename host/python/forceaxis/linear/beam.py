@@ -53,7 +53,7 @@ class Factored:
         return self.at(2j * np.pi * np.asarray(frequency_hz))
 
     def zpk(self) -> tuple[Matrix, Matrix, float]:
-        """Returns (zeros, poles, gain) of the rational function in the form gain prod(s - zero) /
+        """Returns zeros, poles and gain of the rational function in the form gain prod(s - zero) /
         prod(s - pole). Zeros and poles are in 1/s and include roots at s = 0."""
         zeros = np.concatenate([self.zeros, np.zeros(max(self.order, 0))])
         poles = np.concatenate([self.poles, np.zeros(max(-self.order, 0))])

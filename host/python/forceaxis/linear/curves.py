@@ -27,8 +27,8 @@ def _loop_gain(loop: Loop, gain: float) -> System:
     return replace(open_loop, C=gain * open_loop.C, D=gain * open_loop.D)
 
 
-# {name of a transfer function of the loop: function that returns this transfer function as a
-# System, for a loop at a gain}
+# For each name of a transfer function of the loop: the function that returns this transfer function
+# as a System, for a loop at a gain.
 PARTS: dict[str, Callable[[Loop, float], System]] = {
     "loop": _loop_gain,
     "closed": lambda loop, gain: loop.closed(gain),
@@ -279,8 +279,8 @@ class BodeView:
 
 
 def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[Curve], LoopBode]:
-    """Returns (curves, result) for one transfer function of a force loop, with one curve for each
-    combination of the parameter values in `vary`."""
+    """Returns the curves and the result for one transfer function of a force loop, with one curve
+    for each combination of the parameter values in `vary`."""
     curves, rows = [], []
     for label, values in varied(request.overrides, view.vary):
         loop = replace(request, overrides=values).loop()
@@ -294,8 +294,8 @@ def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[
 
 
 def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], PlantBode]:
-    """Returns (curves, result) of the Bode plot of a plant, with one curve for each output and each
-    combination of the parameter values in `vary`."""
+    """Returns the curves and the result of the Bode plot of a plant, with one curve for each output
+    and each combination of the parameter values in `vary`."""
     timing = request.timing or "continuous"
     if request.has_gain and view.input != "drive.command":
         raise ParameterError(

@@ -179,8 +179,8 @@ def loci(
 def loci_of(
     request: LoopRequest, vary: Sequence[str] = (), span_hz: float | None = None
 ) -> tuple[list[Locus], LocusResult]:
-    """Returns (loci, result) with one root locus for each combination of the texts `vary`, which
-    have the form NAME=VALUE,VALUE. `span_hz`: as in loci()."""
+    """Returns the root loci and the result, with one root locus for each combination of the texts
+    `vary`, which have the form NAME=VALUE,VALUE. `span_hz`: as in loci()."""
     runs = varied(request.overrides, vary)
     found = [replace(request, overrides=values).loop() for _, values in runs]
     gains = [request.gain_of(loop) for loop in found]

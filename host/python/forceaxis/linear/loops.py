@@ -38,8 +38,8 @@ from forceaxis.linear.system import TICK_S, System, facts, find_model, linearise
 from forceaxis.linear.working import States, cut_by, working
 
 TIMINGS = ("continuous", "zoh", "zoh+1")
-# {control law: names of the parameters of the law}. A law may be used without inner damping, but no
-# other parameter may be omitted.
+# Names of the parameters of each control law. A control law may be used without inner damping, but
+# no other parameter may be omitted.
 LAWS: dict[str, tuple[str, ...]] = {
     "p": (),
     "pi": ("integral_rad_per_s",),
@@ -238,7 +238,7 @@ class _Plant(NamedTuple):
 
 
 def _controlled(known: PlantFacts, where: str, law: str, output: str) -> tuple[str, str]:
-    """Returns (signal, unit) of the signal that a force loop controls. Raises InputError if the
+    """Returns name and unit of the signal that a force loop controls. Raises InputError if the
     model has no such signal."""
     if known.drive is None:
         raise _core.InputError(

@@ -341,8 +341,8 @@ def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[
 def _assign(
     m: Mechanics, system: linear.System, poles: np.ndarray, vectors: np.ndarray
 ) -> dict[int, int]:
-    """Returns {index of a mode of vibration: index of the pole}. The pole is the most similar one
-    in displacements and frequency."""
+    """Returns the index of the pole that belongs to each mode of vibration. This pole is the most
+    similar one in displacements and frequency."""
     x = [system.states.index(f"{body}.position") for body in m.bodies]
     shapes = vectors[x] * np.sqrt(m.masses)[:, None]
     norm = np.linalg.norm(shapes, axis=0)

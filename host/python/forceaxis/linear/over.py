@@ -33,9 +33,9 @@ from forceaxis.linear.system import System
 from forceaxis.linear.working import States
 
 T = TypeVar("T")
-# (plant of the set, delay of the loop, result of the analysis of the loop)
+# Plant of the set, delay of the loop, and result of the analysis of this loop.
 Entry = tuple[Member, str, T]
-# (element, state) for each element of the model, in alphabetical order
+# Name and state of each element of the model, in alphabetical order.
 Mode = tuple[tuple[str, str], ...]
 
 HALF_POWER = math.sqrt(0.5)
@@ -46,7 +46,7 @@ SEARCH_STARTS = 2  # number of plants from which the search for the worst plant 
 # a parameter.
 COARSE_STEP, FINE_STEP = 1 / 16, 1 / 2048
 COMBINATIONS_MAX = 20000
-# {bandwidth or margin: True if the largest value is the worst value}
+# Names of the bandwidths and margins, each with True if the largest value is the worst value.
 FIGURES = {
     "fS_Hz": False,
     "fT_Hz": False,
@@ -138,8 +138,8 @@ class _Response:
         return np.concatenate([[0.0], boundary.marks(np.abs(roots.imag), self.widest)])
 
     def crossings(self, level: float) -> list[tuple[float, bool]]:
-        """Returns (w, True if |H| rises) for each frequency w at which |H| equals `level`, in
-        ascending order."""
+        """Returns all frequencies w at which |H| equals `level`, in ascending order, each with True
+        if |H| rises at w."""
         grid = self.marks(level)
         apart = self.size(grid) - level
         found = []
@@ -220,7 +220,7 @@ class Worst:
     sag: bool = False
     member: dict[str, tuple[Member, str]] = field(
         default_factory=dict
-    )  # {field: (plant, delay of the loop)} with the worst value
+    )  # plant and delay with the worst value of a field
     members: int = 0  # number of analysed loops
     known_to: float | None = None
 

@@ -9,7 +9,7 @@ from forceaxis import _core
 T = TypeVar("T")
 # Value of one entry in the description of a drive, a sensor or an encoder.
 FactValue = str | float | dict[str, float]
-# {name of a parameter: value in SI units, or text with a unit}
+# parameter values in SI units, or texts with a unit
 Overrides = Mapping[str, float | str]
 
 

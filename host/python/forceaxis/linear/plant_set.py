@@ -91,8 +91,8 @@ class PlantSet:
 def ranges_of(
     model: str | Path, over: Iterable[str], overrides: Overrides | None = None
 ) -> dict[str, Range]:
-    """Returns {parameter: (nominal, low, high)} in SI units from texts NAME=PERCENT% or
-    NAME=LOW..HIGH. A text may contain several ranges with commas between the ranges. Raises
+    """Returns nominal, low and high value of each parameter in SI units, from texts NAME=PERCENT%
+    or NAME=LOW..HIGH. A text may contain several ranges with commas between the ranges. Raises
     ParameterError for an unknown parameter or a wrong range."""
     known = linear.facts(model, overrides).parameters
     ranges: dict[str, Range] = {}

@@ -338,7 +338,8 @@ def label_crossings(ax: Axes, one: Locus, span: float) -> None:
         0.97, 0.97, note, transform=ax.transAxes, fontsize=7, ha="right", va="top",
         color=WANTED if limit.gain is None else GOT,
     )  # fmt: skip
-    taken: list[tuple[float, float]] = []  # (centre, half the height) of each label in Hz
+    # centre and half the height in Hz of each label that is already drawn
+    taken: list[tuple[float, float]] = []
     own = one.limit.frequency_hz or 0.0
     inside = [
         (c.frequency_hz, c)

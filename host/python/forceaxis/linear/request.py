@@ -116,7 +116,7 @@ def drawn_gain(loop: Loop, gain: float | None, firmware_gain: float | None) -> f
 
 
 def varied(overrides: Overrides, vary: Iterable[str]) -> list[tuple[str, dict[str, float | str]]]:
-    """Returns (label, {parameter: value}) for each combination of parameter values in the texts
+    """Returns a label and the parameter values for each combination of the values in the texts
     NAME=VALUE,VALUE,..."""
     runs: list[tuple[str, dict[str, float | str]]] = [("", dict(overrides))]
     for text in vary:

@@ -204,8 +204,8 @@ class LoopSet:
         return self.loop(self.plants.nominal()[0], self.timings[0])
 
     def drawn_gain(self) -> tuple[float | None, float | None]:
-        """Returns (k, force_gain) at which the force loops of the set are drawn. Without a given
-        gain, k is half the largest gain at which all loops are stable, or 1."""
+        """Returns the gain k and the force_gain at which the force loops of the set are drawn.
+        Without a given gain, k is half the largest gain at which all loops are stable, or 1."""
         if self.gain is not None or self.force_gain is not None:
             return self.gain, self.force_gain
         largest = over.largest_gain(self.plants, self.timings, self.spec).gain
@@ -315,7 +315,7 @@ def limit_of(found: LoopSet) -> LimitOfSet:
 
 
 def _members(found: LoopSet) -> Iterator[tuple[Member, str, Loop]]:
-    """Returns (plant, delay, force loop) for each loop in a plot. The nominal plants of all
+    """Returns plant, delay and force loop for each loop in a plot. The nominal plants of all
     combinations of element states are the first."""
     for member in over.sample(found.plants):
         for timing in found.timings:
@@ -329,8 +329,8 @@ def _curves_over(
     points: int,
     of: str | None = None,
 ) -> tuple[list[Curve], CurvesOfSet]:
-    """Returns (curves, result) of the frequency responses over a set of force loops. The function
-    response(loop, k) returns a System with one input and one output for each curve.
+    """Returns the curves and the result of the frequency responses over a set of force loops. The
+    function response(loop, k) returns a System with one input and one output for each curve.
 
     The first curve is nominal; the result contains the worst value of each figure, and `of`.
     """
@@ -352,7 +352,8 @@ def _curves_over(
 
 
 def nyquist_of(found: LoopSet) -> tuple[list[Curve], CurvesOfSet]:
-    """Returns (curves, result) of a Nyquist plot: the loop gains of a set of force loops."""
+    """Returns the curves and the result of a Nyquist plot of the loop gains of a set of force
+    loops."""
     return _curves_over(found, curves.PARTS["loop"], curves.NYQUIST_HZ, 300)
 
 
@@ -362,8 +363,8 @@ def bode(
     ranges: Sequence[str] = (),
     modes: str | None = None,
 ) -> tuple[list[Curve], LoopBode | PlantBode | CurvesOfSet]:
-    """Returns (curves, result) of a Bode plot for a plant, for a force loop, or for a set of force
-    loops.
+    """Returns the curves and the result of a Bode plot for a plant, for a force loop, or for a set
+    of force loops.
 
     ranges, modes: as in `loop_set`.
     """

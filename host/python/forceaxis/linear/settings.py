@@ -13,12 +13,12 @@ from forceaxis.linear import bank as banks
 from forceaxis.linear import system as linear
 from forceaxis.linear.plant_facts import Overrides, PlantFacts
 
-Firmware = Mapping[str, float]  # {firmware object: initial value in an experiment}
+Firmware = Mapping[str, float]  # initial values of firmware objects in an experiment
 
 MODES_OF_OPERATION = objects.BY_NAME["modes_of_operation"]
 NATIVE_MODES = objects.BY_NAME["mode"].enum
 NATIVE_FORCE = 3  # value of the object `mode` that selects the force law
-# {value of modes_of_operation for a mode that controls the force: control law}
+# Control law for each value of modes_of_operation that selects a mode with force control.
 FORCE_MODES = {4: "p", 10: "p", -1: "p", -6: "stiffness", -7: "damping", -8: "impedance"}
 
 
@@ -46,7 +46,7 @@ class ModelSettings:
     law."""
 
     model: str
-    overrides: dict[str, float | str]  # {parameter: value in SI units, or text with a unit}
+    overrides: dict[str, float | str]  # parameter values in SI units, or texts with a unit
     experiment: str | None = None
     law: str = "p"
     timing: str = "zoh"

@@ -207,8 +207,9 @@ class Loop:
         return response(self._minimal)
 
     def _known(self, w: ArrayLike) -> tuple[Matrix, Matrix, Matrix]:
-        """Returns (G, dG/dw, change of G by rounding of the matrix entries) at frequencies w along
-        the stability boundary. G is the response of the loop, and each array has the shape of w."""
+        """Returns the response G of the loop at frequencies w along the stability boundary, the
+        derivative dG/dw, and the change of G by rounding of the matrix entries. Each array has the
+        shape of w."""
         at = np.asarray(w, float)
         # The minimal system is needed at w = 0 only, if a pole at 0 has no effect on the output.
         whole = self._boundary if np.all(at) else self._boundary_minimal
@@ -319,9 +320,9 @@ class Loop:
 
     @cached_property
     def _crossed(self) -> tuple[list[Crossing], float | None]:
-        """Computes (crossings, gain above which rounding errors hide crossings). All crossings of
-        the stability boundary below this gain are included. The gain is None if rounding errors
-        hide no crossing."""
+        """Computes all crossings of the stability boundary below a gain above which rounding errors
+        hide crossings. Returns the crossings and this gain, which is None if rounding errors hide
+        no crossing."""
         if not len(self._minimal.A):
             return [], None
         zeros = self._real_points
@@ -522,8 +523,8 @@ class Loop:
         )
 
     def step(self, gain: float, duration_s: float) -> tuple[Matrix, Matrix]:
-        """Returns (time_s, signal), the response of the closed loop from rest to a unit step of the
-        set-point, at every tick (for a continuous loop every 1/1500 s).
+        """Returns the times in s and the response of the closed loop from rest to a unit step of
+        the set-point, at every tick (for a continuous loop every 1/1500 s).
 
         The set-point is f_d; for the law stiffness K_fs x_d, for damping K_fd v_d. The values at
         these times are exact.

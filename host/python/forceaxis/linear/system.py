@@ -274,8 +274,9 @@ def find_model(text: str | Path) -> Path:
 
 
 def overrides(texts: Iterable[str]) -> dict[str, float | str]:
-    """Returns {name: number, or text of a quantity or of another parameter} from texts NAME=VALUE.
-    Raises ParameterError for a text of another form, and for a name that occurs with two values."""
+    """Returns the values of overrides from texts NAME=VALUE as {name: number, or text of a quantity
+    or of another parameter}. Raises ParameterError for a text of another form, and for a name that
+    occurs with two values."""
     values: dict[str, float | str] = {}
     for text in texts:
         name, _, value = text.partition("=")
@@ -307,8 +308,8 @@ def override_texts(values: Overrides) -> list[str]:
 
 
 def states(texts: Sequence[str]) -> dict[str, str]:
-    """Returns {element: state} from texts ELEMENT=STATE. Raises ParameterError for a text of
-    another form."""
+    """Returns the states of elements from texts ELEMENT=STATE as {element: state}. Raises
+    ParameterError for a text of another form."""
     for text in texts:
         if not all(text.partition("=")):
             raise ParameterError(

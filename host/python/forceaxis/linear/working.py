@@ -161,9 +161,10 @@ def held(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction
 
 
 def arriving_N(path: str | Path, overrides: Overrides | None = None) -> dict[str, float]:
-    """Returns {friction: largest force in N with which the drive can load this friction while the
-    friction sticks}. The DAC is at full scale, the drive is within its limits, all other frictions
-    slide and contacts are pressed. The result is empty for a model without a drive."""
+    """Returns, for each friction of the model, the largest force in N with which the drive can load
+    this friction while the friction sticks. The DAC is at full scale, the drive is within its
+    limits, all other frictions slide and contacts are pressed. The result is empty for a model
+    without a drive."""
     values = dict(overrides or {})
     own = frictions(path, values)
     known = plant_facts.read(str(path), values)
@@ -240,9 +241,9 @@ def working(
 def friction_states(
     path: str | Path, overrides: Overrides | None = None
 ) -> list[tuple[tuple[str, str], ...]]:
-    """Returns for each friction of the model the possible states ((name, state), ...): sliding and
-    stuck, or only stuck if the drive cannot overcome the friction. Both directions of sliding give
-    the same linear system, so the result contains one direction."""
+    """Returns the possible states of each friction of the model as ((name, state), ...): sliding
+    and stuck, or only stuck if the drive cannot overcome the friction. Both directions of sliding
+    give the same linear system, so the result contains one direction."""
     stuck = {one.name for one in held(path, overrides)}
     own = frictions(path, overrides)
     return [
@@ -254,7 +255,7 @@ def friction_states(
 def choices(
     path: str | Path, switches: Mapping[str, tuple[str, ...]], overrides: Overrides | None = None
 ) -> list[list[dict[str, str]]]:
-    """Returns for each element that switches the states that can last and that differ as linear
+    """Returns, for each element that switches, the states that can last and that differ as linear
     systems, each as {switch: state}. `switches`: as in facts(). A backlash or a stop with two ends
     has at most one closed end. Both flanks of a backlash give the same system."""
     found = [[dict([one]) for one in states] for states in friction_states(path, overrides)]

@@ -93,7 +93,8 @@ def limit_text(loop: stability.Loop) -> str:
 
 
 def by_model(entries: Sequence[Entry]) -> dict[Path, list[Entry]]:
-    """Returns {model file: experiments with this model that ran without error}."""
+    """Returns the experiments that ran without error, grouped by the model file that the
+    experiments use."""
     found: dict[Path, list[Entry]] = {}
     for entry in entries:
         if entry.done:

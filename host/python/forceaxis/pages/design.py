@@ -57,7 +57,7 @@ def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loop
     return found
 
 
-# {key: (line style of a curve, name of the curve in the legend)}
+# For each key of a curve: the line style of the curve, and the name of the curve in the legend.
 LOOKS: dict[str, tuple[dict[str, Any], str]] = {
     "nominal": ({"color": INK, "linewidth": 1.3, "zorder": 3}, "nominal"),
     "late": ({"color": INK, "linewidth": 1.3, "zorder": 3, "linestyle": "--"},
@@ -74,8 +74,8 @@ def keys(loops: Iterable[tuple[Response | None, str]]) -> list[Artist]:
 
 
 def laws(outcome: DesignOutcome) -> list[tuple[str, Bank]]:
-    """Returns [(name, filter bank)] of the control laws that the plots compare: the designed law,
-    and law P if a P gain exists that keeps the margins."""
+    """Returns the names and the filter banks of the control laws that the plots compare: the
+    designed law, and law P if a P gain exists that keeps the margins."""
     p = [("P", outcome.p_bank)] if outcome.p_bank.force_gain else []
     return [*p, (outcome.chosen, outcome.bank)]
 

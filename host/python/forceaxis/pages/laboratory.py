@@ -101,8 +101,8 @@ def grid_rest(cells: Sequence[CellResult]) -> CellGrid:
 
 
 def mode_rows() -> list[tuple[str, str, list[str]]]:
-    """Returns (model, lowest mode of vibration, [other modes of vibration with labels]) for each
-    model in which the drive acts on the force."""
+    """Returns one row for each model in which the drive acts on the force: model, lowest mode of
+    vibration, and other modes of vibration with labels."""
     rows = []
     for path in sorted(paths.MODELS.glob("*.toml"), key=lambda p: p.stem):
         try:
@@ -252,7 +252,7 @@ STORY = (
 class ModelsSection:
     """The sections of the report about the example axis and about all models of the thesis."""
 
-    # (experiment, heading, reason) for each step of the design of the example axis
+    # experiment, heading and reason for each step of the design of the example axis
     story: list[tuple[Entry, str, str]]
     models: list[ModelRow]  # models of the machines in the thesis
     element_models: list[ModelRow]  # models of single elements
@@ -278,7 +278,8 @@ class FittedConstant:
     constant: tables.Constant
     parameter: tables.SourcedParameter
     found: float  # value of the constant in the stored fit
-    plateau: dict[float, int]  # {ratio to the fitted value: number of cells with equal verdicts}
+    # number of table cells with equal verdicts, for each ratio to the fitted value
+    plateau: dict[float, int]
 
 
 @dataclass(frozen=True)
@@ -288,13 +289,13 @@ class TablesSection:
 
     result: tables.TablesResult
     grids: list[CellGrid]
-    # Cells of the stability tables whose simulated verdict differs from the measured verdict.
+    # Table cells of the thesis whose simulated verdict differs from the measured verdict.
     misses: list[tuple[str, CellResult]]
     constants: list[FittedConstant]
     assumed: list[tuple[str, tables.SourcedParameter]]
     found: tables.FitRecord
-    # Result of the fit without one figure: (figure, number of cells, number of correctly predicted
-    # cells).
+    # Results of the fit without one figure: the figure, the number of its cells, and the number of
+    # correctly predicted cells.
     predicted: list[tuple[str, int, int]]
     plateau: Markup
     criterion: Criterion

@@ -12,7 +12,7 @@ from forceaxis.design import reduced, sets
 from forceaxis.design.grid import Goal
 from forceaxis.linear.bank import Bank
 
-# (name of a model with a force loop, resolution of the ADC of the model in bits)
+# Names of models with a force loop, and the resolution of the ADC of each model in bits.
 PLANTS = (
     *(("fig4_15", 12), ("fig4_19", 12), ("fig4_25", 12), ("fig5_2", 12), ("fig5_5", 12)),
     *(("laboratory", 8), ("laboratory", 12), ("full_axis", 12)),

@@ -14,8 +14,8 @@ from forceaxis.thesis.nonlinear import ContactMap
 def plateau(
     curves: Mapping[str, Sequence[tuple[float, float]]], score_of_fit: float, label: str
 ) -> Figure:
-    """Returns a plot of the number of cells with equal verdicts over each fitted constant, relative
-    to the fitted value of the constant.
+    """Returns a plot of the number of table cells with equal verdicts over each fitted constant,
+    relative to the fitted value of the constant.
 
     curves: {constant: [(ratio to the fitted value, score)]}. label: of the scores.
     """

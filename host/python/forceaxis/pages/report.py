@@ -17,7 +17,7 @@ from forceaxis.pages.template import template
 from forceaxis.results import json_field
 from forceaxis.thesis import tables
 
-# {status of an experiment: text that the page shows for this status}
+# Text that the page shows for each status of an experiment.
 STATUS_TEXTS = {
     **verdicts.WORDS,
     "none": "no verdict",
@@ -32,7 +32,7 @@ class ReportSummary:
 
     report: str  # path of the page
     experiments: int  # number of experiments
-    counts: dict[str, int]  # {status: number of experiments with this status}
+    counts: dict[str, int]  # number of experiments for each status
     errors: list[str]  # one text line for each experiment that could not be run
     # Number of cells of the stability tables whose simulated verdict equals the measured verdict.
     matched: int | None = json_field(omit_none=True)
@@ -40,8 +40,8 @@ class ReportSummary:
 
 
 def workers(threads: int | None) -> Pool:
-    """Context with a pool of worker processes, which are terminated after an error or an
-    interruption."""
+    """Context manager with a pool of worker processes. The worker processes are terminated after an
+    error or an interruption."""
     return multiprocessing.get_context("fork").Pool(
         threads or os.cpu_count(), signal.signal, (signal.SIGINT, signal.SIG_IGN)
     )

@@ -143,8 +143,8 @@ def response(
 
 
 def rolloff_hz(model: str, output: str, **overrides: float) -> tuple[float, float]:
-    """Returns (gain of a model at 0.01 Hz, frequency in Hz at which the gain of the model is 3 dB
-    lower)."""
+    """Returns two values of a model's frequency response: the gain at 0.01 Hz, and the frequency in
+    Hz at which the gain is 3 dB lower."""
     f = np.geomspace(0.01, 1e4, 60001)
     size = abs(response(model, output, f, overrides=overrides))
     return size[0], f[np.argmax(size < size[0] / math.sqrt(2))]

@@ -17,10 +17,11 @@ from forceaxis.linear.system import System
 
 Response = NDArray[np.complex128]
 Settings = dict[str, float]  # {model parameter: value}
-Run = tuple[str, str, Settings | None]  # (model, label of the curve, parameter values)
+Run = tuple[str, str, Settings | None]  # Model, label of the curve and parameter values of one run.
 Data = list[curves.Curve] | list[locus.Locus] | list[locus.Array]
 Source = Callable[[], Data]
-Options = Mapping[str, str | float | tuple[float, float]]  # {argument of a drawing function: value}
+# Arguments of a drawing function, with the names of the arguments as keys.
+Options = Mapping[str, str | float | tuple[float, float]]
 
 # Inputs and outputs of the frequency responses: from the command voltage to the measured force,
 # from the force of a perfect actuator to the measured force, and from the command voltage to the
@@ -29,7 +30,7 @@ VOLTAGE = curves.Channel()
 FORCE = curves.Channel(drive=False)
 TACH = curves.Channel(output="drive.tach")
 
-# {kind of a plot: function that draws this kind of plot}
+# The function that draws each kind of plot, with the kind of the plot as key.
 DRAWINGS: dict[str, Callable[..., Figure]] = {
     "bode": plots.bode,
     "rlocus": plots.rlocus,

@@ -36,8 +36,9 @@ class ContactMap:
     command: str  # command line with which the user can repeat one of the runs
 
     def counts(self, above: bool) -> tuple[int, int]:
-        """Returns (number of runs with a limit cycle, number of all runs) for all gains above the
-        linear limit if `above` is True, otherwise for all gains below the linear limit."""
+        """Returns the number of runs with a limit cycle and the number of all runs. Only runs with
+        a gain above the linear limit are counted if `above` is True, otherwise only runs with a
+        gain below this limit."""
         part = self.cycles[(np.array(GAINS) > 1) == above]
         return int(part.sum()), part.size
 

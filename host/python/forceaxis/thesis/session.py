@@ -207,8 +207,8 @@ def machine(
     journal: Path | None = None,
     endless: bool = False,
 ) -> Iterator[dict[str, subprocess.Popen[str]]]:
-    """Context in which the programs plant, firmware and gateway run in real time on the CAN
-    interfaces vcan0 and vcan1. Yields {name: process}.
+    """Context manager that runs the programs plant, firmware and gateway in real time on the CAN
+    interfaces vcan0 and vcan1. Yields the processes of the programs by name.
 
     journal: file of the journal, by default folder/axis.journal. endless: the programs run until
     they are ended. Raises link.LinkError with the output of the programs after an error.

@@ -1,4 +1,4 @@
-"""The 55 measured cells of the stability tables of the thesis: simulated and measured verdicts, the
+"""The 55 measured cells of the stability tables of the thesis. Computes the simulated verdicts, the
 fit of the free constants, and the effect of changed thresholds on the number of equal verdicts.
 
 A cell is a run of one experiment file with a gain, a set-point and a workpiece. The constants that
@@ -27,7 +27,7 @@ from forceaxis.results import from_json, json_field, to_json
 FILE = paths.EXPERIMENTS / "tables.toml"
 EVIDENCE = paths.EXPERIMENTS / "tables_fit.json"
 
-Job = tuple[str, list[str]]  # one simulated run: (experiment file, overrides)
+Job = tuple[str, list[str]]  # one simulated run of an experiment file with changed parameters
 Point = tuple[int, ...]  # point of the search grid: the index of the value of each constant
 
 
@@ -189,7 +189,8 @@ class FitRecord:
     cells: int  # number of cells to which the constants are fitted
     points_at_best: int  # number of grid points with the highest score
     left_out: list[OmittedFigure]
-    # {constant: [(ratio to the fitted value, score)]}, where a score is a number of equal verdicts
+    # For each constant, pairs of a value (relative to the fitted value) and a score. The score is
+    # the number of table cells whose simulated verdict equals the measured verdict.
     plateau: dict[str, list[tuple[float, int]]]
     # One entry for each alternative interpretation: (name of the open choice, interpretation,
     # score).
@@ -201,8 +202,8 @@ class Tables:
     """The content of the file tables.toml and of the file with the measured cells of the thesis."""
 
     cells: list[Cell]
-    experiments: dict[str, str]  # {"test/grip": experiment file}
-    workpieces: dict[str, dict[str, float]]  # {workpiece: {parameter: value}}
+    experiments: dict[str, str]  # experiment file for each key "test/grip"
+    workpieces: dict[str, dict[str, float]]  # parameter values for each workpiece
     # Name of the parameter that gives the set-point for cells whose set-point the thesis does not
     # state.
     unstated_setpoint: str
@@ -212,7 +213,8 @@ class Tables:
     matched_at_least: int
     constants: list[Constant] = json_field(key="constant")
     readings: list[Reading] = json_field(key="reading", default_factory=list)
-    # {key_of(cell): reason why the simulated verdict of the cell differs from the measured verdict}
+    # For cells whose simulated verdict differs from the measured verdict: the reason of the
+    # difference, with the text key_of(cell) as key.
     reasons: dict[str, str] = field(default_factory=dict)
 
     def group(self, cell: Cell) -> str:
@@ -228,12 +230,14 @@ class Tables:
         return f"{figure} {cell.test}"
 
     def groups(self) -> list[str]:
-        """Returns the names of all groups of cells, in the order in which the cells are listed."""
+        """Returns the names of all groups of table cells, in the order in which the cells are
+        listed."""
         return list(dict.fromkeys(self.group(c) for c in self.cells))
 
     def job(self, cell: Cell, constants: Mapping[str, float] | None = None) -> Job:
-        """Returns (experiment, overrides) for the simulated run of a cell. `constants` is
-        {parameter: value} with the constants to try."""
+        """Returns the experiment and the overrides for the simulated run of a table cell.
+        `constants`: values of the constants that are tried, with the names of the parameters as
+        keys."""
         setpoint = self.unstated_setpoint if cell.force_setpoint is None else cell.force_setpoint
         sets = [
             f"firmware.force_gain={cell.force_gain}",
@@ -291,16 +295,16 @@ def run_jobs(
 
 
 def key_of(cell: Cell) -> str:
-    """Returns the key of a cell in tables.toml, a text of figure, test, workpiece, grip, gain and
-    set-point."""
+    """Returns the key of a table cell in tables.toml, a text of figure, test, workpiece, grip, gain
+    and set-point."""
     words = [cell.figure, cell.test, cell.workpiece, cell.grip.replace("_", " ")]
     setpoint = cell.force_setpoint or "not stated"
     return f"{', '.join(words)}, gain {cell.force_gain}, set-point {setpoint}"
 
 
 def run(threads: int | None = None, over: link.LinkOptions | None = None) -> TablesResult:
-    """Simulates all cells of the tables with the constants of the parameter file. `over`: as in
-    run_jobs()."""
+    """Simulates all cells of the stability tables with the constants of the parameter file. `over`:
+    as in run_jobs()."""
     tables = load()
     runs = run_jobs([tables.job(c) for c in tables.cells], threads, "tables", over)
     cells = []
@@ -319,7 +323,7 @@ def run(threads: int | None = None, over: link.LinkOptions | None = None) -> Tab
                 reason=reason,
             )
         )
-    # The damper and the pad of a cell are not among the parameters that the thesis prints.
+    # The damper and the pad of a table cell are not among the parameters that the thesis prints.
     named = {"b_w", "k_g"}
     return TablesResult(
         cells=cells,
@@ -331,15 +335,16 @@ def run(threads: int | None = None, over: link.LinkOptions | None = None) -> Tab
 
 
 def matches(cells: Sequence[Cell], runs: Sequence[CellRun]) -> NDArray[np.bool_]:
-    """Returns one truth value for each cell: True if the verdict of its run equals the measured
+    """Returns a list with True for each table cell whose simulated verdict equals the measured
     verdict."""
     pairs = zip(cells, runs, strict=True)
     return np.array([stability(r.verdict) == c.thesis for c, r in pairs])
 
 
 def score_with(variants: Sequence[Sequence[str]], threads: int | None, title: str) -> list[int]:
-    """Returns the number of cells with the measured verdict for each entry of `variants`, which is
-    a list of further overrides. All simulated runs share one pool of threads."""
+    """Returns, for each entry of `variants`, the number of table cells whose simulated verdict
+    equals the measured verdict. An entry is a list of further overrides. All simulated runs share
+    one pool of threads."""
     tables = load()
     jobs = [
         (path, latest([*sets, *extra]))
@@ -442,8 +447,8 @@ def evidence_hash() -> str:
 
 
 def fit(threads: int | None = None) -> FitRecord:
-    """Searches the grid of tables.toml for the constants at which most cells of `fit_on` have the
-    measured verdict. Writes the result to tables_fit.json beside tables.toml.
+    """Searches the grid of tables.toml for the constants at which most table cells of `fit_on` have
+    the measured verdict. Writes the constants to tables_fit.json beside tables.toml.
 
     Cells of test "contact" are run on every grid point on which they depend. Cells of test
     "disturbance" are run only at the points at which the contact cells have their best score, all
@@ -453,15 +458,16 @@ def fit(threads: int | None = None) -> FitRecord:
     tables = load()
     grids = [c.grid for c in tables.constants]
     members = {g: [c for c in tables.cells if tables.group(c) == g] for g in tables.groups()}
-    # {group of cells: indices of the constants on which the cells of the group depend}
+    # For each group of table cells: the indices of the constants that affect the verdicts of the
+    # group.
     needed = {
         group: [i for i, c in enumerate(tables.constants) if not c.groups or group in c.groups]
         for group in tables.fit_on
     }
 
     def evaluate(group: str, points: Iterable[Point]) -> dict[Point, int]:
-        """Returns {grid point: score} for the cells of one group. A grid point has only the
-        coordinates of the constants on which the group depends."""
+        """Returns the scores of one group of table cells at the grid points `points`. A grid point
+        has only the coordinates of the constants that affect the group."""
         wanted = sorted({tuple(p[i] for i in needed[group]) for p in points})
         own = [tables.constants[i] for i in needed[group]]
         jobs = [
