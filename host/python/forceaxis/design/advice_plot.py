@@ -1,4 +1,4 @@
-"""Figure of the effect of each change of an axis."""
+"""Plot of the effect of each change of an axis on the force loop."""
 
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
@@ -12,7 +12,7 @@ from forceaxis.linear.system import find_model
 
 
 def figure(result: Advice) -> Figure:
-    """Figure of critical gain and crossover frequency under each change."""
+    """Returns the plot of critical gain and crossover frequency with each change of the axis."""
     known = [(row, row.ratio.critical_gain) for row in result.rows]
     gains = [(row, gain) for row, gain in known if gain]
     drawn, ax = plt.subplots(figsize=(6.6, 0.9 + 0.21 * len(gains)))

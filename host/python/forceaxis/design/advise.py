@@ -1,4 +1,5 @@
-"""Design advice: what limits the bandwidth of a force loop, and the benefit of each change.
+"""Design advice: finds what limits the bandwidth of a force loop, and the benefit of each change of
+the axis.
 
 The advice compares the present design with designs that have one change. The law is the explicit
 force law (p). The figures are:
@@ -57,8 +58,8 @@ from forceaxis.linear.stability import Limit, Loop
 from forceaxis.results import json_field
 
 GAIN_MARGIN = 2.0
-# ratio of the frequency of a mode to the crossing frequency up to which a noncolocated mode may
-# limit the gain by its phase lag
+# A noncolocated mode of vibration may limit the gain by its phase lag only if the frequency of the
+# mode is at most this multiple of the frequency at which the loop becomes unstable.
 LAG = 3.0
 
 
@@ -66,8 +67,8 @@ HIGHEST_GAIN = loops.FIRMWARE_HIGHEST
 
 
 class NotAsked(Enum):
-    """Type of the value NOT_ASKED, for a figure that was not requested. A figure with this value
-    has no key in JSON."""
+    """Type of the value NOT_ASKED of a result that was not requested. JSON has no key for
+    NOT_ASKED."""
 
     NOT_ASKED = "not asked"
 
@@ -77,7 +78,8 @@ NOT_ASKED = NotAsked.NOT_ASKED
 
 @dataclass(frozen=True, kw_only=True)
 class Performance:
-    """Figures of a loop at the critical gain; the docstring of the module defines each figure.
+    """Gains and frequencies of a loop at the critical gain. The docstring of the module defines
+    each field.
 
     Gains are in the unit of the loop, firmware_gain in DAC codes per 8-bit count. critical_gain is
     None if the loop is stable at every gain (known_to is None), or at every gain up to known_to,
@@ -95,29 +97,29 @@ class Performance:
 
 @dataclass(frozen=True, kw_only=True)
 class FiguresOverSet(WorstFigures):
-    """Worst figures over a set of plants with the largest gain that keeps the margins.
-    firmware_gain: the largest gain in DAC codes per 8-bit count."""
+    """Worst bandwidth and margins over a set of plants with the largest gain that keeps the
+    margins. `firmware_gain` is this gain in DAC codes per 8-bit count."""
 
     firmware_gain: float
 
 
 @dataclass(frozen=True)
 class SimulatedLimit:
-    """The largest force_gain, in DAC codes per 8-bit count, at which all simulated contacts are
+    """The largest `force_gain`, in DAC codes per 8-bit count, at which all simulated contacts are
     stable."""
 
     stable_gain: float | None  # None: the simulation is unstable at every gain
-    # smallest unstable gain above stable_gain; None: all larger gains are stable
+    # smallest unstable gain above `stable_gain`; None if all larger gains are stable
     unstable_gain: float | None
-    of_limit: float | None  # ratio of stable_gain to the critical gain of the linear loop
+    of_limit: float | None  # ratio of `stable_gain` to the critical gain of the linear loop
     runs: int  # number of simulated runs
     ripple_count: float | None  # force ripple in 8-bit counts, at a smaller gain
 
 
 @dataclass(frozen=True)
 class Ratios:
-    """For each figure, the ratio of the changed design to the present design; None if one of the
-    two designs does not have the figure."""
+    """For each field of Performance, the ratio of the changed design to the present design. A ratio
+    is None if one of the two designs has no value."""
 
     critical_gain: float | None
     loop_gain: float | None
@@ -127,8 +129,8 @@ class Ratios:
 
 @dataclass(frozen=True, kw_only=True)
 class PresentDesign(Performance):
-    """The figures of the present design. over: worst figures over a set of plants, None if no gain
-    keeps the margins; simulated: limit that simulated runs have found."""
+    """The performance of the present design. `over`: worst values over a set of plants, None if no
+    gain keeps the margins. `simulated`: largest stable gain in simulated runs."""
 
     over: FiguresOverSet | NotAsked | None = json_field(default=NOT_ASKED, omit_none=True)
     simulated: SimulatedLimit | NotAsked = json_field(default=NOT_ASKED, omit_none=True)
@@ -136,9 +138,9 @@ class PresentDesign(Performance):
 
 @dataclass(frozen=True, kw_only=True)
 class AdviceRow(Performance):
-    """The figures of the design with one change. change: name of the change; thesis: section of the
-    thesis that proposes the change; in_firmware: whether the firmware supports this change;
-    simulated: None if a run is not possible or was not requested."""
+    """The performance of the design with one change. `change`: name of the change. `thesis`:
+    section of the thesis that proposes the change. `in_firmware`: True if the firmware supports the
+    change. `simulated`: None if no run is possible or requested."""
 
     change: str
     kind: str
@@ -151,9 +153,10 @@ class AdviceRow(Performance):
 
 @dataclass(frozen=True)
 class LimitingMode:
-    """The mode of vibration that limits the gain. element: spring or contact with most of the
-    elastic energy; body: body with the largest motion; frequency_hz: without damping; shape:
-    {body: amplitude}; how: text about the effect of the mode."""
+    """The mode of vibration that limits the gain. `element`: spring or contact with most of the
+    elastic energy. `body`: body with the largest motion. `frequency_hz`: frequency of the mode
+    without damping. `shape`: {body: amplitude}. `how`: text about the effect of the mode on the
+    loop."""
 
     name: str
     element: str | None
@@ -168,8 +171,8 @@ class LimitingMode:
 
 @dataclass(frozen=True)
 class NoLimitingMode:
-    """Stands for the limiting mode if no mode of vibration limits the gain. how: text about the
-    effect that limits the gain."""
+    """Result in place of LimitingMode if no mode of vibration limits the gain. `how` is a text
+    about the effect that limits the gain instead."""
 
     how: str
     name: str = "none"
@@ -177,7 +180,7 @@ class NoLimitingMode:
 
 @dataclass(frozen=True)
 class NextCrossing:
-    """The next gain above the critical gain at which a further pole becomes unstable, and the
+    """The next gain above the critical gain at which another pole becomes unstable, and the
     frequency of this pole."""
 
     gain: float
@@ -186,9 +189,10 @@ class NextCrossing:
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """The content of `forceaxis advise --json`. unit: unit of the gains; reference_hz: crossover
-    frequency of the present design, at which loop_gain_at is computed; present_gain: force_gain of
-    the experiment; over, modes: tolerances and modes of the set of plants."""
+    """The content of `forceaxis advise --json`. `unit`: unit of the gains. `reference_hz`:
+    crossover frequency of the present design, at which `loop_gain_at` is computed. `present_gain`:
+    `force_gain` of the experiment. `over` and `modes`: tolerances and modes of the set of plants.
+    """
 
     model: str
     experiment: str | None
@@ -211,7 +215,7 @@ class Advice:
 
 @dataclass(frozen=True)
 class AdviceOrder:
-    """What `advise` shall analyse; each field is an option of the verb.
+    """The order for `forceaxis advise`. Each field is an option of the subcommand.
 
     text: model or experiment. timing: one of loops.TIMINGS, None: that of the experiment, otherwise
     zoh. factor: by which a parameter is multiplied and divided. runs: what is simulated with the
@@ -233,8 +237,8 @@ class AdviceOrder:
 
 
 def performance(loop: Loop, reference_hz: float | None = None) -> Performance:
-    """The figures of a loop at its critical gain. reference_hz: frequency of the figure
-    loop_gain_at, None: the crossover frequency of this loop."""
+    """Returns the performance of a loop at its critical gain. `reference_hz` is the frequency in Hz
+    of the field `loop_gain_at`; if None, the crossover frequency of this loop is used."""
     limit = loop.limit()
     zero = abs(loop.open.at(0.0 if loop.dt is None else 1.0))
     found = Performance(
@@ -259,7 +263,8 @@ def performance(loop: Loop, reference_hz: float | None = None) -> Performance:
 
 
 def ratios(new: Performance, old: Performance) -> Ratios:
-    """The ratio of each figure of a changed design to the figure of the present design."""
+    """Returns the ratio of each performance value of a changed design to the value of the present
+    design."""
 
     def factor(one: float | None, other: float | None) -> float | None:
         return one / other if one and other else None
@@ -273,8 +278,9 @@ def ratios(new: Performance, old: Performance) -> Ratios:
 
 
 def strain(model: Path, overrides: Overrides, shape: Mapping[str, float]) -> str | None:
-    """The name of the spring or contact with most of the elastic energy of a mode of vibration;
-    None for a model without such elements. shape: {body: amplitude} of the mode."""
+    """Returns the name of the spring or contact with most of the elastic energy of a mode of
+    vibration, or None if the model has no spring and no contact. `shape` is {body: amplitude} of
+    the mode."""
     signals = linear.facts(model, overrides).signals
     elements = [n.removesuffix(".deflection") for n in signals if n.endswith(".deflection")]
     if not elements:
@@ -291,8 +297,8 @@ def strain(model: Path, overrides: Overrides, shape: Mapping[str, float]) -> str
 
 
 def limiting_mode(design: Design, loop: Loop) -> LimitingMode | NoLimitingMode | None:
-    """The mode of vibration that limits the gain of a loop, as the docstring of the module defines
-    this mode; None if the loop is stable at every gain."""
+    """Returns the mode of vibration that limits the gain of a loop, or None if the loop is stable
+    at every gain. The docstring of the module defines the limiting mode."""
     limit = loop.limit()
     if not limit.gain or limit.frequency_hz is None:
         return None
@@ -330,18 +336,18 @@ def limiting_mode(design: Design, loop: Loop) -> LimitingMode | NoLimitingMode |
 
 
 def next_crossing(loop: Loop) -> NextCrossing | None:
-    """The next pole that becomes unstable above the critical gain, or None. If the first unstable
-    pole stayed stable, the gain of the next pole would be the critical gain."""
+    """Returns the next pole that becomes unstable above the critical gain, or None. The gain of
+    this pole would be the critical gain if the first unstable pole stayed stable."""
     limit = loop.limit()
     above = [c for c in limit.crossings if limit.gain and c.gain > limit.gain and c.direction > 0]
     return NextCrossing(above[0].gain, above[0].frequency_hz) if above else None
 
 
-# the logarithm of z = 0, the start of a branch, is -infinity
+# The root locus starts at z = 0, whose logarithm is -infinity.
 @np.errstate(divide="ignore", invalid="ignore")
 def branch_start(loop: Loop, limit: Limit) -> complex:
-    """The open-loop pole in 1/s at which a branch of the root locus begins. The branch is the
-    branch that reaches the stability boundary at the critical gain."""
+    """Returns the open-loop pole in 1/s at which a branch of the root locus begins. The branch is
+    the one that reaches the stability boundary at the critical gain."""
     if limit.gain is None or limit.frequency_hz is None:
         raise InputError(
             "gain: expected a loop with a critical gain, got a loop that is stable at every gain"
@@ -355,9 +361,10 @@ def branch_start(loop: Loop, limit: Limit) -> complex:
 def rank(
     figures: Performance, in_firmware: bool, over: FiguresOverSet | NotAsked | None = NOT_ASKED
 ) -> tuple[float, float]:
-    """Sorting key of a row. With a set of plants, the rows are sorted by bandwidth. Without a set,
-    changes without a critical gain come first; the others are sorted by crossover frequency, then
-    by loop gain. Changes that the firmware does not support come last."""
+    """Returns the sorting key of a row. With a set of plants, the rows are sorted by bandwidth.
+    Without a set of plants, changes without a critical gain come first; all other rows are sorted
+    by crossover frequency, then by loop gain. Changes that the firmware does not support come last.
+    """
     if not in_firmware:
         return (math.inf, 0.0)
     if not isinstance(over, NotAsked):
@@ -368,7 +375,7 @@ def rank(
 
 
 class _Over:
-    """Computes the figures of each row over a set of plants."""
+    """Computes the worst performance of each row over a set of plants."""
 
     def __init__(self, design: Design, over: Sequence[str], modes_: str) -> None:
         if design.timing == "continuous":
@@ -391,7 +398,7 @@ class _Over:
     def problem(
         self, change: Change = NO_CHANGE, goal: Goal | None = None, random: int = reduced.RANDOM
     ) -> ShortSearch:
-        """A search of control laws for the set of plants with a change of the design."""
+        """Returns the search of control laws for the set of plants with a change of the design."""
         model = str(self.design.changed_model(change))
         overrides = self.design.overrides | dict(change.overrides)
         ranges = ranges_of(model, self.over, overrides)
@@ -399,22 +406,23 @@ class _Over:
         return ShortSearch(plants, goal or self.goal, random)
 
     def figures(self, change: Change = NO_CHANGE) -> FiguresOverSet | None:
-        """The worst figures over the set of plants with a change of the design and the largest gain
-        that keeps the margins; None if no gain keeps the margins."""
+        """Returns the worst values over the set of plants with a change of the design, at the
+        largest gain that keeps the margins. Returns None if no gain keeps the margins."""
         spec = change.spec or LoopSpec(timing=self.design.timing)
         bits = change.firmware.get("adc_bits", self.goal.adc_bits)
         goal = replace(self.goal, timings=(spec.timing,), adc_bits=bits)
         try:
             found = self.problem(change, goal, random=0).worst(spec.bank or Bank(1.0))
-        except InputError:  # no gain keeps all plants of the set stable
+        except InputError:  # no gain makes all plants of the set stable
             return None
         if found.worst is None:
             return None
         return FiguresOverSet(**vars(found.worst), firmware_gain=found.bank.force_gain)
 
     def designed(self) -> list[Change]:
-        """Two changes from the present law to a bank that is designed for the set of plants: with
-        the present ADC, and with an ADC of more bits."""
+        """Returns two changes from the present law to a filter bank that is designed for the set of
+        plants. The first change keeps the present ADC, and the second change has an ADC of more
+        bits."""
         made = []
         finer = [c.firmware["adc_bits"] for c in converter(self.design)]
         for bits in (self.goal.adc_bits, *finer):
@@ -428,8 +436,8 @@ class _Over:
 
 
 def advise(order: AdviceOrder) -> Advice:
-    """The advice for a model or an experiment: the figures of the present design and of each
-    change. Raises InputError."""
+    """Returns the advice for a model or an experiment: the performance of the present design and of
+    each change. Raises InputError."""
     if not (math.isfinite(order.factor) and order.factor > 1):
         raise ParameterError("factor", f"expected a number above 1, got {order.factor:g}")
     with Design(order.text, order.overrides, order.timing, order.states) as design:
@@ -483,8 +491,8 @@ def _simulated(
 
 
 def _rows(design: Design, base: Performance, factor: float, group: _Over | None) -> Rows:
-    """The rows of the advice with their changes, sorted by rank. group: computes the figures over a
-    set of plants; None without a set."""
+    """Returns the rows of the advice with their changes, sorted by rank. `group` computes the worst
+    values over a set of plants; None means that the advice has no set of plants."""
     made = changes(design, base.frequency_hz, factor)
     if group:
         made = [c for c in made if c.kind != "amplifier"] + group.designed()
@@ -512,7 +520,7 @@ def simulated_limit(
     design: Design, change: Change, linear_figures: Performance,
     threads: int | None = None, quiet_gain: float | None = None,
 ) -> SimulatedLimit:  # fmt: skip
-    """The largest gain of the firmware up to which all simulated runs have a stable verdict.
+    """Returns the largest gain of the firmware up to which all simulated contacts are stable.
 
     The function simulates a series of gains up to 1.3 times the linear limit. It looks for the
     smallest stable gain and for the next gain that is not stable; two finer series between them

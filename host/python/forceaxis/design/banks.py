@@ -1,4 +1,4 @@
-"""A bank of the firmware in the form in which JSON contains it."""
+"""Filter banks of the firmware in the form in which JSON files contain a bank."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -9,8 +9,9 @@ if TYPE_CHECKING:  # SciPy is not loaded at run time, because `forceaxis --help`
 
 @dataclass(frozen=True)
 class BankFigures:
-    """A bank in JSON: force_gain and hf_gain in DAC codes per 8-bit count, hf_gain at high
-    frequency; velocity_gain in DAC codes per count/tick; each section is (b0, b1, b2, a1, a2)."""
+    """A filter bank in JSON. `force_gain` and `hf_gain` (gain at high frequency) are in DAC codes
+    per 8-bit count, `velocity_gain` is in DAC codes per count/tick. Each second-order section is
+    (b0, b1, b2, a1, a2)."""
 
     force_gain: float
     integral_rad_per_s: float
@@ -20,14 +21,14 @@ class BankFigures:
 
     @property
     def bank(self) -> "Bank":
-        """The bank in the form that the loop analysis and the firmware settings use."""
+        """Returns the filter bank in the form that the loop analysis and the firmware settings use."""
         from forceaxis.linear.bank import Bank
 
         return Bank(self.force_gain, self.integral_rad_per_s, self.velocity_gain, self.sections)
 
 
 def bank_figures(bank: "Bank") -> BankFigures:
-    """The figures of a bank for JSON."""
+    """Returns the gains and coefficients of a filter bank for JSON."""
     return BankFigures(
         force_gain=bank.force_gain,
         integral_rad_per_s=bank.integral_rad_per_s,

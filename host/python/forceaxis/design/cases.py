@@ -1,5 +1,5 @@
-"""Simulated contacts of a design: the cases that are simulated, the figures of a run, and the gains
-that were rejected because a contact was not stable."""
+"""Simulated contacts of a design: the simulated cases, the results of each run, and the gains that
+were rejected because a contact was not stable."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,8 +11,8 @@ from forceaxis.experiments.run_result import Metrics, MissedLimit, read_metrics,
 
 @dataclass(frozen=True)
 class ContactCase:
-    """A first contact at a force set-point in N and an approach speed in m/s; if `strike_N_s` is
-    above 0, an impact with this impulse in N s follows."""
+    """A simulated first contact with a force set-point in N and an approach speed in m/s. If
+    `strike_N_s` is above 0, an impact with this impulse in N s follows."""
 
     setpoint_N: float
     speed_m_per_s: float
@@ -20,13 +20,14 @@ class ContactCase:
 
     @property
     def name(self) -> str:
-        """Name of the case, such as "contact 30 N at 20 mm/s, strike 0.25 N s"."""
+        """Name of the simulated contact, such as "contact 30 N at 20 mm/s, strike 0.25 N s"."""
         text = f"contact {self.setpoint_N:.3g} N at {1e3 * self.speed_m_per_s:.3g} mm/s"
         return text + (f", strike {self.strike_N_s:.3g} N s" if self.strike_N_s else "")
 
 
 class NamedCase(NamedTuple):
-    """The experiment of the user as a case; name: stem of its file."""
+    """The user's experiment as a simulated contact. The name is the file name of the experiment
+    without the suffix."""
 
     name: str
 
@@ -45,7 +46,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class ContactRun(Outcome):
-    """The parts of the result of one simulated run that a design uses."""
+    """The results of one simulated run that a design uses."""
 
     verdict: str
     fault: str
@@ -54,7 +55,7 @@ class ContactRun(Outcome):
 
 
 def read_run(outcome: Mapping[str, Any]) -> ContactRun:
-    """The result of a run, from the outcome that `_core.run_many` gives."""
+    """Returns the result of a simulated run from the object that `_core.run_many` returns."""
     return ContactRun(
         verdict=outcome["verdict"],
         fault=outcome["fault"],
@@ -65,24 +66,25 @@ def read_run(outcome: Mapping[str, Any]) -> ContactRun:
 
 @dataclass(frozen=True)
 class SimulatedContact(Outcome):
-    """A row of "simulated" in the result of `design`: a case with one law on one plant."""
+    """One row of "simulated" in the result of `design`: a contact that was simulated with one law
+    on one plant."""
 
     law: str  # "design" or "p"
     case: str
-    # {parameter: value in SI units} of the simulated plant; empty: the nominal plant
+    # {parameter: value in SI units} of the simulated plant; empty for the nominal plant
     member: dict[str, float]
     latency_ticks: int
     verdict: str
     fault: str
-    # static error of the force; None: the experiment controls no force
+    # static error of the force; None if the experiment controls no force
     static_error_percent: float | None
     missed: tuple[MissedLimit, ...]
     peak_N: float
     losses: int  # number of contact losses in the whole run
     saturated_ms: float
-    settle_ms: float | None  # settling time; None: the force does not settle
+    settle_ms: float | None  # settling time of the force; None if the force does not settle
     overshoot_percent: float | None
-    # largest number of contact losses that the verdict permits; None: no limit
+    # largest number of contact losses that the verdict permits; None means no limit
     losses_max: int | None = None
 
 
@@ -90,8 +92,8 @@ def simulated_contact(
     law: str, case: str, member: dict[str, float], latency_ticks: int, run: ContactRun,
     losses_max: int | None = None,
 ) -> SimulatedContact:  # fmt: skip
-    """The row of a simulated run in the result of `design`. losses_max: largest number of contact
-    losses that the verdict permits; None: no limit."""
+    """Returns the row of a simulated run in the result of `design`. `losses_max` is the largest
+    number of contact losses that the verdict permits; None means no limit."""
     metrics, held = run.metrics, run.metrics.held_force
     settle_s = held.settle_s if held else None
     return SimulatedContact(
@@ -114,9 +116,9 @@ def simulated_contact(
 
 @dataclass(frozen=True)
 class GainCut:
-    """A gain that was rejected because a simulated contact was not stable. force_gain: DAC codes
-    per 8-bit count; failed, simulated: numbers of contacts; case: first case that was not stable;
-    why: the limits that the first unstable case did not keep."""
+    """A gain that was rejected because a simulated contact was not stable. `force_gain` is in DAC
+    codes per 8-bit count. `failed` and `simulated` are numbers of contacts. `case` is the first
+    unstable contact. `why` names the limits that this contact did not keep."""
 
     force_gain: float
     failed: int
@@ -126,7 +128,7 @@ class GainCut:
 
     @property
     def text(self) -> str:
-        """A sentence about the rejected gain for a terminal or a page."""
+        """Returns a sentence about the rejected gain for a terminal or an HTML page."""
         return (
             f"gain {self.force_gain:.3g}: {self.failed} of {self.simulated} not stable, "
             f"{self.case}: {self.why}"

@@ -1,4 +1,4 @@
-"""An axis as a design: a model with parameter values, and the changes of the model that `advise`
+"""An axis as a design (a model with parameter values), and the changes of the model that `advise`
 compares."""
 
 import contextlib
@@ -25,13 +25,13 @@ from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.stability import Loop
 
 FACTOR = 2.0  # factor by which `advise` multiplies and divides a parameter
-# Stiffness and damping of the grip pads of the thesis (5.1, 5.1.2) and mass of its sensor (Fig
-# 4.26), in SI units.
+# Stiffness and damping of the grip pads of the thesis (5.1, 5.1.2), in SI units,
+# and mass in kg of the sensor of the thesis (Fig 4.26).
 SOFT_PAD, HARD_PAD, PAD_DAMPING, SENSOR_MASS = 25000.0, 120000.0, 30.0, 0.14
-# damping ratio of a workpiece whose support has the damper of thesis section 5.2
+# damping ratio of a workpiece with the damper of thesis section 5.2 in its support
 WORKPIECE_ZETA = 0.11
 NO_PAD = 1e7  # stiffness in N/m of a contact without a grip pad (Fig 4.24)
-# table [verdict] for an experiment without this table, with the values of contact.toml
+# table [verdict] for an experiment without a verdict; the values are those of contact.toml
 VERDICT: dict[str, float | bool] = {
     "window_s": 1.0,
     "contact_held": True,
@@ -42,20 +42,20 @@ KIND_OF_UNIT = {"N/m": "stiffness", "kg": "mass", "N s/m": "damping", "N m s/rad
 
 @dataclass(frozen=True)
 class Change:
-    """One change of a design. A field with its default value leaves the design unchanged."""
+    """One change of a design. A field that has its default value changes nothing."""
 
     name: str = ""
-    # kind of the change: stiffness, mass, damping, grip, sampling, converter, amplifier or control
+    # group of the change: stiffness, mass, damping, grip, sampling, converter, amplifier or control
     kind: str = ""
     overrides: Mapping[str, float] = field(default_factory=dict)  # {parameter: SI value}
     edits: tuple[TableEdit, ...] = ()  # of the model file
-    # control law and timing of the loop; None: law p with the timing of the design
+    # control law and timing of the loop; None means law p with the timing of the design
     spec: LoopSpec | None = None
     states: Mapping[str, str] = field(default_factory=dict)  # {element: state}
-    # {firmware object: value} that a simulation with this change needs
+    # {firmware object: value} that a simulation of this change needs
     firmware: Mapping[str, int] = field(default_factory=dict)
-    simulated: bool = True  # False: `advise --simulate` does not simulate this change
-    in_firmware: bool = True  # False: firmware and simulator do not support this change
+    simulated: bool = True  # False if `advise --simulate` does not simulate this change
+    in_firmware: bool = True  # False if firmware and simulator do not support this change
     thesis: str = ""  # section of the thesis that proposes this change
 
 
@@ -99,8 +99,8 @@ class Design:
         self._runs: dict[Path, Path] = {}
 
     def _own_experiment(self) -> Path | None:
-        """The experiment of the project that has the name of the model, if this experiment runs the
-        model; otherwise None."""
+        """Returns the experiment of the project that has the name of the model and runs the model.
+        Returns None if there is no such experiment."""
         path = paths.EXPERIMENTS / f"{self.model.stem}.toml"
         model = toml.read(path).get("model") if path.exists() else None
         return path if model and (path.parent / model).resolve() == self.model else None
@@ -114,7 +114,7 @@ class Design:
         self._stack.close()
 
     def require_force_sensor(self) -> None:
-        """Raises InputError if the model has no [[adc]] on channel 0 that reads a force."""
+        """Raises InputError if the model has no element [[adc]] on channel 0 that measures a force."""
         if self.facts.reading is None:
             raise InputError(
                 f"{self.model}: adc: expected a model with an [[adc]] on channel 0 that reads a "
@@ -122,13 +122,13 @@ class Design:
             )
 
     def value(self, given: Given | None) -> float | None:
-        """The value in SI units of a number, quantity or parameter in the model file. None if the
-        file has no value or the parameter is unknown."""
+        """Returns the value in SI units of a number, quantity or parameter of the model file.
+        Returns None if the file has no value or the parameter is unknown."""
         return working.number(given, self.facts.parameters)
 
     def file(self, name: str, text: str) -> Path:
-        """Writes a text to a temporary file and returns the path of the file. The file exists until
-        the design is closed."""
+        """Writes a text to a temporary file and returns the path of the file. The file is deleted
+        when the design is closed."""
         if self._folder is None:
             self._folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
         path = self._folder / name
@@ -136,7 +136,7 @@ class Design:
         return path
 
     def changed_model(self, change: Change) -> Path:
-        """The path of the model file with a change of the design."""
+        """Returns the path of a model file that contains a change of the design."""
         if not change.edits:
             return self.model
         if change.name not in self._files:
@@ -145,7 +145,7 @@ class Design:
         return self._files[change.name]
 
     def loop(self, change: Change = NO_CHANGE) -> Loop:
-        """The force loop of the design with a change."""
+        """Returns the force loop of the design with a change."""
         return (change.spec or LoopSpec(timing=self.timing)).around(
             self.changed_model(change),
             self.overrides | dict(change.overrides),
@@ -153,12 +153,12 @@ class Design:
         )
 
     def working(self) -> working.Working:
-        """The mode in which the unchanged plant is linearised."""
+        """Returns the mode {element: state} in which the unchanged plant is linearised."""
         return working.working(self.model, self.overrides, self.states)
 
     def job(self, change: Change = NO_CHANGE, **sets: float) -> tuple[str, list[str]]:
-        """(experiment, texts NAME=VALUE) of a simulated run with the firmware, with a change of the
-        design. sets: {firmware object: value} for the run."""
+        """Returns (experiment, list of texts NAME=VALUE) for a simulated run of a changed design
+        with the firmware. `sets` is {firmware object: value} for the run."""
         model = self.changed_model(change)
         if model not in self._runs:
             self._runs[model] = self.run_file(model)
@@ -167,8 +167,9 @@ class Design:
         return str(self._runs[model]), texts + [f"firmware.{n}={v!r}" for n, v in firmware.items()]
 
     def run_file(self, model: Path) -> Path:
-        """The path of an experiment that runs `model`. If the experiment of the design runs the
-        same model and has a verdict, this experiment is used; otherwise a new file."""
+        """Returns the path of an experiment that runs `model`. This is the experiment of the design
+        if that experiment runs `model` and has a verdict; otherwise the function writes a new file.
+        """
         text = (
             experiment_file.document(self.experiment) if self.experiment else self._first_contact()
         )
@@ -181,7 +182,7 @@ class Design:
         return self.file(f"run_{len(self._runs)}.toml", tomlkit.dumps(text))
 
     def _first_contact(self) -> ExperimentText:
-        """The experiment of a first contact, for a model that has no experiment."""
+        """Returns the text of a first-contact experiment for a model that has no experiment."""
         adc = self.tables.force_adc
         return {
             "title": f"Contact of {self.model.stem}",
@@ -200,7 +201,8 @@ class Design:
 
 
 def roles(tables: model_file.ModelFile) -> dict[str, str]:
-    """{parameter: what the parameter is in the model}, such as {"k_rf": "arm stiffness"}."""
+    """Returns {parameter: purpose of the parameter in the model}, such as {"k_rf": "arm
+    stiffness"}."""
     uses = [(body.mass, f"{body.name} mass") for body in tables.bodies]
     for link in (*tables.springs, *tables.dampers, *tables.contacts):
         uses.append((link.stiffness, f"{link.name} stiffness"))
@@ -213,8 +215,8 @@ def roles(tables: model_file.ModelFile) -> dict[str, str]:
 
 
 def scaled(design: Design, factor: float) -> list[Change]:
-    """Changes in which one stiffness, mass or damping of the model is multiplied or divided by
-    `factor`."""
+    """Returns the changes in which one stiffness, mass or damping of the model is multiplied or
+    divided by `factor`."""
     known = roles(design.tables)
     changes = []
     for name, (value, unit) in design.facts.parameters.items():
@@ -227,8 +229,8 @@ def scaled(design: Design, factor: float) -> list[Change]:
 
 
 def pads(design: Design) -> list[Change]:
-    """Changes in which a grip pad between sensor and workpiece (5.1) is inserted, exchanged or
-    removed."""
+    """Returns the changes that insert, exchange or remove a grip pad between sensor and workpiece
+    (thesis section 5.1)."""
     tables = design.tables
     contact = tables.contact
     if contact is None or design.value(contact.stiffness) is None:
@@ -256,10 +258,12 @@ def pads(design: Design) -> list[Change]:
 def _with_pad(
     tables: model_file.ModelFile, contact: model_file.ModelLink, stiffness: float, sensor: str
 ) -> tuple[dict[str, float], tuple[TableEdit, ...]]:
-    """Returns (parameters, edits of the model) that give the contact the stiffness of a grip pad.
+    """Returns (parameters, edits of the model file) that give the contact the stiffness of a grip
+    pad.
 
     If the contact is the force sensor itself, the sensor becomes a spring, and an additional body
-    between sensor and pad gets the mass of the sensor."""
+    between sensor and pad gets the mass of the sensor.
+    """
     values = {"stiffness": stiffness, "damping": PAD_DAMPING}
     names = contact.stiffness, contact.damping
     if sensor != contact.name:
@@ -284,8 +288,8 @@ def _present(values: Mapping[str, Given | None]) -> dict[str, Given]:
 
 
 def workpiece_damping(design: Design) -> list[Change]:
-    """The change in which a damper gives the support of the workpiece the damping ratio
-    WORKPIECE_ZETA (5.2); empty if the model has no such support."""
+    """Returns the change in which a damper gives the support of the workpiece the damping ratio
+    WORKPIECE_ZETA (thesis section 5.2). Returns no change if the workpiece has no support."""
     support, mass = design.tables.support, design.facts.masses_kg.get(design.tables.workpiece or "")
     if support is None or mass is None:
         return []
@@ -301,7 +305,7 @@ def workpiece_damping(design: Design) -> list[Change]:
 
 
 def together(one: Change, other: Change) -> Change:
-    """One change that combines two changes, which edit different tables of the model."""
+    """Returns one change that combines two changes of different tables of the model."""
     return Change(
         "both improvements: soft pad, damped workpiece", "grip",
         {**one.overrides, **other.overrides}, one.edits + other.edits, thesis="5.1, 5.2",
@@ -309,7 +313,7 @@ def together(one: Change, other: Change) -> Change:
 
 
 def sampling(design: Design) -> list[Change]:
-    """Changes of the sampling: rate, zero-order hold and latency."""
+    """Returns the changes of the sampling rate, of the zero-order hold and of the latency."""
     rate_hz = _core.TICKS_PER_SECOND
     rows = []
     if design.timing != "continuous":
@@ -340,13 +344,14 @@ def sampling(design: Design) -> list[Change]:
 
 
 def converter(design: Design, bits: int = 12) -> list[Change]:
-    """The change to an ADC with more bits and the same range (6.2.1); empty if the ADC already has
-    `bits` bits. The linear limit does not depend on the number of bits."""
+    """Returns the change to an ADC with more bits and the same range (thesis section 6.2.1).
+    Returns no change if the ADC already has `bits` bits. The linear critical gain does not depend
+    on the number of bits."""
     return [resolution(design, bits)] if design.facts.required_reading.bits < bits else []
 
 
 def resolution(design: Design, bits: int) -> Change:
-    """The change to an ADC of `bits` bits with the same range."""
+    """Returns the change to an ADC of `bits` bits with the same range."""
     factor = 2 ** (bits - design.facts.required_reading.bits)
     overrides: dict[str, float] = {}
     edits = []
@@ -368,8 +373,8 @@ def resolution(design: Design, bits: int) -> Change:
 
 
 def amplifier(design: Design) -> list[Change]:
-    """The change to the other linear range of the amplifier (Fig 4.3); empty if the amplifier of
-    the model has one linear range."""
+    """Returns the change to the second linear range of the amplifier (Fig 4.3). Returns no change
+    if the amplifier of the model has only one linear range."""
     drive = design.tables.drive
     gain, inner = design.value(drive.k_amp_outer), design.value(drive.k_amp)
     if drive.type != "dc_motor" or gain is None or inner is None:
@@ -383,9 +388,9 @@ def amplifier(design: Design) -> list[Change]:
 
 
 def control(design: Design, frequency_hz: float | None) -> list[Change]:
-    """Changes to other control laws (6.2.1): laws of a firmware bank, and the derivative of a
-    velocity sensor, for which the firmware has no input. frequency_hz: frequency at which the
-    present loop becomes unstable and at which the laws add phase lead."""
+    """Returns the changes to other control laws (thesis section 6.2.1): laws of a filter bank, and
+    the derivative of a velocity sensor, for which the firmware has no input. The laws add phase
+    lead at `frequency_hz`, where the present loop becomes unstable."""
     if not frequency_hz:
         return []
     span = 4.0
@@ -415,8 +420,8 @@ def control(design: Design, frequency_hz: float | None) -> list[Change]:
 
 
 def lead_section(zero_hz: float, pole_hz: float) -> tuple[float, ...]:
-    """The lead filter (1 + s / w_z) / (1 + s / w_p) as a second-order section of a bank, by the
-    bilinear transformation."""
+    """Returns the lead filter (1 + s / w_z) / (1 + s / w_p) as a second-order section of a filter
+    bank, by the bilinear transformation."""
     (az, bz), (ap, bp) = (
         (1 + 1 / (math.pi * hz * linear.TICK_S), 1 - 1 / (math.pi * hz * linear.TICK_S))
         for hz in (zero_hz, pole_hz)
@@ -425,14 +430,14 @@ def lead_section(zero_hz: float, pole_hz: float) -> tuple[float, ...]:
 
 
 def banked(design: Design, text: str, bank: Bank, thesis: str = "") -> Change:
-    """The change from the present control law to a bank of the firmware. text: name of the
-    change."""
+    """Returns the change from the present control law to a filter bank of the firmware. `text` is
+    the name of the change."""
     spec = LoopSpec("bank", design.timing, bank=bank)
     return Change(text, "control", spec=spec, simulated=False, thesis=thesis)
 
 
 def changes(design: Design, frequency_hz: float | None, factor: float = FACTOR) -> list[Change]:
-    """All changes that are possible for the design."""
+    """Returns all changes that are possible for the design."""
     pad, damping = pads(design), workpiece_damping(design)
     return [
         *pad,

@@ -1,5 +1,5 @@
-"""Trade-off between a soft contact and a low gain (6.2.1): the effect of the stiffness of one
-element.
+"""Trade-off between a soft contact and a low gain (thesis section 6.2.1): computes the effect of
+the stiffness of one element on the force loop.
 
 A softer pad, sensor or workpiece permits a higher gain but lowers the loop gain, and the axis moves
 farther until it reaches its force. For each stiffness, the result has the bandwidth over the set of
@@ -34,17 +34,17 @@ from forceaxis.linear.plant_facts import Overrides
 from forceaxis.results import json_field
 
 SPAN = (1 / 20, 4.0)  # lowest and highest stiffness, as multiples of the stiffness in the model
-POINTS_MAX = 40  # largest number of stiffnesses
+POINTS_MAX = 40  # largest number of stiffness values in the series
 # factors by which the impulse of the impacts in simulate.py is multiplied
 STRIKE_FACTORS = np.geomspace(0.25, 64.0, 9)
-# frequency at which the static response is computed; above 0, because an axis may integrate
+# frequency of the static response; above 0, because the response of an axis may be infinite at 0 Hz
 STATIC_HZ = 0.01
 
 
 @dataclass(frozen=True)
 class CompliancePoint:
-    """The figures at one stiffness in N/m; None if no gain keeps the margins. Fields with the
-    prefix p_ belong to the P law, all other fields to the bank that was designed for this
+    """The results for one stiffness in N/m; None if no gain keeps the margins. Fields with the
+    prefix `p_` belong to the P law, all other fields to the filter bank designed for this
     stiffness."""
 
     stiffness: float
@@ -53,18 +53,19 @@ class CompliancePoint:
     p_static_error: float | None  # share of the set-point
     static_error: float | None
     motion_m: float  # travel of the drive in m from the first contact to the force set-point
-    # impulse of the largest stable impact; 0: the smallest simulated impact is unstable
+    # impulse of the largest stable impact; 0 if the smallest simulated impact is unstable
     p_strike_N_s: float | None
     strike_N_s: float | None
     p_bank: BankKeys | None
     bank: BankKeys | None
-    refused: str | None = json_field(omit_none=True)  # reason why no law keeps the margins
+    refused: str | None = json_field(omit_none=True)  # reason why no control law keeps the margins
 
 
 @dataclass(frozen=True, kw_only=True)
 class Compliance:
-    """The content of `forceaxis compliance --json`; present: stiffness in the model in N/m; over:
-    tolerances of the set of plants; strike_max_N_s: impulse of the largest simulated impact."""
+    """The content of `forceaxis compliance --json`. `present`: stiffness in the model in N/m.
+    `over`: tolerances of the set of plants. `strike_max_N_s`: impulse of the largest simulated
+    impact in N s."""
 
     model: str
     element: str
@@ -81,15 +82,15 @@ class Compliance:
 
 @dataclass(frozen=True)
 class ComplianceOrder:
-    """What `compliance` shall compute: model, element, stiffnesses and set of plants. Each field is
-    an option of the verb."""
+    """The order for `forceaxis compliance`: model, element, stiffness values and set of plants.
+    Each field is an option of the subcommand."""
 
     text: str  # MODEL or EXPERIMENT
     element: str | None = None  # name of a parameter in N/m; None: the stiffness of the contact
     overrides: Mapping[str, float | str] | None = None
-    # tolerances as texts NAME=PERCENT%; None: the tolerances of `sets.workpiece`
+    # tolerances as texts NAME=PERCENT%; None selects the tolerances of `sets.workpiece`
     over: Sequence[str] | None = None
-    # (lowest, highest) stiffness in N/m; None: SPAN times the stiffness in the model
+    # (lowest, highest) stiffness in N/m; None selects SPAN times the stiffness in the model
     span: tuple[float, float] | None = None
     points: int = 9
     bits: int | None = None  # None: those of the model
@@ -98,8 +99,8 @@ class ComplianceOrder:
 
 
 def element_of(model: str | Path, overrides: Overrides) -> str:
-    """The name of the parameter that is the stiffness of the contact. Raises InputError if the
-    model file has a number instead."""
+    """Returns the name of the parameter that is the stiffness of the contact. Raises InputError if
+    the model file contains a number in place of a parameter."""
     contact = model_file.read(model).contact
     name = contact.stiffness if contact else None
     if not isinstance(name, str) or name not in linear.facts(model, overrides).parameters:
@@ -112,7 +113,8 @@ def element_of(model: str | Path, overrides: Overrides) -> str:
 
 
 def compliance(order: ComplianceOrder) -> Compliance:
-    """The figures of the P law and of a designed bank at each stiffness. Raises InputError."""
+    """Returns the results of the P law and of a designed filter bank for each stiffness. Raises
+    InputError."""
     element, span, points, states = order.element, order.span, order.points, order.states
     with Design(order.text, order.overrides, states=states) as design:
         design.require_force_sensor()
@@ -189,7 +191,7 @@ def _point(order: ComplianceOrder, element: str, value: float, setpoint: float) 
 
 
 def motion(design: Design) -> float:
-    """Travel of the drive's body per newton of measured force, m/N, at standstill."""
+    """Returns the travel of the drive's body per newton of measured force in m/N, at standstill."""
     body = design.facts.required_drive.body
     plants = (
         linear.linearise(
@@ -202,8 +204,8 @@ def motion(design: Design) -> float:
 
 
 def _strike(design: Design, bits: int, bank: Bank, threads: int | None) -> float:
-    """The largest impulse in N s up to which all impacts of a series are stable with a bank; 0 if
-    the smallest impact is unstable."""
+    """Returns the largest impulse in N s up to which all simulated impacts are stable with a filter
+    bank. Returns 0 if the smallest impact is unstable."""
     bench = ContactBench(design, bits)
     bench.wait_for(bank)
     case, strikes = _strikes(bench)
@@ -219,7 +221,7 @@ def _strike(design: Design, bits: int, bank: Bank, threads: int | None) -> float
 
 
 def _strikes(bench: ContactBench) -> tuple[ContactCase, list[float]]:
-    """Returns (case with an impact at the middle set-point, impulses in N s that are simulated)."""
+    """Returns (simulated contact with an impact at the middle force set-point, impulses in N s)."""
     case = next(c for c in bench.cases if c.strike_N_s and c.setpoint_N == bench.setpoints_N[1])
     return case, [float(s) * case.strike_N_s for s in STRIKE_FACTORS]
 
@@ -229,7 +231,7 @@ Curve = tuple[str, Column, str]  # name, values, colour
 
 
 def figure(result: Compliance) -> Figure:
-    """The figure with bandwidth, static error, travel and tolerated impact over the stiffness."""
+    """Returns the plot of bandwidth, static error, travel and tolerated impact over the stiffness."""
     rows = result.rows
     k = [r.stiffness for r in rows]
     drawn, axes = plt.subplots(3, 1, sharex=True, figsize=(5.8, 6.2))
@@ -250,7 +252,7 @@ def figure(result: Compliance) -> Figure:
     for ax, (label, *curves) in zip(axes, panels, strict=True):
         style(ax)
         ax.set_xscale("log")
-        # in this diagram, 0 is a valid value: the smallest impact is unstable
+        # The plot shows the value 0, which means that the smallest impact is unstable.
         struck = ax is axes[-1]
         if not struck:
             ax.set_yscale("log")

@@ -13,18 +13,18 @@ from forceaxis.design.grid import Response
 from forceaxis.linear.bank import TICK_S
 from forceaxis.linear.stability import Loop
 
-PERIOD_RAMPS = 30.0  # period of the trapezoidal force set-point, as a multiple of the ramp time
+PERIOD_RAMPS = 30.0  # period of the trapezoidal force set-point as a multiple of the ramp time
 HARMONICS = 256  # number of harmonics by which the periodic set-point is represented
 POINTS = 2048  # number of instants per period at which the force is computed
 OVERSHOOT_MAX = 0.055  # largest permitted overshoot as a share of the set-point
-# Largest undershoot, as (ramp times after the start, share of the set-point): from the first time
-# on, and from the second time on. At first, the vibration after the impact adds to the force.
+# Largest undershoot as pairs (start in ramp times, share of the set-point). The second pair is
+# stricter than the first pair, because the vibration after the impact adds to the force.
 SHORT_MAX = ((1.25, 0.02), (1.6, 0.025))
 
 
 class Ramp:
-    """A set-point ramp and the plants that respond to it. loops: force loops with the law p around
-    the plants; delays: latencies in ticks; ramp_s: rise time in s."""
+    """A ramp of the force set-point, and the plants that respond to the ramp. `loops`: force loops
+    with the law p around the plants. `delays`: latencies in ticks. `ramp_s`: rise time in s."""
 
     def __init__(self, loops: Sequence[Loop], delays: Sequence[int], ramp_s: float) -> None:
         period = PERIOD_RAMPS * ramp_s
@@ -48,9 +48,9 @@ class Ramp:
         self._short = np.where(held < SHORT_MAX[1][0], SHORT_MAX[0][1], SHORT_MAX[1][1])
 
     def excess(self, law: Response) -> float:
-        """Largest distance of the force from the permitted band about the set-point, as a share of
-        the set-point; 0 if the force stays within the band. law: frequency response of the control
-        law including its gain, at the points z."""
+        """Returns the largest excess of the force over the permitted band about the set-point, as a
+        share of the set-point; 0 if the force stays within the band. `law` is the frequency
+        response of the control law including its gain, at the points z."""
         worst = 0.0
         for lag in self._lag:
             L = self.plant * law * lag

@@ -1,4 +1,4 @@
-"""Data sheet of `forceaxis new`: fields, defaults of the fields, and derived values."""
+"""Data sheet of `forceaxis new`: the fields, the default of each field, and derived values."""
 
 import dataclasses
 import math
@@ -10,34 +10,34 @@ from forceaxis.results import from_json
 
 GRAVITY_M_PER_S2 = 9.81
 
-# function that computes the default of a field from the values of the fields before
+# function that computes the default of a field from the values of the earlier fields
 DefaultValue = Callable[["SheetValues"], float]
 
 
 @dataclass(frozen=True)
 class SheetField:
-    """One value of a data sheet: the question to the user, the check of the answer, and the
-    default."""
+    """One field of a data sheet: the question to the user, the check of the answer, and the default
+    value."""
 
     part: str  # of the axis, such as "motor"
     unit: str
     low: float  # smallest accepted value
     high: float  # largest accepted value
-    default: float | DefaultValue | None  # None: the default is the word
+    default: float | DefaultValue | None  # None: the default is `word`
     why: str  # the origin of the default
-    # question to the user: name of the quantity, and where data sheets state this quantity
+    # question to the user: the quantity, and the section of data sheets that states the quantity
     ask: str
     word: str | None = None  # word that the user may give instead of a number, such as "none"
-    # name of another field; this field has an effect only if the other field is a number
+    # name of a second field; the field has an effect only if the second field has a number
     needs: str | None = None
-    # name of another field; this field has an effect only if the other field has its `word` as
-    # value
+    # name of a second field; the field has an effect only if the value of the second field is
+    # `word`
     instead_of: str | None = None
-    name: str = ""  # name of this field in SheetValues, which ends with the unit
+    name: str = ""  # name of the field in SheetValues, which ends with the unit
 
     def parse(self, text: str) -> float | None:
-        """The number in a text of the user; None if the text is the word of the field. Raises
-        InputError."""
+        """Returns the number in a text of the user, or None if the text is the `word` of the field.
+        Raises InputError."""
         if self.word and text.strip() == self.word:
             return None
         span = f"a plain number from {self.low:g} to {self.high:g} {self.unit}"
@@ -53,26 +53,27 @@ class SheetField:
         return value
 
     def shown(self, default: float | None) -> str:
-        """A default of this field in the form in which a user types it."""
+        """Returns a default of this field in the form in which a user types the value."""
         return self.word or "" if default is None else f"{default:.6g}"
 
 
 def number(field: SheetField) -> float:
-    """Makes a field of SheetValues whose value is always a number. The number is 0 if the field has
-    no effect on the axis."""
+    """Creates a field of SheetValues whose value is always a number. The number is 0 if the field
+    has no effect on the axis."""
     return dataclasses.field(default=0.0, metadata={"field": field})
 
 
 def number_or_word(field: SheetField) -> float | None:
-    """Makes a field of SheetValues whose value is None if the user gives the word of the field
-    instead of a number."""
+    """Creates a field of SheetValues whose value is None if the user enters the `word` of the field
+    in place of a number."""
     return dataclasses.field(default=None, metadata={"field": field})
 
 
 @dataclass(frozen=True)
 class SheetValues:
-    """The values of a data sheet, in the units that end the names. The order of the fields is the
-    order of the questions; a default follows from the values of earlier fields."""
+    """The values of a data sheet. The last part of a field name is the unit of the value. The
+    questions have the order of the fields, because a default depends on the values of earlier
+    fields."""
 
     torque_constant_n_m_per_a: float = number(SheetField(
         "motor", "N m/A", 1e-5, 1e3, 0.1, "a small servo motor",
@@ -251,7 +252,7 @@ class SheetValues:
 
     @property
     def radius_m(self) -> float:
-        """Travel of the axis in m for one radian of the motor."""
+        """Returns the travel of the axis in m for one radian of the motor."""
         if self.lead_mm_per_rev is None:
             return self.pulley_radius_mm / 1e3
         return self.lead_mm_per_rev / 1e3 / (2 * math.pi)
@@ -315,8 +316,8 @@ BACK = "<"  # answer that returns to the previous question
 
 
 def sheet_of(values: Mapping[str, float | None]) -> SheetValues:
-    """The data sheet from {name of a field: value}. The value None stands for the word of the field
-    or for a value without effect."""
+    """Returns the data sheet from {name of a field: value}. The value None stands for the `word` of
+    the field or for a field without effect."""
     return from_json(SheetValues, {n: v for n, v in values.items() if v is not None})
 
 
@@ -330,7 +331,7 @@ def collect(
     origin}). Raises InputError for a value that is out of range or without effect.
     """
     texts = {name: text for name, text in given.items() if text is not None}
-    # A given alternative, such as the radius of a pulley, sets the other field to "none".
+    # A given alternative, such as the radius of a pulley, sets the excluded field to "none".
     for field in FIELDS:
         if field.instead_of and field.name in texts:
             texts.setdefault(field.instead_of, "none")
@@ -373,8 +374,8 @@ def collect(
 
 
 def without_effect(field: SheetField, values: Mapping[str, float | None]) -> str | None:
-    """Reason why a field of the data sheet has no effect with the values of the fields before; None
-    if the field has an effect."""
+    """Returns the reason why a field of the data sheet has no effect with the values of the earlier
+    fields, or None if the field has an effect."""
     if field.needs and values[field.needs] is None:
         word = BY_NAME[field.needs].word
         return f"expected no value while `{field.needs}` is {word}; give that one too"

@@ -1,4 +1,5 @@
-"""Experiment files: their firmware settings, and their text as a document that can be changed."""
+"""Experiment files of a design: their firmware settings, and their text as a document that can be
+changed."""
 
 from pathlib import Path
 from typing import Any, TypedDict
@@ -7,13 +8,14 @@ import tomlkit
 
 from forceaxis import _core, toml
 
-BANK = 1  # number of the firmware bank to which a design is written
+BANK = 1  # number of the firmware's filter bank that receives a design
 # firmware objects that limit the output after a contact loss
 LOSS = ("contact_loss_cap", "contact_loss_dwell")
 
 
 class ExperimentText(TypedDict, total=False):
-    """The keys of an experiment file that a design writes; tomlkit.dumps gives the text."""
+    """The tables and keys of an experiment file that a design writes. tomlkit.dumps converts the
+    object to text."""
 
     title: str
     model: str
@@ -26,21 +28,21 @@ class ExperimentText(TypedDict, total=False):
 
 
 def document(experiment: Path) -> ExperimentText:
-    """An experiment file as a document that keeps the comments of the file."""
+    """Returns an experiment file as a document that keeps the comments of the file."""
     found: Any = tomlkit.parse(experiment.read_text(encoding="utf-8-sig"))
     text: ExperimentText = found
     return text
 
 
 def firmware_values(experiment: Path | None) -> dict[str, float]:
-    """{object: value in the unit of the object} from the table [firmware] of an experiment; empty
-    without an experiment."""
+    """Returns {object: value in the unit of the object} from the table [firmware] of an experiment.
+    The result is empty without an experiment."""
     return _core.inputs(str(experiment))["firmware"] if experiment else {}
 
 
 def firmware_table(experiment: Path | None) -> dict[str, float | str]:
-    """The keys of an experiment's [firmware] with the values of the file; empty without an
-    experiment."""
+    """Returns the keys of an experiment's table [firmware] with the values of the file. The result
+    is empty without an experiment."""
     if experiment is None:
         return {}
     table: dict[str, float | str] = toml.read(experiment).get("firmware", {})
@@ -48,7 +50,7 @@ def firmware_table(experiment: Path | None) -> dict[str, float | str]:
 
 
 def text_of(experiment: ExperimentText) -> str:
-    """The text of an experiment file that has no comments."""
+    """Returns the text of an experiment file that has no comments."""
     found = tomlkit.document()
     found.update(experiment)
     return tomlkit.dumps(found)

@@ -1,4 +1,5 @@
-"""Writes the files of a design: experiments with the bank, and the firmware objects of the bank.
+"""Writes the files of a design: experiments with the filter bank, and the firmware objects of the
+bank.
 
 bank.toml contains the objects with engineering values, in the order in which an axis accepts them.
 They are in a table [firmware], which can be copied into an experiment or written to an axis.
@@ -21,12 +22,12 @@ from forceaxis.design.outcome import DesignOutcome
 from forceaxis.design.simulate import ContactBench
 from forceaxis.errors import ParameterError
 
-EPOCH = datetime.date(1984, 1, 1)  # day 0 of the object certificate_date
+EPOCH = datetime.date(1984, 1, 1)  # date that the object certificate_date counts as day 0
 
 
 def signed(name: str, value: float) -> float:
-    """Returns the engineering value of an object with the correct sign. value: number from
-    _core.inputs, in which a negative value is an unsigned number."""
+    """Returns the engineering value of an object with the correct sign. `value` is a number from
+    `_core.inputs`, which gives a negative value as an unsigned number."""
     known = objects.BY_NAME[name]
     raw = round(value / known.scale)
     return (raw - 2**32 if raw > known.max else raw) * known.scale
@@ -35,8 +36,8 @@ def signed(name: str, value: float) -> float:
 def tolerance_per_mille(
     ranges: Mapping[str, tuple[float, float, float]], units: Mapping[str, str], unit: str
 ) -> int:
-    """The smallest tolerance of a set of plants in per mille, among the parameters with the unit
-    `unit`; 0 if the set has no parameter with this unit. ranges: {parameter: (nominal, low,
+    """Returns the smallest tolerance in per mille among the parameters of a set of plants that have
+    the unit `unit`, or 0 if no parameter has this unit. `ranges` is {parameter: (nominal, low,
     high)}."""
     shares = [
         min(nominal - low, high - nominal) / nominal
@@ -50,10 +51,9 @@ def bank_objects(
     experiment: str | Path, worst_ms: float, ranges: Mapping[str, tuple[float, float, float]],
     units: Mapping[str, str], date: datetime.date,
 ) -> dict[str, float]:  # fmt: skip
-    """{object: engineering value} of the bank in an experiment file: sensor, bank, certificate,
-    limits after a contact loss, and last the selection of the bank. worst_ms: largest Ms over the
-    set of plants; ranges, units: ranges and units of the parameters of the set; date: date of the
-    certificate."""
+    """Returns {object: engineering value} of the filter bank in an experiment file: sensor, bank,
+    certificate, limits after a contact loss, and last the selection of the bank. `worst_ms` is the
+    largest Ms over the set of plants; `date` is the date of the certificate."""
     settings = _core.inputs(str(experiment))["firmware"]
     first = 15 * (BANK - 1) + 1
     names = [
@@ -81,9 +81,9 @@ def bank_objects(
 
 
 class NewFolder:
-    """Context in which a new folder is written completely or not at all. The files are first
-    written to a temporary folder, which gets the final name at the end of the context. If an
-    exception ends the context, the temporary folder is deleted."""
+    """Context that writes a new folder completely or not at all. The files are first written to a
+    temporary folder, which is renamed at the end of the context. An exception deletes the temporary
+    folder."""
 
     def __init__(self, out: str | Path) -> None:
         self.out = Path(out)
@@ -102,7 +102,7 @@ class NewFolder:
         return path
 
     def reference(self, path: str | Path) -> str:
-        """The relative path of a file, as seen from the final folder."""
+        """Returns the relative path of a file, as seen from the final folder."""
         return os.path.relpath(Path(path).resolve(), self.parent.resolve() / self.out.name)
 
     def __exit__(
@@ -133,9 +133,9 @@ def write(
     folder: NewFolder, bench: ContactBench, outcome: DesignOutcome, own: Path | None = None,
     date: datetime.date | None = None,
 ) -> list[str]:  # fmt: skip
-    """Write the experiments and bank.toml of a design into a folder, and return the names of the
-    files. own: experiment of the user; a copy of this experiment gets the bank. date: date of the
-    certificate, None for today."""
+    """Writes the experiments and bank.toml of a design into a folder, and returns the names of the
+    files. `own` is the user's experiment, of which the folder gets a copy with the filter bank.
+    `date` is the date of the certificate; None means today."""
     names = []
     model = folder.reference(bench.model)
     if bench.change.edits:
@@ -145,8 +145,8 @@ def write(
         folder.write("model.toml", tomlkit.dumps(document))
         names.append("model.toml")
         model = "model.toml"
-    # The files are read from the folder of the bench, because a path relative to the new folder is
-    # valid only after the folder has the final name.
+    # The files are read from the folder of the bench: a path relative to the new folder is valid
+    # only after the folder has its final name.
     case = bench.shown
     values = bank_objects(
         bench.design.file("bank.toml", bench.text(case, outcome.bank, outcome.loss_objects)),
@@ -164,7 +164,7 @@ def write(
 
 
 def bank_text(bench: ContactBench, values: dict[str, float]) -> str:
-    """The text of bank.toml from {object: engineering value}."""
+    """Returns the text of bank.toml from {object: engineering value}."""
     document = tomlkit.document()
     document.add(
         tomlkit.comment(f"The force law designed for {bench.design.model.stem}: objects of an")

@@ -29,20 +29,20 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet, ranges_of
 
-# law with which the visited modes are found: gain as a share of the critical gain of P, and
-# integral rate
+# control law with which the visited modes are found: share of the critical gain of P, integral rate
 PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0
 
-Say = Callable[[str], None]  # function that shows a text about the progress to the user
-# Writes the page of a design into a folder. The last argument is the path of the experiment that
-# the page tells the user to run.
+Say = Callable[[str], None]  # function that shows a text about the progress of a design to the user
+# Function that writes the page of a design into a folder.
+# The last argument is the path of the experiment that the page tells the user to run.
 PageWriter = Callable[[files.NewFolder, ContactBench, DesignOutcome, str], None]
-# function that returns the design with the structure of a name; None if no gain keeps the margins
+# function: name of a law's structure -> design with this structure; None if no gain keeps the
+# margins
 Instead = Callable[[str], DesignOutcome | None]
 
 
 def check(order: DesignOrder) -> None:
-    """Raises InputError for a value of the order that is out of range for every model."""
+    """Raises InputError if a value of the order is out of range for every model."""
     for name, value, low in (
         ("ms", order.ms, 1.0),
         ("ms_late", order.ms_late, 1.0),
@@ -64,9 +64,9 @@ def check(order: DesignOrder) -> None:
 
 
 def plant_set(bench: ContactBench, order: DesignOrder) -> PlantSet:
-    """The set of plants of an order. The set has all modes, or the modes that occur in a simulated
-    contact. For this simulation the law has a small gain, and integral action so that the force
-    reaches the set-points."""
+    """Returns the set of plants of an order. The set has all modes, or the modes that occur in a
+    simulated contact. The law of this simulation has a small gain, and integral action so that the
+    force reaches the set-points."""
     plant = bench.design
     ranges = ranges_of(plant.model, order.over, plant.overrides)
     if order.modes == "all":
@@ -82,8 +82,9 @@ def plant_set(bench: ContactBench, order: DesignOrder) -> PlantSet:
 def visited(
     bench: ContactBench, bank: Bank, modes: Sequence[dict[str, str]]
 ) -> tuple[dict[str, str], ...]:
-    """Returns `modes` and the modes that occur in two simulations with a bank, at the largest force
-    and in an impact, without duplicates. A mode is {element: state}."""
+    """Returns `modes` and the modes that occur in two simulations with a filter bank, without
+    duplicates. The two simulations are the largest force and an impact. A mode is {element: state}.
+    """
     jobs = [bench.job(case, bank, {}, 0) for case in bench.extreme()]
     if bench.own is not None:
         jobs.append(bench.own_job(bench.own, bank, 0))
@@ -135,7 +136,7 @@ def design(
 
 
 def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:
-    """Returns the firmware settings of an order; the approach speed is in encoder counts per
+    """Returns the firmware settings of an order. The approach speed is in encoder counts per
     second."""
     if order.approach_mm_per_s is None:
         return order.firmware
@@ -157,7 +158,8 @@ def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:
 def found(
     plant: Design, plants: PlantSet, order: DesignOrder, bits: int, say: Say
 ) -> tuple[DesignOutcome, Instead]:
-    """Returns (result of the search, function that returns the result with another structure)."""
+    """Returns (result of the search, function that returns the result with a different structure of
+    the law)."""
     units = {n: unit for n, (_, unit) in plant.facts.parameters.items()}
 
     def outcome(answer: search.SearchResult) -> DesignOutcome:
@@ -187,9 +189,9 @@ def found(
 def simulated(
     bench: ContactBench, outcome: DesignOutcome, instead: Instead, say: Say
 ) -> tuple[DesignOutcome, ContactBench]:
-    """(design, bench) after the simulation of contacts, with the gain and the approach speed at
-    which the contacts are stable. The structure of the law changes if another structure then has
-    more bandwidth.
+    """Returns (design, bench) after the simulation of contacts, with the gain and the approach
+    speed at which all contacts are stable. The function changes the structure of the law if a
+    different structure then has more bandwidth.
 
     The approach becomes slower if contacts do not settle or are lost more than LOSSES_MAX times,
     unless the order gives a speed. Raises InputError if no gain makes the contacts stable.
@@ -229,9 +231,10 @@ def simulated(
 def calmer(
     bench: ContactBench, bank: Bank, latencies: Sequence[int], threads: int
 ) -> tuple[float, ContactBench]:
-    """(share of the approach speed, bench at this speed) with the smallest number of contact losses
-    that the impact alone causes. Among equal numbers, the fastest speed is chosen."""
-    # {share of the approach speed: number of contact losses that the impact alone causes}
+    """Returns (share of the approach speed, bench at this speed) with the smallest number of
+    contact losses due to the impact alone. Among equal numbers, the function selects the fastest
+    speed."""
+    # {share of the approach speed: number of contact losses due to the impact alone}
     fewest: dict[float, int] = {}
     for share in simulate.SPEED_SHARES[1:]:
         slow = bench.at(share)
@@ -248,9 +251,9 @@ def settled(
     bench: ContactBench, outcome: DesignOutcome, instead: Instead, members: Sequence[Plant],
     threads: int, say: Say,
 ) -> DesignOutcome:  # fmt: skip
-    """The design with the largest bandwidth among those whose simulated contacts settle. The
-    structure is the structure of the search or another structure. Raises InputError if no simulated
-    contact settles."""
+    """Returns the design with the largest bandwidth whose simulated contacts settle. The structure
+    of the law may differ from that of the search. Raises InputError if no simulated contact
+    settles."""
     latencies = outcome.order.latencies
 
     def left(one: DesignOutcome, least: float) -> DesignOutcome:
@@ -264,8 +267,8 @@ def settled(
     promised = {row.name: row.bandwidth_Hz for row in outcome.structures if row.worst}
     names = [n for n, fS in promised.items() if fS and n not in ("P", outcome.chosen)]
     names = [outcome.chosen, *sorted(names, key=promised.__getitem__, reverse=True)]
-    # First, the gain of each structure is reduced only as far as its bandwidth is above that of the
-    # next structure. If all structures fail, each is tried with every gain.
+    # First, the gain of each structure is reduced only while its bandwidth exceeds that of the next
+    # structure. If all structures fail, each structure is tried with every gain.
     shares = [promised[after] / promised[name] for name, after in itertools.pairwise(names)] + [0.0]
     best: DesignOutcome | None = None
     refused: InputError | None = None
@@ -278,8 +281,7 @@ def settled(
             try:
                 one = one and left(one, least)
             except InputError as error:
-                # The error of the last attempt is reported, because the last attempt had the
-                # smallest gain.
+                # Report the error of the last attempt, which had the smallest gain.
                 refused = error
                 passed[name] = str(error)
                 continue
@@ -296,9 +298,9 @@ def settled(
 def contact_members(
     bench: ContactBench, plants: PlantSet, count: int, seed: int = 1988
 ) -> list[Plant]:
-    """The plants on which contacts are simulated, each as {parameter: SI value}: the nominal plant,
-    the plants without friction and with the most friction, and random plants of the set with random
-    friction. A parameter of friction that is in the set keeps the range of the set."""
+    """Returns the plants on which contacts are simulated, each as {parameter: SI value}. These are
+    the nominal plant, the plants without friction and with the most friction, and random plants of
+    the set with random friction. A friction parameter of the set keeps its range in the set."""
     own = [r for r in bench.frictions if not {n for n, _ in r.declared_N} & {*plants.ranges}]
     rubbing = friction.drawn(tuple(own), count, seed)
     drawn = random_members(plants, count, seed)
@@ -309,15 +311,16 @@ def contact_members(
 
 
 def random_members(plants: PlantSet, count: int, seed: int = 1988) -> list[Plant]:
-    """Random plants of a set in its nominal mode, each as {parameter: SI value}. The choices of
-    values that change together alternate."""
+    """Returns random plants of a set of plants in the nominal mode, each as {parameter: SI value}.
+    Values that change together take their alternatives in turn."""
     turns = len(plants.together)
     drawn = replace(plants, modes=({},)).random(count, seed)
     return [drawn[turns * i + i % turns].values for i in range(count)]
 
 
 def reassessed(outcome: DesignOutcome, bank: Bank) -> WorstFigures:
-    """The worst figures of a bank over the set of a design, for a bank whose gain was reduced."""
+    """Returns the worst bandwidth and margins of a filter bank over the set of plants of a design.
+    The gain of the bank was reduced before."""
     found = {
         timing: sets.worst(outcome.plants, (timing,), LoopSpec("bank", bank=bank))
         for timing in outcome.order.goal(outcome.bits).timings
@@ -340,7 +343,7 @@ def reassessed(outcome: DesignOutcome, bank: Bank) -> WorstFigures:
 def _smallest(
     found: Mapping[str, sets.Worst], name: str
 ) -> tuple[float | None, tuple[Member, str] | None]:
-    """(smallest value of the figure `name`, (member, timing) with this value); both are None if no
-    member has the figure."""
+    """Returns (smallest value of the field `name`, (plant, timing) with this value). Both parts are
+    None if the field has no value for any plant."""
     known = [(getattr(w, name), w.member[name]) for w in found.values() if name in w.member]
     return min(known, key=lambda one: one[0], default=(None, None))

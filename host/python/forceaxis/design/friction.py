@@ -1,4 +1,4 @@
-"""Range of dry friction over which contacts are simulated.
+"""Range of dry friction with which contacts are simulated.
 
 The dry friction of a model is uncertain, because it depends on grease, wear and load. A control law
 that needs the damping effect of friction may oscillate without friction. A control law for an axis
@@ -17,14 +17,14 @@ from forceaxis.design import model_file
 from forceaxis.linear import working
 from forceaxis.linear.plant_facts import Overrides
 
-MULTIPLE_MAX = 2.0  # largest simulated dry friction, as a multiple of the declared friction
+MULTIPLE_MAX = 2.0  # largest simulated dry friction as a multiple of the declared friction
 
 
 @dataclass(frozen=True)
 class FrictionRange:
-    """A friction element of a model and the simulated range of the friction force. between: the two
-    bodies of the element; declared_N: (parameter, declared value in N) of sliding force and
-    breakaway force; most: largest simulated multiple of the declared values."""
+    """A friction element of a model and the simulated range of the friction force. `between`: the
+    two bodies of the element. `declared_N`: (parameter, declared value in N) of sliding force and
+    breakaway force. `most`: largest simulated multiple of the declared values."""
 
     name: str
     between: tuple[str, str]
@@ -37,15 +37,15 @@ class FrictionRange:
         return self.most * max(value for _, value in self.declared_N)
 
     def at(self, share: float) -> dict[str, float]:
-        """{parameter: force in N} at the multiple `share` of the declared values."""
+        """Returns {parameter: force in N} with the declared friction forces multiplied by `share`."""
         return {name: share * value for name, value in self.declared_N}
 
 
 def ranges(model: str | Path, overrides: Overrides | None = None) -> tuple[FrictionRange, ...]:
-    """The friction elements of a model whose forces are parameters (see `named`), without the
-    elements whose friction the drive cannot overcome. The largest multiple of a friction is 2, or
-    the mean of 1 and the ratio of the drive's force to the breakaway force if this mean is less
-    than 2."""
+    """Returns the friction elements of a model whose friction force is a parameter and smaller than
+    the drive's force. The friction is simulated up to twice its declared value. If the mean of 1
+    and the ratio of drive force to breakaway force is less than 2, this mean replaces the factor 2.
+    """
     arriving = working.arriving_N(model, overrides)
     found = []
     for one in working.frictions(model, overrides):
@@ -60,7 +60,7 @@ def ranges(model: str | Path, overrides: Overrides | None = None) -> tuple[Frict
 
 def members(found: tuple[FrictionRange, ...]) -> list[dict[str, float]]:
     """Returns two plants as {parameter: force in N}: the plant without friction, and the plant with
-    the largest value of each friction. Empty for a model without friction."""
+    the largest value of each friction. The result is empty for a model without friction."""
     if not found:
         return []
     shares = ([0.0 for _ in found], [one.most for one in found])
@@ -68,8 +68,8 @@ def members(found: tuple[FrictionRange, ...]) -> list[dict[str, float]]:
 
 
 def drawn(found: tuple[FrictionRange, ...], count: int, seed: int) -> list[dict[str, float]]:
-    """`count` random plants as {parameter: force in N}. Each friction force is uniformly
-    distributed from 0 to the largest value of this friction."""
+    """Returns `count` random plants as {parameter: force in N}. Each friction force is uniformly
+    distributed from 0 to its largest value."""
     rng = random.Random(seed)
     return [_at(found, [rng.uniform(0.0, one.most) for one in found]) for _ in range(count)]
 
@@ -80,8 +80,8 @@ def _at(found: tuple[FrictionRange, ...], shares: list[float]) -> dict[str, floa
 
 
 def named(model: Path) -> str | None:
-    """The text of the model file in which parameters replace the numbers of friction forces, so
-    that a run can change these forces. None if no friction force is a number."""
+    """Returns the text of the model file in which parameters replace the numbers of friction
+    forces, so that a run can change these forces. Returns None if no friction force is a number."""
     document = model_file.document(model)
     changed = False
     for row in document.get("friction", ()):

@@ -1,4 +1,5 @@
-"""Frequency responses of a set of plants on a grid, on which laws are evaluated quickly.
+"""Frequency responses of a set of plants on a grid of frequencies, on which control laws are
+evaluated quickly.
 
 All operations are vectorised over members and frequencies, so the evaluation of a law takes less
 than a millisecond. Each member has its own grid of frequencies, which is dense near its poles and
@@ -28,10 +29,11 @@ Response = NDArray[np.complex128]
 
 LOWEST_HZ = 0.02  # lowest frequency of a grid
 HALF_RATE_HZ = 0.5 / TICK_S  # highest frequency of a grid
-SLOW_HZ = 1.0  # frequency below which a grid has fewer points per decade
+SLOW_HZ = 1.0  # frequency below which a grid of frequencies has fewer points per decade
 POINTS_PER_DECADE = (60, 270)  # below and above SLOW_HZ
-# number of points on each side of a resonance, and distance of the farthest point in half-widths of
-# the resonance
+# Number of grid points on each side of a resonance, and distance of the farthest point as a
+# multiple
+# of the half-width of the resonance.
 POINTS_PER_SIDE, FARTHEST_HALF_WIDTHS = 42, 25.0
 THIN = 1 / 3  # density of a thin grid
 DELAYS = {"zoh": 0, "zoh+1": 1}  # {timing: delay in ticks}
@@ -46,9 +48,9 @@ HF_SHARE = 0.99
 
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds that a loop has to keep. ms: largest |S| for each timing; mt: largest |T|, None: no
-    bound; gain_margin: factor; phase_margin_deg: None: no bound; hf_gain: largest gain at high
-    frequency in DAC codes per 8-bit count."""
+    """Bounds that a loop has to keep. `ms`: largest |S| for each delay of the loop. `mt`: largest
+    |T|. `gain_margin`: factor. `phase_margin_deg`: in degrees. `hf_gain`: largest gain at high
+    frequency in DAC codes per 8-bit count. None means no bound."""
 
     ms: tuple[float, ...]
     mt: float | None
@@ -59,13 +61,14 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Goal:
-    """Margins that a design has to keep.
+    """The margins that a design has to keep over a set of plants.
 
     ms, ms_late: largest |S| without and with a tick of delay; mt: largest |T|, None: no bound;
     gain_margin: factor; phase_margin_deg: None: no bound besides ms; adc_bits: of the force ADC;
     hf_gain: largest gain at high frequency in DAC codes per 8-bit count, None: HF_DEFAULT; timings:
     of loops.TIMINGS; ramp_s: rise time in s of the set-point that the force has to follow, None:
-    follows from the bandwidth."""
+    follows from the bandwidth.
+    """
 
     ms: float = 2.0
     ms_late: float = 2.2
@@ -78,11 +81,11 @@ class Goal:
     ramp_s: float | None = None
 
     def ms_of(self, timing: str) -> float:
-        """The largest |S| permitted with a timing of loops.TIMINGS."""
+        """Returns the largest permitted |S| with a delay of the loop: "zoh" or "zoh+1"."""
         return self.ms if timing == "zoh" else self.ms_late
 
     def bounds(self) -> Bounds:
-        """The margins of the goal as bounds of a loop."""
+        """Returns the margins of the goal as bounds of a loop."""
         most = hf_most(self.adc_bits)
         return Bounds(
             tuple(self.ms_of(timing) for timing in self.timings),
@@ -93,8 +96,8 @@ class Goal:
         )
 
     def hf_cure(self) -> str:
-        """Text about a change of the axis or of the goal with which a larger gain at high frequency
-        is permitted."""
+        """Returns a text about a change of the axis or of the goal that permits a larger gain at
+        high frequency."""
         if self.bounds().hf_gain >= HF_SHARE * hf_most(self.adc_bits):
             return "an ADC of more bits permits a larger gain"
         if self.hf_gain:
@@ -103,7 +106,7 @@ class Goal:
 
 
 class GridPlace(NamedTuple):
-    """A place of a Grid: index of the member, index of the timing, and frequency in Hz."""
+    """One point of a Grid: index of the plant, index of the delay of the loop, and frequency in Hz."""
 
     member: int
     timing: int
@@ -111,26 +114,27 @@ class GridPlace(NamedTuple):
 
 
 class GainLimit(NamedTuple):
-    """The largest gain that the bounds permit. name: bound that limits the gain ("hf", "ms", "mt",
-    "gm" or "pm"); place: where the loop reaches this bound, None for "hf"."""
+    """The largest gain that the bounds permit. `name`: bound that limits the gain ("hf", "ms",
+    "mt", "gm" or "pm"). `place`: point of the grid at which the loop reaches this bound, None for
+    "hf"."""
 
     gain: float
     name: str
     place: GridPlace | None
 
 
-Index = tuple[int, int]  # index (plant, frequency) of an element in an array of a Grid
+Index = tuple[int, int]  # index (plant, frequency) of an element of an array of a Grid
 
 
 def hf_most(adc_bits: int) -> float:
-    """The largest gain at high frequency that the firmware accepts with an ADC of `adc_bits` bits,
-    in DAC codes per 8-bit count."""
+    """Returns the largest gain at high frequency that the firmware accepts with an ADC of
+    `adc_bits` bits, in DAC codes per 8-bit count."""
     return HF_CODES_MAX * 2.0 ** (adc_bits - 8)
 
 
 def _frequencies(loop: Loop, density: float) -> Samples:
-    """The frequencies of the grid of one plant in Hz, ascending, up to half the tick rate. density:
-    number of points, divided by the number of points of a full grid."""
+    """Returns the grid frequencies of one plant in Hz, ascending, up to half the tick rate.
+    `density` is the ratio of the number of points to the number of points of a full grid."""
     ends = (LOWEST_HZ, SLOW_HZ, HALF_RATE_HZ)
     parts = [
         np.geomspace(low, high, round(density * dense * math.log10(high / low)))
@@ -152,12 +156,13 @@ def _damping(roots: Response) -> Samples:
 
 
 class Grid:
-    """Frequency responses of the members of a set of plants on a grid.
+    """Frequency responses of all plants of a set of plants on a grid of frequencies.
 
     Members without a path from the drive command to the measured force are left out. plant (m, n):
     measured force in 8-bit counts per DAC code at frequency_hz (m, n), for m members without a
     delay; timings: names of loops.TIMINGS. Figures have a relative error of about 0.001, and of one
-    or two per cent at the density THIN, because a peak may lie between two points of the grid."""
+    or two per cent at the density THIN, because a peak may lie between two points of the grid.
+    """
 
     def __init__(
         self, plants: PlantSet, members: Sequence[Member], timings: Sequence[str],
@@ -187,7 +192,7 @@ class Grid:
         if not self.members:
             raise refused or _core.InputError("members: expected at least one plant, got none")
         longest = max(map(len, grids))
-        # Rows with fewer frequencies are extended by repetition of their last frequency.
+        # Rows with fewer frequencies are extended by copies of their last frequency.
         self.frequency_hz = np.array([np.pad(g, (0, longest - len(g)), "edge") for g in grids])
         self.plant = np.array(
             [
@@ -205,15 +210,16 @@ class Grid:
         self.log_f = np.log(self.frequency_hz)
 
     def loops(self, law: Response) -> list[tuple[Response, Samples]]:
-        """(L, |L|^2) of each timing for the gain 1. law (m, n): frequency response of the control
-        law for the gain 1."""
+        """Returns (L, |L|^2) for each delay of the loop with the gain 1. `law` (m, n) is the
+        frequency response of the control law with the gain 1."""
         whole = self.plant * law
         squared = whole.real**2 + whole.imag**2
         return [((whole * lag), squared) for lag in self.lag]
 
     def largest_gain(self, law: Response, hf_gain: float, bounds: Bounds) -> GainLimit:
-        """The largest gain at which the loops of all members keep the bounds, and the bound that
-        limits this gain. hf_gain: gain of the law at high frequency for the gain 1."""
+        """Returns the largest gain at which the loops of all plants keep the bounds, and the bound
+        that limits this gain. `hf_gain` is the gain of the law at high frequency if the gain of the
+        law is 1."""
         best = GainLimit(bounds.hf_gain / hf_gain, "hf", None)
         for t, (L, q) in enumerate(self.loops(law)):
             for name, found in self._ends(L, q, bounds, t):
@@ -255,9 +261,10 @@ class Grid:
                 yield "pm", (1 / close[at], at)
 
     def bandwidths(self, law: Response, gain: float) -> tuple[Samples, Samples]:
-        """(fS, first fT) in Hz, each as an array (t, m) over timings and members: the first
-        frequencies at which |S| rises to -3 dB and |T| falls through -3 dB. The frequency is 0 if
-        the magnitude is already beyond -3 dB at the lowest frequency of the grid."""
+        """Returns the bandwidths (fS, fT) in Hz, each as an array with one row per delay of the
+        loop and one column per plant. These are the first frequencies at which |S| rises above -3
+        dB and |T| falls below -3 dB. A frequency is 0 if |S| or |T| is beyond -3 dB at the lowest
+        frequency of the grid."""
         first, falls = [], []
         for L, q in self.loops(law):
             apart = 1 + 2 * gain * L.real + gain**2 * q  # |1 + g L|^2
@@ -266,8 +273,8 @@ class Grid:
         return np.array(first), np.array(falls)
 
     def last_falls(self, law: Response, gain: float) -> Samples:
-        """The last frequencies in Hz at which |T| falls through -3 dB, as an array (t, m) over
-        timings and members."""
+        """Returns the highest frequencies in Hz at which |T| falls below -3 dB, as an array with
+        one row per delay of the loop and one column per plant."""
         found = []
         for L, q in self.loops(law):
             level = gain**2 * q / (HALF_POWER * (1 + 2 * gain * L.real + gain**2 * q))
@@ -278,7 +285,7 @@ class Grid:
         return np.array(found)
 
     def _where(self, level: Samples) -> Samples:
-        """The first frequency of each row at which the level exceeds 1."""
+        """Returns the first frequency of each row at which `level` exceeds 1."""
         past = level >= 1
         j = np.where(past.any(axis=1), np.argmax(past, axis=1), level.shape[1] - 1)
         return np.where(j == 0, 0.0, self._between(level, np.maximum(j - 1, 0), j))
@@ -292,8 +299,8 @@ class Grid:
         return np.asarray(np.exp(self.log_f[rows, i] + share * step))
 
     def peaks(self, law: Response, gain: float) -> tuple[Samples, Samples]:
-        """(largest |S|, largest |T|) on the grid, each as an array (t, m) over timings and
-        members."""
+        """Returns (largest |S|, largest |T|) on the grid, each as an array with one row per delay
+        of the loop and one column per plant."""
         s, t = [], []
         for L, q in self.loops(law):
             apart = 1 + 2 * gain * L.real + gain**2 * q
@@ -303,7 +310,7 @@ class Grid:
 
     def margins(self, law: Response, gain: float) -> tuple[float | None, float | None]:
         """Returns (gain margin, phase margin in degrees), each as the smallest value over all
-        plants and timings. A margin is None if no member has this margin."""
+        plants and all delays of the loop. A margin is None if no plant has this margin."""
         factor, phase = math.inf, math.inf
         for L, q in self.loops(law):
             value = gain * L
@@ -329,7 +336,7 @@ class Grid:
 
 def blocks(plants: PlantSet, members: Sequence[Member], timings: Sequence[str]) -> list[Grid]:
     """Returns several grids with a few plants each, so that the arrays of a grid are smaller than
-    the cache of the processor."""
+    the processor's cache."""
     found: list[Grid] = []
     refused: _core.InputError | None = None
     for i in range(0, len(members), BLOCK_MEMBERS):
@@ -350,8 +357,8 @@ def _highest(values: Samples) -> Index:
 
 
 def _first_root(ahead: Samples, share_q: Samples, constant: float) -> tuple[float, Index]:
-    """(gain, index of the point) for the smallest gain g > 0 at which the condition constant - 2 g
-    ahead + g^2 q' = 0 holds at a point of the grid. share_q: q' times `constant`."""
+    """Returns (gain, index of the grid point) for the smallest gain g > 0 that fulfils the equation
+    constant - 2 g ahead + g^2 q' = 0 at a point of the grid. `share_q` is q' times `constant`."""
     root = ahead**2 - share_q
     real = (root >= 0) & (ahead > 0)
     if not real.any():

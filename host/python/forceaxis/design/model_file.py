@@ -1,4 +1,5 @@
-"""Reads the tables of a model file into types, and changes a model file without loss of comments.
+"""Reads the tables of a model file into dataclasses, and changes a model file without loss of
+comments.
 
 The compiled module computes with a model but does not tell from which parameter or text of the file
 a value comes. This module reads these names and texts.
@@ -27,7 +28,7 @@ Given = float | str
 
 @dataclass(frozen=True)
 class ModelBody:
-    """A [[body]] of a model file. None: the file does not have the key."""
+    """One element [[body]] of a model file. A field is None if the file does not have the key."""
 
     name: str
     mass: Given | None = None
@@ -37,8 +38,9 @@ class ModelBody:
 
 @dataclass(frozen=True)
 class ModelLink:
-    """A [[spring]], [[damper]], [[contact]] or [[backlash]] between two bodies or a body and
-    "ground"; width: of a backlash. None: the file does not have the key."""
+    """One element [[spring]], [[damper]], [[contact]] or [[backlash]] between two bodies, or
+    between a body and "ground". `width` belongs to a backlash. A field is None if the file does not
+    have the key."""
 
     name: str
     between: tuple[str, str]
@@ -49,8 +51,8 @@ class ModelLink:
 
 @dataclass(frozen=True)
 class ModelFriction:
-    """A [[friction]] between two bodies or a body and "ground": sliding force and breakaway force.
-    None: the file does not have the key."""
+    """One element [[friction]] between two bodies, or between a body and "ground", with sliding
+    force and breakaway force. A field is None if the file does not have the key."""
 
     name: str
     between: tuple[str, str]
@@ -60,7 +62,7 @@ class ModelFriction:
 
 @dataclass(frozen=True)
 class ModelAdc:
-    """An [[adc]] of a model file with the defaults of its keys."""
+    """One element [[adc]] of a model file, with the defaults of its keys."""
 
     channel: int
     bits: int = 8
@@ -70,7 +72,7 @@ class ModelAdc:
 
 @dataclass(frozen=True)
 class ModelDrive:
-    """The table [drive] of a model file, with the values that a design changes or reads."""
+    """The table [drive] of a model file, with the keys that a design changes or reads."""
 
     type: str = ""
     b_m: Given | None = None
@@ -102,35 +104,36 @@ class ModelFile:
 
     @property
     def contact(self) -> ModelLink | None:
-        """The contact at which the axis presses on the workpiece; None if the model does not have
-        exactly one contact."""
+        """Returns the contact at which the axis presses on the workpiece, or None if the model does
+        not have exactly one contact."""
         return self.contacts[0] if len(self.contacts) == 1 else None
 
     @property
     def workpiece(self) -> str | None:
-        """The name of the body on which the axis presses, or "ground"; None if the model does not
-        have exactly one contact."""
+        """Returns the name of the body on which the axis presses, or "ground". Returns None if the
+        model does not have exactly one contact."""
         return self.contact.between[1] if self.contact else None
 
     @property
     def support(self) -> ModelLink | None:
-        """The spring that supports the workpiece; None if the workpiece does not have exactly one
-        spring."""
+        """Returns the spring that supports the workpiece, or None if the workpiece does not have
+        exactly one spring."""
         found = [spring for spring in self.springs if self.workpiece in spring.between]
         return found[0] if len(found) == 1 else None
 
     @property
     def force_adc(self) -> ModelAdc:
-        """The ADC of the force sensor, channel 0."""
+        """Returns the element [[adc]] of the force sensor, channel 0."""
         return next(adc for adc in self.adcs if adc.channel == 0)
 
     def body(self, name: str | None) -> ModelBody | None:
-        """The body with the name `name`; None if the model has no such body."""
+        """Returns the body with the name `name`, or None if the model has no such body."""
         return next((body for body in self.bodies if body.name == name), None)
 
 
 def read(model: str | Path) -> ModelFile:
-    """The tables of a model, given as a path or a stem. Raises InputError."""
+    """Returns the tables of a model file. The model is a path or a file name without suffix. Raises
+    InputError."""
     path = linear.find_model(model)
     table = toml.read(path)
 
@@ -150,16 +153,16 @@ def read(model: str | Path) -> ModelFile:
 
 
 def _of_table(kind: type[T], table: Mapping[str, Any], where: str) -> T:
-    """Returns an object of the dataclass `kind` from the keys of a table that have the names of
-    fields."""
+    """Returns an object of the dataclass `kind`. Each field gets the value of the table's key with
+    the same name."""
     known = {field.name for field in dataclasses.fields(kind)}
     return from_json(kind, {key: table[key] for key in known & table.keys()}, where)
 
 
 @dataclass(frozen=True)
 class TableEdit:
-    """New values for one element of a model file. If the file does not have the element, the
-    element is added.
+    """New values for one element of a model file. If the file does not have the element, the edit
+    adds the element.
 
     kind: name of the array of tables, such as "spring"; key: name of the element, or channel of an
     ADC; values: {key of the table: new value}.
@@ -171,10 +174,12 @@ class TableEdit:
 
 
 def document(model: str | Path) -> tomlkit.TOMLDocument:
-    """A model file as a document that can be changed and that keeps the comments of the file.
+    """Returns a model file as a document that can be changed and that keeps the comments of the
+    file.
 
     tomlkit.dumps gives the text of the document. The text is valid in any folder, because the path
-    of the parameters file is absolute."""
+    of the parameters file is absolute.
+    """
     path = linear.find_model(model)
     found = tomlkit.parse(path.read_text(encoding="utf-8-sig"))
     if parameters := found.get("parameters_file"):
@@ -183,7 +188,7 @@ def document(model: str | Path) -> tomlkit.TOMLDocument:
 
 
 def edited(model: str | Path, edits: Iterable[TableEdit]) -> str:
-    """The text of a model file after `edits`. The text is valid in any folder."""
+    """Returns the text of a model file after `edits`. The text is valid in any folder."""
     found = document(model)
     for edit in edits:
         tables = found.setdefault(edit.kind, tomlkit.aot())

@@ -1,4 +1,4 @@
-"""A model and two experiments of a user's axis, from data-sheet values (`forceaxis new`)."""
+"""Creates a model and two experiments of a user's axis from data-sheet values (`forceaxis new`)."""
 
 import math
 import tempfile
@@ -21,23 +21,23 @@ if TYPE_CHECKING:
     from forceaxis.linear.stability import Loop
 
 APPROACH_M_PER_S = 0.02  # largest approach speed of a new axis
-MOMENTUM_SHARE = 0.1  # peak force at the first contact, as a share of the full scale of the sensor
+MOMENTUM_SHARE = 0.1  # peak force at the first contact as a share of the full scale of the sensor
 TICK_S = 1.0 / _core.TICKS_PER_SECOND
 # shortest and longest usual electrical time constant L / R of a motor in s
 FASTEST_TAU_S, SLOWEST_TAU_S = 2e-5, 0.1
 DAC_CODES = 2048  # number of DAC codes from 0 V to the full scale of the command voltage
-# the first gains are this share of the linear limit, because contact loss makes a loop unstable
-# earlier
+# The first gains are this share of the critical gain, because contact loss makes a loop unstable at
+# a smaller gain.
 FIRST_GAIN_SHARE = 1 / 6
 MODEL, CONTACT, STEP = "model.toml", "contact.toml", "step.toml"
 FILES = (MODEL, CONTACT, STEP)
-HELD = "held.toml"  # name of the experiment that makes contact with the designed bank
+HELD = "held.toml"  # name of the experiment that makes contact with the designed filter bank
 
 
 @dataclass
 class AxisConstants:
-    """Constants of the model that follow from the data sheet, in SI units and with the names of the
-    model's parameters."""
+    """Constants of the model that follow from the data sheet. The fields are in SI units and have
+    the names of the model's parameters."""
 
     v: SheetValues
     r_trans: float
@@ -59,7 +59,7 @@ class AxisConstants:
 
 
 def derive(v: SheetValues) -> AxisConstants:
-    """The gains of the amplifier and the other constants of the model for a data sheet. Raises
+    """Returns the amplifier gains and the other constants of the model for a data sheet. Raises
     InputError if no gain gives the bandwidths of the data sheet."""
     r, mass, full_V = v.radius_m, v.total_mass_kg, v.command_full_scale_v
     speed = v.full_scale_speed_m_per_s
@@ -110,7 +110,7 @@ def derive(v: SheetValues) -> AxisConstants:
 
 
 def doubts(v: SheetValues) -> list[str]:
-    """Texts of one line each about data-sheet values that are possible but unlikely."""
+    """Returns texts of one line each about data-sheet values that are possible but unlikely."""
     tau_s = v.inductance_h / v.resistance_ohm
     if SLOWEST_TAU_S >= tau_s >= FASTEST_TAU_S:
         return []
@@ -122,8 +122,8 @@ def doubts(v: SheetValues) -> list[str]:
 
 
 def stuck(v: SheetValues, first: "First") -> list[str]:
-    """Texts of one line each about reasons why the axis does not reach the workpiece with the first
-    law."""
+    """Returns texts of one line each that explain why the axis does not reach the workpiece with
+    the first law."""
     if first.friction_most is not None:
         return []
     back_N = -min(v.weight_n, 0.0)
@@ -137,20 +137,20 @@ def stuck(v: SheetValues, first: "First") -> list[str]:
 
 
 def within(name: str, value: float) -> float:
-    """The value of a firmware object, limited to the range of the object."""
+    """Returns the value limited to the range of the firmware object `name`."""
     known = objects.BY_NAME[name]
     return min(max(value, known.min * known.scale), known.max * known.scale)
 
 
 @dataclass
 class First:
-    """The first gains of a new axis, and results that follow from these gains. Gains are in DAC
-    codes per count, the set-point is in force counts at 8 bits."""
+    """The first gains of a new axis, and results that follow from these gains. The gains are in DAC
+    codes per count. The force set-point is in 8-bit counts."""
 
     limit: float
     gain: float
     setpoint: float
-    held: float  # settled force without integral action, as a share of the set-point
+    held: float  # settled force without integral action as a share of the force set-point
     contact_s: float  # duration of contact.toml
     position_limit: float
     position_gain: float
@@ -158,41 +158,43 @@ class First:
     speed_m_per_s: float
     acceleration_m_per_s2: float
     step_s: float  # duration of step.toml
-    # force of the axis in N at the start of the approach, from the command and the weight
+    # force of the axis in N at the start of the approach: force of the DAC code plus weight
     pushes_N: float
-    # largest multiple of the declared dry friction that pushes_N overcomes; None: below 1
+    # largest multiple of the declared dry friction that `pushes_N` overcomes; None if below 1
     friction_most: float | None
     raised: bool  # True if the set-point was raised to overcome the friction
 
 
 def approach_m_per_s(axis: AxisConstants) -> float:
-    """Approach speed in m/s, at most APPROACH_M_PER_S. With this speed v, the peak force of the
-    first contact, v sqrt(k m), is the share MOMENTUM_SHARE of the full scale of the sensor."""
+    """Returns the approach speed in m/s, at most APPROACH_M_PER_S. With the speed v, the peak force
+    of the first contact, v sqrt(k m), is the share MOMENTUM_SHARE of the full scale of the sensor.
+    """
     v, stiffness = axis.v, axis.v.sensor_stiffness_n_per_m
     force = MOMENTUM_SHARE * v.sensor_full_scale_n
     return min(APPROACH_M_PER_S, force / math.sqrt(stiffness * axis.mass))
 
 
 def highest_gain(loop: "Loop", volts_per_code: float) -> float:
-    """Highest stable gain of a loop in DAC codes per unit of the controlled signal. The result is
-    at most 256, because the firmware stores no larger gain."""
+    """Returns the highest stable gain of a loop in DAC codes per unit of the controlled signal. The
+    result is at most 256, because the firmware stores no larger gain."""
     gain = loop.limit().stable_to
     return min(256.0, math.inf if gain is None else gain / volts_per_code)
 
 
 def first_gain(limit: float) -> float:
-    """The first gain of a loop, as the share FIRST_GAIN_SHARE of the highest stable gain `limit`,
-    and at least the smallest gain that the firmware stores."""
+    """Returns the first gain of a loop: the share FIRST_GAIN_SHARE of the highest stable gain
+    `limit`, but at least the smallest gain that the firmware stores."""
     return max(1, math.floor(limit * FIRST_GAIN_SHARE * 256)) / 256
 
 
 def first_gains(axis: AxisConstants, model: Path) -> First:
-    """First gains of a new axis, as a share of the linear limits of the force loop and the position
-    loop.
+    """Returns the first gains of a new axis as a share of the critical gains of the force loop and
+    the position loop.
 
     The force set-point is a quarter of the sensor range or of the peak force of the drive,
     whichever is smaller. The set-point is larger if the approach has to overcome the weight and
-    twice the dry friction."""
+    twice the dry friction.
+    """
     from forceaxis import linear
     from forceaxis.linear import loops
 
@@ -200,7 +202,7 @@ def first_gains(axis: AxisConstants, model: Path) -> First:
     sliding = {"seals": "forward"} if v.guide_coulomb_n else {}
     if v.transmission_stiffness_n_per_m and v.backlash_mm:
         sliding["transmission.high"] = "pressed"  # the backlash closed
-    # Forces along the axis: gravity and dry friction, on the body that presses.
+    # Forces along the axis that act on the pressing body: gravity and dry friction.
     pull = f"{'axis' if v.transmission_stiffness_n_per_m is None else 'load'}.force"
     inputs = ("drive.command", pull)
     plant = linear.linearise(model, inputs, ("adc0",), modes=sliding)
@@ -241,8 +243,8 @@ def first_gains(axis: AxisConstants, model: Path) -> First:
     rate = force.decay(gain * volts)
     free_speed = min(gain * setpoint, DAC_CODES) * code
     reach = v.approach_mm / 1e3 / free_speed
-    # A user may run the file with lower gains and set-points, with which the approach is slower.
-    # The duration permits a tenth of the speed, unless the approach then takes too long.
+    # A user may run the file with lower gains and set-points, which make the approach slower.
+    # The duration is sufficient at a tenth of the speed, except if the run then takes too long.
     room = min(10 * reach, 1.3 * reach + 3)
     pushes = free_speed / speed_per_N + weight  # N, at standstill
     most = friction_most(dry, pushes)
@@ -265,10 +267,12 @@ def first_gains(axis: AxisConstants, model: Path) -> First:
 
 
 def friction_most(dry_N: float, pushes_N: float) -> float | None:
-    """Multiple of the declared dry friction that an approach with the force `pushes_N` overcomes.
+    """Returns the multiple of the declared dry friction that an approach with the force `pushes_N`
+    overcomes.
 
     The multiple is 2, or the mean of 1 and the largest multiple if this mean is less than 2. None:
-    the force does not overcome the declared friction."""
+    the force does not overcome the declared friction.
+    """
     if pushes_N <= dry_N:
         return None
     return 2.0 if 2 * dry_N < pushes_N else (1 + pushes_N / dry_N) / 2
@@ -281,8 +285,8 @@ def render(
     sources: Mapping[str, str],
     first: First | None = None,
 ) -> str:
-    """The text of one of the files of a new axis. name: one of FILES; first: None for the model,
-    whose text does not contain gains."""
+    """Returns the text of one of the files of a new axis. `name` is one of FILES. `first` is None
+    for the model, whose text contains no gains."""
     environment = jinja2.Environment(
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -329,14 +333,14 @@ def render(
 
 @dataclass(frozen=True)
 class BankForAxis:
-    """The bank that was designed for a new axis, and the P law at the same margins."""
+    """The filter bank that was designed for a new axis, and the P law at the same margins."""
 
     over: list[str]  # tolerances of the set of plants as texts NAME=PERCENT%
     modes: list[dict[str, str]]  # {element: state} of each mode of the set of plants
     structure: str
     bank: BankKeys
     fS_Hz: float  # bandwidth over the set
-    # bandwidth of the P law over the set of plants; None: no gain of P keeps the margins
+    # bandwidth of the P law over the set of plants; None if no gain of P keeps the margins
     p_fS_Hz: float | None
     p_force_gain: float  # DAC codes per 8-bit count
     p_static_error: float | None  # share of the set-point
@@ -345,13 +349,13 @@ class BankForAxis:
 
     @property
     def set_text(self) -> str:
-        """The tolerances as text, such as "k_w +-30 %"."""
+        """Returns the tolerances as text, such as "k_w +-30 %"."""
         return ", ".join(text.replace("=", " +-").replace("%", " %") for text in self.over)
 
 
 @dataclass(frozen=True)
 class NoBank:
-    """A new axis has no bank, for the reason `refused`."""
+    """Result in place of BankForAxis if a new axis has no filter bank. `refused` is the reason."""
 
     refused: str
 
@@ -368,10 +372,10 @@ class NewAxis:
     force_setpoint: float  # 8-bit counts
     setpoint_N: float
     held_share: float  # settled force in contact.toml as a share of the set-point
-    # end of a sentence about held_share: whether the weight and dry friction are included
+    # end of the sentence about `held_share`: tells if weight and dry friction are included
     held_with: str
     position_gain: float  # DAC codes per encoder count
-    design: BankForAxis | NoBank | None  # None: the user did not ask for a bank
+    design: BankForAxis | NoBank | None  # None if the user did not request a filter bank
     defaults: list[str]  # names of the data-sheet values that are defaults
     doubts: list[str]  # sentences about data-sheet values that are possible but unlikely
     marked: int  # number of model values that are defaults
@@ -384,8 +388,7 @@ def write(
     force: bool = False,
     design: Callable[[Path], tuple[str | None, BankForAxis | NoBank]] | None = None,
 ) -> NewAxis:
-    """Writes the model and the experiments of a new axis to `folder`. Either all files are written
-    or none.
+    """Writes the model and the experiments of a new axis to `folder`, either all files or no file.
 
     values, sources: as data_sheet.collect() returns them. design: own_axis.design, or None for an
     axis without a bank.
@@ -413,7 +416,7 @@ def write(
     with paths.replacing(folder, *written) as files:
         for file, text in zip(files, written.values(), strict=True):
             file.write_text(text, encoding="utf-8")
-        if HELD not in written:  # an existing file HELD belongs to the replaced model
+        if HELD not in written:  # an existing file HELD belongs to the model that was replaced
             (folder / HELD).unlink(missing_ok=True)
     return NewAxis(
         folder=paths.display(folder),
@@ -434,15 +437,15 @@ def write(
 
 
 def held_with(v: SheetValues) -> str:
-    """The end of a sentence about the force at which contact.toml settles: whether the force
-    includes the weight, and whether dry friction may change the force."""
+    """Returns the end of the sentence about the force at which contact.toml settles. The text tells
+    if the force includes the weight and if dry friction may change the force."""
     text = "" if v.inclination_deg is None else ", the weight's part included"
     return text + (", plus or minus the dry friction" if v.guide_coulomb_n else "")
 
 
 def refuse_existing(folder: Path, force: bool) -> None:
-    """Raises InputError if `folder` is a file, or if the folder contains files of an axis and the
-    user did not permit to replace them (`force`)."""
+    """Raises InputError if `folder` is a file, or if `folder` contains files of an axis and `force`
+    is False. `force` means that the user permits to replace the files."""
     if folder.exists() and not folder.is_dir():
         raise InputError(
             f"{folder}: expected the name of a new or existing folder, got a file; choose another "

@@ -24,8 +24,8 @@ MEMBERS = 12  # number of random plants on which contacts are simulated
 
 @dataclass(frozen=True)
 class DesignOrder:
-    """What `design` shall design: model, set of plants, margins and simulated contacts. Each field
-    is an option of the verb."""
+    """The order for `forceaxis design`: model, set of plants, margins and simulated contacts. Each
+    field is an option of the subcommand."""
 
     text: str  # MODEL or EXPERIMENT
     over: tuple[str, ...] = ()  # tolerances as texts NAME=PERCENT% or NAME=LOW..HIGH
@@ -39,26 +39,26 @@ class DesignOrder:
     gain_margin: float = 2.3  # smallest permitted gain margin as a factor of the gain
     adc_bits: int | None = None  # None: that of the model
     latency: str = "both"  # a key of LATENCIES
-    # largest gain at high frequency in codes per 8-bit count; None here and below: as in grid.Goal
+    # largest gain at high frequency in codes per 8-bit count; None selects the default of grid.Goal
     hf_gain: float | None = None
     ramp_s: float | None = None  # rise time in s of the set-point ramp that the force has to follow
-    # values of firmware objects, in addition to the values in the experiment
+    # values of firmware objects in addition to the values in the experiment
     firmware: dict[str, float | str] = field(default_factory=dict)
-    # force set-points of the simulated first contacts in N; empty: chosen by the ranges of sensor
-    # and drive
+    # Force set-points of the simulated first contacts in N.
+    # If empty, the ranges of sensor and drive determine the set-points.
     forces_N: tuple[float, ...] = ()
-    # approach speed; None: the speed of the experiment, or 20 mm/s without an experiment
+    # approach speed; None selects the speed of the experiment, or 20 mm/s without an experiment
     approach_mm_per_s: float | None = None
     simulate: bool = True
     threads: int | None = None
 
     @property
     def latencies(self) -> tuple[int, ...]:
-        """The values of latency_ticks for which the design has to keep the margins."""
+        """Returns the values of `latency_ticks` for which the design has to keep the margins."""
         return LATENCIES[self.latency]
 
     def goal(self, adc_bits: int) -> Goal:
-        """The margins of the order with an ADC of `adc_bits` bits."""
+        """Returns the margins of the order for an ADC of `adc_bits` bits."""
         return Goal(
             ms=self.ms, ms_late=self.ms_late, gain_margin=self.gain_margin, adc_bits=adc_bits,
             timings=tuple(TIMINGS[latency] for latency in self.latencies), hf_gain=self.hf_gain,
@@ -68,7 +68,7 @@ class DesignOrder:
 
 @dataclass(frozen=True)
 class ContactLoss:
-    """The chosen limits after a contact loss, and the impacts that the control law tolerates with
+    """The selected limits after a contact loss, and the impacts that the control law tolerates with
     these limits.
 
     contact_loss_cap: DAC codes; contact_loss_dwell: ms. The impulses are in N s. strike_N_s: every
@@ -85,7 +85,7 @@ class ContactLoss:
 
     @property
     def objects(self) -> dict[str, int]:
-        """The limits as {firmware object: value}."""
+        """Returns the limits after a contact loss as {firmware object: value}."""
         return {
             "contact_loss_cap": self.contact_loss_cap,
             "contact_loss_dwell": self.contact_loss_dwell,
@@ -93,8 +93,8 @@ class ContactLoss:
 
     @property
     def text(self) -> str:
-        """A sentence about the impacts that the law tolerates, with ">=" if the largest simulated
-        impact is stable."""
+        """Returns a sentence about the impacts that the law tolerates, with ">=" if the largest
+        simulated impact is stable."""
         own, default = (
             (">= " if impulse == self.strike_hardest_N_s else "") + f"{impulse:.3g}"
             for impulse in (self.strike_N_s, self.strike_default_N_s)
@@ -104,20 +104,21 @@ class ContactLoss:
 
 @dataclass(frozen=True)
 class SlowedApproach:
-    """The reduction of the approach speed because contacts were lost. losses_before, losses:
-    largest number of contact losses of a simulated first contact at the original and at the reduced
-    speed; longer_s: additional time until the first contact in s."""
+    """A reduction of the approach speed because contacts were lost. `losses_before` and `losses`
+    are the largest numbers of contact losses of a simulated first contact at the original and at
+    the reduced speed. `longer_s` is the additional time in s until the first contact."""
 
     from_m_per_s: float
     to_m_per_s: float
-    # number of contact losses at the original speed; None: the force does not settle at this speed
+    # number of contact losses at the original speed; None if the force does not settle at this
+    # speed
     losses_before: int | None
     losses: int
     longer_s: float
 
     @property
     def text(self) -> str:
-        """A sentence about the slower approach for a terminal or a page."""
+        """Returns a sentence about the slower approach for a terminal or an HTML page."""
         before = "contacts do not settle"
         if self.losses_before is not None:
             before = f"a first contact is lost {counted(self.losses_before, 'time')}"
@@ -179,7 +180,7 @@ class DesignOutcome:
     loss: ContactLoss | None = None
     rows: list[SimulatedContact] = field(default_factory=list)
     cuts: list[GainCut] = field(default_factory=list)
-    # {name of a structure: reason why this structure was not chosen}
+    # {name of a law's structure: reason why the design does not use this structure}
     passed_over: dict[str, str] = field(default_factory=dict)
     out: str | None = None
     written: list[str] = field(default_factory=list)
@@ -189,28 +190,28 @@ class DesignOutcome:
 
     @property
     def ranges(self) -> dict[str, tuple[float, float, float]]:
-        """{parameter: (nominal, low, high)} of the set."""
+        """Returns {parameter: (nominal, low, high)} of the set of plants."""
         return self.plants.ranges
 
     @property
     def backoffs(self) -> int:
-        """Number of times that the simulation has reduced the gain by a tenth."""
+        """Returns the number of times that the simulation has reduced the gain by a tenth."""
         return len(self.cuts)
 
     @property
     def p_bank(self) -> Bank:
-        """The P law with the largest gain that keeps the margins of the design; the gain is 0 if no
-        gain keeps the margins."""
+        """Returns the P law with the largest gain that keeps the margins of the design. The gain is
+        0 if no gain keeps the margins."""
         return Bank(self.p.force_gain)
 
     @property
     def loss_objects(self) -> dict[str, int]:
-        """The limits after a contact loss as {firmware object: value}; empty without a
-        simulation."""
+        """Returns the limits after a contact loss as {firmware object: value}. The result is empty
+        without a simulation."""
         return self.loss.objects if self.loss else {}
 
     def result(self) -> DesignResult:
-        """The design in the form of `forceaxis design --json`."""
+        """Returns the design in the form of `forceaxis design --json`."""
         shown = self.working if self.working.text else None
         return DesignResult(
             model=paths.display(Path(self.plants.model)),
@@ -241,7 +242,7 @@ class DesignOutcome:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number as text for a table; "-" for None."""
+    """Returns a number as text for a table, or "-" for None."""
     return "-" if value is None else words.plain(value, digits)
 
 
@@ -252,11 +253,13 @@ CASE_HEAD = [
 
 
 def cases(contacts: Sequence[SimulatedContact]) -> list[list[str]]:
-    """Rows of a table with the columns of CASE_HEAD, one row for each case and law.
+    """Returns the rows of a table of simulated contacts with the columns CASE_HEAD. Each row
+    belongs to one kind of contact and one control law.
 
     A row has the number of stable contacts and the figures of the nominal plant at the first
     latency. Contact losses, worst peak force and saturation are the largest values of all
-    contacts."""
+    contacts.
+    """
     grouped: dict[tuple[str, str], list[SimulatedContact]] = {
         (one.case, law): [] for one in contacts for law in ("design", "p")
     }

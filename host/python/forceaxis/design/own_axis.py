@@ -1,5 +1,5 @@
-"""The last step of `forceaxis new`: designs a bank for the new axis and writes an experiment in
-which the axis makes contact with this bank."""
+"""The last step of `forceaxis new`: designs a filter bank for the new axis, and writes an
+experiment in which the axis makes contact with this bank."""
 
 import itertools
 import os
@@ -29,8 +29,8 @@ RANDOM_FRICTIONS, SEED = 3, 1988
 
 
 def design(folder: Path) -> tuple[str | None, BankForAxis | NoBank]:
-    """(text of the experiment HELD, the bank) for the new axis in `folder`; the text is None if
-    there is no bank.
+    """Returns (text of the experiment HELD, filter bank) for the new axis in `folder`. The text is
+    None if there is no bank.
 
     The bank is designed for a tolerance of 30 % of the stiffness and mass of the workpiece, in
     every linear range of the amplifier. The function then simulates combinations of approach speed,
@@ -45,8 +45,8 @@ def design(folder: Path) -> tuple[str | None, BankForAxis | NoBank]:
 
 
 def _approach(folder: Path, count_per_s: int) -> Path:
-    """The path of a copy of contact.toml in which mode of operation 4 approaches with a given speed
-    in encoder counts per second."""
+    """Returns the path of a copy of contact.toml in which mode of operation 4 approaches with a
+    given speed in encoder counts per second."""
     contact = experiment_file.document(folder / CONTACT)
     contact.setdefault("firmware", {}).update(approach_velocity_max=count_per_s)
     path = folder / "approach.toml"
@@ -87,7 +87,7 @@ def _designed(plant: Design, folder: Path) -> tuple[str, BankForAxis]:
 
 @dataclass(frozen=True)
 class SettledContact:
-    """A bank with which simulated contacts settle, the text of the experiment HELD, and the
+    """A filter bank with which simulated contacts settle, the text of the experiment HELD, and the
     approach speed in m/s."""
 
     bank: Bank
@@ -96,15 +96,15 @@ class SettledContact:
 
 
 def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledContact:
-    """The first combination of approach speed, action at a contact loss and gain with which
+    """Returns the first combination of approach speed, action at a contact loss and gain with which
     simulated contacts settle. Raises InputError if no combination settles."""
     scale = abs(plant.facts.required_encoder.scale)
     fastest = ContactBench(plant, bits).cases[0].speed_m_per_s
     rubs = bool(ContactBench(plant, bits).frictions)
-    # first combination with which contacts settle after more than LOSSES_MAX[0] contact losses
+    # first combination whose contacts settle after more than LOSSES_MAX[0] contact losses
     spare: SettledContact | None = None
-    # With friction, the default at a contact loss, a cap of 0 DAC codes, is tried last, because the
-    # axis may then stay at standstill.
+    # With friction, the default at a contact loss, a cap of 0 DAC codes, is tried last:
+    # the axis may then stay at standstill.
     for stands, gain, share in itertools.product(
         (False, True)[: 1 + rubs], GAIN_SHARES, SPEED_SHARES
     ):
@@ -137,8 +137,9 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
 
 
 def _losses(bench: ContactBench, speed_m_per_s: float, stands: bool) -> Sequence[Mapping[str, int]]:
-    """Firmware objects for a contact loss, in the order in which they are simulated. stands: True
-    for only the defaults of the firmware, with which friction may keep the axis at standstill."""
+    """Returns the firmware objects for a contact loss in the order in which their values are
+    simulated. `stands` is True if only the defaults of the firmware are simulated, with which
+    friction may keep the axis at standstill."""
     if stands:
         return [{}]
     first = simulate.losses(bench, speed_m_per_s)
@@ -148,14 +149,14 @@ def _losses(bench: ContactBench, speed_m_per_s: float, stands: bool) -> Sequence
 
 
 def _text(bench: ContactBench, bank: Bank, loss: Mapping[str, int], losses: int) -> str:
-    """The experiment of a first contact at the largest force, with limits of force error,
+    """Returns the experiment of a first contact at the largest force, with limits of force error,
     overshoot, peak, contact losses and saturation."""
     case = bench.largest
     document = bench.experiment(case, bank, loss, MODEL)
     document["title"] = f"{case.setpoint_N:.4g} N held by a designed bank"
     verdict = document.setdefault("verdict", {})
     for key in ("held_force_error_max_N", "peak_force_max_N"):
-        verdict.pop(key, None)  # limits in per cent remain valid at another set-point
+        verdict.pop(key, None)  # limits in per cent remain valid at a different force set-point
     verdict.update(
         contact_losses_max=losses,
         held_force_error_max_percent=100 * simulate.ERROR_MAX,

@@ -1,7 +1,8 @@
-"""Short search of a control law, for maps and tables of many plants.
+"""Short search of a control law, for plots and tables of many sets of plants.
 
 The law has integral action and one second-order section, and the search begins at a few starts. The
-bandwidth is some per cent below that of `search`, and a set of plants takes about a second."""
+bandwidth is some per cent below that of `search`, and a set of plants takes about a second.
+"""
 
 import math
 from collections.abc import Iterable
@@ -19,37 +20,38 @@ NAME = "PI and one biquad"
 RANDOM = 40  # number of random plants on which the result is checked, in addition to the corners
 PI_RATES_RAD_PER_S = np.geomspace(0.1, 100, 31)  # integral rates of the PI laws
 PI_BANDWIDTH_MIN_HZ = 0.05  # smallest bandwidth in Hz that the search assumes for a PI law
-# factor by which limited_by() changes a bound, and smallest ratio of bandwidths that is an effect
-# of this change
+# Factor by which limited_by() changes a bound, and smallest ratio of bandwidths that shows an
+# effect
+# of the changed bound.
 BOUND_FACTOR, BANDWIDTH_RATIO_MIN = 1.3, 1.02
-# smallest integral rate as a share of the bandwidth of PI, because with a smaller rate a static
-# error disappears too slowly
+# Smallest integral rate as a share of the bandwidth of the PI law.
+# With a smaller rate, a static error disappears too slowly.
 INTEGRAL_MIN = 0.15
 EVALUATIONS = 200  # largest number of control laws that one simplex search evaluates
 RESTARTS = 2  # number of further simplex searches that begin at the best law
 ZEROS_MAX = 3  # largest number of antiresonances from which a search begins
-# lowest frequency of the section as a multiple of the bandwidth of PI
+# lowest frequency of the second-order section as a multiple of the bandwidth of the PI law
 SECTION_START_FACTOR = 4.0
 
 
 @dataclass(frozen=True)
 class ShortDesign:
-    """A bank and the worst figures of the bank over a set of plants; None if no gain keeps the
-    margins."""
+    """A filter bank, and the worst bandwidth and margins of this bank over a set of plants. The
+    fields are None if no gain keeps the margins."""
 
     bank: Bank
     worst: WorstFigures | None
 
     @property
     def bandwidth_Hz(self) -> float:
-        """fS over the set in Hz; 0 if no gain keeps the margins."""
+        """Returns the bandwidth fS over the set of plants in Hz, or 0 if no gain keeps the margins."""
         return self.worst.bandwidth_Hz if self.worst else 0.0
 
 
 @dataclass(frozen=True)
 class ShapedDesign(ShortDesign):
-    """A bank that a search has found. numbers: logarithms of parameters from which `structures`
-    computes the bank."""
+    """A filter bank that a search has found. `numbers` are the logarithms of the parameters from
+    which `structures` computes the bank."""
 
     numbers: Samples
 
