@@ -1,4 +1,5 @@
-"""Measures the frequency response of an axis from the DAC code to the force or to the position.
+"""Measures the frequency response of an axis from the DAC code to the measured force or to the
+position.
 
     analyzer = Analyzer(axis, MeasuringOrder(force_max_N=120))
     analyzer.rest()
@@ -37,17 +38,17 @@ from forceaxis.commission.refusal import Refusal
 from forceaxis.identify.measurement import Measurement
 from forceaxis.objects import BY_NAME
 
-# waveform of the excitation, DAC codes and output signal of a record, (n,) each
+# waveform of the excitation, DAC codes and output signal of a recording, (n,) each
 Record = tuple[Samples, Samples, Samples]
 
 SIGNALS_IN_CONTACT = ("force_raw", "dac_code", "excitation_value")
 SIGNALS_APART = ("position", "dac_code", "force")
 RECORDER_BYTES = 32768
 SWING = MeasuringOrder.swing
-# The measured force stays above this share of the bias force.
+# The measured force in contact stays above this share of the bias force.
 FORCE_MIN_SHARE = 0.5
-# distance between the expected force and the force bounds of the excitation, as a share of the bias
-# force
+# Distance between the expected force and the force bounds of the excitation,
+# as a share of the bias force.
 FORCE_MARGIN_SHARE = 0.1
 RAMP_S = 0.1  # duration of the ramp at the start and the end of an excitation
 APPROACH_TIMEOUT_S = 60.0
@@ -55,35 +56,37 @@ RELEASE_S = 1.0  # time that the axis needs to release the force
 WAIT_POLL_S = 0.1  # time in s between two checks of the state of the axis while the program waits
 BIAS_TRIES = 8  # largest number of target_force values that are tried to reach one bias force
 QUIET_LSB = 0.4  # rms noise in ADC codes below which rounding hides the noise of the measured force
-# number of realisations of the excitation from which the distortion of the response is computed
+# number of realisations from which the distortion of the response is computed
 DISTORTION_RECORDS = 3
 AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor by which the search increases the amplitude
-# Factor by which an excitation beyond a bound is reduced, and largest number of reductions: without
-# friction, and with dry friction, where the axis has to slide.
+# Factor by which the amplitude is reduced after a bound was exceeded, and largest number of
+# reductions: first without friction, then with dry friction, where the axis has to slide.
 REDUCTION, REDUCTIONS_MAX = 0.5, 6
 REDUCTION_SLIDING, REDUCTIONS_MAX_SLIDING = 0.7, 12
 FREE_SWING_CNT = 400  # largest range of the position out of contact, peak to peak
 FREE_SETTLE_SHARE = 0.3  # ratio of the settling time out of contact to the settling time in contact
-# settling time during the search of the amplitude, as a share of the settling time of the
-# measurement
+# Settling time during the search of the amplitude, as a share of the settling time of the
+# measurement.
 SEARCH_SETTLE_SHARE = 0.5
-# median relative error of a response over the spectral lines at which the averaging may end
+# median relative error of a response over the frequencies at which averaging may end
 ERROR_ENOUGH = 0.04
 STANDSTILL_CNT = 4  # largest change of the position in encoder counts at standstill
-# largest difference of two mean DAC codes at standstill, in standard deviations of a mean
+# Largest difference of two mean DAC codes at standstill, as a multiple of the standard deviation of
+# a mean.
 CODE_NOISE = 5.0
 
 
 @dataclass(frozen=True)
 class OutputSignal:
-    """The output of a frequency response, and the conditions under which the search of the
+    """The output signal of a frequency response, and the conditions under which the search of the
     amplitude ends.
 
     name: of the output in a Measurement; unit: of the output in a message. deviation_max: relative
     standard deviation of the response, median over the lines, that is small enough. distortion_max:
     permitted ratio of the difference of realisations to their noise; it is above 1, because the
     rounding of a slow motion is not white noise. factor_max: largest factor by which the search
-    increases the amplitude."""
+    increases the amplitude.
+    """
 
     name: str
     unit: str
@@ -98,8 +101,8 @@ POSITION = OutputSignal("encoder", "encoder counts", 0.02, 6.0, 4.0)
 
 @dataclass(frozen=True)
 class AnalyzedObjects:
-    """The objects of an axis on which a measurement of the axis depends: positions in encoder
-    counts, forces in 8-bit counts, force_scale in uN per count, rated_force in mN."""
+    """The objects of an axis on which a measurement depends. Positions are in encoder counts,
+    forces in 8-bit counts, `force_scale` in uN per count, `rated_force` in mN."""
 
     adc_bits: int
     force_sign: int
@@ -118,7 +121,7 @@ class AnalyzedObjects:
 
 @dataclass(frozen=True)
 class TouchObjects:
-    """Contact of the axis (1: in contact), number of contact losses, and DAC code."""
+    """Contact of the axis (1 while in contact), number of contact losses, and DAC code."""
 
     contact: int
     contact_losses: int
@@ -135,7 +138,7 @@ class EnabledObjects:
 
 @dataclass(frozen=True)
 class PressedObjects(EnabledObjects):
-    """State of an axis in a force mode; contact is 1 while the axis is in contact."""
+    """State of an axis in a force mode. `contact` is 1 while the axis is in contact."""
 
     contact: int
 
@@ -155,8 +158,8 @@ class ExcitedObjects(EnabledObjects):
 
 
 class Ended(Exception):
-    """The axis has ended an excitation before the planned end; `reason` is the value of the object
-    `excitation_state`."""
+    """Exception: the axis has ended an excitation before the planned end. `reason` is the value of
+    the object `excitation_state`."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(reason)
@@ -164,17 +167,17 @@ class Ended(Exception):
 
 
 class Play(Protocol):
-    """Records one realisation of the noise with an amplitude in DAC codes. settle: settling time as
-    a share of `settle_s` of the order."""
+    """Function that records one realisation of the noise. The amplitude is in DAC codes; `settle`
+    is the settling time as a share of `settle_s` of the order."""
 
     def __call__(self, amplitude: int, seed: int, settle: float = 1.0) -> Record: ...
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """Settings with which a frequency response is measured. still: DAC codes and output without an
-    excitation; swing: largest range of the output from peak to peak, in N or encoder counts; seeds:
-    seed of the noise for each realisation."""
+    """Settings with which a frequency response is measured. `still`: DAC codes and output without
+    an excitation. `swing`: largest range of the output from peak to peak, in N or encoder counts.
+    `seeds`: seed of the noise for each realisation."""
 
     play: Play
     output: OutputSignal
@@ -184,8 +187,8 @@ class Excitation:
 
 
 class Analyzer:
-    """Measures frequency responses of an axis that is owned and disabled; close() restores the
-    parameters of the axis and disables it.
+    """Measures frequency responses of an axis that is owned and disabled. close() restores the
+    parameters of the axis and disables the axis.
 
     model, overrides: the model and its changed parameters for Measurement.predict(); "" without a
     model. Methods raise Refusal, and NoAnswer and Refused of the connection.
@@ -228,7 +231,7 @@ class Analyzer:
             )  # fmt: skip
 
     def set(self, **values: Value) -> None:
-        """Writes parameters; close() restores their previous values."""
+        """Writes parameters to the axis. close() restores their previous values."""
         new = [name for name in values if name not in self._before]
         if new:
             self._before |= self.axis.get(*new)
@@ -248,14 +251,14 @@ class Analyzer:
         return self
 
     def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
-        # the watchdog of an axis that does not answer disables the axis
+        # The watchdog of the axis disables an axis that does not answer.
         with contextlib.suppress(NoAnswer):
             self.close()
 
     def rest(self) -> Rest:
-        """Checks the disabled axis at rest and returns its state. Raises Refusal if the axis moves
-        or if the tare of the measured force is missing. The check permits a motion within the
-        backlash of the gear, because the motor has no power."""
+        """Checks the disabled axis at rest and returns the state of the axis. Raises Refusal if the
+        axis moves or if the tare of the measured force is missing. A motion within the backlash of
+        the gear is permitted, because the motor has no power."""
         held = self.axis.capture(["force_raw", "position", "force"], samples=TICKS_PER_S // 2)
         raw, place = held.values("force_raw"), held.values("position")
         # total backlash in encoder counts
@@ -280,8 +283,8 @@ class Analyzer:
 
     def contact(self, force_N: float, of_loop: bool = False) -> Level:
         """Measures the response from the DAC code to the measured force about the force `force_N`.
-        of_loop: only the sensitivity function has to be accurate, so that a smaller amplitude
-        suffices."""
+        `of_loop` means that only the sensitivity function has to be accurate, so that a smaller
+        amplitude suffices."""
         order = self.order
         if not force_N * (1 + SWING / 2) < order.force_max_N:
             raise Refusal(
@@ -300,15 +303,15 @@ class Analyzer:
         return level
 
     def release(self) -> None:
-        """Releases the force of an axis in contact. If the force were not released, the contact
-        spring would push the disabled axis away."""
+        """Releases the force of an axis in contact. Without this release, the contact spring would
+        push the disabled axis away."""
         self.set(target_force=0)
         self.wait(RELEASE_S)
 
     def bound(self, bias_N: float, waveform: str, period: int) -> None:
         """Sets up an excitation that is added to the output of the force law, and force bounds
-        about `bias_N` at which the axis ends the excitation. period: period of the waveform in
-        ticks, 0 for a waveform without a period."""
+        about `bias_N` at which the axis ends the excitation. `period` is the period of the waveform
+        in ticks; 0 means a waveform without a period."""
         least = (FORCE_MIN_SHARE + FORCE_MARGIN_SHARE) * bias_N
         most = self.order.force_max_N - FORCE_MARGIN_SHARE * bias_N
         most = min(most, BY_NAME["excitation_force_max"].max / 256 * self.newton)
@@ -348,7 +351,7 @@ class Analyzer:
         return level
 
     def _hold_ticks(self) -> int:
-        """Number of ticks for which the noise stays at one value."""
+        """Returns the number of ticks for which the noise keeps one value."""
         return max(1, int(TICKS_PER_S / (2.5 * self.order.band_hz[1])))
 
     @property
@@ -356,8 +359,8 @@ class Analyzer:
         return REDUCTIONS_MAX_SLIDING if self.order.rubs else REDUCTIONS_MAX
 
     def _measure(self, level: Level, excitation: Excitation) -> None:
-        """Searches the amplitude unless the order states it, then measures the response and writes
-        it to `level`."""
+        """Searches the amplitude unless the order states an amplitude, then measures the response
+        and writes the response to `level`."""
         if not level.amplitude:
             level.amplitude = self._search(level, excitation)
         for _ in range(self._reductions_max):
@@ -407,16 +410,16 @@ class Analyzer:
         )
 
     def _speed(self, H: response.Response, u: Samples) -> float:
-        """Rms rate of change, in force counts/s or encoder counts/s, of the output signal that the
-        DAC codes cause. H: the response; u: the DAC codes, (K, n)."""
+        """Returns the rms rate of change of the output signal that the DAC codes cause, in force
+        counts/s or encoder counts/s. `H` is the response, `u` are the DAC codes (K, n)."""
         shown = abs(np.fft.rfft(u, axis=1)[:, self.lines]) ** 2
         hz = self.lines * TICKS_PER_S / self.samples
         power = 2 * (shown.mean(0) / self.samples**2) * abs(2 * np.pi * hz * H) ** 2
         return float(np.sqrt(power.sum()))
 
     def _realisations(self, level: Level, excitation: Excitation) -> list[Record]:
-        """Records all realisations. Raises Ended if the first realisations show distortion, so that
-        the amplitude is reduced."""
+        """Records all realisations of the excitation. Raises Ended if the first realisations show
+        distortion, so that the caller reduces the amplitude."""
         play, seeds, output = excitation.play, excitation.seeds, excitation.output
         steps = self._steps(output)
         records = [play(level.amplitude, seed) for seed in seeds[:DISTORTION_RECORDS]]
@@ -426,8 +429,9 @@ class Analyzer:
             f"amplitude {level.amplitude} codes: periods differ by {level.distorted:.3g} times the "
             "noise"
         )
-        # Dry friction distorts more at a smaller amplitude, and the variance contains this
-        # distortion.
+        # Dry friction distorts a response more at a smaller amplitude, and the variance of the
+        # response
+        # contains this distortion.
         is_distorted = level.distorted > output.distortion_max and not self.order.rubs
         if is_distorted and level.amplitude > 1:
             raise Ended("distorted")
@@ -447,9 +451,9 @@ class Analyzer:
         return 1.0, (self.count_per_code if output is FORCE else 1.0)
 
     def _search(self, level: Level, excitation: Excitation) -> int:
-        """Searches the amplitude in codes. The amplitude is increased within the permitted range of
-        force or position until the output is large enough or the expected relative deviation is
-        small enough."""
+        """Returns the amplitude of the excitation in DAC codes. The search increases the amplitude
+        within the permitted range of force or position until the output is large enough or the
+        expected relative deviation is small enough."""
         output, swing = excitation.output, excitation.swing
         most = min(self.order.most, self.objects.output_limit)
         amplitude = min(self.order.first, most)
@@ -496,13 +500,13 @@ class Analyzer:
         return int(amplitude * (REDUCTION_SLIDING if self.order.rubs else REDUCTION))
 
     def _force_counts(self, held: Recording) -> Samples:
-        """The signal of the force sensor in force counts, without correction of zero code and
-        sign."""
+        """Returns the signal of the force sensor in force counts, without correction of zero code
+        and sign."""
         return held.values("force_raw") * self.count_per_code
 
     def press(self, force_N: float) -> float:
-        """Approaches in mode 4 and presses until the measured force has settled at `force_N`;
-        returns the settled force in N."""
+        """Approaches in mode 4 and presses until the measured force has settled at `force_N`.
+        Returns the settled force in N."""
         axis = self.axis
         if math.isfinite(self.order.force_max_N):
             bound, own = self.order.force_max_N / self.newton, self.objects.force_max
@@ -525,8 +529,8 @@ class Analyzer:
         )  # fmt: skip
 
     def _touch(self) -> None:
-        """Waits for the contact, and raises contact_loss_cap to the largest DAC code of the
-        approach. With the default cap, a weak force law would lose a light contact again and again
+        """Waits for the contact, then raises `contact_loss_cap` to the largest DAC code of the
+        approach. With the default cap, a weak force law would lose a light contact repeatedly
         because of noise."""
         fastest = 0
 
@@ -544,12 +548,12 @@ class Analyzer:
             self.set(contact_loss_cap=fastest)
 
     def per_mille(self, force_N: float) -> float:
-        """Returns a force in per mille of the rated force, limited to the largest target_force that
-        the axis accepts."""
+        """Returns a force in per mille of the rated force, limited to the largest `target_force`
+        that the axis accepts."""
         return min(1e6 * force_N / self.objects.rated_force, bounds.most_force(self.axis))
 
     def standing(self, timeout_s: float = 20.0) -> float:
-        """Waits until the measured force in contact and the DAC code are constant; returns the
+        """Waits until the measured force in contact and the DAC code are constant, and returns the
         force in N. The DAC code is compared too, because dry friction can keep the force constant
         while the integral action still changes the code."""
         passed, before, code = 0.0, None, 0.0
@@ -573,8 +577,8 @@ class Analyzer:
         )
 
     def excited(self, signals: Sequence[str], samples: int, settle_s: float) -> Recording:
-        """Returns a recording of `signals` in contact, which begins settle_s seconds after the
-        start of the excitation that bound() has set up. Raises Ended."""
+        """Returns a recording of `signals` in contact. The recording begins `settle_s` seconds
+        after the start of the excitation that bound() has set up. Raises Ended."""
         axis = self.axis
         try:
             axis.set(excitation_run="start")
@@ -591,8 +595,8 @@ class Analyzer:
         return held
 
     def _pressed(self, amplitude: int, seed: int, settle: float = 1.0) -> Record:
-        """Records a realisation in contact: (waveform in DAC codes, DAC codes, force in force
-        counts), (n,) each."""
+        """Records one realisation of the excitation in contact. Returns (waveform in DAC codes, DAC
+        codes, force in force counts), (n,) each."""
         self.set(excitation_code=amplitude, excitation_seed=seed)
         settle_s = RAMP_S + settle * self.order.settle_s
         held = self.excited(SIGNALS_IN_CONTACT, self.samples, settle_s)
@@ -607,8 +611,8 @@ class Analyzer:
             raise Ended(state.excitation_state)
 
     def wait(self, seconds: float, check: Callable[[], None] | None = None) -> None:
-        """Waits until the clock of the axis has advanced by `seconds`; calls check() at each
-        poll."""
+        """Waits until the clock of the axis has advanced by `seconds`, and calls check() at each
+        read of the clock."""
         passed = 0.0
         while passed < seconds:
             step = min(WAIT_POLL_S, seconds - passed)
@@ -618,9 +622,9 @@ class Analyzer:
                 check()
 
     def _apart(self, amplitude: int, seed: int, settle: float = 1.0) -> Record:
-        """Records a realisation out of contact: (DAC codes, DAC codes, position in encoder counts),
-        (n,) each. The mean motion from period to period (the drift) is removed from the
-        position."""
+        """Records one realisation of the excitation out of contact. Returns (DAC codes, DAC codes,
+        position in encoder counts), (n,) each. The function removes the mean motion from period to
+        period (the drift) from the position."""
         axis, n = self.axis, self.samples
         self.go_home()
         self.set(excitation_amplitude=amplitude, excitation_seed=seed)
@@ -656,7 +660,7 @@ class Analyzer:
             self.refuse_contact()
 
     def refuse_contact(self) -> NoReturn:
-        """Disables an axis that has come into contact. Raises Refusal."""
+        """Disables an axis that has come into contact, and raises Refusal."""
         self.axis.disable()
         raise Refusal(
             "contact",
@@ -673,7 +677,8 @@ class Analyzer:
 
 
 def _most_samples(signals: Sequence[str]) -> int:
-    """Largest number of samples of the given signals that the memory of the recorder can store."""
+    """Returns the largest number of samples of the given signals that the memory of the recorder
+    can store."""
     return RECORDER_BYTES // sum(int(BY_NAME[name].type[1:]) // 8 for name in signals)
 
 

@@ -26,15 +26,15 @@ from forceaxis.results import from_json, to_json
 
 T = TypeVar("T")
 RawValues = dict[str, int]  # {object: raw value}
-Say = Callable[[str], None]  # function that receives a line of text about an action on the axis
+Say = Callable[[str], None]  # function that reports an action on the axis with one line of text
 
-# value of command_source while the axis has no owner
+# value of the object `command_source` while the axis has no owner
 NO_OWNER = BY_NAME["command_source"].enum.index("canopen")
 RECORDER_OBJECTS = tuple(
     n for n, o in BY_NAME.items() if n.startswith("recorder_") and o.access == "rw"
 )
 # Objects that are not parameters but that a measurement writes. Other clients may have written
-# these objects before.
+# these objects before the measurement.
 MEASUREMENT_OBJECTS = (
     "modes_of_operation",
     "target_force",
@@ -48,16 +48,16 @@ MEASUREMENT_OBJECTS = (
 
 @dataclass(frozen=True)
 class FolderFile(Generic[T]):
-    """A JSON file of a folder: name, type of the content, and what a user has to do if the file is
-    damaged or missing."""
+    """A JSON file of a folder: name, type of the content, and instruction to the user if the file
+    is damaged or missing."""
 
     name: str
     kind: type[T]
     remedy: str = "delete this file, so that `tune` repeats the step"
 
     def read(self, folder: Path) -> T | None:
-        """The content of the file; None if the file does not exist or contains null. Raises
-        InputError for a damaged file."""
+        """Returns the content of the file. Returns None if the file does not exist or contains
+        null. Raises InputError for a damaged file."""
         file = folder / self.name
         if not file.exists():
             return None
@@ -73,7 +73,7 @@ class FolderFile(Generic[T]):
             raise InputError(f"{error}; {self.remedy}") from None
 
     def required(self, folder: Path) -> T:
-        """The content of a file that must exist. Raises InputError for a missing or damaged
+        """Returns the content of a file that must exist. Raises InputError for a missing or damaged
         file."""
         content = self.read(folder)
         if content is None:
@@ -83,21 +83,21 @@ class FolderFile(Generic[T]):
         return content
 
     def write(self, folder: Path, content: T) -> None:
-        """Replaces the complete file."""
+        """Replaces the complete content of the file."""
         text = json.dumps(to_json(content), indent=2, allow_nan=False)
         with paths.replacing(folder, self.name) as (file,):
             file.write_text(text + "\n", encoding="utf-8")
 
 
 def _refuse_constant(text: str) -> NoReturn:
-    """Raises ValueError for NaN and Infinity, which are not JSON."""
+    """Raises ValueError for NaN and Infinity, which are not valid JSON."""
     raise ValueError(text)
 
 
 @dataclass(frozen=True)
 class AxisState:
-    """State of an axis before a run. axis: raw values that identify the axis; values: raw values of
-    the objects."""
+    """State of an axis before a run. `axis`: raw values of the objects that identify the axis.
+    `values`: raw values of the objects that the run may change."""
 
     axis: RawValues
     values: RawValues
@@ -114,13 +114,13 @@ LEFT_TO_NEXT_RUN = f"the next run restores the previous values of the axis from 
 
 
 def say_nothing(text: str) -> None:
-    """Discards the line of text."""
+    """Does not report the line of text."""
 
 
 class AxisFolder:
-    """JSON files of a folder about an owned, disabled Axis. say(text): reports an action on the
-    axis. coasted: True if a killed run left the axis enabled, so that the axis has come to rest at
-    another position."""
+    """The JSON files of a folder about an owned and disabled Axis. say(text) reports an action on
+    the axis. `coasted` is True if a killed run left the axis enabled, so that the axis has come to
+    rest at a different position."""
 
     def __init__(self, axis: Axis, folder: str | Path, say: Say = say_nothing) -> None:
         self.axis, self.folder, self.say = axis, Path(folder), say
@@ -128,8 +128,9 @@ class AxisFolder:
 
 
 def read(axis: Axis) -> RawValues:
-    """{object: raw value} of the parameters and of MEASUREMENT_OBJECTS, without the consumer
-    heartbeats, because the connection manages these objects. Raises Refused, NoAnswer."""
+    """Returns {object: raw value} of the parameters and of MEASUREMENT_OBJECTS. The consumer
+    heartbeats are not included, because the connection manages these objects. Raises Refused,
+    NoAnswer."""
     set_up = axis.link.read([name for name in MEASUREMENT_OBJECTS if axis.link.reaches(name)])
     found = parameter_set.read(axis) | set_up
     return {n: raw for n, raw in found.items() if not n.startswith("consumer_heartbeat_")}
@@ -137,8 +138,8 @@ def read(axis: Axis) -> RawValues:
 
 @contextlib.contextmanager
 def restoring(folder: AxisFolder) -> Iterator[None]:
-    """Restores the values of the axis at the end of the block, also after an exception. The
-    restored values are the values at the beginning of the block, or the values given to
+    """Context that restores the values of the axis at the end of the block, also after an
+    exception. The restored values are those at the beginning of the block, or those given to
     replace_saved(). No value is written if the axis does not answer or has another owner. Raises
     InputError if the file in the folder belongs to another axis."""
     _recover(folder)
@@ -160,14 +161,14 @@ def restoring(folder: AxisFolder) -> Iterator[None]:
 
 
 def replace_saved(folder: AxisFolder, values: RawValues) -> None:
-    """Replaces raw values that restoring() writes to the axis at the end of the `with` block."""
+    """Replaces the raw values that restoring() writes to the axis at the end of the `with` block."""
     held = FOUND.required(folder.folder)
     FOUND.write(folder.folder, AxisState(held.axis, held.values | values))
 
 
 def put_back(folder: AxisFolder) -> int:
-    """Disables the axis and restores the values of FOUND. Writes only objects whose values differ,
-    and returns the number of written objects. Raises Refused, NoAnswer."""
+    """Disables the axis and restores the values of the file FOUND. Writes only objects whose values
+    differ, and returns the number of written objects. Raises Refused, NoAnswer."""
     axis, held = folder.axis, FOUND.required(folder.folder).values
     (source,) = axis.link.read(["command_source"]).values()
     if source not in (axis.link.source, NO_OWNER):
@@ -205,7 +206,7 @@ def _recover(folder: AxisFolder) -> None:
         axis.reset_fault()
         axis.link.wait(0.05)
         folder.say(f"the previous run was killed: the fault {fault} that it left is reset")
-        # a fault has disabled the axis, but the axis may still move without power
+        # A fault has disabled the axis, but the axis may still move without power.
         actions.wait_to_stand(axis)
         folder.coasted = True
     count = put_back(folder)

@@ -1,5 +1,5 @@
-"""First motion test of a new axis: observation at rest, a test at a low output, then a small move
-out and back. Each step has a verdict; after a failed step the axis is not moved."""
+"""First motion test of a new axis: observation at rest, a test at a low output, then a short move
+out and back. Each step has a result; after a failed step the axis is not moved."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,26 +14,26 @@ from forceaxis.commission.level import noise_of
 from forceaxis.commission.refusal import ORPHANED, REMEDY_AFTER_KILL
 
 REST_SAMPLES = 750  # number of samples of the recording at rest, which lasts half a second
-# number of values at rest and time between two values, for a connection without recordings
+# number of reads at rest and time between two reads, for a connection without recordings
 READINGS, READING_PERIOD_S = 25, 0.02
-# largest change of the encoder count at standstill, equal to the limit of the first motion test in
-# the firmware
+# Largest change of the encoder count at standstill.
+# The limit of the first motion test in the firmware has the same value.
 STANDING_CNT = 2
 DITHER_LSB = 0.4  # rms noise in ADC codes below which an average is not more accurate than one code
-# Largest motion in the first motion test of the firmware, as a multiple of first_motion_counts.
+# Largest motion in the first motion test of the firmware as a multiple of `first_motion_counts`.
 FIRST_MOTION_REACH = 8
-# default travel in counts and largest DAC code of the move out and back
+# default travel in counts, and largest DAC code of the move out and back
 TRAVEL_CNT, OUTPUT_CODES = 400, 250
 # duration of each move in ticks; largest speed of a move in counts per tick
 MOVE_TICKS, MOVE_SPEED = 1000, 2.0
-SETTLE_S = 1.3  # time in s from the end of a move until the position error is read
+SETTLE_S = 1.3  # time in s from the end of a move to the read of the position error
 # speed in counts per tick that disables the axis: at least four times the speed of the move
 MOVE_SPEED_MAX = 8
 ARRIVED_CNT = 20  # largest position error at the end of a move
 RESTORE_TRIES = 4
 ENABLE_CHAIN, LIMIT_POS, LIMIT_NEG = 1, 2, 4  # masks of the bits in the object digital_inputs
 NO_LIMIT = 2**31 - 1
-# {fault: most frequent causes} for the faults that can stop the first motion.
+# {fault: most frequent causes} of the faults that can stop the first motion test
 FAULT_CAUSES = {
     "force_sensor_failed": "the force sensor is at an end of its range or unsteady: check "
     "cable, supply and force_zero_code",
@@ -57,9 +57,9 @@ Value = float | str | None
 
 @dataclass(frozen=True)
 class CheckStep:
-    """Result of one step of the first motion test. verdict: "passed", "noted" (no failure, but a
-    person has to examine the value), "skipped" or "failed". value, limit: value and limit of the
-    checked quantity, as a number or a name; None if the step has no value."""
+    """Result of one step of the first motion test. `verdict`: "passed", "noted" (no failure, but a
+    person has to examine the value), "skipped" or "failed". `value` and `limit` of the checked
+    quantity: a number, a name, or None if the step has no value."""
 
     step: str
     verdict: str
@@ -70,8 +70,7 @@ class CheckStep:
 
 @dataclass(frozen=True)
 class CheckedObjects:
-    """Objects of an axis, in engineering values, with which the steps compare the observed
-    values."""
+    """Objects of an axis, in engineering values, with which the test compares the observed values."""
 
     adc_bits: int
     force_zero_code: int
@@ -94,7 +93,7 @@ class CheckedObjects:
 
 @dataclass(frozen=True)
 class ConnectionObjects:
-    """CANopen node and owner of an axis."""
+    """CANopen node id and owner of an axis."""
 
     node_id: int
     command_source: str
@@ -110,8 +109,8 @@ class StopCauseObjects:
 
 @dataclass(frozen=True)
 class FirstMotionObjects:
-    """Result of the firmware's first motion test: distance in encoder counts, largest DAC code,
-    change of the force in force counts; and the latched fault."""
+    """Result of the first motion test of the firmware: distance in encoder counts, largest DAC
+    code, change of the force in force counts, and the latched fault."""
 
     first_motion_result: str
     first_motion_moved: int
@@ -122,7 +121,7 @@ class FirstMotionObjects:
 
 @dataclass(frozen=True)
 class MoveObjects:
-    """State of an axis that moves; position in encoder counts."""
+    """State of an axis that moves. The position is in encoder counts."""
 
     position: int
     dac_code: int
@@ -132,7 +131,7 @@ class MoveObjects:
 
 @dataclass(frozen=True)
 class MotionCheckResult:
-    """The steps of a first motion test; passed: True if no step failed."""
+    """The steps of a first motion test. `passed` is True if no step failed."""
 
     axis: str
     passed: bool
@@ -141,14 +140,14 @@ class MotionCheckResult:
 
 class MotionCheck:
     """The first motion test of an Axis that is owned and disabled. After run() the axis is
-    disabled, and all parameters except force_tare have the previous values."""
+    disabled, and all parameters except `force_tare` have their previous values."""
 
     def __init__(
         self, axis: Axis, travel: int = TRAVEL_CNT, output: int = OUTPUT_CODES,
         say: Callable[[CheckStep], None] = lambda step: None,
     ) -> None:  # fmt: skip
-        """travel: distance of the move in counts; output: limit of the DAC code during the motion.
-        say(CheckStep) is called at the end of each step."""
+        """`travel`: distance of the move in counts. `output`: limit of the DAC code during the
+        motion. The test calls say(CheckStep) at the end of each step."""
         self.axis, self.travel, self.output, self.say = axis, travel, output, say
         self.steps: list[CheckStep] = []
 
@@ -158,12 +157,12 @@ class MotionCheck:
         return all(step.verdict != "failed" for step in self.steps)
 
     def result(self) -> MotionCheckResult:
-        """The result of all steps that have ended so far."""
+        """Returns the results of all steps that have ended so far."""
         return MotionCheckResult(self.axis.link.where, self.passed, tuple(self.steps))
 
     def run(self, consent: Callable[[str], bool]) -> None:
-        """Runs all steps. If the steps at rest pass, consent(text) is called; the axis moves only
-        if this call returns True."""
+        """Runs all steps. If the steps at rest pass, the function calls consent(text). The axis
+        moves only if this call returns True."""
         self._connection()
         if not self._table():
             return
@@ -179,8 +178,8 @@ class MotionCheck:
             self._tare()
 
     def asked(self) -> str:
-        """The text that describes the motion; a person has to confirm this motion before the axis
-        moves."""
+        """Returns the text that describes the motion. A person has to confirm this motion before
+        the axis moves."""
         counts, code = self.known.first_motion_counts, self.known.first_motion_code
         way = "away from" if self.direction < 0 else "toward"
         return (
@@ -306,7 +305,7 @@ class MotionCheck:
 
     def _limits(self) -> None:
         """Finds a direction in which the position limits are far enough away. If both directions
-        are possible, the direction away from the workpiece is chosen."""
+        are possible, the function selects the direction away from the workpiece."""
         low, high = self.known.position_min, self.known.position_max
         room = {-1: self.start - low, 1: high - self.start}
         free = [way for way, switch in ((-1, LIMIT_NEG), (1, LIMIT_POS))
@@ -319,12 +318,12 @@ class MotionCheck:
                     f": expected room for {self._span()} encoder counts on one side")  # fmt: skip
 
     def _span(self) -> int:
-        """Largest distance in encoder counts, including an overshoot, that the axis moves from the
-        start position."""
+        """Returns the largest distance in encoder counts, including an overshoot, that the axis
+        moves from the start position."""
         return max(self.travel, FIRST_MOTION_REACH * self.known.first_motion_counts) + ARRIVED_CNT
 
     def _speed(self) -> float:
-        """Speed of the move in counts per tick."""
+        """Returns the speed of the move in counts per tick."""
         return min(self.travel / MOVE_TICKS, MOVE_SPEED)
 
     def _output(self) -> int:
@@ -332,7 +331,7 @@ class MotionCheck:
 
     def _motion(self) -> None:
         """Runs the first motion test and the move out and back. Both motions use narrower limits,
-        which are written to the axis and replaced by the earlier limits at the end."""
+        which are written to the axis. At the end, the earlier limits are restored."""
         known = self.known
         force = abs(self.reading) + 4 * known.contact_force
         bounds: dict[str, client.Value] = {
@@ -350,7 +349,7 @@ class MotionCheck:
         before = self.axis.link.read(names)
         try:
             self.axis.set(**bounds, first_motion_test="off")
-            # a write to this object clears the result of an earlier test that passed
+            # A write to this object clears the result of an earlier test that passed.
             self.axis.set(first_motion_test="on")
             if not self._first_motion():
                 self._skip("an earlier step failed", "move")
@@ -383,7 +382,7 @@ class MotionCheck:
         return self._done("first motion", "failed", f"{text}: {cause}", name, "passed")
 
     def _move(self) -> None:
-        """Moves out and back in position mode and checks the largest position error at the end
+        """Moves out and back in position mode, and checks the largest position error at the end
         points."""
         largest, errors = 0, []
         for target in (self.start + self.direction * self.travel, self.start):
@@ -418,8 +417,8 @@ class MotionCheck:
 
     def _put_back(self, before: dict[str, int]) -> None:
         """Disables the axis and restores the objects that were set for the motion. After an error
-        of the connection, the writes are repeated. A first Ctrl-C ends the program only after the
-        objects are restored."""
+        of the connection, the function repeats the writes. A first Ctrl-C ends the program only
+        after the objects are restored."""
         interrupt: KeyboardInterrupt | None = None
         reason: str | None = None
         for again in range(RESTORE_TRIES):
@@ -466,8 +465,8 @@ class MotionCheck:
 
 
 def _least(own: float, bound: float) -> float:
-    """Returns the smaller value of a limit of the axis and a bound. The limit `own` is 0 if the
-    axis has no limit. An integer is returned as an integer."""
+    """Returns the smaller value of `own` (a limit of the axis; 0 means no limit) and `bound`. An
+    integer is returned as an integer."""
     return min(own, bound) if own else bound
 
 

@@ -1,5 +1,5 @@
-"""Contacts of an axis with an active bank: simulated on the fitted plant, and recorded on the
-axis.
+"""First contacts of an axis with an active filter bank: simulated on the fitted plant, and recorded
+on the axis.
 
 A bank is written only if the contacts of `simulated` pass. A `Touching` analyzer records the first
 contacts of the axis while the bank is verified; `predicted` computes the same contacts on the
@@ -43,7 +43,7 @@ MEMBER_COUNT, MEMBER_SEED = 6, 1988
 BEFORE_S, AFTER_S = 0.1, 2.0  # longest recording in s before and after a first contact
 # To leave the contact, the axis first makes short moves, then one move over the whole travel.
 SHORT_MOVE, LONG_MOVE, MOVES_MAX = 0.25, 0.75, 40
-# Objects of the axis, besides the bank, on which a first contact depends.
+# Objects of the axis, besides the filter bank, on which a first contact depends.
 TOUCH_DOWN_OBJECTS = (
     "rated_force", "force_slope", "approach_velocity_max", "contact_force",
     "position_gain", "velocity_gain", "contact_loss_cap", "contact_loss_dwell", "bump_decay_shift",
@@ -53,7 +53,7 @@ TOUCH_DOWN_OBJECTS = (
 
 @dataclass(frozen=True)
 class FittedAxis:
-    """The data from which the contacts of an axis with the designed bank are predicted."""
+    """The data from which the contacts of an axis with the designed filter bank are predicted."""
 
     tuning: TuningFolder
     checked: Checked
@@ -62,18 +62,18 @@ class FittedAxis:
 
     @property
     def plants(self) -> PlantSet:
-        """The set of plants of the design, with the fitted values as nominal values."""
+        """Returns the set of plants of the design, with the fitted values as nominal values."""
         model, fitted = self.tuning.model, self.fitted
         ranges = plant_set.ranges_of(model, fitted.over, fitted.values)
         modes, together = tuple(self.designed.modes) or ({},), fitted.together or ({},)
         return PlantSet(str(model), fitted.values, ranges, modes, together)
 
     def plant(self) -> Design:
-        """The fitted plant, for use in a `with` statement."""
+        """Returns the fitted plant, for use in a `with` statement."""
         return Design(str(self.tuning.model), self.fitted.values)
 
     def bench(self, plant: Design, bank: Bank) -> simulation.ContactBench:
-        """The simulation of contacts of a plant, with the firmware settings of the axis."""
+        """Returns the simulation of contacts of a plant, with the firmware settings of the axis."""
         bench = simulation.ContactBench(
             plant, self.designed.adc_bits, firmware=firmware_of(self.tuning, self.checked)
         )
@@ -84,8 +84,7 @@ class FittedAxis:
 
 
 def firmware_of(tuning: TuningFolder, checked: Checked) -> Settings:
-    """The objects of the firmware, {object: engineering value}, with which the axis is
-    simulated."""
+    """Returns {firmware object: engineering value} for the simulation of the axis."""
     held = tuning.axis.get("position_gain", "velocity_gain", "approach_velocity_max",
                            "contact_force")  # fmt: skip
     held |= checked.settings
@@ -93,9 +92,9 @@ def firmware_of(tuning: TuningFolder, checked: Checked) -> Settings:
 
 
 def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
-    """Simulates contacts: one contact at each force, impacts at all forces except the largest
-    force, and contacts of random members of the set. Each returned row states its kind. Raises
-    Refusal hf_gain or simulated_KIND."""
+    """Simulates contacts: one contact at each force, an impact at each force except the largest,
+    and contacts of random plants of the set. Each returned row states its kind. Raises Refusal
+    `hf_gain` or `simulated_KIND`."""
     designed, forces = fitted_axis.designed, fitted_axis.tuning.order.forces
     bank = designed.bank.bank
     loss = designed.contact_loss.objects if designed.contact_loss else {}
@@ -112,7 +111,7 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
         bench.measure_impacts(bank, cases=plain)
         cases: list[tuple[str, ContactCase, Values]] = []
         cases += [("contact", case, {}) for case in plain]
-        # An impact acts at the same forces as in `forceaxis design`.
+        # The impacts have the same force set-points as in `forceaxis design`.
         for force in sorted(forces)[:-1]:
             cases.append(("strike", ContactCase(force, speed, strike), {}))
         cases += [("set", case, member) for member in members for case in plain]
@@ -144,23 +143,23 @@ class TouchDown:
     """The measured force during a first contact, and the settings of the axis on which this force
     depends."""
 
-    time_s: Samples  #: 0 at the first measured force above contact_force
+    time_s: Samples  #: time 0 is the first measured force above `contact_force`
     force_N: Samples
     force_asked_N: float
-    order: MeasuringOrder  #: the order with which the analyzer pressed
+    order: MeasuringOrder  #: the order with which the Analyzer pressed on the workpiece
     settings: Settings  #: {object of TOUCH_DOWN_OBJECTS: engineering value} at the contact
 
 
 class Touching(Analyzer):
-    """An Analyzer that first moves out of contact, then presses and records the first contact;
-    `touch` is the record of the last first contact."""
+    """An Analyzer that first moves out of contact, then presses and records the first contact.
+    `touch` is the record of the latest first contact."""
 
     touch: TouchDown
     asked_N: float
 
     def touch_down(self, force_N: float) -> None:
-        """Makes a first contact and presses until the measured force has settled, without a
-        response."""
+        """Makes a first contact and presses until the measured force has settled. Measures no
+        frequency response."""
         self.press(force_N)
 
     def press(self, force_N: float) -> float:
@@ -176,8 +175,7 @@ class Touching(Analyzer):
         return super().press(force_N)
 
     def _leave(self) -> None:
-        """Moves the axis back, at most by the permitted travel, until the axis is out of
-        contact."""
+        """Moves the axis back until the axis is out of contact, at most by the permitted travel."""
         axis, travel = self.axis, self.order.travel
         axis.enable("profile position")
         for _ in range(MOVES_MAX):
@@ -200,12 +198,12 @@ class Touching(Analyzer):
 
 
 def name(force_N: float) -> str:
-    """Name of the file of a first contact, without suffix."""
+    """Returns the name of the file of a first contact, without suffix."""
     return f"touch-down-{force_N:g}N"
 
 
 def write(fitted_axis: FittedAxis, touch: TouchDown) -> TouchDownPeaks:
-    """Writes a recorded first contact and its prediction to a file of the folder; returns the
+    """Writes a recorded first contact and the predicted force to a file of the folder. Returns the
     recorded and the predicted peak force."""
     expected = predicted(fitted_axis, touch)
     columns = np.column_stack([touch.time_s, touch.force_N, expected])
@@ -219,9 +217,9 @@ def write(fitted_axis: FittedAxis, touch: TouchDown) -> TouchDownPeaks:
 
 
 def predicted(fitted_axis: FittedAxis, touch: TouchDown) -> Samples:
-    """Predicted measured force in N at the times of a TouchDown, from the fitted plant with the
-    firmware, the bank and the settings of the axis. All values are NaN if the simulated force does
-    not settle."""
+    """Returns the predicted measured force in N at the times of a TouchDown. The prediction uses
+    the fitted plant with the firmware, the filter bank and the settings of the axis. All values are
+    NaN if the simulated force does not settle."""
     bank = fitted_axis.designed.bank.bank
     with fitted_axis.plant() as plant:
         bench = fitted_axis.bench(plant, bank)
@@ -232,7 +230,7 @@ def predicted(fitted_axis: FittedAxis, touch: TouchDown) -> Samples:
         with Axis(SimLink(file)) as axis:
             same = Touching(axis, touch.order)
             try:
-                # the second contact starts at the distance from which the axis approached
+                # The second contact starts at the distance from which the axis approached.
                 for _ in range(2):
                     same.touch_down(touch.force_asked_N)
             # This exception means that the simulated force does not settle.

@@ -1,4 +1,4 @@
-"""`identify fit` for an axis with dry friction: dampers represent the friction in the fit.
+"""Command `identify fit` for an axis with dry friction: dampers represent the friction in the fit.
 
 If a model is rejected, it is fitted again with a damper in the place of each friction. These are
 the frictions that the measurement has found, or all possible ones if it did not search for
@@ -32,28 +32,28 @@ from forceaxis.identify.measurement import Measurement
 from forceaxis.results import from_json
 
 OTHER_STARTS = 2  # number of additional start values from which a fit with dampers is repeated
-# start value of a damping in N s/m, as a share of the moving mass times the middle angular
-# frequency
+# Start value of a damping in N s/m, as a share of the moving mass times the middle angular
+# frequency.
 START_SHARE = 0.1
 
 
 @dataclass(frozen=True)
 class RecordedFriction:
-    """Dry friction in the file of a response. dead_zone: dead zone of guide and gear in DAC codes;
-    moving_N: friction of guide and gear in N; speed: rms speed of the axis in m/s. None stands for
-    an unknown value."""
+    """Dry friction in the file of a response. `dead_zone`: dead zone of guide and gear in DAC
+    codes. `moving_N`: friction of guide and gear in N. `speed`: rms speed of the axis in m/s. None
+    means an unknown value."""
 
-    is_recorded: bool = False  #: the measurement searched for friction
+    is_recorded: bool = False  #: True if the measurement searched for friction
     dead_zone: float = 0.0
     moving_N: float | None = None
-    table_N: float = 0.0  #: friction under the workpiece
-    slides: bool = True  #: the workpiece slid during the response
-    is_least: bool = False  #: the friction of guide and gear is a lower bound
+    table_N: float = 0.0  #: friction in N under the workpiece
+    slides: bool = True  #: True if the workpiece slid during the response
+    is_least: bool = False  #: True if the friction of guide and gear is a lower bound
     speed: float | None = None
 
     @property
     def rubs(self) -> bool:
-        """True if dry friction was found."""
+        """Returns True if dry friction was found."""
         return self.dead_zone > 0 or self.table_N > 0
 
 
@@ -61,8 +61,8 @@ def recorded_friction(
     path: str | Path, model: str, overrides: linear.Overrides
 ) -> RecordedFriction:
     """Reads the dry friction from a folder that `forceaxis measure` has written. If the file states
-    the friction in DAC codes only, the model converts the codes to newtons. Without such a file,
-    the friction is unknown."""
+    the friction in DAC codes only, the model converts the codes to newtons. Without a friction
+    file, the friction is unknown."""
     file = Path(path) / "result.json"
     try:
         table = json.loads(file.read_text(encoding="utf-8"))
@@ -93,9 +93,9 @@ def recorded_friction(
 
 @dataclass(frozen=True)
 class FittedDamper:
-    """A damper that replaces dry friction in a fit. newton: friction in N, None if unknown.
-    damping: damping in N s/m, None if the two bodies do not move against each other. declared: True
-    if the model contains the friction."""
+    """A damper that replaces dry friction in a fit. `newton`: friction in N, None if unknown.
+    `damping`: damping in N s/m, None if the two bodies do not move against each other. `declared`:
+    True if the model contains the friction."""
 
     name: str
     between: tuple[str, str]
@@ -114,8 +114,9 @@ class FittedDampers:
 
 @dataclass(frozen=True)
 class AxisFitSummary(fit_response.FitSummary):
-    """A fit in the form of `identify fit --json`. friction: the dampers that replace dry friction;
-    None if the model explains the response without dampers, or is rejected."""
+    """A fit in the form of `identify fit --json`. `friction` contains the dampers that replace dry
+    friction. None means that the model explains the response without dampers, or that the model is
+    rejected."""
 
     friction: FittedDampers | None = None
 
@@ -123,7 +124,7 @@ class AxisFitSummary(fit_response.FitSummary):
 @dataclass(frozen=True)
 class DamperFit:
     """A fit in which dampers replace frictions, and the Measurement with the model that contains
-    these dampers. newtons: {friction: force in N}, None for an unknown force."""
+    these dampers. `newtons` is {friction: force in N}; None means an unknown force."""
 
     found: fit_response.ParameterFit
     measured: Measurement
@@ -131,8 +132,8 @@ class DamperFit:
     newtons: dict[str, float | None]
 
     def dampers(self) -> FittedDampers:
-        """The fitted dampers, and the friction elements that the model lacks, as results for
-        JSON."""
+        """Returns the fitted dampers, and the friction elements that the model lacks, in the form
+        of the JSON output."""
         values = dict(zip(self.found.names, self.found.values.tolist(), strict=True))
         rows = [
             FittedDamper(
@@ -151,9 +152,9 @@ def fit(
     measured: Measurement, starts: dict[str, float], units: dict[str, str], path: str | Path,
     folder: Path,
 ) -> tuple[fit_response.ParameterFit, Measurement, AxisFitSummary]:  # fmt: skip
-    """Fits parameters of a model to the response in the folder `path`; returns (fit, the
-    Measurement with the fitted model, summary). folder: folder for the file of a model with
-    dampers. Raises InputError, and Refusal `friction` if dampers do not explain the response."""
+    """Fits parameters of a model to the response in the folder `path`. Returns (fit, Measurement
+    with the fitted model, summary). `folder` receives the file of a model with dampers. Raises
+    InputError, and Refusal `friction` if dampers do not explain the response."""
     model = measured.model
     found = fit_response.fit(measured, starts)
     about = recorded_friction(path, model, measured.overrides)
@@ -178,8 +179,8 @@ def fit(
 def _with_fewest_dampers(
     measured: Measurement, starts: dict[str, float], about: RecordedFriction, folder: Path
 ) -> DamperFit | None:
-    """The fit with the smallest number of dampers that explains a response; None if no set of
-    dampers explains the response."""
+    """Returns the fit with the smallest number of dampers that explains a response, or None if no
+    dampers explain the response."""
     model = measured.model
     moving: list[FrictionElement] = []
     table: list[FrictionElement] = []
@@ -190,8 +191,8 @@ def _with_fewest_dampers(
     else:
         sets = [moving, *([] if measured.free else [table, moving + table])]
     best = None
-    # A damper cannot represent the friction of a workpiece that slides only part of the time: the
-    # fitted mass would be far too large.
+    # A damper cannot represent the friction of a workpiece that slides only part of the time:
+    # the fitted mass would be far too large.
     fits_workpiece = not starts.keys().isdisjoint(workpiece_names(model))
     for frictions in filter(None, dict.fromkeys(map(tuple, sets))):
         has_table = any(one in table for one in frictions)
@@ -205,7 +206,7 @@ def _with_fewest_dampers(
         fitted = _with_dampers(tolerant, starts, dampers, about.speed, folder)
         if fitted is None or fitted.found.rejected:
             continue
-        # a damper is accepted if the fit improves by more than the penalty for one more parameter
+        # A damper is accepted if the fit improves by more than the penalty for one more parameter.
         if not about.is_recorded:
             plain = fit_response.fit(tolerant, starts, tries=OTHER_STARTS)
             count = len(fitted.found.names) - len(starts)
@@ -219,9 +220,9 @@ def _with_fewest_dampers(
 
 @dataclass(frozen=True)
 class _Damper:
-    """The damper for a friction. start_N: friction from which the initial damping follows; known_N:
-    measured friction in N, 0 if unknown; sticks: True if the two bodies do not move against each
-    other."""
+    """The damper in place of one friction. `start_N`: friction from which the initial damping
+    follows. `known_N`: measured friction in N, 0 if unknown. `sticks`: True if the two bodies do
+    not move against each other."""
 
     friction: FrictionElement
     start_N: float
@@ -230,8 +231,7 @@ class _Damper:
 
 
 def _damper_of(one: FrictionElement, on_table: bool, about: RecordedFriction) -> _Damper:
-    """Returns the damper for a friction `one`, whose force in N is a share of the measured
-    friction."""
+    """Returns the damper for a friction whose force in N is a share of the measured friction."""
     total_N = (about.table_N if on_table else about.moving_N) or 0.0
     is_known = on_table or not about.is_least
     return _Damper(
@@ -244,8 +244,8 @@ def _with_dampers(
     measured: Measurement, starts: dict[str, float], dampers: Sequence[_Damper],
     speed: float | None, folder: Path,
 ) -> DamperFit | None:  # fmt: skip
-    """The fit of a response with dampers; None if the response does not depend on a damper. speed:
-    rms speed of the axis in m/s, None if unknown."""
+    """Returns the fit of a response with dampers, or None if the response does not depend on a
+    damper. `speed` is the rms speed of the axis in m/s, None if unknown."""
     frictions = tuple(damper.friction for damper in dampers)
     file = folder / f"{'_'.join(one.name for one in frictions)}.toml"
     file.write_text(friction_models.damped(measured.model, frictions), encoding="utf-8")
@@ -266,8 +266,8 @@ def _with_dampers(
     )  # fmt: skip
     try:
         found = fit_response.fit(slides, starts | free, tries=OTHER_STARTS)
-    # The response does not depend on the damper, or depends only on a combination with another
-    # parameter.
+    # The response does not depend on the damper, or depends only on a combination of the damper and
+    # a second parameter.
     except InputError:
         return None
     # A parameter of a workpiece that sticks does not change the response.
@@ -284,7 +284,7 @@ def _with_dampers(
 
 
 def _start_damping(measured: Measurement, newton: float, speed: float | None) -> float:
-    """Damping in N s/m at which a fit begins. speed: rms speed in m/s."""
+    """Returns the damping in N s/m at which a fit begins. `speed` is the rms speed in m/s."""
     if newton and speed:
         return friction.damping(newton, speed)
     masses = linear.facts(measured.model, measured.overrides).masses_kg
@@ -325,10 +325,10 @@ def joint(
     model: str | Path, priors: dict[str, known.Prior], measured: list[Measurement],
     paths_of: Sequence[str | Path], over: tuple[str, ...], states: dict[str, str], folder: Path,
 ) -> joint_fit.JointFit:  # fmt: skip
-    """Fits all responses of an axis at once by joint_fit.joint(). If the model is rejected, the fit
-    is repeated with dampers for the measured friction of guide and gear. paths_of: folders of the
-    responses. Raises Refusal `friction` if there is friction under the workpiece, or if a model
-    with dampers does not explain the responses."""
+    """Fits all responses of an axis simultaneously by joint_fit.joint(). If the model is rejected,
+    the function repeats the fit with dampers for the measured friction of guide and gear.
+    `paths_of` are the folders of the responses. Raises Refusal `friction` if there is friction
+    under the workpiece, or if a model with dampers does not explain the responses."""
     found = joint_fit.joint(model, priors, measured, over, states=states)
     about = [recorded_friction(path, str(model), {}) for path in paths_of]
     worst = max(about, key=lambda one: (one.table_N, one.dead_zone))

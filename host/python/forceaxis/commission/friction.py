@@ -28,59 +28,61 @@ from forceaxis.commission.level import Samples
 from forceaxis.commission.refusal import Refusal
 
 # Constants of glide(), the motion out of contact:
-TRAVEL_SHARE = 0.85  # share of the permitted travel that the axis uses in each direction
-# durations in s: longest record, shortest record, and start phase, in which the speed is not
-# constant
+TRAVEL_SHARE = 0.85  # share of the permitted travel that the motion uses in each direction
+# Durations in s: longest recording, shortest recording, and start phase, in which the speed is
+# not constant.
 GLIDE_S, RECORD_MIN_S, SETTLED_S = 0.5, 0.12, 0.05
-# ratio of the DAC code in the slower motion to the DAC code in the faster motion
+# ratio of the DAC code of the slower motion to the DAC code of the faster motion
 SMALLER_CODE_SHARE = 0.6
-# a DAC code is large enough if the axis would cover this multiple of the travel in one record
+# A DAC code is large enough if the axis would move by this multiple of the travel in one recording.
 ENOUGH_TRAVELS = 1.2
-# time in s between two reads of the position; a motion ends at this multiple of the travel
+# Time in s between two reads of the position. A motion ends at this multiple of the travel.
 POSITION_POLL_S, TRAVELS_MAX = 0.02, 1.3
 TRAVEL_MIN_CNT = 20
 MOTION_MIN_CNT = 6  # smallest change of the position in encoder counts that is a motion
 DEAD_ZONE_MIN_CODES = 0.12  # smallest dead zone in DAC codes that is treated as friction
-# amplitude of a noise with which the axis slides most of the time, as a multiple of the dead zone
+# Amplitude of a noise with which the axis slides most of the time, as a multiple of the dead zone.
 NOISE_SLIDES = 2.5
 
 # Constants of record_slow_change(), the slow change of the force:
 # duration in s and number of samples of the rise and of the fall of the force
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
-# Relative difference from the force set-point above which a force law without integral action
-# counts as stopped by friction.
+# Relative force error above which friction has stopped an axis whose force law has no
+# integral action.
 FORCE_ERROR_MIN = 0.06
 
 # Constants of slow_loading(), for compliance and friction under the workpiece:
-# number of samples in a block; each block is replaced by the mean of its samples
+# number of samples of a block; each block is replaced by the mean of its samples
 BLOCK_SAMPLES = 20
 FORCE_BINS = 6  # number of intervals of the force; the compliance is computed for each interval
-# ratio of the compliance between two forces to that at the forces, from which the workpiece counts
-# as soft
+# The workpiece is soft if the compliance between two forces exceeds the compliance at the two
+# forces
+# by this factor.
 SOFT_RATIO = 1.6
-# friction is accepted if the friction reduces the error of the position by more than this share
+# Friction is accepted if it reduces the error of the predicted position by more than this share.
 ERROR_REDUCTION_MIN = 0.15
 # smallest travel in encoder counts at which friction under the workpiece can be measured
 DISPLACEMENT_MIN_CNT = 0.35
-# half of the force range has to be this multiple of the friction under the workpiece, so that the
-# workpiece slides
+# Smallest ratio of half of the force range to the friction under the workpiece.
+# The workpiece slides only above this ratio.
 SLIDE_FACTOR = 1.2
 
 # Constants of directions(), for the friction of guide and gear while the axis is in contact:
-# a block of samples whose force changes faster than this share of the mean slope belongs to a
-# motion
+# A block of samples belongs to a motion if its force changes faster than this multiple of the mean
+# slope of the force.
 SLOPE_MIN_SHARE = 0.3
 # smallest number of blocks of a motion; waiting time in s at the end of a motion
 MOTION_MIN_BLOCKS, HELD_S = 8, 1.0
-# Friction counts as found above all three: standard errors, codes, and share of the codes that the
-# speed needs.
+# The dead zone is friction if it exceeds three bounds: a multiple of its standard error, a number
+# of
+# DAC codes, and a share of the DAC codes for the speed.
 FOUND_ERRORS, FOUND_CODES, FOUND_SPEED_SHARE = 4.0, 0.3, 0.5
 
 
 @dataclass(frozen=True)
 class Glide:
-    """Friction of the axis out of contact: dead zone and difference between the directions in
-    codes; rate: speed in counts/s for each DAC code beyond the dead zone."""
+    """Friction of the axis out of contact: dead zone and difference between the two directions of
+    motion in DAC codes. `rate` is the speed in counts/s for each DAC code beyond the dead zone."""
 
     dead_zone: float
     difference: float
@@ -93,17 +95,17 @@ class Glide:
 
     @property
     def noise_codes(self) -> int:
-        """Amplitude in DAC codes of a noise with which the axis slides most of the time; 0 without
-        friction."""
+        """Returns the amplitude in DAC codes of a noise with which the axis slides most of the
+        time, or 0 without friction."""
         return math.ceil(NOISE_SLIDES * self.dead_zone) if self.rubs else 0
 
 
 @dataclass(frozen=True)
 class Directions:
-    """Friction of guide and gear from a slow change of the force. dead_zone: half of the difference
-    in codes between falling and rising force at the same measured force, less the codes for the
-    speed; error: standard error of dead_zone; speed: DAC codes for the speed; least: True if
-    dead_zone is a lower bound."""
+    """Friction of guide and gear from a slow change of the force. `dead_zone`: half of the
+    difference in DAC codes between falling and rising force at the same measured force, less the
+    codes for the speed. `error`: standard error of `dead_zone`. `speed`: DAC codes for the speed.
+    `least`: True if `dead_zone` is a lower bound."""
 
     dead_zone: float
     error: float
@@ -119,11 +121,12 @@ class Directions:
 
 @dataclass(frozen=True)
 class SlowLoading:
-    """Compliance and friction from a slow change between two forces. friction_N: friction under the
-    workpiece (0: not measurable; a lower bound if the workpiece `sticks` during the whole change).
-    compliance, sliding: counts/N, of the part that always moves and of the part that moves only
-    after the friction is overcome. softest: largest compliance between the two forces, divided by
-    the compliance at the two forces; softest_N: force in N at which the compliance is largest."""
+    """Compliance and friction from a slow change between two forces. `friction_N`: friction under
+    the workpiece (0 if not measurable; a lower bound if `sticks`, when the workpiece never slides).
+    `compliance` and `sliding` in counts/N: compliance of what always moves, and of what moves only
+    after the friction is overcome. `softest`: ratio of the largest compliance between the two
+    forces to the compliance at the two forces. `softest_N`: force in N with the largest compliance.
+    """
 
     friction_N: float
     sticks: bool
@@ -146,8 +149,8 @@ class SlowLoading:
 
 @dataclass(frozen=True)
 class FrictionSummary:
-    """Dry friction that was measured together with a response, in the form of the entry "friction"
-    of `measure --json`. The value None stands for a quantity that was not measured.
+    """Dry friction that was measured together with a response, as the entry "friction" of `measure
+    --json`. None means that the quantity was not measured.
 
     rubs: whether dry friction was found. dead_zone_codes, moving_N: friction of guide and gear in
     DAC codes and in N. glide, directions, slow: results of the motion out of contact, of the
@@ -172,19 +175,20 @@ class FrictionSummary:
 
 @dataclass(frozen=True)
 class MovingObjects:
-    """Position in encoder counts, and contact: 1 while the axis is in contact."""
+    """Position in encoder counts, and `contact`, which is 1 while the axis is in contact."""
 
     position: int
     contact: int
 
 
 class _TooFast(Exception):
-    """A DAC code moves the axis through the travel too fast for a measurement of the speed."""
+    """Exception: with this DAC code the axis moves through the travel too fast for a measurement of
+    the speed."""
 
 
 def damping(friction_N: float, speed_rms: float) -> float:
-    """Damping in N s/m that reduces a noisy motion of `speed_rms` m/s as much as the dry friction
-    does."""
+    """Returns the damping in N s/m that reduces a noisy motion of `speed_rms` m/s as much as the
+    dry friction does."""
     return math.sqrt(2 / math.pi) * friction_N / speed_rms
 
 
@@ -196,10 +200,10 @@ def glide(
     highest: int = 0,
     newton: float = 0.0,
 ) -> Glide:
-    """Measures the friction out of contact. The analyzer's axis is owned, disabled and at rest; at
-    the end, the axis is disabled at the start position. most: DAC code from which the DAC codes of
-    the larger motions follow; first, highest: first and largest code, by default an eighth of
-    `most` and 16 times the first; newton: force in N per DAC code, 0 if unknown.
+    """Measures the friction out of contact. The Analyzer's axis is owned, disabled and at rest; at
+    the end, the axis is disabled at the start position. `most`: DAC code from which the codes of
+    the larger motions follow. `first` and `highest`: first and largest code, by default an eighth
+    of `most` and 16 times `first`. `newton`: force in N per DAC code, 0 if unknown.
 
     The code is increased until the axis slides, and decreased if the travel is covered too soon.
     Raises Refusal if the axis does not slide or if it comes into contact.
@@ -251,7 +255,7 @@ def glide(
     finally:
         analyzer.close()
     if len(rows) < 4:
-        # The smaller code is within the dead zone, which it replaces.
+        # The smaller DAC code is within the dead zone and becomes the new dead zone.
         found = Glide(float(smaller), 0.0, forward / (code - smaller), code)
     else:
         codes, speeds = (np.array(values, float) for values in zip(*rows, strict=True))
@@ -263,8 +267,8 @@ def glide(
 
 
 def _speed(analyzer: Analyzer, code: int, travel: int) -> float | None:
-    """Speed in counts/s with a constant DAC code from one end of the travel to the opposite end;
-    None if the axis does not move."""
+    """Returns the speed in counts/s with a constant DAC code from one end of the travel to the
+    opposite end, or None if the axis does not move."""
     axis = analyzer.axis
     axis.enable("profile position")
     axis.move(analyzer.home - int(math.copysign(TRAVEL_SHARE * travel, code)))
@@ -303,9 +307,9 @@ def _speed(analyzer: Analyzer, code: int, travel: int) -> float | None:
 def record_slow_change(
     analyzer: Analyzer, low_N: float, high_N: float
 ) -> tuple[Samples, Samples, Samples]:
-    """Records (measured force in N, position in counts, codes), (n,) each, while the axis presses
-    and the force changes from `low_N` to `high_N` and back; then releases the force. Raises Refusal
-    if the axis moves farther than the order's travel."""
+    """Records (measured force in N, position in counts, DAC codes), (n,) each. During the
+    recording, the axis presses and the force changes from `low_N` to `high_N` and back. The axis
+    then releases the force. Raises Refusal if the axis moves farther than the order's travel."""
     reached_N = analyzer.press(low_N)
     axis, rated_N = analyzer.axis, analyzer.objects.rated_force * 1e-3
     start, travel = axis.read("position"), analyzer.order.travel
@@ -341,10 +345,10 @@ def record_slow_change(
 
 
 def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0) -> Directions:
-    """Friction of guide and gear from a record of record_slow_change(). rate: speed in counts/s for
-    each DAC code beyond the codes for force and friction. With rate 0 (not known) the dead zone is
-    a lower bound from the codes at standstill after the rise and after the fall, because integral
-    action and noise reduce that difference."""
+    """Returns the friction of guide and gear from a recording of record_slow_change(). `rate` is
+    the speed in counts/s per DAC code that remains after force and friction. If `rate` is 0
+    (unknown), the dead zone is a lower bound from the codes at standstill after the rise and after
+    the fall, because integral action and noise reduce the difference of these codes."""
     F, x, c = (block_means(values) for values in (force, place, codes))
     step_s = BLOCK_SAMPLES * DECIMATION / TICKS_PER_S
     takes = np.gradient(x, step_s) / rate if rate else np.zeros(len(F))
@@ -357,7 +361,7 @@ def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0
     solved = np.linalg.lstsq(table[moves], wanted[moves], rcond=None)[0]
     more = (wanted - table[:, :2] @ solved[:2]) * np.sign(
         solved[1]
-    )  # DAC codes in addition to the codes that produce the measured force
+    )  # DAC codes in addition to the DAC codes that produce the measured force
     if not rate:
         leg, held = len(F) // 2, round(HELD_S / step_s)
         rose, fell = more[leg - held : leg], more[-held:]
@@ -372,14 +376,14 @@ def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0
 
 
 def block_means(values: Samples) -> Samples:
-    """The means of blocks of BLOCK_SAMPLES samples, (blocks,)."""
+    """Returns the means of blocks of BLOCK_SAMPLES samples, (blocks,)."""
     whole = len(values) // BLOCK_SAMPLES * BLOCK_SAMPLES
     return np.asarray(values[:whole].reshape(-1, BLOCK_SAMPLES).mean(1))
 
 
 def play_operator(force: Samples, half: float) -> Samples:
-    """The force in N, (n,), that is transmitted behind Coulomb friction of `half` N (play
-    operator). Before the first sample, the friction slid forward."""
+    """Returns the force in N, (n,), that is transmitted through Coulomb friction of `half` N (play
+    operator). Before the first sample, the friction slid in the positive direction."""
     left, now = np.empty(len(force)), force[0] - half
     for i, one in enumerate(force):
         now = min(max(now, one - half), one + half)
@@ -388,8 +392,8 @@ def play_operator(force: Samples, half: float) -> Samples:
 
 
 def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoading:
-    """Compliance and friction from a record of record_slow_change(). rigid: compliance in counts/N
-    of the parts between encoder and workpiece in the model, 0 if not known."""
+    """Returns compliance and friction from a recording of record_slow_change(). `rigid` is the
+    compliance in counts/N of the model's elements between encoder and workpiece, 0 if unknown."""
     F, x = block_means(force), block_means(place)
     low, high = float(np.percentile(F, 2)), float(np.percentile(F, 98))
     span = high - low
@@ -427,7 +431,7 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
 
 
 def _softest(F: Samples, x: Samples, low: float, high: float) -> tuple[float, float]:
-    """Returns (force in N at which the compliance is largest, this compliance divided by the larger
+    """Returns (force in N with the largest compliance, ratio of this compliance to the larger
     compliance at the two end forces)."""
     edges = np.linspace(low, high, FORCE_BINS + 1)
     middle = (edges[1:] + edges[:-1]) / 2

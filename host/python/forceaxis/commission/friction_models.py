@@ -21,14 +21,14 @@ MOVING, TABLE = "guide_friction", "table_friction"
 NAME = re.compile(r"[A-Za-z_]\w*")
 # keys of a model file whose texts are not names of parameters
 TEXT_KEYS = ("name", "between", "title", "unit", "source")
-# a value of a model file: TOML
+# a value of a model file in TOML
 Part = Mapping[str, "Part"] | Sequence["Part"] | Given | None
 
 
 @dataclass(frozen=True)
 class FrictionElement:
-    """Dry friction of `newton` N between two bodies. name: name of the [[friction]] element;
-    declared: True if the model contains this element."""
+    """Dry friction of `newton` N between two bodies. `name` is the name of the [[friction]]
+    element. `declared` is True if the model contains this element."""
 
     name: str
     between: tuple[str, str]
@@ -37,16 +37,16 @@ class FrictionElement:
 
     @property
     def damping(self) -> str:
-        """Name of the parameter for the damper in a model from `damped`."""
+        """Returns the name of the damper's parameter in a model from `damped`."""
         return f"b_{self.name}"
 
 
 def frictions_of(
     model: str | Path, moving_N: float, workpiece_N: float
 ) -> tuple[FrictionElement, ...]:
-    """The frictions of a model: a total of `moving_N` between the body of the drive and the
+    """Returns the frictions of a model: a total of `moving_N` between the body of the drive and the
     counterpart of this body, and `workpiece_N` between workpiece and ground. Frictions that the
-    model declares keep their places and share the measured force in proportion to the declared
+    model declares stay where they are; the measured force is divided in proportion to the declared
     values."""
     tables, facts = model_file.read(model), linear.facts(model)
     work = tables.workpiece
@@ -76,9 +76,9 @@ def of_workpiece(model: str | Path, one: FrictionElement) -> bool:
 def at_both_ends(
     model: str | Path, found: tuple[FrictionElement, ...]
 ) -> tuple[FrictionElement, ...]:
-    """The frictions for `damped`. With a transmission between the drive's body and the body in
-    contact, the measurement cannot assign the friction to one side. In this case, each side
-    receives half of the friction, unless the model has friction on both sides."""
+    """Returns the frictions for `damped`. With a transmission between the drive's body and the body
+    in contact, the measurement cannot assign the friction to one side. Each side then receives half
+    of the friction, unless the model has friction on both sides."""
     contact, drive = model_file.read(model).contact, linear.facts(model).required_drive
     if contact is None or contact.between[0] == drive.body:
         return found
@@ -97,7 +97,8 @@ def at_both_ends(
 
 
 def toml_lines(found: tuple[FrictionElement, ...]) -> str:
-    """The [[friction]] elements that the model lacks, as TOML; "" if the model has all elements."""
+    """Returns the [[friction]] elements that the model lacks as TOML, or "" if the model has all
+    elements."""
     return "\n".join(
         f'[[friction]]\nname = "{rub.name}"\nbetween = ["{rub.between[0]}", "{rub.between[1]}"]\n'
         f"coulomb = {rub.newton:.4g}\n"
@@ -107,8 +108,8 @@ def toml_lines(found: tuple[FrictionElement, ...]) -> str:
 
 
 def with_friction(model: str | Path, found: tuple[FrictionElement, ...]) -> str:
-    """The text of the model with the measured friction; the paths in the text are valid from any
-    folder."""
+    """Returns the text of the model with the measured friction. The paths in the text are valid in
+    any folder."""
     edits = []
     for one in found:
         newton = float(f"{one.newton:.4g}")
@@ -121,8 +122,8 @@ def with_friction(model: str | Path, found: tuple[FrictionElement, ...]) -> str:
 
 
 def damped(model: str | Path, found: tuple[FrictionElement, ...]) -> str:
-    """The text of the model with a damper in the place of each friction; each damping is 0, as for
-    a sliding axis."""
+    """Returns the text of the model with a damper in place of each friction. Each damping is 0, as
+    for an axis that slides without friction."""
     document = model_file.document(model)
     document.pop("friction", None)
     parameters = document.setdefault("parameters", tomlkit.table())
@@ -138,8 +139,8 @@ def damped(model: str | Path, found: tuple[FrictionElement, ...]) -> str:
 
 
 def _without_unused_parameters(document: tomlkit.TOMLDocument, model: str | Path) -> str:
-    """The text of a changed model without the parameters that only the frictions of the earlier
-    `model` used, because a model with an unused parameter is invalid."""
+    """Returns the text of a changed model without the parameters that only the frictions of the
+    earlier `model` used, because a model with an unused parameter is invalid."""
     candidates = _names_in([[f.coulomb, f.stiction] for f in model_file.read(model).frictions])
     parameters = document.setdefault("parameters", tomlkit.table())
     others = _names_in({key: part for key, part in document.items() if key != "parameters"})
@@ -151,7 +152,7 @@ def _without_unused_parameters(document: tomlkit.TOMLDocument, model: str | Path
 
 
 def _names_in(part: Part) -> set[str]:
-    """Returns all words in a part of a model that can be names of parameters."""
+    """Returns all words of a model's table that can be names of parameters."""
     if isinstance(part, Mapping):
         return _names_in([v for key, v in part.items() if key not in TEXT_KEYS])
     if isinstance(part, str):

@@ -17,26 +17,27 @@ from forceaxis.commission.analyzer import FORCE_MARGIN_SHARE, FORCE_MIN_SHARE, S
 from forceaxis.commission.level import Level, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
 
-# Start of the slow change of the force, as a share of the smallest force of the measurement.
+# Start of the slow change of the force as a share of the smallest force of the measurement.
 LOWEST_FORCE_SHARE = FORCE_MIN_SHARE + FORCE_MARGIN_SHARE
-# relative force error at which friction may stop an axis without integral action
+# relative force error at which friction may have stopped an axis without integral action
 FORCE_TOLERANCE = 0.2
 LEFT_SAMPLES = 750  # half a second
 FIRST_CODES = 2  # DAC codes of the first motion out of contact
 # names of the Refusals of the slow change after which the measurement continues
 SKIPPING_REFUSALS = ("bias", "travel", "contact")
-# A workpiece that always sticks can be detected if the compliance behind the contact is at least
-# this share of the contact's own compliance.
+# A workpiece that always sticks can be detected only if the compliance behind the contact is at
+# least
+# this share of the contact's compliance.
 SUPPORT_COMPLIANCE_SHARE = 0.3
 
 
 @dataclass(frozen=True)
 class FoundFriction:
-    """The dry friction that a search has found. moving_N: friction of guide and gear; table_N:
-    friction under the workpiece; None if not known. glide, slow, directions: results of the motion
-    out of contact, of the slow change of the force and of the difference of the codes for rising
-    and falling force; None if not measured. left_N: measured force with a target of 0 N. lines: the
-    [[friction]] elements that the model lacks, as TOML."""
+    """The dry friction that a search has found; None means not known or not measured. `moving_N`:
+    friction of guide and gear. `table_N`: friction under the workpiece. `glide`, `slow`,
+    `directions`: results of the motion out of contact, of the slow change of the force, and of the
+    difference of the DAC codes for rising and falling force. `left_N`: measured force with a target
+    of 0 N. `lines`: the [[friction]] elements that the model lacks, as TOML."""
 
     moving_N: float | None = None
     table_N: float | None = None
@@ -49,7 +50,7 @@ class FoundFriction:
 
     @property
     def dead_zone(self) -> float:
-        """Dead zone in codes of guide and gear; 0 if no friction was found."""
+        """Returns the dead zone of guide and gear in DAC codes, or 0 if no friction was found."""
         if self.glide is not None:
             return self.glide.dead_zone if self.glide.rubs else 0.0
         found = self.directions
@@ -61,8 +62,8 @@ class FoundFriction:
 
 
 class FrictionSearch:
-    """Search for dry friction with an Analyzer. model: path of the model that converts DAC codes to
-    newtons, or "" without a model."""
+    """Searches for dry friction with an Analyzer. `model` is the path of the model that converts
+    DAC codes to newtons, or "" without a model."""
 
     def __init__(
         self, analyzer: Analyzer, model: str = "", overrides: linear.Overrides | None = None
@@ -72,15 +73,16 @@ class FrictionSearch:
         self.found = FoundFriction()
         facts = linear.facts(model, self.overrides) if model else None
         if not (facts and facts.drive and facts.reading and facts.encoder):
-            # without a model, because this model does not define the size of codes and counts
+            # without a model, because the default model does not define the size of DAC codes and
+            # counts
             self.model = ""
         self.newton = known.newton_per_code(model, self.overrides) if self.model else 0.0
         if not math.isfinite(self.newton):
             self.newton = 0.0
 
     def apart(self) -> FoundFriction:
-        """Searches for friction before the response out of contact, because this response needs an
-        amplitude at which the axis slides. Raises Refusal."""
+        """Searches for friction before the response out of contact is measured, because the
+        amplitude of the response has to make the axis slide. Raises Refusal."""
         own = self.order.amplitude
         most = min(own or self.order.most, self.analyzer.objects.output_limit)
         try:
@@ -94,8 +96,8 @@ class FrictionSearch:
         return self._found(replace(self.found, glide=glide))
 
     def between(self, forces: tuple[float, ...]) -> FoundFriction:
-        """Searches for friction before the responses in contact, by a slow change of the force
-        between the given forces in N."""
+        """Searches for friction before the responses in contact are measured, by a slow change of
+        the force between the given forces in N."""
         analyzer = self.analyzer
         high = (1 + SWING / 2) * max(forces)
         low = LOWEST_FORCE_SHARE * min(forces)
@@ -104,7 +106,7 @@ class FrictionSearch:
             return self.found  # the later measurement of the response raises this Refusal
         try:
             high = min(high, most)
-            # the axis may stick at a measured force below the set-point
+            # The axis may stick at a measured force below the force set-point.
             analyzer.order = replace(analyzer.order, within=FORCE_TOLERANCE)
             force, place, codes = friction.record_slow_change(analyzer, low, high)
             analyzer.wait(friction.LEG_S * low / (high - low))  # to a target of 0
@@ -124,8 +126,9 @@ class FrictionSearch:
         return self._found(found)
 
     def _rigid(self) -> float:
-        """Compliance of the contact spring in counts/N, with which a workpiece that always sticks
-        is detected; 0 if the spring of the model is too stiff for this."""
+        """Returns the compliance of the contact spring in counts/N, with which a workpiece that
+        always sticks is detected. Returns 0 if the spring of the model is too stiff for this
+        detection."""
         if not self.model:
             return 0.0
         rigid = known.rigid_counts(self.model, self.overrides)
@@ -151,7 +154,7 @@ class FrictionSearch:
         self.found = replace(found, moving_N=moving, table_N=table, lines=lines)
         codes = 0 if self.order.amplitude else math.ceil(friction.NOISE_SLIDES * found.dead_zone)
         most = self.order.most
-        # a saturated drive distorts a response in the same way as friction
+        # A saturated drive distorts a response in the same way as friction.
         if found.rubs and self.model:
             linear_codes = known.linear_codes(self.model, self.overrides)
             most = int(min(most, known.NOISE_PEAK_FACTOR * linear_codes))
@@ -165,8 +168,7 @@ class FrictionSearch:
         return self.found
 
     def expect_sliding(self, level: Level) -> None:
-        """Raises Refusal if the noise of a response never overcame the friction of guide and
-        gear."""
+        """Raises Refusal if the noise of a response never overcame the friction of guide and gear."""
         dead_zone = self.found.dead_zone
         if level.amplitude > dead_zone:
             return

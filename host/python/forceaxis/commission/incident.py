@@ -1,5 +1,5 @@
-"""Reads an incident from the black box of an axis, writes the incident to a file, and reads such
-files.
+"""Reads an incident from the black box of an axis, writes the incident to a file, and reads
+incident files.
 
 A file is one JSON document: version, state of the axis, its parameters, and the samples with the
 CRC-32 that the axis computed over them.
@@ -42,13 +42,13 @@ INCIDENT_STATES = ("incident", "incident_kept")
 # longest time in s until the axis has completed the recording of an incident and its CRC
 COMPLETE_TIMEOUT_S = 5.0
 FULL_SCALE_BITS = 8  # number of ADC bits to which force counts refer
-NEAR_MS = 100  # time in ms before and after the error that the second column of the figure shows
+NEAR_MS = 100  # time in ms before and after the error that the second column of the plot shows
 
 
 @dataclass(frozen=True)
 class ForceParameters:
-    """The parameters of the measured force: forces in 8-bit counts, force_scale in uN per count,
-    rated_force in mN. force_max is 0 without a limit."""
+    """The parameters of the measured force. Forces are in 8-bit counts, `force_scale` is in uN per
+    count, `rated_force` in mN. `force_max` is 0 without a limit."""
 
     adc_bits: int
     force_zero_code: int
@@ -61,18 +61,18 @@ class ForceParameters:
 
     @property
     def count_N(self) -> float:
-        """Force of a count in N."""
+        """Returns the force of one count in N."""
         return self.force_scale * 1e-6
 
 
 @dataclass(frozen=True)
 class Incident:
-    """The recording of an error, and the state of the axis. parameters: {object: raw value} at the
-    time when the incident was read."""
+    """The recording of an error, and the state of the axis. `parameters` is {object: raw value} at
+    the time when the incident was read."""
 
     recording: Recording
     where: str
-    fetched: str  #: time at which the incident was read, ISO 8601
+    fetched: str  #: date and time at which the incident was read, ISO 8601
     fault: str
     error_code: str
     tick: int
@@ -90,17 +90,17 @@ class Incident:
         return from_json(ForceParameters, values, self.where)
 
     def column(self, name: str) -> NDArray[np.int64]:
-        """The raw samples of a signal, (n,)."""
+        """Returns the raw samples of a signal, (n,)."""
         return self.recording.raw[:, self.recording.signals.index(name)]
 
     @property
     def time_ms(self) -> Samples:
-        """(n,) time in ms from the tick of the error."""
+        """Returns the time in ms from the tick of the error, (n,)."""
         return self.recording.time_s * 1e3
 
     @property
     def force_N(self) -> Samples:
-        """(n,) measured force in N, with zero, sign and tare applied."""
+        """Returns the measured force in N, (n,), with zero, sign and tare applied."""
         p = self.force
         scale = 2.0 ** (FULL_SCALE_BITS - p.adc_bits)
         counts = (self.column("force_raw") - p.force_zero_code) * scale * p.force_sign
@@ -108,8 +108,8 @@ class Incident:
 
     @property
     def travel(self) -> Samples:
-        """(n,) position in encoder counts relative to the position at the error, without a step at
-        an overflow of the encoder count."""
+        """Returns the position in encoder counts relative to the position at the error, (n,),
+        without a step at an overflow of the encoder count."""
         steps = np.diff(self.column("position"))
         way = np.concatenate([[0], np.cumsum((steps + 2**31) % 2**32 - 2**31)])
         return np.asarray(way - way[self.recording.trigger_sample])
@@ -130,8 +130,8 @@ class BlackBoxObjects:
 
 @dataclass(frozen=True)
 class ArchiveObjects:
-    """The object that shows whether the axis saved an incident before a power cut; valid with and
-    without a present fault."""
+    """The object that shows if the axis saved an incident before a power cut. The object is valid
+    with and without a present fault."""
 
     incident_stored: str
     fault: str
@@ -139,7 +139,7 @@ class ArchiveObjects:
 
 @dataclass(frozen=True)
 class IncidentObjects:
-    """The incident in the black box: fault, CANopen error code, tick, number of later errors,
+    """The incident in the black box: fault, CANopen error code, tick, number of later errors, and
     CRC-32 of the samples."""
 
     incident_fault: str
@@ -150,16 +150,15 @@ class IncidentObjects:
 
 
 def wait(axis: Axis, seconds: float) -> None:
-    """Waits for an incident until the clock of the axis has advanced by `seconds`. Raises
-    NoAnswer."""
+    """Waits for an incident until the clock of the axis has advanced by `seconds`. Raises NoAnswer."""
     axis.wait_for(
         BlackBoxObjects, lambda s: s.blackbox_state in INCIDENT_STATES, "an incident", seconds
     )
 
 
 def _load(axis: Axis) -> bool:
-    """Commands the axis to load the incident that was saved before a power cut; returns True if
-    such an incident exists."""
+    """Commands the axis to load the incident that was saved before a power cut. Returns True if a
+    saved incident exists."""
     found = axis.wait_for(
         ArchiveObjects, lambda s: s.incident_stored != "checking", "its archive", 5.0
     )
@@ -178,9 +177,9 @@ BOARD_OBJECTS = (
 
 
 def fetch(axis: Axis) -> Incident:
-    """Reads the incident of an axis that is owned: the incident in the black box, or without one
-    the incident that was saved before a power cut. Raises Refused if there is no incident, and
-    NoAnswer."""
+    """Reads the incident of an axis that is owned. This is the incident in the black box, or
+    otherwise the incident that was saved before a power cut. Raises Refused if there is no
+    incident, and NoAnswer."""
     if axis.read("blackbox_state") == "completing":
         wait(axis, COMPLETE_TIMEOUT_S)
     state = axis.read("blackbox_state")
@@ -220,19 +219,19 @@ def fetch(axis: Axis) -> Incident:
 
 
 def clear(axis: Axis) -> None:
-    """Deletes the incident; the black box then records again."""
+    """Deletes the incident in the black box. The black box then records again."""
     axis.set(incident_command="clear")
 
 
 def packed(recording: Recording) -> bytes:
-    """The samples of an incident in the byte format of the axis."""
+    """Returns the samples of an incident in the byte format of the axis."""
     row = struct.Struct("<" + "".join(STRUCT_FORMATS[BY_NAME[n].type] for n in recording.signals))
     return b"".join(row.pack(*map(int, sample)) for sample in recording.raw)
 
 
 def write(incident: Incident, folder: Path, figure: "Figure") -> None:
-    """Writes incident.json and .png to `folder`, which is created; writes either both files or
-    none. Raises OSError."""
+    """Writes incident.json and incident.png to `folder`, either both files or no file. The function
+    creates the folder. Raises OSError."""
     recording = incident.recording
     known = {
         f.name: getattr(incident, f.name)
@@ -252,7 +251,7 @@ def write(incident: Incident, folder: Path, figure: "Figure") -> None:
 
 
 def is_incident(path: str | Path) -> bool:
-    """Returns True if a file begins as an incident file does."""
+    """Returns True if the beginning of a file is that of an incident file."""
     try:
         with open(path, "rb") as file:
             return file.read(32).startswith(b'{"forceaxis_incident"')
@@ -287,8 +286,8 @@ def load(path: Path) -> Incident:
 
 
 def missing(incident: Incident) -> list[str]:
-    """Names of the quantities that a replay of an incident needs in addition to the samples of the
-    incident."""
+    """Returns the names of the quantities that a replay of an incident needs in addition to the
+    samples of the incident."""
     enabled = (incident.column("statusword")[: incident.recording.trigger_sample] & 0x6F) == 0x27
     lacks = ["the targets and controlwords that were written", "current_raw", "sensor_valid"]
     if len(enabled) and enabled[0]:
@@ -300,9 +299,9 @@ def missing(incident: Incident) -> list[str]:
 
 
 def figure(incident: Incident, counts_per_mm: float | None = None) -> "Figure":
-    """Figure over the time in ms from the error: force in N with force_max, travel in mm or encoder
-    counts, DAC code. The first column shows the whole recording, the second column shows NEAR_MS
-    before and after the error."""
+    """Returns the plot over the time in ms from the error: force in N with `force_max`, travel in
+    mm or encoder counts, and DAC code. The first column shows the whole recording, the second
+    column shows NEAR_MS before and after the error."""
     import matplotlib.pyplot as plt
 
     from forceaxis.drawing import FAINT, GOT, INK, THIN, WANTED, legend, style
@@ -346,6 +345,6 @@ def figure(incident: Incident, counts_per_mm: float | None = None) -> "Figure":
 
 
 def words(incident: Incident) -> str:
-    """The name of the fault, or the error code if there is no fault."""
+    """Returns the name of the fault, or the error code if there is no fault."""
     named = incident.fault if incident.fault != "none" else incident.error_code
     return named.replace("_", " ")

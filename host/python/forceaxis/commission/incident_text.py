@@ -1,4 +1,4 @@
-"""Explains an incident in text: applies rules to the recorded signals and lists the decisive
+"""Explains an incident in text: applies rules to the recorded signals, and lists the most important
 findings first."""
 
 from dataclasses import dataclass
@@ -54,9 +54,9 @@ CORE_WORDS = ("pc", "lr", "cfsr", "hfsr", "bfar")
 
 @dataclass(frozen=True)
 class IncidentStory:
-    """An incident and its explanation in the form of JSON. tick: tick of the error; later: number
-    of later errors; kept: True if the incident is older than the last restart; story: lines about
-    the causes of the error, the decisive causes first."""
+    """An incident and its explanation in the form of JSON. `tick`: tick of the error. `later`:
+    number of later errors. `kept`: True if the incident is older than the last restart. `story`:
+    text lines about the causes of the error, the most important cause first."""
 
     fault: str
     error_code: str
@@ -73,7 +73,7 @@ class IncidentStory:
 
 
 def tell(incident: Incident, counts_per_mm: float | None = None) -> list[str]:
-    """Explains an incident in lines of text: the fault, then the events before the fault."""
+    """Explains an incident in text lines: first the fault, then the events before the fault."""
     return [_headline(incident), *_Story(incident, counts_per_mm).lines()]
 
 
@@ -125,7 +125,7 @@ class _Story:
         return text
 
     def motion(self) -> str:
-        """The time from enabling to the error, and the speed of the axis."""
+        """Returns text about the time from enabling to the error and the speed of the axis."""
         on = self.enabled[:-1]
         if not on.any():
             return "the axis was not enabled in the recorded second"
@@ -135,7 +135,8 @@ class _Story:
         return f"enabled {since}; at the error it moved at {self.rate(speed)}"
 
     def mean_speed(self, at: int) -> float:
-        """Mean speed of the axis over the 4 ticks before the tick `at`, in counts per tick."""
+        """Returns the mean speed of the axis over the 4 ticks before the tick `at`, in counts per
+        tick."""
         return float(np.mean(self.speed[max(1, at - 3) : at + 1])) if at else 0.0
 
     def rate(self, speed: float) -> str:
@@ -158,7 +159,7 @@ class _Story:
         return f"{which or 'a digital input'} changed {ago:.1f} ms before the error"
 
     def onset(self) -> str | None:
-        """Time and speed of the last contact before the error."""
+        """Returns text about time and speed of the last contact before the error."""
         begins = np.flatnonzero(~self.contact[:-1] & self.contact[1:]) + 1
         if not len(begins):
             return None if self.contact.any() else "no contact in the recorded second"
@@ -201,8 +202,8 @@ class _Story:
         return f"force sensor at an end of its range in the last {ticks} ticks" if ticks else None
 
     def still(self) -> str | None:
-        """Text about a measured force that does not change although the axis moves in contact or
-        presses; None without this finding."""
+        """Returns text about a measured force that does not change although the axis moves in
+        contact or presses, or None without this finding."""
         ticks = _last_run(self.raw == self.raw[-1])
         is_sign = self.incident.fault in ("force_stuck", "force_disconnected")
         if ticks < 5 or not (is_sign or self.contact[-1]):
@@ -237,7 +238,7 @@ class _Story:
         return f"limited by {enum('limit_reason', int(self.reason[-2]))} in the last {ticks} ticks"
 
     def error(self) -> str | None:
-        """Text about the difference between set-point and position just before the error."""
+        """Returns text about the difference between set-point and position just before the error."""
         lag = (self.incident.column("profile_position") - self.incident.column("position"))[
             : self.at
         ]
@@ -246,8 +247,8 @@ class _Story:
         return f"set-point {self.length(float(lag[-1]))} ahead of the position just before"
 
     def standing(self) -> str | None:
-        """Text about an axis that does not move although a DAC code is output; None without this
-        finding."""
+        """Returns text about an axis that does not move although the firmware outputs a DAC code,
+        or None without this finding."""
         ticks = min(NEAR_TICKS, self.at)
         if ticks < NEAR_TICKS or not self.enabled[-ticks - 1 : -1].all():
             return None
@@ -266,6 +267,6 @@ class _Story:
 
 
 def _last_run(flags: NDArray[np.bool_]) -> int:
-    """Returns the number of consecutive true entries at the end."""
+    """Returns the number of consecutive True entries at the end of `flags`."""
     off = np.flatnonzero(~flags[::-1])
     return int(off[0]) if len(off) else len(flags)

@@ -33,16 +33,16 @@ States = dict[str, str]  # {element: state}
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 
-# Standard deviations of the prior: a fit with a value farther from its prior is rejected, and the
-# search ends at SEARCH_RANGE.
+# Largest distance from the prior in standard deviations: a fit with a larger distance is rejected,
+# and the search ends at SEARCH_RANGE.
 PRIOR_DISTANCE_MAX, SEARCH_RANGE = 3.0, 6.0
 MODEL_ERROR = 0.01  # relative error of a response that no parameter can explain
-# Size of the grid of start values: values of each nearly unknown parameter, and frequencies of the
-# antiresonance. The search begins at the best SEARCHES_MAX points of the grid.
+# Size of the grid of start values: number of values of each nearly unknown parameter, and number of
+# frequencies of the antiresonance. The search begins at the best SEARCHES_MAX points of the grid.
 GRID_POINTS, ANTIRESONANCES = 7, 28
 SEARCHES_MAX = 2
-# largest distance of a spectral line from the limiting mode, as a difference of the logarithms of
-# the frequencies
+# Largest distance of a spectral line from the limiting mode, as a difference of the logarithms of
+# the frequencies.
 LIMITING_MODE_WIDTH_LOG = 0.15
 STEP_LOG = 1e-5  # step of the logarithm of a parameter for a numerical derivative
 PREDICTIONS_MAX = 200  # largest number of predictions that are stored for reuse
@@ -54,9 +54,9 @@ LEVEL_DISTANCE_MAX_LOG, LEVEL_CHANGE_LOG = 0.3, 0.02
 
 @dataclass(frozen=True)
 class ResponseScore:
-    """Test of whether a model explains one response. name: "apart" or "in contact"; points: number
-    of frequencies; modes: {element: state} in which the model is linearised; p: probability of a
-    chi-square at least as large."""
+    """Test that tells if a model explains one response. `name`: "apart" or "in contact". `points`:
+    number of frequencies. `modes`: {element: state} in which the model is linearised. `p`:
+    probability that chi-square is at least as large for a correct model."""
 
     name: str
     points: int
@@ -68,9 +68,9 @@ class ResponseScore:
 
 @dataclass(frozen=True, kw_only=True)
 class JointSummary:
-    """The result of joint() in the form of JSON. values, intervals, ratios, correlation, over and
-    set are None for a rejected fit; order: parameters of the rows of the correlation matrix; why:
-    reason of the rejection as text; set: the values as options of the command line."""
+    """The result of joint() in the form of JSON. Most fields are None for a rejected fit. `order`:
+    parameters of the rows of the correlation matrix. `why`: reason of the rejection as text. `set`:
+    the values as options of the command line."""
 
     model: str = ""
     values: Values | None = None
@@ -93,7 +93,7 @@ class JointSummary:
 
 @dataclass
 class JointFit:
-    """The result of joint(). For a rejected fit only `rejected`, `text`, `best`, `levels` and the
+    """The result of joint(). For a rejected fit, only `rejected`, `text`, `best`, `levels` and the
     chi-square are defined."""
 
     model: str
@@ -103,7 +103,7 @@ class JointFit:
     levels: list[ResponseScore]  #: one for each response
     problem: "Responses"  #: the fitted responses; `at` are the logarithms of the values `best`
     at: Samples
-    rejected: str | None = None  #: reason in one word: prior, chi2 or coherence
+    rejected: str | None = None  #: reason of the rejection in one word: prior, chi2 or coherence
     text: str = ""  #: reason as text
     values: Values | None = None  #: `best` if the fit is not rejected
     intervals: dict[str, tuple[float, float]] | None = None  #: 95 %
@@ -113,25 +113,26 @@ class JointFit:
     correlation: Samples | None = None
     plants: plant_set.PlantSet | None = None  #: the plants for which a force law is designed
     limiting_hz: float | None = None
-    #: for each response {parameter: value}, with the parameters that belong to this response alone
+    #: for each response {parameter: value} of the parameters that only this response has
     own: list[Values] = field(default_factory=list)
-    #: True if each force has parameters of its own: `values` is then their mean, and the ranges
-    #: contain the values of all forces
+    #: True if each force has parameters of its own. Then `values` is the mean of these parameters,
+    #: and
+    #: the ranges contain the values of all forces.
     levels_differ: bool = False
 
     @property
     def p(self) -> float:
-        """Probability of a chi-square at least as large if the model is correct."""
+        """Returns the probability that chi-square is at least as large for a correct model."""
         return float(stats.chi2.sf(self.chi2, self.dof))
 
     @property
     def over(self) -> tuple[str, ...]:
-        """The ranges of `plants` as texts NAME=LOW..HIGH."""
+        """Returns the ranges of `plants` as texts NAME=LOW..HIGH."""
         ranges = self.plants.ranges if self.plants else {}
         return tuple(f"{n}={r[1]:.9g}..{r[2]:.9g}" for n, r in ranges.items())
 
     def summary(self) -> JointSummary:
-        """The fit in the form of JSON."""
+        """Returns the fit in the form of JSON."""
         summary = JointSummary(
             model=self.model, best=self.best, order=tuple(self.best), chi_square=self.chi2,
             dof=self.dof, p_value=self.p, responses=tuple(self.levels),
@@ -149,7 +150,7 @@ class JointFit:
 
 @dataclass(frozen=True)
 class Minimum:
-    """The result of a search: logarithms of the parameters, and half the sum of the squares."""
+    """The result of a search: logarithms of the parameters, and half of the sum of squares."""
 
     x: Samples
     cost: float
@@ -164,7 +165,7 @@ class Responses:
     measured: list[Measurement]
     # {element: state} in which the model is linearised, for each response
     modes: list[States] = field(default_factory=list)
-    # for each response {parameter: name of this parameter in priors}
+    # for each response {parameter: name of this parameter in the priors}
     own: list[dict[str, str]] = field(default_factory=list)
     # relative error of the model for each response
     errors: list[float] = field(default_factory=list)
@@ -188,19 +189,19 @@ class Responses:
         ]
 
     def all_values(self, x: Samples) -> Values:
-        """Returns {name in priors: value} for the logarithms x."""
+        """Returns {name in the priors: value} for the logarithms x."""
         return dict(zip(self.names, np.exp(x).tolist(), strict=True))
 
     def values(self, x: Samples, own: dict[str, str] | None = None) -> Values:
-        """{parameter: value} for one response. own: {parameter: name in priors} for the parameters
-        that belong only to this response."""
+        """Returns {parameter: value} for one response. `own` is {parameter: name in the priors} of
+        the parameters that belong only to this response."""
         every = self.all_values(x)
         shared = {name: value for name, value in every.items() if "@" not in name}
         return shared | {name: every[mine] for name, mine in (own or {}).items()}
 
     def predictions(self, x: Samples) -> list[Response]:
-        """The response of the model for each measured response. A prediction is computed again only
-        after a change of a parameter on which the prediction depends."""
+        """Returns the response of the model for each measured response. A prediction is computed
+        again only after a change of a parameter on which the prediction depends."""
         found = []
         for m, modes, own in zip(self.measured, self.modes, self.own, strict=True):
             one = (
@@ -222,8 +223,7 @@ class Responses:
         return found
 
     def _acting(self, measured: Measurement, own: dict[str, str]) -> NDArray[np.bool_]:
-        """Returns for each parameter True if a response depends on this parameter,
-        (parameters,)."""
+        """Returns an array with True for each parameter on which a response depends, (parameters,)."""
         exact = measured.predict(self.values(self.centre, own))
         moved = [
             measured.predict(self.values(self.centre + d, own)) for d in np.diag(self.spread / 10)
@@ -231,8 +231,8 @@ class Responses:
         return np.array([bool(np.any(abs(h / exact - 1) > 1e-9)) for h in moved])
 
     def coarse(self, x: Samples) -> Samples:
-        """Residuals for the first search: logarithm of the ratio of measured and predicted
-        response. With the coarse residuals, the search converges from distant start values."""
+        """Returns the residuals of the first search: logarithm of the ratio of measured and
+        predicted response. With these residuals, the search converges from distant start values."""
         parts = []
         for m, v, h in zip(self.measured, self.variance, self.predictions(x), strict=True):
             relative = np.sqrt(v) / np.maximum(abs(m.response), 1e-300)
@@ -241,8 +241,8 @@ class Responses:
         return np.concatenate([*parts, (x - self.centre) / self.spread])
 
     def scores(self, x: Samples) -> list[Samples]:
-        """The real residuals of each response. The sum of the squares of these residuals is a
-        chi-square with two degrees of freedom per line; see identify.fit.fit."""
+        """Returns the real residuals of each response. The sum of their squares is a chi-square
+        with two degrees of freedom per spectral line; see identify.fit.fit."""
         found = []
         for m, v, h in zip(self.measured, self.variance, self.predictions(x), strict=True):
             error = (m.response - h) / np.sqrt(v)
@@ -251,15 +251,15 @@ class Responses:
         return found
 
     def fine(self, x: Samples) -> Samples:
-        """Residuals of the likelihood: first of all responses, then of the prior values."""
-        # The factor of the likelihood, (dof + 1) / dof, is set to 1 here and in the chi-square
-        # test.
+        """Returns the residuals of the likelihood: first of all responses, then of the prior
+        values."""
+        # The factor (dof + 1) / dof of the likelihood is set to 1 here and in the chi-square test.
         return np.concatenate([*self.scores(x), (x - self.centre) / self.spread])
 
     def information(self, x: Samples, scales: Sequence[float]) -> tuple[Samples, Samples]:
-        """Information matrices for the logarithms of the parameters: (from the spectral lines
-        alone, from lines and priors). scales: factor for each response by which the variance of the
-        response is enlarged."""
+        """Returns the information matrices for the logarithms of the parameters: (from the spectral
+        lines alone, from spectral lines and priors). `scales` is the factor for each response by
+        which the variance of the response is enlarged."""
         shifted = [
             [self.predictions(x + s * STEP_LOG * d) for s in (1, -1)]
             for d in np.eye(len(self.names))
@@ -272,8 +272,8 @@ class Responses:
         return lines, lines + np.diag(self.spread**-2.0)
 
     def starts(self) -> list[Samples]:
-        """Start values [x]: the best points of a grid of the wide parameters; all other parameters
-        begin at their prior value.
+        """Returns start values [x]: the best points of a grid of the nearly unknown parameters. All
+        other parameters begin at their prior value.
 
         The mass of a workpiece follows from its antiresonance, which is searched among the
         frequencies of all lines: steps of stiffness and mass would miss a narrow antiresonance. The
@@ -306,7 +306,8 @@ class Responses:
         return [x for _, x in sorted(found, key=lambda pair: pair[0])[:SEARCHES_MAX]]
 
     def bounds(self, inside: float = 0.0) -> tuple[Samples, Samples]:
-        """(lowest, highest) logarithms of the search; `inside`: margin in standard deviations."""
+        """Returns the (lowest, highest) logarithms of the search. `inside` is the margin in
+        standard deviations."""
         reach = (SEARCH_RANGE - inside) * self.spread
         return self.centre - reach, self.centre + reach
 
@@ -329,7 +330,7 @@ class Responses:
 
 
 def _real(values: Response) -> Samples:
-    """Real and imaginary parts of complex values, (2 n,)."""
+    """Returns the real and imaginary parts of complex values, (2 n,)."""
     return np.concatenate([values.real, values.imag])
 
 
@@ -338,7 +339,7 @@ def joint(
     over: Sequence[str] = (), own: Sequence[Mapping[str, Prior]] = (),
     errors: Sequence[float] = (), states: States | None = None,
 ) -> JointFit:  # fmt: skip
-    """Fits all responses of one axis at once and returns a JointFit.
+    """Fits all responses of one axis simultaneously, and returns a JointFit.
 
     model: a path or stem. priors: {parameter: Prior} of the parameters to fit. measurements:
     responses of the axis, out of contact or in contact at some force; each response in contact is
@@ -370,8 +371,8 @@ def joint(
 
 
 def _in_modes(problem: Responses) -> Responses:
-    """Returns the problem with the linear ranges of the amplifier, one for each response, that
-    explain the responses best. States that the caller has given are not changed."""
+    """Returns the problem with the linear range of the amplifier for each response that explains
+    the responses best. States from the caller do not change."""
     states = problem.states
     ranges = sets.slopes(problem.model, fixed=states)
     slopes = [states, *(modes for modes in ranges if modes != states)]
@@ -391,7 +392,7 @@ def _in_modes(problem: Responses) -> Responses:
 
 
 def _searched(problem: Responses) -> Samples:
-    """The logarithms of the best parameters."""
+    """Returns the logarithms of the best parameters."""
     best: Minimum | None = None
     enough = stats.chi2.isf(0.05, 2 * sum(len(m.frequency_hz) for m in problem.measured))
     for start in problem.starts():
@@ -409,9 +410,9 @@ def _searched(problem: Responses) -> Samples:
 
 
 def _by_level(problem: Responses, best: Samples) -> Samples | None:
-    """The logarithms of the best parameters for each force in contact, (forces, parameters), if
-    each force is fitted alone. None if the model does not explain a response in this way either, or
-    if the parameters differ too much for one plant."""
+    """Returns the logarithms of the best parameters for each force in contact, (forces,
+    parameters), from a separate fit of each force. Returns None if these fits do not explain a
+    response, or if the parameters differ too much for one plant."""
     pressed = [i for i, m in enumerate(problem.measured) if not m.free]
     found = []
     for level in pressed:
@@ -429,7 +430,7 @@ def _by_level(problem: Responses, best: Samples) -> Samples | None:
 
 
 def _score(residuals: Samples) -> tuple[float, int, float]:
-    """(chi-square, degrees of freedom, probability of a chi-square at least as large)."""
+    """Returns (chi-square, degrees of freedom, probability that chi-square is at least as large)."""
     chi2, dof = float(np.sum(residuals**2)), len(residuals)
     return chi2, dof, float(stats.chi2.sf(chi2, dof))
 
@@ -437,8 +438,8 @@ def _score(residuals: Samples) -> tuple[float, int, float]:
 def _evaluated(
     problem: Responses, x: Samples, over: Sequence[str], apart: Samples | None = None
 ) -> JointFit:
-    """The result of a fit. x: logarithms of the best parameters; apart: logarithms for each force,
-    (forces, parameters), if the forces need different parameters."""
+    """Returns the result of a fit. `x`: logarithms of the best parameters. `apart`: logarithms for
+    each force, (forces, parameters), if the forces need different parameters."""
     levels = []
     for m, modes, score in zip(problem.measured, problem.modes, problem.scores(x), strict=True):
         name = "apart" if m.free else "in contact"
@@ -492,8 +493,9 @@ def _evaluated(
 
 
 def _shown(problem: Responses, lines: Samples, ranges: Collection[str]) -> Samples:
-    """Standard errors of the logarithms from the lines alone, for the parameters with a tolerance.
-    The uncertainty due to all other parameters changes no response and therefore no force loop."""
+    """Returns the standard errors of the logarithms from the spectral lines alone, for the
+    parameters with a tolerance. The uncertainty due to all other parameters changes no response and
+    therefore no force loop."""
     shown: Samples = 1 / np.sqrt(np.maximum(np.diag(lines), 1e-12))
     varied = [i for i, name in enumerate(problem.names) if name in ranges]
     if varied:
@@ -503,8 +505,8 @@ def _shown(problem: Responses, lines: Samples, ranges: Collection[str]) -> Sampl
 
 
 def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
-    """Sets the reason and the text of a rejected fit. away: distance of each parameter from its
-    prior in standard deviations."""
+    """Sets the reason and the text of a rejected fit. `away` is the distance of each parameter from
+    its prior in standard deviations."""
     worst = int(abs(away[: len(found.best)]).argmax())
     misfits = [level for level in found.levels if level.p < REJECTED_BELOW / len(found.levels)]
     if (found.p < REJECTED_BELOW or misfits) and not found.levels_differ:
@@ -539,8 +541,8 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
 def _ratios(
     best: Values, covariance: Samples, size: float
 ) -> dict[str, tuple[float, float, float]]:
-    """{"a/b" or "a*b": (value, low, high)} of pairs of parameters whose quotient or product has at
-    most half the uncertainty of each parameter alone."""
+    """Returns {"a/b" or "a*b": (value, low, high)} of pairs of parameters whose quotient or product
+    has at most half of the uncertainty of each parameter alone."""
     found = {}
     names = list(best)
     for i, j in itertools.combinations(range(len(names)), 2):

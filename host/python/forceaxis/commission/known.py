@@ -1,5 +1,5 @@
-"""Prior knowledge from the model of an axis: priors of the parameters, and the largest codes for
-which the drive stays linear."""
+"""Prior knowledge from the model of an axis: priors of the parameters, and the largest DAC codes
+for which the drive stays linear."""
 
 import math
 from collections.abc import Sequence
@@ -21,25 +21,25 @@ DAMPING_SPREAD, WORKPIECE_SPREAD = math.log(2), math.log(5)
 # constants.
 STEP_S, STEP_COUNT = 1e-5, 300
 STEADY_HZ = 0.02  # frequency in Hz at which the axis has reached its steady speed
-# Ratio of the largest code of a noise to the code that keeps a step linear. A noise reaches its
-# peak rarely.
+# Ratio of the largest DAC code of a noise to the DAC code that keeps a step linear.
+# A noise rarely reaches its peak.
 NOISE_PEAK_FACTOR = 2
-# share of the limit of the drive that a noise may use, because a step of the noise is up to twice
-# the amplitude
+# Share of the drive's limit that a noise may use.
+# A step of the noise is up to twice the amplitude.
 LINEAR_SHARE = 0.7
 
 
 @dataclass(frozen=True)
 class Prior:
-    """Prior knowledge of a parameter: a value above 0 and the standard deviation of the logarithm
-    of the value."""
+    """Prior knowledge of a parameter: a value above 0, and the standard deviation of the logarithm
+    of this value."""
 
     value: float
     spread: float
 
     @property
     def wide(self) -> bool:
-        """True if the standard deviation is so large that the value is nearly unknown."""
+        """Returns True if the standard deviation is so large that the value is nearly unknown."""
         return self.spread > 1.0
 
 
@@ -47,8 +47,9 @@ def priors(
     model: str | Path, over: Sequence[str] = (), given: Sequence[str] = (),
     overrides: linear.Overrides | None = None,
 ) -> dict[str, Prior]:  # fmt: skip
-    """{parameter: Prior} of a model. Masses and constants of the drive and of the contact have the
-    accuracy of a data sheet; the workpiece and the parameters in `over` are nearly unknown.
+    """Returns {parameter: Prior} of a model. Masses and constants of the drive and of the contact
+    have the accuracy of a data sheet. The workpiece and the parameters in `over` are nearly
+    unknown.
 
     given: texts NAME=VALUE (as accurate as a mass) or NAME=VALUE+-PERCENT%. Raises InputError.
     """
@@ -94,8 +95,7 @@ def priors(
 def _drive_limits(
     model: str | Path, overrides: linear.Overrides | None = None
 ) -> list[tuple[str, float]]:
-    """Returns [(signal of the drive, limit of this signal in SI units)] for all limits in a
-    model."""
+    """Returns [(signal of the drive, limit of this signal in SI units)] for all limits in a model."""
     facts, drive = linear.facts(model, overrides), model_file.read(model).drive
     limits = (("drive.voltage", drive.supply_limit), ("drive.current_command", drive.preamp_limit))
     return [
@@ -106,8 +106,9 @@ def _drive_limits(
 
 
 def linear_codes(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Largest codes of a noise that keep voltage and current of the model's drive within their
-    limits; inf without limits. Above these codes the gain of the amplifier decreases."""
+    """Returns the largest DAC codes of a noise that keep voltage and current of the model's drive
+    within their limits, or inf without limits. With larger codes the gain of the amplifier
+    decreases."""
     volts_per_code = linear.facts(model, overrides).volts_per_code
     found = []
     for signal, limit in _drive_limits(model, overrides):
@@ -121,7 +122,8 @@ def linear_codes(model: str | Path, overrides: linear.Overrides | None = None) -
 
 
 def newton_per_code(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Force of the drive at standstill in N per DAC code; inf if the drive integrates."""
+    """Returns the force of the drive at standstill in N per DAC code, or inf if the drive
+    integrates."""
     facts = linear.facts(model, overrides)
     plant = linear.linearise(
         str(model), outputs=(facts.required_reading.signal,), overrides=overrides
@@ -131,7 +133,7 @@ def newton_per_code(model: str | Path, overrides: linear.Overrides | None = None
 
 
 def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Speed of the axis in encoder counts/s per DAC code, out of contact and after the
+    """Returns the speed of the axis in encoder counts/s per DAC code, out of contact and after the
     acceleration."""
     s = 2j * math.pi * STEADY_HZ
     plant = linear.linearise(str(model), outputs=("encoder",), overrides=overrides, free=True)
@@ -140,41 +142,42 @@ def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> f
 
 
 def rigid_counts(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Deflection in counts/N of the spring in the contact; 0 for a contact without a spring."""
+    """Returns the deflection in counts/N of the spring in the contact, or 0 for a contact without a
+    spring."""
     return _counts_per_newton(model, overrides, model_file.read(model).contact)
 
 
 def behind_counts(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Deflection in counts/N of the single spring between the workpiece and the ground; 0 without a
-    single spring."""
+    """Returns the deflection in counts/N of the single spring between the workpiece and the ground,
+    or 0 without a single spring."""
     return _counts_per_newton(model, overrides, model_file.read(model).support)
 
 
 def _counts_per_newton(
     model: str | Path, overrides: linear.Overrides | None, link: ModelLink | None
 ) -> float:
-    """Deflection of a spring in encoder counts per N; 0 without a stiffness."""
+    """Returns the deflection of a spring in encoder counts per N, or 0 without a stiffness."""
     facts = linear.facts(model, overrides)
     stiffness = working.number(link.stiffness, facts.parameters) if link else None
     return abs(facts.required_encoder.scale) / stiffness if stiffness else 0.0
 
 
 def states_of(model: str | Path, states: dict[str, str]) -> dict[str, str]:
-    """`states`, {element: state}, restricted to the elements of the model: a model in which dampers
-    replace dry friction has no states of friction."""
+    """Returns `states`, {element: state}, restricted to the elements of the model. A model in which
+    dampers replace dry friction has no states of friction."""
     switches = linear.facts(model).switches
     return {name: state for name, state in states.items() if name in switches}
 
 
 def states_apart(model: str | Path, states: dict[str, str]) -> dict[str, str]:
-    """The entries of `states`, {element: state}, without the contacts of the model, because these
-    contacts are open."""
+    """Returns the entries of `states`, {element: state}, without the contacts of the model, because
+    out of contact these contacts are open."""
     contacts = {contact.name for contact in linear.facts(model).contacts}
     return {name: state for name, state in states.items() if name not in contacts}
 
 
 def play_counts(model: str | Path, overrides: linear.Overrides | None = None) -> int:
-    """Total backlash of a model in encoder counts; 0 without backlash or encoder."""
+    """Returns the total backlash of a model in encoder counts, or 0 without backlash or encoder."""
     facts = linear.facts(model, overrides)
     if facts.encoder is None:
         return 0
@@ -185,7 +188,7 @@ def play_counts(model: str | Path, overrides: linear.Overrides | None = None) ->
 
 
 class SineBounds:
-    """Largest codes of a sine that keep the model's drive within its limits."""
+    """The largest DAC codes of a sine that keep the model's drive within its limits."""
 
     def __init__(self, model: str | Path) -> None:
         volts_per_code = linear.facts(model).volts_per_code
@@ -195,6 +198,6 @@ class SineBounds:
         ]
 
     def codes(self, hz: float) -> int:
-        """Largest amplitude in codes at a frequency in Hz, at least 1."""
+        """Returns the largest amplitude in DAC codes at a frequency in Hz, at least 1."""
         found = [limit / abs(plant.response([hz])[0]) for plant, limit in self._limits]
         return max(1, int(min([*found, 2047.0])))

@@ -1,4 +1,5 @@
-"""Figures of the previous and of the new force law, on the fitted plant and as measured."""
+"""Bandwidth and margins of the previous and of the new force law, on the fitted plant and as
+measured."""
 
 from collections.abc import Mapping
 
@@ -20,8 +21,8 @@ ERROR_MAX = 0.1  # largest relative error at which a value of |S| is treated as 
 
 
 def active_law(axis: Axis) -> Bank:
-    """The active Bank of the force modes; a P law is returned as a Bank too. Raises Refused,
-    NoAnswer."""
+    """Returns the active Bank of the force modes. A P law is returned as a Bank too. Raises
+    Refused, NoAnswer."""
     number, gain = axis.get("force_bank", "force_gain").values()
     if not number:
         return Bank(gain)
@@ -37,8 +38,8 @@ def active_law(axis: Axis) -> Bank:
 def on_fitted(
     tuning: TuningFolder, fitted: Fitted, banks: Mapping[str, Bank], late: int
 ) -> dict[str, FittedLoop | None]:
-    """{name: figures} of {name: Bank} on the fitted plant; None for a law with gain 0. late:
-    latency in ticks."""
+    """Returns {name: bandwidth and margins} of {name: Bank} on the fitted plant, with None for a
+    law with gain 0. `late` is the latency in ticks."""
     found: dict[str, FittedLoop | None] = {}
     for name, bank in banks.items():
         found[name] = None
@@ -58,8 +59,8 @@ def _loop(
 
 
 def peaks(fitted_axis: FittedAxis, level: Level) -> LoopPeak | None:
-    """The measured Ms, and Ms of the fitted model at the same frequencies; None if |S| is certain
-    at no frequency."""
+    """Returns the measured Ms, and Ms of the fitted model at the same frequencies. Returns None if
+    |S| is certain at no frequency."""
     measured, tuning = level.measured, fitted_axis.tuning
     fitted, designed = fitted_axis.fitted, fitted_axis.designed
     late = tuning.axis.read("latency_ticks")
@@ -67,7 +68,7 @@ def peaks(fitted_axis: FittedAxis, level: Level) -> LoopPeak | None:
     # the larger one of both states.
     every = designed.modes if fitted.friction and designed.modes else (tuning.states,)
     hz = measured.frequency_hz
-    # |S| is averaged over a few per cent of the frequency, because the maximum of many noisy lines
+    # |S| is averaged over a few per cent of the frequency, because the maximum of many noisy values
     # would be too high.
     near = (abs(np.log(hz[:, None] / hz)) < AVERAGING_WIDTH).astype(float)
     near /= near.sum(1, keepdims=True)

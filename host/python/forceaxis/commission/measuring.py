@@ -1,4 +1,4 @@
-"""The measurement of `forceaxis measure`: responses out of contact and at several forces, with
+"""The measurement of `forceaxis measure`: responses out of contact and at several forces, and their
 files."""
 
 from collections.abc import Callable, Sequence
@@ -74,9 +74,9 @@ def measure(
     model: str | Path = "", overrides: linear.Overrides | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, AxisMeasurement]:  # fmt: skip
-    """Measures a response out of contact, if `free` is set, and one response in contact at each of
-    the `forces` in N; returns {name: response}. The axis has to be owned, disabled and at rest. At
-    the end, the axis is disabled at its start position.
+    """Measures one response out of contact, if `free` is True, and one response in contact at each
+    of the `forces` in N. Returns {name: response}. The axis has to be owned, disabled and at rest.
+    At the end, the axis is disabled at its start position.
 
     model: path of a model with which the response is compared, or "". Raises InputError before the
     axis moves if the axis would limit a target; Refusal, NoAnswer, Refused.
@@ -130,8 +130,8 @@ def _taken(
 
 
 def hints(level: Level, rest: Rest) -> list[str]:
-    """Texts about conditions that make the error of a response larger than the confidence band
-    shows."""
+    """Returns texts about conditions that make the error of a response larger than the confidence
+    band shows."""
     texts = []
     noise = level.noise_lsb if rest.noise_lsb is None else rest.noise_lsb
     if noise is not None and noise < QUIET_LSB:
@@ -150,7 +150,7 @@ def hints(level: Level, rest: Rest) -> list[str]:
 
 
 def result_of(axis: Axis, order: MeasuringOrder, level: Level, rest: Rest) -> AxisMeasurement:
-    """The result of a measured response, without friction."""
+    """Returns the result of a measured response, without friction."""
     measured = level.measured
     model = measured.predict() if measured.model else None
     where = "apart" if measured.free else f"pressed with {level.bias_N:.4g} N"

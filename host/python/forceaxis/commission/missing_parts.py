@@ -1,4 +1,4 @@
-"""Searches for the part that a rejected model lacks: fits and ranks candidates for this part.
+"""Searches for the element that a rejected model lacks: fits and ranks candidates for this element.
 
 Each candidate multiplies the model's responses by a factor whose parameters are fitted together
 with all others. The rank is the chi-square plus a penalty of ln n for each parameter (Schwarz, The
@@ -29,10 +29,10 @@ EVALUATIONS_MAX = 25
 
 @dataclass(frozen=True)
 class Shape:
-    """A part that the model may lack. factor(parameters, i, hz): factor of response i;
-    words(parameters, best): (description, TOML), where `best` are the values of the model.
+    """An element that the model may lack. factor(parameters, i, hz) is the factor of response i.
+    words(parameters, best) is (description, TOML), where `best` are the values of the model.
     `parameters` are values in the order of `priors`. A candidate with `freed` parameters of the
-    model itself has the factor 1."""
+    model has the factor 1."""
 
     name: str
     priors: dict[str, Prior]
@@ -41,17 +41,17 @@ class Shape:
     freed: bool = False
 
     def parameters(self, values: Values) -> list[float]:
-        """The values of the candidate's parameters, from all values of a fit."""
+        """Returns the values of the candidate's parameters from all values of a fit."""
         return [values[self.key(name)] for name in self.priors]
 
     def key(self, name: str) -> str:
-        """The name of a parameter of the candidate in the fit."""
+        """Returns the name of a candidate's parameter in the fit."""
         return name if self.freed else f"{name}@shape"
 
 
 @dataclass(frozen=True)
 class Tried:
-    """A fitted candidate. gain: decrease of the chi-square less the penalty; p: probability of the
+    """A fitted candidate. `gain`: decrease of chi-square minus the penalty. `p`: probability of
     chi-square with the candidate."""
 
     name: str
@@ -63,11 +63,12 @@ class Tried:
 
 
 def tried(problem: Responses, x: Samples) -> list[Tried]:
-    """Fits all candidates and returns the candidates that decrease the chi-square by more than
-    their penalty, sorted from best to worst.
+    """Fits all candidates, and returns the candidates that decrease chi-square by more than their
+    penalty, sorted from best to worst.
 
     problem, x: the responses of a rejected joint_fit.joint(), and the logarithms of its best
-    parameters."""
+    parameters.
+    """
     scores = np.concatenate(problem.scores(x))
     before = float(np.sum(scores**2)) + float(np.sum(((x - problem.centre) / problem.spread) ** 2))
     found = []
@@ -80,7 +81,7 @@ def tried(problem: Responses, x: Samples) -> list[Tried]:
 
 
 def lines_of(found: list[Tried]) -> str:
-    """The TOML of the best candidates, each below a comment that describes the candidate."""
+    """Returns the TOML of the best candidates, each below a comment that describes the candidate."""
     lines = []
     for number, one in enumerate(found[:SHOWN_CANDIDATES], 1):
         explains = "then" if one.p >= REJECTED_BELOW else "which is not all,"
@@ -89,9 +90,9 @@ def lines_of(found: list[Tried]) -> str:
 
 
 def _begun(problem: Responses, x: Samples, shape: Shape) -> tuple[Shape, Responses, float, Samples]:
-    """Fits the parameters of a candidate alone, while all other parameters stay at x; returns
-    (candidate, problem with the parameters of the candidate, cost, logarithms of these
-    parameters)."""
+    """Fits the parameters of a candidate alone, while all other parameters stay at x. Returns
+    (candidate, problem with the parameters of the candidate, cost, logarithms of these parameters).
+    """
     own = {shape.key(name): prior for name, prior in shape.priors.items()}
 
     class Shaped(Responses):
@@ -117,7 +118,7 @@ def _begun(problem: Responses, x: Samples, shape: Shape) -> tuple[Shape, Respons
 def _fitted(
     x: Samples, shape: Shape, wider: Responses, _: float, y: Samples, before: float, size: int
 ) -> Tried:
-    """Fits all parameters together, from the result of _begun()."""
+    """Fits all parameters together, starting at the result of _begun()."""
     begin = np.clip(np.concatenate([x, y]), *wider.bounds(1e-3))
     best = optimize.least_squares(
         wider.fine, begin, bounds=wider.bounds(), x_scale=wider.spread, max_nfev=EVALUATIONS_MAX
@@ -132,7 +133,7 @@ def _fitted(
 
 
 def _shapes(problem: Responses) -> list[list[Shape]]:
-    """The candidates from which fits begin, one list for each kind of part."""
+    """Returns the candidates from which fits begin, one list for each kind of element."""
     return [
         [_sensor_lag(problem)],
         [_drive_lag(problem)],
@@ -142,7 +143,7 @@ def _shapes(problem: Responses) -> list[list[Shape]]:
 
 
 def _lag(lag_s: float, hz: Samples) -> Response:
-    """Frequency response of a first-order lag."""
+    """Returns the frequency response of a first-order lag."""
     return np.asarray(1 / (1 + 2j * np.pi * hz * lag_s))
 
 
@@ -161,9 +162,9 @@ def _sensor_lag(problem: Responses) -> Shape:
 
 
 def _drive_lag(problem: Responses) -> Shape:
-    """Candidate: the time constant of the drive's own lag (inductance of the winding or corner
-    frequency of the force) if this time constant is a parameter of the model, otherwise an
-    additional lag."""
+    """Returns the candidate for the lag of the drive: the time constant of the drive (inductance of
+    the winding or corner frequency of the force) if this time constant is a parameter of the model,
+    otherwise an additional lag."""
     drive, facts = model_file.read(problem.model).drive, linear.facts(problem.model)
     name = {"dc_motor": drive.L, "first_order": drive.a_act}.get(drive.type)
     if isinstance(name, str) and name in facts.parameters and name not in problem.priors:
@@ -193,8 +194,8 @@ def _drive_lag(problem: Responses) -> Shape:
 
 
 def _modes(problem: Responses) -> list[Shape]:
-    """Candidates: a mass on a spring on the drive's body, which adds a zero and, at a higher
-    frequency, a pole."""
+    """Returns the candidates for a mode of vibration: a mass on a spring on the drive's body, which
+    adds a zero and, at a higher frequency, a pole."""
     hz = np.concatenate([m.frequency_hz for m in problem.measured])
     facts = linear.facts(problem.model)
     body = facts.required_drive.body
@@ -232,7 +233,7 @@ def _modes(problem: Responses) -> list[Shape]:
 
 
 def _gains(problem: Responses) -> Shape:
-    """Candidate: a separate gain for each response in contact after the first."""
+    """Returns the candidate with a separate gain for each response in contact except the first."""
     pressed = [i for i, m in enumerate(problem.measured) if not m.free]
     support = model_file.read(problem.model).support
 
@@ -256,5 +257,6 @@ def _gains(problem: Responses) -> Shape:
 
 
 def of(found: JointFit) -> list[Tried]:
-    """Parts that the model of a rejected fit may lack, the most likely part first."""
+    """Returns the elements that the model of a rejected fit may lack, the most likely element
+    first."""
     return tried(replace(found.problem), found.at)

@@ -1,4 +1,4 @@
-"""Refusal: the reason why a step of commissioning ended without a result."""
+"""Class Refusal: the reason why a step of commissioning ended without a result."""
 
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer
@@ -24,9 +24,9 @@ class Refusal(Exception):
 
 
 def of_link(axis: Axis, error: Exception) -> Refusal:
-    """Converts an error of a step to a Refusal by the state of the axis: no_answer, ownership, the
-    name of a fault, or refused. A Refusal is returned unchanged if the axis is owned and has no
-    fault."""
+    """Converts an error of a step to a Refusal according to the state of the axis: no_answer,
+    ownership, the name of a fault, or refused. A Refusal is returned unchanged if the axis is owned
+    and has no fault."""
     try:
         owner, fault = axis.get("command_source", "fault").values()
         (source,) = axis.link.read(["command_source"]).values()

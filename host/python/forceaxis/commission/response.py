@@ -1,4 +1,4 @@
-"""Estimates the frequency response from the output codes to a sensor, from records with a known
+"""Estimates the frequency response from the DAC codes to a sensor, from recordings with a known
 waveform.
 
 In a closed loop the input u contains the noise of the measured force through the force law. The
@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 Lines = NDArray[np.int64]  # line numbers of a spectrum
-# size of one code of the input and of the output, each in the unit of the signal
+# quantisation step of the input and of the output, each in the unit of the signal
 Steps = tuple[float, float]
-Still = tuple[Samples, Samples]  # (inputs, outputs) of records during which no waveform was applied
+Still = tuple[Samples, Samples]  # (inputs, outputs) of recordings without a waveform
 
 POWER_MIN = 1e-300  # value that replaces a power of 0 in a divisor
 CANDIDATE_SEEDS = 400  # number of candidate seeds from which calm_seeds() chooses
@@ -29,9 +29,10 @@ CANDIDATE_SEEDS = 400  # number of candidate seeds from which calm_seeds() choos
 
 @dataclass(frozen=True)
 class ResponseEstimate:
-    """A frequency response and the sensitivity function of the loop, (n,) each. variance: variance
-    of the complex response; floor: standard deviation that rounding alone causes; sensitivity:
-    input divided by waveform, complex; sensitivity_error: standard error of sensitivity."""
+    """A frequency response and the sensitivity function of the loop, (n,) each. `variance`:
+    variance of the complex response. `floor`: standard deviation that rounding alone causes.
+    `sensitivity`: input divided by waveform, complex. `sensitivity_error`: standard error of
+    `sensitivity`."""
 
     response: Response
     variance: Samples
@@ -41,16 +42,17 @@ class ResponseEstimate:
     sensitivity_error: Samples
 
     def relative_error(self) -> float:
-        """Median relative standard error of the response."""
+        """Returns the median relative standard error of the response."""
         return float(np.median(np.sqrt(self.variance) / abs(self.response)))
 
     def relative_sensitivity_error(self) -> float:
-        """Median relative standard error of the sensitivity function."""
+        """Returns the median relative standard error of the sensitivity function."""
         return float(np.median(self.sensitivity_error / abs(self.sensitivity)))
 
 
 def lines_of(samples: int, band_hz: tuple[float, float], rate_hz: float) -> Lines:
-    """Line numbers of the spectrum within the band, for a record of `samples` samples."""
+    """Returns the numbers of the spectral lines within the frequency band, for a recording of
+    `samples` samples."""
     low, high = band_hz
     first = max(1, int(np.ceil(low * samples / rate_hz - 1e-9)))
     return np.arange(first, int(np.floor(high * samples / rate_hz + 1e-9)) + 1)
@@ -59,7 +61,7 @@ def lines_of(samples: int, band_hz: tuple[float, float], rate_hz: float) -> Line
 def estimate(
     waveform: Samples, inputs: Samples, outputs: Samples, lines: Lines, steps: Steps
 ) -> ResponseEstimate:
-    """The response from input to output at `lines`.
+    """Returns the response from input to output at the spectral lines `lines`.
 
     waveform, inputs, outputs: (K, n), one whole period of each of K >= 2 realisations in the same
     ticks. steps: size of one code in units of (input, output), for the lowest variance that
@@ -79,7 +81,7 @@ def estimate(
     S = RU / power
     return ResponseEstimate(
         response=H,
-        # Records that are equal in every code contain no information about their common rounding
+        # Recordings that are equal in every code contain no information about their common rounding
         # error.
         variance=np.maximum(spread, 1e-3 * rounding) * gain,
         coherence=np.minimum(np.minimum(*shown), 1.0),
@@ -92,8 +94,8 @@ def estimate(
 def deviation(
     inputs: Samples, outputs: Samples, still: Still, lines: Lines, steps: Steps, averages: int
 ) -> tuple[float, float]:
-    """Expected median relative standard deviations of the response and of the sensitivity function,
-    for `averages` realisations with the noise of this realisation.
+    """Returns the expected median relative standard deviations of the response and of the
+    sensitivity function, for `averages` realisations with the noise of this realisation.
 
     inputs, outputs: (n,) while the waveform acts; still: (inputs, outputs) without it.
     """
@@ -114,9 +116,9 @@ def deviation(
 def excess(
     waveform: Samples, inputs: Samples, outputs: Samples, still: Still, lines: Lines, steps: Steps
 ) -> float:
-    """Ratio of the difference of the realisations to their noise, mean over the lines. A value
-    above 1 indicates distortion, for example by a saturated drive. Arguments as in estimate() and
-    deviation()."""
+    """Returns the ratio of the difference of the realisations to their noise, as the mean over the
+    spectral lines. A value above 1 indicates distortion, for example by a saturated drive. The
+    arguments are those of estimate() and deviation()."""
     R, U, Y = (_spectrum(values, lines) for values in (waveform, inputs, outputs))
     H = (R.conj() * Y).sum(0) / (R.conj() * U).sum(0)
     found = (abs(Y - H * U) ** 2).sum(0) / (len(R) - 1)
@@ -125,30 +127,32 @@ def excess(
 
 
 def _spectrum(values: Samples, lines: Lines) -> Response:
-    """The spectrum of signals, (..., n), at `lines`."""
+    """Returns the spectrum of signals, (..., n), at the spectral lines `lines`."""
     return np.asarray(np.fft.rfft(values)[..., lines])
 
 
 def _rounding_power(H: Response, samples: int, steps: Steps) -> Samples:
-    """Power at the output of a response H that the rounding of input and output to codes causes."""
+    """Returns the power at the output of a response H that the rounding of input and output to
+    codes causes."""
     return np.asarray(samples / 12 * (steps[1] ** 2 + abs(H * steps[0]) ** 2))
 
 
 def _noise_power(H: Response, still: Still, lines: Lines) -> Samples:
-    """Power of the noise at the output of a response H, from records without a waveform."""
+    """Returns the power of the noise at the output of a response H, from recordings without a
+    waveform."""
     U, Y = (_spectrum(values - np.mean(values), lines) for values in still)
     return _smooth(np.asarray(abs(Y - H * U) ** 2))
 
 
 def _smooth(power: Samples, lines: int = 11) -> Samples:
-    """The moving average of a power over `lines` lines."""
+    """Returns the moving average of a power over `lines` spectral lines."""
     width = min(lines, len(power))
     return np.convolve(power, np.ones(width) / width, "same")
 
 
 def calm_seeds(count: int, samples: int, hold: int, first: int) -> list[int]:
-    """Seeds of the firmware's noise whose integral over a period stays nearest to 0. With these
-    seeds, an integrating axis stays near the start position. first: a different number gives
+    """Returns seeds of the firmware's noise whose integral over a period stays nearest to 0. With
+    these seeds, an integrating axis stays near the start position. A different number `first` gives
     different seeds."""
     seeds = (np.arange(CANDIDATE_SEEDS) + CANDIDATE_SEEDS * first) % 65536
     # the same random number generator as in firmware/core/excitation.c

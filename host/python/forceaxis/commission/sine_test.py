@@ -1,4 +1,4 @@
-"""Stiffness and mass of a workpiece with dry friction, measured with sines of the force.
+"""Measures stiffness and mass of a workpiece with dry friction by sinusoidal forces.
 
 The displacement of the workpiece is that of the encoder minus the deflection of the sensor, so the
 ratio of force to displacement is known at each frequency. While the workpiece slides, Coulomb
@@ -21,18 +21,18 @@ SETTLE_S = 0.3
 SIGNALS = ("force_raw", "position", "dac_code")
 # number of frequencies, and smallest number of frequencies at which the workpiece has to slide
 FREQUENCIES, FREQUENCIES_MIN = 11, 3
-# Displacements of the workpiece, as multiples of that at which the spring overcomes the friction:
-# enough for a result, and smallest accepted one.
+# Displacements of the workpiece as multiples of the displacement at which the spring overcomes the
+# friction: displacement that suffices, and smallest displacement that is accepted.
 SLIDES, SLIDES_MIN = 3.0, 1.25
-# largest number of amplitudes at one frequency, and factor from one amplitude to the next
+# largest number of amplitudes at one frequency, and ratio of successive amplitudes
 AMPLITUDES_MAX, AMPLITUDE_FACTOR = 7, 1.6
 
 
 @dataclass(frozen=True)
 class SineTestResult:
-    """Result of the test with sines: stiffness in N/m, mass in kg, damping in N s/m and friction in
-    N of a workpiece, relative standard errors of stiffness and mass, and the frequencies in Hz and
-    amplitudes in DAC codes and N of the sines."""
+    """Result of the test with sinusoidal forces: stiffness in N/m, mass in kg, damping in N s/m and
+    friction in N of a workpiece, relative standard errors of stiffness and mass, and the
+    frequencies in Hz and amplitudes in DAC codes and N of the sines."""
 
     stiffness: float
     mass: float
@@ -49,9 +49,9 @@ class SineTestResult:
 
 @dataclass(frozen=True)
 class SineTestSetup:
-    """What is known before the test with sines: friction under the workpiece in N, stiffnesses of
-    sensor and workpiece in N/m, frequencies in Hz; rate: encoder counts/s per code; scale: encoder
-    counts per m; newton: N per force count."""
+    """Known values before the test with sinusoidal forces: friction under the workpiece in N,
+    stiffness of sensor and workpiece in N/m, frequencies in Hz. `rate` is in encoder counts/s per
+    DAC code, `scale` in encoder counts per m, `newton` in N per force count."""
 
     friction_N: float
     sensor: float
@@ -65,9 +65,9 @@ class SineTestSetup:
 def measure(
     analyzer: Analyzer, force_N: float, setup: SineTestSetup, codes_max: Callable[[float], int]
 ) -> SineTestResult | None:
-    """Presses with `force_N`, excites the axis with sines and computes stiffness and mass of the
-    workpiece. None if the workpiece slides at too few frequencies. codes_max(hz): largest amplitude
-    in DAC codes at which the drive stays linear."""
+    """Presses with `force_N`, excites the axis with sines, and computes stiffness and mass of the
+    workpiece. Returns None if the workpiece slides at too few frequencies. codes_max(hz) returns
+    the largest amplitude in DAC codes at which the drive stays linear."""
     analyzer.bound(analyzer.press(force_N), "sine", period=0)
     found = [_largest_sine(analyzer, hz, setup, codes_max(hz)) for hz in setup.hz]
     analyzer.release()
@@ -77,8 +77,8 @@ def measure(
 
 @dataclass(frozen=True)
 class _Sine:
-    """Response of an axis to a sine of `codes`: force in N and displacements of the axis and of the
-    workpiece in m, complex amplitudes."""
+    """Response of an axis to a sine of `codes` DAC codes: complex amplitudes of the force in N and
+    of the displacements of the axis and of the workpiece in m."""
 
     hz: float
     codes: int
@@ -88,7 +88,7 @@ class _Sine:
 
     @property
     def row(self) -> tuple[float, ...]:
-        """A row of SineTestResult.rows."""
+        """Returns one row of SineTestResult.rows."""
         return (
             self.hz, self.force.real, self.force.imag, self.axis.real, self.axis.imag, self.codes
         )  # fmt: skip
@@ -97,8 +97,9 @@ class _Sine:
 def _largest_sine(
     analyzer: Analyzer, hz: float, setup: SineTestSetup, codes_max: int
 ) -> _Sine | None:
-    """The sine with the largest displacement of the workpiece within the bounds; None if the
-    workpiece does not slide enough. The amplitude is increased until the workpiece slides."""
+    """Returns the sine with the largest displacement of the workpiece within the bounds, or None if
+    the workpiece does not slide enough. The function increases the amplitude until the workpiece
+    slides."""
     # displacement in m at which the spring overcomes the friction
     friction_m = setup.friction_N / setup.workpiece
     target = SLIDES * friction_m
@@ -146,8 +147,9 @@ def _sine(analyzer: Analyzer, hz: float, codes: int, setup: SineTestSetup) -> _S
 def of_sines(
     rows: Sequence[Sequence[float]], sensor: float, damping: float = 0.0
 ) -> SineTestResult:
-    """Stiffness, mass and friction of a workpiece from the rows of a SineTestResult. sensor,
-    damping: stiffness in N/m and damping in N s/m of the sensor between axis and workpiece."""
+    """Returns stiffness, mass and friction of a workpiece from the rows of a SineTestResult.
+    `sensor` and `damping` are stiffness in N/m and damping in N s/m of the sensor between axis and
+    workpiece."""
     hz, f_re, f_im, x_re, x_im, codes = np.array(rows, float).T
     force, w = f_re + 1j * f_im, 2 * np.pi * hz
     way = x_re + 1j * x_im - force / (sensor + 1j * w * damping)
@@ -172,8 +174,8 @@ def of_sines(
 
 
 def _solved(table: Samples, values: Samples, weight: Samples) -> tuple[Samples, Samples]:
-    """(solution, covariance) of weighted least squares; the size of the errors follows from the
-    residuals."""
+    """Returns (solution, covariance) of weighted least squares. The size of the errors follows from
+    the residuals."""
     A, b = table * weight[:, None], values * weight
     solved = np.linalg.lstsq(A, b, rcond=None)[0]
     left = float(np.sum((A @ solved - b) ** 2)) / max(1, len(b) - A.shape[1])

@@ -1,5 +1,5 @@
 """Tunes the force law of an axis: measures, fits, designs, simulates, writes, verifies and stores
-it.
+the law.
 
 `Tuning(axis, order, folder).run()` runs the steps of STEP_TABLE in order. Each step is a function
 whose arguments are the folder and the results of earlier steps. It returns its own result or raises
@@ -82,15 +82,16 @@ from forceaxis.results import from_json, to_json
 
 R = TypeVar("R")  # result of a step
 
-LIMIT_FACTOR = 1 / 6  # gain of the law for the measurement, as a share of the critical gain
-# factors of the stiffnesses and masses in the set of plants for which the critical gain is computed
+LIMIT_FACTOR = 1 / 6  # gain of the law for the measurement as a share of the critical gain
+# Factors of the stiffnesses and masses in the set of plants for which the critical gain is
+# computed.
 SPREAD_FACTORS = (0.3, 1.0, 3.0)
 # integral rates among which the law for the measurement is chosen
 RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
 CROSSOVER_RAD_PER_S = 3.0  # lowest crossover of the set at which a force settles within seconds
-MS_TOLERANCE = 0.3  # permitted excess of a measured Ms over its prediction
+MS_TOLERANCE = 0.3  # permitted excess of a measured Ms over the predicted Ms
 AVERAGES_FACTOR = 4  # factor for the number of averages if |S| is certain at no frequency
-# Highest frequency of the responses: this multiple of the highest frequency at which the loop may
+# Highest frequency of the responses, as a multiple of the highest frequency at which the loop may
 # become unstable.
 RESPONSE_BAND_FACTOR = 1.3
 VERIFIED_BAND_FACTOR = 3.0  # highest frequency at which |S| is verified, as a multiple of fT
@@ -146,7 +147,7 @@ def check(tuning: TuningFolder) -> Checked:
 
 
 def check_line(tuning: TuningFolder, done: Checked) -> str:
-    """The text that reports the result of `check`."""
+    """Returns the text that reports the result of `check`."""
     rest, law = done.rest, done.law.bank
     noise = "" if rest.noise_lsb is None else f", noise {rest.noise_lsb:.2g} codes"
     text = (
@@ -187,8 +188,8 @@ def _expect_axis_of_model(tuning: TuningFolder, held: AxisSettings, facts: Plant
 
 
 def _sensor_settings(held: AxisSettings, facts: PlantFacts) -> Settings:
-    """The model's force_scale for an axis without calibration. Raises Refusal if a calibrated scale
-    differs from the model."""
+    """Returns the model's `force_scale` for an axis without calibration. Raises Refusal if a
+    calibrated scale differs from the model."""
     scale = 1e6 * abs(facts.required_reading.per_count)
     if abs(held.force_scale / scale - 1) <= FORCE_SCALE_TOLERANCE:
         return {}
@@ -201,7 +202,8 @@ def _sensor_settings(held: AxisSettings, facts: PlantFacts) -> Settings:
 
 
 def _position_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> Settings:
-    """A position_gain from the limit of the model, for an axis without one."""
+    """Returns a `position_gain` from the critical gain of the model, for an axis without position
+    gain."""
     if held.position_gain:
         return {}
     moves = known.states_apart(str(tuning.model), tuning.states)
@@ -212,8 +214,8 @@ def _position_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFac
 
 
 def _approach_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> Settings:
-    """An approach_velocity_max from the model, for an axis with the default value or with too much
-    momentum."""
+    """Returns an `approach_velocity_max` from the model, for an axis with the default value or with
+    too much momentum."""
     slow, own = _approach_velocity(tuning.model, facts), held.approach_velocity_max
     delivered = objects.default("approach_velocity_max")
     if own <= slow and own != delivered:
@@ -239,9 +241,9 @@ def _expect_noise(rest: Rest) -> None:
 
 
 def _contact_settings(held: AxisSettings, rest: Rest) -> Settings:
-    """The lowest contact_force that the noise permits, if contact_force has the default value. With
-    a higher threshold, the force of a weak law may stay below the threshold, where the integral
-    action waits."""
+    """Returns the lowest `contact_force` that the noise permits, if `contact_force` has the default
+    value. With a higher threshold, the force of a weak law may stay below the threshold, where the
+    integral action waits."""
     if rest.noise_lsb is None or held.contact_force != objects.default("contact_force"):
         return {}
     counts = CONTACT_NOISE_FACTOR * rest.noise_lsb * 2.0 ** (8 - held.adc_bits)
@@ -250,8 +252,8 @@ def _contact_settings(held: AxisSettings, rest: Rest) -> Settings:
 
 
 def _approach_velocity(model: Path, facts: PlantFacts) -> int:
-    """Approach speed in counts/s whose momentum causes the peak force IMPACT_PEAK_N in the
-    contact's spring."""
+    """Returns the approach speed in counts/s whose momentum causes the peak force IMPACT_PEAK_N in
+    the contact's spring."""
     with Design(str(model)) as plant:
         contact = plant.tables.contact
         stiffness = plant.value(contact.stiffness) if contact else None
@@ -266,9 +268,9 @@ def _approach_velocity(model: Path, facts: PlantFacts) -> int:
 
 
 def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
-    """(bank that is stable with a margin on all plants of the prior knowledge; highest frequency in
-    Hz at which the loop may become unstable). The integral action of the bank brings the force to
-    the set-point."""
+    """Returns (filter bank that is stable with a margin on all plants of the prior knowledge,
+    highest frequency in Hz at which the loop may become unstable). The integral action of the bank
+    brings the force to the set-point."""
     model = str(tuning.model)
     values = {n: r[0] for n, r in plant_set.ranges_of(model, tuning.order.over).items()}
     factors = np.array(np.meshgrid(*[SPREAD_FACTORS] * len(values))).T.reshape(-1, len(values))
@@ -298,7 +300,7 @@ def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
 
 
 def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
-    """Designs a bank for the set of plants about the fitted values."""
+    """Designs a filter bank for the set of plants about the fitted values."""
     order = tuning.order
     asked = outcome.DesignOrder(
         str(tuning.model), over=fitted.over, overrides=fitted.values,
@@ -332,15 +334,15 @@ def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
 
 
 def design_line(tuning: TuningFolder, done: Designed) -> str:
-    """The text that reports the result of `design`."""
+    """Returns the text that reports the result of `design`."""
     line = f"{done.chosen}, fS {done.worst.fS_Hz:.3g} Hz, Ms {done.worst.Ms:.3g}"
     times = done.times_p
     return line + ("" if times is None else f", {times:.3g} times P's bandwidth")
 
 
 def _cut(designed: DesignResult) -> str:
-    """Text about the reduction of the gain after simulated contacts and the reason; "" without a
-    reduction."""
+    """Returns text about the reduction of the gain after simulated contacts and the reason, or ""
+    without a reduction."""
     times, chosen = designed.gain_reductions, designed.chosen
     if not times:
         return ""
@@ -357,8 +359,8 @@ def _cut(designed: DesignResult) -> str:
 
 
 def _times_p(designed: DesignResult) -> float | None:
-    """Bandwidth of the bank divided by the bandwidth of the P law; None if P keeps the margins at
-    no gain."""
+    """Returns the bandwidth of the filter bank divided by the bandwidth of the P law, or None if no
+    gain of P keeps the margins."""
     p, bank = designed.p, designed.worst.fS_Hz
     if isinstance(p, NoPFigures) or not p.fS_Hz or bank is None:
         return None
@@ -366,9 +368,9 @@ def _times_p(designed: DesignResult) -> float | None:
 
 
 def _hf_gain(tuning: TuningFolder, checked: Checked) -> float | None:
-    """Largest gain at high frequency in DAC codes per 8-bit count; None if the noise is not known.
-    The bound of the firmware assumes a noise of one ADC code. In addition, the noise at the output
-    of the law has to keep the drive linear."""
+    """Returns the largest gain at high frequency in DAC codes per 8-bit count, or None if the noise
+    is not known. The bound of the firmware assumes a noise of one ADC code. In addition, the noise
+    at the output of the law has to keep the drive linear."""
     noise = checked.rest.noise_lsb
     if noise is None:
         return None
@@ -383,13 +385,13 @@ def _hf_gain(tuning: TuningFolder, checked: Checked) -> float | None:
 def simulate(
     tuning: TuningFolder, designed: Designed, checked: Checked, fitted: Fitted
 ) -> Simulated:
-    """Simulates contacts, impacts and random members of the set, with the fitted plant and the
-    firmware."""
+    """Simulates contacts, impacts and contacts of random plants of the set, with the fitted plant
+    and the firmware."""
     return Simulated(contact.simulated(contact.FittedAxis(tuning, checked, fitted, designed)))
 
 
 def simulate_line(tuning: TuningFolder, done: Simulated) -> str:
-    """The text that reports the result of `simulate`."""
+    """Returns the text that reports the result of `simulate`."""
     kinds = [row.kind for row in done.contacts]
     errors = ", ".join(
         f"{row.static_error_percent:.2g} %" for row in done.contacts if row.kind == "contact"
@@ -399,7 +401,7 @@ def simulate_line(tuning: TuningFolder, done: Simulated) -> str:
 
 
 def write(tuning: TuningFolder, designed: Designed) -> Written:
-    """Writes the bank to the axis after a copy of the previous values has been written to a
+    """Writes the filter bank to the axis after a copy of the previous values has been written to a
     file."""
     axis, values = tuning.axis, designed.objects
     disable(axis)
@@ -428,12 +430,12 @@ def write(tuning: TuningFolder, designed: Designed) -> Written:
 
 
 def write_line(tuning: TuningFolder, done: Written) -> str:
-    """The text that reports the result of `write`."""
+    """Returns the text that reports the result of `write`."""
     return f"{done.objects} objects, certificate {done.certificate_state}"
 
 
 def _ensure_written(tuning: TuningFolder, designed: Designed) -> None:
-    """Writes the bank again if the axis has lost the bank in a power cut or a reset."""
+    """Writes the filter bank again if the axis has lost the bank in a power cut or a reset."""
     names = ("force_bank", f"bank_crc_{experiment_file.BANK}")
     if any(value != designed.objects[name] for name, value in tuning.axis.get(*names).items()):
         tuning.say("the axis has lost the bank; the bank is written again")
@@ -441,14 +443,14 @@ def _ensure_written(tuning: TuningFolder, designed: Designed) -> None:
 
 
 def _restore_earlier_law(tuning: TuningFolder) -> None:
-    """Restores the values that the objects had before write(). After this call, the step `write` is
-    no longer done."""
+    """Restores the values that the objects had before write(). After this call, the step `write`
+    has to run again."""
     as_found.replace_saved(tuning, BEFORE.required(tuning.folder))
     as_found.put_back(tuning)
     for name in (
         WRITE.file.name,
         BEFORE.name,
-    ):  # at a repeated write(), the previous law of the axis may be different
+    ):  # At a repeated write(), the previous law of the axis may be different.
         (tuning.folder / name).unlink(missing_ok=True)
 
 
@@ -456,7 +458,7 @@ def verify(
     tuning: TuningFolder, written: Written, designed: Designed, measured: MeasuredResponses,
     checked: Checked, fitted: Fitted,
 ) -> Verified:  # fmt: skip
-    """Measures the responses again with the active bank, and Ms of the loop with this bank."""
+    """Measures the responses again with the active filter bank, and Ms of the loop with this bank."""
     _ensure_written(tuning, designed)
     fT_Hz = designed.worst.fT_Hz
     high = BAND_MAX_HZ if fT_Hz is None else min(VERIFIED_BAND_FACTOR * fT_Hz, BAND_MAX_HZ)
@@ -498,7 +500,7 @@ def _verified(
         return level
 
     rubs = bool(fitted_axis.fitted.friction)
-    for factor in (1, AVERAGES_FACTOR):  # a response with a small amplitude needs more averages
+    for factor in (1, AVERAGES_FACTOR):  # A response with a small amplitude needs more averages.
         used = replace(order, averages=factor * order.averages)
         asked = measuring_order(tuning, used, first=first, rubs=rubs)
         level, figures = take_response(
@@ -517,7 +519,7 @@ def _verified(
 
 
 def verify_line(tuning: TuningFolder, done: Verified) -> str:
-    """The text that reports the result of `verify`."""
+    """Returns the text that reports the result of `verify`."""
     pairs = zip(tuning.order.forces, done.levels.values(), strict=True)
     return "; ".join(
         f"{force:g} N Ms {level.Ms:.3g}, predicted {level.Ms_predicted:.3g}"
@@ -543,7 +545,7 @@ def store(tuning: TuningFolder, verified: Verified, designed: Designed) -> Store
 
 
 def store_line(tuning: TuningFolder, done: Stored) -> str:
-    """The text that reports the result of `store`."""
+    """Returns the text that reports the result of `store`."""
     return "parameters and certificate are stored" if done.stored else f"not stored: {done.why}"
 
 
@@ -629,7 +631,8 @@ def _changes(before: TuningOrder, after: TuningOrder) -> dict[str, str]:
 
 
 class Tuning(TuningFolder):
-    """Runs the steps on an Axis that is owned and disabled. The folder `folder` may be new.
+    """Runs the steps of a tuning on an Axis that is owned and disabled. The folder `folder` may be
+    new.
 
     say(text): reports each step and its actions. If the folder contains a tuning with another order
     or model, the results that do not depend on the change are kept and reported. Raises InputError
@@ -643,7 +646,7 @@ class Tuning(TuningFolder):
     ) -> None:  # fmt: skip
         super().__init__(axis, order, folder, say)
         self.step = STEPS[0]
-        # Steps that are done and remain valid when an earlier step runs again.
+        # Steps that are done and stay valid when an earlier step runs again.
         self.kept: frozenset[str] = frozenset()
         self.refused: StepRefusal | None = None
         self._check_files()
@@ -671,8 +674,8 @@ class Tuning(TuningFolder):
             read_touch_down(file)
 
     def _claim(self) -> None:
-        """Writes the order into the folder and keeps the steps that the change of order does not
-        affect. Raises InputError for a folder of another axis."""
+        """Writes the order into the folder, and keeps the steps that the change of the order does
+        not affect. Raises InputError for a folder of another axis."""
         # The order with the types that reading from a file gives: 30 becomes 30.0 and a list
         # becomes a tuple.
         order = from_json(TuningOrder, to_json(self.order))
@@ -691,14 +694,14 @@ class Tuning(TuningFolder):
         TUNE.write(self.folder, identity)
 
     def _renew(self, held: TuningIdentity, identity: TuningIdentity) -> None:
-        """Deletes the results of the steps that depend on a change of order or model, and reports
-        this change."""
+        """Deletes the results of the steps that depend on a change of the order or of the model,
+        and reports this change."""
         changes = _changes(held.order, identity.order)
         first = [STEPS.index(AGAIN_FROM[name]) for name in changes]
         if held.model_sha256 != identity.model_sha256:
             changes["model"] = "the model"
             first.append(STEPS.index(AGAIN_FROM["model"]))
-        if not first:  # no step depends on the change: only the name of the model is different
+        if not first:  # No step depends on the change: only the name of the model is different.
             return
         done = [step for step in STEPS if self._file(step).exists()]
         kept = [step for step in done if step != STEPS[0] and STEPS.index(step) < min(first)]
@@ -716,8 +719,8 @@ class Tuning(TuningFolder):
         return self.folder / STEP_TABLE[step].file.name
 
     def run(self, only: str | None = None) -> TuningSummary:
-        """Runs all steps that are not done, or only the step `only` even if this step is done;
-        returns the summary. After a Refusal or another exception, the axis has its previous
+        """Runs all steps that are not done, or only the step `only` even if this step is done.
+        Returns the summary. After a Refusal or another exception, the axis has its previous
         parameters."""
         self.step = only or STEPS[0]
         try:
@@ -745,7 +748,7 @@ class Tuning(TuningFolder):
         if not again and step.done(self) is not None:
             self.say(f"{place}: done before")
             return
-        for later in STEPS[index:]:  # the results of later steps depend on the replaced result
+        for later in STEPS[index:]:  # The results of later steps depend on the replaced result.
             if later == step.name or later not in self.kept:
                 self._file(later).unlink(missing_ok=True)
         began, tick = time.monotonic(), self.axis.read("tick_count")
@@ -763,7 +766,7 @@ class Tuning(TuningFolder):
         self.say(f"{place}: {step.line(self, result)} ({took:.1f} s)")
 
     def summary(self) -> TuningSummary:
-        """Summary of the results of all steps that are done."""
+        """Returns the summary of the results of all steps that are done."""
         files = {
             name: held for name, step in STEP_TABLE.items()
             if (held := step.file.read(self.folder)) is not None

@@ -48,7 +48,7 @@ Frictions = tuple[friction_models.FrictionElement, ...]
 SLIDING_SPREAD, STICKING_SPREAD = 0.9, 2.0
 # damping in N s/m that replaces the friction of a workpiece that does not slide
 STUCK_DAMPING = 1e6
-# relative error of a response that is fitted with a damper in the place of friction
+# relative error of a response that is fitted with a damper in place of friction
 SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15
 # frequency in Hz and relative error of the response from _speed_response()
 SPEED_RESPONSE_HZ, SPEED_ERROR = 0.2, 0.015
@@ -57,14 +57,15 @@ TRAVEL_STIFFNESS_ERROR = 0.1  # relative error of a stiffness from the travel be
 # this value.
 SINE_MASS_ERROR_MAX = 0.2
 SINE_ERROR_MIN = 0.04  # smallest relative error of a workpiece's values from sines
-REFIT_CHANGE = 0.02  # relative change of the values from sines after which the fit is repeated
+REFIT_CHANGE = 0.02  # relative change of the values from sines above which the fit is repeated
 # Range of the dampings in the design for an axis with dry friction, in standard deviations of the
 # prior to both sides.
 DAMPING_DEVIATIONS = 1.0
-# The mass of a workpiece that does not slide is in the range from the prior divided by this factor
-# to the prior multiplied by this factor.
+# If a workpiece does not slide, its mass is between the prior divided by this factor and the prior
+# multiplied by this factor.
 UNKNOWN_MASS_FACTOR = 3.0
-# Two responses differ if noise alone makes such a difference with a smaller probability.
+# Two responses differ if the probability that noise alone causes the difference is smaller than
+# this.
 DIFFERENCE_PROBABILITY = 1e-4
 
 TRIED = FolderFile("residual.json", list[missing_parts.Tried])
@@ -108,7 +109,7 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     found = fitted(before)
     again = _workpiece(tuning, frictions, measured, found.best)
     if any(abs(p.value / before[n].value - 1) > REFIT_CHANGE for n, p in again.items()):
-        # the values from sines become more accurate with the fitted stiffness of the sensor
+        # The values from sines become more accurate with the fitted stiffness of the sensor.
         found = fitted(before | again)
     if found.rejected:
         raise Refusal(found.rejected, *_explained(tuning, found))
@@ -129,7 +130,7 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
 
 
 def fit_line(tuning: TuningFolder, done: Fitted) -> str:
-    """The text that reports the result of `fit`: the varied parameters."""
+    """Returns the text that reports the varied parameters of `fit`."""
     named = plant_set.ranges_of(done.model, tuning.order.over)
     rows = done.parameters
     text = ", ".join(f"{n} = {done.values[n]:.5g} {rows[n].unit}" for n in named)
@@ -137,7 +138,8 @@ def fit_line(tuning: TuningFolder, done: Fitted) -> str:
 
 
 def _explained(tuning: TuningFolder, found: joint_fit.JointFit) -> tuple[str, str]:
-    """(reason for rejecting a fit, TOML of the candidates that would explain the responses)."""
+    """Returns (reason for rejecting a fit, TOML of the candidates that would explain the
+    responses)."""
     if found.rejected != "chi2":
         return found.text, ""
     tuning.say("the model does not explain the responses: parts that it may lack are tried")
@@ -151,14 +153,14 @@ def _explained(tuning: TuningFolder, found: joint_fit.JointFit) -> tuple[str, st
 
 
 def _under_workpiece(tuning: TuningFolder, frictions: Frictions) -> Frictions:
-    """Returns the frictions that act under the workpiece; all other frictions act in guide and
+    """Returns the frictions that act under the workpiece. All other frictions act in guide and
     gear."""
     return tuple(one for one in frictions if friction_models.of_workpiece(tuning.given, one))
 
 
 def _model_lines(tuning: TuningFolder, frictions: Frictions) -> str:
-    """Returns the friction elements that the model lacks, as TOML, after a report of these
-    elements; writes the completed model."""
+    """Reports the friction elements that the model lacks, writes the completed model, and returns
+    the elements as TOML."""
     if not frictions:
         return ""
     text = friction_models.with_friction(tuning.given, frictions)
@@ -176,9 +178,10 @@ def _model_lines(tuning: TuningFolder, frictions: Frictions) -> str:
 def _closed(
     tuning: TuningFolder, names: list[str], frictions: Frictions, measured: MeasuredResponses
 ) -> list[str]:
-    """The responses during which the backlash of the gear stays closed. If the force that moves the
-    load back is smaller than the friction of the load, the motor moves within the backlash, and no
-    linear model describes the response. Raises Refusal if no response in contact remains."""
+    """Returns the responses during which the backlash of the gear stays closed. If the force that
+    moves the load back is smaller than the friction of the load, the motor moves within the
+    backlash, and no linear model describes the response. Raises Refusal if no response in contact
+    remains."""
     on_table = _under_workpiece(tuning, frictions)
     newton = sum(one.newton for one in frictions if one not in on_table)
     if not newton or not known.play_counts(tuning.given):
@@ -200,7 +203,7 @@ def _dampers(
     tuning: TuningFolder, name: str, frictions: Frictions, free: FreeResponse,
     measured: MeasuredResponses,
 ) -> dict[str, Prior]:  # fmt: skip
-    """{parameter: Prior} of the dampers that replace the frictions in a response."""
+    """Returns {parameter: Prior} of the dampers that replace the frictions in a response."""
     scale = abs(linear.facts(tuning.given).required_encoder.scale)
     response: ResponseFigures = free if name == "free" else measured.levels[name]
     speed_m_per_s = response.speed_rms / scale
@@ -221,14 +224,14 @@ def _dampers(
 
 
 def _error(name: str, frictions: Frictions) -> float:
-    """Relative error of a response that no parameter can explain."""
+    """Returns the relative error of a response that no parameter can explain."""
     sticks = any(one.name == friction_models.TABLE for one in frictions) and name != "free"
     return STICKING_ERROR if sticks else SLIDING_ERROR
 
 
 def _speed_response(free: FreeResponse, apart: Measurement) -> Measurement:
-    """The speed per code of the sliding axis, as a response with one line. Friction does not change
-    this speed, because the axis slides in one direction."""
+    """Returns the speed per DAC code of the sliding axis, as a response with one frequency.
+    Friction does not change this speed, because the axis slides in one direction."""
     exact = complex(free.glide.rate / (2j * np.pi * SPEED_RESPONSE_HZ))
     one = np.ones(1)
     return replace(
@@ -238,7 +241,7 @@ def _speed_response(free: FreeResponse, apart: Measurement) -> Measurement:
 
 
 def _given_priors(tuning: TuningFolder) -> set[str]:
-    """Names of the parameters for which the user gave a prior."""
+    """Returns the names of the parameters for which the user gave a prior."""
     return {text.partition("=")[0] for text in tuning.order.priors}
 
 
@@ -246,8 +249,8 @@ def _workpiece(
     tuning: TuningFolder, frictions: Frictions, measured: MeasuredResponses,
     best: Values | None = None,
 ) -> dict[str, Prior]:  # fmt: skip
-    """Priors of a workpiece with dry friction, from the travel between the forces and from sines.
-    best: {parameter: value} of an earlier fit; None before the first fit."""
+    """Returns the priors of a workpiece with dry friction, from the travel between the forces and
+    from sines. `best` is {parameter: value} of an earlier fit; None before the first fit."""
     on_table = _under_workpiece(tuning, frictions)
     if not any(one.newton > 0 for one in on_table):
         return {}
@@ -284,8 +287,7 @@ def _workpiece(
 
 
 def _determine_mass(shaken: sine_test.SineTestResult | None) -> bool:
-    """Returns True if the workpiece slid far enough under the sines that the sines determine the
-    mass of the workpiece."""
+    """Returns True if the workpiece slid far enough during the sines for a measurement of the mass."""
     return shaken is not None and shaken.mass_error < SINE_MASS_ERROR_MAX
 
 
@@ -296,8 +298,9 @@ def _with_tolerances(
     frictions: Frictions,
     measured: MeasuredResponses,
 ) -> tuple[PlantSet, list[str]]:
-    """(set of plants of a design for an axis with dry friction, a text for each parameter whose
-    value differs from the fit). plants: the set about the fitted values; sheet: the prior values.
+    """Returns (set of plants of a design for an axis with dry friction, a text for each parameter
+    whose value differs from the fit). `plants`: the set about the fitted values. `sheet`: the prior
+    values.
 
     The fit represents dry friction by dampers, one set for each response. The plant of the design
     has no such dampers, because it slides. The fit cannot distinguish friction from damping. All
@@ -335,20 +338,20 @@ def _with_tolerances(
 
 
 def _name(given: Given | None) -> str | None:
-    """The name of the parameter that gives a value in a model file; None for a number."""
+    """Returns the name of the parameter that gives a value in a model file, or None for a number."""
     return given if isinstance(given, str) else None
 
 
 def sensor_names(model: str | Path) -> tuple[str | None, str | None]:
-    """Returns (parameter of the stiffness of the contact, parameter of the damping of the contact);
-    None for a constant number."""
+    """Returns (parameter of the stiffness of the contact, parameter of the damping of the contact),
+    with None for a constant number."""
     contact = model_file.read(model).contact
     return (_name(contact.stiffness), _name(contact.damping)) if contact else (None, None)
 
 
 def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:
-    """(parameter of the stiffness between workpiece and ground, parameter of the workpiece's mass);
-    None for a constant number."""
+    """Returns (parameter of the stiffness between workpiece and ground, parameter of the
+    workpiece's mass), with None for a constant number."""
     tables = model_file.read(model)
     support, body = tables.support, tables.body(tables.workpiece)
     return _name(support.stiffness) if support else None, _name(body.mass) if body else None
@@ -357,8 +360,9 @@ def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:
 def _differing(
     tuning: TuningFolder, measured: MeasuredResponses, names: list[str], model: str
 ) -> list[str]:
-    """Returns the folders of the responses with the smaller amplitude that differ from the response
-    with the larger amplitude; writes these differences to the result of `measure`."""
+    """Compares the two responses of each force, which have a larger and a smaller amplitude.
+    Returns the folders of the smaller-amplitude responses that differ, and writes the differences
+    to the result of `measure`."""
     found, levels = [], dict(measured.levels)
     for name in names:
         small = small_of(name)
@@ -376,7 +380,8 @@ def _differing(
 
 
 def _probability(one: Measurement, other: Measurement) -> float:
-    """Probability that noise alone makes two responses at the same lines differ this much."""
+    """Returns the probability that noise alone makes two responses at the same spectral lines
+    differ this much."""
     from scipy import stats
 
     variance = one.variance + other.variance + (joint_fit.MODEL_ERROR * abs(one.response)) ** 2
@@ -387,8 +392,8 @@ def _probability(one: Measurement, other: Measurement) -> float:
 
 
 def validity_lines(measured: MeasuredResponses, fitted: Fitted | None) -> list[str]:
-    """Lines of text: the forces and amplitudes for which the predictions are valid, and forces that
-    were not measured. fitted: result of the fit, None before the fit."""
+    """Returns text lines about the forces and amplitudes for which the predictions are valid, and
+    about forces that were not measured. `fitted` is the result of the fit, None before the fit."""
     between, frictions = measured.between, fitted.friction if fitted else ()
     lines = [
         f"the axis was moved slowly between {between.low_N:.3g} and {between.high_N:.3g} N: "

@@ -31,8 +31,8 @@ NEW_FOLDER = "delete the folder or give another one"
 
 @dataclass(frozen=True)
 class StepFile(Generic[R]):
-    """The content of the file of a finished step: duration in s as wall time and as time of the
-    axis, and the result."""
+    """The content of the file of a finished step: the result, and the duration in s as wall time
+    and as time of the axis."""
 
     seconds: float
     axis_seconds: float
@@ -41,11 +41,11 @@ class StepFile(Generic[R]):
 
 @dataclass(frozen=True)
 class TuningOrder:
-    """The options of `tune`. model: path or stem of the axis' model, which gives the prior values;
-    forces: N; over: texts NAME=PERCENT% or NAME=LOW..HIGH; priors: NAME=VALUE or
-    NAME=VALUE+-PERCENT%, which replace prior values of the model; states: ELEMENT=STATE, in which
-    the model is linearised; ms: largest permitted Ms; averages: number per response; travel_mm:
-    limit of the motion by the excitation; seed: seed of the noise."""
+    """The options of `tune`. `model`: path or file name of the model, which gives the prior values.
+    `forces`: in N. `over`: texts NAME=PERCENT% or NAME=LOW..HIGH. `priors`: texts NAME=VALUE or
+    NAME=VALUE+-PERCENT%, which replace prior values of the model. `states`: texts ELEMENT=STATE, in
+    which the model is linearised. `ms`: largest permitted Ms. `averages`: number per response.
+    `travel_mm`: limit of the motion by the excitation. `seed`: seed of the noise."""
 
     model: str
     forces: tuple[float, ...]
@@ -62,7 +62,7 @@ class TuningOrder:
 
 @dataclass(frozen=True)
 class TuningIdentity:
-    """Identity of the tuning in a folder: the order, the content of the model, the axis."""
+    """Identity of the tuning in a folder: the order, the content of the model, and the axis."""
 
     order: TuningOrder
     model_sha256: str
@@ -83,11 +83,11 @@ LEVELS = FolderFile("measure.json", StepFile[dict[str, PressedResponse]])
 
 @dataclass(frozen=True)
 class MeasuredFile(FolderFile[StepFile[MeasuredResponses]]):
-    """The three files of the step `measure`. LEVELS is written last, because the existence of
-    LEVELS means that the step is done."""
+    """The three files of the step `measure`. The file LEVELS is written last, because the existence
+    of LEVELS means that the step is done."""
 
     def read(self, folder: Path) -> StepFile[MeasuredResponses] | None:
-        """The result of the step; None if the step is not done. Raises InputError."""
+        """Returns the result of the step, or None if the step is not done. Raises InputError."""
         levels = LEVELS.read(folder)
         if levels is None:
             return None
@@ -95,10 +95,10 @@ class MeasuredFile(FolderFile[StepFile[MeasuredResponses]]):
         return StepFile(levels.seconds, levels.axis_seconds, result)
 
     def write(self, folder: Path, content: StepFile[MeasuredResponses]) -> None:
-        """Replaces the three files."""
+        """Replaces the three files of the step `measure`."""
         result = content.result
         BETWEEN.write(folder, result.between)
-        # this file belongs to an earlier measurement that is now replaced
+        # This file belongs to an earlier measurement that is now replaced.
         if result.shaken is None:
             (folder / SHAKEN.name).unlink(missing_ok=True)
         else:
@@ -110,13 +110,13 @@ MEASURED = MeasuredFile(LEVELS.name, StepFile[MeasuredResponses])
 
 
 def small_of(name: str) -> str:
-    """Folder of the response with the smaller amplitude that belongs to the response `name`."""
+    """Returns the folder of the smaller-amplitude response that belongs to the response `name`."""
     return f"{name}-small"
 
 
 @dataclass(frozen=True)
 class TouchDownRecord:
-    """The file of a first contact: times in s, 0 at the contact; recorded and predicted force in
+    """The file of a first contact: times in s (0 at the contact), recorded and predicted force in
     N."""
 
     time_s: Samples
@@ -155,9 +155,9 @@ class TuningFolder(as_found.AxisFolder):
     ) -> None:  # fmt: skip
         super().__init__(axis, folder, say)
         self.order, self.given = order, linear.find_model(order.model)
-        # called before a file is written, because this call may raise InputError
+        # This call precedes the writing of a file, because the call may raise InputError.
         known.priors(str(self.given), order.over, order.priors)
-        #: states in which the loops are linearised
+        #: states of the elements in which the loops are linearised
         self.states: dict[str, str] = linear.states(order.states)
         if self.states:
             # checks the states: raises InputError for a state that the model lacks

@@ -37,14 +37,14 @@ from forceaxis.linear.plant_set import PlantSet
 
 A = TypeVar("A", bound=Analyzer)
 
-AVERAGES_MIN = 5  # smallest number of averages, for a response with a small error
-AMPLITUDE_RATIO = 3  # ratio of the first to the second amplitude of the excitation at a force
+AVERAGES_MIN = 5  # smallest number of averages for a response with a small error
+AMPLITUDE_RATIO = 3  # ratio of the first to the second amplitude of the excitation at each force
 # An axis that has coasted farther than this multiple of the permitted travel is not moved back.
 COASTED_TRAVELS = 5
 
 
 def free(tuning: TuningFolder, checked: Checked) -> FreeResponse:
-    """Measures the friction out of contact, then the response from the code to the encoder."""
+    """Measures the friction out of contact, then the response from the DAC code to the encoder."""
     settings = checked.settings
     with analyzing(tuning, settings, measuring_order(tuning), Analyzer) as measures:
         measures.rest()
@@ -59,7 +59,7 @@ def free(tuning: TuningFolder, checked: Checked) -> FreeResponse:
 
 
 def free_line(tuning: TuningFolder, done: FreeResponse) -> str:
-    """The text that reports the result of `free`."""
+    """Returns the text that reports the result of `free`."""
     line = line_of("codes to the encoder", done)
     if done.glide.rubs:
         line += (
@@ -70,10 +70,10 @@ def free_line(tuning: TuningFolder, done: FreeResponse) -> str:
 
 
 def _back_to_start(tuning: TuningFolder, measures: Analyzer, start: int) -> None:
-    """After a killed run that left the axis moving: moves the axis back to the position of the step
-    `check` (`start`, in counts) and disables the axis. An axis that is too far away is not moved
-    (COASTED_TRAVELS). The position is valid, because the encoder counts while a fault is
-    latched."""
+    """Moves the axis back to its position in the step `check` (`start`, in counts) after a killed
+    run that left the axis moving, and disables the axis. An axis that is too far away is not moved
+    (COASTED_TRAVELS). The position is valid, because the encoder counts while a fault is latched.
+    """
     if abs(tuning.axis.read("position") - start) <= COASTED_TRAVELS * measures.order.travel:
         tuning.say("the axis returns to the position at which this tuning began")
         measures.home = start
@@ -82,14 +82,14 @@ def _back_to_start(tuning: TuningFolder, measures: Analyzer, start: int) -> None
 
 
 def moving_N(tuning: TuningFolder, free: FreeResponse) -> float:
-    """Dry friction of guide and gear in N, converted from DAC codes by the model; 0 without
-    friction."""
+    """Returns the dry friction of guide and gear in N, converted from DAC codes by the model, or 0
+    without friction."""
     return free.glide.dead_zone * known.newton_per_code(tuning.model) if free.glide.rubs else 0.0
 
 
 def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> MeasuredResponses:
-    """Measures the compliance between the forces, then the responses from the code to the measured
-    force at each force, with two amplitudes."""
+    """Measures the compliance between the forces, then the responses from the DAC code to the
+    measured force at each force, with two amplitudes."""
     levels: dict[str, PressedResponse] = {}
     first = 1
     order = replace(tuning.order, band_hz=checked.band_hz)
@@ -124,12 +124,12 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
 
 
 def measure_line(tuning: TuningFolder, done: MeasuredResponses) -> str:
-    """The text that reports the result of `measure`."""
+    """Returns the text that reports the result of `measure`."""
     return "; ".join(line_of(name, level) for name, level in done.levels.items())
 
 
 def _go_home(tuning: TuningFolder, checked: Checked) -> None:
-    """Moves the axis to the position of the step `check`, because a disabled axis with friction
+    """Moves the axis to its position in the step `check`, because a disabled axis with friction
     would stay in contact."""
     with temporary(tuning.axis, checked.settings), analyzer_of(tuning) as measures:
         measures.home = checked.rest.position
@@ -139,15 +139,15 @@ def _go_home(tuning: TuningFolder, checked: Checked) -> None:
 def _between(
     tuning: TuningFolder, law: Settings, order: TuningOrder
 ) -> tuple[SlowChange, Settings]:
-    """(result of a slow change of the force over all forces and the range of the excitation, the
-    settings `law` with the present contact_loss_cap of the axis)."""
+    """Returns (result of a slow change of the force over all forces and the range of the
+    excitation, the settings `law` with the present `contact_loss_cap` of the axis)."""
     low, high = LOWEST_FORCE_SHARE * min(order.forces), (1 + SWING / 2) * max(order.forces)
     with analyzing(tuning, law, measuring_order(tuning, order), Analyzer) as measures:
         force, place, _ = friction.record_slow_change(measures, low, high)
-        # An axis that is still in contact does not approach again, so the contact_loss_cap of the
+        # An axis that is still in contact does not approach again, so the `contact_loss_cap` of the
         # first contact remains.
         law = law | {"contact_loss_cap": tuning.axis.read("contact_loss_cap")}
-        # the model states all friction in its own newtons
+        # the model states all friction in newtons of the model
         force *= abs(linear.facts(tuning.model).required_reading.per_count) / measures.newton
     found = friction.slow_loading(force, place, known.rigid_counts(tuning.model))
     step = (found.high_N - found.low_N) / friction.FORCE_BINS
@@ -175,14 +175,16 @@ def _between(
 def _shaken(
     tuning: TuningFolder, law: Settings, order: TuningOrder, slow: SlowChange, rate: float
 ) -> sine_test.SineTestResult | None:
-    """Measures the workpiece with sines at the largest force; None if the workpiece does not slide
-    within the limits. rate: speed of the axis in encoder counts/s per DAC code."""
+    """Measures the workpiece with sines at the largest force. Returns None if the workpiece does
+    not slide within the limits. `rate` is the speed of the axis in encoder counts/s per DAC code.
+    """
     facts = linear.facts(tuning.model)
     scale = abs(facts.required_encoder.scale)
     sensor, workpiece = scale / slow.compliance, scale / slow.sliding
     drive = known.SineBounds(str(tuning.model))
-    # The motion follows the stiffness at the lowest frequency and the mass at the highest one, for
-    # each mass in the range of the prior.
+    # At the lowest frequency the stiffness determines the motion, at the highest frequency the
+    # mass,
+    # for each mass in the range of the prior.
     mass = facts.masses_kg.get(model_file.read(tuning.model).workpiece or "")
     own = math.sqrt(workpiece / mass) / (2 * math.pi) if mass else 30.0
     hz = sorted({2 * round(f / 2) for f in np.geomspace(max(4.0, own / 4), min(2.0 * own, 150.0),
@@ -205,8 +207,8 @@ def _shaken(
 
 
 def force_objects(tuning: TuningFolder) -> Settings:
-    """Objects for the largest force plus the range of the excitation: rated force, limit and slope
-    of the force."""
+    """Returns the objects for the largest force plus the range of the excitation: rated force,
+    limit and slope of the force."""
     return {
         "rated_force": round(1.5e3 * max(tuning.order.forces)), "force_limit": 1000,
         "force_slope": 2000,
@@ -217,8 +219,8 @@ def measuring_order(
     tuning: TuningFolder, order: TuningOrder | None = None, *, first: int = 1, amplitude: int = 0,
     rubs: bool = False,
 ) -> MeasuringOrder:  # fmt: skip
-    """The order of an analyzer. order: by default the order of the tuning; first, amplitude, rubs:
-    fields of MeasuringOrder."""
+    """Returns the order of an Analyzer. `order` is by default the order of the tuning. `first`,
+    `amplitude` and `rubs` are fields of MeasuringOrder."""
     order, model = order or tuning.order, str(tuning.model)
     scale = abs(linear.facts(model).required_encoder.scale)
     return MeasuringOrder(
@@ -230,7 +232,7 @@ def measuring_order(
 
 
 def analyzer_of(tuning: TuningFolder, order: TuningOrder | None = None) -> Analyzer:
-    """An analyzer of the axis. order: by default the order of the tuning."""
+    """Returns an Analyzer of the axis. `order` is by default the order of the tuning."""
     return Analyzer(tuning.axis, measuring_order(tuning, order), tuning.model, {}, tuning.say)
 
 
@@ -238,8 +240,8 @@ def analyzer_of(tuning: TuningFolder, order: TuningOrder | None = None) -> Analy
 def analyzing(
     tuning: TuningFolder, settings: Settings, order: MeasuringOrder, kind: type[A]
 ) -> Iterator[A]:
-    """Disables the axis, writes `settings` and gives an analyzer of type `kind`; restores the
-    previous values at the end."""
+    """Context that disables the axis, writes `settings` and returns an Analyzer of type `kind`. The
+    context restores the previous values at the end."""
     disable(tuning.axis)
     with (
         temporary(tuning.axis, settings),
@@ -252,13 +254,13 @@ def take_response(
     tuning: TuningFolder, name: str, settings: Settings, order: MeasuringOrder, kind: type[A],
     take: Callable[[A], Level],
 ) -> tuple[Level, ResponseFigures]:  # fmt: skip
-    """Measures a response with `settings` and writes it to the folder `name`. take(analyzer):
-    measures the response with an analyzer of type `kind`."""
+    """Measures a response with `settings` and writes the response to the folder `name`.
+    take(analyzer) measures the response with an Analyzer of type `kind`."""
     with analyzing(tuning, settings, order, kind) as analyzer:
         rest = analyzer.rest() if name == "free" else Rest(0.0, None, 0)
         level = take(analyzer)
     done = measuring.result_of(tuning.axis, analyzer.order, level, rest)
-    # without figures: the page of the tuning shows the response
+    # The folder gets no plots, because the page of the tuning shows the response.
     results.write(done, tuning.folder / name, draw=False)
     return level, ResponseFigures(
         coherence_median=done.summary.coherence_median,
@@ -271,21 +273,22 @@ def take_response(
 
 
 def next_amplitude(amplitude: int, force: float, forces: tuple[float, ...]) -> int:
-    """Amplitude in DAC codes at which the search begins at the next force. At a smaller force the
-    permitted range of the force is smaller too."""
+    """Returns the amplitude in DAC codes at which the search begins at the next force. At a smaller
+    force, the permitted range of the force is smaller too."""
     following = forces[min(forces.index(force) + 1, len(forces) - 1)]
     return max(1, int(amplitude * min(1.0, following / force)))
 
 
 def line_of(name: str, figures: ResponseFigures) -> str:
-    """Text about a response: the amplitude in DAC codes and the relative error."""
+    """Returns text about a response: the amplitude in DAC codes and the relative error."""
     error = 100 * (figures.random_error_median or 0.0)
     return f"{name} with {figures.amplitude} codes, error {error:.2g} %"
 
 
 @contextlib.contextmanager
 def temporary(axis: Axis, values: Settings) -> Iterator[None]:
-    """Writes objects to a disabled axis and restores their previous values at the end."""
+    """Context that writes objects to a disabled axis, and restores their previous values at the
+    end."""
     before = axis.get(*values) if values else {}
     _write(values, axis.set)
     try:
@@ -298,7 +301,7 @@ def temporary(axis: Axis, values: Settings) -> Iterator[None]:
 
 
 def _write(values: Settings, write: Callable[..., None]) -> None:
-    if "force_bank" in values:  # the firmware refuses writes to a selected bank
+    if "force_bank" in values:  # The firmware refuses writes to a selected filter bank.
         write(force_bank=0)
     write(**values)
 
@@ -313,9 +316,10 @@ def objects_of(
     tuning: TuningFolder, checked: Checked, bank: Bank, loss: Mapping[str, int], ms: float = 2.0,
     plants: PlantSet | None = None,
 ) -> Settings:  # fmt: skip
-    """{object: engineering value} in the order of writing: the settings that check() has added, and
-    a bank with the certificate for this axis. loss: limits after a contact loss; ms: largest Ms of
-    the set; plants: the set of plants, None for a certificate without tolerances."""
+    """Returns {object: engineering value} in the order of writing: the settings that check() has
+    added, and a filter bank with the certificate for this axis. `loss`: limits after a contact
+    loss. `ms`: largest Ms of the set of plants. `plants`: the set of plants, None for a certificate
+    without tolerances."""
     own = checked.settings
     held = tuning.axis.get("force_scale", "adc_bits", "force_zero_code") | own
     units = {n: row.unit for n, row in linear.facts(tuning.model).parameters.items()}

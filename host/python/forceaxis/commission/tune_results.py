@@ -27,10 +27,10 @@ Range = tuple[float, float]  # low, high
 
 @dataclass(frozen=True)
 class Checked:
-    """Result of `check`. settings: values from the model for objects that nobody has set on the
-    axis; law: the force law for the measurement; band_hz: lowest and highest frequency of the
-    responses; before: the previous force law of the axis; latency_ticks: latency of the output of
-    the axis in ticks."""
+    """Result of `check`. `settings`: values from the model for objects that nobody has set on the
+    axis. `law`: the force law for the measurement. `band_hz`: lowest and highest frequency of the
+    responses. `before`: the previous force law of the axis. `latency_ticks`: latency of the output
+    of the axis in ticks."""
 
     rest: Rest
     settings: Settings
@@ -42,9 +42,9 @@ class Checked:
 
 @dataclass(frozen=True, kw_only=True)
 class ResponseFigures:
-    """Figures of a measured response. swing: range of the output from peak to peak; speed_rms: rms
-    of the rate of the output that the waveform alone causes. Both are in N and N/s in contact, in
-    counts and counts/s out of contact. See level.Level."""
+    """Numbers of a measured response. `swing`: range of the output from peak to peak, in N in
+    contact and in counts out of contact. `speed_rms`: rms rate of change of the output that the
+    waveform alone causes, in N/s or counts/s. See level.Level."""
 
     amplitude: int
     swing: float
@@ -62,8 +62,8 @@ class ResponseFigures:
 
 @dataclass(frozen=True)
 class GlideFigures:
-    """A friction.Glide, and whether the axis has friction out of contact. Dead zone and difference
-    in codes; rate in counts/s per code."""
+    """A friction.Glide, and True if the axis has friction out of contact. Dead zone and difference
+    are in DAC codes, `rate` is in counts/s per DAC code."""
 
     dead_zone: float
     rate: float
@@ -82,8 +82,8 @@ class FreeResponse(ResponseFigures):
 
 @dataclass(frozen=True, kw_only=True)
 class PressedResponse(ResponseFigures):
-    """Figures of the response at one force. small: figures of the response with the smaller
-    amplitude; differs: True if `fit` has found that the two responses differ."""
+    """Numbers of the response at one force. `small`: numbers of the response with the smaller
+    amplitude. `differs`: True if `fit` has found that the two responses differ."""
 
     bias_N: float = field()
     small: ResponseFigures | None = json_field(omit_none=True)
@@ -92,8 +92,8 @@ class PressedResponse(ResponseFigures):
 
 @dataclass(frozen=True, kw_only=True)
 class SlowChange:
-    """friction.SlowLoading between the smallest and the largest force, with the keys of the file.
-    force_N and way: means of the record, (n,), in N and counts."""
+    """The friction.SlowLoading between the smallest and the largest force, with the keys of the
+    file. `force_N` and `way` are block means of the recording, (n,), in N and counts."""
 
     friction_N: float
     sticks: bool
@@ -109,9 +109,9 @@ class SlowChange:
 
 @dataclass(frozen=True)
 class MeasuredResponses:
-    """Result of `measure`, in three files. levels: {folder of a response: figures of the response};
-    between: slow change of the force; shaken: measurement of the workpiece with sines, None if the
-    workpiece did not slide."""
+    """Result of `measure`, in three files. `levels`: {folder of a response: numbers of the
+    response}. `between`: slow change of the force. `shaken`: measurement of the workpiece with
+    sines, None if the workpiece did not slide."""
 
     levels: dict[str, PressedResponse]
     between: SlowChange
@@ -120,7 +120,7 @@ class MeasuredResponses:
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """A fitted parameter: SI value, 95 % interval, unit."""
+    """A fitted parameter: SI value, 95 % interval, and unit."""
 
     value: float
     interval: Range
@@ -129,11 +129,11 @@ class ParameterRow:
 
 @dataclass(frozen=True, kw_only=True)
 class Fitted(JointSummary):
-    """Result of `fit`. values: values for the design; own: {response: values of the parameters that
-    only this response has}; friction: the measured dry friction; lines: the friction elements that
-    the model lacks, as TOML; left_out: responses during which the backlash of the gear opens;
-    relied: texts about parameters whose design value differs from the fit; together: values that
-    change together."""
+    """Result of `fit`. `values`: values for the design. `own`: {response: values of the parameters
+    that only this response has}. `friction`: the measured dry friction. `lines`: the friction
+    elements that the model lacks, as TOML. `left_out`: responses during which the backlash of the
+    gear opens. `relied`: texts about parameters whose design value differs from the fit.
+    `together`: values that change together."""
 
     values: Values = field()
     over: tuple[str, ...] = field()
@@ -148,17 +148,17 @@ class Fitted(JointSummary):
 
 @dataclass(frozen=True, kw_only=True)
 class FittedLoop(over.Figures):
-    """Figures of a force law on the fitted plant."""
+    """Bandwidth and margins of a force law on the fitted plant."""
 
     law: BankKeys
 
 
 @dataclass(frozen=True, kw_only=True)
 class Designed(DesignResult):
-    """Result of `design`: the content of `forceaxis design --json` and more. on_fitted: {"before",
-    "designed": figures on the fitted plant, None without a law}; objects: values in the order of
-    writing; cut: text about the gain reduction by simulated contacts; times_p: bandwidth divided by
-    the bandwidth of the P law."""
+    """Result of `design`: the content of `forceaxis design --json` and more. `on_fitted`: {"before"
+    and "designed": bandwidth and margins on the fitted plant, None without a law}. `objects`:
+    values in the order of writing. `cut`: text about the gain reduction by simulated contacts.
+    `times_p`: bandwidth divided by the bandwidth of the P law."""
 
     on_fitted: dict[str, FittedLoop | None]
     cut: str
@@ -168,8 +168,8 @@ class Designed(DesignResult):
 
 @dataclass(frozen=True, kw_only=True)
 class ContactOfKind(SimulatedContact):
-    """A contact that the step `simulate` has simulated. kind: "contact", "strike" (an impact
-    follows the contact) or "set" (the plant is a random member of the set)."""
+    """A contact that the step `simulate` has simulated. `kind` is "contact", "strike" (an impact
+    follows the contact) or "set" (the plant is a random plant of the set)."""
 
     kind: str
 
@@ -191,9 +191,9 @@ class Written:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopPeak:
-    """Peak of the sensitivity function: the largest measured |S|, the standard error and the
-    frequency in Hz of this value, and the largest |S| of the fitted model at the same frequencies;
-    lines: number of frequencies at which |S| is certain."""
+    """Peak of the sensitivity function: the largest measured |S| with its standard error and
+    frequency in Hz, and the largest |S| of the fitted model at the same frequencies. `lines` is the
+    number of frequencies at which |S| is certain."""
 
     Ms: float
     Ms_error: float
@@ -204,8 +204,8 @@ class LoopPeak:
 
 @dataclass(frozen=True, kw_only=True)
 class TouchDownPeaks:
-    """Largest force of a first contact in N, as recorded and as simulated on the fitted plant; None
-    if the simulated force does not settle."""
+    """The largest force of a first contact in N, as recorded and as simulated on the fitted plant.
+    The simulated value is None if the simulated force does not settle."""
 
     peak_N: float
     peak_predicted_N: float | None
@@ -220,14 +220,14 @@ class VerifiedResponse(TouchDownPeaks, LoopPeak, ResponseFigures):
 
 @dataclass(frozen=True)
 class Verified:
-    """Result of `verify`: {folder of the response: figures}."""
+    """Result of `verify`: {folder of the response: numbers of the response}."""
 
     levels: dict[str, VerifiedResponse]
 
 
 @dataclass(frozen=True)
 class Stored:
-    """Result of `store`; why: the reason that an axis without memory for parameters gives."""
+    """Result of `store`. `why` is the reason that an axis without memory for parameters gives."""
 
     stored: bool
     why: str | None = json_field(omit_none=True)
@@ -235,8 +235,8 @@ class Stored:
 
 @dataclass(frozen=True)
 class StepRefusal:
-    """A step that ended with a Refusal: name of the step, name and text of the Refusal; lines: TOML
-    to add to the model."""
+    """A step that ended with a Refusal: name of the step, name and text of the Refusal. `lines` is
+    TOML to add to the model."""
 
     step: str
     name: str
@@ -246,10 +246,10 @@ class StepRefusal:
 
 @dataclass(frozen=True, kw_only=True)
 class TuningSummary:
-    """Results of a tuning as `forceaxis tune --json` prints them; None if a result is not known
-    yet. levels: levels of Verified; cuts: texts of the gain_cuts; holds: texts of
-    tune_fit.validity_lines(); seconds: {step: wall time in s}; axis_seconds: {step: time of the
-    axis in s}."""
+    """Results of a tuning as `forceaxis tune --json` prints the results. A field is None if the
+    result is not known yet. `levels`: levels of Verified. `cuts`: texts of the gain_cuts. `holds`:
+    texts of tune_fit.validity_lines(). `seconds`: {step: wall time in s}. `axis_seconds`: {step:
+    time of the axis in s}."""
 
     axis: str
     folder: str

@@ -29,23 +29,23 @@ LARGER_STRUCTURE_MIN = 1.1  # smallest ratio of bandwidths at which the larger s
 RANDOM = 1000  # number of random plants on which the result is checked
 PROBE_RANDOM = 60  # number of random plants in each round of the search
 ROUNDS_MAX = 4  # largest number of rounds in which plants are added to the search
-# Largest number of corners in the first set. Other corners are added if the law violates the
-# margins on them.
+# Largest number of corner plants at the start of the search. A further corner plant is added if the
+# law violates the margins on that plant.
 CORNERS_MAX = 8
 SEED = 1988
-# rise time of the ramp, as a multiple of the period at the bandwidth of a PI law
+# rise time of the set-point ramp as a multiple of 1 / (bandwidth of a PI law)
 RAMP_PERIODS = 0.2
 RAMP_MIN_S = 0.1  # shortest rise time
 # The bandwidth is evaluated at this share of the largest gain, so that the bandwidth does not jump
-# if |S| of a member only just reaches -3 dB.
+# if |S| of a plant has a peak close to -3 dB.
 GAIN_SHARE = 0.97
 # Number of generations of the differential evolution. With half of this number, a search often ends
 # in a local optimum, even with restarts.
 GENERATIONS = 90
 # number of searches for a law with no, with one and with two second-order sections
 RESTARTS = (1, 2, 2)
-# Lowest frequency of zeros and poles in bandwidths of a PI law, for each restart. The best result
-# is chosen, because the ramp excludes laws that oscillate after a first contact.
+# Lowest frequency of zeros and poles for each restart, as a multiple of the bandwidth of a PI law.
+# The best result is used, because the ramp excludes laws that oscillate after a first contact.
 LOWEST_FACTORS = (1.5, 0.5)
 # largest static error of a law without integral action, as a share of the set-point
 STATIC_ERROR_MAX = 0.01
@@ -53,8 +53,8 @@ STATIC_ERROR_MAX = 0.01
 
 @dataclass(frozen=True)
 class StructureDesign:
-    """The best control law of one structure. worst: worst figures over the set of plants, None if
-    no gain keeps the margins."""
+    """The best control law of one structure. `worst` contains the worst bandwidth and margins over
+    the set of plants; None if no gain keeps the margins."""
 
     name: str
     bank: BankFigures
@@ -62,24 +62,26 @@ class StructureDesign:
 
     @property
     def bandwidth_Hz(self) -> float:
-        """fS over the set in Hz; 0 if the law has no bandwidth."""
+        """Returns the bandwidth fS over the set of plants in Hz, or 0 if the law has no bandwidth."""
         return self.worst.bandwidth_Hz if self.worst else 0.0
 
     @property
     def row(self) -> Row:
-        """fS in Hz, Ms and gain margin for a table; None if no gain keeps the margins."""
+        """Returns fS in Hz, Ms and gain margin for a table. The values are None if no gain keeps
+        the margins."""
         w = self.worst
         return (w.fS_Hz, w.Ms, w.gain_margin) if w else (None, None, None)
 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """Result of a search: the bank with the values that the firmware stores, and the worst figures
-    of this bank over the set.
+    """Result of a search: the filter bank with the values that the firmware stores, and the worst
+    bandwidth and margins of this bank over the set of plants.
 
     p: figures of the P law at the same margins; structures: from the smallest to the largest;
     limited_by: a sentence; chosen: name of a structure; instead(name): the result with another
-    structure, None if no gain keeps the margins with this structure."""
+    structure, None if no gain keeps the margins with this structure.
+    """
 
     bank: Bank
     worst: WorstFigures
@@ -91,9 +93,9 @@ class SearchResult:
 
 
 class SearchProblem:
-    """Evaluates control laws over the members of a set of plants: largest gain within the bounds
-    of a goal, and bandwidth with this gain. numbers: logarithms of a structure, as `structures`
-    defines them."""
+    """Evaluates control laws on all plants of a set of plants: largest gain within the bounds of a
+    goal, and bandwidth with this gain. `numbers` are the logarithms of the law's parameters, as
+    `structures` defines them."""
 
     def __init__(
         self, plants: PlantSet, members: list[Member], goal: Goal, ramp: Ramp | None,
@@ -104,8 +106,8 @@ class SearchProblem:
         self.ramp = ramp
 
     def law(self, numbers: Samples) -> tuple[Response, float] | None:
-        """(frequency response, gain at high frequency) of a control law with the gain 1; None if
-        the firmware cannot store the coefficients of the law."""
+        """Returns (frequency response, gain at high frequency) of a control law with the gain 1.
+        Returns None if the firmware cannot store the coefficients of the law."""
         bank = structures.bank(numbers, 1.0)
         if not structures.is_legal(bank.sections):
             return None
@@ -113,8 +115,8 @@ class SearchProblem:
         return law, max(bank.hf_gain(), _noise(law, numbers, self.grid))
 
     def evaluate(self, numbers: Samples) -> tuple[float, float]:
-        """(bandwidth in Hz, largest gain) of a control law. The bandwidth is reduced if the force
-        does not follow the ramp."""
+        """Returns (bandwidth in Hz, largest gain) of a control law. The function reduces the
+        bandwidth if the force does not follow the ramp."""
         found = self.law(numbers)
         if found is None:
             return 0.0, 0.0
@@ -145,8 +147,8 @@ class SearchProblem:
     def polished(
         self, numbers: Samples, limits: Samples, evaluations: int, tolerance: float
     ) -> Samples:
-        """The numbers of the best law that a simplex finds from `numbers` within the limits, an
-        array of (lowest, highest)."""
+        """Returns the numbers of the best law that a simplex search finds. The search starts at
+        `numbers` and stays within `limits`, an array of (lowest, highest)."""
         low, high = limits.T
         found = optimize.minimize(
             self.cost(limits), numbers, method="Nelder-Mead",
@@ -156,14 +158,15 @@ class SearchProblem:
         return best
 
     def cost(self, limits: Samples) -> Callable[[Samples], float]:
-        """Returns the negative bandwidth for numbers, which are first limited to the permitted
-        range."""
+        """Returns the negative bandwidth of the law with these numbers, after a limitation of the
+        numbers to the permitted range."""
         low, high = limits.T
         return lambda numbers: -self.evaluate(np.clip(numbers, low, high))[0]
 
 
 def _noise(law: Response, numbers: Samples, grid: Grid) -> float:
-    """Largest magnitude of a control law over the frequency, computed without integral action."""
+    """Returns the largest magnitude of a control law over the frequency, computed without integral
+    action."""
     if not len(numbers):
         return 1.0
     return float(np.abs(law / (1 + math.exp(numbers[0]) * grid.integral)).max())
@@ -173,8 +176,9 @@ def _starts(
     name: str, limits: Samples, plants_zeros: list[float], best: Samples, rng: np.random.Generator,
     count: int,
 ) -> Samples:  # fmt: skip
-    """The first population of a search: zeros at antiresonances of the plant with a pole above,
-    the law of the next smaller structure with a section that has no effect, and random numbers."""
+    """Returns the first population of a search. It contains laws with zeros at antiresonances of
+    the plant and a pole above each zero, the law of the next smaller structure with a section
+    without effect, and laws with random numbers."""
     low, high = limits.T
     rows = low + (high - low) * rng.random((count, len(limits)))
     sections = structures.STRUCTURES[name]
@@ -196,9 +200,9 @@ def _search(
     problem: SearchProblem, thin: SearchProblem, name: str, fS: float, zeros: list[float],
     best: Samples,
 ) -> Samples:  # fmt: skip
-    """The numbers of the best law of a structure. thin: the same problem on a grid with fewer
-    points; fS: bandwidth of a PI law in Hz; zeros: antiresonances in Hz; best: numbers of the best
-    law of the next smaller structure."""
+    """Returns the numbers of the best law of a structure. `thin`: the same problem on a grid with
+    fewer points. `fS`: bandwidth of a PI law in Hz. `zeros`: antiresonances in Hz. `best`: numbers
+    of the best law of the next smaller structure."""
     rng = np.random.default_rng(SEED)
     results = []
     for begin in LOWEST_FACTORS[: RESTARTS[structures.STRUCTURES[name] or 0]]:
@@ -217,15 +221,15 @@ def _search(
 
 
 def _polished(problem: SearchProblem, numbers: Samples, limits: Samples) -> Samples:
-    # a second simplex search, because the first simplex may have collapsed before the optimum
+    # A second simplex search, because the first simplex may have collapsed before the optimum.
     for _ in range(2):
         numbers = problem.polished(numbers, limits, 80 * len(limits), 1e-4)
     return numbers
 
 
 def first_members(plants: PlantSet) -> list[Member]:
-    """The members with which a search begins: the nominal members and the corners, or a random
-    sample of the corners if there are many."""
+    """Returns the plants with which a search begins: the nominal plants and the corner plants, or a
+    random sample of the corner plants if there are many."""
     corners, most = plants.corners(), CORNERS_MAX * len(plants.modes)
     if len(corners) > most:
         corners = random.Random(SEED).sample(corners, most)
@@ -239,8 +243,8 @@ def _random(plants: PlantSet, count: int, seed: int) -> list[Member]:
 def search(
     plants: PlantSet, goal: Goal | None = None, progress: Callable[[str], None] | None = None
 ) -> SearchResult:
-    """The best control law for a set of plants. Raises InputError if no law keeps the margins.
-    progress(text) is called at every step."""
+    """Returns the best control law for a set of plants. Raises InputError if no law keeps the
+    margins. The function calls progress(text) at every step."""
     goal = goal or Goal()
     say = progress or (lambda text: None)
     _check(goal)
@@ -280,8 +284,8 @@ def search(
 
 
 def antiresonances(grid: Grid) -> list[float]:
-    """Frequencies in Hz of the lightly damped zeros of the plants of a grid, at most eight. Of
-    nearly equal frequencies, only one is returned."""
+    """Returns the frequencies in Hz of the lightly damped zeros of the plants of a grid, at most
+    eight. Of nearly equal frequencies, the result contains only one."""
     found: list[float] = []
     for loop in grid.open_loops:
         zeros = loop.open.zeros_s()
@@ -295,8 +299,8 @@ def antiresonances(grid: Grid) -> list[float]:
 
 
 def _violator(problem: SearchProblem, probe: Grid, numbers: Samples) -> Member | None:
-    """The member of a grid that limits the gain of a law most; None if the law keeps the margins on
-    all members of the grid."""
+    """Returns the plant of a grid that limits the gain of a law most, or None if the law keeps the
+    margins on all plants of the grid."""
     gain = problem.evaluate(numbers)[1]
     law = structures.response(numbers, probe)
     limit = probe.largest_gain(law, 1e-9, problem.bounds)
@@ -316,7 +320,7 @@ def _check(goal: Goal) -> None:
 
 
 def check_plants(problem: SearchProblem) -> None:
-    """Raise InputError if a plant of the set is unstable at every gain."""
+    """Raises InputError if a plant of the set of plants is unstable at every gain."""
     for loop, member in zip(problem.grid.open_loops, problem.grid.members, strict=True):
         if loop.limit().gain == 0:
             raise InputError(
@@ -330,7 +334,8 @@ def _result(
     plants: PlantSet, goal: Goal, problem: SearchProblem, best: dict[str, Samples],
     say: Callable[[str], None],
 ) -> SearchResult:  # fmt: skip
-    """The result of a search. best: {structure: numbers of the best law with this structure}."""
+    """Returns the result of a search. `best` is {structure: numbers of the best law with this
+    structure}."""
     bounds = problem.bounds
     joined = {m.label(): m for m in problem.grid.members + plants.corners()}
     members = list(joined.values()) + _random(plants, RANDOM, SEED + 1)
@@ -358,8 +363,8 @@ def _result(
             chosen = row
 
     def taken(name: str) -> SearchResult | None:
-        # The exact gain is computed only for the chosen structure; other structures keep the gain
-        # of the grid.
+        # The exact gain is computed only for the chosen structure.
+        # Other structures keep the gain from the grid of frequencies.
         at = next(i for i, row in enumerate(rows) if row.name == name)
         bank, worst = certificate.exact(plants, grids, rows[at].bank.bank, goal)
         if not worst or not worst.fS_Hz:
@@ -383,7 +388,7 @@ def _result(
 
 
 def _p_of(rows: list[StructureDesign]) -> P:
-    """The figures of the P law from the rows of all structures."""
+    """Returns the bandwidth and margins of the P law from the rows of all structures."""
     for row in rows:
         if row.name == "P" and row.worst:
             return certificate.p_figures(row.worst, row.bank.bank)
@@ -399,8 +404,8 @@ def _no_gain() -> ParameterError:
 
 
 def _is_worth_it(row: StructureDesign, smaller: StructureDesign) -> bool:
-    """Returns True if a larger structure is chosen in place of a smaller structure. The reason is
-    either 10 % more bandwidth, or a large static error if the smaller structure is P."""
+    """Returns True if the larger structure of the law is worth its additional parameters. The
+    reason is either 10 % more bandwidth, or a large static error if the smaller structure is P."""
     before = smaller.worst
     return row.bandwidth_Hz >= LARGER_STRUCTURE_MIN * smaller.bandwidth_Hz or (
         smaller.name == "P" and before is not None and before.static_error > STATIC_ERROR_MAX

@@ -15,9 +15,9 @@ WORKPIECE_TOLERANCE = "30%"
 
 
 def workpiece(model: str | Path, overrides: Overrides | None = None) -> tuple[str, ...]:
-    """Default tolerances of a set of plants as texts NAME=PERCENT%: 30 % of the mass of the
-    workpiece and of the stiffness of its support. If the workpiece is the ground, the stiffness of
-    the contact has the tolerance instead. Empty for a model without a contact."""
+    """Returns the default tolerances of a set of plants as texts NAME=PERCENT%: 30 % of the mass of
+    the workpiece and of the stiffness of its support. If the workpiece is the ground, the stiffness
+    of the contact has the tolerance instead. The result is empty for a model without a contact."""
     known, tables = linear.facts(model, overrides).parameters, model_file.read(model)
     if tables.contact is None:
         return ()
@@ -33,9 +33,10 @@ def workpiece(model: str | Path, overrides: Overrides | None = None) -> tuple[st
 def slopes(
     model: str | Path, overrides: Overrides | None = None, fixed: States | None = None
 ) -> tuple[dict[str, str], ...]:
-    """Modes of a set of plants as {element: state}: every linear range of the amplifier and of
-    other elements, with frictions stuck and sliding. Modes in which the current is limited are left
-    out, because an axis does not work in these modes. fixed: states that all modes have."""
+    """Returns the modes of a set of plants as {element: state}: every linear range of the amplifier
+    and of other elements, with frictions stuck and sliding. Modes with limited current are
+    excluded, because an axis does not work in these modes. `fixed` are states that all modes have.
+    """
     return tuple(
         modes
         for modes in margins.modes_all(model, overrides, fixed=fixed)
@@ -50,9 +51,9 @@ def plant_set(
     modes: tuple[dict[str, str], ...] | None = None,
     fixed: States | None = None,
 ) -> PlantSet:
-    """The set of plants of a model. over: tolerances as texts NAME=PERCENT% or NAME=LOW..HIGH,
-    None: the tolerances of `workpiece`; modes: {element: state} of each mode, None: the modes of
-    `slopes`; fixed: states that all modes of `slopes` have."""
+    """Returns the set of plants of a model. `over`: tolerances as texts NAME=PERCENT% or
+    NAME=LOW..HIGH, None for the tolerances of `workpiece`. `modes`: {element: state} of each mode,
+    None for the modes of `slopes`. `fixed`: states that all modes of `slopes` have."""
     overrides = dict(overrides or {})
     over = workpiece(model, overrides) if over is None else over
     modes = slopes(model, overrides, fixed) if modes is None else modes

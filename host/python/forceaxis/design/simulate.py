@@ -46,47 +46,48 @@ from forceaxis.linear.bank import Bank
 from forceaxis.results import to_json
 
 Job = tuple[str, list[str]]  # one simulated run: (experiment, texts NAME=VALUE)
-Plant = dict[str, float]  # {parameter: value in SI units} of a plant; empty: the nominal plant
+Plant = dict[str, float]  # {parameter: value in SI units} of a plant; empty for the nominal plant
 
 # Set-points as shares of the range of the measured force: 12, 30 and 60 counts of 255.
 SETPOINTS = (12 / 255, 30 / 255, 60 / 255)
 STALL_FORCE_SHARE = 0.25  # largest force set-point as a share of the largest force of the drive
 RAMP_S = 0.2  # rise time of the largest force set-point
-STRIKE_S = 0.5 / 150  # impulse of an impact in N s for each newton of the largest set-point
+STRIKE_S = 0.5 / 150  # impulse of an impact in N s per newton of the largest force set-point
 APPROACH_M_PER_S = 0.02  # largest approach speed in m/s if no experiment gives a speed
 WINDOW_S = 0.5  # window of the verdict
 # shortest and longest time in s from the first contact to the window of the verdict
 SETTLE_S = (1.5, 10.0)
 RIPPLE_COUNT = 3.0  # largest permitted force ripple in 8-bit counts, peak to peak
-LEAST_COUNT = 4  # smallest set-point in 8-bit counts: twice the default contact_force
-# Firmware settings that the cases take from the experiment of the design.
+LEAST_COUNT = 4  # smallest force set-point in 8-bit counts: twice the default of `contact_force`
+# Firmware settings that the simulated contacts take from the experiment of the design.
 KEPT = ("position_gain", "velocity_gain", "approach_velocity_max", "contact_force", "force_sign")
-# factors by which the impulse of a case is multiplied for a series of impacts
+# factors by which the impulse of a simulated impact is multiplied for a series of impacts
 STRIKE_FACTORS = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)
 DWELLS_MS = (300, 100, 600)  # values of contact_loss_dwell in ms that are simulated in this order
 FRICTION_SHARES = (
     0.5,
     1.0,
-)  # shares of the largest dry friction against which the approach is simulated
-# factor by which a gain is reduced, and largest number of such reductions
+)  # shares of the largest dry friction with which the approach is simulated
+# factor of one reduction of the gain, and largest number of reductions
 BACKOFF, BACKOFFS = 0.9, 20
-# permitted force error as a share of the set-point, for a law with integral action; at least
-# HALF_COUNT
+# Permitted force error as a share of the set-point for a law with integral action;
+# the permitted error is at least HALF_COUNT.
 ERROR_MAX = 0.02
 HALF_COUNT = 0.6  # largest error of the measured force at rest, in 8-bit counts
-PEAK_MAX = 1.3  # largest permitted peak force, as a multiple of the set-point
-LOSSES_MAX = 1  # permitted contact losses of a first contact
-# shares of the approach speed that are simulated in this order
+PEAK_MAX = 1.3  # largest permitted peak force as a multiple of the force set-point
+LOSSES_MAX = 1  # permitted number of contact losses of a first contact
+# shares of the approach speed, in the order of their simulation
 SPEED_SHARES = (1.0, 0.5, 0.25, 0.1)
 SATURATED_MAX_S = 0.02  # longest permitted time in s with the DAC code at an end of its range
-# share of the designed gain that is so small that the law does not influence an impact
+# share of the designed gain at which the control law has no influence on an impact
 WEAK_GAIN_SHARE = 0.25
 
 
 class ContactBench:
-    """A model with an ADC of `bits` bits, with which contacts are simulated. own: an experiment of
-    the user that is an additional case; firmware: settings that replace the settings of the
-    experiment; forces_N: force set-points in N, empty: chosen by the ranges of sensor and drive."""
+    """A model with an ADC of `bits` bits, with which contacts are simulated. `own`: an experiment
+    of the user that is simulated too. `firmware`: settings that replace the settings of the
+    experiment. `forces_N`: force set-points in N; if empty, the ranges of sensor and drive
+    determine the set-points."""
 
     def __init__(
         self, design: Design, bits: int, own: Path | None = None,
@@ -94,8 +95,9 @@ class ContactBench:
     ) -> None:  # fmt: skip
         self.design, self.own, self._bits = design, own, bits
         self.forces_N = tuple(sorted(set(forces_N)))
-        # permitted number of contact losses of a first contact, in addition to the losses due to
-        # the impact alone
+        # Permitted number of contact losses of a first contact, in addition to the contact losses
+        # due to the
+        # impact alone.
         self.losses_max = LOSSES_MAX
         # Contact losses and peak force in N that the impact alone causes.
         self.impacts: dict[ContactCase, tuple[int, float]] = {}
@@ -122,10 +124,11 @@ class ContactBench:
         self.frictions = friction.ranges(self._run_model, self.overrides)
 
     def at(self, share: float) -> "ContactBench":
-        """A bench with the same cases at `share` of the approach speed of this bench."""
+        """Returns a bench with the same contacts at the approach speed of this bench multiplied by
+        `share`."""
         scale = abs(self.facts.required_encoder.scale)
         count = max(1, round(share * self.cases[0].speed_m_per_s * scale))
-        # empty, because the files of both benches have equal names but different contents
+        # empty, because the files of the two benches have equal names but different contents
         self._files = {}
         return ContactBench(
             self.design, self._bits, self.own, self._asked | {"approach_velocity_max": count},
@@ -133,8 +136,8 @@ class ContactBench:
         )  # fmt: skip
 
     def wait_for(self, bank: Bank) -> None:
-        """Lengthens the simulated time of the cases if the integral action of a bank is slow. The
-        call has no effect on files that were already written."""
+        """Lengthens the simulated time of the contacts if the integral action of a filter bank is
+        slow. The call has no effect on files that were already written."""
         if bank.integral_rad_per_s:
             low, high = SETTLE_S
             self.settle_s = min(max(low, round(6 / bank.integral_rad_per_s, 1)), high)
@@ -158,8 +161,8 @@ class ContactBench:
             )
 
     def _settings(self, bits: int) -> dict[str, float | str]:
-        """Returns the firmware settings that are equal in all cases: all except set-point, approach
-        speed and bank."""
+        """Returns the firmware settings that are equal for all simulated contacts: all settings
+        except force set-point, approach speed and filter bank."""
         zero = self.change.firmware.get("force_zero_code")
         if zero is None:
             zero = int(self.design.value(self.design.tables.force_adc.zero_code) or 0)
@@ -187,7 +190,7 @@ class ContactBench:
         }
 
     def _check_forces(self, counts: float) -> None:
-        """Raises InputError if the sensor cannot measure a given force or if the drive cannot
+        """Raises InputError if the sensor cannot measure a requested force or if the drive cannot
         produce this force."""
         for most_N, what in (
             (min(counts, 255.0) * self.count_N, "the end of the range of the force sensor"),
@@ -205,13 +208,14 @@ class ContactBench:
             )  # fmt: skip
 
     def _position_gain(self) -> float:
-        """Position gain in DAC codes per count: a sixth of the highest stable gain out of contact,
-        as in `forceaxis new`."""
+        """Returns the position gain in DAC codes per count: a sixth of the highest stable gain out
+        of contact, as in `forceaxis new`."""
         loop = loops.force_loop(self.model, overrides=self.overrides, output="encoder", free=True)
         return first_gain(highest_gain(loop, self.facts.volts_per_code))
 
     def _stall_N(self) -> float:
-        """Largest static force of the drive in N; infinite if the model has no limits."""
+        """Returns the largest static force of the drive in N. The result is infinite if the model
+        has no limits."""
         table, drive = self.design.tables.drive, self.facts.required_drive.values
         supply_V, R = self.design.value(table.supply_limit), self.design.value(table.R)
         r_trans = drive.get("r_trans")
@@ -220,8 +224,8 @@ class ContactBench:
         return float(supply_V / R * drive["k_torque"] / r_trans)
 
     def _speed(self) -> float:
-        """Approach speed in m/s: the speed of the user or of the experiment; if neither gives a
-        speed, the smaller of 20 mm/s and the default of approach_velocity_max."""
+        """Returns the approach speed in m/s from the order or from the experiment. Without such a
+        speed, the result is the smaller of 20 mm/s and the default of `approach_velocity_max`."""
         scale = abs(self.facts.required_encoder.scale)
         default = objects.BY_NAME["approach_velocity_max"].default
         name = "approach_velocity_max"
@@ -242,22 +246,22 @@ class ContactBench:
 
     @property
     def shown(self) -> ContactCase:
-        """The first contact that the figure shows: with the full approach speed and the middle
+        """Returns the first contact that the plot shows: full approach speed and middle force
         set-point."""
         return self.cases[len(self.setpoints_N[:-1]) // 2]
 
     @property
     def largest(self) -> ContactCase:
-        """The first contact at the largest force."""
+        """Returns the first contact with the largest force set-point."""
         return self.cases[len(self.setpoints_N) - 1]
 
     def measure_impacts(
         self, bank: Bank, latencies: Sequence[int] = (0, 1), threads: int = 1,
         cases: Sequence[ContactCase] = (),
     ) -> None:  # fmt: skip
-        """Simulates the impact of each first contact with a small gain, and stores the contact
-        losses and the peak force, which enlarge the limits of the verdicts. cases: first contacts
-        that are simulated instead of the cases of the bench."""
+        """Simulates the impact of each first contact with a small gain. The resulting contact
+        losses and peak force are stored and enlarge the limits of the verdicts. `cases` are first
+        contacts that are simulated instead of those of the bench."""
         weak = replace(bank, force_gain=WEAK_GAIN_SHARE * bank.force_gain).quantised()
         cases = cases or [case for case in self.cases if not case.strike_N_s]
         loss = {"contact_loss_cap": self.press_speed_code(cases[0].speed_m_per_s)}
@@ -270,16 +274,17 @@ class ContactBench:
             losses, peak_N = self.impacts.get(case, (0, 0.0))
             losses = max(losses, one.metrics.contact_losses_run)
             self.impacts[case] = (losses, max(peak_N, one.metrics.peak_force_N))
-        self._files = {}  # files that were written before contain other limits of the verdict
+        self._files = {}  # existing files contain other limits of the verdict
 
     def losses_permitted(self, case: ContactCase) -> int | None:
-        """Largest number of contact losses that the verdict of a case permits; None: no limit."""
+        """Returns the largest number of contact losses that the verdict of a contact permits; None
+        means no limit."""
         if case.strike_N_s:
             return None
         return self.impacts.get(case, (0, 0.0))[0] + self.losses_max
 
     def limits(self, case: ContactCase, bank: Bank) -> dict[str, float]:
-        """The limits of a case as keys of the table [verdict]."""
+        """Returns the limits of a simulated contact as keys of the table [verdict]."""
         found: dict[str, float] = {}
         if bank.integral_rad_per_s:
             error_N = max(ERROR_MAX * case.setpoint_N, HALF_COUNT * self.count_N)
@@ -295,18 +300,18 @@ class ContactBench:
         }
 
     def extreme(self) -> list[ContactCase]:
-        """The two cases in which the plant visits most modes: the first contact with the largest
-        set-point, and the impact at the largest force."""
+        """Returns the two contacts in which the plant visits most modes: the first contact with the
+        largest set-point, and the impact at the largest force."""
         return [max(self.cases, key=lambda c: c.setpoint_N), self.cases[-1]]
 
     def struck(self) -> tuple[str, float]:
-        """Returns (body, sign of the impulse) for an impact. The body is the workpiece, or the body
-        that presses if the workpiece is the ground."""
+        """Returns (body, sign of the impulse) for an impact. The body is the workpiece. If the
+        workpiece is the ground, the body is the one that presses on the ground."""
         near, far = self.facts.contacts[0].between
         return (far, 1.0) if far in self.facts.masses_kg else (near, -1.0)
 
     def gap_m(self) -> float:
-        """Distance of the two bodies of the contact at the start of a run, in m."""
+        """Returns the distance in m between the two bodies of the contact at the start of a run."""
         places = {body.name: self._position_m(body.position) for body in self.design.tables.bodies}
         near, far = self.facts.contacts[0].between
         return max(0.0, places.get(far, 0.0) - places.get(near, 0.0))
@@ -317,22 +322,24 @@ class ContactBench:
         return self.design.value(given) or 0.0
 
     def touch_s(self, case: ContactCase) -> float:
-        """Latest time of the first contact of a case in s, with a margin of a fifth."""
+        """Returns the latest time of the first contact in s, with a margin of a fifth."""
         return 0.1 + 1.2 * self.gap_m() / case.speed_m_per_s
 
     def text(
         self, case: ContactCase, bank: Bank, loss: Mapping[str, int] | None = None,
         model: str | None = None,
     ) -> str:  # fmt: skip
-        """The text of the experiment of a case; the arguments are described at experiment()."""
+        """Returns the text of the experiment of a simulated contact. The arguments are those of
+        experiment()."""
         return experiment_file.text_of(self.experiment(case, bank, loss, model))
 
     def experiment(
         self, case: ContactCase, bank: Bank, loss: Mapping[str, int] | None = None,
         model: str | None = None,
     ) -> ExperimentText:  # fmt: skip
-        """The experiment of a case. loss: {"contact_loss_cap": code, ...}; model: path of the model
-        from the folder of the file; by default the absolute path."""
+        """Returns the experiment of a simulated contact. `loss`: {"contact_loss_cap": code, ...}.
+        `model`: path of the model relative to the folder of the file, by default the absolute path.
+        """
         begin = self.touch_s(case) + self.settle_s
         wait = self.settle_s + 1.0 if case.strike_N_s else 0.0
         law = self._law_keys(bank, loss or {})
@@ -363,7 +370,8 @@ class ContactBench:
         return text
 
     def _law_keys(self, bank: Bank, loss: Mapping[str, int]) -> dict[str, Any]:
-        """The keys of [firmware] that select a bank with the sensor of this bench."""
+        """Returns the keys of [firmware] that select a filter bank with the force sensor of this
+        bench."""
         sensor = {n: self.settings[n] for n in ("adc_bits", "force_zero_code", "force_scale")}
         return {
             **sensor,
@@ -375,8 +383,9 @@ class ContactBench:
     def with_bank(
         self, experiment: Path, bank: Bank, loss: Mapping[str, int], model: str | None = None
     ) -> str:
-        """The text of an experiment with a bank; comments of the experiment are kept. model: path
-        of the model, relative to the folder of the text; by default the model of the bench."""
+        """Returns the text of an experiment with a filter bank; comments of the experiment are
+        kept. `model` is the path of the model relative to the folder of the text, by default the
+        model of the bench."""
         text = experiment_file.document(experiment)
         text["model"] = str(model or self.model)
         if self.overrides:
@@ -386,19 +395,20 @@ class ContactBench:
         return tomlkit.dumps(text)
 
     def loads(self, case: ContactCase) -> dict[str, float | str]:
-        """Firmware settings that differ between the cases: set-point and approach speed."""
+        """Returns the firmware settings that differ between the contacts: set-point and approach
+        speed."""
         return {
             "target_force": round(1000 * case.setpoint_N / self.rated_N),
             "approach_velocity_max": self.approach_count_per_s(case),
         }
 
     def approach_count_per_s(self, case: ContactCase) -> int:
-        """Approach speed of a case in encoder counts per second."""
+        """Returns the approach speed of a contact in encoder counts per second."""
         scale = abs(self.facts.required_encoder.scale)
         return max(1, round(case.speed_m_per_s * scale))
 
     def file(self, case: ContactCase, bank: Bank) -> Path:
-        """Path of the experiment file of a case with a bank."""
+        """Returns the path of the experiment file of a contact with a filter bank."""
         if (case, bank) not in self._files:
             name = f"case_{len(self._files)}.toml"
             self._files[case, bank] = self.design.file(name, self.text(case, bank))
@@ -408,8 +418,8 @@ class ContactBench:
         self, case: ContactCase, bank: Bank, member: Plant, latency: int,
         loss: Mapping[str, int] | None = None,
     ) -> Job:  # fmt: skip
-        """The run of a case on a plant with a latency in ticks. loss: values of the firmware
-        objects for the time after a contact loss."""
+        """Returns the run of a contact on a plant with a latency in ticks. `loss` contains the
+        values of the firmware objects for the time after a contact loss."""
         firmware = {"latency_ticks": latency} | dict(loss or {})
         texts = linear.override_texts(member)
         return str(self.file(case, bank)), [
@@ -419,7 +429,7 @@ class ContactBench:
     def own_job(
         self, own: Path, bank: Bank, latency: int, loss: Mapping[str, int] | None = None
     ) -> Job:
-        """The run of the user's own experiment with a bank and a latency in ticks."""
+        """Returns the run of the user's own experiment with a filter bank and a latency in ticks."""
         key = (own, bank, *(loss or {}).values())
         if key not in self._files:
             text = self.with_bank(own, bank, loss or {})
@@ -427,8 +437,8 @@ class ContactBench:
         return str(self._files[key]), [f"firmware.latency_ticks={latency}"]
 
     def press_speed_code(self, speed_m_per_s: float, share: float = 1.0) -> int:
-        """The DAC code with which the axis moves out of contact at a speed, against the share
-        `share` of the largest friction. With a smaller code, friction may keep the axis at
+        """Returns the DAC code that moves the axis out of contact at a given speed, against the
+        largest friction multiplied by `share`. With a smaller code, friction may keep the axis at
         standstill."""
         body = self.facts.required_drive.body
         ends = [f"{end}.force" for one in self.frictions for end in one.between if end != "ground"]
@@ -449,9 +459,9 @@ class ContactBench:
 def run(
     jobs: Sequence[Job], threads: int, experiments: _core.Experiments | None = None
 ) -> list[ContactRun]:
-    """Simulates runs and returns their results in the order of `jobs`. experiments: a store of
-    files that were read, for repeated calls with the same files. Raises SimulationError for the
-    first run that fails."""
+    """Simulates runs and returns their results in the order of `jobs`. `experiments` stores parsed
+    experiment files for further calls with the same files. Raises SimulationError for the first run
+    that fails."""
     shared = experiments or _core.Experiments()
     outcomes = _core.run_many(jobs, threads, None, True, None, shared)
     for outcome in outcomes:
@@ -464,8 +474,8 @@ def simulate(
     bench: ContactBench, bank: Bank, members: Sequence[Plant], latencies: Sequence[int] = (0, 1),
     loss: Mapping[str, int] | None = None, threads: int = 1, law: str = "design",
 ) -> list[SimulatedContact]:  # fmt: skip
-    """Simulates all cases of a bench with a bank, on each plant of `members` and with each latency.
-    The user's own experiment is simulated on the nominal plant only."""
+    """Simulates all contacts of a bench with a filter bank, on each plant of `members` and with
+    each latency. The user's own experiment is simulated on the nominal plant only."""
     keys: list[tuple[ContactCase | NamedCase, Plant, int]] = []
     jobs, most = [], []
     for case in bench.cases:
@@ -489,8 +499,8 @@ def simulate(
 def choose_loss(
     bench: ContactBench, bank: Bank, latencies: Sequence[int] = (0, 1), threads: int = 1
 ) -> ContactLoss:
-    """The limits after a contact loss (cap in DAC codes, dwell in ms) with which the control law
-    tolerates the largest impacts of a series."""
+    """Returns the limits after a contact loss (cap in DAC codes, dwell in ms) with which the
+    control law tolerates the largest impacts of a series."""
     slow = (bench.press_speed_code(bench.cases[0].speed_m_per_s / 4, s) for s in FRICTION_SHARES)
     caps = dict.fromkeys((0, *slow, 2048))
     plants = friction.members(bench.frictions) or [{}]
@@ -528,10 +538,10 @@ def choose_loss(
 
 
 def losses(bench: ContactBench, speed_m_per_s: float) -> tuple[dict[str, int], ...]:
-    """Values of the firmware objects for the time after a contact loss, in the order in which they
-    are simulated: first the default, then a motion towards the workpiece at approach speed. With
-    friction the default, a cap of 0 DAC codes, comes last, because an axis that has lost the
-    contact may then stay at standstill."""
+    """Returns values of the firmware objects for the time after a contact loss, in the order of
+    their simulation. The first value is the default, the next is a motion towards the workpiece at
+    approach speed. With friction, the default (a cap of 0 DAC codes) comes last, because the axis
+    may then stay at standstill."""
     on = {"contact_loss_cap": bench.press_speed_code(speed_m_per_s)}
     slow = [
         {"contact_loss_cap": bench.press_speed_code(speed_m_per_s / 4, share)}
@@ -542,8 +552,8 @@ def losses(bench: ContactBench, speed_m_per_s: float) -> tuple[dict[str, int], .
 
 @dataclass(frozen=True)
 class SafeDesign:
-    """A bank with which every simulated contact is stable. loss: limits after a contact loss;
-    cuts: the larger gains that were rejected."""
+    """A filter bank with which every simulated contact is stable. `loss`: limits after a contact
+    loss. `cuts`: the larger gains that were rejected."""
 
     bank: Bank
     loss: ContactLoss
@@ -555,7 +565,7 @@ def safe(
     bench: ContactBench, bank: Bank, members: Sequence[Plant], latencies: Sequence[int] = (0, 1),
     threads: int = 1, progress: Callable[[str], None] | None = None, least: float = 0.0,
 ) -> SafeDesign:  # fmt: skip
-    """The bank with the largest gain at which every simulated contact is stable.
+    """Returns the filter bank with the largest gain at which every simulated contact is stable.
 
     The gain is reduced in steps of a tenth, and each gain is tried with all of losses(). least:
     smallest share of the first gain that is tried. Raises InputError if no gain makes every case
@@ -584,7 +594,7 @@ def safe(
             continue
         loss = choose_loss(bench, tried, latencies, threads)
         chosen = simulate(bench, tried, members, latencies, loss.objects, threads)
-        # choose_loss() does not simulate all members, so a contact may be unstable with a member
+        # choose_loss() does not simulate all plants, so a contact may be unstable on a plant
         # that was not simulated.
         if unstable(chosen):
             loss = replace(
@@ -606,7 +616,7 @@ def safe(
 
 def _expect_contact(bench: ContactBench, bad: Sequence[SimulatedContact]) -> None:
     """Raises InputError if the approach does not reach the workpiece, because no gain of the force
-    law changes this. bad: contacts that are not stable."""
+    law changes this result. `bad` are the contacts that are not stable."""
     never = [row for row in bad if row.verdict == "never_in_contact" and row.fault == "none"]
     if not never:
         return

@@ -1,5 +1,5 @@
-"""Structures of the firmware's force law: the numbers that a search varies, and the bank that
-follows from these numbers.
+"""Structures of the firmware's force law: the numbers that a search varies, and the filter bank
+that follows from these numbers.
 
 A section is (s^2 + 2 z_z w_z s + w_z^2) / (s^2 + 2 z_p w_p s + w_p^2), transformed bilinearly so
 that its zeros and poles keep their frequencies, with gain 1 at frequency 0. The numbers are
@@ -19,12 +19,12 @@ from forceaxis.linear.bank import COEFFICIENT_MAX, TICK_S, Bank
 # Range of the integral rate. With a smaller rate, the force does not settle within the ten seconds
 # of a simulated contact.
 INTEGRAL_RAD_PER_S = (0.6, 100.0)
-HIGHEST_HZ = 600.0  # highest frequency in Hz of the zeros and poles of a section
+HIGHEST_HZ = 600.0  # highest frequency in Hz of the zeros and poles of a second-order section
 ZERO_DAMPING = (0.02, 2.0)  # range of the damping ratio of zeros
 # Range of the damping ratio of poles. With less damping, a section amplifies the quantisation of
 # the force at one frequency.
 POLE_DAMPING = (0.4, 2.0)
-# {name of a structure: number of sections}; None: a structure without integral action and sections.
+# {name of a structure: number of sections}; None means neither integral action nor sections
 STRUCTURES: dict[str, int | None] = {
     "P": None,
     "PI": 0,
@@ -34,8 +34,8 @@ STRUCTURES: dict[str, int | None] = {
 
 
 def bounds(name: str, lowest_hz: float) -> Samples:
-    """Limits of the n numbers of a structure, as an array of shape (n, 2) with the logarithms
-    (lowest, highest). lowest_hz: lowest frequency of zeros and poles."""
+    """Returns the limits of the n numbers of a structure, as an array of shape (n, 2) with the
+    logarithms (lowest, highest). `lowest_hz` is the lowest frequency of zeros and poles."""
     frequency = (lowest_hz, HIGHEST_HZ)
     section = (frequency, ZERO_DAMPING, frequency, POLE_DAMPING)
     sections = STRUCTURES[name]
@@ -50,8 +50,8 @@ def _warped(hz: float) -> float:
 def section(
     zero_hz: float, zero_damping: float, pole_hz: float, pole_damping: float
 ) -> tuple[float, float, float, float, float]:
-    """Coefficients (b0, b1, b2, a1, a2) of a second-order section from the frequencies in Hz and
-    the damping ratios of the zeros and poles."""
+    """Returns the coefficients (b0, b1, b2, a1, a2) of a second-order section from the frequencies
+    in Hz and the damping ratios of the zeros and poles."""
     k = 2 / TICK_S
     wz, wp = _warped(zero_hz), _warped(pole_hz)
     over = k * k + 2 * pole_damping * wp * k + wp * wp
@@ -73,7 +73,8 @@ def _sections(numbers: Samples) -> list[tuple[float, float, float, float]]:
 
 
 def bank(numbers: Samples, gain: float) -> Bank:
-    """The bank with the given logarithms of a structure and the gain `gain` in codes per count."""
+    """Returns the filter bank from the logarithms of a structure's parameters and a gain in codes
+    per count."""
     if not len(numbers):
         return Bank(gain)
     rate = float(np.exp(numbers[0]))
@@ -81,8 +82,8 @@ def bank(numbers: Samples, gain: float) -> Bank:
 
 
 def response(numbers: Samples, grid: Grid | Ramp) -> Response:
-    """The frequency response of the control law for the gain 1, at the points of `grid`. numbers:
-    logarithms of a structure."""
+    """Returns the frequency response of a control law with the gain 1 at the points of `grid`.
+    `numbers` are the logarithms of the parameters of the law's structure."""
     if not len(numbers):
         return np.ones_like(grid.plant)
     law: Response = 1 + math.exp(numbers[0]) * grid.integral
@@ -95,5 +96,5 @@ def response(numbers: Samples, grid: Grid | Ramp) -> Response:
 
 
 def is_legal(sections: Iterable[Iterable[float]]) -> bool:
-    """Returns True if the firmware can store all coefficients of the sections."""
+    """Returns True if the firmware can store all coefficients of the second-order sections."""
     return all(abs(c) <= COEFFICIENT_MAX for values in sections for c in values)

@@ -1,5 +1,5 @@
-"""Trade-off of the bandwidth against a second figure of the loop, by a design for each value of
-this figure."""
+"""Trade-off between the bandwidth and a second property of the loop: computes a design for each
+value of this property."""
 
 import json
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import Bank, BankKeys
 from forceaxis.results import json_field, to_json
 
-# {name of the second figure: (values of this figure, text about its meaning)}
+# {name of the second property: (values of the property, text about its meaning)}
 AGAINST: dict[str, tuple[tuple[float, ...], str]] = {
     "ms": (
         (1.4, 1.6, 1.8, 2.0, 2.2, 2.4, 2.6),
@@ -32,8 +32,9 @@ AGAINST: dict[str, tuple[tuple[float, ...], str]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class TradeoffRow:
-    """The design for one value of the second figure. Of the fields ms, hf and gain_margin, only the
-    field of the second figure has a value. Other fields are None if no gain keeps the margins."""
+    """The design for one value of the second property. Of the fields `ms`, `hf` and `gain_margin`,
+    only the field of the second property has a value. All other fields are None if no gain keeps
+    the margins."""
 
     bandwidth_Hz: float | None
     p_bandwidth_Hz: float | None
@@ -46,14 +47,14 @@ class TradeoffRow:
 
     @property
     def value(self) -> float:
-        """The value of the second figure."""
+        """Returns the value of the second property."""
         return next(v for v in (self.ms, self.hf, self.gain_margin) if v is not None)
 
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """The content of `forceaxis design --pareto --json`; against: name of the second figure; what:
-    meaning of the second figure."""
+    """The content of `forceaxis design --pareto --json`. `against` is the name of the second
+    property, `what` is the meaning of this property."""
 
     model: str
     over: list[str]
@@ -65,8 +66,8 @@ class Tradeoff:
 
 
 def against_of(text: str) -> str:
-    """The name of the second figure in a text such as "bandwidth,ms". Raises InputError for another
-    text."""
+    """Returns the name of the second property in a text such as "bandwidth,ms". Raises InputError
+    for a different text."""
     names = text.split(",")
     if len(names) != 2 or names[0] != "bandwidth" or names[1] not in AGAINST:
         raise ParameterError(
@@ -78,8 +79,8 @@ def against_of(text: str) -> str:
 def tradeoff(
     order: DesignOrder, against: str, progress: Callable[[str], None] | None = None
 ) -> Tradeoff:
-    """The designs of an order for each value of the figure `against`, by the search of `reduced`.
-    All other margins have the values of the order. Raises InputError."""
+    """Returns the designs of an order for each value of the property `against`, from the search of
+    `reduced`. All other margins have the values of the order. Raises InputError."""
     for_set.check(order)
     values, what = AGAINST[against]
     with changes.Design(order.text, order.overrides, states=order.states) as plant:
@@ -94,7 +95,7 @@ def tradeoff(
                 progress(f"{against} {value:g}, {done}/{len(values)}")
             _set(problem, goal, against, value)
             known.append(problem.designed().numbers)
-        # The design for one value may also be the best design for another value.
+        # The design for one value may also be the best design for a second value.
         for value in values:
             _set(problem, goal, against, value)
             rows.append(_row(against, value, problem, problem.best_of(known)))
@@ -137,7 +138,8 @@ def _row(against: str, value: float, problem: ShortSearch, found: ShapedDesign) 
 
 
 def figure(result: Tradeoff) -> Figure:
-    """The figure of the bandwidth over the second figure, for the designed bank and P."""
+    """Returns the plot of the bandwidth over the second property, for the designed filter bank and
+    the P law."""
     drawn, ax = plt.subplots(figsize=(5.6, 3.4))
     drawing.style(ax)
     for name, curve, colour in (
@@ -158,7 +160,7 @@ def figure(result: Tradeoff) -> Figure:
 
 
 def write(out: Path, result: Tradeoff) -> None:
-    """Write tradeoff.json and tradeoff.png into a new folder."""
+    """Writes tradeoff.json and tradeoff.png into a new folder."""
     with files.NewFolder(out) as folder:
         folder.write("tradeoff.json", json.dumps(to_json(result), allow_nan=False, indent=1) + "\n")
         drawing.save(figure(result), folder.path / "tradeoff.png")
