@@ -34,7 +34,7 @@ def main() -> None:
         command_line()
     except SystemExit:
         raise
-    except BaseException:  # an interrupt during the import of a module may cause any exception
+    except BaseException:  # An interrupt during the import of a module may cause any exception.
         if not interrupted:
             raise
         sys.stderr.write("forceaxis: interrupted\n")

@@ -1,5 +1,5 @@
-"""The common style of all figures and pages (colours, axes, legends, titles, numbers), and
-functions that write figures to files."""
+"""The common style of all plots and pages (colours, axes, legends, titles, numbers), and functions
+that write plots to files."""
 
 import base64
 import io
@@ -31,7 +31,7 @@ FAINT = "#8a95a0"
 GRID = "#c8d0d8"
 THIN = {"linewidth": 0.9}
 
-# Colours of a verdict, for lines and marks, and for areas.
+# Colours of a verdict: for lines and marks, and for areas.
 VERDICT = {
     "stable": "#2f8f78",
     "unstable": GOT,
@@ -49,13 +49,13 @@ AREA = {
 
 SUFFIXES = (".png", ".svg", ".pdf")
 DPI = 150
-SVG_BYTES_MAX = 400_000  # largest size of an SVG in a page in bytes; a larger figure becomes a PNG
+SVG_BYTES_MAX = 400_000  # largest size of an SVG in a page in bytes; a larger plot becomes a PNG
 # Escapes for characters that would end an attribute or begin a fragment or escape in a data URI.
 URI_ESCAPES = str.maketrans({"%": "%25", "#": "%23", '"': "%22", "&": "%26", "\n": " ", "\r": " "})
 
 
 def style(ax: Axes) -> None:
-    """Sets the style of the axes of a figure: light grid, no frame, small type."""
+    """Sets the style of the axes of a plot: light grid, no frame, small type."""
     ax.set_axisbelow(True)
     ax.grid(True, linewidth=0.3, color=GRID)
     ax.spines[["top", "right"]].set_visible(False)
@@ -67,7 +67,7 @@ def style(ax: Axes) -> None:
 
 
 def legend(where: Axes | Figure, **more: Any) -> Legend:
-    """Adds a small legend without a frame to axes or to a figure."""
+    """Adds a small legend without a frame to axes or to a Matplotlib figure."""
     return where.legend(**({"fontsize": 7, "frameon": False} | more))
 
 
@@ -83,7 +83,7 @@ def plain_ticks(axis: Axis) -> None:
 
 def decibels(ax: Axes, unit: str = "") -> Axes:
     """Adds a scale in dB relative to 1 `unit` on the right side of a logarithmic axis. The limits
-    of the axis must not change afterwards."""
+    of the axis must not change after this call."""
     right = ax.twinx()
     low, high = (20 * np.log10(edge) for edge in ax.get_ylim())
     right.set_ylim(low, high)
@@ -96,22 +96,22 @@ def decibels(ax: Axes, unit: str = "") -> Axes:
 
 
 def name_of(file: Path | str) -> str:
-    """Returns the name that a figure shows for the file of an axis: the name of the folder for a
-    file "model", otherwise the name of the file."""
+    """Returns the name that a plot shows for the file of an axis. The name is the folder name for a
+    file "model", otherwise the file name."""
     file = Path(file)
     return file.resolve().parent.name if file.stem == "model" else file.stem
 
 
 def check_name(path: Path | str | None) -> None:
-    """Raises InputError if a figure cannot be written to a file of this name. A caller checks the
-    name before the computation."""
+    """Raises InputError if a plot cannot be written to a file with the name `path`. A caller checks
+    the name before the computation."""
     if path is not None and Path(path).suffix not in SUFFIXES:
         raise ParameterError("out", f"{path}: expected a file ending in {', '.join(SUFFIXES)}")
 
 
 def save(figure: Figure, path: Path | str, kind: str | None = None, dpi: float = DPI) -> None:
-    """Writes a figure to a file. `kind` is the file format, by default the suffix of `path`. Equal
-    figures give equal bytes."""
+    """Writes a plot to a file. `kind` is the file format, by default the suffix of `path`. Equal
+    plots give equal bytes."""
     if kind is None:
         check_name(path)
         kind = Path(path).suffix[1:]
@@ -121,7 +121,7 @@ def save(figure: Figure, path: Path | str, kind: str | None = None, dpi: float =
 
 
 def uri(figure: Figure) -> str:
-    """Returns the figure as a data URI for a page, and closes the figure. The figure has no
+    """Returns the plot as a data URI for a page, and closes the Matplotlib figure. The plot has no
     background, so that the light or dark background of the page is visible."""
     text, image = io.StringIO(), io.BytesIO()
     with plt.rc_context({"svg.hashsalt": "forceaxis", "svg.fonttype": "none"}):
@@ -144,7 +144,7 @@ def page_style() -> str:
 
 
 def finish(figure: Figure, ax: Axes, title: str) -> None:
-    """Sets title and layout of a figure, and removes the figure from the list of pyplot."""
+    """Sets title and layout of a plot, and removes the plot from the list of pyplot."""
     ax.set_title(title, fontsize=9, loc="left", color=INK, parse_math=False)
     figure.tight_layout()
     plt.close(figure)

@@ -1,10 +1,11 @@
-"""Errors of the library, with a type for each error that a caller has to distinguish."""
+"""Errors of the library, with one exception type for each error that a caller has to
+distinguish."""
 
 from forceaxis._core import InputError
 
 
 class ParameterError(InputError):
-    """Error: a parameter of the library has a value that is not accepted.
+    """Error: a parameter of a library function has a value that is not accepted.
 
     `parameter` is the name of the parameter, and `text` says what was expected of its value. The
     command line prints the option that sets this parameter instead of the name.

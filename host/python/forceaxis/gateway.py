@@ -1,4 +1,4 @@
-"""A session with an axis, `forceaxis.axis.session`, under the name that scripts import."""
+"""A session with an axis (forceaxis.axis.session) under the name that scripts import."""
 
 from forceaxis.axis.axis import MODES, trigger_on
 from forceaxis.axis.session import Session, seconds

@@ -1,5 +1,5 @@
-"""The objects of the firmware for which the module _core was compiled, and the bits of the Modbus
-map of the firmware."""
+"""The objects of the firmware for which the module _core was compiled, and the Modbus coils and
+discrete inputs of the firmware."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -40,7 +40,7 @@ class AxisObject:
 
 
 class AxisBit(NamedTuple):
-    """A coil or a discrete input of the Modbus map."""
+    """One coil or discrete input of the Modbus server."""
 
     address: int
     name: str
@@ -55,8 +55,9 @@ DISCRETES = tuple(AxisBit(**bit) for bit in _core.discretes())
 
 
 def certificate(bank_crc: int, adc_bits: int, force_scale: float) -> dict[str, int]:
-    """Returns {object: raw value} of the certificate of a bank with the checksum CRC, for an ADC of
-    `bits` bits and a force_scale in uN. The number of the bank is appended to these names."""
+    """Returns {object: raw value} of the certificate of a filter bank with the checksum `bank_crc`,
+    for an ADC of `adc_bits` bits and a `force_scale` in uN. The caller appends the number of the
+    bank to these names."""
     return _core.certificate(bank_crc, adc_bits, force_scale)
 
 

@@ -17,14 +17,14 @@ EXPERIMENTS = SIM / "experiments"
 MODELS = SIM / "models"
 MEASUREMENTS = SIM / "measurements"
 
-# Generated files for other programs: data sheet, DBC, Modbus map.
+# Generated files for other programs: data sheet, DBC, table of Modbus registers.
 _generated = _package.parents[2] / "firmware/objects/generated"
 OBJECT_FILES = _generated if _generated.is_dir() else _package / "objects_files"
 
 
 def display(path: Path | str) -> str:
-    """Returns the path as text. The text is relative to the current folder if the path is below
-    that folder."""
+    """Returns the path as text. The text is relative to the current folder if the path is below the
+    current folder."""
     path = Path(path).resolve()
     try:
         return str(path.relative_to(Path.cwd()))
@@ -65,8 +65,8 @@ def replacing(folder: Path, *names: str) -> Iterator[list[Path]]:
 
 
 def replace_text(file: Path | str, text: str) -> None:
-    """Replaces the content of a file. After an error the file still has its old content. The mode
-    of the file is kept, and a symbolic link remains a link. Raises OSError."""
+    """Replaces the content of a file. After an error the file still has its old content. The
+    function keeps the mode of the file, and a symbolic link remains a link. Raises OSError."""
     file = Path(file).resolve()
     temporary = file.with_name(f".{file.name}.{os.getpid()}")
     try:

@@ -1,5 +1,5 @@
-"""Progress of a long computation. A verb of the command line shows the progress on a terminal;
-without a terminal the verb prints the phases."""
+"""Progress of a long computation. A subcommand of the command line shows the progress on a
+terminal. Without a terminal, the subcommand prints the phases."""
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator, Sized
@@ -13,7 +13,8 @@ _tell: Callable[[str], None] | None = None  # of told()
 
 @contextlib.contextmanager
 def told(tell: Callable[[str], None]) -> Iterator[None]:
-    """Context in which tell(phase) is called at the beginning of each phase of a computation."""
+    """Context in which the library calls tell(phase) at the beginning of each phase of a
+    computation."""
     global _tell
     before, _tell = _tell, tell
     try:
@@ -24,7 +25,7 @@ def told(tell: Callable[[str], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def phase(text: str) -> Iterator[None]:
-    """Context of one phase of a computation, such as "designing the bank". A phase takes
+    """Context of one phase of a computation, such as "designing the bank". One phase takes some
     seconds."""
     global shown
     if _tell is not None:
@@ -37,8 +38,9 @@ def phase(text: str) -> Iterator[None]:
 
 
 def each(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
-    """Yields the items one by one and writes the number of finished items to `shown`. what: plural
-    name of the items; total: number of items, needed if `items` has no length."""
+    """Yields the items one by one, and writes the number of finished items to `shown`. `what` is
+    the plural name of the items. `total` is the number of items, which is needed if `items` has no
+    length."""
     global shown
     if total is None and isinstance(items, Sized):
         total = len(items)
@@ -54,7 +56,7 @@ def each(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]
 @contextlib.contextmanager
 def bar(title: str, total: int) -> Iterator[Callable[[int, int], None]]:
     """Context of a progress bar on standard error, which only a terminal shows. Yields a function
-    that sets the number of finished steps; the second argument of this function, the total, has no
+    that sets the number of finished steps. The second argument of this function, the total, has no
     effect."""
     from rich.console import Console
     from rich.progress import Progress

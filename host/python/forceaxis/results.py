@@ -30,7 +30,7 @@ from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, overrid
 from forceaxis._core import InputError
 
 T = TypeVar("T")
-JsonObject: TypeAlias = dict[str, Any]  # an object in a JSON file or in the output of a verb
+JsonObject: TypeAlias = dict[str, Any]  # an object in a JSON file or in the output of a subcommand
 KEY, OMIT_NONE, INLINE = "json_key", "json_omit_none", "json_inline"
 TYPE_WORDS: dict[type, str] = {
     float: "a number", int: "an integer", str: "a text", bool: "true or false", NoneType: "null",
@@ -41,9 +41,9 @@ SHOWN_CHARACTERS = 40  # number of characters of an unexpected value that a mess
 def json_field(
     *, key: str | None = None, omit_none: bool = False, inline: bool = False, **given: Any
 ) -> Any:
-    """Returns a field of a result. key: name of the field in JSON, if different; omit_none: True if
-    a value None has no key in JSON (the default value of the field is then None); inline: True if
-    the keys of the value, a result or None, replace the field. given: arguments of
+    """Returns a field of a result. `key`: name of the field in JSON, if different. `omit_none`:
+    True if a value None has no key in JSON (the default value of the field is then None). `inline`:
+    True if the keys of the value, a result or None, replace the field. `given`: arguments of
     dataclasses.field."""
     if omit_none:
         given.setdefault("default", None)
@@ -51,7 +51,7 @@ def json_field(
 
 
 def json_key(field: "dataclasses.Field[Any]") -> str:
-    """Returns the key in JSON of a field of a result."""
+    """Returns the JSON key of a field of a result."""
     return field.metadata.get(KEY) or field.name
 
 
@@ -69,8 +69,8 @@ def _is_scalar_union(kind: type) -> bool:
 
 
 def _read_scalar(value: Any, kind: Any) -> bool | int | float | str | None:
-    """Returns `value` if it has the type `kind`, or one of the types of a union `kind`. An integer
-    is also accepted as a number."""
+    """Returns `value` if the type of the value is `kind`, or one of the types of a union `kind`. An
+    integer is also accepted as a number."""
     kinds = get_args(kind) or (kind,)
     if type(value) in kinds or (type(value) is int and float in kinds):
         return float(value) if kind is float else value
@@ -148,8 +148,9 @@ def to_json(result: Any) -> Any:
 
 
 def from_json(kind: type[T], table: Any, where: str = "") -> T:
-    """Returns the result of type `kind` from a `table` that to_json made. Raises InputError with a
-    text that begins with `where`, for a missing or unknown key and for a value of another type."""
+    """Returns the result of type `kind` from a `table` that to_json() made. Raises InputError
+    with a text that begins with `where`, for a missing or unknown key and for a value of a wrong
+    type."""
     try:
         return _converter.structure(table, kind)
     except (cattrs.BaseValidationError, ValueError, TypeError, AttributeError) as error:

@@ -14,7 +14,7 @@ TomlValue = str | int | float | bool | datetime.date | list["TomlValue"] | dict[
 
 
 def read(path: Path | str) -> dict[str, Any]:
-    """Returns the tables of a TOML file. Raises InputError with file, line and the expected
+    """Returns the tables of a TOML file. Raises InputError with file, line number and the expected
     content."""
     return _core.read_toml(str(path))
 
@@ -55,7 +55,7 @@ def expect_keys(
     table: Iterable[str], known: Sequence[str], fail: Callable[[str, str], NoReturn], kind: str = ""
 ) -> None:
     """Reports all unknown keys of a table in one call of fail(key, message), which raises an
-    exception. kind: text that describes the known keys in place of a list of these keys."""
+    exception. `kind` is a text that describes the known keys in place of a list of these keys."""
     unknown = [key for key in table if key not in known]
     if not unknown:
         return

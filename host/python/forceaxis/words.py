@@ -14,8 +14,8 @@ _OBEYED = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]
 
 def plain(value: float, digits: int = 3) -> str:
     """Returns a number with `digits` significant digits as text. Numbers with five or more digits
-    have separators of thousands (28,890). Numbers below 1e3 have an exponent where %g has one, and
-    numbers from 1e7 on always have an exponent."""
+    have separators of thousands (28,890). Numbers below 1e3 have an exponent if %g gives an
+    exponent, and numbers from 1e7 on always have an exponent."""
     rounded = float(f"{value:.{digits}g}")
     if not 1e3 <= abs(rounded) < 1e7:
         return f"{value:.{digits}g}"
@@ -26,8 +26,8 @@ def plain(value: float, digits: int = 3) -> str:
 
 def printable(text: str, keep: str = "") -> str:
     """Returns a text from a bus or a file as text for a terminal. Each character that would control
-    the terminal becomes a visible escape (ESC becomes `\\x1b`). The characters of `keep` are not
-    changed."""
+    the terminal becomes a visible escape (ESC becomes `\\x1b`). The characters of `keep` do not
+    change."""
     return _OBEYED.sub(lambda c: c[0] if c[0] in keep else ascii(c[0])[1:-1], text)
 
 

@@ -1,5 +1,5 @@
-"""`forceaxis bench`: speed of the simulator and of other tools, on the same task in the same
-run.
+"""`forceaxis bench`: measures the speed of the simulator and of other tools, on the same task in
+the same run.
 
 The task is a force loop of 2 s at 1500 Hz around one plant. Contact force, two positions, motor
 current and ADC code are recorded at every tick. Case A is a rigid mass on a workpiece in stable
@@ -60,7 +60,8 @@ ADVICE_MODELS, ADVICE_MAX_S = ("laboratory", "full_axis"), 1.0
 
 @dataclass(frozen=True)
 class Case:
-    """A case of the benchmark: an experiment, and the gain and set-point of its force loop."""
+    """One case of the benchmark: an experiment, and the gain and force set-point of the force
+    loop."""
 
     experiment: str
     signals: tuple[str, str, str]  # signals of contact force, robot body and workpiece body
@@ -68,7 +69,7 @@ class Case:
     setpoint_N: int
 
     def plant(self) -> _core.BenchCase:
-        """Returns the simulated plant of the case, an object of the compiled module."""
+        """Returns the simulated plant of the benchmark case, an object of the compiled module."""
         return _core.BenchCase(paths.EXPERIMENTS / self.experiment, *self.signals)
 
 
@@ -82,7 +83,7 @@ class CaseSpeed:
     # largest difference of the force from the reference; None without a reference
     force_error_N: float | None
     codes_differ: int | None  # number of ticks in which the ADC code differs from the reference
-    events: int | None  # number of switching events; None if the tool does not count them
+    events: int | None  # number of switching events; None if the tool does not count events
     tick_ns: float  # CPU time of one tick in ns
     spread: float  # median CPU time divided by the smallest CPU time, minus 1
     runs: int
@@ -116,7 +117,7 @@ class EventCost:
 
 @dataclass(frozen=True)
 class AnalysisSpeed:
-    """Time for one computation of the linear analysis, with forceaxis and with python-control."""
+    """Time of one computation of the linear analysis, with forceaxis and with python-control."""
 
     work: str
     states: int  # number of states of the system
@@ -173,7 +174,8 @@ class Peers:
             self.missing["scipy"] = "not installed"
 
     def run(self, tool: str, case: Case, full: bool, ticks: int = TICKS) -> TimedRun | None:
-        """Simulates a case once with another simulator. Returns None if the simulator fails.
+        """Simulates a benchmark case once with another simulator. Returns None if the simulator
+        fails.
 
         tool: "odeint", "mujoco" or "reference". full: whether the case is "full".
         """
@@ -193,14 +195,15 @@ class Peers:
 
 
 def own_run(plant: _core.BenchCase, gain: int, setpoint_N: int, firmware: bool = False) -> TimedRun:
-    """Simulates a case once with forceaxis. firmware: True if the firmware is the control law."""
+    """Simulates a benchmark case once with forceaxis. `firmware` is True if the firmware is the
+    control law."""
     done = plant.run(gain, setpoint_N, firmware)
     return TimedRun(done["force"], done["count"], done["seconds"], done["events"])
 
 
 def runners(name: str, tools: Iterable[str], peers: Peers) -> dict[str, Runner]:
-    """Returns for each tool a function that simulates a case once. Models are read before the
-    measurement, so that only the simulation is measured."""
+    """Returns for each tool a function that simulates a benchmark case once. The models are read
+    before the measurement, so that only the simulation is measured."""
     case, full = CASES[name], name == "full"
     own = functools.partial(own_run, case.plant(), case.gain, case.setpoint_N)
     every: dict[str, Runner] = {
@@ -215,8 +218,8 @@ def runners(name: str, tools: Iterable[str], peers: Peers) -> dict[str, Runner]:
 
 
 def turn(tool: str, once: Runner) -> tuple[list[float], TimedRun]:
-    """Repeats the run of a tool for TURN_S. Returns the CPU time of each run in s, and the last
-    run."""
+    """Repeats the run of a tool for TURN_S seconds. Returns the CPU time of each run in s, and the
+    result of the last run."""
     times: list[float] = []
     while True:
         last = once()
@@ -230,7 +233,8 @@ def turn(tool: str, once: Runner) -> tuple[list[float], TimedRun]:
 def cases(
     names: Iterable[str], tools: Sequence[str], repeat: int, advance: Advance
 ) -> tuple[list[CaseSpeed], dict[str, str]]:
-    """Returns the speed of each tool in each case, and {tool: reason why the tool is missing}."""
+    """Returns the speed of each tool in each case of the benchmark, and {tool: reason why the tool
+    is missing}."""
     peers = Peers()
     rows = []
     for name in names:
@@ -254,8 +258,8 @@ def cases(
 def case_speed(
     case: str, tool: str, seconds: Sequence[float], last: TimedRun, reference: TimedRun | None
 ) -> CaseSpeed:
-    """Returns speed and accuracy of a tool in a case, from the CPU times of its runs in s and from
-    its last run."""
+    """Returns speed and accuracy of a tool in a benchmark case, from the CPU times of the runs in s
+    and from the last run."""
     error_N = codes_differ = None
     if reference:
         error_N = float(abs(last.force_N - reference.force_N).max())
@@ -274,8 +278,7 @@ def case_speed(
 
 
 def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
-    """Returns the speed of two sweeps of 4096 runs, and of the runs of the 55 cells of the
-    thesis."""
+    """Returns the speed of two sweeps of 4096 runs, and of the 55 runs of a table in the thesis."""
     plant = CASES["A"].plant()
     known = tables.load()
     jobs = [known.job(c) for c in known.cells]
@@ -318,8 +321,8 @@ def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
 
 
 def event_cost(repeat: int, gains: Sequence[int] = range(2, 26)) -> EventCost:
-    """Fits the CPU time of case B to its number of events, seconds = a + b events, from runs with
-    several gains."""
+    """Fits the CPU time of case B as a linear function of the number of events, seconds = a + b
+    events, from runs with several gains."""
     plant = CASES["B"].plant()
     seconds: dict[int, list[float]] = {gain: [] for gain in gains}
     for _ in range(max(repeat, 3)):
@@ -432,7 +435,7 @@ def run(
     with_sweeps: bool,
     with_linear: bool = False,
 ) -> BenchResult:
-    """Runs the benchmark for some cases and tools, without a comparison with required figures."""
+    """Runs the benchmark for some cases and tools, without a comparison with required speeds."""
     sweep_repeat = min(repeat, 5)
     steps = len(names) * repeat + (with_sweeps and (len(SWEEPS) + 1) * sweep_repeat)
     steps += with_linear and 1 + len(ADVICE_MODELS)
@@ -454,8 +457,8 @@ def run(
 
 
 def check(result: BenchResult) -> list[Requirement]:
-    """Returns the required figures of the benchmark. A figure that was not measured does not meet
-    its requirement."""
+    """Returns the requirements of the benchmark with the measured values. A quantity that was not
+    measured does not meet its requirement."""
     row = {(r.case, r.tool): r for r in result.results}
 
     def speed(case: str, tool: str) -> float | None:

@@ -1,4 +1,5 @@
-"""The benchmark of connections: the rate of the lock-step and the raw rate of its transport.
+"""The benchmark of connections: measures the rate of the lock-step in ticks per second, and the
+message rate of the transport alone.
 
 The raw rate is that of a message exchange between two plain C programs
 (tests/bench/link_pingpong_*.c) on the same transport. It is measured in the same run, in turns with
@@ -33,7 +34,8 @@ SHARE_OF_RAW_MIN, REAL_TIME_MIN = 0.6, 1.0
 
 @dataclass(frozen=True)
 class LinkRates:
-    """Rates of the lock-step over one transport, and the rate of the transport itself."""
+    """Tick rates of the lock-step over one transport, and the message rate of the transport
+    alone."""
 
     link: str  # transport: "lcm" or "socketcan"
     raw_per_s: float  # message exchanges per second of two programs without firmware and plant
@@ -42,7 +44,7 @@ class LinkRates:
     real_time: float  # simulated time divided by elapsed time, with one axis
     six_axes_ticks_per_s: float
     six_axes_real_time: float
-    repeated: int  # number of records that were sent again, in all turns
+    repeated: int  # number of messages that were sent again, in all turns
     turns: int
 
 
@@ -52,7 +54,7 @@ def _pin_to_one_cpu() -> None:
 
 @contextlib.contextmanager
 def _running(*command: str | Path) -> Iterator[subprocess.Popen[str]]:
-    """Starts a program on one CPU and waits for its first line. The program ends with the
+    """Starts a program on one CPU, and waits for its first text line. The program ends with the
     context."""
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, preexec_fn=_pin_to_one_cpu
@@ -97,7 +99,7 @@ def raw_rate(kind: str, where: str) -> float:
 
 
 def lock_step(kind: str, axes: int) -> PlantReport:
-    """Runs plant and firmware in lock-step and returns the report of plant_node. Raises
+    """Runs plant and firmware in lock-step, and returns the report of plant_node. Raises
     link.LinkError."""
     run_id = str(link.new_run_id())
     common = [str(EXPERIMENT), "--axes", str(axes), "--link", kind, "--run-id", run_id]
@@ -119,8 +121,8 @@ def lock_step(kind: str, axes: int) -> PlantReport:
 
 
 def measure(kind: str, turns: int) -> LinkRates:
-    """Measures the raw rate of a transport and the rates of the lock-step. Each rate is the median
-    of several turns."""
+    """Measures the message rate of a transport alone and the tick rates of the lock-step. Each rate
+    is the median of several turns."""
     raw, one, six = [], [], []
     for _ in range(turns):
         where = _core.lcm_url_of(link.new_run_id()) if kind == "lcm" else CAN
@@ -144,7 +146,7 @@ def measure(kind: str, turns: int) -> LinkRates:
 
 
 def run(turns: int = 5) -> list[LinkRates]:
-    """Returns the rates of both transports. CAN is measured under tools/vcan. Raises
+    """Returns the measured rates of LCM and of CAN. CAN is measured under tools/vcan. Raises
     link.LinkError."""
     lcm = measure("lcm", turns)
     command = [link.program("vcan"), sys.executable, "-m", "forceaxis.bench.link", str(turns)]
@@ -157,7 +159,7 @@ def run(turns: int = 5) -> list[LinkRates]:
 
 
 def check(rates: Sequence[LinkRates]) -> list[Requirement]:
-    """Returns the required rates of each transport."""
+    """Returns the requirements on the message and tick rates of each transport."""
     return [
         requirement
         for r in rates

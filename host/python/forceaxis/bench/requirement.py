@@ -1,13 +1,14 @@
-"""Required figures of the benchmarks."""
+"""Requirements on the measured values of the benchmarks."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """A required figure of a benchmark, and whether the benchmark has reached the figure."""
+    """A requirement of a benchmark. The result tells if the measured value meets the
+    requirement."""
 
-    check: str  # quantity, bound and measured figure as text
+    check: str  # quantity, bound and measured value as text
     held: bool
 
 
@@ -16,12 +17,12 @@ def _requirement(text: str, figure: float | None, is_reached: bool) -> Requireme
 
 
 def at_least(quantity: str, figure: float | None, least: float) -> Requirement:
-    """Returns the requirement that a figure is at least `least`. A missing figure does not meet the
-    requirement."""
+    """Returns the requirement that a measured value is at least `least`. A missing value does not
+    meet the requirement."""
     return _requirement(f"{quantity} >= {least}", figure, figure is not None and figure >= least)
 
 
 def at_most(quantity: str, figure: float | None, most: float) -> Requirement:
-    """Returns the requirement that a figure is at most `most`. A missing figure does not meet the
-    requirement."""
+    """Returns the requirement that a measured value is at most `most`. A missing value does not
+    meet the requirement."""
     return _requirement(f"{quantity} <= {most}", figure, figure is not None and figure <= most)

@@ -1,5 +1,5 @@
-"""The benchmark with SciPy: solve_ivp runs for each tick, and its terminal events change the
-equations.
+"""The benchmark with SciPy: solve_ivp runs for each tick, and terminal events of solve_ivp change
+the equations.
 
 The equations of the cases A and B are written again here, independent of the simulator.
 """
@@ -34,8 +34,8 @@ class TimedRun(NamedTuple):
 
 @dataclass(frozen=True)
 class Guard:
-    """An event for solve_ivp. When the value of the function falls through 0, `element` enters
-    `region`."""
+    """An event for solve_ivp. When the value of the function falls below 0, the element `element`
+    enters the state `region`."""
 
     terminal: ClassVar = True
     direction: ClassVar = -1
@@ -48,7 +48,7 @@ class Guard:
 
 
 class _Plant:
-    """The plant of the cases A and B.
+    """The plant of the cases A and B of the benchmark.
 
     The state x is: motor current in A, filtered tachometer voltage in V, position and velocity of
     the robot, position and velocity of the workpiece in m and m/s. Current feedback and amplifier
@@ -129,7 +129,8 @@ class _Plant:
 
 
 def run(gain: int, setpoint_N: int, ticks: int) -> TimedRun:
-    """Simulates plant and force loop from tick 0 to `ticks`. gain: DAC codes per ADC code."""
+    """Simulates plant and force loop from tick 0 to `ticks`. The gain is in DAC codes per ADC
+    code."""
     from scipy.integrate import solve_ivp
 
     plant, x, crossings = _Plant(), np.array([0, 0, -0.005, 0, 0, 0]), 0

@@ -15,8 +15,8 @@ SAMPLES_MAX = 1_000_000
 
 
 class Assembly:
-    """The samples of one capture. `raw` contains the raw values in the shape (samples, signals),
-    and `have` is True for each sample that was received."""
+    """The samples of one capture. `raw` contains the raw values in the shape (samples, signals).
+    `have` is True for each sample that was received."""
 
     def __init__(self) -> None:
         self.signals: tuple[str, ...] = ()
@@ -88,8 +88,8 @@ class Assembly:
 
 
 def fits(first_tick: int, samples: int, decimation: int) -> bool:
-    """Checks whether the ticks of all samples fit into 64-bit integers. In a corrupted message they
-    may not fit."""
+    """Returns True if the ticks of all samples fit into 64-bit integers. In a corrupted message
+    they may not fit."""
     ends = first_tick, first_tick + max(0, samples - 1) * decimation
     return all(-(2**63) <= tick < 2**63 for tick in ends)
 

@@ -22,8 +22,8 @@ DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.uin
 def draw(
     width: int, height: int, lines: Sequence[Line], x_span: Span, y_span: Span
 ) -> list[list[tuple[str, str]]]:
-    """Draws `lines`, a list of (x, y, colour), as rows of (character, colour). The first line is
-    drawn over the other lines.
+    """Draws the curves `lines`, a list of (x, y, colour), as rows of (character, colour). The first
+    curve is drawn over all other curves.
 
     NaN interrupts a line. Points outside the spans are not drawn.
     """
@@ -48,7 +48,7 @@ def draw(
 def _pixels(
     x: Samples, y: Samples, x_span: Span, y_span: Span, columns: int, rows: int
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Returns (columns, rows) of the dots of a line through the samples, without the dots outside
+    """Returns (columns, rows) of the dots of a curve through the samples, without the dots outside
     the chart."""
     if not x.size:
         return np.zeros(0, int), np.zeros(0, int)
@@ -73,8 +73,8 @@ def _pixels(
 
 
 def span(arrays: Iterable[Samples], least: float = 1.0) -> Span:
-    """Returns (low, high), two round numbers whose range includes all finite values. Their
-    difference is at least `least`."""
+    """Returns (low, high), two round numbers whose range includes all finite values of the arrays.
+    The range is at least `least`."""
     values = [a[np.isfinite(a)] for a in arrays]
     values = [v for v in values if v.size]
     low = min((float(v.min()) for v in values), default=0.0)
@@ -109,8 +109,9 @@ def panel(
     style: str = "",
     least: float = 1.0,
 ) -> Text:
-    """Returns a chart as a Text of `height` lines, with the title and the two end values of the
-    scale on the left. `lines` is a list as in draw(); all lines have the same scale."""
+    """Returns a chart as a Text of `height` text lines, with the title and the two end values of
+    the scale on the left. `lines` is a list of curves as in draw(). All curves have the same
+    scale."""
     inner, rows = max(1, width - SCALE_WIDTH), max(1, height - 1)
     y_span = span([np.asarray(y, float) for _, y, _ in lines], least)
     text = title.copy()
@@ -131,7 +132,7 @@ def panel(
 
 
 def time_axis(width: int, seconds: float, right: str = "now") -> Text:
-    """Returns the line of text below a chart that states the times at the left end and in the
+    """Returns the text line below a chart that states the times at the left end and in the
     middle."""
     inner = max(1, width - SCALE_WIDTH)
     left = f"-{seconds:g} s"

@@ -66,7 +66,7 @@ class NoAnswer(TimeoutError):
 
 
 def object_named(name: str) -> AxisObject | None:
-    """Returns the object of this name. Returns None if `name` is a CANopen address such as
+    """Returns the object with the name `name`. Returns None if `name` is a CANopen address such as
     0x6040:0. Raises InputError for an unknown name."""
     if ADDRESS.fullmatch(name):
         return None
@@ -79,9 +79,9 @@ def object_named(name: str) -> AxisObject | None:
 
 
 def to_raw(name: str, value: Value) -> int:
-    """Converts an engineering value or the text of an enumeration to a raw value. The value for a
-    CANopen address is already a raw value. Raises InputError for a value outside the range of the
-    object."""
+    """Converts an engineering value or the text of an enumeration to the raw value of an object.
+    The value for a CANopen address is already a raw value. Raises InputError for a value outside
+    the range of the object."""
     known = object_named(name)
     if known and isinstance(value, str) and value in texts(known):
         return texts(known)[value]
@@ -105,8 +105,8 @@ def to_raw(name: str, value: Value) -> int:
 
 
 def from_raw(name: str, raw: int) -> Value:
-    """Converts a raw value to an engineering value or to the text of an enumeration. If the scale
-    is 1, the engineering value is an integer."""
+    """Converts the raw value of an object to an engineering value or to the text of an enumeration.
+    If the scale is 1, the engineering value is an integer."""
     known = BY_NAME.get(name)
     if known is None:
         return raw
@@ -139,39 +139,40 @@ class AxisClient(Closable):
         self._bus.close()
 
     def write(self, name: str, value: Value) -> axis_event_t:
-        """Writes an engineering value or the text of an enumeration to one object, or a raw value
-        to a CANopen address. Returns the event that acknowledges the command."""
+        """Writes one object. `value` is an engineering value or the text of an enumeration, or a
+        raw value for a CANopen address. Returns the event that acknowledges the command."""
         return self.write_all({name: value})
 
     def write_all(self, values: Mapping[str, Value]) -> axis_event_t:
-        """Writes {name: value} in order. After a refused value, the earlier values remain written
+        """Writes {object: value} in order. If a value is refused, the earlier values stay written
         and the later values are not written. Returns the event that acknowledges the command."""
         return self.write_raw({name: to_raw(name, value) for name, value in values.items()})
 
     def write_raw(self, values: Mapping[str, int]) -> axis_event_t:
-        """Writes {name: raw value} in order; see write_all()."""
+        """Writes {object: raw value} in order, in the same way as write_all()."""
         return self._command(axis_command_t.KIND_WRITE, list(values.items()))
 
     def read(self, name: str) -> Value:
-        """Reads one object and returns an engineering value or the text of an enumeration. For a
+        """Reads one object, and returns an engineering value or the text of an enumeration. For a
         CANopen address, returns the raw value."""
         return self.read_all([name])[name]
 
     def read_all(self, names: Sequence[str]) -> dict[str, Value]:
-        """Reads several objects and returns {name: value}. All values belong to the same tick if
+        """Reads several objects, and returns {object: value}. All values belong to the same tick if
         the gateway can read these objects together."""
         return {name: from_raw(name, raw) for name, raw in self.read_raw(names).items()}
 
     def read_raw(self, names: Sequence[str]) -> dict[str, int]:
-        """Reads several objects and returns {name: raw value}; see read_all()."""
+        """Reads several objects, and returns {object: raw value}. All values belong to the same
+        tick if the gateway can read these objects together."""
         for name in names:
             object_named(name)
         answer = self._command(axis_command_t.KIND_READ, [(name, 0) for name in names])
         return dict(zip(answer.object, answer.value, strict=True))
 
     def take(self) -> axis_event_t:
-        """Acquires the axis: LCM becomes the command source of the axis. The program stays the
-        owner until it writes nothing for the time in `watchdog`."""
+        """Acquires the axis: LCM becomes the command source of the axis. This program stays the
+        owner as long as it writes an object within the time in the object `watchdog`."""
         return self._command(axis_command_t.KIND_TAKE)
 
     def release(self) -> axis_event_t:
@@ -181,7 +182,7 @@ class AxisClient(Closable):
     def capture(
         self, signals: Sequence[str], samples: int = 0, timeout_s: float = 30.0, **settings: Value
     ) -> Assembly:
-        """Records `signals` in each tick and waits for the samples: calls arm() and then
+        """Records `signals` in each tick and returns the recording. Calls arm() and then
         captured().
 
         samples 0: as many as the recorder can store. `settings` are further objects of the recorder
@@ -207,13 +208,13 @@ class AxisClient(Closable):
         return self._command_id
 
     def fetch(self, signals: Sequence[str]) -> int:
-        """Loads an incident of the black box into the recorder. The black box has recorded
-        `signals`. Returns the number of this recording, which captured() needs."""
+        """Loads an incident of the black box into the recorder. `signals` are the signals that the
+        black box has recorded. Returns the number of this recording, which captured() needs."""
         self._command(axis_command_t.KIND_CAPTURE, [("incident_command", 1)], signals)
         return self._command_id
 
     def captured(self, number: int, timeout_s: float = 30.0) -> Assembly:
-        """Waits for the samples of a recording and returns a capture_assembly.Assembly, whose
+        """Waits for the samples of a recording. Returns a capture_assembly.Assembly, whose
         `missing` is the number of samples lost between gateway and client."""
 
         def complete() -> Assembly | None:
@@ -263,8 +264,8 @@ class AxisClient(Closable):
     def _command(
         self, kind: int, items: Sequence[tuple[str, int]] = (), signals: Sequence[str] = ()
     ) -> axis_event_t:
-        """Sends a command again and again until the event arrives that acknowledges the command,
-        and returns this event. Raises Refused, NoAnswer."""
+        """Sends a command repeatedly until the event arrives that acknowledges the command, and
+        returns this event. Raises Refused, NoAnswer."""
         self._command_id += 1
         command = axis_command_t()
         command.utime = NOT_AVAILABLE
@@ -293,7 +294,7 @@ class AxisClient(Closable):
         return self._event_of(self._command_id, *answers)
 
     def state(self, timeout_s: float | None = None) -> axis_state_t:
-        """Waits for the next state of the axis and returns it. Raises NoAnswer."""
+        """Waits for the next state of the axis, and returns the state. Raises NoAnswer."""
         with self._news:
             before = self._state
             found = self._await(
@@ -310,9 +311,9 @@ class AxisClient(Closable):
         where: Callable[[axis_event_t], bool] = lambda event: True,
         timeout_s: float | None = None,
     ) -> axis_event_t:
-        """Waits for an event of `kind` (None: of any kind) for which where(event) is True, and
-        returns the event. Events that have arrived since the latest command are also searched,
-        because the command may have caused them. Raises NoAnswer."""
+        """Waits for an event of `kind` (None means any kind) for which where(event) is True, and
+        returns the event. The search includes the events since the latest command, because the
+        command may have caused these events. Raises NoAnswer."""
 
         def ready() -> axis_event_t | None:
             for received, event in self._events:
@@ -348,8 +349,8 @@ class AxisClient(Closable):
             self._news.notify_all()
 
     def _await(self, ready: Callable[[], T | None], timeout_s: float) -> T | None:
-        """Returns the first result of ready() that is not None, or None after timeout_s. The caller
-        must hold the lock `_news`."""
+        """Returns the first result of ready() that is not None, or None after `timeout_s`. The
+        caller must hold the lock `_news`."""
         end = time.monotonic() + timeout_s
         while (found := ready()) is None and (remaining := end - time.monotonic()) > 0:
             self._news.wait(remaining)

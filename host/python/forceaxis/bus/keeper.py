@@ -103,8 +103,8 @@ def _job(can_id: int, data: bytes, count: int, period_us: int) -> bytes:
 
 class WatchdogKeeper(Keeper):
     """Prevents a time-out of the watchdog of an axis: writes the present value of the object
-    `watchdog` several times within the watchdog time. The firmware ignores a write that does not
-    come from the owner of the axis, so an axis that another client has acquired is not affected.
+    `watchdog` several times within the watchdog time. The firmware ignores a write by a client that
+    does not own the axis, so the thread has no effect on an axis that another client has acquired.
 
     read() returns the watchdog in ms, write(ms) writes it; this thread calls both. `unchanged` is
     locked from reading to writing. A caller that changes the watchdog must hold this lock.
@@ -123,8 +123,8 @@ class WatchdogKeeper(Keeper):
 
 
 class GatewayKeeper(WatchdogKeeper):
-    """A WatchdogKeeper for an axis behind a gateway. It has its own client, so that it can write
-    while the client of the owner waits for a capture."""
+    """A WatchdogKeeper for an axis behind a gateway. The GatewayKeeper has its own client, so that
+    it can write while the client of the owner waits for a capture."""
 
     def __init__(self, axis: int, url: str | None) -> None:
         self._client = AxisClient(axis, url)

@@ -50,7 +50,7 @@ _TYPES: dict[str | None, type[Message]] = {
     "CLOCK": sim_clock_t,
     "TRUTH": sim_truth_t,
 }
-# All message types by fingerprint, also types of the lock-step, because logs may contain them.
+# All message types by fingerprint, also the lock-step types, because logs may contain them.
 _BY_FINGERPRINT: dict[bytes, type[Message]] = {
     t._get_packed_fingerprint(): t
     for t in vars(messages).values()
@@ -60,12 +60,12 @@ _CHANNEL = re.compile(r"AXIS_([1-9][0-9]{0,2})_(STATE|COMMAND|EVENT|CAPTURE)|SIM
 
 
 class Undecodable(Exception):
-    """Error: the data have another message type than the type of their channel."""
+    """Error: the type of a message differs from the message type of the channel."""
 
 
 def channel_of(name: str) -> tuple[int | None, str | None]:
     """Returns (number of the axis or None, kind) from the name of a channel. Returns (None, None)
-    for a channel of another program."""
+    for a channel of a different program."""
     match = _CHANNEL.fullmatch(name)
     if not match or int(match[1] or 1) not in AXES:
         return None, None
@@ -74,15 +74,15 @@ def channel_of(name: str) -> tuple[int | None, str | None]:
 
 def type_of(channel: str, data: bytes = b"") -> type[Message] | None:
     """Returns the message type of a channel. The name of the channel selects the type, otherwise
-    the fingerprint at the beginning of the data. Returns None for a message type of another
+    the fingerprint at the beginning of the data. Returns None for a message type of a different
     program."""
     return _TYPES.get(channel_of(channel)[1]) or _BY_FINGERPRINT.get(bytes(data[:8]))
 
 
 def decode(channel: str, data: bytes) -> Message:
-    """Decodes a message. Raises Undecodable if the data have an unknown or a wrong type. Control
-    characters in texts of the message are replaced, because any program on the bus can send them
-    and a terminal would execute them."""
+    """Decodes a message. Raises Undecodable if the data have an unknown or a wrong type. The
+    function replaces control characters in texts of the message, because any program on the bus can
+    send control characters and a terminal would execute them."""
     carried = type_of(channel, data)
     if carried is None:
         raise Undecodable(f"{channel}: expected a channel of forceaxis")
@@ -95,7 +95,7 @@ def decode(channel: str, data: bytes) -> Message:
                 several = isinstance(value, list)
                 setattr(message, name, list(map(printable, value)) if several else printable(value))
         return message
-    except Exception as error:  # the generated code can raise any exception for wrong data
+    except Exception as error:  # The generated code can raise any exception for wrong data.
         raise Undecodable(f"{channel}: expected {carried.__name__}, got another type") from error
 
 
@@ -145,7 +145,7 @@ def connect(url: str | None = None) -> lcm.LCM:
 
 
 def _expect_route(url: str) -> None:
-    """Raises InputError for a multicast URL if the machine has no route to its group."""
+    """Raises InputError for a multicast URL if the machine has no route to the multicast group."""
     match = re.match(r"udpm://([0-9.]+)(?::([0-9]+))?", url)
     if not match or not 0 < int(match[2] or 7667) < 65536:
         return  # liblcm reports an error in the URL
@@ -213,7 +213,7 @@ class Gaps:
 
 
 class Closable(abc.ABC):
-    """A connection to an LCM bus that a `with` block closes at its end."""
+    """A connection to an LCM bus that a `with` block closes."""
 
     @abc.abstractmethod
     def close(self) -> None:
@@ -228,7 +228,8 @@ class Closable(abc.ABC):
 
 class Bus(Closable):
     """A connection with its own thread, which calls handle(channel, data, wall_us) for each
-    message. data: bytes of the message; wall_us: time of reception in us since 1970."""
+    message. `data` are the bytes of the message. `wall_us` is the time of reception in us since
+    1970."""
 
     def __init__(
         self, url: str | None, handle: Callable[[str, bytes, int], None], channels: str = CHANNELS

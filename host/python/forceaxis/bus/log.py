@@ -35,8 +35,8 @@ class LogEntry(NamedTuple):
 
 @dataclass(frozen=True)
 class ChannelSummary:
-    """Counts and rate of the messages of one channel of a log. The numbers of lost and repeated
-    messages are None for a channel of another program."""
+    """Counts and message rate of one channel of a log. The numbers of lost and repeated messages
+    are None for a channel of a different program."""
 
     type: str | None
     count: int
@@ -91,8 +91,8 @@ class _ChannelCount:
 
 
 class LogWriter:
-    """Writes a log that lcm-logplayer and other LCM tools can read. The file is flushed twice a
-    second, so that few messages are lost if the process is killed."""
+    """Writes a log that lcm-logplayer and other LCM tools can read. The writer flushes the file
+    twice a second, so that few messages are lost if the process is killed."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.count = path, 0
@@ -122,7 +122,7 @@ class LogWriter:
 
 class LogReader:
     """Iterates over the entries of a log. After the iteration, `damage` describes skipped bytes in
-    one line, or is None without skipped bytes."""
+    one text line, or is None without skipped bytes."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.count, self.skipped, self.cut = path, 0, 0, False
@@ -160,8 +160,8 @@ class LogReader:
 
     @staticmethod
     def _whole(data: memoryview, start: int, stop: int) -> bool:
-        """Checks whether an entry ends at `stop`: another entry or the end of the file follows
-        there, or no other entry begins between `start` and `stop`."""
+        """Returns True if an entry ends at `stop`. This is the case if another entry or the end of
+        the file follows at `stop`, or if no other entry begins between `start` and `stop`."""
         follows = bytes(data[stop : stop + 4])
         return SYNC_BYTES.startswith(follows) or _find(data, start, stop) < 0
 
@@ -180,7 +180,7 @@ class LogReader:
 
 def _find(data: memoryview, start: int, stop: int) -> int:
     """Returns the position of the next entry between `start` and `stop`, or -1 without an entry.
-    The data are searched in pieces, because a log may be large."""
+    The function searches the data in blocks, because a log may be large."""
     piece = 1 << 20
     while start < stop:
         found = bytes(data[start : min(stop, start + piece + 3)]).find(SYNC_BYTES)

@@ -36,7 +36,7 @@ Column = MutableSequence[Any]
 
 @dataclass(frozen=True)
 class WrittenTable:
-    """One exported table: its files, its number of rows and the names of its columns."""
+    """One exported table: files, number of rows and names of the columns."""
 
     files: list[str]
     rows: int
@@ -104,7 +104,7 @@ def _kind(column: Column | None) -> str | None:
 
 
 def _changed(column: Column | None, wanted: str | None) -> Column:
-    """Converts a column if a new value has another kind: a column of integers to doubles, and a
+    """Converts a column if a new value has a different type: a column of integers to doubles, and a
     column of numbers to texts."""
     if column is None:
         return [] if wanted is None else array(wanted)
@@ -190,8 +190,8 @@ def export(path: Path, out: Path, kinds: Sequence[str] = ("csv", "npz")) -> Expo
 
 def message_row(message: Message, wall_us: int) -> Row:
     """Returns the fields of a message as a row of a table. Names of columns contain the unit. After
-    the fields follow further objects of the message by name, and texts for fields with numbered
-    states."""
+    the fields, the row contains further objects of the message by name, and texts for fields with
+    numbered states."""
     row: Row = {"received_wall_us": wall_us}
     for name, kind in zip(message.__slots__, message.__dimensions__, strict=True):
         value = getattr(message, name)
@@ -257,8 +257,8 @@ def capture_columns(held: Assembly) -> Table:
 
 def column_name(name: str) -> str:
     """Returns the name of an object with its unit, such as force_count or velocity_count_per_tick.
-    The name is unchanged if the object has no unit or if the name already ends with the unit, such
-    as dac_code."""
+    The name does not change if the object has no unit or if the name already ends with the unit,
+    such as dac_code."""
     return _with_unit(name, unit_of(name))
 
 

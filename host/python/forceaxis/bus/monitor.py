@@ -1,5 +1,5 @@
-"""The terminal program `forceaxis monitor`, which shows the state of axes live. It sends nothing to
-an axis."""
+"""The terminal program `forceaxis monitor`, which shows the state of axes live. The program sends
+nothing to an axis."""
 
 import contextlib
 import math
@@ -40,8 +40,8 @@ REFRESH_PERIOD_S = 0.2
 
 
 class Monitor(App[None]):
-    """The screen for the axes of one source: a panel for each axis above, charts of the selected
-    axis below."""
+    """The screen for the axes of one source: a panel for each axis at the top, and charts of the
+    selected axis below the panels."""
 
     TITLE = "forceaxis monitor"
     ENABLE_COMMAND_PALETTE = False
@@ -113,7 +113,7 @@ class Monitor(App[None]):
         self.draw_head()
 
     def watch_app_focus(self, focused: bool) -> None:
-        # a page in a browser shows the keys also before the user has clicked the page
+        # A page in a browser shows the keys also before the user has clicked the page.
         if not focused:
             self.app_focus = True
             self.refresh_bindings()
@@ -222,8 +222,8 @@ class Monitor(App[None]):
         self.draw_chart(now)
 
     def arrange(self, shown: Sequence[int], width: int, room: int) -> None:
-        """Sets the number of columns of the panels and their largest height so that enough lines
-        remain for the charts."""
+        """Sets the number of columns of the panels and their largest height so that enough text
+        lines remain for the charts."""
         grid = self.query_one("#panels", Grid)
         there = {p.number for p in self.query(AxisPanel)}
         for number in shown:

@@ -29,8 +29,8 @@ from forceaxis.results import json_field
 
 # number of states stored for the charts: two minutes at 100 states per second
 HISTORY_STATES = 12_000
-STALE_AFTER_S = 1.0  # time in s without a message after which an axis is shown as silent
-RATE_WINDOW_S = 3.0  # time span in s over which the rate of messages is computed
+STALE_AFTER_S = 1.0  # time in s without a message after which the monitor shows an axis as silent
+RATE_WINDOW_S = 3.0  # time span in s over which the message rate is computed
 
 COMMAND_KINDS = {
     axis_command_t.KIND_WRITE: "write",
@@ -42,7 +42,7 @@ COMMAND_KINDS = {
 VOLT_PER_CODE = 20 / 4096  # of the DAC
 T = TypeVar("T")
 # {unit of CiA 303-2: (displayed unit, number of displayed units in one unit)}
-# The units are metre, radian and degree.
+# The units of CiA 303-2 are metre, radian and degree.
 POSITION_UNITS = {0x01: ("mm", 1e3), 0x10: ("deg", 180 / math.pi), 0x41: ("deg", 1.0)}
 REPETITION_MARK = " x"  # text in a repeated event before the number of repetitions
 # Kinds of events that the monitor shows as alarms.
@@ -63,7 +63,7 @@ def known(value: T) -> T | None:
 
 @dataclass(frozen=True)
 class AxisSnapshot:
-    """The state of an axis as texts and numbers. A value is None if it is not available.
+    """The state of an axis as texts and numbers. None means that a value is not available.
 
     position, target_position and velocity_per_s are in position_unit (mm, deg, user unit or count).
     """
@@ -119,7 +119,7 @@ class ClockSnapshot:
 
 @dataclass(frozen=True)
 class WatchedEvent:
-    """One line of the list of events. `axis` is None if the event belongs to no axis."""
+    """One entry of the list of events. `axis` is None if the event belongs to no axis."""
 
     wall_us: int
     axis: int | None
@@ -152,8 +152,8 @@ def volt(code: int) -> float:
 
 @dataclass(frozen=True)
 class TraceColumns:
-    """History of one axis as arrays (n,), with NaN for a value that is not available: time in s
-    since 1970, forces in the unit of AxisWatch.forces(), positions in encoder counts."""
+    """History of one axis as arrays (n,), with NaN for a value that is not available. Times are in
+    s since 1970, forces in the unit of AxisWatch.forces(), positions in encoder counts."""
 
     time_s: Samples
     force: Samples
@@ -166,7 +166,7 @@ class TraceColumns:
 
 
 class Trace:
-    """Buffer for the last HISTORY_STATES states. The columns of a row have the order of
+    """Buffer for the last HISTORY_STATES states of an axis. The columns of a row have the order of
     TraceColumns."""
 
     def __init__(self) -> None:
@@ -181,7 +181,7 @@ class Trace:
         self._end += 1
 
     def since(self, time_s: float) -> TraceColumns:
-        """Returns a copy of the states from time_s to the present."""
+        """Returns a copy of the states from `time_s` to the present."""
         rows = self._rows[max(0, self._end - HISTORY_STATES) : self._end]
         rows = rows[np.searchsorted(rows[:, 0], time_s) :].copy()
         return TraceColumns(*rows.T)
@@ -223,14 +223,14 @@ class AxisWatch:
         )
 
     def _heard(self) -> axis_state_t:
-        """Returns the latest state. Raises LookupError before the first state."""
+        """Returns the latest state of the axis. Raises LookupError before the first state."""
         if self.state is None:
             raise LookupError(f"axis {self.number}: no state was received")
         return self.state
 
     def forces(self) -> tuple[float | None, float | None, str]:
-        """Returns (force, target force, unit). The unit is N if the scale or the rated force is
-        known, otherwise the count. A force is None if it is not available."""
+        """Returns (force, target force, unit). The unit is N if `force_scale` or the rated force is
+        known, otherwise the count. A force is None if the value is not available."""
         state = self._heard()
         count, share = known(state.force_cnt_q8), known(state.force_permille)
         wanted, rated = self.force_wanted(), known(state.rated_force_mN)
@@ -251,7 +251,7 @@ class AxisWatch:
 
     def length(self) -> tuple[str, float]:
         """Returns (unit of lengths, number of these units in one position unit of the axis). Object
-        60A8h selects the unit. Without 60A8h the unit is mm if the encoder of a model is known,
+        60A8h selects the unit. Without 60A8h, the unit is mm if the encoder of a model is known,
         otherwise the encoder count."""
         more = self.more() if self.state else {}
         if more.get("feed"):
@@ -290,15 +290,15 @@ class AxisWatch:
         return max(0, now_us - self.received_us + (known(self._heard().age_us) or 0)) / 1e6
 
     def rate(self, now_us: float) -> float:
-        """Returns the number of received states per second, over the last RATE_WINDOW_S."""
+        """Returns the number of received states per second over the last RATE_WINDOW_S."""
         recent = [t for t in self.arrivals if t > now_us - RATE_WINDOW_S * 1e6]
         if len(recent) < 2 or recent[-1] == recent[0]:
             return 0.0
         return (len(recent) - 1) / ((recent[-1] - recent[0]) / 1e6)
 
     def lost(self) -> int:
-        """Returns the number of lost messages from the gateway of this axis. Lost commands of
-        clients are not included."""
+        """Returns the number of lost messages from the gateway of this axis, without lost commands
+        of clients."""
         return sum(g.lost for kind, g in self.gaps.items() if kind != "COMMAND")
 
     def rivals(self) -> bool:
@@ -306,7 +306,7 @@ class AxisWatch:
 
     def mismatch(self) -> str | None:
         """Returns a text with the object tables of the firmware and of this program if the two
-        tables differ, otherwise None."""
+        object tables differ, otherwise None."""
         theirs = self.state and known(self.state.objects_hash)
         if not theirs or theirs == TABLE_HASH:  # 0: the table hash was not read yet
             return None
@@ -430,8 +430,8 @@ class Watch:
 
     def _routine(self, wall_us: int, number: int | None, text: str) -> None:
         """Adds a command of a client, or the answer to a command, to the list of events. A repeated
-        command, such as the write to the watchdog, stays one line with the number of repetitions,
-        so that other events remain visible."""
+        command, such as the write to `watchdog`, stays one entry with the number of repetitions, so
+        that other events remain visible."""
         for i, event in enumerate(self.events):
             base, _, count = event.text.rpartition(REPETITION_MARK)
             if event.alarm or event.axis != number or text not in (base, event.text):
@@ -453,8 +453,8 @@ class Watch:
     def snapshot(
         self, source: str, now_us: float, axis: int | None = None, trouble: str | None = None
     ) -> Snapshot:
-        """Returns the state of all axes, or of one axis. source: name of the source of the
-        messages; trouble: text of the error that ended the source."""
+        """Returns the state of all axes, or of one axis. `source` is the name of the source of the
+        messages. `trouble` is the text of the error that ended the source."""
         with self.lock:
             return Snapshot(
                 axes={
@@ -487,7 +487,7 @@ def clock_word(clock: sim_clock_t) -> str:
 
 
 def command_text(command: axis_command_t) -> str:
-    """Returns a command as one line of text, such as "write force_gain=1792"."""
+    """Returns a command as one text line, such as "write force_gain=1792"."""
     words = [COMMAND_KINDS.get(command.kind, f"command kind {command.kind}")]
     if command.kind == axis_command_t.KIND_READ:
         words += command.object

@@ -18,7 +18,7 @@ from forceaxis.bus.monitor_state import (
     TraceColumns,
 )
 
-# Numbers of lines of a panel of an axis, including its border.
+# Numbers of text lines of a panel of an axis, including the border of the panel.
 FULL, COMPACT, SLIM = 8, 4, 3
 
 GOOD, WARN, BAD, QUIET = "#5fd7a7", "#e5c07b", "#ff5f5f", "#8a8a8a"
@@ -42,8 +42,8 @@ def signed(value: float | None, unit: str = "", digits: int | None = None) -> st
 
 
 def spread(width: int, left: Text, right: Text) -> Text:
-    """Returns a line of `width` characters with the text `left` at its beginning and the text
-    `right` at its end. `left` is shortened if the line is too short."""
+    """Returns a text line of `width` characters with the text `left` at the beginning and the text
+    `right` at the end. The function shortens `left` if the text line is too short."""
     room = width - left.cell_len - right.cell_len
     if room < 1:
         left = left.copy()
@@ -169,7 +169,7 @@ def position_values(words: AxisSnapshot, codes: bool) -> tuple[str, str, str]:
 
 
 def command_values(words: AxisSnapshot, codes: bool) -> tuple[str, str]:
-    """Returns (command of the control law, output) as voltages or as DAC codes."""
+    """Returns (command of the control law, output), as voltages or as DAC codes."""
     if codes:
         return signed(words.command_code, "code"), signed(words.dac_code, "code")
     return signed(words.command_V, "V", 3), signed(words.output_V, "V", 3)
@@ -202,8 +202,8 @@ def full(words: AxisSnapshot, width: int, codes: bool) -> list[Text]:
 
 
 def trouble_text(words: AxisSnapshot) -> Text:
-    """Returns a text about the first condition that is present: fault, limit cycle, active limit,
-    contact."""
+    """Returns a text about the first condition that is present, in the order fault, limit cycle,
+    active limit, contact."""
     if words.fault not in (None, "none") or words.error_code:
         return fault_text(words)
     if words.limit_cycle:
@@ -214,8 +214,8 @@ def trouble_text(words: AxisSnapshot) -> Text:
 
 
 def numbers(words: AxisSnapshot, codes: bool) -> Text:
-    """Returns force, position and output in one line. codes: True for counts and codes with their
-    names."""
+    """Returns force, position and output in one text line. `codes` is True for counts and codes
+    with their names."""
     if codes:
         force = "-" if words.force_cnt is None else f"{words.force_cnt:.2f}"
         return Text.assemble(
@@ -246,7 +246,7 @@ def slim(words: AxisSnapshot, width: int, codes: bool) -> list[Text]:
 
 
 class StripChart(NamedTuple):
-    """A chart over time with two lines on the same scale."""
+    """A chart over time with two curves on the same scale."""
 
     name: str
     unit: str
@@ -259,8 +259,8 @@ class StripChart(NamedTuple):
 def strip_charts(
     axis: AxisWatch, width: int, height: int, now_us: float, span_s: float, codes: bool = False
 ) -> Text:
-    """Charts of force, position and command over the last span_s seconds. A terminal with few lines
-    shows fewer charts."""
+    """Returns charts of force, position and command over the last `span_s` seconds. A terminal with
+    few text lines shows fewer charts."""
     now = now_us / 1e6
     data = axis.trace.since(now - span_s)
     time_s = data.time_s - now
@@ -307,7 +307,7 @@ def plots_of(axis: AxisWatch, data: TraceColumns, codes: bool) -> list[StripChar
 
 
 def broken(time_s: Samples, values: Samples) -> tuple[Samples, Samples]:
-    """Interrupts the line of a chart where several consecutive messages are missing."""
+    """Interrupts the curve of a chart where several consecutive messages are missing."""
     if len(time_s) < 3:
         return time_s, values
     steps = np.diff(time_s)
@@ -316,8 +316,8 @@ def broken(time_s: Samples, values: Samples) -> tuple[Samples, Samples]:
 
 
 def capture_chart(axis: AxisWatch, width: int, height: int) -> Text:
-    """Charts of the signals of the latest capture, over the time in ms from the trigger. A terminal
-    with few lines shows fewer signals."""
+    """Returns charts of the signals of the latest capture, over the time in ms from the trigger. A
+    terminal with few text lines shows fewer signals."""
     if axis.capture is None:
         return Text("capture: none yet", style=QUIET)
     (_, number), held = axis.capture

@@ -40,7 +40,7 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 @dataclass(frozen=True)
 class MonitorSettings:
-    """Settings for the screen of a page, which the process of the page receives as JSON."""
+    """Settings for the screen of an HTML page, which the process of the page receives as JSON."""
 
     url: str | None
     axis: int | None
@@ -51,7 +51,7 @@ class MonitorSettings:
 
 
 class AddressError(InputError):
-    """Error: the server cannot listen at this address and port."""
+    """Error: the server cannot listen at the given address and port."""
 
 
 def is_loopback(host: str) -> bool:
@@ -74,8 +74,8 @@ def authority(url: str) -> tuple[str, str]:
 
 
 class Screen(AppService):
-    """The process of one page. `stop` returns after the process has ended, so that never more than
-    PAGES_MAX processes run, even if pages are opened and closed quickly."""
+    """The process of one HTML page. `stop` returns after the process has ended, so that never more
+    than PAGES_MAX processes run, even if pages are opened and closed quickly."""
 
     async def stop(self) -> None:
         """Asks the process to end, and terminates it after QUIT_TIMEOUT_S, because a process that
@@ -94,7 +94,8 @@ textual_server.AppService = Screen  # type: ignore[misc]  # the server has no ot
 
 
 class MonitorServer(textual_server.Server):
-    """Serves one page and its screens. Refuses a request from a page of another web site."""
+    """Serves one HTML page and its screens. Refuses a request from a page of a different web
+    site."""
 
     def __init__(self, settings: MonitorSettings, host: str, port: int) -> None:
         command = [sys.executable, "-m", "forceaxis.bus.monitor_web", json.dumps(to_json(settings))]
@@ -115,7 +116,7 @@ class MonitorServer(textual_server.Server):
     @web.middleware
     async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Refuses a request for an unknown host name that a name server resolves to this machine,
-        and a request from a page of another web site."""
+        and a request from a page of a different web site."""
         _, host = authority(f"//{request.host}")
         origin = request.headers.get("Origin")
         foreign = origin is not None and authority(origin)[0] != request.host

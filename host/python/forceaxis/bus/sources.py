@@ -1,5 +1,5 @@
-"""Sources of messages for a monitor: a live bus, whose messages can be recorded, or a log that is
-replayed."""
+"""Sources of messages for a monitor: a live bus, whose messages can be recorded, or the replay of a
+log."""
 
 import threading
 import time
@@ -72,8 +72,8 @@ class LiveSource:
 
 
 class ReplaySource:
-    """Source of messages from a log, which passes them to `watch` at `speed` times their original
-    rate. Without a speed (None) it does not wait between messages."""
+    """Source of messages from a log, which passes the messages to `watch` at `speed` times their
+    original rate. If `speed` is None, there is no waiting time between messages."""
 
     replayed = True
     writer: LogWriter | None = None
@@ -145,7 +145,8 @@ class ReplaySource:
                 clock, ahead = now, (entry.wall_us - self._at_us) / 1e6 / self.speed
                 if ahead <= 0 or not self._run:
                     break
-                # The sleeps are short, so that a pause or the end of the program acts soon.
+                # The sleeps are short, so that a pause or the end of the program has a quick
+                # effect.
                 time.sleep(min(ahead, 0.05))
             if not self._run:
                 return

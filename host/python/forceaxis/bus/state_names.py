@@ -16,7 +16,7 @@ STATES = (
     (0x4F, 0x08, "fault"),
 )
 
-# States of CiA 402 in which the amplifier is on.
+# CiA 402 states of the drive in which the amplifier is switched on.
 POWERED = ("operation enabled", "quick stop active", "fault reaction active")
 
 # Names from the object table.
@@ -32,14 +32,14 @@ NODE_STATES = {
     -1: "silent",
 }
 
-# (bit, text) for the bits of the statusword whose meaning does not depend on the mode of operation.
+# (bit, text) for the bits of the statusword whose meaning does not depend on the mode of operation
 STATUS_BITS = (
     (7, "warning"),
     (10, "target reached"),
     (11, "internal limit"),
     (14, "stopped by another"),
 )
-# {mode of operation: texts} for bits 12 and 13 of the statusword.
+# {mode of operation: texts} for bits 12 and 13 of the statusword
 BIT_12 = {
     1: "set-point acknowledged",
     3: "speed zero",
@@ -67,8 +67,8 @@ def drive_state(statusword: int) -> str:
 
 def condition(statusword: int, fault: str) -> str:
     """Returns state and fault of a drive as a sentence, such as "the axis is operation enabled
-    without a fault" or "the axis has the fault no_contact". fault: the text of the object `fault`,
-    "none" without a fault."""
+    without a fault" or "the axis has the fault no_contact". `fault` is the text of the object
+    `fault`, "none" without a fault."""
     state = drive_state(statusword)
     if fault == "none":
         return f"the axis is {state} without a fault"
@@ -78,7 +78,7 @@ def condition(statusword: int, fault: str) -> str:
 
 
 def status_bits(statusword: int, mode: int | None = None) -> list[str]:
-    """Returns the names of bits 7 and 10 to 14 of a statusword that are set, in a mode of
+    """Returns the names of bits 7 and 10 to 14 of a statusword that are 1, in a mode of
     operation."""
     names = [text for bit, text in STATUS_BITS if statusword >> bit & 1]
     for bit, texts in ((12, BIT_12), (13, BIT_13)):
@@ -103,7 +103,7 @@ def emergency(code: int) -> str:
 
 
 def enum(name: str, raw: int) -> str:
-    """Returns the text for a raw value of an object, or the number if the object has no text for
+    """Returns the text for the raw value of an object, or the number if the object has no text for
     this value."""
     return _named(name, raw) or str(raw)
 

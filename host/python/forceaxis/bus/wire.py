@@ -44,12 +44,12 @@ Step = int | tuple[str, int] | tuple[tuple[str, ...], int]
 
 
 class Torn(ValueError):
-    """Error: a count or length in a message does not fit the size of the data."""
+    """Error: a count or length in a message does not match the size of the data."""
 
 
 @functools.cache
 def _plan(message_type: type[Message]) -> list[Step]:
-    """Returns the steps for reading the part of a message that follows the fingerprint."""
+    """Returns the steps for reading all bytes of a message after the fingerprint."""
     dimensions = message_type.__dimensions__
     counting = {name for each in dimensions if each for name in each}
     steps: list[Step] = []

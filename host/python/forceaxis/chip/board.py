@@ -65,7 +65,7 @@ class Memory:
 
     flash: range
     sectors: list[int]
-    parameters: range  # addresses of the parameter store in flash
+    parameters: range  # addresses of the parameter store in the flash memory
     ram: range
 
 
@@ -82,8 +82,8 @@ class Limits:
 
 @dataclass(frozen=True)
 class Stack:
-    """Facts about the image from which tools/image_report computes the largest depth of the
-    stack."""
+    """Facts about the firmware image from which tools/image_report computes the largest depth of
+    the stack."""
 
     thread: str
     levels: list[list[str]]
@@ -107,7 +107,7 @@ class EmulatedImage:
 
 @dataclass(frozen=True)
 class ProbeOptions:
-    """Bits of a chip register, such as option bytes, that a flashing sets and then reads back."""
+    """Bits of a chip register, such as option bytes, that flashing sets and then reads back."""
 
     title: str
     address: int
@@ -137,8 +137,8 @@ class Probe:
 
 @dataclass(frozen=True)
 class Registers:
-    """The vendor's register descriptions, and the register names in them that differ from the names
-    in the firmware."""
+    """The vendor's register descriptions, and the register names that differ between these
+    descriptions and the firmware."""
 
     header: str
     package: str
@@ -176,8 +176,8 @@ class BoardError(ValueError):
 
 
 def _read_value(where: str, value: Any, kind: Any) -> Any:
-    """Returns a value of board.toml as the type `kind`. Raises BoardError for a value of another
-    type."""
+    """Returns a value of board.toml as the type `kind`. Raises BoardError for a value of a
+    different type."""
     # type of an optional table or list that the file contains
     if isinstance(kind, types.UnionType):
         kind = typing.get_args(kind)[0]
@@ -208,8 +208,8 @@ def _table(where: str, value: Any) -> dict[str, Any]:
 
 
 def _read_table(where: str, value: Any, kind: Any, **given: Any) -> Any:
-    """Returns a table of board.toml as the dataclass `kind`. given: values of the fields that are
-    not in the file."""
+    """Returns a table of board.toml as the dataclass `kind`. `given` are values of the fields that
+    are not in the file."""
     table = _table(where, value)
     kinds = {k: v for k, v in typing.get_type_hints(kind).items() if k not in given}
     if unknown := sorted(table.keys() - kinds.keys()):
@@ -250,8 +250,8 @@ def folders() -> list[Path]:
 
 
 def known() -> list[Board]:
-    """Returns all boards whose board.toml is correct. tools/image reports the errors of the other
-    boards."""
+    """Returns all boards with a correct board.toml. The program tools/image reports the errors of
+    the other boards."""
     boards = []
     for folder in folders():
         try:

@@ -49,8 +49,8 @@ def command(
     arguments: Iterable[str | Path] = (),
     **lines: str,
 ) -> list[str]:
-    """Returns the command line that starts the emulator with an image, which also gets a command
-    line.
+    """Returns the command line that starts the emulator with an image. `arguments` is the command
+    line for the program in the image.
 
     lines: QEMU's options for the serial lines `modbus` and `can` (frames, since QEMU models no
     chip with CAN: {identifier u16, length u8, remote u8, data 8 bytes}).
@@ -80,8 +80,8 @@ def command(
 
 class Emulator:
     """An emulated board at power-up with an image that tools/image has built. The emulator counts
-    instructions instead of time, so equal runs have equal results. `pipes`: file descriptors to and
-    from the board. Raises the errors of command()."""
+    instructions instead of time, so equal runs have equal results. `pipes` are file descriptors to
+    and from the board. Raises the errors of command()."""
 
     def __init__(self, board: boards.Board) -> None:
         self.board = board
@@ -117,7 +117,7 @@ class Emulator:
         try:
             self.process.wait(0.5)
         except subprocess.TimeoutExpired:
-            self.process.kill()  # QEMU ignores other signals while it waits for a pipe
+            self.process.kill()  # QEMU ignores other signals while it waits for a pipe.
             self.process.wait()
         self._stack.close()
 

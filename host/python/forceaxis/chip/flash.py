@@ -44,12 +44,12 @@ FAILURES = (
 
 
 class FlashError(Exception):
-    """Error: the debug probe or the chip failed. The exit status of the verb is 1."""
+    """Error: the debug probe or the chip failed. The exit status of the subcommand is 1."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What `forceaxis flash` will change on a board: image, flash sectors, parameter store."""
+    """The changes of a board by `forceaxis flash`: image, flash sectors, parameter store."""
 
     board: boards.Board
     probe: boards.Probe
@@ -164,7 +164,7 @@ def span(addresses: range) -> str:
 
 @dataclass(frozen=True)
 class FlashSummary:
-    """The result that `forceaxis flash --json` prints. probe and chip are present only after an
+    """The result that `forceaxis flash --json` prints. `probe` and `chip` are present only after an
     image was written."""
 
     version: str
@@ -182,8 +182,8 @@ class FlashSummary:
 
 
 def summary(plan: Plan, probe: str | None = None, chip: str | None = None) -> FlashSummary:
-    """Returns the plan as a result. probe, chip: texts about probe and chip after an image was
-    written."""
+    """Returns the plan as a result. `probe` and `chip` are texts about probe and chip after an
+    image was written."""
     return FlashSummary(
         *plan.identity,
         file=plan.image.path,
@@ -220,9 +220,9 @@ def command(plan: Plan) -> list[str]:
 
 
 def options_steps(options: boards.ProbeOptions) -> list[str]:
-    """Returns the openocd commands that correct wrong option bytes and print their register. To
-    write the register, openocd writes its keys, the new value and a start bit, waits until the chip
-    is not busy, and locks the register again."""
+    """Returns the openocd commands that correct wrong option bytes and print their register. The
+    commands write the keys, the new value and a start bit, wait until the chip is not busy, and
+    lock the register again."""
     at, held = f"{options.address:#x}", f"[mrw {options.address:#x}]"
     wanted, ours = f"{options.value:#x}", f"{options.mask | options.start | options.lock:#x}"
     writes = [
@@ -261,7 +261,7 @@ def expect_openocd() -> None:
 
 
 def find_probe(plan: Plan) -> tuple[str, str]:
-    """Returns (probe, chip) as texts without a change of the chip. Raises FlashError."""
+    """Returns (probe, chip) as texts, without a change of the chip. Raises FlashError."""
     probe = plan.probe
     output = run(
         probe,
@@ -320,8 +320,8 @@ def run(probe: boards.Probe, words: Sequence[str]) -> str:
 
 
 def last_line(output: str) -> str:
-    """Returns the last error line in the output of openocd. Without an error line, returns the last
-    line."""
+    """Returns the last error line in the output of openocd. If there is no error line, returns the
+    last text line."""
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     errors = [line for line in lines if line.startswith("Error")]
     return "last output: " + (errors or lines or ["nothing"])[-1]

@@ -21,12 +21,12 @@ BYTES_MAX = 16 << 20
 
 
 class Identity(NamedTuple):
-    """The identity that an image contains: firmware version, git revision, hash of the object
-    table, name of the board."""
+    """The identity that a firmware image contains: firmware version, git revision, hash of the
+    object table, name of the board."""
 
     version: str
     git: str
-    table_hash: str  # hash of the object table, the first eight digits of objects.OBJECTS_HASH
+    table_hash: str  # hash of the object table: the first eight digits of objects.OBJECTS_HASH
     board: str
 
 
@@ -38,22 +38,22 @@ class Segment(NamedTuple):
 
     @property
     def end(self) -> int:
-        """The address after the last byte of the segment."""
+        """Returns the address after the last byte of the segment."""
         return self.address + len(self.data)
 
 
 class Image(NamedTuple):
-    """The content of an image file: the bytes for the flash memory."""
+    """The content of a firmware image file: the bytes for the flash memory."""
 
     path: Path
     kind: str  # elf, hex or bin
-    address: int | None  # start address of a .bin file; None for other kinds
+    address: int | None  # start address of a .bin file; None for .elf and .hex files
     # segments in ascending order of addresses, with gaps between them
     segments: tuple[Segment, ...]
 
     @property
     def size(self) -> int:
-        """Number of bytes in all segments."""
+        """Returns the number of bytes in all segments."""
         return sum(len(s.data) for s in self.segments)
 
     def moved(self, address: int) -> "Image":
@@ -63,8 +63,8 @@ class Image(NamedTuple):
         return self._replace(address=address, segments=segments)
 
     def word(self, address: int) -> int | None:
-        """Returns the 32-bit word at `address`, or None if the image does not contain all of its
-        bytes."""
+        """Returns the 32-bit word at `address`, or None if the image does not contain all bytes of
+        the word."""
         for s in self.segments:
             if s.address <= address and address + 4 <= s.end:
                 return int.from_bytes(s.data[address - s.address :][:4], "little")
@@ -95,7 +95,7 @@ def load(path: Path | str, address: int | None = None) -> Image:
     data = path.read_bytes()
     if kind == "bin":
         address = address or 0
-        if data.startswith(b"\x7fELF"):  # without this check openocd would read the file as ELF
+        if data.startswith(b"\x7fELF"):  # Without this check, openocd would read the file as ELF.
             raise InputError(
                 f"{path}: expected a binary image, got an ELF file; rename the file to .elf"
             )
@@ -168,9 +168,9 @@ def read_elf(path: Path, data: bytes, _address: int | None) -> list[Segment]:
 
 
 class HexRecord(NamedTuple):
-    """A record of a file in the format Intel HEX."""
+    """One record of a file in the format Intel HEX."""
 
-    address: int  # lower 16 bits of the address
+    address: int  # lower 16 bits of the address of the record
     kind: int
     data: bytes
 
@@ -181,8 +181,8 @@ START_RECORDS = (3, 5)
 
 
 def hex_record(where: str, line: bytes) -> HexRecord:
-    """Decodes a line of an Intel HEX file, which is a record :nnaaaattdd..cc. Raises InputError
-    with a text that begins with `where`."""
+    """Decodes a text line of an Intel HEX file, which is a record :nnaaaattdd..cc. Raises
+    InputError with a text that begins with `where`."""
     try:
         record = bytes.fromhex(line.decode("ascii").removeprefix(":"))
     except ValueError:
@@ -237,7 +237,8 @@ def identity(image: Image) -> Identity:
             if (s.address + match.start()) % 4 or len(head) < IDENTITY_STRUCT.size:
                 continue
             _, size, version, git, table_hash, board = IDENTITY_STRUCT.unpack(head)
-            # Newer firmware may append fields to the identity. Its size is then larger.
+            # Newer firmware may append fields to the identity. The size of the identity is then
+            # larger.
             # The magic number may also occur in machine code, where no valid size follows.
             if IDENTITY_STRUCT.size <= size <= 256:
                 found.append(Identity(text(version), text(git), f"{table_hash:08x}", text(board)))

@@ -161,7 +161,8 @@ def restoring(folder: AxisFolder) -> Iterator[None]:
 
 
 def replace_saved(folder: AxisFolder, values: RawValues) -> None:
-    """Replaces the raw values that restoring() writes to the axis at the end of the `with` block."""
+    """Replaces the raw values that restoring() writes to the axis at the end of the
+    `with` block."""
     held = FOUND.required(folder.folder)
     FOUND.write(folder.folder, AxisState(held.axis, held.values | values))
 

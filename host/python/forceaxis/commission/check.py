@@ -70,7 +70,8 @@ class CheckStep:
 
 @dataclass(frozen=True)
 class CheckedObjects:
-    """Objects of an axis, in engineering values, with which the test compares the observed values."""
+    """Objects of an axis, in engineering values, with which the test compares the
+    observed values."""
 
     adc_bits: int
     force_zero_code: int

@@ -168,7 +168,8 @@ class FrictionSearch:
         return self.found
 
     def expect_sliding(self, level: Level) -> None:
-        """Raises Refusal if the noise of a response never overcame the friction of guide and gear."""
+        """Raises Refusal if the noise of a response never overcame the friction of guide
+        and gear."""
         dead_zone = self.found.dead_zone
         if level.amplitude > dead_zone:
             return

@@ -150,7 +150,8 @@ class IncidentObjects:
 
 
 def wait(axis: Axis, seconds: float) -> None:
-    """Waits for an incident until the clock of the axis has advanced by `seconds`. Raises NoAnswer."""
+    """Waits for an incident until the clock of the axis has advanced by `seconds`.
+    Raises NoAnswer."""
     axis.wait_for(
         BlackBoxObjects, lambda s: s.blackbox_state in INCIDENT_STATES, "an incident", seconds
     )

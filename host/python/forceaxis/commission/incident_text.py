@@ -238,7 +238,8 @@ class _Story:
         return f"limited by {enum('limit_reason', int(self.reason[-2]))} in the last {ticks} ticks"
 
     def error(self) -> str | None:
-        """Returns text about the difference between set-point and position just before the error."""
+        """Returns text about the difference between set-point and position just before
+        the error."""
         lag = (self.incident.column("profile_position") - self.incident.column("position"))[
             : self.at
         ]

@@ -223,7 +223,8 @@ class Responses:
         return found
 
     def _acting(self, measured: Measurement, own: dict[str, str]) -> NDArray[np.bool_]:
-        """Returns an array with True for each parameter on which a response depends, (parameters,)."""
+        """Returns an array with True for each parameter on which a response
+        depends, (parameters,)."""
         exact = measured.predict(self.values(self.centre, own))
         moved = [
             measured.predict(self.values(self.centre + d, own)) for d in np.diag(self.spread / 10)

@@ -1,4 +1,4 @@
-"""The table [expect] of an experiment: reads the table and compares the values with a run.
+"""The table [expect] of an experiment: reads the table and compares the expected values with a run.
 
 FORMAT defines the keys of the table; docs/guide/reference/experiment.md is generated from FORMAT.
 """
@@ -33,7 +33,7 @@ class Tolerance:
     relative: float = 0.0
 
     def of(self, value: float) -> float:
-        """The tolerance of a value in the unit of the value."""
+        """Returns the tolerance of a value in the unit of the value."""
         return self.tolerance + self.relative * abs(value)
 
 
@@ -63,8 +63,7 @@ class FormatKey:
 
 @dataclass(frozen=True)
 class FormatTable:
-    """Description of a table of an experiment and of the keys of the table, for
-    docs/guide/reference."""
+    """Description of a table of an experiment and of the table's keys, for docs/guide/reference."""
 
     path: str
     header: str
@@ -199,14 +198,14 @@ KEYS, NUMBER_KEYS = ([key.key for key in table.keys] for table in FORMAT)
 
 # Texts for results that are not numbers: the signal does not settle, or the signal has no step.
 TEXT_RESULTS = {"settle_s": "never", "overshoot": "undefined"}
-# Keys that say how `signal` is evaluated; the other keys are compared with the run.
+# Keys that define the evaluation of `signal`; all other keys are compared with the run.
 EVALUATION_KEYS = ("signal", "from_s", "final_s", "band")
 LARGEST_NUMBER = 1e18
 
 
 @dataclass(frozen=True)
 class Number:
-    """An expected range low .. high of a number; `value` is None if the table gives only a
+    """An expected range low .. high of a number. `value` is None if the table gives only a
     limit."""
 
     low: float
@@ -229,8 +228,8 @@ class Number:
 
 @dataclass(frozen=True)
 class NumberTable:
-    """The keys of a number in [expect] that is given as a table; None: the table does not have this
-    key."""
+    """The keys of an expected number that [expect] gives as a table. None means that the table does
+    not have the key."""
 
     value: float | None = None
     tolerance: float | None = None
@@ -240,19 +239,20 @@ class NumberTable:
 
 
 Expected: TypeAlias = str | Number
-# value of the run that is compared; None: the run does not have this value
+# value of the run that is compared; None if the run does not have this value
 Obtained: TypeAlias = str | float | None
 
 
 @dataclass(frozen=True)
 class Expectation:
-    """A checked table [expect]: the expected values, and how `signal` is evaluated."""
+    """A checked table [expect]: the expected values, and the evaluation of `signal`."""
 
     wanted: dict[str, Expected]  # key -> expected value
-    # name of a column of the trace; None: force of the first contact, or encoder without a contact
+    # name of a column of the trace; None selects the force of the first contact, or else the
+    # encoder
     signal: str | None
     from_s: float
-    # duration of the mean at the end in s; None: a tenth of the time after from_s
+    # duration in s of the mean at the end; None selects a tenth of the time after from_s
     final_s: float | None
     band: float  # half of the settling band
     # True: the band is in the unit of `signal`; False: the band is a fraction of the step
@@ -261,8 +261,8 @@ class Expectation:
 
 @dataclass(frozen=True)
 class Measured:
-    """Results of a run by the keys of [expect], and the settings with which the results were
-    computed."""
+    """Results of a run by the keys of [expect], and the settings for the computation of these
+    results."""
 
     values: dict[str, Obtained]
     signal: str  # column of the trace
@@ -275,7 +275,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class ExpectationCheck:
-    """An expected value and the value of the run."""
+    """An expected value, and the value that the run has given."""
 
     key: str
     expected: Expected
@@ -285,14 +285,14 @@ class ExpectationCheck:
 
     @property
     def passed(self) -> bool:
-        """True if the obtained value is the expected value."""
+        """True if the obtained value agrees with the expected value."""
         if isinstance(self.expected, Number) and isinstance(self.obtained, float):
             return self.expected.low <= self.obtained <= self.expected.high
         return self.expected == self.obtained or bool(self.warning)
 
     @property
     def warning(self) -> str:
-        """A warning if the expected verdict is one of an earlier version, which had only two
+        """A warning if the expected verdict belongs to an earlier version, which had only two
         verdicts; otherwise empty."""
         matches = self.expected == "unstable" and self.obtained in NOT_STABLE[1:]
         if self.key != "verdict" or not matches:
@@ -324,7 +324,7 @@ class ExpectationCheck:
 
 @dataclass(frozen=True)
 class Examined:
-    """A finished run and the checks of the table [expect]; without the table `checks` is empty."""
+    """A finished run and the checks of the table [expect]. Without the table, `checks` is empty."""
 
     run: runs.Run
     expect: Expectation
@@ -333,28 +333,28 @@ class Examined:
 
     @property
     def differences(self) -> list[ExpectationCheck]:
-        """The checks that failed."""
+        """The checks that have failed."""
         return [c for c in self.checks if not c.passed]
 
 
 def shown(value: Expected | Obtained) -> str:
-    """Returns a number as text with six digits, and a long text without its end."""
+    """Returns a number as text with six digits. A long text is shortened."""
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
     return text if len(text) < 64 else text[:16] + "..."
 
 
 class Reader:
-    """Checks the keys of one [expect] table. Errors name the file `file`."""
+    """Checks the keys of one table [expect]. Error messages contain the name of the file `file`."""
 
     def __init__(self, file: str | Path) -> None:
         self.file = file
 
     def fail(self, key: str, message: str) -> NoReturn:
-        """Raise InputError with the file and the key."""
+        """Raises InputError with the file and the key."""
         raise InputError(f"{self.file}: expect{key and '.'}{key}: {message}")
 
     def number(self, key: str, value: TomlValue, low: float = -LARGEST_NUMBER) -> float:
-        """A plain number of at least `low`."""
+        """Returns a plain number of at least `low`."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             self.fail(key, "expected a number")
         if not low <= value <= LARGEST_NUMBER:  # NaN too
@@ -362,7 +362,7 @@ class Reader:
         return float(value)
 
     def wanted(self, key: str, value: TomlValue) -> Expected:
-        """Returns the expectation for a number: a Number, or a text which states that the number
+        """Returns the expectation of a number: a Number, or a text which states that the number
         does not exist."""
         low = -LARGEST_NUMBER if key in ("final_value", "held_force_N") else 0.0
         if isinstance(value, str) and key in TEXT_RESULTS:
@@ -395,7 +395,7 @@ class Reader:
         return Number.around(expected, TOLERANCES[key])
 
     def limits(self, key: str, given: NumberTable, low: float) -> Number:
-        """The Number from the keys min and max."""
+        """Returns the Number from the keys `min` and `max`."""
         if (given.value, given.tolerance, given.relative) != (None, None, None):
             self.fail(
                 key, "expected either min and max, or value with tolerance, got keys of both kinds"
@@ -416,8 +416,8 @@ class Reader:
 
 
 def read(file: str | Path, table: ExpectTable, has_verdict: bool) -> Expectation:
-    """The Expectation of a table [expect]. has_verdict: the experiment has [verdict]. Raises
-    InputError."""
+    """Returns the Expectation of a table [expect]. `has_verdict` is True if the experiment has a
+    table [verdict]. Raises InputError."""
     reader = Reader(file)
     toml.expect_keys(table, KEYS, reader.fail)
     _check_texts(reader, table, has_verdict)
@@ -442,8 +442,8 @@ def read(file: str | Path, table: ExpectTable, has_verdict: bool) -> Expectation
 
 
 def _check_texts(reader: Reader, table: ExpectTable, has_verdict: bool) -> None:
-    """Checks the keys whose values are texts. has_verdict: the experiment has [verdict]. Raises
-    InputError."""
+    """Checks the keys whose values are texts. `has_verdict` is True if the experiment has a table
+    [verdict]. Raises InputError."""
     for key, texts in (("verdict", VERDICTS), ("fault", objects.BY_NAME["fault"].enum)):
         if key in table and table[key] not in texts:
             meant = difflib.get_close_matches(str(table[key]), texts, 1)
@@ -461,8 +461,8 @@ def _check_texts(reader: Reader, table: ExpectTable, has_verdict: bool) -> None:
 
 
 def measure(done: runs.Run, expect: Expectation) -> Measured:
-    """Results of a run by the definitions in FORMAT. Raises InputError if [expect] does not apply
-    to the run."""
+    """Returns the results of a run by the definitions in FORMAT. Raises InputError if [expect] does
+    not apply to the run."""
     reader, result, contacts = Reader(done.experiment), done.result, done.contacts
     rate = _core.TICKS_PER_SECOND
     signal = expect.signal or (f"{contacts[0]}.force" if contacts else "encoder")
@@ -496,7 +496,7 @@ def measure(done: runs.Run, expect: Expectation) -> Measured:
     window = math.floor(final_s * rate + 1e-9) + 1
     final, start = float(values[-window:].mean()), float(values[0])
     largest = float(np.abs(values).max())
-    # a final value that is only a rounding error becomes 0
+    # A final value that is only a rounding error becomes 0.
     if abs(final) < 1e-9 * largest:
         final = 0.0
     step, rounding = final - start, 1e-12 * largest
@@ -524,7 +524,7 @@ def examine(file: str | Path, overrides: Sequence[str] = ()) -> Examined:
     SimulationError."""
     file = Path(file)
     inputs = read_inputs(file, overrides)
-    # the table is read here, so that an error in the table is reported before the run
+    # The table is read before the run, so that an error in the table is reported before the run.
     expect = read(file, inputs.expect or {}, inputs.criterion is not None)
     done = runs.run(file, overrides)
     measured = measure(done, expect)
@@ -546,7 +546,8 @@ CODES = {"encoder": "encoder count", "dac": "DAC code", "adc0": "ADC code", "adc
 
 
 def unit_of(key: str, signal: str, done: runs.Run) -> str:
-    """The unit of the number with this key of [expect]; final_value has the unit of `signal`."""
+    """Returns the unit of the number with this key of [expect]. The key final_value has the unit of
+    `signal`."""
     if key != "final_value":
         return {"N": "N", "s": "s", "percent": "percentage points"}.get(key.rpartition("_")[2], "")
     if signal in done.units:
@@ -555,12 +556,13 @@ def unit_of(key: str, signal: str, done: runs.Run) -> str:
 
 
 def why(key: str, result: RunResult) -> str:
-    """The reason for the verdict of a run if the key is "verdict"; otherwise empty."""
+    """Returns the reason for the verdict of a run if the key is "verdict"; otherwise an empty
+    text."""
     return ", ".join(result.because) if key == "verdict" else ""
 
 
 def table(checks: Sequence[ExpectationCheck]) -> str:
-    """Expected and obtained values as text, one row for each key."""
+    """Returns the expected and obtained values as text, one row for each key."""
     rows = [("", "expected", "obtained", "")]
     for c in checks:
         differs = (

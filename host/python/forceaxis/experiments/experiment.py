@@ -46,21 +46,22 @@ class Event(NamedTuple):
     """A change of state of one element of the model, such as first contact, contact loss, sliding.
     The simulator locates the time of the change between two ticks."""
 
-    time_s: float  #: time since the start of the run, s
+    time_s: float  #: time since the start of the run in s
     element: str  #: name of the element in the model
     before: str  #: state before the change
     after: str  #: state after the change
 
 
 class Experiment:
-    """An experiment: a plant, values of firmware objects, events in time, conditions of a verdict.
+    """An experiment: a plant, values of firmware objects, events in time, and conditions of a
+    verdict.
 
     docs/guide/reference/experiment.md describes the file of an experiment. The method run()
     simulates the experiment.
     """
 
     def __init__(self, source: str | TomlTables, folder: str | Path = ".") -> None:
-        """Makes an experiment from TOML text, or from a dict with the same tables.
+        """Creates an experiment from TOML text, or from a dict with the same tables.
 
         The path of the model in this text is relative to `folder`. Values of the dict may be NumPy
         scalars and arrays. Raises InputError with the key and the expected value.
@@ -95,7 +96,7 @@ class Experiment:
         self.firmware: dict[str, float] = found.firmware
 
     def run(self, overrides: Mapping[str, Value] | None = None, /, **values: Value) -> Result:
-        """Simulates the experiment with changed values.
+        """Simulates the experiment with changed values, and returns a Result.
 
         A keyword is the name of a firmware object, the name of a parameter of the model,
         `duration_s` (in s) or `seed`. `overrides` contains full names: "m_r",
@@ -116,8 +117,8 @@ class Experiment:
         return Result(runs.run(self._file, texts, text=self._text))
 
     def _full_names(self, values: Mapping[str, Value]) -> dict[str, Value]:
-        """The values by the full names of parameters and objects. Raises InputError with all
-        unknown names."""
+        """Returns the values by the full names of parameters and objects. Raises InputError with
+        all unknown names."""
         known = (*objects.BY_NAME, *self.parameters, *OF_EXPERIMENT)
 
         def fail(name: str, message: str) -> NoReturn:
@@ -142,12 +143,12 @@ class Experiment:
         return IN_MEMORY if self._text is not None else str(self._file)
 
     def __repr__(self) -> str:
-        """Title and source of the experiment."""
+        """Returns the title and the source of the experiment."""
         return f"<Experiment {self.title!r}, {self._name}>"
 
 
 class Result:
-    """A finished run: verdict, figures, and the trace as arrays (n,) with one value for each of the
+    """A finished run: verdict, results, and the trace as arrays (n,) with one value for each of the
     n ticks.
 
     result["force"] (N), result["position"] (m) and result["command"] (V) are the measured force,
@@ -158,7 +159,7 @@ class Result:
     def __init__(self, run: runs.Run) -> None:
         """Takes the results of a finished run."""
         self._run = run
-        #: Result as the verb `forceaxis run` prints it in JSON.
+        #: Result in the form that the subcommand `forceaxis run` prints in JSON.
         self.summary: JsonObject = run.summary
         #: Time of each tick since the start of the run in s, (n,).
         self.time_s: Array = run.time_s
@@ -173,7 +174,7 @@ class Result:
             units[name] = objects.unit_in_words(objects.BY_NAME[name])
         for name, column in QUANTITIES.items():
             converter = self._converter(column)
-            # The ADC may measure another quantity than a force.
+            # The ADC may measure a quantity that is not a force.
             if converter and (name != "force" or converter.unit == "N"):
                 units[name] = converter.unit
         return units
@@ -183,13 +184,13 @@ class Result:
 
     @property
     def title(self) -> str:
-        """Title and figure number of the experiment."""
+        """Title of the experiment, with the figure number in the thesis."""
         return self._run.title
 
     @property
     def verdict(self) -> str | None:
         """Verdict of the run: "stable", "unstable", "not_met" (a limit of [verdict] is exceeded) or
-        "never_in_contact". None: the experiment has no [verdict]."""
+        "never_in_contact". None means that the experiment has no [verdict]."""
         return self._run.result.verdict
 
     @property
@@ -199,13 +200,13 @@ class Result:
 
     @property
     def because(self) -> list[str]:
-        """Reasons for a verdict other than "stable", as texts; empty for a stable run."""
+        """Reasons for a verdict other than "stable", as texts. Empty for a stable run."""
         return list(self._run.result.because)
 
     @property
     def missed(self) -> list[dict[str, str | float | None]]:
-        """The exceeded limits of [verdict]: a dict with the keys limit, verdict, value, bound and
-        unit for each."""
+        """The exceeded limits of [verdict]. Each limit is a dict with the keys limit, verdict,
+        value, bound and unit."""
         return [to_json(limit) for limit in self._run.result.missed]
 
     @property
@@ -219,26 +220,27 @@ class Result:
 
     @property
     def setpoint_N(self) -> float | None:
-        """Force set-point at the end of the run in N; None if the experiment controls no force."""
+        """Force set-point at the end of the run in N. None means that the experiment controls no
+        force."""
         return self._held.setpoint_N if self._held else None
 
     @property
     def held_force_N(self) -> float | None:
-        """Mean of the measured force in the window of the verdict in N; None if the experiment
-        controls no force."""
+        """Mean of the measured force in the window of the verdict in N. None means that the
+        experiment controls no force."""
         return self._held.held_N if self._held else None
 
     @property
     def overshoot_percent(self) -> float | None:
-        """Largest excess of the measured force over the set-point, in per cent of the set-point
-        (0 or more); None if the experiment controls no force."""
+        """Largest excess of the measured force over the set-point, in per cent of the set-point (0
+        or more). None means that the experiment controls no force."""
         return self._held.overshoot_percent if self._held else None
 
     @property
     def settling_s(self) -> float | None:
-        """Time in s from the last change of the set-point, or from a later first contact, until the
-        force stays within 5 % of the set-point. None if the force does not settle, or if the
-        experiment controls no force."""
+        """Settling time in s. The time begins at the last change of the set-point, or at a later
+        first contact, and ends when the force stays within 5 % of the set-point. None means that
+        the force does not settle, or that the experiment controls no force."""
         return self._held.settle_s if self._held else None
 
     @property
@@ -249,13 +251,13 @@ class Result:
 
     @property
     def trace_hash(self) -> str:
-        """SHA-256 of all codes in all ticks, 64 hexadecimal digits; equal hashes mean equal
+        """SHA-256 of all codes in all ticks, 64 hexadecimal digits. Equal hashes mean equal
         codes."""
         return self._run.result.trace_hash
 
     def __getitem__(self, name: str) -> Array:
-        """The values of a column of the trace, or of "force" (N), "position" (m) or "command" (V),
-        (n,). Raises KeyError for another name."""
+        """Returns the values of a column of the trace, or of "force" (N), "position" (m) or
+        "command" (V), as an array (n,). Raises KeyError for an unknown name."""
         columns = self._run.columns
         if name in columns:
             return columns[name]
@@ -263,7 +265,7 @@ class Result:
             raise KeyError(f"{name}: expected one of {', '.join(self)}")
         column = QUANTITIES[name]
         converter = self._converter(column)
-        assert converter is not None  # a quantity without a converter has no unit
+        assert converter is not None  # A quantity without a converter has no unit.
         codes = columns[column].astype(float)
         return np.asarray((codes - converter.zero) * converter.per_code)
 
@@ -295,7 +297,7 @@ class Result:
         return words.describe(self._run.result, self._run.overrides)
 
     def __repr__(self) -> str:
-        """Verdict, controlled force and settling time."""
+        """Returns verdict, controlled force and settling time."""
         parts = [", ".join([self.verdict or "no verdict", *self.because])]
         if self.fault != "none" and not self.because:
             parts.append(f"fault {self.fault}")
@@ -314,7 +316,7 @@ def _toml_of(tables: TomlTables) -> str:
 
 
 def _text_of(name: str, value: Value) -> str:
-    """The value of an override as text. Raises InputError."""
+    """Returns the value of an override as text. Raises InputError."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""Inputs of an experiment, read without a run: parameters, firmware objects, tables of the file."""
+"""Inputs of an experiment without a run: parameters, firmware objects, tables of the file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ ExpectTable: TypeAlias = dict[str, Any]
 
 @dataclass(frozen=True)
 class Inputs:
-    """Inputs of an experiment after the overrides."""
+    """The inputs of an experiment after the overrides."""
 
     title: str
     model: Path
@@ -25,17 +25,17 @@ class Inputs:
     expect: ExpectTable | None
     inputs_hash: str
     criterion: Criterion | None  # the table [verdict]
-    # reason why the table [verdict] cannot be evaluated; None: [verdict] can be evaluated
+    # reason why the table [verdict] cannot be evaluated; None if [verdict] can be evaluated
     not_evaluable: str | None
     parameters: dict[str, ParameterFacts]  # parameters of the model after the overrides
-    unused: list[str]  # names of the parameters without effect on the model
+    unused: list[str]  # names of the parameters that have no effect on the model
 
 
 def read_inputs(
     experiment: str | Path, overrides: Sequence[str] = (), text: str | None = None
 ) -> Inputs:
-    """The inputs of an experiment. text: replaces the content of the file. Raises InputError with
-    file, key and the expected value."""
+    """Returns the inputs of an experiment. `text` replaces the content of the file. Raises
+    InputError with file, key and the expected value."""
     given = _core.inputs(str(experiment), list(overrides), text=text)
     return Inputs(
         title=given["title"],

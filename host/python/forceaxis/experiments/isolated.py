@@ -11,9 +11,9 @@ from forceaxis.experiments.points import Point, SweepParameter, tidy
 
 
 def find(axes: Sequence[SweepParameter], verdict: Sequence[str]) -> list[int]:
-    """Indices of the isolated points of a grid of one or two parameters. The verdict of an isolated
-    point differs from the verdict of each neighbour, including diagonal neighbours; at least two
-    neighbours with a verdict are required."""
+    """Returns the indices of the isolated points of a grid of one or two parameters. The verdict of
+    an isolated point differs from the verdict of each neighbour, including diagonal neighbours. At
+    least two neighbours must have a verdict."""
     shape = tuple(len(a.values) for a in axes)
     if not axes or len(axes) > 2 or any(len(set(a.values)) != len(a.values) for a in axes):
         return []
@@ -30,8 +30,8 @@ def find(axes: Sequence[SweepParameter], verdict: Sequence[str]) -> list[int]:
 
 
 def around(axes: Sequence[SweepParameter], point: Sequence[float]) -> list[Point]:
-    """The points half-way between a point of the grid and the neighbours, including diagonal
-    neighbours."""
+    """Returns the points half-way between a point of the grid and the neighbours, including
+    diagonal neighbours."""
     choices = []
     for axis, value in zip(axes, point, strict=True):
         values = sorted(axis.values)
@@ -42,5 +42,5 @@ def around(axes: Sequence[SweepParameter], point: Sequence[float]) -> list[Point
 
 
 def half_way(axis: SweepParameter, a: float, b: float) -> float:
-    """The value between two values, on the scale of the parameter."""
+    """Returns the value half-way between two values, on the scale of the parameter."""
     return tidy(math.sqrt(a * b) if axis.log else (a + b) / 2)

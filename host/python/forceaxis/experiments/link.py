@@ -1,4 +1,4 @@
-"""Runs with the firmware in another process: this process simulates the plant, the program
+"""Runs with the firmware in a second process: this process simulates the plant, the program
 axis_node runs the firmware, and the two processes exchange messages in each tick.
 
 The trace does not depend on the connection: it is equal to the trace of a run in one process. Both
@@ -43,7 +43,8 @@ _IN_VCAN = "FORCEAXIS_VCAN"  # set by tools/vcan
 
 
 class LinkError(Exception):
-    """A connection between two processes failed. A verb then ends with exit status 1."""
+    """Error: a connection between two processes failed. The subcommand then ends with exit status
+    1."""
 
 
 @dataclass(frozen=True)
@@ -51,20 +52,20 @@ class LinkOptions:
     """Options of a run with plant and firmware in two processes."""
 
     kind: str = "inproc"  # of KINDS
-    lcm_url: str = ""  # URL of the LCM bus; empty: a port that follows from the number of the run
+    lcm_url: str = ""  # URL of the LCM bus; if empty, the port follows from the number of the run
     can: str = "vcan1"  # name of the CAN interface
     inject: str = ""  # errors that are inserted into the messages of both processes, for tests
     start_timeout_s: float = 5.0  # longest waiting time in s until the first message
     timeout_s: float = 1.0  # longest waiting time in s between two messages
 
     def words(self) -> list[str]:
-        """The arguments of the verb `forceaxis run` that select this connection."""
+        """Returns the arguments of the subcommand `forceaxis run` that select this connection."""
         can = self.can if self.can != LinkOptions.can else None
         return option_words(link=self.kind, lcm_url=self.lcm_url, link_can=can, inject=self.inject)
 
 
 class LinkedRun(NamedTuple):
-    """A run over a connection between two processes."""
+    """Runs an experiment over a connection between two processes."""
 
     result: _core.Result
     report: LinkReport
@@ -72,8 +73,8 @@ class LinkedRun(NamedTuple):
 
 
 def program(name: str) -> str:
-    """The path of a program of forceaxis, such as "axis_node". Raises LinkError if the program was
-    not built."""
+    """Returns the path of a program of forceaxis, such as "axis_node". Raises LinkError if the
+    program was not built."""
     places = [
         _CHECKOUT / "build" / "release" / "host" / name,
         _CHECKOUT / "build" / name,
@@ -90,8 +91,9 @@ def program(name: str) -> str:
 
 
 def under_vcan(link: LinkOptions) -> None:
-    """Runs the present command again under tools/vcan, which has a CAN interface, if this machine
-    has none. Returns if the interface exists, or if the caller has named another interface."""
+    """Runs the present command again under tools/vcan, which creates a CAN interface, if this
+    machine has none. Does nothing if the interface exists, or if the caller has named a different
+    interface."""
     if link.kind != "socketcan" or os.environ.get(_IN_VCAN) or _has_can(link.can):
         return
     if link.can != LinkOptions.can:
@@ -113,13 +115,13 @@ def _has_can(interface: str) -> bool:
 
 @dataclass(frozen=True)
 class LinkDetails:
-    """Speed of a run over a connection and numbers of records, in the form that _core.run_linked
+    """Speed of a run over a connection, and numbers of messages, in the form that _core.run_linked
     returns."""
 
     ticks_per_s: float
-    real_time: float  # simulated time / elapsed time
+    real_time: float  # ratio of simulated time to elapsed time
     overruns: int
-    statistics: dict[str, int]  # {name of an event, such as repeated: number of records}
+    statistics: dict[str, int]  # {name of an event, such as repeated: number of messages}
 
 
 @dataclass(frozen=True)
@@ -133,7 +135,7 @@ class ChipDetails:
 
 @dataclass
 class AxisNode:
-    """A process of axis_node, which runs the firmware for a series of runs."""
+    """A process of the program axis_node, which runs the firmware for a series of runs."""
 
     link: LinkOptions
     process: subprocess.Popen[bytes] = field(init=False)
@@ -178,13 +180,13 @@ class AxisNode:
 
     @property
     def _pipes(self) -> tuple[IO[bytes], IO[bytes]]:
-        """Standard input and standard output of the process."""
+        """Returns standard input and standard output of the process."""
         assert self.process.stdin and self.process.stdout
         return self.process.stdin, self.process.stdout
 
     def _line(self, timeout_s: float) -> str:
-        """The next line that the process prints. Raises LinkError if the process ends, or if the
-        process prints no line within timeout_s."""
+        """Returns the next text line that the process prints. Raises LinkError if the process ends,
+        or if the process prints no line within `timeout_s`."""
         stdout = self._pipes[1]
         until = time.monotonic() + timeout_s
         while b"\n" not in self._text:
@@ -208,7 +210,7 @@ class AxisNode:
             ) from None
 
     def _report(self, timeout_s: float) -> str:
-        """The JSON object that the process prints next. Raises InputError, LinkError."""
+        """Returns the JSON object that the process prints next. Raises InputError, LinkError."""
         line = self._line(timeout_s)
         report = json.loads(line)
         if error := report.get("error"):
@@ -236,15 +238,15 @@ class AxisNode:
 
 
 def new_run_id() -> int:
-    """A random number that identifies a run on a bus."""
+    """Returns a random number that identifies a run on a bus."""
     return secrets.randbelow(2**53)
 
 
 def run_with(
     node: AxisNode, experiment: str | Path, overrides: Sequence[str], trace: bool = True
 ) -> LinkedRun:
-    """Runs an experiment with the firmware in the process `node`. trace: False if only the result
-    is needed. Raises InputError, LinkError, SimulationError."""
+    """Runs an experiment with the firmware in the process `node`. `trace` is False if only the
+    result is needed. Raises InputError, LinkError, SimulationError."""
     link, run_id = node.link, new_run_id()
     node.begin(run_id, experiment, overrides)
     try:
@@ -286,8 +288,8 @@ def run_with(
 def run_on_chip(
     link: LinkOptions, experiment: str | Path, overrides: Sequence[str], trace: bool = True
 ) -> LinkedRun:
-    """Runs an experiment with the firmware on an emulated chip. trace: False if only the result is
-    needed. Raises InputError, LinkError, SimulationError."""
+    """Runs an experiment with the firmware on an emulated chip. `trace` is False if only the result
+    is needed. Raises InputError, LinkError, SimulationError."""
     board = chip.board_of(link.kind)
     with chip.Emulator(board) as emulator:
         try:
@@ -309,7 +311,7 @@ def run_on_chip(
 def _report_here(
     kind: str, where: str, result: _core.Result, axis_pid: int, ticks_per_s: float
 ) -> LinkReport:
-    """The report of a run without messages between two processes."""
+    """Returns the report of a run without messages between two processes."""
     return LinkReport(
         kind=kind,
         where=where,
@@ -351,7 +353,7 @@ def run_many(
     """
     outcomes: list[CoreOutcome] = []
     with contextlib.ExitStack() as stack:
-        # the emulated chip is powered up again for each run
+        # The emulated chip is powered up again for each run.
         node = None if link.kind in CHIPS else stack.enter_context(AxisNode(link))
         for experiment, overrides in jobs:
             result, report, _ = (

@@ -8,17 +8,17 @@ from forceaxis.experiments.run_result import RefusedWrite, read_refused
 
 @dataclass(frozen=True)
 class PlantReport:
-    """The report of plant_node."""
+    """The report of the program plant_node."""
 
     trace_hashes: list[str]  # one for each axis
     ticks_per_s: float
     overruns: int  # number of ticks that were computed too late for real time
-    repeated: int  # number of records that were sent again
+    repeated: int  # number of messages that were sent again
 
 
 @dataclass(frozen=True)
 class AxisReport:
-    """The report of axis_node. Each list has one entry for each axis."""
+    """The report of the program axis_node. Each list has one entry for each axis."""
 
     pid: int  # of the process
     trace_hashes: list[str]
@@ -28,7 +28,7 @@ class AxisReport:
 
 
 def read_plant_report(output: str) -> PlantReport:
-    """The report in the last line of the output of plant_node."""
+    """Returns the report in the last line of the output of plant_node."""
     report = json.loads(output.splitlines()[-1])
     return PlantReport(
         trace_hashes=[axis["trace_hash"] for axis in report["axes"]],
@@ -39,7 +39,7 @@ def read_plant_report(output: str) -> PlantReport:
 
 
 def read_axis_report(output: str) -> AxisReport:
-    """The report in the last line of the output of axis_node."""
+    """Returns the report in the last line of the output of axis_node."""
     report = json.loads(output.splitlines()[-1])
     axes = report["axes"]
     return AxisReport(

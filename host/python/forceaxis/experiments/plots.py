@@ -1,4 +1,4 @@
-"""Figures of traces: rows of signals over time, with force set-points, contacts and events."""
+"""Plots of traces: rows of signals over time, with force set-points, contacts and events."""
 
 import textwrap
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from forceaxis.experiments.run_result import Array, Columns
 Values: TypeAlias = Array | Sequence[float]
 Note: TypeAlias = tuple[str, str]  # (text, colour)
 
-# {last part of the name of a signal of the model: (unit, factor)}.
+# {last component of the name of a signal of the model: (unit, factor)}
 UNITS: dict[str, tuple[str, float]] = {
     "position": ("mm", 1e3),
     "deflection": ("mm", 1e3),
@@ -38,17 +38,18 @@ UNITS: dict[str, tuple[str, float]] = {
 
 
 def unit_of(name: str) -> tuple[str, float]:
-    """(unit, factor) of a column of a trace in a figure: the figure shows value times factor."""
+    """Returns (unit, factor) of a column of a trace for a plot. The plot shows value times
+    factor."""
     return UNITS.get(name.rpartition(".")[2], ("", 1))
 
 
 @dataclass
 class Line:
-    """A signal in a row of a figure."""
+    """One signal in a row of a plot."""
 
     label: str
     unit: str
-    values: Array  # values of the signal at the times of the figure, (n,)
+    values: Array  # values of the signal at the times of the plot, (n,)
     # {value: name} of an enumeration; shown on the axis if the row has no other signal
     names: dict[int, str] = field(default_factory=dict)
     # True if the signal is the controlled force in N, to which the set-points refer
@@ -57,8 +58,8 @@ class Line:
 
 @dataclass
 class Marks:
-    """Everything that a figure shows besides signals. Times are in s; marks at times outside the
-    figure are not shown."""
+    """Everything that a plot shows besides signals. Times are in s. Marks outside the plotted time
+    range are not shown."""
 
     # (time of the change, force set-point in N)
     setpoints: list[tuple[float, float]] = field(default_factory=list)
@@ -78,7 +79,7 @@ EVENTS = {
     "impulse": ("D", "#8a5fa8"),
     "fault": ("X", "#b3261e"),
 }
-OVERLAP_SHARE = 0.015  # distance below which marks overlap, as a share of the width of the figure
+OVERLAP_SHARE = 0.015  # distance below which marks overlap, as a share of the width of the plot
 MOST_MARKS = 3  # largest number of overlapping marks that are drawn separately
 LINE_WIDTH = THIN["linewidth"]
 CONTACT_COLOUR = "#dbe6f1"
@@ -93,8 +94,8 @@ def trace(
     marks: Marks | None = None,
     width: float = 5.6,
 ) -> Figure:
-    """Figure of signals over time. rows: the signals of each row of the figure. notes: (text,
-    colour) of the lines below the title. width: of the figure in inches."""
+    """Returns the plot of signals over time. `rows`: the signals of each row. `notes`: (text,
+    colour) of the text lines below the title. `width`: width of the plot in inches."""
     marks = marks or Marks()
     chars = round(18.5 * width)
     notes = [(line, colour) for text, colour in notes for line in textwrap.wrap(text, chars)]
@@ -155,7 +156,7 @@ def draw_row(ax: Axes, time_s: Array, row: Sequence[Line]) -> None:
 
 
 def draw_setpoints(ax: Axes, time_s: Array, marks: Marks) -> None:
-    """Draws the force demand: the steps of the set-points, or ramps if the demand has a slope."""
+    """Draws the force demand as steps of the set-points, or as ramps if the demand has a slope."""
     setpoints = marks.setpoints
     if not setpoints or len(time_s) < 2 or time_s[-1] < setpoints[0][0]:
         return
@@ -178,8 +179,9 @@ def ramps(
     contacts: Sequence[tuple[float, float]],
     end: float,
 ) -> tuple[list[float], list[float]]:
-    """(times, forces in N) of the corners of a force demand. From the first contact on the demand
-    follows the set-points, (time of the change, N), with `slope` in N/s until the time `end`."""
+    """Returns (times, forces in N) of the corner points of a force demand. From the first contact
+    until the time `end`, the demand follows the set-points, (time of the change, N), with `slope`
+    in N/s."""
     touch = min((a for a, _ in contacts), default=np.inf)
     if touch >= end:
         return [], []
@@ -217,7 +219,7 @@ def shade(ax: Axes, marks: Marks, time_s: Array) -> None:
 
 
 def area_of(verdict: str) -> str:
-    """The colour of an area with this verdict."""
+    """Returns the colour of an area with this verdict."""
     return AREA.get(verdict, AREA["failed"])
 
 
@@ -230,7 +232,7 @@ def mark_events(ax: Axes, events: Sequence[tuple[float, str, str]], time_s: Arra
         for cluster in clusters(times, OVERLAP_SHARE * (time_s[-1] - time_s[0])):
             ends = sorted({cluster[0], cluster[-1]})
             if len(cluster) > MOST_MARKS:
-                # each kind of event has a separate height for its lines
+                # Each kind of event has a separate height for its lines.
                 height = 1.03 + 0.012 * level
                 ax.plot(ends, [height] * len(ends), color=colour, linewidth=1, transform=across,
                         clip_on=False)  # fmt: skip
@@ -241,8 +243,8 @@ def mark_events(ax: Axes, events: Sequence[tuple[float, str, str]], time_s: Arra
 
 
 def clusters(times: Sequence[float], close: float) -> list[list[float]]:
-    """The times in groups, in ascending order. Neighbours in a group have a distance of at most
-    `close`, in the unit of the times."""
+    """Returns the times in groups, in ascending order. Neighbours in a group have a distance of at
+    most `close`, in the unit of the times."""
     found: list[list[float]] = []
     for time in sorted(times):
         if found and time - found[-1][-1] <= close:
@@ -253,7 +255,8 @@ def clusters(times: Sequence[float], close: float) -> list[list[float]]:
 
 
 def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Artist]:
-    """Handles of the legend: demand, contact, window of the verdict and events in the figure."""
+    """Returns the handles of the legend: demand, contact, window of the verdict and events of the
+    plot."""
     low, high = time_s[0], time_s[-1]
     found: list[Artist] = []
     if any(newton for _, newton in marks.setpoints) and any(
@@ -278,7 +281,7 @@ def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Ar
 
 @dataclass(frozen=True)
 class ExpectedLevel:
-    """An expected range of a value and the value of the run, in the unit of the trace."""
+    """An expected range of a value, and the value of the run, in the unit of the trace."""
 
     row: int  # of the figure
     name: str  # key of [expect]
@@ -290,11 +293,11 @@ class ExpectedLevel:
 
 @dataclass(frozen=True)
 class Settling:
-    """The expected settling time and the settling time of the run, in s after from_s."""
+    """The expected settling time, and the settling time of the run, in s after `from_s`."""
 
     from_s: float
     band: list[float]  # lower and upper edge of the settling band, in the unit of the trace
-    # expected range of the settling time in s; None: the signal must not settle
+    # expected range of the settling time in s; None means that the signal must not settle
     expected_s: tuple[float, float] | None
     obtained_s: float | None  # settling time of the run in s; None: the signal does not settle
 
@@ -307,8 +310,8 @@ def comparison(
     table: str,
     title: str,
 ) -> Figure:
-    """Figure of signals with expected values in green and obtained values, and a table of these
-    values as text below.
+    """Returns the plot of signals with expected values in green and obtained values, and a table of
+    these values as text below.
 
     rows: the signals of each row; the first row is the response whose settling is shown.
     """
@@ -349,14 +352,14 @@ def comparison(
     text = axes[-1].text(
         0, 1, table, family="monospace", fontsize=7.5, va="top", transform=axes[-1].transAxes
     )
-    text.set_in_layout(False)  # a wide table must not change the size of the diagrams
+    text.set_in_layout(False)  # A wide table must not change the size of the plots.
     plt.close(figure)
     return figure
 
 
 def mark_level(ax: Axes, factor: float, end: float, level: ExpectedLevel) -> None:
-    """Draws the expected range of a value, from the start of the evaluation to the end of the run,
-    and the obtained value."""
+    """Draws the obtained value and the expected range of a value, from the start of the evaluation
+    to the end of the run."""
     view, start = ax.get_ylim(), level.from_s
     low = level.low * factor if level.low > -np.inf else view[0]
     high = level.high * factor if level.high < np.inf else view[1]
@@ -367,8 +370,8 @@ def mark_level(ax: Axes, factor: float, end: float, level: ExpectedLevel) -> Non
     ax.hlines(obtained, start, end, color=GOT, linestyle="--", linewidth=1.3, zorder=4)
     ax.annotate(
         level.name, (1, (low + high) / 2), (4, 0), xycoords=("axes fraction", "data"),
-        # the labels of peak and final value are on different sides, because the two values are
-        # often close
+        # The labels of peak and final value are on different sides, because the two values are
+        # often close.
         va="bottom" if level.name == "peak_force_N" else "top",
         textcoords="offset points", fontsize=7, color=WANTED, annotation_clip=False,
     )  # fmt: skip

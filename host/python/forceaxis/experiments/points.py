@@ -21,7 +21,7 @@ Point: TypeAlias = tuple[float, ...]  # a point of a sweep: one value for each s
 GridValues: TypeAlias = str | Iterable[float]
 
 
-# Numeric keys of an experiment's tables, which can be swept.
+# Numeric keys of an experiment's tables, which a sweep can change.
 KEYS = {
     "experiment": ("duration_s", "seed"),
     "verdict": ("window_s", "force_ripple_max_count", "position_ripple_max_count"),
@@ -29,8 +29,8 @@ KEYS = {
 
 
 def meant(name: str, parameters: Iterable[str] = ()) -> str:
-    """The end of a message about an unknown name of an override: "; did you mean NAME?", or an
-    empty text. parameters: names of the parameters of the model."""
+    """Returns the end of a message about an unknown name of an override: "; did you mean NAME?", or
+    an empty text. `parameters` are the names of the model's parameters."""
     full = {key: f"{room}.{key}" for room, keys in KEYS.items() for key in keys}
     full |= {o.name: f"firmware.{o.name}" for o in objects.OBJECTS if "w" in o.access}
     if name in full:
@@ -53,24 +53,24 @@ class SweepParameter:
     tolerance: float = 0.0
 
     def at(self, u: float) -> float:
-        """The value at the fraction u of the range, 0 to 1, rounded to 12 digits so that the text
-        of the value is exact."""
+        """Returns the value at the fraction u of the range, 0 to 1, rounded to 12 digits so that
+        the text of the value is exact."""
         if self.log:
             return tidy(self.low * (self.high / self.low) ** u)
         return tidy(self.low + (self.high - self.low) * u)
 
 
 def tidy(value: float) -> float:
-    """The value rounded to 12 significant digits."""
+    """Returns the value rounded to 12 significant digits."""
     return float(f"{value:.12g}")
 
 
 def parse(
     parameter: str, name: str, text: str, more: Sequence[str], may_log: bool
 ) -> SweepParameter:
-    """The swept parameter `name` from a text FROM:TO, followed by the numbers whose names are in
-    `more`, and by ":log" if may_log is True. parameter: field of the SweepRequest with the text,
-    for errors. Raises ParameterError."""
+    """Returns the swept parameter `name` from a text FROM:TO. Numbers with the names in `more`
+    follow in the text, and ":log" may follow if `may_log` is True. `parameter` is the field of the
+    SweepRequest with the text, for error messages. Raises ParameterError."""
     shape = ":".join(("FROM", "TO", *more))
     parts = str(text).split(":")
     log = may_log and parts[-1] == "log"
@@ -104,7 +104,7 @@ def parse(
 
 
 def grid_axes(grid: Mapping[str, GridValues]) -> list[SweepParameter]:
-    """The swept parameters of a grid. Raises ParameterError."""
+    """Returns the swept parameters of a grid. Raises ParameterError."""
     axes = []
     for name, given in grid.items():
         if isinstance(given, str) and ":" in given:
@@ -130,18 +130,18 @@ def grid_axes(grid: Mapping[str, GridValues]) -> list[SweepParameter]:
 
 
 def grid_points(axes: Sequence[SweepParameter]) -> list[Point]:
-    """All combinations of the values; the last parameter changes first."""
+    """Returns all combinations of the values. The last parameter changes first."""
     return list(itertools.product(*(a.values for a in axes)))
 
 
 def random_axes(random: Mapping[str, str]) -> list[SweepParameter]:
-    """The swept parameters of {name: "FROM:TO[:log]"}. Raises ParameterError."""
+    """Returns the swept parameters of {name: "FROM:TO[:log]"}. Raises ParameterError."""
     return [parse("random", name, text, (), True) for name, text in random.items()]
 
 
 def random_points(axes: Sequence[SweepParameter], count: int | None, seed: int) -> list[Point]:
-    """Random points. The value of a parameter at point i depends only on seed, name and i: the
-    fraction of the range is the first 53 bits of SHA-256("SEED:NAME:INDEX") / 2^53. Raises
+    """Returns random points. The value of a parameter at point i depends only on seed, name and i:
+    the fraction of the range is the first 53 bits of SHA-256("SEED:NAME:INDEX") / 2^53. Raises
     ParameterError.
     """
     if not count or not 1 <= count <= MOST_POINTS:
@@ -174,8 +174,8 @@ def check_names(
 
 
 def _problem_of(name: str, experiment: Path, inputs: Inputs, overrides: Sequence[str]) -> str:
-    """Text that states which names are expected instead of `name`; empty if a sweep can change
-    `name`."""
+    """Returns a text that states which names are expected instead of `name`. The text is empty if a
+    sweep can change `name`."""
     room, dot, key = name.partition(".")
     if not dot:
         if name not in inputs.parameters:
@@ -199,7 +199,7 @@ def _problem_of(name: str, experiment: Path, inputs: Inputs, overrides: Sequence
 
 
 def unit_of(name: str, inputs: Inputs) -> str:
-    """The unit of a swept parameter; empty if the parameter has no unit."""
+    """Returns the unit of a swept parameter, or an empty text if the parameter has no unit."""
     room, _, key = name.partition(".")
     if room == "firmware":
         unit = next(o.unit for o in objects.OBJECTS if o.name == key)

@@ -1,5 +1,5 @@
-"""Plugin of pytest: a fixture that runs an experiment, and experiments with a table [expect] as
-tests.
+"""Plugin of pytest: a fixture that runs an experiment, and test items for experiments with a table
+[expect].
 
     def test_axis(forceaxis_experiment):
         forceaxis_experiment("contact.toml").check()
@@ -39,8 +39,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Adds the folders of forceaxis_experiments to the folders that pytest searches when called
-    without arguments."""
+    """Adds the folders of forceaxis_experiments to the folders that pytest searches without
+    arguments."""
     if config.args_source == config.ArgsSource.TESTPATHS:
         config.args += [str(p) for p in config.getini("forceaxis_experiments")]
 
@@ -57,14 +57,15 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "Experimen
 
 
 class ExperimentFile(pytest.File):
-    """The file of an experiment with [expect]; each file has one test item."""
+    """The file of an experiment with a table [expect]. Each file has one test item."""
 
     def collect(self) -> "Iterator[ExperimentItem]":
         yield ExperimentItem.from_parent(self, name="expect")
 
 
 class ExperimentItem(pytest.Item):
-    """The test item: runs the experiment and compares the result with [expect]."""
+    """The test item of an experiment file. Runs the experiment and compares the result with
+    [expect]."""
 
     def runtest(self) -> None:
         CheckedExperiment(self.path).check()
@@ -97,7 +98,7 @@ class CheckedExperiment:
         self.checks: list[ExpectationCheck] = examined.checks
 
     def check(self) -> None:
-        """Raises AssertionError with a line for each value that differs from [expect], and
+        """Raises AssertionError with one text line for each value that differs from [expect], and
         InputError if [expect] has no values."""
         __tracebackhide__ = True
         from forceaxis._core import InputError
@@ -115,7 +116,7 @@ class CheckedExperiment:
 
 @pytest.fixture
 def forceaxis_experiment(request: pytest.FixtureRequest) -> Callable[..., CheckedExperiment]:
-    """A function that runs the experiment at a path relative to the file of the test:
+    """Returns a function that runs the experiment at a path relative to the test file:
     forceaxis_experiment(path).check()."""
 
     def run(path: str | Path, *overrides: str) -> CheckedExperiment:

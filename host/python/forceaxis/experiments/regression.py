@@ -1,4 +1,5 @@
-"""Experiments as regression tests: each file with an [expect] table is run and compared."""
+"""Experiments as regression tests: runs each file with a table [expect] and compares the
+results."""
 
 import contextlib
 import functools
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class RegressionOutcome:
-    """The result of the test of one file. status: passed, failed, error (the file is wrong),
+    """The result of the test of one file. `status` is passed, failed, error (the file is wrong),
     updated (a new [expect] was written), or skipped (the file has no [expect])."""
 
     file: Path
@@ -32,9 +33,9 @@ class RegressionOutcome:
     seconds: float = 0.0  # duration of the test
     message: str = ""  # the reason why the test could not run
     checks: list[expect.ExpectationCheck] = field(default_factory=list)
-    # run and checks, stored while a figure or an update needs the run
+    # run and checks, stored while a plot or an update needs the run
     examined: expect.Examined | None = None
-    drawn: Path | None = None  # the figure of its differences
+    drawn: Path | None = None  # path of the plot of the differences
 
     @property
     def name(self) -> str:
@@ -43,16 +44,16 @@ class RegressionOutcome:
 
     @property
     def lines(self) -> list[str]:
-        """The differences as texts, one line each."""
+        """The differences as texts, one text line each."""
         return [str(c) for c in self.checks if not c.passed] or [self.message]
 
     @property
     def warnings(self) -> list[str]:
-        """Warnings about values that pass but should be changed in the file, one line each."""
+        """Warnings about values that pass but should be changed in the file, one text line each."""
         return [c.warning for c in self.checks if c.warning]
 
     def summary(self) -> "OutcomeSummary":
-        """The outcome in the form of the JSON output."""
+        """Returns the outcome in the form of the JSON output."""
         return OutcomeSummary(
             experiment=self.name,
             status=self.status,
@@ -100,7 +101,8 @@ class RegressionCounts:
 
 def is_test(file: Path) -> bool | None:
     """Returns True if a file is an experiment with a table [expect], and None if the file is not an
-    experiment. A file that cannot be read is treated as a test, which then reports the error."""
+    experiment. A file that cannot be read is treated as a test, and the test then reports the
+    error."""
     try:
         data = toml.read(file)
     except InputError:
@@ -113,8 +115,8 @@ def is_test(file: Path) -> bool | None:
 def find(
     targets: Sequence[str | Path], pattern: str | None = None
 ) -> tuple[list[Path], list[Path]]:
-    """(files with a table [expect], experiments without this table) among the targets, which are
-    files and folders. pattern: part of the file name, in which * and ? are wildcards. Raises
+    """Returns (files with a table [expect], experiments without this table) among the targets,
+    which are files and folders. `pattern` matches the file name, with the wildcards * and ?. Raises
     InputError if no file has the table."""
     files: dict[Path, Path] = {}
     for target in map(Path, targets):
@@ -153,8 +155,8 @@ def find(
 
 
 def run_test(file: Path, update: bool = False) -> RegressionOutcome:
-    """Runs the test of one file. An error in the file is an outcome, not an exception. update: the
-    outcome also contains the run if [expect] has to be written again."""
+    """Runs the test of one file. An error in the file is an outcome, not an exception. `update`
+    means that the outcome also contains the run if [expect] has to be written again."""
     began = time.perf_counter()
     outcome = RegressionOutcome(file, "error")
     try:
@@ -183,8 +185,8 @@ def run_test(file: Path, update: bool = False) -> RegressionOutcome:
 
 
 def write_update(outcome: RegressionOutcome, examined: expect.Examined) -> None:
-    """Writes the values of the run into the table [expect] of the file, and tests again. Limits are
-    not changed, so that the test can still fail."""
+    """Writes the values of the run into the table [expect] of the file, and runs the comparison
+    again. Limits do not change, so the test can still fail."""
     file = outcome.file
     try:
         with file.open(encoding="utf-8", newline="") as stream:
@@ -220,8 +222,8 @@ def run(
     pattern: str | None = None,
     report: Callable[[RegressionOutcome], None] | None = None,
 ) -> list[RegressionOutcome]:
-    """Runs all tests among the targets, files and folders, in parallel, and returns the outcomes in
-    the order of the file names.
+    """Runs all tests among the targets, files and folders, in parallel. Returns the outcomes in the
+    order of the file names.
 
     update: writes the values of the run into [expect] if they differ. out: folder for a figure and
     a table of each difference. pattern: part of the file name, in which * and ? are wildcards.
@@ -259,8 +261,9 @@ def run(
 
 
 def write_difference(outcome: RegressionOutcome, examined: expect.Examined, place: Path) -> Path:
-    """Writes a figure of expected and obtained values to `place` with the suffixes .png and .svg, a
-    table of these values (.txt) and the trace (.npz). Returns the path of the .png file."""
+    """Writes files about a difference to `place`: a plot of expected and obtained values (.png,
+    .svg), a table of these values (.txt) and the trace (.npz). Returns the path of the .png
+    file."""
     import numpy as np
 
     from forceaxis import drawing
@@ -277,7 +280,7 @@ def write_difference(outcome: RegressionOutcome, examined: expect.Examined, plac
 
 
 def figure(examined: expect.Examined) -> "Figure":
-    """Figure of the trace with the expected peak force, final value and settling time."""
+    """Returns the plot of the trace with the expected peak force, final value and settling time."""
     from forceaxis.experiments import plots
 
     measured, wanted = examined.measured, examined.expect.wanted
@@ -309,13 +312,13 @@ def figure(examined: expect.Examined) -> "Figure":
 
 
 def counts(outcomes: Sequence[RegressionOutcome]) -> RegressionCounts:
-    """The numbers of outcomes by their status."""
+    """Returns the numbers of outcomes by their status."""
     numbers = Counter(o.status for o in outcomes)
     return RegressionCounts(**{kind.name: numbers[kind.name] for kind in fields(RegressionCounts)})
 
 
 def status(outcomes: Sequence[RegressionOutcome]) -> int:
-    """The exit status: 2 for bad input, 1 for a difference, otherwise 0."""
+    """Returns the exit status: 2 for bad input, 1 for a difference, otherwise 0."""
     ended = {o.status for o in outcomes}
     return 2 if "error" in ended else 1 if "failed" in ended else 0
 
@@ -356,5 +359,5 @@ def write_junit(outcomes: Sequence[RegressionOutcome], file: Path) -> None:
 
 
 def xml_printable(text: str) -> str:
-    """The text without characters that XML does not permit."""
+    """Returns the text without characters that XML does not permit."""
     return "".join(c if c.isprintable() or c in "\n\t" else "?" for c in text)

@@ -22,14 +22,14 @@ FILLED_KEYS = ("verdict", "peak_force_N", "held_force_N", "final_value", "settle
 
 
 def bare(checks: Sequence[ExpectationCheck]) -> bool:
-    """Returns True if [expect] is empty or contains only the verdict, so that an update fills the
+    """Returns True if [expect] is empty or contains only the verdict. An update then fills the
     table."""
     return all(check.key == "verdict" for check in checks)
 
 
 def filled(text: str, values: Mapping[str, Obtained], checks: Sequence[ExpectationCheck]) -> str:
-    """The text of an experiment with the missing keys of FILLED_KEYS added below the line
-    [expect]."""
+    """Returns the text of an experiment with the missing keys of FILLED_KEYS added below the text
+    line [expect]."""
     there = [check.key for check in checks]
     lines = [
         f"{key} = {json.dumps(written(values[key], TOLERANCES.get(key)))}\n"
@@ -46,8 +46,8 @@ def filled(text: str, values: Mapping[str, Obtained], checks: Sequence[Expectati
 
 
 def updated(text: str, examined: Examined) -> str:
-    """The text of an experiment in which values that the run does not match are replaced by the
-    values of the run. Limits are requirements and are not changed."""
+    """Returns the text of an experiment with new expected values: a value that the run does not
+    match is replaced by the value of the run. Limits are requirements and do not change."""
     import tomlkit
 
     try:
@@ -70,7 +70,7 @@ def updated(text: str, examined: Examined) -> str:
 
 
 def rewritten(file: str | Path, text: str, examined: Examined) -> str:
-    """The result of filled() or updated(), with the line ends of the original text.
+    """Returns the result of filled() or updated(), with the line ends of the original text.
 
     Raises InputError if a change outside [expect] would be needed.
     """
@@ -94,7 +94,7 @@ def rewritten(file: str | Path, text: str, examined: Examined) -> str:
 
 def written(value: Obtained, allowed: Tolerance | None) -> Obtained:
     """Returns the text of a value for the file: a number with the fewest decimals that is within a
-    hundredth of the tolerance. allowed: the tolerance; None for a text."""
+    hundredth of the tolerance. `allowed` is the tolerance; None means that the value is a text."""
     if not isinstance(value, float) or allowed is None:
         return value
     near = allowed.of(value) / 100

@@ -1,4 +1,4 @@
-"""Runs experiments in this process or with the firmware in another process, and repeats recorded
+"""Runs experiments with the firmware in this process or in a second process, and repeats recorded
 runs."""
 
 import math
@@ -29,7 +29,7 @@ class Run:
     # (time_s, element, state before, state after) of each change of state
     events: list[tuple[float, str, str, str]]
     plot: run_result.PlotTable
-    shows: str  # text in the file that describes the expected behaviour
+    shows: str  # text in the experiment file that describes the expected behaviour
     # (time of the change in s, N) of each force set-point; empty if no force is controlled
     setpoints: list[tuple[float, float]]
     impulses: list[tuple[float, str, float]]  # (time_s, body, N s) of each impulse on a body
@@ -45,13 +45,13 @@ class Run:
 
     @property
     def time_s(self) -> Array:
-        """The time of each tick in s, (n,)."""
+        """Returns the time of each tick in s, (n,)."""
         return self.columns["time_s"]
 
     @property
     def in_plot(self) -> NDArray[np.bool_]:
-        """Returns for each tick True if the tick is within the time range of [plot], (n,). If the
-        run ended before this range, all ticks are True."""
+        """Returns an array (n,) with True for each tick within the time range of [plot]. If the run
+        ended before this range, all entries are True."""
         time_s, plot = self.time_s, self.plot
         start = time_s[0] if plot.from_s is None else plot.from_s
         stop = time_s[-1] if plot.to_s is None else plot.to_s
@@ -60,12 +60,12 @@ class Run:
 
     @property
     def units(self) -> dict[str, str]:
-        """{object: unit} of the firmware objects in the trace."""
+        """Returns {object: unit} of the firmware objects in the trace."""
         return self.result.objects
 
     @property
     def summary(self) -> JsonObject:
-        """The result in the form of `forceaxis run --json`."""
+        """Returns the result in the form of `forceaxis run --json`."""
         found: JsonObject = to_json(self.result)
         return found
 
@@ -76,8 +76,8 @@ def run(
     over: link.LinkOptions | None = None,
     text: str | None = None,
 ) -> Run:
-    """Runs one experiment. over: connection to the firmware in another process; None: the firmware
-    runs in this process, and `text` may replace the content of the file.
+    """Runs one experiment. `over` is the connection to the firmware in a second process. If `over`
+    is None, the firmware runs in this process, and `text` may replace the content of the file.
 
     Raises InputError with file, key and expected value, SimulationError, and LinkError for a run
     over a connection.
@@ -120,8 +120,8 @@ def finished(
     command: Sequence[str],
     overrides: Sequence[str] = (),
 ) -> Run:
-    """The Run of a result of the compiled module. command: arguments of the command that repeats
-    the run."""
+    """Returns the Run for a result of the compiled module. `command` contains the arguments of the
+    command that repeats the run."""
     columns: Columns = {"tick": result.tick, "time_s": result.tick / _core.TICKS_PER_SECOND}
     converters = run_result.read_converters(result.converters)
     metrics = run_result.read_metrics(result.metrics)

@@ -1,4 +1,5 @@
-"""Types of the result of a run. Their fields are the keys of the JSON output of the verb `run`.
+"""Types of the result of a run. Their fields are the keys of the JSON output of the subcommand
+`run`.
 
 The functions read_... convert dicts of the compiled module, whose keys are the names of the fields.
 """
@@ -11,14 +12,14 @@ import numpy as np
 
 from forceaxis.results import json_field
 
-CoreTable: TypeAlias = Mapping[str, Any]  # a dict of the compiled module
+CoreTable: TypeAlias = Mapping[str, Any]  # a dict that the compiled module returns
 Array: TypeAlias = np.ndarray[Any, np.dtype[Any]]  # of numbers or texts
 Columns: TypeAlias = dict[str, Array]  # {name of a column: values of the column}
 
 
 @dataclass(frozen=True)
 class Converter:
-    """A converter of the model: quantity = (code - zero) * per_code, in `unit`."""
+    """A converter of the model, with quantity = (code - zero) * per_code in `unit`."""
 
     signal: str  # name of the quantity in the model
     unit: str
@@ -28,12 +29,14 @@ class Converter:
 
     @property
     def per_8_bit_count(self) -> float:
-        """The size of one count in `unit`, > 0; 256 counts are the range of the converter."""
+        """Returns the size of one count in `unit`, > 0. The range of the converter has 256
+        counts."""
         return float(abs(self.per_code) * 2 ** (self.bits - 8))
 
     @property
     def range(self) -> tuple[float, float]:
-        """The smallest and the largest quantity in the range of the converter, in `unit`."""
+        """Returns the smallest and the largest quantity in the range of the converter, in
+        `unit`."""
         ends = sorted((code - self.zero) * self.per_code for code in (0, 2**self.bits - 1))
         return ends[0], ends[1]
 
@@ -52,14 +55,14 @@ class HeldForce:
     error_N: float
     error_percent: float  # of the set-point
     overshoot_percent: float  # of the set-point
-    # time from which settle_s is counted: last change of the set-point, or a later first contact
+    # time at which `settle_s` begins: last change of the set-point, or a later first contact
     from_s: float
-    settle_s: float | None  # settling time in s; None: the force does not settle
+    settle_s: float | None  # settling time in s; None means that the force does not settle
 
 
 @dataclass(frozen=True)
 class Metrics:
-    """Figures of a run from which the verdict is evaluated."""
+    """The quantities of a run from which the verdict is evaluated."""
 
     window_ticks: int
     window_start_s: float
@@ -86,13 +89,13 @@ class Metrics:
     setpoint_beyond_N: float | None
     reading_end_N: float  # end of the range of the measured force
     last_adc_change_tick: int  # last tick in which the code of ADC 0 changed
-    # figures of the controlled force; None: the experiment controls no force
+    # the controlled force; None if the experiment controls no force
     held_force: HeldForce | None
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """The limits of the table [verdict]; None: the experiment does not have this limit."""
+    """The limits of the table [verdict]. None means that the experiment does not have the limit."""
 
     window_s: float
     force_ripple_max_count: float | None
@@ -115,7 +118,7 @@ class MissedLimit:
 
     limit: str  # key of [verdict], or the name of another condition
     verdict: str  # that follows
-    value: float | None  # value of the run; None: infinite, because the force does not settle
+    value: float | None  # value of the run; None means infinite, because the force does not settle
     bound: float
     unit: str
 
@@ -135,7 +138,7 @@ class Energy:
 
 @dataclass(frozen=True)
 class RefusedWrite:
-    """A write to a firmware object in [[at]] of the experiment, which the firmware has refused."""
+    """A refused write: the firmware refused the write to an object in [[at]] of the experiment."""
 
     tick: int
     object: str
@@ -160,7 +163,7 @@ class TraceHashes:
 
 @dataclass(frozen=True)
 class RecordCounts:
-    """Numbers of messages by their fate (sent, repeated, dropped, ...) for each process of a run
+    """Numbers of messages by their result (sent, repeated, dropped, ...) for each process of a run
     over a connection."""
 
     plant: dict[str, int]
@@ -176,9 +179,9 @@ class LinkReport:
     run_id: int | None
     pids: ProcessIds
     hashes: TraceHashes
-    same: bool  # whether both hashes are equal
+    same: bool  # True if the trace hashes of the two processes are equal
     ticks_per_s: float
-    real_time: float  # simulated time / elapsed time
+    real_time: float  # ratio of simulated time to elapsed time
     repeated: int  # number of messages that were sent again
     statistics: RecordCounts | None
     interrupts: int | None = json_field(omit_none=True)  # of an emulated chip
@@ -187,19 +190,19 @@ class LinkReport:
 
 @dataclass(frozen=True)
 class JournalFacts:
-    """What the journal of an axis_node contains."""
+    """The content of a journal of axis_node."""
 
     experiment: str
     overrides: list[str]
     entries: int
-    ticks: int | None  # number of ticks of the recorded run; None: the journal is incomplete
-    trace_hash: str  # trace hash of the recorded run; empty: the journal is incomplete
-    traced: bool  # False: the replay has no trace, because the session is longer than ten minutes
+    ticks: int | None  # number of ticks of the recorded run; None if the journal is incomplete
+    trace_hash: str  # trace hash of the recorded run; empty if the journal is incomplete
+    traced: bool  # False if the replay has no trace, because the session is longer than ten minutes
 
 
 @dataclass(frozen=True)
 class ReplayedJournal(JournalFacts):
-    """A journal that was replayed."""
+    """A journal whose run was repeated."""
 
     same: bool  # True if replay and recorded run have equal trace hashes
 
@@ -208,28 +211,28 @@ class ReplayedJournal(JournalFacts):
 class PlotTable:
     """The table [plot] of an experiment."""
 
-    # names of the columns in each row of the figure
+    # names of the columns in each row of the plot
     rows: list[list[str]] = field(default_factory=lambda: [["encoder"], ["adc0"], ["dac"]])
-    from_s: float | None = None  # start of the shown time in s; None: start of the run
+    from_s: float | None = None  # start of the plotted time in s; None selects the start of the run
     to_s: float | None = None  # None: to the end of the run
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """The result of a run: verdict, figures, hashes of the inputs."""
+    """The result of a run: verdict, quantities of the verdict, and hashes of the inputs."""
 
     experiment: str
     title: str
     figure: str  # figure number of the thesis; may be empty
-    verdict: str | None  # verdict of the run; None: the experiment has no [verdict]
+    verdict: str | None  # verdict of the run; None if the experiment has no [verdict]
     because: list[str]  # reasons for a verdict other than "stable", as texts
     missed: list[MissedLimit]
     warnings: list[str]
     fault: str
     refused: list[RefusedWrite]
     trace_hash: str
-    # smallest distance in LSB of a converted value from the edge between two codes; None: no value
-    # was converted
+    # Smallest distance in LSB of a converted value from the edge between two codes.
+    # None if no value was converted.
     edge_margin: float | None
     ticks: int  # number of ticks
     events: int  # number of changes of state of elements
@@ -237,7 +240,7 @@ class RunResult:
     metrics: Metrics
     criterion: Criterion | None
     converters: Converters
-    objects: dict[str, str]  # object of [trace] -> its unit
+    objects: dict[str, str]  # {object of the table [trace]: unit of the object}
     inputs_hash: str
     firmware_hash: str
     objects_hash: str
@@ -248,32 +251,32 @@ class RunResult:
 
     @property
     def force_reading(self) -> Converter | None:
-        """The converter ADC 0, whose quantity the firmware controls; None if the model has no ADC
-        0."""
+        """Returns the converter ADC 0, whose quantity the firmware controls, or None if the model
+        has no ADC 0."""
         return self.converters.get("adc0")
 
 
 def read_converters(given: Mapping[str, CoreTable]) -> Converters:
-    """The converters of a model by their columns of codes."""
+    """Returns the converters of a model by their columns of codes."""
     return {column: Converter(**converter) for column, converter in given.items()}
 
 
 def read_metrics(given: CoreTable) -> Metrics:
-    """The metrics of a run."""
+    """Returns the metrics of a run from a dict of the compiled module."""
     held = given["held_force"]
     return Metrics(**{**given, "held_force": HeldForce(**held) if held else None})
 
 
 def read_criterion(given: CoreTable | None) -> Criterion | None:
-    """The table [verdict] of an experiment."""
+    """Returns the limits of the table [verdict] from a dict of the compiled module."""
     return Criterion(**given) if given else None
 
 
 def read_missed(given: Sequence[CoreTable]) -> list[MissedLimit]:
-    """The limits that a run exceeds."""
+    """Returns the limits that a run exceeds."""
     return [MissedLimit(**limit) for limit in given]
 
 
 def read_refused(given: Sequence[CoreTable]) -> list[RefusedWrite]:
-    """The writes that the firmware refused."""
+    """Returns the writes that the firmware refused."""
     return [RefusedWrite(**write) for write in given]

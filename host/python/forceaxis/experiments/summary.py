@@ -24,13 +24,13 @@ Row: TypeAlias = tuple[str, str]  # key and value of a row of text
 
 
 def quantity(value: float, unit: str) -> str:
-    """Returns a value with a unit as text; a length in m is shown in mm."""
+    """Returns a value with its unit as text. A length in m is shown in mm."""
     return f"{value * 1e3:.3g} mm" if unit == "m" else f"{value:.3g} {unit}"
 
 
 def size_of_count(what: str, converters: Converters) -> tuple[float, str] | None:
-    """(size, unit) of one count of the force at 8 bits or of the position; None: the model has no
-    converter for this quantity. what: "force" or "position"."""
+    """Returns (size, unit) of one count of the force at 8 bits or of the position, or None if the
+    model has no converter for this quantity. `what` is "force" or "position"."""
     if what == "position":
         encoder = converters.get("encoder")
         return (abs(encoder.per_code), encoder.unit) if encoder else None
@@ -45,8 +45,9 @@ def ripple(
     limit: float | None = None,
     beyond: bool = False,
 ) -> str:
-    """The ripple of the force or of the position as text, with the limit of [verdict]. what:
-    "force" or "position"; count, limit: in counts; beyond: True if the ripple exceeds the limit."""
+    """Returns the ripple of the force or of the position as text, with the limit of [verdict].
+    `what` is "force" or "position". `count` and `limit` are in counts. `beyond` is True if the
+    ripple exceeds the limit."""
     of = "" if limit is None else f" of {limit:.3g}"
     plural = "s" * ((count if limit is None else limit) != 1)
     in_counts = f"{count:.3g}{of} count{plural} {COUNTED_IN[what]}"
@@ -62,11 +63,12 @@ def ripple(
 def reasons(
     missed: Sequence[MissedLimit], metrics: Metrics, fault: str, converters: Converters
 ) -> list[str]:
-    """Reasons for a verdict other than "stable": a text for each limit that the run exceeds."""
+    """Returns the reasons for a verdict other than "stable": one text for each limit that the run
+    exceeds."""
     return [_missed(limit, metrics, fault, converters) for limit in missed]
 
 
-# {name of a limit: text about a run that exceeds this limit}.
+# {name of a limit: text about a run that exceeds this limit}
 MISSED = {
     "fault": "fault {fault}",
     "setpoint": "no set-point of force at the end",
@@ -89,7 +91,7 @@ MISSED = {
 
 
 def _missed(missed: MissedLimit, metrics: Metrics, fault: str, converters: Converters) -> str:
-    """Text about a limit that a run exceeds, with value, bound and unit."""
+    """Returns text about a limit that a run exceeds, with value, bound and unit."""
     limit, value, bound = missed.limit, missed.value, missed.bound
     if limit == "contact_held":
         if missed.verdict == "never_in_contact":
@@ -120,8 +122,8 @@ def _missed(missed: MissedLimit, metrics: Metrics, fault: str, converters: Conve
 
 
 def warnings(setpoints: Sequence[tuple[float, float]], converters: Converters) -> list[str]:
-    """A warning for each force set-point outside the range of ADC 0. setpoints: (time of the change
-    in s, N)."""
+    """Returns a warning for each force set-point outside the range of ADC 0. `setpoints` are pairs
+    (time of the change in s, N)."""
     reading = converters.get("adc0")
     if not reading:
         return []
@@ -135,7 +137,8 @@ def warnings(setpoints: Sequence[tuple[float, float]], converters: Converters) -
 
 
 def kept_limits(result: RunResult, criterion: Criterion) -> list[str]:
-    """Texts of the limits of [verdict] that a stable run keeps, each with the value of the run."""
+    """Returns texts about the limits of [verdict] that a stable run keeps, each with the value of
+    the run."""
     metrics, held, required = result.metrics, result.metrics.held_force, criterion.contact_held
     found = []
     if required:
@@ -169,7 +172,7 @@ def kept_limits(result: RunResult, criterion: Criterion) -> list[str]:
 
 
 def verdict_text(result: RunResult) -> str:
-    """The verdict as text, with reasons and window."""
+    """Returns the verdict as text, with reasons and window."""
     if not result.verdict or not result.criterion:
         return "none, because the experiment has no table [verdict]"
     because = result.because or kept_limits(result, result.criterion)
@@ -178,7 +181,7 @@ def verdict_text(result: RunResult) -> str:
 
 
 def force_text(held: HeldForce) -> str:
-    """Set-point, controlled force, error, overshoot and settling time as text."""
+    """Returns set-point, controlled force, error, overshoot and settling time as text."""
     settled = "not settled" if held.settle_s is None else f"settled in {held.settle_s:.3g} s"
     return (
         f"{held.held_N:.4g} N of {held.setpoint_N:.4g} N set-point, error {held.error_N:.3g} N "
@@ -188,7 +191,8 @@ def force_text(held: HeldForce) -> str:
 
 
 def window_text(result: RunResult) -> str:
-    """Ripples and contact losses in the window of the verdict, or in the last second, as text."""
+    """Returns ripples and contact losses in the window of the verdict, or in the last second, as
+    text."""
     metrics, converters = result.metrics, result.converters
     seconds = result.criterion.window_s if result.criterion else 1
     rows = [
@@ -200,7 +204,8 @@ def window_text(result: RunResult) -> str:
 
 
 def rows(result: RunResult, overrides: Sequence[str] = ()) -> list[Row]:
-    """The result of a run as rows (key, text). overrides: texts NAME=VALUE of the run."""
+    """Returns the result of a run as rows (key, text). `overrides` are the texts NAME=VALUE of the
+    run."""
     energy, metrics, margin = result.energy, result.metrics, result.edge_margin
     figure = f" (Fig {result.figure})" if result.figure else ""
     found = [("experiment", result.title + figure)]
@@ -229,7 +234,7 @@ def rows(result: RunResult, overrides: Sequence[str] = ()) -> list[Row]:
 
 
 def link_rows(report: LinkReport) -> list[Row]:
-    """The report of a run over a connection as rows (key, text)."""
+    """Returns the report of a run over a connection as rows (key, text)."""
     other = "" if report.same else ", NOT THE PLANT'S"
     found = [
         ("link", f"{report.kind}, {report.where}, {report.real_time:.1f} x real time"),
@@ -253,5 +258,6 @@ def link_rows(report: LinkReport) -> list[Row]:
 
 
 def describe(result: RunResult, overrides: Sequence[str] = ()) -> str:
-    """The result of a run as lines of text. overrides: texts NAME=VALUE of the run."""
+    """Returns the result of a run as text lines. `overrides` are the texts NAME=VALUE of the
+    run."""
     return "\n".join(f"{key:12} {value}" for key, value in rows(result, overrides))

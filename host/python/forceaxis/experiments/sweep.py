@@ -1,4 +1,5 @@
-"""Runs one experiment at many points: a grid, random points, or bisection to a stability boundary.
+"""Runs one experiment at many points: a grid, random points, or a bisection to a stability
+boundary.
 
 Each finished run is a line of FOLDER/journal.jsonl. The key of the line is a hash of the
 parameters, the input files, the firmware and the simulator. A run with a line in the journal is not
@@ -64,18 +65,18 @@ SHOWN_FAILURES = 10
 Identity: TypeAlias = dict[str, str]  # name of a hash -> the hash
 Jobs: TypeAlias = Sequence[list[str]]  # the overrides of each run
 JournalLine: TypeAlias = dict[str, Any]  # a JSON object of the journal
-# Function that receives (number of a job, result of _core.run_many).
+# function that receives (number of a job, result of _core.run_many)
 Finished: TypeAlias = Callable[[int, CoreTable], None]
-# Function that receives (number of finished jobs, number of all jobs).
+# function that receives (number of finished jobs, number of all jobs)
 Progressed: TypeAlias = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """An experiment and the parameters that a sweep changes."""
+    """An experiment, and the parameters that a sweep changes."""
 
     experiment: str | Path
-    # name -> "FROM:TO:COUNT", "FROM:TO:COUNT:log", "VALUE,VALUE,..." or a list of values
+    # {name: "FROM:TO:COUNT", "FROM:TO:COUNT:log", "VALUE,VALUE,..." or a list of values}
     grid: Mapping[str, GridValues] = field(default_factory=dict)
     # name -> "FROM:TO" or "FROM:TO:log"
     random: Mapping[str, str] = field(default_factory=dict)
@@ -86,8 +87,8 @@ class SweepRequest:
     refine: bool = False  # True if the points around each isolated point are run too
 
     def command(self, out: Path | None, scheduler: str | None) -> str:
-        """The command line that repeats the sweep. out: folder of the sweep; scheduler: address of
-        a Dask scheduler."""
+        """Returns the command line that repeats the sweep. `out` is the folder of the sweep,
+        `scheduler` is the address of a Dask scheduler."""
         grid = [
             f"{name}={v if isinstance(v, str) else ','.join(repr(float(x)) for x in v)}"
             for name, v in self.grid.items()
@@ -107,7 +108,7 @@ class SweepRequest:
 
 
 def plan(request: SweepRequest) -> SweepPlan:
-    """The points of a request. Raises ParameterError."""
+    """Returns the points of a request. Raises ParameterError."""
     if request.grid and request.random:
         raise ParameterError("random", "expected either `grid` or `random`, got both")
     if request.random:
@@ -135,7 +136,8 @@ def plan(request: SweepRequest) -> SweepPlan:
 
 
 def checked_inputs(request: SweepRequest, planned: SweepPlan) -> Inputs:
-    """The inputs of the experiment. Raises InputError if a planned parameter cannot be changed."""
+    """Returns the inputs of the experiment. Raises InputError if a planned parameter cannot be
+    changed."""
     experiment, overrides = Path(request.experiment), list(request.overrides)
     inputs = read_inputs(experiment, overrides)
     check_names(experiment, inputs, overrides, planned.swept)
@@ -155,8 +157,8 @@ def sweep(
     threads: int | None = None,
     scheduler: str | None = None,
 ) -> Sweep:
-    """Runs the experiment at every point and writes the results to the folder `out` unless `out` is
-    None.
+    """Runs the experiment at every point, and writes the results to the folder `out` unless `out`
+    is None.
 
     threads: number of threads, by default one for each core. scheduler: address of a Dask scheduler
     whose workers run the points instead of threads. Raises ParameterError or InputError for an
@@ -243,8 +245,8 @@ def sweep(
 def isolated_point(
     planned: SweepPlan, index: int, verdict: str, closer: Mapping[Point, PointOutcome]
 ) -> IsolatedPoint:
-    """The isolated point with this index. closer: outcomes of the points around isolated points;
-    empty if these points were not run."""
+    """Returns the isolated point with this index. `closer` are the outcomes of the points around
+    isolated points, or empty if these points were not run."""
     point = planned.points[index]
     if not closer:
         return IsolatedPoint(planned.row(point), verdict)
@@ -254,7 +256,7 @@ def isolated_point(
 
 
 def warnings(outcomes: Sequence[PointOutcome]) -> list[str]:
-    """A warning about points whose force set-point is outside the range of ADC 0."""
+    """Returns warnings about points whose force set-point is outside the range of ADC 0."""
     beyond = [i for i, outcome in enumerate(outcomes) if outcome.setpoint_beyond_N is not None]
     if not beyond:
         return []
@@ -266,8 +268,8 @@ def warnings(outcomes: Sequence[PointOutcome]) -> list[str]:
 
 
 def write(done: Sweep, out: Path) -> None:
-    """Writes FILES to the folder `out`, and closer.csv if points around isolated points were run:
-    all of these files or none."""
+    """Writes FILES to the folder `out`, and closer.csv if points around isolated points were run.
+    Writes either all of these files or none."""
     import pyarrow
     import pyarrow.parquet
 
@@ -291,7 +293,7 @@ def write(done: Sweep, out: Path) -> None:
 
 
 def write_table(file: Path, columns: Columns) -> None:
-    """Writes columns as CSV; nan becomes an empty field."""
+    """Writes columns as CSV. A nan becomes an empty field."""
     with file.open("w", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(columns)
@@ -300,7 +302,8 @@ def write_table(file: Path, columns: Columns) -> None:
 
 
 def identity_of(experiment: str | Path, overrides: Sequence[str]) -> Identity:
-    """Hashes of the common inputs of all points: experiment, model, firmware and simulator."""
+    """Returns hashes of the common inputs of all points: experiment, model, firmware and
+    simulator."""
     return {
         "inputs_hash": read_inputs(experiment, overrides).inputs_hash,
         "firmware_hash": _core.FIRMWARE_HASH,
@@ -310,8 +313,8 @@ def identity_of(experiment: str | Path, overrides: Sequence[str]) -> Identity:
 
 @dataclass(frozen=True)
 class JournalEntry:
-    """A line of the journal: the run of one point. `outcome` contains either `error` alone or the
-    other fields of a PointOutcome."""
+    """One entry of the journal: the run of one point. `outcome` contains either `error` alone or
+    all fields of a PointOutcome except `error`."""
 
     key: str
     parameters: Row
@@ -319,7 +322,8 @@ class JournalEntry:
 
 
 class Journal:
-    """File with the results of finished runs, one JSON object per line. Lines are only added.
+    """File with the results of finished runs, one JSON object per text line. The program only
+    appends text lines.
 
     The first line identifies the inputs. Incomplete lines of a killed process are ignored. A file
     that is not a journal of these inputs is not changed. Without a path nothing is written.
@@ -338,7 +342,7 @@ class Journal:
             raise
 
     def _read(self, path: Path, file: IO[bytes], identity: Identity) -> None:
-        """Reads the runs of a journal with this identity, or writes the first line of a new
+        """Reads the runs of a journal with this identity, or writes the first text line of a new
         journal. Raises InputError."""
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -351,7 +355,7 @@ class Journal:
         data = file.read()
         whole = data[: data.rfind(b"\n") + 1]
         lines = [read_line(line) for line in whole.splitlines()]
-        # the file is new, or a process was killed while writing the first line
+        # The file is new, or a process was killed while writing the first text line.
         if not lines and self._line(identity).startswith(data):
             file.truncate(0)
             file.write(self._line(identity))
@@ -379,7 +383,7 @@ class Journal:
         return json.dumps(to_json(entry), allow_nan=False).encode() + b"\n"
 
     def add(self, key: str, values: Row, outcome: PointOutcome) -> None:
-        """Adds a finished run. values: values of the swept parameters."""
+        """Adds a finished run. `values` are the values of the swept parameters."""
         self.known[key] = outcome
         if self.file:
             entry = asdict(outcome)
@@ -389,19 +393,20 @@ class Journal:
             )
 
     def flush(self) -> None:
-        """Writes buffered lines to the operating system, so that these lines are kept if the
-        process is killed."""
+        """Writes buffered text lines to the operating system, so that the text lines are kept if
+        the process is killed."""
         if self.file:
             self.file.flush()
 
     def close(self) -> None:
-        """Writes buffered lines and releases the folder."""
+        """Writes buffered text lines, and releases the folder."""
         if self.file:
             self.file.close()
 
 
 def read_line(line: bytes) -> JournalLine:
-    """The JSON object of a line; empty if the line contains no JSON object."""
+    """Returns the JSON object of a text line, or an empty object if the text line contains no JSON
+    object."""
     try:
         entry = json.loads(line)
     except ValueError:
@@ -410,7 +415,7 @@ def read_line(line: bytes) -> JournalLine:
 
 
 def outcome_of(result: CoreTable) -> PointOutcome:
-    """The outcome of a point from a result of _core.run_many."""
+    """Returns the outcome of a point from a result of _core.run_many."""
     if "error" in result:
         return PointOutcome(error=result["error"])
     metrics, margin = result["metrics"], result["edge_margin"]
@@ -424,14 +429,14 @@ def outcome_of(result: CoreTable) -> PointOutcome:
 
 
 class Place(Protocol):
-    """Executes the runs of a sweep: on threads of this process, or on a cluster."""
+    """Executes the runs of a sweep, either on threads of this process or on a cluster."""
 
     def __call__(self, jobs: Jobs, finished: Finished, progressed: Progressed) -> None:
         """Executes the jobs. Calls finished() after each job, and progressed() repeatedly."""
 
 
 class Runner:
-    """Determines the outcomes of points: from the journal, or by runs."""
+    """Determines the outcomes of points, either from the journal or by runs."""
 
     def __init__(self, journal: Journal, identity: Identity, place: Place) -> None:
         self.journal = journal
@@ -443,7 +448,8 @@ class Runner:
         self.seen: list[tuple[tuple[float, ...], PointOutcome]] = []
 
     def key(self, values: Row) -> str:
-        """Key of a run in the journal: hash of the inputs and of the values, sorted by name."""
+        """Returns the key of a run in the journal: hash of the inputs and of the values, sorted by
+        name."""
         text = "".join([f"\n{name}={values[name]!r}" for name in sorted(values)])
         return hashlib.sha256((self.salt + text).encode()).hexdigest()
 
@@ -451,7 +457,7 @@ class Runner:
         """Returns the outcomes of the rows, in the order of the rows."""
         keys = [self.key(row) for row in rows]
         missing = {k: row for k, row in zip(keys, rows, strict=True) if k not in self.journal.known}
-        # Sorted by model, so that the modes of each model are computed once.
+        # The runs are sorted by model, so that the modes of each model are computed once.
         of_model = [name for name in (rows[0] if rows else ()) if "." not in name]
         todo = sorted(missing.items(), key=lambda item: [item[1][name] for name in of_model])
 
@@ -492,8 +498,8 @@ class Here:
 
 class Cluster:
     """Executes runs on the workers of a Dask scheduler. The workers read the files of the
-    experiment by the same paths as this process. The runs of a lost worker are repeated on another
-    worker.
+    experiment by the same paths as this process. The runs of a lost worker are repeated on a
+    different worker.
     """
 
     def __init__(
@@ -571,14 +577,15 @@ class Cluster:
 
 
 class WorkerDiffers(Exception):
-    """A worker has another version of forceaxis, or other files, than this process."""
+    """Error: a worker has a different version of forceaxis, or different files, than this
+    process."""
 
 
 def run_chunk(
     experiment: str, overrides: list[str], identity: Identity, jobs: Jobs
 ) -> list[CoreTable]:
     """Executes jobs on a worker, and returns the results. Raises WorkerDiffers if the worker has
-    other inputs than the process that has started the sweep."""
+    different inputs than the process that has started the sweep."""
     import socket
 
     where = f"worker on {socket.gethostname()}"
@@ -596,12 +603,12 @@ def run_chunk(
 
 
 def boundaries(runner: Runner, rows: Sequence[Row], search: SweepParameter) -> list[Boundary]:
-    """The stability boundary along `search` for each row of values. The range of `search` is halved
-    until the tolerance of `search` is reached."""
+    """Returns the stability boundary along the parameter of `search` for each row of values. The
+    function halves the range of `search` until the tolerance of `search` is reached."""
     found = [Boundary(row) for row in rows]
 
     def verdicts(wanted: Sequence[tuple[Boundary, float]]) -> list[str | None]:
-        """The verdict at each value; None: the run failed."""
+        """Returns the verdict at each value, with None for a failed run."""
         outcomes = runner([one.row | {search.name: value} for one, value in wanted])
         for (one, value), outcome in zip(wanted, outcomes, strict=True):
             one.runs += 1

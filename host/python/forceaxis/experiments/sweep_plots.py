@@ -1,5 +1,4 @@
-"""Figures of a sweep: verdicts or peak forces over the swept parameters, or stability
-boundaries."""
+"""Plots of a sweep: verdicts or peak forces over the swept parameters, or stability boundaries."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -23,9 +22,9 @@ from forceaxis.experiments.sweep_result import PointOutcome, Sweep
 from forceaxis.experiments.verdicts import VERDICTS, WORDS
 from forceaxis.words import plain
 
-# Key of AREA for a point whose run failed, and for a cell without a result.
+# Key of AREA for a point whose run failed, and for a grid cell without a result.
 FAILED = "failed"
-# Verdicts of cells, in the order of their numbers in a map.
+# Verdicts of grid cells, in the order of their numbers in a colour map.
 KINDS = ("unstable", "stable", "not_met", "never_in_contact")
 ISOLATED = "stands alone"  # label of an isolated point in the legend
 MARKERS = (
@@ -38,7 +37,7 @@ MARKERS = (
 
 
 def sweep(done: Sweep) -> Figure:
-    """Figure of a sweep over the first two swept parameters."""
+    """Returns the plot of a sweep over the first two swept parameters."""
     figure, ax = plt.subplots(figsize=(5.6, 4.2))
     style(ax)
     draw: Callable[[Figure, Axes, Sweep], str] = boundary_plot if done.plan.search else run_plot
@@ -94,7 +93,7 @@ def run_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
     kinds = averaged(done, number)
     ax.set_facecolor(AREA[FAILED])
     colours = ListedColormap([AREA[kind] for kind in KINDS])
-    # The edge of a cell has the colour of the cell, so that vector graphics show no gaps.
+    # The edge of a grid cell has the colour of the cell, so that vector graphics show no gaps.
     ax.pcolormesh(
         *edges, kinds, cmap=colours, vmin=-0.5, vmax=3.5, edgecolors="face", linewidth=0.4
     )
@@ -106,18 +105,18 @@ def run_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
 
 
 def verdicts_of(outcomes: Sequence[PointOutcome]) -> Array:
-    """The verdicts of the outcomes, (n,); "" for a failed run."""
+    """Returns the verdicts of the outcomes, (n,), with "" for a failed run."""
     return np.array([outcome.verdict for outcome in outcomes], dtype=str)
 
 
 def peaks_of(outcomes: Sequence[PointOutcome]) -> Array:
-    """The peak contact forces of the outcomes in N, (n,); nan for a failed run."""
+    """Returns the peak contact forces of the outcomes in N, (n,), with nan for a failed run."""
     return np.array([outcome.peak_force_N for outcome in outcomes], dtype=float)
 
 
 def mark_isolated(ax: Axes, done: Sweep) -> list[Artist]:
-    """Draws a ring around each isolated cell, and the verdicts of points around isolated cells.
-    Returns the handles for the legend."""
+    """Draws a ring around each isolated point, and the verdicts of further points around isolated
+    points. Returns the handles for the legend."""
     single = [np.array(list(point.values.values())) for point in done.result.alone]
     if not single:
         return []
@@ -166,7 +165,7 @@ def boundary_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
     up = np.nansum([np.sign(b.unstable - b.stable) for b in done.boundaries]) >= 0
     edge = boundary.copy()
     for i, note in enumerate(done.boundaries[k].note for k in order):
-        if note:  # without a change of the verdict, one colour covers the whole range
+        if note:  # Without a change of the verdict, one colour covers the whole range.
             edge[i] = search.high if note.startswith("no change: stable") == up else search.low
     below, above = (AREA[kind] for kind in (("stable", "unstable")[:: 1 if up else -1]))
     ax.set_facecolor(AREA[FAILED])
@@ -186,7 +185,8 @@ def over_one(
     axis: SweepParameter | None = None,
 ) -> None:
     """Draws the peak force over one parameter with a mark for each verdict. Failed runs are at the
-    force 0. x: values of the parameter; axis: the parameter, by default the first axis."""
+    force 0. `x` are the values of the parameter. `axis` is the parameter, by default the first
+    axis."""
     along(ax, "x", axis or done.plan.axes[0], done)
     order = np.argsort(x)
     verdict, peak_N = verdicts_of(outcomes), peaks_of(outcomes)
@@ -209,7 +209,7 @@ def over_one(
 
 
 def scatter_verdicts(ax: Axes, x: Array, y: Array, verdict: Array, size: int = 14) -> None:
-    """Draws points with a mark for each verdict; the verdict of a failed run is an empty text."""
+    """Draws points with a mark for each verdict. The verdict of a failed run is an empty text."""
     for kind, marker, label in MARKERS:
         at = verdict == kind
         if at.any():
@@ -217,14 +217,14 @@ def scatter_verdicts(ax: Axes, x: Array, y: Array, verdict: Array, size: int = 1
 
 
 def along(ax: Axes, which: str, axis: SweepParameter, done: Sweep) -> None:
-    """Sets the label and the scale of the axis `which` ("x" or "y") for a parameter."""
+    """Sets the label and the scale of the plot axis `which` ("x" or "y") for a parameter."""
     getattr(ax, f"set_{which}label")(label_of(axis.name, done))
     if axis.log:
         getattr(ax, f"set_{which}scale")("log")
 
 
 def label_of(name: str, done: Sweep) -> str:
-    """The label of a parameter: name and unit."""
+    """Returns the label of a parameter: name and unit."""
     room, _, key = name.partition(".")
     unit = done.result.parameters[name]
     if room == "firmware":
@@ -235,7 +235,7 @@ def label_of(name: str, done: Sweep) -> str:
 
 
 def in_newton(ax: Axes, done: Sweep) -> None:
-    """Adds a scale in N if one axis of the figure is the force set-point in counts."""
+    """Adds a scale in N if one axis of the plot is the force set-point in counts."""
     shown = [a.name for a in done.plan.axes[:2]]
     if len(shown) < 2 and done.plan.search:
         shown.append(done.plan.search.name)
@@ -268,8 +268,8 @@ def coloured(figure: Figure, ax: Axes, label: str, drawn: Collection) -> None:
 
 
 def key_below(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
-    """Draws the legend below the axes. handles: entries of the legend, by default all entries of
-    the axes."""
+    """Draws the legend below the axes. `handles` are the entries of the legend, by default all
+    entries of the axes."""
     handles = handles or ax.get_legend_handles_labels()[0]
     figure = ax.figure
     assert isinstance(figure, Figure)
@@ -288,8 +288,8 @@ def kinds_key(ax: Axes, shown: Sequence[str], more: Sequence[Artist] = ()) -> No
 
 
 def cell_edges(axis: SweepParameter) -> Array:
-    """The edges of the cells of a grid along one parameter, half-way between neighbouring values on
-    the scale of the parameter, (n + 1,)."""
+    """Returns the edges of the grid cells along one parameter, half-way between neighbouring values
+    on the scale of the parameter, (n + 1,)."""
     values = np.unique(axis.values)
     if axis.log:
         values = np.log(values)
@@ -301,8 +301,8 @@ def cell_edges(axis: SweepParameter) -> Array:
 
 
 def averaged(done: Sweep, values: Array) -> Array:
-    """Means of the finite values of the points in each cell of a grid. Rows belong to values of the
-    second parameter, columns to values of the first."""
+    """Returns means of the finite values of the points in each grid cell. Rows belong to values of
+    the second parameter, columns to values of the first."""
     places = [
         np.unique(done.columns[a.name], return_inverse=True)[1].ravel() for a in done.plan.axes[:2]
     ]
@@ -318,7 +318,8 @@ def averaged(done: Sweep, values: Array) -> Array:
 
 
 def boundary_edges(cells: Array, x: Array, y: Array) -> list[list[tuple[float, float]]]:
-    """The sides between stable and unstable cells as segments. x, y: edges of the cells."""
+    """Returns the sides between stable and unstable grid cells as line segments. `x` and `y` are
+    the edges of the grid cells."""
     segments = []
     for i, j in np.argwhere(np.abs(np.diff(cells, axis=1)) == 1):
         segments.append([(x[j + 1], y[i]), (x[j + 1], y[i + 1])])

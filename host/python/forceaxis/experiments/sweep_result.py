@@ -18,8 +18,8 @@ Row: TypeAlias = dict[str, float]  # {name of a swept parameter: value}
 
 @dataclass(frozen=True, slots=True)
 class PointOutcome:
-    """Result of the run at one point of a sweep. A failed run has only `error`. Each field is a
-    column of results.csv."""
+    """Result of the run at one point of a sweep. A failed run has only the field `error`. Each
+    field is a column of results.csv."""
 
     verdict: str = ""
     fault: str = ""
@@ -49,7 +49,7 @@ METRICS = tuple(
 
 
 def outcome_columns(outcomes: Sequence[PointOutcome]) -> Columns:
-    """The outcomes as columns of the results: texts, and numbers with nan for None."""
+    """Returns the outcomes as columns of the results: texts, and numbers with nan for None."""
     return {
         field.name: np.array(
             [getattr(outcome, field.name) for outcome in outcomes],
@@ -61,8 +61,8 @@ def outcome_columns(outcomes: Sequence[PointOutcome]) -> Columns:
 
 @dataclass
 class Boundary:
-    """Stability boundary of one point: the change of the verdict along the searched parameter,
-    whose values are in the unit of the parameter."""
+    """Stability boundary at one point of a sweep: the change of the verdict along the searched
+    parameter, whose values are in the unit of the parameter."""
 
     row: Row
     stable: float = math.nan  # last stable value
@@ -75,7 +75,7 @@ class Boundary:
     searching: bool = False
 
     def begin(self, search: SweepParameter, low: str | None, high: str | None) -> None:
-        """Sets the verdicts at both ends of the range; None: the run failed."""
+        """Sets the verdicts at the two ends of the range. None means that the run failed."""
         if low is None or high is None:
             return
         if (low == STABLE) == (high == STABLE):
@@ -92,11 +92,11 @@ class Boundary:
 
     @property
     def middle(self) -> float:
-        """The value at which the range is halved."""
+        """Returns the value at which the range is halved."""
         return tidy((self.stable + self.unstable) / 2)
 
     def is_open(self, tolerance: float) -> bool:
-        """True if the range is wider than the tolerance and can be halved."""
+        """Returns True if the range is wider than the tolerance and can be halved."""
         return (
             self.searching
             and abs(self.unstable - self.stable) > tolerance
@@ -104,8 +104,8 @@ class Boundary:
         )
 
     def halve(self, verdict: str | None) -> None:
-        """Sets the verdict in the middle of the range; None: the run failed, so the boundary is
-        unknown."""
+        """Sets the verdict in the middle of the range. None means that the run failed and that the
+        boundary is unknown."""
         if verdict is None:
             self.searching, self.stable, self.unstable = False, math.nan, math.nan
         elif verdict == STABLE:
@@ -125,27 +125,27 @@ class SweepPlan:
 
     @property
     def swept(self) -> list[SweepParameter]:
-        """Every parameter that changes between runs."""
+        """Returns every parameter that changes between runs."""
         return [*self.axes, *([self.search] if self.search else [])]
 
     @property
     def names(self) -> list[str]:
-        """The names of the axes."""
+        """Returns the names of the axes."""
         return [axis.name for axis in self.axes]
 
     def row(self, point: Point) -> Row:
-        """A point as {name of a parameter: value}."""
+        """Returns a point as {name of a parameter: value}."""
         return dict(zip(self.names, point, strict=True))
 
     def columns(self, points: Sequence[Point]) -> Columns:
-        """The values of the axes at the points as columns."""
+        """Returns the values of the axes at the points as columns."""
         values = np.array(points, dtype=float).reshape(len(points), len(self.axes))
         return dict(zip(self.names, values.T.copy(), strict=True))
 
 
 @dataclass(frozen=True)
 class SweepCounts:
-    """Numbers of points and runs, and of points by their results."""
+    """Numbers of points and runs, and numbers of points by their results."""
 
     points: int
     runs: int
@@ -159,13 +159,13 @@ class SweepCounts:
     never_in_contact: int | None = json_field(omit_none=True)
 
     def of(self, verdict: str) -> int:
-        """The number of points with this verdict."""
+        """Returns the number of points with this verdict."""
         return int(getattr(self, verdict) or 0)
 
 
 @dataclass(frozen=True)
 class FailedPoint:
-    """A point whose run failed."""
+    """A point of a sweep whose run failed."""
 
     index: int
     values: Row
@@ -174,9 +174,9 @@ class FailedPoint:
 
 @dataclass(frozen=True)
 class IsolatedPoint:
-    """A point whose verdict differs from the verdicts of all neighbours. `around` and `alike` are
-    the number of points around this point that were run too, and how many of these points have the
-    same stability. `around` and `alike` are None if no points around this point were run."""
+    """A point whose verdict differs from the verdicts of all neighbours. `around` is the number of
+    further points that were run around the isolated point, and `alike` is the number of these
+    further points with the same stability. Both fields are None if no further points were run."""
 
     values: Row
     verdict: str
@@ -201,7 +201,7 @@ class SweepResult:
     firmware_hash: str
     simulator_hash: str
     objects_hash: str
-    where: str  # where the runs were executed: number of threads, or address of the Dask scheduler
+    where: str  # number of threads that executed the runs, or address of the Dask scheduler
     seconds: float
     command: str  # command line that repeats the sweep
 
@@ -217,11 +217,11 @@ class Sweep:
     # (value, outcome) of each run in a search without axes
     search_runs: list[tuple[float, PointOutcome]]
     converters: Converters  # converters of the model; empty if the sweep changes a converter
-    closer: dict[Point, PointOutcome]  # points around isolated points
+    closer: dict[Point, PointOutcome]  # outcomes of further points around isolated points
 
     @cached_property
     def columns(self) -> Columns:
-        """The columns of results.csv, with one row for each point.
+        """Returns the columns of results.csv, with one row for each point.
 
         The columns are index, the parameters, and the fields of PointOutcome; in a search instead
         of these boundary (last stable value), unstable_at (first value beyond the boundary that is
@@ -242,19 +242,19 @@ class Sweep:
 
     @property
     def closer_columns(self) -> Columns:
-        """The columns of closer.csv: parameters and outcomes of `closer`."""
+        """Returns the columns of closer.csv: parameters and outcomes of `closer`."""
         return self.plan.columns(list(self.closer)) | outcome_columns(list(self.closer.values()))
 
     @property
     def summary(self) -> JsonObject:
-        """The result in the form of `forceaxis sweep --json`; the values of a point are keys of the
-        object of the point."""
+        """Returns the result in the form of `forceaxis sweep --json`. The values of a point are
+        keys of the JSON object of the point."""
         failures = [_flattened(point) for point in self.result.failures]
         alone = [_flattened(point) for point in self.result.alone]
         return {**to_json(self.result), "failures": failures, "alone": alone}
 
 
 def _flattened(point: FailedPoint | IsolatedPoint) -> dict[str, float | str | None]:
-    """The fields of a point, followed by the values of the swept parameters."""
+    """Returns the fields of a point, followed by the values of the swept parameters."""
     fields = asdict(point)
     return {name: value for name, value in fields.items() if name != "values"} | point.values

@@ -1,4 +1,4 @@
-"""Figure and files of a run: trace as CSV and NPZ, events, figure, result."""
+"""Plot and files of a run: trace as CSV and NPZ, events, plot, result."""
 
 import contextlib
 import csv
@@ -28,9 +28,10 @@ PROFILE_FORCE = 4  # mode of operation
 
 
 def figure(done: Run, codes: bool = False) -> "Figure":
-    """Figure of a run, with the rows and the range of time of the table [plot]. Without this table,
-    the figure shows position, measured force and output voltage of the whole run. Objects that a
-    run over a connection does not trace are omitted. codes: shows codes instead of N, mm and V."""
+    """Returns the plot of a run, with the rows and the time range of the table [plot]. Without this
+    table, the plot shows position, measured force and output voltage of the whole run. Objects that
+    a run over a connection does not trace are omitted. `codes` means that codes replace N, mm and
+    V."""
     from forceaxis.drawing import GOT, VERDICT
     from forceaxis.experiments import plots
 
@@ -50,8 +51,8 @@ def figure(done: Run, codes: bool = False) -> "Figure":
 
 
 def line(done: Run, name: str, inside: Array, codes: bool) -> "plots.Line":
-    """The column `name` as a signal of a figure, for the ticks at which `inside` is True. codes:
-    shows codes instead of N, mm and V."""
+    """Returns the column `name` as a signal of a plot, for the ticks at which `inside` is True.
+    `codes` means that the plot shows codes instead of N, mm and V."""
     from forceaxis.experiments import plots
 
     values = done.columns[name][inside]
@@ -76,8 +77,8 @@ def line(done: Run, name: str, inside: Array, codes: bool) -> "plots.Line":
 
 
 def physical(unit: str, converters: Converters) -> tuple[str, float]:
-    """(physical unit, factor) of an object in counts or codes. Without a converter for these counts
-    or codes in the model: (unit, 1)."""
+    """Returns (physical unit, factor) of an object in counts or codes. If the model has no
+    converter for these counts or codes, returns (unit, 1)."""
     kind, _, per = unit.partition("/")
     encoder, reading, dac = (converters.get(name) for name in ("encoder", "adc0", "dac"))
     if encoder and kind == "encoder count" and per in ("", "s"):
@@ -90,7 +91,8 @@ def physical(unit: str, converters: Converters) -> tuple[str, float]:
 
 
 def marks_of(done: Run) -> "plots.Marks":
-    """Set-points, times of contact, window of the verdict and events of a run for a figure."""
+    """Returns set-points, times of contact, window of the verdict and events of a run for a
+    plot."""
     from forceaxis.experiments import plots
 
     time_s, columns = done.time_s, done.columns
@@ -118,9 +120,9 @@ def marks_of(done: Run) -> "plots.Marks":
 def demand_of(
     done: Run, contacts: list[tuple[float, float]]
 ) -> "tuple[plots.Values, plots.Values] | None":
-    """(times in s, forces in N) of the force demand in mode of operation 4, in which the demand
-    follows the set-points with the slope `force_slope`. The demand is read from the trace; if the
-    trace has no demand, the demand is computed from the first contact on.
+    """Returns (times in s, forces in N) of the force demand in mode of operation 4, in which the
+    demand follows the set-points with the slope `force_slope`. The demand is read from the trace.
+    If the trace has no demand, the demand is computed from the first contact on.
 
     None in another mode, if the slope changes during the run, or if the run has no file.
     """
@@ -142,8 +144,8 @@ def demand_of(
 
 
 def write(done: Run, out: Path, codes: bool = False) -> None:
-    """Writes either all FILES or none to the folder `out`. codes: the figure shows codes instead of
-    N, mm and V. Raises OSError."""
+    """Writes all FILES or no file to the folder `out`. `codes` means that the plot shows codes
+    instead of N, mm and V. Raises OSError."""
     with (
         paths.replacing(out, *FILES) as (trace_csv, trace_npz, events_csv, png, svg, result),
         beside(write_tables, done, trace_csv, trace_npz, events_csv),

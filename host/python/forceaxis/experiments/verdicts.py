@@ -1,10 +1,10 @@
-"""The four verdicts as texts. host/run/verdict.hpp defines the meaning of each verdict."""
+"""The four verdicts as texts. The file host/run/verdict.hpp defines the meaning of each verdict."""
 
 STABLE = "stable"
 NOT_STABLE = ("unstable", "not_met", "never_in_contact")
 VERDICTS = (STABLE, *NOT_STABLE)
 
-# {verdict: text for this verdict on pages and figures}.
+# {verdict: text for this verdict on pages and plots}
 WORDS = {verdict: verdict.replace("_", " ") for verdict in VERDICTS}
 
 

@@ -23,14 +23,14 @@ from forceaxis.results import to_json
 WARNED_CORRELATION = 0.95  # smallest correlation of two estimates that causes a warning
 # smallest half width of the confidence interval of a logarithm that causes a warning
 WARNED_HALF_WIDTH = math.log(2)
-# smallest ratio of the singular values of the normalised Jacobian at which parameters are
-# distinguishable
+# Smallest ratio of the singular values of the normalised Jacobian at which the parameters are
+# distinguishable.
 LEAST_SINGULAR_RATIO = 1e-7
 LEAST_EFFECT = 1e-9  # smallest relative change of a response that is an effect of a parameter
-# probability of the chi-square below which other start values are tried and the fit is rejected
+# probability of chi-square below which other start values are tried and the fit is rejected
 REJECTED_BELOW = 1e-3
 OTHER_STARTS = 24  # number of other start values
-# Fields of a Measurement that are arrays, by the names in the file response.npz.
+# Fields of a Measurement that are arrays, by their names in the file response.npz.
 ARRAYS = ("frequency_hz", "response", "coherence", "variance", "floor")
 # half width of the search range of a logarithm: a factor of 20 above and below the start value
 SEARCH_RANGE = 3.0
@@ -38,7 +38,7 @@ SEARCH_RANGE = 3.0
 
 @dataclass(frozen=True)
 class ParameterFit:
-    """Result of the fit of p parameters to a measured response with n points.
+    """Result of the fit of p parameters to a measured response with n frequencies.
 
     `starts` and `values` (p,) are the start values and fitted values in SI units. `covariance`
     (p, p) is the covariance of the logarithms of the parameters. `single` and `joint` (p,) are half
@@ -60,7 +60,7 @@ class ParameterFit:
 
     @property
     def p_value(self) -> float:
-        """Probability of a chi-square at least as large if the model is correct."""
+        """Returns the probability that chi-square is at least as large for a correct model."""
         return float(stats.chi2.sf(self.chi_square, self.dof))
 
     @property
@@ -71,13 +71,13 @@ class ParameterFit:
 
     @property
     def correlation(self) -> Reals:
-        """Correlation matrix of the estimates, (p, p)."""
+        """Returns the correlation matrix of the estimates, (p, p)."""
         spread = np.sqrt(np.diag(self.covariance))
         return np.asarray(self.covariance / np.outer(spread, spread))
 
     def distance(self, values: ArrayLike) -> float:
-        """Position of `values` (p,) relative to the joint 95 % region of the parameters: below 1
-        inside the region, 1 at the edge of the region."""
+        """Returns the distance of `values` (p,) from the fitted values, relative to the joint 95 %
+        region of the parameters: below 1 inside the region, 1 at the edge of the region."""
         step = np.log(values) - np.log(self.values)
         size = step @ np.linalg.solve(self.covariance, step)
         p = len(step)
@@ -85,7 +85,8 @@ class ParameterFit:
 
 
 class FitProblem:
-    """Least-squares problem of a fit: residuals as functions of the logarithms of the parameters.
+    """The least-squares problem of a fit: residuals as functions of the logarithms of the
+    parameters.
 
     p parameters, n frequencies; `start` (p,) are the logarithms of the start values.
     """
@@ -99,12 +100,12 @@ class FitProblem:
         self.weights: Reals = 1 / np.hypot(relative, 0.1)
 
     def model(self, logarithms: Reals) -> Complexes:
-        """The response of the model, (n,)."""
+        """Returns the response of the model, (n,)."""
         values = np.exp(logarithms).tolist()
         return self.measured.predict(dict(zip(self.names, values, strict=True)))
 
     def jacobian(self, logarithms: Reals, step: float = 1e-5) -> Complexes:
-        """The derivatives of the response, (n, p), from central differences."""
+        """Returns the derivatives of the response, (n, p), from central differences."""
         steps = step * np.eye(len(self.names))
         return np.stack(
             [(self.model(logarithms + d) - self.model(logarithms - d)) / (2 * step) for d in steps],
@@ -112,13 +113,14 @@ class FitProblem:
         )
 
     def coarse(self, logarithms: Reals) -> Reals:
-        """Residuals of the logarithm of the ratio, (2 n,). A search with these residuals also
-        converges if the resonances of model and measurement do not overlap yet."""
+        """Returns the residuals of the logarithm of the ratio of measured and predicted response,
+        (2 n,). A search with these residuals also converges if the resonances of model and
+        measurement do not overlap yet."""
         ratio = np.log(self.measured.response / self.model(logarithms))
         return as_real(np.asarray(ratio * self.weights, complex))
 
     def likelihood(self, logarithms: Reals) -> Reals:
-        """Residuals whose sum of squares is the chi-square of fit(), (2 n,)."""
+        """Returns the residuals whose sum of squares is the chi-square of fit(), (2 n,)."""
         measured = self.measured
         error = (measured.response - self.model(logarithms)) / np.sqrt(measured.variance)
         square = np.maximum(abs(error) ** 2, 1e-30)
@@ -126,8 +128,8 @@ class FitProblem:
         return as_real(np.asarray(error * size, complex))
 
     def search(self, begin: Reals) -> optimize.OptimizeResult:
-        """Searches first with the coarse residuals, which converge from distant start values, then
-        with the likelihood."""
+        """Searches the best logarithms: first with the coarse residuals, which converge from
+        distant start values, then with the likelihood."""
         low, high = self.start - SEARCH_RANGE, self.start + SEARCH_RANGE
         options = {"bounds": (low, high), "x_scale": "jac", "max_nfev": 60}
         near = optimize.least_squares(self.coarse, begin, loss="soft_l1", **options).x
@@ -135,8 +137,9 @@ class FitProblem:
         return optimize.least_squares(self.likelihood, near, xtol=1e-10, ftol=1e-10, **options)
 
     def best(self, degrees: int, tries: int) -> optimize.OptimizeResult:
-        """The best of the searches from the start values and, while the result does not explain the
-        data, from up to `tries` other start values."""
+        """Returns the best result of several searches. The first search begins at the start values.
+        If its result does not explain the data, up to `tries` further searches begin at other start
+        values."""
         best = self.search(self.start)
         enough = stats.chi2.isf(REJECTED_BELOW, degrees)
         scatter = np.random.default_rng(0).uniform(-1, 1, (tries, len(self.start)))
@@ -164,7 +167,7 @@ class FitProblem:
 
 
 def as_real(values: NDArray[np.complex128]) -> Reals:
-    """Real parts, followed by the imaginary parts."""
+    """Returns the real parts, followed by the imaginary parts."""
     return np.concatenate([values.real, values.imag])
 
 
@@ -230,7 +233,7 @@ def fit(
 
 
 def warnings_of(found: ParameterFit) -> list[str]:
-    """Texts of warnings about a fit."""
+    """Returns texts of warnings about a fit."""
     warnings = []
     if found.p_value < 1 - CONFIDENCE:
         warnings.append(
@@ -258,7 +261,7 @@ def warnings_of(found: ParameterFit) -> list[str]:
 
 
 def check_separate(names: Sequence[str], J: Reals, where: str) -> None:
-    """Raises InputError, with the names, for parameters of which only a combination changes the
+    """Raises InputError with the names of parameters of which only a combination changes the
     response."""
     _, size, directions = np.linalg.svd(J / np.linalg.norm(J, axis=0), full_matrices=False)
     if size[-1] < LEAST_SINGULAR_RATIO * size[0]:
@@ -272,9 +275,9 @@ def check_separate(names: Sequence[str], J: Reals, where: str) -> None:
 
 @dataclass(frozen=True)
 class ResponseSettings:
-    """Values that replace the recorded values of a Measurement; None: the recorded value is used. A
-    CSV file needs `output`, `averages` and `dt`, because a CSV file does not contain these
-    values."""
+    """Values that replace the recorded values of a Measurement. None means that the recorded value
+    is used. A CSV file needs `output`, `averages` and `dt`, because a CSV file does not contain
+    these values."""
 
     input: str | None = None
     output: str | None = None
@@ -284,7 +287,7 @@ class ResponseSettings:
     modes: dict[str, str] | None = None
 
     def replaced(self) -> dict[str, str | float | dict[str, str]]:
-        """The keys that are not None."""
+        """Returns the keys whose value is not None."""
         return {key: value for key, value in vars(self).items() if value is not None}
 
 
@@ -322,7 +325,8 @@ def read_response(
 
 
 def checked(measured: Measurement, file: Path) -> Measurement:
-    """Returns the Measurement after a check of all fields. Raises InputError for a wrong field."""
+    """Checks all fields of a Measurement, and returns the Measurement. Raises InputError for a
+    wrong field."""
 
     def expect(good: bool | np.bool_, key: str, text: str) -> None:
         if not good:
@@ -376,8 +380,8 @@ T = TypeVar("T")
 def response_of_csv(
     file: Path, model: str, overrides: linear.Overrides, settings: ResponseSettings
 ) -> Measurement:
-    """Measurement from a CSV file; the variance of the response is (1 - c) |H|^2 / (c (averages -
-    1)) with the coherence c. Raises InputError."""
+    """Returns the Measurement of a CSV file. The variance of the response is (1 - c) |H|^2 / (c
+    (averages - 1)) with the coherence c. Raises InputError."""
 
     def required(value: T | None, key: str) -> T:
         if value is None:
@@ -420,8 +424,8 @@ def response_of_csv(
 def starts_of(
     texts: Sequence[str], measured: Measurement
 ) -> tuple[dict[str, float], dict[str, str]]:
-    """({parameter: start value}, {parameter: unit}) from texts NAME or NAME=START; the default of
-    START is the value in the model. Raises ParameterError."""
+    """Returns ({parameter: start value}, {parameter: unit}) from texts NAME or NAME=START. The
+    default of START is the value in the model. Raises ParameterError."""
     known = linear.facts(measured.model, measured.overrides).parameters
     starts: dict[str, float] = {}
     for text in texts:
@@ -476,7 +480,7 @@ class FitSummary:
 
 
 def summarise(found: ParameterFit, measured: Measurement, units: Mapping[str, str]) -> FitSummary:
-    """The summary of a fit; units: {parameter: unit}."""
+    """Returns the summary of a fit. `units` is {parameter: unit}."""
 
     def interval(value: float, half: float) -> tuple[float, float] | None:
         if found.rejected:
@@ -507,7 +511,7 @@ def summarise(found: ParameterFit, measured: Measurement, units: Mapping[str, st
 
 
 def write(found: ParameterFit, measured: Measurement, summary: FitSummary, out: Path) -> None:
-    """Writes result.json and plot.png to the folder `out`. The figure shows the measured response,
+    """Writes result.json and plot.png to the folder `out`. The plot shows the measured response,
     and the response of the model before and after the fit."""
     from forceaxis.identify import plots
 

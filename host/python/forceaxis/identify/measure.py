@@ -1,5 +1,5 @@
-"""Signal analyzer in simulation: measures frequency responses of the simulated axis (3.1.1,
-3.2).
+"""Signal analyzer in simulation: measures frequency responses of the simulated axis (thesis
+sections 3.1.1, 3.2).
 
 The excitation is a voltage of the drive, with a smaller sampling period than the controller, or DAC
 codes from the excitation mode of the running firmware. Two signals are recorded. The response from
@@ -38,12 +38,12 @@ MOST_STEPS = 20_000_000  # of a measurement
 MOST_PARTS = 64  # of a tick
 
 Lines = NDArray[np.int_]  # numbers of spectral lines
-# list of (spectral lines, input and output of these lines as an array (averages, 2, samples))
+# list of (spectral lines, input and output at these lines as an array (averages, 2, samples))
 Records = list[tuple[Lines, Reals]]
 
 
 class ExcitedPlant:
-    """A plant with one kind of excitation: applies the excitation and records two signals."""
+    """A plant with one kind of excitation. Applies the excitation and records two signals."""
 
     wave: Reals  # excitation in V: one period, or with a window the complete excitation
 
@@ -86,8 +86,9 @@ class ExcitedPlant:
             ) from None
 
     def prepare(self, rng: np.random.Generator, line: int | None) -> None:
-        """Prepares the next realisation of the excitation, which the next play() starts. line:
-        number of the spectral line of a sine; None for another excitation."""
+        """Prepares the next realisation of the excitation. The next call of play() starts this
+        realisation. `line` is the number of the spectral line of a sine; None means an excitation
+        that is not a sine."""
         if self.setup.inject == "volts":
             self.wave = self.waveform(rng, line)
             return
@@ -146,7 +147,7 @@ class ExcitedPlant:
         return values
 
     def states(self) -> dict[str, dict[str, float]]:
-        """{element: {state: share of the measured time}}."""
+        """Returns {element: {state: share of the measured time}}."""
         shares: dict[str, dict[str, int]] = {}
         for text, count in self.met.items():
             element, _, state = text.rpartition(": ")
@@ -169,7 +170,7 @@ def unstable(where: str, text: str) -> InputError:
 def converter(values: Reals, bits: int, rng: np.random.Generator) -> tuple[Reals, float]:
     """Converts values as the analyzer does, and returns (rounded values, step). The range of the
     converter is the smallest of 1, 2, 5 times 10^n that contains the values. With the triangular
-    dither the error of rounding is noise with the variance step^2 / 4."""
+    dither, the error of rounding is noise with the variance step^2 / 4."""
     peak = float(np.max(np.abs(values)))
     if peak == 0.0:
         return values, 0.0
@@ -181,8 +182,8 @@ def converter(values: Reals, bits: int, rng: np.random.Generator) -> tuple[Reals
 
 
 def settling_steps(system: linear.System, where: str) -> int:
-    """Number of samples after which a transient has decayed, from the slowest pole. Raises
-    InputError."""
+    """Returns the number of samples after which a transient has decayed, from the slowest pole.
+    Raises InputError."""
     poles = system.poles()
     size = abs(poles)
     if size.max(initial=0) > 1 + 1e-7:
@@ -191,7 +192,7 @@ def settling_steps(system: linear.System, where: str) -> int:
             f"{where}: model: expected a stable plant, got a pole at +{rate:.3g} 1/s, with which "
             "the excited axis is unstable; change the parameters, or measure with open contacts"
         )
-    # marks poles of integrators; the drift of an integrator is removed from the records
+    # Marks poles of integrators; the drift of an integrator is removed from the recordings.
     still = abs(poles - 1) < 1e-7
     slowest = size[~still].max(initial=0)
     if slowest > 1 - 1e-7:
@@ -222,7 +223,8 @@ def measure(
 def measure_setup(
     setup: Setup, where: str, plant_set: linear.Overrides | None = None
 ) -> Measurement:
-    """measure() with a Setup; `where` names the set-up in errors."""
+    """Does the same as measure() with a Setup. `where` is the name of the set-up in error
+    messages."""
     rng = np.random.default_rng(setup.seed)
     parts, samples, lines = grid_of(setup, where)
     rate = _core.TICKS_PER_SECOND * parts
@@ -279,8 +281,8 @@ def measure_setup(
 
 
 def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
-    """(number of samples in a tick, number of samples of a record, numbers of the measured spectral
-    lines). Raises InputError."""
+    """Returns (number of samples in a tick, number of samples of a recording, numbers of the
+    measured spectral lines). Raises InputError."""
     low, high = setup.band_hz
     tick_rate = _core.TICKS_PER_SECOND
     parts = 1
@@ -307,7 +309,7 @@ def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
             f"{where}: resolution_hz: expected at least one line of the spectrum between {low:g} "
             f"and {high:g} Hz, got none; use a smaller resolution_hz, which measures longer"
         )
-    # The removal of mean and drift distorts the two lines next to 0 Hz.
+    # The removal of mean and drift distorts the two spectral lines next to 0 Hz.
     if setup.window == "hann":
         first = max(first, FIRST_HANN_LINE)
         if last < first:
@@ -325,8 +327,8 @@ def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
 def settling_of(
     setup: Setup, plant_set: linear.Overrides | None, dt: float, where: str
 ) -> tuple[int, bool]:
-    """(number of samples after which a transient has decayed, True if the plant integrates, so that
-    the output drifts). Raises InputError."""
+    """Returns (number of samples after which a transient has decayed, True if the plant integrates,
+    so that the output drifts). Raises InputError."""
     overrides = dict(setup.set)
     continuous = linear.linearise(
         setup.model,
@@ -343,8 +345,9 @@ def settling_of(
                 "choose another signal"
             )
     settling = settling_steps(continuous.sampled(dt=dt), where)
-    # The changed plant may settle later than the nominal plant. If it is unstable, the excitation
-    # reports this.
+    # The changed plant may settle later than the nominal plant. If the changed plant is unstable,
+    # the
+    # excitation reports an error.
     if plant_set:
         moved = linear.linearise(
             *(setup.model, ("drive.command",), continuous.outputs, {**overrides, **plant_set}),
@@ -358,8 +361,8 @@ def settling_of(
 def record_periods(
     bench: ExcitedPlant, lines: Lines, lead_in: int, drifts: bool, rng: np.random.Generator
 ) -> Records:
-    """Records one period of each realisation, for a sine at each line: [(lines, (averages, 2,
-    samples))].
+    """Records one period of each realisation. For a sine, records one period at each spectral line.
+    Returns [(spectral lines, array (averages, 2, samples))].
 
     The output of an integrating plant drifts with the mean of the excitation, by the same distance
     in each period; this ramp is removed.
@@ -375,7 +378,7 @@ def record_periods(
             bench.prepare(rng, line)
             before = bench.play(lead_in * n)[:, -n:]
             now = bench.play(n)
-            # with a contact that opens and closes, the range may grow once by chance
+            # The range may grow once by chance if a contact opens and closes.
             if grown(before, now):
                 before, now = now, bench.play(n)
                 if (factor := grown(before, now)) is not None:
@@ -389,8 +392,8 @@ def record_periods(
 
 
 def grown(before: Reals, now: Reals) -> float | None:
-    """Returns the factor by which the range of a signal grows from the previous period to the
-    present period; None for a factor below 1.5."""
+    """Returns the factor by which the range of a signal has grown since the previous period, or
+    None for a factor below 1.5."""
     swing = np.ptp(before, axis=1)
     factor = (np.ptp(now, axis=1) / np.maximum(swing, 1e-300)).max()
     return float(factor) if swing.min() > 0 and factor > 1.5 else None
@@ -399,8 +402,8 @@ def grown(before: Reals, now: Reals) -> float | None:
 def record_segments(
     bench: ExcitedPlant, lines: Lines, lead_in: int, drifts: bool, rng: np.random.Generator
 ) -> Records:
-    """Records noise that is not periodic, in segments that overlap by half and have a Hann window:
-    [(lines, (averages, 2, samples))]."""
+    """Records noise that is not periodic, in segments that overlap by half and have a Hann window.
+    Returns [(spectral lines, array (averages, 2, samples))]."""
     from scipy import signal
 
     setup, n = bench.setup, bench.samples
@@ -428,7 +431,7 @@ def estimate(
     rng: np.random.Generator,
     where: str,
 ) -> Measurement:
-    """Returns the Measurement `done` with results from the records: response (H1), coherence,
+    """Returns the Measurement `done` with results from the recordings: response (H1), coherence,
     variance, and standard deviation due to quantisation."""
     from scipy import fft
 

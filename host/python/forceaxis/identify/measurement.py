@@ -16,28 +16,28 @@ Complexes = NDArray[np.complex128]
 
 # probability with which each confidence interval and band contains the true value
 CONFIDENCE = 0.95
-COHERENT = 0.9  # coherence above which a point is treated as coherent
+COHERENT = 0.9  # coherence above which a point of the response is treated as coherent
 # largest relative spread of the amplitudes in an octave at which the magnitude is constant
 FLAT_SPREAD = 0.1
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Test of whether the response of a model agrees with a measured response."""
+    """Test that tells if the response of a model agrees with a measured response."""
 
     points: int  # number of frequencies
     coherent: int  # number of coherent points, with a coherence above 0.9
     inside: float | None  # share of the coherent points in the 95 % band; None: no coherent points
     statistic: float  # chi-square statistic with 2 degrees of freedom for each point
-    p_value: float  # probability of a statistic at least as large if the model is correct
+    p_value: float  # probability that the statistic is at least as large for a correct model
     fits: bool  # True if the model agrees with the response: p_value is at least 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredCurve:
-    """A measured response from one folder and the comparison with the model: magnitude, phase,
-    `radius` of the 95 % band (unit of the magnitude) and coherence at frequency_hz, (n,) each. The
-    phase is within 180 degrees of the phase of the model."""
+    """A measured response from one folder, and the comparison with the model. The fields magnitude,
+    phase, `radius` of the 95 % band (unit of the magnitude) and coherence belong to `frequency_hz`,
+    (n,) each. The phase is within 180 degrees of the phase of the model."""
 
     folder: str
     frequency_hz: Numbers
@@ -50,7 +50,7 @@ class MeasuredCurve:
 
 @dataclass(frozen=True)
 class PhaseCrossing:
-    """A frequency at which the phase passes through 0 or 180 degrees, `phase_deg`."""
+    """A frequency at which the phase crosses 0 or 180 degrees. `phase_deg` is 0 or 180."""
 
     frequency_hz: float
     phase_deg: int
@@ -60,16 +60,16 @@ class PhaseCrossing:
 class Readings:
     """Characteristic values of a measured response, from Measurement.readings()."""
 
-    low_gain: float  #: at the lowest frequency, in the unit of the response
+    low_gain: float  #: magnitude at the lowest frequency, in the unit of the response
     low_hz: float  #: the lowest frequency
-    plateau: bool  #: whether the magnitude is constant in the first octave
+    plateau: bool  #: True if the magnitude is constant in the first octave
     corner_hz: float | None  #: 3 dB below low_gain; None without a plateau
     phase_crossings: list[PhaseCrossing]
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """A measured frequency response, output divided by input; output and input are sampled every
+    """A measured frequency response, output divided by input. Output and input are sampled every
     `dt` seconds.
 
     The excitation is constant between samples. A simulated signal at sample k is the value just
@@ -84,9 +84,9 @@ class Measurement:
     are then conservative.
     """
 
-    frequency_hz: Reals  #: (n,) ascending, > 0, below 1 / (2 dt)
-    response: Complexes  #: (n,) complex, in units
-    coherence: Reals  #: (n,) 0..1, ordinary coherence of input and output
+    frequency_hz: Reals  #: (n,) ascending frequencies, > 0, below 1 / (2 dt)
+    response: Complexes  #: (n,) complex response, in `units`
+    coherence: Reals  #: (n,) ordinary coherence of input and output, 0..1
     variance: Reals  #: (n,) of the complex response: E |response - true|^2, units squared
     floor: Reals  #: (n,) standard deviation caused by quantisation alone, units
     dof: float  #: complex degrees of freedom of `variance`: averages - 1, fewer with overlap
@@ -101,22 +101,22 @@ class Measurement:
     free: bool = False  #: contacts apart
     scale: float = 1.0  #: factor of the output
     window: str = "none"  #: "none", or "hann", a window with which neighbouring frequencies mix
-    resolution_hz: float = 0.0  #: distance between lines, 1 / length of a record
+    resolution_hz: float = 0.0  #: distance between spectral lines in Hz, 1 / length of a recording
     band_hz: tuple[float, float] = (0.0, math.inf)  #: that was excited
     saturated: float = 0.0  #: share of the samples with an ADC code at an end of the range
-    #: {element: {state: share of the measured time}} of elements that switch: contacts, limits of
-    #: the drive
+    #: {element: {state: share of the measured time}} of elements that switch, such as contacts and
+    #: limits of the drive
     states: dict[str, dict[str, float]] = field(default_factory=dict)
-    #: {element: state} for `predict()`, without contacts: the linear range of an amplifier
+    #: {element: state} for `predict()` without contacts, such as the linear range of an amplifier
     modes: dict[str, str] = field(default_factory=dict)
-    #: relative decrease of H1 that the converter's noise in the input causes
+    #: relative decrease of H1 because of the converter's noise in the input
     input_bias: float = 0.0
 
     def predict(
         self, overrides: linear.Overrides | None = None, frequency_hz: ArrayLike | None = None
     ) -> Complexes:
-        """The response of the linear model between the same two signals with the same sampling,
-        (n,) complex.
+        """Returns the response of the linear model between the same two signals with the same
+        sampling, (n,) complex.
 
         overrides: {parameter: value} that replace nominal values. Raises InputError.
         """
@@ -125,7 +125,8 @@ class Measurement:
         if self.window == "none":
             x, y = self._signals(system, frequency)
             return np.asarray(self.scale * y / x)
-        # Expected value of H1 with a window W: sum |W|^2 X* Y / sum |W|^2 |X|^2 about a line.
+        # Expected value of H1 with a window W: sum |W|^2 X* Y / sum |W|^2 |X|^2 about a spectral
+        # line.
         offset = np.arange(-48, 49) / 8 + 1e-9  # in lines; 1e-9 avoids 0 / 0
         near = frequency[:, None] + offset * self.resolution_hz
         weight = (np.sinc(offset) / (1 - offset**2)) ** 2
@@ -136,31 +137,31 @@ class Measurement:
         return np.asarray(self.scale * mean)
 
     def _signals(self, system: linear.System, frequency: Reals) -> Complexes:
-        """Input and output of the response, divided by the excitation of the plant."""
+        """Returns input and output of the response, divided by the excitation of the plant."""
         values: Complexes = system.response(frequency).reshape(len(frequency), 2).T
         late = np.exp(-2j * np.pi * frequency * self.dt) - 1
         for row, name in enumerate((self.input, self.output)):
-            if name in CODES[:3]:  # a code is converted before the new excitation acts
+            if name in CODES[:3]:  # A code is converted before the new excitation acts.
                 values[row] += system.D[row, 0] * late
             elif name == "dac_code":
                 values[row] = 1.0
         return values
 
     def radius(self, share: float = CONFIDENCE) -> Reals:
-        """Radius of the confidence band, (n,), in the unit of the response: the true response is
-        within this distance with the probability `share`."""
+        """Returns the radius of the confidence band, (n,), in the unit of the response. The true
+        response is within this distance with the probability `share`."""
         from scipy import stats
 
         return np.asarray(np.sqrt(self.variance * stats.f.ppf(share, 2, 2 * self.dof)))
 
     def random_error(self) -> Reals:
-        """Relative standard deviation of the magnitude, (n,), from the coherence:
+        """Returns the relative standard deviation of the magnitude, (n,), from the coherence:
         sqrt((1 - coherence) / (2 averages coherence)) (Bendat and Piersol)."""
         shown = np.maximum(self.coherence, 1e-12)
         return np.asarray(np.sqrt((1 - self.coherence) / (2 * (self.dof + 1) * shown)))
 
     def compare(self, model: Complexes | None = None) -> Comparison:
-        """Tests whether the response of a model agrees with the measured response. model: (n,),
+        """Tests if the response of a model agrees with the measured response. `model` is (n,), by
         default predict().
 
         The test uses all points together. With F = |response - model|^2 / variance, the sum of
@@ -186,9 +187,9 @@ class Measurement:
         )
 
     def readings(self) -> Readings:
-        """Characteristic values: gain at the lowest frequency, corner frequency, and frequencies at
-        which the phase passes through 0 or 180 degrees. There is a corner frequency if the
-        magnitude is constant in the first octave; otherwise the plateau is outside the band."""
+        """Returns the characteristic values: gain at the lowest frequency, corner frequency, and
+        frequencies at which the phase crosses 0 or 180 degrees. There is a corner frequency only if
+        the magnitude is constant in the first octave."""
         size, frequency = abs(self.response), self.frequency_hz
         octave = size[frequency <= 2 * frequency[0] * (1 + 1e-9)]
         flat = len(octave) > 1 and np.ptp(octave) <= FLAT_SPREAD * octave[0]
@@ -201,8 +202,8 @@ class Measurement:
             span = np.log(size[i - 1 : i + 1])
             part = (span[0] - math.log(plateau / math.sqrt(2))) / (span[0] - span[1])
             corner = float(frequency[i - 1] + part * (frequency[i] - frequency[i - 1]))
-        # Noise about 0 or 180 degrees is not a crossing, so only points with a clear distance
-        # count.
+        # Noise about 0 or 180 degrees is not a crossing, so a crossing needs points with a clear
+        # distance.
         clear = np.flatnonzero(abs(self.response.imag) > 2 * self.radius())
         a, f = self.response.imag[clear], frequency[clear]
         crossings: list[PhaseCrossing] = []
@@ -214,8 +215,8 @@ class Measurement:
 
 
 def sampled(measured: Measurement, overrides: linear.Overrides) -> linear.System:
-    """Linear model of a measurement, sampled with the period of the measurement. The input is the
-    command of the drive or the DAC code, the outputs are the two measured signals."""
+    """Returns the linear model of a measurement, sampled with the period of the measurement. The
+    input is the command of the drive or the DAC code, the outputs are the two measured signals."""
     plain = [
         "drive.command" if name == "dac_code" else name
         for name in (measured.input, measured.output)

@@ -17,7 +17,7 @@ from forceaxis.linear.curves import BodeCurve, PlantBode
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredBode(PlantBode):
-    """Responses of a model, and measured responses between the same signals; of: "measured"."""
+    """Responses of a model, and measured responses between the same signals. `of` is "measured"."""
 
     measured: list[MeasuredCurve]
 
@@ -28,7 +28,7 @@ def overlay(
     overrides: linear.Overrides | None = None,
     span_hz: tuple[float, float] = (0.5, 500.0),
 ) -> tuple[list[curves.Curve], MeasuredBode]:
-    """(curves of the model, result) of measured responses between the same signals.
+    """Returns (curves of the model, result) of measured responses between the same signals.
 
     model: a path or stem. folders: as written by `forceaxis measure --out`. overrides: {parameter:
     value}. span_hz: range of the curves, limited by the sampling. Responses in different states of
@@ -77,7 +77,8 @@ def overlay(
 
 
 def _model_curve(measured: Measurement, span_hz: tuple[float, float]) -> curves.Curve:
-    """The model's response between the signals of `measured`, with narrow steps of frequency."""
+    """Returns the model's response between the signals of `measured`, with narrow steps of
+    frequency."""
     system = sampled(measured, measured.overrides)
     output = replace(system, C=system.C[1:], D=system.D[1:])
     roots = np.concatenate([output.poles_s(), output.zeros_s()])

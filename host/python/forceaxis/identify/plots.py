@@ -1,4 +1,4 @@
-"""Figures of measured responses with the response of the linear model, also before and after a
+"""Plots of measured responses with the response of the linear model, also before and after a
 fit."""
 
 import math
@@ -30,8 +30,9 @@ from forceaxis.linear.curves import Curve, PlantBode
 def response(
     measured: Measurement, model: Complexes | None, title: str, width: float = 5.6
 ) -> Figure:
-    """Figure of a measured response: magnitude with the 95 % band, phase and coherence over
-    frequency. model: complex response of the linear model at the same frequencies, or None."""
+    """Returns the plot of a measured response: magnitude with the 95 % band, phase and coherence
+    over frequency. `model` is the complex response of the linear model at the same frequencies, or
+    None."""
     f = measured.frequency_hz
     figure, (size, phase, coherence) = plt.subplots(
         3, 1, sharex=True, figsize=(width, 6.4), height_ratios=(3, 2, 1)
@@ -75,14 +76,15 @@ def response(
 
 
 def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure:
-    """Figure of a measured response with the 95 % band, and of the model before and after a fit:
-    magnitude and phase. start, fitted: complex responses of the model at the same frequencies."""
+    """Returns the plot of a measured response with the 95 % band, and of the model before and after
+    a fit, as magnitude and phase. `start` and `fitted` are complex responses of the model at the
+    same frequencies."""
     figure, axes = plt.subplots(2, 1, sharex=True, figsize=(5.6, 5.0), height_ratios=(3, 2))
     for ax in axes:
         style(ax)
     f, size = measured.frequency_hz, abs(measured.response)
     band = measured.radius()
-    # Points with a very large error are excluded from the range of the axis.
+    # Points with a very large error do not change the range of the axis.
     low, high = np.maximum(size - band, size.min() / 2), np.minimum(size + band, size.max() * 2)
     axes[0].fill_between(f, low, high, color=INK, alpha=0.2, linewidth=0, label="95 % band")
     axes[0].loglog(f, size, ".", color=INK, markersize=4, label="measured")
@@ -93,7 +95,7 @@ def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure
     ):
         axes[0].loglog(f, abs(values), linestyle, color=color, label=label, **THIN)
         degrees = np.degrees(np.angle(values))
-        # no line is drawn at a change of the phase from -180 to 180 degrees
+        # No line is drawn where the phase changes from -180 to 180 degrees.
         degrees = np.where(abs(np.diff(degrees, prepend=degrees[0])) > 180, np.nan, degrees)
         axes[1].semilogx(f, degrees, linestyle, color=color, **THIN)
     axes[0].set_ylabel(
@@ -116,7 +118,8 @@ def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure
 def overlay(
     curves: Sequence[Curve], measured: Sequence[MeasuredCurve], result: PlantBode
 ) -> Figure:
-    """Figure of measured responses, with their 95 % bands, over the curves of the model."""
+    """Returns the plot of measured responses, with their 95 % bands, over the curves of the
+    model."""
     output = result.curves[0].output
     title = f"{name_of(result.model)}: {result.input} to {output}, measured and as modelled"
     figure: Figure = plots.bode([replace(c, label="model") for c in curves], title, output)

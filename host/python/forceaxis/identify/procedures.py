@@ -1,4 +1,4 @@
-"""Identification of parameters from recordings, each parameter with a 95 % confidence interval.
+"""Identifies parameters from recordings, each parameter with a 95 % confidence interval.
 
 These are the procedures of the thesis (sections 4.1.2, 4.4, 5.2.1) for the values of its Figures
 4.4 and 4.26. The module `fit` fits parameters of a model to a frequency response instead.
@@ -25,12 +25,12 @@ LEAST_CYCLES = 3  # of a ring-down
 LEAST_SAMPLES = 30
 # start values for the ratio of decay rate to angular frequency
 START_RATIOS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)
-# amplitude at which the evaluated ring-down begins, as a share of the largest amplitude
+# amplitude at the start of the evaluated ring-down, as a share of the largest amplitude
 START_SHARE = 0.9
-# smallest share of the variance of a record that the fitted ring-down has to explain
+# smallest share of the variance of a recording that the fitted ring-down has to explain
 LEAST_EXPLAINED = 0.5
-# smallest ratio of the spectral density of the residuals at the mode to white noise that causes a
-# warning
+# Smallest ratio of the spectral density of the residuals at the mode to white noise that causes a
+# warning.
 WARNED_NOISE_RATIO = 4
 
 
@@ -43,7 +43,7 @@ class Estimate:
     unit: str = ""
 
     def with_interval(self) -> "EstimateWithInterval":
-        """The estimate in the form of the JSON output, with the ends of the interval."""
+        """Returns the estimate in the form of the JSON output, with the ends of the interval."""
         low, high = finite(self.value - self.half), finite(self.value + self.half)
         return EstimateWithInterval(finite(self.value), (low, high), self.unit)
 
@@ -53,7 +53,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class EstimateWithInterval:
-    """A value in `unit` and the two ends of the 95 % confidence interval; None in place of a number
+    """A value in `unit` and the two ends of the 95 % confidence interval. None replaces a number
     that is not finite."""
 
     value: float | None
@@ -67,8 +67,8 @@ def finite(number: float) -> float | None:
 
 
 def propagate(function: Callable[..., float], *estimates: Estimate, unit: str = "") -> Estimate:
-    """Estimate of a function of independent estimates. The square of the half width is the sum of
-    the squared contributions of all estimates. unit: unit of the function."""
+    """Returns the estimate of a function of independent estimates. The square of the half width is
+    the sum of the squared contributions of all estimates. `unit` is the unit of the function."""
     values = [e.value for e in estimates]
     square = 0.0
     for i, e in enumerate(estimates):
@@ -80,7 +80,8 @@ def propagate(function: Callable[..., float], *estimates: Estimate, unit: str = 
 def regression(
     columns: Reals, values: Reals, weights: Reals | None = None
 ) -> list[tuple[float, float]]:
-    """Linear least squares of values (n,) on columns (n, p). weights (n,): 1 / standard deviation.
+    """Linear least squares of values (n,) on columns (n, p). The `weights` (n,) are 1 / standard
+    deviation.
 
     Returns [(coefficient, half width of its 95 % interval)]. The half widths follow from the
     residuals by Student's distribution with n - p degrees of freedom.
@@ -95,8 +96,8 @@ def regression(
 
 
 def rows_of(path: Path | str) -> list[tuple[int, list[str]]]:
-    """[(line number, texts of the fields)] of all lines of a CSV file that are not empty. Raises
-    InputError."""
+    """Returns [(line number, texts of the fields)] of all lines of a CSV file that are not empty.
+    Raises InputError."""
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
             rows = csv.reader(file)
@@ -106,13 +107,13 @@ def rows_of(path: Path | str) -> list[tuple[int, list[str]]]:
 
 
 def header_of(path: Path | str) -> list[str]:
-    """Names of the columns of a CSV file."""
+    """Returns the names of the columns of a CSV file."""
     return [name.strip() for _, row in rows_of(path)[:1] for name in row]
 
 
 def read_columns(path: Path | str, names: Sequence[str]) -> list[Reals]:
-    """The columns with these names of a CSV file, (n,) each. Raises InputError with file, line and
-    column."""
+    """Returns the columns with these names from a CSV file, (n,) each. Raises InputError with file,
+    line and column."""
     rows = rows_of(path)
     header = [name.strip() for name in rows[0][1]] if rows else []
     for name in names:
@@ -143,13 +144,12 @@ def read_columns(path: Path | str, names: Sequence[str]) -> list[Reals]:
 class RingDown:
     """Parameters of a mode from a recorded free vibration."""
 
-    cycles: int  #: number of periods that were used
+    cycles: int  #: number of periods of the vibration that were evaluated
     damped_frequency: Estimate  #: 1 / period, Hz
     natural_frequency: Estimate  #: frequency without damping, Hz
     decrement: Estimate  #: logarithm of the ratio of two amplitudes with a distance of one period
-    damping_ratio: Estimate  #: formula of the thesis, decrement / (2 pi)
-    #: decrement / sqrt(4 pi^2 + decrement^2); the formula of the thesis is its limit for small
-    #: values
+    damping_ratio: Estimate  #: damping ratio by the formula of the thesis, decrement / (2 pi)
+    #: exact damping ratio, decrement / sqrt(4 pi^2 + decrement^2)
     damping_ratio_exact: Estimate
     #: ln(amplitude of the first / of the last period) / number of periods between them
     decrement_of_ratio: float
@@ -159,8 +159,8 @@ class RingDown:
 
 
 def damped_sine(time_s: Reals, rate: float, omega: float) -> Reals:
-    """Columns (n, 4) of a regression: cosine and sine with the envelope e^(-rate t), offset, drift.
-    rate in 1/s, omega in rad/s."""
+    """Returns the columns (n, 4) of a regression: cosine and sine with the envelope e^(-rate t),
+    offset, drift. `rate` is in 1/s, `omega` in rad/s."""
     envelope, ones = np.exp(-rate * time_s), np.ones(len(time_s))
     return np.stack(
         [envelope * np.cos(omega * time_s), envelope * np.sin(omega * time_s), ones, time_s], 1
@@ -170,8 +170,8 @@ def damped_sine(time_s: Reals, rate: float, omega: float) -> Reals:
 def fit_damped_sine(
     time: Reals, values: Reals, starts: Sequence[tuple[float, float]]
 ) -> optimize.OptimizeResult:
-    """Least-squares fit of a damped sine to values (n,) at times (n,) that begin at 0. Returns the
-    result of SciPy, whose x contains rate (1/s), omega (rad/s) and 4 coefficients.
+    """Fits a damped sine to values (n,) at times (n,) that begin at 0, by least squares. Returns
+    the result of SciPy, whose x contains rate (1/s), omega (rad/s) and 4 coefficients.
 
     starts: start values (rate, omega), of which the best is used.
     """
@@ -198,8 +198,8 @@ def fit_damped_sine(
 
 
 def cycle_amplitudes(time: Reals, values: Reals, omega: float, starts: Reals) -> Reals:
-    """Amplitudes of the periods that begin at the times `starts` in s. Each amplitude is the
-    magnitude of the Fourier coefficient at omega (in rad/s) over one period."""
+    """Returns the amplitudes of the periods that begin at the times `starts` in s. Each amplitude
+    is the magnitude of the Fourier coefficient at `omega` (in rad/s) over one period."""
     turning = values * np.exp(-1j * omega * time)
     steps = np.diff(time) * (turning[1:] + turning[:-1]) / 2
     total = np.concatenate([[0], np.cumsum(steps)])
@@ -209,8 +209,8 @@ def cycle_amplitudes(time: Reals, values: Reals, omega: float, starts: Reals) ->
 
 
 def likely_frequencies(time: Reals, values: Reals) -> Reals:
-    """Angular frequencies of the three highest peaks of the spectrum in rad/s. The steps of time
-    may be unequal."""
+    """Returns the angular frequencies of the three highest peaks of the spectrum in rad/s. The
+    steps of time may be unequal."""
     even = np.linspace(time[0], time[-1], len(time))
     bent = signal.detrend(np.interp(even, time, values))
     size = abs(np.fft.rfft(bent, 2 * len(even)))
@@ -222,7 +222,8 @@ def likely_frequencies(time: Reals, values: Reals) -> Reals:
 def ring_down(
     time_s: Reals, values: Reals, floor: float = 0.05, where: Path | str = "ring-down"
 ) -> RingDown:
-    """Frequency and logarithmic decrement of a free vibration with any offset and slow drift.
+    """Returns frequency and logarithmic decrement of a free vibration with any offset and slow
+    drift.
 
     time_s (n,): rising times. values (n,): in any unit. where: name of the record in errors. A
     damped sine is fitted to the record from the largest amplitude down to the fraction `floor`
@@ -324,8 +325,9 @@ def _expect_samples(time_s: Reals, where: Path | str) -> None:
 
 
 def _start_of_decay(time_s: Reals, values: Reals, omega: float) -> float:
-    """The time in s at which the free vibration begins: the largest amplitude, and a quarter of a
-    period later if the record begins earlier, because the excitation may take half of a period."""
+    """Returns the time in s at which the free vibration begins: the largest amplitude. If the
+    recording begins earlier, the time is a quarter of a period later, because the excitation may
+    last half of a period."""
     period = 2 * math.pi / omega
     begins = time_s[time_s <= max(time_s[-1] - period, time_s[0])]
     amplitude = cycle_amplitudes(time_s, signal.detrend(values), omega, begins)
@@ -336,8 +338,9 @@ def _start_of_decay(time_s: Reals, values: Reals, omega: float) -> float:
 def noise_of(
     residuals: Reals, freedom: float, turned: float, values: Reals, unit: float
 ) -> tuple[float, float, float, bool]:
-    """Variances of a sample by white noise, by noise near the frequency of the vibration, and by
-    rounding; and whether the second variance is clearly larger than the first.
+    """Returns three variances of a sample and a flag: variance by white noise, by noise near the
+    frequency of the vibration, and by rounding. The flag is True if the second variance is clearly
+    larger than the first.
 
     residuals (n,): of the fit, without unit. freedom: degrees of freedom of the residuals. turned:
     phase of the vibration in rad over the record. values: the record. unit: divisor that made the
@@ -348,7 +351,7 @@ def noise_of(
     lines = abs(np.fft.rfft(residuals)) ** 2 / n
     here = turned / (2 * math.pi)
     near = lines[max(1, round(here / 2)) : round(2 * here) + 1]
-    # the fit of four parameters of the vibration reduces the degrees of freedom
+    # The fit of four parameters of the vibration reduces the degrees of freedom.
     local = float(near.sum() / max(len(near) - 2, 1))
     # Rounding without noise depends on the vibration and causes errors of the amplitude that the
     # residuals do not contain. Twice the variance of rounding, step^2 / 12, covers these errors.
@@ -358,7 +361,7 @@ def noise_of(
 
 
 def too_short(where: Path | str, cycles: float, floor: float) -> InputError:
-    """The error for a record with too few periods."""
+    """Returns the error for a recording with too few periods."""
     return InputError(
         f"{where}: expected a decaying vibration of at least {LEAST_CYCLES} cycles, got "
         f"{int(cycles)}; record longer, strike harder, or set `floor` below {floor:g}"
@@ -380,8 +383,8 @@ def mode_parameters(
     mass: Estimate | None = None,
     stiffness: Estimate | None = None,
 ) -> ModeParameters:
-    """Mass (kg), stiffness (N/m) and damping (N s/m) of a mode from the frequency, the damping
-    ratio, and either the mass or the stiffness of the mode.
+    """Returns mass (kg), stiffness (N/m) and damping (N s/m) of a mode from the frequency, the
+    damping ratio, and either the mass or the stiffness of the mode.
 
     `frequency_hz` is the natural frequency and `damping_ratio` the exact ratio: k = m w^2,
     b = 2 zeta sqrt(k m) (4.4.3 to 4.4.6).
@@ -411,7 +414,7 @@ def mode_parameters(
 
 @dataclass(frozen=True)
 class Split:
-    """Masses on either side of a spring, in kg."""
+    """Masses in kg of the two bodies that a spring connects."""
 
     #: ((m_r1, m_r2), (m_r1, m_r2)), the chosen solution first
     solutions: tuple[tuple[Estimate, Estimate], tuple[Estimate, Estimate]]
@@ -422,9 +425,9 @@ class Split:
 
 
 def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> Split:
-    """The two masses m_r1 and m_r2 on either side of a spring, from their sum m (kg), the stiffness
-    k (N/m) and the frequency w / (2 pi) (Hz) at which both masses vibrate freely: m_r1 + m_r2 = m,
-    w^2 = k m / (m_r1 m_r2).
+    """Returns the two masses m_r1 and m_r2 at the ends of a spring from their sum m (kg), the
+    stiffness k (N/m) and the frequency w / (2 pi) (Hz) at which both masses vibrate freely: m_r1 +
+    m_r2 = m, w^2 = k m / (m_r1 m_r2).
 
     As in the thesis, the first solution is the one in which the actuator has more than half of the
     mass, m_r1 > m_r2. Raises InputError if no real masses solve the equations.
@@ -437,7 +440,7 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> 
         m: float,
         k: float,
         f: float,
-        # computed from the product of both masses, to avoid a difference of nearly equal numbers
+        # The product of both masses avoids a difference of nearly equal numbers.
     ) -> float:
         return m * locked(k, f) / larger(m, k, f)
 
@@ -471,7 +474,8 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> 
 def regression_of(
     path: Path | str, x: str, y: str, offset: bool = False, units: tuple[str, str] = ("", "")
 ) -> list[Estimate]:
-    """Estimates [slope] or, with `offset`, [slope, offset] of column y over x of a CSV file.
+    """Returns the estimates [slope], or with `offset` [slope, offset], of column y over x of a CSV
+    file.
 
     Raises InputError for fewer than 3 rows (4 with offset) or if x is equal in all rows.
     """
@@ -498,8 +502,8 @@ def motor_damping(
     resistance: Estimate,
     where: Path | str = "motor",
 ) -> Estimate:
-    """Damping b_m (N m s/rad) of a motor from V_tach / V_motor = k_t k_tach / (R b_m + k_b k_t) at
-    constant speed.
+    """Returns the damping b_m (N m s/rad) of a motor from V_tach / V_motor = k_t k_tach / (R b_m +
+    k_b k_t) at constant speed.
 
     ratio in V/V, k_torque in N m/A, k_tach and k_back_emf in V s/rad, resistance in ohm, Estimates.
     """
@@ -525,9 +529,9 @@ def decrement(
     mass: Estimate | None = None,
     stiffness: Estimate | None = None,
 ) -> tuple[RingDown, ModeParameters | None]:
-    """ring_down() of a CSV file with the column time_s, from from_s to to_s in s, and
-    mode_parameters() for a known mass (kg) or stiffness (N/m). `column` is the column of the
-    signal; the argument is optional if the file has only one column besides time_s."""
+    """Evaluates ring_down() for a CSV file with the column time_s, from `from_s` to `to_s` in s,
+    and mode_parameters() for a known mass (kg) or stiffness (N/m). `column` is the column of the
+    signal. This argument is optional if the file has only one column besides time_s."""
     if column is None:
         header = header_of(path)
         others = [name for name in header if name != "time_s"]

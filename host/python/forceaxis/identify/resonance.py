@@ -19,8 +19,8 @@ from forceaxis.identify.measurement import Complexes, Reals
 from forceaxis.linear.beam import Factored
 from forceaxis.linear.plant_facts import Overrides
 
-# Range of damping ratios in the fit: with a smaller damping ratio, the peak is narrower than the
-# distance of measured frequencies; with a larger damping ratio, the response has no peak.
+# Range of damping ratios in the fit. With a smaller damping ratio, the peak is narrower than the
+# distance of measured frequencies. With a larger damping ratio, the response has no peak.
 DAMPING_RATIOS = (1e-5, 1.0)
 # Largest ratio of the fitted frequency of a resonance to the frequency of the peak in the data.
 FREQUENCY_RATIO = 1.3
@@ -28,22 +28,23 @@ FREQUENCY_RATIO = 1.3
 
 @dataclass(frozen=True)
 class Resonance:
-    """One factor R_i of the model: a peak and, if present, a trough. R_i is 1 at low frequency."""
+    """One factor R_i of the model with a peak and possibly a trough. R_i is 1 at low frequency."""
 
     peak_hz: float  #: frequency of the poles, Hz, > 0
     peak_damping: float  #: damping ratio of the poles
-    trough_hz: float | None = None  #: frequency of the zeros, Hz; None: no trough
+    trough_hz: float | None = None  #: frequency of the zeros in Hz; None if there is no trough
     trough_damping: float | None = None  #: damping ratio of the zeros
 
     @property
     def trough(self) -> tuple[float, float] | None:
-        """Frequency in Hz and damping ratio of the trough; None: the resonance has no trough."""
+        """Frequency in Hz and damping ratio of the trough. None means that the resonance has no
+        trough."""
         if self.trough_hz is None or self.trough_damping is None:
             return None
         return self.trough_hz, self.trough_damping
 
     def at(self, s: ArrayLike) -> Complexes:
-        """The values of R_i at complex s in 1/s, in the shape of s."""
+        """Returns the values of R_i at complex s in 1/s, with the same shape as s."""
         s = np.asarray(s, complex)
         value: Complexes = 1 / _pair(s, self.peak_hz, self.peak_damping)
         return value * _pair(s, *self.trough) if self.trough else value
@@ -63,23 +64,24 @@ class Fit:
     rms_db: float  #: rms error of the magnitude in dB
     max_db: float  #: largest error of the magnitude in dB
     #: rms error of the phase in degrees, small if the data belong to a minimum-phase system; None
-    #: if the data or the rigid-body response are not complex
+    #: if
+    #: the data or the rigid-body response are not complex
     phase_error_deg: float | None
 
     def cascade(self) -> Factored:
-        """The product of all R_i, with zeros and poles in 1/s and gain."""
+        """The product of all R_i as zeros and poles in 1/s and gain."""
         poles = [(r.peak_hz, r.peak_damping) for r in self.resonances]
         zeros = [r.trough for r in self.resonances if r.trough]
         return Factored(_roots(zeros), _roots(poles), 1.0)
 
     def response(self, frequency_hz: ArrayLike, rigid_response: ArrayLike) -> Complexes:
-        """The response of the model, (n,) complex, in the unit of rigid_response: the rigid-body
-        response (n,) times all R_i at the frequencies (n,) in Hz."""
+        """Returns the response of the model, (n,) complex, in the unit of `rigid_response`: the
+        rigid-body response (n,) times all R_i at the frequencies (n,) in Hz."""
         return np.asarray(np.asarray(rigid_response) * self.cascade().response(frequency_hz))
 
 
 def _roots(pairs: list[tuple[float, float]]) -> Complexes:
-    """Both roots in 1/s of each pair (Hz, damping ratio)."""
+    """Returns the two roots in 1/s of each pair (frequency in Hz, damping ratio)."""
     roots = []
     for hz, zeta in pairs:
         offset = np.sqrt(complex(zeta * zeta - 1))
@@ -148,7 +150,8 @@ def fit(
 def _checked(
     frequency_hz: ArrayLike, response: ArrayLike, rigid_response: ArrayLike
 ) -> tuple[Reals, Complexes, Complexes]:
-    """The arguments of fit() as arrays. Raises InputError for data that cannot be fitted."""
+    """Returns the arguments of fit() as arrays. Raises InputError for data that cannot be
+    fitted."""
     f = np.asarray(frequency_hz, float)
     data, rigid = (np.asarray(x, complex) for x in (response, rigid_response))
     if f.ndim != 1 or data.shape != f.shape or rigid.shape != f.shape:
@@ -171,7 +174,7 @@ def _checked(
 def _extremes(
     f: Reals, target: Reals, modes: int, prominence_db: float
 ) -> tuple[list[float], list[float | None]]:
-    """The frequencies of the most prominent peaks, and for each peak the frequency of the
+    """Returns the frequencies of the most prominent peaks, and for each peak the frequency of the
     corresponding trough, or None."""
 
     def at_top(i: int, values: Reals) -> float:
@@ -191,8 +194,8 @@ def _extremes(
 
 
 def _pair_up(peaks: list[float], troughs: list[float]) -> list[float | None]:
-    """For each peak the frequency of the assigned trough, or None. The assignment has the smallest
-    total distance, and between a peak and the assigned trough is no other peak."""
+    """Returns for each peak the frequency of the assigned trough, or None. The assignment has the
+    smallest total distance, and no peak is between another peak and its trough."""
     if not troughs:
         return [None] * len(peaks)
     distance = np.abs(np.log(np.array(peaks)[:, None] / np.array(troughs)))
@@ -210,9 +213,9 @@ def _pair_up(peaks: list[float], troughs: list[float]) -> list[float | None]:
 def _match(
     f: Reals, target: Reals, peaks: list[float], troughs: list[float | None]
 ) -> list[Resonance]:
-    """Steps 4 and 5: adjusts the frequency and damping of each peak and trough in turn until the
-    peaks and troughs of the model agree with the data. Each adjustment shifts the neighbouring
-    peaks and troughs, so the rounds are repeated."""
+    """Steps 4 and 5 of fit(): adjusts the frequency and damping of each peak and trough in turn
+    until the peaks and troughs of the model agree with the data. Each adjustment shifts the
+    neighbouring peaks and troughs, so the function repeats the rounds."""
     marks = [(hz, 1) for hz in peaks] + [(hz, -1) for hz in troughs if hz is not None]
     hz = np.array([mark[0] for mark in marks])
     sign = np.array([mark[1] for mark in marks])
@@ -246,8 +249,8 @@ def _match(
 
 
 def _resonances(pairs: Reals, troughs: Sequence[float | None]) -> list[Resonance]:
-    """Resonances from `pairs`, rows (frequency in Hz, damping ratio) of all peaks, followed by rows
-    of all troughs that are not None."""
+    """Returns resonances from `pairs`. The rows of `pairs` (frequency in Hz, damping ratio) are all
+    peaks, followed by all troughs that are not None."""
     present = iter(pairs[len(troughs) :])
     return [
         Resonance(*map(float, peak), *(map(float, next(present)) if trough is not None else ()))
@@ -256,8 +259,8 @@ def _resonances(pairs: Reals, troughs: Sequence[float | None]) -> list[Resonance
 
 
 def _least_squares(f: Reals, target: Reals, start: list[Resonance]) -> list[Resonance]:
-    """The resonances with the smallest squared error in dB, from a search over the logarithms of
-    all frequencies and damping ratios."""
+    """Returns the resonances with the smallest squared error in dB, from a search over the
+    logarithms of all frequencies and damping ratios."""
     pairs = [(r.peak_hz, r.peak_damping) for r in start]
     pairs += [r.trough for r in start if r.trough]
     signs = np.array([-1] * len(start) + [1] * (len(pairs) - len(start)))

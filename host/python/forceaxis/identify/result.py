@@ -1,4 +1,4 @@
-"""A measured response and the comparison with the linear model: summary, files and figure."""
+"""A measured response and the comparison with the linear model: summary, files and plot."""
 
 import csv
 import json
@@ -17,15 +17,15 @@ from forceaxis.identify.setup import Setup, SetupTable, read_setup
 from forceaxis.linear import working
 from forceaxis.results import to_json
 
-STOP_CONTACTS = (".low", ".high")  # endings of the names of the two contacts of a stop
+STOP_CONTACTS = (".low", ".high")  # endings of the names of the two contacts that form a stop
 
 
 @dataclass(frozen=True)
 class MeasurementSummary:
-    """A measurement and the linear model of the plant, in the form of `measure --json`. `contact`
-    is the share of the time in which each contact was closed, `floor_median` the standard deviation
-    due to quantisation alone, in the unit of the response, `saturated` the share of samples with an
-    ADC code at an end of the range."""
+    """A measurement and the linear model of the plant in the form of `measure --json`. `contact`:
+    share of the time in which each contact was closed. `floor_median`: standard deviation due to
+    quantisation alone, in the unit of the response. `saturated`: share of samples with an ADC code
+    at an end of the range."""
 
     measurement: str
     title: str
@@ -63,8 +63,9 @@ Summary = TypeVar("Summary")
 
 @dataclass(frozen=True)
 class MeasurementResult(Generic[Summary]):
-    """A measurement, the response of the linear model, and the summary that `--json` prints: a
-    MeasurementSummary for a model, commission.measuring.AxisMeasurementSummary for an axis."""
+    """A measurement, the response of the linear model, and the summary that `--json` prints. The
+    summary is a MeasurementSummary for a model, and commission.measuring.AxisMeasurementSummary for
+    an axis."""
 
     setup: Setup | None  # None: a live axis
     measured: Measurement
@@ -80,8 +81,9 @@ def run(
     plant_set: linear.Overrides | None = None,
     command: str = "",
 ) -> MeasurementResult[MeasurementSummary]:
-    """measure() and the comparison with the linear model of the nominal parameters. `command` is
-    the command line that repeats the measurement, for the summary. Raises InputError."""
+    """Measures a response and compares it with the linear model of the nominal parameters.
+    `command` is the command line that repeats the measurement, for the summary. Raises
+    InputError."""
     setup, where = read_setup(target, options)
     measured = measure.measure_setup(setup, where, plant_set)
     model = measured.predict()
@@ -128,14 +130,14 @@ def run(
     return MeasurementResult(setup, measured, model, summary, title)
 
 
-# Share of the time above which a body counts as stuck; a body sticks for a moment when its
-# direction changes.
+# Share of the time above which a body is treated as stuck.
+# Every body sticks for a moment when its direction changes.
 STUCK_SHARE = 0.01
 
 
 def _stuck(setup: Setup, measured: Measurement) -> list[str]:
-    """Texts about frictions and backlashes whose state was not the state that the linear model
-    assumes."""
+    """Returns texts about frictions and backlashes whose state differs from the state in the linear
+    model."""
     assumed = working.working(
         linear.find_model(setup.model), measured.overrides, measured.modes, setup.free
     )
@@ -160,8 +162,8 @@ def _stuck(setup: Setup, measured: Measurement) -> list[str]:
 
 
 def hints(setup: Setup, measured: Measurement, contacts: Mapping[str, float]) -> list[str]:
-    """Texts about reasons, other than wrong parameters, for a difference between the response and
-    the linear model."""
+    """Returns texts about reasons, other than wrong parameters, for a difference between the
+    response and the linear model."""
     texts = []
     moves = "lower the level or change the bias"
     for name, share in contacts.items():
@@ -193,7 +195,7 @@ def hints(setup: Setup, measured: Measurement, contacts: Mapping[str, float]) ->
 
 
 def figure(done: MeasurementResult[Summary]) -> Figure:
-    """Figure of the measured response and of the linear model."""
+    """Returns the plot of the measured response and of the linear model."""
     from forceaxis.identify import plots
 
     return plots.response(done.measured, done.model, done.title)

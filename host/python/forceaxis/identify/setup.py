@@ -1,4 +1,5 @@
-"""The set-up of a measurement of a simulated plant: reads and checks the keys of the file."""
+"""The set-up of a measurement of a simulated plant: reads and checks the keys of the set-up
+file."""
 
 import math
 import os
@@ -33,30 +34,30 @@ class Setup:
     input: str = ""  #: a signal or dac_code; default: the excited input (drive.command, dac_code)
     output: str = ""  #: a signal of the model, or adc0, adc1 (8-bit counts), encoder (counts)
     inject: str = "volts"  #: "volts" at the drive, or "codes" from the firmware's excitation mode
-    excitation: str = "noise"  #: noise | sine (one line after another) | chirp
-    band_hz: tuple[float, float] = (1.0, 200.0)  #: lowest and highest frequency
-    resolution_hz: float = 0.0  #: distance between lines; 0: the lowest frequency
-    #: noise V rms, otherwise amplitude in V; for codes the amplitude in codes (that of a sine is
-    #: random from half of it on). 0: 0.1 V, 20 codes
+    excitation: str = "noise"  #: waveform: noise, sine (one spectral line after another) or chirp
+    band_hz: tuple[float, float] = (1.0, 200.0)  #: lowest and highest frequency of the response
+    resolution_hz: float = 0.0  #: distance between spectral lines; 0 selects the lowest frequency
+    #: Noise: rms in V. Otherwise: amplitude in V. For codes: amplitude in DAC codes (of a sine at
+    #: random from half of this value on). 0 selects 0.1 V or 20 codes.
     level: float = 0.0
-    bias: float = 0.0  #: mean of the excitation in V or code
+    bias: float = 0.0  #: mean of the excitation in V or in DAC codes
     averages: int = 16  #: number of realisations, or of segments that overlap by half
     window: str = "none"  #: none (periodic), or hann for noise that is not periodic
-    points: int = 40  #: lines of a sine measurement, logarithmically spaced
+    points: int = 40  #: number of spectral lines of a sine measurement, logarithmically spaced
     #: resolution of the analyzer's converters, whose ranges are 1, 2 or 5 times 10^n
     bits: int = 12
     scale: float = 1.0  #: factor of the output, for a sensor that the model does not contain
-    unit: str = ""  #: unit of the response; default: from the signals
-    clamped: bool = False  #: contacts also pull, like a clamped workpiece (3.2.2)
-    free: bool = False  #: contacts are open; otherwise they are closed
+    unit: str = ""  #: unit of the response; the default follows from the signals
+    clamped: bool = False  #: True: contacts also pull, like a clamped workpiece (3.2.2)
+    free: bool = False  #: True: contacts are open; otherwise contacts are closed
     seed: int = 0
     set: dict[str, float | str] = field(default_factory=dict)
 
 
 def read_setup(target: str | Path, options: SetupTable | None = None) -> tuple[Setup, str]:
-    """(Setup, name of the Setup for errors) from a measurement file, or from a model. target: path,
-    or name of an installed file. options: keys that replace the keys of the file. Raises
-    InputError."""
+    """Returns (Setup, name of the Setup in error messages) from a measurement file, or from a
+    model. `target` is a path or the name of an installed file. `options` are keys that replace the
+    keys of the file. Raises InputError."""
     options = {key: value for key, value in (options or {}).items() if value is not None}
     if not str(target).strip():
         raise InputError("measure: TARGET: expected a measurement or a model, got an empty text")
@@ -81,7 +82,7 @@ def read_setup(target: str | Path, options: SetupTable | None = None) -> tuple[S
             )
     if "set" in options and isinstance(given.get("set", {}), dict):
         options["set"] = given.get("set", {}) | options["set"]
-    # the title of the file describes only the signals of the file
+    # The title of the file describes only the signals of the file.
     for key in ("input", "output"):
         if options.get(key, given.get(key)) != given.get(key):
             given = {k: v for k, v in given.items() if k not in ("title", "figure", "shows")}
@@ -95,17 +96,17 @@ def is_number(value: TomlValue) -> TypeGuard[float]:
 
 
 def _number(low: float, high: float) -> Check:
-    """Checks a number from `low` to below `high`."""
+    """Returns a function that checks a number from `low` to below `high`."""
     return lambda value: is_number(value) and low <= value < high
 
 
 def _whole(low: int, high: int) -> Check:
-    """Checks a whole number from `low` to `high`."""
+    """Returns a function that checks an integer from `low` to `high`."""
     return lambda value: is_number(value) and isinstance(value, int) and low <= value <= high
 
 
 def _magnitude(low: float, high: float) -> Check:
-    """Checks a number with a magnitude above `low` and below `high`."""
+    """Returns a function that checks a number with a magnitude above `low` and below `high`."""
     return lambda value: is_number(value) and low < abs(value) < high
 
 
