@@ -431,7 +431,8 @@ def _by_level(problem: Responses, best: Samples) -> Samples | None:
 
 
 def _score(residuals: Samples) -> tuple[float, int, float]:
-    """Returns (chi-square, degrees of freedom, probability that chi-square is at least as large)."""
+    """Returns (chi-square, degrees of freedom, probability that chi-square is at least
+    as large)."""
     chi2, dof = float(np.sum(residuals**2)), len(residuals)
     return chi2, dof, float(stats.chi2.sf(chi2, dof))
 

@@ -95,7 +95,8 @@ def priors(
 def _drive_limits(
     model: str | Path, overrides: linear.Overrides | None = None
 ) -> list[tuple[str, float]]:
-    """Returns [(signal of the drive, limit of this signal in SI units)] for all limits in a model."""
+    """Returns [(signal of the drive, limit of this signal in SI units)] for all limits in
+    a model."""
     facts, drive = linear.facts(model, overrides), model_file.read(model).drive
     limits = (("drive.voltage", drive.supply_limit), ("drive.current_command", drive.preamp_limit))
     return [

@@ -81,7 +81,8 @@ def tried(problem: Responses, x: Samples) -> list[Tried]:
 
 
 def lines_of(found: list[Tried]) -> str:
-    """Returns the TOML of the best candidates, each below a comment that describes the candidate."""
+    """Returns the TOML of the best candidates, each below a comment that describes
+    the candidate."""
     lines = []
     for number, one in enumerate(found[:SHOWN_CANDIDATES], 1):
         explains = "then" if one.p >= REJECTED_BELOW else "which is not all,"

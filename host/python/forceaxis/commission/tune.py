@@ -458,7 +458,8 @@ def verify(
     tuning: TuningFolder, written: Written, designed: Designed, measured: MeasuredResponses,
     checked: Checked, fitted: Fitted,
 ) -> Verified:  # fmt: skip
-    """Measures the responses again with the active filter bank, and Ms of the loop with this bank."""
+    """Measures the responses again with the active filter bank, and Ms of the loop with
+    this bank."""
     _ensure_written(tuning, designed)
     fT_Hz = designed.worst.fT_Hz
     high = BAND_MAX_HZ if fT_Hz is None else min(VERIFIED_BAND_FACTOR * fT_Hz, BAND_MAX_HZ)

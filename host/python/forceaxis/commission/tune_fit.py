@@ -287,7 +287,8 @@ def _workpiece(
 
 
 def _determine_mass(shaken: sine_test.SineTestResult | None) -> bool:
-    """Returns True if the workpiece slid far enough during the sines for a measurement of the mass."""
+    """Returns True if the workpiece slid far enough during the sines for a measurement of
+    the mass."""
     return shaken is not None and shaken.mass_error < SINE_MASS_ERROR_MAX
 
 
@@ -338,7 +339,8 @@ def _with_tolerances(
 
 
 def _name(given: Given | None) -> str | None:
-    """Returns the name of the parameter that gives a value in a model file, or None for a number."""
+    """Returns the name of the parameter that gives a value in a model file, or None for
+    a number."""
     return given if isinstance(given, str) else None
 
 

@@ -21,7 +21,8 @@ class BankFigures:
 
     @property
     def bank(self) -> "Bank":
-        """Returns the filter bank in the form that the loop analysis and the firmware settings use."""
+        """Returns the filter bank in the form that the loop analysis and the firmware
+        settings use."""
         from forceaxis.linear.bank import Bank
 
         return Bank(self.force_gain, self.integral_rad_per_s, self.velocity_gain, self.sections)

@@ -114,7 +114,8 @@ class Design:
         self._stack.close()
 
     def require_force_sensor(self) -> None:
-        """Raises InputError if the model has no element [[adc]] on channel 0 that measures a force."""
+        """Raises InputError if the model has no element [[adc]] on channel 0 that measures
+        a force."""
         if self.facts.reading is None:
             raise InputError(
                 f"{self.model}: adc: expected a model with an [[adc]] on channel 0 that reads a "

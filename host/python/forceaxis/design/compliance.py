@@ -231,7 +231,8 @@ Curve = tuple[str, Column, str]  # name, values, colour
 
 
 def figure(result: Compliance) -> Figure:
-    """Returns the plot of bandwidth, static error, travel and tolerated impact over the stiffness."""
+    """Returns the plot of bandwidth, static error, travel and tolerated impact over
+    the stiffness."""
     rows = result.rows
     k = [r.stiffness for r in rows]
     drawn, axes = plt.subplots(3, 1, sharex=True, figsize=(5.8, 6.2))

@@ -37,7 +37,8 @@ class FrictionRange:
         return self.most * max(value for _, value in self.declared_N)
 
     def at(self, share: float) -> dict[str, float]:
-        """Returns {parameter: force in N} with the declared friction forces multiplied by `share`."""
+        """Returns {parameter: force in N} with the declared friction forces multiplied
+        by `share`."""
         return {name: share * value for name, value in self.declared_N}
 
 

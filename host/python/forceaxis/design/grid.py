@@ -106,7 +106,8 @@ class Goal:
 
 
 class GridPlace(NamedTuple):
-    """One point of a Grid: index of the plant, index of the delay of the loop, and frequency in Hz."""
+    """One point of a Grid: index of the plant, index of the delay of the loop, and frequency
+    in Hz."""
 
     member: int
     timing: int

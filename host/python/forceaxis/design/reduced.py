@@ -44,7 +44,8 @@ class ShortDesign:
 
     @property
     def bandwidth_Hz(self) -> float:
-        """Returns the bandwidth fS over the set of plants in Hz, or 0 if no gain keeps the margins."""
+        """Returns the bandwidth fS over the set of plants in Hz, or 0 if no gain keeps
+        the margins."""
         return self.worst.bandwidth_Hz if self.worst else 0.0
 
 

@@ -62,7 +62,8 @@ class StructureDesign:
 
     @property
     def bandwidth_Hz(self) -> float:
-        """Returns the bandwidth fS over the set of plants in Hz, or 0 if the law has no bandwidth."""
+        """Returns the bandwidth fS over the set of plants in Hz, or 0 if the law has
+        no bandwidth."""
         return self.worst.bandwidth_Hz if self.worst else 0.0
 
     @property

@@ -429,7 +429,8 @@ class ContactBench:
     def own_job(
         self, own: Path, bank: Bank, latency: int, loss: Mapping[str, int] | None = None
     ) -> Job:
-        """Returns the run of the user's own experiment with a filter bank and a latency in ticks."""
+        """Returns the run of the user's own experiment with a filter bank and a latency
+        in ticks."""
         key = (own, bank, *(loss or {}).values())
         if key not in self._files:
             text = self.with_bank(own, bank, loss or {})
