@@ -20,7 +20,7 @@ QUICK_STOP = 0x02
 QUICK_STOP_MAX_S = 10.0  # longest duration of a quick stop in s
 FIRST_DAY = datetime.date(1984, 1, 1)  # first day of dates in CiA 301
 CALIBRATION_POINTS = range(2, 9)
-FORCE_MAX_COUNTS = 512  # largest value of the object force_max in force counts
+FORCE_MAX_COUNTS = 512  # largest value of the object `force_max` in force counts
 COAST_MAX_S = 5.0  # longest time in s for which a disabled axis may coast
 # Force in 8-bit counts by which the measured force may exceed its initial value during a retract.
 RETRACT_FORCE_COUNTS = 8
@@ -67,7 +67,7 @@ def state(axis: Drive) -> AxisStatus:
 
 def stop(axis: Drive) -> AxisStatus:
     """Commands a quick stop, which also stops an axis that another client owns. Waits until the
-    axis is disabled, or at standstill if quick_stop_option keeps the axis enabled. Returns the
+    axis is disabled, or at standstill if `quick_stop_option` keeps the axis enabled. Returns the
     state of the axis. Raises NoAnswer, Refused."""
     for remaining in (2, 1, 0):  # another CANopen master may interrupt a transfer of an object
         try:
@@ -146,7 +146,7 @@ class CalibrationResult:
 @dataclass(frozen=True)
 class CalibrationObjects:
     """State of a calibration of the force sensor, linearity error in per mille of the span, and
-    force_scale in uN per 8-bit count."""
+    `force_scale` in uN per 8-bit count."""
 
     calibration_state: str
     calibration_linearity: float
@@ -154,8 +154,8 @@ class CalibrationObjects:
 
 
 def calibrate(axis: Drive, points: Sequence[tuple[float, float]]) -> CalibrationResult:
-    """Computes force_scale of a disabled axis from a straight line through 2 to 8 calibration
-    points, and writes force_scale to the axis. Each element of `points` is (measured force in
+    """Computes `force_scale` of a disabled axis from a straight line through 2 to 8 calibration
+    points, and writes `force_scale` to the axis. Each element of `points` is (measured force in
     counts, reference force in N). Raises InputError, and Refused with the reason that the axis
     states."""
     if len(points) not in CALIBRATION_POINTS:
@@ -170,7 +170,7 @@ def calibrate(axis: Drive, points: Sequence[tuple[float, float]]) -> Calibration
     try:
         axis.set(calibrate=1)
         axis.link.wait(POLL_PERIOD_S)
-    except Refused as error:  # the object calibration_state contains the reason of the refusal
+    except Refused as error:  # the object `calibration_state` contains the reason of the refusal
         refusal = error
     found = axis.record(CalibrationObjects)
     if refusal or found.calibration_state != "done":
@@ -189,8 +189,8 @@ def calibrate(axis: Drive, points: Sequence[tuple[float, float]]) -> Calibration
 @contextlib.contextmanager
 def bounded(axis: Drive, counts: float) -> Iterator[None]:
     """Context manager that disables the axis in the same tick if the measured force exceeds
-    `counts` (or force_max, if force_max is smaller). At the end of the context the axis is disabled
-    and force_max has its earlier value again."""
+    `counts` (or `force_max`, if `force_max` is smaller). At the end of the context the axis is
+    disabled and `force_max` has its earlier value again."""
     own = axis.read("force_max")
     axis.set(force_max=min(counts, own) if own else counts)
     try:
@@ -201,7 +201,7 @@ def bounded(axis: Drive, counts: float) -> Iterator[None]:
 
 
 def expect_position_gain(axis: Drive) -> None:
-    """Raises Refused if position_gain of the axis is 0, because an axis without position gain
+    """Raises Refused if `position_gain` of the axis is 0, because an axis without position gain
     cannot approach or follow a position."""
     if axis.read("position_gain") == 0:
         raise Refused(
@@ -239,9 +239,9 @@ def move(
 ) -> AxisStatus:
     """Moves the axis to a position in profile position mode and then disables the axis. Returns the
     state of the axis before the axis is disabled. `position`: in user units of the axis or "10 mm";
-    `speed`: in user units per second or "5 mm/s", None: trajectory_velocity; `counts`: force limit
-    in 8-bit counts. Raises InputError before the motion if the axis would limit a target; Refused;
-    NoAnswer, which names the fault if the force limit was exceeded."""
+    `speed`: in user units per second or "5 mm/s", None: `trajectory_velocity`; `counts`: force
+    limit in 8-bit counts. Raises InputError before the motion if the axis would limit a target;
+    Refused; NoAnswer, which names the fault if the force limit was exceeded."""
     expect_position_gain(axis)
     given: dict[str, Value] = {} if speed is None else {"trajectory_velocity": speed}
     settings = expect(axis, {**given, "target_position": position})

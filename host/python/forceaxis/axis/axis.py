@@ -47,7 +47,7 @@ class Axis(Drive):
     @classmethod
     def sim(cls, experiment: str | Path, overrides: Sequence[str] = (), store: str = "") -> Axis:
         """Returns the simulated axis of an experiment, which runs in simulated time. Raises
-        InputError. Warns if force_scale of the axis differs from the scale of the force sensor in
+        InputError. Warns if `force_scale` of the axis differs from the scale of the force sensor in
         the model."""
         from forceaxis.axis.sim import SimLink
 
@@ -90,9 +90,9 @@ class Axis(Drive):
         self.close()
 
     def acquire(self, shared: bool = False) -> None:
-        """Acquires the axis. Raises Refused if another client has enabled the axis. `shared`:
-        another client on the same bus stays the owner; this program may then write to the axis, and
-        close() does not disable the axis."""
+        """Acquires the axis. Raises Refused if another client has enabled the axis. `shared`: if
+        the other client is on the same bus, the other client stays the owner, this program may
+        write to the axis, and close() does not disable the axis."""
         now = self.record(OwnerObjects)
         if now.state in POWERED:
             is_this_bus = now.command_source == COMMAND_SOURCES[self.link.source]

@@ -43,8 +43,8 @@ class Bound:
 
 @dataclass(frozen=True)
 class SensorObjects:
-    """Objects that define how an ADC code is converted to the measured force. The object force_tare
-    is in 8-bit counts."""
+    """Objects that define how an ADC code is converted to the measured force. The object
+    `force_tare` is in 8-bit counts."""
 
     adc_bits: int | None
     force_zero_code: int | None
@@ -54,14 +54,13 @@ class SensorObjects:
 
 @dataclass(frozen=True)
 class ForceLimits:
-    """Limits of the demanded force in per mille of rated_force. The object rated_force itself is in
-    mN."""
+    """Limits of the demanded force in per mille of the object `rated_force`, which is in mN."""
 
     force_limit: float
     force_limit_positive: float | None
     force_limit_negative: float | None
     rated_force: float
-    uncertified_force: float  # force limit without a certificate, in per mille of force_limit
+    uncertified_force: float  # force limit without a certificate, in per mille of `force_limit`
     certificate_required: str | None
     force_bank: int | None
 
@@ -113,8 +112,8 @@ def expect(axis: AxisValues, values: Mapping[str, Value]) -> None:
 
 
 def most_force(axis: AxisValues) -> float:
-    """Returns the largest target_force that the axis does not limit, an integer in per mille of
-    rated_force."""
+    """Returns the largest `target_force` that the axis does not limit, an integer in per mille of
+    `rated_force`."""
     return math.floor(min(b.most for b in BOUNDS["target_force"](PlannedValues(axis, {}))))
 
 
@@ -184,8 +183,8 @@ def _force_setpoint(planned: PlannedValues) -> Iterator[Bound]:
 
 
 def _target_force(other: str) -> Callable[[PlannedValues], Iterator[Bound]]:
-    """Returns a function that yields the bounds of a summand of the demanded force, in per mille of
-    rated_force. `other`: object of the other summand."""
+    """Returns a function that yields the bounds of one of the two objects whose sum is the demanded
+    force, in per mille of `rated_force`. `other`: name of the other object of the sum."""
 
     def bounds(planned: PlannedValues) -> Iterator[Bound]:
         added = planned.read(other) or 0
@@ -210,8 +209,8 @@ def _target_force(other: str) -> Callable[[PlannedValues], Iterator[Bound]]:
         yield from _uncertified(planned, limits, bound)
         reading = of_reading(planned)
         if reading:
-            # The quotient of force_scale in uN and rated_force in mN is in per mille of
-            # rated_force.
+            # The quotient of `force_scale` in uN and `rated_force` in mN is in per mille of
+            # `rated_force`.
             per_count = planned.read("force_scale") / limits.rated_force
             yield bound(
                 reading.most * per_count, reading.least * per_count, reading.by, reading.remedy
@@ -306,8 +305,8 @@ def _approach(planned: PlannedValues) -> Iterator[Bound]:
 
 
 def _code(beside: str = "", always: bool = False) -> Callable[[PlannedValues], Iterator[Bound]]:
-    """Returns a function that yields the bounds of a DAC code. `beside`: object whose DAC code is
-    added in excitation mode, or in every mode if `always` is True."""
+    """Returns a function that yields the bounds of a DAC code. `beside`: name of the object whose
+    DAC code is added in excitation mode, or in every mode if `always` is True."""
 
     def bounds(planned: PlannedValues) -> Iterator[Bound]:
         limit = planned.read("output_limit")

@@ -129,7 +129,7 @@ class Drive(AxisValues):
         timeout_s: float = 5.0,
     ) -> R:
         """Reads the objects that are the fields of the dataclass `kind` repeatedly until
-        holds(values) is true, and returns these values. Raises NoAnswer after timeout_s of the
+        holds(values) is true, and returns these values. Raises NoAnswer after `timeout_s` of the
         axis' time, or after a fault if `kind` has no field `fault`. The error text contains `what`
         and the state of the axis."""
         names = object_names(kind)
@@ -205,9 +205,9 @@ class Drive(AxisValues):
 
     def move(self, position: int | str, timeout_s: float = 20.0) -> ReachedPosition:
         """Moves the axis to `position` in profile position mode and waits until the axis has
-        reached the position, at most timeout_s of the axis' time. `position`: in user units of the
-        axis, or "10 mm". Raises InputError for a position beyond a limit; Refused if a limit has
-        changed meanwhile; NoAnswer."""
+        reached the position, at most `timeout_s` of the axis' time. `position`: in user units of
+        the axis, or "10 mm". Raises InputError for a position beyond a limit; Refused if a limit
+        has changed meanwhile; NoAnswer."""
         self.set(target_position=position, controlword=NEW_SETPOINT)
         target = self.read("target_position")
         self.wait_for(StatusObjects, lambda s: s.statusword & BIT_12, "the set-point acknowledged")

@@ -31,7 +31,8 @@ TICKS_PER_S: int = _core.TICKS_PER_SECOND
 POLL_PERIOD_S = 0.02  # time in s between two reads while a program waits for a new value
 # Names of the owners of an axis, indexed by the raw value of the object command_source.
 COMMAND_SOURCES = BY_NAME["command_source"].enum
-# Largest relative difference between a calibrated force_scale and the force_scale of the sensor.
+# Largest relative difference between a calibrated `force_scale` and the `force_scale` of the
+# sensor.
 FORCE_SCALE_TOLERANCE = 0.1
 # CANopen indices of two texts: name of the device, version of the firmware of the device.
 DEVICE_NAME_INDEX, VERSION_INDEX = 0x1008, 0x100A
@@ -171,7 +172,7 @@ class Link(abc.ABC):
 
     @abc.abstractmethod
     def recording(self, timeout_s: float) -> Recording:
-        """Waits for the armed recording, at most timeout_s of the axis' time, and returns the
+        """Waits for the armed recording, at most `timeout_s` of the axis' time, and returns the
         recording. Afterwards the recorder is idle, so that the black box records again. Raises
         NoAnswer."""
 

@@ -75,12 +75,12 @@ class Force:
 
 
 def force_per_count(axis: AxisValues) -> float:
-    """Returns the force in N of one 8-bit count, from force_scale of the axis."""
+    """Returns the force in N of one 8-bit count, from `force_scale` of the axis."""
     return float(axis.read("force_scale")) * 1e-6
 
 
 def never_set(force_scale: float, calibration_date: int) -> bool:
-    """Returns True if force_scale, in uN per count, still has its default value, which does not
+    """Returns True if `force_scale`, in uN per count, still has its default value, which does not
     belong to the sensor of the axis. `calibration_date`: 0 without a calibration."""
     return not calibration_date and force_scale == default("force_scale")
 
@@ -180,8 +180,8 @@ def parse(axis: AxisValues, name: str, text: str) -> Value:
 
 def all_raw(axis: AxisValues, values: Mapping[str, Value]) -> dict[str, int]:
     """Returns the raw values of engineering values, texts of enumerations or quantities that are to
-    be written in this order. If rated_force is among these values, its new value is the scale of a
-    later target_force. Raises InputError."""
+    be written in this order. If `rated_force` is among these values, its new value is the scale of
+    a later `target_force`. Raises InputError."""
     raw: dict[str, int] = {}
     planned = PlannedValues(axis, raw)
     for name, value in values.items():

@@ -17,7 +17,7 @@ FILES = ("capture.csv", "capture.npz", "capture.png")
 
 def columns(recording: Recording) -> dict[str, NDArray[Any]]:
     """Returns the columns of a recording as {name of the column: values (n,)}. The columns are
-    time_s from the trigger, and each signal with its unit in the name."""
+    `time_s` from the trigger, and each signal with its unit in the name."""
     values = {column_name(name): recording.values(name) for name in recording.signals}
     return {"time_s": recording.time_s, **values}
 

@@ -73,7 +73,7 @@ class Session(AxisClient):
 
     @property
     def states(self) -> list[axis_state_t]:
-        """Returns the received states of the axis (axis_state_t) in order. At most the latest
+        """Returns the received states of the axis (`axis_state_t`) in order. At most the latest
         STATES_KEPT states are stored."""
         with self._news:
             return list(self._states)

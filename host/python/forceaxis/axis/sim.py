@@ -56,8 +56,8 @@ class SimLink(RecorderLink):
             self.counts_per_metre = 1 / abs(encoder["per_code"])
 
     def _scale_warning(self, reading: "ConverterTable | None") -> str | None:
-        """Returns a text line if force_scale of the axis differs from the scale of the force sensor
-        in the model, otherwise None."""
+        """Returns a text line if `force_scale` of the axis differs from the scale of the force
+        sensor in the model, otherwise None."""
         if reading is None:
             return None
         has = self.read_one("force_scale") * 1e-6

@@ -219,9 +219,9 @@ def connected(connection: AxisConnection) -> Iterator[Axis]:
 
 
 def warn_of_newtons(axis: Axis, connection: AxisConnection) -> None:
-    """Print a warning if force_scale of the axis was never set, because forces in N are then wrong.
-    This function prints no warning for a simulated axis, because the connection of a simulated axis
-    compares force_scale with the model."""
+    """Print a warning if `force_scale` of the axis was never set, because forces in N are then
+    wrong. This function prints no warning for a simulated axis, because the connection of a
+    simulated axis compares `force_scale` with the model."""
     from forceaxis.axis import quantity
 
     found = axis.get("force_scale", "calibration_date")

@@ -19,7 +19,7 @@ from forceaxis import _core
 from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.results import json_field
 
-GAIN_STEP = 1 / 256  # smallest step of the objects force_gain and velocity_gain
+GAIN_STEP = 1 / 256  # smallest step of the objects `force_gain` and `velocity_gain`
 COEFFICIENT_STEP = 2.0**-26
 COEFFICIENT_MAX = 16.0
 # Largest gain at high frequency that the firmware accepts for a filter bank, in DAC codes per ADC

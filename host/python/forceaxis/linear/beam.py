@@ -257,8 +257,8 @@ class Beam:
     def approximation_errors(
         self, modes: Iterable[int] = range(4, 41), through: int = 4
     ) -> list["ApproximationError"]:
-        """Returns the errors of the approximations of V_act and V_tip (see approximation_error) for
-        each number of bending modes in `modes`."""
+        """Returns the errors of the approximations of V_act and V_tip (see `approximation_error`)
+        for each number of bending modes in `modes`."""
         outputs = ("actuator", "tip")
         return [
             ApproximationError(n, *(self.approximation_error(n, o, through) for o in outputs))

@@ -197,7 +197,7 @@ class PolesResult:
 
 
 def largest_firmware_gain(loop: Loop, limit: Limit) -> float | None:
-    """Returns the largest value of force_gain that the firmware can store and that is below the
+    """Returns the largest value of `force_gain` that the firmware can store and that is below the
     critical gain. Returns None if there is no such value or if the model has no measured force."""
     gain = limit.stable_to
     if loop.codes_per_gain is None or gain == 0:
@@ -268,9 +268,9 @@ def _figures(
 
 
 def step_response(loop: Loop, gain: float, duration_s: float) -> StepResponse:
-    """Returns the step response of a force loop at a gain k. Raises ParameterError if duration_s is
-    below two ticks or above 600 s, or if the response is unstable and exceeds the range of double
-    precision."""
+    """Returns the step response of a force loop at a gain k. Raises ParameterError if `duration_s`
+    is below two ticks or above 600 s, or if the response is unstable and exceeds the range of
+    double precision."""
     if not (2 * linear.TICK_S <= duration_s <= 600):
         raise ParameterError(
             "duration_s", f"expected a duration from two ticks to 600 s, got {duration_s:g}"

@@ -117,7 +117,7 @@ def locus(
     loop: Loop, label: str = "", span_hz: float | None = None, gain: float | None = None
 ) -> Locus:
     """Returns the root locus of a `stability.Loop`, with small steps of the gain inside a plot of
-    the half-width span_hz (default: result of span_of()).
+    the half-width `span_hz` (default: result of span_of()).
 
     gain: at this gain, in the unit of the loop, the closed-loop poles are marked.
     """
@@ -165,8 +165,8 @@ def loci(
     span_hz: float | None = None,
     gains: Sequence[float | None] | None = None,
 ) -> list[Locus]:
-    """Returns a root locus for each force loop. All root loci have the same half-width span_hz, by
-    default the largest half-width that one of the loops needs."""
+    """Returns a root locus for each force loop. All root loci have the same half-width `span_hz`,
+    by default the largest half-width that one of the loops needs."""
     if span_hz is None:
         span_hz = max(span_of(array(loop.open), loop.limit().frequency_hz) for loop in found)
     gains = gains or [None] * len(found)

@@ -57,7 +57,7 @@ MOTION_LAWS = (
     "impedance",
 )  # control laws that feed back position or velocity in addition to the force
 VELOCITY_GAIN = "velocity_gain_Vs_per_m"
-# largest force_gain of the firmware in DAC codes per 8-bit count
+# largest `force_gain` of the firmware in DAC codes per 8-bit count
 FIRMWARE_HIGHEST = 65535 * GAIN_STEP
 
 

@@ -255,8 +255,8 @@ class _Set(Generic[T]):
             self.at(member, timing)
 
     def worst(self, badness: Callable[[T], float]) -> Entry[T]:
-        """Returns the analysed force loop with the largest badness. The search starts at the worst
-        loops that are already analysed."""
+        """Returns the analysed force loop with the largest value of the function `badness`. The
+        search starts at the worst loops that are already analysed."""
         for member, timing, _ in self._starts(badness):
             self._climb(member, timing, badness, (0.5, COARSE_STEP))
         member, timing, _ = self._first(badness)
@@ -284,10 +284,10 @@ class _Set(Generic[T]):
         badness: Callable[[T], float],
         steps: tuple[float, float],
     ) -> None:
-        """Searches within the parameter ranges for a plant with a larger badness, by a pattern
-        search that starts at the plant `member`. `steps`: first and last step, relative to half the
-        width of a range. If the first step is COARSE_STEP, a parameter at the end of its range does
-        not change."""
+        """Searches within the parameter ranges for a plant with a larger value of the function
+        `badness`, by a pattern search that starts at the plant `member`. `steps`: first and last
+        step, relative to half the width of a range. If the first step is COARSE_STEP, a parameter
+        at the end of its range does not change."""
         ranges = self.plants.ranges
         best, (step, last) = badness(self.at(member, timing)[2]), steps
         if step == COARSE_STEP:

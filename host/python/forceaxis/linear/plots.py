@@ -317,8 +317,8 @@ def rlocus(loci: Sequence[Locus], title: str = "", wide: float = 2.7) -> Figure:
 
 
 def gain_text(gain: float, one: Locus) -> str:
-    """Returns a text with a gain and its unit, and with the force_gain of the firmware if this gain
-    is known."""
+    """Returns a text with a gain and its unit, and with the `force_gain` of the firmware if this
+    gain is known."""
     text = f"k = {gain:.3g} {one.unit}".rstrip()
     return text + (f"\n(force_gain {gain * one.codes:.3g})" if one.codes else "")
 

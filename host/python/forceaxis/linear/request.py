@@ -89,7 +89,7 @@ class LoopRequest:
 
 def one_gain(loop: Loop, gain: float | None, firmware_gain: float | None) -> float | None:
     """Returns the gain k of a force loop: `gain`, the gain that corresponds to `firmware_gain`
-    (force_gain in DAC codes per 8-bit count), the gain of the loop's experiment, or None. Raises
+    (`force_gain` in DAC codes per 8-bit count), the gain of the loop's experiment, or None. Raises
     ParameterError if both gains are given, or if a gain is out of range."""
     if gain is not None and firmware_gain is not None:
         raise ParameterError("gain", "expected either `gain` or `firmware_gain`, got both")

@@ -191,7 +191,7 @@ class LoopSet:
     plants: plant_set.PlantSet
     timings: tuple[str, ...]
     spec: LoopSpec
-    gain: float | None  # gain k of all loops; None if force_gain is given or if no gain is given
+    gain: float | None  # gain k of all loops; None if `force_gain` is given or if no gain is given
     force_gain: float | None
 
     def loop(self, member: Member, timing: str) -> Loop:
@@ -204,7 +204,7 @@ class LoopSet:
         return self.loop(self.plants.nominal()[0], self.timings[0])
 
     def drawn_gain(self) -> tuple[float | None, float | None]:
-        """Returns the gain k and the force_gain at which the force loops of the set are drawn.
+        """Returns the gain k and the `force_gain` at which the force loops of the set are drawn.
         Without a given gain, k is half the largest gain at which all loops are stable, or 1."""
         if self.gain is not None or self.force_gain is not None:
             return self.gain, self.force_gain
@@ -273,7 +273,7 @@ def _analysed(found: LoopSet) -> AnalysedSet:
 
 def worst_at(found: LoopSet, gain: float | None, force_gain: float | None) -> WorstAtGain:
     """Returns the worst bandwidth and margins of a set of force loops, at a gain k or at a
-    force_gain in DAC codes per 8-bit count."""
+    `force_gain` in DAC codes per 8-bit count."""
     nominal = found.nominal()
     k = over.gain_at(nominal, gain, force_gain)
     worst = over.worst(found.plants, found.timings, found.spec, gain, force_gain)

@@ -18,7 +18,7 @@ Firmware = Mapping[str, float]  # initial values of firmware objects in an exper
 MODES_OF_OPERATION = objects.BY_NAME["modes_of_operation"]
 NATIVE_MODES = objects.BY_NAME["mode"].enum
 NATIVE_FORCE = 3  # value of the object `mode` that selects the force law
-# Control law for each value of modes_of_operation that selects a mode with force control.
+# Control law for each value of `modes_of_operation` that selects a mode with force control.
 FORCE_MODES = {4: "p", 10: "p", -1: "p", -6: "stiffness", -7: "damping", -8: "impedance"}
 
 

@@ -131,7 +131,7 @@ class Loop:
         return self.whole.dt
 
     def firmware_gain(self, gain: float) -> float:
-        """Returns the force_gain of the firmware in DAC codes per 8-bit count for a gain k of the
+        """Returns the `force_gain` of the firmware in DAC codes per 8-bit count for a gain k of the
         loop. Raises InputError if the loop does not feed back the signal of ADC 0."""
         if self.codes_per_gain is None:
             raise _core.InputError(
@@ -146,7 +146,7 @@ class Loop:
         return self.firmware_gain(gain) if gain and self.codes_per_gain is not None else None
 
     def gain_of(self, firmware_gain: float) -> float:
-        """Returns the gain k of the loop for a force_gain of the firmware in DAC codes per 8-bit
+        """Returns the gain k of the loop for a `force_gain` of the firmware in DAC codes per 8-bit
         count. Raises InputError if the loop does not feed back the signal of ADC 0."""
         return firmware_gain / self.firmware_gain(1.0)
 

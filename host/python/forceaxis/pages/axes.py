@@ -62,7 +62,7 @@ class ModelSection:
     file: str
     title: str
     words: list[str]  # sentences about the model
-    # critical values of force_gain as texts; None if the model has no force loop
+    # critical values of `force_gain` as texts; None if the model has no force loop
     limits: list[str] | None
     laws: ModelLaws | None
     refused: str  # reason why `laws` is None
@@ -70,8 +70,8 @@ class ModelSection:
 
 
 def limits(model: Path) -> list[str] | None:
-    """Returns the critical value of force_gain as text, one text for each delay of the loop (zoh or
-    zoh+1). Returns None if the model has no force loop."""
+    """Returns the critical value of `force_gain` as text, one text for each delay of the loop (zoh
+    or zoh+1). Returns None if the model has no force loop."""
     try:
         found = [loops.force_loop(model, timing=timing) for timing in loops.TIMINGS]
     # The model has no force sensor, or the command has no effect on the force: the axis is stuck or

@@ -135,7 +135,7 @@ def entries(jobs: Sequence[AsyncResult[Entry]]) -> list[Entry]:
 
 def _drawn(path: Path, folder: Path) -> Entry:
     """Runs an experiment in a worker process. Returns the experiment with its plots but without the
-    table of signals, which is too large for the transfer to the main process."""
+    table of signals, because another process receives the result."""
     name = path.relative_to(folder).with_suffix("").as_posix()
     try:
         examined = expect.examine(path)

@@ -34,7 +34,7 @@ class ModelRow:
     name: str
     title: str
     shows: str
-    # critical values of force_gain as texts; None if the model has no force loop
+    # critical values of `force_gain` as texts; None if the model has no force loop
     limits: list[str] | None
     runs: list[Entry]
 

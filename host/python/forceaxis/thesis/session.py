@@ -45,7 +45,7 @@ GAINS = {
     "position_gain": 4.0,
     "velocity_gain": 20.0,
     "force_gain": 5.0,
-    # The value 0 of bump_decay_shift switches bumpless transfer off, as in the controller of the
+    # The value 0 of `bump_decay_shift` switches bumpless transfer off, as in the controller of the
     # thesis.
     "bump_decay_shift": 0,
 }
@@ -56,7 +56,7 @@ class ObservedSession:
     """Values that a client of the gateway observes in a laboratory session. Forces are in 8-bit
     counts."""
 
-    software: int  # value of the object object_table_hash of the axis
+    software: int  # value of the object `object_table_hash` of the axis
     position_after_move_cnt: int  # position in encoder counts after the move
     force_held_cnt: float
     position_in_contact_cnt: int  # position in encoder counts while the axis is in contact

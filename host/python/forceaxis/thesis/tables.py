@@ -115,7 +115,7 @@ class Sensitivity:
     factor: float
     value: float
     score: int  # number of cells whose simulated verdict equals the measured verdict
-    changed: list[str]  # keys (see key_of) of the cells whose simulated verdict changes
+    changed: list[str]  # keys (see `key_of`) of the cells whose simulated verdict changes
 
 
 @dataclass(frozen=True)
