@@ -95,7 +95,7 @@ def advise(
 
     A change multiplies or divides a stiffness, a mass or a damping by --factor, or uses another
     ADC, sampling or law. The result is a table with one row for each change. Rows are ranked by the
-    crossover frequency at half the critical gain. Beside the linear limit the verb prints the
+    crossover frequency at half the critical gain. Beside the linear limit the subcommand prints the
     largest gain at which the simulated firmware is stable, with quantisation and contact loss. It
     simulates EXPERIMENT, or the experiment with the name of MODEL, or a first contact that it
     makes.
@@ -188,10 +188,10 @@ def compliance(
     """Show how the margins of a force loop change with the stiffness of the pad, the sensor or the
     workpiece, to choose between a soft contact and a low gain.
 
-    For each stiffness of one element the verb prints the bandwidth fS over the set of plants, of
-    the P law and of a bank designed for it, at equal margins; the static error of P; the travel of
-    the drive from first contact to the set-point; and the largest impact that each law tolerates in
-    a simulation with the firmware.
+    For each stiffness of one element the subcommand prints the bandwidth fS over the set of plants,
+    of the P law and of a bank designed for it, at equal margins; the static error of P; the travel
+    of the drive from first contact to the set-point; and the largest impact that each law tolerates
+    in a simulation with the firmware.
     """
     from forceaxis import linear as models
     from forceaxis.cli.advise_text import describe_compliance

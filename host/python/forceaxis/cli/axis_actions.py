@@ -55,10 +55,10 @@ def calibrate(given: Sequence[str], connection: AxisConnection, as_json: bool) -
     """Calibrate the force sensor: determine force_scale, in N per count, from 2 to 8 forces of a
     reference load cell or of weights.
 
-    The result is the slope of a straight line through these points, with its linearity error.
-    The axis is disabled during the calibration. Without --point, type the force that the reference
-    shows; the verb then reads the sensor. An empty line ends the input. `axis params store` keeps
-    the result over a power cut.
+    The result is the slope of a straight line through these points, with its linearity error. The
+    axis is disabled during the calibration. Without --point, type the force that the reference
+    shows; the subcommand then reads the sensor. An empty line ends the input. `axis params store`
+    keeps the result over a power cut.
     """
     from forceaxis.axis import actions
 

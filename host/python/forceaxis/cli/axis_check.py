@@ -30,11 +30,11 @@ def check(yes: bool, travel: int, output: int, connection: AxisConnection, as_js
     """Check a new axis in steps before it is used: sensors at standstill, signs of encoder and
     drive at low output, then one small move out and back.
 
-    At rest the verb checks connection, object table, faults, enable chain, limit switches, position
-    gain, force sensor (code, noise, zero), current, encoder and travel to the limits. Then it asks
-    for your consent. The firmware tests encoder and signs in open loop, the axis moves out and back
-    within bounds, and the tare is taken. If a step fails, the axis does not move again. At the end
-    the axis is disabled and all parameters but force_tare have their earlier values.
+    At rest the subcommand checks connection, object table, faults, enable chain, limit switches,
+    position gain, force sensor (code, noise, zero), current, encoder and travel to the limits. Then
+    it asks for your consent. The firmware tests encoder and signs in open loop, the axis moves out
+    and back within bounds, and the tare is taken. If a step fails, the axis does not move again. At
+    the end the axis is disabled and all parameters but force_tare have their earlier values.
 
     The exit status is 1 if a step fails. Without --yes and without a terminal the axis stays still.
     --json: {"axis", "passed", "steps": [{"step", "verdict": "passed" | "noted" | "skipped" |

@@ -132,10 +132,11 @@ def load(
 
     FILE is a dump or the bank.toml of `forceaxis design`. With a dump, parameters that it does not
     contain get their defaults; with a bank nothing else changes. If the object table of the axis
-    does not match a value, the verb names it and writes nothing. If the axis refuses a value, all
-    earlier values are written back. The values are active at once; `params store` keeps them over
-    a power cut. --json: {"dry_run", "changes": [{"name", "axis", "file", "unit"}], "unchanged": n,
-    "bank": {...}, "managed": [names that the gateway sets itself and that are left out]}.
+    does not match a value, the subcommand names it and writes nothing. If the axis refuses a value,
+    all earlier values are written back. The values are active at once; `params store` keeps them
+    over a power cut. --json: {"dry_run", "changes": [{"name", "axis", "file", "unit"}],
+    "unchanged": n, "bank": {...}, "managed": [names that the gateway sets itself and that are left
+    out]}.
     """
     from forceaxis.axis import parameter_set
 

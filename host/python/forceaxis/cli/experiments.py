@@ -77,13 +77,13 @@ def run(
     """Run one experiment: the firmware controls a simulated plant, with 1500 ticks per simulated
     second. The result is a verdict, such as stable or unstable.
 
-    The verb prints the verdict with its reasons and window, the controlled force and its set-point,
-    the events, the energy balance, the smallest distance of a value from a code edge, and the trace
-    hash. The verdict is `stable`, `unstable` (the force oscillates, contact is lost again and
-    again, or a fault is latched), `not_met` (a limit of [verdict] is not kept, or the measured
-    force or the output is at an end of its range) or `never_in_contact`. The exit status is 0 for
-    every verdict. With --link the firmware is a separate process; the exit status is 1 if the two
-    processes compute different trace hashes or one of them does not answer.
+    The subcommand prints the verdict with its reasons and window, the controlled force and its
+    set-point, the events, the energy balance, the smallest distance of a value from a code edge,
+    and the trace hash. The verdict is `stable`, `unstable` (the force oscillates, contact is lost
+    again and again, or a fault is latched), `not_met` (a limit of [verdict] is not kept, or the
+    measured force or the output is at an end of its range) or `never_in_contact`. The exit status
+    is 0 for every verdict. With --link the firmware is a separate process; the exit status is 1 if
+    the two processes compute different trace hashes or one of them does not answer.
     """
     over = link_of(kind, lcm_url, link_can, inject)
     with waiting(f"running {paths.display(experiment)}"):
@@ -115,8 +115,8 @@ def replay(journal: Path, out: Path | None, codes: bool, as_json: bool) -> None:
 
     The replay has to give the trace hash of the journal; otherwise the exit status is 1. If the
     node was killed, its journal has no hash: the recorded part is replayed and the exit status is
-    1. An incident of `forceaxis incident` does not contain all inputs; the verb names those that
-    are missing.
+    1. An incident of `forceaxis incident` does not contain all inputs; the subcommand names those
+    that are missing.
     """
     from forceaxis.commission import incident
 

@@ -165,10 +165,10 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate, as_
     """Identify two masses that are connected by a spring (thesis 4.4.2). The sum of the masses, the
     stiffness of the spring and the frequency of the vibration are given.
 
-    There are two solutions; the verb chooses the one in which the actuator side m_r1 has more than
-    half of the mass. The equations assume that both masses are free. With a locked motor shaft, as
-    in the measurement of the thesis, the frequency is that of m_r2 alone; the verb prints the
-    masses for that case too.
+    There are two solutions; the subcommand chooses the one in which the actuator side m_r1 has more
+    than half of the mass. The equations assume that both masses are free. With a locked motor
+    shaft, as in the measurement of the thesis, the frequency is that of m_r2 alone; the subcommand
+    prints the masses for that case too.
     """
     from forceaxis.identify import procedures
 
@@ -307,11 +307,11 @@ def fit(
     model explains the response.
 
     RESPONSE is the folder of `forceaxis measure --out`, or a CSV file with columns frequency_hz,
-    coherence and magnitude, phase_deg (or real, imag). For each parameter the verb prints its 95 %
-    confidence interval and a wider interval that is valid for all parameters together. A chi-square
-    test shows whether the model explains the data. The verb names parameters that are poorly
-    determined or nearly indistinguishable. A model that does not explain the data (p < 0.001) is
-    rejected: its best values are printed, but no intervals.
+    coherence and magnitude, phase_deg (or real, imag). For each parameter the subcommand prints its
+    95 % confidence interval and a wider interval that is valid for all parameters together. A
+    chi-square test shows whether the model explains the data. The subcommand names parameters that
+    are poorly determined or nearly indistinguishable. A model that does not explain the data (p <
+    0.001) is rejected: its best values are printed, but no intervals.
 
     If MODEL lacks dry friction that was measured, the response is fitted again with a damper in
     its place. The line `friction` then gives the damping in N s/m, the friction in N, and the table

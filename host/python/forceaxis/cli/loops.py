@@ -47,18 +47,18 @@ def limit(
     """Compute the critical gain of the force loop of MODEL|EXPERIMENT: the gain at which the force
     loop becomes unstable.
 
-    With an EXPERIMENT (a path or a name in sim/experiments) the verb takes the control law or the
-    quantised bank, the gain and the latency of its firmware; options take precedence. The loop is
-    linear: the equations of the model in one mode, in contact. The verb prints every gain at which
-    a closed-loop pole crosses the stability boundary, the largest setting of the firmware below the
-    first of them, and, if a gain is given, margins and bandwidth at that gain. JSON: critical_gain
-    in `unit` (null: stable for all gains, or up to known_to, above which rounding errors dominate;
-    0: unstable for every gain, see reason), frequency_hz, crossings (those at gain 0 are undamped
-    poles of the plant), and `at`.
+    With an EXPERIMENT (a path or a name in sim/experiments) the subcommand takes the control law or
+    the quantised bank, the gain and the latency of its firmware; options take precedence. The loop
+    is linear: the equations of the model in one mode, in contact. The subcommand prints every gain
+    at which a closed-loop pole crosses the stability boundary, the largest setting of the firmware
+    below the first of them, and, if a gain is given, margins and bandwidth at that gain. JSON:
+    critical_gain in `unit` (null: stable for all gains, or up to known_to, above which rounding
+    errors dominate; 0: unstable for every gain, see reason), frequency_hz, crossings (those at gain
+    0 are undamped poles of the plant), and `at`.
 
-    With --over, --modes or --timing both, the verb analyses a set of plants. It prints the largest
-    gain at which all of them are stable, the plant that limits it (`member`), and at the given gain
-    the worst value of each figure with its plant.
+    With --over, --modes or --timing both, the subcommand analyses a set of plants. It prints the
+    largest gain at which all of them are stable, the plant that limits it (`member`), and at the
+    given gain the worst value of each figure with its plant.
     """
     from forceaxis.cli.text_loops import describe_limit, describe_limit_of_set
     from forceaxis.linear import limits, sets

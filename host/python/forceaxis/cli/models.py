@@ -269,8 +269,8 @@ def modes_(
     and without drive. The label compares the sign of the residue of a mode, from input to output,
     with that of the lowest mode; a different result for the next lower mode is printed too. A mode
     with residue 0 is colocated if dampers couple it (its poles and zeros lie close together), else
-    neither. The verb also prints the corresponding pole of the complete system with damping and
-    drive.
+    neither. The subcommand also prints the corresponding pole of the complete system with damping
+    and drive.
 
     \b
     --json: {"model": "fig4_19", "title": ...,
@@ -533,9 +533,9 @@ def beam(modes: int, as_json: bool, **given: float) -> None:
     """Compute the exact poles and zeros of the elastic beam of thesis section 2.4.4, and the error
     if a few modes of vibration approximate the beam.
 
-    The beam slides at the actuator; its tip is free. The verb prints the undamped poles and zeros
-    and the error of an approximation by the first n modes, for the first four modes.
-    JSON: modes, each with b l, pole_rad_per_s, actuator_zero_rad_per_s (imaginary pairs) and
+    The beam slides at the actuator; its tip is free. The subcommand prints the undamped poles and
+    zeros and the error of an approximation by the first n modes, for the first four modes. JSON:
+    modes, each with b l, pole_rad_per_s, actuator_zero_rad_per_s (imaginary pairs) and
     tip_zero_per_s (a real pair); approximation_errors for n = 4 to 40.
     """
     from forceaxis.cli import text_models

@@ -75,14 +75,14 @@ def new_(
 ) -> None:
     """Write a model and experiments of your axis into the folder NAME, from values of data sheets.
 
-    The verb asks for values from the data sheets of motor, amplifier, transmission, sensor and
-    workpiece. Options give them instead: plain numbers in the unit that the name of the option ends
-    with. A missing value gets a default, which the model marks. Without a terminal the verb does
-    not ask.
+    The subcommand asks for values from the data sheets of motor, amplifier, transmission, sensor
+    and workpiece. Options give them instead: plain numbers in the unit that the name of the option
+    ends with. A missing value gets a default, which the model marks. Without a terminal the
+    subcommand does not ask.
 
-    At the end the verb designs a bank for the workpiece with a tolerance of 30 %, simulates it with
-    the firmware, and writes held.toml, an experiment with this bank. JSON: design has the bandwidth
-    fS in Hz over that set of plants, for the bank and for the P law.
+    At the end the subcommand designs a bank for the workpiece with a tolerance of 30 %, simulates
+    it with the firmware, and writes held.toml, an experiment with this bank. JSON: design has the
+    bandwidth fS in Hz over that set of plants, for the bank and for the P law.
     """
     new.refuse_existing(name, force)
     talk = not (yes or as_json) and sys.stdin.isatty()

@@ -103,9 +103,9 @@ def report(folder: Path | None, out: Path, threads: int | None, as_json: bool) -
     verdicts and plots of the signals.
 
     For each model the page shows the recommended P gain and the margins of each designed bank, for
-    each experiment the verdict, the controlled force and the traces. Without FOLDER the verb runs
-    the experiments and tables of the thesis. The exit status is 1 if an experiment could not be
-    run; the page then shows the others.
+    each experiment the verdict, the controlled force and the traces. Without FOLDER the subcommand
+    runs the experiments and tables of the thesis. The exit status is 1 if an experiment could not
+    be run; the page then shows the others.
     """
     from forceaxis.pages import report as page
 
@@ -138,9 +138,9 @@ def session(out: Path, as_json: bool) -> None:
 
     The session boots the axis, sets the gains, moves 36,000 counts, makes contact at k_f = 5 and
     f_d = 30, applies an impact, reads the recorder and draws a plot. Plant, firmware and gateway
-    are separate processes. The verb writes session.png, session.svg and axis.journal; `forceaxis
-    replay` of the journal gives the same trace hash. If the kernel has no CAN, the session runs in
-    a guest kernel (tools/vcan).
+    are separate processes. The subcommand writes session.png, session.svg and axis.journal;
+    `forceaxis replay` of the journal gives the same trace hash. If the kernel has no CAN, the
+    session runs in a guest kernel (tools/vcan).
     """
     link.under_vcan(link.LinkOptions("socketcan"))
     from forceaxis.thesis import session as thesis_session
