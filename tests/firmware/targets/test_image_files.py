@@ -52,7 +52,7 @@ def test_a_bin_would_write_the_parameters():
 
 
 def test_the_emulators_image_is_for_no_board():
-    with pytest.raises(InputError, match="expected an image for nucleo-f446re"):
+    with pytest.raises(InputError, match="expected an image for the board nucleo-f446re"):
         flash.plan(ROOT / f"{IMAGE}-emulated.elf")
 
 

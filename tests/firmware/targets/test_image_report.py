@@ -353,7 +353,7 @@ def test_files_that_are_missing(tmp_path):
     done = report("--board", board, tmp_path / "no.elf")
     assert done.returncode == 2 and "expected an image, there is none" in done.stderr
     done = report("--board", tmp_path / "none", tmp_path / "no.elf")
-    assert done.returncode == 2 and "expected the description of a board" in done.stderr
+    assert done.returncode == 2 and "expected a file with the description of a board" in done.stderr
 
 
 # The firmware, with a start of the test's own.

@@ -124,7 +124,7 @@ def test_what_the_axis_refuses_is_status_1():
     [
         (
             [],
-            "expected exactly one connection to an axis: --axis N, --can INTERFACE, --modbus URL "
+            "expected exactly one connection to an axis, one of --axis N, --can INTERFACE, --modbus URL "
             "or --sim",
         ),
         (["--axis", "1", "--can", "can0"], "expected exactly one connection to an axis"),

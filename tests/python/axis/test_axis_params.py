@@ -198,7 +198,7 @@ def test_a_file_is_written_only_to_a_disabled_axis_of_this_table(owned, tmp_path
     assert axis.read("watchdog") == 400
     found = axis.link.read
     axis.link.read = lambda names: found(names) | {"object_table_hash": 1}
-    with pytest.raises(Refused, match=r"expected object table .* it has 0x00000001"):
+    with pytest.raises(Refused, match=r"expected object table .* got 0x00000001"):
         parameter_set.read(axis)
 
 

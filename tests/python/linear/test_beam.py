@@ -229,7 +229,7 @@ def test_two_link_arm_matrices():
 def test_refusals():
     with pytest.raises(InputError, match="length_m"):
         beam.Beam(1.0, 1.0, 0.0)
-    with pytest.raises(InputError, match="modes"):
+    with pytest.raises(InputError, match="at least 1 mode"):
         BEAM.polynomial(0)
     with pytest.raises(InputError, match="k2"):
         beam.TwoLinkArm(k2=-1.0)

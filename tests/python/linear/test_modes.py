@@ -158,7 +158,7 @@ def test_inputs_and_outputs():
     assert [m.label for m in own.modes] == ["colocated", "colocated"]
     pushed = modes.modes("fig4_19", input="workpiece.force", output="workpiece.position")
     assert [m.label for m in pushed.modes] == ["colocated", "colocated"]
-    with pytest.raises(InputError, match="no path"):
+    with pytest.raises(InputError, match="no signal path"):
         modes.modes("fig4_19", output="sensor.spring_force", free=True)
     with pytest.raises(InputError, match="output"):
         modes.modes("fig4_19", output="tip.position")
