@@ -124,8 +124,8 @@ def test_what_the_axis_refuses_is_status_1():
     [
         (
             [],
-            "expected exactly one connection to an axis, one of --axis N, --can INTERFACE, --modbus URL "
-            "or --sim",
+            "expected exactly one connection to an axis, one of --axis N, --can INTERFACE, "
+            "--modbus URL or --sim",
         ),
         (["--axis", "1", "--can", "can0"], "expected exactly one connection to an axis"),
         (["--can", "can0", "--lcm-url", "udpm://"], "--lcm-url: expected --axis together with"),

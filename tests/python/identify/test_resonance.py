@@ -129,7 +129,7 @@ def test_refusals():
         resonance.fit(HZ, data[:-1], RIGID)
     with pytest.raises(InputError, match="at least 10"):
         resonance.fit(HZ[:5], data[:5], RIGID[:5])
-    with pytest.raises(InputError, match="rise"):
+    with pytest.raises(InputError, match="larger than the frequency before"):
         resonance.fit(HZ[::-1], data, RIGID)
     with pytest.raises(InputError, match="not 0"):
         resonance.fit(HZ, 0 * data, RIGID)
