@@ -25,8 +25,9 @@ class AnalysedLoop:
     """Description of the force loop that was analysed, for the JSON output.
 
     model: path of the model. parameters: those of the law in SI units. timing: a name of
-    loops.TIMINGS, or several joined by "and". output: the controlled signal. working: mode of the
-    plant, None if the model has only one. bank: coefficients of the law, None without a bank.
+    loops.TIMINGS, or several joined by "and". output: the controlled signal. working: states of the
+    elements, None if no element has different states. bank: coefficients of the law, None without a
+    bank.
     """
 
     model: str
@@ -69,9 +70,10 @@ class LimitResult:
     stability boundary, and the ranges of stable gains.
 
     critical_gain: in `unit`; None if the loop is stable at every gain, or at every gain up to
-    known_to; 0 if it is unstable at every small gain, see `reason`. frequency_hz: of the crossing.
-    firmware_gain: the critical gain in DAC codes per 8-bit count; largest_firmware_gain: the
-    largest value below it that the firmware can store. at: the loop at the gain of the request.
+    known_to; 0 if the loop is unstable at every small gain, see `reason`. frequency_hz: of the
+    crossing. firmware_gain: the critical gain in DAC codes per 8-bit count; largest_firmware_gain:
+    the largest value below the critical gain that the firmware can store. at: the loop at the gain
+    of the request.
     """
 
     critical_gain: float | None
@@ -92,9 +94,10 @@ class StepResponse:
     """Response of a closed force loop to a unit step of the set-point at time 0.
 
     rise_s: from 10 to 90 % of the final value. settle_s: time from which on the signal stays within
-    2 % of the final value. overshoot: share of the final value. A figure is None if it is not
-    reached within the duration, if the final value is 0, or if the loop is unstable. final: final
-    value, None for an unstable loop. value: the signal at time_s.
+    2 % of the final value. overshoot: share of the final value. `rise_s`, `settle_s` and
+    `overshoot` are None if the value is not reached within the duration, if the final value is 0,
+    or if the loop is unstable. final: final value, None for an unstable loop. value: the signal at
+    time_s.
     """
 
     stable: bool
@@ -249,7 +252,7 @@ def _figures(
     """Returns the rise time, settling time and overshoot of a step response as (rise_s, settle_s,
     overshoot). The array `value` also contains the response after `duration_s`.
 
-    Settled: the signal stays within 2 % to the end of `value`. A figure is None if it is not
+    Settled: the signal stays within 2 % to the end of `value`. A value is None if it is not
     reached within duration_s, or if the final value is 0.
     """
     if final == 0:

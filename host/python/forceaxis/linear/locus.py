@@ -98,7 +98,7 @@ class Locus:
 def span_of(ends: Array, critical_hz: float | None) -> float:
     """Returns the half-width in Hz of a plot that shows the poles and zeros of the structure.
 
-    The figure contains the crossing of the stability boundary and the lightly damped (below 0.3)
+    The plot contains the crossing of the stability boundary and the lightly damped (below 0.3)
     poles and zeros up to three times its frequency. The electrical poles of the motor are outside,
     as in 4.3.
     """

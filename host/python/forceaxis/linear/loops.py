@@ -65,13 +65,13 @@ FIRMWARE_HIGHEST = 65535 * GAIN_STEP
 class LoopSpec:
     """A force loop without its plant: control law, delay of the loop, and controlled signal.
 
-    law: a name of LAWS. timing: a name of TIMINGS. output: the signal that takes the place of the
-    force; "reading" is the input of ADC 0. free: contacts are open. parameters: those of the law in
-    SI units, {name of LAWS[law]: value}, and with a law that has inner damping
-    velocity_gain_Vs_per_m (V s/m). bank: the coefficients of law "bank", or a filter before a law
-    of motion; the gain of the loop replaces the gain of the bank. late_motion: a law of motion gets
-    x and v of the tick before, as the modes of the drive do. tick_s: sampling period of zoh and
-    zoh+1, s.
+    law: a name of LAWS. timing: delay of the loop, a name of TIMINGS. output: the signal that takes
+    the place of the force; "reading" is the input of ADC 0. free: contacts are open. parameters:
+    parameters of the law in SI units, {name of LAWS[law]: value}, and with a law that has inner
+    damping velocity_gain_Vs_per_m (V s/m). bank: the filter bank of law "bank", or a filter before
+    a law of motion; the gain of the loop replaces the gain of the filter bank. late_motion: a law
+    of motion gets x and v of the tick before, as the modes of the drive do. tick_s: sampling period
+    of zoh and zoh+1, s.
     """
 
     law: str = "p"
@@ -315,7 +315,7 @@ def _feedback(spec: LoopSpec, site: _Site, signal: str, moves: bool, names: list
     """Returns the plant as a System with four outputs: force f, time derivative of the force f',
     position x and velocity v.
 
-    names: the output, and the name of its rate if the law needs the rate.
+    names: the output, and the name of its time derivative if the law needs one.
     """
     known, where = site.known, site.where
 

@@ -99,9 +99,9 @@ class ModeAnalysis:
     ascending order of frequency.
 
     model: stem of the model file. contact: "pressed", "apart", or None for a model without contact.
-    working: the mode of operation that was analysed, None if the model has only one. has_path:
-    whether the input has an effect on the output. other_poles: poles of the complete system that
-    correspond to no mode of vibration.
+    working: states of the elements, None if no element has different states. has_path: True if the
+    input has an effect on the output. other_poles: poles of the complete system that correspond to
+    no mode of vibration.
     """
 
     model: str

@@ -352,9 +352,10 @@ def worst(
     """Returns the worst bandwidth and margins over a set of plants with all delays in `timings`,
     for the force loop `spec` (None: law p).
 
-    gain: k in V/N; or force_gain in DAC codes per 8-bit count; or the gain of the bank. The nominal
-    members, corners and random members (with a fixed seed) are analysed first; then a pattern
-    search begins at the worst of each figure. This takes some hundred loops of 3 to 5 ms each.
+    gain: k in V/N; or force_gain in DAC codes per 8-bit count; or the gain of the filter bank. The
+    nominal plants, corner plants and random plants (with a fixed seed) are analysed first. Then a
+    pattern search begins at the worst plant for the bandwidths and for each margin. This takes some
+    hundred loops of 3 to 5 ms each.
     """
 
     def analyse(loop: Loop) -> Figures:

@@ -73,7 +73,7 @@ def bode(
     """Returns a plot of magnitude and phase over the frequency. The option `phase_only` omits the
     magnitude.
 
-    others: curves of the other members of a set, drawn thin. margins: the limit of the loop and
+    others: curves of the other plants of a set, drawn thin. margins: the limit of the loop and
     its figures at the gain of the curves; the margins are marked at the first curve.
     """
     rows = 1 if phase_only else 2
@@ -176,7 +176,7 @@ def nyquist(
     """Returns a Nyquist plot of the loop gain `values` around the point -1, for positive and
     negative frequencies.
 
-    The figure contains the unit circle and the curve within a distance of 2.5. others: curves of
+    The plot contains the unit circle and the curve within a distance of 2.5. others: curves of
     the other members of a set, drawn thin.
     """
     figure, ax = plt.subplots(figsize=size)
@@ -373,8 +373,8 @@ def pole_zero(
 ) -> Figure:
     """Returns a plot of pole-zero arrays side by side, in Hz, with x for poles and o for zeros.
 
-    span_hz: half-width of the figure; by default it shows the structural dynamics, as in 4.3.1. The
-    number of poles and zeros outside is printed below.
+    span_hz: half-width of the plot; by default the plot shows the structural dynamics, as in 4.3.1.
+    The number of poles and zeros outside is printed below.
     """
     figure, axes = panels([one.label for one in arrays], wide, wide)
     for ax, one in zip(axes, arrays, strict=True):

@@ -21,9 +21,9 @@ class LoopRequest:
     or a default value is used.
 
     model: a model or an experiment, as a path or as the stem of a file in sim/. overrides:
-    {parameter: value}, with an experiment also firmware.NAME. states: {element: state} of the
-    mode. law, timing, output, free, parameters: as in LoopSpec. gain: k in the unit of the loop
-    (V/N). firmware_gain: the gain as force_gain, DAC codes per 8-bit count.
+    {parameter: value}, with an experiment also firmware.NAME. states: {element: state}. law,
+    timing, output, free, parameters: as in LoopSpec. gain: k in the unit of the loop (V/N).
+    firmware_gain: the gain as force_gain, DAC codes per 8-bit count.
     """
 
     model: str

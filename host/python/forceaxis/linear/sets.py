@@ -74,8 +74,8 @@ class WorstAtGain:
     loop.
 
     firmware_gain: the gain in DAC codes per 8-bit count, None if the loops do not feed back ADC 0.
-    The figures are those of over.Worst. member: {name of a figure, "stable" or "sag": the loop with
-    the worst value}. members: number of loops that were analysed.
+    Bandwidths and margins are those of over.Worst. member: {name of a bandwidth or margin, "stable"
+    or "sag": the loop with the worst value}. members: number of loops that were analysed.
     """
 
     gain: float
@@ -107,7 +107,8 @@ class LimitOfSet:
     unstable first.
 
     critical_gain: k in `unit`, None if all loops are stable at every gain, or up to known_to; the
-    further fields are as in limits.LimitResult. at: worst figures at the gain of the request.
+    further fields are as in limits.LimitResult. at: worst bandwidth and margins at the gain of the
+    request.
     """
 
     critical_gain: float | None
@@ -164,7 +165,7 @@ class StepOfSet:
     """The step responses of the force loops of a set, with the nominal loops first.
 
     gain: k of the nominal loop in `unit`; firmware_gain: in DAC codes per 8-bit count, None if the
-    loops do not feed back ADC 0. stable: whether all loops are stable. worst: the largest overshoot
+    loops do not feed back ADC 0. stable: True if all loops are stable. worst: the largest overshoot
     ("overshoot") and settling time ("settle_s").
     """
 
@@ -332,7 +333,7 @@ def _curves_over(
     """Returns the curves and the result of the frequency responses over a set of force loops. The
     function response(loop, k) returns a System with one input and one output for each curve.
 
-    The first curve is nominal; the result contains the worst value of each figure, and `of`.
+    The first curve is nominal; the result contains the worst bandwidth and margins, and `of`.
     """
     gain, force_gain = found.drawn_gain()
     drawn, rows = [], []

@@ -1,8 +1,9 @@
 """Stability of a force loop: critical gain, margins, root locus and step response.
 
-A `Loop` is a law around a plant, as `loops.force_loop` makes it. Every figure is computed from the
-response along the stability boundary, whose values are accurate to the rounding of single entries
-of the matrices (`_core.BoundaryResponse`). Eigenvalues only give the places at which to compute.
+A `Loop` is a control law around a plant, as `loops.force_loop` makes the loop. Critical gain
+and margins are computed from the response along the stability boundary, whose values are
+accurate to the rounding of single entries of the matrices (`_core.BoundaryResponse`). Eigenvalues
+only give the places at which to compute.
 """
 
 import itertools
@@ -105,7 +106,7 @@ class Loop:
 
     whole: system from the error, multiplied by k, to the feedback of the law and to the controlled
     signal. unit: of k, V/N for a force. codes_per_gain: firmware gain (DAC codes per 8-bit count)
-    per k. working: the mode of the plant.
+    per k. working: states of the elements of the plant.
     """
 
     model: str

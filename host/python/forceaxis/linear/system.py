@@ -131,9 +131,9 @@ class System:
         """Returns the zeros of the transfer function in 1/s or as z, including zeros that cancel
         poles.
 
-        They are the poles of the system under a feedback that keeps its output at 0. The feedback
-        uses the first nonzero derivative of the output; the states are those for which the output
-        and its lower derivatives are 0.
+        The zeros are the poles of the system under a feedback that keeps its output at 0. The
+        feedback uses the first nonzero derivative of the output; the states are those for which the
+        output and its lower derivatives are 0.
         """
         degree, value = self._markov()
         if value == 0.0:

@@ -1,12 +1,12 @@
 """The default states of the elements with which a model is linearised. These are the states in
 which the axis works.
 
-A force law works while the axis presses and moves. In this mode contacts are pressed, frictions
+A force law works while the axis presses and moves. In these states contacts are pressed, frictions
 slide, backlash is closed, and all other elements are in the middle of their range. Sliding friction
 is a constant force, so its size and direction do not change the linear equations; both flanks of a
 backlash give the same equations. A friction that the drive cannot overcome never slides and stays
-stuck. At rest all frictions stick, which is another mode: `linear.over` uses it as a further member
-of a set if it has a path from the command to the measured force.
+stuck. At rest all frictions stick, which is another combination of states. `linear.over` uses this
+combination as a further plant of a set if the command acts on the measured force.
 """
 
 import math
