@@ -1,5 +1,5 @@
-"""Sends commands to an axis through its gateway over LCM, and waits until the axis acknowledges
-them.
+"""Sends commands to an axis through its gateway over LCM, and waits until the axis acknowledges the
+commands.
 
     from forceaxis.bus.client import AxisClient
 
@@ -117,7 +117,8 @@ def from_raw(name: str, raw: int) -> Value:
 
 
 class AxisClient(Closable):
-    """Sends commands to one axis through its gateway and waits until the axis acknowledges them."""
+    """Sends commands to one axis through its gateway, and waits until the axis acknowledges the
+    commands."""
 
     def __init__(
         self, axis: int, url: str | None = None, timeout_s: float = 2.0, retry_s: float = 0.25

@@ -217,7 +217,7 @@ class Closable(abc.ABC):
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Ends the connection."""
+        """Closes the connection to the LCM bus."""
 
     def __enter__(self) -> Self:
         return self

@@ -167,7 +167,7 @@ class LogReader:
 
     @property
     def damage(self) -> str | None:
-        """Returns one line of text with the number of skipped bytes, or None if no byte was
+        """Returns one text line with the number of skipped bytes, or None if no byte was
         skipped."""
         if not self.skipped:
             return None

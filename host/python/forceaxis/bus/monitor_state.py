@@ -308,7 +308,8 @@ class AxisWatch:
         """Returns a text with the object tables of the firmware and of this program if the two
         object tables differ, otherwise None."""
         theirs = self.state and known(self.state.objects_hash)
-        if not theirs or theirs == TABLE_HASH:  # 0: the table hash was not read yet
+        # A table hash of 0 means that the hash was not read yet.
+        if not theirs or theirs == TABLE_HASH:
             return None
         return f"object table {theirs:08x} in the firmware, {TABLE_HASH:08x} here"
 
@@ -380,7 +381,7 @@ class Watch:
         self.clock: sim_clock_t | None = None
         self.events: deque[WatchedEvent] = deque(maxlen=500)
         self.received = self.undecodable = 0
-        self.gaps: dict[str, Gaps] = {}  # lost messages of each channel of the simulator
+        self.gaps: dict[str, Gaps] = {}  # numbers of lost messages of each channel of the simulator
 
     def axis(self, number: int) -> AxisWatch:
         if number not in self.axes:
@@ -388,7 +389,7 @@ class Watch:
         return self.axes[number]
 
     def take(self, channel: str, data: bytes, wall_us: int) -> None:
-        """Processes one message."""
+        """Processes one LCM message."""
         number, kind = channel_of(channel)
         if kind is None or kind == "TRUTH":
             return

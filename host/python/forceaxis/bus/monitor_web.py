@@ -78,8 +78,8 @@ class Screen(AppService):
     than PAGES_MAX processes run, even if pages are opened and closed quickly."""
 
     async def stop(self) -> None:
-        """Asks the process to end, and terminates it after QUIT_TIMEOUT_S, because a process that
-        is still starting ignores the request."""
+        """Asks the process to end, and terminates the process after QUIT_TIMEOUT_S, because a
+        process that is still starting ignores the request."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(super().stop(), QUIT_TIMEOUT_S)
         if (process := self._process) is None:
@@ -184,7 +184,8 @@ def serve(settings: MonitorSettings, host: str, port: int, ready: Callable[[str]
 
 
 def main() -> None:
-    """Runs the process of one page, which ends when the page is closed or the server ends."""
+    """Runs the process of one HTML page. The process ends when the page is closed or the server
+    ends."""
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
     from forceaxis.bus.monitor import Monitor
     from forceaxis.bus.monitor_state import Watch

@@ -43,7 +43,7 @@ PORTS = _checkout if _checkout.is_dir() else _package / "port"
 class Build:
     """The compiler for a board, its options, and the source files of every image."""
 
-    tools: str  # prefix of the names of the compiler's programs
+    tools: str  # prefix of the names of the compiler's programs, such as arm-none-eabi-
     package: str
     flags: list[str]
     script: str

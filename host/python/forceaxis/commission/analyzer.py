@@ -58,7 +58,7 @@ BIAS_TRIES = 8  # largest number of target_force values that are tried to reach 
 QUIET_LSB = 0.4  # rms noise in ADC codes below which rounding hides the noise of the measured force
 # number of realisations from which the distortion of the response is computed
 DISTORTION_RECORDS = 3
-AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor by which the search increases the amplitude
+AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor of one increase of the amplitude in the search
 # Factor by which the amplitude is reduced after a bound was exceeded, and largest number of
 # reductions: first without friction, then with dry friction, where the axis has to slide.
 REDUCTION, REDUCTIONS_MAX = 0.5, 6

@@ -163,8 +163,8 @@ class Touching(Analyzer):
         self.press(force_N)
 
     def press(self, force_N: float) -> float:
-        """Does the same as Analyzer.press(), but first moves the axis out of contact, and records
-        the first contact."""
+        """Presses in the same way as Analyzer.press(), but first moves the axis out of contact, and
+        records the first contact."""
         self.asked_N = force_N
         self._leave()
         before = round(BEFORE_S * TICKS_PER_S)

@@ -1,4 +1,5 @@
-"""Search for the dry friction of an axis by `forceaxis measure`, before the responses are measured.
+"""Searches for the dry friction of an axis in `forceaxis measure`, before the responses are
+measured.
 
 As in a tuning, constant codes in both directions measure the friction of guide and gear out of
 contact, and a slow change of the force measures the friction of a workpiece on its table. If the
@@ -103,7 +104,7 @@ class FrictionSearch:
         low = LOWEST_FORCE_SHARE * min(forces)
         most = self.order.force_max_N - FORCE_MARGIN_SHARE * max(forces)
         if (1 + SWING / 2) * max(forces) >= self.order.force_max_N:
-            return self.found  # the later measurement of the response raises this Refusal
+            return self.found  # The measurement of the response raises the same Refusal.
         try:
             high = min(high, most)
             # The axis may stick at a measured force below the force set-point.

@@ -122,7 +122,7 @@ def has_one(axis: Axis) -> bool:
 
 @dataclass(frozen=True)
 class BlackBoxObjects:
-    """State of the black box of an axis; valid with and without a fault."""
+    """State of the black box of an axis. The objects are valid with and without a fault."""
 
     blackbox_state: str
     fault: str

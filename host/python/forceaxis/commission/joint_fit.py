@@ -105,7 +105,7 @@ class JointFit:
     at: Samples
     rejected: str | None = None  #: reason of the rejection in one word: prior, chi2 or coherence
     text: str = ""  #: reason as text
-    values: Values | None = None  #: `best` if the fit is not rejected
+    values: Values | None = None  #: the values `best` if the fit is not rejected, otherwise None
     intervals: dict[str, tuple[float, float]] | None = None  #: 95 %
     #: {"a/b" or "a*b": (value, low, high)} of pairs that are known better than their parameters
     ratios: dict[str, tuple[float, float, float]] | None = None

@@ -28,7 +28,9 @@ class MeasuringOrder:
     settle_s: float = 1.0
     force_max_N: float = math.inf
     travel: int = 500  #: largest distance from the start position of a measurement
-    amplitude: int = 0  #: codes; 0: the amplitude is searched, beginning at `first`
+    #: amplitude in DAC codes; 0: the Analyzer searches the amplitude, beginning with the value
+    #: `first`
+    amplitude: int = 0
     first: int = 1
     most: int = MOST_CODES  #: largest code of the search
     seed: int = 1
@@ -74,11 +76,13 @@ class Level:
     sensitivity_error: Samples = field(default_factory=lambda: np.zeros(0))
     force_min_N: float | None = None
     force_max_N: float | None = None
-    swing: float = 0.0  #: peak to peak, N in contact, counts out of contact
+    #: range of the output from peak to peak, in N in contact and in counts out of contact
+    swing: float = 0.0
     #: Rms rate of change of the output that the waveform alone causes:
     #: N/s in contact, counts/s out of contact.
     speed_rms: float = 0.0
-    distorted: float = 1.0  #: ratio of the difference between the first realisations to their noise
+    #: ratio of the difference between the first realisations to the noise of the realisations
+    distorted: float = 1.0
     aborts: list[Abort] = field(default_factory=list)
     of_loop: bool = False
 

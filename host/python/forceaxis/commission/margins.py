@@ -31,7 +31,8 @@ def active_law(axis: Axis) -> Bank:
     names = [f"bank_{part}_{number}" for part in parts]
     names += [f"bank_coefficient_{i}" for i in range(first, first + COEFFICIENTS_PER_BANK)]
     bank = of_settings({"force_bank": number, "force_gain": gain} | axis.get(*names))
-    assert bank is not None  # never None here, because the number of the active bank is not 0
+    # The filter bank is never None here, because the number of the active bank is not 0.
+    assert bank is not None
     return bank
 
 

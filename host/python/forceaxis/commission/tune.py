@@ -88,13 +88,15 @@ LIMIT_FACTOR = 1 / 6  # gain of the law for the measurement as a share of the cr
 SPREAD_FACTORS = (0.3, 1.0, 3.0)
 # integral rates among which the law for the measurement is chosen
 RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
-CROSSOVER_RAD_PER_S = 3.0  # lowest crossover of the set at which a force settles within seconds
+# lowest crossover frequency over the set of plants at which a force settles within seconds
+CROSSOVER_RAD_PER_S = 3.0
 MS_TOLERANCE = 0.3  # permitted excess of a measured Ms over the predicted Ms
 AVERAGES_FACTOR = 4  # factor for the number of averages if |S| is certain at no frequency
 # Highest frequency of the responses, as a multiple of the highest frequency at which the loop may
 # become unstable.
 RESPONSE_BAND_FACTOR = 1.3
-VERIFIED_BAND_FACTOR = 3.0  # highest frequency at which |S| is verified, as a multiple of fT
+# highest frequency at which |S| is verified, as a multiple of the bandwidth fT
+VERIFIED_BAND_FACTOR = 3.0
 BAND_MAX_HZ = 400.0
 # The contact threshold is at least this multiple of the noise and at least this number of force
 # counts.
@@ -103,7 +105,7 @@ CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
 IMPACT_PEAK_N = 10.0
 # if the bandwidth is below this multiple of the bandwidth of P, the text names the limiting bound
 BANDWIDTH_FACTOR = 1.7
-NO_MEMORY = -10  # key of REASONS for an axis without a memory for parameters
+NO_MEMORY = -10  # key of REASONS for an axis that has no memory for parameters
 EARLIER_LAW_AGAIN = "the axis uses its earlier force law again"
 
 
@@ -295,7 +297,7 @@ def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
             best = gain * slowest, replace(bank, force_gain=gain), highest
         if best[0] > CROSSOVER_RAD_PER_S:
             break
-    assert best is not None  # RATES_RAD_PER_S is not empty
+    assert best is not None  # never reached, because RATES_RAD_PER_S is not empty
     return best[1].quantised(), best[2]
 
 
@@ -553,7 +555,7 @@ def store_line(tuning: TuningFolder, done: Stored) -> str:
 @dataclass(frozen=True)
 class TuningStep(Generic[R]):
     """One step of a tuning. function(folder, *results of the steps in `takes`) returns the result,
-    which is written to `file`; line(folder, result): the text that reports the result."""
+    which is written to `file`. line(folder, result) returns the text that reports the result."""
 
     name: str
     function: Callable[..., R]
@@ -562,12 +564,12 @@ class TuningStep(Generic[R]):
     line: Callable[[TuningFolder, R], str]
 
     def done(self, tuning: TuningFolder) -> R | None:
-        """The result of the step; None if the step is not done."""
+        """Returns the result of the step, or None if the step is not done."""
         held = self.file.read(tuning.folder)
         return None if held is None else held.result
 
     def result(self, tuning: TuningFolder) -> R:
-        """The result of the step. Raises Refusal if the step is not done."""
+        """Returns the result of the step. Raises Refusal if the step is not done."""
         done = self.done(tuning)
         if done is None:
             raise Refusal(
@@ -610,8 +612,8 @@ STEP_TABLE: dict[str, TuningStep[Any]] = {
     step.name: step for step in (CHECK, FREE, MEASURE, FIT, DESIGN, SIMULATE, WRITE, VERIFY, STORE)
 }
 STEPS = tuple(STEP_TABLE)
-# {field of the order: first step that has to run again after a change}. The step `check` always
-# runs.
+# {field of the order: first step that has to run again after a change of the field}
+# The step `check` always runs.
 AGAIN_FROM = {
     "model": "fit", "forces": "measure", "over": "fit", "priors": "fit", "states": "fit",
     "ms": "design",

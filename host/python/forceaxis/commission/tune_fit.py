@@ -56,7 +56,7 @@ TRAVEL_STIFFNESS_ERROR = 0.1  # relative error of a stiffness from the travel be
 # The sines determine the mass of a workpiece if the relative standard error of the mass is below
 # this value.
 SINE_MASS_ERROR_MAX = 0.2
-SINE_ERROR_MIN = 0.04  # smallest relative error of a workpiece's values from sines
+SINE_ERROR_MIN = 0.04  # smallest relative error of the stiffness and mass of a workpiece from sines
 REFIT_CHANGE = 0.02  # relative change of the values from sines above which the fit is repeated
 # Range of the dampings in the design for an axis with dry friction, in standard deviations of the
 # prior to both sides.
@@ -80,7 +80,7 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     path = tuning.folder / RESPONSES_MODEL
     path.unlink(missing_ok=True)
     (tuning.folder / FITTED_MODEL).unlink(missing_ok=True)
-    own: list[dict[str, Prior]] = []  # of each response, as `errors`
+    own: list[dict[str, Prior]] = []  # relative error of each response, as in `errors`
     errors: list[float] = []
     if frictions:
         dampers = friction_models.at_both_ends(given, frictions)
@@ -207,7 +207,8 @@ def _dampers(
     scale = abs(linear.facts(tuning.given).required_encoder.scale)
     response: ResponseFigures = free if name == "free" else measured.levels[name]
     speed_m_per_s = response.speed_rms / scale
-    if name != "free":  # speed_rms is the rate of the force; compliances in counts/N
+    # speed_rms is the rms rate of change of the force; compliances are in counts/N
+    if name != "free":
         speed_m_per_s *= measured.between.compliance + measured.between.sliding
     on_table = _under_workpiece(tuning, frictions)
     found = {}

@@ -160,7 +160,7 @@ class TuningFolder(as_found.AxisFolder):
         #: states of the elements in which the loops are linearised
         self.states: dict[str, str] = linear.states(order.states)
         if self.states:
-            # checks the states: raises InputError for a state that the model lacks
+            # Checks the states: raises InputError for a state that the model lacks.
             sets.slopes(self.given, fixed=self.states)
 
     @property

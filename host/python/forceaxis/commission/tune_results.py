@@ -213,7 +213,8 @@ class TouchDownPeaks:
 
 @dataclass(frozen=True, kw_only=True)
 class VerifiedResponse(TouchDownPeaks, LoopPeak, ResponseFigures):
-    """The response with the new law, the peak of |S| and the largest force of the first contact."""
+    """The response with the new law, the peak of |S|, and the largest force of the first
+    contact."""
 
     bias_N: float = field()
 

@@ -108,7 +108,7 @@ class SimulatedLimit:
     """The largest `force_gain`, in DAC codes per 8-bit count, at which all simulated contacts are
     stable."""
 
-    stable_gain: float | None  # None: the simulation is unstable at every gain
+    stable_gain: float | None  # None: the simulated contacts are unstable at every gain
     # smallest unstable gain above `stable_gain`; None if all larger gains are stable
     unstable_gain: float | None
     of_limit: float | None  # ratio of `stable_gain` to the critical gain of the linear loop

@@ -136,8 +136,8 @@ class GainCut:
 
 
 def why(contact: SimulatedContact) -> str:
-    """A text of one line that names the limits that a simulated contact did not keep, each limit
-    with value and unit."""
+    """Returns a text of one line that names the limits that a simulated contact did not keep, each
+    limit with value and unit."""
     texts = []
     for missed in contact.missed:
         if missed.limit == "fault":
@@ -151,11 +151,11 @@ def why(contact: SimulatedContact) -> str:
 
 
 def most_losses(contacts: Sequence[SimulatedContact]) -> int:
-    """Largest number of contact losses among the simulated first contacts; 0 if no first contact
-    was simulated."""
+    """Returns the largest number of contact losses among the simulated first contacts, or 0 if no
+    first contact was simulated."""
     return max((one.losses for one in contacts if one.losses_max is not None), default=0)
 
 
 def unstable(contacts: Sequence[SimulatedContact]) -> list[SimulatedContact]:
-    """The simulated contacts whose verdict is not stable or that end with a fault."""
+    """Returns the simulated contacts whose verdict is not stable or that end with a fault."""
     return [one for one in contacts if not one.is_stable]

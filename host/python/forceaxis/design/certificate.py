@@ -1,5 +1,5 @@
-"""Exact worst figures of a control law over a set of plants, and the bound that limits the gain of
-the law.
+"""Exact worst values of bandwidth and margins of a control law over a set of plants, and the bound
+that limits the gain of the law.
 
 The search evaluates a law on a grid of frequencies and on a sample of the set. The functions of
 this module lower the gain until the exact figures of the worst members keep the margins.
@@ -18,12 +18,12 @@ from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet
 from forceaxis.linear.stability import Loop
 
-ATTEMPTS = 12  # largest number of gains for which the exact figures are computed
+ATTEMPTS = 12  # largest number of gains for which the exact bandwidth and margins are computed
 # ratio of the first tried gain to the gain from the grid, because the grid seldom contains the
 # worst plant
 FIRST_GAIN_FACTOR = 0.995
 REACHED_SHARE = 0.97  # share of a bound above which a sentence names this bound as reached
-# a frequency within this factor of the frequency of a mode is assigned to this mode
+# a frequency is assigned to a mode if their ratio is within this factor
 MODE_FACTOR = 1.35
 
 # {name of a bound in GainLimit: text about the bound for a sentence}
@@ -41,27 +41,27 @@ Row = tuple[float | None, ...]
 
 @dataclass(frozen=True)
 class WorstFigures:
-    """The worst figures of a law over a set of plants. The value None stands for a figure that does
-    not exist."""
+    """The worst values of bandwidth and margins of a law over a set of plants. None means that a
+    value does not exist."""
 
     fS_Hz: float | None  # lowest frequency at which |S| reaches -3 dB
-    fT_Hz: float | None  # frequency at which |T| last falls through -3 dB
+    fT_Hz: float | None  # highest frequency at which |T| falls below -3 dB
     Ms: float | None  # largest |S| without a tick of latency
     Ms_late: float | None  # largest |S| with one tick of latency
     gain_margin: float | None
     phase_margin_deg: float | None
     static_error: float  # share of the set-point
-    # plant with the lowest fS: {parameter: value in SI units}, states and timing
+    # plant with the lowest fS: {parameter: value in SI units}, states, and delay of the loop
     member: dict[str, float | str]
 
     @property
     def bandwidth_Hz(self) -> float:
-        """fS in Hz, the bandwidth; 0 if fS does not exist."""
+        """The bandwidth fS in Hz, or 0 if fS does not exist."""
         return self.fS_Hz or 0.0
 
     @property
     def row(self) -> Row:
-        """The figures of a table in the order of FIGURES."""
+        """Returns the values of one table row in the order of FIGURES."""
         return (
             self.fS_Hz, self.fT_Hz, self.Ms, self.Ms_late, self.gain_margin, self.phase_margin_deg
         )  # fmt: skip
@@ -74,20 +74,21 @@ class WorstFigures:
 
 @dataclass(frozen=True)
 class PFigures(WorstFigures):
-    """Worst figures of the P law with the largest gain that keeps the margins."""
+    """Worst bandwidth and margins of the P law with the largest gain that keeps the margins."""
 
     force_gain: float  # DAC codes per 8-bit count
 
 
 @dataclass(frozen=True)
 class NoPFigures:
-    """Stands for the figures of the P law if no gain of the P law keeps the margins."""
+    """Result in place of the bandwidth and margins of the P law if no gain of the P law keeps the
+    margins."""
 
     force_gain: float = 0.0
 
     @property
     def row(self) -> Row:
-        """A row without figures in the order of FIGURES."""
+        """Returns a table row without values in the order of FIGURES."""
         return (None,) * len(FIGURES)
 
 
@@ -95,18 +96,19 @@ P = PFigures | NoPFigures
 
 
 def p_figures(worst: WorstFigures, bank: Bank) -> PFigures:
-    """The worst figures of the P law together with the gain of `bank`."""
+    """Returns the worst bandwidth and margins of the P law with the same gain as the filter bank
+    `bank`."""
     return PFigures(**vars(worst), force_gain=bank.force_gain)
 
 
 def lowered(bank: Bank, factor: float) -> Bank:
-    """A bank with the largest gain that the firmware can store and that is at most `factor` times
-    the gain of `bank`."""
+    """Returns a filter bank with the largest gain that the firmware can store and that is at most
+    `factor` times the gain of `bank`."""
     return replace(bank, force_gain=math.floor(bank.force_gain * factor / GAIN_STEP) * GAIN_STEP)
 
 
 def on_grid(grid: Grid, bank: Bank) -> WorstFigures:
-    """The worst figures of a bank over the members of a grid."""
+    """Returns the worst bandwidth and margins of a filter bank over the plants of a grid."""
     law, gain = bank.response(grid.z), bank.force_gain
     first, _ = grid.bandwidths(law, gain)
     peaks = dict(zip(grid.timings, grid.peaks(law, gain)[0].max(axis=1), strict=True))
@@ -126,7 +128,7 @@ def on_grid(grid: Grid, bank: Bank) -> WorstFigures:
 
 
 def on_grids(grids: Sequence[Grid], bank: Bank) -> WorstFigures:
-    """The worst figures of a bank over the members of several grids."""
+    """Returns the worst bandwidth and margins of a filter bank over the plants of several grids."""
     rows = [on_grid(grid, bank) for grid in grids]
     return WorstFigures(
         fS_Hz=_least([row.fS_Hz for row in rows]),
@@ -151,8 +153,9 @@ def _most(values: Sequence[float | None]) -> float | None:
 def exact(
     plants: PlantSet, grids: Sequence[Grid], bank: Bank, goal: Goal
 ) -> tuple[Bank, WorstFigures | None]:
-    """(bank, worst figures) with a gain at which the exact worst figures of the set keep the
-    margins. If no gain keeps the margins, the gain is 0 and the figures are None."""
+    """Returns (filter bank, worst values) with a gain at which the exact bandwidth and margins keep
+    the bounds of the goal on all plants. If no gain keeps the bounds, the gain is 0 and the values
+    are None."""
     bank = lowered(bank, FIRST_GAIN_FACTOR)
     for attempt in range(ATTEMPTS):
         if not bank.force_gain:
@@ -168,8 +171,8 @@ def exact(
 
 
 def _factor(worst: over.Worst, goal: Goal, timing: str) -> float:
-    """Factor by which the gain has to be multiplied so that the loop keeps the margins with a
-    timing; 1 if the loop already keeps the margins."""
+    """Returns the factor by which the gain has to be multiplied so that the loop keeps the margins
+    with one delay of the loop ("zoh" or "zoh+1"), or 1 if the loop already keeps the margins."""
     if not worst.stable:
         return 0.8
     factor = 1.0
@@ -209,15 +212,17 @@ def _float(value: float | None) -> float | None:
 
 
 def _static_error(grid: Grid, bank: Bank) -> float:
-    """Largest static error of a bank over the members of a grid, as a share of the set-point."""
+    """Returns the largest static error of a filter bank over the plants of a grid, as a share of
+    the set-point."""
     if bank.integral_rad_per_s:
         return 0.0
     return float(np.abs(1 / (1 + bank.force_gain * grid.plant[:, 0])).max())
 
 
 def sentence(grid: Grid, bank: Bank, steep: float, bounds: Bounds, finer: str) -> str:
-    """A sentence about the bound that limits the gain of a bank. steep: gain of the law at high
-    frequency for a force_gain of 1; finer: text of Goal.hf_cure() about the remedy."""
+    """Returns a sentence about the bound that limits the gain of a filter bank. `steep` is the gain
+    of the law at high frequency for a `force_gain` of 1. `finer` is the text of Goal.hf_cure()
+    about the remedy."""
     law = bank.response(grid.z)
     free = replace(bounds, hf_gain=math.inf)
     limit = grid.largest_gain(law, steep, free)
@@ -245,7 +250,7 @@ def _margin_left(grid: Grid, law: Response, bank: Bank, bounds: Bounds, steep: f
 
 
 def _mode_near(loop: Loop, hz: float) -> float | None:
-    """Frequency in Hz of the lightly damped pole of the plant next to `hz`, or None."""
+    """Returns the frequency in Hz of the lightly damped pole of the plant next to `hz`, or None."""
     poles = loop.open.poles_s()
     poles = poles[np.isfinite(poles) & (poles.imag > 0)]
     light = poles[np.abs(poles.real) < 0.2 * np.abs(poles)].imag / (2 * math.pi)

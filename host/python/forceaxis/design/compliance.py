@@ -86,7 +86,8 @@ class ComplianceOrder:
     Each field is an option of the subcommand."""
 
     text: str  # MODEL or EXPERIMENT
-    element: str | None = None  # name of a parameter in N/m; None: the stiffness of the contact
+    # name of a stiffness parameter in N/m; None: stiffness of the contact
+    element: str | None = None
     overrides: Mapping[str, float | str] | None = None
     # tolerances as texts NAME=PERCENT%; None selects the tolerances of `sets.workpiece`
     over: Sequence[str] | None = None
@@ -168,7 +169,7 @@ def _point(order: ComplianceOrder, element: str, value: float, setpoint: float) 
         bits = order.bits or design.facts.required_reading.bits
         try:
             problem = ShortSearch(plants, Goal(adc_bits=bits), random=0)
-        except InputError as error:  # a plant of the set is unstable at every gain
+        except InputError as error:  # One plant of the set is unstable at every gain.
             nothing = None, None, None, None
             return CompliancePoint(value, *nothing, motion_m, *nothing, refused=str(error))
         p, found = problem.worst(Bank(1.0)), problem.designed()

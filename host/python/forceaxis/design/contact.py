@@ -1,4 +1,4 @@
-"""Response of a linear contact to a force set-point that rises as a ramp.
+"""Computes the response of a linear contact to a force set-point that rises as a ramp.
 
 With an integral action that is slower than the loop, the force settles slowly; with a faster one,
 the force overshoots. The bandwidth does not show these two effects. The set-point is a periodic

@@ -19,7 +19,7 @@ class SheetField:
     """One field of a data sheet: the question to the user, the check of the answer, and the default
     value."""
 
-    part: str  # of the axis, such as "motor"
+    part: str  # component of the axis to which the field belongs, such as "motor"
     unit: str
     low: float  # smallest accepted value
     high: float  # largest accepted value
@@ -27,7 +27,7 @@ class SheetField:
     why: str  # the origin of the default
     # question to the user: the quantity, and the section of data sheets that states the quantity
     ask: str
-    word: str | None = None  # word that the user may give instead of a number, such as "none"
+    word: str | None = None  # text that the user may enter in place of a number, such as "none"
     # name of a second field; the field has an effect only if the second field has a number
     needs: str | None = None
     # name of a second field; the field has an effect only if the value of the second field is
@@ -259,41 +259,43 @@ class SheetValues:
 
     @property
     def rotor_mass_kg(self) -> float:
-        """Inertia of the rotor as an equivalent mass at the axis, in kg."""
+        """Returns the inertia of the rotor as an equivalent mass at the axis, in kg."""
         return self.rotor_inertia_kg_m2 / self.radius_m**2
 
     @property
     def total_mass_kg(self) -> float:
-        """Moving mass plus the inertia of the rotor as a mass at the axis, in kg."""
+        """Returns the moving mass plus the inertia of the rotor as a mass at the axis, in kg."""
         return self.rotor_mass_kg + self.moving_mass_kg
 
     @property
     def motor_side_mass_kg(self) -> float:
-        """Mass that the drive moves directly: the rotor alone if the transmission is elastic."""
+        """Returns the mass in kg that the drive moves directly. If the transmission is elastic,
+        this is the rotor alone."""
         return self.rotor_mass_kg if self.transmission_stiffness_n_per_m else self.total_mass_kg
 
     @property
     def back_emf_speed_m_per_s(self) -> float:
-        """Speed in m/s at which the back EMF equals the supply voltage."""
+        """Returns the speed in m/s at which the back EMF equals the supply voltage."""
         return self.supply_v * self.radius_m / max(self.back_emf_v_s_per_rad, 1e-12)
 
     @property
     def weight_n(self) -> float:
-        """Component of the weight along the axis in N, positive toward the workpiece."""
+        """Returns the component of the weight along the axis in N, positive toward the
+        workpiece."""
         rise = math.radians(self.inclination_deg or 0.0)
         return -GRAVITY_M_PER_S2 * self.moving_mass_kg * math.sin(rise)
 
 
 def default_filter_hz(v: SheetValues) -> float:
-    """Default of the velocity filter in Hz: at least six times the bandwidth of the velocity loop,
-    and more if the rotor is light compared with the load."""
+    """Returns the default of the velocity filter in Hz: at least six times the bandwidth of the
+    velocity loop, and more if the rotor is light compared with the load."""
     return max(6.0, 4.0 * v.total_mass_kg / v.motor_side_mass_kg) * v.velocity_loop_hz
 
 
 def default_current_loop_hz(v: SheetValues) -> float:
-    """Default bandwidth of the current loop in Hz. The bandwidth is above the motor's electrical
-    pole and the velocity filter, and so large that the back EMF adds at most a third of the damping
-    of the velocity loop."""
+    """Returns the default bandwidth of the current loop in Hz. The bandwidth is above the motor's
+    electrical pole and above the velocity filter. It is so large that the back EMF adds at most a
+    third of the damping of the velocity loop."""
     pole = v.resistance_ohm / (2 * math.pi * v.inductance_h)
     emf = v.torque_constant_n_m_per_a * v.back_emf_v_s_per_rad / v.inductance_h
     emf /= v.total_mass_kg * v.radius_m**2 * (2 * math.pi) ** 2 * v.velocity_loop_hz
@@ -301,8 +303,8 @@ def default_current_loop_hz(v: SheetValues) -> float:
 
 
 def default_brake_n(v: SheetValues) -> float:
-    """Default of the holding force of the brake in N: twice the component of the weight along the
-    axis, and at least 1 N."""
+    """Returns the default of the holding force of the brake in N: twice the component of the weight
+    along the axis, and at least 1 N."""
     return max(1.0, 2.0 * abs(v.weight_n))
 
 
@@ -316,8 +318,8 @@ BACK = "<"  # answer that returns to the previous question
 
 
 def sheet_of(values: Mapping[str, float | None]) -> SheetValues:
-    """Returns the data sheet from {name of a field: value}. The value None stands for the `word` of
-    the field or for a field without effect."""
+    """Returns the data sheet from {name of a field: value}. The value None means the `word` of the
+    field, or a field without effect."""
     return from_json(SheetValues, {n: v for n, v in values.items() if v is not None})
 
 

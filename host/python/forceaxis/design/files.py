@@ -22,7 +22,7 @@ from forceaxis.design.outcome import DesignOutcome
 from forceaxis.design.simulate import ContactBench
 from forceaxis.errors import ParameterError
 
-EPOCH = datetime.date(1984, 1, 1)  # date that the object certificate_date counts as day 0
+EPOCH = datetime.date(1984, 1, 1)  # date that corresponds to day 0 of the object `certificate_date`
 
 
 def signed(name: str, value: float) -> float:

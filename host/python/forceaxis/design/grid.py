@@ -42,7 +42,7 @@ BLOCK_MEMBERS = 16  # number of plants in each Grid that blocks() returns
 # Largest gain at high frequency in DAC codes per 8-bit count. This bound does not grow with the
 # resolution of the ADC, because the noise of the measured force in N does not decrease.
 HF_DEFAULT = 80.0
-# share of the bound of hf_gain that a design uses, because the firmware rounds coefficients
+# share of the bound of `hf_gain` that a design uses, because the firmware rounds coefficients
 HF_SHARE = 0.99
 
 
@@ -180,7 +180,7 @@ class Grid:
             except _core.InputError as error:
                 if "expected a path" not in str(error):
                     raise
-                refused = error  # without a signal path from drive to sensor, every law is stable
+                refused = error  # every law is stable without a signal path from drive to sensor
                 continue
             if loop.codes_per_gain is None:
                 raise _core.InputError(

@@ -18,7 +18,7 @@ from forceaxis.results import json_field
 from forceaxis.words import counted
 
 LATENCIES = {"both": (0, 1), "0": (0,), "1": (1,)}  # values of latency_ticks
-TIMINGS = ("zoh", "zoh+1")  # names in loops.TIMINGS for a latency of 0 ticks and of 1 tick
+TIMINGS = ("zoh", "zoh+1")  # names of the delays in loops.TIMINGS for a latency of 0 and of 1 tick
 MEMBERS = 12  # number of random plants on which contacts are simulated
 
 
@@ -165,7 +165,8 @@ class DesignResult:
 
 @dataclass
 class DesignOutcome:
-    """The state of a design while the law is searched, simulated and written to files."""
+    """The data of a design during the search of the law, the simulation and the writing of
+    files."""
 
     order: DesignOrder
     plants: PlantSet

@@ -17,7 +17,7 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet
 
 NAME = "PI and one biquad"
-RANDOM = 40  # number of random plants on which the result is checked, in addition to the corners
+RANDOM = 40  # number of random plants of the check of the result
 PI_RATES_RAD_PER_S = np.geomspace(0.1, 100, 31)  # integral rates of the PI laws
 PI_BANDWIDTH_MIN_HZ = 0.05  # smallest bandwidth in Hz that the search assumes for a PI law
 # Factor by which limited_by() changes a bound, and smallest ratio of bandwidths that shows an
@@ -58,8 +58,8 @@ class ShapedDesign(ShortDesign):
 
 
 class ShortSearch:
-    """Search of the best bank for a set of plants at the margins of a goal; also the largest gain
-    of a given shape."""
+    """Search of the best filter bank for a set of plants at the margins of a goal. A search can
+    also find the largest gain of a bank whose filters are given."""
 
     def __init__(self, plants: PlantSet, goal: Goal, random: int = RANDOM) -> None:
         self.plants, self.goal = plants, goal
@@ -69,8 +69,9 @@ class ShortSearch:
         search.check_plants(self.inner)
 
     def worst(self, shape: Bank) -> ShortDesign:
-        """A bank with the largest gain that keeps the margins, and the worst figures of this bank.
-        shape: bank that gives integral rate and sections; the gain of `shape` is ignored."""
+        """Returns a filter bank with the largest gain that keeps the margins, and the worst
+        bandwidth and margins of this bank. The filter bank `shape` gives integral rate and
+        sections; its gain is ignored."""
         unit = replace(shape, force_gain=1.0).quantised()
         law = unit.response(self.grid.z)
         steep = max(unit.hf_gain(), float(np.abs(law[:, -1]).max()))
@@ -83,7 +84,7 @@ class ShortSearch:
         return ShapedDesign(found.bank, found.worst, numbers)
 
     def designed(self) -> ShapedDesign:
-        """The best bank that the search finds."""
+        """Returns the best filter bank that the search finds."""
         fS, rate = max(
             (self.inner.evaluate(np.array([math.log(w)]))[0], w) for w in PI_RATES_RAD_PER_S
         )  # of PI
@@ -103,24 +104,25 @@ class ShortSearch:
         return max(plain, found, key=lambda f: f.bandwidth_Hz)
 
     def best_of(self, candidates: Iterable[Samples]) -> ShapedDesign:
-        """The best bank for this set among the banks that other searches have found. candidates:
-        logarithms as in ShapedDesign."""
+        """Returns the best filter bank for this set of plants from `candidates`, the results of
+        other searches. The candidates are lists of logarithms as in ShapedDesign."""
         numbers = max(candidates, key=lambda n: self.inner.evaluate(n)[0])
         return self._shaped(structures.bank(numbers, 1.0), numbers)
 
     def at(self, bank: Bank) -> WorstFigures:
-        """The worst figures of a bank, without a change of the gain."""
+        """Returns the worst bandwidth and margins of a filter bank, without a change of the
+        gain."""
         return certificate.on_grid(self.grid, bank)
 
     def exact(self, bank: Bank) -> tuple[Bank, WorstFigures | None]:
-        """(bank, worst figures) with the gain at which the exact worst figures of the set keep the
-        margins. This gain is some per cent below the gain from the grid, and the computation takes
-        seconds instead of milliseconds."""
+        """Returns (filter bank, worst values) with the largest gain at which the exact bandwidth
+        and margins keep the bounds. This gain is some per cent below the gain from the grid of
+        frequencies, and the computation takes seconds instead of milliseconds."""
         return certificate.exact(self.plants, [self.grid], bank, self.goal)
 
     def limited_by(self, found: ShapedDesign) -> str:
-        """A sentence about the bound that limits the bandwidth of a design. The named bound is the
-        bound whose change raises the bandwidth most."""
+        """Returns a sentence about the bound that limits the bandwidth of a design. The sentence
+        names the bound whose change increases the bandwidth most."""
         own = self.inner.bounds
         wider = {
             "hf": replace(own, hf_gain=2 * own.hf_gain),
@@ -151,9 +153,9 @@ class ShortSearch:
         return certificate.sentence(self.grid, found.bank, 1.0, only, self.goal.hf_cure())
 
     def _starts(self, fS: float, rate: float) -> list[Samples]:
-        """Starts of the search as logarithms: zeros at antiresonances with a pole at a higher
-        frequency, a lead, a lag, and the best PI law. fS: bandwidth of the PI law in Hz; rate:
-        integral rate of the PI law in rad/s."""
+        """Returns start values of the search as logarithms: laws with zeros at antiresonances and a
+        pole at a higher frequency, a lead, a lag, and the best PI law. `fS` is the bandwidth of the
+        PI law in Hz, `rate` is the integral rate of the PI law in rad/s."""
         zeros = search.antiresonances(self.grid)[:ZEROS_MAX]
         shapes = [(z, 0.06, z * pole, 0.5) for z in zeros for pole in (1.25, 2.6)]
         shapes += [(4 * fS, 1.0, 16 * fS, 0.8), (20 * fS, 0.8, 5 * fS, 0.8)]
@@ -165,5 +167,5 @@ class ShortSearch:
         return self.inner.polished(start, self._limits, EVALUATIONS, 1e-3)
 
     def _order(self, numbers: Samples) -> tuple[float, tuple[float, ...]]:
-        """Sorting key of laws: the bandwidth, then the numbers."""
+        """Returns the sorting key of a law: the bandwidth, then the numbers of the law."""
         return self.inner.evaluate(numbers)[0], tuple(numbers)

@@ -25,7 +25,8 @@ from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import GAIN_STEP, Bank
 from forceaxis.linear.plant_set import Member, PlantSet
 
-LARGER_STRUCTURE_MIN = 1.1  # smallest ratio of bandwidths at which the larger structure is chosen
+# smallest ratio of bandwidths at which the search selects the larger structure of the law
+LARGER_STRUCTURE_MIN = 1.1
 RANDOM = 1000  # number of random plants on which the result is checked
 PROBE_RANDOM = 60  # number of random plants in each round of the search
 ROUNDS_MAX = 4  # largest number of rounds in which plants are added to the search
@@ -133,8 +134,9 @@ class SearchProblem:
         return value, gain
 
     def follow_ramp(self, plants: PlantSet, goal: Goal, bandwidth_Hz: float) -> None:
-        """Makes evaluate() reduce the bandwidth of laws with which the force of the nominal plants
-        does not follow a ramp. The rise time of the ramp follows from the bandwidth of a PI law."""
+        """Makes evaluate() reduce the bandwidth of control laws with which the force of the nominal
+        plants does not follow a ramp of the set-point. The rise time of the ramp follows from the
+        bandwidth of a PI law."""
         rise_s = goal.ramp_s or max(RAMP_MIN_S, RAMP_PERIODS / bandwidth_Hz)
         nominal = plants.nominal()
         loops = [

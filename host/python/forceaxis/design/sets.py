@@ -10,7 +10,7 @@ from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.plant_set import PlantSet, ranges_of
 from forceaxis.linear.working import States
 
-# tolerance of a workpiece whose values are known from a data sheet or from a test without contact
+# tolerance of a workpiece whose values come from a data sheet or from a test without contact
 WORKPIECE_TOLERANCE = "30%"
 
 

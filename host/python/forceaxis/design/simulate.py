@@ -51,7 +51,7 @@ Plant = dict[str, float]  # {parameter: value in SI units} of a plant; empty for
 # Set-points as shares of the range of the measured force: 12, 30 and 60 counts of 255.
 SETPOINTS = (12 / 255, 30 / 255, 60 / 255)
 STALL_FORCE_SHARE = 0.25  # largest force set-point as a share of the largest force of the drive
-RAMP_S = 0.2  # rise time of the largest force set-point
+RAMP_S = 0.2  # rise time in s of the largest force set-point
 STRIKE_S = 0.5 / 150  # impulse of an impact in N s per newton of the largest force set-point
 APPROACH_M_PER_S = 0.02  # largest approach speed in m/s if no experiment gives a speed
 WINDOW_S = 0.5  # window of the verdict
@@ -63,7 +63,7 @@ LEAST_COUNT = 4  # smallest force set-point in 8-bit counts: twice the default o
 KEPT = ("position_gain", "velocity_gain", "approach_velocity_max", "contact_force", "force_sign")
 # factors by which the impulse of a simulated impact is multiplied for a series of impacts
 STRIKE_FACTORS = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)
-DWELLS_MS = (300, 100, 600)  # values of contact_loss_dwell in ms that are simulated in this order
+DWELLS_MS = (300, 100, 600)  # values of `contact_loss_dwell` in ms, in the order of simulation
 FRICTION_SHARES = (
     0.5,
     1.0,

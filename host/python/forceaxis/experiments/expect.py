@@ -267,7 +267,7 @@ class Measured:
     values: dict[str, Obtained]
     signal: str  # column of the trace
     from_s: float  # start of the evaluation
-    final_s: float  # duration of the mean at the end
+    final_s: float  # duration in s of the mean at the end of the run
     final: float  # final value of `signal`
     # half width of the settling band, which extends from final - width to final + width
     width: float
@@ -305,7 +305,8 @@ class ExpectationCheck:
 
     @property
     def difference(self) -> str:
-        """Text about the difference of the obtained value from the expected value or limit."""
+        """Returns text about the difference of the obtained value from the expected value or
+        limit."""
         if not (isinstance(self.expected, Number) and isinstance(self.obtained, float)):
             return self.why
         due = self.expected.value

@@ -88,8 +88,8 @@ class Experiment:
         found = read_inputs(file, text=text)
         self.title: str = found.title
         self.model = found.model
-        #: Value in SI units and name of this unit for each parameter of the model. Values of the
-        #: table [set] of the experiment replace those of the model.
+        #: Value in SI units and name of this unit for each parameter of the model.
+        #: The table [set] of the experiment has precedence over the model.
         self.parameters: dict[str, ParameterFacts] = found.parameters
         #: Values of the firmware objects that the experiment writes before the first tick, each in
         #: the unit of the object.

@@ -27,7 +27,8 @@ class Inputs:
     criterion: Criterion | None  # the table [verdict]
     # reason why the table [verdict] cannot be evaluated; None if [verdict] can be evaluated
     not_evaluable: str | None
-    parameters: dict[str, ParameterFacts]  # parameters of the model after the overrides
+    # values of the parameters of the model after the overrides
+    parameters: dict[str, ParameterFacts]
     unused: list[str]  # names of the parameters that have no effect on the model
 
 

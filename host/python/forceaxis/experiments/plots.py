@@ -64,7 +64,7 @@ class Marks:
     # (time of the change, force set-point in N)
     setpoints: list[tuple[float, float]] = field(default_factory=list)
     contacts: list[tuple[float, float]] = field(default_factory=list)  # (first time, last time)
-    # window of the verdict: (first time, last time, verdict)
+    # window of the verdict: (first time in s, last time in s, verdict)
     window: tuple[float, float, str] | None = None
     # (time, key of EVENTS, text)
     events: list[tuple[float, str, str]] = field(default_factory=list)
@@ -162,7 +162,7 @@ def draw_setpoints(ax: Axes, time_s: Array, marks: Marks) -> None:
         return
     if marks.demand is not None:
         times_s, force_N = (np.asarray(v, float) for v in marks.demand)
-        none = force_N == 0  # marks the lines whose two ends are 0 N, which are not drawn
+        none = force_N == 0  # marks the segments whose two ends are 0 N, which are not drawn
         none = none & np.append(True, none[:-1]) & np.append(none[1:], True)
         drawstyle = "default"
     else:
@@ -299,7 +299,8 @@ class Settling:
     band: list[float]  # lower and upper edge of the settling band, in the unit of the trace
     # expected range of the settling time in s; None means that the signal must not settle
     expected_s: tuple[float, float] | None
-    obtained_s: float | None  # settling time of the run in s; None: the signal does not settle
+    # settling time of the run in s; None means that the signal does not settle
+    obtained_s: float | None
 
 
 def comparison(

@@ -43,7 +43,7 @@ class Converter:
 
 Converters: TypeAlias = dict[
     str, Converter
-]  # column of codes ("encoder", "adc0", ...) -> converter
+]  # {column of codes ("encoder", "adc0", ...): converter of these codes}
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Metrics:
     saturated_run_ticks: int
     # number of ticks of the window in which the measured force is at an end of the ADC range
     reading_range_ticks: int
-    # first force set-point outside the range of the measured force; None: no such set-point
+    # first force set-point outside the range of the measured force; None if there is none
     setpoint_beyond_N: float | None
     reading_end_N: float  # end of the range of the measured force
     last_adc_change_tick: int  # last tick in which the code of ADC 0 changed

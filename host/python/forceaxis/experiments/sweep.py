@@ -78,7 +78,7 @@ class SweepRequest:
     experiment: str | Path
     # {name: "FROM:TO:COUNT", "FROM:TO:COUNT:log", "VALUE,VALUE,..." or a list of values}
     grid: Mapping[str, GridValues] = field(default_factory=dict)
-    # name -> "FROM:TO" or "FROM:TO:log"
+    # {name: "FROM:TO" or "FROM:TO:log"}
     random: Mapping[str, str] = field(default_factory=dict)
     count: int | None = None  # number of random points
     seed: int = 0  # of the random points
@@ -442,7 +442,7 @@ class Runner:
         self.journal = journal
         self.salt = ":".join(identity.values())
         self.place = place
-        self.asked = 0  # number of outcomes that were returned
+        self.asked = 0  # number of outcomes that the Runner has returned
         self.ran = 0  # number of runs that the journal did not contain
         # (values, outcome) of all points
         self.seen: list[tuple[tuple[float, ...], PointOutcome]] = []

@@ -193,7 +193,7 @@ def over_one(
     ax.plot(x[order], peak_N[order], color=INK, linewidth=0.6, zorder=1)
     shown = np.where(np.isfinite(peak_N), peak_N, 0)
     failed = ~np.isfinite(peak_N)
-    # marks the points of an experiment without [verdict]
+    # Marks the points of an experiment that has no table [verdict].
     plain = ~np.isin(verdict, VERDICTS) & ~failed
     ax.scatter(x[plain], shown[plain], c=INK, marker=".", s=22)
     scatter_verdicts(ax, x[~plain], shown[~plain], np.where(failed, "", verdict)[~plain], size=22)

@@ -9,6 +9,6 @@ WORDS = {verdict: verdict.replace("_", " ") for verdict in VERDICTS}
 
 
 def stability(verdict: str) -> str:
-    """Returns "stable" for the verdict "stable" and "unstable" for every other verdict. An empty
-    text is returned unchanged."""
+    """Returns "stable" for the verdict "stable", and "unstable" for every other verdict. For an
+    empty text, returns the empty text."""
     return "unstable" if verdict in NOT_STABLE else verdict

@@ -29,7 +29,7 @@ LEAST_SINGULAR_RATIO = 1e-7
 LEAST_EFFECT = 1e-9  # smallest relative change of a response that is an effect of a parameter
 # probability of chi-square below which other start values are tried and the fit is rejected
 REJECTED_BELOW = 1e-3
-OTHER_STARTS = 24  # number of other start values
+OTHER_STARTS = 24  # number of further start values of the search
 # Fields of a Measurement that are arrays, by their names in the file response.npz.
 ARRAYS = ("frequency_hz", "response", "coherence", "variance", "floor")
 # half width of the search range of a logarithm: a factor of 20 above and below the start value

@@ -54,7 +54,7 @@ class ExcitedPlant:
         self.columns = [setup.input, setup.output]
         # number of ADC codes at an end of the range, and number of all ADC codes
         self.at_end = self.converted = 0
-        self.met: Counter[str] = Counter()  # "element: state" -> number of samples
+        self.met: Counter[str] = Counter()  # {"element: state": number of samples}
         try:
             model = str(linear.find_model(setup.model))
             self.plant = _core.Excited(model, dict(overrides), setup.seed, parts, setup.clamped)

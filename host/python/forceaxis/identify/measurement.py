@@ -27,10 +27,12 @@ class Comparison:
 
     points: int  # number of frequencies
     coherent: int  # number of coherent points, with a coherence above 0.9
-    inside: float | None  # share of the coherent points in the 95 % band; None: no coherent points
+    # share of the coherent points in the 95 % band; None if no point is coherent
+    inside: float | None
     statistic: float  # chi-square statistic with 2 degrees of freedom for each point
     p_value: float  # probability that the statistic is at least as large for a correct model
-    fits: bool  # True if the model agrees with the response: p_value is at least 0.05
+    # True if the model agrees with the response, which means that `p_value` is at least 0.05
+    fits: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +65,8 @@ class Readings:
     low_gain: float  #: magnitude at the lowest frequency, in the unit of the response
     low_hz: float  #: the lowest frequency
     plateau: bool  #: True if the magnitude is constant in the first octave
-    corner_hz: float | None  #: 3 dB below low_gain; None without a plateau
+    #: frequency at which the magnitude is 3 dB below `low_gain`; None without a constant magnitude
+    corner_hz: float | None
     phase_crossings: list[PhaseCrossing]
 
 
@@ -87,20 +90,26 @@ class Measurement:
     frequency_hz: Reals  #: (n,) ascending frequencies, > 0, below 1 / (2 dt)
     response: Complexes  #: (n,) complex response, in `units`
     coherence: Reals  #: (n,) ordinary coherence of input and output, 0..1
-    variance: Reals  #: (n,) of the complex response: E |response - true|^2, units squared
-    floor: Reals  #: (n,) standard deviation caused by quantisation alone, units
-    dof: float  #: complex degrees of freedom of `variance`: averages - 1, fewer with overlap
+    #: (n,) variance of the complex response, E |response - true|^2, in the square of the unit
+    variance: Reals
+    #: (n,) standard deviation that quantisation alone causes, in the unit of the response
+    floor: Reals
+    #: complex degrees of freedom of `variance`: averages - 1, fewer with overlap of segments
+    dof: float
     averages: int
-    input: str  #: a signal of the model ("drive.command": V), or "dac_code"
-    output: str  #: a signal of the model, "adc0", "adc1" (8-bit counts) or "encoder" (counts)
+    input: str  #: input: a signal of the model ("drive.command": V), or "dac_code"
+    #: output: a signal of the model, "adc0", "adc1" (8-bit counts) or "encoder" (counts)
+    output: str
     unit: str  #: of the response
-    dt: float  #: sampling period in s, 1 / (1500 parts)
-    inject: str  #: "volts" (plant alone) or "codes" (through the firmware, dt = 1/1500 s)
+    dt: float  #: sampling period in s, 1 / (1500 n) with an integer n
+    #: excitation: "volts" (plant alone) or "codes" (through the firmware, dt = 1/1500 s)
+    inject: str
     model: str  #: path of the model file that was measured
     overrides: linear.Overrides  #: nominal parameters, which `predict()` uses without arguments
     free: bool = False  #: contacts apart
     scale: float = 1.0  #: factor of the output
-    window: str = "none"  #: "none", or "hann", a window with which neighbouring frequencies mix
+    #: window function: "none", or "hann", with which neighbouring frequencies mix
+    window: str = "none"
     resolution_hz: float = 0.0  #: distance between spectral lines in Hz, 1 / length of a recording
     band_hz: tuple[float, float] = (0.0, math.inf)  #: that was excited
     saturated: float = 0.0  #: share of the samples with an ADC code at an end of the range

@@ -146,15 +146,15 @@ class RingDown:
 
     cycles: int  #: number of periods of the vibration that were evaluated
     damped_frequency: Estimate  #: 1 / period, Hz
-    natural_frequency: Estimate  #: frequency without damping, Hz
+    natural_frequency: Estimate  #: frequency of the mode without damping, in Hz
     decrement: Estimate  #: logarithm of the ratio of two amplitudes with a distance of one period
     damping_ratio: Estimate  #: damping ratio by the formula of the thesis, decrement / (2 pi)
     #: exact damping ratio, decrement / sqrt(4 pi^2 + decrement^2)
     damping_ratio_exact: Estimate
     #: ln(amplitude of the first / of the last period) / number of periods between them
     decrement_of_ratio: float
-    explained: float  #: share of the record's variance, 0..1
-    noise: float  #: standard deviation of the residual, in the signal's unit
+    explained: float  #: share of the variance of the recording that the fit explains, 0..1
+    noise: float  #: standard deviation of the residual, in the unit of the signal
     warnings: tuple[str, ...]
 
 

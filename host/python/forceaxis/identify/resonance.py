@@ -30,7 +30,7 @@ FREQUENCY_RATIO = 1.3
 class Resonance:
     """One factor R_i of the model with a peak and possibly a trough. R_i is 1 at low frequency."""
 
-    peak_hz: float  #: frequency of the poles, Hz, > 0
+    peak_hz: float  #: frequency of the poles in Hz, > 0
     peak_damping: float  #: damping ratio of the poles
     trough_hz: float | None = None  #: frequency of the zeros in Hz; None if there is no trough
     trough_damping: float | None = None  #: damping ratio of the zeros

@@ -27,13 +27,18 @@ class Setup:
     The table [set] contains parameters of the model. An example is sim/measurements/fig3_6.toml.
     """
 
-    model: str  #: path, or stem of a file in sim/models; in a file: relative to the file
+    #: Path of the model, or file name in sim/models without suffix. ¶ A path in a file is relative
+    #: to the file.
+    model: str
     title: str = ""
     figure: str = ""
     shows: str = ""
-    input: str = ""  #: a signal or dac_code; default: the excited input (drive.command, dac_code)
-    output: str = ""  #: a signal of the model, or adc0, adc1 (8-bit counts), encoder (counts)
-    inject: str = "volts"  #: "volts" at the drive, or "codes" from the firmware's excitation mode
+    #: input: a signal or dac_code; default: the excited input (drive.command, dac_code)
+    input: str = ""
+    #: output: a signal of the model, or adc0, adc1 (8-bit counts), encoder (counts)
+    output: str = ""
+    #: excited input: "volts" at the drive, or "codes" from the firmware's excitation mode
+    inject: str = "volts"
     excitation: str = "noise"  #: waveform: noise, sine (one spectral line after another) or chirp
     band_hz: tuple[float, float] = (1.0, 200.0)  #: lowest and highest frequency of the response
     resolution_hz: float = 0.0  #: distance between spectral lines; 0 selects the lowest frequency
@@ -42,7 +47,8 @@ class Setup:
     level: float = 0.0
     bias: float = 0.0  #: mean of the excitation in V or in DAC codes
     averages: int = 16  #: number of realisations, or of segments that overlap by half
-    window: str = "none"  #: none (periodic), or hann for noise that is not periodic
+    #: window function: none (periodic excitation), or hann for noise that is not periodic
+    window: str = "none"
     points: int = 40  #: number of spectral lines of a sine measurement, logarithmically spaced
     #: resolution of the analyzer's converters, whose ranges are 1, 2 or 5 times 10^n
     bits: int = 12
