@@ -56,8 +56,10 @@ DISCRETES = tuple(AxisBit(**bit) for bit in _core.discretes())
 
 def certificate(bank_crc: int, adc_bits: int, force_scale: float) -> dict[str, int]:
     """Returns {object: raw value} of the certificate of a filter bank with the checksum `bank_crc`,
-    for an ADC of `adc_bits` bits and a `force_scale` in uN. The caller appends the number of the
-    bank to these names."""
+    for an ADC of `adc_bits` bits and a `force_scale` in uN.
+
+    The caller appends the number of the bank to these names.
+    """
     return _core.certificate(bank_crc, adc_bits, force_scale)
 
 

@@ -39,9 +39,12 @@ def quoted(path: Path | str) -> str:
 
 @contextlib.contextmanager
 def replacing(folder: Path, *names: str) -> Iterator[list[Path]]:
-    """Context that yields temporary paths to write to. If the block ends without an exception
-    (Ctrl-C is an exception), the written files become the files `names` of the folder, which is
-    created. Otherwise no file is written and no new folder remains. Raises OSError."""
+    """Context that yields temporary paths to write to.
+
+    If the block ends without an exception (Ctrl-C is an exception), the written files become the
+    files `names` of the folder, which is created. Otherwise no file is written and no new folder
+    remains. Raises OSError.
+    """
     fresh = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:

@@ -41,10 +41,12 @@ SHOWN_CHARACTERS = 40  # number of characters of an unexpected value that a mess
 def json_field(
     *, key: str | None = None, omit_none: bool = False, inline: bool = False, **given: Any
 ) -> Any:
-    """Returns a field of a result. `key`: name of the field in JSON, if different. `omit_none`:
-    True if a value None has no key in JSON (the default value of the field is then None). `inline`:
-    True if the keys of the value, a result or None, replace the field. `given`: arguments of
-    dataclasses.field."""
+    """Returns a field of a result.
+
+    `key`: name of the field in JSON, if different. `omit_none`: True if a value None has no key in
+    JSON (the default value of the field is then None). `inline`: True if the keys of the value, a
+    result or None, replace the field. `given`: arguments of dataclasses.field.
+    """
     if omit_none:
         given.setdefault("default", None)
     return dataclasses.field(metadata={KEY: key, OMIT_NONE: omit_none, INLINE: inline}, **given)

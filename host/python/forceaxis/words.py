@@ -13,9 +13,11 @@ _OBEYED = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]
 
 
 def plain(value: float, digits: int = 3) -> str:
-    """Returns a number with `digits` significant digits as text. Numbers with five or more digits
-    have separators of thousands (28,890). Numbers below 1e3 have an exponent if %g gives an
-    exponent, and numbers from 1e7 on always have an exponent."""
+    """Returns a number with `digits` significant digits as text.
+
+    Numbers with five or more digits have separators of thousands (28,890). Numbers below 1e3 have
+    an exponent if %g gives an exponent, and numbers from 1e7 on always have an exponent.
+    """
     rounded = float(f"{value:.{digits}g}")
     if not 1e3 <= abs(rounded) < 1e7:
         return f"{value:.{digits}g}"

@@ -43,8 +43,7 @@ class Assembly:
         if not self.signals:
             self.signals, self.raw = tuple(block.signal), np.zeros(shape, np.int64)
             self.have, self.decimation = np.zeros(shape[0], np.bool_), decimation
-        # The size is set before samples are copied, so `missing` is also correct without any
-        # sample.
+        # The size is set before samples are copied, so `missing` is correct without samples too.
         if not (0 <= block.first_sample <= stop <= shape[0]):
             return False
         if block.num_samples:

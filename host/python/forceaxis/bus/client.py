@@ -51,9 +51,11 @@ ADDRESS = re.compile(r"0x[0-9a-fA-F]{1,4}(:[0-9]{1,3})?")
 
 
 class Refused(Exception):
-    """Error: the axis or the connection refused a command or an access. The text states the reason.
-    `code` is the SDO abort code, or 0 without an abort code. `event` is the answer of the gateway,
-    or None for a connection without a gateway."""
+    """Error: the axis or the connection refused a command or an access.
+
+    The text states the reason. `code` is the SDO abort code, or 0 without an abort code. `event` is
+    the answer of the gateway, or None for a connection without a gateway.
+    """
 
     def __init__(self, text: str, code: int = 0, event: axis_event_t | None = None) -> None:
         super().__init__(text)
@@ -80,8 +82,10 @@ def object_named(name: str) -> AxisObject | None:
 
 def to_raw(name: str, value: Value) -> int:
     """Converts an engineering value or the text of an enumeration to the raw value of an object.
+
     The value for a CANopen address is already a raw value. Raises InputError for a value outside
-    the range of the object."""
+    the range of the object.
+    """
     known = object_named(name)
     if known and isinstance(value, str) and value in texts(known):
         return texts(known)[value]
@@ -313,8 +317,11 @@ class AxisClient(Closable):
         timeout_s: float | None = None,
     ) -> axis_event_t:
         """Waits for an event of `kind` (None means any kind) for which where(event) is True, and
-        returns the event. The search includes the events since the latest command, because the
-        command may have caused these events. Raises NoAnswer."""
+        returns the event.
+
+        The search includes the events since the latest command, because the command may have caused
+        these events. Raises NoAnswer.
+        """
 
         def ready() -> axis_event_t | None:
             for received, event in self._events:

@@ -13,8 +13,11 @@ KEEP_PERIOD_S = 0.2
 
 class Keeper:
     """A thread that calls feed() repeatedly until close(). feed() returns the time in s until the
-    next call. A refused or unanswered write does not end the thread, because other accesses of the
-    owner report the error."""
+    next call.
+
+    A refused or unanswered write does not end the thread, because other accesses of the owner
+    report the error.
+    """
 
     def __init__(self, feed: Callable[[], float]) -> None:
         self._feed, self._stop = feed, threading.Event()
@@ -103,8 +106,10 @@ def _job(can_id: int, data: bytes, count: int, period_us: int) -> bytes:
 
 class WatchdogKeeper(Keeper):
     """Prevents a time-out of the watchdog of an axis: writes the present value of the object
-    `watchdog` several times within the watchdog time. The firmware ignores a write by a client that
-    does not own the axis, so the thread has no effect on an axis that another client has acquired.
+    `watchdog` several times within the watchdog time.
+
+    The firmware ignores a write by a client that does not own the axis, so the thread has no effect
+    on an axis that another client has acquired.
 
     read() returns the watchdog in ms, write(ms) writes it; this thread calls both. `unchanged` is
     locked from reading to writing. A caller that changes the watchdog must hold this lock.

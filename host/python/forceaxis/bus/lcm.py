@@ -80,9 +80,11 @@ def type_of(channel: str, data: bytes = b"") -> type[Message] | None:
 
 
 def decode(channel: str, data: bytes) -> Message:
-    """Decodes a message. Raises Undecodable if the data have an unknown or a wrong type. The
-    function replaces control characters in texts of the message, because any program on the bus can
-    send control characters and a terminal would execute them."""
+    """Decodes a message. Raises Undecodable if the data have an unknown or a wrong type.
+
+    The function replaces control characters in texts of the message, because any program on the bus
+    can send control characters and a terminal would execute them.
+    """
     carried = type_of(channel, data)
     if carried is None:
         raise Undecodable(f"{channel}: expected a channel of forceaxis")

@@ -20,7 +20,7 @@ from forceaxis.bus.lcm import Gaps, Undecodable, channel_of, decode, type_of
 SYNC_MARK = 0xEDA1DA01
 SYNC_BYTES = struct.pack(">I", SYNC_MARK)
 # Header of a log entry: sync mark, number of the entry, time in us since 1970,
-# size of the channel's name in bytes, size of the data in bytes.
+# size in bytes of the channel's name, size in bytes of the data
 HEADER = struct.Struct(">IqqII")
 LONGEST_CHANNEL, LONGEST_DATA = 255, 1 << 28
 

@@ -65,8 +65,7 @@ class Columns:
 
     def add(self, row: Row) -> None:
         for name, value in row.items():
-            # A column without values is also created, so that all tables of a message type are
-            # similar.
+            # A column without values exists too, so that all tables of a message type are similar.
             if value is None:
                 self._columns.setdefault(name, array("q"))
                 continue
@@ -189,9 +188,11 @@ def export(path: Path, out: Path, kinds: Sequence[str] = ("csv", "npz")) -> Expo
 
 
 def message_row(message: Message, wall_us: int) -> Row:
-    """Returns the fields of a message as a row of a table. Names of columns contain the unit. After
-    the fields, the row contains further objects of the message by name, and texts for fields with
-    numbered states."""
+    """Returns the fields of a message as a row of a table.
+
+    Names of columns contain the unit. After the fields, the row contains further objects of the
+    message by name, and texts for fields with numbered states.
+    """
     row: Row = {"received_wall_us": wall_us}
     for name, kind in zip(message.__slots__, message.__dimensions__, strict=True):
         value = getattr(message, name)
@@ -257,8 +258,10 @@ def capture_columns(held: Assembly) -> Table:
 
 def column_name(name: str) -> str:
     """Returns the name of an object with its unit, such as force_count or velocity_count_per_tick.
+
     The name does not change if the object has no unit or if the name already ends with the unit,
-    such as dac_code."""
+    such as dac_code.
+    """
     return _with_unit(name, unit_of(name))
 
 

@@ -250,9 +250,11 @@ class AxisWatch:
         return dict(zip(state.more_name, state.more_value, strict=True))
 
     def length(self) -> tuple[str, float]:
-        """Returns (unit of lengths, number of these units in one position unit of the axis). Object
-        60A8h selects the unit. Without 60A8h, the unit is mm if the encoder of a model is known,
-        otherwise the encoder count."""
+        """Returns (unit of lengths, number of these units in one position unit of the axis).
+
+        Object 60A8h selects the unit. Without 60A8h, the unit is mm if the encoder of a model is
+        known, otherwise the encoder count.
+        """
         more = self.more() if self.state else {}
         if more.get("feed"):
             exponent, unit = divmod(more.get("position_unit", 0) >> 16, 256)
@@ -371,8 +373,10 @@ class AxisWatch:
 
 class Watch:
     """Received data of all axes. `now_us` is the present time, or the time within a replayed log,
-    in us since 1970; ages are relative to `now_us`. `mm_per_count` is the size of an encoder count
-    for axes without user units."""
+    in us since 1970; ages are relative to `now_us`.
+
+    `mm_per_count` is the size of an encoder count for axes without user units.
+    """
 
     def __init__(self, mm_per_count: float | None = None) -> None:
         self.mm_per_count = mm_per_count
@@ -430,9 +434,11 @@ class Watch:
                 self._take_capture(self.axis(number), message, wall_us)
 
     def _routine(self, wall_us: int, number: int | None, text: str) -> None:
-        """Adds a command of a client, or the answer to a command, to the list of events. A repeated
-        command, such as the write to `watchdog`, stays one entry with the number of repetitions, so
-        that other events remain visible."""
+        """Adds a command of a client, or the answer to a command, to the list of events.
+
+        A repeated command, such as the write to `watchdog`, stays one entry with the number of
+        repetitions, so that other events remain visible.
+        """
         for i, event in enumerate(self.events):
             base, _, count = event.text.rpartition(REPETITION_MARK)
             if event.alarm or event.axis != number or text not in (base, event.text):

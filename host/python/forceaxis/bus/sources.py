@@ -145,8 +145,7 @@ class ReplaySource:
                 clock, ahead = now, (entry.wall_us - self._at_us) / 1e6 / self.speed
                 if ahead <= 0 or not self._run:
                     break
-                # The sleeps are short, so that a pause or the end of the program has a quick
-                # effect.
+                # The sleeps are short, so that a pause or the end of the program takes effect soon.
                 time.sleep(min(ahead, 0.05))
             if not self._run:
                 return

@@ -67,8 +67,10 @@ def drive_state(statusword: int) -> str:
 
 def condition(statusword: int, fault: str) -> str:
     """Returns state and fault of a drive as a sentence, such as "the axis is operation enabled
-    without a fault" or "the axis has the fault no_contact". `fault` is the text of the object
-    `fault`, "none" without a fault."""
+    without a fault" or "the axis has the fault no_contact".
+
+    `fault` is the text of the object `fault`, "none" without a fault.
+    """
     state = drive_state(statusword)
     if fault == "none":
         return f"the axis is {state} without a fault"

@@ -1,6 +1,7 @@
 """The description of a board, read from board.toml in the folder of the board: how the firmware
-image of the board is built, measured, emulated and flashed. Paths in board.toml are relative to
-this folder.
+image of the board is built, measured, emulated and flashed.
+
+Paths in board.toml are relative to this folder.
 
     name            of `--link pil-NAME`
     image           of the files build/image/IMAGE.{elf,hex,bin}

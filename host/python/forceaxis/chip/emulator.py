@@ -79,9 +79,11 @@ def command(
 
 
 class Emulator:
-    """An emulated board at power-up with an image that tools/image has built. The emulator counts
-    instructions instead of time, so equal runs have equal results. `pipes` are file descriptors to
-    and from the board. Raises the errors of command()."""
+    """An emulated board at power-up with an image that tools/image has built.
+
+    The emulator counts instructions instead of time, so equal runs have equal results. `pipes` are
+    file descriptors to and from the board. Raises the errors of command().
+    """
 
     def __init__(self, board: boards.Board) -> None:
         self.board = board

@@ -220,9 +220,11 @@ def command(plan: Plan) -> list[str]:
 
 
 def options_steps(options: boards.ProbeOptions) -> list[str]:
-    """Returns the openocd commands that correct wrong option bytes and print their register. The
-    commands write the keys, the new value and a start bit, wait until the chip is not busy, and
-    lock the register again."""
+    """Returns the openocd commands that correct wrong option bytes and print their register.
+
+    The commands write the keys, the new value and a start bit, wait until the chip is not busy, and
+    lock the register again.
+    """
     at, held = f"{options.address:#x}", f"[mrw {options.address:#x}]"
     wanted, ours = f"{options.value:#x}", f"{options.mask | options.start | options.lock:#x}"
     writes = [

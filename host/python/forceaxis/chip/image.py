@@ -237,8 +237,7 @@ def identity(image: Image) -> Identity:
             if (s.address + match.start()) % 4 or len(head) < IDENTITY_STRUCT.size:
                 continue
             _, size, version, git, table_hash, board = IDENTITY_STRUCT.unpack(head)
-            # Newer firmware may append fields to the identity. The size of the identity is then
-            # larger.
+            # Newer firmware may append fields to the identity, so that the identity is longer.
             # The magic number may also occur in machine code, where no valid size follows.
             if IDENTITY_STRUCT.size <= size <= 256:
                 found.append(Identity(text(version), text(git), f"{table_hash:08x}", text(board)))

@@ -47,8 +47,8 @@ RECORDER_BYTES = 32768
 SWING = MeasuringOrder.swing
 # The measured force in contact stays above this share of the bias force.
 FORCE_MIN_SHARE = 0.5
-# Distance between the expected force and the force bounds of the excitation,
-# as a share of the bias force.
+# Distance of the force bounds of the excitation from the expected force, as a share of the bias
+# force.
 FORCE_MARGIN_SHARE = 0.1
 RAMP_S = 0.1  # duration of the ramp at the start and the end of an excitation
 APPROACH_TIMEOUT_S = 60.0
@@ -59,20 +59,18 @@ QUIET_LSB = 0.4  # rms noise in ADC codes below which rounding hides the noise o
 # number of realisations from which the distortion of the response is computed
 DISTORTION_RECORDS = 3
 AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor of one increase of the amplitude in the search
-# Factor by which the amplitude is reduced after a bound was exceeded, and largest number of
-# reductions: first without friction, then with dry friction, where the axis has to slide.
+# Factor by which the amplitude is reduced after a bound was exceeded.
+# Largest number of reductions, first without friction, then with dry friction.
 REDUCTION, REDUCTIONS_MAX = 0.5, 6
 REDUCTION_SLIDING, REDUCTIONS_MAX_SLIDING = 0.7, 12
 FREE_SWING_CNT = 400  # largest range of the position out of contact, peak to peak
 FREE_SETTLE_SHARE = 0.3  # ratio of the settling time out of contact to the settling time in contact
-# Settling time during the search of the amplitude, as a share of the settling time of the
-# measurement.
+# Ratio of the settling time in the search of the amplitude to the settling time in the measurement.
 SEARCH_SETTLE_SHARE = 0.5
 # median relative error of a response over the frequencies at which averaging may end
 ERROR_ENOUGH = 0.04
 STANDSTILL_CNT = 4  # largest change of the position in encoder counts at standstill
-# Largest difference of two mean DAC codes at standstill, as a multiple of the standard deviation of
-# a mean.
+# Largest difference of two mean DAC codes at standstill, in standard deviations of one mean.
 CODE_NOISE = 5.0
 
 
@@ -175,9 +173,11 @@ class Play(Protocol):
 
 @dataclass(frozen=True)
 class Excitation:
-    """Settings with which a frequency response is measured. `still`: DAC codes and output without
-    an excitation. `swing`: largest range of the output from peak to peak, in N or encoder counts.
-    `seeds`: seed of the noise for each realisation."""
+    """Settings with which a frequency response is measured.
+
+    `still`: DAC codes and output without an excitation. `swing`: largest range of the output from
+    peak to peak, in N or encoder counts. `seeds`: seed of the noise for each realisation.
+    """
 
     play: Play
     output: OutputSignal
@@ -256,9 +256,11 @@ class Analyzer:
             self.close()
 
     def rest(self) -> Rest:
-        """Checks the disabled axis at rest and returns the state of the axis. Raises Refusal if the
-        axis moves or if the tare of the measured force is missing. A motion within the backlash of
-        the gear is permitted, because the motor has no power."""
+        """Checks the disabled axis at rest and returns the state of the axis.
+
+        Raises Refusal if the axis moves or if the tare of the measured force is missing. A motion
+        within the backlash of the gear is permitted, because the motor has no power.
+        """
         held = self.axis.capture(["force_raw", "position", "force"], samples=TICKS_PER_S // 2)
         raw, place = held.values("force_raw"), held.values("position")
         # total backlash in encoder counts
@@ -310,8 +312,10 @@ class Analyzer:
 
     def bound(self, bias_N: float, waveform: str, period: int) -> None:
         """Sets up an excitation that is added to the output of the force law, and force bounds
-        about `bias_N` at which the axis ends the excitation. `period` is the period of the waveform
-        in ticks; 0 means a waveform without a period."""
+        about `bias_N` at which the axis ends the excitation.
+
+        `period` is the period of the waveform in ticks; 0 means a waveform without a period.
+        """
         least = (FORCE_MIN_SHARE + FORCE_MARGIN_SHARE) * bias_N
         most = self.order.force_max_N - FORCE_MARGIN_SHARE * bias_N
         most = min(most, BY_NAME["excitation_force_max"].max / 256 * self.newton)
@@ -429,9 +433,8 @@ class Analyzer:
             f"amplitude {level.amplitude} codes: periods differ by {level.distorted:.3g} times the "
             "noise"
         )
-        # Dry friction distorts a response more at a smaller amplitude, and the variance of the
-        # response
-        # contains this distortion.
+        # Dry friction distorts a response more at a smaller amplitude.
+        # The variance of the response contains this distortion.
         is_distorted = level.distorted > output.distortion_max and not self.order.rubs
         if is_distorted and level.amplitude > 1:
             raise Ended("distorted")
@@ -451,9 +454,11 @@ class Analyzer:
         return 1.0, (self.count_per_code if output is FORCE else 1.0)
 
     def _search(self, level: Level, excitation: Excitation) -> int:
-        """Returns the amplitude of the excitation in DAC codes. The search increases the amplitude
-        within the permitted range of force or position until the output is large enough or the
-        expected relative deviation is small enough."""
+        """Returns the amplitude of the excitation in DAC codes.
+
+        The search increases the amplitude within the permitted range of force or position until the
+        output is large enough or the expected relative deviation is small enough.
+        """
         output, swing = excitation.output, excitation.swing
         most = min(self.order.most, self.objects.output_limit)
         amplitude = min(self.order.first, most)
@@ -472,8 +477,8 @@ class Analyzer:
             swung = f"{moved:.3g} {output.unit}"
             self.say(f"amplitude {amplitude} codes: swing {swung}, deviation {100 * error:.2g} %")
             # The noise of an axis that sticks is small, so the expected deviation does not show
-            # that the axis slides. With dry friction, the search therefore increases the amplitude
-            # up to the bound.
+            # sliding.
+            # With dry friction, the search increases the amplitude up to the bound.
             may_stick = self.order.rubs and output is FORCE
             is_accurate = error < output.deviation_max and not may_stick
             if moved >= 0.9 * swing or is_accurate or amplitude >= most:
@@ -622,9 +627,11 @@ class Analyzer:
                 check()
 
     def _apart(self, amplitude: int, seed: int, settle: float = 1.0) -> Record:
-        """Records one realisation of the excitation out of contact. Returns (DAC codes, DAC codes,
-        position in encoder counts), (n,) each. The function removes the mean motion from period to
-        period (the drift) from the position."""
+        """Records one realisation of the excitation out of contact.
+
+        Returns (DAC codes, DAC codes, position in encoder counts), (n,) each. The function removes
+        the mean motion from period to period (the drift) from the position.
+        """
         axis, n = self.axis, self.samples
         self.go_home()
         self.set(excitation_amplitude=amplitude, excitation_seed=seed)

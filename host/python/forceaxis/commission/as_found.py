@@ -33,8 +33,8 @@ NO_OWNER = BY_NAME["command_source"].enum.index("canopen")
 RECORDER_OBJECTS = tuple(
     n for n, o in BY_NAME.items() if n.startswith("recorder_") and o.access == "rw"
 )
-# Objects that are not parameters but that a measurement writes. Other clients may have written
-# these objects before the measurement.
+# Objects that are not parameters but that a measurement writes.
+# Other clients may have written these objects before the measurement.
 MEASUREMENT_OBJECTS = (
     "modes_of_operation",
     "target_force",
@@ -119,8 +119,11 @@ def say_nothing(text: str) -> None:
 
 class AxisFolder:
     """The JSON files of a folder about an owned and disabled Axis. say(text) reports an action on
-    the axis. `coasted` is True if a killed run left the axis enabled, so that the axis has come to
-    rest at a different position."""
+    the axis.
+
+    `coasted` is True if a killed run left the axis enabled, so that the axis has come to rest at a
+    different position.
+    """
 
     def __init__(self, axis: Axis, folder: str | Path, say: Say = say_nothing) -> None:
         self.axis, self.folder, self.say = axis, Path(folder), say
@@ -139,9 +142,12 @@ def read(axis: Axis) -> RawValues:
 @contextlib.contextmanager
 def restoring(folder: AxisFolder) -> Iterator[None]:
     """Context that restores the values of the axis at the end of the block, also after an
-    exception. The restored values are those at the beginning of the block, or those given to
-    replace_saved(). No value is written if the axis does not answer or has another owner. Raises
-    InputError if the file in the folder belongs to another axis."""
+    exception.
+
+    The restored values are those at the beginning of the block, or those given to replace_saved().
+    No value is written if the axis does not answer or has another owner. Raises InputError if the
+    file in the folder belongs to another axis.
+    """
     _recover(folder)
     new = not folder.folder.exists()
     FOUND.write(folder.folder, AxisState(_identity(folder.axis), read(folder.axis)))

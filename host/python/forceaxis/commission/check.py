@@ -57,9 +57,12 @@ Value = float | str | None
 
 @dataclass(frozen=True)
 class CheckStep:
-    """Result of one step of the first motion test. `verdict`: "passed", "noted" (no failure, but a
-    person has to examine the value), "skipped" or "failed". `value` and `limit` of the checked
-    quantity: a number, a name, or None if the step has no value."""
+    """Result of one step of the first motion test.
+
+    `verdict`: "passed", "noted" (no failure, but a person has to examine the value), "skipped" or
+    "failed". `value` and `limit` of the checked quantity: a number, a name, or None if the step has
+    no value.
+    """
 
     step: str
     verdict: str
@@ -417,9 +420,11 @@ class MotionCheck:
                     "is too low")  # fmt: skip
 
     def _put_back(self, before: dict[str, int]) -> None:
-        """Disables the axis and restores the objects that were set for the motion. After an error
-        of the connection, the function repeats the writes. A first Ctrl-C ends the program only
-        after the objects are restored."""
+        """Disables the axis and restores the objects that were set for the motion.
+
+        After an error of the connection, the function repeats the writes. A first Ctrl-C ends the
+        program only after the objects are restored.
+        """
         interrupt: KeyboardInterrupt | None = None
         reason: str | None = None
         for again in range(RESTORE_TRIES):

@@ -93,8 +93,10 @@ def firmware_of(tuning: TuningFolder, checked: Checked) -> Settings:
 
 def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
     """Simulates contacts: one contact at each force, an impact at each force except the largest,
-    and contacts of random plants of the set. Each returned row states its kind. Raises Refusal
-    `hf_gain` or `simulated_KIND`."""
+    and contacts of random plants of the set.
+
+    Each returned row states its kind. Raises Refusal `hf_gain` or `simulated_KIND`.
+    """
     designed, forces = fitted_axis.designed, fitted_axis.tuning.order.forces
     bank = designed.bank.bank
     loss = designed.contact_loss.objects if designed.contact_loss else {}
@@ -217,9 +219,11 @@ def write(fitted_axis: FittedAxis, touch: TouchDown) -> TouchDownPeaks:
 
 
 def predicted(fitted_axis: FittedAxis, touch: TouchDown) -> Samples:
-    """Returns the predicted measured force in N at the times of a TouchDown. The prediction uses
-    the fitted plant with the firmware, the filter bank and the settings of the axis. All values are
-    NaN if the simulated force does not settle."""
+    """Returns the predicted measured force in N at the times of a TouchDown.
+
+    The prediction uses the fitted plant with the firmware, the filter bank and the settings of the
+    axis. All values are NaN if the simulated force does not settle.
+    """
     bank = fitted_axis.designed.bank.bank
     with fitted_axis.plant() as plant:
         bench = fitted_axis.bench(plant, bank)

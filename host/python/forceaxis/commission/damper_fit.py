@@ -32,16 +32,17 @@ from forceaxis.identify.measurement import Measurement
 from forceaxis.results import from_json
 
 OTHER_STARTS = 2  # number of additional start values from which a fit with dampers is repeated
-# Start value of a damping in N s/m, as a share of the moving mass times the middle angular
-# frequency.
+# Ratio of the start value of a damping in N s/m to (moving mass times middle angular frequency).
 START_SHARE = 0.1
 
 
 @dataclass(frozen=True)
 class RecordedFriction:
-    """Dry friction in the file of a response. `dead_zone`: dead zone of guide and gear in DAC
-    codes. `moving_N`: friction of guide and gear in N. `speed`: rms speed of the axis in m/s. None
-    means an unknown value."""
+    """Dry friction in the file of a response.
+
+    `dead_zone`: dead zone of guide and gear in DAC codes. `moving_N`: friction of guide and gear in
+    N. `speed`: rms speed of the axis in m/s. None means an unknown value.
+    """
 
     is_recorded: bool = False  #: True if the measurement searched for friction
     dead_zone: float = 0.0
@@ -60,9 +61,11 @@ class RecordedFriction:
 def recorded_friction(
     path: str | Path, model: str, overrides: linear.Overrides
 ) -> RecordedFriction:
-    """Reads the dry friction from a folder that `forceaxis measure` has written. If the file states
-    the friction in DAC codes only, the model converts the codes to newtons. Without a friction
-    file, the friction is unknown."""
+    """Reads the dry friction from a folder that `forceaxis measure` has written.
+
+    If the file states the friction in DAC codes only, the model converts the codes to newtons.
+    Without a friction file, the friction is unknown.
+    """
     file = Path(path) / "result.json"
     try:
         table = json.loads(file.read_text(encoding="utf-8"))
@@ -93,9 +96,11 @@ def recorded_friction(
 
 @dataclass(frozen=True)
 class FittedDamper:
-    """A damper that replaces dry friction in a fit. `newton`: friction in N, None if unknown.
-    `damping`: damping in N s/m, None if the two bodies do not move against each other. `declared`:
-    True if the model contains the friction."""
+    """A damper that replaces dry friction in a fit.
+
+    `newton`: friction in N, None if unknown. `damping`: damping in N s/m, None if the two bodies do
+    not move against each other. `declared`: True if the model contains the friction.
+    """
 
     name: str
     between: tuple[str, str]
@@ -152,9 +157,11 @@ def fit(
     measured: Measurement, starts: dict[str, float], units: dict[str, str], path: str | Path,
     folder: Path,
 ) -> tuple[fit_response.ParameterFit, Measurement, AxisFitSummary]:  # fmt: skip
-    """Fits parameters of a model to the response in the folder `path`. Returns (fit, Measurement
-    with the fitted model, summary). `folder` receives the file of a model with dampers. Raises
-    InputError, and Refusal `friction` if dampers do not explain the response."""
+    """Fits parameters of a model to the response in the folder `path`.
+
+    Returns (fit, Measurement with the fitted model, summary). `folder` receives the file of a model
+    with dampers. Raises InputError, and Refusal `friction` if dampers do not explain the response.
+    """
     model = measured.model
     found = fit_response.fit(measured, starts)
     about = recorded_friction(path, model, measured.overrides)
@@ -220,9 +227,11 @@ def _with_fewest_dampers(
 
 @dataclass(frozen=True)
 class _Damper:
-    """The damper in place of one friction. `start_N`: friction from which the initial damping
-    follows. `known_N`: measured friction in N, 0 if unknown. `sticks`: True if the two bodies do
-    not move against each other."""
+    """The damper in place of one friction.
+
+    `start_N`: friction from which the initial damping follows. `known_N`: measured friction in N, 0
+    if unknown. `sticks`: True if the two bodies do not move against each other.
+    """
 
     friction: FrictionElement
     start_N: float
@@ -266,8 +275,7 @@ def _with_dampers(
     )  # fmt: skip
     try:
         found = fit_response.fit(slides, starts | free, tries=OTHER_STARTS)
-    # The response does not depend on the damper, or depends only on a combination of the damper and
-    # a second parameter.
+    # The response does not depend on the damper alone, or does not depend on the damper at all.
     except InputError:
         return None
     # A parameter of a workpiece that sticks does not change the response.
@@ -325,10 +333,12 @@ def joint(
     model: str | Path, priors: dict[str, known.Prior], measured: list[Measurement],
     paths_of: Sequence[str | Path], over: tuple[str, ...], states: dict[str, str], folder: Path,
 ) -> joint_fit.JointFit:  # fmt: skip
-    """Fits all responses of an axis simultaneously by joint_fit.joint(). If the model is rejected,
-    the function repeats the fit with dampers for the measured friction of guide and gear.
-    `paths_of` are the folders of the responses. Raises Refusal `friction` if there is friction
-    under the workpiece, or if a model with dampers does not explain the responses."""
+    """Fits all responses of an axis simultaneously by joint_fit.joint().
+
+    If the model is rejected, the function repeats the fit with dampers for the measured friction of
+    guide and gear. `paths_of` are the folders of the responses. Raises Refusal `friction` if there
+    is friction under the workpiece, or if a model with dampers does not explain the responses.
+    """
     found = joint_fit.joint(model, priors, measured, over, states=states)
     about = [recorded_friction(path, str(model), {}) for path in paths_of]
     worst = max(about, key=lambda one: (one.table_N, one.dead_zone))

@@ -29,8 +29,7 @@ from forceaxis.commission.refusal import Refusal
 
 # Constants of glide(), the motion out of contact:
 TRAVEL_SHARE = 0.85  # share of the permitted travel that the motion uses in each direction
-# Durations in s: longest recording, shortest recording, and start phase, in which the speed is
-# not constant.
+# Durations in s: longest recording, shortest recording, start phase with a speed that changes.
 GLIDE_S, RECORD_MIN_S, SETTLED_S = 0.5, 0.12, 0.05
 # ratio of the DAC code of the slower motion to the DAC code of the faster motion
 SMALLER_CODE_SHARE = 0.6
@@ -47,17 +46,15 @@ NOISE_SLIDES = 2.5
 # Constants of record_slow_change(), the slow change of the force:
 # duration in s and number of samples of the rise and of the fall of the force
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
-# Relative force error above which friction has stopped an axis whose force law has no
-# integral action.
+# Above this relative force error, friction has stopped an axis without integral action.
 FORCE_ERROR_MIN = 0.06
 
 # Constants of slow_loading(), for compliance and friction under the workpiece:
 # number of samples of a block; each block is replaced by the mean of its samples
 BLOCK_SAMPLES = 20
 FORCE_BINS = 6  # number of intervals of the force; the compliance is computed for each interval
-# The workpiece is soft if the compliance between two forces exceeds the compliance at the two
-# forces
-# by this factor.
+# Ratio of the compliance between two forces to the compliance at the two forces.
+# The workpiece is soft above this ratio.
 SOFT_RATIO = 1.6
 # Friction is accepted if it reduces the error of the predicted position by more than this share.
 ERROR_REDUCTION_MIN = 0.15
@@ -68,14 +65,13 @@ DISPLACEMENT_MIN_CNT = 0.35
 SLIDE_FACTOR = 1.2
 
 # Constants of directions(), for the friction of guide and gear while the axis is in contact:
-# A block of samples belongs to a motion if its force changes faster than this multiple of the mean
-# slope of the force.
+# Smallest ratio of the slope of the force in a block of samples to the mean slope.
+# A block with a larger slope belongs to a motion.
 SLOPE_MIN_SHARE = 0.3
 # smallest number of blocks of a motion; waiting time in s at the end of a motion
 MOTION_MIN_BLOCKS, HELD_S = 8, 1.0
-# The dead zone is friction if it exceeds three bounds: a multiple of its standard error, a number
-# of
-# DAC codes, and a share of the DAC codes for the speed.
+# The dead zone is friction only if it exceeds three bounds.
+# The bounds are multiples of its standard error, of one DAC code and of the codes for the speed.
 FOUND_ERRORS, FOUND_CODES, FOUND_SPEED_SHARE = 4.0, 0.3, 0.5
 
 
@@ -102,10 +98,12 @@ class Glide:
 
 @dataclass(frozen=True)
 class Directions:
-    """Friction of guide and gear from a slow change of the force. `dead_zone`: half of the
-    difference in DAC codes between falling and rising force at the same measured force, less the
-    codes for the speed. `error`: standard error of `dead_zone`. `speed`: DAC codes for the speed.
-    `least`: True if `dead_zone` is a lower bound."""
+    """Friction of guide and gear from a slow change of the force.
+
+    `dead_zone`: half of the difference in DAC codes between falling and rising force at the same
+    measured force, less the codes for the speed. `error`: standard error of `dead_zone`. `speed`:
+    DAC codes for the speed. `least`: True if `dead_zone` is a lower bound.
+    """
 
     dead_zone: float
     error: float
@@ -121,11 +119,13 @@ class Directions:
 
 @dataclass(frozen=True)
 class SlowLoading:
-    """Compliance and friction from a slow change between two forces. `friction_N`: friction under
-    the workpiece (0 if not measurable; a lower bound if `sticks`, when the workpiece never slides).
-    `compliance` and `sliding` in counts/N: compliance of what always moves, and of what moves only
-    after the friction is overcome. `softest`: ratio of the largest compliance between the two
-    forces to the compliance at the two forces. `softest_N`: force in N with the largest compliance.
+    """Compliance and friction from a slow change between two forces.
+
+    `friction_N`: friction under the workpiece (0 if not measurable; a lower bound if `sticks`, when
+    the workpiece never slides). `compliance` and `sliding` in counts/N: compliance of what always
+    moves, and of what moves only after the friction is overcome. `softest`: ratio of the largest
+    compliance between the two forces to the compliance at the two forces. `softest_N`: force in N
+    with the largest compliance.
     """
 
     friction_N: float
@@ -200,10 +200,12 @@ def glide(
     highest: int = 0,
     newton: float = 0.0,
 ) -> Glide:
-    """Measures the friction out of contact. The Analyzer's axis is owned, disabled and at rest; at
-    the end, the axis is disabled at the start position. `most`: DAC code from which the codes of
-    the larger motions follow. `first` and `highest`: first and largest code, by default an eighth
-    of `most` and 16 times `first`. `newton`: force in N per DAC code, 0 if unknown.
+    """Measures the friction out of contact.
+
+    The Analyzer's axis is owned, disabled and at rest; at the end, the axis is disabled at the
+    start position. `most`: DAC code from which the codes of the larger motions follow. `first` and
+    `highest`: first and largest code, by default an eighth of `most` and 16 times `first`.
+    `newton`: force in N per DAC code, 0 if unknown.
 
     The code is increased until the axis slides, and decreased if the travel is covered too soon.
     Raises Refusal if the axis does not slide or if it comes into contact.
@@ -307,9 +309,12 @@ def _speed(analyzer: Analyzer, code: int, travel: int) -> float | None:
 def record_slow_change(
     analyzer: Analyzer, low_N: float, high_N: float
 ) -> tuple[Samples, Samples, Samples]:
-    """Records (measured force in N, position in counts, DAC codes), (n,) each. During the
-    recording, the axis presses and the force changes from `low_N` to `high_N` and back. The axis
-    then releases the force. Raises Refusal if the axis moves farther than the order's travel."""
+    """Records (measured force in N, position in counts, DAC codes), (n,) each.
+
+    During the recording, the axis presses and the force changes from `low_N` to `high_N` and back.
+    The axis then releases the force. Raises Refusal if the axis moves farther than the order's
+    travel.
+    """
     reached_N = analyzer.press(low_N)
     axis, rated_N = analyzer.axis, analyzer.objects.rated_force * 1e-3
     start, travel = axis.read("position"), analyzer.order.travel
@@ -345,10 +350,12 @@ def record_slow_change(
 
 
 def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0) -> Directions:
-    """Returns the friction of guide and gear from a recording of record_slow_change(). `rate` is
-    the speed in counts/s per DAC code that remains after force and friction. If `rate` is 0
-    (unknown), the dead zone is a lower bound from the codes at standstill after the rise and after
-    the fall, because integral action and noise reduce the difference of these codes."""
+    """Returns the friction of guide and gear from a recording of record_slow_change().
+
+    `rate` is the speed in counts/s per DAC code that remains after force and friction. If `rate` is
+    0 (unknown), the dead zone is a lower bound from the codes at standstill after the rise and
+    after the fall, because integral action and noise reduce the difference of these codes.
+    """
     F, x, c = (block_means(values) for values in (force, place, codes))
     step_s = BLOCK_SAMPLES * DECIMATION / TICKS_PER_S
     takes = np.gradient(x, step_s) / rate if rate else np.zeros(len(F))
@@ -415,8 +422,7 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
     half = float(optimize.minimize_scalar(size, bounds=ends, method="bounded").x)
     plain, (_, c_all) = left(0.0)
     error, (_, c_stuck, c_slide) = left(half)
-    # Friction is accepted only if the positions at rising force and at falling force differ
-    # measurably.
+    # Friction is accepted only if the positions at rising and at falling force clearly differ.
     shows = 2 * half * c_slide > DISPLACEMENT_MIN_CNT and c_slide > 0.05 * c_all
     rubs = bool(shows and np.sum(error**2) < (1 - ERROR_REDUCTION_MIN) * np.sum(plain**2))
     sticks = bool(not rubs and rigid and c_all < 1.15 * rigid)

@@ -45,9 +45,11 @@ def frictions_of(
     model: str | Path, moving_N: float, workpiece_N: float
 ) -> tuple[FrictionElement, ...]:
     """Returns the frictions of a model: a total of `moving_N` between the body of the drive and the
-    counterpart of this body, and `workpiece_N` between workpiece and ground. Frictions that the
-    model declares stay where they are; the measured force is divided in proportion to the declared
-    values."""
+    counterpart of this body, and `workpiece_N` between workpiece and ground.
+
+    Frictions that the model declares stay where they are; the measured force is divided in
+    proportion to the declared values.
+    """
     tables, facts = model_file.read(model), linear.facts(model)
     work = tables.workpiece
     drive = facts.required_drive
@@ -76,9 +78,12 @@ def of_workpiece(model: str | Path, one: FrictionElement) -> bool:
 def at_both_ends(
     model: str | Path, found: tuple[FrictionElement, ...]
 ) -> tuple[FrictionElement, ...]:
-    """Returns the frictions for `damped`. With a transmission between the drive's body and the body
-    in contact, the measurement cannot assign the friction to one side. Each side then receives half
-    of the friction, unless the model has friction on both sides."""
+    """Returns the frictions for `damped`.
+
+    With a transmission between the drive's body and the body in contact, the measurement cannot
+    assign the friction to one side. Each side then receives half of the friction, unless the model
+    has friction on both sides.
+    """
     contact, drive = model_file.read(model).contact, linear.facts(model).required_drive
     if contact is None or contact.between[0] == drive.body:
         return found

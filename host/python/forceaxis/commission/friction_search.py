@@ -26,19 +26,20 @@ LEFT_SAMPLES = 750  # half a second
 FIRST_CODES = 2  # DAC codes of the first motion out of contact
 # names of the Refusals of the slow change after which the measurement continues
 SKIPPING_REFUSALS = ("bias", "travel", "contact")
-# A workpiece that always sticks can be detected only if the compliance behind the contact is at
-# least
-# this share of the contact's compliance.
+# Smallest ratio of the compliance behind the contact to the compliance of the contact.
+# Below this ratio, the search cannot detect a workpiece that always sticks.
 SUPPORT_COMPLIANCE_SHARE = 0.3
 
 
 @dataclass(frozen=True)
 class FoundFriction:
-    """The dry friction that a search has found; None means not known or not measured. `moving_N`:
-    friction of guide and gear. `table_N`: friction under the workpiece. `glide`, `slow`,
-    `directions`: results of the motion out of contact, of the slow change of the force, and of the
-    difference of the DAC codes for rising and falling force. `left_N`: measured force with a target
-    of 0 N. `lines`: the [[friction]] elements that the model lacks, as TOML."""
+    """The dry friction that a search has found; None means not known or not measured.
+
+    `moving_N`: friction of guide and gear. `table_N`: friction under the workpiece. `glide`,
+    `slow`, `directions`: results of the motion out of contact, of the slow change of the force, and
+    of the difference of the DAC codes for rising and falling force. `left_N`: measured force with a
+    target of 0 N. `lines`: the [[friction]] elements that the model lacks, as TOML.
+    """
 
     moving_N: float | None = None
     table_N: float | None = None
@@ -74,8 +75,7 @@ class FrictionSearch:
         self.found = FoundFriction()
         facts = linear.facts(model, self.overrides) if model else None
         if not (facts and facts.drive and facts.reading and facts.encoder):
-            # without a model, because the default model does not define the size of DAC codes and
-            # counts
+            # The search has no model, because this model does not define the size of a DAC code.
             self.model = ""
         self.newton = known.newton_per_code(model, self.overrides) if self.model else 0.0
         if not math.isfinite(self.newton):

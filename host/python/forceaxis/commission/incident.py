@@ -301,8 +301,11 @@ def missing(incident: Incident) -> list[str]:
 
 def figure(incident: Incident, counts_per_mm: float | None = None) -> "Figure":
     """Returns the plot over the time in ms from the error: force in N with `force_max`, travel in
-    mm or encoder counts, and DAC code. The first column shows the whole recording, the second
-    column shows NEAR_MS before and after the error."""
+    mm or encoder counts, and DAC code.
+
+    The first column shows the whole recording, the second column shows NEAR_MS before and after the
+    error.
+    """
     import matplotlib.pyplot as plt
 
     from forceaxis.drawing import FAINT, GOT, INK, THIN, WANTED, legend, style

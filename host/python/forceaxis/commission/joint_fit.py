@@ -33,30 +33,33 @@ States = dict[str, str]  # {element: state}
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 
-# Largest distance from the prior in standard deviations: a fit with a larger distance is rejected,
-# and the search ends at SEARCH_RANGE.
+# A fit is rejected at this distance from the prior, in standard deviations.
+# The search ends at the distance SEARCH_RANGE, in standard deviations.
 PRIOR_DISTANCE_MAX, SEARCH_RANGE = 3.0, 6.0
 MODEL_ERROR = 0.01  # relative error of a response that no parameter can explain
-# Size of the grid of start values: number of values of each nearly unknown parameter, and number of
-# frequencies of the antiresonance. The search begins at the best SEARCHES_MAX points of the grid.
+# Number of start values of each nearly unknown parameter, and of frequencies of the antiresonance.
+# The search begins at the best SEARCHES_MAX points of this grid of start values.
 GRID_POINTS, ANTIRESONANCES = 7, 28
 SEARCHES_MAX = 2
-# Largest distance of a spectral line from the limiting mode, as a difference of the logarithms of
-# the frequencies.
+# Largest logarithm of the ratio of a spectral line's frequency to the frequency of the limiting
+# mode.
 LIMITING_MODE_WIDTH_LOG = 0.15
 STEP_LOG = 1e-5  # step of the logarithm of a parameter for a numerical derivative
 PREDICTIONS_MAX = 200  # largest number of predictions that are stored for reuse
 COMBINATIONS_MAX = 9  # largest number of tried combinations of modes, one mode for each response
-# Differences of the logarithms of a parameter between two forces: largest difference that one plant
-# can explain, and smallest difference that is treated as a change.
+# Differences of the logarithms of a parameter between two forces:
+# largest difference that one plant can explain, smallest difference that is a change.
 LEVEL_DISTANCE_MAX_LOG, LEVEL_CHANGE_LOG = 0.3, 0.02
 
 
 @dataclass(frozen=True)
 class ResponseScore:
-    """Test that tells if a model explains one response. `name`: "apart" or "in contact". `points`:
-    number of frequencies. `modes`: {element: state} in which the model is linearised. `p`:
-    probability that chi-square is at least as large for a correct model."""
+    """Test that tells if a model explains one response.
+
+    `name`: "apart" or "in contact". `points`: number of frequencies. `modes`: {element: state} in
+    which the model is linearised. `p`: probability that chi-square is at least as large for a
+    correct model.
+    """
 
     name: str
     points: int
@@ -68,9 +71,12 @@ class ResponseScore:
 
 @dataclass(frozen=True, kw_only=True)
 class JointSummary:
-    """The result of joint() in the form of JSON. Most fields are None for a rejected fit. `order`:
-    parameters of the rows of the correlation matrix. `why`: reason of the rejection as text. `set`:
-    the values as options of the command line."""
+    """The result of joint() in the form of JSON.
+
+    Most fields are None for a rejected fit. `order`: parameters of the rows of the correlation
+    matrix. `why`: reason of the rejection as text. `set`: the values as options of the command
+    line.
+    """
 
     model: str = ""
     values: Values | None = None
@@ -115,9 +121,8 @@ class JointFit:
     limiting_hz: float | None = None
     #: for each response {parameter: value} of the parameters that only this response has
     own: list[Values] = field(default_factory=list)
-    #: True if each force has parameters of its own. Then `values` is the mean of these parameters,
-    #: and
-    #: the ranges contain the values of all forces.
+    #: True if each force has parameters of its own.
+    #: `values` is then the mean, and the ranges contain the values of all forces.
     levels_differ: bool = False
 
     @property
@@ -179,8 +184,7 @@ class Responses:
         self.centre: Samples = np.log([p.value for p in self.priors.values()])
         self.spread: Samples = np.array([p.spread for p in self.priors.values()])
         self.modes = self.modes or [{}] * len(self.measured)
-        # stored predictions, by response and by the parameter values on which the prediction
-        # depends
+        # stored predictions, by response and by the values of the parameters of the response
         self.known: dict[Hashable, Response] = {}
         self.acting: dict[Hashable, NDArray[np.bool_]] = {}
         self.variance = [
@@ -259,8 +263,10 @@ class Responses:
 
     def information(self, x: Samples, scales: Sequence[float]) -> tuple[Samples, Samples]:
         """Returns the information matrices for the logarithms of the parameters: (from the spectral
-        lines alone, from spectral lines and priors). `scales` is the factor for each response by
-        which the variance of the response is enlarged."""
+        lines alone, from spectral lines and priors).
+
+        `scales` is the factor for each response by which the variance of the response is enlarged.
+        """
         shifted = [
             [self.predictions(x + s * STEP_LOG * d) for s in (1, -1)]
             for d in np.eye(len(self.names))
@@ -412,8 +418,11 @@ def _searched(problem: Responses) -> Samples:
 
 def _by_level(problem: Responses, best: Samples) -> Samples | None:
     """Returns the logarithms of the best parameters for each force in contact, (forces,
-    parameters), from a separate fit of each force. Returns None if these fits do not explain a
-    response, or if the parameters differ too much for one plant."""
+    parameters), from a separate fit of each force.
+
+    Returns None if these fits do not explain a response, or if the parameters differ too much for
+    one plant.
+    """
     pressed = [i for i, m in enumerate(problem.measured) if not m.free]
     found = []
     for level in pressed:
@@ -496,8 +505,10 @@ def _evaluated(
 
 def _shown(problem: Responses, lines: Samples, ranges: Collection[str]) -> Samples:
     """Returns the standard errors of the logarithms from the spectral lines alone, for the
-    parameters with a tolerance. The uncertainty due to all other parameters changes no response and
-    therefore no force loop."""
+    parameters with a tolerance.
+
+    The uncertainty due to all other parameters changes no response and therefore no force loop.
+    """
     shown: Samples = 1 / np.sqrt(np.maximum(np.diag(lines), 1e-12))
     varied = [i for i, name in enumerate(problem.names) if name in ranges]
     if varied:

@@ -28,8 +28,7 @@ class MeasuringOrder:
     settle_s: float = 1.0
     force_max_N: float = math.inf
     travel: int = 500  #: largest distance from the start position of a measurement
-    #: amplitude in DAC codes; 0: the Analyzer searches the amplitude, beginning with the value
-    #: `first`
+    #: Amplitude in DAC codes. With 0, the Analyzer searches the amplitude, beginning at `first`.
     amplitude: int = 0
     first: int = 1
     most: int = MOST_CODES  #: largest code of the search
@@ -45,8 +44,11 @@ class MeasuringOrder:
 @dataclass(frozen=True)
 class Rest:
     """State of the axis at rest: mean measured force in counts, position in counts, and noise in
-    ADC codes (see noise_of). The noise is None at an end of the converter's range, because the
-    range then hides half of the noise."""
+    ADC codes (see noise_of).
+
+    The noise is None at an end of the converter's range, because the range then hides half of the
+    noise.
+    """
 
     reading: float
     noise_lsb: float | None

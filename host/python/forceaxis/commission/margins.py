@@ -65,12 +65,12 @@ def peaks(fitted_axis: FittedAxis, level: Level) -> LoopPeak | None:
     measured, tuning = level.measured, fitted_axis.tuning
     fitted, designed = fitted_axis.fitted, fitted_axis.designed
     late = tuning.axis.read("latency_ticks")
-    # With dry friction the axis sticks at some amplitudes and slides at others. The predicted Ms is
-    # the larger one of both states.
+    # With dry friction, the axis sticks at some amplitudes and slides at others.
+    # The predicted Ms is the larger Ms of the two states.
     every = designed.modes if fitted.friction and designed.modes else (tuning.states,)
     hz = measured.frequency_hz
-    # |S| is averaged over a few per cent of the frequency, because the maximum of many noisy values
-    # would be too high.
+    # |S| is averaged over a few per cent of the frequency.
+    # Without averaging, the maximum of many noisy values would be too large.
     near = (abs(np.log(hz[:, None] / hz)) < AVERAGING_WIDTH).astype(float)
     near /= near.sum(1, keepdims=True)
     error = np.sqrt(near**2 @ (near @ level.sensitivity_error**2))

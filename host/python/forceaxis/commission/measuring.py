@@ -75,8 +75,10 @@ def measure(
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, AxisMeasurement]:  # fmt: skip
     """Measures one response out of contact, if `free` is True, and one response in contact at each
-    of the `forces` in N. Returns {name: response}. The axis has to be owned, disabled and at rest.
-    At the end, the axis is disabled at its start position.
+    of the `forces` in N. Returns {name: response}.
+
+    The axis has to be owned, disabled and at rest. At the end, the axis is disabled at its start
+    position.
 
     model: path of a model with which the response is compared, or "". Raises InputError before the
     axis moves if the axis would limit a target; Refusal, NoAnswer, Refused.

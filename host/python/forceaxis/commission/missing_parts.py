@@ -31,8 +31,10 @@ EVALUATIONS_MAX = 25
 class Shape:
     """An element that the model may lack. factor(parameters, i, hz) is the factor of response i.
     words(parameters, best) is (description, TOML), where `best` are the values of the model.
+
     `parameters` are values in the order of `priors`. A candidate with `freed` parameters of the
-    model has the factor 1."""
+    model has the factor 1.
+    """
 
     name: str
     priors: dict[str, Prior]

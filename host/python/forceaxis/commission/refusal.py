@@ -25,8 +25,10 @@ class Refusal(Exception):
 
 def of_link(axis: Axis, error: Exception) -> Refusal:
     """Converts an error of a step to a Refusal according to the state of the axis: no_answer,
-    ownership, the name of a fault, or refused. A Refusal is returned unchanged if the axis is owned
-    and has no fault."""
+    ownership, the name of a fault, or refused.
+
+    A Refusal is returned unchanged if the axis is owned and has no fault.
+    """
     try:
         owner, fault = axis.get("command_source", "fault").values()
         (source,) = axis.link.read(["command_source"]).values()

@@ -29,10 +29,12 @@ CANDIDATE_SEEDS = 400  # number of candidate seeds from which calm_seeds() choos
 
 @dataclass(frozen=True)
 class ResponseEstimate:
-    """A frequency response and the sensitivity function of the loop, (n,) each. `variance`:
-    variance of the complex response. `floor`: standard deviation that rounding alone causes.
-    `sensitivity`: input divided by waveform, complex. `sensitivity_error`: standard error of
-    `sensitivity`."""
+    """A frequency response and the sensitivity function of the loop, (n,) each.
+
+    `variance`: variance of the complex response. `floor`: standard deviation that rounding alone
+    causes. `sensitivity`: input divided by waveform, complex. `sensitivity_error`: standard error
+    of `sensitivity`.
+    """
 
     response: Response
     variance: Samples
@@ -81,8 +83,7 @@ def estimate(
     S = RU / power
     return ResponseEstimate(
         response=H,
-        # Recordings that are equal in every code contain no information about their common rounding
-        # error.
+        # Recordings with equal codes contain no information about their common rounding error.
         variance=np.maximum(spread, 1e-3 * rounding) * gain,
         coherence=np.minimum(np.minimum(*shown), 1.0),
         floor=np.sqrt(rounding * gain),
@@ -117,8 +118,11 @@ def excess(
     waveform: Samples, inputs: Samples, outputs: Samples, still: Still, lines: Lines, steps: Steps
 ) -> float:
     """Returns the ratio of the difference of the realisations to their noise, as the mean over the
-    spectral lines. A value above 1 indicates distortion, for example by a saturated drive. The
-    arguments are those of estimate() and deviation()."""
+    spectral lines.
+
+    A value above 1 indicates distortion, for example by a saturated drive. The arguments are those
+    of estimate() and deviation().
+    """
     R, U, Y = (_spectrum(values, lines) for values in (waveform, inputs, outputs))
     H = (R.conj() * Y).sum(0) / (R.conj() * U).sum(0)
     found = (abs(Y - H * U) ** 2).sum(0) / (len(R) - 1)
@@ -152,8 +156,10 @@ def _smooth(power: Samples, lines: int = 11) -> Samples:
 
 def calm_seeds(count: int, samples: int, hold: int, first: int) -> list[int]:
     """Returns seeds of the firmware's noise whose integral over a period stays nearest to 0. With
-    these seeds, an integrating axis stays near the start position. A different number `first` gives
-    different seeds."""
+    these seeds, an integrating axis stays near the start position.
+
+    A different number `first` gives different seeds.
+    """
     seeds = (np.arange(CANDIDATE_SEEDS) + CANDIDATE_SEEDS * first) % 65536
     # the same random number generator as in firmware/core/excitation.c
     random = (seeds * 2654435769 % 2**32).astype(np.uint32)

@@ -21,8 +21,8 @@ SETTLE_S = 0.3
 SIGNALS = ("force_raw", "position", "dac_code")
 # number of frequencies, and smallest number of frequencies at which the workpiece has to slide
 FREQUENCIES, FREQUENCIES_MIN = 11, 3
-# Displacements of the workpiece as multiples of the displacement at which the spring overcomes the
-# friction: displacement that suffices, and smallest displacement that is accepted.
+# Displacement of the workpiece that suffices, and smallest displacement that is accepted.
+# The unit is the displacement at which the spring overcomes the friction.
 SLIDES, SLIDES_MIN = 3.0, 1.25
 # largest number of amplitudes at one frequency, and ratio of successive amplitudes
 AMPLITUDES_MAX, AMPLITUDE_FACTOR = 7, 1.6
@@ -50,8 +50,11 @@ class SineTestResult:
 @dataclass(frozen=True)
 class SineTestSetup:
     """Known values before the test with sinusoidal forces: friction under the workpiece in N,
-    stiffness of sensor and workpiece in N/m, frequencies in Hz. `rate` is in encoder counts/s per
-    DAC code, `scale` in encoder counts per m, `newton` in N per force count."""
+    stiffness of sensor and workpiece in N/m, frequencies in Hz.
+
+    `rate` is in encoder counts/s per DAC code, `scale` in encoder counts per m, `newton` in N per
+    force count.
+    """
 
     friction_N: float
     sensor: float
@@ -66,8 +69,11 @@ def measure(
     analyzer: Analyzer, force_N: float, setup: SineTestSetup, codes_max: Callable[[float], int]
 ) -> SineTestResult | None:
     """Presses with `force_N`, excites the axis with sines, and computes stiffness and mass of the
-    workpiece. Returns None if the workpiece slides at too few frequencies. codes_max(hz) returns
-    the largest amplitude in DAC codes at which the drive stays linear."""
+    workpiece.
+
+    Returns None if the workpiece slides at too few frequencies. codes_max(hz) returns the largest
+    amplitude in DAC codes at which the drive stays linear.
+    """
     analyzer.bound(analyzer.press(force_N), "sine", period=0)
     found = [_largest_sine(analyzer, hz, setup, codes_max(hz)) for hz in setup.hz]
     analyzer.release()
@@ -154,8 +160,8 @@ def of_sines(
     force, w = f_re + 1j * f_im, 2 * np.pi * hz
     way = x_re + 1j * x_im - force / (sensor + 1j * w * damping)
     quotient = force / way
-    # Residuals are relative to the ratio of force to displacement, because an error of force or
-    # displacement is a relative error of the ratio.
+    # Residuals are relative to the ratio of force to displacement.
+    # An error of force or displacement is a relative error of this ratio.
     weight = 1 / abs(quotient)
     table = np.column_stack([np.ones(len(w)), -(w**2)])
     solved, covariance = _solved(table, quotient.real, weight)

@@ -83,8 +83,7 @@ from forceaxis.results import from_json, to_json
 R = TypeVar("R")  # result of a step
 
 LIMIT_FACTOR = 1 / 6  # gain of the law for the measurement as a share of the critical gain
-# Factors of the stiffnesses and masses in the set of plants for which the critical gain is
-# computed.
+# Factors of stiffness and mass in the set of plants for which the critical gain is computed.
 SPREAD_FACTORS = (0.3, 1.0, 3.0)
 # integral rates among which the law for the measurement is chosen
 RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
@@ -92,14 +91,13 @@ RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
 CROSSOVER_RAD_PER_S = 3.0
 MS_TOLERANCE = 0.3  # permitted excess of a measured Ms over the predicted Ms
 AVERAGES_FACTOR = 4  # factor for the number of averages if |S| is certain at no frequency
-# Highest frequency of the responses, as a multiple of the highest frequency at which the loop may
-# become unstable.
+# Ratio of the highest frequency of the responses to the highest frequency of instability.
 RESPONSE_BAND_FACTOR = 1.3
 # highest frequency at which |S| is verified, as a multiple of the bandwidth fT
 VERIFIED_BAND_FACTOR = 3.0
 BAND_MAX_HZ = 400.0
-# The contact threshold is at least this multiple of the noise and at least this number of force
-# counts.
+# The contact threshold is at least this multiple of the noise.
+# The contact threshold is at least this number of force counts.
 CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
 # permitted peak force in N of a first contact from the momentum of the axis alone
 IMPACT_PEAK_N = 10.0
@@ -244,8 +242,11 @@ def _expect_noise(rest: Rest) -> None:
 
 def _contact_settings(held: AxisSettings, rest: Rest) -> Settings:
     """Returns the lowest `contact_force` that the noise permits, if `contact_force` has the default
-    value. With a higher threshold, the force of a weak law may stay below the threshold, where the
-    integral action waits."""
+    value.
+
+    With a higher threshold, the force of a weak law may stay below the threshold, where the
+    integral action waits.
+    """
     if rest.noise_lsb is None or held.contact_force != objects.default("contact_force"):
         return {}
     counts = CONTACT_NOISE_FACTOR * rest.noise_lsb * 2.0 ** (8 - held.adc_bits)
@@ -271,8 +272,10 @@ def _approach_velocity(model: Path, facts: PlantFacts) -> int:
 
 def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
     """Returns (filter bank that is stable with a margin on all plants of the prior knowledge,
-    highest frequency in Hz at which the loop may become unstable). The integral action of the bank
-    brings the force to the set-point."""
+    highest frequency in Hz at which the loop may become unstable).
+
+    The integral action of the bank brings the force to the set-point.
+    """
     model = str(tuning.model)
     values = {n: r[0] for n, r in plant_set.ranges_of(model, tuning.order.over).items()}
     factors = np.array(np.meshgrid(*[SPREAD_FACTORS] * len(values))).T.reshape(-1, len(values))
@@ -371,8 +374,11 @@ def _times_p(designed: DesignResult) -> float | None:
 
 def _hf_gain(tuning: TuningFolder, checked: Checked) -> float | None:
     """Returns the largest gain at high frequency in DAC codes per 8-bit count, or None if the noise
-    is not known. The bound of the firmware assumes a noise of one ADC code. In addition, the noise
-    at the output of the law has to keep the drive linear."""
+    is not known.
+
+    The bound of the firmware assumes a noise of one ADC code. In addition, the noise at the output
+    of the law has to keep the drive linear.
+    """
     noise = checked.rest.noise_lsb
     if noise is None:
         return None
@@ -679,8 +685,7 @@ class Tuning(TuningFolder):
     def _claim(self) -> None:
         """Writes the order into the folder, and keeps the steps that the change of the order does
         not affect. Raises InputError for a folder of another axis."""
-        # The order with the types that reading from a file gives: 30 becomes 30.0 and a list
-        # becomes a tuple.
+        # The order with the types that a file gives: 30 becomes 30.0, a list becomes a tuple.
         order = from_json(TuningOrder, to_json(self.order))
         digest = hashlib.sha256(self.given.read_bytes()).hexdigest()
         identity = TuningIdentity(order, digest, **self.axis.get(*AXIS_KEYS))

@@ -43,8 +43,8 @@ from forceaxis.linear.plant_set import PlantSet
 
 Frictions = tuple[friction_models.FrictionElement, ...]
 
-# Standard deviation of the logarithm of a damper that replaces friction: for an axis that slides,
-# and for an axis that alternates between sticking and sliding.
+# Standard deviation of the logarithm of a damper that replaces friction.
+# The first value is for an axis that slides, the second for an axis that sometimes sticks.
 SLIDING_SPREAD, STICKING_SPREAD = 0.9, 2.0
 # damping in N s/m that replaces the friction of a workpiece that does not slide
 STUCK_DAMPING = 1e6
@@ -53,19 +53,17 @@ SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15
 # frequency in Hz and relative error of the response from _speed_response()
 SPEED_RESPONSE_HZ, SPEED_ERROR = 0.2, 0.015
 TRAVEL_STIFFNESS_ERROR = 0.1  # relative error of a stiffness from the travel between two forces
-# The sines determine the mass of a workpiece if the relative standard error of the mass is below
-# this value.
+# Largest relative standard error with which the sines determine the mass of a workpiece.
 SINE_MASS_ERROR_MAX = 0.2
 SINE_ERROR_MIN = 0.04  # smallest relative error of the stiffness and mass of a workpiece from sines
 REFIT_CHANGE = 0.02  # relative change of the values from sines above which the fit is repeated
-# Range of the dampings in the design for an axis with dry friction, in standard deviations of the
-# prior to both sides.
+# Range of the dampings in the design for an axis with dry friction.
+# The unit is the standard deviation of the prior, to both sides.
 DAMPING_DEVIATIONS = 1.0
-# If a workpiece does not slide, its mass is between the prior divided by this factor and the prior
-# multiplied by this factor.
+# Factor about the prior for the mass of a workpiece that does not slide:
+# the mass is between prior / factor and prior * factor.
 UNKNOWN_MASS_FACTOR = 3.0
-# Two responses differ if the probability that noise alone causes the difference is smaller than
-# this.
+# Two responses differ if noise alone causes the difference with a smaller probability.
 DIFFERENCE_PROBABILITY = 1e-4
 
 TRIED = FolderFile("residual.json", list[missing_parts.Tried])
@@ -178,10 +176,12 @@ def _model_lines(tuning: TuningFolder, frictions: Frictions) -> str:
 def _closed(
     tuning: TuningFolder, names: list[str], frictions: Frictions, measured: MeasuredResponses
 ) -> list[str]:
-    """Returns the responses during which the backlash of the gear stays closed. If the force that
-    moves the load back is smaller than the friction of the load, the motor moves within the
-    backlash, and no linear model describes the response. Raises Refusal if no response in contact
-    remains."""
+    """Returns the responses during which the backlash of the gear stays closed.
+
+    If the force that moves the load back is smaller than the friction of the load, the motor moves
+    within the backlash, and no linear model describes the response. Raises Refusal if no response
+    in contact remains.
+    """
     on_table = _under_workpiece(tuning, frictions)
     newton = sum(one.newton for one in frictions if one not in on_table)
     if not newton or not known.play_counts(tuning.given):
@@ -364,8 +364,10 @@ def _differing(
     tuning: TuningFolder, measured: MeasuredResponses, names: list[str], model: str
 ) -> list[str]:
     """Compares the two responses of each force, which have a larger and a smaller amplitude.
+
     Returns the folders of the smaller-amplitude responses that differ, and writes the differences
-    to the result of `measure`."""
+    to the result of `measure`.
+    """
     found, levels = [], dict(measured.levels)
     for name in names:
         small = small_of(name)

@@ -42,10 +42,12 @@ class StepFile(Generic[R]):
 @dataclass(frozen=True)
 class TuningOrder:
     """The options of `tune`. `model`: path or file name of the model, which gives the prior values.
+
     `forces`: in N. `over`: texts NAME=PERCENT% or NAME=LOW..HIGH. `priors`: texts NAME=VALUE or
     NAME=VALUE+-PERCENT%, which replace prior values of the model. `states`: texts ELEMENT=STATE, in
     which the model is linearised. `ms`: largest permitted Ms. `averages`: number per response.
-    `travel_mm`: limit of the motion by the excitation. `seed`: seed of the noise."""
+    `travel_mm`: limit of the motion by the excitation. `seed`: seed of the noise.
+    """
 
     model: str
     forces: tuple[float, ...]

@@ -71,8 +71,10 @@ def free_line(tuning: TuningFolder, done: FreeResponse) -> str:
 
 def _back_to_start(tuning: TuningFolder, measures: Analyzer, start: int) -> None:
     """Moves the axis back to its position in the step `check` (`start`, in counts) after a killed
-    run that left the axis moving, and disables the axis. An axis that is too far away is not moved
-    (COASTED_TRAVELS). The position is valid, because the encoder counts while a fault is latched.
+    run that left the axis moving, and disables the axis.
+
+    An axis that is too far away is not moved (COASTED_TRAVELS). The position is valid, because the
+    encoder counts while a fault is latched.
     """
     if abs(tuning.axis.read("position") - start) <= COASTED_TRAVELS * measures.order.travel:
         tuning.say("the axis returns to the position at which this tuning began")
@@ -144,8 +146,8 @@ def _between(
     low, high = LOWEST_FORCE_SHARE * min(order.forces), (1 + SWING / 2) * max(order.forces)
     with analyzing(tuning, law, measuring_order(tuning, order), Analyzer) as measures:
         force, place, _ = friction.record_slow_change(measures, low, high)
-        # An axis that is still in contact does not approach again, so the `contact_loss_cap` of the
-        # first contact remains.
+        # An axis that is still in contact does not approach again.
+        # The `contact_loss_cap` of the first contact therefore remains.
         law = law | {"contact_loss_cap": tuning.axis.read("contact_loss_cap")}
         # the model states all friction in newtons of the model
         force *= abs(linear.facts(tuning.model).required_reading.per_count) / measures.newton
@@ -182,9 +184,8 @@ def _shaken(
     scale = abs(facts.required_encoder.scale)
     sensor, workpiece = scale / slow.compliance, scale / slow.sliding
     drive = known.SineBounds(str(tuning.model))
-    # At the lowest frequency the stiffness determines the motion, at the highest frequency the
-    # mass,
-    # for each mass in the range of the prior.
+    # At the lowest frequency the stiffness determines the motion of the workpiece.
+    # At the highest frequency the mass determines the motion, for each mass in the prior's range.
     mass = facts.masses_kg.get(model_file.read(tuning.model).workpiece or "")
     own = math.sqrt(workpiece / mass) / (2 * math.pi) if mass else 30.0
     hz = sorted({2 * round(f / 2) for f in np.geomspace(max(4.0, own / 4), min(2.0 * own, 150.0),
@@ -317,9 +318,11 @@ def objects_of(
     plants: PlantSet | None = None,
 ) -> Settings:  # fmt: skip
     """Returns {object: engineering value} in the order of writing: the settings that check() has
-    added, and a filter bank with the certificate for this axis. `loss`: limits after a contact
-    loss. `ms`: largest Ms of the set of plants. `plants`: the set of plants, None for a certificate
-    without tolerances."""
+    added, and a filter bank with the certificate for this axis.
+
+    `loss`: limits after a contact loss. `ms`: largest Ms of the set of plants. `plants`: the set of
+    plants, None for a certificate without tolerances.
+    """
     own = checked.settings
     held = tuning.axis.get("force_scale", "adc_bits", "force_zero_code") | own
     units = {n: row.unit for n, row in linear.facts(tuning.model).parameters.items()}

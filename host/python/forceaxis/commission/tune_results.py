@@ -28,9 +28,12 @@ Range = tuple[float, float]  # low, high
 @dataclass(frozen=True)
 class Checked:
     """Result of `check`. `settings`: values from the model for objects that nobody has set on the
-    axis. `law`: the force law for the measurement. `band_hz`: lowest and highest frequency of the
+    axis.
+
+    `law`: the force law for the measurement. `band_hz`: lowest and highest frequency of the
     responses. `before`: the previous force law of the axis. `latency_ticks`: latency of the output
-    of the axis in ticks."""
+    of the axis in ticks.
+    """
 
     rest: Rest
     settings: Settings
@@ -42,9 +45,12 @@ class Checked:
 
 @dataclass(frozen=True, kw_only=True)
 class ResponseFigures:
-    """Numbers of a measured response. `swing`: range of the output from peak to peak, in N in
-    contact and in counts out of contact. `speed_rms`: rms rate of change of the output that the
-    waveform alone causes, in N/s or counts/s. See level.Level."""
+    """Numbers of a measured response.
+
+    `swing`: range of the output from peak to peak, in N in contact and in counts out of contact.
+    `speed_rms`: rms rate of change of the output that the waveform alone causes, in N/s or
+    counts/s. See level.Level.
+    """
 
     amplitude: int
     swing: float
@@ -109,9 +115,11 @@ class SlowChange:
 
 @dataclass(frozen=True)
 class MeasuredResponses:
-    """Result of `measure`, in three files. `levels`: {folder of a response: numbers of the
-    response}. `between`: slow change of the force. `shaken`: measurement of the workpiece with
-    sines, None if the workpiece did not slide."""
+    """Result of `measure`, in three files.
+
+    `levels`: {folder of a response: numbers of the response}. `between`: slow change of the force.
+    `shaken`: measurement of the workpiece with sines, None if the workpiece did not slide.
+    """
 
     levels: dict[str, PressedResponse]
     between: SlowChange
@@ -129,11 +137,13 @@ class ParameterRow:
 
 @dataclass(frozen=True, kw_only=True)
 class Fitted(JointSummary):
-    """Result of `fit`. `values`: values for the design. `own`: {response: values of the parameters
-    that only this response has}. `friction`: the measured dry friction. `lines`: the friction
-    elements that the model lacks, as TOML. `left_out`: responses during which the backlash of the
-    gear opens. `relied`: texts about parameters whose design value differs from the fit.
-    `together`: values that change together."""
+    """Result of `fit`. `values`: values for the design.
+
+    `own`: {response: values of the parameters that only this response has}. `friction`: the
+    measured dry friction. `lines`: the friction elements that the model lacks, as TOML. `left_out`:
+    responses during which the backlash of the gear opens. `relied`: texts about parameters whose
+    design value differs from the fit. `together`: values that change together.
+    """
 
     values: Values = field()
     over: tuple[str, ...] = field()
@@ -155,10 +165,12 @@ class FittedLoop(over.Figures):
 
 @dataclass(frozen=True, kw_only=True)
 class Designed(DesignResult):
-    """Result of `design`: the content of `forceaxis design --json` and more. `on_fitted`: {"before"
-    and "designed": bandwidth and margins on the fitted plant, None without a law}. `objects`:
-    values in the order of writing. `cut`: text about the gain reduction by simulated contacts.
-    `times_p`: bandwidth divided by the bandwidth of the P law."""
+    """Result of `design`: the content of `forceaxis design --json` and more.
+
+    `on_fitted`: {"before" and "designed": bandwidth and margins on the fitted plant, None without a
+    law}. `objects`: values in the order of writing. `cut`: text about the gain reduction by
+    simulated contacts. `times_p`: bandwidth divided by the bandwidth of the P law.
+    """
 
     on_fitted: dict[str, FittedLoop | None]
     cut: str
@@ -192,8 +204,10 @@ class Written:
 @dataclass(frozen=True, kw_only=True)
 class LoopPeak:
     """Peak of the sensitivity function: the largest measured |S| with its standard error and
-    frequency in Hz, and the largest |S| of the fitted model at the same frequencies. `lines` is the
-    number of frequencies at which |S| is certain."""
+    frequency in Hz, and the largest |S| of the fitted model at the same frequencies.
+
+    `lines` is the number of frequencies at which |S| is certain.
+    """
 
     Ms: float
     Ms_error: float
@@ -247,10 +261,12 @@ class StepRefusal:
 
 @dataclass(frozen=True, kw_only=True)
 class TuningSummary:
-    """Results of a tuning as `forceaxis tune --json` prints the results. A field is None if the
-    result is not known yet. `levels`: levels of Verified. `cuts`: texts of the gain_cuts. `holds`:
-    texts of tune_fit.validity_lines(). `seconds`: {step: wall time in s}. `axis_seconds`: {step:
-    time of the axis in s}."""
+    """Results of a tuning as `forceaxis tune --json` prints the results.
+
+    A field is None if the result is not known yet. `levels`: levels of Verified. `cuts`: texts of
+    the gain_cuts. `holds`: texts of tune_fit.validity_lines(). `seconds`: {step: wall time in s}.
+    `axis_seconds`: {step: time of the axis in s}.
+    """
 
     axis: str
     folder: str

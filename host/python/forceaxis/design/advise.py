@@ -58,8 +58,7 @@ from forceaxis.linear.stability import Limit, Loop
 from forceaxis.results import json_field
 
 GAIN_MARGIN = 2.0
-# A noncolocated mode of vibration may limit the gain by its phase lag only if the frequency of the
-# mode is at most this multiple of the frequency at which the loop becomes unstable.
+# Only modes of vibration below LAG times the critical frequency limit the gain by their phase lag.
 LAG = 3.0
 
 
@@ -138,9 +137,12 @@ class PresentDesign(Performance):
 
 @dataclass(frozen=True, kw_only=True)
 class AdviceRow(Performance):
-    """The performance of the design with one change. `change`: name of the change. `thesis`:
-    section of the thesis that proposes the change. `in_firmware`: True if the firmware supports the
-    change. `simulated`: None if no run is possible or requested."""
+    """The performance of the design with one change.
+
+    `change`: name of the change. `thesis`: section of the thesis that proposes the change.
+    `in_firmware`: True if the firmware supports the change. `simulated`: None if no run is possible
+    or requested.
+    """
 
     change: str
     kind: str
@@ -153,10 +155,12 @@ class AdviceRow(Performance):
 
 @dataclass(frozen=True)
 class LimitingMode:
-    """The mode of vibration that limits the gain. `element`: spring or contact with most of the
-    elastic energy. `body`: body with the largest motion. `frequency_hz`: frequency of the mode
-    without damping. `shape`: {body: amplitude}. `how`: text about the effect of the mode on the
-    loop."""
+    """The mode of vibration that limits the gain.
+
+    `element`: spring or contact with most of the elastic energy. `body`: body with the largest
+    motion. `frequency_hz`: frequency of the mode without damping. `shape`: {body: amplitude}.
+    `how`: text about the effect of the mode on the loop.
+    """
 
     name: str
     element: str | None
@@ -189,9 +193,11 @@ class NextCrossing:
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """The content of `forceaxis advise --json`. `unit`: unit of the gains. `reference_hz`:
-    crossover frequency of the present design, at which `loop_gain_at` is computed. `present_gain`:
-    `force_gain` of the experiment. `over` and `modes`: tolerances and modes of the set of plants.
+    """The content of `forceaxis advise --json`.
+
+    `unit`: unit of the gains. `reference_hz`: crossover frequency of the present design, at which
+    `loop_gain_at` is computed. `present_gain`: `force_gain` of the experiment. `over` and `modes`:
+    tolerances and modes of the set of plants.
     """
 
     model: str
@@ -361,9 +367,11 @@ def branch_start(loop: Loop, limit: Limit) -> complex:
 def rank(
     figures: Performance, in_firmware: bool, over: FiguresOverSet | NotAsked | None = NOT_ASKED
 ) -> tuple[float, float]:
-    """Returns the sorting key of a row. With a set of plants, the rows are sorted by bandwidth.
-    Without a set of plants, changes without a critical gain come first; all other rows are sorted
-    by crossover frequency, then by loop gain. Changes that the firmware does not support come last.
+    """Returns the sorting key of a row.
+
+    With a set of plants, the rows are sorted by bandwidth. Without a set of plants, changes without
+    a critical gain come first; all other rows are sorted by crossover frequency, then by loop gain.
+    Changes that the firmware does not support come last.
     """
     if not in_firmware:
         return (math.inf, 0.0)

@@ -116,9 +116,11 @@ def simulated_contact(
 
 @dataclass(frozen=True)
 class GainCut:
-    """A gain that was rejected because a simulated contact was not stable. `force_gain` is in DAC
-    codes per 8-bit count. `failed` and `simulated` are numbers of contacts. `case` is the first
-    unstable contact. `why` names the limits that this contact did not keep."""
+    """A gain that was rejected because a simulated contact was not stable.
+
+    `force_gain` is in DAC codes per 8-bit count. `failed` and `simulated` are numbers of contacts.
+    `case` is the first unstable contact. `why` names the limits that this contact did not keep.
+    """
 
     force_gain: float
     failed: int

@@ -19,8 +19,8 @@ from forceaxis.linear.plant_set import Member, PlantSet
 from forceaxis.linear.stability import Loop
 
 ATTEMPTS = 12  # largest number of gains for which the exact bandwidth and margins are computed
-# ratio of the first tried gain to the gain from the grid, because the grid seldom contains the
-# worst plant
+# Ratio of the first tried gain to the gain from the grid of frequencies.
+# The ratio is below 1, because the grid seldom contains the worst plant.
 FIRST_GAIN_FACTOR = 0.995
 REACHED_SHARE = 0.97  # share of a bound above which a sentence names this bound as reached
 # a frequency is assigned to a mode if their ratio is within this factor
@@ -164,8 +164,7 @@ def exact(
         factor = min(_factor(w, goal, t) for t, w in found.items())
         if factor >= 1:
             return bank, _figures(found, grids, bank)
-        # Each attempt reduces the gain by a larger factor, because a peak may decrease little with
-        # the gain.
+        # The gain decreases by a larger factor in each attempt, because some peaks decrease slowly.
         bank = lowered(bank, (0.999 * factor) ** (1 + attempt))
     return replace(bank, force_gain=0.0), None
 
@@ -220,9 +219,11 @@ def _static_error(grid: Grid, bank: Bank) -> float:
 
 
 def sentence(grid: Grid, bank: Bank, steep: float, bounds: Bounds, finer: str) -> str:
-    """Returns a sentence about the bound that limits the gain of a filter bank. `steep` is the gain
-    of the law at high frequency for a `force_gain` of 1. `finer` is the text of Goal.hf_cure()
-    about the remedy."""
+    """Returns a sentence about the bound that limits the gain of a filter bank.
+
+    `steep` is the gain of the law at high frequency for a `force_gain` of 1. `finer` is the text of
+    Goal.hf_cure() about the remedy.
+    """
     law = bank.response(grid.z)
     free = replace(bounds, hf_gain=math.inf)
     limit = grid.largest_gain(law, steep, free)

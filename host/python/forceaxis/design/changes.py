@@ -346,8 +346,10 @@ def sampling(design: Design) -> list[Change]:
 
 def converter(design: Design, bits: int = 12) -> list[Change]:
     """Returns the change to an ADC with more bits and the same range (thesis section 6.2.1).
+
     Returns no change if the ADC already has `bits` bits. The linear critical gain does not depend
-    on the number of bits."""
+    on the number of bits.
+    """
     return [resolution(design, bits)] if design.facts.required_reading.bits < bits else []
 
 
@@ -390,8 +392,10 @@ def amplifier(design: Design) -> list[Change]:
 
 def control(design: Design, frequency_hz: float | None) -> list[Change]:
     """Returns the changes to other control laws (thesis section 6.2.1): laws of a filter bank, and
-    the derivative of a velocity sensor, for which the firmware has no input. The laws add phase
-    lead at `frequency_hz`, where the present loop becomes unstable."""
+    the derivative of a velocity sensor, for which the firmware has no input.
+
+    The laws add phase lead at `frequency_hz`, where the present loop becomes unstable.
+    """
     if not frequency_hz:
         return []
     span = 4.0

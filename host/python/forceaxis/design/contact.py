@@ -17,8 +17,8 @@ PERIOD_RAMPS = 30.0  # period of the trapezoidal force set-point as a multiple o
 HARMONICS = 256  # number of harmonics by which the periodic set-point is represented
 POINTS = 2048  # number of instants per period at which the force is computed
 OVERSHOOT_MAX = 0.055  # largest permitted overshoot as a share of the set-point
-# Largest undershoot as pairs (start in ramp times, share of the set-point). The second pair is
-# stricter than the first pair, because the vibration after the impact adds to the force.
+# Largest undershoot as pairs (start in ramp times, share of the set-point).
+# The second pair is stricter: at first, the vibration after the impact adds to the force.
 SHORT_MAX = ((1.25, 0.02), (1.6, 0.025))
 
 
@@ -49,8 +49,10 @@ class Ramp:
 
     def excess(self, law: Response) -> float:
         """Returns the largest excess of the force over the permitted band about the set-point, as a
-        share of the set-point; 0 if the force stays within the band. `law` is the frequency
-        response of the control law including its gain, at the points z."""
+        share of the set-point; 0 if the force stays within the band.
+
+        `law` is the frequency response of the control law including its gain, at the points z.
+        """
         worst = 0.0
         for lag in self._lag:
             L = self.plant * law * lag

@@ -30,8 +30,7 @@ class SheetField:
     word: str | None = None  # text that the user may enter in place of a number, such as "none"
     # name of a second field; the field has an effect only if the second field has a number
     needs: str | None = None
-    # name of a second field; the field has an effect only if the value of the second field is
-    # `word`
+    # name of a second field; the field has an effect only if the second field has its `word`
     instead_of: str | None = None
     name: str = ""  # name of the field in SheetValues, which ends with the unit
 
@@ -293,9 +292,11 @@ def default_filter_hz(v: SheetValues) -> float:
 
 
 def default_current_loop_hz(v: SheetValues) -> float:
-    """Returns the default bandwidth of the current loop in Hz. The bandwidth is above the motor's
-    electrical pole and above the velocity filter. It is so large that the back EMF adds at most a
-    third of the damping of the velocity loop."""
+    """Returns the default bandwidth of the current loop in Hz.
+
+    The bandwidth is above the motor's electrical pole and above the velocity filter. It is so large
+    that the back EMF adds at most a third of the damping of the velocity loop.
+    """
     pole = v.resistance_ohm / (2 * math.pi * v.inductance_h)
     emf = v.torque_constant_n_m_per_a * v.back_emf_v_s_per_rad / v.inductance_h
     emf /= v.total_mass_kg * v.radius_m**2 * (2 * math.pi) ** 2 * v.velocity_loop_hz
@@ -349,8 +350,7 @@ def collect(
             if text not in (None, field.word):
                 raise ParameterError(field.name, refusal)
             values[field.name] = None
-            # If the user has returned to an earlier question, this field may already have an
-            # origin.
+            # The user may have answered this question before, so the origin may already exist.
             sources.pop(field.name, None)
             i += 1
             continue

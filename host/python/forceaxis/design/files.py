@@ -52,8 +52,10 @@ def bank_objects(
     units: Mapping[str, str], date: datetime.date,
 ) -> dict[str, float]:  # fmt: skip
     """Returns {object: engineering value} of the filter bank in an experiment file: sensor, bank,
-    certificate, limits after a contact loss, and last the selection of the bank. `worst_ms` is the
-    largest Ms over the set of plants; `date` is the date of the certificate."""
+    certificate, limits after a contact loss, and last the selection of the bank.
+
+    `worst_ms` is the largest Ms over the set of plants; `date` is the date of the certificate.
+    """
     settings = _core.inputs(str(experiment))["firmware"]
     first = 15 * (BANK - 1) + 1
     names = [
@@ -134,8 +136,11 @@ def write(
     date: datetime.date | None = None,
 ) -> list[str]:  # fmt: skip
     """Writes the experiments and bank.toml of a design into a folder, and returns the names of the
-    files. `own` is the user's experiment, of which the folder gets a copy with the filter bank.
-    `date` is the date of the certificate; None means today."""
+    files.
+
+    `own` is the user's experiment, of which the folder gets a copy with the filter bank. `date` is
+    the date of the certificate; None means today.
+    """
     names = []
     model = folder.reference(bench.model)
     if bench.change.edits:
@@ -145,8 +150,8 @@ def write(
         folder.write("model.toml", tomlkit.dumps(document))
         names.append("model.toml")
         model = "model.toml"
-    # The files are read from the folder of the bench: a path relative to the new folder is valid
-    # only after the folder has its final name.
+    # The files are read from the folder of the bench.
+    # A path relative to the new folder is valid only after the folder has its final name.
     case = bench.shown
     values = bank_objects(
         bench.design.file("bank.toml", bench.text(case, outcome.bank, outcome.loss_objects)),

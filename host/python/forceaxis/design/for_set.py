@@ -36,8 +36,7 @@ Say = Callable[[str], None]  # function that shows a text about the progress of 
 # Function that writes the page of a design into a folder.
 # The last argument is the path of the experiment that the page tells the user to run.
 PageWriter = Callable[[files.NewFolder, ContactBench, DesignOutcome, str], None]
-# function: name of a law's structure -> design with this structure; None if no gain keeps the
-# margins
+# function: name of a structure -> design with this structure; None if no gain keeps the margins
 Instead = Callable[[str], DesignOutcome | None]
 
 
@@ -64,9 +63,11 @@ def check(order: DesignOrder) -> None:
 
 
 def plant_set(bench: ContactBench, order: DesignOrder) -> PlantSet:
-    """Returns the set of plants of an order. The set has all modes, or the modes that occur in a
-    simulated contact. The law of this simulation has a small gain, and integral action so that the
-    force reaches the set-points."""
+    """Returns the set of plants of an order.
+
+    The set has all modes, or the modes that occur in a simulated contact. The law of this
+    simulation has a small gain, and integral action so that the force reaches the set-points.
+    """
     plant = bench.design
     ranges = ranges_of(plant.model, order.over, plant.overrides)
     if order.modes == "all":
@@ -190,8 +191,9 @@ def simulated(
     bench: ContactBench, outcome: DesignOutcome, instead: Instead, say: Say
 ) -> tuple[DesignOutcome, ContactBench]:
     """Returns (design, bench) after the simulation of contacts, with the gain and the approach
-    speed at which all contacts are stable. The function changes the structure of the law if a
-    different structure then has more bandwidth.
+    speed at which all contacts are stable.
+
+    The function changes the structure of the law if a different structure then has more bandwidth.
 
     The approach becomes slower if contacts do not settle or are lost more than LOSSES_MAX times,
     unless the order gives a speed. Raises InputError if no gain makes the contacts stable.
@@ -267,8 +269,8 @@ def settled(
     promised = {row.name: row.bandwidth_Hz for row in outcome.structures if row.worst}
     names = [n for n, fS in promised.items() if fS and n not in ("P", outcome.chosen)]
     names = [outcome.chosen, *sorted(names, key=promised.__getitem__, reverse=True)]
-    # First, the gain of each structure is reduced only while its bandwidth exceeds that of the next
-    # structure. If all structures fail, each structure is tried with every gain.
+    # First, the gain of each structure is reduced while its bandwidth exceeds the next structure's.
+    # If all structures fail, each structure is tried with every gain.
     shares = [promised[after] / promised[name] for name, after in itertools.pairwise(names)] + [0.0]
     best: DesignOutcome | None = None
     refused: InputError | None = None
@@ -298,9 +300,12 @@ def settled(
 def contact_members(
     bench: ContactBench, plants: PlantSet, count: int, seed: int = 1988
 ) -> list[Plant]:
-    """Returns the plants on which contacts are simulated, each as {parameter: SI value}. These are
-    the nominal plant, the plants without friction and with the most friction, and random plants of
-    the set with random friction. A friction parameter of the set keeps its range in the set."""
+    """Returns the plants on which contacts are simulated, each as {parameter: SI value}.
+
+    These are the nominal plant, the plants without friction and with the most friction, and random
+    plants of the set with random friction. A friction parameter of the set keeps its range in the
+    set.
+    """
     own = [r for r in bench.frictions if not {n for n, _ in r.declared_N} & {*plants.ranges}]
     rubbing = friction.drawn(tuple(own), count, seed)
     drawn = random_members(plants, count, seed)

@@ -22,9 +22,11 @@ MULTIPLE_MAX = 2.0  # largest simulated dry friction as a multiple of the declar
 
 @dataclass(frozen=True)
 class FrictionRange:
-    """A friction element of a model and the simulated range of the friction force. `between`: the
-    two bodies of the element. `declared_N`: (parameter, declared value in N) of sliding force and
-    breakaway force. `most`: largest simulated multiple of the declared values."""
+    """A friction element of a model and the simulated range of the friction force.
+
+    `between`: the two bodies of the element. `declared_N`: (parameter, declared value in N) of
+    sliding force and breakaway force. `most`: largest simulated multiple of the declared values.
+    """
 
     name: str
     between: tuple[str, str]
@@ -44,8 +46,10 @@ class FrictionRange:
 
 def ranges(model: str | Path, overrides: Overrides | None = None) -> tuple[FrictionRange, ...]:
     """Returns the friction elements of a model whose friction force is a parameter and smaller than
-    the drive's force. The friction is simulated up to twice its declared value. If the mean of 1
-    and the ratio of drive force to breakaway force is less than 2, this mean replaces the factor 2.
+    the drive's force.
+
+    The friction is simulated up to twice its declared value. If the mean of 1 and the ratio of
+    drive force to breakaway force is less than 2, this mean replaces the factor 2.
     """
     arriving = working.arriving_N(model, overrides)
     found = []

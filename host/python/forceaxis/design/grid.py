@@ -31,16 +31,15 @@ LOWEST_HZ = 0.02  # lowest frequency of a grid
 HALF_RATE_HZ = 0.5 / TICK_S  # highest frequency of a grid
 SLOW_HZ = 1.0  # frequency below which a grid of frequencies has fewer points per decade
 POINTS_PER_DECADE = (60, 270)  # below and above SLOW_HZ
-# Number of grid points on each side of a resonance, and distance of the farthest point as a
-# multiple
-# of the half-width of the resonance.
+# Number of grid points on each side of a resonance, and distance of the farthest point.
+# The unit of the distance is the half-width of the resonance.
 POINTS_PER_SIDE, FARTHEST_HALF_WIDTHS = 42, 25.0
 THIN = 1 / 3  # density of a thin grid
 DELAYS = {"zoh": 0, "zoh+1": 1}  # {timing: delay in ticks}
 HALF_POWER = 0.5  # |S|^2 at -3 dB
 BLOCK_MEMBERS = 16  # number of plants in each Grid that blocks() returns
-# Largest gain at high frequency in DAC codes per 8-bit count. This bound does not grow with the
-# resolution of the ADC, because the noise of the measured force in N does not decrease.
+# Largest gain at high frequency in DAC codes per 8-bit count, for every resolution of the ADC.
+# The noise of the measured force in N does not decrease with a finer ADC.
 HF_DEFAULT = 80.0
 # share of the bound of `hf_gain` that a design uses, because the firmware rounds coefficients
 HF_SHARE = 0.99
@@ -48,9 +47,12 @@ HF_SHARE = 0.99
 
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds that a loop has to keep. `ms`: largest |S| for each delay of the loop. `mt`: largest
-    |T|. `gain_margin`: factor. `phase_margin_deg`: in degrees. `hf_gain`: largest gain at high
-    frequency in DAC codes per 8-bit count. None means no bound."""
+    """Bounds that a loop has to keep.
+
+    `ms`: largest |S| for each delay of the loop. `mt`: largest |T|. `gain_margin`: factor.
+    `phase_margin_deg`: in degrees. `hf_gain`: largest gain at high frequency in DAC codes per 8-bit
+    count. None means no bound.
+    """
 
     ms: tuple[float, ...]
     mt: float | None
@@ -263,9 +265,11 @@ class Grid:
 
     def bandwidths(self, law: Response, gain: float) -> tuple[Samples, Samples]:
         """Returns the bandwidths (fS, fT) in Hz, each as an array with one row per delay of the
-        loop and one column per plant. These are the first frequencies at which |S| rises above -3
-        dB and |T| falls below -3 dB. A frequency is 0 if |S| or |T| is beyond -3 dB at the lowest
-        frequency of the grid."""
+        loop and one column per plant.
+
+        These are the first frequencies at which |S| rises above -3 dB and |T| falls below -3 dB. A
+        frequency is 0 if |S| or |T| is beyond -3 dB at the lowest frequency of the grid.
+        """
         first, falls = [], []
         for L, q in self.loops(law):
             apart = 1 + 2 * gain * L.real + gain**2 * q  # |1 + g L|^2

@@ -26,8 +26,8 @@ TICK_S = 1.0 / _core.TICKS_PER_SECOND
 # shortest and longest usual electrical time constant L / R of a motor in s
 FASTEST_TAU_S, SLOWEST_TAU_S = 2e-5, 0.1
 DAC_CODES = 2048  # number of DAC codes from 0 V to the full scale of the command voltage
-# The first gains are this share of the critical gain, because contact loss makes a loop unstable at
-# a smaller gain.
+# Ratio of the first gains to the critical gain.
+# Contact loss makes a loop unstable below the critical gain.
 FIRST_GAIN_SHARE = 1 / 6
 MODEL, CONTACT, STEP = "model.toml", "contact.toml", "step.toml"
 FILES = (MODEL, CONTACT, STEP)

@@ -104,14 +104,16 @@ class ContactLoss:
 
 @dataclass(frozen=True)
 class SlowedApproach:
-    """A reduction of the approach speed because contacts were lost. `losses_before` and `losses`
-    are the largest numbers of contact losses of a simulated first contact at the original and at
-    the reduced speed. `longer_s` is the additional time in s until the first contact."""
+    """A reduction of the approach speed because contacts were lost.
+
+    `losses_before` and `losses` are the largest numbers of contact losses of a simulated first
+    contact at the original and at the reduced speed. `longer_s` is the additional time in s until
+    the first contact.
+    """
 
     from_m_per_s: float
     to_m_per_s: float
-    # number of contact losses at the original speed; None if the force does not settle at this
-    # speed
+    # number of contact losses at the original speed; None: the force does not settle at this speed
     losses_before: int | None
     losses: int
     longer_s: float

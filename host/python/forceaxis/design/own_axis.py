@@ -21,8 +21,8 @@ from forceaxis.linear.bank import Bank
 from forceaxis.progress import phase
 
 GAIN_SHARES = (1.0, 0.7, 0.5)  # of the designed gain
-# Permitted contact losses of a first contact: in the first attempt, and in the second attempt for a
-# light workpiece.
+# Permitted contact losses of a first contact in the first attempt and in the second attempt.
+# The second attempt is for a light workpiece.
 LOSSES_MAX = (1, 3)
 # number of simulated plants with random friction, and seed of the random numbers
 RANDOM_FRICTIONS, SEED = 3, 1988
@@ -138,8 +138,11 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
 
 def _losses(bench: ContactBench, speed_m_per_s: float, stands: bool) -> Sequence[Mapping[str, int]]:
     """Returns the firmware objects for a contact loss in the order in which their values are
-    simulated. `stands` is True if only the defaults of the firmware are simulated, with which
-    friction may keep the axis at standstill."""
+    simulated.
+
+    `stands` is True if only the defaults of the firmware are simulated, with which friction may
+    keep the axis at standstill.
+    """
     if stands:
         return [{}]
     first = simulate.losses(bench, speed_m_per_s)

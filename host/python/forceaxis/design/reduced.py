@@ -17,12 +17,11 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet
 
 NAME = "PI and one biquad"
-RANDOM = 40  # number of random plants of the check of the result
+RANDOM = 40  # number of random plants in the final check, in addition to the corner plants
 PI_RATES_RAD_PER_S = np.geomspace(0.1, 100, 31)  # integral rates of the PI laws
 PI_BANDWIDTH_MIN_HZ = 0.05  # smallest bandwidth in Hz that the search assumes for a PI law
-# Factor by which limited_by() changes a bound, and smallest ratio of bandwidths that shows an
-# effect
-# of the changed bound.
+# Factor by which limited_by() changes a bound.
+# Smallest ratio of bandwidths that shows an effect of the changed bound.
 BOUND_FACTOR, BANDWIDTH_RATIO_MIN = 1.3, 1.02
 # Smallest integral rate as a share of the bandwidth of the PI law.
 # With a smaller rate, a static error disappears too slowly.
@@ -116,8 +115,11 @@ class ShortSearch:
 
     def exact(self, bank: Bank) -> tuple[Bank, WorstFigures | None]:
         """Returns (filter bank, worst values) with the largest gain at which the exact bandwidth
-        and margins keep the bounds. This gain is some per cent below the gain from the grid of
-        frequencies, and the computation takes seconds instead of milliseconds."""
+        and margins keep the bounds.
+
+        This gain is some per cent below the gain from the grid of frequencies, and the computation
+        takes seconds instead of milliseconds.
+        """
         return certificate.exact(self.plants, [self.grid], bank, self.goal)
 
     def limited_by(self, found: ShapedDesign) -> str:
@@ -154,8 +156,11 @@ class ShortSearch:
 
     def _starts(self, fS: float, rate: float) -> list[Samples]:
         """Returns start values of the search as logarithms: laws with zeros at antiresonances and a
-        pole at a higher frequency, a lead, a lag, and the best PI law. `fS` is the bandwidth of the
-        PI law in Hz, `rate` is the integral rate of the PI law in rad/s."""
+        pole at a higher frequency, a lead, a lag, and the best PI law.
+
+        `fS` is the bandwidth of the PI law in Hz, `rate` is the integral rate of the PI law in
+        rad/s.
+        """
         zeros = search.antiresonances(self.grid)[:ZEROS_MAX]
         shapes = [(z, 0.06, z * pole, 0.5) for z in zeros for pole in (1.25, 2.6)]
         shapes += [(4 * fS, 1.0, 16 * fS, 0.8), (20 * fS, 0.8, 5 * fS, 0.8)]

@@ -30,18 +30,18 @@ LARGER_STRUCTURE_MIN = 1.1
 RANDOM = 1000  # number of random plants on which the result is checked
 PROBE_RANDOM = 60  # number of random plants in each round of the search
 ROUNDS_MAX = 4  # largest number of rounds in which plants are added to the search
-# Largest number of corner plants at the start of the search. A further corner plant is added if the
-# law violates the margins on that plant.
+# Largest number of corner plants of the set at the start of the search.
+# A further corner plant is added if the law violates the margins on this plant.
 CORNERS_MAX = 8
 SEED = 1988
 # rise time of the set-point ramp as a multiple of 1 / (bandwidth of a PI law)
 RAMP_PERIODS = 0.2
 RAMP_MIN_S = 0.1  # shortest rise time
-# The bandwidth is evaluated at this share of the largest gain, so that the bandwidth does not jump
-# if |S| of a plant has a peak close to -3 dB.
+# The bandwidth is evaluated at this share of the largest gain.
+# Without this share, the bandwidth would jump if a peak of |S| is close to -3 dB.
 GAIN_SHARE = 0.97
-# Number of generations of the differential evolution. With half of this number, a search often ends
-# in a local optimum, even with restarts.
+# Number of generations of the differential evolution.
+# With half of this number, a search often ends in a local optimum, even with restarts.
 GENERATIONS = 90
 # number of searches for a law with no, with one and with two second-order sections
 RESTARTS = (1, 2, 2)
@@ -96,8 +96,10 @@ class SearchResult:
 
 class SearchProblem:
     """Evaluates control laws on all plants of a set of plants: largest gain within the bounds of a
-    goal, and bandwidth with this gain. `numbers` are the logarithms of the law's parameters, as
-    `structures` defines them."""
+    goal, and bandwidth with this gain.
+
+    `numbers` are the logarithms of the law's parameters, as `structures` defines them.
+    """
 
     def __init__(
         self, plants: PlantSet, members: list[Member], goal: Goal, ramp: Ramp | None,
@@ -135,8 +137,10 @@ class SearchProblem:
 
     def follow_ramp(self, plants: PlantSet, goal: Goal, bandwidth_Hz: float) -> None:
         """Makes evaluate() reduce the bandwidth of control laws with which the force of the nominal
-        plants does not follow a ramp of the set-point. The rise time of the ramp follows from the
-        bandwidth of a PI law."""
+        plants does not follow a ramp of the set-point.
+
+        The rise time of the ramp follows from the bandwidth of a PI law.
+        """
         rise_s = goal.ramp_s or max(RAMP_MIN_S, RAMP_PERIODS / bandwidth_Hz)
         nominal = plants.nominal()
         loops = [
@@ -179,9 +183,11 @@ def _starts(
     name: str, limits: Samples, plants_zeros: list[float], best: Samples, rng: np.random.Generator,
     count: int,
 ) -> Samples:  # fmt: skip
-    """Returns the first population of a search. It contains laws with zeros at antiresonances of
-    the plant and a pole above each zero, the law of the next smaller structure with a section
-    without effect, and laws with random numbers."""
+    """Returns the first population of a search.
+
+    It contains laws with zeros at antiresonances of the plant and a pole above each zero, the law
+    of the next smaller structure with a section without effect, and laws with random numbers.
+    """
     low, high = limits.T
     rows = low + (high - low) * rng.random((count, len(limits)))
     sections = structures.STRUCTURES[name]
@@ -203,9 +209,11 @@ def _search(
     problem: SearchProblem, thin: SearchProblem, name: str, fS: float, zeros: list[float],
     best: Samples,
 ) -> Samples:  # fmt: skip
-    """Returns the numbers of the best law of a structure. `thin`: the same problem on a grid with
-    fewer points. `fS`: bandwidth of a PI law in Hz. `zeros`: antiresonances in Hz. `best`: numbers
-    of the best law of the next smaller structure."""
+    """Returns the numbers of the best law of a structure.
+
+    `thin`: the same problem on a grid with fewer points. `fS`: bandwidth of a PI law in Hz.
+    `zeros`: antiresonances in Hz. `best`: numbers of the best law of the next smaller structure.
+    """
     rng = np.random.default_rng(SEED)
     results = []
     for begin in LOWEST_FACTORS[: RESTARTS[structures.STRUCTURES[name] or 0]]:

@@ -16,8 +16,11 @@ WORKPIECE_TOLERANCE = "30%"
 
 def workpiece(model: str | Path, overrides: Overrides | None = None) -> tuple[str, ...]:
     """Returns the default tolerances of a set of plants as texts NAME=PERCENT%: 30 % of the mass of
-    the workpiece and of the stiffness of its support. If the workpiece is the ground, the stiffness
-    of the contact has the tolerance instead. The result is empty for a model without a contact."""
+    the workpiece and of the stiffness of its support.
+
+    If the workpiece is the ground, the stiffness of the contact has the tolerance instead. The
+    result is empty for a model without a contact.
+    """
     known, tables = linear.facts(model, overrides).parameters, model_file.read(model)
     if tables.contact is None:
         return ()
@@ -34,8 +37,10 @@ def slopes(
     model: str | Path, overrides: Overrides | None = None, fixed: States | None = None
 ) -> tuple[dict[str, str], ...]:
     """Returns the modes of a set of plants as {element: state}: every linear range of the amplifier
-    and of other elements, with frictions stuck and sliding. Modes with limited current are
-    excluded, because an axis does not work in these modes. `fixed` are states that all modes have.
+    and of other elements, with frictions stuck and sliding.
+
+    Modes with limited current are excluded, because an axis does not work in these modes. `fixed`
+    are states that all modes have.
     """
     return tuple(
         modes
@@ -51,9 +56,12 @@ def plant_set(
     modes: tuple[dict[str, str], ...] | None = None,
     fixed: States | None = None,
 ) -> PlantSet:
-    """Returns the set of plants of a model. `over`: tolerances as texts NAME=PERCENT% or
-    NAME=LOW..HIGH, None for the tolerances of `workpiece`. `modes`: {element: state} of each mode,
-    None for the modes of `slopes`. `fixed`: states that all modes of `slopes` have."""
+    """Returns the set of plants of a model.
+
+    `over`: tolerances as texts NAME=PERCENT% or NAME=LOW..HIGH, None for the tolerances of
+    `workpiece`. `modes`: {element: state} of each mode, None for the modes of `slopes`. `fixed`:
+    states that all modes of `slopes` have.
+    """
     overrides = dict(overrides or {})
     over = workpiece(model, overrides) if over is None else over
     modes = slopes(model, overrides, fixed) if modes is None else modes

@@ -84,10 +84,12 @@ WEAK_GAIN_SHARE = 0.25
 
 
 class ContactBench:
-    """A model with an ADC of `bits` bits, with which contacts are simulated. `own`: an experiment
-    of the user that is simulated too. `firmware`: settings that replace the settings of the
-    experiment. `forces_N`: force set-points in N; if empty, the ranges of sensor and drive
-    determine the set-points."""
+    """A model with an ADC of `bits` bits, with which contacts are simulated.
+
+    `own`: an experiment of the user that is simulated too. `firmware`: settings that replace the
+    settings of the experiment. `forces_N`: force set-points in N; if empty, the ranges of sensor
+    and drive determine the set-points.
+    """
 
     def __init__(
         self, design: Design, bits: int, own: Path | None = None,
@@ -95,9 +97,7 @@ class ContactBench:
     ) -> None:  # fmt: skip
         self.design, self.own, self._bits = design, own, bits
         self.forces_N = tuple(sorted(set(forces_N)))
-        # Permitted number of contact losses of a first contact, in addition to the contact losses
-        # due to the
-        # impact alone.
+        # Permitted contact losses of a first contact, in addition to the losses due to the impact.
         self.losses_max = LOSSES_MAX
         # Contact losses and peak force in N that the impact alone causes.
         self.impacts: dict[ContactCase, tuple[int, float]] = {}
@@ -259,9 +259,11 @@ class ContactBench:
         self, bank: Bank, latencies: Sequence[int] = (0, 1), threads: int = 1,
         cases: Sequence[ContactCase] = (),
     ) -> None:  # fmt: skip
-        """Simulates the impact of each first contact with a small gain. The resulting contact
-        losses and peak force are stored and enlarge the limits of the verdicts. `cases` are first
-        contacts that are simulated instead of those of the bench."""
+        """Simulates the impact of each first contact with a small gain.
+
+        The resulting contact losses and peak force are stored and enlarge the limits of the
+        verdicts. `cases` are first contacts that are simulated instead of those of the bench.
+        """
         weak = replace(bank, force_gain=WEAK_GAIN_SHARE * bank.force_gain).quantised()
         cases = cases or [case for case in self.cases if not case.strike_N_s]
         loss = {"contact_loss_cap": self.press_speed_code(cases[0].speed_m_per_s)}
@@ -460,9 +462,11 @@ class ContactBench:
 def run(
     jobs: Sequence[Job], threads: int, experiments: _core.Experiments | None = None
 ) -> list[ContactRun]:
-    """Simulates runs and returns their results in the order of `jobs`. `experiments` stores parsed
-    experiment files for further calls with the same files. Raises SimulationError for the first run
-    that fails."""
+    """Simulates runs and returns their results in the order of `jobs`.
+
+    `experiments` stores parsed experiment files for further calls with the same files. Raises
+    SimulationError for the first run that fails.
+    """
     shared = experiments or _core.Experiments()
     outcomes = _core.run_many(jobs, threads, None, True, None, shared)
     for outcome in outcomes:
@@ -540,9 +544,12 @@ def choose_loss(
 
 def losses(bench: ContactBench, speed_m_per_s: float) -> tuple[dict[str, int], ...]:
     """Returns values of the firmware objects for the time after a contact loss, in the order of
-    their simulation. The first value is the default, the next is a motion towards the workpiece at
-    approach speed. With friction, the default (a cap of 0 DAC codes) comes last, because the axis
-    may then stay at standstill."""
+    their simulation.
+
+    The first value is the default, the next is a motion towards the workpiece at approach speed.
+    With friction, the default (a cap of 0 DAC codes) comes last, because the axis may then stay at
+    standstill.
+    """
     on = {"contact_loss_cap": bench.press_speed_code(speed_m_per_s)}
     slow = [
         {"contact_loss_cap": bench.press_speed_code(speed_m_per_s / 4, share)}
@@ -595,8 +602,8 @@ def safe(
             continue
         loss = choose_loss(bench, tried, latencies, threads)
         chosen = simulate(bench, tried, members, latencies, loss.objects, threads)
-        # choose_loss() does not simulate all plants, so a contact may be unstable on a plant
-        # that was not simulated.
+        # choose_loss() does not simulate all plants.
+        # A contact may be unstable on a plant that was not simulated.
         if unstable(chosen):
             loss = replace(
                 loss,

@@ -16,13 +16,13 @@ from forceaxis.design.contact import Ramp
 from forceaxis.design.grid import Grid, Response, Samples
 from forceaxis.linear.bank import COEFFICIENT_MAX, TICK_S, Bank
 
-# Range of the integral rate. With a smaller rate, the force does not settle within the ten seconds
-# of a simulated contact.
+# Range of the integral rate of a control law.
+# With a smaller rate, the force does not settle within the ten seconds of a simulated contact.
 INTEGRAL_RAD_PER_S = (0.6, 100.0)
 HIGHEST_HZ = 600.0  # highest frequency in Hz of the zeros and poles of a second-order section
 ZERO_DAMPING = (0.02, 2.0)  # range of the damping ratio of zeros
-# Range of the damping ratio of poles. With less damping, a section amplifies the quantisation of
-# the force at one frequency.
+# Range of the damping ratio of poles.
+# With less damping, a section amplifies the quantisation of the force at one frequency.
 POLE_DAMPING = (0.4, 2.0)
 # {name of a structure: number of sections}; None means neither integral action nor sections
 STRUCTURES: dict[str, int | None] = {

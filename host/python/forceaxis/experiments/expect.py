@@ -248,8 +248,7 @@ class Expectation:
     """A checked table [expect]: the expected values, and the evaluation of `signal`."""
 
     wanted: dict[str, Expected]  # key -> expected value
-    # name of a column of the trace; None selects the force of the first contact, or else the
-    # encoder
+    # name of a column of the trace; None: force of the first contact, or else the encoder
     signal: str | None
     from_s: float
     # duration in s of the mean at the end; None selects a tenth of the time after from_s

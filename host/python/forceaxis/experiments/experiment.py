@@ -91,8 +91,8 @@ class Experiment:
         #: Value in SI units and name of this unit for each parameter of the model.
         #: The table [set] of the experiment has precedence over the model.
         self.parameters: dict[str, ParameterFacts] = found.parameters
-        #: Values of the firmware objects that the experiment writes before the first tick, each in
-        #: the unit of the object.
+        #: Values of the firmware objects that the experiment writes before the first tick.
+        #: Each value is in the unit of the object.
         self.firmware: dict[str, float] = found.firmware
 
     def run(self, overrides: Mapping[str, Value] | None = None, /, **values: Value) -> Result:
@@ -239,8 +239,10 @@ class Result:
     @property
     def settling_s(self) -> float | None:
         """Settling time in s. The time begins at the last change of the set-point, or at a later
-        first contact, and ends when the force stays within 5 % of the set-point. None means that
-        the force does not settle, or that the experiment controls no force."""
+        first contact, and ends when the force stays within 5 % of the set-point.
+
+        None means that the force does not settle, or that the experiment controls no force.
+        """
         return self._held.settle_s if self._held else None
 
     @property

@@ -11,9 +11,11 @@ from forceaxis.experiments.points import Point, SweepParameter, tidy
 
 
 def find(axes: Sequence[SweepParameter], verdict: Sequence[str]) -> list[int]:
-    """Returns the indices of the isolated points of a grid of one or two parameters. The verdict of
-    an isolated point differs from the verdict of each neighbour, including diagonal neighbours. At
-    least two neighbours must have a verdict."""
+    """Returns the indices of the isolated points of a grid of one or two parameters.
+
+    The verdict of an isolated point differs from the verdict of each neighbour, including diagonal
+    neighbours. At least two neighbours must have a verdict.
+    """
     shape = tuple(len(a.values) for a in axes)
     if not axes or len(axes) > 2 or any(len(set(a.values)) != len(a.values) for a in axes):
         return []

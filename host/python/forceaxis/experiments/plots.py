@@ -371,8 +371,7 @@ def mark_level(ax: Axes, factor: float, end: float, level: ExpectedLevel) -> Non
     ax.hlines(obtained, start, end, color=GOT, linestyle="--", linewidth=1.3, zorder=4)
     ax.annotate(
         level.name, (1, (low + high) / 2), (4, 0), xycoords=("axes fraction", "data"),
-        # The labels of peak and final value are on different sides, because the two values are
-        # often close.
+        # The labels of the peak and of the final value are on different sides, to avoid overlap.
         va="bottom" if level.name == "peak_force_N" else "top",
         textcoords="offset points", fontsize=7, color=WANTED, annotation_clip=False,
     )  # fmt: skip

@@ -68,9 +68,12 @@ def tidy(value: float) -> float:
 def parse(
     parameter: str, name: str, text: str, more: Sequence[str], may_log: bool
 ) -> SweepParameter:
-    """Returns the swept parameter `name` from a text FROM:TO. Numbers with the names in `more`
-    follow in the text, and ":log" may follow if `may_log` is True. `parameter` is the field of the
-    SweepRequest with the text, for error messages. Raises ParameterError."""
+    """Returns the swept parameter `name` from a text FROM:TO.
+
+    Numbers with the names in `more` follow in the text, and ":log" may follow if `may_log` is True.
+    `parameter` is the field of the SweepRequest with the text, for error messages. Raises
+    ParameterError.
+    """
     shape = ":".join(("FROM", "TO", *more))
     parts = str(text).split(":")
     log = may_log and parts[-1] == "log"

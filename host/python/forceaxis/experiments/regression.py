@@ -116,8 +116,11 @@ def find(
     targets: Sequence[str | Path], pattern: str | None = None
 ) -> tuple[list[Path], list[Path]]:
     """Returns (files with a table [expect], experiments without this table) among the targets,
-    which are files and folders. `pattern` matches the file name, with the wildcards * and ?. Raises
-    InputError if no file has the table."""
+    which are files and folders.
+
+    `pattern` matches the file name, with the wildcards * and ?. Raises InputError if no file has
+    the table.
+    """
     files: dict[Path, Path] = {}
     for target in map(Path, targets):
         if target.is_dir():

@@ -46,8 +46,10 @@ def ripple(
     beyond: bool = False,
 ) -> str:
     """Returns the ripple of the force or of the position as text, with the limit of [verdict].
+
     `what` is "force" or "position". `count` and `limit` are in counts. `beyond` is True if the
-    ripple exceeds the limit."""
+    ripple exceeds the limit.
+    """
     of = "" if limit is None else f" of {limit:.3g}"
     plural = "s" * ((count if limit is None else limit) != 1)
     in_counts = f"{count:.3g}{of} count{plural} {COUNTED_IN[what]}"

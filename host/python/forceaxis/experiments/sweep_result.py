@@ -174,9 +174,12 @@ class FailedPoint:
 
 @dataclass(frozen=True)
 class IsolatedPoint:
-    """A point whose verdict differs from the verdicts of all neighbours. `around` is the number of
-    further points that were run around the isolated point, and `alike` is the number of these
-    further points with the same stability. Both fields are None if no further points were run."""
+    """A point whose verdict differs from the verdicts of all neighbours.
+
+    `around` is the number of further points that were run around the isolated point, and `alike` is
+    the number of these further points with the same stability. Both fields are None if no further
+    points were run.
+    """
 
     values: Row
     verdict: str

@@ -28,10 +28,12 @@ PROFILE_FORCE = 4  # mode of operation
 
 
 def figure(done: Run, codes: bool = False) -> "Figure":
-    """Returns the plot of a run, with the rows and the time range of the table [plot]. Without this
-    table, the plot shows position, measured force and output voltage of the whole run. Objects that
-    a run over a connection does not trace are omitted. `codes` means that codes replace N, mm and
-    V."""
+    """Returns the plot of a run, with the rows and the time range of the table [plot].
+
+    Without this table, the plot shows position, measured force and output voltage of the whole run.
+    Objects that a run over a connection does not trace are omitted. `codes` means that codes
+    replace N, mm and V.
+    """
     from forceaxis.drawing import GOT, VERDICT
     from forceaxis.experiments import plots
 
@@ -121,8 +123,10 @@ def demand_of(
     done: Run, contacts: list[tuple[float, float]]
 ) -> "tuple[plots.Values, plots.Values] | None":
     """Returns (times in s, forces in N) of the force demand in mode of operation 4, in which the
-    demand follows the set-points with the slope `force_slope`. The demand is read from the trace.
-    If the trace has no demand, the demand is computed from the first contact on.
+    demand follows the set-points with the slope `force_slope`.
+
+    The demand is read from the trace. If the trace has no demand, the demand is computed from the
+    first contact on.
 
     None in another mode, if the slope changes during the run, or if the run has no file.
     """

@@ -23,8 +23,8 @@ from forceaxis.results import to_json
 WARNED_CORRELATION = 0.95  # smallest correlation of two estimates that causes a warning
 # smallest half width of the confidence interval of a logarithm that causes a warning
 WARNED_HALF_WIDTH = math.log(2)
-# Smallest ratio of the singular values of the normalised Jacobian at which the parameters are
-# distinguishable.
+# Smallest ratio of the singular values of the normalised Jacobian.
+# With a smaller ratio, the parameters are not distinguishable.
 LEAST_SINGULAR_RATIO = 1e-7
 LEAST_EFFECT = 1e-9  # smallest relative change of a response that is an effect of a parameter
 # probability of chi-square below which other start values are tried and the fit is rejected
@@ -114,8 +114,11 @@ class FitProblem:
 
     def coarse(self, logarithms: Reals) -> Reals:
         """Returns the residuals of the logarithm of the ratio of measured and predicted response,
-        (2 n,). A search with these residuals also converges if the resonances of model and
-        measurement do not overlap yet."""
+        (2 n,).
+
+        A search with these residuals also converges if the resonances of model and measurement do
+        not overlap yet.
+        """
         ratio = np.log(self.measured.response / self.model(logarithms))
         return as_real(np.asarray(ratio * self.weights, complex))
 
@@ -449,9 +452,11 @@ def starts_of(
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """A fitted parameter in `unit`, with two 95 % intervals (low, high). `interval` is valid for
-    this parameter alone, `joint_interval` for all parameters together. Both intervals are None if
-    the model is rejected."""
+    """A fitted parameter in `unit`, with two 95 % intervals (low, high).
+
+    `interval` is valid for this parameter alone, `joint_interval` for all parameters together. Both
+    intervals are None if the model is rejected.
+    """
 
     value: float
     unit: str

@@ -95,8 +95,8 @@ class ExcitedPlant:
         self.write("excitation_seed", int(rng.integers(65536)))
         if line is not None:
             self.write("excitation_frequency", line * self.rate / self.samples)
-            # The error by rounding depends on the amplitude. With a single amplitude, this error
-            # would not increase the variance.
+            # The rounding error depends on the amplitude.
+            # With a single amplitude, the rounding error would not increase the variance.
             level = int(self.setup.level)
             self.write("excitation_amplitude", int(rng.integers((level + 1) // 2, level + 1)))
         if not self.started:
@@ -168,9 +168,11 @@ def unstable(where: str, text: str) -> InputError:
 
 
 def converter(values: Reals, bits: int, rng: np.random.Generator) -> tuple[Reals, float]:
-    """Converts values as the analyzer does, and returns (rounded values, step). The range of the
-    converter is the smallest of 1, 2, 5 times 10^n that contains the values. With the triangular
-    dither, the error of rounding is noise with the variance step^2 / 4."""
+    """Converts values as the analyzer does, and returns (rounded values, step).
+
+    The range of the converter is the smallest of 1, 2, 5 times 10^n that contains the values. With
+    the triangular dither, the error of rounding is noise with the variance step^2 / 4.
+    """
     peak = float(np.max(np.abs(values)))
     if peak == 0.0:
         return values, 0.0
@@ -287,8 +289,8 @@ def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
     tick_rate = _core.TICKS_PER_SECOND
     parts = 1
     if setup.inject == "volts":
-        # At least ten samples in the shortest period; the zero-order hold then shifts the phase by
-        # up to 18 degrees.
+        # At least ten samples in the shortest period.
+        # The zero-order hold then shifts the phase by up to 18 degrees.
         parts = max(4, math.ceil(10 * high / tick_rate))
         if parts > MOST_PARTS:
             raise InputError(
@@ -345,9 +347,8 @@ def settling_of(
                 "choose another signal"
             )
     settling = settling_steps(continuous.sampled(dt=dt), where)
-    # The changed plant may settle later than the nominal plant. If the changed plant is unstable,
-    # the
-    # excitation reports an error.
+    # The changed plant may settle later than the nominal plant.
+    # If the changed plant is unstable, the excitation reports an error.
     if plant_set:
         moved = linear.linearise(
             *(setup.model, ("drive.command",), continuous.outputs, {**overrides, **plant_set}),

@@ -37,9 +37,11 @@ class Comparison:
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredCurve:
-    """A measured response from one folder, and the comparison with the model. The fields magnitude,
-    phase, `radius` of the 95 % band (unit of the magnitude) and coherence belong to `frequency_hz`,
-    (n,) each. The phase is within 180 degrees of the phase of the model."""
+    """A measured response from one folder, and the comparison with the model.
+
+    The fields magnitude, phase, `radius` of the 95 % band (unit of the magnitude) and coherence
+    belong to `frequency_hz`, (n,) each. The phase is within 180 degrees of the phase of the model.
+    """
 
     folder: str
     frequency_hz: Numbers
@@ -113,8 +115,7 @@ class Measurement:
     resolution_hz: float = 0.0  #: distance between spectral lines in Hz, 1 / length of a recording
     band_hz: tuple[float, float] = (0.0, math.inf)  #: that was excited
     saturated: float = 0.0  #: share of the samples with an ADC code at an end of the range
-    #: {element: {state: share of the measured time}} of elements that switch, such as contacts and
-    #: limits of the drive
+    #: {element: {state: share of the measured time}} of elements that switch, such as contacts
     states: dict[str, dict[str, float]] = field(default_factory=dict)
     #: {element: state} for `predict()` without contacts, such as the linear range of an amplifier
     modes: dict[str, str] = field(default_factory=dict)
@@ -134,8 +135,7 @@ class Measurement:
         if self.window == "none":
             x, y = self._signals(system, frequency)
             return np.asarray(self.scale * y / x)
-        # Expected value of H1 with a window W: sum |W|^2 X* Y / sum |W|^2 |X|^2 about a spectral
-        # line.
+        # Expected value of H1 with a window W: sum |W|^2 X* Y / sum |W|^2 |X|^2 near a frequency
         offset = np.arange(-48, 49) / 8 + 1e-9  # in lines; 1e-9 avoids 0 / 0
         near = frequency[:, None] + offset * self.resolution_hz
         weight = (np.sinc(offset) / (1 - offset**2)) ** 2
@@ -197,8 +197,10 @@ class Measurement:
 
     def readings(self) -> Readings:
         """Returns the characteristic values: gain at the lowest frequency, corner frequency, and
-        frequencies at which the phase crosses 0 or 180 degrees. There is a corner frequency only if
-        the magnitude is constant in the first octave."""
+        frequencies at which the phase crosses 0 or 180 degrees.
+
+        There is a corner frequency only if the magnitude is constant in the first octave.
+        """
         size, frequency = abs(self.response), self.frequency_hz
         octave = size[frequency <= 2 * frequency[0] * (1 + 1e-9)]
         flat = len(octave) > 1 and np.ptp(octave) <= FLAT_SPREAD * octave[0]
@@ -211,8 +213,8 @@ class Measurement:
             span = np.log(size[i - 1 : i + 1])
             part = (span[0] - math.log(plateau / math.sqrt(2))) / (span[0] - span[1])
             corner = float(frequency[i - 1] + part * (frequency[i] - frequency[i - 1]))
-        # Noise about 0 or 180 degrees is not a crossing, so a crossing needs points with a clear
-        # distance.
+        # Noise about 0 or 180 degrees is not a crossing.
+        # A crossing needs points with a clear distance from 0 or 180 degrees.
         clear = np.flatnonzero(abs(self.response.imag) > 2 * self.radius())
         a, f = self.response.imag[clear], frequency[clear]
         crossings: list[PhaseCrossing] = []

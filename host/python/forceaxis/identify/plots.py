@@ -77,8 +77,10 @@ def response(
 
 def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure:
     """Returns the plot of a measured response with the 95 % band, and of the model before and after
-    a fit, as magnitude and phase. `start` and `fitted` are complex responses of the model at the
-    same frequencies."""
+    a fit, as magnitude and phase.
+
+    `start` and `fitted` are complex responses of the model at the same frequencies.
+    """
     figure, axes = plt.subplots(2, 1, sharex=True, figsize=(5.6, 5.0), height_ratios=(3, 2))
     for ax in axes:
         style(ax)

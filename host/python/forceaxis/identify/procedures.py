@@ -29,8 +29,7 @@ START_RATIOS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)
 START_SHARE = 0.9
 # smallest share of the variance of a recording that the fitted ring-down has to explain
 LEAST_EXPLAINED = 0.5
-# Smallest ratio of the spectral density of the residuals at the mode to white noise that causes a
-# warning.
+# A warning follows if the residuals at the mode exceed white noise by this ratio of densities.
 WARNED_NOISE_RATIO = 4
 
 
@@ -325,9 +324,11 @@ def _expect_samples(time_s: Reals, where: Path | str) -> None:
 
 
 def _start_of_decay(time_s: Reals, values: Reals, omega: float) -> float:
-    """Returns the time in s at which the free vibration begins: the largest amplitude. If the
-    recording begins earlier, the time is a quarter of a period later, because the excitation may
-    last half of a period."""
+    """Returns the time in s at which the free vibration begins: the largest amplitude.
+
+    If the recording begins earlier, the time is a quarter of a period later, because the excitation
+    may last half of a period.
+    """
     period = 2 * math.pi / omega
     begins = time_s[time_s <= max(time_s[-1] - period, time_s[0])]
     amplitude = cycle_amplitudes(time_s, signal.detrend(values), omega, begins)
@@ -339,8 +340,9 @@ def noise_of(
     residuals: Reals, freedom: float, turned: float, values: Reals, unit: float
 ) -> tuple[float, float, float, bool]:
     """Returns three variances of a sample and a flag: variance by white noise, by noise near the
-    frequency of the vibration, and by rounding. The flag is True if the second variance is clearly
-    larger than the first.
+    frequency of the vibration, and by rounding.
+
+    The flag is True if the second variance is clearly larger than the first.
 
     residuals (n,): of the fit, without unit. freedom: degrees of freedom of the residuals. turned:
     phase of the vibration in rad over the record. values: the record. unit: divisor that made the
@@ -353,8 +355,8 @@ def noise_of(
     near = lines[max(1, round(here / 2)) : round(2 * here) + 1]
     # The fit of four parameters of the vibration reduces the degrees of freedom.
     local = float(near.sum() / max(len(near) - 2, 1))
-    # Rounding without noise depends on the vibration and causes errors of the amplitude that the
-    # residuals do not contain. Twice the variance of rounding, step^2 / 12, covers these errors.
+    # Rounding without noise causes errors of the amplitude that the residuals do not contain.
+    # Twice the variance of rounding, step^2 / 12, covers these errors.
     levels = np.unique(values)
     rounding = (np.diff(levels).min() / unit) ** 2 / 6 if len(levels) < n / 4 else 0.0
     return white, local, rounding, local > WARNED_NOISE_RATIO * white and len(near) > 4
@@ -530,8 +532,11 @@ def decrement(
     stiffness: Estimate | None = None,
 ) -> tuple[RingDown, ModeParameters | None]:
     """Evaluates ring_down() for a CSV file with the column time_s, from `from_s` to `to_s` in s,
-    and mode_parameters() for a known mass (kg) or stiffness (N/m). `column` is the column of the
-    signal. This argument is optional if the file has only one column besides time_s."""
+    and mode_parameters() for a known mass (kg) or stiffness (N/m).
+
+    `column` is the column of the signal. This argument is optional if the file has only one column
+    besides time_s.
+    """
     if column is None:
         header = header_of(path)
         others = [name for name in header if name != "time_s"]

@@ -19,8 +19,9 @@ from forceaxis.identify.measurement import Complexes, Reals
 from forceaxis.linear.beam import Factored
 from forceaxis.linear.plant_facts import Overrides
 
-# Range of damping ratios in the fit. With a smaller damping ratio, the peak is narrower than the
-# distance of measured frequencies. With a larger damping ratio, the response has no peak.
+# Range of damping ratios in the fit.
+# With a smaller damping ratio, the peak is narrower than the distance of measured frequencies.
+# With a larger damping ratio, the response has no peak.
 DAMPING_RATIOS = (1e-5, 1.0)
 # Largest ratio of the fitted frequency of a resonance to the frequency of the peak in the data.
 FREQUENCY_RATIO = 1.3
@@ -63,9 +64,8 @@ class Fit:
     resonances: tuple[Resonance, ...]  #: the lowest first
     rms_db: float  #: rms error of the magnitude in dB
     max_db: float  #: largest error of the magnitude in dB
-    #: rms error of the phase in degrees, small if the data belong to a minimum-phase system; None
-    #: if
-    #: the data or the rigid-body response are not complex
+    #: rms error of the phase in degrees; None if the responses are not complex;
+    #: the error is small if the data belong to a minimum-phase system
     phase_error_deg: float | None
 
     def cascade(self) -> Factored:
@@ -178,8 +178,8 @@ def _extremes(
     corresponding trough, or None."""
 
     def at_top(i: int, values: Reals) -> float:
-        # The frequency of the extreme value is the vertex of the parabola through three points on
-        # the logarithmic scale.
+        # The extreme value is at the vertex of the parabola through three points.
+        # The parabola has a logarithmic scale of frequency.
         x, y = np.log(f[i - 1 : i + 2]), values[i - 1 : i + 2]
         second, slope, _ = np.polyfit(x - x[1], y - y[1], 2)
         return float(np.exp(np.clip(x[1] - slope / (2 * second), x[0], x[2]))) if second else f[i]
@@ -214,8 +214,10 @@ def _match(
     f: Reals, target: Reals, peaks: list[float], troughs: list[float | None]
 ) -> list[Resonance]:
     """Steps 4 and 5 of fit(): adjusts the frequency and damping of each peak and trough in turn
-    until the peaks and troughs of the model agree with the data. Each adjustment shifts the
-    neighbouring peaks and troughs, so the function repeats the rounds."""
+    until the peaks and troughs of the model agree with the data.
+
+    Each adjustment shifts the neighbouring peaks and troughs, so the function repeats the rounds.
+    """
     marks = [(hz, 1) for hz in peaks] + [(hz, -1) for hz in troughs if hz is not None]
     hz = np.array([mark[0] for mark in marks])
     sign = np.array([mark[1] for mark in marks])
@@ -241,8 +243,7 @@ def _match(
                 top = around[tops[np.argmin(np.abs(np.log(around[tops])))]]
                 moved = pairs[i, 0] / np.sqrt(top)
                 pairs[i, 0] = np.clip(moved, mark / FREQUENCY_RATIO, mark * FREQUENCY_RATIO)
-            # The size of a peak or trough in dB depends on the damping ratio of this peak or
-            # trough.
+            # The size of a peak or trough in dB depends on its own damping ratio.
             over = (model_db(np.array([mark]))[0] - level[i]) * s
             pairs[i, 1] = np.clip(pairs[i, 1] * 10 ** (over / 40), *DAMPING_RATIOS)
     return _resonances(best, troughs)

@@ -22,10 +22,12 @@ STOP_CONTACTS = (".low", ".high")  # endings of the names of the two contacts th
 
 @dataclass(frozen=True)
 class MeasurementSummary:
-    """A measurement and the linear model of the plant in the form of `measure --json`. `contact`:
-    share of the time in which each contact was closed. `floor_median`: standard deviation due to
-    quantisation alone, in the unit of the response. `saturated`: share of samples with an ADC code
-    at an end of the range."""
+    """A measurement and the linear model of the plant in the form of `measure --json`.
+
+    `contact`: share of the time in which each contact was closed. `floor_median`: standard
+    deviation due to quantisation alone, in the unit of the response. `saturated`: share of samples
+    with an ADC code at an end of the range.
+    """
 
     measurement: str
     title: str

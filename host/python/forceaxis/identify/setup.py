@@ -27,8 +27,7 @@ class Setup:
     The table [set] contains parameters of the model. An example is sim/measurements/fig3_6.toml.
     """
 
-    #: Path of the model, or file name in sim/models without suffix. ¶ A path in a file is relative
-    #: to the file.
+    #: path of the model (relative to the set-up file), or name of a file in sim/models
     model: str
     title: str = ""
     figure: str = ""
@@ -42,8 +41,10 @@ class Setup:
     excitation: str = "noise"  #: waveform: noise, sine (one spectral line after another) or chirp
     band_hz: tuple[float, float] = (1.0, 200.0)  #: lowest and highest frequency of the response
     resolution_hz: float = 0.0  #: distance between spectral lines; 0 selects the lowest frequency
-    #: Noise: rms in V. Otherwise: amplitude in V. For codes: amplitude in DAC codes (of a sine at
-    #: random from half of this value on). 0 selects 0.1 V or 20 codes.
+    #: Noise: rms in V. Other waveforms: amplitude in V. Excitation in codes: amplitude in DAC
+    #: codes.
+    #: The amplitude of a sine in codes is random from half of this value on.
+    #: The level 0 selects 0.1 V or 20 codes.
     level: float = 0.0
     bias: float = 0.0  #: mean of the excitation in V or in DAC codes
     averages: int = 16  #: number of realisations, or of segments that overlap by half
@@ -62,8 +63,11 @@ class Setup:
 
 def read_setup(target: str | Path, options: SetupTable | None = None) -> tuple[Setup, str]:
     """Returns (Setup, name of the Setup in error messages) from a measurement file, or from a
-    model. `target` is a path or the name of an installed file. `options` are keys that replace the
-    keys of the file. Raises InputError."""
+    model.
+
+    `target` is a path or the name of an installed file. `options` are keys that replace the keys of
+    the file. Raises InputError.
+    """
     options = {key: value for key, value in (options or {}).items() if value is not None}
     if not str(target).strip():
         raise InputError("measure: TARGET: expected a measurement or a model, got an empty text")
