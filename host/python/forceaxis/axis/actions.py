@@ -32,7 +32,7 @@ FORCE_TARGETS = {
     "force": "target_force", "cyclic_force": "target_force", "force_counts": "force_setpoint"
 }  # fmt: skip
 RETRACT_EXTRA_S = 10.0  # time in s that a retract may take in addition to the time for its distance
-# Force limit of a move in force counts, which is a quarter of a signed range.
+# Force limit of a move in 8-bit counts, which is a quarter of the range of a signed 8-bit value.
 MOVE_COUNTS = 32
 
 

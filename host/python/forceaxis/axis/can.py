@@ -38,13 +38,14 @@ UPLOAD_ANSWER, DOWNLOAD_ANSWER, ABORT_ANSWER = 2, 3, 4
 TRANSFER_ABORTS = (0x0503, 0x0504)
 # Longest time in s to close a bus without traffic. The default of python-canopen is 1 s.
 NOTIFIER_S = 0.05
-# Consumer heartbeat time in the axis in ms. This program sends heartbeats ten times as often.
+# Time in ms after which the axis reports a missing heartbeat of this program (consumer heartbeat
+# time). This program sends ten heartbeats within this time.
 HEARTBEAT_MS = 1000
 HEARTBEAT_ENTRIES = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
 STORING = ("store_all", "store_parameters")
 RECORDER_DATA = 0x2120
 # Largest sizes of an SDO transfer in bytes: of a name, and of a recording (30 KiB in the firmware).
-# The program aborts the transfer of a node that sends segments without end at this size.
+# At this size, the program aborts the transfer of a node that sends segments without end.
 MOST_BYTES, MOST_RECORDED_BYTES = 256, 1 << 20
 READ_TRIES = 2
 ABORT_TOO_LONG = 0x06070012  # SDO abort code: the object is longer than expected

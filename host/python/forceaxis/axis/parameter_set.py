@@ -196,7 +196,8 @@ def load(
 
 
 def bank(axis: Drive) -> BankState:
-    """Returns the selected filter bank of the axis and the states of this filter bank."""
+    """Returns the selected filter bank of the axis, with the states of this filter bank and of its
+    certificate."""
     number = axis.read("force_bank")
     if not number:
         return BankState()
@@ -255,8 +256,9 @@ def _parked(changes: Mapping[str, int], present: Mapping[str, int]) -> dict[str,
 
 
 def write(axis: Drive, changes: Mapping[str, int], present: Mapping[str, int]) -> None:
-    """Writes {object: raw value} to the axis in rounds. Each round tries the values again that the
-    previous round has refused. Raises Refused for the first value if a round writes no value."""
+    """Writes {object: raw value} to the axis in rounds. In each round, the program writes the
+    values again that the axis has refused in the previous round. Raises Refused for the first value
+    if the axis refuses all values of a round."""
     park = {n: raw for n, raw in _parked(changes, present).items() if raw != present[n]}
     axis.link.write(park)
     wanted = {**changes, **{name: changes.get(name, present[name]) for name in park}}

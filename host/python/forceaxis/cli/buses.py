@@ -239,8 +239,8 @@ def log() -> None:
 @log_file
 @as_json
 def info(log_path: Path, as_json: bool) -> None:
-    """Print the contents of a log: time span, and for each channel the type, the number, the number
-    per second and the losses of the messages.
+    """Print the contents of a log: the time span, and for each channel the type of the messages,
+    their number, their rate per second and the number of lost messages.
 
     A log that is damaged or incomplete is read as far as possible; one line names what was skipped.
     """

@@ -105,9 +105,9 @@ def option_of(command: click.Command, parameter: str) -> str | None:
 
 
 def with_options(command: click.Command, error: InputError) -> str:
-    """Return the message of `error` with the names of options of `command` in place of parameters
-    of the library. The message contains a parameter between backticks or at the beginning of the
-    message."""
+    """Return the message of `error` for the user: names of parameters of the library are replaced
+    by the names of options of `command`. A parameter is replaced between backticks or at the
+    beginning of the message."""
     text = str(error)
     if isinstance(error, ParameterError):
         text = f"{option_of(command, error.parameter) or error.parameter}: {error.text}"

@@ -110,8 +110,8 @@ def run(
 @codes_option
 @as_json
 def replay(journal: Path, out: Path | None, codes: bool, as_json: bool) -> None:
-    """Repeat an earlier run of the program axis_node (the firmware on this computer) from its
-    journal, and check that all DAC codes are the same.
+    """Repeat an earlier run of the program axis_node (the firmware on this computer) from the
+    journal of the run, and check that all DAC codes are the same.
 
     The replay has to give the trace hash of the journal; otherwise the exit status is 1. If the
     node was killed, its journal has no hash: the recorded part is replayed and the exit status is

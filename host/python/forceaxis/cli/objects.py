@@ -98,7 +98,7 @@ def details(o: objects.AxisObject) -> Iterator[str]:
 @as_json
 def objects_(pattern: str, as_json: bool, **files: Path | None) -> None:
     """List the objects of the firmware (parameters, commands and signals), or write files that
-    describe the objects to other programs.
+    describe the objects for other programs.
 
     The list has name, CANopen index:sub-index and Modbus register (h holding, i input) in
     hexadecimal, access, meaning and range. PATTERN selects objects by a part of their name; the

@@ -167,7 +167,7 @@ def _compensator(law: str, p: Mapping[str, float], dt: float | None) -> StateSpa
 
 
 def _check(spec: LoopSpec) -> None:
-    """Raises ParameterError if a field of the force loop `spec` contradicts another field."""
+    """Raises ParameterError if two fields of the force loop `spec` contradict each other."""
     law, bank = spec.law, spec.bank
     if law == "bank" and bank is None:
         raise ParameterError(

@@ -324,7 +324,8 @@ def sample(plants: PlantSet) -> list[Member]:
 def _explored(
     plants: PlantSet, timings: Sequence[str], spec: LoopSpec | None, analyse: Callable[[Loop], T]
 ) -> _Set[T]:
-    """Returns a _Set whose nominal, corner and random plants are already analysed."""
+    """Analyses the nominal, corner and random plants of a set. Returns the _Set with these
+    analyses."""
     group = _Set(plants, timings, spec, analyse)
     group.cover(sample(plants))
     return group

@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeVar
 from forceaxis import _core
 
 T = TypeVar("T")
-# Value of one entry in the description of a drive, a sensor or an encoder.
+# Value of a property of a drive, a sensor or an encoder.
 FactValue = str | float | dict[str, float]
 # parameter values in SI units, or texts with a unit
 Overrides = Mapping[str, float | str]

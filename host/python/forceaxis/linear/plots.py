@@ -324,8 +324,8 @@ def gain_text(gain: float, one: Locus) -> str:
 
 
 def label_crossings(ax: Axes, one: Locus, span: float) -> None:
-    """Marks the crossings of the stability boundary in a root locus, and the critical gain with its
-    frequency and force_gain."""
+    """Marks the crossings of the stability boundary in a root locus. Marks the critical gain with
+    its frequency and with the value of `force_gain`."""
     limit = one.limit
     if not limit.gain:
         note = limit.reason.replace(" at ", "\nat ").replace(", above", ",\nabove")

@@ -142,8 +142,8 @@ class Loop:
         return gain * self.codes_per_gain
 
     def optional_firmware_gain(self, gain: float | None) -> float | None:
-        """Returns firmware_gain(gain). Returns None if the gain is None or 0, or if the loop does
-        not feed back the signal of ADC 0."""
+        """Returns the same value as firmware_gain(gain), or None if the gain is None or 0, or if
+        the loop does not feed back the signal of ADC 0."""
         return self.firmware_gain(gain) if gain and self.codes_per_gain is not None else None
 
     def gain_of(self, firmware_gain: float) -> float:

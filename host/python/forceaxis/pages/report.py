@@ -68,7 +68,7 @@ def write(source: Path | None, out: Path, threads: int | None = None) -> ReportS
 
 
 def _made(source: Path, out: Path, threads: int | None, own: bool) -> tuple[str, ReportSummary]:
-    """Runs the experiments and returns (text of the HTML page, ReportSummary)."""
+    """Runs the experiments. Returns the text of the HTML page, and the summary of the report."""
     tables_section = None
     with workers(threads) as pool:
         if own:
