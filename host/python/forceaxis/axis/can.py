@@ -38,7 +38,7 @@ UPLOAD_ANSWER, DOWNLOAD_ANSWER, ABORT_ANSWER = 2, 3, 4
 TRANSFER_ABORTS = (0x0503, 0x0504)
 # Longest time in s to close a bus without traffic. The default of python-canopen is 1 s.
 NOTIFIER_S = 0.05
-# Time in ms after which the axis reports a missing heartbeat of this program (consumer heartbeat
+# Time in ms after which the axis detects a missing heartbeat of this program (consumer heartbeat
 # time). This program sends ten heartbeats within this time.
 HEARTBEAT_MS = 1000
 HEARTBEAT_ENTRIES = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
