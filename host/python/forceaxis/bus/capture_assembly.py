@@ -87,8 +87,8 @@ class Assembly:
 
 
 def fits(first_tick: int, samples: int, decimation: int) -> bool:
-    """Returns True if the ticks of all samples fit into 64-bit integers. In a corrupted message
-    they may not fit."""
+    """Returns True if the ticks of all samples fit into 64-bit integers. The ticks of a corrupted
+    message may be larger."""
     ends = first_tick, first_tick + max(0, samples - 1) * decimation
     return all(-(2**63) <= tick < 2**63 for tick in ends)
 

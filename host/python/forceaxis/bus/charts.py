@@ -1,4 +1,5 @@
-"""Draws line charts in a terminal with braille characters, each of which has two by four dots.
+"""Draws charts of curves in a terminal with braille characters. Each character has two by four
+dots.
 
 Available widgets need three lines of each chart for its time axis, so that three charts would not
 fit into a terminal of 24 lines.
@@ -61,7 +62,7 @@ def _pixels(
     py = np.rint(np.where(good, fy, 0)).astype(int)
     joined = good[:-1] & good[1:]
     steps = np.where(joined, np.maximum(abs(np.diff(px)), abs(np.diff(py))), 0)
-    # The dots of all line segments without their end points, then the dots of all samples.
+    # The dots of all segments without the end points, then the dots of all samples.
     which = np.repeat(np.arange(len(steps)), steps)
     part = np.arange(len(which)) - np.repeat(np.cumsum(steps) - steps, steps)
     share = part / np.maximum(steps[which], 1)

@@ -43,7 +43,7 @@ from forceaxis.words import suggestion
 
 # time in s in which blocks of a capture may still arrive after the event that ends the capture
 LATE_BLOCKS_WAIT_S = 1.0
-SILENCE_S = 1.0  # longest time in s between two states of an axis while its gateway runs
+SILENCE_S = 1.0  # longest time in s between two state messages of an axis while the gateway runs
 
 T = TypeVar("T")
 Value = float | str  # engineering value, or the text of an enumeration

@@ -1,4 +1,5 @@
-"""Threads that repeatedly write the watchdog of an axis or send the heartbeat of its owner."""
+"""Threads that repeatedly write the watchdog of an axis, or send the heartbeat of the owner of the
+axis."""
 
 import contextlib
 import socket
@@ -128,8 +129,8 @@ class WatchdogKeeper(Keeper):
 
 
 class GatewayKeeper(WatchdogKeeper):
-    """A WatchdogKeeper for an axis behind a gateway. The GatewayKeeper has its own client, so that
-    it can write while the client of the owner waits for a capture."""
+    """A WatchdogKeeper for an axis behind a gateway. The GatewayKeeper has a separate client, and
+    can therefore write while the client of the owner waits for a capture."""
 
     def __init__(self, axis: int, url: str | None) -> None:
         self._client = AxisClient(axis, url)

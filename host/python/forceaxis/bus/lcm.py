@@ -125,12 +125,12 @@ def default_url() -> str:
 
 
 def connect(url: str | None = None) -> lcm.LCM:
-    """Connects to an LCM bus. Raises InputError with a text of one line that states the remedy."""
+    """Connects to an LCM bus. Raises InputError with a text that states the remedy in one line."""
     url = url or default_url()
     _expect_route(url)
     if "\0" in url:
         raise ParameterError("url", f"expected an LCM URL such as {DEFAULT_URL}")
-    # liblcm prints up to a dozen lines about an error to file descriptor 2.
+    # liblcm prints up to a dozen text lines about an error to file descriptor 2.
     with tempfile.TemporaryFile() as errors:
         saved = os.dup(2)
         try:

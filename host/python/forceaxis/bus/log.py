@@ -160,8 +160,9 @@ class LogReader:
 
     @staticmethod
     def _whole(data: memoryview, start: int, stop: int) -> bool:
-        """Returns True if an entry ends at `stop`. This is the case if another entry or the end of
-        the file follows at `stop`, or if no other entry begins between `start` and `stop`."""
+        """Returns True if an entry ends at `stop`. An entry ends at `stop` if the next entry or
+        the end of the file follows at `stop`, or if no other entry begins between `start` and
+        `stop`."""
         follows = bytes(data[stop : stop + 4])
         return SYNC_BYTES.startswith(follows) or _find(data, start, stop) < 0
 

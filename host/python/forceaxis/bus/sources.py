@@ -56,7 +56,7 @@ class LiveSource:
             self.writer, self.unwritten = writer, None
 
     def stop_recording(self) -> LogWriter | None:
-        """Ends the recording and returns its LogWriter. Returns None if no recording is active."""
+        """Ends the recording and returns the LogWriter. Returns None if no recording is active."""
         with self._lock:
             writer, self.writer = self.writer, None
         if writer:
@@ -72,8 +72,8 @@ class LiveSource:
 
 
 class ReplaySource:
-    """Source of messages from a log, which passes the messages to `watch` at `speed` times their
-    original rate. If `speed` is None, there is no waiting time between messages."""
+    """Source of messages from a log, which passes the messages to `watch` at `speed` times the
+    original message rate. If `speed` is None, there is no waiting time between messages."""
 
     replayed = True
     writer: LogWriter | None = None

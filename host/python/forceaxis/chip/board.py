@@ -172,7 +172,7 @@ TYPE_TEXTS = {str: "a text", int: "a number"}
 
 
 class BoardError(ValueError):
-    """Error: a file board.toml is missing or has a wrong entry. The text of the error is one
+    """Error: a file board.toml is missing or has a wrong entry. The text of the error has one
     line."""
 
 

@@ -220,7 +220,8 @@ def command(plan: Plan) -> list[str]:
 
 
 def options_steps(options: boards.ProbeOptions) -> list[str]:
-    """Returns the openocd commands that correct wrong option bytes and print their register.
+    """Returns the openocd commands that correct wrong option bytes and print the register of the
+    option bytes.
 
     The commands write the keys, the new value and a start bit, wait until the chip is not busy, and
     lock the register again.

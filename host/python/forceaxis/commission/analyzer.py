@@ -165,8 +165,8 @@ class Ended(Exception):
 
 
 class Play(Protocol):
-    """Function that records one realisation of the noise. The amplitude is in DAC codes; `settle`
-    is the settling time as a share of `settle_s` of the order."""
+    """Function that records one realisation of the noise. The amplitude is in DAC codes. `settle`
+    is the settling time as a share of the order's `settle_s`."""
 
     def __call__(self, amplitude: int, seed: int, settle: float = 1.0) -> Record: ...
 
@@ -231,7 +231,8 @@ class Analyzer:
             )  # fmt: skip
 
     def set(self, **values: Value) -> None:
-        """Writes parameters to the axis. close() restores their previous values."""
+        """Writes parameters to the axis. close() restores the previous values of these
+        parameters."""
         new = [name for name in values if name not in self._before]
         if new:
             self._before |= self.axis.get(*new)

@@ -26,7 +26,7 @@ from forceaxis.results import from_json, to_json
 
 T = TypeVar("T")
 RawValues = dict[str, int]  # {object: raw value}
-Say = Callable[[str], None]  # function that reports an action on the axis with one line of text
+Say = Callable[[str], None]  # function that reports an action on the axis with one text line
 
 # value of the object `command_source` while the axis has no owner
 NO_OWNER = BY_NAME["command_source"].enum.index("canopen")
@@ -114,7 +114,7 @@ LEFT_TO_NEXT_RUN = f"the next run restores the previous values of the axis from 
 
 
 def say_nothing(text: str) -> None:
-    """Does not report the line of text."""
+    """Ignores a text line, for callers that need no report."""
 
 
 class AxisFolder:

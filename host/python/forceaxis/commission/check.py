@@ -477,5 +477,5 @@ def _least(own: float, bound: float) -> float:
 
 
 def _words(name: str) -> str:
-    """Returns the name of an enumeration value as words without underscores."""
+    """Returns the name of an enumeration value with blanks in place of underscores."""
     return name.replace("_", " ")

@@ -38,7 +38,7 @@ from forceaxis.linear import plant_set
 from forceaxis.linear.bank import HF_CODES_MAX, Bank
 from forceaxis.linear.plant_set import PlantSet
 
-# number of random plants of the set, and seed of the random numbers
+# number of random plants of the set of plants, and seed of the random numbers
 MEMBER_COUNT, MEMBER_SEED = 6, 1988
 BEFORE_S, AFTER_S = 0.1, 2.0  # longest recording in s before and after a first contact
 # To leave the contact, the axis first makes short moves, then one move over the whole travel.
@@ -93,7 +93,7 @@ def firmware_of(tuning: TuningFolder, checked: Checked) -> Settings:
 
 def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
     """Simulates contacts: one contact at each force, an impact at each force except the largest,
-    and contacts of random plants of the set.
+    and contacts of random plants of the set of plants.
 
     Each returned row states its kind. Raises Refusal `hf_gain` or `simulated_KIND`.
     """
@@ -154,7 +154,7 @@ class TouchDown:
 
 class Touching(Analyzer):
     """An Analyzer that first moves out of contact, then presses and records the first contact.
-    `touch` is the record of the latest first contact."""
+    `touch` is the recording of the latest first contact."""
 
     touch: TouchDown
     asked_N: float

@@ -198,8 +198,8 @@ def _with_fewest_dampers(
     else:
         sets = [moving, *([] if measured.free else [table, moving + table])]
     best = None
-    # A damper cannot represent the friction of a workpiece that slides only part of the time:
-    # the fitted mass would be far too large.
+    # A damper cannot represent the friction of a workpiece that slides only sometimes.
+    # With a damper, the fitted mass of this workpiece would be far too large.
     fits_workpiece = not starts.keys().isdisjoint(workpiece_names(model))
     for frictions in filter(None, dict.fromkeys(map(tuple, sets))):
         has_table = any(one in table for one in frictions)
@@ -227,7 +227,7 @@ def _with_fewest_dampers(
 
 @dataclass(frozen=True)
 class _Damper:
-    """The damper in place of one friction.
+    """The damper that replaces one friction in a fit.
 
     `start_N`: friction from which the initial damping follows. `known_N`: measured friction in N, 0
     if unknown. `sticks`: True if the two bodies do not move against each other.

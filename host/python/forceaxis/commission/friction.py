@@ -50,13 +50,13 @@ LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
 FORCE_ERROR_MIN = 0.06
 
 # Constants of slow_loading(), for compliance and friction under the workpiece:
-# number of samples of a block; each block is replaced by the mean of its samples
+# number of samples of a block, which the mean of the samples replaces
 BLOCK_SAMPLES = 20
 FORCE_BINS = 6  # number of intervals of the force; the compliance is computed for each interval
 # Ratio of the compliance between two forces to the compliance at the two forces.
 # The workpiece is soft above this ratio.
 SOFT_RATIO = 1.6
-# Friction is accepted if it reduces the error of the predicted position by more than this share.
+# Smallest relative decrease of the error of the predicted position with which friction is accepted.
 ERROR_REDUCTION_MIN = 0.15
 # smallest travel in encoder counts at which friction under the workpiece can be measured
 DISPLACEMENT_MIN_CNT = 0.35
@@ -70,8 +70,8 @@ SLIDE_FACTOR = 1.2
 SLOPE_MIN_SHARE = 0.3
 # smallest number of blocks of a motion; waiting time in s at the end of a motion
 MOTION_MIN_BLOCKS, HELD_S = 8, 1.0
-# The dead zone is friction only if it exceeds three bounds.
-# The bounds are multiples of its standard error, of one DAC code and of the codes for the speed.
+# The dead zone shows friction only if the dead zone exceeds three bounds.
+# The bounds are multiples of the standard error, of one DAC code and of the codes for the speed.
 FOUND_ERRORS, FOUND_CODES, FOUND_SPEED_SHARE = 4.0, 0.3, 0.5
 
 

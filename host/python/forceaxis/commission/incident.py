@@ -39,7 +39,7 @@ SIGNALS = (
 )  # fmt: skip
 STRUCT_FORMATS = {"u8": "B", "u16": "H", "i16": "h", "i32": "i"}
 INCIDENT_STATES = ("incident", "incident_kept")
-# longest time in s until the axis has completed the recording of an incident and its CRC
+# longest time in s until the axis has completed the recording of an incident and the CRC
 COMPLETE_TIMEOUT_S = 5.0
 FULL_SCALE_BITS = 8  # number of ADC bits to which force counts refer
 NEAR_MS = 100  # time in ms before and after the error that the second column of the plot shows

@@ -54,7 +54,7 @@ CORE_WORDS = ("pc", "lr", "cfsr", "hfsr", "bfar")
 
 @dataclass(frozen=True)
 class IncidentStory:
-    """An incident and its explanation in the form of JSON.
+    """An incident and the explanation of the incident, in the form of JSON.
 
     `tick`: tick of the error. `later`: number of later errors. `kept`: True if the incident is
     older than the last restart. `story`: text lines about the causes of the error, the most

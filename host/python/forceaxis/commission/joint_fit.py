@@ -113,7 +113,7 @@ class JointFit:
     text: str = ""  #: reason as text
     values: Values | None = None  #: the values `best` if the fit is not rejected, otherwise None
     intervals: dict[str, tuple[float, float]] | None = None  #: 95 %
-    #: {"a/b" or "a*b": (value, low, high)} of pairs that are known better than their parameters
+    #: {"a/b" or "a*b": (value, low, high)} of parameter pairs with a small uncertainty
     ratios: dict[str, tuple[float, float, float]] | None = None
     #: correlation matrix; rows and columns in the order of the names in `best`
     correlation: Samples | None = None
@@ -280,7 +280,7 @@ class Responses:
 
     def starts(self) -> list[Samples]:
         """Returns start values [x]: the best points of a grid of the nearly unknown parameters. All
-        other parameters begin at their prior value.
+        other parameters begin at their prior values.
 
         The mass of a workpiece follows from its antiresonance, which is searched among the
         frequencies of all lines: steps of stiffness and mass would miss a narrow antiresonance. The

@@ -18,7 +18,7 @@ from forceaxis.linear import plant_set, working
 MASS_SPREAD, DRIVE_SPREAD, STIFFNESS_SPREAD = 0.05, 0.05, 0.2
 DAMPING_SPREAD, WORKPIECE_SPREAD = math.log(2), math.log(5)
 # Time step in s and number of time steps of a step response.
-# The response reaches its peak within a few time constants.
+# The step response reaches its peak within a few time constants.
 STEP_S, STEP_COUNT = 1e-5, 300
 STEADY_HZ = 0.02  # frequency in Hz at which the axis has reached its steady speed
 # Ratio of the largest DAC code of a noise to the DAC code that keeps a step linear.

@@ -65,7 +65,7 @@ class Tried:
 
 
 def tried(problem: Responses, x: Samples) -> list[Tried]:
-    """Fits all candidates, and returns the candidates that decrease chi-square by more than their
+    """Fits all candidates. Returns the candidates whose decrease of chi-square exceeds their
     penalty, sorted from best to worst.
 
     problem, x: the responses of a rejected joint_fit.joint(), and the logarithms of its best

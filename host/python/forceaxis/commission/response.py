@@ -83,7 +83,7 @@ def estimate(
     S = RU / power
     return ResponseEstimate(
         response=H,
-        # Recordings with equal codes contain no information about their common rounding error.
+        # Recordings with equal codes contain no information about the rounding error.
         variance=np.maximum(spread, 1e-3 * rounding) * gain,
         coherence=np.minimum(np.minimum(*shown), 1.0),
         floor=np.sqrt(rounding * gain),

@@ -393,8 +393,8 @@ def _hf_gain(tuning: TuningFolder, checked: Checked) -> float | None:
 def simulate(
     tuning: TuningFolder, designed: Designed, checked: Checked, fitted: Fitted
 ) -> Simulated:
-    """Simulates contacts, impacts and contacts of random plants of the set, with the fitted plant
-    and the firmware."""
+    """Simulates contacts, impacts and contacts of random plants of the set of plants, with the
+    fitted plant and the firmware."""
     return Simulated(contact.simulated(contact.FittedAxis(tuning, checked, fitted, designed)))
 
 
@@ -560,8 +560,9 @@ def store_line(tuning: TuningFolder, done: Stored) -> str:
 
 @dataclass(frozen=True)
 class TuningStep(Generic[R]):
-    """One step of a tuning. function(folder, *results of the steps in `takes`) returns the result,
-    which is written to `file`. line(folder, result) returns the text that reports the result."""
+    """One step of a tuning. The function `function` gets the folder and the results of the steps in
+    `takes`, and returns the result, which is written to `file`. The function `line` returns a text
+    about the result."""
 
     name: str
     function: Callable[..., R]

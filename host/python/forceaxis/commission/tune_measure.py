@@ -70,8 +70,8 @@ def free_line(tuning: TuningFolder, done: FreeResponse) -> str:
 
 
 def _back_to_start(tuning: TuningFolder, measures: Analyzer, start: int) -> None:
-    """Moves the axis back to its position in the step `check` (`start`, in counts) after a killed
-    run that left the axis moving, and disables the axis.
+    """After a killed run that left the axis moving: moves the axis back to the position that it had
+    in the step `check`, and disables the axis. `start` is this position in counts.
 
     An axis that is too far away is not moved (COASTED_TRAVELS). The position is valid, because the
     encoder counts while a fault is latched.
@@ -131,7 +131,7 @@ def measure_line(tuning: TuningFolder, done: MeasuredResponses) -> str:
 
 
 def _go_home(tuning: TuningFolder, checked: Checked) -> None:
-    """Moves the axis to its position in the step `check`, because a disabled axis with friction
+    """Moves the axis to the position of the step `check`, because a disabled axis with friction
     would stay in contact."""
     with temporary(tuning.axis, checked.settings), analyzer_of(tuning) as measures:
         measures.home = checked.rest.position

@@ -181,7 +181,7 @@ class Designed(DesignResult):
 @dataclass(frozen=True, kw_only=True)
 class ContactOfKind(SimulatedContact):
     """A contact that the step `simulate` has simulated. `kind` is "contact", "strike" (an impact
-    follows the contact) or "set" (the plant is a random plant of the set)."""
+    follows the contact) or "set" (a random plant of the set of plants)."""
 
     kind: str
 

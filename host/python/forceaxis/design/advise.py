@@ -58,7 +58,7 @@ from forceaxis.linear.stability import Limit, Loop
 from forceaxis.results import json_field
 
 GAIN_MARGIN = 2.0
-# Only modes of vibration below LAG times the critical frequency limit the gain by their phase lag.
+# Only a mode of vibration below this multiple of the critical frequency limits the gain by its lag.
 LAG = 3.0
 
 
@@ -175,8 +175,8 @@ class LimitingMode:
 
 @dataclass(frozen=True)
 class NoLimitingMode:
-    """Result in place of LimitingMode if no mode of vibration limits the gain. `how` is a text
-    about the effect that limits the gain instead."""
+    """The effect that limits the gain if no mode of vibration limits the gain. `how` is a text
+    about this effect."""
 
     how: str
     name: str = "none"
@@ -421,7 +421,7 @@ class _Over:
         goal = replace(self.goal, timings=(spec.timing,), adc_bits=bits)
         try:
             found = self.problem(change, goal, random=0).worst(spec.bank or Bank(1.0))
-        except InputError:  # no gain makes all plants of the set stable
+        except InputError:  # No gain makes all plants of the set of plants stable.
             return None
         if found.worst is None:
             return None

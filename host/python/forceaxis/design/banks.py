@@ -1,4 +1,4 @@
-"""Filter banks of the firmware in the form in which JSON files contain a bank."""
+"""Converts filter banks of the firmware to JSON and back."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING

@@ -23,7 +23,7 @@ ATTEMPTS = 12  # largest number of gains for which the exact bandwidth and margi
 # The ratio is below 1, because the grid seldom contains the worst plant.
 FIRST_GAIN_FACTOR = 0.995
 REACHED_SHARE = 0.97  # share of a bound above which a sentence names this bound as reached
-# a frequency is assigned to a mode if their ratio is within this factor
+# a frequency belongs to a mode if the ratio of the two frequencies is below this factor
 MODE_FACTOR = 1.35
 
 # {name of a bound in GainLimit: text about the bound for a sentence}
@@ -81,8 +81,7 @@ class PFigures(WorstFigures):
 
 @dataclass(frozen=True)
 class NoPFigures:
-    """Result in place of the bandwidth and margins of the P law if no gain of the P law keeps the
-    margins."""
+    """Marker for the result "no gain of the P law keeps the margins"."""
 
     force_gain: float = 0.0
 

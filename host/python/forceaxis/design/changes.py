@@ -49,7 +49,7 @@ class Change:
     kind: str = ""
     overrides: Mapping[str, float] = field(default_factory=dict)  # {parameter: SI value}
     edits: tuple[TableEdit, ...] = ()  # of the model file
-    # control law and timing of the loop; None means law p with the timing of the design
+    # control law and delay of the loop; None means law p with the delay of the design
     spec: LoopSpec | None = None
     states: Mapping[str, str] = field(default_factory=dict)  # {element: state}
     # {firmware object: value} that a simulation of this change needs

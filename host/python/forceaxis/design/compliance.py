@@ -96,7 +96,8 @@ class ComplianceOrder:
     points: int = 9
     bits: int | None = None  # None: those of the model
     threads: int | None = None
-    states: Mapping[str, str] | None = None  # {element: state} that all plants of the set have
+    # {element: state} that all plants of the set of plants have
+    states: Mapping[str, str] | None = None
 
 
 def element_of(model: str | Path, overrides: Overrides) -> str:
@@ -169,7 +170,7 @@ def _point(order: ComplianceOrder, element: str, value: float, setpoint: float) 
         bits = order.bits or design.facts.required_reading.bits
         try:
             problem = ShortSearch(plants, Goal(adc_bits=bits), random=0)
-        except InputError as error:  # One plant of the set is unstable at every gain.
+        except InputError as error:  # One plant of the set of plants is unstable at every gain.
             nothing = None, None, None, None
             return CompliancePoint(value, *nothing, motion_m, *nothing, refused=str(error))
         p, found = problem.worst(Bank(1.0)), problem.designed()

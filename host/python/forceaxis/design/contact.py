@@ -16,9 +16,8 @@ from forceaxis.linear.stability import Loop
 PERIOD_RAMPS = 30.0  # period of the trapezoidal force set-point as a multiple of the ramp time
 HARMONICS = 256  # number of harmonics by which the periodic set-point is represented
 POINTS = 2048  # number of instants per period at which the force is computed
-OVERSHOOT_MAX = 0.055  # largest permitted overshoot as a share of the set-point
-# Largest undershoot as pairs (start in ramp times, share of the set-point).
-# The second pair is stricter: at first, the vibration after the impact adds to the force.
+OVERSHOOT_MAX = 0.055  # largest permitted overshoot as a share of the force set-point
+# Largest undershoot as pairs (start in ramp times, share of the force set-point).
 SHORT_MAX = ((1.25, 0.02), (1.6, 0.025))
 
 

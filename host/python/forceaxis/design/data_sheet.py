@@ -30,7 +30,7 @@ class SheetField:
     word: str | None = None  # text that the user may enter in place of a number, such as "none"
     # name of a second field; the field has an effect only if the second field has a number
     needs: str | None = None
-    # name of a second field; the field has an effect only if the second field has its `word`
+    # name of a second field; the field has an effect only if the second field has a text, no number
     instead_of: str | None = None
     name: str = ""  # name of the field in SheetValues, which ends with the unit
 
@@ -70,8 +70,8 @@ def number_or_word(field: SheetField) -> float | None:
 
 @dataclass(frozen=True)
 class SheetValues:
-    """The values of a data sheet. The last part of a field name is the unit of the value. The
-    questions have the order of the fields, because a default depends on the values of earlier
+    """The values of a data sheet. The name of each field ends with the unit of the value. The order
+    of the questions is the order of the fields, because a default depends on the values of earlier
     fields."""
 
     torque_constant_n_m_per_a: float = number(SheetField(

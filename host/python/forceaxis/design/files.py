@@ -151,7 +151,7 @@ def write(
         names.append("model.toml")
         model = "model.toml"
     # The files are read from the folder of the bench.
-    # A path relative to the new folder is valid only after the folder has its final name.
+    # A path relative to the new folder is valid only after the folder has the final name.
     case = bench.shown
     values = bank_objects(
         bench.design.file("bank.toml", bench.text(case, outcome.bank, outcome.loss_objects)),

@@ -269,8 +269,7 @@ def settled(
     promised = {row.name: row.bandwidth_Hz for row in outcome.structures if row.worst}
     names = [n for n, fS in promised.items() if fS and n not in ("P", outcome.chosen)]
     names = [outcome.chosen, *sorted(names, key=promised.__getitem__, reverse=True)]
-    # First, the gain of each structure is reduced while its bandwidth exceeds the next structure's.
-    # If all structures fail, each structure is tried with every gain.
+    # First, the gain of each structure is reduced while its bandwidth exceeds that of the next one.
     shares = [promised[after] / promised[name] for name, after in itertools.pairwise(names)] + [0.0]
     best: DesignOutcome | None = None
     refused: InputError | None = None
@@ -348,7 +347,7 @@ def reassessed(outcome: DesignOutcome, bank: Bank) -> WorstFigures:
 def _smallest(
     found: Mapping[str, sets.Worst], name: str
 ) -> tuple[float | None, tuple[Member, str] | None]:
-    """Returns (smallest value of the field `name`, (plant, timing) with this value). Both parts are
-    None if the field has no value for any plant."""
+    """Returns (smallest value of the field `name`, (plant, delay of the loop) with this value), or
+    (None, None) if the field has no value for any plant."""
     known = [(getattr(w, name), w.member[name]) for w in found.values() if name in w.member]
     return min(known, key=lambda one: one[0], default=(None, None))

@@ -195,7 +195,7 @@ class Grid:
         if not self.members:
             raise refused or _core.InputError("members: expected at least one plant, got none")
         longest = max(map(len, grids))
-        # Rows with fewer frequencies are extended by copies of their last frequency.
+        # A row with fewer frequencies is extended by copies of the last frequency.
         self.frequency_hz = np.array([np.pad(g, (0, longest - len(g)), "edge") for g in grids])
         self.plant = np.array(
             [

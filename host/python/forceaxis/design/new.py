@@ -110,7 +110,7 @@ def derive(v: SheetValues) -> AxisConstants:
 
 
 def doubts(v: SheetValues) -> list[str]:
-    """Returns texts of one line each about data-sheet values that are possible but unlikely."""
+    """Returns one-line texts about data-sheet values that are possible but unlikely."""
     tau_s = v.inductance_h / v.resistance_ohm
     if SLOWEST_TAU_S >= tau_s >= FASTEST_TAU_S:
         return []
@@ -122,8 +122,8 @@ def doubts(v: SheetValues) -> list[str]:
 
 
 def stuck(v: SheetValues, first: "First") -> list[str]:
-    """Returns texts of one line each that explain why the axis does not reach the workpiece with
-    the first law."""
+    """Returns one-line texts that explain why the axis does not reach the workpiece with the first
+    law."""
     if first.friction_most is not None:
         return []
     back_N = -min(v.weight_n, 0.0)
@@ -162,7 +162,7 @@ class First:
     pushes_N: float
     # largest multiple of the declared dry friction that `pushes_N` overcomes; None if below 1
     friction_most: float | None
-    raised: bool  # True if the set-point was raised to overcome the friction
+    raised: bool  # True if the force set-point was increased to overcome the friction
 
 
 def approach_m_per_s(axis: AxisConstants) -> float:
@@ -371,7 +371,7 @@ class NewAxis:
     force_gain: float  # DAC codes per 8-bit count
     force_setpoint: float  # 8-bit counts
     setpoint_N: float
-    held_share: float  # settled force in contact.toml as a share of the set-point
+    held_share: float  # settled force in contact.toml as a share of the force set-point
     # end of the sentence about `held_share`: tells if weight and dry friction are included
     held_with: str
     position_gain: float  # DAC codes per encoder count

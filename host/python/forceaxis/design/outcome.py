@@ -32,7 +32,7 @@ class DesignOrder:
     overrides: Mapping[str, float | str] = field(default_factory=dict)  # {parameter: value}
     together: tuple[dict[str, float], ...] = ({},)  # as PlantSet has them
     modes: str = "visited"
-    # {element: state} that all plants of the set have
+    # {element: state} that all plants of the set of plants have
     states: dict[str, str] = field(default_factory=dict)
     ms: float = 2.0  # largest permitted Ms
     ms_late: float = 2.2  # largest permitted Ms with one tick of latency
@@ -41,11 +41,12 @@ class DesignOrder:
     latency: str = "both"  # a key of LATENCIES
     # largest gain at high frequency in codes per 8-bit count; None selects the default of grid.Goal
     hf_gain: float | None = None
-    ramp_s: float | None = None  # rise time in s of the set-point ramp that the force has to follow
+    # rise time in s of the ramp of the force set-point that the force has to follow
+    ramp_s: float | None = None
     # values of firmware objects in addition to the values in the experiment
     firmware: dict[str, float | str] = field(default_factory=dict)
     # Force set-points of the simulated first contacts in N.
-    # If empty, the ranges of sensor and drive determine the set-points.
+    # If empty, the ranges of sensor and drive determine the force set-points.
     forces_N: tuple[float, ...] = ()
     # approach speed; None selects the speed of the experiment, or 20 mm/s without an experiment
     approach_mm_per_s: float | None = None

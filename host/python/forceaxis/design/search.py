@@ -30,8 +30,7 @@ LARGER_STRUCTURE_MIN = 1.1
 RANDOM = 1000  # number of random plants on which the result is checked
 PROBE_RANDOM = 60  # number of random plants in each round of the search
 ROUNDS_MAX = 4  # largest number of rounds in which plants are added to the search
-# Largest number of corner plants of the set at the start of the search.
-# A further corner plant is added if the law violates the margins on this plant.
+# Largest number of corner plants at the start of the search, from the set of plants.
 CORNERS_MAX = 8
 SEED = 1988
 # rise time of the set-point ramp as a multiple of 1 / (bandwidth of a PI law)
@@ -48,7 +47,7 @@ RESTARTS = (1, 2, 2)
 # Lowest frequency of zeros and poles for each restart, as a multiple of the bandwidth of a PI law.
 # The best result is used, because the ramp excludes laws that oscillate after a first contact.
 LOWEST_FACTORS = (1.5, 0.5)
-# largest static error of a law without integral action, as a share of the set-point
+# largest static error of a law without integral action, as a share of the force set-point
 STATIC_ERROR_MAX = 0.01
 
 

@@ -70,15 +70,15 @@ FRICTION_SHARES = (
 )  # shares of the largest dry friction with which the approach is simulated
 # factor of one reduction of the gain, and largest number of reductions
 BACKOFF, BACKOFFS = 0.9, 20
-# Permitted force error as a share of the set-point for a law with integral action;
-# the permitted error is at least HALF_COUNT.
+# Permitted force error as a share of the force set-point, for a law with integral action.
+# The permitted force error is at least HALF_COUNT.
 ERROR_MAX = 0.02
 HALF_COUNT = 0.6  # largest error of the measured force at rest, in 8-bit counts
 PEAK_MAX = 1.3  # largest permitted peak force as a multiple of the force set-point
 LOSSES_MAX = 1  # permitted number of contact losses of a first contact
 # shares of the approach speed, in the order of their simulation
 SPEED_SHARES = (1.0, 0.5, 0.25, 0.1)
-SATURATED_MAX_S = 0.02  # longest permitted time in s with the DAC code at an end of its range
+SATURATED_MAX_S = 0.02  # longest permitted time in s with the DAC code at an end of the DAC range
 # share of the designed gain at which the control law has no influence on an impact
 WEAK_GAIN_SHARE = 0.25
 

@@ -52,7 +52,7 @@ class Line:
     values: Array  # values of the signal at the times of the plot, (n,)
     # {value: name} of an enumeration; shown on the axis if the row has no other signal
     names: dict[int, str] = field(default_factory=dict)
-    # True if the signal is the controlled force in N, to which the set-points refer
+    # True if the signal is the controlled force in N, to which the force set-points refer
     controlled: bool = False
 
 
@@ -225,14 +225,14 @@ def area_of(verdict: str) -> str:
 
 def mark_events(ax: Axes, events: Sequence[tuple[float, str, str]], time_s: Array) -> None:
     """Draws a mark above the rows for each event. Events that are too close together for separate
-    marks have one line from the first to the last event."""
+    marks have one common line from the first to the last event."""
     across = ax.get_xaxis_transform()
     for level, (kind, (marker, colour)) in enumerate(EVENTS.items()):
         times = [t for t, k, _ in events if k == kind and time_s[0] <= t <= time_s[-1]]
         for cluster in clusters(times, OVERLAP_SHARE * (time_s[-1] - time_s[0])):
             ends = sorted({cluster[0], cluster[-1]})
             if len(cluster) > MOST_MARKS:
-                # Each kind of event has a separate height for its lines.
+                # The lines of each kind of event have a separate height.
                 height = 1.03 + 0.012 * level
                 ax.plot(ends, [height] * len(ends), color=colour, linewidth=1, transform=across,
                         clip_on=False)  # fmt: skip

@@ -79,9 +79,9 @@ class Metrics:
     in_contact: bool  # at the end
     peak_force_N: float
     final_force_N: float
-    # number of ticks of the window in which the DAC code is at an end of its range
+    # number of ticks of the window in which the DAC code is at an end of the DAC range
     saturated_ticks: int
-    # largest number of successive ticks of the run in which the DAC code is at an end of its range
+    # largest number of successive ticks in which the DAC code is at an end of the DAC range
     saturated_run_ticks: int
     # number of ticks of the window in which the measured force is at an end of the ADC range
     reading_range_ticks: int

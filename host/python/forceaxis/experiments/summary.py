@@ -24,7 +24,7 @@ Row: TypeAlias = tuple[str, str]  # key and value of a row of text
 
 
 def quantity(value: float, unit: str) -> str:
-    """Returns a value with its unit as text. A length in m is shown in mm."""
+    """Returns a value with a unit as text. A length in m is shown in mm."""
     return f"{value * 1e3:.3g} mm" if unit == "m" else f"{value:.3g} {unit}"
 
 

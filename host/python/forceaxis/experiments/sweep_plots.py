@@ -24,7 +24,7 @@ from forceaxis.words import plain
 
 # Key of AREA for a point whose run failed, and for a grid cell without a result.
 FAILED = "failed"
-# Verdicts of grid cells, in the order of their numbers in a colour map.
+# Verdicts of grid cells, in the order of the verdict numbers in a colour map.
 KINDS = ("unstable", "stable", "not_met", "never_in_contact")
 ISOLATED = "stands alone"  # label of an isolated point in the legend
 MARKERS = (

@@ -1,1 +1,1 @@
-"""Measured frequency responses, and parameters identified from them."""
+"""Measured frequency responses, and identification of parameters from measured responses."""

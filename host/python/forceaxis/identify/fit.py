@@ -30,7 +30,7 @@ LEAST_EFFECT = 1e-9  # smallest relative change of a response that is an effect 
 # probability of chi-square below which other start values are tried and the fit is rejected
 REJECTED_BELOW = 1e-3
 OTHER_STARTS = 24  # number of further start values of the search
-# Fields of a Measurement that are arrays, by their names in the file response.npz.
+# Fields of a Measurement that are arrays, by the names of the arrays in the file response.npz.
 ARRAYS = ("frequency_hz", "response", "coherence", "variance", "floor")
 # half width of the search range of a logarithm: a factor of 20 above and below the start value
 SEARCH_RANGE = 3.0
@@ -141,8 +141,8 @@ class FitProblem:
 
     def best(self, degrees: int, tries: int) -> optimize.OptimizeResult:
         """Returns the best result of several searches. The first search begins at the start values.
-        If its result does not explain the data, up to `tries` further searches begin at other start
-        values."""
+        If the first result does not explain the data, up to `tries` further searches begin at other
+        start values."""
         best = self.search(self.start)
         enough = stats.chi2.isf(REJECTED_BELOW, degrees)
         scatter = np.random.default_rng(0).uniform(-1, 1, (tries, len(self.start)))

@@ -225,8 +225,8 @@ def measure(
 def measure_setup(
     setup: Setup, where: str, plant_set: linear.Overrides | None = None
 ) -> Measurement:
-    """Does the same as measure() with a Setup. `where` is the name of the set-up in error
-    messages."""
+    """Measures a frequency response as measure() does, with a Setup. `where` is the name of the
+    set-up in error messages."""
     rng = np.random.default_rng(setup.seed)
     parts, samples, lines = grid_of(setup, where)
     rate = _core.TICKS_PER_SECOND * parts

@@ -150,7 +150,7 @@ class RingDown:
     damping_ratio: Estimate  #: damping ratio by the formula of the thesis, decrement / (2 pi)
     #: exact damping ratio, decrement / sqrt(4 pi^2 + decrement^2)
     damping_ratio_exact: Estimate
-    #: ln(amplitude of the first / of the last period) / number of periods between them
+    #: ln(first amplitude / last amplitude), divided by the number of periods between the two
     decrement_of_ratio: float
     explained: float  #: share of the variance of the recording that the fit explains, 0..1
     noise: float  #: standard deviation of the residual, in the unit of the signal

@@ -243,7 +243,7 @@ def _match(
                 top = around[tops[np.argmin(np.abs(np.log(around[tops])))]]
                 moved = pairs[i, 0] / np.sqrt(top)
                 pairs[i, 0] = np.clip(moved, mark / FREQUENCY_RATIO, mark * FREQUENCY_RATIO)
-            # The size of a peak or trough in dB depends on its own damping ratio.
+            # The size of a peak or trough in dB depends on the damping ratio of the peak or trough.
             over = (model_db(np.array([mark]))[0] - level[i]) * s
             pairs[i, 1] = np.clip(pairs[i, 1] * 10 ** (over / 40), *DAMPING_RATIOS)
     return _resonances(best, troughs)

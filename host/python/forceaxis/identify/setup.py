@@ -208,7 +208,7 @@ def check(given: SetupTable, where: str) -> Setup:
 
 
 def _check_codes(setup: Setup, fail: Callable[[str, str], NoReturn]) -> None:
-    """Reports a level or a bias in DAC codes that the firmware cannot output."""
+    """Reports an amplitude or a bias in DAC codes that the firmware cannot output."""
     level, bias = setup.level, setup.bias
     if not (level <= 2048 and level == int(level)):
         fail("level", f"expected a whole number of DAC codes from 1 to 2048, got {level:g}")
