@@ -111,8 +111,8 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const bool dwells = dwells_after_loss(drive, axis);
   if (drive->signals.contact == 0 && !dwells) {
     if (drive->pressing != 0) {
-      /* After a contact loss the axis brakes immediately and without a bump bias, because a bias
-       * would keep the pressing code active. */
+      /* After a contact loss the axis brakes at once. The output gets no bias, because a bias
+       * would continue the DAC code that has pressed on the workpiece. */
       motion_override(drive, axis);
       axis->params.bump_decay_shift = 0;
       drive->pressing = 0;

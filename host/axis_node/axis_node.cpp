@@ -103,7 +103,7 @@ class Session {
   }
 
   // Serves the plants until a signal is received or plant_node has ended, then disables the axes.
-  // Returns the axes whose plant has never sent a record, with bit axis - 1 set for each axis.
+  // Returns the axes whose plant has never sent a record, as a word with bit 0 for axis 1.
   unsigned serve(host::AxisExchange &exchange) {
     while (stopped == 0 && ended.empty()) {
       const unsigned silent = exchange.serve(absent_ != 0 ? milliseconds{1} : kServe);
@@ -187,7 +187,7 @@ class Session {
   // Bit axis - 1 is set if the plant_node of this axis runs on this machine, so that its end can be
   // detected.
   unsigned visible_ = 0;
-  unsigned absent_ = 0;  // bit axis - 1 is set if the plant of this axis is silent
+  unsigned absent_ = 0;  // axes with a silent plant: bit 0 for axis 1, bit 1 for axis 2
   Clock::time_point silent_since_{}, due_{};
 };
 
@@ -226,7 +226,7 @@ void lose(Axis &axis, nodes::ModbusPort *modbus, host::AxisTransport &transport)
 
 // Result of serve_run().
 struct Served {
-  unsigned silent = 0;  // bit axis - 1 is set if the plant of this axis was silent
+  unsigned silent = 0;  // axes with a silent plant: bit 0 for axis 1, bit 1 for axis 2
   std::uint64_t lost_records = 0;
 };
 

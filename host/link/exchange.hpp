@@ -71,7 +71,7 @@ class PlantExchange {
   LinkTimeouts timeouts_;
   LinkStatistics statistics_;
   bool idle_ = false;      // true: no record arrived during the last wait
-  unsigned answered_ = 0;  // bit axis - 1 is set if the axis has answered before
+  unsigned answered_ = 0;  // axes that have answered: bit 0 for axis 1, bit 1 for axis 2
 };
 
 // The firmware's end of the link, for the axes of one process.
@@ -86,7 +86,7 @@ class AxisExchange {
                Compute compute);
 
   // Answers the records that arrive within the time `wait`. Returns the axes whose plant has become
-  // silent, with bit axis - 1 set for each axis. These axes are then finished.
+  // silent, as a word with bit 0 for axis 1. These axes are then finished.
   unsigned serve(std::chrono::milliseconds wait);
 
   // Returns true if every axis has computed its last tick or has a silent plant. Because the last
@@ -118,13 +118,13 @@ class AxisExchange {
   LinkTimeouts timeouts_;
   Compute compute_;
   std::array<Axis, kMostAxes> axes_{};
-  unsigned running_ = 0;  // bit axis - 1 is set if the axis has not finished
+  unsigned running_ = 0;  // axes that have not finished: bit 0 for axis 1, bit 1 for axis 2
   unsigned calls_ = 0;
   Clock::time_point received_;
   LinkStatistics statistics_;
 };
 
-// Returns a text such as "axis 1" or "axes 1, 3" for the axes whose bit axis - 1 is set.
+// Returns a text such as "axis 1" or "axes 1, 3" for a word with bit 0 for axis 1.
 std::string axes_text(unsigned axes);
 
 }  // namespace forceaxis::host

@@ -34,7 +34,7 @@ inline constexpr double kDyingPart = 0.6;
 // end of the range).
 struct Missed {
   std::string limit;
-  std::string verdict;  // verdict of the run if no other limit were missed
+  std::string verdict;  // verdict that this missed limit alone would give
   double value = 0.0;   // value that missed the limit; infinite if the force never settles
   double bound = 0.0;
   std::string unit;  // unit of value and bound: "N", "%", "s", "count", "tick", or "" for no unit

@@ -53,7 +53,7 @@ Stepper::Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t liste
   check_finite();
   slide(false);
   settle(false);
-  energy_.begin();  // The energy that the search for the first mode has discarded is not counted.
+  energy_.begin();  // The energy audit begins after the search for the first mode.
 }
 
 void Stepper::set_mode(ModeKey key) {
