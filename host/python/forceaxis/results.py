@@ -41,7 +41,7 @@ SHOWN_CHARACTERS = 40  # number of characters of an unexpected value that a mess
 def json_field(
     *, key: str | None = None, omit_none: bool = False, inline: bool = False, **given: Any
 ) -> Any:
-    """Returns a field of a result.
+    """Returns a dataclass field for a result, with options for the JSON form.
 
     `key`: name of the field in JSON, if different. `omit_none`: True if a value None has no key in
     JSON (the default value of the field is then None). `inline`: True if the keys of the value, a

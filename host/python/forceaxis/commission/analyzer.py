@@ -47,8 +47,7 @@ RECORDER_BYTES = 32768
 SWING = MeasuringOrder.swing
 # The measured force in contact stays above this share of the bias force.
 FORCE_MIN_SHARE = 0.5
-# Distance of the force bounds of the excitation from the expected force, as a share of the bias
-# force.
+# distance of the force bounds from the expected force, as a share of the bias force
 FORCE_MARGIN_SHARE = 0.1
 RAMP_S = 0.1  # duration of the ramp at the start and the end of an excitation
 APPROACH_TIMEOUT_S = 60.0
@@ -477,8 +476,7 @@ class Analyzer:
             error = errors[level.of_loop]
             swung = f"{moved:.3g} {output.unit}"
             self.say(f"amplitude {amplitude} codes: swing {swung}, deviation {100 * error:.2g} %")
-            # The noise of an axis that sticks is small, so the expected deviation does not show
-            # sliding.
+            # An axis that sticks has little noise, so the expected deviation does not show sliding.
             # With dry friction, the search increases the amplitude up to the bound.
             may_stick = self.order.rubs and output is FORCE
             is_accurate = error < output.deviation_max and not may_stick

@@ -70,7 +70,7 @@ SLIDE_FACTOR = 1.2
 SLOPE_MIN_SHARE = 0.3
 # smallest number of blocks of a motion; waiting time in s at the end of a motion
 MOTION_MIN_BLOCKS, HELD_S = 8, 1.0
-# The dead zone shows friction only if the dead zone exceeds three bounds.
+# The dead zone is treated as friction only if the dead zone exceeds three bounds.
 # The bounds are multiples of the standard error, of one DAC code and of the codes for the speed.
 FOUND_ERRORS, FOUND_CODES, FOUND_SPEED_SHARE = 4.0, 0.3, 0.5
 

@@ -41,8 +41,7 @@ MODEL_ERROR = 0.01  # relative error of a response that no parameter can explain
 # The search begins at the best SEARCHES_MAX points of this grid of start values.
 GRID_POINTS, ANTIRESONANCES = 7, 28
 SEARCHES_MAX = 2
-# Largest logarithm of the ratio of a spectral line's frequency to the frequency of the limiting
-# mode.
+# Largest logarithm of (frequency of a spectral line / frequency of the limiting mode).
 LIMITING_MODE_WIDTH_LOG = 0.15
 STEP_LOG = 1e-5  # step of the logarithm of a parameter for a numerical derivative
 PREDICTIONS_MAX = 200  # largest number of predictions that are stored for reuse

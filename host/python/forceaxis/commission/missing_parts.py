@@ -165,9 +165,9 @@ def _sensor_lag(problem: Responses) -> Shape:
 
 
 def _drive_lag(problem: Responses) -> Shape:
-    """Returns the candidate for the lag of the drive: the time constant of the drive (inductance of
-    the winding or corner frequency of the force) if this time constant is a parameter of the model,
-    otherwise an additional lag."""
+    """Returns the candidate for the lag of the drive. If the model has a time constant of the
+    drive, the candidate is this time constant (inductance of the winding or corner frequency of the
+    force). Otherwise the candidate is an additional lag."""
     drive, facts = model_file.read(problem.model).drive, linear.facts(problem.model)
     name = {"dc_motor": drive.L, "first_order": drive.a_act}.get(drive.type)
     if isinstance(name, str) and name in facts.parameters and name not in problem.priors:

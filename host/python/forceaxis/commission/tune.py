@@ -101,7 +101,7 @@ BAND_MAX_HZ = 400.0
 CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
 # permitted peak force in N of a first contact from the momentum of the axis alone
 IMPACT_PEAK_N = 10.0
-# if the bandwidth is below this multiple of the bandwidth of P, the text names the limiting bound
+# The text names the limiting bound if the bandwidth is below this multiple of the bandwidth of P.
 BANDWIDTH_FACTOR = 1.7
 NO_MEMORY = -10  # key of REASONS for an axis that has no memory for parameters
 EARLIER_LAW_AGAIN = "the axis uses its earlier force law again"

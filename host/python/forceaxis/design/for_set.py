@@ -34,7 +34,7 @@ PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0
 
 Say = Callable[[str], None]  # function that shows a text about the progress of a design to the user
 # Function that writes the page of a design into a folder.
-# The last argument is the path of the experiment that the page tells the user to run.
+# The last argument of this function is the path of the experiment that the user shall run.
 PageWriter = Callable[[files.NewFolder, ContactBench, DesignOutcome, str], None]
 # function: name of a structure -> design with this structure; None if no gain keeps the margins
 Instead = Callable[[str], DesignOutcome | None]

@@ -53,7 +53,8 @@ class ParameterFit:
     single: Reals
     joint: Reals
     covariance: Reals
-    chi_square: float  #: chi-square distributed with `dof` degrees of freedom for a correct model
+    #: sum with a chi-square distribution of `dof` degrees of freedom for a correct model
+    chi_square: float
     dof: int  #: 2 n - p
     points: int  #: n
     warnings: tuple[str, ...] = ()

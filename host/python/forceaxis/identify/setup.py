@@ -41,8 +41,7 @@ class Setup:
     excitation: str = "noise"  #: waveform: noise, sine (one spectral line after another) or chirp
     band_hz: tuple[float, float] = (1.0, 200.0)  #: lowest and highest frequency of the response
     resolution_hz: float = 0.0  #: distance between spectral lines; 0 selects the lowest frequency
-    #: Noise: rms in V. Other waveforms: amplitude in V. Excitation in codes: amplitude in DAC
-    #: codes.
+    #: Level of the excitation: rms in V for noise, otherwise amplitude in V; for codes: DAC codes.
     #: The amplitude of a sine in codes is random from half of this value on.
     #: The level 0 selects 0.1 V or 20 codes.
     level: float = 0.0
