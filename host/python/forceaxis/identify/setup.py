@@ -27,7 +27,7 @@ class Setup:
     The table [set] contains parameters of the model. An example is sim/measurements/fig3_6.toml.
     """
 
-    #: path of the model (relative to the set-up file), or name of a file in sim/models
+    #: path of the model (in a file: relative to the file), or name of a file in sim/models
     model: str
     title: str = ""
     figure: str = ""
