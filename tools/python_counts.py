@@ -106,7 +106,7 @@ def found(tree: ast.Module) -> Iterator[tuple[str, int]]:
                 yield "untyped", node.lineno
             a = node.args
             every = [*a.posonlyargs, *a.args, *a.kwonlyargs, *filter(None, (a.vararg, a.kwarg))]
-            annotations = [p.annotation for p in every if p.annotation]
+            annotations = [p.annotation for p in every if p.annotation and p.arg != "_"]  # ignored
             annotations += [node.returns] if node.returns else []
             if any(map(is_loose, annotations)):
                 yield "loose", node.lineno
