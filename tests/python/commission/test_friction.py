@@ -19,7 +19,7 @@ from forceaxis.commission import (
     friction_models,
     known,
     measuring,
-    sine_test,
+    sine_excitation,
     tune,
     tune_measure,
 )
@@ -114,7 +114,7 @@ def test_sines_show_stiffness_and_mass_whatever_the_friction_is(mass, newton):
         force = (K_W - mass * w**2 + 20j * w) * way + 4j / np.pi * newton * way / abs(way)
         place = way + force / K_S
         rows.append((hz, force.real, force.imag, place.real, place.imag, 30))
-    found = sine_test.of_sines(rows, K_S)
+    found = sine_excitation.of_sines(rows, K_S)
     assert (found.stiffness, found.mass) == pytest.approx((K_W, mass), rel=0.01)
     assert found.friction_N == pytest.approx(newton, rel=0.05)
 

@@ -13,7 +13,7 @@ from forceaxis.commission import (
     joint_fit,
     known,
     missing_parts,
-    sine_test,
+    sine_excitation,
     tune_measure,
 )
 from forceaxis.commission.as_found import FolderFile
@@ -259,7 +259,7 @@ def _workpiece(
     stiffness, mass = workpiece_names(tuning.given)
     sensor, damping = sensor_names(tuning.given)
     if shaken and best and sensor in best:
-        shaken = sine_test.of_sines(shaken.rows, best[sensor], best.get(damping or "", 0.0))
+        shaken = sine_excitation.of_sines(shaken.rows, best[sensor], best.get(damping or "", 0.0))
     facts, given = linear.facts(tuning.given), _given_priors(tuning)
     found: dict[str, Prior] = {}
     if stiffness and sliding:
@@ -287,7 +287,7 @@ def _workpiece(
     return {name: prior for name, prior in found.items() if name not in given}
 
 
-def _determine_mass(shaken: sine_test.SineTestResult | None) -> bool:
+def _determine_mass(shaken: sine_excitation.SineTestResult | None) -> bool:
     """Returns True if the workpiece slid far enough during the sines for a measurement of
     the mass."""
     return shaken is not None and shaken.mass_error < SINE_MASS_ERROR_MAX

@@ -17,7 +17,7 @@ from forceaxis.axis.axis import Axis
 from forceaxis.commission import as_found, known
 from forceaxis.commission.as_found import FolderFile
 from forceaxis.commission.level import Samples
-from forceaxis.commission.sine_test import SineTestResult
+from forceaxis.commission.sine_excitation import SineTestResult
 from forceaxis.commission.tune_results import MeasuredResponses, PressedResponse, SlowChange
 from forceaxis.design import sets
 from forceaxis.identify.fit import read_response

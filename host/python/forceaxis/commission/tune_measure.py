@@ -12,7 +12,7 @@ import numpy as np
 from forceaxis import linear
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
-from forceaxis.commission import friction, known, measuring, sine_test
+from forceaxis.commission import friction, known, measuring, sine_excitation
 from forceaxis.commission.analyzer import SWING, Analyzer
 from forceaxis.commission.friction_search import LOWEST_FORCE_SHARE
 from forceaxis.commission.level import MOST_CODES, Level, MeasuringOrder, Rest
@@ -176,7 +176,7 @@ def _between(
 
 def _shaken(
     tuning: TuningFolder, law: Settings, order: TuningOrder, slow: SlowChange, rate: float
-) -> sine_test.SineTestResult | None:
+) -> sine_excitation.SineTestResult | None:
     """Measures the workpiece with sines at the largest force. Returns None if the workpiece does
     not slide within the limits. `rate` is the speed of the axis in encoder counts/s per DAC code.
     """
@@ -189,11 +189,11 @@ def _shaken(
     mass = facts.masses_kg.get(model_file.read(tuning.model).workpiece or "")
     own = math.sqrt(workpiece / mass) / (2 * math.pi) if mass else 30.0
     hz = sorted({2 * round(f / 2) for f in np.geomspace(max(4.0, own / 4), min(2.0 * own, 150.0),
-                                                       sine_test.FREQUENCIES)})  # fmt: skip
+                                                       sine_excitation.FREQUENCIES)})  # fmt: skip
     with analyzing(tuning, law, measuring_order(tuning, order), Analyzer) as measures:
-        found = sine_test.measure(
+        found = sine_excitation.measure(
             measures, max(order.forces),
-            sine_test.SineTestSetup(
+            sine_excitation.SineTestSetup(
                 slow.friction_N, sensor, workpiece, tuple(map(float, hz)), rate, scale,
                 abs(facts.required_reading.per_count),
             ),

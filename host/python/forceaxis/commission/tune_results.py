@@ -7,7 +7,7 @@ in N/m, masses in kg, positions in encoder counts, amplitudes in DAC codes.
 
 from dataclasses import dataclass, field
 
-from forceaxis.commission import sine_test
+from forceaxis.commission import sine_excitation
 from forceaxis.commission.friction_models import FrictionElement
 from forceaxis.commission.joint_fit import JointSummary
 from forceaxis.commission.level import Abort, Rest
@@ -123,7 +123,7 @@ class MeasuredResponses:
 
     levels: dict[str, PressedResponse]
     between: SlowChange
-    shaken: sine_test.SineTestResult | None
+    shaken: sine_excitation.SineTestResult | None
 
 
 @dataclass(frozen=True)
