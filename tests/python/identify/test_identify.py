@@ -382,7 +382,7 @@ def test_a_csv_file_of_another_analyzer(response, tmp_path):
     file.write_text("frequency_hz,magnitude,phase_deg,coherence\n1,-1,1,.5\n")
     assert "magnitude: expected values above 0" in refusal("fit", "fig4_19", file, *asked, *about)
     file.write_text("frequency_hz,magnitude,phase_deg,coherence\n1,1,1,.5\n2e9,1,1,.5\n")
-    assert "frequency_hz: expected frequencies above 0" in refusal(
+    assert "frequency_hz: expected rising frequencies above 0" in refusal(
         "fit", "fig4_19", file, *asked, *about
     )
 
