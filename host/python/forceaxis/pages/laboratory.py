@@ -21,7 +21,7 @@ from forceaxis.pages import axes, folder, pictures, plant_designs, plots
 from forceaxis.pages.folder import Entry, figure_order
 from forceaxis.thesis import claims as thesis
 from forceaxis.thesis import figures as thesis_figures
-from forceaxis.thesis import nonlinear, tables
+from forceaxis.thesis import nonlinear, tables, trials
 from forceaxis.thesis.tables import CellResult
 
 WIDE_IN = 6.0  # width in inches above which a plot has its own row on the page
@@ -291,6 +291,7 @@ class TablesSection:
     grids: list[CellGrid]
     # Table cells of the thesis whose simulated verdict differs from the measured verdict.
     misses: list[tuple[str, CellResult]]
+    trials: trials.TrialsResult  # what could give these cells
     constants: list[FittedConstant]
     assumed: list[tuple[str, tables.SourcedParameter]]
     found: tables.FitRecord
@@ -328,6 +329,7 @@ def tables_section(threads: int | None = None) -> TablesSection:
         result=result,
         grids=[grid_3_15(result.cells), grid_5_10(result.cells), grid_rest(result.cells)],
         misses=[(tables.key_of(c), c) for c in result.cells if not c.agrees],
+        trials=trials.run(result.cells, threads),
         constants=[
             FittedConstant(c, parameters[c.name], found.fitted[c.name], dict(found.plateau[c.name]))
             for c in known.constants

@@ -153,6 +153,33 @@ class Reading:
 
 
 @dataclass(frozen=True)
+class Variation:
+    """A parameter that a trial varies, with its values as texts with units."""
+
+    name: str
+    values: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A change of the model that could give a cell that differs, over a range of one or two
+    parameters."""
+
+    cell: str  # key of the cell (see `key_of`) that the trial is made for
+    what: str
+    of: dict[str, str]  # fields of a cell and their values: the cells that the trial changes
+    vary: tuple[Variation, ...]
+    set: tuple[str, ...] = ()  # overrides of each run
+    # overrides with which the trials of all cells are run together; empty if the trial takes no
+    # part
+    taken: tuple[str, ...] = ()
+
+    def changes(self, cell: Cell) -> bool:
+        """Returns True if the trial changes the run of a cell."""
+        return all(getattr(cell, name) == value for name, value in self.of.items())
+
+
+@dataclass(frozen=True)
 class SourcedParameter:
     """A parameter of sim/models/thesis.toml with the source of its value."""
 
@@ -213,6 +240,7 @@ class Tables:
     matched_at_least: int
     constants: list[Constant] = json_field(key="constant")
     readings: list[Reading] = json_field(key="reading", default_factory=list)
+    trials: list[Trial] = json_field(key="trial", default_factory=list)
     # For cells whose simulated verdict differs from the measured verdict: the reason of the
     # difference, with the text key_of(cell) as key.
     reasons: dict[str, str] = field(default_factory=dict)

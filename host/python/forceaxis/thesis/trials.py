@@ -1,0 +1,116 @@
+"""What could give the cells of the stability tables that differ: the trials of tables.toml, each
+with the numbers of equal verdicts over its range."""
+
+import itertools
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from forceaxis import paths
+from forceaxis.experiments.verdicts import stability
+from forceaxis.thesis.tables import CellResult, Trial, key_of, latest, load, run_jobs
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class TrialScores:
+    """The scores of one trial: the numbers of table cells with equal verdicts. Rows are the values
+    of the first parameter that the trial varies, columns those of the second; with one parameter
+    there is one column."""
+
+    trial: Trial
+    scores: list[list[int]]
+    gives: list[list[bool]]  # True where the cell of the trial has the measured verdict
+    command: str  # command line that repeats the run of the cell, with the first values
+
+    @property
+    def best(self) -> int:
+        """The highest score of the trial."""
+        return max(max(row) for row in self.scores)
+
+    @property
+    def best_count(self) -> int:
+        """The number of points of the trial that have its highest score."""
+        return sum(row.count(self.best) for row in self.scores)
+
+    @property
+    def points(self) -> int:
+        """The number of points of the trial."""
+        return sum(len(row) for row in self.scores)
+
+
+@dataclass(frozen=True)
+class TrialsResult:
+    """The scores of all trials, and the score of those that are taken, together."""
+
+    trials: list[TrialScores]
+    together: int  # number of table cells with equal verdicts
+    together_sets: list[str]  # overrides that the taken trials have together
+
+
+def run(cells: Sequence[CellResult], threads: int | None = None) -> TrialsResult:
+    """Simulates the cells that the trials of tables.toml change, at each point of each trial.
+    `cells` is the result of tables.run(); the other cells keep their verdicts."""
+    variants = [(trial, point) for trial in load().trials for point in points(trial)]
+    taken = [(trial, trial.taken) for trial in load().trials if trial.taken]
+    changed = [
+        (cell, trial, point)
+        for trial, point in [*variants, *taken]
+        for cell in cells
+        if trial.changes(cell)
+    ]
+    jobs = [job(cell, trial, point) for cell, trial, point in changed]
+    right: dict[tuple[str, tuple[str, ...]], dict[str, bool]] = {}
+    for (cell, trial, point), done in zip(changed, run_jobs(jobs, threads, "trials"), strict=True):
+        verdicts = right.setdefault((trial.what, point), {})
+        verdicts[key_of(cell)] = stability(done.verdict) == cell.thesis
+    before = {key_of(cell): cell.agrees for cell in cells}
+
+    def score(changes: dict[str, bool]) -> int:
+        return sum((before | changes).values())
+
+    found = []
+    for trial in load().trials:
+        at = [right[trial.what, point] for point in points(trial)]
+        width = len(trial.vary[1].values) if len(trial.vary) > 1 else 1
+        found.append(
+            TrialScores(
+                trial=trial,
+                scores=in_rows([score(one) for one in at], width),
+                gives=in_rows([one[trial.cell] for one in at], width),
+                command=command(cells, trial),
+            )
+        )
+    together: dict[str, bool] = {}
+    for trial, point in taken:
+        together |= right[trial.what, point]
+    return TrialsResult(found, score(together), [text for _, point in taken for text in point])
+
+
+def points(trial: Trial) -> list[tuple[str, ...]]:
+    """Returns the points of a trial, each as overrides. The values of the last parameter change
+    first."""
+    names = [[f"{one.name}={value}" for value in one.values] for one in trial.vary]
+    return list(itertools.product(*names))
+
+
+def job(cell: CellResult, trial: Trial, point: Sequence[str]) -> tuple[str, list[str]]:
+    """Returns the simulated run of a cell at one point of a trial."""
+    path, sets = load().job(cell)
+    return path, latest([*sets, *trial.set, *point])
+
+
+def in_rows(values: Sequence[T], width: int) -> list[list[T]]:
+    """Returns a list of values as rows of a table with `width` columns."""
+    return [list(values[i : i + width]) for i in range(0, len(values), width)]
+
+
+def command(cells: Sequence[CellResult], trial: Trial) -> str:
+    """Returns the command line of the run of a trial's cell, with the taken values or the first
+    ones."""
+    cell = next(one for one in cells if key_of(one) == trial.cell)
+    path, sets = job(cell, trial, trial.taken or points(trial)[0])
+    words = [word for text in sets for word in ("--set", text)]
+    return shlex.join(["forceaxis", "run", paths.display(path), *words])
