@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Writes docs/guide/reference, the formats of models and experiments as their readers declare them,
-and the public Python API in docs/guide/python.md.
+the sentences of the thesis and what checks them, and the public Python API in docs/guide/python.md.
 
     tools/gen_reference.py            writes the pages
     tools/gen_reference.py --check    status 1 and one line a page that is not fresh
@@ -16,6 +16,7 @@ from pathlib import Path
 
 from forceaxis import _core
 from forceaxis.experiments import expect
+from forceaxis.thesis import claims, sentences
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import python_api
@@ -198,6 +199,64 @@ def verdicts():
     return table(["experiment", "0.1.0", "today"], rows)
 
 
+THESIS = """\
+# The thesis, sentence by sentence
+
+Every sentence of Chapters 2 to 6 that states a number, a ratio, an order or a count, in our own
+words, and what checks it: a row of `forceaxis check-thesis`, a test, a figure of the report. The
+others have the reason why they cannot be checked. `forceaxis check-thesis` prints each row with the
+value of the thesis and ours. `host/python/forceaxis/thesis/sentences.toml` is the source.
+"""
+CHAPTERS = {
+    2: "Modeling machine performance",
+    3: "Measuring robot performance",
+    4: "Modeling the MIT Precision Assembly Robot",
+    5: "Improving performance",
+    6: "Conclusion",
+}
+
+
+def checks(sentence, differs):
+    """What checks a sentence of the thesis, or the reason why nothing does."""
+    rows = [f"{name} (**differs**)" if name in differs else name for name in sentence.rows]
+    tests = [f"`{name.partition('::')[2]}`" for name in sentence.tests]
+    figures = [f"Fig {number}" for number in sentence.figures]
+    return "; ".join([*rows, *tests, *figures]) or f"*Not checked.* {sentence.reason}"
+
+
+def of_chapter(number):
+    """All sentences of a chapter of the thesis, with the number of their section."""
+    return [(s.number, one) for s in sentences.sections() if s.chapter == number
+            for one in s.sentences]  # fmt: skip
+
+
+def thesis():
+    """The sentences of the thesis by chapter, and the rows of check-thesis that differ."""
+    differs = {claim.what: claim for claim in claims.CLAIMS if claim.why}
+    counts, chapters = [], ""
+    for number, title in CHAPTERS.items():
+        found = of_chapter(number)
+        only = [one for _, one in found if one.checked and not one.rows]
+        counts.append((
+            number, len(found), sum(bool(one.rows) for _, one in found), len(only),
+            sum(not one.checked for _, one in found),
+            sum(any(row in differs for row in one.rows) for _, one in found),
+        ))  # fmt: skip
+        rows = [(section, one.says, checks(one, differs)) for section, one in found]
+        chapters += f"\n## Chapter {number}: {title}\n\n"
+        chapters += table(["section", "sentence", "checked by"], rows)
+    head = ["chapter", "sentences", "with rows", "with a test or figure alone", "not checked",
+            "with a row that differs"]  # fmt: skip
+    total = ("all", *(sum(row[i] for row in counts) for i in range(1, len(head))))
+    apart = [(c.where, name, claims.value(c.thesis, c.unit), c.why) for name, c in differs.items()]
+    return (
+        table(head, [*counts, total])
+        + chapters
+        + "\n## Rows that differ\n\n"
+        + table(["where", "row", "thesis", "why ours differs"], apart)
+    )
+
+
 def pages():
     """{file name: text} of every page."""
     signals = (
@@ -220,6 +279,7 @@ def pages():
         "model.md": f"{GENERATED}{MODEL}\n{model}",
         "experiment.md": f"{GENERATED}{EXPERIMENT}\n{experiment}".rstrip() + "\n",
         "verdicts.md": f"{GENERATED}{VERDICTS}\n{verdicts()}",
+        "thesis.md": f"{GENERATED}{THESIS}\n{thesis()}",
     }
 
 

@@ -3,11 +3,14 @@
 import json
 import math
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from forceaxis import linear
 from forceaxis.cli import main as cli
 from forceaxis.thesis import claims as thesis
+from forceaxis.thesis.claim import Claim
+from scipy import signal
 
 
 @pytest.fixture(scope="module")
@@ -24,13 +27,38 @@ def test_every_difference_has_a_reason(result):
         assert bool(claim["why"]) == (not claim["agrees"]), claim
 
 
+def test_a_reason_stands_only_where_something_differs(result):
+    """The page of the sentences takes a claim with a reason as one that differs."""
+    for claim, checked in zip(thesis.CLAIMS, result["claims"], strict=True):
+        assert claim.what == checked["what"]
+        assert bool(claim.why) == (not checked["agrees"]), claim.what
+
+
+@pytest.mark.parametrize(
+    ("claim", "agrees"),
+    [
+        (Claim("1", "a", 40, "Hz", lambda: 43.9, 0.1), True),
+        (Claim("1", "a", 40, "Hz", lambda: 44.1, 0.1), False),
+        (Claim("1", "a", 50, "deg", lambda: 90.0, 0.0, at_least=True), True),
+        (Claim("1", "a", 50, "deg", lambda: 49.9, 0.0, at_least=True), False),
+        (Claim("1", "a", 0, "", lambda: 1, 0.0), False),
+        (Claim("1", "a", "higher", "", lambda: "higher: 2.8 times"), True),
+        (Claim("1", "a", "higher", "", lambda: "not higher: 0.9 times"), False),
+        (Claim("1", "a", "stable", "", lambda: "stable at any gain"), False),
+        (Claim("1", "a", 3, "", lambda: "none"), False),
+    ],
+)
+def test_when_a_claim_agrees(claim, agrees):
+    assert claim.checked().agrees == agrees
+
+
 def test_numbers_by_hand(result):
     """Some of ours again, from the print of Figs 4.4 and 4.26 alone."""
     ours = {claim["what"]: claim["ours"] for claim in result["claims"]}
     hz = 1 / (2 * math.pi)
     assert ours["workpiece by itself"] == pytest.approx(hz * math.sqrt(412700 / 6.6), rel=1e-4)
     arm = hz * math.sqrt(665000 * 132.4 / (114.5 * 17.9))
-    found = next(v for k, v in ours.items() if k.startswith("arm mode"))
+    found = next(v for k, v in ours.items() if k.startswith("arm mode, free"))
     assert found == pytest.approx(arm, rel=0.01)  # b_r couples it to the ground
     assert ours["current loop, shaft locked, k_amp = 15"] == pytest.approx(
         hz * (4.5 + 15 * 0.333) / 0.0158
@@ -39,6 +67,74 @@ def test_numbers_by_hand(result):
     assert ours["motor without load at DC, k_amp = 15"] == pytest.approx(dc, rel=1e-3)
     damped = 363 / (2 * math.sqrt(412700 * 6.6))
     assert ours["damping ratio of the damped workpiece, b_w = 363"] == pytest.approx(damped)
+
+
+def leading(text):
+    """The number behind the colon of a statement."""
+    return float(text.partition(": ")[2].split()[0].rstrip(","))
+
+
+def test_statements_by_hand(result):
+    """Values behind the statements again, from the print of Figs 4.4 and 4.26 alone."""
+    ours = {claim["what"]: claim["ours"] for claim in result["claims"]}
+    hz = 1 / (2 * math.pi)
+    at_carriage = 1 / 0.004043**2
+    close = {"rel": 0.01}
+    rotor = ours["rotor as a part of the moving mass"]
+    assert leading(rotor) == pytest.approx(100 * 0.0013 * at_carriage / 132.4, **close)
+    damping = ours["damping of the robot over that of the motor at the carriage"]
+    assert leading(damping) == pytest.approx(500 / (0.02 * at_carriage), **close)
+    beam = ours["damping ratio with material under the beam, b_w = 49.5"]
+    assert beam == pytest.approx(49.5 / (2 * math.sqrt(412700 * 6.6)))
+    unbolted = ours["first mode of the machine before it was bolted to the floor"]
+    assert unbolted == pytest.approx(hz * math.sqrt(665000 * 132.4 / (114.5 * 17.9)), **close)
+    locked = ours["arm mode with the motor locked, as measured, over that of the formula"]
+    assert locked == pytest.approx(math.sqrt(114.5 / 132.4), rel=1e-3)
+    base = ours["base mode by m_b and k_b alone"]
+    assert base == pytest.approx(hz * math.sqrt(3.6e6 / 500))
+    none = 1 / 110100 + 1 / 412700
+    motion = ours["soft grip: motion for the same force over that without grip"]
+    assert leading(motion) == pytest.approx((none + 1 / 25000) / none, rel=2e-3)
+    # A rigid robot behind a sensor of a quarter of the stiffness: four times the gain.
+    softer = ours["softer sensor, / 4: limit over that of the printed one"]
+    assert leading(softer) == pytest.approx(4, **close)
+    # Arm and endpoint of Fig 2.11: m_r2 is moved through spring and damper of the arm.
+    s = 2j * math.pi * np.linspace(1, 300, 3000)
+    arm = 640 * s + 665000
+    ratio = arm / (17.9 * s**2 + 16.5 * s + 110100 + arm)
+    phase = ours["endpoint against actuator: completely out of phase"]
+    assert phase == pytest.approx(-np.degrees(np.unwrap(np.angle(ratio))).min(), rel=1e-3)
+    assert ours["both solutions for m_r1 and m_r2, which exchange the masses"] == "17.9 and 114.5"
+    speed = 0.5 / 6.6  # of the struck workpiece, m/s
+    touch, struck = ours["first touch against a strike: speed"].partition(": ")[2].split(" and ")
+    assert float(struck.removesuffix(" mm/s")) == pytest.approx(1e3 * speed, rel=0.2)
+    assert float(touch) < 1e3 * speed
+
+
+@pytest.mark.parametrize("times", [5, 10])
+def test_the_sampled_limit_by_another_program(result, times):
+    """SciPy's zero-order hold around the motor and the rigid robot, and the gain by bisection."""
+    name = {5: "five", 10: "ten"}[times]
+    ours = next(c["ours"] for c in result["claims"] if f"sampling at {name} times" in c["what"])
+    system = linear.linearise("fig4_11")
+
+    def limit(A, B, C, unstable):
+        low, high = 1e-4, 1.0
+        for _ in range(60):
+            middle = (low + high) / 2
+            low, high = (low, middle) if unstable(A - middle * B @ C) else (middle, high)
+        return low
+
+    def leaves(A):
+        return max(np.linalg.eigvals(A).real) > 0
+
+    continuous = limit(system.A, system.B, system.C, leaves)
+    closed = system.A - continuous * system.B @ system.C
+    crossing_hz = max(abs(np.linalg.eigvals(closed).imag)) / (2 * math.pi)
+    matrices = (system.A, system.B, system.C, system.D)
+    A, B, C, *_ = signal.cont2discrete(matrices, 1 / (times * crossing_hz))
+    sampled = limit(A, B, C, lambda A: max(abs(np.linalg.eigvals(A))) > 1)
+    assert ours == pytest.approx(sampled / continuous, rel=1e-6)
 
 
 def test_a_claim_follows_its_model(monkeypatch):

@@ -1,0 +1,151 @@
+"""Numbers and statements of Chapter 6 of the thesis: conclusions."""
+
+import math
+
+import numpy as np
+
+from forceaxis import linear
+from forceaxis.linear import loops
+from forceaxis.linear.beam import TwoLinkArm
+from forceaxis.thesis.analysis import (
+    added_phase_deg,
+    critical_gain,
+    crossing_hz,
+    excess,
+    label,
+    parameter,
+    passed_180,
+    pole,
+)
+from forceaxis.thesis.chapter_2 import ARM_DAMPING
+from forceaxis.thesis.claim import Claim, compared, stated
+
+
+def arm_lag_deg(times: float = 1.0) -> float:
+    """Returns the largest lag in degrees that the flexible arm adds to the force response with
+    motor, with its damping multiplied by `times`."""
+    b_rf = times * parameter("fig4_15", "b_rf")
+    return float(-added_phase_deg("fig4_15", "fig4_11", b_rf=b_rf).min())
+
+
+def colocated_lag_deg() -> float:
+    """Returns the largest lag in degrees that the base adds to the force response with motor,
+    without damping."""
+    return float(-added_phase_deg("fig4_17", "fig4_11", span_hz=(5.0, 60.0), b_b=0.0).min())
+
+
+def stiff_arm() -> str:
+    """Returns a text that states if an arm whose mode is twice as high as the crossover of the
+    rigid robot leaves this crossover, within 10 %."""
+    k_rf = parameter("fig4_15", "k_rf")
+    times = (2 * crossing_hz("fig4_11") / pole("fig4_15", 35, drive=False)[0]) ** 2
+    ratio = crossing_hz("fig4_15", k_rf=times * k_rf) / crossing_hz("fig4_11")
+    return stated(abs(ratio - 1) < 0.1, "enough", f"crossover {ratio:.2g} times")
+
+
+def labels() -> str:
+    """Returns the labels of the modes of base, workpiece and arm, with motor and in contact."""
+    names = {"base": "fig4_17", "workpiece": "fig4_19", "arm": "fig4_15"}
+    return ", ".join(f"{name} {label(model, 2)}" for name, model in names.items())
+
+
+def added_zeros() -> int:
+    """Returns the number of zeros that the signal of a velocity-sensing force sensor adds to the
+    loop."""
+    spec = loops.LoopSpec("derivative", "continuous", parameters={"derivative_s": 0.005})
+    plain = loops.force_loop("fig4_11", timing="continuous")
+    return len(spec.around("fig4_11").open.zeros()) - len(plain.open.zeros())
+
+
+def lowest_zero_hz(k_w: float) -> float:
+    """Returns the frequency in Hz of the zeros of the workpiece, for its stiffness in N/m."""
+    zeros = linear.linearise("fig4_19", overrides={"k_w": k_w}).zeros()
+    return float(min(abs(zeros[zeros.imag > 0]))) / (2 * math.pi)
+
+
+def nearer_zeros() -> str:
+    """Returns a text that states if the zeros of a softer workpiece are nearer to the poles of the
+    rigid robot, which are below 20 Hz."""
+    k_w = parameter("fig4_19", "k_w")
+    soft, printed = lowest_zero_hz(k_w / 4), lowest_zero_hz(k_w)
+    return stated(soft < printed, "nearer", f"{soft:.3g} instead of {printed:.3g} Hz")
+
+
+def two_links() -> str:
+    """Returns a text that states if the zeros of the two-link arm are in the right half-plane for
+    some masses and not for others."""
+    uniform = TwoLinkArm()
+    # A link whose mass lies at its end, beyond the center of percussion of a uniform one.
+    far = TwoLinkArm(c2=uniform.l2, I2=uniform.I2)
+    found = {uniform.nonminimum_phase(), far.nonminimum_phase()}
+    zeros = uniform.system().select(("torque1",), ("normal",)).zeros()
+    right = int(np.sum(zeros.real > 1e-6))
+    return stated(found == {True, False}, "depend", f"{right} with uniform links")
+
+
+CLAIMS = [
+    Claim(
+        "6.1.2, Fig 6.1", "poles more than zeros, rigid axis and actuator", 3, "",
+        lambda: excess("fig2_8"), 0,
+    ),
+    Claim(
+        "6.1.2, Fig 6.1", "rigid axis and actuator: phase", "past -180 deg", "",
+        lambda: passed_180("fig2_8"),
+    ),
+    Claim(
+        "6.1.2", "lag that a colocated mode can add (the base, undamped), or more", 50, "deg",
+        colocated_lag_deg, 0.0, at_least=True,
+    ),
+    Claim(
+        "6.1.2", "lag that a well damped colocated mode adds, over an undamped one", "less", "",
+        lambda: compared(
+            -added_phase_deg("fig4_17", "fig4_11", span_hz=(5.0, 60.0)).min()
+            / colocated_lag_deg(), "less", True,
+        ),
+    ),
+    Claim(
+        "6.1.2", "noncolocated arm: poles more than zeros that it adds", "more poles", "",
+        lambda: stated(
+            excess("fig4_15") > excess("fig4_11"), "more poles",
+            f"{excess('fig4_15') - excess('fig4_11')}",
+        ),
+    ),
+    Claim(
+        "6.1.2, 6.1.4", "lag that a noncolocated mode can add (the arm)", 180, "deg", arm_lag_deg,
+        0.1, ARM_DAMPING,
+    ),
+    Claim(
+        "6.1.3", "damping of the workpiece: limit, b_w = 363 over 8.25", "higher", "",
+        lambda: compared(critical_gain("fig4_19", b_w=363.0) / critical_gain("fig4_19"), "higher"),
+    ),
+    Claim(
+        "6.1.4", "more damping (x 4) of the noncolocated arm: its lag over that as printed", 1, "",
+        lambda: arm_lag_deg(4.0) / arm_lag_deg(), 0.1,
+        "the damper of the arm carries force past the spring, so that the lag falls with it",
+    ),
+    Claim(
+        "6.1.4", "modes of base, workpiece and arm",
+        "base colocated, workpiece colocated, arm noncolocated", "", labels,
+    ),
+    Claim(
+        "6.1.4", "arm mode raised to twice the crossover of the rigid robot", "enough", "",
+        stiff_arm,
+    ),
+    Claim("6.2.1", "velocity-sensing force sensor: zeros that it adds", 1, "", added_zeros, 0.0),
+    Claim("6.2.1", "softer workpiece: its zeros and the poles of the robot", "nearer", "",
+          nearer_zeros),
+    Claim(
+        "6.2.1", "softer workpiece: crossover over that of the original", "no better", "",
+        lambda: "no better: " + f"{crossing_hz('fig4_22') / crossing_hz('fig4_19'):.2g} times"
+        if crossing_hz("fig4_22") <= crossing_hz("fig4_19") else "better",
+    ),
+    Claim(
+        "6.2.2", "base of the machine: limit with it over limit without", "not lower", "",
+        lambda: stated(
+            critical_gain("fig4_17") > 0.95 * critical_gain("fig4_11"), "not lower",
+            f"{critical_gain('fig4_17') / critical_gain('fig4_11'):.3g} times",
+        ),
+    ),
+    Claim("6.2.3, Fig 6.3", "two-link arm: zeros and the masses of the links", "depend", "",
+          two_links),
+]  # fmt: skip
