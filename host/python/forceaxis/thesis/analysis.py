@@ -184,8 +184,7 @@ def turns(model: str, without: str, **overrides: float) -> str:
     # A turn below a twentieth of the other one is no turn of the mode.
     names = [name for name, (turn, _) in found.items() if turn > largest / 20]
     names.sort(key=lambda name: found[name][1])
-    sizes = ", ".join(f"{name} {found[name][0]:.3g} deg" for name in names)
-    return f"{', then '.join(names)}: {sizes}"
+    return f"{', then '.join(names)}: {', '.join(f'{found[name][0]:.3g} deg' for name in names)}"
 
 
 def prominence_db(model: str, output: str, free: bool, span_hz: tuple[float, float]) -> float:

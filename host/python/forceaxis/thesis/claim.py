@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from forceaxis.words import plain
+
 
 @dataclass(frozen=True)
 class CheckedClaim:
@@ -69,4 +71,4 @@ def stated(holds: bool, word: str, value: str) -> str:
 def compared(ratio: float, word: str, below: bool = False) -> str:
     """Returns the text of a statement about a ratio of two values. `word`, such as "higher", holds
     if the ratio is above 1, with `below` if the ratio is below 1."""
-    return stated(ratio < 1 if below else ratio > 1, word, f"{ratio:.3g} times")
+    return stated(ratio < 1 if below else ratio > 1, word, f"{plain(ratio)} times")
