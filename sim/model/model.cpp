@@ -301,19 +301,24 @@ int Model::body_index(std::string_view name) const {
   return index;
 }
 
-Model load_model(const std::filesystem::path &path, std::span<const Override> overrides,
-                 const std::string &overrides_file) {
-  Source source{path.string(), {}};
-  const toml::table table = parse_toml(source.file);
+struct ModelFile::Content {
+  Source source;  // with the parameters of the file, before any override
+  toml::table table;
+  std::string title, shows;
+};
+
+ModelFile::ModelFile(const std::filesystem::path &path) {
+  auto content = std::make_unique<Content>();
+  Source &source = content->source;
+  source.file = path.string();
+  const toml::table &table = content->table = parse_toml(source.file);
   if (table.contains("model") && !table.contains("body"))
     source.fail("model", "expected a model, got an experiment or measurement of " +
                              in_quotes(table["model"].value_or(std::string())) +
                              "; give the name of that model file");
   Section root(source, table, "", kModelFormat);
-  Model model;
-  model.file = source.file;
-  model.title = root.optional_text("title", "a text").value_or("");
-  model.shows = root.optional_text("shows", "a text").value_or("");
+  content->title = root.optional_text("title", "a text").value_or("");
+  content->shows = root.optional_text("shows", "a text").value_or("");
   if (const auto shared = root.optional_text("parameters_file", "a file name"))
     source.parameters = read_shared_parameters(source, *shared);
   for (Parameter &own : read_parameters(source, root.find("parameters"))) {
@@ -322,8 +327,22 @@ Model load_model(const std::filesystem::path &path, std::span<const Override> ov
     else
       source.parameters.push_back(std::move(own));
   }
+  content_ = std::move(content);
+}
+
+ModelFile::ModelFile(ModelFile &&) noexcept = default;
+ModelFile::~ModelFile() = default;
+
+Model ModelFile::model(std::span<const Override> overrides,
+                       const std::string &overrides_file) const {
+  Source source = content_->source;
   Overriding(source, overrides_file).apply(overrides);
   compute_expressions(source, overrides_file);
+  Section root(source, content_->table, "", kModelFormat);
+  Model model;
+  model.file = source.file;
+  model.title = content_->title;
+  model.shows = content_->shows;
   read_elements(root, model);
   root.finish();
   check_connected(model);
@@ -332,6 +351,11 @@ Model load_model(const std::filesystem::path &path, std::span<const Override> ov
   check_used(source);
   model.parameters = std::move(source.parameters);
   return model;
+}
+
+Model load_model(const std::filesystem::path &path, std::span<const Override> overrides,
+                 const std::string &overrides_file) {
+  return ModelFile(path).model(overrides, overrides_file);
 }
 
 }  // namespace forceaxis::sim

@@ -36,6 +36,7 @@
 // model does not use.
 #include <array>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -357,10 +358,26 @@ struct Override {
   std::variant<double, std::string> value;
 };
 
-/// Reads and checks a model. Each override must name a parameter of the model or of its
-/// parameters_file. Parameter::used is false for a parameter that no element uses. Messages about
-/// an override name the key `set.NAME` of the file `overrides_file`, unless `overrides_file` is
-/// empty. Throws InputError.
+/// A model file that is read once and gives models with different values of its parameters.
+class ModelFile {
+ public:
+  /// Reads the file and its parameters_file. Throws InputError.
+  explicit ModelFile(const std::filesystem::path &path);
+  ModelFile(ModelFile &&) noexcept;
+  ~ModelFile();
+  /// Returns the checked model. Each override must name a parameter of the model or of its
+  /// parameters_file. Parameter::used is false for a parameter that no element uses. Messages about
+  /// an override name the key `set.NAME` of the file `overrides_file`, unless `overrides_file` is
+  /// empty. Throws InputError.
+  Model model(std::span<const Override> overrides = {},
+              const std::string &overrides_file = "") const;
+
+ private:
+  struct Content;
+  std::unique_ptr<const Content> content_;
+};
+
+/// Returns ModelFile(path).model(overrides, overrides_file).
 Model load_model(const std::filesystem::path &path, std::span<const Override> overrides = {},
                  const std::string &overrides_file = "");
 

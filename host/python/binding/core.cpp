@@ -391,6 +391,7 @@ PYBIND11_MODULE(_core, m) {
       "Returns (verdict, missed limits) of a finished run by another criterion with the same "
       "window.");
 
+  add_laws(m);
   add_linear(m);
   add_bench(m);
   add_excite(m);

@@ -15,10 +15,11 @@ using Overrides = std::map<std::string, std::variant<double, std::string>>;
 
 // Returns the model of a file with these overrides. Throws InputError, also for an override of a
 // parameter that the model does not use.
-inline forceaxis::sim::Model load(const std::filesystem::path &file, const Overrides &overrides) {
+inline forceaxis::sim::Model load(const forceaxis::sim::ModelFile &file,
+                                  const Overrides &overrides) {
   std::vector<forceaxis::sim::Override> values;
   for (const auto &[name, value] : overrides) values.push_back({name, value});
-  forceaxis::sim::Model model = forceaxis::sim::load_model(file, values);
+  forceaxis::sim::Model model = file.model(values);
   std::vector<std::string> idle;
   std::vector<std::string> used;
   for (const auto &p : model.parameters) {
@@ -27,9 +28,13 @@ inline forceaxis::sim::Model load(const std::filesystem::path &file, const Overr
   }
   if (!idle.empty())
     throw forceaxis::sim::InputError(
-        file.string(), "parameters." + idle.front(),
+        model.file, "parameters." + idle.front(),
         "expected a parameter that the model uses (" + forceaxis::sim::joined(used) + "), " +
             (idle.size() == 1 ? std::string("this override has no effect")
                               : "got " + forceaxis::sim::joined(idle) + ", which have no effect"));
   return model;
+}
+
+inline forceaxis::sim::Model load(const std::filesystem::path &file, const Overrides &overrides) {
+  return load(forceaxis::sim::ModelFile(file), overrides);
 }

@@ -4,6 +4,7 @@
 
 void add_bench(pybind11::module_ &m);    // bench.cpp
 void add_excite(pybind11::module_ &m);   // excite.cpp
+void add_laws(pybind11::module_ &m);     // laws.cpp
 void add_linear(pybind11::module_ &m);   // linear.cpp
 void add_link(pybind11::module_ &m);     // link.cpp
 void add_live(pybind11::module_ &m);     // live.cpp

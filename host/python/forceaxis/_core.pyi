@@ -1,5 +1,5 @@
 # Types of the names in the compiled module that public modules use. Other names have no types.
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -160,6 +160,78 @@ class BenchCase:
         side: int,
         threads: int,
     ) -> dict[str, Any]: ...
+
+class ModelFile:
+    """A model file that is read once, for many plants."""
+
+    def __init__(self, path: str | Path) -> None: ...
+
+class LawShape:
+    """A force law with the gain 1."""
+
+    hf_gain: float
+    def __init__(
+        self,
+        integral_rad_per_s: float,
+        sections: Sequence[tuple[float, float, float, float, float]],
+    ) -> None: ...
+
+class LawBounds:
+    """Bounds that all loops have to keep."""
+
+    def __init__(
+        self,
+        ms: Sequence[float],
+        mt: float,
+        gain_margin: float,
+        phase_margin_deg: float,
+        hf_gain: float,
+    ) -> None: ...
+
+class LawRamp:
+    """Force loops that have to follow a ramp of the set-point."""
+
+    def excess(self, law: LawShape, gain: float) -> float: ...
+
+class LawGrid:
+    """Frequency responses of a set of plants, on which force laws are evaluated."""
+
+    kept: list[int]
+    def __init__(
+        self,
+        model: ModelFile,
+        plants: Sequence[tuple[Mapping[str, float | str], Mapping[str, str]]],
+        delays: Sequence[int],
+        density: float,
+        tick_s: float,
+        threads: int = ...,
+    ) -> None: ...
+    def frequency_hz(self, plant: int) -> np.ndarray[Any, np.dtype[np.float64]]: ...
+    def response(self, plant: int) -> np.ndarray[Any, np.dtype[np.complex128]]: ...
+    def count_per_code(self, plant: int) -> float: ...
+    def poles(self, plant: int) -> np.ndarray[Any, np.dtype[np.complex128]]: ...
+    def zeros(self, plant: int) -> np.ndarray[Any, np.dtype[np.complex128]]: ...
+    def noise_gain(self, law: LawShape) -> float: ...
+    def ramp(self, plants: Sequence[int], ramp_s: float) -> LawRamp: ...
+    def evaluate(
+        self,
+        numbers: np.ndarray[Any, np.dtype[np.float64]],
+        bounds: LawBounds,
+        gain_share: float,
+        ramp: LawRamp | None,
+        coefficient_max: float,
+        threads: int = ...,
+    ) -> np.ndarray[Any, np.dtype[np.float64]]: ...
+    def largest_gain(
+        self, law: LawShape, hf_gain: float, bounds: LawBounds
+    ) -> tuple[float, str, int, int, float]: ...
+    def gains(
+        self, law: LawShape, hf_gain: float, bounds: LawBounds
+    ) -> np.ndarray[Any, np.dtype[np.float64]]: ...
+    def figures(self, law: LawShape, gain: float) -> np.ndarray[Any, np.dtype[np.float64]]: ...
+    def precise(
+        self, law: LawShape, gains: Sequence[float], threads: int = ...
+    ) -> np.ndarray[Any, np.dtype[np.float64]]: ...
 
 def objects() -> list[ObjectTable]: ...
 def coils() -> list[BitTable]: ...

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from forceaxis import _core, paths
 from forceaxis.design import certificate, search, structures
-from forceaxis.design.contact import Ramp
 from forceaxis.design.grid import Bounds, Grid
 from forceaxis.linear import over
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import PlantSet, ranges_of
+from forceaxis.linear.precise import law_shape
 from forceaxis.results import to_json
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -42,21 +42,18 @@ def exact(plants, member, timing, numbers, gain):
 @pytest.mark.quick
 def test_the_grid_has_the_exact_figures(laboratory):
     plants, grid = laboratory
-    law = structures.response(NUMBERS, grid)
-    first, falls = grid.bandwidths(law, 4.5)
-    last, (s, _) = grid.last_falls(law, 4.5), grid.peaks(law, 4.5)
+    found = grid.figures(structures.bank(NUMBERS, 4.5))
     for j, member in enumerate(grid.members):
         for t, timing in enumerate(BOTH):
             true = exact(plants, member, timing, NUMBERS, 4.5)
-            assert first[t, j] == pytest.approx(true.fS_Hz, rel=3e-3)
-            assert last[t, j] == pytest.approx(true.fT_Hz, rel=3e-3)
-            assert s[t, j] == pytest.approx(true.Ms, rel=3e-3)
-            assert (falls[t, j] < first[t, j]) == true.sag
+            assert found.fS_Hz[j, t] == pytest.approx(true.fS_Hz, rel=3e-3)
+            assert found.last_fT_Hz[j, t] == pytest.approx(true.fT_Hz, rel=3e-3)
+            assert found.Ms[j, t] == pytest.approx(true.Ms, rel=3e-3)
+            assert (found.fT_Hz[j, t] < found.fS_Hz[j, t]) == true.sag
     every = [exact(plants, m, t, NUMBERS, 4.5) for m in grid.members for t in BOTH]
-    gain_margin, phase_margin_deg = grid.margins(law, 4.5)
-    assert gain_margin == pytest.approx(min(f.gain_margin for f in every), rel=5e-3)
+    assert found.gain_margin.min() == pytest.approx(min(f.gain_margin for f in every), rel=5e-3)
     worst = min(abs(f.phase_margin_deg) for f in every)
-    assert phase_margin_deg == pytest.approx(worst, rel=5e-3)
+    assert np.degrees(found.phase_margin_rad.min()) == pytest.approx(worst, rel=5e-3)
 
 
 @pytest.mark.parametrize(
@@ -71,7 +68,7 @@ def test_the_grid_has_the_exact_figures(laboratory):
 )
 def test_the_largest_gain_is_where_its_bound_is_reached(laboratory, name, bounds, hf):
     plants, grid = laboratory
-    gain, ended, place = grid.largest_gain(structures.response(NUMBERS, grid), hf, bounds)
+    gain, ended, place = grid.largest_gain(structures.bank(NUMBERS, 1.0), hf, bounds)
     assert ended == name
     if name == "hf":
         assert gain == 2.0 and place is None
@@ -116,14 +113,16 @@ def test_a_section_has_its_zeros_and_poles_where_they_are_asked_for():
 
 def test_the_numbers_and_their_bank_are_one_law(laboratory):
     _, grid = laboratory
-    law = structures.response(NUMBERS, grid)
-    assert np.allclose(structures.bank(NUMBERS, 1.0).response(grid.z), law, rtol=1e-6)
+    bounds, bank = search.Goal(adc_bits=12).bounds(), structures.bank(NUMBERS, 1.0)
+    gain = grid.evaluate(NUMBERS[None], bounds)[0, 1]
+    steep = max(bank.hf_gain(), grid.noise_gain(bank))
+    assert grid.largest_gain(bank, steep, bounds).gain == pytest.approx(gain, rel=1e-9)
 
 
 def test_a_ramp_is_followed_as_the_loop_follows_it(laboratory):
     plants, _ = laboratory
     member = plants.nominal()[0]
-    ramp = Ramp([plants.loop(member)], [0], 0.1)
+    ramp = Grid(plants, [member], ("zoh",)).ramp([member], 0.1)
     for rate in (7.0, 25.0):
         numbers = np.log([rate, *np.exp(NUMBERS[1:])])
         loop = plants.loop(member, "zoh", LoopSpec("bank", bank=structures.bank(numbers, 4.5)))
@@ -132,7 +131,7 @@ def test_a_ramp_is_followed_as_the_loop_follows_it(laboratory):
         for setpoint in np.clip(np.arange(1500) / 150, 0, 1):
             response.append(closed.C[0] @ state + closed.D[0, 0] * setpoint)
             state = closed.A @ state + closed.B[:, 0] * setpoint
-        excess = ramp.excess(4.5 * structures.response(numbers, ramp))
+        excess = ramp.excess(law_shape(structures.bank(numbers, 1.0)), 4.5)
         if rate == 7.0:
             assert excess == 0.0 and max(response) < 1.055
         else:
@@ -210,7 +209,7 @@ def test_a_gain_that_breaks_the_set_is_lowered(laboratory):
     bank = structures.bank(NUMBERS, 7.0).quantised()
     goal = search.Goal(timings=("zoh+1",))
     assert over.worst(plants, goal.timings, LoopSpec("bank", bank=bank)).gain_margin < 2
-    lowered, figures = certificate.exact(plants, [grid], bank, goal)
+    lowered, figures = certificate.exact(plants, grid, bank, goal)
     assert 3.0 < lowered.force_gain < 7.0
     assert 2.3 <= figures.gain_margin < 2.5 or 2.1 < figures.Ms_late <= 2.2
 

@@ -61,6 +61,7 @@ def test_events_that_no_picture_keeps_apart_are_a_line_between_two_marks():
 def test_a_strike_that_nothing_survives_is_drawn():
     import matplotlib.pyplot as plt
     from forceaxis.design import compliance
+    from forceaxis.pages import design_plots
 
     rows = [
         compliance.CompliancePoint(
@@ -73,7 +74,7 @@ def test_a_strike_that_nothing_survives_is_drawn():
         model="x.toml", element="k_s", unit="N/m", present=2e5, over=[], adc_bits=8,
         setpoint_N=75.0, strike_max_N_s=1.0, rows=rows,
     )  # fmt: skip
-    figure = compliance.figure(result)
+    figure = design_plots.compliance(result)
     last = figure.axes[-1]
     assert last.get_yscale() == "linear" and last.get_ylim()[0] < 0
     assert [list(line.get_ydata()) for line in last.lines[:2]] == [[0, 0], [0, 0]]

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from forceaxis import drawing, linear, paths
 from forceaxis.cli import main as cli
-from forceaxis.design import advice_plot, advise
+from forceaxis.design import advise
 from forceaxis.linear import beam, curves, limits, locus, loops, modes, plots
+from forceaxis.pages import design_plots
 from forceaxis.results import to_json
 from forceaxis.thesis import figures as thesis_figures
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -380,6 +381,6 @@ def test_a_users_axis_has_its_name_and_no_reference(tmp_path):
         (model, "press", "grip pad"),
         ("fig4_19", "fig4_19", "grip pad [5.1]"),
     ):
-        figure = advice_plot.figure(replace(advice, model=str(file)))
+        figure = design_plots.advice(replace(advice, model=str(file)))
         assert figure._suptitle.get_text() == f"{name}, sampled"
         assert [t.get_text() for t in figure.axes[0].get_yticklabels()] == [change] * 9

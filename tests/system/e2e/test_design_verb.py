@@ -44,7 +44,7 @@ P = Bank(1.0)
 FIGURES = ("fS_Hz", "fT_Hz", "Ms", "gain_margin", "phase_margin_deg")
 
 
-def answer(plants, goal, progress=None, factor=1.0):
+def answer(plants, goal, progress=None, threads=1, factor=1.0):
     bank = BANKS[goal.adc_bits]
     bank = Bank(factor * bank.force_gain, bank.integral_rad_per_s, 0.0, bank.sections).quantised()
     worst = WorstFigures(1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 0.0, {"k_w": 1.0})
@@ -182,7 +182,7 @@ def test_another_structure_is_taken_that_contact_leaves_with_more_bandwidth(
     """left: Hz of the chosen structure, which promised 2 Hz, at a third of its gain, the first that
     contact bears; other: what the other promises."""
 
-    def two(plants, goal, progress=None):
+    def two(plants, goal, progress=None, threads=1):
         steep, calm = (answer(plants, goal, factor=factor) for factor in (3.5, 1.0))
         calm = replace(calm, chosen="PI", worst=replace(calm.worst, fS_Hz=other))
         rows = [

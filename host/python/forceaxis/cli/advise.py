@@ -120,9 +120,9 @@ def advise(
     result = design.advise(order)
     if out:
         from forceaxis import drawing
-        from forceaxis.design import advice_plot
+        from forceaxis.pages import design_plots
 
-        drawing.save(advice_plot.figure(result), out)
+        drawing.save(design_plots.advice(result), out)
     width = shutil.get_terminal_size().columns
     present(to_json(result), as_json, lambda _: describe(result, width), out)
 
@@ -211,8 +211,9 @@ def compliance(
     result = soft.compliance(order)
     if out:
         from forceaxis import drawing
+        from forceaxis.pages import design_plots
 
-        drawing.save(soft.figure(result), out)
+        drawing.save(design_plots.compliance(result), out)
     present(to_json(result), as_json, lambda _: describe_compliance(result), out)
 
 

@@ -242,7 +242,9 @@ def _pareto(order: "DesignOrder", pareto: str, out: Path | None, as_json: bool) 
     with progress_on(sys.stderr) as progress:
         result = tradeoff.tradeoff(order, against, progress)
     if out is not None:
-        tradeoff.write(out, result)
+        from forceaxis.pages import design_plots
+
+        design_plots.write_tradeoff(out, result)
     common.print_result(
         result, as_json, lambda: common.fitted_lines(design_text.describe_tradeoff(result))
     )

@@ -3,11 +3,11 @@ set of plants."""
 
 from dataclasses import replace
 
-from forceaxis.linear import over
 from forceaxis.linear.curves import NyquistResult
 from forceaxis.linear.limits import AnalysedLoop, LimitResult, LoopAtGain, StepResult, hz_text
 from forceaxis.linear.locus import LocusResult
 from forceaxis.linear.plant_set import Member
+from forceaxis.linear.precise import Figures
 from forceaxis.linear.sets import AnalysedSet, CurvesOfSet, LimitOfSet, StepOfSet, WorstAtGain
 from forceaxis.linear.stability import known_text
 from forceaxis.linear.working import Working
@@ -114,7 +114,7 @@ def at_gain_lines(limit: LimitResult, at: LoopAtGain) -> list[str]:
     return lines + (figures_text(at.figures) if at.figures.stable else [])
 
 
-def figures_text(figures: over.Figures) -> list[str]:
+def figures_text(figures: Figures) -> list[str]:
     """Return the text lines about the bandwidths and Ms of a stable force loop."""
     rows = []
     for name, key, value in (

@@ -15,8 +15,8 @@ from forceaxis.design.banks import BankFigures
 from forceaxis.design.cases import SimulatedContact
 from forceaxis.design.certificate import P, WorstFigures
 from forceaxis.design.outcome import DesignResult
-from forceaxis.linear import over
 from forceaxis.linear.bank import BankKeys
+from forceaxis.linear.precise import Figures
 from forceaxis.results import json_field
 
 Setting = int | float | str  # engineering value of an object, or the name of an enumeration value
@@ -157,7 +157,7 @@ class Fitted(JointSummary):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FittedLoop(over.Figures):
+class FittedLoop(Figures):
     """Bandwidth and margins of a force law on the fitted plant."""
 
     law: BankKeys

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from forceaxis.design.grid import DELAYS, Bounds, Goal, Grid, Response
+from forceaxis.design.grid import Bounds, Goal, Grid, Response
 from forceaxis.linear import over
 from forceaxis.linear.bank import GAIN_STEP, Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet
-from forceaxis.linear.stability import Loop
+from forceaxis.linear.precise import DELAYS
 
 ATTEMPTS = 12  # largest number of gains for which the exact bandwidth and margins are computed
 # Ratio of the first tried gain to the gain from the grid of frequencies.
@@ -108,50 +108,31 @@ def lowered(bank: Bank, factor: float) -> Bank:
 
 def on_grid(grid: Grid, bank: Bank) -> WorstFigures:
     """Returns the worst bandwidth and margins of a filter bank over the plants of a grid."""
-    law, gain = bank.response(grid.z), bank.force_gain
-    first, _ = grid.bandwidths(law, gain)
-    peaks = dict(zip(grid.timings, grid.peaks(law, gain)[0].max(axis=1), strict=True))
-    _, j = np.unravel_index(int(np.argmin(first)), first.shape)
-    member = grid.members[j]
-    gain_margin, phase_margin_deg = grid.margins(law, gain)
+    found = grid.figures(bank)
+    peaks = dict(zip(grid.timings, found.Ms.max(axis=0).tolist(), strict=True))
+    slowest, _ = np.unravel_index(int(np.argmin(found.fS_Hz)), found.fS_Hz.shape)
+    member = grid.members[int(slowest)]
     return WorstFigures(
-        fS_Hz=float(first.min()),
-        fT_Hz=float(grid.last_falls(law, gain).min()),
-        Ms=_float(peaks.get("zoh")),
-        Ms_late=_float(peaks.get("zoh+1")),
-        gain_margin=gain_margin,
-        phase_margin_deg=phase_margin_deg,
+        fS_Hz=float(found.fS_Hz.min()),
+        fT_Hz=float(found.last_fT_Hz.min()),
+        Ms=peaks.get("zoh"),
+        Ms_late=peaks.get("zoh+1"),
+        gain_margin=_finite(found.gain_margin.min()),
+        phase_margin_deg=_finite(np.degrees(found.phase_margin_rad.min())),
         static_error=_static_error(grid, bank),
         member=member.values | member.modes,
     )
 
 
-def on_grids(grids: Sequence[Grid], bank: Bank) -> WorstFigures:
-    """Returns the worst bandwidth and margins of a filter bank over the plants of several grids."""
-    rows = [on_grid(grid, bank) for grid in grids]
-    return WorstFigures(
-        fS_Hz=_least([row.fS_Hz for row in rows]),
-        fT_Hz=_least([row.fT_Hz for row in rows]),
-        Ms=_most([row.Ms for row in rows]),
-        Ms_late=_most([row.Ms_late for row in rows]),
-        gain_margin=_least([row.gain_margin for row in rows]),
-        phase_margin_deg=_least([row.phase_margin_deg for row in rows]),
-        static_error=max(row.static_error for row in rows),
-        member=min(rows, key=lambda row: row.bandwidth_Hz).member,
-    )
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
 
 
 def _least(values: Sequence[float | None]) -> float | None:
     return min((value for value in values if value is not None), default=None)
 
 
-def _most(values: Sequence[float | None]) -> float | None:
-    return max((value for value in values if value is not None), default=None)
-
-
-def exact(
-    plants: PlantSet, grids: Sequence[Grid], bank: Bank, goal: Goal
-) -> tuple[Bank, WorstFigures | None]:
+def exact(plants: PlantSet, grid: Grid, bank: Bank, goal: Goal) -> tuple[Bank, WorstFigures | None]:
     """Returns (filter bank, worst values) with a gain at which the exact bandwidth and margins keep
     the bounds of the goal on all plants. If no gain keeps the bounds, the gain is 0 and the values
     are None."""
@@ -162,7 +143,7 @@ def exact(
         found = {t: over.worst(plants, (t,), LoopSpec("bank", bank=bank)) for t in goal.timings}
         factor = min(_factor(w, goal, t) for t, w in found.items())
         if factor >= 1:
-            return bank, _figures(found, grids, bank)
+            return bank, _figures(found, grid, bank)
         # The gain decreases by a larger factor in each attempt, because some peaks decrease slowly.
         bank = lowered(bank, (0.999 * factor) ** (1 + attempt))
     return replace(bank, force_gain=0.0), None
@@ -184,7 +165,7 @@ def _factor(worst: over.Worst, goal: Goal, timing: str) -> float:
     return factor
 
 
-def _figures(found: Mapping[str, over.Worst], grids: Sequence[Grid], bank: Bank) -> WorstFigures:
+def _figures(found: Mapping[str, over.Worst], grid: Grid, bank: Bank) -> WorstFigures:
     every = list(found.values())
     slowest = min(every, key=lambda w: math.inf if w.fS_Hz is None else w.fS_Hz)
     member, _ = slowest.member.get("fS_Hz", (None, ""))
@@ -196,7 +177,7 @@ def _figures(found: Mapping[str, over.Worst], grids: Sequence[Grid], bank: Bank)
         Ms_late=ms.get("zoh+1"),
         gain_margin=_least([_size(w.gain_margin) for w in every]),
         phase_margin_deg=_least([_size(w.phase_margin_deg) for w in every]),
-        static_error=max(_static_error(grid, bank) for grid in grids),
+        static_error=_static_error(grid, bank),
         member=member.values | member.modes if member else {},
     )
 
@@ -205,16 +186,13 @@ def _size(value: float | None) -> float | None:
     return None if value is None else abs(value)
 
 
-def _float(value: float | None) -> float | None:
-    return None if value is None else float(value)
-
-
 def _static_error(grid: Grid, bank: Bank) -> float:
     """Returns the largest static error of a filter bank over the plants of a grid, as a share of
     the set-point."""
     if bank.integral_rad_per_s:
         return 0.0
-    return float(np.abs(1 / (1 + bank.force_gain * grid.plant[:, 0])).max())
+    static = np.array([grid.core.response(i)[0] for i in range(len(grid.members))])
+    return float(np.abs(1 / (1 + bank.force_gain * static)).max())
 
 
 def sentence(grid: Grid, bank: Bank, steep: float, bounds: Bounds, finer: str) -> str:
@@ -223,15 +201,14 @@ def sentence(grid: Grid, bank: Bank, steep: float, bounds: Bounds, finer: str) -
     `steep` is the gain of the law at high frequency for a `force_gain` of 1. `finer` is the text of
     Goal.hf_cure() about the remedy.
     """
-    law = bank.response(grid.z)
     free = replace(bounds, hf_gain=math.inf)
-    limit = grid.largest_gain(law, steep, free)
+    limit = grid.largest_gain(bank, steep, free)
     reached = bank.force_gain * steep >= REACHED_SHARE * bounds.hf_gain
     high = f"the gain at high frequency ({bounds.hf_gain:.3g} codes per 8-bit count)"
-    if limit.place is None or (reached and _margin_left(grid, law, bank, free, steep)):
+    if limit.place is None or (reached and _margin_left(grid, bank, free, steep)):
         return f"{high[0].upper()}{high[1:]} is the limit: {finer}."
     member, timing, hz = limit.place
-    mode = _mode_near(grid.open_loops[member], hz)
+    mode = _mode_near(grid.core.poles(member), hz)
     where = f"at {hz:.1f} Hz" + (f", over the plant's mode at {mode:.1f} Hz," if mode else "")
     late = ", with one tick of latency," if DELAYS[grid.timings[timing]] else ""
     text = f"The {CONSTRAINTS[limit.name]} {where} {_with(grid.members[member])}{late} is the limit"
@@ -245,13 +222,13 @@ def _with(member: Member) -> str:
     return "on the nominal plant" if label == "nominal" else f"with {label}"
 
 
-def _margin_left(grid: Grid, law: Response, bank: Bank, bounds: Bounds, steep: float) -> bool:
-    return grid.largest_gain(law, steep, bounds).gain > bank.force_gain / REACHED_SHARE
+def _margin_left(grid: Grid, bank: Bank, bounds: Bounds, steep: float) -> bool:
+    return grid.largest_gain(bank, steep, bounds).gain > bank.force_gain / REACHED_SHARE
 
 
-def _mode_near(loop: Loop, hz: float) -> float | None:
-    """Returns the frequency in Hz of the lightly damped pole of the plant next to `hz`, or None."""
-    poles = loop.open.poles_s()
+def _mode_near(poles: Response, hz: float) -> float | None:
+    """Returns the frequency in Hz of the lightly damped pole next to `hz`, or None. `poles`: poles
+    of the plant in 1/s."""
     poles = poles[np.isfinite(poles) & (poles.imag > 0)]
     light = poles[np.abs(poles.real) < 0.2 * np.abs(poles)].imag / (2 * math.pi)
     near = [p for p in light if max(p / hz, hz / p) < MODE_FACTOR]

@@ -178,7 +178,8 @@ def found(
             working=plant.working(),
         )
 
-    answer = search.search(plants, order.goal(bits), say)
+    threads = order.threads or os.cpu_count() or 1
+    answer = search.search(plants, order.goal(bits), say, threads)
 
     def instead(name: str) -> DesignOutcome | None:
         other = answer.instead(name)

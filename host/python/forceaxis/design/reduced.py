@@ -12,7 +12,7 @@ import numpy as np
 
 from forceaxis.design import certificate, search, structures
 from forceaxis.design.certificate import WorstFigures
-from forceaxis.design.grid import Goal, Samples
+from forceaxis.design.grid import THIN, Goal, Samples
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet
 
@@ -26,8 +26,8 @@ BOUND_FACTOR, BANDWIDTH_RATIO_MIN = 1.3, 1.02
 # Smallest integral rate as a share of the bandwidth of the PI law.
 # With a smaller rate, a static error disappears too slowly.
 INTEGRAL_MIN = 0.15
-EVALUATIONS = 200  # largest number of control laws that one simplex search evaluates
-RESTARTS = 2  # number of further simplex searches that begin at the best law
+POPULATION, GENERATIONS = 40, 60  # of the differential evolution on a thin grid
+EVALUATIONS = 200  # largest number of control laws that the simplex search evaluates
 ZEROS_MAX = 3  # largest number of antiresonances from which a search begins
 # lowest frequency of the second-order section as a multiple of the bandwidth of the PI law
 SECTION_START_FACTOR = 4.0
@@ -63,18 +63,17 @@ class ShortSearch:
     def __init__(self, plants: PlantSet, goal: Goal, random: int = RANDOM) -> None:
         self.plants, self.goal = plants, goal
         members = search.first_members(plants) + plants.random(random if plants.ranges else 0)
-        self.inner = search.SearchProblem(plants, members, goal, None)
+        self.inner = search.SearchProblem(plants, members, goal)
         self.grid = self.inner.grid
-        search.check_plants(self.inner)
+        self._thin = search.SearchProblem(plants, search.first_members(plants), goal, THIN)
+        search.check_plants(plants, self.grid)
 
     def worst(self, shape: Bank) -> ShortDesign:
         """Returns a filter bank with the largest gain that keeps the margins, and the worst
         bandwidth and margins of this bank. The filter bank `shape` gives integral rate and
         sections; its gain is ignored."""
         unit = replace(shape, force_gain=1.0).quantised()
-        law = unit.response(self.grid.z)
-        steep = max(unit.hf_gain(), float(np.abs(law[:, -1]).max()))
-        gain = self.grid.largest_gain(law, steep, self.inner.bounds).gain
+        gain = self.grid.largest_gain(unit, self.inner.hf_gain(unit), self.inner.bounds).gain
         bank = certificate.lowered(unit, gain)
         return ShortDesign(bank, certificate.on_grid(self.grid, bank) if bank.force_gain else None)
 
@@ -84,19 +83,17 @@ class ShortSearch:
 
     def designed(self) -> ShapedDesign:
         """Returns the best filter bank that the search finds."""
-        fS, rate = max(
-            (self.inner.evaluate(np.array([math.log(w)]))[0], w) for w in PI_RATES_RAD_PER_S
-        )  # of PI
+        bandwidths = self.inner.evaluate_all(np.log(PI_RATES_RAD_PER_S)[:, None])[:, 0]
+        fS, rate = max(zip(bandwidths.tolist(), PI_RATES_RAD_PER_S.tolist(), strict=True))  # of PI
         fS = max(fS, PI_BANDWIDTH_MIN_HZ)
         self.inner.follow_ramp(self.plants, self.goal, fS)
         self._limits = limits = structures.bounds(NAME, SECTION_START_FACTOR * fS)
         limits[0, 0] = max(limits[0, 0], math.log(INTEGRAL_MIN * 2 * math.pi * fS))
         limits[:, 1] = limits.max(axis=1)
+        self._thin.bounds, self._thin.ramp = self.inner.bounds, self.inner.ramp
         starts = self._starts(fS, rate)
-        numbers = max(map(self._polished, starts), key=self._order)
-        # a second simplex search, because the first simplex may have collapsed before the optimum
-        for _ in range(RESTARTS):
-            numbers = self._polished(numbers)
+        numbers = search.evolved(self._thin, limits, np.array(starts), POPULATION, GENERATIONS)
+        numbers = self._polished(numbers)
         found = self._shaped(structures.bank(numbers, 1.0), numbers)
         # On a soft contact no law may follow the ramp; the best shape is then too slow.
         plain = self._shaped(Bank(1.0, rate), starts[-1])
@@ -120,7 +117,7 @@ class ShortSearch:
         This gain is some per cent below the gain from the grid of frequencies, and the computation
         takes seconds instead of milliseconds.
         """
-        return certificate.exact(self.plants, [self.grid], bank, self.goal)
+        return certificate.exact(self.plants, self.grid, bank, self.goal)
 
     def limited_by(self, found: ShapedDesign) -> str:
         """Returns a sentence about the bound that limits the bandwidth of a design. The sentence
@@ -170,7 +167,3 @@ class ShortSearch:
 
     def _polished(self, start: Samples) -> Samples:
         return self.inner.polished(start, self._limits, EVALUATIONS, 1e-3)
-
-    def _order(self, numbers: Samples) -> tuple[float, tuple[float, ...]]:
-        """Returns the sorting key of a law: the bandwidth, then the numbers of the law."""
-        return self.inner.evaluate(numbers)[0], tuple(numbers)

@@ -9,21 +9,22 @@ checks random members, and adds those on which the law violates the margins.
 
 import math
 import random
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize
 
+from forceaxis import _core
 from forceaxis._core import InputError
 from forceaxis.design import certificate, structures
 from forceaxis.design.banks import BankFigures, bank_figures
 from forceaxis.design.certificate import P, Row, WorstFigures
-from forceaxis.design.contact import Ramp
-from forceaxis.design.grid import DELAYS, THIN, Goal, Grid, Response, Samples, blocks
+from forceaxis.design.grid import THIN, Goal, Grid, Samples
 from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import GAIN_STEP, Bank
 from forceaxis.linear.plant_set import Member, PlantSet
+from forceaxis.linear.precise import DELAYS
 
 # smallest ratio of bandwidths at which the search selects the larger structure of the law
 LARGER_STRUCTURE_MIN = 1.1
@@ -36,17 +37,20 @@ SEED = 1988
 # rise time of the set-point ramp as a multiple of 1 / (bandwidth of a PI law)
 RAMP_PERIODS = 0.2
 RAMP_MIN_S = 0.1  # shortest rise time
-# The bandwidth is evaluated at this share of the largest gain.
-# Without this share, the bandwidth would jump if a peak of |S| is close to -3 dB.
-GAIN_SHARE = 0.97
-# Number of generations of the differential evolution.
-# With half of this number, a search often ends in a local optimum, even with restarts.
-GENERATIONS = 90
+# The differential evolution: strategy, share of the numbers that a trial law takes over, and number
+# of generations. docs/decisions/0048-optimiser-of-the-search.md compares them with others.
+STRATEGY, RECOMBINATION, GENERATIONS = "randtobest1bin", 0.9, 160
+POPULATION_PER_NUMBER = 8
 # number of searches for a law with no, with one and with two second-order sections
 RESTARTS = (1, 2, 2)
 # Lowest frequency of zeros and poles for each restart, as a multiple of the bandwidth of a PI law.
 # The best result is used, because the ramp excludes laws that oscillate after a first contact.
 LOWEST_FACTORS = (1.5, 0.5)
+# damping ratio of a pole above which no exact analysis is needed to know that the pole is stable
+SURELY_STABLE = 1e-6
+# Plants whose largest gain is below this multiple of the smallest one are evaluated on a full grid.
+CLOSE_TO_WORST = 1.05
+CLOSE_MAX = 16  # largest number of random plants for each law that are evaluated on a full grid
 # largest static error of a law without integral action, as a share of the force set-point
 STATIC_ERROR_MAX = 0.01
 
@@ -95,44 +99,35 @@ class SearchResult:
 
 class SearchProblem:
     """Evaluates control laws on all plants of a set of plants: largest gain within the bounds of a
-    goal, and bandwidth with this gain.
+    goal, and bandwidth with this gain. `ramp`: ramp of the set-point that the force has to follow,
+    None: no ramp.
 
     `numbers` are the logarithms of the law's parameters, as `structures` defines them.
     """
 
     def __init__(
-        self, plants: PlantSet, members: list[Member], goal: Goal, ramp: Ramp | None,
-        density: float = 1.0,
+        self, plants: PlantSet, members: list[Member], goal: Goal, density: float = 1.0,
+        threads: int = 1,
     ) -> None:  # fmt: skip
         self.bounds = goal.bounds()
-        self.grid = Grid(plants, members, goal.timings, density)
-        self.ramp = ramp
-
-    def law(self, numbers: Samples) -> tuple[Response, float] | None:
-        """Returns (frequency response, gain at high frequency) of a control law with the gain 1.
-        Returns None if the firmware cannot store the coefficients of the law."""
-        bank = structures.bank(numbers, 1.0)
-        if not structures.is_legal(bank.sections):
-            return None
-        law = structures.response(numbers, self.grid)
-        return law, max(bank.hf_gain(), _noise(law, numbers, self.grid))
+        self.grid = Grid(plants, members, goal.timings, density, threads)
+        self.ramp: _core.LawRamp | None = None
 
     def evaluate(self, numbers: Samples) -> tuple[float, float]:
-        """Returns (bandwidth in Hz, largest gain) of a control law. The function reduces the
-        bandwidth if the force does not follow the ramp."""
-        found = self.law(numbers)
-        if found is None:
-            return 0.0, 0.0
-        law, steep = found
-        gain = self.grid.largest_gain(law, steep, self.bounds).gain
-        first, falls = self.grid.bandwidths(law, GAIN_SHARE * gain)
-        value = float(first.min())
-        if len(numbers):
-            value = min(value, float(falls.min()))
-            if self.ramp:
-                excess = self.ramp.excess(gain * structures.response(numbers, self.ramp))
-                value /= 1 + 30 * excess
-        return value, gain
+        """Returns (bandwidth in Hz, largest gain) of a control law. The bandwidth is smaller if the
+        force does not follow the ramp."""
+        hz, gain = self.evaluate_all(numbers[None])[0].tolist()
+        return hz, gain
+
+    def evaluate_all(self, rows: Samples) -> Samples:
+        """Returns (bandwidth in Hz, largest gain) of each control law, an array (laws, 2). `rows`
+        has the numbers of one law in each row."""
+        return self.grid.evaluate(rows, self.bounds, self.ramp if rows.shape[1] else None)
+
+    def hf_gain(self, bank: Bank) -> float:
+        """Returns the gain at high frequency of a filter bank with the gain 1: the gain as the
+        firmware computes it, or the largest magnitude without the integral if that is larger."""
+        return max(replace(bank, force_gain=1.0).hf_gain(), self.grid.noise_gain(bank))
 
     def follow_ramp(self, plants: PlantSet, goal: Goal, bandwidth_Hz: float) -> None:
         """Makes evaluate() reduce the bandwidth of control laws with which the force of the nominal
@@ -141,14 +136,7 @@ class SearchProblem:
         The rise time of the ramp follows from the bandwidth of a PI law.
         """
         rise_s = goal.ramp_s or max(RAMP_MIN_S, RAMP_PERIODS / bandwidth_Hz)
-        nominal = plants.nominal()
-        loops = [
-            loop
-            for member, loop in zip(self.grid.members, self.grid.open_loops, strict=True)
-            if member in nominal
-        ]
-        delays = [DELAYS[timing] for timing in goal.timings]
-        self.ramp = Ramp(loops or self.grid.open_loops[:1], delays, rise_s)
+        self.ramp = self.grid.ramp(plants.nominal(), rise_s)
 
     def polished(
         self, numbers: Samples, limits: Samples, evaluations: int, tolerance: float
@@ -170,38 +158,29 @@ class SearchProblem:
         return lambda numbers: -self.evaluate(np.clip(numbers, low, high))[0]
 
 
-def _noise(law: Response, numbers: Samples, grid: Grid) -> float:
-    """Returns the largest magnitude of a control law over the frequency, computed without integral
-    action."""
-    if not len(numbers):
-        return 1.0
-    return float(np.abs(law / (1 + math.exp(numbers[0]) * grid.integral)).max())
-
-
 def _starts(
-    name: str, limits: Samples, plants_zeros: list[float], best: Samples, rng: np.random.Generator,
-    count: int,
-) -> Samples:  # fmt: skip
-    """Returns the first population of a search.
+    name: str, limits: Samples, plants_zeros: list[float], best: Samples, count: int
+) -> Samples:
+    """Returns laws for the first population of `count` laws, at most two thirds of this number.
 
-    It contains laws with zeros at antiresonances of the plant and a pole above each zero, the law
-    of the next smaller structure with a section without effect, and laws with random numbers.
+    These are laws with zeros at antiresonances of the plant and a pole above each zero, and the law
+    of the next smaller structure with a section without effect.
     """
-    low, high = limits.T
-    rows = low + (high - low) * rng.random((count, len(limits)))
     sections = structures.STRUCTURES[name]
-    row = 0
-    for zero in plants_zeros:
-        for pole in (1.3, 2.5):
-            if sections and row < count // 3:
-                rows[row, 1:5] = np.log([zero, 0.07, zero * pole, 0.6])
-                rows[row, 0] = best[0]
-                row += 1
-    if sections and len(best) == 1 + 4 * (sections - 1):
-        for extra in range(count // 4):
-            rows[row + extra, : len(best)] = best
-            rows[row + extra, len(best) + 2 :] = rows[row + extra, len(best) : len(best) + 2]
-    return np.asarray(np.clip(rows, low, high))
+    if not sections:
+        return np.zeros((0, len(limits)))
+    rng = np.random.default_rng(SEED)
+    low, high = limits.T
+    shapes = [(zero, pole) for zero in plants_zeros for pole in (1.3, 2.5)][: count // 3]
+    rows = rng.uniform(low, high, (len(shapes) + count // 4, len(limits)))
+    for row, (zero, pole) in zip(rows, shapes, strict=False):
+        row[1:5] = np.log([zero, 0.07, zero * pole, 0.6])
+        row[0] = best[0]
+    if len(best) == 1 + 4 * (sections - 1):
+        rest = rows[len(shapes) :]
+        rest[:, : len(best)] = best
+        rest[:, len(best) + 2 :] = rest[:, len(best) : len(best) + 2]
+    return rows
 
 
 def _search(
@@ -213,21 +192,42 @@ def _search(
     `thin`: the same problem on a grid with fewer points. `fS`: bandwidth of a PI law in Hz.
     `zeros`: antiresonances in Hz. `best`: numbers of the best law of the next smaller structure.
     """
-    rng = np.random.default_rng(SEED)
     results = []
-    for begin in LOWEST_FACTORS[: RESTARTS[structures.STRUCTURES[name] or 0]]:
+    for i, begin in enumerate(LOWEST_FACTORS[: RESTARTS[structures.STRUCTURES[name] or 0]]):
         limits = structures.bounds(name, begin * fS)
-        found = optimize.differential_evolution(
-            thin.cost(limits),
-            limits,
-            init=_starts(name, limits, zeros, best, rng, max(8 * len(limits), 12)),
-            seed=int(rng.integers(2**31)),
-            maxiter=GENERATIONS,
-            tol=1e-4,
-            polish=False,
-        )
-        results.append(_polished(problem, found.x, limits))
+        count = max(POPULATION_PER_NUMBER * len(limits), 12)
+        starts = _starts(name, limits, zeros, best, count)
+        numbers = evolved(thin, limits, starts, count, GENERATIONS, SEED + i)
+        results.append(_polished(problem, numbers, limits))
     return max(results, key=lambda numbers: problem.evaluate(numbers)[0])
+
+
+def evolved(
+    problem: SearchProblem, limits: Samples, starts: Samples, count: int, generations: int,
+    seed: int = SEED,
+) -> Samples:  # fmt: skip
+    """Returns the numbers of the best law that a differential evolution finds. The population has
+    `count` laws: the rows of `starts`, and random laws within `limits`, an array of (lowest,
+    highest)."""
+    low, high = limits.T
+    rng = np.random.default_rng(seed)
+    first = rng.uniform(low, high, (count, len(limits)))
+    first[: len(starts)] = np.clip(starts[:count], low, high)
+    found = optimize.differential_evolution(
+        lambda columns: -problem.evaluate_all(columns.T)[:, 0],
+        limits,
+        init=first,
+        rng=rng,
+        maxiter=generations,
+        tol=1e-4,
+        polish=False,
+        strategy=STRATEGY,
+        recombination=RECOMBINATION,
+        updating="deferred",
+        vectorized=True,
+    )
+    numbers: Samples = found.x
+    return numbers
 
 
 def _polished(problem: SearchProblem, numbers: Samples, limits: Samples) -> Samples:
@@ -251,16 +251,22 @@ def _random(plants: PlantSet, count: int, seed: int) -> list[Member]:
 
 
 def search(
-    plants: PlantSet, goal: Goal | None = None, progress: Callable[[str], None] | None = None
+    plants: PlantSet,
+    goal: Goal | None = None,
+    progress: Callable[[str], None] | None = None,
+    threads: int = 1,
 ) -> SearchResult:
     """Returns the best control law for a set of plants. Raises InputError if no law keeps the
-    margins. The function calls progress(text) at every step."""
+    margins. The function calls progress(text) at every step. The result does not depend on the
+    number of threads."""
     goal = goal or Goal()
     say = progress or (lambda text: None)
     _check(goal)
     members = first_members(plants)
-    problem, thin = (SearchProblem(plants, members, goal, None, density) for density in (1.0, THIN))
-    check_plants(problem)
+    problem, thin = (
+        SearchProblem(plants, members, goal, density, threads) for density in (1.0, THIN)
+    )
+    check_plants(plants, problem.grid)
     zeros = antiresonances(problem.grid)
     own = _search(problem, thin, "PI", 1.0, zeros, np.zeros(0))
     best = {"P": np.zeros(0), "PI": own}
@@ -271,7 +277,7 @@ def search(
         name: structures.bounds(name, min(LOWEST_FACTORS) * fS) for name in structures.STRUCTURES
     }
     problem.follow_ramp(plants, goal, fS)
-    ramp = thin.ramp = problem.ramp
+    thin.ramp = problem.ramp
     before = own
     richer = list(structures.STRUCTURES)[1:]
     for done, name in enumerate(richer):
@@ -280,25 +286,26 @@ def search(
         say(f"{name}: {problem.evaluate(before)[0]:.2f} Hz")
     say("random members")
     others = plants.nominal() + plants.corners() + _random(plants, PROBE_RANDOM, SEED)
-    probe = Grid(plants, others, goal.timings)
+    probe = SearchProblem(plants, others, goal, 1.0, threads)
     for _ in range(ROUNDS_MAX):
         found = {name: _violator(problem, probe, numbers) for name, numbers in best.items()}
         joined = {m.label(): m for m in found.values() if m is not None and m not in members}
         if not joined:
             break
         members = members + list(joined.values())
-        problem = SearchProblem(plants, members, goal, ramp)
+        problem = SearchProblem(plants, members, goal, 1.0, threads)
+        problem.ramp = thin.ramp
         for name in [n for n, m in found.items() if m is not None and len(best[n])]:
             best[name] = _polished(problem, best[name], limits[name])
-    return _result(plants, goal, problem, best, say)
+    return _result(plants, goal, problem, best, say, threads)
 
 
 def antiresonances(grid: Grid) -> list[float]:
     """Returns the frequencies in Hz of the lightly damped zeros of the plants of a grid, at most
     eight. Of nearly equal frequencies, the result contains only one."""
     found: list[float] = []
-    for loop in grid.open_loops:
-        zeros = loop.open.zeros_s()
+    for plant in range(len(grid.members)):
+        zeros = grid.core.zeros(plant)
         zeros = zeros[np.isfinite(zeros) & (zeros.imag > 0)]
         light = zeros[np.abs(zeros.real) < 0.2 * np.abs(zeros)]
         hz = light.imag / (2 * math.pi)
@@ -308,13 +315,14 @@ def antiresonances(grid: Grid) -> list[float]:
     return sorted(found)[:8]
 
 
-def _violator(problem: SearchProblem, probe: Grid, numbers: Samples) -> Member | None:
-    """Returns the plant of a grid that limits the gain of a law most, or None if the law keeps the
-    margins on all plants of the grid."""
+def _violator(problem: SearchProblem, probe: SearchProblem, numbers: Samples) -> Member | None:
+    """Returns the plant of `probe` that limits the gain of a law most, or None if the law keeps the
+    margins on all plants of `probe`."""
     gain = problem.evaluate(numbers)[1]
-    law = structures.response(numbers, probe)
-    limit = probe.largest_gain(law, 1e-9, problem.bounds)
-    return probe.members[limit.place.member] if limit.place and limit.gain < 0.999 * gain else None
+    limit = probe.grid.largest_gain(structures.bank(numbers, 1.0), 1e-9, problem.bounds)
+    if limit.place is None or limit.gain >= 0.999 * gain:
+        return None
+    return probe.grid.members[limit.place.member]
 
 
 def _check(goal: Goal) -> None:
@@ -329,9 +337,13 @@ def _check(goal: Goal) -> None:
             raise ParameterError(name, "expected a number above 1")
 
 
-def check_plants(problem: SearchProblem) -> None:
-    """Raises InputError if a plant of the set of plants is unstable at every gain."""
-    for loop, member in zip(problem.grid.open_loops, problem.grid.members, strict=True):
+def check_plants(plants: PlantSet, grid: Grid) -> None:
+    """Raises InputError if a plant of a grid is unstable at every gain."""
+    for i, member in enumerate(grid.members):
+        poles = grid.core.poles(i)
+        if np.all(poles.real < -SURELY_STABLE * np.abs(poles)):
+            continue
+        loop = plants.loop(member)
         if loop.limit().gain == 0:
             raise InputError(
                 f"{loop.model}: {member.label()}: expected a plant that is stable with a small "
@@ -340,33 +352,49 @@ def check_plants(problem: SearchProblem) -> None:
             )
 
 
+def _final_grid(
+    plants: PlantSet, goal: Goal, problem: SearchProblem, laws: Sequence[tuple[Bank, float]],
+    threads: int,
+) -> tuple[Grid, int]:  # fmt: skip
+    """Returns (full grid of the plants that may limit the gain of a law, number of all plants).
+
+    All plants are the corner plants, the plants of the search, and random plants. The random plants
+    are evaluated on a thin grid first. `laws`: (filter bank, gain at high frequency) of each law.
+    """
+    others = _random(plants, max(RANDOM // len(plants.modes), 1), SEED + 1)
+    close: dict[int, Member] = {}
+    if others:
+        thin = Grid(plants, others, goal.timings, THIN, threads)
+        for bank, steep in laws:
+            gains = thin.gains(bank, steep, problem.bounds)
+            near = np.flatnonzero(gains <= CLOSE_TO_WORST * gains.min())
+            near = near[np.argsort(gains[near], kind="stable")][:CLOSE_MAX]
+            close |= {int(i): thin.members[i] for i in near}
+    sure = {m.label(): m for m in problem.grid.members + plants.corners()}
+    members = [*sure.values(), *close.values()]
+    return Grid(plants, members, goal.timings, 1.0, threads), len(sure) + len(others)
+
+
 def _result(
     plants: PlantSet, goal: Goal, problem: SearchProblem, best: dict[str, Samples],
-    say: Callable[[str], None],
+    say: Callable[[str], None], threads: int,
 ) -> SearchResult:  # fmt: skip
     """Returns the result of a search. `best` is {structure: numbers of the best law with this
     structure}."""
     bounds = problem.bounds
-    joined = {m.label(): m for m in problem.grid.members + plants.corners()}
-    members = list(joined.values()) + _random(plants, RANDOM, SEED + 1)
-    grids = blocks(plants, members, goal.timings)
+    units = {name: structures.bank(numbers, 1.0) for name, numbers in best.items()}
+    units = {n: unit.quantised() for n, unit in units.items() if structures.is_legal(unit.sections)}
+    steep = {name: problem.hf_gain(unit) for name, unit in units.items()}
+    laws = [(unit, steep[name]) for name, unit in units.items()]
+    grid, count = _final_grid(plants, goal, problem, laws, threads)
     rows: list[StructureDesign] = []
-    steep: dict[str, float] = {}
-
-    def largest_gain(grid: Grid, bank: Bank, name: str) -> float:
-        return grid.largest_gain(bank.response(grid.z), steep[name], bounds).gain
-
-    for name, numbers in best.items():
-        law = problem.law(numbers)
-        if law is None:
-            continue
-        unit, steep[name] = structures.bank(numbers, 1.0).quantised(), law[1]
-        gain = min(largest_gain(grid, unit, name) for grid in grids)
+    for name, unit in units.items():
+        gain = grid.largest_gain(unit, steep[name], bounds).gain
         bank = certificate.lowered(unit, gain)
         if bank.force_gain:
-            worst = certificate.on_grids(grids, bank)
+            worst = certificate.on_grid(grid, bank)
             rows.append(StructureDesign(name, bank_figures(bank), worst))
-            say(f"{name}: {worst.bandwidth_Hz:.2f} Hz over {len(members)} members")
+            say(f"{name}: {worst.bandwidth_Hz:.2f} Hz over {count} members")
     chosen = None
     for row in rows:
         if chosen is None or _is_worth_it(row, chosen):
@@ -376,17 +404,16 @@ def _result(
         # The exact gain is computed only for the chosen structure.
         # Other structures keep the gain from the grid of frequencies.
         at = next(i for i, row in enumerate(rows) if row.name == name)
-        bank, worst = certificate.exact(plants, grids, rows[at].bank.bank, goal)
+        bank, worst = certificate.exact(plants, grid, rows[at].bank.bank, goal)
         if not worst or not worst.fS_Hz:
             return None
         rows[at] = StructureDesign(name, bank_figures(bank), worst)
-        tightest = min(grids, key=lambda grid: largest_gain(grid, bank, name))
         return SearchResult(
             bank,
             worst,
             _p_of(rows),
             rows,
-            certificate.sentence(tightest, bank, steep[name], bounds, goal.hf_cure()),
+            certificate.sentence(grid, bank, steep[name], bounds, goal.hf_cure()),
             name,
             taken,
         )

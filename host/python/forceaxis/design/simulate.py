@@ -20,7 +20,7 @@ from typing import Any
 
 import tomlkit
 
-from forceaxis import _core, objects
+from forceaxis import _core, objects, toml
 from forceaxis._core import InputError
 from forceaxis.design import changes, experiment_file, friction
 from forceaxis.design.cases import (
@@ -413,7 +413,8 @@ class ContactBench:
         """Returns the path of the experiment file of a contact with a filter bank."""
         if (case, bank) not in self._files:
             name = f"case_{len(self._files)}.toml"
-            self._files[case, bank] = self.design.file(name, self.text(case, bank))
+            text = toml.write_text(self.experiment(case, bank))
+            self._files[case, bank] = self.design.file(name, text)
         return self._files[case, bank]
 
     def job(

@@ -12,8 +12,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from forceaxis.design.contact import Ramp
-from forceaxis.design.grid import Grid, Response, Samples
+from forceaxis.design.grid import Samples
 from forceaxis.linear.bank import COEFFICIENT_MAX, TICK_S, Bank
 
 # Range of the integral rate of a control law.
@@ -40,7 +39,9 @@ def bounds(name: str, lowest_hz: float) -> Samples:
     section = (frequency, ZERO_DAMPING, frequency, POLE_DAMPING)
     sections = STRUCTURES[name]
     ranges = [] if sections is None else [INTEGRAL_RAD_PER_S, *(section * sections)]
-    return np.asarray(np.log(np.array(ranges).reshape(-1, 2)))
+    # Rounded, because the last digit of a logarithm depends on the processor.
+    rows = [[round(math.log(end), 12) for end in ends] for ends in ranges]
+    return np.array(rows).reshape(-1, 2)
 
 
 def _warped(hz: float) -> float:
@@ -79,20 +80,6 @@ def bank(numbers: Samples, gain: float) -> Bank:
         return Bank(gain)
     rate = float(np.exp(numbers[0]))
     return Bank(gain, rate, 0.0, tuple(section(*s) for s in _sections(numbers)))
-
-
-def response(numbers: Samples, grid: Grid | Ramp) -> Response:
-    """Returns the frequency response of a control law with the gain 1 at the points of `grid`.
-    `numbers` are the logarithms of the parameters of the law's structure."""
-    if not len(numbers):
-        return np.ones_like(grid.plant)
-    law: Response = 1 + math.exp(numbers[0]) * grid.integral
-    w, square = grid.warped, grid.warped_squared
-    for zero_hz, zero_damping, pole_hz, pole_damping in _sections(numbers):
-        wz, wp = _warped(zero_hz), _warped(pole_hz)
-        upper = (wp / wz) ** 2 * ((wz * wz - square) + (2j * zero_damping * wz) * w)
-        law *= upper / ((wp * wp - square) + (2j * pole_damping * wp) * w)
-    return law
 
 
 def is_legal(sections: Iterable[Iterable[float]]) -> bool:

@@ -1,23 +1,18 @@
 """Trade-off between the bandwidth and a second property of the loop: computes a design for each
 value of this property."""
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
-import matplotlib.pyplot as plt
-from matplotlib.figure import Figure
-
-from forceaxis import drawing, paths
-from forceaxis.design import changes, files, for_set, simulate
+from forceaxis import paths
+from forceaxis.design import changes, for_set, simulate
 from forceaxis.design.certificate import WorstFigures
 from forceaxis.design.grid import Goal
 from forceaxis.design.outcome import DesignOrder
 from forceaxis.design.reduced import ShapedDesign, ShortSearch
 from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import Bank, BankKeys
-from forceaxis.results import json_field, to_json
+from forceaxis.results import json_field
 
 # {name of the second property: (values of the property, text about its meaning)}
 AGAINST: dict[str, tuple[tuple[float, ...], str]] = {
@@ -135,32 +130,3 @@ def _row(against: str, value: float, problem: ShortSearch, found: ShapedDesign) 
         hf=value if against == "hf" else None,
         gain_margin=value if against == "gain_margin" else None,
     )
-
-
-def figure(result: Tradeoff) -> Figure:
-    """Returns the plot of the bandwidth over the second property, for the designed filter bank and
-    the P law."""
-    drawn, ax = plt.subplots(figsize=(5.6, 3.4))
-    drawing.style(ax)
-    for name, curve, colour in (
-        ("designed bank", [(row.value, row.bandwidth_Hz) for row in result.rows], drawing.INK),
-        ("P", [(row.value, row.p_bandwidth_Hz) for row in result.rows], drawing.GOT),
-    ):
-        points = [point for point in curve if point[1]]
-        ax.plot(*zip(*points, strict=True), "o-", color=colour, markersize=3.5, label=name)
-    if result.against == "hf":
-        ax.set_xscale("log")
-    ax.set_ylim(bottom=0)
-    ax.set_xlabel(result.what)
-    ax.set_ylabel("bandwidth fS over the set, Hz")
-    drawing.legend(ax)
-    name, over = drawing.name_of(result.model), ", ".join(result.over)
-    drawing.finish(drawn, ax, f"{name}: bandwidth and its price, over {over}")
-    return drawn
-
-
-def write(out: Path, result: Tradeoff) -> None:
-    """Writes tradeoff.json and tradeoff.png into a new folder."""
-    with files.NewFolder(out) as folder:
-        folder.write("tradeoff.json", json.dumps(to_json(result), allow_nan=False, indent=1) + "\n")
-        drawing.save(figure(result), folder.path / "tradeoff.png")

@@ -12,6 +12,7 @@ from forceaxis.linear import loops, over, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import GAIN_STEP, BankKeys
 from forceaxis.linear.equations import Matrix
+from forceaxis.linear.precise import Figures
 from forceaxis.linear.request import LoopRequest
 from forceaxis.linear.settings import ModelSettings
 from forceaxis.linear.stability import Crossing, Limit, Loop, Margins
@@ -60,7 +61,7 @@ class LoopAtGain:
 
     gain: float
     firmware_gain: float | None
-    figures: over.Figures = json_field(inline=True)
+    figures: Figures = json_field(inline=True)
     margins: Margins = json_field(inline=True)
 
 

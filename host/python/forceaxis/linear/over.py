@@ -28,6 +28,7 @@ from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_facts import Overrides, PlantFacts
 from forceaxis.linear.plant_set import Member, PlantSet
+from forceaxis.linear.precise import FIGURES, Figures, PreciseLoops
 from forceaxis.linear.stability import Limit, Loop
 from forceaxis.linear.system import System
 from forceaxis.linear.working import States
@@ -46,50 +47,6 @@ SEARCH_STARTS = 2  # number of plants from which the search for the worst plant 
 # a parameter.
 COARSE_STEP, FINE_STEP = 1 / 16, 1 / 2048
 COMBINATIONS_MAX = 20000
-# Names of the bandwidths and margins, each with True if the largest value is the worst value.
-FIGURES = {
-    "fS_Hz": False,
-    "fT_Hz": False,
-    "Ms": True,
-    "gain_margin": False,
-    "phase_margin_deg": False,
-}
-
-
-@dataclass(frozen=True)
-class Figures:
-    """Bandwidths and margins of one force loop at one gain. For an unstable loop only `stable` is
-    defined, and the other fields are None or False."""
-
-    stable: bool
-    # Bandwidth of the sensitivity function S in Hz. None if |S| stays below -3 dB, and 0 if |S| is
-    # above -3 dB at frequency 0.
-    fS_Hz: float | None = None
-    # Bandwidth of the closed loop T in Hz. None if |T| stays above -3 dB, and 0 if |T| is never
-    # above -3 dB.
-    fT_Hz: float | None = None
-    Ms: float | None = None  # largest |S| for frequencies up to half the tick rate
-    # Factor by which the gain can rise until the loop crosses the stability boundary. None if no
-    # crossing is known up to the factor `known_to`.
-    gain_margin: float | None = None
-    # The phase margin with the smallest magnitude, in degrees. None if |L| is 1 at no frequency.
-    phase_margin_deg: float | None = None
-    sag: bool = False  # True if |T| is below -3 dB at a frequency below the bandwidth fS
-    # Factor of the gain above which rounding errors hide crossings of the stability boundary. None
-    # if no such factor exists.
-    known_to: float | None = None
-
-    def badness(self, name: str) -> float:
-        """Returns a number that is larger for a worse value of the bandwidth or margin `name`, and
-        infinity for an unstable loop."""
-        if not self.stable:
-            return math.inf
-        value = getattr(self, name)
-        if value is None:
-            return -math.inf
-        if name == "phase_margin_deg":
-            return float(-abs(value))
-        return float(value if FIGURES[name] else -value)
 
 
 class _Response:
@@ -225,45 +182,47 @@ class Worst:
     known_to: float | None = None
 
 
+# Function that analyses some plants. The result has a list for each plant, with one analysis for
+# each delay of the loop.
+Analyse = Callable[[Sequence[Member]], list[list[T]]]
+
+
 class _Set(Generic[T]):
     """The force loops of a set of plants, each analysed once, and the search for the loop with the
     worst value."""
 
-    def __init__(
-        self,
-        plants: PlantSet,
-        timings: Sequence[str],
-        spec: LoopSpec | None,
-        analyse: Callable[[Loop], T],
-    ) -> None:
-        self.plants, self.timings = plants, timings
-        self.spec, self.analyse = spec, analyse
+    def __init__(self, plants: PlantSet, timings: Sequence[str], analyse: Analyse[T]) -> None:
+        self.plants, self.timings, self.analyse = plants, timings, analyse
         self.found: dict[tuple[tuple[float, ...], Mode, str], Entry[T]] = {}
 
     def at(self, member: Member, timing: str) -> Entry[T]:
         """Returns the analysis of the force loop of one plant of the set with the delay
         `timing`."""
-        key = tuple(member.values.values()), tuple(sorted(member.modes.items())), timing
-        if key not in self.found:
-            loop = self.plants.loop(member, timing, self.spec)
-            self.found[key] = (member, timing, self.analyse(loop))
-        return self.found[key]
+        if self._key(member, timing) not in self.found:
+            self.cover([member])
+        return self.found[self._key(member, timing)]
 
-    def cover(self, members: Iterable[Member]) -> None:
+    @staticmethod
+    def _key(member: Member, timing: str) -> tuple[tuple[float, ...], Mode, str]:
+        return tuple(member.values.values()), tuple(sorted(member.modes.items())), timing
+
+    def cover(self, members: Sequence[Member]) -> None:
         """Analyses the force loops of the plants in `members` with every delay of the loop."""
-        for member, timing in itertools.product(members, self.timings):
-            self.at(member, timing)
+        for member, results in zip(members, self.analyse(members), strict=True):
+            for timing, result in zip(self.timings, results, strict=True):
+                self.found.setdefault(self._key(member, timing), (member, timing, result))
 
     def worst(self, badness: Callable[[T], float]) -> Entry[T]:
         """Returns the analysed force loop with the largest value of the function `badness`. The
         search starts at the worst loops that are already analysed."""
         for member, timing, _ in self._starts(badness):
             self._climb(member, timing, badness, (0.5, COARSE_STEP))
-        member, timing, _ = self._first(badness)
+        member, timing, _ = self.first(badness)
         self._climb(member, timing, badness, (COARSE_STEP, FINE_STEP))
-        return self._first(badness)
+        return self.first(badness)
 
-    def _first(self, badness: Callable[[T], float]) -> Entry[T]:
+    def first(self, badness: Callable[[T], float]) -> Entry[T]:
+        """Returns the analysed force loop with the largest value of the function `badness`."""
         return max(self.found.values(), key=lambda entry: badness(entry[2]))
 
     def _starts(self, badness: Callable[[T], float]) -> list[Entry[T]]:
@@ -321,14 +280,13 @@ def sample(plants: PlantSet) -> list[Member]:
     )
 
 
-def _explored(
+def _by_loop(
     plants: PlantSet, timings: Sequence[str], spec: LoopSpec | None, analyse: Callable[[Loop], T]
-) -> _Set[T]:
-    """Analyses the nominal, corner and random plants of a set. Returns the _Set with these
-    analyses."""
-    group = _Set(plants, timings, spec, analyse)
-    group.cover(sample(plants))
-    return group
+) -> Analyse[T]:
+    """Returns a function for _Set that analyses each force loop alone."""
+    return lambda members: [
+        [analyse(plants.loop(member, timing, spec)) for timing in timings] for member in members
+    ]
 
 
 def gain_at(loop: Loop, gain: float | None, force_gain: float | None) -> float:
@@ -355,24 +313,65 @@ def worst(
 
     gain: k in V/N; or force_gain in DAC codes per 8-bit count; or the gain of the filter bank. The
     nominal plants, corner plants and random plants (with a fixed seed) are analysed first. Then a
-    pattern search begins at the worst plant for the bandwidths and for each margin. This takes some
-    hundred loops of 3 to 5 ms each.
+    pattern search begins at the worst plant for the bandwidths and for each margin. The search uses
+    `precise` where it can, and the values of the worst plants are computed by figures().
     """
 
-    def analyse(loop: Loop) -> Figures:
+    def exact(loop: Loop) -> Figures:
         return figures(loop, gain_at(loop, gain, force_gain))
 
-    group = _explored(plants, timings, spec, analyse)
+    by_loop = _by_loop(plants, timings, spec, exact)
+    loops = PreciseLoops.of(plants, timings, spec or LoopSpec(), gain, force_gain)
+    group = _Set(plants, timings, _fast(loops, by_loop) if loops else by_loop)
+    found = _worst_of_each(group)
+    if loops is None or found is None:
+        return _worst(group, group)
+    # The values of the worst loops and of the nominal plants by eigenvalue problems.
+    again = _Set(plants, timings, by_loop)
+    again.cover([*plants.nominal(), *(entry[0] for entry in found.values())])
+    return _worst(again, group)
+
+
+def _fast(loops: PreciseLoops, by_loop: Analyse[Figures]) -> Analyse[Figures]:
+    """Returns a function for _Set that computes figures in C++. Plants of which C++ does not know
+    whether they are stable are analysed by `by_loop`."""
+
+    def analyse(members: Sequence[Member]) -> list[list[Figures]]:
+        found: list[list[Figures]] = []
+        for member, rows in zip(members, loops.figures(members), strict=True):
+            known = [row for row in rows if row is not None]
+            found.append(known if len(known) == len(rows) else by_loop([member])[0])
+        return found
+
+    return analyse
+
+
+def _worst_of_each(group: _Set[Figures]) -> dict[str, Entry[Figures]] | None:
+    """Searches the worst loop for each name of FIGURES. Returns None after the first loop that is
+    unstable."""
+    group.cover(sample(group.plants))
     found: dict[str, Entry[Figures]] = {}
     for name in FIGURES:
         found[name] = group.worst(operator.methodcaller("badness", name))
-        unstable = [entry for entry in group.found.values() if not entry[2].stable]
-        if unstable:
-            return Worst(False, member={"stable": unstable[0][:2]}, members=len(group.found))
+        if not all(entry[2].stable for entry in group.found.values()):
+            return None
+    return found
+
+
+def _worst(exact: _Set[Figures], group: _Set[Figures]) -> Worst:
+    """Returns the worst values of the loops that `exact` has analysed. `group`: all loops that the
+    search has analysed."""
+    members = len(group.found)
+    unstable = [
+        entry for one in (exact, group) for entry in one.found.values() if not entry[2].stable
+    ]
+    if unstable:
+        return Worst(False, member={"stable": unstable[0][:2]}, members=members)
+    found = {name: exact.first(operator.methodcaller("badness", name)) for name in FIGURES}
     values = {name: getattr(entry[2], name) for name, entry in found.items()}
     # A force loop without a known crossing of the stability boundary has at least the gain margin
     # known_to.
-    doubt = min(group.found.values(), key=lambda entry: entry[2].known_to or math.inf)
+    doubt = min(exact.found.values(), key=lambda entry: entry[2].known_to or math.inf)
     known_to = doubt[2].known_to
     if known_to is not None and known_to > (values["gain_margin"] or math.inf):
         known_to = None
@@ -382,7 +381,7 @@ def worst(
     sagging = [entry for entry in group.found.values() if entry[2].sag]
     if sagging:
         member["sag"] = sagging[0][:2]
-    return Worst(True, **values, sag=bool(sagging), member=member, members=len(group.found),
+    return Worst(True, **values, sag=bool(sagging), member=member, members=members,
                  known_to=known_to)  # fmt: skip
 
 
@@ -411,7 +410,8 @@ def largest_gain(
         to = limit.stable_to
         return (math.inf if to is None else to), limit
 
-    group = _explored(plants, timings, spec, analyse)
+    group = _Set(plants, timings, _by_loop(plants, timings, spec, analyse))
+    group.cover(sample(plants))
     member, timing, (_, limit) = group.worst(lambda result: -result[0])
     return Largest(limit.gain, member, timing, limit.frequency_hz, limit.known_to)
 

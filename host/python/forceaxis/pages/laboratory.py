@@ -11,13 +11,13 @@ from pathlib import Path
 from markupsafe import Markup
 
 from forceaxis import _core, paths, toml
-from forceaxis.design import advice_plot, advise
+from forceaxis.design import advise
 from forceaxis.experiments import sweep as sweeps
 from forceaxis.experiments import sweep_plots
 from forceaxis.experiments.run_result import Criterion
 from forceaxis.identify import result as measure_result
 from forceaxis.linear import beam, modes
-from forceaxis.pages import axes, folder, pictures, plant_designs, plots
+from forceaxis.pages import axes, design_plots, folder, pictures, plant_designs, plots
 from forceaxis.pages.folder import Entry, figure_order
 from forceaxis.thesis import claims as thesis
 from forceaxis.thesis import figures as thesis_figures
@@ -234,7 +234,7 @@ def advised() -> tuple[advise.Advice, Markup]:
     """Returns the advice for the laboratory's axis (how much each change improves the axis), and a
     plot of the advice."""
     advice = advise.advise(advise.AdviceOrder("laboratory", threads=1))
-    return advice, pictures.figure(advice_plot.figure(advice))
+    return advice, pictures.figure(design_plots.advice(advice))
 
 
 # Experiments that show the design of one axis step by step: (experiment, heading, reason).

@@ -26,7 +26,7 @@ from forceaxis.drawing import (
     uri,
 )
 from forceaxis.identify import fit
-from forceaxis.linear.over import Figures
+from forceaxis.linear.precise import Figures
 from forceaxis.pages.template import template
 from forceaxis.words import plain
 

@@ -1,0 +1,152 @@
+"""Bandwidths and margins of many force loops of a set of plants, computed in C++ in a fraction of a
+millisecond for each plant.
+
+`over.figures` computes the same values as eigenvalue problems, which miss no crossing and need 3 to
+40 ms. The C++ evaluation (sim/linear/law_grid.hpp) starts from a grid of frequencies that is dense
+near resonances, and searches the roots and peaks between the points of the grid. `over` searches
+the worst plants of a set with this evaluation, and computes the result from eigenvalues.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from forceaxis import _core
+from forceaxis.linear.bank import TICK_S, Bank
+from forceaxis.linear.loops import LoopSpec
+from forceaxis.linear.plant_set import Member, PlantSet
+from forceaxis.linear.system import find_model
+from forceaxis.linear.working import working
+
+DELAYS = {"zoh": 0, "zoh+1": 1}  # {timing: delay in ticks}
+# Names of the bandwidths and margins, each with True if the largest value is the worst value.
+FIGURES = {
+    "fS_Hz": False,
+    "fT_Hz": False,
+    "Ms": True,
+    "gain_margin": False,
+    "phase_margin_deg": False,
+}
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Bandwidths and margins of one force loop at one gain. For an unstable loop only `stable` is
+    defined, and the other fields are None or False."""
+
+    stable: bool
+    # Bandwidth of the sensitivity function S in Hz. None if |S| stays below -3 dB, and 0 if |S| is
+    # above -3 dB at frequency 0.
+    fS_Hz: float | None = None
+    # Bandwidth of the closed loop T in Hz. None if |T| stays above -3 dB, and 0 if |T| is never
+    # above -3 dB.
+    fT_Hz: float | None = None
+    Ms: float | None = None  # largest |S| for frequencies up to half the tick rate
+    # Factor by which the gain can rise until the loop crosses the stability boundary. None if no
+    # crossing is known up to the factor `known_to`.
+    gain_margin: float | None = None
+    # The phase margin with the smallest magnitude, in degrees. None if |L| is 1 at no frequency.
+    phase_margin_deg: float | None = None
+    sag: bool = False  # True if |T| is below -3 dB at a frequency below the bandwidth fS
+    # Factor of the gain above which rounding errors hide crossings of the stability boundary. None
+    # if no such factor exists.
+    known_to: float | None = None
+
+    def badness(self, name: str) -> float:
+        """Returns a number that is larger for a worse value of the bandwidth or margin `name`, and
+        infinity for an unstable loop."""
+        if not self.stable:
+            return math.inf
+        value = getattr(self, name)
+        if value is None:
+            return -math.inf
+        if name == "phase_margin_deg":
+            return float(-abs(value))
+        return float(value if FIGURES[name] else -value)
+
+
+def law_shape(bank: Bank) -> _core.LawShape:
+    """Returns a filter bank with the gain 1 for the evaluation in C++."""
+    sections = [(s[0], s[1], s[2], s[3], s[4]) for s in bank.sections]
+    return _core.LawShape(bank.integral_rad_per_s, sections)
+
+
+def law_grid(
+    model: _core.ModelFile, plants: PlantSet, members: Sequence[Member], timings: Sequence[str],
+    density: float = 1.0, threads: int = 1,
+) -> _core.LawGrid:  # fmt: skip
+    """Returns the responses of some plants of a set on grids of frequencies, see _core.LawGrid."""
+    path = str(find_model(plants.model))
+    keys = []
+    for member in members:
+        overrides = {**plants.overrides, **member.values}
+        keys.append((overrides, working(path, overrides, member.modes).modes))
+    return _core.LawGrid(
+        model, keys, [DELAYS[timing] for timing in timings], density, TICK_S, threads
+    )
+
+
+@dataclass
+class PreciseLoops:
+    """The force loops of a set of plants with one law and gain.
+
+    bank: the law. gain: in V/N; None: the gain of the bank. timings: names of DELAYS.
+    """
+
+    plants: PlantSet
+    bank: Bank
+    gain: float | None
+    timings: Sequence[str]
+    _model: _core.ModelFile = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        self._model = _core.ModelFile(find_model(self.plants.model))
+
+    @staticmethod
+    def of(
+        plants: PlantSet, timings: Sequence[str], spec: LoopSpec, gain: float | None,
+        force_gain: float | None,
+    ) -> "PreciseLoops | None":  # fmt: skip
+        """Returns the loops, or None if the C++ evaluation does not know loops of this kind. The
+        gain is that of `over.worst`."""
+        known = (
+            spec.law in ("p", "pi", "bank") and spec.output == "reading" and not spec.free
+            and spec.tick_s == TICK_S and not set(spec.parameters) - {"integral_rad_per_s"}
+            and not (spec.bank and spec.bank.velocity_gain)
+            and set(timings) <= set(DELAYS)
+        )  # fmt: skip
+        if not known:
+            return None
+        bank = spec.bank or Bank(1.0, spec.parameters.get("integral_rad_per_s", 0.0))
+        if gain is None and force_gain is not None:
+            bank = Bank(force_gain, bank.integral_rad_per_s, 0.0, bank.sections)
+        return PreciseLoops(plants, bank, gain, timings)
+
+    def figures(self, members: Sequence[Member]) -> list[list[Figures | None]]:
+        """Returns the figures of each member with each delay of `timings`. A loop has None if the
+        command does not act on the force, or if the loop is not known to be stable."""
+        grid = law_grid(self._model, self.plants, members, self.timings)
+        gains = [
+            self.bank.force_gain if self.gain is None else self.gain / grid.count_per_code(i)
+            for i in range(len(grid.kept))
+        ]
+        found: list[list[Figures | None]] = [[None] * len(self.timings) for _ in members]
+        for member, rows in zip(
+            grid.kept, grid.precise(law_shape(self.bank), gains).tolist(), strict=True
+        ):
+            found[member] = [_figures(row) for row in rows]
+        return found
+
+
+def _figures(row: Sequence[float]) -> Figures | None:
+    fS, fT, Ms, gain_margin, phase_margin, sag = row
+    if math.isnan(fS):
+        return None
+    return Figures(
+        True, _finite(fS), _finite(fT), Ms, _finite(gain_margin),
+        _finite(math.degrees(phase_margin)), bool(sag),
+    )  # fmt: skip
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

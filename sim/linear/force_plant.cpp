@@ -1,0 +1,165 @@
+#include "sim/linear/force_plant.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <string>
+#include <utility>
+
+namespace forceaxis::sim {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::RowVectorXd;
+using Roots = std::vector<std::complex<double>>;
+
+// A sampled system with one input, one output and no direct path.
+template <typename Matrix>
+struct Sampled {
+  Matrix A, B, C;
+};
+
+// A Markov parameter below this share of the size of its terms is a rounding error of an exact 0.
+constexpr Extended kZeroShare = 1e-11L;
+
+// Returns the relative degree r: the first nonzero Markov parameter is C A^(r-1) B. Returns nothing
+// if the input does not act on the output.
+std::optional<Index> relative_degree(const Sampled<ExtendedMatrix> &system) {
+  ExtendedMatrix row = system.C;
+  ExtendedMatrix bound = system.C.cwiseAbs();
+  for (Index degree = 1; degree <= system.A.rows(); ++degree) {
+    const Extended value = (row * system.B)(0, 0);
+    const Extended size = (bound * system.B.cwiseAbs())(0, 0);
+    if (std::abs(value) > kZeroShare * size) return degree;
+    row = (row * system.A).eval();
+    bound = (bound * system.A.cwiseAbs()).eval();
+  }
+  return std::nullopt;
+}
+
+// Changes the units of the states so that rows and columns of A have similar magnitudes.
+void balance_units(Sampled<ExtendedMatrix> &system) {
+  const Eigen::VectorXd d = balance(system.A);
+  for (Index i = 0; i < system.A.rows(); ++i) {
+    for (Index j = 0; j < system.A.cols(); ++j) system.A(i, j) *= Extended{d(j)} / d(i);
+    system.B(i, 0) /= d(i);
+    system.C(0, i) *= d(i);
+  }
+}
+
+// Returns orthonormal columns that are orthogonal to all rows of a matrix, by Householder
+// reflections.
+MatrixXd complement(const MatrixXd &rows) {
+  const Index n = rows.cols();
+  MatrixXd work = rows.transpose();
+  MatrixXd basis = MatrixXd::Identity(n, n);
+  for (Index k = 0; k < rows.rows(); ++k) {
+    Eigen::VectorXd turn = work.col(k).tail(n - k);
+    turn(0) += std::copysign(turn.norm(), turn(0));
+    turn /= turn.norm();
+    const RowVectorXd moved = turn.transpose() * work.bottomRows(n - k);
+    work.bottomRows(n - k) -= 2 * turn * moved;
+    const Eigen::VectorXd turned = basis.rightCols(n - k) * turn;
+    basis.rightCols(n - k) -= 2 * turned * turn.transpose();
+  }
+  return basis.rightCols(n - rows.rows());
+}
+
+// The roots place the points of a grid of frequencies, so digits of double are sufficient.
+Roots roots_of(const MatrixXd &A) {
+  Roots roots;
+  if (A.rows() == 0) return roots;
+  const Eigen::EigenSolver<MatrixXd> solver(A, false);
+  for (const auto value : solver.eigenvalues()) roots.push_back(value);
+  return roots;
+}
+
+// Returns the zeros of a balanced system. The zeros are the poles under a feedback that keeps the
+// output at 0; the states are those for which the output and its next samples are 0, as many as the
+// relative degree says.
+Roots zeros_of(const Sampled<MatrixXd> &system, Index degree) {
+  const auto &[A, B, C] = system;
+  MatrixXd rows(degree, A.cols());
+  rows.row(0) = C / C.norm();
+  for (Index k = 1; k < degree; ++k) {
+    RowVectorXd row = rows.row(k - 1) * A;
+    for (int pass = 0; pass < 2; ++pass)
+      row -= ((row * rows.topRows(k).transpose()) * rows.topRows(k)).eval();
+    rows.row(k) = row / row.norm();
+  }
+  const RowVectorXd last = rows.row(degree - 1);
+  const MatrixXd held = A - B * (last * A) / (last * B)(0, 0);
+  const MatrixXd basis = complement(rows);
+  return roots_of(basis.transpose() * held * basis);
+}
+
+Roots per_second(Roots roots, double T) {
+  for (auto &root : roots)
+    root = root == 0.0 ? std::complex<double>(-std::numeric_limits<double>::infinity(), 0.0)
+                       : std::log(root) / T;
+  return roots;
+}
+
+}  // namespace
+
+double tangent_of(double frequency_hz, double tick_s) {
+  constexpr Extended kRight = std::numbers::pi_v<Extended> / 2 - Extended{1e-9};
+  const Extended angle = std::numbers::pi_v<Extended> * frequency_hz * tick_s;
+  return static_cast<double>(std::tan(std::min(angle, kRight)));
+}
+
+std::optional<ForcePlant> ForcePlant::of(const Model &model, const LinearMode &mode,
+                                         double tick_s) {
+  if (!model.drive)
+    throw InputError(model.file, "drive",
+                     "expected a model with a [drive], got a model without a drive; choose another "
+                     "model");
+  if (!model.adc[0])
+    throw InputError(model.file, "adc",
+                     "expected a model with an ADC on channel 0, got none; choose another model");
+  const std::array<std::string, 1> inputs{"drive.command"};
+  const std::array<std::string, 1> outputs{"reading"};
+  const Linear linear = linearise(model, mode, inputs, outputs);
+  const Index n = linear.A.rows();
+  const ExtendedMatrix step = sampled(linear.A.cast<Extended>(), linear.B.cast<Extended>(), tick_s);
+  Sampled<ExtendedMatrix> system{ExtendedMatrix::Identity(n, n) + step.leftCols(n), step.col(n),
+                                 linear.C.cast<Extended>()};
+  // The ADC converts immediately before the new DAC code acts. A direct path from the code to the
+  // measured force therefore acts one tick later.
+  if (linear.D(0, 0) != 0.0) {
+    system.A.conservativeResizeLike(ExtendedMatrix::Zero(n + 1, n + 1));
+    system.B.conservativeResizeLike(ExtendedMatrix::Ones(n + 1, 1));
+    system.C.conservativeResize(1, n + 1);
+    system.C(0, n) = linear.D(0, 0);
+  }
+  balance_units(system);
+  const auto degree = relative_degree(system);
+  if (!degree) return std::nullopt;
+  ForcePlant plant;
+  plant.tick_s_ = tick_s;
+  plant.balanced_ = hessenberg(system.A, system.B, system.C);
+  const auto &adc = *model.adc[0];
+  plant.count_per_code_ = model.dac.volts_per_code() /
+                          (std::abs(adc.per_count) * static_cast<double>(1 << (adc.bits - 8)));
+  const Sampled<MatrixXd> rounded{system.A.cast<double>(), system.B.cast<double>(),
+                                  system.C.cast<double>()};
+  plant.poles_ = per_second(roots_of(rounded.A), tick_s);
+  plant.zeros_ = per_second(zeros_of(rounded, *degree), tick_s);
+  return plant;
+}
+
+void ForcePlant::response(std::span<const double> w, std::span<std::complex<double>> values) const {
+  std::vector<std::complex<double>> points(w.size());
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    const double size = 1 + w[k] * w[k];
+    points[k] = {(1 - w[k] * w[k]) / size, 2 * w[k] / size};  // z = (1 + j w) / (1 - j w)
+  }
+  hessenberg_response(balanced_.H, balanced_.B, balanced_.C, MatrixXd::Zero(1, 1), points, values);
+  for (auto &value : values) value *= count_per_code_;
+}
+
+}  // namespace forceaxis::sim

@@ -1,0 +1,45 @@
+#pragma once
+// The plant of a force loop as the firmware sees it: from the DAC code of a tick to the measured
+// force before the conversion, sampled with a zero-order hold.
+#include <complex>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "sim/linear/extended.hpp"
+#include "sim/linear/linear.hpp"
+#include "sim/model/model.hpp"
+
+namespace forceaxis::sim {
+
+/// Returns w = tan(pi f tick_s) of a frequency in Hz, up to half the tick rate, where w is 1e9. The
+/// function uses long double, because the functions for double of the C library depend on the
+/// processor.
+double tangent_of(double frequency_hz, double tick_s);
+
+class ForcePlant {
+ public:
+  /// Returns the plant of a model in one mode. Returns nothing if the command does not act on the
+  /// measured force in this mode. `tick_s` is the sampling period in s. Throws InputError if the
+  /// model has no drive or no ADC on channel 0.
+  static std::optional<ForcePlant> of(const Model &model, const LinearMode &mode, double tick_s);
+
+  /// Returns the poles in 1/s, as log(z) / tick_s. A pole at z = 0 is -infinity.
+  const std::vector<std::complex<double>> &poles() const { return poles_; }
+  /// Returns the zeros in 1/s, in the form of poles().
+  const std::vector<std::complex<double>> &zeros() const { return zeros_; }
+  /// Computes the response in 8-bit counts per DAC code without a delay, at the frequencies f with
+  /// w = tan(pi f tick_s). `values` has one element for each frequency.
+  void response(std::span<const double> w, std::span<std::complex<double>> values) const;
+  double tick_s() const { return tick_s_; }
+  /// Returns the 8-bit counts per DAC code at a response of 1 in the unit of the force per volt.
+  double count_per_code() const { return count_per_code_; }
+
+ private:
+  double tick_s_ = 0.0;
+  Hessenberg balanced_;
+  double count_per_code_ = 0.0;
+  std::vector<std::complex<double>> poles_, zeros_;
+};
+
+}  // namespace forceaxis::sim

@@ -1,0 +1,749 @@
+#include "sim/linear/law_grid.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+namespace forceaxis::sim {
+namespace {
+
+using Complex = std::complex<double>;
+using Extended = long double;
+
+constexpr double kLowestHz = 0.02;  // lowest frequency of a grid; the highest is half the tick rate
+// Below this frequency a grid has fewer points per decade.
+constexpr double kSlowHz = 1.0;
+constexpr double kPointsPerDecade = 60, kFastPointsPerDecade = 270;
+// Number of grid points on each side of a resonance, and distance of the farthest point in
+// half-widths of the resonance.
+constexpr double kPointsPerSide = 42;
+constexpr Extended kFarthestHalfWidths = 25;
+constexpr double kDampingMax = 0.3;  // a pole or zero with more damping needs no denser grid
+constexpr double kNone = std::numeric_limits<double>::infinity();
+constexpr double kHalfPower = 0.5;     // |S|^2 at -3 dB
+constexpr double kStableShare = 1e-9;  // least damping ratio of a pole that counts as stable
+// A force that leaves the band of the ramp by a share x of the set-point divides the value of a law
+// by 1 + kRampWeight x.
+constexpr double kRampWeight = 30;
+
+// A point of a grid: frequency, and w = tan(pi f T).
+struct Point {
+  double hz, w;
+  bool operator<(const Point &other) const { return hz < other.hz; }
+  bool operator==(const Point &other) const { return hz == other.hz; }
+};
+
+// Makes the grids of plants at one density. The points that all grids have are computed once.
+class GridMaker {
+ public:
+  GridMaker(double density, double tick_s) : tick_s_(tick_s) {
+    add_rising(kLowestHz, kSlowHz, density * kPointsPerDecade);
+    add_rising(kSlowHz, 0.5 / tick_s, density * kFastPointsPerDecade);
+    const auto side = static_cast<int>(std::nearbyint(density * kPointsPerSide));
+    const Extended widest = std::asinh(2 * kFarthestHalfWidths);
+    for (int i = -side; i <= side; ++i)
+      around_.push_back(static_cast<double>(std::sinh(widest * Extended(i) / side) / 2));
+  }
+
+  std::vector<Point> grid_of(const ForcePlant &plant) const {
+    std::vector<Point> grid = common_;
+    for (const auto *roots : {&plant.poles(), &plant.zeros()})
+      for (const Complex root : *roots)
+        if (is_light(root)) add_around(grid, root);
+    std::sort(grid.begin(), grid.end());
+    grid.erase(std::unique(grid.begin(), grid.end()), grid.end());
+    return grid;
+  }
+
+ private:
+  Point point(double hz) const { return {hz, tangent_of(hz, tick_s_)}; }
+
+  // Adds frequencies with equal ratios to the points that all grids have.
+  void add_rising(Extended low, Extended high, double per_decade) {
+    const auto count = static_cast<int>(std::nearbyint(per_decade * std::log10(high / low)));
+    for (int i = 0; i < count; ++i)
+      common_.push_back(
+          point(static_cast<double>(low * std::pow(high / low, Extended(i) / (count - 1)))));
+  }
+
+  static bool is_light(Complex root) {
+    return std::isfinite(root.real()) && root.imag() > 0 &&
+           std::abs(root.real()) < kDampingMax * std::sqrt(std::norm(root));
+  }
+
+  void add_around(std::vector<Point> &grid, Complex root) const {
+    const double center = root.imag() / (2 * std::numbers::pi);
+    const double width = std::max(std::abs(root.real()) / (2 * std::numbers::pi), 1e-5 * center);
+    for (const double step : around_) {
+      const double hz = center + width * step;
+      if (hz >= kLowestHz && hz <= 0.5 / tick_s_) grid.push_back(point(hz));
+    }
+  }
+
+  double tick_s_;
+  std::vector<Point> common_;
+  std::vector<double> around_;  // distances from a resonance in widths of the resonance
+};
+
+double logarithm(double value) { return static_cast<double>(std::log(Extended(value))); }
+
+// Returns the frequency between two points at which a level rises to 1. Frequency and level are
+// interpolated on logarithmic scales.
+double between(double low_hz, double high_hz, double low_level, double high_level) {
+  const double low = logarithm(low_level);
+  const double span = logarithm(high_level) - low;
+  const double share = std::clamp(-low / (span == 0 ? 1.0 : span), 0.0, 1.0);
+  return static_cast<double>(low_hz * std::exp(share * std::log(Extended(high_hz) / low_hz)));
+}
+
+}  // namespace
+
+// The loop with the gain 1 at some points of the grid: real and imaginary part without a delay,
+// |L|^2, and the square of the magnitude of the law without its integral part; then real and
+// imaginary part with each delay.
+struct LawGrid::Loop {
+  void resize(std::size_t points, std::size_t delays);
+
+  std::vector<double> real, imag, square, noise;
+  struct Turned {
+    std::vector<double> real, imag;
+  };
+  std::vector<Turned> turned;  // of each delay
+};
+
+// A loop with a delay around one plant: real and imaginary part and |L|^2 at its frequencies.
+struct LawGrid::Curve {
+  std::span<const double> real, imag, square, hz;
+};
+
+LawGrid::LawGrid(std::vector<ForcePlant> plants, std::vector<int> delays_ticks, double density)
+    : plants_(std::move(plants)),
+      delays_(std::move(delays_ticks)),
+      tick_s_(plants_.front().tick_s()),
+      begin_{0} {
+  const GridMaker maker(density, tick_s_);
+  for (const ForcePlant &plant : plants_) {
+    for (const Point &point : maker.grid_of(plant)) {
+      hz_.push_back(point.hz);
+      w_.push_back(point.w);
+    }
+    const std::size_t first = begin_.back();
+    std::vector<Complex> values(hz_.size() - first);
+    plant.response(std::span(w_).subspan(first), values);
+    for (const Complex value : values) {
+      real_.push_back(value.real());
+      imag_.push_back(value.imag());
+    }
+    begin_.push_back(hz_.size());
+  }
+}
+
+std::span<const double> LawGrid::frequency_hz(std::size_t plant) const {
+  return std::span(hz_).subspan(begin_[plant], begin_[plant + 1] - begin_[plant]);
+}
+
+std::vector<Complex> LawGrid::response(std::size_t plant) const {
+  std::vector<Complex> values;
+  for (std::size_t i = begin_[plant]; i < begin_[plant + 1]; ++i)
+    values.emplace_back(real_[i], imag_[i]);
+  return values;
+}
+
+namespace {
+
+// The loops over the points of a grid are compiled twice, for vectors of two and of four doubles.
+// Both variants compute the same doubles, because neither uses a fused multiply-add.
+#if defined(__x86_64__)
+#define FORCEAXIS_WIDE [[gnu::target("avx2")]]
+const bool kWide = __builtin_cpu_supports("avx2") != 0;
+#else
+#define FORCEAXIS_WIDE
+const bool kWide = false;
+#endif
+
+// The points of one plant in arrays, and the loop that is computed for them.
+struct Block {
+  std::size_t count;
+  const double *w, *plant_re, *plant_im;
+  double *re, *im, *square, *noise;
+};
+
+[[gnu::always_inline]] inline void compute_block(const LawShape &law, double tick_s, Block b) {
+  for (std::size_t i = 0; i < b.count; ++i) {
+    b.re[i] = b.plant_re[i];
+    b.im[i] = b.plant_im[i];
+    b.noise[i] = 1.0;
+  }
+  for (const LawSection s : law.sections)
+    for (std::size_t i = 0; i < b.count; ++i) {
+      const double w2 = b.w[i] * b.w[i];
+      const double n_re = s.n0 - s.n2 * w2;
+      const double n_im = s.n1 * b.w[i];
+      const double d_re = s.d0 - s.d2 * w2;
+      const double d_im = s.d1 * b.w[i];
+      const double scale = 1 / (d_re * d_re + d_im * d_im);
+      const double h_re = (n_re * d_re + n_im * d_im) * scale;
+      const double h_im = (n_im * d_re - n_re * d_im) * scale;
+      const double before = b.re[i];
+      b.re[i] = before * h_re - b.im[i] * h_im;
+      b.im[i] = before * h_im + b.im[i] * h_re;
+      b.noise[i] *= (n_re * n_re + n_im * n_im) * scale;
+    }
+  const double rate = law.integral_rad_per_s * tick_s / 2;
+  const double whole = 1 + rate;
+  for (std::size_t i = 0; i < b.count; ++i) {
+    const double turn = -rate / b.w[i];
+    const double before = b.re[i];
+    b.re[i] = before * whole - b.im[i] * turn;
+    b.im[i] = before * turn + b.im[i] * whole;
+    b.square[i] = b.re[i] * b.re[i] + b.im[i] * b.im[i];
+  }
+}
+
+FORCEAXIS_WIDE void compute_wide(const LawShape &law, double tick_s, const Block &block) {
+  compute_block(law, tick_s, block);
+}
+
+void compute_narrow(const LawShape &law, double tick_s, const Block &block) {
+  compute_block(law, tick_s, block);
+}
+
+// Multiplies by 1/z = (1 - j w) / (1 + j w).
+[[gnu::always_inline]] inline void delay_block(std::size_t count, const double *w, double *re,
+                                               double *im) {
+  for (std::size_t i = 0; i < count; ++i) {
+    const double square = w[i] * w[i];
+    const double scale = 1 / (1 + square);
+    const double c = (1 - square) * scale;
+    const double s = 2 * w[i] * scale;
+    const double before = re[i];
+    re[i] = before * c + im[i] * s;
+    im[i] = im[i] * c - before * s;
+  }
+}
+
+FORCEAXIS_WIDE void delay_wide(std::size_t count, const double *w, double *re, double *im) {
+  delay_block(count, w, re, im);
+}
+
+void delay_narrow(std::size_t count, const double *w, double *re, double *im) {
+  delay_block(count, w, re, im);
+}
+
+}  // namespace
+
+void LawGrid::Loop::resize(std::size_t points, std::size_t delays) {
+  for (auto *values : {&real, &imag, &square, &noise}) values->resize(points);
+  turned.resize(delays);
+  for (auto &one : turned) {
+    one.real.resize(points);
+    one.imag.resize(points);
+  }
+}
+
+// Computes the loops with all delays around one plant. The points of `loop` begin at the point
+// `first` of the grid.
+void LawGrid::compute(const LawShape &law, std::size_t plant, std::size_t first, Loop &loop) const {
+  const std::size_t begin = begin_[plant];
+  const std::size_t at = begin - first;
+  const std::size_t count = begin_[plant + 1] - begin;
+  const Block block{count,          &w_[begin],     &real_[begin],    &imag_[begin],
+                    &loop.real[at], &loop.imag[at], &loop.square[at], &loop.noise[at]};
+  (kWide ? compute_wide : compute_narrow)(law, tick_s_, block);
+  for (std::size_t d = 0; d < delays_.size(); ++d) {
+    auto &[real, imag] = loop.turned[d];
+    std::copy_n(&loop.real[at], count, &real[at]);
+    std::copy_n(&loop.imag[at], count, &imag[at]);
+    for (int tick = 0; tick < delays_[d]; ++tick)
+      (kWide ? delay_wide : delay_narrow)(count, &w_[begin], &real[at], &imag[at]);
+  }
+}
+
+// Returns the loop around one plant. The points of `loop` begin at the point `first`.
+LawGrid::Curve LawGrid::curve(const Loop &loop, std::size_t first, std::size_t plant,
+                              std::size_t delay) const {
+  const auto part = [&](const std::vector<double> &values, std::size_t begin) {
+    return std::span(values).subspan(begin_[plant] - begin, begin_[plant + 1] - begin_[plant]);
+  };
+  const auto &[real, imag] = loop.turned[delay];
+  return {part(real, first), part(imag, first), part(loop.square, first), part(hz_, 0)};
+}
+
+namespace {
+
+// The largest of some positive values, and the index of this value. A search for a larger value
+// begins with the value that is known.
+struct Largest {
+  double value = 0.0;
+  std::size_t at = kNowhere;
+  static constexpr std::size_t kNowhere = static_cast<std::size_t>(-1);
+
+  void add(double other, std::size_t index) {
+    if (other > value) {
+      value = other;
+      at = index;
+    }
+  }
+};
+
+// Two doubles in a vector, at any address.
+using Pair [[gnu::vector_size(16), gnu::aligned(8), gnu::may_alias]] = double;
+
+const Pair &pair(const double *values) { return *reinterpret_cast<const Pair *>(values); }
+Pair larger(Pair a, Pair b) { return a > b ? a : b; }
+
+// Calls visit(i) for the points at which the value excess(i) may be positive. excess(i) computes
+// the values of the points i and i + 1.
+template <typename Excess, typename Visit>
+void where_positive(std::size_t count, const Excess &excess, const Visit &visit) {
+  std::size_t i = 0;
+  for (; i + 4 <= count; i += 4) {
+    const Pair most = larger(excess(i), excess(i + 2));
+    if (most[0] > 0 || most[1] > 0)
+      for (std::size_t k = i; k < i + 4; ++k) visit(k);
+  }
+  for (; i < count; ++i) visit(i);
+}
+
+// Searches the largest reciprocal of the smallest g > 0 at a point of the grid that fulfils
+// 1 + 2 g real + g^2 share q = 0, with |L|^2 = q. At the gain share g the loop is on the bound:
+// |1 + g share L|^2 = 1 - share.
+void first_root(std::span<const double> real, std::span<const double> square, double share,
+                Largest &found) {
+  const double *const re = real.data();
+  const double *const q = square.data();
+  // A reciprocal is ahead + sqrt(ahead^2 - share q) with ahead = -real. It exceeds the value v only
+  // if ahead > v or ahead^2 - share q > (v - ahead)^2.
+  const auto excess = [&](std::size_t i) -> Pair {
+    const double v = found.value;
+    const Pair ahead = -pair(re + i);
+    return larger(ahead - v, ahead * (2 * v) - pair(q + i) * share - v * v);
+  };
+  where_positive(real.size(), excess, [&](std::size_t i) {
+    const double ahead = -re[i];
+    const double root = ahead * ahead - share * q[i];
+    if (ahead > 0 && root >= 0) found.add(ahead + std::sqrt(root), i);
+  });
+}
+
+// Searches the largest distance from 0 at which a curve crosses the negative real axis, or at which
+// the curve ends left of 0.
+void axis_crossing(std::span<const double> real, std::span<const double> imag, Largest &found) {
+  const std::size_t last = real.size() - 1;
+  const double *const re = real.data();
+  const double *const im = imag.data();
+  // A crossing lies between two points, so one of them is at least as far from 0.
+  const auto excess = [&](std::size_t i) -> Pair {
+    return larger(-pair(re + i), -pair(re + i + 1)) - found.value;
+  };
+  where_positive(last, excess, [&](std::size_t i) {
+    if (im[i] * im[i + 1] < 0 && re[i] < 0 && re[i + 1] < 0)
+      found.add(-(re[i] + (re[i + 1] - re[i]) * im[i] / (im[i] - im[i + 1])), i);
+  });
+  found.add(-re[last], last);
+}
+
+// Searches the largest |L| at a point with a phase within the phase margin of -180 degrees.
+void within_phase(std::span<const double> real, std::span<const double> square, double margin_deg,
+                  Largest &found) {
+  const auto cosine =
+      static_cast<double>(std::cos(std::numbers::pi_v<Extended> / 180 * margin_deg));
+  for (std::size_t i = 0; i < real.size(); ++i) {
+    const double size = std::sqrt(square[i]);
+    if (-real[i] > cosine * size) found.add(size, i);
+  }
+}
+
+}  // namespace
+
+double LawGrid::noise_gain(const LawShape &law) const {
+  double most = 0.0;
+  Loop loop = loop_of_one();
+  for (std::size_t p = 0; p < plants_.size(); ++p) {
+    compute(law, p, begin_[p], loop);
+    for (std::size_t i = 0; i < begin_[p + 1] - begin_[p]; ++i)
+      most = std::max(most, loop.noise[i]);
+  }
+  return std::sqrt(most);
+}
+
+// Returns arrays for the loops around the plant with the most points.
+LawGrid::Loop LawGrid::loop_of_one() const {
+  std::size_t most = 0;
+  for (std::size_t p = 0; p < plants_.size(); ++p) most = std::max(most, begin_[p + 1] - begin_[p]);
+  Loop loop;
+  loop.resize(most, delays_.size());
+  return loop;
+}
+
+// Reduces a limit to the largest gain that the bounds permit for one loop.
+void LawGrid::reduce(GainLimit &limit, const Curve &curve, std::size_t plant, std::size_t delay,
+                     const LawBounds &bounds) {
+  // `search` looks for a value above the one that belongs to the limit.
+  const auto add = [&](GainLimit::Bound bound, double factor, const auto &search) {
+    Largest found{factor / limit.gain};
+    search(found);
+    if (found.at != Largest::kNowhere)
+      limit = {factor / found.value, bound, plant, delay, curve.hz[found.at]};
+  };
+  const auto root = [&](double share) {
+    return [&curve, share](Largest &found) { first_root(curve.real, curve.square, share, found); };
+  };
+  const double share = 1 - 1 / (bounds.ms[delay] * bounds.ms[delay]);
+  add(GainLimit::Bound::ms, share, root(share));
+  if (std::isfinite(bounds.mt))
+    add(GainLimit::Bound::mt, 1.0, root(1 - 1 / (bounds.mt * bounds.mt)));
+  add(GainLimit::Bound::gm, 1 / bounds.gain_margin,
+      [&](Largest &found) { axis_crossing(curve.real, curve.imag, found); });
+  if (bounds.phase_margin_deg > 0)
+    add(GainLimit::Bound::pm, 1.0, [&](Largest &found) {
+      within_phase(curve.real, curve.square, bounds.phase_margin_deg, found);
+    });
+}
+
+// Returns the largest gain of each plant alone.
+std::vector<GainLimit> LawGrid::limits(const LawShape &law, double hf_gain,
+                                       const LawBounds &bounds) const {
+  GainLimit free;
+  free.gain = bounds.hf_gain / hf_gain;
+  std::vector<GainLimit> found(plants_.size(), free);
+  Loop loop = loop_of_one();
+  for (std::size_t p = 0; p < plants_.size(); ++p) {
+    compute(law, p, begin_[p], loop);
+    for (std::size_t d = 0; d < delays_.size(); ++d)
+      reduce(found[p], curve(loop, begin_[p], p, d), p, d, bounds);
+  }
+  return found;
+}
+
+GainLimit LawGrid::largest_gain(const LawShape &law, double hf_gain,
+                                const LawBounds &bounds) const {
+  const auto all = limits(law, hf_gain, bounds);
+  return *std::min_element(all.begin(), all.end(),
+                           [](const GainLimit &a, const GainLimit &b) { return a.gain < b.gain; });
+}
+
+namespace {
+
+// |1 + g L|^2
+double apart(double gain, double real, double square) {
+  return 1 + 2 * gain * real + gain * gain * square;
+}
+
+// Returns the first frequency at which past(i) is true: 0 for the first point, and the last
+// frequency for none. The frequency is interpolated where level(i) is 1; a level above 1 is past.
+// The search ends at the frequency `most`, which the result does not exceed.
+template <typename Past, typename Level>
+double first_past(std::span<const double> hz, double most, const Past &past, const Level &level) {
+  if (past(0)) return 0.0;
+  for (std::size_t i = 1; i < hz.size() && hz[i - 1] < most; ++i)
+    if (past(i)) return std::min(most, between(hz[i - 1], hz[i], level(i - 1), level(i)));
+  return std::min(most, hz.back());
+}
+
+// The first frequencies at which |S| rises above and |T| falls below -3 dB.
+double bandwidth_of(std::span<const double> re, std::span<const double> q,
+                    std::span<const double> hz, double gain, double most) {
+  return first_past(
+      hz, most, [&](std::size_t i) { return kHalfPower * apart(gain, re[i], q[i]) <= 1; },
+      [&](std::size_t i) { return 1 / (kHalfPower * apart(gain, re[i], q[i])); });
+}
+
+double fall_of(std::span<const double> re, std::span<const double> q, std::span<const double> hz,
+               double gain, double most) {
+  return first_past(
+      hz, most,
+      [&](std::size_t i) { return kHalfPower * apart(gain, re[i], q[i]) >= gain * gain * q[i]; },
+      [&](std::size_t i) { return kHalfPower * apart(gain, re[i], q[i]) / (gain * gain * q[i]); });
+}
+
+// The last frequency at which |T| falls below -3 dB; 0 if |T| is never above.
+double last_fall_of(std::span<const double> re, std::span<const double> q,
+                    std::span<const double> hz, double gain) {
+  const auto level = [&](std::size_t i) {
+    return gain * gain * q[i] / (kHalfPower * apart(gain, re[i], q[i]));
+  };
+  std::size_t i = hz.size();
+  while (i > 0 && level(i - 1) < 1) --i;
+  if (i == 0) return 0.0;
+  return i == hz.size() ? hz[i - 1] : between(hz[i - 1], hz[i], 1 / level(i - 1), 1 / level(i));
+}
+
+// The smallest factor by which the gain may rise until the loop crosses -1.
+double gain_margin_of(std::span<const double> re, std::span<const double> im, double gain) {
+  double least = kNone;
+  const auto add = [&](double real) {
+    if (real < 0 && real > -1) least = std::min(least, -1 / real);
+  };
+  const std::size_t last = re.size() - 1;
+  for (std::size_t i = 0; i < last; ++i)
+    if (im[i] * im[i + 1] < 0 && re[i] < 0)
+      add(gain * (re[i] + (re[i + 1] - re[i]) * im[i] / (im[i] - im[i + 1])));
+  add(gain * re[last]);
+  return least;
+}
+
+// The smallest magnitude of the phase margin in rad.
+double phase_margin_of(std::span<const double> re, std::span<const double> im,
+                       std::span<const double> q, double gain) {
+  double least = kNone;
+  for (std::size_t i = 0; i + 1 < re.size(); ++i) {
+    const double size = gain * gain * q[i];
+    const double next = gain * gain * q[i + 1];
+    if ((size - 1) * (next - 1) >= 0) continue;
+    const double share = logarithm(size) / (logarithm(size) - logarithm(next));
+    const Extended real = re[i] * (1 - share) + re[i + 1] * share;
+    const Extended imag = im[i] * (1 - share) + im[i + 1] * share;
+    least = std::min(least, static_cast<double>(std::abs(std::atan2(-imag, -real))));
+  }
+  return least;
+}
+
+}  // namespace
+
+std::vector<LoopFigures> LawGrid::figures(const LawShape &law, double gain) const {
+  std::vector<LoopFigures> all;
+  Loop loop = loop_of_one();
+  for (std::size_t p = 0; p < plants_.size(); ++p) {
+    compute(law, p, begin_[p], loop);
+    for (std::size_t d = 0; d < delays_.size(); ++d) {
+      const auto [re, im, q, hz] = curve(loop, begin_[p], p, d);
+      double least = kNone;
+      double most = 0.0;
+      for (std::size_t i = 0; i < hz.size(); ++i) {
+        const double a = apart(gain, re[i], q[i]);
+        least = std::min(least, a);
+        most = std::max(most, gain * gain * q[i] / a);
+      }
+      all.push_back({bandwidth_of(re, q, hz, gain, kNone), fall_of(re, q, hz, gain, kNone),
+                     last_fall_of(re, q, hz, gain), 1 / std::sqrt(least), std::sqrt(most),
+                     gain_margin_of(re, im, gain), phase_margin_of(re, im, q, gain)});
+    }
+  }
+  return all;
+}
+
+// A loop with its gain at any frequency.
+class LawGrid::Sight {
+ public:
+  Sight(const ForcePlant &plant, const LawShape &law, double gain, int delay_ticks)
+      : plant_(plant), law_(law), gain_(gain), delay_ticks_(delay_ticks) {}
+
+  Complex at(double hz) const {
+    const std::array<double, 1> w{tangent_of(hz, plant_.tick_s())};
+    std::array<Complex, 1> value;
+    plant_.response(w, value);
+    value[0] *= gain_ * law_.at(w[0], plant_.tick_s());
+    for (int tick = 0; tick < delay_ticks_; ++tick)
+      value[0] *= Complex(1, -w[0]) / Complex(1, w[0]);
+    return value[0];
+  }
+  double apart(double hz) const { return std::norm(1.0 + at(hz)); }
+
+ private:
+  const ForcePlant &plant_;
+  const LawShape &law_;
+  double gain_;
+  int delay_ticks_;
+};
+
+namespace {
+
+constexpr int kStepsMax = 100;
+
+// Returns the frequency at which `value` changes its sign between two frequencies, by the method of
+// Anderson and Bjorck.
+template <typename Value>
+double root_between(double low, double high, const Value &value) {
+  double a = value(low);
+  double b = value(high);
+  for (int step = 0; step < kStepsMax && high - low > 1e-14 * high && a != 0; ++step) {
+    double next = low - a * (high - low) / (b - a);
+    if (!(next > low && next < high)) next = (low + high) / 2;
+    const double c = value(next);
+    if (c == 0) return next;
+    if ((c < 0) == (b < 0)) {
+      const double factor = 1 - c / b;
+      a *= factor > 0 ? factor : 0.5;
+      high = next;
+      b = c;
+    } else {
+      const double factor = 1 - c / a;
+      b *= factor > 0 ? factor : 0.5;
+      low = next;
+      a = c;
+    }
+  }
+  return std::abs(a) < std::abs(b) ? low : high;
+}
+
+// Returns the smallest value between two frequencies, by golden sections of the logarithm of the
+// frequency. Near a minimum the value has twice as many digits as the frequency.
+template <typename Value>
+double least_between(double low, double high, const Value &value) {
+  constexpr double kGolden = 0.6180339887498949;
+  double inner = high - kGolden * (high - low);
+  double outer = low + kGolden * (high - low);
+  double at_inner = value(inner);
+  double at_outer = value(outer);
+  while (high - low > 1e-6 * high) {
+    if (at_inner < at_outer) {
+      high = outer;
+      outer = inner;
+      at_outer = at_inner;
+      inner = high - kGolden * (high - low);
+      at_inner = value(inner);
+    } else {
+      low = inner;
+      inner = outer;
+      at_inner = at_outer;
+      outer = low + kGolden * (high - low);
+      at_outer = value(outer);
+    }
+  }
+  return std::min(at_inner, at_outer);
+}
+
+// Values that are close to the best one of a grid may be the best one between its points.
+constexpr double kCloseShare = 0.03;
+
+}  // namespace
+
+// The methods compute one figure each, from the values at the points of the grid.
+class LawGrid::Precise {
+ public:
+  Precise(const Curve &curve, const Sight &sight, double gain)
+      : curve_(curve), sight_(sight), gain_(gain), last_(curve.hz.size() - 1) {}
+
+  // The largest distance from 0 at which the loop crosses the negative real axis.
+  double axis_distance() const {
+    const auto [re, im, q, hz] = curve_;
+    double most = -gain_ * re[last_];
+    for (std::size_t i = 0; i < last_; ++i) {
+      if (im[i] * im[i + 1] >= 0 || re[i] + re[i + 1] >= 0) continue;
+      if (gain_ * std::max(-re[i], -re[i + 1]) < (1 - kCloseShare) * most) continue;
+      const double at = root(i, [&](double f) { return sight_.at(f).imag(); });
+      most = std::max(most, -sight_.at(at).real());
+    }
+    return most;
+  }
+
+  double fS_hz() const {
+    if (size(0) * kHalfPower <= 1) return 0.0;
+    for (std::size_t i = 0; i < last_; ++i)
+      if (size(i + 1) * kHalfPower <= 1)
+        return root(i, [&](double f) { return 1 / kHalfPower - sight_.apart(f); });
+    return kNone;
+  }
+
+  double first_fall_hz() const {
+    if (below(0) > 0) return 0.0;
+    for (std::size_t i = 0; i < last_; ++i)
+      if (below(i + 1) > 0) return fall(i);
+    return kNone;
+  }
+
+  double last_fall_hz() const {
+    if (below(last_) <= 0) return kNone;
+    for (std::size_t i = last_; i-- > 0;)
+      if (below(i) <= 0) return fall(i);
+    return 0.0;
+  }
+
+  double ms() const {
+    double least = kNone;
+    for (std::size_t i = 0; i <= last_; ++i) least = std::min(least, size(i));
+    const double close = (1 + kCloseShare) * least;
+    for (std::size_t i = 0; i <= last_; ++i) {
+      const std::size_t before = i > 0 ? i - 1 : 0;
+      const std::size_t after = std::min(i + 1, last_);
+      if (size(i) > close || size(before) < size(i) || size(after) < size(i)) continue;
+      least = std::min(least, least_between(curve_.hz[before], curve_.hz[after],
+                                            [&](double f) { return sight_.apart(f); }));
+    }
+    return 1 / std::sqrt(least);
+  }
+
+  double phase_margin_rad() const {
+    double least = kNone;
+    const double level = 1 / (gain_ * gain_);
+    for (std::size_t i = 0; i < last_; ++i) {
+      if ((curve_.square[i] < level) == (curve_.square[i + 1] < level)) continue;
+      const Complex at = sight_.at(root(i, [&](double f) { return std::norm(sight_.at(f)) - 1; }));
+      const Extended angle = std::atan2(Extended{-at.imag()}, Extended{-at.real()});
+      least = std::min(least, static_cast<double>(std::abs(angle)));
+    }
+    return least;
+  }
+
+ private:
+  double size(std::size_t i) const { return apart(gain_, curve_.real[i], curve_.square[i]); }
+  // Positive where |T| is below -3 dB.
+  double below(std::size_t i) const {
+    return kHalfPower * size(i) - gain_ * gain_ * curve_.square[i];
+  }
+  double fall(std::size_t i) const {
+    return root(i,
+                [&](double f) { return kHalfPower * sight_.apart(f) - std::norm(sight_.at(f)); });
+  }
+  template <typename Value>
+  double root(std::size_t i, const Value &value) const {
+    return root_between(curve_.hz[i], curve_.hz[i + 1], value);
+  }
+
+  const Curve &curve_;
+  const Sight &sight_;
+  double gain_;
+  std::size_t last_;
+};
+
+PreciseFigures LawGrid::precise(const LawShape &law, double gain, std::size_t plant,
+                                std::size_t delay) const {
+  const ForcePlant &own = plants_[plant];
+  for (const Complex pole : own.poles())
+    if (!(pole.real() < -kStableShare * std::sqrt(std::norm(pole)))) return {};
+  Loop loop = loop_of_one();
+  compute(law, plant, begin_[plant], loop);
+  const Curve part = curve(loop, begin_[plant], plant, delay);
+  const Sight sight(own, law, gain, delays_[delay]);
+  const Precise precise(part, sight, gain);
+  const double axis = precise.axis_distance();
+  if (axis >= 1) return {};
+  const double fS_hz = precise.fS_hz();
+  return {true,
+          fS_hz,
+          precise.last_fall_hz(),
+          precise.ms(),
+          axis > 0 ? 1 / axis : kNone,
+          precise.phase_margin_rad(),
+          precise.first_fall_hz() < fS_hz};
+}
+
+LawValue LawGrid::evaluate(const LawShape &law, const LawBounds &bounds, double gain_share,
+                           const RampResponse *ramp) const {
+  thread_local Loop loop;  // some 100 kB, reused
+  loop.resize(hz_.size(), delays_.size());
+  GainLimit limit;
+  limit.gain = bounds.hf_gain / law.hf_gain();
+  for (std::size_t p = 0; p < plants_.size(); ++p) {
+    compute(law, p, 0, loop);
+    for (std::size_t d = 0; d < delays_.size(); ++d)
+      reduce(limit, curve(loop, 0, p, d), p, d, bounds);
+  }
+  const double noise = *std::max_element(loop.noise.begin(), loop.noise.end());
+  limit.gain = std::min(limit.gain, bounds.hf_gain / std::sqrt(noise));
+  const double gain = gain_share * limit.gain;
+  double hz = kNone;
+  for (std::size_t p = 0; p < plants_.size(); ++p)
+    for (std::size_t d = 0; d < delays_.size(); ++d) {
+      const Curve one = curve(loop, 0, p, d);
+      hz = bandwidth_of(one.real, one.square, one.hz, gain, hz);
+      if (law.integral_rad_per_s > 0) hz = fall_of(one.real, one.square, one.hz, gain, hz);
+    }
+  if (ramp != nullptr) hz /= 1 + kRampWeight * ramp->excess(law, limit.gain);
+  return {hz, limit.gain};
+}
+
+}  // namespace forceaxis::sim

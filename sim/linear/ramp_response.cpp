@@ -1,0 +1,177 @@
+#include "sim/linear/ramp_response.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+namespace forceaxis::sim {
+namespace {
+
+using Complex = std::complex<double>;
+using Extended = long double;
+using Pair = RampResponse::Pair;
+using ComplexPair = RampResponse::ComplexPair;
+
+constexpr double kPeriodRamps = 30.0;    // period of the set-point as a multiple of the ramp time
+constexpr std::size_t kHarmonics = 256;  // largest number of odd harmonics
+constexpr std::size_t kPeriod = 2048;    // number of instants in a period
+constexpr std::size_t kPart = kPeriod / 8;  // length of one Fourier transform
+constexpr double kHighestShare = 0.49;      // highest harmonic as a share of the tick rate
+constexpr double kOvershootMax = 0.055;     // of the set-point
+// (instant in ramp times, largest undershoot from this instant on as a share of the set-point)
+constexpr std::array<std::pair<double, double>, 2> kShortMax{{{1.25, 0.02}, {1.6, 0.025}}};
+
+// The operators of the standard library test for infinities.
+Complex times(Complex a, Complex b) {
+  return {a.real() * b.real() - a.imag() * b.imag(), a.real() * b.imag() + a.imag() * b.real()};
+}
+
+ComplexPair times(ComplexPair a, Complex b) {
+  return {a.re * b.real() - a.im * b.imag(), a.re * b.imag() + a.im * b.real()};
+}
+
+// Returns e^(2 pi j share), computed with long double, because the functions for double of the C
+// library depend on the processor.
+Complex turned(Extended share) {
+  const Extended angle = 2 * std::numbers::pi_v<Extended> * share;
+  return {static_cast<double>(std::cos(angle)), static_cast<double>(std::sin(angle))};
+}
+
+// The powers 0 .. kPeriod - 1 of e^(2 pi j / kPeriod).
+const std::vector<Complex> &roots_of_one() {
+  static const std::vector<Complex> roots = [] {
+    std::vector<Complex> found;
+    for (std::size_t i = 0; i < kPeriod; ++i) found.push_back(turned(Extended(i) / kPeriod));
+    return found;
+  }();
+  return roots;
+}
+
+// Replaces `values` by their sums with e^(2 pi j m a / kPart) for a = 0 .. kPart - 1.
+void transform(std::array<ComplexPair, kPart> &values) {
+  const auto &roots = roots_of_one();
+  for (std::size_t i = 1, j = 0; i < kPart; ++i) {
+    std::size_t bit = kPart / 2;
+    for (; (j & bit) != 0; bit /= 2) j ^= bit;
+    j ^= bit;
+    if (i < j) std::swap(values[i], values[j]);
+  }
+  for (std::size_t length = 2; length <= kPart; length *= 2)
+    for (std::size_t k = 0; k < length / 2; ++k) {
+      const Complex root = roots[k * (kPeriod / length)];
+      for (std::size_t begin = k; begin < kPart; begin += length) {
+        const ComplexPair even = values[begin];
+        const ComplexPair odd = times(values[begin + length / 2], root);
+        values[begin] = {even.re + odd.re, even.im + odd.im};
+        values[begin + length / 2] = {even.re - odd.re, even.im - odd.im};
+      }
+    }
+}
+
+// Returns the set-point, from -1/2 to 1/2, at an instant in ramp times.
+Extended setpoint_at(Extended ramps) {
+  const Extended half = kPeriodRamps / 2;
+  return std::clamp(ramps, 0.0L, 1.0L) - std::clamp(ramps - half, 0.0L, 1.0L) - 0.5L;
+}
+
+// Returns the largest excess of two forces over the permitted band, as a share of the set-point.
+// `harmonics`: their odd harmonics. The sum over the harmonics 2 m + 1 at the instant 4 a + b of
+// the first half of the period is a Fourier transform over m at the place a, turned by the angle of
+// the instant.
+double excess_of(std::span<const ComplexPair> harmonics) {
+  const auto &roots = roots_of_one();
+  Pair high{};
+  Pair low{};
+  const auto raise = [](Pair &most, Pair value) { most = value > most ? value : most; };
+  std::array<ComplexPair, kPart> part;
+  for (std::size_t b = 0; b < 4; ++b) {
+    part.fill(ComplexPair{});
+    for (std::size_t m = 0; m < harmonics.size(); ++m)
+      part[m] = times(harmonics[m], roots[2 * m * b % kPeriod]);
+    transform(part);
+    for (std::size_t a = 0; a < kPart; ++a) {
+      const Complex root = roots[4 * a + b];
+      const Pair force = part[a].re * root.real() - part[a].im * root.imag() - 0.5;
+      raise(high, force - kOvershootMax);
+      const double ramps = static_cast<double>(4 * a + b) / kPeriod * kPeriodRamps;
+      if (ramps > kShortMax[0].first)
+        raise(low, -force - kShortMax[ramps < kShortMax[1].first ? 0 : 1].second);
+    }
+  }
+  return std::max({high[0], high[1], low[0], low[1]});
+}
+
+}  // namespace
+
+RampResponse::RampResponse(std::span<const ForcePlant *const> plants,
+                           std::span<const int> delays_ticks, double ramp_s)
+    : tick_s_(plants.front()->tick_s()) {
+  const double period_s = kPeriodRamps * ramp_s;
+  std::vector<double> hz;
+  for (std::size_t m = 0; m < kHarmonics; ++m) {
+    const double next = static_cast<double>(2 * m + 1) / period_s;
+    if (next < kHighestShare / tick_s_) hz.push_back(next);
+  }
+  for (std::size_t m = 0; m < hz.size(); ++m) {
+    w_.push_back(tangent_of(hz[m], tick_s_));
+    std::complex<Extended> sum = 0;
+    for (std::size_t i = 0; i < kPeriod; ++i) {
+      const Complex root = std::conj(roots_of_one()[(2 * m + 1) * i % kPeriod]);
+      sum += setpoint_at(Extended(i) / kPeriod * kPeriodRamps) *
+             std::complex<Extended>(root.real(), root.imag());
+    }
+    // The factor 2 adds the conjugate of each harmonic.
+    sum *= Extended{2} / kPeriod;
+    setpoint_.emplace_back(static_cast<double>(sum.real()), static_cast<double>(sum.imag()));
+  }
+  std::vector<std::vector<Complex>> loops;
+  for (const ForcePlant *plant : plants) {
+    std::vector<Complex> values(hz.size());
+    plant->response(w_, values);
+    for (const int delay : delays_ticks) {
+      auto &loop = loops.emplace_back();
+      for (std::size_t m = 0; m < hz.size(); ++m)
+        loop.push_back(times(values[m], turned(-Extended(hz[m]) * tick_s_ * delay)));
+    }
+  }
+  for (std::size_t i = 0; i < loops.size(); i += 2) {
+    const auto &first = loops[i];
+    const auto &second = loops[std::min(i + 1, loops.size() - 1)];
+    for (std::size_t m = 0; m < hz.size(); ++m)
+      plants_.push_back(ComplexPair{Pair{first[m].real(), second[m].real()},
+                                    Pair{first[m].imag(), second[m].imag()}});
+  }
+}
+
+double RampResponse::excess(const LawShape &law, double gain) const {
+  const std::size_t count = w_.size();
+  std::array<Complex, kHarmonics> response;
+  const double rate = law.integral_rad_per_s * tick_s_ / 2;
+  for (std::size_t m = 0; m < count; ++m) {
+    const double w = w_[m];
+    Complex value(gain * (1 + rate), -gain * rate / w);
+    for (const LawSection &s : law.sections) {
+      const Complex upper(s.n0 - s.n2 * w * w, s.n1 * w);
+      const Complex lower(s.d0 - s.d2 * w * w, -s.d1 * w);
+      const double size = lower.real() * lower.real() + lower.imag() * lower.imag();
+      value = times(value, times(upper, lower)) / size;
+    }
+    response[m] = value;
+  }
+  double worst = 0.0;
+  std::array<ComplexPair, kHarmonics> closed;
+  for (std::size_t begin = 0; begin < plants_.size(); begin += count) {
+    for (std::size_t m = 0; m < count; ++m) {
+      const auto [re, im] = times(plants_[begin + m], response[m]);
+      const Pair beyond = 1 + re;
+      const Pair size = beyond * beyond + im * im;
+      closed[m] = times({(re * beyond + im * im) / size, im / size}, setpoint_[m]);
+    }
+    worst = std::max(worst, excess_of(std::span(closed).first(count)));
+  }
+  return worst;
+}
+
+}  // namespace forceaxis::sim

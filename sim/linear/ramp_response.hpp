@@ -1,0 +1,39 @@
+#pragma once
+// The response of force loops to a force set-point that rises as a ramp.
+//
+// With an integral action that is slower than the loop, the force settles slowly; with a faster
+// one, the force overshoots. The bandwidth does not show these two effects. The set-point is a
+// periodic trapezoid of 30 ramp times, so the response is a sum of odd harmonics.
+#include <complex>
+#include <span>
+#include <vector>
+
+#include "sim/linear/force_plant.hpp"
+#include "sim/linear/law_shape.hpp"
+
+namespace forceaxis::sim {
+
+class RampResponse {
+ public:
+  /// `delays_ticks`: delays of the loop. `ramp_s`: rise time of the set-point in s.
+  RampResponse(std::span<const ForcePlant *const> plants, std::span<const int> delays_ticks,
+               double ramp_s);
+  /// Returns the largest excess of the force over the permitted band about the set-point, as a
+  /// share of the set-point, over all plants and delays; 0 if the force stays within the band. The
+  /// band: at most 5.5 % above, at most 2 % below from 1.25 ramp times on, 2.5 % from 1.6 on.
+  double excess(const LawShape &law, double gain) const;
+
+  /// Two numbers, one for each of two loops that are computed at the same time.
+  using Pair [[gnu::vector_size(16)]] = double;
+  struct ComplexPair {
+    Pair re, im;
+  };
+
+ private:
+  double tick_s_;
+  std::vector<double> w_;                       // tan(pi f T) of each harmonic
+  std::vector<std::complex<double>> setpoint_;  // spectrum of the set-point
+  std::vector<ComplexPair> plants_;  // delayed responses, pair after pair; a last one is repeated
+};
+
+}  // namespace forceaxis::sim
