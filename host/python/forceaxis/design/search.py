@@ -38,7 +38,7 @@ SEED = 1988
 RAMP_PERIODS = 0.2
 RAMP_MIN_S = 0.1  # shortest rise time
 # The differential evolution: strategy, share of the numbers that a trial law takes over, and number
-# of generations. docs/decisions/0048-optimiser-of-the-search.md compares them with others.
+# of generations. Decision 48 (docs/decisions) compares this choice with others.
 STRATEGY, RECOMBINATION, GENERATIONS = "randtobest1bin", 0.9, 160
 POPULATION_PER_NUMBER = 8
 # number of searches for a law with no, with one and with two second-order sections
