@@ -92,8 +92,8 @@ class ShortSearch:
         limits[:, 1] = limits.max(axis=1)
         self._thin.bounds, self._thin.ramp = self.inner.bounds, self.inner.ramp
         starts = self._starts(fS, rate)
-        numbers = search.evolved(self._thin, limits, np.array(starts), POPULATION, GENERATIONS)
-        numbers = self._polished(numbers)
+        laws = search.evolved(self._thin, limits, np.array(starts), POPULATION, GENERATIONS)
+        numbers = self._polished(self.inner.best_of(laws))
         found = self._shaped(structures.bank(numbers, 1.0), numbers)
         # On a soft contact no law may follow the ramp; the best shape is then too slow.
         plain = self._shaped(Bank(1.0, rate), starts[-1])

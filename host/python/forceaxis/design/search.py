@@ -124,6 +124,11 @@ class SearchProblem:
         has the numbers of one law in each row."""
         return self.grid.evaluate(rows, self.bounds, self.ramp if rows.shape[1] else None)
 
+    def best_of(self, rows: Samples) -> Samples:
+        """Returns the numbers of the law with the largest bandwidth; each row is a law."""
+        best: Samples = rows[int(np.argmax(self.evaluate_all(rows)[:, 0]))]
+        return best
+
     def hf_gain(self, bank: Bank) -> float:
         """Returns the gain at high frequency of a filter bank with the gain 1: the gain as the
         firmware computes it, or the largest magnitude without the integral if that is larger."""
@@ -197,8 +202,8 @@ def _search(
         limits = structures.bounds(name, begin * fS)
         count = max(POPULATION_PER_NUMBER * len(limits), 12)
         starts = _starts(name, limits, zeros, best, count)
-        numbers = evolved(thin, limits, starts, count, GENERATIONS, SEED + i)
-        results.append(_polished(problem, numbers, limits))
+        laws = evolved(thin, limits, starts, count, GENERATIONS, SEED + i)
+        results.append(_polished(problem, problem.best_of(laws), limits))
     return max(results, key=lambda numbers: problem.evaluate(numbers)[0])
 
 
@@ -206,9 +211,13 @@ def evolved(
     problem: SearchProblem, limits: Samples, starts: Samples, count: int, generations: int,
     seed: int = SEED,
 ) -> Samples:  # fmt: skip
-    """Returns the numbers of the best law that a differential evolution finds. The population has
-    `count` laws: the rows of `starts`, and random laws within `limits`, an array of (lowest,
-    highest)."""
+    """Returns the laws of the last generation of a differential evolution, one in each row.
+
+    The first generation has `count` laws: the rows of `starts`, and random laws within `limits`, an
+    array of (lowest, highest). The best law of a thin grid may be bad on a full grid, where a peak of
+    |S| lies between two points of the thin grid. The other laws of the last generation are then
+    better.
+    """
     low, high = limits.T
     rng = np.random.default_rng(seed)
     first = rng.uniform(low, high, (count, len(limits)))
@@ -226,8 +235,8 @@ def evolved(
         updating="deferred",
         vectorized=True,
     )
-    numbers: Samples = found.x
-    return numbers
+    laws: Samples = found.population
+    return laws
 
 
 def _polished(problem: SearchProblem, numbers: Samples, limits: Samples) -> Samples:
