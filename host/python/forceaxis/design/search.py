@@ -214,9 +214,8 @@ def evolved(
     """Returns the laws of the last generation of a differential evolution, one in each row.
 
     The first generation has `count` laws: the rows of `starts`, and random laws within `limits`, an
-    array of (lowest, highest). The best law of a thin grid may be bad on a full grid, where a peak of
-    |S| lies between two points of the thin grid. The other laws of the last generation are then
-    better.
+    array of (lowest, highest). The best law of a thin grid may be bad on a full grid, if a peak of
+    |S| lies between two points of the thin grid. Other laws of the last generation are then better.
     """
     low, high = limits.T
     rng = np.random.default_rng(seed)
