@@ -48,4 +48,27 @@ __attribute__((visibility("default"))) long bench_peer(const char *tool, int ful
     return -2;
   }
 }
+
+// One run of odeint on a plant of `forceaxis bench --growth`, as bench_peer. `plant`: "chain" with
+// `size` bodies, or "rattle" with an oscillator of `size` Hz.
+__attribute__((visibility("default"))) long bench_growth(const char *plant, double size, int gain,
+                                                         int setpoint_N, int ticks, double *force_N,
+                                                         double *robot_m, double *workpiece_m,
+                                                         double *current_A, int *count,
+                                                         double *seconds) {
+  const Record record{force_N, robot_m, workpiece_m, current_A, count};
+  if (ticks < 0 || ticks > kTicks) return -2;
+  try {
+    const double start = thread_cpu_s();
+    const long crossings =
+        std::strcmp(plant, "chain") == 0
+            ? run_odeint_chain(static_cast<int>(size), gain, setpoint_N, ticks, record)
+            : run_odeint_rattle(size, gain, setpoint_N, ticks, record);
+    *seconds = thread_cpu_s() - start;
+    return crossings;
+  } catch (const std::exception &error) {
+    std::fprintf(stderr, "odeint: %s\n", error.what());
+    return -2;
+  }
+}
 }

@@ -160,15 +160,15 @@ class Peers:
     def __init__(self) -> None:
         path = paths.SIM.parent / "build" / "release" / "tests" / "bench" / "bench_peers.so"
         self.missing: dict[str, str] = {}
-        self._call: Callable[..., int] | None = None
+        self._library: ctypes.CDLL | None = None
         try:
-            function = ctypes.CDLL(str(path)).bench_peer
-            function.restype = ctypes.c_long
-            self._call = function
+            library = ctypes.CDLL(str(path))
+            library.bench_peer.restype = library.bench_growth.restype = ctypes.c_long
+            self._library = library
         except OSError:
             where = f"{paths.display(path)} not found; in a checkout tools/setup --tests builds it"
             self.missing = dict.fromkeys(("odeint", "mujoco", "reference"), where)
-        if self._call is not None and self.run("mujoco", CASES["A"], False, 0) is None:
+        if self._library is not None and self.run("mujoco", CASES["A"], False, 0) is None:
             self.missing["mujoco"] = "not built: its wheel was not in .venv at the last build"
         if importlib.util.find_spec("scipy") is None:
             self.missing["scipy"] = "not installed"
@@ -179,15 +179,30 @@ class Peers:
 
         tool: "odeint", "mujoco" or "reference". full: whether the case is "full".
         """
-        assert self._call is not None
+        assert self._library is not None
+        arguments = (tool.encode(), int(full), case.gain, case.setpoint_N, ticks)
+        return self._timed(self._library.bench_peer, arguments)
+
+    def grow(self, plant: str, size: float, gain: int, setpoint_N: int) -> TimedRun:
+        """Simulates a plant of forceaxis.bench.growth once with odeint. `plant` is "chain" with
+        `size` bodies, or "rattle" with an oscillator of `size` Hz."""
+        assert self._library is not None
+        arguments = (plant.encode(), ctypes.c_double(size), gain, setpoint_N, TICKS)
+        done = self._timed(self._library.bench_growth, arguments)
+        if done is None:
+            raise RuntimeError(f"odeint failed with {plant} {size} for the reason printed above")
+        return done
+
+    def _timed(self, function: Callable[..., int], arguments: Iterable[object]) -> TimedRun | None:
+        """Calls a function of the library, which takes the arguments and then the arrays of the
+        result."""
         values = np.zeros((4, TICKS + 1))
         codes = np.zeros(TICKS + 1, np.int32)
         seconds = ctypes.c_double()
         doubles, ints = ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int)
-        events = self._call(
-            tool.encode(), int(full), case.gain, case.setpoint_N, ticks,
-            *(row.ctypes.data_as(doubles) for row in values), codes.ctypes.data_as(ints),
-            ctypes.byref(seconds),
+        events = function(
+            *arguments, *(row.ctypes.data_as(doubles) for row in values),
+            codes.ctypes.data_as(ints), ctypes.byref(seconds),
         )  # fmt: skip
         if events == -2:
             return None

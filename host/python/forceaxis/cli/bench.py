@@ -2,13 +2,15 @@
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import click
 
 from forceaxis.bench import bench
+from forceaxis.bench import growth as bench_growth
 from forceaxis.bench import link as bench_link
 from forceaxis.bench.requirement import Requirement
-from forceaxis.cli.common import Verb, as_json, print_result
+from forceaxis.cli.common import Folder, Verb, as_json, print_result
 
 
 @click.command(
@@ -16,6 +18,7 @@ from forceaxis.cli.common import Verb, as_json, print_result
     cls=Verb,
     epilog="""forceaxis bench --case A --tool forceaxis --tool odeint
     forceaxis bench --check
+    forceaxis bench --growth --out out/growth
     forceaxis bench --link""",
 )
 @click.option(
@@ -39,9 +42,17 @@ from forceaxis.cli.common import Verb, as_json, print_result
     "only exchange messages. The exit status is 1 if a promised rate is missed.",
 )
 @click.option(
+    "--growth",
+    is_flag=True,
+    help="Only how CPU time and peak memory grow with the number of states, of events and of runs "
+    "of a sweep.",
+)
+@click.option("--out", type=Folder(), help="Folder for growth.png and growth.json of --growth.")
+@click.option(
     "--check",
     is_flag=True,
-    help="Measure everything; the exit status is 1 if a promised ratio is missed.",
+    help="Measure everything but --link and --growth; the exit status is 1 if a promised ratio is "
+    "missed.",
 )
 @as_json
 def bench_(
@@ -51,6 +62,8 @@ def bench_(
     sweeps: bool,
     linear: bool,
     links: bool,
+    growth: bool,
+    out: Path | None,
     check: bool,
     as_json: bool,
 ) -> None:
@@ -67,6 +80,14 @@ def bench_(
         lines = [*map(rates_line, rates), *map(check_line, checks)]
         print_result({"link": rates, "checks": checks}, as_json, lambda: "\n".join(lines))
         sys.exit(not all(c.held for c in checks))
+    if out and not growth:
+        raise click.UsageError("expected --out together with --growth, which writes there")
+    if growth:
+        measured = bench_growth.run(bench_growth.GrowthPlan(), min(repeat, 10))
+        if out:
+            bench_growth.write(measured, out)
+        print_result(measured, as_json, lambda: growth_text(measured))
+        return
     if check and (cases or tools):
         raise click.UsageError(
             "expected --check without --case and --tool, because --check runs all cases with all "
@@ -97,6 +118,26 @@ def rates_line(r: bench_link.LinkRates) -> str:
         f"{r.six_axes_ticks_per_s:,.0f} ticks/s ({r.six_axes_real_time:.1f} x); "
         f"{r.repeated} records repeated"
     )
+
+
+def growth_text(growth: bench_growth.Growth) -> str:
+    """Return a table with the CPU time and the added peak memory of each tool at each point."""
+    lines = []
+    for name, unit in (("states", "tick"), ("events", "tick"), ("runs", "run")):
+        lines.append(f"{name:>9}  tool         us/{unit:5} CPU time     added memory")
+        lines += [
+            f"{p.size:9,}  {p.tool:10} {p.unit_us:10.3f} {p.cpu_s:9.4f} s {p.added_MiB:12.1f} MiB"
+            for p in growth.points
+            if p.growth == name
+        ]
+    lines.append("All points are measured; none is extrapolated.")
+    lines += [f"{'missing':12} {tool}: {why}" for tool, why in growth.missing.items()]
+    return "\n".join(lines + load_lines(growth.load))
+
+
+def load_lines(load: float) -> list[str]:
+    """Return a text line if the computer did other work during the measurement."""
+    return [f"{'load':12} {load:.1f}: the machine was not idle"] if load > 0.5 else []
 
 
 def bench_text(result: bench.BenchResult) -> str:
@@ -132,8 +173,7 @@ def bench_text(result: bench.BenchResult) -> str:
             )
         lines.append(f"{'linear':12} {text}")
     lines += [f"{'missing':12} {tool}: {why}" for tool, why in result.missing.items()]
-    if result.load > 0.5:
-        lines.append(f"{'load':12} {result.load:.1f}: the machine was not idle")
+    lines += load_lines(result.load)
     return "\n".join([*lines, *map(check_line, result.checks or ())])
 
 
