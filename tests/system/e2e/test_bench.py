@@ -88,7 +88,7 @@ def test_a_check_fails_on_a_figure_that_is_missing_or_short(result):
     found = from_json(bench.BenchResult, result)
     assert any(c.check.startswith("A: plant / odeint") for c in bench.check(found))
     fast = [
-        replace(row, real_time_factor=1000 * row.real_time_factor) if row.tool == "odeint" else row
+        replace(row, times_forceaxis=row.times_forceaxis / 1000) if row.tool == "odeint" else row
         for row in found.results
     ]
     short = bench.check(replace(found, results=fast))
@@ -109,3 +109,41 @@ def test_scipy_runs_part_of_a_case():
     assert len(force) == len(counts) == 201
     assert force[189] == 0 < force[190]  # touch-down at 0.12666 s, tick 189.99
     assert events == 2 and seconds > 0
+
+
+def test_the_check_asks_for_each_peer_and_for_mujoco_only_where_it_is_installed(result):
+    found = from_json(bench.BenchResult, result)
+    asked = [c.check for c in bench.check(found)]
+    for start in ("A: plant / odeint", "B: plant / odeint", "full: plant / odeint"):
+        assert any(c.startswith(start) for c in asked), start
+    assert any("mujoco" in c for c in asked)
+    without = replace(
+        found,
+        results=[row for row in found.results if row.tool != "mujoco"],
+        missing={"mujoco": "not built"},
+    )
+    assert not any("mujoco" in c.check for c in bench.check(without))
+    unknown = [c for c in bench.check(replace(without, missing={})) if "mujoco" in c.check]
+    assert [c.held for c in unknown] == [False]
+
+
+def test_no_requirement_of_the_linear_analysis_is_a_time():
+    rows = [
+        bench.AnalysisSpeed("10000 frequencies of full_axis", 9, 1.0, 1000.0, 0.0),
+        bench.AnalysisSpeed("advice table of laboratory, 33 rows", 9, 1000.0, None, None),
+    ]
+    slower = [
+        replace(r, seconds=7 * r.seconds, control_seconds=r.control_seconds and 7000.0)
+        for r in rows
+    ]
+    assert bench.linear_checks(rows) == bench.linear_checks(slower)
+    assert all(c.held for c in bench.linear_checks(rows))
+    alone = bench.linear_checks([replace(rows[0], control_seconds=1.0), rows[1]])
+    assert [c.held for c in alone] == [False, True, False]
+
+
+def test_a_ratio_compares_neighbouring_turns():
+    """The clock doubles after the first repetition: each tool's fastest run is of another one."""
+    other = [[3.0, 2.0], [1.0, 1.5], [2.0]]
+    assert bench.paired_ratio([[4.0], [2.5, 2.0], [9.0]], other) == 2.0
+    assert bench.paired_ratio(other, other) == 1.0

@@ -52,7 +52,7 @@ from forceaxis.cli.common import Folder, Verb, as_json, print_result
     "--check",
     is_flag=True,
     help="Measure everything but --link and --growth; the exit status is 1 if a promised ratio is "
-    "missed.",
+    "missed. All ratios compare CPU times of this run.",
 )
 @as_json
 def bench_(
@@ -143,13 +143,16 @@ def load_lines(load: float) -> list[str]:
 def bench_text(result: bench.BenchResult) -> str:
     """Return a table of the measured models, and one text line for each other result of the
     benchmark."""
-    lines = ["case  tool                x real time   us/tick   spread   force error   events"]
+    lines = [
+        "case  tool                x real time   us/tick   spread   ratio   force error   events"
+    ]
     for r in result.results:
         error = "unknown" if r.force_error_N is None else f"{r.force_error_N:.1e} N"
+        ratio = "" if r.times_forceaxis is None else f"{r.times_forceaxis:.3g}"
         events = "" if r.events is None else r.events
         lines.append(
             f"{r.case:4}  {r.tool:18} {r.real_time_factor:12,.0f} "
-            f"{r.tick_ns / 1e3:9.3f} {r.spread:8.0%}   {error:>11} {events:>8}"
+            f"{r.tick_ns / 1e3:9.3f} {r.spread:8.0%} {ratio:>7}   {error:>11} {events:>8}"
         )
     for sweep in result.sweeps or ():
         lines.append(
