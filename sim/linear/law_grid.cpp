@@ -24,6 +24,9 @@ constexpr double kDampingMax = 0.3;  // a pole or zero with more damping needs n
 constexpr double kNone = std::numeric_limits<double>::infinity();
 constexpr double kHalfPower = 0.5;     // |S|^2 at -3 dB
 constexpr double kStableShare = 1e-9;  // least damping ratio of a pole that counts as stable
+// The bandwidth of a law is that at this share of its largest gain. Without this share, the
+// bandwidth would jump if a peak of |S| is close to -3 dB.
+constexpr double kGainShare = 0.97;
 // A force that leaves the band of the ramp by a share x of the set-point divides the value of a law
 // by 1 + kRampWeight x.
 constexpr double kRampWeight = 30;
@@ -721,8 +724,8 @@ PreciseFigures LawGrid::precise(const LawShape &law, double gain, std::size_t pl
           precise.first_fall_hz() < fS_hz};
 }
 
-LawValue LawGrid::evaluate(const LawShape &law, const LawBounds &bounds, double gain_share,
-                           const RampResponse *ramp) const {
+LawValue LawGrid::evaluate(const LawShape &law, const LawBounds &bounds, const RampResponse *ramp,
+                           double floor_hz) const {
   thread_local Loop loop;  // some 100 kB, reused
   loop.resize(hz_.size(), delays_.size());
   GainLimit limit;
@@ -734,7 +737,7 @@ LawValue LawGrid::evaluate(const LawShape &law, const LawBounds &bounds, double 
   }
   const double noise = *std::max_element(loop.noise.begin(), loop.noise.end());
   limit.gain = std::min(limit.gain, bounds.hf_gain / std::sqrt(noise));
-  const double gain = gain_share * limit.gain;
+  const double gain = kGainShare * limit.gain;
   double hz = kNone;
   for (std::size_t p = 0; p < plants_.size(); ++p)
     for (std::size_t d = 0; d < delays_.size(); ++d) {
@@ -742,7 +745,7 @@ LawValue LawGrid::evaluate(const LawShape &law, const LawBounds &bounds, double 
       hz = bandwidth_of(one.real, one.square, one.hz, gain, hz);
       if (law.integral_rad_per_s > 0) hz = fall_of(one.real, one.square, one.hz, gain, hz);
     }
-  if (ramp != nullptr) hz /= 1 + kRampWeight * ramp->excess(law, limit.gain);
+  if (ramp != nullptr && hz >= floor_hz) hz /= 1 + kRampWeight * ramp->excess(law, limit.gain);
   return {hz, limit.gain};
 }
 

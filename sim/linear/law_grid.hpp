@@ -94,12 +94,12 @@ class LawGrid {
   /// Returns the precise figures of the loop around a plant with a delay at a gain.
   PreciseFigures precise(const LawShape &law, double gain, std::size_t plant,
                          std::size_t delay) const;
-  /// Returns the value of a law for a search: the smallest bandwidth at the share `gain_share` of
-  /// the largest gain, where |S| and, for a law with an integral, |T| are within -3 dB. A `ramp`
-  /// reduces the bandwidth if the force does not follow it. Without a gain of the bounds the value
-  /// is 0.
-  LawValue evaluate(const LawShape &law, const LawBounds &bounds, double gain_share,
-                    const RampResponse *ramp) const;
+  /// Returns the value of a law for a search: the smallest bandwidth at 0.97 times the largest
+  /// gain, where |S| and, for a law with an integral, |T| are within -3 dB. A `ramp` reduces the
+  /// bandwidth if the force does not follow it. The ramp is not computed for a bandwidth below
+  /// `floor_hz`.
+  LawValue evaluate(const LawShape &law, const LawBounds &bounds, const RampResponse *ramp,
+                    double floor_hz) const;
 
  private:
   struct Loop;

@@ -4,11 +4,12 @@ sim/linear/law_grid.hpp. They were the product before the evaluation was written
 import math
 
 import numpy as np
-from forceaxis.design.grid import GAIN_SHARE, GainLimit, GridPlace
+from forceaxis.design.grid import GainLimit, GridPlace
 from forceaxis.linear.bank import TICK_S
 from forceaxis.linear.precise import DELAYS
 
 HALF_POWER = 0.5  # |S|^2 at -3 dB
+GAIN_SHARE = 0.97  # share of the largest gain at which the bandwidth is evaluated
 PERIOD_RAMPS = 30.0  # period of the trapezoidal force set-point as a multiple of the ramp time
 HARMONICS = 256  # number of harmonics by which the periodic set-point is represented
 POINTS = 2048  # number of instants per period at which the force is computed

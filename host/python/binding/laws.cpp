@@ -104,10 +104,12 @@ LawShape law_of(double integral_rad_per_s, const std::vector<std::array<double, 
 // Returns an array (laws, 2) with the bandwidth in Hz and the largest gain of each law. `numbers`
 // has one row for each law.
 py::array_t<double> evaluate(const Grid &grid, const Numbers &numbers, const LawBounds &bounds,
-                             double gain_share, const RampResponse *ramp, double coefficient_max,
-                             unsigned threads) {
+                             const RampResponse *ramp, const std::vector<double> &floors_hz,
+                             double coefficient_max, unsigned threads) {
   if (numbers.ndim() != 2) throw py::value_error("numbers: expected an array (laws, numbers)");
   const auto count = static_cast<std::size_t>(numbers.shape(0));
+  if (!floors_hz.empty() && floors_hz.size() != count)
+    throw py::value_error("floors_hz: expected one value for each law, or none");
   const auto width = static_cast<std::size_t>(numbers.shape(1));
   py::array_t<double> values({numbers.shape(0), py::ssize_t{2}});
   double *const out = values.mutable_data();
@@ -117,7 +119,8 @@ py::array_t<double> evaluate(const Grid &grid, const Numbers &numbers, const Law
   in_parallel(count, threads, [&](std::size_t i) {
     const auto law = LawShape::of_logarithms({in + i * width, width}, tick_s, coefficient_max);
     const auto value =
-        law ? grid.grid->evaluate(*law, bounds, gain_share, ramp) : forceaxis::sim::LawValue{};
+        law ? grid.grid->evaluate(*law, bounds, ramp, floors_hz.empty() ? 0.0 : floors_hz[i])
+            : forceaxis::sim::LawValue{};
     out[2 * i] = value.bandwidth_hz;
     out[2 * i + 1] = value.gain;
   });
@@ -242,10 +245,12 @@ void add_laws(py::module_ &m) {
           "Returns the largest magnitude of a law at the grid frequencies, without its integral.")
       .def("ramp", &ramp_of, py::arg("plants"), py::arg("ramp_s"), py::keep_alive<0, 1>(),
            "Returns the loops around some plants (indices) that have to follow a ramp.")
-      .def("evaluate", &evaluate, py::arg("numbers"), py::arg("bounds"), py::arg("gain_share"),
-           py::arg("ramp"), py::arg("coefficient_max"), py::arg("threads") = 1,
-           "Returns (bandwidth in Hz, largest gain) of each law, an array (laws, 2). numbers: one "
-           "row of logarithms of the parameters for each law.")
+      .def(
+          "evaluate", &evaluate, py::arg("numbers"), py::arg("bounds"), py::arg("ramp"),
+          py::arg("floors_hz"), py::arg("coefficient_max"), py::arg("threads") = 1,
+          "Returns (bandwidth in Hz, largest gain) of each law, an array (laws, 2). numbers: one "
+          "row of logarithms of the parameters for each law. floors_hz: for each law the bandwidth "
+          "below which the ramp is not computed; empty: 0.")
       .def("largest_gain", &largest_gain, py::arg("law"), py::arg("hf_gain"), py::arg("bounds"),
            "Returns (gain, bound, plant, delay, frequency in Hz): the largest gain that the bounds "
            "permit, and the point at which the bound hf, ms, mt, gm or pm is reached.")

@@ -217,8 +217,8 @@ class LawGrid:
         self,
         numbers: np.ndarray[Any, np.dtype[np.float64]],
         bounds: LawBounds,
-        gain_share: float,
         ramp: LawRamp | None,
+        floors_hz: Sequence[float],
         coefficient_max: float,
         threads: int = ...,
     ) -> np.ndarray[Any, np.dtype[np.float64]]: ...

@@ -25,9 +25,6 @@ Response = NDArray[np.complex128]
 
 LOWEST_HZ = 0.02  # lowest frequency of a grid
 THIN = 1 / 3  # density of a thin grid
-# The bandwidth is evaluated at this share of the largest gain.
-# Without this share, the bandwidth would jump if a peak of |S| is close to -3 dB.
-GAIN_SHARE = 0.97
 # Largest gain at high frequency in DAC codes per 8-bit count, for every resolution of the ADC.
 # The noise of the measured force in N does not decrease with a finer ADC.
 HF_DEFAULT = 80.0
@@ -178,16 +175,18 @@ class Grid:
         self.members = [self.members[i] for i in self.core.kept]
 
     def evaluate(
-        self, numbers: Samples, bounds: Bounds, ramp: _core.LawRamp | None = None
-    ) -> Samples:
+        self, numbers: Samples, bounds: Bounds, ramp: _core.LawRamp | None = None,
+        floors_Hz: Sequence[float] = (),
+    ) -> Samples:  # fmt: skip
         """Returns (bandwidth in Hz, largest gain) of each law, an array (laws, 2).
 
         numbers: one row for each law, in the form of `structures`. The bandwidth is that of the
-        worst plant at GAIN_SHARE times the largest gain; `ramp` reduces the bandwidth of a law with
-        which the force does not follow. Both values are 0 for a law that the firmware cannot store.
+        worst plant at 0.97 times the largest gain; `ramp` reduces the bandwidth of a law with which
+        the force does not follow. floors_Hz: for each law the bandwidth below which the ramp is not
+        computed. Both values are 0 for a law that the firmware cannot store.
         """
         return self.core.evaluate(
-            numbers, bounds.core, GAIN_SHARE, ramp, COEFFICIENT_MAX, self.threads
+            numbers, bounds.core, ramp, floors_Hz, COEFFICIENT_MAX, self.threads
         )
 
     def largest_gain(self, bank: Bank, hf_gain: float, bounds: Bounds) -> GainLimit:

@@ -42,10 +42,10 @@ RAMP_MIN_S = 0.1  # shortest rise time
 STRATEGY, RECOMBINATION, GENERATIONS = "randtobest1bin", 0.9, 160
 POPULATION_PER_NUMBER = 8
 # number of searches for a law with no, with one and with two second-order sections
-RESTARTS = (1, 2, 2)
+RESTARTS = (1, 2, 3)
 # Lowest frequency of zeros and poles for each restart, as a multiple of the bandwidth of a PI law.
 # The best result is used, because the ramp excludes laws that oscillate after a first contact.
-LOWEST_FACTORS = (1.5, 0.5)
+LOWEST_FACTORS = (1.5, 0.5, 1.0)
 # damping ratio of a pole above which no exact analysis is needed to know that the pole is stable
 SURELY_STABLE = 1e-6
 # Plants whose largest gain is below this multiple of the smallest one are evaluated on a full grid.
@@ -119,10 +119,11 @@ class SearchProblem:
         hz, gain = self.evaluate_all(numbers[None])[0].tolist()
         return hz, gain
 
-    def evaluate_all(self, rows: Samples) -> Samples:
+    def evaluate_all(self, rows: Samples, floors_Hz: Sequence[float] = ()) -> Samples:
         """Returns (bandwidth in Hz, largest gain) of each control law, an array (laws, 2). `rows`
-        has the numbers of one law in each row."""
-        return self.grid.evaluate(rows, self.bounds, self.ramp if rows.shape[1] else None)
+        has the numbers of one law in each row. floors_Hz: as in Grid.evaluate."""
+        ramp = self.ramp if rows.shape[1] else None
+        return self.grid.evaluate(rows, self.bounds, ramp, floors_Hz)
 
     def best_of(self, rows: Samples) -> Samples:
         """Returns the numbers of the law with the largest bandwidth; each row is a law."""
@@ -221,8 +222,19 @@ def evolved(
     rng = np.random.default_rng(seed)
     first = rng.uniform(low, high, (count, len(limits)))
     first[: len(starts)] = np.clip(starts[:count], low, high)
+    # A law replaces a law of the population only if its bandwidth is not smaller, so the ramp of a
+    # slower law need not be computed.
+    floors_Hz: list[float] = []
+
+    def cost(columns: Samples) -> Samples:
+        floors = floors_Hz if len(floors_Hz) == columns.shape[1] else ()
+        return -problem.evaluate_all(columns.T, floors)[:, 0]
+
+    def remember(intermediate_result: optimize.OptimizeResult) -> None:
+        floors_Hz[:] = (-intermediate_result.population_energies).tolist()
+
     found = optimize.differential_evolution(
-        lambda columns: -problem.evaluate_all(columns.T)[:, 0],
+        cost,
         limits,
         init=first,
         rng=rng,
@@ -233,6 +245,7 @@ def evolved(
         recombination=RECOMBINATION,
         updating="deferred",
         vectorized=True,
+        callback=remember,
     )
     laws: Samples = found.population
     return laws
