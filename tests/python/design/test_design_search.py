@@ -224,7 +224,6 @@ def test_a_section_may_begin_near_the_bandwidth_of_pi(monkeypatch):
     """A search of another program reached 26 Hz; with zeros and poles four times above 18.5."""
     monkeypatch.setattr(search, "RANDOM", 10)
     monkeypatch.setattr(search, "PROBE_RANDOM", 5)
-    monkeypatch.setattr(search, "RESTARTS", (1, 1, 1))
     plants = plant_set("fig4_19", [], ({},))
     found = search.search(plants, search.Goal(adc_bits=12, timings=("zoh",)))
     assert found.chosen == "PI and two biquads" and found.worst.fS_Hz > 24
