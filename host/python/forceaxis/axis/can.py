@@ -9,7 +9,7 @@ import struct
 import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 
@@ -25,6 +25,20 @@ from forceaxis.axis.link import (
 from forceaxis.bus.keeper import HeartbeatKeeper
 from forceaxis.errors import ParameterError
 from forceaxis.objects import BY_NAME
+
+try:
+    import can
+    import canopen
+except ImportError:
+    raise ParameterError(
+        "can",
+        "expected the packages python-canopen and python-can; install both packages with `pip "
+        "install 'forceaxis[can]'`",
+    ) from None
+# Log messages of the libraries canopen and can are suppressed, because a subcommand prints an
+# error on one line.
+for library in ("can", "canopen"):
+    logging.getLogger(library).addHandler(logging.NullHandler())
 
 NMT_OPERATIONAL, NMT_START = 5, 1
 OWN_NODE = 126  # 127 is a gateway's
@@ -58,30 +72,10 @@ REASON_OF_ABORT = {
 }  # fmt: skip
 
 
-def libraries() -> tuple[Any, Any]:
-    """Returns the Python modules canopen and can, whose functions have no type annotations here.
-    Raises InputError if the modules are not installed."""
-    try:
-        import can
-        import canopen
-    except ImportError:
-        raise ParameterError(
-            "can",
-            "expected the packages python-canopen and python-can; install both packages with `pip "
-            "install 'forceaxis[can]'`",
-        ) from None
-    # Log messages of the libraries canopen and can are suppressed, because a subcommand prints an
-    # error on one line.
-    for library in ("can", "canopen"):
-        logging.getLogger(library).addHandler(logging.NullHandler())
-    return canopen, can
-
-
 @contextlib.contextmanager
-def network(interface: str, bus: Any = None) -> Iterator[Any]:
-    """Returns a canopen.Network. `bus`: a python-can bus that is used in place of the CAN
+def network(interface: str, bus: can.BusABC | None = None) -> Iterator[canopen.Network]:
+    """Returns the network of a CAN interface. `bus`: a bus that is used in place of the CAN
     interface. Raises InputError."""
-    canopen, can = libraries()
     made = canopen.Network()
     made.bus = bus
     made.NOTIFIER_CYCLE = NOTIFIER_S
@@ -113,7 +107,7 @@ class CanLink(RecorderLink):
     From the first controlword that enables it, the axis monitors this program's heartbeat by an
     entry of 1016h and becomes disabled HEARTBEAT_MS after the program ends. The entry is restored
     at release and before parameters are stored. own_node: node id of the heartbeat, which no other
-    node may have. bus: a python-can bus instead of the interface. Raises InputError.
+    node may have. bus: a bus instead of the interface. Raises InputError.
     """
 
     source = COMMAND_SOURCES.index("canopen")
@@ -123,14 +117,13 @@ class CanLink(RecorderLink):
         interface: str = "can0",
         node: int = 1,
         own_node: int = OWN_NODE,
-        bus: Any = None,
+        bus: can.BusABC | None = None,
         timeout_s: float = 1.0,
     ) -> None:
         if node == own_node or not (1 <= node <= 127 and 1 <= own_node <= 127):
             raise InputError(
                 f"node {node}, own node {own_node}: expected two different node ids from 1 to 127"
             )
-        canopen, self._can = libraries()
         self.where = f"node {node} on {interface}"
         self._id, self._own, self._timeout_s = node, own_node, timeout_s
         self._open = contextlib.ExitStack()
@@ -155,7 +148,7 @@ class CanLink(RecorderLink):
         self._beaten_until = 0.0
         self._network.subscribe(HEARTBEAT_ID + own_node, self._heard)
 
-    def _answered(self, can_id: int, data: bytes, timestamp: float) -> None:
+    def _answered(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Passes an SDO answer to the library. Ignores an answer to another client of the same SDO
         channel, such as a gateway that polls the axis."""
         if self._expected is not None:
@@ -182,7 +175,7 @@ class CanLink(RecorderLink):
                     ) from None
                 text = REASONS.get(REASON_OF_ABORT.get(error.code, 0), f"{error}")
                 raise Refused(f"{what}: {text}", error.code) from None
-            except (silent, OSError, self._can.CanError) as error:
+            except (silent, OSError, can.CanError) as error:
                 raise NoAnswer(
                     f"{self.where}: expected an answer about {what} within {self._timeout_s:g} s, "
                     f"{error}; check that the axis is switched on, has this node id and is not "
@@ -257,7 +250,7 @@ class CanLink(RecorderLink):
         # A node that missed a heartbeat has left the state operational, so the program starts the
         # node again.
         with self._asking("NMT start"):
-            self._network.send_message(0, [NMT_START, self._id])
+            self._network.send_message(0, bytes([NMT_START, self._id]))
         place, raw = self._entry()
         # An earlier program with the same node id was killed, and its entry in 1016h still exists.
         if place is not None and raw == self._ours:
@@ -289,7 +282,7 @@ class CanLink(RecorderLink):
                 "node sends heartbeats; choose another id as own_node"
             )
 
-    def _heard(self, _can_id: int, _data: bytes, timestamp: float) -> None:
+    def _heard(self, _can_id: int, _data: bytearray, timestamp: float) -> None:
         if timestamp > self._beaten_until:
             self._rival.set()
 
@@ -298,7 +291,7 @@ class CanLink(RecorderLink):
         # heartbeat time.
         try:
             self._network.send_message(HEARTBEAT_ID + self._own, data)
-        except self._can.CanError as error:
+        except can.CanError as error:
             raise NoAnswer(f"{self.where}: expected to send a heartbeat, got: {error}") from None
 
     def _be_watched(self) -> None:

@@ -12,7 +12,6 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +53,7 @@ REASONS = {
 
 
 RawSamples = NDArray[np.int64]
+SignalValues = NDArray[np.int64 | np.float64]
 
 
 @dataclass(frozen=True)
@@ -68,12 +68,16 @@ class Recording:
     decimation: int = 1
     trigger_sample: int = 0  # index of the first sample at or after the trigger
 
-    def values(self, name: str) -> NDArray[Any]:
+    def values(self, name: str) -> SignalValues:
         """Returns one signal of the recording in engineering units as an array (n,). The array
         contains integers if the scale of the object is 1."""
         known = BY_NAME[name]
         column = self.raw[:, self.signals.index(name)]
-        return column if known.scale == 1 else column * known.scale
+        return column if known.scale == 1 else column.astype(float) * known.scale
+
+    def floats(self, name: str) -> NDArray[np.float64]:
+        """Returns the array of values() as floating-point numbers."""
+        return self.values(name).astype(float)
 
     @property
     def time_s(self) -> NDArray[np.float64]:

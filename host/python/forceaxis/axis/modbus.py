@@ -5,7 +5,7 @@ import logging
 import re
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from forceaxis.axis.link import (
     COMMAND_SOURCES,
@@ -18,6 +18,10 @@ from forceaxis.axis.link import (
 from forceaxis.bus.keeper import WatchdogKeeper
 from forceaxis.errors import ParameterError
 from forceaxis.objects import BY_NAME
+
+if TYPE_CHECKING:
+    from pymodbus.client.base import ModbusBaseSyncClient
+    from pymodbus.pdu import ModbusPDU
 
 TCP_URL = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL_URL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
@@ -35,9 +39,8 @@ EXCEPTIONS = {
 }
 
 
-def client(url: str, timeout_s: float = 1.0) -> Any:
-    """Returns a connected pymodbus client, whose functions have no type annotations here. Raises
-    InputError, NoAnswer."""
+def client(url: str, timeout_s: float = 1.0) -> "ModbusBaseSyncClient":
+    """Returns a connected pymodbus client. Raises InputError, NoAnswer."""
     tcp, serial = TCP_URL.fullmatch(url), SERIAL_URL.fullmatch(url)
     if tcp is None and serial is None:
         raise ParameterError(
@@ -53,7 +56,7 @@ def client(url: str, timeout_s: float = 1.0) -> Any:
             "'forceaxis[modbus]'`",
         ) from None
     logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
-    made: list[Any] = []
+    made: list[ModbusBaseSyncClient] = []
     if tcp is not None:
         port = int(tcp[2] or 502)
         made = [ModbusTcpClient(tcp[1].strip("[]"), port=port, timeout=timeout_s, retries=0)]
@@ -90,12 +93,13 @@ class ModbusLink(Link):
         self._unit, self._lock = unit, threading.Lock()
         self._low_first: bool | None = None
 
-    def _ask(self, what: str, ask: Callable[..., Any], *arguments: Any, **named: int) -> Any:
+    def _ask(self, what: str, ask: "Callable[[], ModbusPDU]") -> "ModbusPDU":
+        """Sends the request ask() and returns the answer. Raises Refused, NoAnswer."""
         from pymodbus.exceptions import ModbusException
 
         try:
             with self._lock:
-                answer = ask(*arguments, device_id=self._unit, **named)
+                answer = ask()
         except (ModbusException, OSError) as error:
             raise NoAnswer(f"{self.where}: expected an answer about {what}, {error}") from None
         if answer.isError():
@@ -111,15 +115,20 @@ class ModbusLink(Link):
         14."""
         if index not in IDENTIFICATION_OBJECTS:
             return None
+        from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
+
+        number = IDENTIFICATION_OBJECTS[index]
         ask = self.client.read_device_information
         try:
             found = self._ask(
-                "its identification", ask, read_code=4, object_id=IDENTIFICATION_OBJECTS[index]
+                "its identification",
+                lambda: ask(read_code=4, object_id=number, device_id=self._unit),
             )
         except Refused:
             return None
-        text: str = found.information[IDENTIFICATION_OBJECTS[index]].decode(errors="replace")
-        return text
+        if not isinstance(found, ReadDeviceInformationResponse):
+            return None
+        return str(found.information[number], errors="replace")
 
     def _expect_registers(self, names: Iterable[str]) -> None:
         for name in names:
@@ -134,7 +143,8 @@ class ModbusLink(Link):
         count = 2 if known.type.endswith("32") else 1
         client = self.client
         ask = client.read_holding_registers if known.access == "rw" else client.read_input_registers
-        words = self._ask(name, ask, known.modbus, count=count).registers
+        answer = self._ask(name, lambda: ask(known.modbus, count=count, device_id=self._unit))
+        words = answer.registers
         if count == 2 and self._word_order():
             words = words[::-1]
         raw = int.from_bytes(b"".join(word.to_bytes(2, "big") for word in words), "big")
@@ -144,12 +154,14 @@ class ModbusLink(Link):
     def _write(self, name: str, raw: int) -> None:
         known = BY_NAME[name]
         if not known.type.endswith("32"):
-            self._ask(name, self.client.write_register, known.modbus, raw & 0xFFFF)
+            write, word = self.client.write_register, raw & 0xFFFF
+            self._ask(name, lambda: write(known.modbus, word, device_id=self._unit))
             return
         words = [raw >> 16 & 0xFFFF, raw & 0xFFFF]
         if self._word_order():
             words.reverse()
-        self._ask(name, self.client.write_registers, known.modbus, words)
+        write_both = self.client.write_registers
+        self._ask(name, lambda: write_both(known.modbus, words, device_id=self._unit))
 
     def _word_order(self) -> bool:
         """Returns True if the lower half of a 32-bit value is in the first register."""

@@ -3,11 +3,14 @@
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import DEVICE_NAME_INDEX, VERSION_INDEX, Link, NoAnswer, Refused
+
+if TYPE_CHECKING:
+    import can
 
 NODE_ANSWERS_S = 0.5  # time in s in which the nodes of a CAN bus must answer
 UNIT_TIMEOUT_S = 0.15  # time in s in which one Modbus unit must answer
@@ -67,7 +70,7 @@ def at_gateway(url: str | None = None, seconds: float = 1.0) -> Iterator[Scanned
 
 
 def on_can(
-    interface: str, bus: Any = None, seconds: float = NODE_ANSWERS_S
+    interface: str, bus: "can.BusABC | None" = None, seconds: float = NODE_ANSWERS_S
 ) -> Iterator[ScannedAxis]:
     """Yields each node 1 to 127 of a CAN bus that answers a read of 1000h or sends any message
     within `seconds`."""

@@ -30,9 +30,20 @@ import dataclasses
 import tomllib
 import types
 import typing
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+
+if typing.TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    from forceaxis.toml import TomlValue
+
+    # Type of a field, and values that a field can have.
+    Kind = type | types.GenericAlias | types.UnionType
+    Field = str | int | range | list["Field"] | dict[str, "Field"] | DataclassInstance | Path | None
+
+D = typing.TypeVar("D", bound="DataclassInstance")
 
 BOARD_FILE = "board.toml"
 _package = Path(__file__).resolve().parents[1]
@@ -168,27 +179,21 @@ class Board:
     folder: Path
 
 
-TYPE_TEXTS = {str: "a text", int: "a number"}
-
-
 class BoardError(ValueError):
     """Error: a file board.toml is missing or has a wrong entry. The text of the error has one
     line."""
 
 
-def _read_value(where: str, value: Any, kind: Any) -> Any:
+def _read_value(where: str, value: "TomlValue", kind: "Kind") -> "Field":
     """Returns a value of board.toml as the type `kind`. Raises BoardError for a value of a
     different type."""
     # type of an optional table or list that the file contains
     if isinstance(kind, types.UnionType):
         kind = typing.get_args(kind)[0]
-    if dataclasses.is_dataclass(kind):
-        return _read_table(where, value, kind)
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
+        return _read_table(where, value, kind, {})
     if kind is range:
-        numbers = _read_value(where, value, list[int])
-        if len(numbers) != 2:
-            raise BoardError(f"{where}: expected two values, an address and a number of bytes")
-        return range(numbers[0], sum(numbers))
+        return _read_range(where, value)
     if typing.get_origin(kind) is list:
         if not isinstance(value, list):
             raise BoardError(f"{where}: expected a list")
@@ -197,32 +202,42 @@ def _read_value(where: str, value: Any, kind: Any) -> Any:
     if typing.get_origin(kind) is dict:
         item = typing.get_args(kind)[1]
         return {k: _read_value(f"{where}.{k}", v, item) for k, v in _table(where, value).items()}
-    if type(value) is not kind:
-        raise BoardError(f"{where}: expected {TYPE_TEXTS[kind]}")
-    return value
+    if isinstance(value, str | int) and type(value) is kind:
+        return value
+    raise BoardError(f"{where}: expected {'a text' if kind is str else 'a number'}")
 
 
-def _table(where: str, value: Any) -> dict[str, Any]:
+def _read_range(where: str, value: "TomlValue") -> range:
+    match value:
+        case [int(address), int(length)]:
+            return range(address, address + length)
+    raise BoardError(f"{where}: expected two values, an address and a number of bytes")
+
+
+def _table(where: str, value: "TomlValue") -> dict[str, "TomlValue"]:
     if not isinstance(value, dict):
         raise BoardError(f"{where}: expected a table")
     return value
 
 
-def _read_table(where: str, value: Any, kind: Any, **given: Any) -> Any:
+def _read_table(where: str, value: "TomlValue", kind: type[D], given: Mapping[str, "Field"]) -> D:
     """Returns a table of board.toml as the dataclass `kind`. `given` are values of the fields that
     are not in the file."""
     table = _table(where, value)
-    kinds = {k: v for k, v in typing.get_type_hints(kind).items() if k not in given}
+    fields = dict(given)
+    kinds: dict[str, Kind] = {
+        k: v for k, v in typing.get_type_hints(kind).items() if k not in given
+    }
     if unknown := sorted(table.keys() - kinds.keys()):
         raise BoardError(f"{where}: {unknown[0]}: expected one of {', '.join(kinds)}")
     for key, expected in kinds.items():
         if key in table:
-            given[key] = _read_value(f"{where}: {key}", table[key], expected)
+            fields[key] = _read_value(f"{where}: {key}", table[key], expected)
         elif isinstance(expected, types.UnionType):
-            given[key] = None
+            fields[key] = None
         else:
             raise BoardError(f"{where}: expected {key}")
-    return kind(**given)
+    return kind(**fields)
 
 
 def read(folder: Path | str) -> Board:
@@ -236,7 +251,7 @@ def read(folder: Path | str) -> Board:
         ) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BoardError(f"{path}: expected TOML; {error}") from None
-    board: Board = _read_table(str(path), table, Board, folder=path.parent)
+    board = _read_table(str(path), table, Board, {"folder": path.parent})
     if sum(board.memory.sectors) != len(board.memory.flash):
         raise BoardError(
             f"{path}: memory: sectors: expected sectors with a total size of "

@@ -210,7 +210,7 @@ class CaptureSummary:
     signals: dict[str, SignalSummary]
 
 
-def summary(values: NDArray[np.float64]) -> SignalSummary:
+def summary(values: NDArray[np.int64 | np.float64]) -> SignalSummary:
     """Return minimum, mean, maximum and standard deviation of the samples of one signal."""
     return SignalSummary(
         float(values.min()), float(values.mean()), float(values.max()), float(values.std())

@@ -299,7 +299,7 @@ class Analyzer:
         still = self.axis.capture(SIGNALS_IN_CONTACT, samples=self.samples)
         level = Level(order.amplitude, bias, noise_of(still.values("force_raw")), of_loop=of_loop)
         seeds = [(order.seed + i) % 65536 for i in range(order.averages)]
-        rest = still.values("dac_code"), self._force_counts(still)
+        rest = still.floats("dac_code"), self._force_counts(still)
         self._measure(level, Excitation(self._pressed, FORCE, rest, order.swing * bias, seeds))
         self.release()
         return level
@@ -342,7 +342,7 @@ class Analyzer:
         self.axis.enable("profile position")
         still = self.axis.capture(SIGNALS_APART, samples=self.samples)
         level = Level(self.order.amplitude)
-        rest = still.values("dac_code"), still.values("position").astype(float)
+        rest = still.floats("dac_code"), still.floats("position")
         swing = min(FREE_SWING_CNT, travel / 2)
         try:
             seeds = response.calm_seeds(
@@ -506,7 +506,7 @@ class Analyzer:
     def _force_counts(self, held: Recording) -> Samples:
         """Returns the signal of the force sensor in force counts, without correction of zero code
         and sign."""
-        return held.values("force_raw") * self.count_per_code
+        return held.floats("force_raw") * self.count_per_code
 
     def press(self, force_N: float) -> float:
         """Approaches in mode 4 and presses until the measured force has settled at `force_N`.
@@ -604,8 +604,8 @@ class Analyzer:
         self.set(excitation_code=amplitude, excitation_seed=seed)
         settle_s = RAMP_S + settle * self.order.settle_s
         held = self.excited(SIGNALS_IN_CONTACT, self.samples, settle_s)
-        wave = held.values("excitation_value")
-        return wave, held.values("dac_code"), self._force_counts(held)
+        wave = held.floats("excitation_value")
+        return wave, held.floats("dac_code"), self._force_counts(held)
 
     def _expect_excitation(self) -> None:
         """Raises Refusal or Ended unless the axis is enabled and outputs the excitation."""
@@ -642,7 +642,7 @@ class Analyzer:
         held = axis.link.recording(10 + 2 * count / TICKS_PER_S)
         self._expect_free()
         axis.set(modes_of_operation=1)
-        place, u = held.values("position").astype(float), held.values("dac_code")
+        place, u = held.floats("position"), held.floats("dac_code")
         if np.any(u[n:] != u[: count - n]):
             raise Ended("ended_travel")
         self.expect_apart(held)

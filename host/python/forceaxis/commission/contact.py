@@ -195,7 +195,7 @@ class Touching(Analyzer):
         settings = self.axis.get(*TOUCH_DOWN_OBJECTS)
         super()._touch()
         held = self.axis.link.recording(AFTER_S + 10.0)
-        force_N = held.values("force") * self.newton
+        force_N = held.floats("force") * self.newton
         self.touch = TouchDown(held.time_s, force_N, self.asked_N, self.order, settings)
 
 

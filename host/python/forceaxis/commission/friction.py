@@ -294,7 +294,7 @@ def _speed(analyzer: Analyzer, code: int, travel: int) -> float | None:
     axis.set(modes_of_operation=1)
     analyzer.set(open_loop_code=0)
     analyzer.expect_apart(held)
-    place = held.values("position").astype(float)
+    place = held.floats("position")
     inside = np.abs(place - analyzer.home) < TRAVEL_SHARE * travel + MOTION_MIN_CNT
     last = int(np.argmin(inside)) if not inside.all() else len(place)
     first = round(SETTLED_S * TICKS_PER_S)
@@ -341,10 +341,10 @@ def record_slow_change(
         analyzer.set(target_force=analyzer.per_mille(target * force))
         analyzer.wait(LEG_SAMPLES * DECIMATION / TICKS_PER_S, expect_near)
         held = axis.link.recording(10.0)
-        forces = held.values("force") * analyzer.newton
-        legs.append((forces, held.values("position"), held.values("dac_code")))
+        forces = held.floats("force") * analyzer.newton
+        legs.append((forces, held.floats("position"), held.floats("dac_code")))
     axis.set(recorder_decimation=1)
-    pushed, went, put = (np.concatenate(parts).astype(float) for parts in zip(*legs, strict=True))
+    pushed, went, put = (np.concatenate(parts) for parts in zip(*legs, strict=True))
     analyzer.release()
     return pushed, went - start, put
 

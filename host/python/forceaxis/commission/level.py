@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +95,7 @@ class Level:
         return self.measured_or_none
 
 
-def noise_of(raw: NDArray[Any]) -> float:
+def noise_of(raw: NDArray[np.int64 | np.float64]) -> float:
     """Returns the rms noise of a signal at standstill, in the unit of the signal. The noise is
     computed from differences of successive samples, which exclude a slow limit cycle between two
     codes."""
