@@ -79,6 +79,17 @@ def test_newtons_of_a_scale_that_nobody_set_are_warned_of(axis, capsys):
     assert warned(can="can0") == ""
 
 
+def test_a_value_is_read_as_the_type_that_its_object_has(axis):
+    axis.set(force_gain=6.999)
+    assert axis.number("force_gain") == 1792 / 256
+    assert axis.numbers("adc_bits", "force_gain") == {"adc_bits": 8, "force_gain": 7.0}
+    assert axis.integer("adc_bits") == 8 and axis.text("fault") == "none"
+    with pytest.raises(InputError, match="fault: expected an object that is a number, got none"):
+        axis.number("fault")
+    with pytest.raises(InputError, match="force_gain: expected an object that is an integer"):
+        axis.integer("force_gain")
+
+
 def test_set_reads_back_what_the_axis_has():
     done = forceaxis("axis", "set", *SIM, "force_gain=6.999", "force_setpoint=75 N", "--json")
     # 1/256 is the least step; 2.5 N a count.
@@ -145,6 +156,7 @@ def test_one_way_and_no_more(options, says):
 
 def test_a_library_that_is_missing_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "canopen", None)
+    monkeypatch.delitem(sys.modules, "forceaxis.axis.can", raising=False)
     done = forceaxis("axis", "get", "--can", "can0", "force")
     assert "pip install 'forceaxis[can]'" in refusal(done, 2)
     monkeypatch.setitem(sys.modules, "pymodbus.client", None)

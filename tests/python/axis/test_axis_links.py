@@ -13,6 +13,7 @@ from forceaxis.axis.can import OWN_NODE, CanLink
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.modbus import ModbusLink
 from forceaxis.objects import BY_NAME
+from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 
 EDS = Path(__file__).resolve().parents[3] / "firmware/objects/generated/forceaxis.eds"
 
@@ -186,9 +187,9 @@ class Registers:
         return self._read(self.input, address, count)
 
     def read_device_information(self, *, read_code, object_id, device_id):
-        found = self.Answer(exception_code=0 if object_id in self.information else 1)
-        found.information = self.information
-        return found
+        if object_id not in self.information:
+            return self.Answer(exception_code=1)
+        return ReadDeviceInformationResponse(read_code, self.information)
 
     def write_registers(self, address, words, *, device_id):
         self.asked += 1

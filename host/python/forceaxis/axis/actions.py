@@ -93,7 +93,7 @@ def wait_to_stand(axis: Drive) -> None:
     """Waits until a disabled axis no longer coasts, at most COAST_MAX_S seconds. Raises NoAnswer,
     Refused."""
     before, passed = None, 0.0
-    while (now := axis.read("position")) != before and passed < COAST_MAX_S:
+    while (now := axis.integer("position")) != before and passed < COAST_MAX_S:
         before = now
         axis.link.wait(0.2)
         passed += 0.2
@@ -131,7 +131,7 @@ def tare(axis: Drive) -> TareResult:
 
 def reading(axis: Drive, seconds: float = 0.5) -> float:
     """Returns the mean of the measured force in 8-bit counts over `seconds` of the axis' time."""
-    return statistics.fmean(axis.read("force") for _ in axis.link.polls(seconds))
+    return statistics.fmean(axis.number("force") for _ in axis.link.polls(seconds))
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ def bounded(axis: Drive, counts: float) -> Iterator[None]:
     """Context manager that disables the axis in the same tick if the measured force exceeds
     `counts` (or `force_max`, if `force_max` is smaller). At the end of the context the axis is
     disabled and `force_max` has its earlier value again."""
-    own = axis.read("force_max")
+    own = axis.number("force_max")
     axis.set(force_max=min(counts, own) if own else counts)
     try:
         yield
@@ -203,7 +203,7 @@ def bounded(axis: Drive, counts: float) -> Iterator[None]:
 def expect_position_gain(axis: Drive) -> None:
     """Raises Refused if `position_gain` of the axis is 0, because an axis without position gain
     cannot approach or follow a position."""
-    if axis.read("position_gain") == 0:
+    if axis.number("position_gain") == 0:
         raise Refused(
             f"{axis.link.where}: expected a position_gain above 0, because the axis neither "
             "approaches nor follows without position_gain; set position_gain, or for a simulated "
@@ -368,7 +368,7 @@ def _force_bound(axis: Drive, counts: float, force_max: float | str | None) -> f
     """Returns the force limit of a press in 8-bit counts, which is larger than the force of the
     press. Raises InputError."""
     most = most_counts(axis, force_max)
-    newton, own = force_per_count(axis), axis.read("force_max")
+    newton, own = force_per_count(axis), axis.number("force_max")
     for limit, by, remedy in (
         (most, "`force_max`", "give a larger `force_max`"),
         (own or None, "force_max (201Dh) of the axis", "raise force_max, or give a smaller force"),
@@ -426,7 +426,7 @@ def retract(axis: Drive, distance: float | str, speed: float | str | None = None
     way = _distance(axis, distance)
     if speed is not None:
         expect(axis, {"approach_velocity_max": speed})
-    force = axis.read("force")
+    force = axis.number("force")
     with bounded(axis, min(abs(force) + RETRACT_FORCE_COUNTS, FORCE_MAX_COUNTS)):
         now = axis.record(ModeObjects)
         is_enabled = now.state == "operation enabled"
@@ -463,7 +463,7 @@ def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> Ax
     place = round(before.position_actual + sign * way)
     if target:
         _release(axis, target, counts)
-    here = axis.read("position_actual")  # the retract never moves the axis toward the workpiece
+    here = axis.integer("position_actual")  # the retract never moves the axis toward the workpiece
     place = max(place, here) if sign > 0 else min(place, here)
     try:
         axis.enable("profile position", trajectory_velocity=per_s)
@@ -488,10 +488,10 @@ def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> Ax
 def _release(axis: Drive, target: str, counts: float) -> None:
     """Lowers a target force to 0 in steps and waits until the measured force is below `counts`.
     With a single step, the contact spring would accelerate the axis away from the workpiece."""
-    value = axis.read(target)
+    value = axis.number(target)
     for step in range(1, RELEASE_MAX_STEPS + 1):
         axis.put_back(**{target: value * (1 - step / RELEASE_MAX_STEPS)})
         axis.link.wait(POLL_PERIOD_S)
     for _ in axis.link.polls(RELEASE_MAX_S):
-        if abs(axis.read("force")) <= counts:
+        if abs(axis.number("force")) <= counts:
             return

@@ -99,7 +99,7 @@ def expect_raw(axis: AxisValues, raw: Mapping[str, int]) -> None:
     targets = [name for name in raw if name in BOUNDS]
     planned = PlannedValues(axis, raw)
     for name in targets:
-        value = planned.read(name)
+        value = planned.number(name)
         for bound in BOUNDS[name](planned):
             if not bound.least <= value <= bound.most:
                 raise InputError(_refusal(axis, name, value, bound))
@@ -122,7 +122,7 @@ def expect_force(axis: AxisValues, force_N: float, swing: float) -> None:
     limit the force, or if the force with the excitation is outside the range of
     expect_readable()."""
     expect_readable(axis, force_N, swing, quantity.force_per_count(axis))
-    expect(axis, {"target_force": 1e6 * force_N / axis.read("rated_force")})
+    expect(axis, {"target_force": 1e6 * force_N / axis.number("rated_force")})
 
 
 def expect_readable(
@@ -130,7 +130,7 @@ def expect_readable(
 ) -> None:
     """Raises InputError if a force with an excitation leaves the range of the measured force or
     exceeds force_max. `swing`: peak-to-peak range of the force, relative to the force."""
-    reading, force_max = of_reading(PlannedValues(axis, {})), axis.read("force_max")
+    reading, force_max = of_reading(PlannedValues(axis, {})), axis.number("force_max")
     for counts, by in (
         (reading.most if reading else math.inf, "the end of the range of the measured force"),
         (force_max or math.inf, _object("force_max")),
@@ -187,7 +187,7 @@ def _target_force(other: str) -> Callable[[PlannedValues], Iterator[Bound]]:
     force, in per mille of `rated_force`. `other`: name of the other object of the sum."""
 
     def bounds(planned: PlannedValues) -> Iterator[Bound]:
-        added = planned.read(other) or 0
+        added = planned.number(other)
         limits = planned.record(ForceLimits)
         rated_N = limits.rated_force * 1e-3
         beside = f", beside {other} {added:g} per mille" if added else ""
@@ -211,7 +211,7 @@ def _target_force(other: str) -> Callable[[PlannedValues], Iterator[Bound]]:
         if reading:
             # The quotient of `force_scale` in uN and `rated_force` in mN is in per mille of
             # `rated_force`.
-            per_count = planned.read("force_scale") / limits.rated_force
+            per_count = planned.number("force_scale") / limits.rated_force
             yield bound(
                 reading.most * per_count, reading.least * per_count, reading.by, reading.remedy
             )
@@ -227,7 +227,8 @@ def _uncertified(
     if not bank and limits.certificate_required != "yes":
         return
     # The state of the certificate is None if the connection cannot access the object.
-    state = planned.read(f"certificate_state_{bank}") if bank else "none"
+    name = f"certificate_state_{bank}"
+    state = planned.get(name).get(name) if bank else "none"
     if state in ("fits", None):
         return
     most = limits.force_limit * share // 1000
@@ -283,11 +284,9 @@ def _velocity(other: str = "") -> Callable[[PlannedValues], Iterator[Bound]]:
     object that is added to the speed in cyclic velocity mode."""
 
     def bounds(planned: PlannedValues) -> Iterator[Bound]:
-        most = planned.read("velocity_max")
-        if most is None:
-            return
+        most = planned.number("velocity_max")
         is_summed = other and planned.read("modes_of_operation") == "cyclic_velocity"
-        added = (planned.read(other) or 0) if is_summed else 0
+        added = planned.number(other) if is_summed else 0
         by = _object("velocity_max") + (f", beside {other} {added:g}" if added else "")
         yield Bound(-most - added, most - added, by, "ask for less, or raise it")
 
@@ -296,8 +295,8 @@ def _velocity(other: str = "") -> Callable[[PlannedValues], Iterator[Bound]]:
 
 def _approach(planned: PlannedValues) -> Iterator[Bound]:
     """Yields the bounds of an approach speed in encoder counts per second."""
-    most, ratio = planned.read("velocity_max"), quantity.user_per_count(planned.axis)
-    if most is not None and ratio is not None:
+    most, ratio = planned.number("velocity_max"), quantity.user_per_count(planned.axis)
+    if ratio is not None:
         yield Bound(
             -math.inf, most / ratio, f"{_object('velocity_max')}, {most:g} of the axis' units/s",
             "ask for less, or raise it",
@@ -309,12 +308,12 @@ def _code(beside: str = "", always: bool = False) -> Callable[[PlannedValues], I
     DAC code is added in excitation mode, or in every mode if `always` is True."""
 
     def bounds(planned: PlannedValues) -> Iterator[Bound]:
-        limit = planned.read("output_limit")
+        limit = planned.number("output_limit")
         most = min(limit, DAC_CODE_MAX)
         is_summed = always or beside in planned.planned
         if beside and not is_summed:
             is_summed = planned.read("modes_of_operation") == "excitation"
-        added = abs(planned.read(beside) or 0) if is_summed else 0
+        added = abs(planned.number(beside)) if is_summed else 0
         by = _object("output_limit") if limit <= DAC_CODE_MAX else "the range of the DAC"
         by += f", beside {beside} {added:g}" if added else ""
         yield Bound(added - most, most - added, by, "ask for less, or raise output_limit")

@@ -198,12 +198,11 @@ def load(
 def bank(axis: Drive) -> BankState:
     """Returns the selected filter bank of the axis, with the states of this filter bank and of its
     certificate."""
-    number = axis.read("force_bank")
+    number = axis.integer("force_bank")
     if not number:
         return BankState()
     names = [n for n in ("bank_state", "certificate_state") if axis.link.reaches(f"{n}_{number}")]
-    states = axis.get(*(f"{name}_{number}" for name in names))
-    return BankState(number, **{name: states[f"{name}_{number}"] for name in names})
+    return BankState(number, **{name: axis.text(f"{name}_{number}") for name in names})
 
 
 def _put_back(axis: Drive, before: Mapping[str, int], reason: BaseException) -> None:
@@ -297,7 +296,7 @@ def _explained(axis: Drive, name: str, raw: int) -> str:
         "values"
     )
     if name == "force_bank" and raw and axis.link.reaches(state):
-        words += f", the bank is {axis.read(state).replace('_', ' ')}"
+        words += f", the bank is {axis.text(state).replace('_', ' ')}"
     return words
 
 

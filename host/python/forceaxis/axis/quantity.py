@@ -76,7 +76,7 @@ class Force:
 
 def force_per_count(axis: AxisValues) -> float:
     """Returns the force in N of one 8-bit count, from `force_scale` of the axis."""
-    return float(axis.read("force_scale")) * 1e-6
+    return axis.number("force_scale") * 1e-6
 
 
 def never_set(force_scale: float, calibration_date: int) -> bool:
@@ -93,7 +93,7 @@ def is_reading(known: AxisObject | None) -> bool:
 def user_per_count(axis: AxisValues) -> float | None:
     """Returns the number of user units per encoder count, which is 1 without user units. Returns
     None if the connection cannot access the objects of the user units."""
-    if not axis.read("feed"):
+    if not axis.number("feed"):
         return 1.0
     if not all(axis.link.reaches(name) for name in object_names(GearObjects)):
         return None
@@ -107,9 +107,9 @@ def user_per_count(axis: AxisValues) -> float | None:
 def _metres_of_user(axis: AxisValues) -> float | None:
     """Returns the length of a user unit in m from 60A8h, or None if the user unit is not a
     length."""
-    if not axis.read("feed") or not axis.link.reaches("position_unit"):
+    if not axis.number("feed") or not axis.link.reaches("position_unit"):
         return None
-    exponent, unit = divmod(int(axis.read("position_unit")) >> 16, 256)
+    exponent, unit = divmod(axis.integer("position_unit") >> 16, 256)
     return 10.0 ** (exponent - 256 if exponent > 127 else exponent) if unit == METRE_UNIT else None
 
 
@@ -142,7 +142,7 @@ def scale_of(axis: AxisValues, known: AxisObject) -> tuple[str, float] | None:
     if is_reading(known):
         return "N", 1 / force_per_count(axis)
     if known.name in PER_MILLE_OF_RATED_FORCE:
-        return "N", 1e6 / axis.read("rated_force")
+        return "N", 1e6 / axis.number("rated_force")
     if known.name in DAC_CODE_OBJECTS:
         return "V", CODES_PER_V
     if known.name == "force_gain":

@@ -39,8 +39,8 @@ def scanned(link: Link, number: int | None = None) -> ScannedAxis:
     axis, found = Axis(link), ScannedAxis(number)
     try:
         if number is None:
-            found = replace(found, id=axis.read("node_id"))
-        found = replace(found, table=f"{axis.read('object_table_hash'):08x}")
+            found = replace(found, id=axis.integer("node_id"))
+        found = replace(found, table=f"{axis.integer('object_table_hash'):08x}")
         now = actions.state(axis)
         found = replace(
             found, state=now.state, mode=now.mode, fault=now.fault, owner=now.command_source

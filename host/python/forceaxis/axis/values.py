@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from forceaxis._core import InputError
-from forceaxis.bus.client import from_raw, object_named
+from forceaxis.bus.client import Value, from_raw, object_named
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -51,9 +51,7 @@ class AxisValues:
     def __init__(self, link: Link) -> None:
         self.link = link
 
-    # The type of a value depends on the name of the object. Only record() returns values with
-    # types.
-    def get(self, *names: str) -> dict[str, Any]:
+    def get(self, *names: str) -> dict[str, Value]:
         """Returns the values of objects in the order of `names`, as {name: engineering value or
         text of an enumeration}. Raises InputError for an unknown name; Refused; NoAnswer."""
         for name in names:
@@ -61,9 +59,35 @@ class AxisValues:
         raw = self.link.read(names)
         return {name: from_raw(name, raw[name]) for name in names}
 
-    def read(self, name: str) -> Any:
+    def read(self, name: str) -> Value:
         """Returns the value of one object, in the form of get(). Raises the errors of get()."""
         return self.get(name)[name]
+
+    def number(self, name: str) -> float:
+        """Returns the value of an object that is no enumeration. Raises the errors of get()."""
+        return self.numbers(name)[name]
+
+    def numbers(self, *names: str) -> dict[str, float]:
+        """Returns the values of objects that are no enumerations, in the form of get(). Raises the
+        errors of get()."""
+        found: dict[str, float] = {}
+        for name, value in self.get(*names).items():
+            if isinstance(value, str):
+                raise InputError(f"{name}: expected an object that is a number, got {value}")
+            found[name] = value
+        return found
+
+    def integer(self, name: str) -> int:
+        """Returns the value of an object that is an integer. Raises the errors of get()."""
+        value = self.read(name)
+        if not isinstance(value, int):
+            raise InputError(f"{name}: expected an object that is an integer, got {value}")
+        return value
+
+    def text(self, name: str) -> str:
+        """Returns the value of an enumeration: the text, or the number of a value without a text.
+        Raises the errors of get()."""
+        return str(self.read(name))
 
     def record(self, kind: type[R]) -> R:
         """Reads the objects of the axis whose names are the fields of the dataclass `kind`. Returns
@@ -73,23 +97,30 @@ class AxisValues:
 
 class PlannedValues(AxisValues):
     """Values that the objects of an axis will have after the raw values `planned` ({name: raw
-    value}) are written. The value of an object that the connection cannot access is None."""
+    value}) are written."""
 
     def __init__(self, axis: AxisValues, planned: Mapping[str, int]) -> None:
         super().__init__(axis.link)
         self.axis, self.planned = axis, planned
         # Values that were already read, because each object is read only once.
-        self._present: dict[str, Any] = {}
+        self._present: dict[str, Value] = {}
 
-    def get(self, *names: str) -> dict[str, Any]:
+    def get(self, *names: str) -> dict[str, Value]:
         """Returns the values that objects will have after the write, in the form of
-        AxisValues.get()."""
-        missing = [n for n in names if n not in self.planned and n not in self._present]
-        reached = [n for n in missing if self.link.reaches(n)]
-        self._present |= dict.fromkeys(missing) | (self.axis.get(*reached) if reached else {})
+        AxisValues.get(). Objects that the connection cannot access are left out."""
+        reached = [n for n in names if n in self.planned or self.link.reaches(n)]
+        missing = [n for n in reached if n not in self.planned and n not in self._present]
+        if missing:
+            self._present |= self.axis.get(*missing)
         return {
             name: from_raw(name, self.planned[name])
             if name in self.planned
             else self._present[name]
-            for name in names
+            for name in reached
         }
+
+    def record(self, kind: type[R]) -> R:
+        """Returns an instance of `kind` as AxisValues.record(). The field of an object that the
+        connection cannot access is None."""
+        names = object_names(kind)
+        return kind(**{**dict.fromkeys(names), **self.get(*names)})

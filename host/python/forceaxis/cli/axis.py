@@ -183,7 +183,7 @@ def table_of(rows: Sequence[ScannedAxis]) -> Iterator[str]:
 @click.argument("names", nargs=-1, required=True, type=Object(), metavar="NAME...")
 @live
 @as_json
-def get(names: Sequence[str], connection: AxisConnection, as_json: bool) -> None:
+def get(connection: AxisConnection, names: Sequence[str], as_json: bool) -> None:
     """Read objects of the axis and print their values in engineering units, such as N or mm.
 
     NAME is the name of an object, or a pattern such as 'tare*' for all objects that match.
@@ -207,7 +207,7 @@ def get(names: Sequence[str], connection: AxisConnection, as_json: bool) -> None
 @click.argument("words", nargs=-1, required=True, type=Object("="), metavar="NAME=VALUE...")
 @live_in_mm
 @as_json
-def set_objects(words: Sequence[str], connection: AxisConnection, as_json: bool) -> None:
+def set_objects(connection: AxisConnection, words: Sequence[str], as_json: bool) -> None:
     """Write values in engineering units to objects of the axis, in the order of the arguments, and
     print the new values.
 
@@ -269,10 +269,10 @@ NEGATIVE = {"ignore_unknown_options": True}
 @live_in_mm
 @as_json
 def enable(
+    connection: AxisConnection,
     mode: str,
     words: Sequence[str],
     seconds: float | None,
-    connection: AxisConnection,
     as_json: bool,
 ) -> None:
     """Enable the axis in a mode of operation for the time --seconds, or until Ctrl-C, and then
@@ -303,7 +303,7 @@ def enable(
             step = 0.1 if seconds is None else min(0.1, seconds - passed)
             axis.link.wait(step)
             passed += step
-            word = axis.read("statusword")
+            word = axis.integer("statusword")
             if state_names.drive_state(word) != "operation enabled":
                 print_state(axis, "no longer enabled", as_json)
                 sys.exit(1)
@@ -338,11 +338,11 @@ approach_speed = click.option(
 @live_in_mm
 @as_json
 def move(
+    connection: AxisConnection,
     position: str,
     speed: str | None,
     timeout: float,
     force_max: str | None,
-    connection: AxisConnection,
     as_json: bool,
 ) -> None:
     """Move the axis to the position POSITION. Disable the axis after the move.
@@ -394,13 +394,13 @@ def move(
 @live_in_mm
 @as_json
 def press(
+    connection: AxisConnection,
     force: str,
     seconds: float,
     speed: str | None,
     approach: float,
     retract: str | None,
     force_max: str | None,
-    connection: AxisConnection,
     as_json: bool,
 ) -> None:
     """Approach the workpiece, press on the workpiece with the force FORCE, print the measured

@@ -329,7 +329,7 @@ class Analyzer:
 
     def free(self) -> Level:
         """Measures the response from the DAC code to the encoder position, out of contact."""
-        start = self.axis.read("position")
+        start = self.axis.integer("position")
         travel = self.order.travel
         self.set(
             position_min=max(start - travel, self.objects.position_min),
@@ -543,7 +543,7 @@ class Analyzer:
             fastest = max(fastest, abs(state.dac_code)) if not state.contact else fastest
             return bool(state.contact or state.contact_losses > before)
 
-        before = self.axis.read("contact_losses")
+        before = self.axis.integer("contact_losses")
         try:
             self.axis.wait_for(TouchObjects, touches, "a contact", APPROACH_TIMEOUT_S)
         except NoAnswer as late:
@@ -677,7 +677,7 @@ class Analyzer:
     def go_home(self) -> None:
         """Moves the axis back to the position at which the measurement began."""
         self.axis.enable("profile position")
-        if abs(self.axis.read("position") - self.home) > STANDSTILL_CNT:
+        if abs(self.axis.integer("position") - self.home) > STANDSTILL_CNT:
             self.axis.move(self.home)
         self.wait(0.2)
 

@@ -237,7 +237,7 @@ class MotionCheck:
                        fault, "none")  # fmt: skip
 
     def _inputs(self) -> None:
-        bits = self.axis.read("digital_inputs")
+        bits = self.axis.integer("digital_inputs")
         fitted = self.known.inputs_fitted
         self.switches = bits & fitted & (LIMIT_POS | LIMIT_NEG)
         on = [text for bit, text in ((LIMIT_NEG, "negative"), (LIMIT_POS, "positive"))

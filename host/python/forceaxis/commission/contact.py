@@ -181,10 +181,10 @@ class Touching(Analyzer):
         axis, travel = self.axis, self.order.travel
         axis.enable("profile position")
         for _ in range(MOVES_MAX):
-            if axis.read("force") < self.objects.contact_force / 2:
-                axis.move(axis.read("position") - round(LONG_MOVE * travel))
+            if axis.number("force") < self.objects.contact_force / 2:
+                axis.move(axis.integer("position") - round(LONG_MOVE * travel))
                 return
-            axis.move(axis.read("position") - round(SHORT_MOVE * travel))
+            axis.move(axis.integer("position") - round(SHORT_MOVE * travel))
         raise Refusal(
             "contact",
             f"expected no contact force after {MOVES_MAX} moves away from the workpiece, got: "

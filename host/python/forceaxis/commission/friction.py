@@ -210,7 +210,7 @@ def glide(
     The code is increased until the axis slides, and decreased if the travel is covered too soon.
     Raises Refusal if the axis does not slide or if it comes into contact.
     """
-    start = analyzer.axis.read("position")
+    start = analyzer.axis.integer("position")
     low, high = analyzer.objects.position_min, analyzer.objects.position_max
     travel = min(analyzer.order.travel, start - low, high - start)
     if travel < TRAVEL_MIN_CNT:
@@ -317,15 +317,15 @@ def record_slow_change(
     """
     reached_N = analyzer.press(low_N)
     axis, rated_N = analyzer.axis, analyzer.objects.rated_force * 1e-3
-    start, travel = axis.read("position"), analyzer.order.travel
-    target = axis.read("target_force") * 1e-3 * rated_N / reached_N
+    start, travel = axis.integer("position"), analyzer.order.travel
+    target = axis.number("target_force") * 1e-3 * rated_N / reached_N
     if abs(target - 1) < FORCE_ERROR_MIN:
         target = 1.0
     slope = 1e3 * target * (high_N - low_N) / rated_N / LEG_S
     analyzer.set(force_slope=max(1, round(slope)))
 
     def expect_near() -> None:
-        way = abs(axis.read("position") - start)
+        way = abs(axis.integer("position") - start)
         if way > travel:
             axis.disable()
             raise Refusal(

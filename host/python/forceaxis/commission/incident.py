@@ -183,7 +183,7 @@ def fetch(axis: Axis) -> Incident:
     incident, and NoAnswer."""
     if axis.read("blackbox_state") == "completing":
         wait(axis, COMPLETE_TIMEOUT_S)
-    state = axis.read("blackbox_state")
+    state = axis.text("blackbox_state")
     archived = state in ("off", "recording") and _load(axis)
     if archived:
         state = "incident_kept"

@@ -23,14 +23,14 @@ ERROR_MAX = 0.1  # largest relative error at which a value of |S| is treated as 
 def active_law(axis: Axis) -> Bank:
     """Returns the active Bank of the force modes. A P law is returned as a Bank too. Raises
     Refused, NoAnswer."""
-    number, gain = axis.get("force_bank", "force_gain").values()
+    number, gain = axis.integer("force_bank"), axis.number("force_gain")
     if not number:
         return Bank(gain)
     parts = ("sections", "gain", "integral", "velocity_gain")
     first = COEFFICIENTS_PER_BANK * (number - 1) + 1
     names = [f"bank_{part}_{number}" for part in parts]
     names += [f"bank_coefficient_{i}" for i in range(first, first + COEFFICIENTS_PER_BANK)]
-    bank = of_settings({"force_bank": number, "force_gain": gain} | axis.get(*names))
+    bank = of_settings({"force_bank": number, "force_gain": gain} | axis.numbers(*names))
     # The filter bank is never None here, because the number of the active bank is not 0.
     assert bank is not None
     return bank
@@ -64,7 +64,7 @@ def peaks(fitted_axis: FittedAxis, level: Level) -> LoopPeak | None:
     |S| is certain at no frequency."""
     measured, tuning = level.measured, fitted_axis.tuning
     fitted, designed = fitted_axis.fitted, fitted_axis.designed
-    late = tuning.axis.read("latency_ticks")
+    late = tuning.axis.integer("latency_ticks")
     # With dry friction, the axis sticks at some amplitudes and slides at others.
     # The predicted Ms is the larger Ms of the two states.
     every = designed.modes if fitted.friction and designed.modes else (tuning.states,)

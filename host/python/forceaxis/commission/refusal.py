@@ -30,7 +30,7 @@ def of_link(axis: Axis, error: Exception) -> Refusal:
     A Refusal is returned unchanged if the axis is owned and has no fault.
     """
     try:
-        owner, fault = axis.get("command_source", "fault").values()
+        owner, fault = axis.text("command_source"), axis.text("fault")
         (source,) = axis.link.read(["command_source"]).values()
     except NoAnswer:
         return Refusal("no_answer", str(error))

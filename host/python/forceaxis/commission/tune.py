@@ -420,12 +420,12 @@ def write(tuning: TuningFolder, designed: Designed) -> Written:
         axis.set(force_bank=0)
         axis.set(**values)
     except Refused as error:
-        state = axis.read(f"bank_state_{experiment_file.BANK}")
+        state = axis.text(f"bank_state_{experiment_file.BANK}")
         _restore_earlier_law(tuning)
         raise Refusal(
             "bank" if state == "valid" else state, f"expected the axis to accept the bank: {error}"
         ) from None
-    certificate = axis.read(f"certificate_state_{experiment_file.BANK}")
+    certificate = axis.text(f"certificate_state_{experiment_file.BANK}")
     if certificate != "fits":
         _restore_earlier_law(tuning)
         raise Refusal(
@@ -627,7 +627,7 @@ AGAIN_FROM = {
     "force_max_N": "simulate", "band_hz": "free", "averages": "free", "travel_mm": "free",
     "seed": "free",
 }  # fmt: skip
-AXIS_KEYS = ("object_table_hash", "serial_number")  # of a TuningIdentity
+AXIS_KEYS = ("object_table_hash", "serial_number")  # of a TuningIdentity, in its order
 
 
 def _changes(before: TuningOrder, after: TuningOrder) -> dict[str, str]:
@@ -689,7 +689,7 @@ class Tuning(TuningFolder):
         # The order with the types that a file gives: 30 becomes 30.0, a list becomes a tuple.
         order = from_json(TuningOrder, to_json(self.order))
         digest = hashlib.sha256(self.given.read_bytes()).hexdigest()
-        identity = TuningIdentity(order, digest, **self.axis.get(*AXIS_KEYS))
+        identity = TuningIdentity(order, digest, *map(self.axis.integer, AXIS_KEYS))
         held = TUNE.read(self.folder)
         if held is not None and held != identity:
             before, now = vars(held), vars(identity)
@@ -760,7 +760,7 @@ class Tuning(TuningFolder):
         for later in STEPS[index:]:  # The results of later steps depend on the replaced result.
             if later == step.name or later not in self.kept:
                 self._file(later).unlink(missing_ok=True)
-        began, tick = time.monotonic(), self.axis.read("tick_count")
+        began, tick = time.monotonic(), self.axis.integer("tick_count")
         try:
             result = step.function(self, *(STEP_TABLE[name].result(self) for name in step.takes))
         except (Refusal, Refused, NoAnswer) as error:
@@ -768,7 +768,7 @@ class Tuning(TuningFolder):
                 raise
             raise of_link(self.axis, error) from None
         took = time.monotonic() - began
-        ticks = (self.axis.read("tick_count") - tick) % 2**32
+        ticks = (self.axis.integer("tick_count") - tick) % 2**32
         step.file.write(
             self.folder, StepFile(round(took, 3), round(ticks / TICKS_PER_S, 3), result)
         )

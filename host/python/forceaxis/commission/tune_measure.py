@@ -76,7 +76,7 @@ def _back_to_start(tuning: TuningFolder, measures: Analyzer, start: int) -> None
     An axis that is too far away is not moved (COASTED_TRAVELS). The position is valid, because the
     encoder counts while a fault is latched.
     """
-    if abs(tuning.axis.read("position") - start) <= COASTED_TRAVELS * measures.order.travel:
+    if abs(tuning.axis.integer("position") - start) <= COASTED_TRAVELS * measures.order.travel:
         tuning.say("the axis returns to the position at which this tuning began")
         measures.home = start
         measures.go_home()
@@ -327,7 +327,7 @@ def objects_of(
     held = tuning.axis.get("force_scale", "adc_bits", "force_zero_code") | own
     units = {n: row.unit for n, row in linear.facts(tuning.model).parameters.items()}
     with Design(str(tuning.model)) as plant:
-        bench = simulation.ContactBench(plant, held["adc_bits"])
+        bench = simulation.ContactBench(plant, int(held["adc_bits"]))
         bench.settings |= held
         values = files.bank_objects(
             plant.file("bank.toml", bench.text(bench.shown, bank, loss)), ms,
