@@ -202,8 +202,10 @@ def test_the_noise_is_held_no_longer_than_the_firmware_can():
 
 def test_the_command_to_repeat_a_measurement_is_exact():
     low, high = 2.00000123, 50.0000045
-    options = {"band_hz": [low, high], "output": "drive.current"}
-    assert f"--band {low!r}:{high!r}" in command_line("fig3_9", options, {})
+    options = {"band_hz": (low, high), "output": "drive.current"}
+    command = command_line("fig3_9", options, {"m_r": 110.0}, {"m_r": 146.0})
+    assert f"--band {low!r}:{high!r}" in command
+    assert command.endswith("--set m_r=110.0 --plant-set m_r=146.0")
     done = measure_result.run("fig3_9", options)
     assert done.summary.title == ""  # the file's is that of another signal
 

@@ -118,7 +118,7 @@ class Monitor(App[None]):
             self.app_focus = True
             self.refresh_bindings()
 
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool:
+    def check_action(self, action: str, _: tuple[object, ...]) -> bool:
         return action != "record" or self.may_record
 
     def action_units(self) -> None:

@@ -14,7 +14,6 @@ import shlex
 import signal
 import sys
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -23,6 +22,7 @@ from textual_serve import server as textual_server
 from textual_serve.app_service import AppService
 
 from forceaxis._core import InputError
+from forceaxis.bus.sources import MonitorSettings
 from forceaxis.results import from_json, to_json
 
 PAGE = Path(__file__).with_name("monitor.html")
@@ -36,18 +36,6 @@ POLICY = (
 
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
-
-
-@dataclass(frozen=True)
-class MonitorSettings:
-    """Settings for the screen of an HTML page, which the process of the page receives as JSON."""
-
-    url: str | None
-    axis: int | None
-    speed: float  # of the replay
-    codes: bool
-    replay: Path | None
-    mm_per_count: float | None
 
 
 class AddressError(InputError):
@@ -189,17 +177,12 @@ def main() -> None:
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
     from forceaxis.bus.monitor import Monitor
     from forceaxis.bus.monitor_state import Watch
-    from forceaxis.bus.sources import LiveSource, ReplaySource, Source
 
     settings = from_json(MonitorSettings, json.loads(sys.argv[1]))
-    watch, axis = Watch(settings.mm_per_count), settings.axis
-    source: Source
-    if settings.replay:
-        source = ReplaySource(watch, settings.replay, settings.speed, axis)
-    else:
-        source = LiveSource(watch, settings.url, axis)
+    watch = Watch(settings.mm_per_count)
+    source = settings.source(watch)
     try:
-        Monitor(source, watch, axis, codes=settings.codes, may_record=False).run()
+        Monitor(source, watch, settings.axis, codes=settings.codes, may_record=False).run()
     finally:
         source.close()
 

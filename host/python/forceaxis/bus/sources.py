@@ -3,6 +3,7 @@ log."""
 
 import threading
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 from forceaxis import paths
@@ -156,3 +157,24 @@ class ReplaySource:
 
 
 Source = LiveSource | ReplaySource
+
+
+@dataclass(frozen=True)
+class MonitorSettings:
+    """What a monitor shows: the axis `axis` (None: all axes) of the LCM bus `url`, or of the log
+    file `replay` at `speed` times its speed. `codes`: True for counts and codes in place of units.
+    """
+
+    url: str | None
+    axis: int | None
+    speed: float
+    codes: bool
+    replay: Path | None
+    mm_per_count: float | None
+
+    def source(self, watch: Watch) -> Source:
+        """Returns the source of the messages, which passes each message to `watch`. Raises
+        InputError."""
+        if self.replay:
+            return ReplaySource(watch, self.replay, self.speed, self.axis)
+        return LiveSource(watch, self.url, self.axis)

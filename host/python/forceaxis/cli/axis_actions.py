@@ -51,7 +51,7 @@ def tare(connection: AxisConnection, as_json: bool) -> None:
 )
 @live
 @as_json
-def calibrate(given: Sequence[str], connection: AxisConnection, as_json: bool) -> None:
+def calibrate(connection: AxisConnection, given: Sequence[str], as_json: bool) -> None:
     """Calibrate the force sensor: determine force_scale, in N per count, from 2 to 8 forces of a
     reference load cell or of weights.
 
@@ -146,6 +146,7 @@ def asked(axis: Axis, most: int) -> Iterator[tuple[float, float]]:
 @live
 @as_json
 def capture(
+    connection: AxisConnection,
     signals: Sequence[str],
     samples: int,
     decimation: int,
@@ -153,7 +154,6 @@ def capture(
     trigger: str | None,
     timeout: float,
     out: Path | None,
-    connection: AxisConnection,
     as_json: bool,
 ) -> None:
     """Record up to 8 signals in the memory of the axis, at up to 1500 samples per second, and print

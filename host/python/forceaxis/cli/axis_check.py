@@ -26,7 +26,7 @@ from forceaxis.cli.live_options import AxisConnection, live, owned
 )  # fmt: skip
 @live
 @as_json
-def check(yes: bool, travel: int, output: int, connection: AxisConnection, as_json: bool) -> None:
+def check(connection: AxisConnection, yes: bool, travel: int, output: int, as_json: bool) -> None:
     """Check a new axis in steps before it is used: sensors at standstill, signs of encoder and
     drive at low output, then one small move out and back.
 

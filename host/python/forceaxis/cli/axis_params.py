@@ -53,7 +53,7 @@ def params() -> None:
 @click.option("--all", "everything", is_flag=True, help="Include default values.")
 @live
 @as_json
-def dump(file: Path | None, everything: bool, connection: AxisConnection, as_json: bool) -> None:
+def dump(connection: AxisConnection, file: Path | None, everything: bool, as_json: bool) -> None:
     """Write all parameters of the axis that differ from their default values to FILE, or print
     these parameters if FILE is missing.
 
@@ -88,7 +88,7 @@ def dump(file: Path | None, everything: bool, connection: AxisConnection, as_jso
 @live
 @as_json
 def diff(
-    file: str, skip: Sequence[str], measured: bool, connection: AxisConnection, as_json: bool
+    connection: AxisConnection, file: str, skip: Sequence[str], measured: bool, as_json: bool
 ) -> None:
     """Compare the parameters of the axis with FILE, and print each parameter that differs with the
     value in the axis, the value in FILE and the unit.
@@ -120,11 +120,11 @@ def diff(
 @live
 @as_json
 def load(
+    connection: AxisConnection,
     file: str,
     dry_run: bool,
     skip: Sequence[str],
     measured: bool,
-    connection: AxisConnection,
     as_json: bool,
 ) -> None:
     """Write the values of FILE to the parameters of a disabled axis. If one value cannot be
@@ -182,7 +182,7 @@ def store(connection: AxisConnection, as_json: bool) -> None:
 @click.option("--yes", is_flag=True, help="Do not ask for consent.")
 @live
 @as_json
-def restore(yes: bool, connection: AxisConnection, as_json: bool) -> None:
+def restore(connection: AxisConnection, yes: bool, as_json: bool) -> None:
     """Delete the parameters that are stored in the axis. After the next power-up the axis has the
     default values.
 

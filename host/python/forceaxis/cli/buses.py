@@ -4,7 +4,7 @@ import os
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
@@ -25,7 +25,7 @@ from forceaxis.cli.common import (
 
 if TYPE_CHECKING:
     from forceaxis.bus.monitor_state import Watch
-    from forceaxis.bus.sources import Source
+    from forceaxis.bus.sources import MonitorSettings, Source
 
 log_file = click.argument(
     "log_path", metavar="FILE.log", type=click.Path(dir_okay=False, path_type=Path)
@@ -131,10 +131,12 @@ def monitor(
             "expected a terminal, got none; use --once, or --once --json, in a script"
         )
     from forceaxis.bus.monitor_state import Watch
+    from forceaxis.bus.sources import MonitorSettings
 
     mm_per_count = encoder_mm(model) if model else None
+    settings = MonitorSettings(url, axis, speed or 1.0, codes, replay, mm_per_count)
     watch = Watch(mm_per_count)
-    source = source_of(watch, url, replay, speed or 1.0, axis)
+    source = settings.source(watch)
     try:
         if record:
             source.record(record)
@@ -151,19 +153,7 @@ def monitor(
     if writer:
         click.echo(f"{paths.display(writer.path)}: {writer.count} messages")
     if web:
-        shown: dict[str, Any] = {"url": url, "axis": axis, "speed": speed or 1.0, "codes": codes}
-        shown |= {"replay": replay, "mm_per_count": mm_per_count}
-        serve(shown, host or "127.0.0.1", 8780 if port is None else port)
-
-
-def source_of(
-    watch: "Watch", url: str | None, replay: Path | None, speed: float, axis: int | None
-) -> "Source":
-    """Return the source of the messages for the monitor: the log file `replay`, or the LCM bus
-    `url` if there is no log file."""
-    from forceaxis.bus.sources import LiveSource, ReplaySource
-
-    return ReplaySource(watch, replay, speed, axis) if replay else LiveSource(watch, url, axis)
+        serve(settings, host or "127.0.0.1", 8780 if port is None else port)
 
 
 def encoder_mm(model: str) -> float:
@@ -179,7 +169,7 @@ def encoder_mm(model: str) -> float:
     return 1e3 / encoder.scale
 
 
-def serve(shown: dict[str, Any], host: str, port: int) -> NoReturn:
+def serve(settings: "MonitorSettings", host: str, port: int) -> NoReturn:
     """Serve the monitor to web browsers until a signal such as SIGTERM ends the program. The exit
     status is 128 plus the number of the signal."""
     try:
@@ -190,7 +180,6 @@ def serve(shown: dict[str, Any], host: str, port: int) -> NoReturn:
             "'forceaxis[web]'`"
         ) from None
     ready = lambda url: show([("monitor", url)])  # noqa: E731
-    settings = monitor_web.MonitorSettings(**shown)
     try:
         sys.exit(128 + monitor_web.serve(settings, host, port, ready))
     except monitor_web.AddressError as error:

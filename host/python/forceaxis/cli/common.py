@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TextIO, TypeVar, cast
+from typing import TYPE_CHECKING, NoReturn, TextIO, TypeVar, cast
 
 import click
 from click.shell_completion import CompletionItem
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     Scalar = str | float | bool | Path | None
     Printable = DataclassInstance | Scalar | Mapping[str, "Printable"] | Sequence["Printable"]
 
+T = TypeVar("T")
 Callback = TypeVar("Callback", bound=Callable[..., None])  # the function of a verb
 
 # Longest first sentence of a help text in characters. The library click replaces the rest of a
@@ -120,14 +121,19 @@ def options_in(command: click.Command, text: str) -> str:
     return re.sub(r"`(\w+)`", lambda named: option_of(command, named[1]) or named[0], text)
 
 
+def given(value: T | None, default: T) -> T:
+    """Return the value of an option, or the default value without the option."""
+    return default if value is None else value
+
+
 class Verb(click.Command):
     """A subcommand of the command line. The help of the subcommand prints an example with the line
     breaks of the source. Error messages name options of the subcommand instead of parameters of the
     library."""
 
-    def invoke(self, ctx: click.Context) -> Any:
+    def invoke(self, ctx: click.Context) -> None:
         try:
-            return super().invoke(ctx)
+            super().invoke(ctx)
         except InputError as error:
             raise InputError(with_options(self, error)) from error
 
@@ -145,9 +151,9 @@ class Slow(Verb):
     """A subcommand whose computation can last many seconds. A terminal shows the progress until the
     subcommand prints the result."""
 
-    def invoke(self, ctx: click.Context) -> Any:
+    def invoke(self, ctx: click.Context) -> None:
         with waiting(self.name):
-            return super().invoke(ctx)
+            super().invoke(ctx)
 
 
 def done_waiting() -> None:

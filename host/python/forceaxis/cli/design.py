@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import click
 
@@ -127,14 +127,25 @@ class Newtons(click.ParamType[tuple[float, ...]]):
 @as_json
 def design(
     text: str,
+    over: tuple[str, ...],
+    modes: str,
+    ms: float,
+    ms_late: float,
+    gain_margin: float,
+    adc_bits: int | None,
+    hf_gain: float | None,
+    latency: str,
     overrides: tuple[str, ...],
     states: tuple[str, ...],
-    pareto: str | None,
     measured: tuple[str, ...],
     priors: tuple[str, ...],
+    forces_N: tuple[tuple[float, ...], ...],
+    approach_mm_per_s: float | None,
+    simulate: bool,
+    pareto: str | None,
     out: Path | None,
+    threads: int | None,
     as_json: bool,
-    **given: Any,
 ) -> None:
     """Design a force law: find the filter bank with the largest bandwidth that keeps the required
     margins for all plants within the tolerances of MODEL.
@@ -179,9 +190,12 @@ def design(
     from forceaxis.cli import design_text
     from forceaxis.design import for_set, outcome
 
-    given["forces_N"] = tuple(itertools.chain.from_iterable(given["forces_N"]))
-    values, named = linear.overrides(overrides), linear.states(states)
-    order = outcome.DesignOrder(text, overrides=values, states=named, **given)
+    order = outcome.DesignOrder(
+        text, over, linear.overrides(overrides), modes=modes, states=linear.states(states), ms=ms,
+        ms_late=ms_late, gain_margin=gain_margin, adc_bits=adc_bits, latency=latency,
+        hf_gain=hf_gain, forces_N=tuple(itertools.chain.from_iterable(forces_N)),
+        approach_mm_per_s=approach_mm_per_s, simulate=simulate, threads=threads,
+    )  # fmt: skip
     if priors and not measured:
         raise click.UsageError(
             "--prior: expected --measured together with this option; add --measured or remove "

@@ -7,7 +7,7 @@ import dataclasses
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -299,9 +299,13 @@ def fit(
     response: str,
     names: Sequence[str],
     overrides: Sequence[str],
+    input: str | None,
+    output: str | None,
+    averages: int | None,
+    dt: float | None,
+    scale: float | None,
     out: Path | None,
     as_json: bool,
-    **given: Any,
 ) -> None:
     """Fit parameters of the model MODEL to a measured frequency response, and test if the fitted
     model explains the response.
@@ -326,7 +330,7 @@ def fit(
     from forceaxis.identify import fit as fit_response
 
     held = linear.overrides(overrides)
-    settings = fit_response.ResponseSettings(**given)
+    settings = fit_response.ResponseSettings(input, output, averages, dt, scale)
     measured = fit_response.read_response(response, model, held, settings)
     starts, units = fit_response.starts_of(names, measured)
     for name in starts:

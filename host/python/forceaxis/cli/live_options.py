@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Concatenate, ParamSpec
 
 import click
 
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from forceaxis.axis.link import Link
 
 Verb = Callable[..., None]
+P = ParamSpec("P")
+LiveVerb = Callable[Concatenate["AxisConnection", P], None]
 
 # Same value as in axis/can.py. The module axis/can.py is loaded only for a connection over CAN.
 OWN_NODE = 126
@@ -145,17 +147,28 @@ OPTIONS = (
 )
 
 
-def options(command: Verb) -> Verb:
+def options(command: LiveVerb[P]) -> Verb:
     """Add the options of a connection to a subcommand. The function of the subcommand receives the
     values of the options as an `AxisConnection`, which may select no axis or several axes."""
 
     @functools.wraps(command)
-    def with_connection(*arguments: Any, **given: Any) -> None:
-        names = [
-            field.name for field in dataclasses.fields(AxisConnection) if field.name != "model"
-        ]
-        connection = AxisConnection(**{name: given.pop(name) for name in names})
-        command(*arguments, connection=connection, **given)
+    def with_connection(
+        axis: int | None,
+        lcm_url: str | None,
+        can: str | None,
+        node: int,
+        own_node: int,
+        modbus: str | None,
+        sim: Path | None,
+        overrides: tuple[str, ...],
+        store: str,
+        *arguments: P.args,
+        **given: P.kwargs,
+    ) -> None:
+        connection = AxisConnection(
+            axis, lcm_url, can, node, own_node, modbus, sim, overrides, store
+        )
+        command(connection, *arguments, **given)
 
     found: Verb = with_connection
     for option in reversed(OPTIONS):
@@ -163,27 +176,27 @@ def options(command: Verb) -> Verb:
     return found
 
 
-def live(command: Verb) -> Verb:
+def live(command: LiveVerb[P]) -> Verb:
     """Add the options of a connection to a subcommand that needs exactly one axis. The function of
     the subcommand receives the values of the options as an `AxisConnection`."""
 
     @functools.wraps(command)
-    def with_one(*arguments: Any, connection: AxisConnection, **others: Any) -> None:
+    def with_one(connection: AxisConnection, *arguments: P.args, **given: P.kwargs) -> None:
         connection.expect_one()
-        command(*arguments, connection=connection, **others)
+        command(connection, *arguments, **given)
 
     return options(with_one)
 
 
-def live_in_mm(command: Verb) -> Verb:
+def live_in_mm(command: LiveVerb[P]) -> Verb:
     """Add the options of a connection to exactly one axis, and the option --model. The encoder of
     the model converts encoder counts to mm."""
 
     @functools.wraps(command)
     def with_model(
-        *arguments: Any, connection: AxisConnection, model: str | None, **others: Any
+        connection: AxisConnection, model: str | None, *arguments: P.args, **given: P.kwargs
     ) -> None:
-        command(*arguments, connection=dataclasses.replace(connection, model=model), **others)
+        command(dataclasses.replace(connection, model=model), *arguments, **given)
 
     option = click.option(
         "--model",
@@ -224,9 +237,9 @@ def warn_of_newtons(axis: Axis, connection: AxisConnection) -> None:
     simulated axis compares `force_scale` with the model."""
     from forceaxis.axis import quantity
 
-    found = axis.get("force_scale", "calibration_date")
-    if connection.sim is None and quantity.never_set(**found):
-        scale = f"force_scale ({found['force_scale'] * 1e-6:g} N/count)"
+    force_scale, date = axis.number("force_scale"), axis.integer("calibration_date")
+    if connection.sim is None and quantity.never_set(force_scale, date):
+        scale = f"force_scale ({force_scale * 1e-6:g} N/count)"
         click.echo(
             f"forceaxis: warning: {axis.link.where}: {scale} was never set, so forces in N are "
             "wrong unless the sensor has this scale; set force_scale, or use "

@@ -6,7 +6,7 @@ import contextlib
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -21,6 +21,7 @@ from forceaxis.cli.common import (
     Verb,
     as_json,
     fitted,
+    given,
     print_json,
     print_result,
     show,
@@ -30,6 +31,9 @@ from forceaxis.cli.common import (
 if TYPE_CHECKING:
     from forceaxis.commission.level import MeasuringOrder
     from forceaxis.identify.result import MeasurementSummary
+    from forceaxis.linear.plant_facts import Overrides
+
+    OptionValue = str | float | tuple[float, float] | None
 
 
 def band(
@@ -189,8 +193,8 @@ def measure_axis(
 @live_options.options
 @as_json
 def measure(
-    target: str | None,
     connection: live_options.AxisConnection,
+    target: str | None,
     plant_set: tuple[str, ...],
     out: Path | None,
     as_json: bool,
@@ -199,7 +203,19 @@ def measure(
     travel: int | None,
     settle_s: float | None,
     model: str | None,
-    **options: Any,
+    output: str | None,
+    input: str | None,
+    inject: str | None,
+    excitation: str | None,
+    band_hz: tuple[float, float] | None,
+    resolution_hz: float | None,
+    level: float | None,
+    bias: float | None,
+    averages: int | None,
+    window: str | None,
+    clamped: bool | None,
+    free: bool | None,
+    seed: int | None,
 ) -> None:
     """Measure the frequency response of a simulated plant or of a live axis by an excitation, and
     compare the measured response with the response that a model predicts.
@@ -235,13 +251,17 @@ def measure(
 
     if target is None:
         connection.expect_one()
-        level = options["level"]
-        values = {n: options[n] for n in ("band_hz", "resolution_hz", "averages", "seed")}
-        values |= {"force_max_N": force_max_N, "travel": travel, "settle_s": settle_s}
-        values |= {"amplitude": None if level is None else int(level)}
-        order = MeasuringOrder(**{n: value for n, value in values.items() if value is not None})
-        free = bool(options["free"])
-        measure_axis(connection, out, as_json, order, forces, free, model or "")
+        order = MeasuringOrder(
+            band_hz=given(band_hz, MeasuringOrder.band_hz),
+            resolution_hz=given(resolution_hz, MeasuringOrder.resolution_hz),
+            averages=given(averages, MeasuringOrder.averages),
+            settle_s=given(settle_s, MeasuringOrder.settle_s),
+            force_max_N=given(force_max_N, MeasuringOrder.force_max_N),
+            travel=given(travel, MeasuringOrder.travel),
+            amplitude=MeasuringOrder.amplitude if level is None else int(level),
+            seed=given(seed, MeasuringOrder.seed),
+        )
+        measure_axis(connection, out, as_json, order, forces, bool(free), model or "")
         return
     if connection != live_options.AxisConnection(overrides=connection.overrides):
         raise InputError(
@@ -249,18 +269,22 @@ def measure(
             "axis, got both; remove one"
         )
 
-    if connection.overrides:
-        options["set"] = linear.overrides(connection.overrides)
+    options: dict[str, OptionValue] = {
+        "output": output, "input": input, "inject": inject, "excitation": excitation,
+        "band_hz": band_hz, "resolution_hz": resolution_hz, "level": level, "bias": bias,
+        "averages": averages, "window": window, "clamped": clamped, "free": free, "seed": seed,
+    }  # fmt: skip
     with waiting("measure"):
-        plant: dict[str, Any] = {**linear.overrides(plant_set)}
-        done = analyzer.run(target, options, plant, command_line(target, options, plant))
+        own, plant = linear.overrides(connection.overrides), linear.overrides(plant_set)
+        command = command_line(target, options, own, plant)
+        done = analyzer.run(target, {**options, "set": own or None}, plant, command)
         if out:
             analyzer.write(done, out)
     print_result(done.summary, as_json, lambda: in_words(done.summary), out)
 
 
 def command_line(
-    target: str, options: Mapping[str, Any], plant_set: Mapping[str, float | str]
+    target: str, options: Mapping[str, OptionValue], overrides: Overrides, plant_set: Overrides
 ) -> str:
     """Return the text of the command `forceaxis measure` with which the user can repeat this
     measurement."""
@@ -269,13 +293,13 @@ def command_line(
     names = {"band_hz": "band", "resolution_hz": "resolution"}
     words = ["forceaxis", "measure", target]
     for key, value in options.items():
-        if value is None or value is False or key == "set":
+        if value is None or value is False:
             continue
         option = f"--{names.get(key, key)}"
-        text = ":".join(map(repr, value)) if key == "band_hz" else str(value)
+        text = ":".join(map(repr, value)) if isinstance(value, tuple) else str(value)
         words += [option] if value is True else [option, text]
-    for option, values in (("--set", options.get("set")), ("--plant-set", plant_set)):
-        for text in linear.override_texts(values or {}):
+    for option, values in (("--set", overrides), ("--plant-set", plant_set)):
+        for text in linear.override_texts(values):
             words += [option, text]
     return shlex.join(words)
 

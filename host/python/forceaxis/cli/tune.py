@@ -2,7 +2,6 @@
 force law."""
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -16,6 +15,7 @@ from forceaxis.cli.common import (
     Verb,
     as_json,
     fitted,
+    given,
     mode_option,
     print_json,
 )
@@ -70,8 +70,21 @@ from forceaxis.cli.measure import band, newtons
 @click.option("--out", type=Folder(), required=True, help="Folder; tune continues an earlier one.")
 @as_json
 def tune(
-    connection: AxisConnection, only: str | None, out: Path, as_json: bool, **options: Any
-) -> None:  # fmt: skip
+    connection: AxisConnection,
+    model: str,
+    forces: tuple[float, ...],
+    over: tuple[str, ...],
+    priors: tuple[str, ...],
+    states: tuple[str, ...],
+    force_max_N: float,
+    ms: float,
+    band_hz: tuple[float, float] | None,
+    averages: int | None,
+    travel_mm: float | None,
+    only: str | None,
+    out: Path,
+    as_json: bool,
+) -> None:
     """Tune the force control of a live axis: measure the axis, design the force law with the
     largest bandwidth, verify the force law on the axis and store the force law.
 
@@ -104,8 +117,12 @@ def tune(
 
     if only is not None and only not in tuning.STEPS:
         raise click.UsageError(f"--only: expected one of {', '.join(tuning.STEPS)}, got {only}")
-    given = {name: value for name, value in options.items() if value is not None}
-    order = TuningOrder(**given)
+    order = TuningOrder(
+        model, forces, over, priors, states, ms, force_max_N,
+        band_hz=given(band_hz, TuningOrder.band_hz),
+        averages=given(averages, TuningOrder.averages),
+        travel_mm=given(travel_mm, TuningOrder.travel_mm),
+    )  # fmt: skip
     with live_options.owned(connection) as axis:
         steps = tuning.Tuning(
             axis, order, out, lambda text: click.echo(fitted(text, 2), err=as_json)
