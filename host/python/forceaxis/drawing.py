@@ -4,9 +4,10 @@ that write plots to files."""
 import base64
 import io
 import re
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Literal, TypedDict, Unpack
 
 import matplotlib
 
@@ -15,6 +16,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import matplotlib.ticker
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -66,9 +68,27 @@ def style(ax: Axes) -> None:
     ax.set_prop_cycle(color=COLORS)
 
 
-def legend(where: Axes | Figure, **more: Any) -> Legend:
-    """Adds a small legend without a frame to axes or to a Matplotlib figure."""
-    return where.legend(**({"fontsize": 7, "frameon": False} | more))
+class LegendOptions(TypedDict, total=False):
+    """Arguments of Matplotlib for the layout of a legend."""
+
+    loc: Literal[
+        "best", "lower left", "lower right", "outside lower center", "upper left", "upper right"
+    ]
+    bbox_to_anchor: tuple[float, float]
+    ncols: int
+    columnspacing: float
+    handletextpad: float
+    markerscale: float
+
+
+def legend(
+    where: Axes | Figure, handles: Sequence[Artist] | None = None, **layout: Unpack[LegendOptions]
+) -> Legend:
+    """Adds a small legend without a frame to axes or to a Matplotlib figure. `handles`: the drawn
+    objects in the legend, by default those with a label."""
+    if handles is None:
+        return where.legend(fontsize=7, frameon=False, **layout)
+    return where.legend(handles=handles, fontsize=7, frameon=False, **layout)
 
 
 def plain_ticks(axis: Axis) -> None:

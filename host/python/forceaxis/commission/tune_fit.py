@@ -114,8 +114,10 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     assert found.plants is not None and found.intervals is not None  # of an accepted fit
     changes: list[str] = []
     if frictions:
-        found.plants, changes = _with_tolerances(tuning, found.plants, sheet, frictions, measured)
-        found.values = found.plants.overrides
+        found.plants, changes = _with_tolerances(
+            tuning, found.plants, found.best, sheet, frictions, measured
+        )
+        found.values = found.best | found.plants.together[0]
     parameters, intervals = linear.facts(model).parameters, found.intervals
     rows = {n: ParameterRow(v, intervals[n], parameters[n].unit) for n, v in found.best.items()}
     return Fitted(
@@ -296,13 +298,14 @@ def _determine_mass(shaken: sine_excitation.SineTestResult | None) -> bool:
 def _with_tolerances(
     tuning: TuningFolder,
     plants: PlantSet,
+    values: Values,
     sheet: dict[str, Prior],
     frictions: Frictions,
     measured: MeasuredResponses,
 ) -> tuple[PlantSet, list[str]]:
     """Returns (set of plants of a design for an axis with dry friction, a text for each parameter
-    whose value differs from the fit). `plants`: the set about the fitted values. `sheet`: the prior
-    values.
+    whose value differs from the fit). `plants`: the set about the fitted values `values`.
+    `sheet`: the prior values.
 
     The fit represents dry friction by dampers, one set for each response. The plant of the design
     has no such dampers, because it slides. The fit cannot distinguish friction from damping. All
@@ -310,7 +313,7 @@ def _with_tolerances(
     DAMPING_DEVIATIONS from its value; a fitted value below the low end replaces the low end.
     """
     parameters = linear.facts(plants.model).parameters
-    values, ranges, lines = plants.overrides, dict(plants.ranges), []
+    ranges, lines = dict(plants.ranges), []
     low: Values = {}
     high: Values = {}
     for name, prior in sheet.items():

@@ -9,7 +9,6 @@ import random
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from forceaxis.errors import ParameterError
 from forceaxis.linear import system as linear
@@ -48,7 +47,7 @@ class PlantSet:
     the ranges is combined with each entry of `together` and with each combination of states."""
 
     model: str
-    overrides: dict[str, Any] = field(default_factory=dict)
+    overrides: Overrides = field(default_factory=dict)
     ranges: dict[str, Range] = field(default_factory=dict)
     modes: tuple[dict[str, str], ...] = ({},)
     together: tuple[dict[str, float], ...] = ({},)

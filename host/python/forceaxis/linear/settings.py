@@ -3,10 +3,9 @@ closes. The analysis uses the experiment's model, the table [set], and the initi
 [firmware] as the firmware stores these values: control law, filter bank, gain, latency. Later
 writes of the experiment ([[at]]) are ignored."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from forceaxis import _core, objects, paths, toml
 from forceaxis.linear import bank as banks
@@ -72,7 +71,7 @@ def find(text: str | Path) -> Path:
     return linear.find_model(text)
 
 
-def is_experiment(table: Mapping[str, Any]) -> bool:
+def is_experiment(table: Container[str]) -> bool:
     """Returns True if `table`, the content of a file, is an experiment, which names a model and a
     run."""
     return "model" in table and "duration_s" in table

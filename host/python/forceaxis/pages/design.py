@@ -2,13 +2,12 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Literal, TypedDict
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from forceaxis import _core, drawing, objects
 from forceaxis.design import outcome as outcomes
@@ -37,7 +36,7 @@ RANDOM_PLANTS = (
 
 # One curve of a plot for each loop: (loop gain L at the frequencies, key of the line style in
 # LOOKS).
-Loops = list[tuple[NDArray[Any], str]]
+Loops = list[tuple[Response, str]]
 
 
 def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loops:
@@ -57,12 +56,23 @@ def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loop
     return found
 
 
+class LineStyle(TypedDict, total=False):
+    """Arguments of Matplotlib for a curve."""
+
+    color: str
+    linewidth: float
+    linestyle: Literal["--"]
+    alpha: float
+    zorder: float
+
+
 # For each key of a curve: the line style of the curve, and the name of the curve in the legend.
-LOOKS: dict[str, tuple[dict[str, Any], str]] = {
+LOOKS: dict[str, tuple[LineStyle, str]] = {
     "nominal": ({"color": INK, "linewidth": 1.3, "zorder": 3}, "nominal"),
     "late": ({"color": INK, "linewidth": 1.3, "zorder": 3, "linestyle": "--"},
              "nominal, one tick of latency"),
-    "members": ({"color": GOT, "linewidth": 0.5, "alpha": 0.5}, "corners and random members"),
+    "members": ({"color": GOT, "linewidth": 0.5, "alpha": 0.5, "zorder": 2},
+                "corners and random members"),
 }  # fmt: skip
 
 
@@ -117,7 +127,7 @@ def nyquist(outcome: DesignOutcome, name: str, loops: Loops) -> Figure:
     ax.fill(-1 + radius * np.cos(turn), radius * np.sin(turn), color=WANTED, alpha=0.18)
     for L, kind in loops:
         near = np.where(np.abs(L) < LOOP_GAIN_DRAWN, L, np.nan)
-        ax.plot(near.real, near.imag, **{"zorder": 2} | LOOKS[kind][0])
+        ax.plot(near.real, near.imag, **LOOKS[kind][0])
     legend(ax, handles=keys(loops), loc="upper left")
     ax.plot([-1], [0], marker="+", color=INK, markersize=9, zorder=4)
     ax.set(xlim=(-2.2, 1.6), ylim=(-2.2, 1.6), xlabel="real part", ylabel="imaginary part")
