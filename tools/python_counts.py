@@ -50,14 +50,23 @@ def fully_typed(function: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
 
 
 def is_loose(annotation: ast.expr) -> bool:
-    """Whether an annotation says nothing: Any, object, or a dict from str to any value."""
+    """Whether an annotation says nothing: Any, object, or a container without item types."""
     for node in ast.walk(annotation):
-        if isinstance(node, ast.Name) and node.id in ("Any", "object", "Document"):
+        if isinstance(node, ast.Name) and node.id in ("Any", "object"):
             return True
         if isinstance(node, ast.Attribute) and node.attr == "Any":
             return True
     bare = isinstance(annotation, ast.Name) and annotation.id in ("dict", "list", "tuple")
     return bare
+
+
+def is_loose_alias(node: ast.stmt) -> bool:
+    """Whether a statement names a type that says nothing, such as Table = dict[str, Any]."""
+    return (
+        isinstance(node, ast.Assign | ast.AnnAssign)
+        and node.value is not None
+        and any(isinstance(part, ast.Subscript) and is_loose(part) for part in ast.walk(node.value))
+    )
 
 
 def documentation(tree: ast.AST) -> set[int]:
@@ -99,6 +108,9 @@ def found(tree: ast.Module) -> Iterator[tuple[str, int]]:
         for statement in node.body
         if isinstance(statement, ast.AnnAssign)
     }
+    for node in tree.body:
+        if is_loose_alias(node):
+            yield "loose", node.lineno
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             yield "functions", node.lineno

@@ -136,6 +136,20 @@ class Inputs(TypedDict):
     parameters: dict[str, _Parameter]
     unused: list[str]
 
+class RunOutcome(TypedDict, total=False):
+    """A result of run_many(). A run that has failed has only the text `error`. Tables are dicts as
+    in Result."""
+
+    error: str
+    verdict: str
+    missed: list[dict[str, Any]]
+    fault: str
+    metrics: dict[str, Any]
+    criterion: dict[str, Any]
+    overridden: list[str]
+    trace_hash: str
+    edge_margin: float
+
 class LiveAxis:
     """The simulated axis of an experiment, which runs in steps of ticks."""
 
@@ -261,9 +275,9 @@ def run_many(
     threads: int = ...,
     progress: Callable[[int, int], None] | None = ...,
     keep_going: bool = ...,
-    finished: Callable[[int, dict[str, Any]], None] | None = ...,
+    finished: Callable[[int, RunOutcome], None] | None = ...,
     experiments: Experiments | None = ...,
-) -> list[dict[str, Any]]: ...
+) -> list[RunOutcome]: ...
 def evaluate(
     criterion: dict[str, Any], metrics: dict[str, Any], fault: str
 ) -> tuple[str, list[dict[str, Any]]]: ...

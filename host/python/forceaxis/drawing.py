@@ -68,6 +68,19 @@ def style(ax: Axes) -> None:
     ax.set_prop_cycle(color=COLORS)
 
 
+class LineStyle(TypedDict, total=False):
+    """Arguments of Matplotlib for the style of a curve."""
+
+    color: str
+    linewidth: float
+    linestyle: Literal["--"]
+    alpha: float
+    marker: str
+    markersize: float
+    label: str
+    zorder: float
+
+
 class LegendOptions(TypedDict, total=False):
     """Arguments of Matplotlib for the layout of a legend."""
 

@@ -19,9 +19,10 @@ not read a result with such a field.
 
 import dataclasses
 import json
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, TypeAlias, TypeVar, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Union, get_args, get_origin, overload
 
 import cattrs
 import numpy as np
@@ -29,8 +30,19 @@ from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, overrid
 
 from forceaxis._core import InputError
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    # A value that to_json() converts.
+    Convertible = (
+        DataclassInstance | str | float | bool | Path | None
+        | Mapping[str, "Convertible"] | Sequence["Convertible"]
+    )  # fmt: skip
+
 T = TypeVar("T")
-JsonObject: TypeAlias = dict[str, Any]  # an object in a JSON file or in the output of a subcommand
+D = TypeVar("D", bound="DataclassInstance")
+Json = None | bool | int | float | str | Sequence["Json"] | Mapping[str, "Json"]
+JsonObject: TypeAlias = dict[str, Json]
 KEY, OMIT_NONE, INLINE = "json_key", "json_omit_none", "json_inline"
 TYPE_WORDS: dict[type, str] = {
     float: "a number", int: "an integer", str: "a text", bool: "true or false", NoneType: "null",
@@ -70,12 +82,16 @@ def _is_scalar_union(kind: type) -> bool:
     return is_union and len(kinds) > 1 and kinds <= {bool, int, float, str}
 
 
-def _read_scalar(value: Any, kind: Any) -> bool | int | float | str | None:
+def _read_scalar(value: Json, kind: type) -> bool | int | float | str | None:
     """Returns `value` if the type of the value is `kind`, or one of the types of a union `kind`. An
     integer is also accepted as a number."""
     kinds = get_args(kind) or (kind,)
-    if type(value) in kinds or (type(value) is int and float in kinds):
-        return float(value) if kind is float else value
+    if kind is float and type(value) is int:
+        return float(value)
+    if isinstance(value, bool | int | float | str | None) and (
+        type(value) in kinds or (type(value) is int and float in kinds)
+    ):
+        return value
     text = json.dumps(value)
     if len(text) > SHOWN_CHARACTERS:
         text = f"{text[:SHOWN_CHARACTERS]}..."
@@ -94,8 +110,9 @@ def _reason(error: BaseException, _: type | None) -> str:
     return "expected a JSON value of another form"
 
 
-def _overrides(kind: type) -> dict[str, Any]:
-    """Returns the rules by which cattrs converts the fields of a result."""
+def _overrides(kind: type[D]) -> dict[str, Any]:
+    """Returns the rules by which cattrs converts the fields of a result. mypy would compare rules
+    with a type of their own with every argument of the functions of cattrs."""
     return {
         field.name: override(
             rename=field.metadata.get(KEY),
@@ -105,13 +122,13 @@ def _overrides(kind: type) -> dict[str, Any]:
     }
 
 
-def _to_dict(kind: type) -> Any:
+def _to_dict(kind: type[D]) -> Callable[[D], JsonObject]:
     # A field whose type is a text or `Any` is converted by the type of its value.
-    with_all_fields: Any = make_dict_unstructure_fn(kind, _converter, **_overrides(kind))
+    with_all_fields = make_dict_unstructure_fn(kind, _converter, **_overrides(kind))
     inline = {json_key(f) for f in dataclasses.fields(kind) if f.metadata.get(INLINE)}
 
-    def with_inline_keys(result: Any) -> dict[str, Any]:
-        table: dict[str, Any] = {}
+    def with_inline_keys(result: D) -> JsonObject:
+        table: JsonObject = {}
         for key, value in with_all_fields(result).items():
             table.update((value or {}) if key in inline else {key: value})
         return table
@@ -119,7 +136,7 @@ def _to_dict(kind: type) -> Any:
     return with_inline_keys if inline else with_all_fields
 
 
-def _from_dict(kind: type) -> Any:
+def _from_dict(kind: type[D]) -> Callable[[JsonObject, type[D]], D]:
     return make_dict_structure_fn(
         kind, _converter, _cattrs_forbid_extra_keys=True, **_overrides(kind)
     )  # fmt: skip
@@ -143,13 +160,18 @@ for scalar in (bool, int, float, str):
 _converter.register_structure_hook(Path, lambda value, _: Path(value))
 
 
-def to_json(result: Any) -> Any:
+@overload
+def to_json(result: "DataclassInstance") -> JsonObject: ...
+@overload
+def to_json(result: "Convertible") -> Json: ...
+def to_json(result: "Convertible") -> Json:
     """Returns the result as an argument for json.dumps: dicts, lists, texts, numbers, bools and
     None."""
-    return _converter.unstructure(result)
+    made: Json = _converter.unstructure(result)
+    return made
 
 
-def from_json(kind: type[T], table: Any, where: str = "") -> T:
+def from_json(kind: type[T], table: Json, where: str = "") -> T:
     """Returns the result of type `kind` from a `table` that to_json() made. Raises InputError
     with a text that begins with `where`, for a missing or unknown key and for a value of a wrong
     type."""

@@ -6,9 +6,19 @@ import difflib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from forceaxis import _core
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    # A value that has a text in TOML.
+    Writable = (
+        str | int | float | bool | Path | datetime.date | np.generic | NDArray[np.generic]
+        | Sequence["Writable"] | Mapping[str, "Writable"]
+    )  # fmt: skip
 
 TomlValue = str | int | float | bool | datetime.date | list["TomlValue"] | dict[str, "TomlValue"]
 
@@ -24,13 +34,13 @@ def read_text(text: str) -> dict[str, Any]:
     return _core.parse_toml(text)
 
 
-def write_text(value: Mapping[str, Any]) -> str:
+def write_text(value: "Mapping[str, Writable]") -> str:
     """Returns a table as TOML text, with inner tables written inline and NumPy values as plain
     values. Raises TypeError for a value that TOML cannot represent."""
     return "".join(f"{value_text(str(key))} = {value_text(item)}\n" for key, item in value.items())
 
 
-def value_text(value: Any) -> str:
+def value_text(value: "Writable") -> str:
     """Returns a value as TOML text. Raises TypeError for a value that TOML cannot represent."""
     if hasattr(value, "tolist"):  # of NumPy
         value = value.tolist()

@@ -174,7 +174,8 @@ def dump(values: Mapping[str, int], about: About, everything: bool = False) -> s
             lines += ["", f"[{group}]", *groups[group]]
     lines += ["", "# What the values above mean; checked when the file is loaded.", "[objects]"]
     for name, known in named:
-        facts = [f"{k} = {toml.value_text(v)}" for k, v in to_json(signature(known)).items()]
+        about_object = {k: v for k, v in asdict(signature(known)).items() if v is not None}
+        facts = [f"{k} = {toml.value_text(v)}" for k, v in about_object.items()]
         lines.append(f"{name} = {{ {', '.join(facts)} }}")
     return "\n".join(lines) + "\n"
 

@@ -106,7 +106,7 @@ def print_state(axis: Axis, prefix: str, as_json: bool, **more: float) -> None:
 
     now = actions.state(axis)
     if as_json:
-        print_json(to_json(now) | more)
+        print_json({**to_json(now), **more})
     else:
         click.echo(fitted(
             f"{prefix}: {now.state}, mode {now.mode}, fault {now.fault}, position "

@@ -34,8 +34,8 @@ def tare(connection: AxisConnection, as_json: bool) -> None:
     from forceaxis.axis import actions
 
     with owned(connection) as axis:
-        found = to_json(actions.tare(axis))
-        print_result(found, as_json, lambda: "\n".join(lines(axis, found)))
+        found = actions.tare(axis)
+        print_result(found, as_json, lambda: "\n".join(lines(axis, vars(found))))
 
 
 @axis.command(
@@ -185,8 +185,8 @@ def capture_lines(found: CaptureSummary) -> Iterator[str]:
     """Yield the text lines about a recording: number of samples, and the statistics of each
     signal."""
     yield f"{found.samples} samples, trigger at {found.trigger_sample}"
-    for name, row in to_json(found.signals).items():
-        yield f"{name}: " + ", ".join(f"{key} {shown(value)}" for key, value in row.items())
+    for name, row in found.signals.items():
+        yield f"{name}: " + ", ".join(f"{key} {shown(value)}" for key, value in vars(row).items())
 
 
 @dataclass(frozen=True)

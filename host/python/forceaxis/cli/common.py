@@ -11,7 +11,7 @@ import sys
 import textwrap
 import threading
 import time
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, TextIO, TypeVar, cast
 
@@ -24,13 +24,8 @@ from forceaxis.errors import ParameterError
 from forceaxis.words import printable, suggestion
 
 if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
     from forceaxis.experiments.link import LinkOptions
-
-    # A value that a subcommand can print as JSON.
-    Scalar = str | float | bool | Path | None
-    Printable = DataclassInstance | Scalar | Mapping[str, "Printable"] | Sequence["Printable"]
+    from forceaxis.results import Convertible
 
 T = TypeVar("T")
 Callback = TypeVar("Callback", bound=Callable[..., None])  # the function of a verb
@@ -492,7 +487,7 @@ def show(rows: Iterable[tuple[str, str]]) -> None:
         click.echo(line)
 
 
-def print_json(result: "Printable") -> None:
+def print_json(result: "Convertible") -> None:
     """Print a result as JSON on one text line. The result is a dataclass, or a dict or list of
     results."""
     from forceaxis.results import to_json
@@ -502,7 +497,7 @@ def print_json(result: "Printable") -> None:
 
 
 def print_result(
-    result: "Printable", as_json: bool, text: Callable[[], str], out: Path | None = None
+    result: "Convertible", as_json: bool, text: Callable[[], str], out: Path | None = None
 ) -> None:
     """Print a result as JSON, or as the text that the function `text` returns. The text ends with
     `out`, the folder of the written files."""

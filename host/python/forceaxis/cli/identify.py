@@ -27,9 +27,9 @@ from forceaxis.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from forceaxis.cli.common import Printable
     from forceaxis.identify.procedures import Estimate, EstimateWithInterval
     from forceaxis.identify.resonance import ResonanceResult
+    from forceaxis.results import Convertible
 
 
 class Known(click.ParamType["Estimate"]):
@@ -71,7 +71,7 @@ def identify() -> None:
     """
 
 
-def show(result: Printable, as_json: bool, rows: Iterable[tuple[str, str | Estimate]]) -> None:
+def show(result: Convertible, as_json: bool, rows: Iterable[tuple[str, str | Estimate]]) -> None:
     """Print the result of an identification as JSON, or as the text lines `rows` of (name,
     text)."""
     print_result(result, as_json, lambda: "\n".join(f"{name:12} {text}" for name, text in rows))

@@ -27,12 +27,13 @@ from forceaxis.cli.common import (
 )
 from forceaxis.results import to_json
 
-Result = TypeVar("Result")
+Result = TypeVar("Result", bound="Convertible")
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from forceaxis.linear.request import LoopRequest
+    from forceaxis.results import Convertible
 
 
 def check_drawing(out: Path | None) -> None:

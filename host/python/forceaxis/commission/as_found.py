@@ -12,7 +12,7 @@ import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Generic, NoReturn, TypeVar
 
 from forceaxis import paths
 from forceaxis._core import InputError
@@ -24,7 +24,10 @@ from forceaxis.commission.refusal import ORPHANED
 from forceaxis.objects import BY_NAME
 from forceaxis.results import from_json, to_json
 
-T = TypeVar("T")
+if TYPE_CHECKING:
+    from forceaxis.results import Convertible
+
+T = TypeVar("T", bound="Convertible")
 RawValues = dict[str, int]  # {object: raw value}
 Say = Callable[[str], None]  # function that reports an action on the axis with one text line
 

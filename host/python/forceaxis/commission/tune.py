@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -585,6 +585,19 @@ class TuningStep(Generic[R]):
             )
         return done
 
+    def run(self, tuning: TuningFolder) -> str:
+        """Runs the step and writes its result and duration to the file. Returns the text about the
+        result."""
+        began, tick = time.monotonic(), tuning.axis.integer("tick_count")
+        results = [STEP_TABLE[name].result(tuning) for name in self.takes]
+        result = self.function(tuning, *results)
+        took = time.monotonic() - began
+        ticks = (tuning.axis.integer("tick_count") - tick) % 2**32
+        self.file.write(
+            tuning.folder, StepFile(round(took, 3), round(ticks / TICKS_PER_S, 3), result)
+        )
+        return f"{self.line(tuning, result)} ({took:.1f} s)"
+
 
 CHECK = TuningStep("check", check, FolderFile("check.json", StepFile[Checked]), (), check_line)
 FREE = TuningStep(
@@ -615,9 +628,15 @@ VERIFY = TuningStep(
 STORE = TuningStep(
     "store", store, FolderFile("store.json", StepFile[Stored]), ("verify", "design"), store_line
 )
-STEP_TABLE: dict[str, TuningStep[Any]] = {
-    step.name: step for step in (CHECK, FREE, MEASURE, FIT, DESIGN, SIMULATE, WRITE, VERIFY, STORE)
-}
+AnyStep = (
+    TuningStep[Checked] | TuningStep[FreeResponse] | TuningStep[MeasuredResponses]
+    | TuningStep[Fitted] | TuningStep[Designed] | TuningStep[Simulated] | TuningStep[Written]
+    | TuningStep[Verified] | TuningStep[Stored]
+)  # fmt: skip
+IN_ORDER: tuple[AnyStep, ...] = (
+    CHECK, FREE, MEASURE, FIT, DESIGN, SIMULATE, WRITE, VERIFY, STORE
+)  # fmt: skip
+STEP_TABLE = {step.name: step for step in IN_ORDER}
 STEPS = tuple(STEP_TABLE)
 # {field of the order: first step that has to run again after a change of the field}
 # The step `check` always runs.
@@ -751,7 +770,7 @@ class Tuning(TuningFolder):
             raise refusal from None
         return self.summary()
 
-    def _do(self, step: TuningStep[R], again: bool) -> None:
+    def _do(self, step: AnyStep, again: bool) -> None:
         index = STEPS.index(step.name)
         place = f"{index + 1}/{len(STEPS)} {step.name}"
         if not again and step.done(self) is not None:
@@ -760,19 +779,13 @@ class Tuning(TuningFolder):
         for later in STEPS[index:]:  # The results of later steps depend on the replaced result.
             if later == step.name or later not in self.kept:
                 self._file(later).unlink(missing_ok=True)
-        began, tick = time.monotonic(), self.axis.integer("tick_count")
         try:
-            result = step.function(self, *(STEP_TABLE[name].result(self) for name in step.takes))
+            text = step.run(self)
         except (Refusal, Refused, NoAnswer) as error:
             if step.name == STEPS[0] and isinstance(error, Refusal):  # as the axis was found
                 raise
             raise of_link(self.axis, error) from None
-        took = time.monotonic() - began
-        ticks = (self.axis.integer("tick_count") - tick) % 2**32
-        step.file.write(
-            self.folder, StepFile(round(took, 3), round(ticks / TICKS_PER_S, 3), result)
-        )
-        self.say(f"{place}: {step.line(self, result)} ({took:.1f} s)")
+        self.say(f"{place}: {text}")
 
     def summary(self) -> TuningSummary:
         """Returns the summary of the results of all steps that are done."""

@@ -1,9 +1,9 @@
 """Simulated contacts of a design: the simulated cases, the results of each run, and the gains that
 were rejected because a contact was not stable."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from forceaxis import _core
 from forceaxis.experiments.run_result import Metrics, MissedLimit, read_metrics, read_missed
@@ -54,7 +54,7 @@ class ContactRun(Outcome):
     metrics: Metrics
 
 
-def read_run(outcome: Mapping[str, Any]) -> ContactRun:
+def read_run(outcome: "_core.RunOutcome") -> ContactRun:
     """Returns the result of a simulated run from the object that `_core.run_many` returns."""
     return ContactRun(
         verdict=outcome["verdict"],

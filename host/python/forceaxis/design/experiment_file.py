@@ -7,10 +7,28 @@ from typing import Any, TypedDict
 import tomlkit
 
 from forceaxis import _core, toml
+from forceaxis.results import JsonObject
 
 BANK = 1  # number of the firmware's filter bank that receives a design
 # firmware objects that limit the output after a contact loss
 LOSS = ("contact_loss_cap", "contact_loss_dwell")
+# value of a firmware object, or the keys of a filter bank
+FirmwareValue = float | str | JsonObject
+
+
+class Impulse(TypedDict):
+    """An impulse in N s on a body."""
+
+    body: str
+    N_s: float
+
+
+class Write(TypedDict, total=False):
+    """One element [[at]] of an experiment: firmware settings or an impulse at a time in s."""
+
+    time_s: float
+    firmware: dict[str, FirmwareValue]
+    impulse: Impulse
 
 
 class ExperimentText(TypedDict, total=False):
@@ -21,8 +39,8 @@ class ExperimentText(TypedDict, total=False):
     model: str
     duration_s: float
     set: dict[str, float | str]
-    firmware: dict[str, Any]
-    at: list[dict[str, Any]]
+    firmware: dict[str, FirmwareValue]
+    at: list[Write]
     verdict: dict[str, float | bool]
     expect: dict[str, str]
 

@@ -9,13 +9,13 @@ import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import tomlkit
 
 from forceaxis import toml
 from forceaxis.linear import system as linear
-from forceaxis.results import from_json
+from forceaxis.results import JsonObject, from_json
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -152,7 +152,7 @@ def read(model: str | Path) -> ModelFile:
     )
 
 
-def _of_table(kind: type[T], table: Mapping[str, Any], where: str) -> T:
+def _of_table(kind: type[T], table: JsonObject, where: str) -> T:
     """Returns an object of the dataclass `kind`. Each field gets the value of the table's key with
     the same name."""
     known = {field.name for field in dataclasses.fields(kind)}

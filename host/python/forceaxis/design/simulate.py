@@ -16,7 +16,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import tomlkit
 
@@ -35,7 +34,7 @@ from forceaxis.design.cases import (
     why,
 )
 from forceaxis.design.changes import Design
-from forceaxis.design.experiment_file import ExperimentText
+from forceaxis.design.experiment_file import ExperimentText, FirmwareValue, Impulse, Write
 from forceaxis.design.model_file import Given
 from forceaxis.design.new import first_gain, highest_gain
 from forceaxis.design.outcome import ContactLoss
@@ -118,7 +117,7 @@ class ContactBench:
         self._check()
         self.settings = self._settings(bits)
         self.cases = self._cases()
-        self._files: dict[tuple[object, ...], Path] = {}
+        self._files: dict[tuple[ContactCase | Path, Bank, tuple[int, ...]], Path] = {}
         text = friction.named(Path(self.model))
         self._run_model = self.design.file("rubbing.toml", text) if text else self.model
         self.frictions = friction.ranges(self._run_model, self.overrides)
@@ -345,20 +344,20 @@ class ContactBench:
         begin = self.touch_s(case) + self.settle_s
         wait = self.settle_s + 1.0 if case.strike_N_s else 0.0
         law = self._law_keys(bank, loss or {})
-        at: list[dict[str, Any]] = [
+        at: list[Write] = [
             {"time_s": time_s, "firmware": {"controlword": word}}
             for time_s, word in ((0.01, 6), (0.02, 7), (0.03, 15))
         ]
         if case.strike_N_s:
             body, sign = self.struck()
-            hit = {"body": body, "N_s": sign * case.strike_N_s}
+            hit = Impulse(body=body, N_s=sign * case.strike_N_s)
             at.append({"time_s": round(begin, 3), "impulse": hit})
         text: ExperimentText = {
             "title": f"{self.design.model.stem}: {case.name}",
             "model": str(model or self._run_model),
             "duration_s": round(begin + wait + WINDOW_S, 3),
             "set": dict(self.overrides),
-            "firmware": self.settings | self.loads(case) | law,
+            "firmware": {**self.settings, **self.loads(case), **law},
             "at": at,
             "verdict": {
                 "window_s": WINDOW_S,
@@ -371,7 +370,7 @@ class ContactBench:
             del text["set"]
         return text
 
-    def _law_keys(self, bank: Bank, loss: Mapping[str, int]) -> dict[str, Any]:
+    def _law_keys(self, bank: Bank, loss: Mapping[str, int]) -> dict[str, FirmwareValue]:
         """Returns the keys of [firmware] that select a filter bank with the force sensor of this
         bench."""
         sensor = {n: self.settings[n] for n in ("adc_bits", "force_zero_code", "force_scale")}
@@ -411,11 +410,12 @@ class ContactBench:
 
     def file(self, case: ContactCase, bank: Bank) -> Path:
         """Returns the path of the experiment file of a contact with a filter bank."""
-        if (case, bank) not in self._files:
+        key = (case, bank, ())
+        if key not in self._files:
             name = f"case_{len(self._files)}.toml"
             text = toml.write_text(self.experiment(case, bank))
-            self._files[case, bank] = self.design.file(name, text)
-        return self._files[case, bank]
+            self._files[key] = self.design.file(name, text)
+        return self._files[key]
 
     def job(
         self, case: ContactCase, bank: Bank, member: Plant, latency: int,
@@ -434,7 +434,7 @@ class ContactBench:
     ) -> Job:
         """Returns the run of the user's own experiment with a filter bank and a latency
         in ticks."""
-        key = (own, bank, *(loss or {}).values())
+        key = (own, bank, tuple((loss or {}).values()))
         if key not in self._files:
             text = self.with_bank(own, bank, loss or {})
             self._files[key] = self.design.file(f"case_{len(self._files)}.toml", text)

@@ -12,8 +12,9 @@ result.plot("contact.png")
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, NoReturn, TypeAlias
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from forceaxis.experiments import summary as words
 from forceaxis.experiments.inputs import read_inputs
 from forceaxis.experiments.run_result import Array, Converter, HeldForce
 from forceaxis.linear.plant_facts import ParameterFacts
-from forceaxis.results import JsonObject, to_json
+from forceaxis.results import JsonObject
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["Event", "Experiment", "Result"]
 
 # tables of an experiment file as a mapping from key to value
-TomlTables: TypeAlias = Mapping[str, Any]
+TomlTables: TypeAlias = Mapping[str, "toml.Writable"]
 # A value of a parameter or object: a number, a text with a unit, or a NumPy scalar.
 Value: TypeAlias = float | str | np.generic | np.ndarray[tuple[int, ...], np.dtype[np.generic]]
 
@@ -207,7 +208,7 @@ class Result:
     def missed(self) -> list[dict[str, str | float | None]]:
         """The exceeded limits of [verdict]. Each limit is a dict with the keys limit, verdict,
         value, bound and unit."""
-        return [to_json(limit) for limit in self._run.result.missed]
+        return [asdict(limit) for limit in self._run.result.missed]
 
     @property
     def fault(self) -> str:

@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, NamedTuple, Self, TypeAlias
+from typing import IO, NamedTuple, Self
 
 from forceaxis import _core, paths
 from forceaxis._core import InputError, LinkSilent, TransportError
@@ -35,7 +35,6 @@ from forceaxis.experiments.run_result import (
 )
 from forceaxis.words import option_words
 
-CoreOutcome: TypeAlias = dict[str, Any]  # a result of _core.run_many
 CHIPS = chip.links()
 KINDS = ("inproc", "lcm", "socketcan", *CHIPS)
 _CHECKOUT = Path(__file__).resolve().parents[4]
@@ -345,13 +344,13 @@ def run_many(
     link: LinkOptions,
     jobs: Sequence[tuple[str, Sequence[str]]],
     progress: Callable[[int, int], None] | None = None,
-) -> list[CoreOutcome]:
+) -> "list[_core.RunOutcome]":
     """Runs pairs (experiment, overrides) one after another over the connection `link`.
 
     progress: function that receives (number of finished runs, number of all runs). The results have
     the form of _core.run_many. Raises InputError, LinkError, SimulationError.
     """
-    outcomes: list[CoreOutcome] = []
+    outcomes: list[_core.RunOutcome] = []
     with contextlib.ExitStack() as stack:
         # The emulated chip is powered up again for each run.
         node = None if link.kind in CHIPS else stack.enter_context(AxisNode(link))
@@ -362,6 +361,7 @@ def run_many(
                 else run_on_chip(link, experiment, overrides, trace=False)
             )
             expect_same(report)
+            assert result.criterion is not None  # only experiments with a [verdict] are run here
             outcomes.append(
                 {
                     "verdict": result.verdict,

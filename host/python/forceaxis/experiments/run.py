@@ -66,8 +66,7 @@ class Run:
     @property
     def summary(self) -> JsonObject:
         """Returns the result in the form of `forceaxis run --json`."""
-        found: JsonObject = to_json(self.result)
-        return found
+        return to_json(self.result)
 
 
 def run(

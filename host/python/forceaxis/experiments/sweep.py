@@ -42,7 +42,7 @@ from forceaxis.experiments.points import (
     random_points,
     unit_of,
 )
-from forceaxis.experiments.run_result import Columns, CoreTable
+from forceaxis.experiments.run_result import Columns
 from forceaxis.experiments.sweep_result import (
     METRICS,
     Boundary,
@@ -66,7 +66,7 @@ Identity: TypeAlias = dict[str, str]  # name of a hash -> the hash
 Jobs: TypeAlias = Sequence[list[str]]  # the overrides of each run
 JournalLine: TypeAlias = dict[str, Any]  # a JSON object of the journal
 # function that receives (number of a job, result of _core.run_many)
-Finished: TypeAlias = Callable[[int, CoreTable], None]
+Finished: TypeAlias = Callable[[int, "_core.RunOutcome"], None]
 # function that receives (number of finished jobs, number of all jobs)
 Progressed: TypeAlias = Callable[[int, int], None]
 
@@ -414,7 +414,7 @@ def read_line(line: bytes) -> JournalLine:
     return entry if isinstance(entry, dict) else {}
 
 
-def outcome_of(result: CoreTable) -> PointOutcome:
+def outcome_of(result: "_core.RunOutcome") -> PointOutcome:
     """Returns the outcome of a point from a result of _core.run_many."""
     if "error" in result:
         return PointOutcome(error=result["error"])
@@ -461,7 +461,7 @@ class Runner:
         of_model = [name for name in (rows[0] if rows else ()) if "." not in name]
         todo = sorted(missing.items(), key=lambda item: [item[1][name] for name in of_model])
 
-        def finished(i: int, result: CoreTable) -> None:
+        def finished(i: int, result: "_core.RunOutcome") -> None:
             key, values = todo[i]
             self.journal.add(key, values, outcome_of(result))
 
@@ -583,7 +583,7 @@ class WorkerDiffers(Exception):
 
 def run_chunk(
     experiment: str, overrides: list[str], identity: Identity, jobs: Jobs
-) -> list[CoreTable]:
+) -> "list[_core.RunOutcome]":
     """Executes jobs on a worker, and returns the results. Raises WorkerDiffers if the worker has
     different inputs than the process that has started the sweep."""
     import socket

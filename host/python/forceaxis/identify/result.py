@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,6 +16,9 @@ from forceaxis.identify.measurement import Comparison, Complexes, Measurement, R
 from forceaxis.identify.setup import Setup, SetupTable, read_setup
 from forceaxis.linear import working
 from forceaxis.results import to_json
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 STOP_CONTACTS = (".low", ".high")  # endings of the names of the two contacts that form a stop
 
@@ -60,7 +63,7 @@ class MeasurementSummary:
     command: str
 
 
-Summary = TypeVar("Summary")
+Summary = TypeVar("Summary", bound="DataclassInstance")
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ one.
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypedDict
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -23,6 +22,7 @@ from forceaxis.drawing import (
     GOT,
     INK,
     WANTED,
+    LineStyle,
     decibels,
     finish,
     legend,
@@ -44,18 +44,6 @@ from forceaxis.linear.locus import Array, Locus, LocusResult
 from forceaxis.linear.modes import ModeAnalysis
 from forceaxis.linear.sets import CurvesOfSet, StepOfSet, WorstAtGain
 from forceaxis.linear.system import facts
-
-
-class LineStyle(TypedDict, total=False):
-    """Options of Matplotlib for the style of a curve."""
-
-    color: str
-    linewidth: float
-    marker: str
-    markersize: float
-    label: str
-    zorder: float
-
 
 # Style of the curve of a corner plant or random plant of a set of plants.
 MEMBER_LINE: LineStyle = {"color": "#9db4c8", "linewidth": 0.5, "zorder": 1}

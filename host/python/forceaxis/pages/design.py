@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Literal, TypedDict
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -17,7 +16,7 @@ from forceaxis.design.files import NewFolder
 from forceaxis.design.grid import Response, Samples
 from forceaxis.design.outcome import DesignOutcome
 from forceaxis.design.simulate import ContactBench
-from forceaxis.drawing import FAINT, GOT, INK, WANTED, legend, style
+from forceaxis.drawing import FAINT, GOT, INK, WANTED, LineStyle, legend, style
 from forceaxis.experiments import run as runs
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
@@ -54,16 +53,6 @@ def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loop
             response = np.asarray(gain * loop.open.response(frequency_hz), complex)
             found.append((response, kind))
     return found
-
-
-class LineStyle(TypedDict, total=False):
-    """Arguments of Matplotlib for a curve."""
-
-    color: str
-    linewidth: float
-    linestyle: Literal["--"]
-    alpha: float
-    zorder: float
 
 
 # For each key of a curve: the line style of the curve, and the name of the curve in the legend.
