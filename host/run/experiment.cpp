@@ -373,7 +373,7 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   Section root(source, table, "", kExperimentFormat);
   if (table.contains("body") && !table.contains("model"))
     root.fail("body",
-              "expected an experiment, got a model; give an experiment on it, or use a verb "
+              "expected an experiment, got a model; give an experiment on it, or use a command "
               "that takes a model");
   if (table.contains("output") && !table.contains("duration_s"))
     root.fail("output", "expected an experiment, got a measurement; use `forceaxis measure`");

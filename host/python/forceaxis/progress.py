@@ -1,5 +1,5 @@
-"""Progress of a long computation. A subcommand of the command line shows the progress on a
-terminal. Without a terminal, the subcommand prints the phases."""
+"""Progress of a long computation. A command shows the progress on a
+terminal. Without a terminal, the command prints the phases."""
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator, Sized

@@ -35,7 +35,7 @@ except ImportError:
         "expected the packages python-canopen and python-can; install both packages with `pip "
         "install 'forceaxis[can]'`",
     ) from None
-# Log messages of the libraries canopen and can are suppressed, because a subcommand prints an
+# Log messages of the libraries canopen and can are suppressed, because a command prints an
 # error on one line.
 for library in ("can", "canopen"):
     logging.getLogger(library).addHandler(logging.NullHandler())

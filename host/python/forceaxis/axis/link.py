@@ -53,7 +53,6 @@ REASONS = {
 
 
 RawSamples = NDArray[np.int64]
-SignalValues = NDArray[np.int64 | np.float64]
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ class Recording:
     decimation: int = 1
     trigger_sample: int = 0  # index of the first sample at or after the trigger
 
-    def values(self, name: str) -> SignalValues:
+    def values(self, name: str) -> NDArray[np.int64 | np.float64]:
         """Returns one signal of the recording in engineering units as an array (n,). The array
         contains integers if the scale of the object is 1."""
         known = BY_NAME[name]

@@ -5,15 +5,16 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from forceaxis import paths
-from forceaxis.axis.link import Recording, SignalValues
+from forceaxis.axis.link import Recording
 from forceaxis.bus.log_tables import column_name
 
 FILES = ("capture.csv", "capture.npz", "capture.png")
 
 
-def columns(recording: Recording) -> dict[str, SignalValues]:
+def columns(recording: Recording) -> dict[str, NDArray[np.int64 | np.float64]]:
     """Returns the columns of a recording as {name of the column: values (n,)}. The columns are
     `time_s` from the trigger, and each signal with its unit in the name."""
     values = {column_name(name): recording.values(name) for name in recording.signals}

@@ -44,7 +44,7 @@ FAILURES = (
 
 
 class FlashError(Exception):
-    """Error: the debug probe or the chip failed. The exit status of the subcommand is 1."""
+    """Error: the debug probe or the chip failed. The exit status of the command is 1."""
 
 
 @dataclass(frozen=True)

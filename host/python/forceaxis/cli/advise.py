@@ -1,4 +1,4 @@
-"""The subcommands `advise` and `compliance`, which compare possible changes of an axis."""
+"""The commands `advise` and `compliance`, which compare possible changes of an axis."""
 
 import shutil
 from pathlib import Path
@@ -22,7 +22,7 @@ from forceaxis.cli.models import TIMINGS, check_drawing, drawn, present
 
 def over_options(verb: Callback) -> Callback:
     """Add the options --over (tolerances of parameters) and --modes (states of elements of the
-    model) to a subcommand."""
+    model) to a command."""
     verb = click.option(
         "--modes",
         type=click.Choice(["visited", "all", "nominal"]),
@@ -95,7 +95,7 @@ def advise(
 
     A change multiplies or divides a stiffness, a mass or a damping by --factor, or uses another
     ADC, sampling or law. The result is a table with one row for each change. Rows are ranked by the
-    crossover frequency at half the critical gain. Beside the linear limit the subcommand prints the
+    crossover frequency at half the critical gain. Beside the linear limit the command prints the
     largest gain at which the simulated firmware is stable, with quantisation and contact loss. It
     simulates EXPERIMENT, or the experiment with the name of MODEL, or a first contact that it
     makes.
@@ -188,7 +188,7 @@ def compliance(
     """Show how the margins of a force loop change with the stiffness of the pad, the sensor or the
     workpiece, to choose between a soft contact and a low gain.
 
-    For each stiffness of one element the subcommand prints the bandwidth fS over the set of plants,
+    For each stiffness of one element the command prints the bandwidth fS over the set of plants,
     of the P law and of a bank designed for it, at equal margins; the static error of P; the travel
     of the drive from first contact to the set-point; and the largest impact that each law tolerates
     in a simulation with the firmware.

@@ -51,9 +51,9 @@ def axis() -> None:
     """Operate one axis over its bus: read and write objects, move the axis, press on the workpiece,
     set the tare, record signals.
 
-    Each subcommand needs one connection: --axis N (behind a gateway), --can INTERFACE, --modbus URL
-    or --sim EXPERIMENT (simulated). A subcommand that moves the axis owns it while it runs. At its
-    end, and after Ctrl-C, the axis is disabled and released. If the subcommand is killed, the
+    Each command needs one connection: --axis N (behind a gateway), --can INTERFACE, --modbus URL
+    or --sim EXPERIMENT (simulated). A command that moves the axis owns it while it runs. At its
+    end, and after Ctrl-C, the axis is disabled and released. If the command is killed, the
     watchdog of the axis disables it.
     """
 
@@ -127,7 +127,7 @@ def list_axes(connection: AxisConnection, as_json: bool) -> None:
     """List the axes on a bus, each with node id, name, firmware version, object table, drive state
     and fault.
 
-    Without an option the subcommand lists the axes of all gateways on the LCM bus, with --can the
+    Without an option the command lists the axes of all gateways on the LCM bus, with --can the
     nodes 1 to 127 that answer or send, with --modbus the units 1 to 127 (20 s on a serial line).
     --json adds mode of operation and owner. The exit status is 1 if no axis is found.
     """
@@ -254,7 +254,7 @@ def reset(connection: AxisConnection, as_json: bool) -> None:
         print_state(axis, "reset", as_json)
 
 
-# A negative number such as -500 is an argument of the subcommand and not an option.
+# A negative number such as -500 is an argument of the command and not an option.
 NEGATIVE = {"ignore_unknown_options": True}
 
 

@@ -1,4 +1,4 @@
-"""Subcommands of `forceaxis axis` that set up the force sensor and record signals."""
+"""Commands of `forceaxis axis` that set up the force sensor and record signals."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ def tare(connection: AxisConnection, as_json: bool) -> None:
     "given",
     multiple=True,
     metavar="COUNT,N",
-    help="Measured force in counts and reference force in N, 2 to 8 times. Default: the verb asks.",
+    help="Measured force in counts and reference force in N, 2 to 8 times. Default: the command "
+    "asks.",
 )
 @live
 @as_json
@@ -57,7 +58,7 @@ def calibrate(connection: AxisConnection, given: Sequence[str], as_json: bool) -
 
     The result is the slope of a straight line through these points, with its linearity error. The
     axis is disabled during the calibration. Without --point, type the force that the reference
-    shows; the subcommand then reads the sensor. An empty line ends the input. `axis params store`
+    shows; the command then reads the sensor. An empty line ends the input. `axis params store`
     keeps the result over a power cut.
     """
     from forceaxis.axis import actions

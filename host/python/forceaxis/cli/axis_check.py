@@ -30,7 +30,7 @@ def check(connection: AxisConnection, yes: bool, travel: int, output: int, as_js
     """Check a new axis in steps before it is used: sensors at standstill, signs of encoder and
     drive at low output, then one small move out and back.
 
-    At rest the subcommand checks connection, object table, faults, enable chain, limit switches,
+    At rest the command checks connection, object table, faults, enable chain, limit switches,
     position gain, force sensor (code, noise, zero), current, encoder and travel to the limits. Then
     it asks for your consent. The firmware tests encoder and signs in open loop, the axis moves out
     and back within bounds, and the tare is taken. If a step fails, the axis does not move again. At

@@ -132,7 +132,7 @@ def load(
 
     FILE is a dump or the bank.toml of `forceaxis design`. With a dump, parameters that it does not
     contain get their defaults; with a bank nothing else changes. If the object table of the axis
-    does not match a value, the subcommand names it and writes nothing. If the axis refuses a value,
+    does not match a value, the command names it and writes nothing. If the axis refuses a value,
     all earlier values are written back. The values are active at once; `params store` keeps them
     over a power cut. --json: {"dry_run", "changes": [{"name", "axis", "file", "unit"}],
     "unchanged": n, "bank": {...}, "managed": [names that the gateway sets itself and that are left
@@ -194,7 +194,7 @@ def restore(connection: AxisConnection, yes: bool, as_json: bool) -> None:
     if not yes:
         if not sys.stdin.isatty():
             raise InputError(
-                "params restore: expected the option --yes, because the verb cannot ask for "
+                "params restore: expected the option --yes, because the command cannot ask for "
                 "consent without a terminal"
             )
         click.confirm("Delete all parameters that the axis has stored?", abort=True)

@@ -70,7 +70,7 @@ def bench_(
     """Measure the speed of the simulator. The programs odeint, MuJoCo and SciPy are measured for
     comparison if these programs are installed.
 
-    The subcommand prints how many times faster than real time one thread simulates 2 s of a force
+    The command prints how many times faster than real time one thread simulates 2 s of a force
     loop, and the error of the contact force against an independent integration with extended
     precision. Run it on an idle machine.
     """

@@ -1,4 +1,4 @@
-"""The subcommands `gateway`, `monitor` and `log`, for axes on buses and for recorded messages."""
+"""The commands `gateway`, `monitor` and `log`, for axes on buses and for recorded messages."""
 
 import os
 import sys

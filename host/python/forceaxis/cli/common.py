@@ -1,4 +1,4 @@
-"""Code for all subcommands of the command line: layout of the help, common options with their
+"""Code for all commands: layout of the help, common options with their
 types, error messages, progress and colours."""
 
 import contextlib
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from forceaxis.results import Convertible
 
 T = TypeVar("T")
-Callback = TypeVar("Callback", bound=Callable[..., None])  # the function of a verb
+Callback = TypeVar("Callback", bound=Callable[..., None])  # the function of a command
 
 # Longest first sentence of a help text in characters. The library click replaces the rest of a
 # longer sentence by dots.
@@ -122,8 +122,8 @@ def given(value: T | None, default: T) -> T:
 
 
 class Verb(click.Command):
-    """A subcommand of the command line. The help of the subcommand prints an example with the line
-    breaks of the source. Error messages name options of the subcommand instead of parameters of the
+    """A command of `forceaxis`. The help of the command prints an example with the line
+    breaks of the source. Error messages name options of the command instead of parameters of the
     library."""
 
     def invoke(self, ctx: click.Context) -> None:
@@ -143,8 +143,8 @@ class Verb(click.Command):
 
 
 class Slow(Verb):
-    """A subcommand whose computation can last many seconds. A terminal shows the progress until the
-    subcommand prints the result."""
+    """A command whose computation can last many seconds. A terminal shows the progress until the
+    command prints the result."""
 
     def invoke(self, ctx: click.Context) -> None:
         with waiting(self.name):
@@ -152,15 +152,15 @@ class Slow(Verb):
 
 
 def done_waiting() -> None:
-    """Clear the progress line on the terminal. A subcommand calls this function before the
-    subcommand prints a result."""
+    """Clear the progress line on the terminal. A command calls this function before the
+    command prints a result."""
     if stop := click.get_current_context().meta.get("forceaxis.waiting"):
         stop()
 
 
 def listed(context: click.Context, formatter: click.HelpFormatter, verbs: Iterable[str]) -> None:
-    """Write a list of subcommands to the help, each with the first sentence of the help of the
-    subcommand."""
+    """Write a list of commands to the help, each with the first sentence of the help of the
+    command."""
     group = cast(click.Group, context.command)
     found = [(name, cast(click.Command, group.get_command(context, name))) for name in verbs]
     formatter.write_dl(
@@ -169,7 +169,7 @@ def listed(context: click.Context, formatter: click.HelpFormatter, verbs: Iterab
 
 
 class Verbs(click.Group):
-    """A group of subcommands, such as `forceaxis axis` with the subcommand `forceaxis axis
+    """A group of commands, such as `forceaxis axis` with the command `forceaxis axis
     move`."""
 
     command_class = Verb
@@ -181,7 +181,7 @@ class Verbs(click.Group):
 
 
 class Folder(click.Path):
-    """Type of an option for the folder to which a subcommand writes results. The folder need not
+    """Type of an option for the folder to which a command writes results. The folder need not
     exist."""
 
     def __init__(self) -> None:
@@ -220,7 +220,7 @@ class Positive(click.ParamType[float]):
 
 
 class File(click.Path):
-    """Type of an option for the path of a file that the subcommand writes."""
+    """Type of an option for the path of a file that the command writes."""
 
     def __init__(self) -> None:
         super().__init__(dir_okay=False, path_type=Path)
@@ -228,7 +228,7 @@ class File(click.Path):
 
 class Kind(click.Choice[str]):
     """Type of the option --link, which selects the connection between the firmware process and the
-    plant process. The Python module for these connections is loaded only for a subcommand that has
+    plant process. The Python module for these connections is loaded only for a command that has
     this option."""
 
     def __init__(self) -> None:
@@ -238,8 +238,8 @@ class Kind(click.Choice[str]):
 
 
 class Subject(click.ParamType[str | Path]):
-    """Type of an argument for a file that the subcommand reads. The user gives the path of the
-    file, or the file name without ".toml" for a file in one of `folders`. The subcommand receives
+    """Type of an argument for a file that the command reads. The user gives the path of the
+    file, or the file name without ".toml" for a file in one of `folders`. The command receives
     the text that the user has given, or a Path if `as_path` is True."""
 
     name = "file"
@@ -295,7 +295,7 @@ class Override(click.ParamType[str]):
 
 
 def set_option(text: str) -> Callable[[Callback], Callback]:
-    """Return a decorator that adds the option --set to a subcommand. `text` is the help of the
+    """Return a decorator that adds the option --set to a command. `text` is the help of the
     option."""
     return click.option(
         "--set", "overrides", multiple=True, type=Override(), metavar="NAME=VALUE", help=text
@@ -303,8 +303,8 @@ def set_option(text: str) -> Callable[[Callback], Callback]:
 
 
 def mode_option(name: str) -> Callable[[Callback], Callback]:
-    """Return a decorator that adds the option --mode to a subcommand. The function of the
-    subcommand receives the states of elements as the parameter `name`."""
+    """Return a decorator that adds the option --mode to a command. The function of the
+    command receives the states of elements as the parameter `name`."""
     return click.option(
         "--mode",
         name,
@@ -313,7 +313,7 @@ def mode_option(name: str) -> Callable[[Callback], Callback]:
         help="State of one element, with the names of events.csv (sensor=apart, rail=stuck, "
         "drive.amplifier=high outer). Default: contacts are pressed, frictions slide if the drive "
         "can overcome them, backlashes are closed, all other elements are in the middle of their "
-        "range. The verb prints the states if the model has a choice. Repeatable.",
+        "range. The command prints the states if the model has a choice. Repeatable.",
     )
 
 
@@ -400,7 +400,7 @@ threads = click.option(
 
 
 def linked(command: Callback) -> Callback:
-    """Add the options --link, --lcm-url and --link-can to a subcommand that can run the firmware as
+    """Add the options --link, --lcm-url and --link-can to a command that can run the firmware as
     a separate process."""
     for option in (
         click.option("--inject", default="", hidden=True, help="Faults of the link, for tests."),
@@ -427,7 +427,7 @@ def linked(command: Callback) -> Callback:
 
 def link_of(kind: str | None, lcm_url: str, link_can: str, inject: str) -> "LinkOptions | None":
     """Return the settings of the connection to a separate firmware process, or None without the
-    option --link. If the kernel does not support CAN, the subcommand is started again in a guest
+    option --link. If the kernel does not support CAN, the command is started again in a guest
     kernel that supports CAN."""
     if kind is None:
         return None
@@ -525,7 +525,7 @@ def aligned(rows: Sequence[Sequence[str]], to_the_left: Container[int] = (0,)) -
 
 @contextlib.contextmanager
 def waiting(what: str | None) -> Iterator[None]:
-    """Show the progress of the subcommand `what` on standard error during a `with` block. On a
+    """Show the progress of the command `what` on standard error during a `with` block. On a
     terminal, one text line is updated, beginning after two seconds. If standard error is a file,
     each phase is written as one text line."""
     if not sys.stderr.isatty():

@@ -36,7 +36,7 @@ def _places(shell: str) -> tuple[Path, Path | None]:
 
 @click.group(cls=Verbs, epilog="forceaxis completion install")
 def completion() -> None:
-    """Set up a shell so that the Tab key completes the names of subcommands, options, models,
+    """Set up a shell so that the Tab key completes the names of commands, options, models,
     experiments and firmware objects."""
 
 
@@ -47,8 +47,8 @@ def completion() -> None:
 def install(shell: str | None) -> None:
     """Install the completion script for the shell SHELL, which is bash, zsh or fish.
 
-    Without SHELL the subcommand uses the shell that the environment variable SHELL names. The
-    subcommand writes the script and, for bash and zsh, one line at the end of the start-up file of
+    Without SHELL the command uses the shell that the environment variable SHELL names. The
+    command writes the script and, for bash and zsh, one line at the end of the start-up file of
     the shell. A second call replaces the script and adds no line.
     """
     named = Path(os.environ.get("SHELL", "")).name

@@ -153,7 +153,7 @@ def design(
     The law is a bank of the firmware: gain, integral action and up to three second-order sections,
     with coefficients rounded as the firmware stores them. It keeps the margins for every corner of
     the set of plants, in every mode and for each latency, and |T| stays above -3 dB within its
-    bandwidth. The subcommand takes the smallest structure whose bandwidth is within a few per cent
+    bandwidth. The command takes the smallest structure whose bandwidth is within a few per cent
     of the best.
 
     Then it simulates the law with the firmware: first contacts at three set-points (or those of

@@ -1,4 +1,4 @@
-"""The subcommands `run`, `replay`, `sweep` and `test`, which run experiments with the simulator."""
+"""The commands `run`, `replay`, `sweep` and `test`, which run experiments with the simulator."""
 
 import sys
 from collections.abc import Callable
@@ -77,7 +77,7 @@ def run(
     """Run one experiment: the firmware controls a simulated plant, with 1500 ticks per simulated
     second. The result is a verdict, such as stable or unstable.
 
-    The subcommand prints the verdict with its reasons and window, the controlled force and its
+    The command prints the verdict with its reasons and window, the controlled force and its
     set-point, the events, the energy balance, the smallest distance of a value from a code edge,
     and the trace hash. The verdict is `stable`, `unstable` (the force oscillates, contact is lost
     again and again, or a fault is latched), `not_met` (a limit of [verdict] is not kept, or the
@@ -115,7 +115,7 @@ def replay(journal: Path, out: Path | None, codes: bool, as_json: bool) -> None:
 
     The replay has to give the trace hash of the journal; otherwise the exit status is 1. If the
     node was killed, its journal has no hash: the recorded part is replayed and the exit status is
-    1. An incident of `forceaxis incident` does not contain all inputs; the subcommand names those
+    1. An incident of `forceaxis incident` does not contain all inputs; the command names those
     that are missing.
     """
     from forceaxis.commission import incident

@@ -65,7 +65,7 @@ def flash_(
     """Write a firmware image (.elf, .hex, .bin) to the flash memory of a board. The program openocd
     writes the image through a debug probe.
 
-    The subcommand prints the contents of the file and the flash sectors that they occupy, asks for
+    The command prints the contents of the file and the flash sectors that they occupy, asks for
     consent, writes, verifies and resets the chip. The stored parameters are kept. Switch the power
     of the drive off first: the chip controls no output while it is written. The exit status is 1 if
     there is no probe, if the chip is a different one, or if writing or verifying fails. It is 2 if
@@ -80,8 +80,8 @@ def flash_(
     flash.expect_openocd()
     if not yes and (as_json or not sys.stdin.isatty()):
         raise InputError(
-            "flash: expected the option --yes, because the verb cannot ask for consent without a "
-            "terminal"
+            "flash: expected the option --yes, because the command cannot ask for consent without "
+            "a terminal"
         )
     show(plan, as_json, quiet=as_json)
     probe, chip = flash.find_probe(plan)

@@ -1,4 +1,4 @@
-"""The subcommands of `forceaxis identify`: the identification procedures of the thesis, and fits of
+"""The commands of `forceaxis identify`: the identification procedures of the thesis, and fits of
 model parameters to measured responses."""
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def decrement(
     if mass and stiffness:
         raise click.UsageError(
             "expected either --mass or --stiffness, got both options; remove one, because the "
-            "verb computes the other quantity"
+            "command computes the other quantity"
         )
     found, derived = procedures.decrement(
         data, column, from_s, to_s, floor, mass=mass, stiffness=stiffness
@@ -165,9 +165,9 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate, as_
     """Identify two masses that are connected by a spring (thesis 4.4.2). The sum of the masses, the
     stiffness of the spring and the frequency of the vibration are given.
 
-    There are two solutions; the subcommand chooses the one in which the actuator side m_r1 has more
+    There are two solutions; the command chooses the one in which the actuator side m_r1 has more
     than half of the mass. The equations assume that both masses are free. With a locked motor
-    shaft, as in the measurement of the thesis, the frequency is that of m_r2 alone; the subcommand
+    shaft, as in the measurement of the thesis, the frequency is that of m_r2 alone; the command
     prints the masses for that case too.
     """
     from forceaxis.identify import procedures
@@ -196,7 +196,7 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate, as_
 
 
 def with_offset(verb: Callable[..., None]) -> Callable[..., None]:
-    """Add the option --offset to a subcommand that fits a straight line."""
+    """Add the option --offset to a command that fits a straight line."""
     return click.option("--offset", is_flag=True, help="Fit a line with an offset, not through 0.")(
         verb
     )
@@ -311,9 +311,9 @@ def fit(
     model explains the response.
 
     RESPONSE is the folder of `forceaxis measure --out`, or a CSV file with columns frequency_hz,
-    coherence and magnitude, phase_deg (or real, imag). For each parameter the subcommand prints its
+    coherence and magnitude, phase_deg (or real, imag). For each parameter the command prints its
     95 % confidence interval and a wider interval that is valid for all parameters together. A
-    chi-square test shows whether the model explains the data. The subcommand names parameters that
+    chi-square test shows whether the model explains the data. The command names parameters that
     are poorly determined or nearly indistinguishable. A model that does not explain the data (p <
     0.001) is rejected: its best values are printed, but no intervals.
 

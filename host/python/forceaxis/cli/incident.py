@@ -40,7 +40,7 @@ def incident(
 
     The black box of an axis keeps the first incident, also over a reset, until it is cleared or a
     recording is started. The first incident since power-up is also kept over a power cut, at most
-    one in 24 hours. The exit status is 1 if there is no incident. The subcommand owns the axis
+    one in 24 hours. The exit status is 1 if there is no incident. The command owns the axis
     while it reads, so the axis has to be disabled, as it is after a fault.
     """
     from forceaxis.commission import incident as incidents

@@ -148,7 +148,7 @@ OPTIONS = (
 
 
 def options(command: LiveVerb[P]) -> Verb:
-    """Add the options of a connection to a subcommand. The function of the subcommand receives the
+    """Add the options of a connection to a command. The function of the command receives the
     values of the options as an `AxisConnection`, which may select no axis or several axes."""
 
     @functools.wraps(command)
@@ -177,8 +177,8 @@ def options(command: LiveVerb[P]) -> Verb:
 
 
 def live(command: LiveVerb[P]) -> Verb:
-    """Add the options of a connection to a subcommand that needs exactly one axis. The function of
-    the subcommand receives the values of the options as an `AxisConnection`."""
+    """Add the options of a connection to a command that needs exactly one axis. The function of
+    the command receives the values of the options as an `AxisConnection`."""
 
     @functools.wraps(command)
     def with_one(connection: AxisConnection, *arguments: P.args, **given: P.kwargs) -> None:

@@ -1,4 +1,4 @@
-"""The subcommands `limit`, `rlocus`, `nyquist` and `step`, which analyse a linear force loop."""
+"""The commands `limit`, `rlocus`, `nyquist` and `step`, which analyse a linear force loop."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -47,16 +47,16 @@ def limit(
     """Compute the critical gain of the force loop of MODEL|EXPERIMENT: the gain at which the force
     loop becomes unstable.
 
-    With an EXPERIMENT (a path or a name in sim/experiments) the subcommand takes the control law or
+    With an EXPERIMENT (a path or a name in sim/experiments) the command takes the control law or
     the quantised bank, the gain and the latency of its firmware; options take precedence. The loop
-    is linear: the equations of the model in one mode, in contact. The subcommand prints every gain
+    is linear: the equations of the model in one mode, in contact. The command prints every gain
     at which a closed-loop pole crosses the stability boundary, the largest setting of the firmware
     below the first of them, and, if a gain is given, margins and bandwidth at that gain. JSON:
     critical_gain in `unit` (null: stable for all gains, or up to known_to, above which rounding
     errors dominate; 0: unstable for every gain, see reason), frequency_hz, crossings (those at gain
     0 are undamped poles of the plant), and `at`.
 
-    With --over, --modes or --timing both, the subcommand analyses a set of plants. It prints the
+    With --over, --modes or --timing both, the command analyses a set of plants. It prints the
     largest gain at which all of them are stable, the plant that limits it (`member`), and at the
     given gain the worst value of each figure with its plant.
     """

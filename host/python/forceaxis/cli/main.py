@@ -1,4 +1,4 @@
-"""The program `forceaxis`, which loads the Python module of a subcommand and runs the subcommand.
+"""The program `forceaxis`, which loads the Python module of a command and runs the command.
 The exit status is 0 on success, 1 if the run or check failed, and 2 for wrong usage or input."""
 
 import importlib
@@ -33,9 +33,9 @@ Keep it from breaking in CI
   forceaxis test press --update     records the results of today
   forceaxis test press              status 1 and the figures if one changed"""
 
-# The Python module of each subcommand, in groups for the help. The list VERBS of a Python module
-# contains its subcommands. A module MODULE is loaded when one of its subcommands is used. Modules
-# MODULE_... are then also loaded, because they add subcommands to MODULE.
+# The Python module of each command, in groups for the help. The list VERBS of a Python module
+# contains its commands. A module MODULE is loaded when one of its commands is used. Modules
+# MODULE_... are then also loaded, because they add commands to MODULE.
 GROUPS = {
     "An axis and its runs": {
         "new": "new",
@@ -76,7 +76,7 @@ GROUPS = {
 }
 MODULES = {verb: module for verbs in GROUPS.values() for verb, module in verbs.items()}
 
-# Exceptions that end a subcommand with one text line and exit status 1. The exceptions are listed
+# Exceptions that end a command with one text line and exit status 1. The exceptions are listed
 # by name, so that the Python modules of the exceptions need not be loaded.
 FAILURES = {
     "forceaxis._core.SimulationError",
@@ -99,8 +99,8 @@ def show_versions(context: click.Context, _parameter: click.Parameter, wanted: b
 
 
 class Program(click.Group):
-    """The command `forceaxis` with all subcommands. The Python module of a subcommand is loaded
-    only when the subcommand is used, so that the program starts fast."""
+    """The command `forceaxis` with all commands. The Python module of a command is loaded
+    only when the command is used, so that the program starts fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(MODULES)
@@ -110,7 +110,7 @@ class Program(click.Group):
             return None
         name = MODULES[cmd_name]
         for found in pkgutil.iter_modules(forceaxis.cli.__path__):
-            # A module "..._text" has no subcommands, only functions for printed text.
+            # A module "..._text" has no commands, only functions for printed text.
             if found.name.endswith("_text"):
                 continue
             if found.name.startswith(f"{name}_"):
@@ -140,7 +140,7 @@ class Program(click.Group):
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="forceaxis run sim/experiments/contact.toml --set firmware.force_gain=7 --out out/g7\n"
-    "forceaxis VERB --help",
+    "forceaxis COMMAND --help",
 )
 @click.option(
     "--version",
@@ -156,7 +156,7 @@ def cli(context: click.Context) -> None:
     if context.invoked_subcommand is None:
         formatter = context.make_formatter()
         cli.format_commands(context, formatter)
-        click.echo(f"{cli.help}\n\n{JOBS}\n\n{formatter.getvalue()}\nforceaxis VERB --help")
+        click.echo(f"{cli.help}\n\n{JOBS}\n\n{formatter.getvalue()}\nforceaxis COMMAND --help")
 
 
 def with_help(error: click.ClickException) -> str:
@@ -190,7 +190,7 @@ def main() -> None:
 
 
 def command_line() -> None:
-    """Run the subcommand that sys.argv names. After an expected error, print one text line on
+    """Run the command that sys.argv names. After an expected error, print one text line on
     standard error and exit with status 1, 2 or 130 (Ctrl-C)."""
     try:
         for text in sys.argv:

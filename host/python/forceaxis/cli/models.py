@@ -1,5 +1,5 @@
-"""The subcommands `modes`, `poles`, `bode`, `linearise` and `beam`, which analyse linear models,
-and options that the subcommands for force loops also use."""
+"""The commands `modes`, `poles`, `bode`, `linearise` and `beam`, which analyse linear models,
+and options that the commands for force loops also use."""
 
 import functools
 import inspect
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 def check_drawing(out: Path | None) -> None:
-    """Raise InputError if the suffix of `out` is not that of an image file. A subcommand calls this
+    """Raise InputError if the suffix of `out` is not that of an image file. A command calls this
     function before a long computation."""
     if out:
         from forceaxis import drawing
@@ -58,7 +58,7 @@ def draw(out: Path | None, make: Callable[[ModuleType], "Figure"]) -> None:
 def present(
     result: Result, as_json: bool, describe: Callable[[Result], str], out: Path | None = None
 ) -> None:
-    """Print the result of a subcommand as a JSON object, or as the text of `describe` and the path
+    """Print the result of a command as a JSON object, or as the text of `describe` and the path
     of the image file `out`."""
     done_waiting()
     if as_json:
@@ -83,7 +83,7 @@ def _model_options(subject: str, *folders: Path) -> Callable[[Callback], Callbac
 
 
 # Decorators that add the argument MODEL (or MODEL|EXPERIMENT) and the options --set and --mode to a
-# subcommand.
+# command.
 model_options = _model_options("MODEL", paths.MODELS)
 subject_options = _model_options("MODEL|EXPERIMENT", paths.MODELS, paths.EXPERIMENTS)
 
@@ -97,7 +97,7 @@ TIMINGS = click.Choice(["continuous", "zoh", "zoh+1"])
 
 
 def law_options(verb: Callback) -> Callback:
-    """Add the options of a control law to a subcommand: --law, the parameters of each law, and the
+    """Add the options of a control law to a command: --law, the parameters of each law, and the
     gain in two units."""
     for name, text in reversed(
         {
@@ -123,7 +123,7 @@ def law_options(verb: Callback) -> Callback:
     )(verb)
 
 
-# Parameter of the control law for each parameter of the subcommand's function. The names of the
+# Parameter of the control law for each parameter of the command's function. The names of the
 # function's parameters are in lower case, as the library click writes them.
 LAW_PARAMETERS = {
     name.lower(): name
@@ -140,8 +140,8 @@ LAW_PARAMETERS = {
 
 
 def requests_loop(verb: Callable[..., None]) -> Callable[..., None]:
-    """Give a subcommand the parameter `request`, a LoopRequest. The LoopRequest is made from all
-    options that are not parameters of the subcommand's own function."""
+    """Give a command the parameter `request`, a LoopRequest. The LoopRequest is made from all
+    options that are not parameters of the command's own function."""
     own = inspect.signature(verb).parameters
 
     @functools.wraps(verb)
@@ -194,7 +194,7 @@ loop_timing = click.option(
 
 
 def over_options(verb: Callback) -> Callback:
-    """Add the options for a set of plants to a subcommand: --over, --modes and --timing, which also
+    """Add the options for a set of plants to a command: --over, --modes and --timing, which also
     accepts "both"."""
     for decorate in (
         click.option(
@@ -270,7 +270,7 @@ def modes_(
     and without drive. The label compares the sign of the residue of a mode, from input to output,
     with that of the lowest mode; a different result for the next lower mode is printed too. A mode
     with residue 0 is colocated if dampers couple it (its poles and zeros lie close together), else
-    neither. The subcommand also prints the corresponding pole of the complete system with damping
+    neither. The command also prints the corresponding pole of the complete system with damping
     and drive.
 
     \b
@@ -534,7 +534,7 @@ def beam(modes: int, as_json: bool, **given: float) -> None:
     """Compute the exact poles and zeros of the elastic beam of thesis section 2.4.4, and the error
     if a few modes of vibration approximate the beam.
 
-    The beam slides at the actuator; its tip is free. The subcommand prints the undamped poles and
+    The beam slides at the actuator; its tip is free. The command prints the undamped poles and
     zeros and the error of an approximation by the first n modes, for the first four modes. JSON:
     modes, each with b l, pole_rad_per_s, actuator_zero_rad_per_s (imaginary pairs) and
     tip_zero_per_s (a real pair); approximation_errors for n = 4 to 40.

@@ -26,7 +26,7 @@ def option_of(field: data_sheet.SheetField) -> str:
 
 
 def options(command: Callback) -> Callback:
-    """Add one option to the subcommand for each value of the data sheets."""
+    """Add one option to the command for each value of the data sheets."""
     for field in reversed(data_sheet.FIELDS):
         default = field.why if callable(field.default) else field.shown(field.default)
         help_text = f"{field.part}: {field.ask} [default: {default}]"
@@ -75,12 +75,12 @@ def new_(
 ) -> None:
     """Write a model and experiments of your axis into the folder NAME, from values of data sheets.
 
-    The subcommand asks for values from the data sheets of motor, amplifier, transmission, sensor
+    The command asks for values from the data sheets of motor, amplifier, transmission, sensor
     and workpiece. Options give them instead: plain numbers in the unit that the name of the option
     ends with. A missing value gets a default, which the model marks. Without a terminal the
-    subcommand does not ask.
+    command does not ask.
 
-    At the end the subcommand designs a bank for the workpiece with a tolerance of 30 %, simulates
+    At the end the command designs a bank for the workpiece with a tolerance of 30 %, simulates
     it with the firmware, and writes held.toml, an experiment with this bank. JSON: design has the
     bandwidth fS in Hz over that set of plants, for the bank and for the P law.
     """

@@ -22,7 +22,7 @@ FILES = {
 
 
 def file_options(verb: Callback) -> Callback:
-    """Add an option to a subcommand for each kind of file that describes the objects."""
+    """Add an option to a command for each kind of file that describes the objects."""
     for kind, (_, content) in reversed(FILES.items()):
         option = click.option(
             f"--{kind}", type=File(), metavar="FILE", help=f"Write the {content}."

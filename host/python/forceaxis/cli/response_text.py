@@ -1,4 +1,4 @@
-"""Texts about measured and fitted frequency responses that subcommands print on a terminal."""
+"""Texts about measured and fitted frequency responses that commands print on a terminal."""
 
 from forceaxis.commission import friction
 from forceaxis.commission.damper_fit import AxisFitSummary

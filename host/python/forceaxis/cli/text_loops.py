@@ -1,4 +1,4 @@
-"""Texts that the subcommands for a force loop print: limit, rlocus, nyquist, step, and bode for a
+"""Texts that the commands for a force loop print: limit, rlocus, nyquist, step, and bode for a
 set of plants."""
 
 from dataclasses import replace

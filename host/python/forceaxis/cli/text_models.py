@@ -1,4 +1,4 @@
-"""Texts that the subcommands for linear models print: poles, bode, modes, linearise and beam."""
+"""Texts that the commands for linear models print: poles, bode, modes, linearise and beam."""
 
 import numpy as np
 

@@ -1,5 +1,5 @@
-"""The subcommands `tables`, `check-thesis` and `session`, which repeat results of the thesis, and
-the subcommand `report`, which writes a page about a folder of experiments."""
+"""The commands `tables`, `check-thesis` and `session`, which repeat results of the thesis, and
+the command `report`, which writes a page about a folder of experiments."""
 
 import json
 import signal
@@ -103,7 +103,7 @@ def report(folder: Path | None, out: Path, threads: int | None, as_json: bool) -
     verdicts and plots of the signals.
 
     For each model the page shows the recommended P gain and the margins of each designed bank, for
-    each experiment the verdict, the controlled force and the traces. Without FOLDER the subcommand
+    each experiment the verdict, the controlled force and the traces. Without FOLDER the command
     runs the experiments and tables of the thesis. The exit status is 1 if an experiment could not
     be run; the page then shows the others.
     """
@@ -138,7 +138,7 @@ def session(out: Path, as_json: bool) -> None:
 
     The session boots the axis, sets the gains, moves 36,000 counts, makes contact at k_f = 5 and
     f_d = 30, applies an impact, reads the recorder and draws a plot. Plant, firmware and gateway
-    are separate processes. The subcommand writes session.png, session.svg and axis.journal;
+    are separate processes. The command writes session.png, session.svg and axis.journal;
     `forceaxis replay` of the journal gives the same trace hash. If the kernel has no CAN, the
     session runs in a guest kernel (tools/vcan).
     """

@@ -221,7 +221,7 @@ class Advice:
 
 @dataclass(frozen=True)
 class AdviceOrder:
-    """The order for `forceaxis advise`. Each field is an option of the subcommand.
+    """The order for `forceaxis advise`. Each field is an option of the command.
 
     text: model or experiment. timing: one of loops.TIMINGS, None: that of the experiment, otherwise
     zoh. factor: by which a parameter is multiplied and divided. runs: what is simulated with the

@@ -80,7 +80,7 @@ class Compliance:
 @dataclass(frozen=True)
 class ComplianceOrder:
     """The order for `forceaxis compliance`: model, element, stiffness values and set of plants.
-    Each field is an option of the subcommand."""
+    Each field is an option of the command."""
 
     text: str  # MODEL or EXPERIMENT
     # name of a stiffness parameter in N/m; None: stiffness of the contact

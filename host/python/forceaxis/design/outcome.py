@@ -25,7 +25,7 @@ MEMBERS = 12  # number of random plants on which contacts are simulated
 @dataclass(frozen=True)
 class DesignOrder:
     """The order for `forceaxis design`: model, set of plants, margins and simulated contacts. Each
-    field is an option of the subcommand."""
+    field is an option of the command."""
 
     text: str  # MODEL or EXPERIMENT
     over: tuple[str, ...] = ()  # tolerances as texts NAME=PERCENT% or NAME=LOW..HIGH

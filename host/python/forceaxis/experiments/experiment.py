@@ -160,7 +160,7 @@ class Result:
     def __init__(self, run: runs.Run) -> None:
         """Takes the results of a finished run."""
         self._run = run
-        #: Result in the form that the subcommand `forceaxis run` prints in JSON.
+        #: Result in the form that the command `forceaxis run` prints in JSON.
         self.summary: JsonObject = run.summary
         #: Time of each tick since the start of the run in s, (n,).
         self.time_s: Array = run.time_s

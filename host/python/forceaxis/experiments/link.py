@@ -42,7 +42,7 @@ _IN_VCAN = "FORCEAXIS_VCAN"  # set by tools/vcan
 
 
 class LinkError(Exception):
-    """Error: a connection between two processes failed. The subcommand then ends with exit status
+    """Error: a connection between two processes failed. The command then ends with exit status
     1."""
 
 
@@ -58,7 +58,7 @@ class LinkOptions:
     timeout_s: float = 1.0  # longest waiting time in s between two messages
 
     def words(self) -> list[str]:
-        """Returns the arguments of the subcommand `forceaxis run` that select this connection."""
+        """Returns the arguments of the command `forceaxis run` that select this connection."""
         can = self.can if self.can != LinkOptions.can else None
         return option_words(link=self.kind, lcm_url=self.lcm_url, link_can=can, inject=self.inject)
 

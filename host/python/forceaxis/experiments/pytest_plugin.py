@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addini(
         "forceaxis_experiments",
-        "folders in which every *.toml file with a table [expect] is a test; the help of the verb "
-        "`forceaxis test` describes the table; in a function, the fixture forceaxis_experiment "
-        'runs an experiment: forceaxis_experiment("contact.toml").check()',
+        "folders in which every *.toml file with a table [expect] is a test; the help of the "
+        "command `forceaxis test` describes the table; in a function, the fixture "
+        'forceaxis_experiment runs an experiment: forceaxis_experiment("contact.toml").check()',
         type="paths",
         default=[],
     )

@@ -1,4 +1,4 @@
-"""Types of the result of a run. Their fields are the keys of the JSON output of the subcommand
+"""Types of the result of a run. Their fields are the keys of the JSON output of the command
 `run`.
 
 The functions read_... convert dicts of the compiled module, whose keys are the names of the fields.
