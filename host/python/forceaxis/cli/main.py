@@ -167,8 +167,8 @@ def with_help(error: click.ClickException) -> str:
     if re.search(r"\bexpected\b", text):
         return text
     end = "" if text[-1] in ".?" else ";"
-    verb = context.command_path if context else "forceaxis VERB"
-    return f"{text}{end} `{verb} --help` shows what is expected"
+    command = context.command_path if context else "forceaxis COMMAND"
+    return f"{text}{end} `{command} --help` shows what is expected"
 
 
 def with_table(message: str) -> str:
@@ -200,7 +200,7 @@ def command_line() -> None:
         fail("interrupted", status=130)
     except click.exceptions.NoArgsIsHelpError as error:
         verbs = ", ".join(cast(click.Group, error.ctx.command).list_commands(error.ctx))
-        fail(f"{error.ctx.command_path}: expected a verb: {verbs}")
+        fail(f"{error.ctx.command_path}: expected a command: {verbs}")
     except click.ClickException as error:
         fail(with_help(error))
     except subprocess.TimeoutExpired as error:
