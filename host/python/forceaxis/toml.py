@@ -34,7 +34,7 @@ def read_text(text: str) -> dict[str, Any]:
     return _core.parse_toml(text)
 
 
-def write_text(value: "Mapping[str, Writable]") -> str:
+def write_text(value: Mapping[str, Any]) -> str:
     """Returns a table as TOML text, with inner tables written inline and NumPy values as plain
     values. Raises TypeError for a value that TOML cannot represent."""
     return "".join(f"{value_text(str(key))} = {value_text(item)}\n" for key, item in value.items())
