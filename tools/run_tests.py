@@ -9,8 +9,9 @@ usage: tools/test [--quick | --all]
            promise of docs/guide/proofs.md is held by tests that passed (40 minutes)
 
 A skipped test is a failed test here, and so is a program that ends without its result. A test that
-runs in wall time on real buses and fails is tried a second time; what both tries printed is shown,
-and the second tries are named above the last line.
+runs in wall time on real buses and fails is tried a second time, with the others of its stage for
+seven minutes at most; what both tries printed is shown, and the second tries are named above the
+last line.
 """
 
 import contextlib
@@ -36,6 +37,7 @@ ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
 # process would keep the CPU to the end of its time slice.
 IDLE = ("chrt", "--idle", "0")
 FUZZ_S, FUZZ_ALL_S = 8, 125
+SECOND_S = 420  # in which the second tries of a stage have to end
 
 
 class Tally:
@@ -43,7 +45,7 @@ class Tally:
 
     def __init__(self):
         self.passed = self.failed = 0
-        self.second_tries = []  # (name of a test that failed once, whether its second try passed)
+        self.second_tries = []  # (name of a test that failed once, what became of its second try)
         self.seconds = []  # (duration in s, name) of each test
         self.files = []  # (JUnit file, that of the second try or None)
         self.begin = time.monotonic()
@@ -62,8 +64,11 @@ class Tally:
         self.files.append((xml, second))
         results = junit.outcomes(xml)
         again = junit.outcomes(second) if second else {}
+        if second and not again:
+            late = [name for name, (_, passed) in results.items() if not passed]
+            self.second_tries += [(name, f"did not end within {SECOND_S} s") for name in late]
         for name, (seconds, passed) in again.items():
-            self.second_tries.append((name, passed))
+            self.second_tries.append((name, "passed" if passed else "failed again"))
             results[name] = (seconds + results.get(name, (0.0, False))[0], passed)
         failed = sum(not passed for _, passed in results.values())
         self.seconds += [(seconds, name) for name, (seconds, _) in results.items()]
@@ -77,8 +82,8 @@ class Tally:
         for seconds, name in sorted(self.seconds, reverse=True)[:10]:
             print(f"  {seconds:6.1f} s  {name}")
         print(f"second tries: {len(self.second_tries)}")
-        for name, passed in self.second_tries:
-            print(f"  {name}: failed, then {'passed' if passed else 'failed again'}")
+        for name, then in self.second_tries:
+            print(f"  {name}: failed, then {then}")
         minutes, seconds = divmod(round(time.monotonic() - self.begin), 60)
         print(f"{minutes} min {seconds} s")
         print(f"{self.passed} passed, {self.failed} failed")
@@ -110,7 +115,8 @@ def ctest(tally, preset, *selection, prefix=()):
 
 
 def pytest(tally, stage, expression, *options, prefix=(), twice=False):
-    """One run of pytest. `twice`: what failed is tried a second time, alone."""
+    """One run of pytest. `twice`: what failed is tried a second time, alone. A second try that did
+    not end as a whole is none."""
     begin, xml = time.monotonic(), BUILD / f"pytest-{stage.replace(' ', '-')}.xml"
     second = xml.with_suffix(".second.xml")
     cache = xml.with_suffix(".cache")  # each stage has its own, because stages run at the same time
@@ -129,8 +135,15 @@ def pytest(tally, stage, expression, *options, prefix=(), twice=False):
     )
     if tried_again:
         print(f"pytest {stage}: what failed is tried a second time", flush=True)
-        again = [*base, "--last-failed", "--last-failed-no-failures=none"]
-        subprocess.run([*again, f"--junitxml={second}"], cwd=ROOT, env=ENVIRONMENT)
+        # By the signal of Ctrl-C, so that fixtures end what they began.
+        limit = ["timeout", "--foreground", "--signal=INT", "--kill-after=30", str(SECOND_S)]
+        again = [*limit, *base, "--last-failed", "--last-failed-no-failures=none"]
+        ended = subprocess.run([*again, f"--junitxml={second}"], cwd=ROOT, env=ENVIRONMENT)
+        if ended.returncode not in (
+            0,
+            1,
+        ):  # the test that was interrupted is there as one that passed
+            second.unlink(missing_ok=True)
     tally.read(f"pytest {stage}", begin, xml, done.returncode, second if tried_again else None)
 
 

@@ -32,6 +32,17 @@ def test_is_skipped():
 """
 )
 
+INTERRUPTED = """
+import os, signal
+
+def test_is_interrupted_at_its_second_try():  # as `timeout` does it
+    mark = Path(__file__).with_name("interrupted")
+    if mark.exists():
+        os.kill(os.getpid(), signal.SIGINT)
+    mark.write_text("")
+    assert False, "late"
+"""
+
 
 @pytest.fixture
 def gate(tmp_path, monkeypatch):
@@ -71,6 +82,19 @@ def test_a_test_that_fails_twice_and_one_that_is_skipped_are_failures(gate, tmp_
     printed = capfd.readouterr().out
     assert printed.count("AssertionError: wrong") >= 2  # both tries are shown
     assert "test_bus test_fails_always: failed, then failed again" in printed
+
+
+@pytest.mark.parametrize("text", [TWICE, ONCE + INTERRUPTED], ids=["before a test", "in a test"])
+def test_a_second_try_that_does_not_end_in_time_is_a_failure_by_name(
+    gate, tmp_path, monkeypatch, capfd, text
+):
+    if text == TWICE:
+        monkeypatch.setattr(gate, "SECOND_S", 0.01)
+    tally = run(gate, tmp_path, text, twice=True)
+    assert tally.passed == 1 and tally.failed >= 2
+    assert tally.end() == 1
+    name = "test_bus test_fails_at_its_first_try"
+    assert f"{name}: failed, then did not end within" in capfd.readouterr().out
 
 
 def test_other_stages_have_one_try(gate, tmp_path):
