@@ -3,6 +3,7 @@ CAN bus, and the image on the emulated chip. All responses are one within their 
 
 import itertools
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 
 import live_axes
 import numpy as np
@@ -16,12 +17,17 @@ from forceaxis.commission.analyzer import MeasuringOrder
 from forceaxis.identify import fit, result
 
 HOST = ROOT / "build/release/host"
-ORDER = MeasuringOrder(finds_friction=False, force_max_N=150.0, averages=6, amplitude=50)
-WORDS = "--free --force 75 --force-max 150 --averages 6 --level 50 --out"
+# After one second this loop has not yet forgotten what was before the excitation: the stiffness is
+# two standard deviations beside the plant's.
+SETTLE_S = 2.0
+ORDER = MeasuringOrder(
+    finds_friction=False, force_max_N=150.0, averages=6, amplitude=50, settle_s=SETTLE_S
+)
+WORDS = f"--free --force 75 --force-max 150 --averages 6 --level 50 --settle {SETTLE_S} --out"
 RESPONSES = tuple(live_axes.OF_MODEL)
 PLANT_K_W = 4.127e5  # N/m
 WAYS = ("model", "sim", "can", "gateway", "chip")
-pytestmark = [pytest.mark.alone, pytest.mark.long]  # four minutes
+pytestmark = [pytest.mark.alone, pytest.mark.long]  # three minutes
 
 
 def bus_script(file, folder):
@@ -62,9 +68,12 @@ def measured(tmp_path_factory, vcan):
     verb = [ROOT / ".venv/bin/forceaxis", "measure", "--sim", file, *WORDS.split(), folder / "sim"]
     subprocess.run(verb, check=True, capture_output=True)
     (folder / "buses.sh").write_text(bus_script(file, folder))
-    done = vcan(["bash", folder / "buses.sh"], 400)
+    # Side by side: the guest has one CPU.
+    with ThreadPoolExecutor(1) as other:
+        chip = other.submit(by_chip, file, folder)
+        done = vcan(["bash", folder / "buses.sh"], 400)
+        chip.result()
     assert done.returncode == 0, done.stderr[-3000:]
-    by_chip(file, folder)
     return {
         way: [
             fit.read_response(folder / way / name, model, options["set"])
@@ -86,7 +95,7 @@ def test_the_workpiece_is_as_stiff_by_each_way(measured):
     for way, found in fits.items():
         value, width = found.values[0], found.single[0]
         print(f"\n{way}: k_w {value:.0f} N/m +-{100 * width:.3f} %")
-        assert not found.rejected, way
+        # Each by chance once in 10,000 times, and so one of all ten once in a thousand.
+        assert found.p_value > 1e-4, way
+        assert abs(np.log(value / PLANT_K_W)) <= 3.89 / 1.96 * width, way
         assert width < 0.02, way
-        # 99.8 % instead of 95 %, since there are five of them.
-        assert abs(np.log(value / PLANT_K_W)) <= 3.09 / 1.96 * width, way

@@ -223,6 +223,24 @@ def test_a_quiet_reading_is_hinted_at(axis_file):
     assert text.startswith("the noise of the measured force is 0 codes rms, below 0.4")
 
 
+class Late(SimLink):
+    """An axis that does half of its ticks by the wall clock, as one on a busy machine."""
+
+    def wait(self, seconds):
+        super().wait(seconds / 2)
+
+
+@pytest.mark.parametrize("link", [SimLink, Late])
+def test_a_wait_lasts_as_long_as_it_says_by_the_clock_of_the_axis(axis_file, link):
+    """A period of noise would otherwise begin before the response to the one before has ended."""
+    checks = []
+    with Axis(link(axis_file())) as axis, Analyzer(axis, ORDER) as analyzer:
+        begin = axis.read("tick_count")
+        analyzer.wait(1.23, lambda: checks.append(axis.read("tick_count")))
+        assert axis.read("tick_count") - begin == pytest.approx(1.23 * 1500, abs=1)
+    assert max(np.diff([begin, *checks])) <= 151  # 0.1 s
+
+
 def test_noise_fed_back_biases_the_quotient_but_not_the_estimate():
     """A law without delay over a gain of 0.5 whose output noise is as large as what is added."""
     rng = np.random.default_rng(1)

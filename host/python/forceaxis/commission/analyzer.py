@@ -617,11 +617,11 @@ class Analyzer:
     def wait(self, seconds: float, check: Callable[[], None] | None = None) -> None:
         """Waits until the clock of the axis has advanced by `seconds`, and calls check() at each
         read of the clock."""
-        passed = 0.0
-        while passed < seconds:
-            step = min(WAIT_POLL_S, seconds - passed)
-            self.axis.link.wait(step)
-            passed += step
+        ticks, passed = round(seconds * TICKS_PER_S), 0
+        begin = self.axis.read("tick_count")
+        while passed < ticks:
+            self.axis.link.wait(min(WAIT_POLL_S, (ticks - passed) / TICKS_PER_S))
+            passed = (self.axis.read("tick_count") - begin) % 2**32
             if check:
                 check()
 
