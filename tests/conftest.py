@@ -7,7 +7,13 @@ import pytest
 
 WIRE = Path(__file__).parent / "wire"
 # Those of tests/wire that need neither a bus nor real time.
-NO_BUS = ("test_canopen_model", "test_objects_files", "test_recorded")
+NO_BUS = (
+    "test_canopen_model",
+    "test_endless_memory",
+    "test_objects_files",
+    "test_ownership",
+    "test_recorded",
+)
 
 
 def pytest_collection_modifyitems(items):

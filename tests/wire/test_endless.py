@@ -5,16 +5,12 @@ import re
 import signal
 import subprocess
 import sys
-import threading
 import time
-from pathlib import Path
 
 import endless_session
 import pytest
 import verbs
 from fault_session import NODES, end
-from forceaxis import _core
-from forceaxis.bus.lcm import Bus, decode
 from forceaxis.experiments import link
 
 MODBUS = 2  # of stopped_by
@@ -161,40 +157,3 @@ def test_runs_of_standard_input_end():
         done.stderr
         == "axis_node: --endless: expected no --serve, because runs of --serve have a duration\n"
     )
-
-
-@pytest.mark.long
-def test_memory_is_flat_beyond_ten_minutes_of_ticks(tmp_path, monkeypatch):
-    run_id = link.new_run_id()
-    monkeypatch.setenv("LCM_DEFAULT_URL", _core.lcm_url_of(link.new_run_id()))
-    tick, reached = [0], threading.Event()
-
-    def receive(name, data, _):
-        tick[0] = decode(name, data).tick
-        if tick[0] > 1_000_000:
-            reached.set()
-
-    bus = Bus(None, receive, "SIM_CLOCK")
-    run = ["--run-id", run_id, *SHORT]
-    journal = tmp_path / "axis.journal"
-    axis = start("axis_node", *run, "--journal", journal)
-    plant = start("plant_node", *run, "--live")
-
-    def resident_kb():
-        text = [Path(f"/proc/{p.pid}/status").read_text() for p in (axis, plant)]
-        return [int(re.search(r"VmRSS:\s+(\d+)", t)[1]) for t in text]
-
-    while tick[0] < 100_000:
-        time.sleep(0.1)
-    before = resident_kb()
-    assert reached.wait(500)
-    after = resident_kb()
-    axis.terminate()
-    reports = end(axis), end(plant)
-    bus.close()
-    assert [r["status"] for r in reports] == [0, 0]
-    assert all(b - a < 512 for a, b in zip(before, after, strict=True)), (before, after)
-    # A trace of so many ticks is not kept, its hash is.
-    done = verbs.forceaxis("replay", journal, "--out", tmp_path / "out")
-    assert done.returncode == 2 and "--out" in done.stderr
-    assert replayed(journal)["ticks"] == reports[0]["axes"][0]["ticks"] > 1_000_000
