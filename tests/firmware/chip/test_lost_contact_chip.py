@@ -14,7 +14,7 @@ def on_the_chip(file):
     return result.columns()
 
 
-@pytest.mark.parametrize("cases", [range(3), pytest.param(range(1000), marks=pytest.mark.long)])
+@pytest.mark.parametrize("cases", [range(3), pytest.param(range(200), marks=pytest.mark.long)])
 def test_the_cap_holds_as_in_process(tmp_path, cases):
     for number in cases:
         found = cap_study.run(tmp_path, number, on_the_chip)
