@@ -220,7 +220,7 @@ def checks(sentence, differs):
     """What checks a sentence of the thesis, or the reason why nothing does."""
     rows = [f"{name} (**differs**)" if name in differs else name for name in sentence.rows]
     # A name in code does not break in a narrow column.
-    names = [name.partition("::")[2].removeprefix("test_") for name in sentence.tests]
+    names = [name.rpartition(":")[2].removeprefix("test_") for name in sentence.tests]
     tests = [f"*test:* {name.replace('_', ' ')}" for name in names]
     figures = [f"Fig {number}" for number in sentence.figures]
     return "; ".join([*rows, *tests, *figures]) or f"*Not checked.* {sentence.reason}"

@@ -240,7 +240,7 @@ def thesis_figures() -> list[ThesisFigure]:
         ThesisFigure("2.25", "poles", "lumped bending beam", "tip: one real +- pair of zeros",
                      partial(arrays, LUMPED.system(), {"actuator": "actuator (colocated)",
                                                        "tip": "tip (noncolocated)"})),
-        ThesisFigure("2.27", "bode", "workpiece", "a dip of the phase, less with damping",
+        ThesisFigure("2.27", "bode", "workpiece", "a lead of the phase; less with damping",
                      partial(responses, *work, channel=FORCE), sensed),
         ThesisFigure("2.28", "rlocus", "workpiece",
                      "no gain limit; stiffer, hardly damped: unstable between two gains",

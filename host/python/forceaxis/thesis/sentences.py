@@ -17,7 +17,7 @@ class Sentence:
 
     says: str  # content of the sentence in our own words
     rows: tuple[str, ...] = ()  # names (`what`) of claims of check-thesis
-    tests: tuple[str, ...] = ()  # tests of the tree, as "tests/FOLDER/FILE.py::NAME"
+    tests: tuple[str, ...] = ()  # tests of the tree: "tests/FOLDER/FILE.py::NAME", "ctest:NAME"
     figures: tuple[str, ...] = ()  # numbers of figures that the report draws
     reason: str = ""  # reason why the sentence cannot be checked
 
