@@ -618,10 +618,10 @@ class Analyzer:
         """Waits until the clock of the axis has advanced by `seconds`, and calls check() at each
         read of the clock."""
         ticks, passed = round(seconds * TICKS_PER_S), 0
-        begin = self.axis.read("tick_count")
+        begin = self.axis.integer("tick_count")
         while passed < ticks:
             self.axis.link.wait(min(WAIT_POLL_S, (ticks - passed) / TICKS_PER_S))
-            passed = (self.axis.read("tick_count") - begin) % 2**32
+            passed = (self.axis.integer("tick_count") - begin) % 2**32
             if check:
                 check()
 
