@@ -24,6 +24,7 @@ constexpr double kDampingMax = 0.3;  // a pole or zero with more damping needs n
 constexpr double kNone = std::numeric_limits<double>::infinity();
 constexpr double kHalfPower = 0.5;     // |S|^2 at -3 dB
 constexpr double kStableShare = 1e-9;  // least damping ratio of a pole that counts as stable
+constexpr double kRounding = 1e-11;    // error of a pole at z = 1, as a share of the tick rate
 // The bandwidth of a law is that at this share of its largest gain. Without this share, the
 // bandwidth would jump if a peak of |S| is close to -3 dB.
 constexpr double kGainShare = 0.97;
@@ -706,7 +707,8 @@ PreciseFigures LawGrid::precise(const LawShape &law, double gain, std::size_t pl
                                 std::size_t delay) const {
   const ForcePlant &own = plants_[plant];
   for (const Complex pole : own.poles())
-    if (!(pole.real() < -kStableShare * std::sqrt(std::norm(pole)))) return {};
+    if (!(pole.real() < -kStableShare * std::sqrt(std::norm(pole)) - kRounding / tick_s_))
+      return {};
   Loop loop = loop_of_one();
   compute(law, plant, begin_[plant], loop);
   const Curve part = curve(loop, begin_[plant], plant, delay);
@@ -721,7 +723,7 @@ PreciseFigures LawGrid::precise(const LawShape &law, double gain, std::size_t pl
           precise.ms(),
           axis > 0 ? 1 / axis : kNone,
           precise.phase_margin_rad(),
-          precise.first_fall_hz() < fS_hz};
+          precise.first_fall_hz() < (fS_hz > 0 ? fS_hz : kNone)};
 }
 
 LawValue LawGrid::evaluate(const LawShape &law, const LawBounds &bounds, const RampResponse *ramp,

@@ -53,10 +53,10 @@ void in_parallel(std::size_t count, unsigned threads, const Work &work) {
         errors[i] = std::current_exception();
       }
   };
-  std::vector<std::thread> pool;
+  std::vector<std::jthread> pool;  // joined also if a thread cannot be started
   for (std::size_t i = 1; i < std::min<std::size_t>(threads, count); ++i) pool.emplace_back(run);
   run();
-  for (std::thread &thread : pool) thread.join();
+  pool.clear();
   for (const auto &error : errors)
     if (error) std::rethrow_exception(error);
 }

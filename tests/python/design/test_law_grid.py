@@ -8,6 +8,7 @@ import pytest
 from forceaxis.design import structures
 from forceaxis.design.grid import Bounds, Grid
 from forceaxis.linear import over
+from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import PlantSet, ranges_of
 from forceaxis.linear.precise import FIGURES, PreciseLoops
@@ -143,3 +144,12 @@ def test_the_phase_margin_is_a_bound_of_the_gain():
     loop = plants.loop(plants.nominal()[0], "zoh", spec)
     margin = over.figures(loop, loop.gain_of(limit.gain)).phase_margin_deg
     assert limit.name == "pm" and math.isclose(abs(margin), 45.0, abs_tol=0.5)
+
+
+def test_a_narrow_section_is_left_to_the_eigenvalue_problems():
+    """A peak of the law could lie between two points of a grid that knows the plants only."""
+    plants = PlantSet("fig4_19", {}, ranges_of("fig4_19", ["k_w=30%"]))
+    narrow = structures.section(10.875, 3.69e-4, 8.0826, 4.249e-4)
+    spec = LoopSpec("bank", bank=Bank(0.008925, 0.0, 0.0, (narrow,)))
+    assert PreciseLoops.of(plants, ("zoh", "zoh+1"), spec, None, None) is None
+    assert not over.worst(plants, ("zoh", "zoh+1"), spec).stable

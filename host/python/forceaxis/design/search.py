@@ -48,6 +48,7 @@ RESTARTS = (1, 2, 3)
 LOWEST_FACTORS = (1.5, 0.5, 1.0)
 # damping ratio of a pole above which no exact analysis is needed to know that the pole is stable
 SURELY_STABLE = 1e-6
+POLE_ROUNDING_PER_S = 1e-7  # error of a pole at z = 1
 # Plants whose largest gain is below this multiple of the smallest one are evaluated on a full grid.
 CLOSE_TO_WORST = 1.05
 CLOSE_MAX = 16  # largest number of random plants for each law that are evaluated on a full grid
@@ -362,7 +363,7 @@ def check_plants(plants: PlantSet, grid: Grid) -> None:
     """Raises InputError if a plant of a grid is unstable at every gain."""
     for i, member in enumerate(grid.members):
         poles = grid.core.poles(i)
-        if np.all(poles.real < -SURELY_STABLE * np.abs(poles)):
+        if np.all(poles.real < -SURELY_STABLE * np.abs(poles) - POLE_ROUNDING_PER_S):
             continue
         loop = plants.loop(member)
         if loop.limit().gain == 0:

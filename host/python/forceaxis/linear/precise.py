@@ -11,6 +11,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from forceaxis import _core
 from forceaxis.linear.bank import TICK_S, Bank
 from forceaxis.linear.loops import LoopSpec
@@ -19,6 +21,7 @@ from forceaxis.linear.system import find_model
 from forceaxis.linear.working import working
 
 DELAYS = {"zoh": 0, "zoh+1": 1}  # {timing: delay in ticks}
+DAMPING_MIN = 0.05  # smallest damping ratio of the poles of a section for the evaluation in C++
 # Names of the bandwidths and margins, each with True if the largest value is the worst value.
 FIGURES = {
     "fS_Hz": False,
@@ -113,7 +116,7 @@ class PreciseLoops:
             spec.law in ("p", "pi", "bank") and spec.output == "reading" and not spec.free
             and spec.tick_s == TICK_S and not set(spec.parameters) - {"integral_rad_per_s"}
             and not (spec.bank and spec.bank.velocity_gain)
-            and set(timings) <= set(DELAYS)
+            and set(timings) <= set(DELAYS) and not _has_narrow_section(spec.bank)
         )  # fmt: skip
         if not known:
             return None
@@ -136,6 +139,18 @@ class PreciseLoops:
         ):
             found[member] = [_figures(row) for row in rows]
         return found
+
+
+def _has_narrow_section(bank: Bank | None) -> bool:
+    """Returns True if a section of a bank has a pole with less damping than DAMPING_MIN, or an
+    unstable pole. The grids of frequencies are dense near the roots of the plants, so a narrow peak
+    of the law could lie between two points."""
+    for *_, a1, a2 in bank.sections if bank else ():
+        z = np.roots([1.0, a1, a2]).astype(complex)
+        s = np.log(z[z != 0])
+        if np.any(np.abs(z) >= 1) or np.any((s.imag != 0) & (-s.real < DAMPING_MIN * np.abs(s))):
+            return True
+    return False
 
 
 def _figures(row: Sequence[float]) -> Figures | None:
