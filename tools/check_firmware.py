@@ -7,7 +7,7 @@ Each rule is checked in the source text, without comments, and where a trick cou
 the objects that a Cortex-M4 compiler makes of it. One line per finding, and status 1; status 0 and
 one line when there is none; status 2 when a tool or a folder is missing.
 
-In firmware/{fx,objects,core,guard,drive,canopen,modbus,storage,app}, without the host's
+In firmware/{fx,objects,core,guard,drive,canopen,drive402,modbus,storage,app}, without the host's
 axis_objects_meta.h, with every folder below them:
   float        no float or double type, no floating literal; no floating instruction, compiled with
                hardware floating point, so that the compiler would use one
@@ -36,7 +36,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-FOLDERS = ("fx", "objects", "core", "guard", "drive", "canopen", "modbus", "storage", "app")
+FOLDERS = (
+    "fx", "objects", "core", "guard", "drive", "canopen", "drive402", "modbus", "storage", "app",
+)  # fmt: skip
 # All files of these folders use one structure, cia402_t or fw_t, which drive.h and fw.h define.
 ONE_STRUCTURE = ("drive", "app")
 PORTS = "port"  # may include all of firmware, the library of the compiler and conditionals
@@ -64,6 +66,7 @@ MAY_INCLUDE = {
     "guard": ("guard/", "core/", "objects/", "fx/"),
     "drive": ("drive/", "guard/", "core/", "objects/", "fx/"),
     "canopen": ("canopen/", "objects/", "fx/"),
+    "drive402": ("drive402/", "canopen/", "fx/"),
     "modbus": ("modbus/", "objects/", "fx/"),
     "storage": ("storage/", "canopen/", "core/", "objects/", "fx/"),
     "app": (

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Writes docs/guide/reference, the formats of models and experiments as their readers declare them,
-the sentences of the thesis and what checks them, and the public Python API in docs/guide/python.md.
+"""Writes docs/guide/reference, the formats of input files as their readers declare them, the
+sentences of the thesis and what checks them, and the public Python API in docs/guide/python.md.
 
     tools/gen_reference.py            writes the pages
     tools/gen_reference.py --check    status 1 and one line a page that is not fresh
@@ -53,6 +53,13 @@ counts as stable.
 (`verdict.window_s=2`).
 """
 
+AXIS_LINUX = """\
+# Settings of axis_linux
+
+The file of settings of `axis_linux` is a TOML file with interfaces, drive and load cell; see
+[Force control on the drive you have](../your_drive.md). Keys that are not in this list are refused.
+"""
+
 # The signals of a model, which an ADC, a plot and [expect] can name.
 # tests/python/experiments/test_formats.py compares this table with a model that has every kind of
 # element.
@@ -65,10 +72,19 @@ SIGNALS = (
     ("LINK.spring_force_rate", "N/s", "Rate of that part."),
     ("LINK.deflection", "m", "x_a - x_b; of a contact the overlap, negative where it is open."),
     ("GRAVITY.force", "N", "Force of a gravity."),
+    ("EXTERNAL.force", "N", "An external force."),
     ("drive.force", "N", "Force of the drive on its body."),
     ("drive.command", "V", "Output of the DAC."),
-    ("drive.current", "A", "Motor current (dc_motor, as all below)."),
-    ("drive.tach", "V", "The tachometer's voltage, not filtered."),
+    ("drive.current", "A", "Motor current (dc_motor, torque, velocity)."),
+    (
+        "drive.load_angle",
+        "m",
+        "Travel of the field since enabling, less that of the body (stepper).",
+    ),
+    ("drive.target_current", "A", "Its target within the limits (torque, velocity)."),
+    ("drive.mean_current", "A", "Its mean, which rated_current limits (torque, velocity)."),
+    ("drive.integral", "A", "Integral of the velocity loop (velocity)."),
+    ("drive.tach", "V", "The tachometer's voltage, not filtered (dc_motor, as all below)."),
     ("drive.tach_filtered", "V", "The tachometer's voltage behind the preamplifier."),
     ("drive.current_command", "V", "Command of the current."),
     ("drive.voltage", "V", "Voltage at the motor."),
@@ -280,6 +296,8 @@ def pages():
         "../python.md": python_api.filled(PYTHON.read_text(encoding="utf-8")),
         "model.md": f"{GENERATED}{MODEL}\n{model}",
         "experiment.md": f"{GENERATED}{EXPERIMENT}\n{experiment}".rstrip() + "\n",
+        "axis_linux.md": f"{GENERATED}{AXIS_LINUX}\n{sections(_core.axis_linux_format())}".rstrip()
+        + "\n",
         "verdicts.md": f"{GENERATED}{VERDICTS}\n{verdicts()}",
         "thesis.md": f"{GENERATED}{THESIS}\n{thesis()}",
     }

@@ -36,7 +36,10 @@ ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
 # A scheduling class that runs only on an idle CPU and is interrupted at once. With nice alone, a
 # process would keep the CPU to the end of its time slice.
 IDLE = ("chrt", "--idle", "0")
-FUZZ_S, FUZZ_ALL_S = 8, 125
+FUZZ_S, FUZZ_ALL_S = 4, 125
+# Tests of every byte or bit of the memory for parameters. The debug build, in which they take a
+# minute and a half, runs them with --all.
+EXHAUSTIVE = r"^Store\.(A(FlippedBit|Cut)|ManyCuts|SavedMeans)"
 SECOND_S = 420  # in which the second tries of a stage have to end
 
 
@@ -177,7 +180,7 @@ def check_promises(tally):
 def beside(tally):
     """What runs beside the tests of real buses, in the time that those leave: one process, where a
     compiler would be one on every core and make them late."""
-    ctest(tally, "debug", "-L", "quick", prefix=IDLE)
+    ctest(tally, "debug", "-L", "quick", "-E", EXHAUSTIVE, prefix=IDLE)
     fuzz(tally, FUZZ_S, IDLE)
     pytest(tally, "beside", "beside and not long", prefix=IDLE)
 
@@ -221,6 +224,7 @@ def main(arguments):
         build(tally, "debug-plain", "trace_hash")
         build(tally, "debug", "ctest_programs")
         ctest(tally, "debug", "-LE", "quick", "-j2")
+        ctest(tally, "debug", "-R", EXHAUSTIVE, "-j2")
         pytest(tally, "long", "long and not alone", *PARALLEL)
         with meanwhile(tally, lambda: fuzz(tally, FUZZ_ALL_S, IDLE)):
             pytest(tally, "long-alone", "long and alone", twice=True)

@@ -10,7 +10,7 @@ int lss_settings_check(const fw_t *fw, uint16_t object, int32_t value) {
   bool fits = true;
   if (object == AXIS_OBJ_STORED_NODE_ID) {
     fits = value <= 127 || value == LSS_NO_NODE_ID;
-  } else if (object == AXIS_OBJ_STORED_BIT_RATE) {
+  } else if (object == AXIS_OBJ_STORED_BIT_RATE || object == AXIS_OBJ_DRIVE_BIT_RATE) {
     fits = lss_has_rate(&fw->canopen, lss_rate_of((uint32_t)value));
   }
   return fits ? FW_OK : FW_ERROR_RANGE;

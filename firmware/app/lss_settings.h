@@ -10,8 +10,8 @@
 #include "firmware/app/fw.h"
 #include "firmware/canopen/lss.h"
 
-/* Checks whether `value` is permitted for stored_node_id or stored_bit_rate. Returns FW_OK or
- * FW_ERROR_RANGE. */
+/* Checks whether `value` is permitted for stored_node_id, stored_bit_rate or drive_bit_rate.
+ * Returns FW_OK or FW_ERROR_RANGE. */
 int lss_settings_check(const fw_t *fw, uint16_t object, int32_t value);
 
 /* Initialise the LSS settings at power-up. lss_settings_begin() runs before the stored parameters

@@ -10,12 +10,31 @@
 
 _Static_assert(sizeof(axis_t) <= 512, "state of an axis, parameters included");
 
+/* Returns the velocity in counts per tick, if the last position was valid. A position that was read
+ * p ticks after the last position gives the mean velocity of these p ticks. The division leaves
+ * counts over, which belong to the next velocity, so that the sum of the velocities is the travel.
+ * Without a newer position the velocity stays. */
+static int32_t mean_velocity(axis_t *axis, const axis_inputs_t *inputs) {
+  const int32_t moved_cnt = fx_diff_wrap(inputs->encoder_cnt, axis->signals.position);
+  const int32_t ticks = 1 + axis->position_age - inputs->position_age;
+  if (ticks == 1 && axis->velocity_rest_cnt == 0) {
+    return moved_cnt;
+  }
+  return (ticks <= 0) ? axis->signals.velocity
+                      : fx_mean(moved_cnt, ticks, &axis->velocity_rest_cnt);
+}
+
 /* Updates the signals that are computed directly from valid sensor values. */
 static void measure(axis_t *restrict axis, const axis_inputs_t *restrict inputs) {
   const axis_params_t *params = &axis->params;
   axis_signals_t *signals = &axis->signals;
-  signals->velocity =
-      (axis->primed != 0) ? fx_diff_wrap(inputs->encoder_cnt, signals->position) : 0;
+  if (axis->primed == 0) {
+    signals->velocity = 0;
+    axis->velocity_rest_cnt = 0;
+  } else {
+    signals->velocity = mean_velocity(axis, inputs);
+  }
+  axis->position_age = inputs->position_age;
   axis->primed = 1;
   signals->position = inputs->encoder_cnt;
   signals->force_raw = inputs->adc_code[0];
@@ -73,6 +92,7 @@ static int32_t evaluate_law(axis_t *axis, uint8_t mode) {
 
 static void switch_off(axis_t *restrict axis, axis_outputs_t *restrict outputs) {
   axis->signals.active_mode = AXIS_MODE_DISABLED;
+  axis->drive_wait_tick = 0;
   axis->rebase = 0;
   axis->bounded = 0;
   axis->signals.bump_bias = 0;
@@ -92,13 +112,47 @@ static void latch_fault(axis_t *axis, uint8_t fault) {
   axis->setpoint_new = 0;
 }
 
+/* Returns the mode whose law this tick computes. If the mode is disabled, the outputs are set: to
+ * the safe state, or with the amplifier on while the axis waits for its drive. */
+static uint8_t begin_mode(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
+                          axis_outputs_t *restrict outputs) {
+  /* A change between any two modes is permitted, because the transfer is bumpless. */
+  const uint8_t mode =
+      (axis->signals.fault != AXIS_FAULT_NONE) ? (uint8_t)AXIS_MODE_DISABLED : axis->params.mode;
+  const uint8_t reports = inputs->drive | inputs->position_age | inputs->force_age;
+  const bool waits = axis_drive_is_off(inputs->drive);
+  update_setpoint(axis, waits ? (uint8_t)AXIS_MODE_DISABLED : mode);
+  if (mode == AXIS_MODE_DISABLED) {
+    switch_off(axis, outputs);
+    return mode;
+  }
+  uint8_t fault = fault_detect(&axis->params, &axis->signals, inputs);
+  if (fault == AXIS_FAULT_NONE && reports != 0) {
+    fault = fault_detect_drive(axis, inputs);
+  }
+  if (fault != AXIS_FAULT_NONE) {
+    latch_fault(axis, fault);
+    switch_off(axis, outputs);
+    return AXIS_MODE_DISABLED;
+  }
+  if (waits) {
+    const uint16_t waited = axis->drive_wait_tick;
+    switch_off(axis, outputs);
+    axis->drive_wait_tick = (uint16_t)(waited + 1);
+    outputs->amp_enable = 1;
+    return AXIS_MODE_DISABLED;
+  }
+  return mode;
+}
+
 void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
                axis_outputs_t *restrict outputs) {
-  axis_params_t *params = &axis->params;
+  const axis_params_t *params = &axis->params;
   axis_signals_t *signals = &axis->signals;
   signals->tick_count += 1;
   axis->fault_waits = 0;
   signals->digital_inputs = inputs->din;
+  signals->drive_report = inputs->drive;
 
   if (inputs->sensor_valid == 0) {
     /* After a tick with invalid sensors the velocity is 0, because the next encoder count has no
@@ -111,18 +165,8 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   }
   measure(axis, inputs);
 
-  /* A change between any two modes is permitted, because the transfer is bumpless. */
-  const uint8_t mode =
-      (signals->fault != AXIS_FAULT_NONE) ? (uint8_t)AXIS_MODE_DISABLED : params->mode;
-  update_setpoint(axis, mode);
+  const uint8_t mode = begin_mode(axis, inputs, outputs);
   if (mode == AXIS_MODE_DISABLED) {
-    switch_off(axis, outputs);
-    return;
-  }
-  const uint8_t fault = fault_detect(params, signals, inputs);
-  if (fault != AXIS_FAULT_NONE) {
-    latch_fault(axis, fault);
-    switch_off(axis, outputs);
     return;
   }
 
@@ -154,6 +198,7 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
     signals->dac_code =
         limits_apply(params, signals->position, inputs->din, due, &signals->limit_reason);
   }
+  limits_add_drive(inputs->drive, &signals->limit_reason);
   outputs->dac_code = signals->dac_code;
   outputs->amp_enable = 1;
   outputs->brake_release = 1;
@@ -180,6 +225,9 @@ void axis_init(axis_t *axis) {
   axis->bias_shift = 0;
   axis->setpoint_new = 0;
   axis->fault_waits = 0;
+  axis->drive_wait_tick = 0;
+  axis->position_age = 0;
+  axis->velocity_rest_cnt = 0;
 }
 
 /* Checks a new tare against tare_band. With tare_band the tare cannot change while the axis is

@@ -22,6 +22,16 @@ enum {
   AXIS_DIN_HOME = 16
 };
 
+/* Bits of axis_inputs_t.drive: what a drive with a control loop of its own reports. Without
+ * AXIS_DRIVE_FITTED the axis has an amplifier for +-10 V, which reports nothing, and the other bits
+ * have no meaning. */
+enum {
+  AXIS_DRIVE_FITTED = 1,
+  AXIS_DRIVE_ON = 2,    /* bit: the drive follows the DAC code */
+  AXIS_DRIVE_FAULT = 4, /* bit: the drive has a fault of its own */
+  AXIS_DRIVE_LIMIT = 8  /* bit: a limit of the drive bounds its output */
+};
+
 /* Range of permitted DAC codes, from `least` to `most`; least <= 0 <= most. */
 typedef struct {
   int16_t least;
@@ -43,10 +53,19 @@ static inline axis_codes_t axis_codes_all(void) {
 
 typedef struct {
   int32_t encoder_cnt; /* encoder count of the position; the count wraps at 32 bits */
-  /* unsigned ADC codes, 0..2^adc_bits-1: [0] of the force, [1] of the motor current */
+  /* unsigned ADC codes, 0..2^adc_bits-1: [0] of the force, [1] of the motor current. A converter
+   * of more than 16 bits gives the upper 16 bits of each code, and adc_bits is 16: below the tick
+   * rate, the noise of such a converter exceeds the bits that are lost. A converter that measures
+   * both directions gives an offset code, so that force_zero_code is 2^(adc_bits-1). */
   uint16_t adc_code[2];
   uint8_t din;          /* AXIS_DIN_ bits */
   uint8_t sensor_valid; /* 0 if the sensor values of this tick must not be used */
+  uint8_t drive;        /* AXIS_DRIVE_ bits; 0 for an amplifier for +-10 V */
+  /* Ages of encoder_cnt and of adc_code[0]: number of ticks since the value was read. 0 is a value
+   * of this tick, and 255 is 255 ticks or more. A velocity is the travel between two positions by
+   * the ticks between their readings. */
+  uint8_t position_age;
+  uint8_t force_age;
 } axis_inputs_t;
 
 typedef struct {
@@ -55,6 +74,11 @@ typedef struct {
   uint8_t amp_enable;    /* 0 if the amplifier is off, so that the axis coasts */
   uint8_t brake_release; /* 1 releases the brake; only while the amplifier is on */
 } axis_outputs_t;
+
+/* Returns true if a drive is fitted and not on. `drive` has AXIS_DRIVE_ bits. */
+static inline bool axis_drive_is_off(uint8_t drive) {
+  return (drive & (AXIS_DRIVE_FITTED | AXIS_DRIVE_ON)) == AXIS_DRIVE_FITTED;
+}
 
 /* The complete state of an axis, at most 512 bytes with its parameters. A copy of this structure is
  * a copy of the axis. */
@@ -86,6 +110,11 @@ typedef struct {
   uint8_t setpoint_new;
   /* 1 if a fault was latched between two ticks; the fault acts in the next tick */
   uint8_t fault_waits;
+  /* number of ticks for which the amplifier was enabled and a fitted drive was not on yet */
+  uint16_t drive_wait_tick;
+  uint8_t position_age; /* axis_inputs_t.position_age of the last tick */
+  /* counts that the division of the last velocities left over; the magnitude is below 256 */
+  int16_t velocity_rest_cnt;
 } axis_t;
 
 #endif

@@ -24,8 +24,8 @@ static inline bool fault_exceeds(int32_t value, int32_t limit) {
  *   force_max        |force| > force_max, unless force_max is 0
  *   following_error  |position_error| > following_error_max in position mode, unless
  *                    following_error_max is 0
- * axis_tick() detects the fault sensor_invalid before this function, in every mode and before any
- * use of a sensor value. The signals must be those of the present tick. */
+ * fault_detect_drive() follows. axis_tick() detects the fault sensor_invalid before both, in every
+ * mode and before any use of a sensor value. The signals must be those of the present tick. */
 static inline uint8_t fault_detect(const axis_params_t *params, const axis_signals_t *signals,
                                    const axis_inputs_t *inputs) {
   const uint8_t both_switches = AXIS_DIN_LIMIT_POS | AXIS_DIN_LIMIT_NEG;
@@ -47,6 +47,38 @@ static inline uint8_t fault_detect(const axis_params_t *params, const axis_signa
   /* The position error is 0 in every mode except position mode. */
   if (fault_exceeds(signals->position_error, params->following_error_max)) {
     return AXIS_FAULT_FOLLOWING_ERROR;
+  }
+  return AXIS_FAULT_NONE;
+}
+
+/* Returns the fault (AXIS_FAULT_) of the drive or of an old value, in a tick with a mode.
+ * The first condition that is true determines the fault:
+ *   drive_fault      the drive reports a fault of its own
+ *   drive_lost       the drive was on and is off
+ *   drive_not_ready  the drive is off drive_on_ticks_max ticks after the amplifier was enabled
+ *   position_old     position_age > position_age_max
+ *   force_old        force_age > force_age_max
+ * The first three need AXIS_DRIVE_FITTED. While a fitted drive is off, the ages are not checked,
+ * because no control law uses position and force. active_mode must be that of the previous tick. */
+static inline uint8_t fault_detect_drive(const axis_t *axis, const axis_inputs_t *inputs) {
+  const axis_params_t *params = &axis->params;
+  if ((inputs->drive & AXIS_DRIVE_FITTED) != 0 && (inputs->drive & AXIS_DRIVE_FAULT) != 0) {
+    return AXIS_FAULT_DRIVE_FAULT;
+  }
+  if (axis_drive_is_off(inputs->drive)) {
+    if (axis->signals.active_mode != AXIS_MODE_DISABLED) {
+      return AXIS_FAULT_DRIVE_LOST;
+    }
+    if (axis->drive_wait_tick >= params->drive_on_ticks_max) {
+      return AXIS_FAULT_DRIVE_NOT_READY;
+    }
+    return AXIS_FAULT_NONE;
+  }
+  if (inputs->position_age > params->position_age_max) {
+    return AXIS_FAULT_POSITION_OLD;
+  }
+  if (inputs->force_age > params->force_age_max) {
+    return AXIS_FAULT_FORCE_OLD;
   }
   return AXIS_FAULT_NONE;
 }

@@ -35,6 +35,7 @@ int32_t limits_bound_late(axis_t *axis, int32_t code);
  *   position_min     the same for position < position_min and a negative code
  *   limit_switch_pos the positive limit switch is on, and the code is positive: the code becomes 0
  *   limit_switch_neg the negative limit switch is on, and the code is negative: the code becomes 0
+ *   drive_limit      a fitted drive reports a limit of its own; limits_add_drive() sets this reason
  * The ranges of the drive act before these limits and set no reason. `code` must be within +-2^17;
  * digital_inputs has AXIS_DIN_ bits. The soft limits compare the counts directly, so the encoder
  * must not wrap. */
@@ -63,6 +64,15 @@ static inline int16_t limits_apply(const axis_params_t *params, int32_t position
   }
   *reason = (blocked != AXIS_LIMIT_REASON_NONE) ? blocked : why;
   return (blocked != AXIS_LIMIT_REASON_NONE) ? (int16_t)0 : (int16_t)limited;
+}
+
+/* Writes the reason drive_limit to *reason if no other limit is active and the report `drive`,
+ * AXIS_DRIVE_ bits, has a limit of a fitted drive. */
+static inline void limits_add_drive(uint8_t drive, uint8_t *reason) {
+  const uint8_t limited = AXIS_DRIVE_FITTED | AXIS_DRIVE_LIMIT;
+  if ((drive & limited) == limited && *reason == AXIS_LIMIT_REASON_NONE) {
+    *reason = AXIS_LIMIT_REASON_DRIVE_LIMIT;
+  }
 }
 
 #endif

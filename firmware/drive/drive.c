@@ -104,8 +104,24 @@ static bool wants_other_mode(const cia402_t *drive) {
   return drive->params.modes_of_operation != drive->signals.modes_of_operation_display;
 }
 
+/* Enables the amplifier with code 0 until a fitted drive is on. The mode of operation, with its
+ * trajectory, begins in the tick after it. */
+static void wait_for_drive(cia402_t *drive, axis_t *axis) {
+  if (wants_other_mode(drive)) {
+    change_mode(drive);
+  }
+  motion_rest(drive, axis);
+  motion_override(drive, axis);
+  axis->params.open_loop_code = 0;
+  axis->params.mode = AXIS_MODE_OPEN_LOOP;
+}
+
 static void operate(cia402_t *drive, axis_t *axis) {
   if (cia402_run_first_motion(drive, axis)) {
+    return;
+  }
+  if (axis_drive_is_off(axis->signals.drive_report)) {
+    wait_for_drive(drive, axis);
     return;
   }
   if (drive->leaving != 0) {
@@ -201,8 +217,9 @@ void cia402_before(cia402_t *drive, axis_t *axis) {
 
 void cia402_after(cia402_t *drive, axis_t *axis) {
   cia402_excite_after(drive, axis);
-  const uint8_t controlled =
-      state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED && drive->mode->controls_force != 0;
+  const uint8_t controlled = state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
+                             drive->mode->controls_force != 0 &&
+                             !axis_drive_is_off(axis->signals.drive_report);
   if (axis->signals.fault != AXIS_FAULT_NONE && state_of(drive) != AXIS_DRIVE_STATE_FAULT) {
     enter(drive, AXIS_DRIVE_STATE_FAULT);
     drive->tracking = CIA402_TRACKING_NONE;

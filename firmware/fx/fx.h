@@ -216,6 +216,15 @@ static inline int32_t fx_per_s_from_tick(int32_t x) {
   return fx_saturate((int64_t)x * 1500, INT32_MIN, INT32_MAX);
 }
 
+/* Returns the mean of a change x over n steps, n 1..256, truncated towards 0. `rest` holds what the
+ * last division left over, within +-255, and receives what this division leaves over. So the sum of
+ * the changes is the sum of n times each mean, plus the last rest. Overflow: wraps, for n = 1. */
+static inline int32_t fx_mean(int32_t x, int32_t n, int16_t *rest) {
+  const int32_t left = x % n + *rest;
+  *rest = (int16_t)(left % n);
+  return fx_sum_wrap(x / n, left / n);
+}
+
 /* Returns the step that reaches the end of a distance in n ticks: 1/n of the distance, at most
  * `most`; n > 0. Rounding: down, by less than 2^-10 count; exact for n = 1. Cannot overflow. */
 static inline int32_t fx_part_q16(uint64_t d_q16, uint32_t n, int32_t most) {

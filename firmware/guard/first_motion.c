@@ -148,11 +148,12 @@ static uint8_t check_zero(first_motion_t *first, const drive_params_t *params, c
 
 /* Returns true if a limit prevents the axis from moving in the present direction. */
 static bool is_blocked(const axis_t *axis) {
-  return axis->signals.limit_reason >= AXIS_LIMIT_REASON_POSITION_MIN;
+  return axis->signals.limit_reason >= AXIS_LIMIT_REASON_POSITION_MIN &&
+         axis->signals.limit_reason <= AXIS_LIMIT_REASON_LIMIT_SWITCH_POS;
 }
 _Static_assert(AXIS_LIMIT_REASON_POSITION_MIN > AXIS_LIMIT_REASON_OUTPUT_LIMIT &&
-                   AXIS_LIMIT_REASON_LIMIT_SWITCH_POS + 1 == AXIS_LIMIT_REASON_COUNT,
-               "the reasons from position_min on block");
+                   AXIS_LIMIT_REASON_LIMIT_SWITCH_POS - AXIS_LIMIT_REASON_POSITION_MIN == 3,
+               "the reasons from position_min to limit_switch_pos block");
 
 /* Sets the DAC code of the next tick. Returns false when the largest code has been output for
  * FIRST_MOTION_HOLD_TICKS. */
@@ -256,7 +257,10 @@ static uint8_t check_contact(first_motion_t *first, const axis_t *axis) {
 
 void first_motion_check_running(first_motion_t *first, const drive_params_t *params,
                                 drive_signals_t *signals, axis_t *axis, axis_outputs_t *outputs) {
-  if (axis->signals.fault != AXIS_FAULT_NONE) {
+  /* Before a fitted drive is on, the phase "zero" has not begun. */
+  const bool waits =
+      first->phase == FIRST_MOTION_ZERO && axis->signals.active_mode == AXIS_MODE_DISABLED;
+  if (axis->signals.fault != AXIS_FAULT_NONE || waits) {
     return;
   }
   uint8_t result = AXIS_FIRST_MOTION_RESULT_RUNNING;

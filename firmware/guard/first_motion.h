@@ -10,8 +10,8 @@
  *              FIRST_MOTION_STAND_TICKS, and the measured force must be within contact_force. This
  *              phase lasts at most FIRST_MOTION_REST_TICKS. No sensor may be at an end of its
  *              range, and the motor current must not jump.
- *   zero       The amplifier is on with DAC code 0 for FIRST_MOTION_ZERO_TICKS. The encoder must
- *              move by less than first_motion_counts.
+ *   zero       The amplifier is on with DAC code 0 for FIRST_MOTION_ZERO_TICKS. A fitted drive must
+ *              be on before. The encoder must move by less than first_motion_counts.
  *   out        The axis moves away from the workpiece, or towards the workpiece if a limit prevents
  *              the motion away. The DAC code rises by one in two ticks, at most to
  *              first_motion_code, until the encoder has moved by first_motion_counts. The largest

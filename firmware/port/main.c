@@ -13,7 +13,9 @@ static uint8_t bus = CAN_BUS_ACTIVE;
 fw_t *port_firmware(void) { return &firmware; }
 
 void port_tick(void) {
-  axis_inputs_t inputs;
+  /* A port writes only the fields that its board has: most boards have no drive and no old values.
+   */
+  axis_inputs_t inputs = {0};
   if (port_sample(&inputs)) {
     axis_outputs_t outputs;
     fw_prepare(&firmware);

@@ -33,8 +33,10 @@ void port_start(void);
 
 /* Read the inputs of this tick. port_sample() reads encoder and digital inputs and starts the
  * conversion of both ADC channels. port_sense() is called some 200 instructions later, reads the
- * results and waits at most 5 us. If an input cannot be read, sensor_valid is 0. port_sample()
- * returns false if no tick is due (in an emulator whose host has ended). */
+ * results and waits at most 5 us. If an input cannot be read, sensor_valid is 0. All fields are 0
+ * before port_sample(), so a board without a drive and without old values leaves `drive` and the
+ * ages alone. port_sample() returns false if no tick is due (in an emulator whose host has ended).
+ */
 bool port_sample(axis_inputs_t *inputs);
 void port_sense(axis_inputs_t *inputs);
 

@@ -5,8 +5,14 @@
 // input 4. All other bits are 0. Data to the firmware, little-endian: encoder i32, adc0 u16, adc1
 // u16; a frame without data means that the sensor values are not valid. Data from the firmware: dac
 // i16, outputs u8, tick u16, fault u8, limit reason u8.
+//
+// Inputs with a drive or with an age take two frames. The first frame is the status frame: bit 2 of
+// its identifier is set, its data are drive u8, position age u8 and force age u8. In the second
+// frame bit 1 is set. Without the status frame of its tick the second frame has no effect, and the
+// plant repeats both. Inputs without drive and ages take one frame, in which both bits are 0.
 #include <linux/can.h>
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -17,12 +23,30 @@
 namespace forceaxis::host {
 
 can_frame can_frame_of(const LinkInputs &in);
+// Returns the status frame of the inputs, or nothing if drive and ages are 0.
+std::optional<can_frame> can_status_frame_of(const LinkInputs &in);
 can_frame can_frame_of(const LinkOutputs &out);
 
 // Return the record in a CAN frame, or nothing if the frame does not belong to the link. A frame
-// has the tick of inputs modulo 4096 and the tick of outputs modulo 65536.
+// has the tick of inputs modulo 4096 and the tick of outputs modulo 65536. The result of
+// link_inputs_of() has no drive and no ages, which CanInputs adds.
 std::optional<LinkInputs> link_inputs_of(const can_frame &frame);
 std::optional<LinkOutputs> link_outputs_of(const can_frame &frame);
+
+// Combines the two frames of inputs, for all axes of a link.
+class CanInputs {
+ public:
+  // Returns the record that the frame completes. Returns nothing for a status frame, for a second
+  // frame without its status frame, and for a frame that does not belong to the link.
+  std::optional<LinkInputs> take(const can_frame &frame);
+
+  // Returns the number of frames that do not belong to the link.
+  std::uint64_t foreign() const { return foreign_; }
+
+ private:
+  std::array<std::optional<LinkInputs>, kMostAxes> status_{};  // last status frame of each axis
+  std::uint64_t foreign_ = 0;
+};
 
 // Open the plant's end or the firmware's end of the link. Throw TransportError.
 std::unique_ptr<PlantTransport> can_plant_transport(const std::string &interface);

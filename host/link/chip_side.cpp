@@ -63,10 +63,12 @@ ChipSide::Answer ChipSide::ask(const Record &record) const {
 
 LinkOutputs ChipSide::tick(const LinkInputs &in) {
   if (writes_.due(in.tick)) writes_.write_due(in.tick, writer());
-  Record record{kTick, in.din, in.sensor_valid};
+  Record record{kTick, in.din, in.sensor_valid, in.drive};
   put(&record[4], static_cast<std::uint32_t>(in.encoder_cnt), 4);
   put(&record[8], in.adc0_code, 2);
   put(&record[10], in.adc1_code, 2);
+  record[12] = in.position_age;
+  record[13] = in.force_age;
   const Answer answer = ask(record);
   const LinkOutputs out{in.tick,   static_cast<std::int16_t>(get(answer.data(), 2)),
                         answer[2], answer[3],

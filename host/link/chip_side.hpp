@@ -3,9 +3,10 @@
 // the experiment and the ticks are sent to the chip as records through one pipe. The chip sends its
 // answers through a second pipe.
 //
-// Records are little-endian. To the chip, 12 bytes:
-//   tick   {1, din u8, sensor_valid u8, 0, encoder i32, adc0 u16, adc1 u16}
-//   write  {2, 0, object u16, value i32, 0 u32}
+// Records are little-endian. To the chip, 16 bytes:
+//   tick   {1, din u8, sensor_valid u8, drive u8, encoder i32, adc0 u16, adc1 u16,
+//           position_age u8, force_age u8, 0 u16}
+//   write  {2, 0, object u16, value i32, 0 u32, 0 u32}
 //   end    {3, 0 ...}
 // From the chip, 8 bytes:
 //   tick   {dac i16, out u8, fault u8, limit_reason u8, 0, low 16 bits of its interrupt entries}
@@ -55,7 +56,7 @@ class ChipSide {
   const std::vector<Refusal> &refused() const { return writes_.refused(); }
 
  private:
-  using Record = std::array<std::uint8_t, 12>;
+  using Record = std::array<std::uint8_t, 16>;
   using Answer = std::array<std::uint8_t, 8>;
 
   Answer ask(const Record &record) const;

@@ -31,6 +31,9 @@ link_inputs_t message_of(const LinkInputs &in) {
   m.adc1 = in.adc1_code;
   m.digital_inputs = in.din;
   m.sensor_valid = in.sensor_valid != 0;
+  m.drive = in.drive;
+  m.position_age = in.position_age;
+  m.force_age = in.force_age;
   return m;
 }
 
@@ -50,7 +53,10 @@ LinkInputs record_of(const link_inputs_t &m, std::uint8_t axis) {
           static_cast<std::uint16_t>(m.adc1),
           m.digital_inputs,
           static_cast<std::uint8_t>(m.sensor_valid ? 1 : 0),
-          axis};
+          axis,
+          m.drive,
+          m.position_age,
+          m.force_age};
 }
 
 LinkOutputs record_of(const link_outputs_t &m, std::uint8_t axis) {

@@ -41,6 +41,9 @@ class FirmwareSide {
     inputs.adc_code[1] = in.adc1_code;
     inputs.din = in.din;
     inputs.sensor_valid = in.sensor_valid;
+    inputs.drive = in.drive;
+    inputs.position_age = in.position_age;
+    inputs.force_age = in.force_age;
     const LinkOutputs out = run_tick(inputs, in.tick, in.axis);
     if (options_.hash) hash_.add(tick_record(in, out));
     last_ = inputs;

@@ -34,9 +34,11 @@ class PlantSide {
   // called once in each tick. The result is valid until the next call.
   const LinkInputs &sense() {
     if (due()) act_due();
-    const sim::SensorCodes codes = plant_.codes();
+    const sim::SensorCodes &codes = plant_.codes();
     in_.tick = tick_;
     in_.encoder_cnt = codes.encoder;
+    in_.position_age = codes.encoder_age;
+    in_.force_age = codes.force_age;
     in_.adc0_code =
         force_sensor_ == ForceSensor::live ? codes.adc[0] : failed_reading(codes.adc[0]);
     in_.adc1_code = codes.adc[1];

@@ -1,5 +1,7 @@
 #include "sim/hybrid/assembly.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
 #include <optional>
 #include <utility>
@@ -25,15 +27,17 @@ class Assembly : public Wiring {
       name_signal(body.name + ".position", add_sum({state(position_state)}));
       name_signal(body.name + ".velocity", add_sum({state(velocity_state)}));
     }
-    for (const Spring &spring : model.springs) add(spring);
-    for (const Damper &damper : model.dampers) add(damper);
-    for (const Contact &contact : model.contacts) add(contact);
-    for (const Stop &stop : model.stops) add(stop);
-    for (const Gravity &gravity : model.gravities) add(gravity);
+    add_all(model.springs);
+    add_all(model.dampers);
+    add_all(model.contacts);
+    add_all(model.stops);
+    add_all(model.gravities);
+    add_all(model.coggings);
+    add_all(model.externals);
     if (model.drive) add(*model.drive);
     // Frictions are added after all other forces, because the sum of these forces determines
     // whether a friction sticks.
-    for (const Friction &friction : model.frictions) add(friction);
+    add_all(model.frictions);
     for (const Brake &brake : model.brakes) add(brake, model.frictions);
     for (std::size_t i = 0; i < model.bodies.size(); ++i)
       name_signal(model.bodies[i].name + ".acceleration",
@@ -44,9 +48,20 @@ class Assembly : public Wiring {
   }
 
  private:
-  LinkWires add_contact(const std::string &element, Wire deflection, Wire rate, double stiffness,
-                        double damping) {
-    const Wire force = add_sum({wire(deflection, stiffness), wire(rate, damping)});
+  template <class Element>
+  void add_all(const std::vector<Element> &elements) {
+    for (const Element &element : elements) add(element);
+  }
+
+  LinkWires add_contact(const std::string &element, Wire deflection, Wire rate,
+                        const Slopes &stiffness, double damping) {
+    const Curve curve = Curve::through_origin(stiffness);
+    const int segments = add_segments(element + ".stiffness", deflection, curve, false);
+    const bool straight = segments == kAlways;
+    const Extended only = stiffness.slopes.front();
+    const Wire elastic = straight ? -1 : add_curve(segments, deflection, curve);
+    const Term elastic_term = straight ? wire(deflection, only) : wire(elastic);
+    const Wire force = add_sum({elastic_term, wire(rate, damping)});
     const bool damped = damping > 0.0;
     std::vector<std::string> names = {"apart", "pressed"};
     if (damped) names.emplace_back("overlap");
@@ -69,13 +84,90 @@ class Assembly : public Wiring {
     };
     LinkWires link{};
     link.deflection = deflection;
-    link.spring_force = while_pressed(wire(deflection, stiffness));
-    link.spring_force_rate = while_pressed(wire(rate, stiffness));
+    link.spring_force = while_pressed(elastic_term);
+    std::vector<Terms> rates;
+    for (const Curve::Segment &segment : curve.segments)
+      rates.push_back({wire(rate, segment.slope)});
+    link.spring_force_rate =
+        while_pressed(straight ? wire(rate, only) : wire(add_select(segments, std::move(rates))));
     const Wire damper_force = while_pressed(wire(rate, damping));
     link.force = add_sum({wire(link.spring_force), wire(damper_force)});
-    storages.push_back({element, link.spring_force, deflection});
+    if (straight) {
+      storages.push_back({element, link.spring_force, deflection});
+    } else {
+      const Product energy = stored(element, segments, curve, {elastic, deflection, 0});
+      storages.push_back({element, while_pressed(wire(energy.first)), energy.second,
+                          while_pressed(wire(energy.constant))});
+    }
     if (damped) dampers.push_back({element, damper_force, rate});
     return link;
+  }
+
+  // Force and input of a curve, and an input in its home segment at which its energy is 0.
+  struct Stored {
+    Wire force;
+    Wire deflection;
+    Extended zero;
+  };
+
+  // Returns the energy of a force that is a curve of the deflection.
+  Product stored(const std::string &name, int segments, const Curve &curve, Stored of) {
+    // The energy in a segment is E = 1/2 (f + f_b) (d - d_b) + E_b. Index b is the end of the
+    // segment that is nearer to the place of the energy 0.
+    std::vector<Terms> first(curve.segments.size());
+    std::vector<Terms> second = first;
+    std::vector<Terms> base = first;
+    const auto fill = [&](std::size_t k, Extended at, Extended energy) {
+      const Extended there = curve.segments[k].slope * at + curve.segments[k].offset;
+      first[k] = {wire(of.force), constant(there)};
+      second[k] = {wire(of.deflection), constant(-at)};
+      base[k] = {constant(energy)};
+    };
+    const auto energy_between = [&](std::size_t k, Extended a, Extended b) {
+      const Curve::Segment &line = curve.segments[k];
+      return (line.slope * (a + b) / 2 + line.offset) * (b - a);
+    };
+    const auto home = static_cast<std::size_t>(curve.home);
+    fill(home, of.zero, 0);
+    Extended at = of.zero;
+    Extended energy = 0;
+    for (std::size_t k = home; k < curve.breaks.size(); ++k) {
+      energy += energy_between(k, at, curve.breaks[k]);
+      at = curve.breaks[k];
+      fill(k + 1, at, energy);
+    }
+    at = of.zero;
+    energy = 0;
+    for (std::size_t k = home; k-- > 0;) {
+      energy += energy_between(k + 1, at, curve.breaks[k]);
+      at = curve.breaks[k];
+      fill(k, at, energy);
+    }
+    return {name, add_select(segments, std::move(first)), add_select(segments, std::move(second)),
+            add_select(segments, std::move(base))};
+  }
+
+  // The spring and dashpot in series of a standard linear solid, beside the deflection s.
+  struct Arm {
+    Wire force;  ///< force of the spring in N
+    Wire rate;   ///< velocity of the dashpot in m/s
+    Wire own;    ///< deflection of the spring in m
+  };
+
+  // Adds the extension of the dashpot as a state.
+  int add_dashpot(const std::string &name) { return add_state(name + ".dashpot", 0.0); }
+
+  Arm add_arm(const std::string &name, const Maxwell &maxwell, int dashpot, Wire deflection) {
+    const Extended k = maxwell.stiffness;
+    const Extended time = maxwell.time;
+    Arm arm{};
+    arm.own = add_sum({wire(deflection), state(dashpot, -1)});
+    arm.force = add_sum({wire(arm.own, k)});
+    arm.rate = add_sum({wire(arm.own, 1 / time)});
+    derivatives[static_cast<std::size_t>(dashpot)] = {wire(arm.rate)};
+    storages.push_back({name, arm.force, arm.own});
+    dampers.push_back({name, arm.force, arm.rate});
+    return arm;
   }
 
   void add(const Spring &spring) {
@@ -85,51 +177,31 @@ class Assembly : public Wiring {
     const int segments = add_segments(spring.name, deflection, curve, false);
     const Wire spring_force = add_curve(segments, deflection, curve);
     const Wire damper_force = add_sum({wire(rate, spring.damping)});
-    const Wire force = add_sum({wire(spring_force), wire(damper_force)});
+    Terms elastic = {wire(spring_force)};
+    Terms elastic_rate;
+    if (spring.maxwell) {
+      const Arm arm = add_arm(spring.name, *spring.maxwell, add_dashpot(spring.name), deflection);
+      elastic.push_back(wire(arm.force));
+      elastic_rate = {wire(rate, spring.maxwell->stiffness),
+                      wire(arm.rate, -Extended(spring.maxwell->stiffness))};
+    }
+    Terms total = elastic;
+    total.push_back(wire(damper_force));
+    const Wire force = add_sum(std::move(total));
     std::vector<Terms> rates;
-    for (const Curve::Segment &segment : curve.segments)
+    for (const Curve::Segment &segment : curve.segments) {
       rates.push_back({wire(rate, segment.slope)});
+      rates.back().insert(rates.back().end(), elastic_rate.begin(), elastic_rate.end());
+    }
     push(spring.ends, force);
     if (segments != kAlways) {
-      // The energy in a segment is E = 1/2 (f + f_b) (d - d_b) + E_b. Index b is the end of the
-      // segment that is nearer to the origin.
-      std::vector<Terms> first(curve.segments.size());
-      std::vector<Terms> second = first;
-      std::vector<Terms> base = first;
-      const auto fill = [&](std::size_t k, Extended at, Extended energy) {
-        const Extended there = curve.segments[k].slope * at + curve.segments[k].offset;
-        first[k] = {wire(spring_force), constant(there)};
-        second[k] = {wire(deflection), constant(-at)};
-        base[k] = {constant(energy)};
-      };
-      const auto energy_between = [&](std::size_t k, Extended a, Extended b) {
-        const Curve::Segment &line = curve.segments[k];
-        return (line.slope * (a + b) / 2 + line.offset) * (b - a);
-      };
-      const auto home = static_cast<std::size_t>(curve.home);
-      fill(home, 0, 0);
-      Extended at = 0;
-      Extended energy = 0;
-      for (std::size_t k = home; k < curve.breaks.size(); ++k) {
-        energy += energy_between(k, at, curve.breaks[k]);
-        at = curve.breaks[k];
-        fill(k + 1, at, energy);
-      }
-      at = energy = 0;
-      for (std::size_t k = home; k-- > 0;) {
-        energy += energy_between(k + 1, at, curve.breaks[k]);
-        at = curve.breaks[k];
-        fill(k, at, energy);
-      }
-      storages.push_back({spring.name, add_select(segments, std::move(first)),
-                          add_select(segments, std::move(second)),
-                          add_select(segments, std::move(base))});
+      storages.push_back(stored(spring.name, segments, curve, {spring_force, deflection, 0}));
     } else if (spring.stiffness.slopes.front() > 0.0) {
       storages.push_back({spring.name, spring_force, deflection});
     }
     if (spring.damping > 0.0) dampers.push_back({spring.name, damper_force, rate});
-    name_link(spring.name,
-              {force, spring_force, add_select(segments, std::move(rates)), deflection});
+    name_link(spring.name, {force, spring.maxwell ? add_sum(std::move(elastic)) : spring_force,
+                            add_select(segments, std::move(rates)), deflection});
   }
 
   void add(const Damper &damper) {
@@ -143,7 +215,36 @@ class Assembly : public Wiring {
     name_link(damper.name, {force, none, none, deflection});
   }
 
+  // A contact of a standard linear solid. With w, the extension of the dashpot, the force while it
+  // is pressed is (k + m) d - m w. While it is apart, its surface is where this would be 0.
+  LinkWires add_solid(const Contact &contact, Wire deflection, Wire rate) {
+    const Extended k = contact.stiffness.slopes.front();
+    const Extended m = contact.maxwell->stiffness;
+    const int dashpot = add_dashpot(contact.name);
+    const Wire meeting = add_sum({wire(deflection, k + m), state(dashpot, -m)});
+    const int index = add_switch(contact.name, {"apart", "pressed"}, false, kApart);
+    bounds.back()[kApart] = {{meeting, -kInfinity, 0.0, kApart, kPressed}};
+    bounds.back()[kPressed] = {{meeting, 0.0, kInfinity, kApart, kPressed}};
+    const Wire surface = add_select(index, {{state(dashpot, m / (k + m))}, {wire(deflection)}});
+    const Arm arm = add_arm(contact.name, *contact.maxwell, dashpot, surface);
+    const Wire spring = add_sum({wire(surface, k)});
+    storages.push_back({contact.name, spring, surface});
+    LinkWires link{};
+    link.deflection = deflection;
+    link.force = add_select(index, {{}, {wire(meeting)}});
+    link.spring_force = link.force;
+    link.spring_force_rate = add_select(index, {{}, {wire(rate, k + m), wire(arm.rate, -m)}});
+    return link;
+  }
+
   void add(const Contact &contact) {
+    if (contact.maxwell) {
+      const LinkWires link =
+          add_solid(contact, deflection_of(contact.ends, contact.gap), rate_of(contact.ends));
+      push(contact.ends, link.force);
+      name_link(contact.name, link);
+      return;
+    }
     const LinkWires link = add_contact(contact.name, deflection_of(contact.ends, contact.gap),
                                        rate_of(contact.ends), contact.stiffness, contact.damping);
     push(contact.ends, link.force);
@@ -163,8 +264,8 @@ class Assembly : public Wiring {
       const Wire overlap =
           add_sum({wire(deflection, sign), constant(-sign * static_cast<Extended>(bound))});
       const Wire overlap_rate = add_sum({wire(rate, sign)});
-      const LinkWires flank =
-          add_contact(stop.name + side, overlap, overlap_rate, stop.stiffness, stop.damping);
+      const LinkWires flank = add_contact(stop.name + side, overlap, overlap_rate,
+                                          {{stop.stiffness}, {}}, stop.damping);
       force.push_back(wire(flank.force, sign));
       spring_force.push_back(wire(flank.spring_force, sign));
       spring_force_rate.push_back(wire(flank.spring_force_rate, sign));
@@ -192,6 +293,49 @@ class Assembly : public Wiring {
     push({kGround, gravity.body}, force);
     supplies.push_back({gravity.name, force, add_sum({state(body.velocity)})});
     name_signal(gravity.name + ".force", force);
+  }
+
+  void add(const Cogging &cogging) {
+    const Wire deflection = deflection_of(cogging.ends);
+    const Wire rate = rate_of(cogging.ends);
+    Curve curve = Curve::interpolated(cogging.places, cogging.forces);
+    const double start = start_of(cogging.ends.a) - start_of(cogging.ends.b);
+    curve.home = static_cast<int>(
+        std::upper_bound(curve.breaks.begin(), curve.breaks.end(), start) - curve.breaks.begin());
+    const int segments = add_segments(cogging.name, deflection, curve, false);
+    const Wire force = add_curve(segments, deflection, curve);
+    std::vector<Terms> rates;
+    for (const Curve::Segment &segment : curve.segments)
+      rates.push_back({wire(rate, segment.slope)});
+    push(cogging.ends, force);
+    storages.push_back(stored(cogging.name, segments, curve, {force, deflection, start}));
+    name_link(cogging.name, {force, force, add_select(segments, std::move(rates)), deflection});
+  }
+
+  double start_of(int body) const {
+    if (body == kGround) return 0.0;
+    return initial[static_cast<std::size_t>(bodies[static_cast<std::size_t>(body)].position)];
+  }
+
+  // The time is a state that counts ticks, so that it is exact at the ticks.
+  void add(const External &external) {
+    constexpr double kTicksPerS = 1500.0;
+    if (clock < 0) {
+      clock = add_state("clock", 0.0);
+      derivatives[static_cast<std::size_t>(clock)] = {constant(kTicksPerS)};
+    }
+    const Wire now = add_sum({state(clock)});
+    std::vector<double> ticks;
+    for (const double time : external.times) ticks.push_back(time * kTicksPerS);
+    Curve curve = Curve::interpolated(ticks, external.forces);
+    curve.segments.front().offset = 0;
+    curve.segments.back().offset = 0;
+    const int segments = add_segments(external.name, now, curve, false);
+    const Wire force = add_curve(segments, now, curve);
+    const BodyState &body = bodies[static_cast<std::size_t>(external.body)];
+    push({kGround, external.body}, force);
+    supplies.push_back({external.name, force, add_sum({state(body.velocity)})});
+    name_signal(external.name + ".force", force);
   }
 
   void add(const Friction &friction) {
@@ -253,7 +397,7 @@ class Assembly : public Wiring {
       if (adc.sensor_limit)
         signal = add_clamp("adc" + std::to_string(channel) + ".sensor", signal, *adc.sensor_limit,
                            false);
-      const int filtered = add_state("adc" + std::to_string(channel) + ".filter", 0.0);
+      const int filtered = add_state("adc" + std::to_string(channel) + ".filtered", 0.0);
       const Extended a = *adc.filter;
       derivatives[static_cast<std::size_t>(filtered)] = {wire(signal, a), state(filtered, -a)};
       signal = add_sum({state(filtered)});
@@ -309,6 +453,91 @@ class Assembly : public Wiring {
     name_signal("drive.voltage", add_select(kEnable, {{wire(back_emf)}, {wire(output)}}));
   }
 
+  // Returns the target of a drive's current within its limits, and adds the current and its force.
+  Wire add_drive_motor(const DriveMotor &motor, Wire wanted, Wire speed, Wire *force) {
+    const int current = add_state("drive.current", 0.0);
+    drive_states.push_back(current);
+    const Extended rate = motor.rate;
+    Wire target = wanted;
+    if (motor.peak_current) target = add_clamp("drive.peak", wanted, *motor.peak_current, true);
+    if (motor.rated_current) target = add_rated(motor, current, wanted, target);
+    const Wire slope = add_sum({wire(target, rate), state(current, -rate)});
+    derivatives[static_cast<std::size_t>(current)] = {
+        wire(add_select(kEnable, {{}, {wire(slope)}}))};
+    *force = add_sum({state(current, motor.force_per_amp)});
+    supplies.push_back({"drive", *force, speed});
+    name_signal("drive.current", add_sum({state(current)}));
+    name_signal("drive.target_current", add_select(kEnable, {{}, {wire(target)}}));
+    return target;
+  }
+
+  // Returns the target of the current, which is limited further while the mean current is too
+  // large.
+  Wire add_rated(const DriveMotor &motor, int current, Wire wanted, Wire at_peak) {
+    const double rated = *motor.rated_current;
+    const double rest = 0.5 * rated;
+    const double time =
+        motor.peak_time / std::log((*motor.peak_current - rest) / (*motor.peak_current - rated));
+    const int mean = add_state("drive.mean_current", rest);
+    const Wire flowing = add_sum({state(current)});
+    const Curve size = Curve::dead_size(rest);
+    const Wire load = add_curve(add_segments("drive.load", flowing, size, false), flowing, size);
+    const Extended rate = 1 / static_cast<Extended>(time);
+    derivatives[static_cast<std::size_t>(mean)] = {wire(load, rate), state(mean, -rate)};
+    const Wire heat = add_sum({state(mean)});
+    const Wire at_rated = add_clamp("drive.rated", wanted, rated, true);
+    const int limit = add_switch("drive.foldback", {"peak", "rated"}, false, 0);
+    bounds.back()[0] = {{heat, -kInfinity, rated, 0, 1}};
+    bounds.back()[1] = {{heat, 0.75 * rated, kInfinity, 0, 1}};
+    name_signal("drive.mean_current", heat);
+    return add_select(limit, {{wire(at_peak)}, {wire(at_rated)}});
+  }
+
+  void add_torque(const TorqueDrive &torque, Wire speed, Wire *force) {
+    const Extended damping = torque.damping;
+    const Wire wanted = add_sum(
+        {command(torque.current_per_volt), wire(speed, -damping / torque.motor.force_per_amp)});
+    add_drive_motor(torque.motor, wanted, speed, force);
+  }
+
+  void add_velocity(const VelocityDrive &drive, Wire speed, Wire *force) {
+    const Extended gain = static_cast<Extended>(drive.k_velocity) / drive.motor.force_per_amp;
+    Terms sum = {command(gain * drive.velocity_per_volt), wire(speed, -gain)};
+    int integral = -1;
+    if (drive.integral_time) {
+      integral = add_state("drive.integral", 0.0);
+      drive_states.push_back(integral);
+      sum.push_back(state(integral));
+    }
+    const Wire target = add_drive_motor(drive.motor, add_sum(std::move(sum)), speed, force);
+    if (!drive.integral_time) return;
+    const Extended rate = 1 / static_cast<Extended>(*drive.integral_time);
+    const Wire slope = add_sum({wire(target, rate), state(integral, -rate)});
+    derivatives[static_cast<std::size_t>(integral)] = {
+        wire(add_select(kEnable, {{}, {wire(slope)}}))};
+    name_signal("drive.integral", add_sum({state(integral)}));
+  }
+
+  // The load angle is a state, so that a reset of it at disabling needs no other states.
+  void add_stepper(const StepperDrive &stepper, Wire speed, Wire *force) {
+    const int angle = add_state("drive.load_angle", 0.0);
+    drive_states.push_back(angle);
+    const Wire field = add_sum({command(stepper.velocity_per_volt)});
+    const Wire slip = add_sum({wire(field), wire(speed, -1)});
+    derivatives[static_cast<std::size_t>(angle)] = {wire(add_select(kEnable, {{}, {wire(slip)}}))};
+    const Wire lead = add_sum({state(angle)});
+    const Curve curve = Curve::sine(stepper.holding_force, 4.0 * stepper.full_step,
+                                    stepper.segments, StepperDrive::kPeriods);
+    const int segments = add_segments("drive.load_angle", lead, curve, true);
+    const Wire pull = add_curve(segments, lead, curve);
+    const Wire drag = add_select(kEnable, {{}, {wire(slip, stepper.damping)}});
+    *force = add_sum({wire(add_select(kEnable, {{}, {wire(pull)}})), wire(drag)});
+    supplies.push_back({"drive", *force, field});
+    storages.push_back(stored("drive", segments, curve, {pull, lead, 0}));
+    if (stepper.damping > 0.0) dampers.push_back({"drive", drag, slip});
+    name_signal("drive.load_angle", lead);
+  }
+
   void add(const Drive &drive) {
     const Wire speed = rate_of({drive.body, drive.reaction});
     const auto limited = [this](Wire force, std::optional<double> limit) {
@@ -328,6 +557,12 @@ class Assembly : public Wiring {
           wire(add_select(kEnable, {{}, {wire(slope)}}))};
       force = limited(add_sum({state(actuator)}), simple->force_limit);
       supplies.push_back({"drive", force, speed});
+    } else if (const auto *torque = std::get_if<TorqueDrive>(&drive.type)) {
+      add_torque(*torque, speed, &force);
+    } else if (const auto *velocity = std::get_if<VelocityDrive>(&drive.type)) {
+      add_velocity(*velocity, speed, &force);
+    } else if (const auto *stepper = std::get_if<StepperDrive>(&drive.type)) {
+      add_stepper(*stepper, speed, &force);
     } else {
       const auto &perfect = std::get<PerfectDrive>(drive.type);
       const Wire wanted = add_sum({command(perfect.force_per_volt)});

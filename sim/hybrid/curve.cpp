@@ -1,7 +1,9 @@
 #include "sim/hybrid/curve.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
+#include <numbers>
 #include <utility>
 
 namespace forceaxis::sim {
@@ -17,6 +19,14 @@ Curve Curve::clamp(double limit) {
                     {"linear", 1, 0},
                     {"high limit", 0, static_cast<Extended>(limit)}};
   curve.breaks = {-limit, limit};
+  curve.home = 1;
+  return curve;
+}
+
+Curve Curve::dead_size(double least) {
+  Curve curve;
+  curve.segments = {{"negative", -1, 0}, {"small", 0, least}, {"positive", 1, 0}};
+  curve.breaks = {-least, least};
   curve.home = 1;
   return curve;
 }
@@ -80,6 +90,20 @@ Curve Curve::interpolated(const std::vector<double> &x, const std::vector<double
     curve.segments.push_back({"segment " + std::to_string(k), slope, offset});
   }
   curve.segments.push_back({"segment " + std::to_string(x.size()), 0, y.back()});
+  return curve;
+}
+
+Curve Curve::sine(double amplitude, double period, int segments, int periods) {
+  std::vector<double> x;
+  std::vector<double> y;
+  for (int k = -segments * periods; k <= segments * periods; ++k) {
+    if (k == 0) continue;  // one straight segment goes through the origin
+    x.push_back(period * k / segments);
+    y.push_back(amplitude * std::sin(2.0 * std::numbers::pi * (k % segments) / segments));
+  }
+  Curve curve = interpolated(x, y);
+  curve.home = segments * periods;
+  curve.segments[static_cast<std::size_t>(curve.home)].offset = 0;
   return curve;
 }
 

@@ -3,13 +3,10 @@
 #include <string>
 #include <vector>
 
+#include "sim/matrix/extended.hpp"
 #include "sim/model/model.hpp"
 
 namespace forceaxis::sim {
-
-/// Number type for the coefficients of a mode, which are computed in extended precision and then
-/// rounded to double.
-using Extended = long double;
 
 /// A piecewise-linear function. Segment k lies between breaks[k-1] and breaks[k] and has the value
 /// slope * input + offset. Input and output are in SI units.
@@ -26,6 +23,8 @@ struct Curve {
 
   /// Saturation curve: the output is the input, limited to the range -limit to limit.
   static Curve clamp(double limit);
+  /// The magnitude of the input, and at least `least`.
+  static Curve dead_size(double least);
   /// Odd curve through the origin with the slope `inner` up to the input `corner`, and the slope
   /// `outer` above `corner`. The output is limited to the range -limit to limit. An infinite
   /// `corner` or `limit` has no effect.
@@ -36,6 +35,9 @@ struct Curve {
   /// Curve by linear interpolation between the points (x[k], y[k]). The curve is constant before
   /// the first point and after the last point.
   static Curve interpolated(const std::vector<double> &x, const std::vector<double> &y);
+  /// Curve that meets a sine through the origin at the ends of its segments, `segments` in a period
+  /// of the input. It has `periods` periods on each side and is 0 beyond them.
+  static Curve sine(double amplitude, double period, int segments, int periods);
 };
 
 }  // namespace forceaxis::sim

@@ -11,7 +11,7 @@ using kernel::magnitude;
 
 // Number of ticks in which the second test runs before the quiet test. This number affects only the
 // computing time.
-constexpr int kCalmTicks = 15;
+constexpr int kCalmTicks = 31;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 }  // namespace
@@ -29,6 +29,12 @@ void Detector::enter(const Mode &mode) {
   grow(grid_dip_, mode.grid_dip_stride);
   grow(parts_in_doubt_, mode.channels);
   grow(polynomial_, mode.series_stride);
+  if (mode.pieces) {
+    grow(result_, mode.pieces->flow_stride);
+    grow(curve_, mode.pieces->bound_stride);
+    grow(piece_head_, mode.pieces->head_stride);
+    grow(piece_sizes_, mode.states + mode.pieces->fast + mode.columns);
+  }
 }
 
 bool Detector::still_calm(const double *z) {
@@ -40,7 +46,10 @@ bool Detector::still_calm(const double *z) {
 }
 
 bool Detector::calm(const double *z) {
-  if (!passes_second_test(z)) return false;
+  if (!passes_second_test(z)) {
+    expected_calm_ = nullptr;
+    return false;
+  }
   calm_mode_ = mode_;
   calm_left_ = kCalmTicks;
   return true;
@@ -49,31 +58,8 @@ bool Detector::calm(const double *z) {
 // Runs the second test that Mode describes, with the signals in result_, which the quiet test has
 // computed.
 bool Detector::passes_second_test(const double *z) {
-  const Mode &m = *mode_;
-  const double *signal = result_.data() + m.signal_place;
-  const double *at = signal;
-  for (std::size_t k = 0; k <= m.samples; ++k, at += m.channel_stride)
-    for (std::size_t i = 0; i < m.channels; ++i)
-      if (!(at[i] >= m.low[i] && at[i] <= m.high[i])) return false;
-  double largest = 0.0;
-  for (std::size_t j = 0; j < m.columns; ++j)
-    if (const double size = magnitude(z[j]); !(size <= largest)) largest = size;
-  multiply_(m.calm_head.data(), m.calm_stride, z, m.columns, calm_.data());
-  for (std::size_t j = 0; j < m.states; ++j) calm_[j] = magnitude(calm_[j]);
-  multiply_(m.calm_tail.data(), m.curve_stride, calm_.data(), m.states, curve_.data());
-  const double *bend = calm_.data() + kernel::padded(m.states);
-  bool calm = true;
-  for (std::size_t k = 0; k < m.samples; ++k) {
-    const std::size_t row = k * m.channel_stride;
-    const double *a = signal + row;
-    const double *b = a + m.channel_stride;
-    for (std::size_t i = 0; i < m.channels; ++i) {
-      double &dip = curve_[row + i];
-      dip += magnitude(bend[row + i]) + m.calm_doubt[row + i] * largest;
-      calm &= kernel::inside(a[i], b[i], dip, m.low[i], m.high[i]);
-    }
-  }
-  return calm;
+  return calm_test_(mode_->calm, z, result_.data() + mode_->signal_place, calm_.data(),
+                    curve_.data());
 }
 
 bool Detector::beyond_after(double change) const {
@@ -176,6 +162,57 @@ std::uint64_t Detector::doubtful_parts(const double *z, std::size_t wanted) {
   for (std::size_t i = 0; i < mode_->channels; ++i)
     doubtful |= parts_in_doubt_[i] = parts_in_doubt(z, i, wanted);
   return doubtful;
+}
+
+void Detector::start_piece(const double *z) {
+  const Pieces &pieces = *mode_->pieces;
+  multiply_(pieces.head.data(), pieces.head_stride, z, mode_->columns, piece_head_.data());
+  double *size = piece_sizes_.data();
+  for (std::size_t j = 0; j < mode_->states; ++j) *size++ = magnitude(piece_head_[j]);
+  const double *fast = &piece_head_[pieces.fast_place];
+  for (std::size_t i = 0; i < pieces.fast; ++i)
+    *size++ = magnitude(fast[i]) + magnitude(fast[pieces.fast + i]);
+  for (std::size_t j = 0; j < mode_->columns; ++j) *size++ = magnitude(z[j]);
+}
+
+// Returns the rounding error of the signal of a channel, in the same norm as examine_side().
+double Detector::piece_rounding(const double *z, std::size_t channel, double bound) const {
+  const Mode &m = *mode_;
+  const double *doubt = &m.doubt[channel * (m.order + 1) * m.columns];
+  double scale = magnitude(bound);
+  for (std::size_t j = 0; j < m.columns; ++j) scale += doubt[j] * magnitude(z[j]);
+  return rounding_ * scale;
+}
+
+const double *Detector::end_of_piece(const double *z, std::size_t halvings) {
+  const Pieces &pieces = *mode_->pieces;
+  multiply_(pieces.flow[halvings].data(), pieces.flow_stride, z, mode_->columns, result_.data());
+  return result_.data();
+}
+
+bool Detector::passes_piece(const double *z, std::size_t halvings) {
+  const Mode &m = *mode_;
+  const Pieces &pieces = *m.pieces;
+  end_of_piece(z, halvings);
+  multiply_(pieces.bound[halvings].data(), pieces.bound_stride, piece_sizes_.data(),
+            m.states + pieces.fast + m.columns, curve_.data());
+  const double length = Pieces::length(halvings);
+  bool passes = true;
+  for (std::size_t i = 0; i < m.channels; ++i) {
+    const double a = piece_head_[pieces.start_place + i];
+    const double b = result_[pieces.signal_place + i];
+    const double bend = magnitude(piece_head_[pieces.bend_place + i]);
+    const double dip = curve_[i] + 0.125 * length * length * bend;
+    parts_in_doubt_[i] = 0;
+    if (kernel::inside(a, b, dip, m.low[i], m.high[i])) continue;
+    const Channel &channel = m.channel[i];
+    if (kernel::inside(a, b, dip, channel.low - piece_rounding(z, i, channel.low),
+                       channel.high + piece_rounding(z, i, channel.high)))
+      continue;
+    parts_in_doubt_[i] = 1;
+    passes = false;
+  }
+  return passes;
 }
 
 bool Detector::first_change(const double *z, std::size_t part, double end, Change *found) {

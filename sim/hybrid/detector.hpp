@@ -37,7 +37,10 @@ class Detector {
   /// The quiet test. Returns true if certainly no switch changes during the tick that starts at z.
   /// result() then has the state at the end of the tick.
   bool quiet(const double *z) {
-    if (mode_->samples == 0) return false;
+    if (mode_->pieces) {
+      start_piece(z);
+      return passes_piece(z, 0);
+    }
     // If only the second test passed in a tick, the second test runs first in the next kCalmTicks
     // ticks of the same mode.
     if (mode_ == calm_mode_ && calm_left_ > 0 && still_calm(z)) return true;
@@ -59,9 +62,23 @@ class Detector {
   /// The second test. Returns true if certainly no switch changes during the tick. To be called
   /// after quiet() has returned false.
   bool calm(const double *z);
+  /// Prepares the test of pieces that start at z, for a mode with pieces.
+  void start_piece(const double *z);
+  /// The test of a piece of 2^-halvings ticks that starts at z, which is described at Pieces.
+  /// Returns true if certainly no switch changes during the piece. result() then has the state at
+  /// its end.
+  bool passes_piece(const double *z, std::size_t halvings);
+  /// Returns the state and the ADC signals 2^-halvings ticks after z, without a test.
+  const double *end_of_piece(const double *z, std::size_t halvings);
+  /// expect_calm() says that no switch has changed in a tick although quiet() has failed.
+  /// expects_calm() returns true if this was so in the last such tick of the same mode; calm() then
+  /// takes less time than doubtful_parts(). The order of both tests does not affect any result.
+  void expect_calm() { expected_calm_ = mode_; }
+  bool expects_calm() const { return mode_ == expected_calm_; }
   /// Finds the first change of a switch within the next `end` ticks, which lie in the part `part`
   /// of the grid. Only channels that can reach a bound in this part, by doubtful_parts(), are
-  /// searched. Returns false if no switch changes.
+  /// searched. In a mode with pieces, the part 0 is the piece of the last call of passes_piece().
+  /// Returns false if no switch changes.
   bool first_change(const double *z, std::size_t part, double end, Change *found);
 
  private:
@@ -69,16 +86,19 @@ class Detector {
 
   bool still_calm(const double *z);
   bool passes_second_test(const double *z);
+  double piece_rounding(const double *z, std::size_t channel, double bound) const;
   std::uint64_t parts_in_doubt(const double *z, std::size_t channel, std::size_t wanted);
   Verdict examine(const double *z, std::size_t channel, double end, double *root, bool *above);
   Verdict examine_side(std::size_t channel, double bound, double end, double *root);
 
   kernel::Multiply multiply_ = kernel::best_multiply();
   kernel::Quiet quiet_ = kernel::best_quiet();
+  kernel::Calm calm_test_ = kernel::best_calm();
   kernel::Grid grid_ = kernel::best_grid();
   const Mode *mode_ = nullptr;
   const Mode *calm_mode_ = nullptr;  // last mode in which quiet() failed and calm() passed
   int calm_left_ = 0;
+  const Mode *expected_calm_ = nullptr;
   // Assumed relative rounding error of the Taylor coefficients.
   double rounding_ = kChannelRounding;
   kernel::Vector result_;
@@ -87,6 +107,8 @@ class Detector {
   kernel::Vector grid_signal_;
   kernel::Vector grid_dip_;
   kernel::Vector polynomial_;
+  kernel::Vector piece_head_;
+  kernel::Vector piece_sizes_;  // (|B^2 z|, |w z|, |z|)
   std::vector<double> absolute_;
   // One word for each channel, with one bit for each part of the grid. A bit is set if the signal
   // of the channel can reach a bound in this part.

@@ -12,19 +12,19 @@ struct Reciprocals {
 };
 constexpr Reciprocals kReciprocal;
 
-double stored_in(std::size_t storage, const Mode &mode, const ModeAudit &audit, const double *z) {
+double stored_in(std::size_t storage, const Mode &mode, const double *z) {
   const std::size_t c = mode.columns;
-  return 0.5 * kernel::dot(&audit.store_first[storage * c], z, c) *
-             kernel::dot(&audit.store_second[storage * c], z, c) +
-         audit.store_constant[storage];
+  return 0.5 * kernel::dot(&mode.energy.store_first[storage * c], z, c) *
+             kernel::dot(&mode.energy.store_second[storage * c], z, c) +
+         mode.energy.store_constant[storage];
 }
 
 }  // namespace
 
-std::vector<double> stored_energies(const Mode &mode, const ModeAudit &audit, const double *z) {
+std::vector<double> stored_energies(const Mode &mode, const double *z) {
   std::vector<double> energies;
-  for (std::size_t i = 0; i < audit.store_constant.size(); ++i)
-    energies.push_back(stored_in(i, mode, audit, z));
+  for (std::size_t i = 0; i < mode.energy.store_constant.size(); ++i)
+    energies.push_back(stored_in(i, mode, z));
   return energies;
 }
 
@@ -38,21 +38,14 @@ void EnergyAccount::Sum::add(double term) {
   value = next;
 }
 
-void EnergyAccount::enter(const Mode &mode, const ModeAudit &audit) {
-  mode_ = &mode;
-  audit_ = &audit;
-  if (forms_.size() < audit.form_stride * mode.columns)
-    forms_.resize(audit.form_stride * mode.columns);
-  if (integrals_.size() < audit.form_stride) integrals_.resize(audit.form_stride);
-}
-
-void EnergyAccount::add_tick(const double *z) {
-  const std::size_t stride = audit_->form_stride;
+void EnergyAccount::add_whole(const EnergyForms &forms, const double *z, std::size_t halvings) {
   const std::size_t c = mode_->columns;
+  if (products_.size() < forms.stride * c) products_.resize(forms.stride * c);
+  if (integrals_.size() < forms.stride) integrals_.resize(forms.stride);
   // The product of all quadratic forms with z is a matrix stored by columns. The product of this
   // matrix with z gives the integrals.
-  multiply_(audit_->forms.data(), stride * c, z, c, forms_.data());
-  multiply_(forms_.data(), stride, z, c, integrals_.data());
+  multiply_(forms.over[halvings].data(), forms.stride * c, z, c, products_.data());
+  multiply_(products_.data(), forms.stride, z, c, integrals_.data());
   const double *value = integrals_.data();
   for (Sum &sum : supplied_) sum.add(*value++);
   for (Sum &sum : dissipated_) sum.add(*value++);
@@ -69,8 +62,8 @@ void EnergyAccount::add_part(const double *z, const double *chain, double s, dou
     double power = 1.0;
     for (std::size_t k = 0; k <= m.order; ++k, power *= s) {
       const double *x = chain + k * m.flow_stride;
-      a[k] = kernel::dot(&audit_->first[product * c], k == 0 ? z : x, k == 0 ? c : m.states);
-      b[k] = kernel::dot(&audit_->second[product * c], k == 0 ? z : x, k == 0 ? c : m.states);
+      a[k] = kernel::dot(&m.energy.first[product * c], k == 0 ? z : x, k == 0 ? c : m.states);
+      b[k] = kernel::dot(&m.energy.second[product * c], k == 0 ? z : x, k == 0 ? c : m.states);
       a[k] *= power;
       b[k] *= power;
     }
@@ -91,8 +84,8 @@ void EnergyAccount::add_part(const double *z, const double *chain, double s, dou
 
 double EnergyAccount::stored(const double *z) const {
   double sum = 0.0;
-  for (std::size_t i = 0; i < audit_->store_constant.size(); ++i)
-    sum += stored_in(i, *mode_, *audit_, z);
+  for (std::size_t i = 0; i < mode_->energy.store_constant.size(); ++i)
+    sum += stored_in(i, *mode_, z);
   return sum;
 }
 

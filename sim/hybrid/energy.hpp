@@ -14,12 +14,13 @@ struct EnergyIntegrals {
   std::vector<double> supplied;
   /// Energy that each damper has dissipated, in the order of Network::dampers().
   std::vector<double> dissipated;
-  double discarded = 0.0;  ///< spring energy of contacts that was lost when the contacts opened
-  double impulse = 0.0;    ///< work of all impulses on bodies
+  /// Spring energy that was lost: of contacts that opened, and of a stepper that was disabled.
+  double discarded = 0.0;
+  double impulse = 0.0;  ///< work of all impulses on bodies
 };
 
 /// Returns the spring energy in J of each element of Network::storages().
-std::vector<double> stored_energies(const Mode &mode, const ModeAudit &audit, const double *z);
+std::vector<double> stored_energies(const Mode &mode, const double *z);
 
 /// Integrates the energies with compensated sums. The motion of the plant does not depend on these
 /// energies. Copies of an account are independent.
@@ -27,19 +28,19 @@ class EnergyAccount {
  public:
   explicit EnergyAccount(const Network &network);
 
-  /// Selects the mode of all further calls. `mode` and `audit` must exist until the next call of
-  /// enter().
-  void enter(const Mode &mode, const ModeAudit &audit);
-  /// Adds the energies of one complete tick that starts at the state z.
-  void add_tick(const double *z);
+  /// Selects the mode of all further calls. `mode` must exist until the next call of enter().
+  void enter(const Mode &mode) { mode_ = &mode; }
+  /// Adds the energies of a period of 2^-halvings ticks that starts at the state z. `forms` are
+  /// those of the mode.
+  void add_whole(const EnergyForms &forms, const double *z, std::size_t halvings);
   /// Adds the energies of a period of `s` ticks that starts at the state z. `rate_hz` is the number
   /// of ticks in a second. `chain` has the Taylor coefficients of the state: order + 1 blocks of
   /// Mode::flow_stride values.
   void add_part(const double *z, const double *chain, double s, double rate_hz);
   /// Returns the spring energy at the state z, in J.
   double stored(const double *z) const;
-  /// discard() adds the spring energy that a contact loses when it opens. add_impulse() adds the
-  /// work of an impulse. The unit is J.
+  /// discard() adds the spring energy that is lost at once, as when a contact opens. add_impulse()
+  /// adds the work of an impulse. The unit is J.
   void discard(double energy) { discarded_.add(energy); }
   void add_impulse(double work) { impulse_.add(work); }
   /// Sets the sum of the discarded energy to 0.
@@ -57,8 +58,7 @@ class EnergyAccount {
 
   kernel::Multiply multiply_ = kernel::best_multiply();
   const Mode *mode_ = nullptr;
-  const ModeAudit *audit_ = nullptr;
-  kernel::Vector forms_;
+  kernel::Vector products_;
   kernel::Vector integrals_;  // energies of all supplies, followed by the energies of all dampers
   std::vector<Sum> supplied_;
   std::vector<Sum> dissipated_;

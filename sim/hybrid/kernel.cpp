@@ -13,6 +13,11 @@ bool quiet_base(const QuietTest &test, const double *z, double *result, double *
   return quiet<Pair>(test, z, result, dip);
 }
 
+bool calm_base(const CalmTest &test, const double *z, const double *signal, double *head,
+               double *dip) {
+  return calm<Pair>(test, z, signal, head, dip);
+}
+
 std::uint64_t grid_base(const GridTest &test, const double *z, double *signal, double *dip) {
   return grid<Pair>(test, z, signal, dip);
 }
@@ -29,6 +34,13 @@ Quiet best_quiet() {
   if (__builtin_cpu_supports("avx2") != 0) return quiet_wide;
 #endif
   return quiet_base;
+}
+
+Calm best_calm() {
+#if defined(__x86_64__)
+  if (__builtin_cpu_supports("avx2") != 0) return calm_wide;
+#endif
+  return calm_base;
 }
 
 Grid best_grid() {

@@ -69,6 +69,35 @@ Quiet best_quiet();
 bool quiet_base(const QuietTest &test, const double *z, double *result, double *dip);
 bool quiet_wide(const QuietTest &test, const double *z, double *result, double *dip);
 
+/// Data of the second test of one tick, which is described at Mode. All strides are multiples of 4.
+struct CalmTest {
+  const double *head = nullptr;
+  std::size_t head_stride = 0;
+  const double *tail = nullptr;
+  std::size_t tail_stride = 0;
+  const double *doubt = nullptr;
+  const double *low = nullptr;
+  const double *high = nullptr;
+  /// First row of the first term in `head`.
+  std::size_t first = 0;
+  std::size_t stride = 0;
+  std::size_t samples = 0;
+  std::size_t columns = 0;
+  std::size_t states = 0;
+};
+
+/// Computes the bounds of the second test from z. `signal` has the signals at the ends of the
+/// parts, which quiet() has computed. Returns true if every signal stays within its bounds in all
+/// parts of the tick, by inside().
+using Calm = bool (*)(const CalmTest &test, const double *z, const double *signal, double *head,
+                      double *dip);
+
+Calm best_calm();
+bool calm_base(const CalmTest &test, const double *z, const double *signal, double *head,
+               double *dip);
+bool calm_wide(const CalmTest &test, const double *z, const double *signal, double *head,
+               double *dip);
+
 /// Data of the quiet test for one signal on a grid of `parts` parts. This number is a multiple of 4
 /// and at most 64. The test computes the signal at the ends of the parts, signal = M z, with
 /// columns of padded(parts + 1) rows. The test also computes dip = D |z| for each part. The result

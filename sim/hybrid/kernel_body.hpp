@@ -103,6 +103,49 @@ inline bool quiet(const forceaxis::sim::kernel::QuietTest &test, const double *z
   return all;
 }
 
+// Returns the largest |v|. Two maxima are formed, because each comparison waits for the one before.
+inline double largest_size(const double *v, std::size_t count) {
+  double even = 0.0;
+  double odd = 0.0;
+  std::size_t j = 0;
+  for (; j + 1 < count; j += 2) {
+    const double a = __builtin_fabs(v[j]);
+    const double b = __builtin_fabs(v[j + 1]);
+    even = a <= even ? even : a;
+    odd = b <= odd ? odd : b;
+  }
+  if (j < count && !(__builtin_fabs(v[j]) <= even)) even = __builtin_fabs(v[j]);
+  return even <= odd ? odd : even;
+}
+
+template <class Lanes>
+inline bool calm(const forceaxis::sim::kernel::CalmTest &test, const double *z,
+                 const double *signal, double *head, double *dip) {
+  typedef typename Lanes::Memory Memory;
+  typedef typename Lanes::Value Value;
+  blocks<Lanes, false>(test.head, test.head_stride, z, test.columns, head);
+  blocks<Lanes, true>(test.tail, test.tail_stride, head, test.states, dip);
+  const auto at = [](const double *p) -> Value { return *reinterpret_cast<const Memory *>(p); };
+  const Value largest = Value{} + largest_size(z, test.columns);
+  const double *bend = head + test.first;
+  auto good = Value{} == Value{};
+  for (std::size_t k = 0; k < test.samples; ++k)
+    for (std::size_t i = 0; i < test.stride; i += Lanes::kWidth, signal += Lanes::kWidth) {
+      const std::size_t row = k * test.stride + i;
+      const Value a = at(signal);
+      const Value b = at(signal + test.stride);
+      const Value size = at(bend + row);
+      const Value room =
+          at(dip + row) + ((size < 0.0 ? -size : size) + at(test.doubt + row) * largest);
+      *reinterpret_cast<Memory *>(dip + row) = room;
+      good &= ((b < a ? b : a) - room >= at(test.low + i)) &
+              ((b < a ? a : b) + room <= at(test.high + i));
+    }
+  bool all = true;
+  for (std::size_t i = 0; i < Lanes::kWidth; ++i) all &= good[i] != 0;
+  return all;
+}
+
 template <class Lanes>
 inline std::uint64_t grid(const forceaxis::sim::kernel::GridTest &test, const double *z,
                           double *signal, double *dip) {

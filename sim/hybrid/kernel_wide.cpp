@@ -58,6 +58,11 @@ bool quiet_wide(const QuietTest &test, const double *z, double *result, double *
   return quiet<Quad>(test, z, result, dip);
 }
 
+bool calm_wide(const CalmTest &test, const double *z, const double *signal, double *head,
+               double *dip) {
+  return calm<Quad>(test, z, signal, head, dip);
+}
+
 std::uint64_t grid_wide(const GridTest &test, const double *z, double *signal, double *dip) {
   return grid<Quad>(test, z, signal, dip);
 }

@@ -13,8 +13,10 @@
 #include <unordered_map>
 #include <vector>
 
+#include "sim/hybrid/audit.hpp"
 #include "sim/hybrid/kernel.hpp"
 #include "sim/hybrid/network.hpp"
+#include "sim/hybrid/pieces.hpp"
 
 namespace forceaxis::sim {
 
@@ -49,8 +51,8 @@ struct SimulationError : std::runtime_error {
 /// Grid. For channels that fail both tests, the quiet test on a grid of `grid` parts of length
 /// `reach` finds the parts in which a switch may change. The state at the start of a part is one
 /// matrix product, and within the part the Taylor series of order `order` converges to rounding.
-/// `reach` is 1/(8 K) ticks. Modes that are too fast for a quiet test have `samples` = 0 and a
-/// smaller `reach`; their grid covers only the first parts of the tick.
+/// `reach` is 1/(8 K) ticks. Modes that are too fast for a quiet test have `samples` = 0, no grid
+/// and a smaller `reach`. They are simulated in pieces (Pieces).
 ///
 /// Accuracy of the series. `reach` is halved until the term of order `order` is below 2^-58 N in
 /// each entry. N is the influence, the sum over k of (|A| T / s)^k, and s is a power of two, at
@@ -96,6 +98,8 @@ struct Mode {
   kernel::Vector calm_tail;
   /// Rounding error of the second test for each signal and part.
   kernel::Vector calm_doubt;
+  /// Data of the second test, with pointers to the matrices above.
+  kernel::CalmTest calm;
   /// Lower and upper bound of each channel, narrowed by the rounding error of the bounds.
   kernel::Vector low;
   kernel::Vector high;
@@ -131,29 +135,16 @@ struct Mode {
   /// stored by columns.
   kernel::Vector grid_dip;
 
+  /// Empty if the mode has a quiet test.
+  std::unique_ptr<const Pieces> pieces;
+
   /// ModeEquations::slip stored by rows; empty if no friction sticks.
   std::vector<double> slip;
 
+  EnergyRows energy;
   /// Matrix, stored by columns, with two rows: the signals of ADC 0 and ADC 1.
   kernel::Vector sensor;
   std::vector<double> truth;  ///< matrix, stored by rows, that gives all signals of the model
-};
-
-/// The matrices for the energies of one mode. Each integral of a power over one tick is a quadratic
-/// form of the vector z.
-struct ModeAudit {
-  /// Number of rows of `forms`: the padded number of supplies and dampers.
-  std::size_t form_stride = 0;
-  /// Quadratic forms of the energies in J, with the index [column j][row i][supplies, then
-  /// dampers].
-  kernel::Vector forms;
-  /// Row that gives the first factor of each power: supplies, then dampers.
-  std::vector<double> first;
-  /// Row that gives the second factor of each power: supplies, then dampers.
-  std::vector<double> second;
-  std::vector<double> store_first;  ///< row that gives the first factor of each stored energy
-  std::vector<double> store_second;
-  std::vector<double> store_constant;  ///< constant part of each stored energy in J
 };
 
 /// Builds each mode when a plant requests it for the first time, and stores the mode. Modes are
@@ -175,10 +166,12 @@ class ModeCache {
   double rate_hz() const { return kTickRateHz * static_cast<double>(parts_); }
   int parts() const { return parts_; }
   /// Returns the mode with this key. The reference is valid as long as the cache exists. Throws
-  /// InputError if a rate of the mode is above about 1.2e7 1/s, because such a mode cannot be
+  /// InputError if a rate of the mode is above about 2e8 1/s, because such a mode cannot be
   /// simulated.
   const Mode &mode(ModeKey key);
-  const ModeAudit &audit(ModeKey key);
+  /// Returns the integrals of the powers in the mode with this key, which are built when they are
+  /// requested for the first time.
+  const EnergyForms &energy_forms(ModeKey key);
   /// Returns the number of modes that the cache has built.
   std::size_t size() const;
 
@@ -188,7 +181,7 @@ class ModeCache {
   int parts_;
   mutable std::mutex mutex_;
   std::unordered_map<ModeKey, std::unique_ptr<const Mode>> modes_;
-  std::unordered_map<ModeKey, std::unique_ptr<const ModeAudit>> audits_;
+  std::unordered_map<ModeKey, std::unique_ptr<const EnergyForms>> energy_forms_;
 };
 
 }  // namespace forceaxis::sim

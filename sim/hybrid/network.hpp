@@ -17,11 +17,10 @@
 #include <vector>
 
 #include "sim/hybrid/wiring.hpp"
+#include "sim/matrix/extended.hpp"
 #include "sim/model/model.hpp"
 
 namespace forceaxis::sim {
-
-using ExtendedMatrix = Eigen::Matrix<Extended, Eigen::Dynamic, Eigen::Dynamic>;
 
 /// A signal that must stay within [low, high] while a switch has a certain state. If the signal
 /// leaves this range, the switch changes to another state.
@@ -55,6 +54,10 @@ class Network {
   int states() const { return static_cast<int>(wiring_.initial.size()); }
   int columns() const { return states() + 2; }
   int wire_count() const { return static_cast<int>(wiring_.wires.size()); }
+  /// For each state, the name of a body, or the complete name of a state of the drive or a filter.
+  const std::vector<std::string> &state_names() const { return wiring_.state_names; }
+  /// Index of the state that counts the ticks, or -1.
+  int clock() const { return wiring_.clock; }
   const std::vector<double> &initial() const { return wiring_.initial; }
   /// Indices of the states that are set to 0 when the drive is disabled: motor current or actuator
   /// force.

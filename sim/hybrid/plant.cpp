@@ -24,6 +24,11 @@ double edge_distance(double y, std::int64_t floor_y) {
   return smaller(past, 1.0 - past);
 }
 
+// Returns the encoder count that the firmware has in this tick over a bus, or without one.
+DriveBus::Count over(DriveBus &bus, std::int64_t tick, std::int32_t count) {
+  return bus.fitted() ? bus.sense(tick, count) : DriveBus::Count{count, 0};
+}
+
 constexpr double kFar = 0x1p62;
 
 // Channel number of the DAC in the noise generator. The ADCs have the numbers 0 and 1.
@@ -80,8 +85,16 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
                               smaller(adc->conditioning_limit.value_or(kInfinity), sensor_limit),
                               adc->noise,
                               1.0 / adc->per_count,
+                              adc->rounding,
                               static_cast<double>(1 - adc->zero_code),
-                              static_cast<double>(top - adc->zero_code)};
+                              static_cast<double>(top - adc->zero_code),
+                              {}};
+      if (adc->sampling) {
+        converters_[channel].samples =
+            SampledSensor(*adc->sampling, stepper_.cache().rate_hz(), parts());
+        converters_[channel].samples.begin(convert(channel, stepper_.sensors()[channel], -1));
+        sampled_ = true;
+      }
     }
   has_encoder_ = description.encoder.has_value();
   if (has_encoder_) {
@@ -95,6 +108,8 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
       reference_state_ = position_of(reference);
     switches_ = SwitchBank(description.switches);
   }
+  if (description.drive && !description.drive->bus.immediate())
+    bus_ = DriveBus(description.drive->bus);
   if (audit_) initial_energy_ = total_energy();
 }
 
@@ -110,7 +125,51 @@ double Plant::volts(int dac_code) const {
 }
 
 void Plant::step(int dac_code, bool amp_enable, bool brake_release) {
-  stepper_.step(volts(dac_code), amp_enable, brake_release);
+  if (bus_.fitted()) {
+    codes();  // the drive measures its encoder also in a tick in which nobody reads it
+    const DriveBus::Frame frame = bus_.act(tick(), {dac_code, amp_enable});
+    dac_code = frame.dac_code;
+    amp_enable = frame.amp_enable;
+  }
+  step_volts(volts(dac_code), amp_enable, brake_release);
+}
+
+// The instants of the samples within a step.
+class Plant::SamplePauses final : public Stepper::Pauses {
+ public:
+  explicit SamplePauses(Plant &plant) : plant_(plant) {}
+  double next() const override {
+    const double start = static_cast<double>(plant_.tick());
+    double first = std::numeric_limits<double>::infinity();
+    for (const Converter &adc : plant_.converters_)
+      if (adc.samples.fitted()) first = smaller(first, adc.samples.next_instant() - start);
+    return first;
+  }
+  void pause() override {
+    const double at = next();
+    const double start = static_cast<double>(plant_.tick());
+    for (std::size_t channel = 0; channel < 2; ++channel) {
+      SampledSensor &samples = plant_.converters_[channel].samples;
+      if (!samples.fitted() || samples.next_instant() - start > at) continue;
+      const double reading = plant_.stepper_.sensors()[channel];
+      samples.take(plant_.convert(channel, reading, samples.next()));
+    }
+  }
+
+ private:
+  Plant &plant_;
+};
+
+// Takes the samples of this instant.
+void Plant::take_samples() {
+  SamplePauses pauses(*this);
+  if (pauses.next() <= 0.0) pauses.pause();
+}
+
+void Plant::step_sampled(double volts, bool amp_enable, bool brake_release) {
+  take_samples();
+  SamplePauses pauses(*this);
+  stepper_.step(volts, amp_enable, brake_release, pauses);
 }
 
 void Plant::apply_impulse(std::string_view body, double impulse_N_s) {
@@ -120,10 +179,10 @@ void Plant::apply_impulse(std::string_view body, double impulse_N_s) {
   stepper_.kick(static_cast<std::size_t>(index), impulse_N_s);
 }
 
-SensorCodes Plant::codes() {
+const SensorCodes &Plant::codes() {
+  if (sampled_) take_samples();
   const double *value = stepper_.sensors();
-  SensorCodes codes;
-  double margin = edge_margin_;
+  SensorCodes &codes = codes_;
   if (has_encoder_) {
     double place = stepper_.z()[encoder_state_];
     if (reference_state_) place -= stepper_.z()[*reference_state_];
@@ -132,36 +191,50 @@ SensorCodes Plant::codes() {
       throw SimulationError(
           "the encoder's body left all bounds at t = " + std::to_string(time_s()) + " s");
     const std::int64_t count = floor_integer(y);
-    codes.encoder = static_cast<std::int32_t>(static_cast<std::uint32_t>(count));
-    margin = smaller(margin, edge_distance(y, count));
+    const DriveBus::Count seen =
+        over(bus_, tick(), static_cast<std::int32_t>(static_cast<std::uint32_t>(count)));
+    codes.encoder = seen.count;
+    codes.encoder_age = seen.age_ticks;
+    edge_margin_ = smaller(edge_margin_, edge_distance(y, count));
     if (switches_.fitted()) codes.switches = switches_.read(place);
   }
   for (std::size_t channel = 0; channel < 2; ++channel) {
     const Converter &adc = converters_[channel];
     if (!adc.present) continue;
-    // The ADC code changes at the values 1, 2, ..., top of the scaled signal y.
-    double reading = value[channel];
-    if (reading > adc.limit) reading = adc.limit;
-    if (reading < -adc.limit) reading = -adc.limit;
-    if (adc.noise > 0.0) reading += adc.noise * deviate(seed_, channel, tick());
-    const double y = reading * adc.counts_per_unit + 0.5;
-    double distance = 0.0;
-    int code = 0;
-    if (!(y >= adc.low)) {
-      distance = adc.low - y;
-    } else if (y >= adc.high) {
-      code = adc.top;
-      distance = y - adc.high;
-    } else {
-      const std::int64_t step = floor_integer(y);
-      code = static_cast<int>(step) + adc.zero_code;
-      distance = edge_distance(y, step);
+    if (!adc.samples.fitted()) {
+      codes.adc[channel] = convert(channel, value[channel], tick());
+      continue;
     }
-    codes.adc[channel] = static_cast<std::uint16_t>(code);
-    margin = smaller(margin, distance);
+    const SampledSensor::Reading newest = adc.samples.at(tick());
+    codes.adc[channel] = newest.code;
+    if (channel == 0) codes.force_age = newest.age_ticks;
   }
-  edge_margin_ = margin;
   return codes;
+}
+
+// Returns the code of a reading, and updates the edge margin. `sample` is the number of the sample,
+// on which the noise depends.
+std::uint16_t Plant::convert(std::size_t channel, double reading, std::int64_t sample) {
+  const Converter &adc = converters_[channel];
+  // The ADC code changes at the values 1, 2, ..., top of the scaled signal y.
+  if (reading > adc.limit) reading = adc.limit;
+  if (reading < -adc.limit) reading = -adc.limit;
+  if (adc.noise > 0.0) reading += adc.noise * deviate(seed_, channel, sample);
+  const double y = reading * adc.counts_per_unit + adc.rounding;
+  double distance = 0.0;
+  int code = 0;
+  if (!(y >= adc.low)) {
+    distance = adc.low - y;
+  } else if (y >= adc.high) {
+    code = adc.top;
+    distance = y - adc.high;
+  } else {
+    const std::int64_t step = floor_integer(y);
+    code = static_cast<int>(step) + adc.zero_code;
+    distance = edge_distance(y, step);
+  }
+  edge_margin_ = smaller(edge_margin_, distance);
+  return static_cast<std::uint16_t>(code);
 }
 
 void Plant::signals(std::span<double> values) const {

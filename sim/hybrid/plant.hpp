@@ -26,6 +26,8 @@
 #include <string_view>
 #include <vector>
 
+#include "sim/hybrid/drive_bus.hpp"
+#include "sim/hybrid/sampled_sensor.hpp"
 #include "sim/hybrid/stepper.hpp"
 #include "sim/hybrid/switches.hpp"
 
@@ -42,12 +44,17 @@ struct PlantOptions {
 /// The codes of encoder and ADCs that the firmware reads. The code is 0 if the model does not have
 /// the encoder or ADC.
 struct SensorCodes {
-  /// Encoder count floor(x scale + 1/2), which wraps at 32 bits.
+  /// Encoder count floor(x scale + 1/2), which wraps at 32 bits. A bus makes it late.
   std::int32_t encoder = 0;
+  /// Number of ticks since the encoder count was measured; 255 is 255 ticks or more.
+  std::uint8_t encoder_age = 0;
   /// Code of each ADC: clamp(floor(value * (1 / per_count) + 1/2) + zero_code, 0, 2^bits - 1),
-  /// where Adc describes the value. The noise depends only on seed, channel and tick, so all
-  /// conversions in one tick give the same code.
+  /// where Adc describes the value. The noise depends only on seed, channel and tick (or sample),
+  /// so all conversions in one tick give the same code. A sensor with a sample rate or a latency
+  /// (SampledSensor) gives the newest sample that has arrived.
   std::uint16_t adc[2] = {0, 0};
+  /// Number of ticks, rounded up, since code 0 was sampled; 255 is 255 ticks or more.
+  std::uint8_t force_age = 0;
   /// States of limit switches, home switch and index pulse, one SwitchBit each.
   std::uint8_t switches = 0;
 };
@@ -76,7 +83,7 @@ struct EnergyAudit {
   double impulses = 0.0;  ///< part of `supplied`: work of the impulses
   double kinetic = 0.0;
   double stored = 0.0;     ///< energy stored in springs and in closed contacts
-  double discarded = 0.0;  ///< spring energy that contacts lost when they opened
+  double discarded = 0.0;  ///< spring energy that opened contacts and disabled steppers lost
   struct Damper {
     /// Name of a spring, damper, contact, friction or brake. "drive" is the friction b_m of a
     /// motor.
@@ -99,24 +106,33 @@ class Plant {
   /// a mode is too fast. After SimulationError or InputError the plant must not be used.
   void step(int dac_code, bool amp_enable) { step(dac_code, amp_enable, amp_enable); }
   /// Simulates one step. The third argument is the output brake_release of the firmware, which
-  /// releases and engages the brakes of the model.
+  /// releases and engages the brakes of the model. If the model has a bus (DriveBus), code and
+  /// amp_enable are those of the firmware, which the drive applies later. brake_release and the
+  /// switches are not on the bus.
   void step(int dac_code, bool amp_enable, bool brake_release);
   /// Returns the voltage in V, with offset and noise, that the DAC outputs for a code in this tick.
   double volts(int dac_code) const;
-  /// Simulate one step with a voltage in V in place of a code. First hold_volts() applies the
-  /// voltage, then step_volts() simulates the step and must have the same arguments. Between the
-  /// two calls, signals() returns the signals at the start of the step.
-  void hold_volts(double volts, bool amp_enable) { stepper_.hold(volts, amp_enable); }
+  /// Simulate one step with a voltage in V in place of a code, past a bus. First hold_volts()
+  /// applies the voltage, then step_volts() simulates the step and must have the same arguments.
+  /// Between the two calls, signals() returns the signals at the start of the step.
+  void hold_volts(double volts, bool amp_enable) {
+    if (sampled_) take_samples();
+    stepper_.hold(volts, amp_enable);
+  }
   void step_volts(double volts, bool amp_enable) { step_volts(volts, amp_enable, amp_enable); }
   void step_volts(double volts, bool amp_enable, bool brake_release) {
-    stepper_.step(volts, amp_enable, brake_release);
+    if (sampled_)
+      step_sampled(volts, amp_enable, brake_release);
+    else
+      stepper_.step(volts, amp_enable, brake_release);
   }
   /// Adds impulse / mass to the velocity of a body at this instant. Throws std::invalid_argument
   /// for an unknown body and for an impulse that is not finite.
   void apply_impulse(std::string_view body, double impulse_N_s);
 
-  /// Returns the codes of encoder and ADCs at this instant, and updates edge_margin().
-  SensorCodes codes();
+  /// Returns the codes of encoder and ADCs at this instant, and updates edge_margin(). The
+  /// reference is valid until the next call.
+  const SensorCodes &codes();
   /// Smallest distance so far, in LSB, between a converted value and the nearest value at which the
   /// code changes. The distance is at most 0.5 unless a converter saturates, and infinite before
   /// the first call of codes().
@@ -170,7 +186,11 @@ class Plant {
   std::span<const double> state() const { return {stepper_.z().data(), stepper_.mode().states}; }
 
  private:
+  class SamplePauses;
   double total_energy() const;
+  std::uint16_t convert(std::size_t channel, double reading, std::int64_t sample);
+  void take_samples();
+  void step_sampled(double volts, bool amp_enable, bool brake_release);
 
   Stepper stepper_;
   std::shared_ptr<const std::vector<std::string>> signal_names_;
@@ -183,6 +203,7 @@ class Plant {
   double encoder_scale_ = 0.0;
   bool has_encoder_ = false;
   SwitchBank switches_;
+  DriveBus bus_;
   struct Converter {
     bool present = false;
     int top = 0;
@@ -190,16 +211,22 @@ class Plant {
     double limit = 0.0;  // largest magnitude of the analog value before the conversion
     double noise = 0.0;
     double counts_per_unit = 0.0;
+    double rounding = 0.5;  // Adc::rounding
     // Values of the signal at which the code changes from 0 to 1 (`low`) and from 2^bits - 2 to
-    // 2^bits - 1 (`high`), in counts + 1/2.
+    // 2^bits - 1 (`high`), in counts + `rounding`.
     double low = 0.0;
     double high = 0.0;
+    SampledSensor samples;
   };
   Converter converters_[2];
+  bool sampled_ = false;  // true if a converter samples at instants of its own
   std::uint64_t seed_ = 0;
   bool audit_ = false;
   double initial_energy_ = 0.0;
   double edge_margin_ = 0.0;
+  // A member, because a result in registers would be loaded in one piece from memory into which its
+  // fields have just been stored one by one. The processor has to wait for such stores.
+  SensorCodes codes_;
 };
 
 }  // namespace forceaxis::sim

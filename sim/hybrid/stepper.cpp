@@ -25,6 +25,8 @@ constexpr double kDoubtGrowth = 4.0;
 // Largest argument of set_doubt(), for an assumed rounding error of 1.5e-11 of the state.
 constexpr double kMostDoubt = 0x1p10;
 constexpr std::size_t kRecentModes = 64;
+// The energies of a mode are added in so many parts of the grid before its forms are built.
+constexpr int kPartsWithoutForms = 256;
 
 constexpr double kNever = std::numeric_limits<double>::infinity();
 // Largest relative difference of two velocities that is attributed to rounding, so that the ends of
@@ -60,7 +62,8 @@ void Stepper::set_mode(ModeKey key) {
   Recent &slot = recent_[((key * 0x9E3779B97F4A7C15ULL) >> 58) % kRecentModes];
   if (slot.mode == nullptr || slot.key != key) {
     slot.mode = &cache_->mode(key);
-    slot.audit = audit_ ? &cache_->audit(key) : nullptr;
+    slot.forms = nullptr;
+    slot.parts = 0;
     slot.key = key;
     const std::size_t chain = (slot.mode->order + 1) * slot.mode->flow_stride;
     if (chain_.size() < chain) chain_.resize(chain);
@@ -68,7 +71,8 @@ void Stepper::set_mode(ModeKey key) {
   }
   mode_ = slot.mode;
   detector_.enter(*mode_);
-  if (audit_) energy_.enter(*mode_, *slot.audit);
+  current_ = &slot;
+  energy_.enter(*mode_);
 }
 
 void Stepper::check_finite() const {
@@ -89,26 +93,22 @@ void Stepper::fail_switching(int switch_index, double s) const {
 }
 
 void Stepper::switch_drive(double command, bool enable) {
+  const double before = audit_ ? energy_.stored(z_.data()) : 0.0;
   if (!enable)
     for (const int state : network().drive_states()) z_[static_cast<std::size_t>(state)] = 0.0;
   z_[mode_->states + 1] = command;
   set_mode(network().with_enable(mode_->key, enable));
+  if (audit_) energy_.discard(before - energy_.stored(z_.data()));
   settle(false);
 }
 
 void Stepper::step(double command, bool enable, bool release) {
   const std::size_t n = mode_->states;
   if (!brake_due_.empty()) {
-    if (release != release_) {
-      release_ = release;
-      for (std::size_t i = 0; i < brake_due_.size(); ++i) {
-        const Wiring::BrakeTimes &times = network().brakes()[i];
-        brake_due_[i] = (release ? times.release_s : times.engage_s) * cache_->rate_hz();
-      }
-    }
+    command_brakes(release);
     if (std::any_of(brake_due_.begin(), brake_due_.end(), [](double due) { return due < 1.0; })) {
       hold(command, enable);
-      step_with_brakes();
+      step_in_parts(nullptr);
       return;
     }
     for (double &due : brake_due_) due -= 1.0;
@@ -131,11 +131,31 @@ void Stepper::step(double command, bool enable, bool release) {
       return;
     }
   }
-  if (audit_) energy_.add_tick(z_.data());
+  if (audit_) audit_whole(0);
   const double *next = detector_.result();
   for (std::size_t i = 0; i < n; ++i) z_[i] = next[i];
   sensors_in_result_ = true;
   ++tick_;
+}
+
+void Stepper::step(double command, bool enable, bool release, Pauses &pauses) {
+  if (!(pauses.next() < 1.0)) {
+    step(command, enable, release);
+    return;
+  }
+  command_brakes(release);
+  hold(command, enable);
+  step_in_parts(&pauses);
+}
+
+// Starts the release or engage times of all brakes if their command has changed.
+void Stepper::command_brakes(bool release) {
+  if (release == release_) return;
+  release_ = release;
+  for (std::size_t i = 0; i < brake_due_.size(); ++i) {
+    const Wiring::BrakeTimes &times = network().brakes()[i];
+    brake_due_[i] = (release ? times.release_s : times.engage_s) * cache_->rate_hz();
+  }
 }
 
 void Stepper::hold(double command, bool enable) {
@@ -210,10 +230,14 @@ void Stepper::advance_within_part(double ticks) {
   evaluate(ticks);
 }
 
-// Advances the state by a time in ticks. Complete parts of the grid use a flow matrix; the
-// remaining time uses the Taylor series.
+// Advances the state by a time in ticks. Complete pieces or parts of the grid use a flow matrix;
+// the remaining time uses the Taylor series.
 void Stepper::advance(double ticks) {
   const Mode &m = *mode_;
+  if (m.pieces) {
+    advance_pieces(ticks);
+    return;
+  }
   const auto parts = static_cast<std::size_t>(ticks / m.reach);
   if (parts > 0) {
     if (audit_) audit_grid(parts);
@@ -225,17 +249,32 @@ void Stepper::advance(double ticks) {
   if (left > 0.0) advance_within_part(left);
 }
 
-// Simulates a tick in which brakes are released or engaged. To be called after hold().
-void Stepper::step_with_brakes() {
+// Returns the index of the brake that changes its state next in this tick, or the number of brakes
+// if none does.
+std::size_t Stepper::next_brake() const {
+  std::size_t next = brake_due_.size();
+  for (std::size_t i = 0; i < brake_due_.size(); ++i)
+    if (brake_due_[i] < 1.0 && (next == brake_due_.size() || brake_due_[i] < brake_due_[next]))
+      next = i;
+  return next;
+}
+
+// Simulates a tick in which brakes are released or engaged, or in which the caller needs the state
+// at instants of `pauses`, which may be nullptr. To be called after hold().
+void Stepper::step_in_parts(Pauses *pauses) {
   double done = 0.0;
   for (;;) {
-    std::size_t next = brake_due_.size();
-    for (std::size_t i = 0; i < brake_due_.size(); ++i)
-      if (brake_due_[i] < 1.0 && (next == brake_due_.size() || brake_due_[i] < brake_due_[next]))
-        next = i;
-    const double until = next < brake_due_.size() ? std::max(brake_due_[next], done) : 1.0;
+    const std::size_t next = next_brake();
+    double until = next < brake_due_.size() ? std::max(brake_due_[next], done) : 1.0;
+    const double paused = pauses != nullptr ? pauses->next() : kNever;
+    const bool pausing = paused < until;
+    if (pausing) until = paused;
     if (until > done && !(detector_.quiet(z_.data()), cross(done, until))) advance(until - done);
     done = until;
+    if (pausing) {
+      pauses->pause();
+      continue;
+    }
     if (next == brake_due_.size()) break;
     brake_due_[next] = kNever;
     move_brake(next, done);
@@ -264,6 +303,115 @@ int Stepper::sliding(const Wiring::FrictionEnds &friction) const {
   const double b = velocity(friction.velocity_b);
   if (!(magnitude(a - b) > kSame * (magnitude(a) + magnitude(b)))) return Wiring::kStuck;
   return a > b ? Wiring::kForward : Wiring::kBackward;
+}
+
+// Searches the next `rest` ticks of a mode without pieces, but at most Mode::grid parts. `quiet` is
+// the result of the quiet test. Returns false if no switch changes in a whole tick; the detector
+// then has the state at the end of the tick.
+bool Stepper::cross_grid(double rest, bool quiet, bool whole, Progress *progress) {
+  const Mode &m = *mode_;
+  // Number of parts of the grid up to the end of this tick. The last part can be incomplete.
+  const double places = rest / m.reach;  // exact
+  std::size_t parts = m.grid;
+  if (places < static_cast<double>(parts)) {
+    parts = static_cast<std::size_t>(places);
+    if (static_cast<double>(parts) < places) ++parts;
+  }
+  const double covered = smaller(static_cast<double>(parts) * m.reach, rest);
+  std::uint64_t doubtful = 0;
+  if (!quiet) {
+    const bool calm_first = whole && detector_.expects_calm();
+    if (calm_first && detector_.calm(z_.data())) return false;
+    doubtful = detector_.doubtful_parts(z_.data(), parts);
+    if (whole && covered == 1.0 && (doubtful == 0 || (!calm_first && detector_.calm(z_.data())))) {
+      detector_.expect_calm();
+      return false;
+    }
+  }
+  // A part in which a switch can change uses the Taylor series even if no switch changes in this
+  // part, because the rounding error of the series is smaller than that of the flow matrix.
+  double passed = 0.0;
+  for (; doubtful != 0; doubtful &= doubtful - 1) {
+    const auto part = static_cast<std::size_t>(std::countr_zero(doubtful));
+    const double start = static_cast<double>(part) * m.reach;
+    if (start > passed) advance(start - passed);
+    passed = start;
+    const double end = smaller(m.reach, rest - start);
+    progress->changed = detector_.first_change(z_.data(), part, end, &progress->next);
+    if (progress->changed) break;
+    advance_within_part(end);
+    passed = smaller(start + m.reach, rest);
+  }
+  if (!progress->changed) {
+    if (covered > passed) advance(covered - passed);
+    passed = covered;
+  } else if (progress->next.after > 0.0) {
+    advance_within_part(progress->next.after);
+    passed += progress->next.after;
+  }
+  progress->passed = passed;
+  return true;
+}
+
+// Advances the state by one piece of 2^-k ticks, whose end is `end`.
+void Stepper::end_piece(std::size_t k, const double *end) {
+  if (audit_) audit_whole(k);
+  for (std::size_t i = 0; i < mode_->states; ++i) z_[i] = end[i];
+}
+
+// Advances the state by `rest` ticks in pieces in which no switch changes.
+Stepper::Progress Stepper::advance_pieces(double rest) {
+  const Mode &m = *mode_;
+  double left = rest;
+  double length = 1.0;
+  for (std::size_t k = 0; k <= m.pieces->halvings; ++k, length *= 0.5) {
+    if (left < length) continue;
+    end_piece(k, detector_.end_of_piece(z_.data(), k));
+    left -= length;
+  }
+  if (left > 0.0) advance_within_part(left);
+  return {rest, false, {}};
+}
+
+// Returns the longest piece that can start at `place` and is at most `left` ticks long, unless the
+// finest piece is longer. A piece that would be longer than its place allows has failed the test
+// before.
+static std::size_t longest_piece(const Pieces &pieces, std::uint64_t place, double left) {
+  const auto zeros = static_cast<std::size_t>(std::countr_zero(place));
+  std::size_t k = place == 0 ? 0 : pieces.halvings - zeros;
+  while (k < pieces.halvings && Pieces::length(k) > left) ++k;
+  return k;
+}
+
+// Searches the next `rest` ticks of a mode with pieces, up to the first change of a switch.
+Stepper::Progress Stepper::cross_pieces(double rest) {
+  const Mode &m = *mode_;
+  const std::size_t halvings = m.pieces->halvings;
+  std::uint64_t place = 0;  // start of the next piece, in pieces of the finest length
+  for (;;) {
+    const double done = static_cast<double>(place) * m.reach;
+    const double left = rest - done;
+    if (!(left > 0.0)) return {rest, false, {}};
+    std::size_t k = longest_piece(*m.pieces, place, left);
+    detector_.start_piece(z_.data());
+    bool passes = detector_.passes_piece(z_.data(), k);
+    while (!passes && k < halvings) passes = detector_.passes_piece(z_.data(), ++k);
+    const double end = smaller(m.reach, left);
+    if (passes && left >= Pieces::length(k)) {
+      end_piece(k, detector_.result());
+      place += std::uint64_t{1} << (halvings - k);
+      continue;
+    }
+    Progress progress{done, false, {}};
+    if (!passes && detector_.first_change(z_.data(), 0, end, &progress.next)) {
+      progress.changed = true;
+      if (progress.next.after > 0.0) advance_within_part(progress.next.after);
+      progress.passed += progress.next.after;
+      return progress;
+    }
+    advance_within_part(end);
+    ++place;
+  }
 }
 
 // Simulates the time `from` to `until` of a tick, after the quiet test has failed or if brakes
@@ -300,50 +448,17 @@ bool Stepper::cross(double from, double until) {
       detector_.set_doubt(doubt);
       changes_here = 0;
     } else {
-      // Number of parts of the grid up to the end of this tick. The last part can be incomplete.
-      const double places = rest / m.reach;  // exact
-      std::size_t parts = m.grid;
-      if (places < static_cast<double>(parts)) {
-        parts = static_cast<std::size_t>(places);
-        if (static_cast<double>(parts) < places) ++parts;
-      }
-      const double covered = smaller(static_cast<double>(parts) * m.reach, rest);
-      std::uint64_t doubtful = 0;
-      if (!quiet) {
-        doubtful = detector_.doubtful_parts(z_.data(), parts);
-        if (m.samples > 0 && from == 0.0 && covered == 1.0 &&
-            (doubtful == 0 || detector_.calm(z_.data())))
-          return false;
-      }
-      // A part in which a switch can change uses the Taylor series even if no switch changes in
-      // this part, because the rounding error of the series is smaller than that of the flow
-      // matrix.
-      double passed = 0.0;
-      bool changed = false;
-      Detector::Change next;
-      for (; doubtful != 0; doubtful &= doubtful - 1) {
-        const auto part = static_cast<std::size_t>(std::countr_zero(doubtful));
-        const double start = static_cast<double>(part) * m.reach;
-        if (start > passed) advance(start - passed);
-        passed = start;
-        const double end = smaller(m.reach, rest - start);
-        changed = detector_.first_change(z_.data(), part, end, &next);
-        if (changed) break;
-        advance_within_part(end);
-        passed = smaller(start + m.reach, rest);
-      }
-      if (!changed) {
-        if (covered > passed) advance(covered - passed);
-        passed = covered;
-      } else if (next.after > 0.0) {
-        advance_within_part(next.after);
-        passed += next.after;
-      }
-      if (passed > 0.0) {
-        done = passed < rest ? done + passed : until;
+      Progress progress;
+      if (m.pieces)
+        progress = quiet ? advance_pieces(rest) : cross_pieces(rest);
+      else if (!cross_grid(rest, quiet, from == 0.0 && rest == 1.0, &progress))
+        return false;
+      if (progress.passed > 0.0) {
+        done = progress.passed < rest ? done + progress.passed : until;
         changes_here = 0;
       }
-      if (changed) {
+      if (progress.changed) {
+        const Detector::Change &next = progress.next;
         const int switch_index = m.channel[next.channel].switch_index;
         if (++changes > kMostChangesPerTick) fail_switching(switch_index, done);
         ++changes_here;
@@ -433,6 +548,22 @@ void Stepper::audit_grid(std::size_t parts) {
     evaluate(mode_->reach);
   }
   z_ = start;
+}
+
+// Adds the energies of 2^-halvings ticks. The forms of a mode take as long to build as the sums
+// over kPartsWithoutForms parts of the grid, so they are built only after this number of parts. A
+// mode with pieces has no grid.
+void Stepper::audit_whole(std::size_t halvings) {
+  if (current_->forms == nullptr) {
+    if (mode_->grid > 0 && current_->parts < kPartsWithoutForms) {
+      const auto parts = static_cast<int>(1.0 / mode_->reach);
+      audit_grid(static_cast<std::size_t>(parts));
+      current_->parts += parts;
+      return;
+    }
+    current_->forms = &cache_->energy_forms(mode_->key);
+  }
+  energy_.add_whole(*current_->forms, z_.data(), halvings);
 }
 
 double Stepper::kinetic() const {

@@ -35,6 +35,21 @@ class Stepper {
   /// that is too fast for a ModeCache.
   void step(double command, bool enable, bool release);
   void step(double command, bool enable) { step(command, enable, enable); }
+  /// Instants within a tick at which the caller needs the state.
+  class Pauses {
+   public:
+    /// Returns the next instant, as the time in ticks since the start of the present tick. The time
+    /// is above 0. A time of 1 or more is not in this tick.
+    virtual double next() const = 0;
+    /// Called at this instant. The next instant must be later. sensors() and z() are those of this
+    /// instant.
+    virtual void pause() = 0;
+
+   protected:
+    ~Pauses() = default;
+  };
+  /// Simulates one tick and calls pauses.pause() at each of the instants.
+  void step(double command, bool enable, bool release, Pauses &pauses);
   /// Applies a command in V at this instant, so switches and z() change before time advances. The
   /// next call of step() must have the same arguments.
   void hold(double command, bool enable);
@@ -65,15 +80,26 @@ class Stepper {
   /// Returns the kinetic energy in J.
   double kinetic() const;
   /// Returns the spring energy in J of each element of Network::storages().
-  std::vector<double> stored() const {
-    return stored_energies(*mode_, cache_->audit(mode_->key), z_.data());
-  }
+  std::vector<double> stored() const { return stored_energies(*mode_, z_.data()); }
 
  private:
+  // A search for the next change of a switch.
+  struct Progress {
+    double passed = 0.0;  // time in ticks by which the state has advanced
+    bool changed = false;
+    Detector::Change next;  // valid if `changed` is true
+  };
+
   void switch_drive(double command, bool enable);
   void settle(bool count_jumps);
   bool cross(double from, double until);
-  void step_with_brakes();
+  bool cross_grid(double rest, bool quiet, bool whole, Progress *progress);
+  Progress cross_pieces(double rest);
+  Progress advance_pieces(double rest);
+  void end_piece(std::size_t k, const double *end);
+  void command_brakes(bool release);
+  std::size_t next_brake() const;
+  void step_in_parts(Pauses *pauses);
   void move_brake(std::size_t brake, double s);
   int sliding(const Wiring::FrictionEnds &friction) const;
   void expand();
@@ -86,6 +112,7 @@ class Stepper {
   void set_mode(ModeKey key);
   void check_finite() const;
   void audit_grid(std::size_t parts);
+  void audit_whole(std::size_t halvings);
   std::size_t count_place(int switch_index, int from, int to) const;
   [[noreturn]] void fail_switching(int switch_index, double s) const;
 
@@ -123,9 +150,11 @@ class Stepper {
   struct Recent {
     ModeKey key = 0;
     const Mode *mode = nullptr;
-    const ModeAudit *audit = nullptr;
+    const EnergyForms *forms = nullptr;  // nullptr: not yet requested
+    int parts = 0;  // number of parts of the grid in which the energies were added without `forms`
   };
   std::vector<Recent> recent_;
+  Recent *current_ = nullptr;  // place of *mode_ in recent_
 };
 
 }  // namespace forceaxis::sim

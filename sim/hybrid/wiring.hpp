@@ -130,6 +130,7 @@ struct Wiring {
   /// Bounds of each state of each switch: bounds[switch][state].
   std::vector<std::vector<std::vector<Bounds>>> bounds;
   int next_bit = 1;
+  int clock = -1;  ///< index of the state that counts the ticks; -1: no element needs the time
   std::vector<BodyState> bodies;
   std::vector<FrictionEnds> frictions;  ///< all frictions of the model, followed by all brakes
   std::vector<BrakeTimes> brakes;

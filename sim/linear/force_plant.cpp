@@ -9,6 +9,8 @@
 #include <string>
 #include <utility>
 
+#include "sim/matrix/hessenberg.hpp"
+
 namespace forceaxis::sim {
 namespace {
 
@@ -98,9 +100,11 @@ Roots zeros_of(const Sampled<MatrixXd> &system, Index degree) {
 }
 
 Roots per_second(Roots roots, double T) {
-  for (auto &root : roots)
+  for (auto &root : roots) {
+    const std::complex<Extended> z(root);
     root = root == 0.0 ? std::complex<double>(-std::numeric_limits<double>::infinity(), 0.0)
-                       : std::log(root) / T;
+                       : std::complex<double>(std::log(z) / Extended{T});
+  }
   return roots;
 }
 
@@ -109,7 +113,7 @@ Roots per_second(Roots roots, double T) {
 double tangent_of(double frequency_hz, double tick_s) {
   constexpr Extended kRight = std::numbers::pi_v<Extended> / 2 - Extended{1e-9};
   const Extended angle = std::numbers::pi_v<Extended> * frequency_hz * tick_s;
-  return static_cast<double>(std::tan(std::min(angle, kRight)));
+  return static_cast<double>(std::tan(std::clamp(angle, -kRight, kRight)));
 }
 
 std::optional<ForcePlant> ForcePlant::of(const Model &model, const LinearMode &mode,
@@ -141,6 +145,7 @@ std::optional<ForcePlant> ForcePlant::of(const Model &model, const LinearMode &m
   if (!degree) return std::nullopt;
   ForcePlant plant;
   plant.tick_s_ = tick_s;
+  plant.bus_ = model.drive->bus;
   plant.balanced_ = hessenberg(system.A, system.B, system.C);
   const auto &adc = *model.adc[0];
   plant.count_per_code_ = model.dac.volts_per_code() /
@@ -160,6 +165,19 @@ void ForcePlant::response(std::span<const double> w, std::span<std::complex<doub
   }
   hessenberg_response(balanced_.H, balanced_.B, balanced_.C, MatrixXd::Zero(1, 1), points, values);
   for (auto &value : values) value *= count_per_code_;
+}
+
+std::complex<double> ForcePlant::held(double w) const {
+  const std::complex<double> back =
+      std::complex<double>(1, -w) / std::complex<double>(1, w);  // 1/z
+  std::complex<double> turned = 1;
+  for (int tick = 0; tick < bus_.delay_ticks_out; ++tick) turned *= back;
+  std::complex<double> sum = 0;
+  for (int tick = 0; tick < bus_.ticks; ++tick) {
+    sum += turned;
+    turned *= back;
+  }
+  return sum / static_cast<double>(bus_.ticks);
 }
 
 }  // namespace forceaxis::sim

@@ -6,15 +6,15 @@
 #include <span>
 #include <vector>
 
-#include "sim/linear/extended.hpp"
 #include "sim/linear/linear.hpp"
+#include "sim/matrix/extended.hpp"
 #include "sim/model/model.hpp"
 
 namespace forceaxis::sim {
 
-/// Returns w = tan(pi f tick_s) of a frequency in Hz, up to half the tick rate, where w is 1e9. The
-/// function uses long double, because the functions for double of the C library depend on the
-/// processor.
+/// Returns w = tan(pi f tick_s) of a frequency in Hz between minus and plus half the tick rate,
+/// where w is -1e9 and 1e9. The function uses long double, because the functions for double of the
+/// C library depend on the processor.
 double tangent_of(double frequency_hz, double tick_s);
 
 class ForcePlant {
@@ -32,11 +32,17 @@ class ForcePlant {
   /// w = tan(pi f tick_s). `values` has one element for each frequency.
   void response(std::span<const double> w, std::span<std::complex<double>> values) const;
   double tick_s() const { return tick_s_; }
+  /// Returns the bus between the firmware and the drive. response() is without the bus.
+  const BusCycle &bus() const { return bus_; }
+  /// Returns the effect of the bus on the response at w = tan(pi f tick_s): the delay of the
+  /// command, and the mean of the ticks for which the drive holds it.
+  std::complex<double> held(double w) const;
   /// Returns the 8-bit counts per DAC code at a response of 1 in the unit of the force per volt.
   double count_per_code() const { return count_per_code_; }
 
  private:
   double tick_s_ = 0.0;
+  BusCycle bus_;
   Hessenberg balanced_;
   double count_per_code_ = 0.0;
   std::vector<std::complex<double>> poles_, zeros_;

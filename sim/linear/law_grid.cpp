@@ -6,6 +6,8 @@
 #include <numbers>
 #include <utility>
 
+#include "sim/matrix/wide.hpp"
+
 namespace forceaxis::sim {
 namespace {
 
@@ -42,9 +44,10 @@ struct Point {
 // Makes the grids of plants at one density. The points that all grids have are computed once.
 class GridMaker {
  public:
-  GridMaker(double density, double tick_s) : tick_s_(tick_s) {
+  GridMaker(double density, double tick_s, int cycle_ticks)
+      : tick_s_(tick_s), cycle_hz_(1 / (tick_s * cycle_ticks)) {
     add_rising(kLowestHz, kSlowHz, density * kPointsPerDecade);
-    add_rising(kSlowHz, 0.5 / tick_s, density * kFastPointsPerDecade);
+    add_rising(kSlowHz, 0.5 * cycle_hz_, density * kFastPointsPerDecade);
     const auto side = static_cast<int>(std::nearbyint(density * kPointsPerSide));
     const Extended widest = std::asinh(2 * kFarthestHalfWidths);
     for (int i = -side; i <= side; ++i)
@@ -67,9 +70,10 @@ class GridMaker {
   // Adds frequencies with equal ratios to the points that all grids have.
   void add_rising(Extended low, Extended high, double per_decade) {
     const auto count = static_cast<int>(std::nearbyint(per_decade * std::log10(high / low)));
-    for (int i = 0; i < count; ++i)
-      common_.push_back(
-          point(static_cast<double>(low * std::pow(high / low, Extended(i) / (count - 1)))));
+    const Extended ratio = std::pow(high / low, Extended{1} / (count - 1));
+    for (int i = 0; i + 1 < count; ++i, low *= ratio)
+      common_.push_back(point(static_cast<double>(low)));
+    common_.push_back(point(static_cast<double>(high)));
   }
 
   static bool is_light(Complex root) {
@@ -78,18 +82,37 @@ class GridMaker {
   }
 
   void add_around(std::vector<Point> &grid, Complex root) const {
-    const double center = root.imag() / (2 * std::numbers::pi);
+    double center = root.imag() / (2 * std::numbers::pi);
+    // A mode above half the rate of a bus shows at a lower frequency.
+    while (center > cycle_hz_) center -= cycle_hz_;
+    center = std::min(center, cycle_hz_ - center);
     const double width = std::max(std::abs(root.real()) / (2 * std::numbers::pi), 1e-5 * center);
     for (const double step : around_) {
       const double hz = center + width * step;
-      if (hz >= kLowestHz && hz <= 0.5 / tick_s_) grid.push_back(point(hz));
+      if (hz >= kLowestHz && hz <= 0.5 * cycle_hz_) grid.push_back(point(hz));
     }
   }
 
   double tick_s_;
+  double cycle_hz_;  // rate at which the drive receives commands
   std::vector<Point> common_;
   std::vector<double> around_;  // distances from a resonance in widths of the resonance
 };
+
+// A command that is held over a bus cycle of m ticks has, beside its frequency f, the frequencies
+// f + k / (m T), k = 1 .. m - 1. Returns frequency k in Hz, shifted to between minus and plus half
+// the tick rate; k = 0 is f itself.
+double alias_of(double hz, int k, double tick_s, int cycle_ticks) {
+  const double alias = hz + k / (tick_s * cycle_ticks);
+  return 2 * alias * tick_s > 1 ? alias - 1 / tick_s : alias;
+}
+
+// Returns true if a pole of the plant is an integral.
+bool integrates(const ForcePlant &plant) {
+  const double least = kRounding / plant.tick_s();
+  return std::any_of(plant.poles().begin(), plant.poles().end(),
+                     [&](Complex pole) { return std::norm(pole) <= least * least; });
+}
 
 double logarithm(double value) { return static_cast<double>(std::log(Extended(value))); }
 
@@ -104,17 +127,24 @@ double between(double low_hz, double high_hz, double low_level, double high_leve
 
 }  // namespace
 
+// Real and imaginary part of a loop with a delay, and over a bus |L|^2.
+struct LawGrid::Turned {
+  std::vector<double> real, imag, square;
+};
+
 // The loop with the gain 1 at some points of the grid: real and imaginary part without a delay,
 // |L|^2, and the square of the magnitude of the law without its integral part; then real and
 // imaginary part with each delay.
+//
+// Over a bus with a cycle of m ticks, the firmware's code is sampled once in a cycle. Its spectrum
+// is the sum over m frequencies (alias_of). Real and imaginary part without a delay and the noise
+// then have m values for each point, one frequency after the other, and `turned` has the sums.
 struct LawGrid::Loop {
-  void resize(std::size_t points, std::size_t delays);
+  void resize(std::size_t points, std::size_t delays, std::size_t aliases);
 
   std::vector<double> real, imag, square, noise;
-  struct Turned {
-    std::vector<double> real, imag;
-  };
   std::vector<Turned> turned;  // of each delay
+  Turned apart;                // of one delay, before the sum over the frequencies
 };
 
 // A loop with a delay around one plant: real and imaginary part and |L|^2 at its frequencies.
@@ -126,22 +156,36 @@ LawGrid::LawGrid(std::vector<ForcePlant> plants, std::vector<int> delays_ticks, 
     : plants_(std::move(plants)),
       delays_(std::move(delays_ticks)),
       tick_s_(plants_.front().tick_s()),
+      aliases_(static_cast<std::size_t>(plants_.front().bus().ticks)),
       begin_{0} {
-  const GridMaker maker(density, tick_s_);
+  const GridMaker maker(density, tick_s_, plants_.front().bus().ticks);
   for (const ForcePlant &plant : plants_) {
-    for (const Point &point : maker.grid_of(plant)) {
-      hz_.push_back(point.hz);
-      w_.push_back(point.w);
-    }
-    const std::size_t first = begin_.back();
-    std::vector<Complex> values(hz_.size() - first);
+    const std::vector<Point> grid = maker.grid_of(plant);
+    for (const Point &point : grid) hz_.push_back(point.hz);
+    for (const Point &point : grid) add_frequency(point.w);
+    for (int k = 1; k < plant.bus().ticks; ++k)
+      for (const Point &point : grid)
+        add_frequency(tangent_of(alias_of(point.hz, k, tick_s_, plant.bus().ticks), tick_s_));
+    const std::size_t first = aliases_ * begin_.back();
+    std::vector<Complex> values(w_.size() - first);
     plant.response(std::span(w_).subspan(first), values);
-    for (const Complex value : values) {
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      const bool late = !plant.bus().immediate();
+      const Complex value = late ? values[i] * plant.held(w_[first + i]) : values[i];
       real_.push_back(value.real());
       imag_.push_back(value.imag());
     }
     begin_.push_back(hz_.size());
+    integrates_.push_back(integrates(plant));
   }
+}
+
+void LawGrid::add_frequency(double w) {
+  w_.push_back(w);
+  // z = (1 + j w) / (1 - j w)
+  const double scale = 1 / (1 + w * w);
+  cosine_.push_back((1 - w * w) * scale);
+  sine_.push_back(2 * w * scale);
 }
 
 std::span<const double> LawGrid::frequency_hz(std::size_t plant) const {
@@ -149,23 +193,15 @@ std::span<const double> LawGrid::frequency_hz(std::size_t plant) const {
 }
 
 std::vector<Complex> LawGrid::response(std::size_t plant) const {
-  std::vector<Complex> values;
-  for (std::size_t i = begin_[plant]; i < begin_[plant + 1]; ++i)
-    values.emplace_back(real_[i], imag_[i]);
+  const std::size_t count = begin_[plant + 1] - begin_[plant];
+  const std::size_t first = aliases_ * begin_[plant];
+  std::vector<Complex> values(count);
+  for (std::size_t i = 0; i < aliases_ * count; ++i)
+    values[i % count] += Complex(real_[first + i], imag_[first + i]);
   return values;
 }
 
 namespace {
-
-// The loops over the points of a grid are compiled twice, for vectors of two and of four doubles.
-// Both variants compute the same doubles, because neither uses a fused multiply-add.
-#if defined(__x86_64__)
-#define FORCEAXIS_WIDE [[gnu::target("avx2")]]
-const bool kWide = __builtin_cpu_supports("avx2") != 0;
-#else
-#define FORCEAXIS_WIDE
-const bool kWide = false;
-#endif
 
 // The points of one plant in arrays, and the loop that is computed for them.
 struct Block {
@@ -214,54 +250,67 @@ void compute_narrow(const LawShape &law, double tick_s, const Block &block) {
   compute_block(law, tick_s, block);
 }
 
-// Multiplies by 1/z = (1 - j w) / (1 + j w).
-[[gnu::always_inline]] inline void delay_block(std::size_t count, const double *w, double *re,
-                                               double *im) {
-  for (std::size_t i = 0; i < count; ++i) {
-    const double square = w[i] * w[i];
-    const double scale = 1 / (1 + square);
-    const double c = (1 - square) * scale;
-    const double s = 2 * w[i] * scale;
-    const double before = re[i];
-    re[i] = before * c + im[i] * s;
-    im[i] = im[i] * c - before * s;
+// The points of one plant, and the loop that is multiplied by 1/z = cosine - j sine.
+struct Turn {
+  std::size_t count;
+  const double *cosine, *sine;
+  double *re, *im;
+};
+
+[[gnu::always_inline]] inline void delay_block(const Turn &t) {
+  for (std::size_t i = 0; i < t.count; ++i) {
+    const double before = t.re[i];
+    t.re[i] = before * t.cosine[i] + t.im[i] * t.sine[i];
+    t.im[i] = t.im[i] * t.cosine[i] - before * t.sine[i];
   }
 }
 
-FORCEAXIS_WIDE void delay_wide(std::size_t count, const double *w, double *re, double *im) {
-  delay_block(count, w, re, im);
-}
-
-void delay_narrow(std::size_t count, const double *w, double *re, double *im) {
-  delay_block(count, w, re, im);
-}
+FORCEAXIS_WIDE void delay_wide(const Turn &turn) { delay_block(turn); }
+void delay_narrow(const Turn &turn) { delay_block(turn); }
 
 }  // namespace
 
-void LawGrid::Loop::resize(std::size_t points, std::size_t delays) {
-  for (auto *values : {&real, &imag, &square, &noise}) values->resize(points);
+void LawGrid::Loop::resize(std::size_t points, std::size_t delays, std::size_t aliases) {
+  for (auto *values : {&real, &imag, &square, &noise, &apart.real, &apart.imag})
+    values->resize(aliases * points);
   turned.resize(delays);
-  for (auto &one : turned) {
-    one.real.resize(points);
-    one.imag.resize(points);
-  }
+  for (auto &one : turned)
+    for (auto *values : {&one.real, &one.imag, &one.square}) values->resize(points);
 }
 
 // Computes the loops with all delays around one plant. The points of `loop` begin at the point
 // `first` of the grid.
 void LawGrid::compute(const LawShape &law, std::size_t plant, std::size_t first, Loop &loop) const {
-  const std::size_t begin = begin_[plant];
-  const std::size_t at = begin - first;
-  const std::size_t count = begin_[plant + 1] - begin;
+  const std::size_t begin = aliases_ * begin_[plant];
+  const std::size_t at = begin - aliases_ * first;
+  const std::size_t points = begin_[plant + 1] - begin_[plant];
+  const std::size_t count = aliases_ * points;
   const Block block{count,          &w_[begin],     &real_[begin],    &imag_[begin],
                     &loop.real[at], &loop.imag[at], &loop.square[at], &loop.noise[at]};
   (kWide ? compute_wide : compute_narrow)(law, tick_s_, block);
   for (std::size_t d = 0; d < delays_.size(); ++d) {
-    auto &[real, imag] = loop.turned[d];
+    auto &[real, imag, square] = aliases_ == 1 ? loop.turned[d] : loop.apart;
     std::copy_n(&loop.real[at], count, &real[at]);
     std::copy_n(&loop.imag[at], count, &imag[at]);
-    for (int tick = 0; tick < delays_[d]; ++tick)
-      (kWide ? delay_wide : delay_narrow)(count, &w_[begin], &real[at], &imag[at]);
+    const Turn turn{count, &cosine_[begin], &sine_[begin], &real[at], &imag[at]};
+    for (int tick = 0; tick < delays_[d]; ++tick) (kWide ? delay_wide : delay_narrow)(turn);
+    if (aliases_ > 1) add_aliases(loop.apart, at, loop.turned[d], begin_[plant] - first, points);
+  }
+}
+
+// Adds the frequencies of a loop over a bus. `at`, `to`: index of the first point in both loops.
+void LawGrid::add_aliases(const Turned &apart, std::size_t at, Turned &sum, std::size_t to,
+                          std::size_t points) const {
+  for (std::size_t i = 0; i < points; ++i) {
+    double real = 0;
+    double imag = 0;
+    for (std::size_t k = 0; k < aliases_; ++k) {
+      real += apart.real[at + k * points + i];
+      imag += apart.imag[at + k * points + i];
+    }
+    sum.real[to + i] = real;
+    sum.imag[to + i] = imag;
+    sum.square[to + i] = real * real + imag * imag;
   }
 }
 
@@ -271,8 +320,9 @@ LawGrid::Curve LawGrid::curve(const Loop &loop, std::size_t first, std::size_t p
   const auto part = [&](const std::vector<double> &values, std::size_t begin) {
     return std::span(values).subspan(begin_[plant] - begin, begin_[plant + 1] - begin_[plant]);
   };
-  const auto &[real, imag] = loop.turned[delay];
-  return {part(real, first), part(imag, first), part(loop.square, first), part(hz_, 0)};
+  const auto &[real, imag, square] = loop.turned[delay];
+  const auto &size = aliases_ == 1 ? loop.square : square;
+  return {part(real, first), part(imag, first), part(size, first), part(hz_, 0)};
 }
 
 namespace {
@@ -367,7 +417,7 @@ double LawGrid::noise_gain(const LawShape &law) const {
   Loop loop = loop_of_one();
   for (std::size_t p = 0; p < plants_.size(); ++p) {
     compute(law, p, begin_[p], loop);
-    for (std::size_t i = 0; i < begin_[p + 1] - begin_[p]; ++i)
+    for (std::size_t i = 0; i < aliases_ * (begin_[p + 1] - begin_[p]); ++i)
       most = std::max(most, loop.noise[i]);
   }
   return std::sqrt(most);
@@ -378,32 +428,66 @@ LawGrid::Loop LawGrid::loop_of_one() const {
   std::size_t most = 0;
   for (std::size_t p = 0; p < plants_.size(); ++p) most = std::max(most, begin_[p + 1] - begin_[p]);
   Loop loop;
-  loop.resize(most, delays_.size());
+  loop.resize(most, delays_.size(), aliases_);
   return loop;
 }
 
-// Reduces a limit to the largest gain that the bounds permit for one loop.
-void LawGrid::reduce(GainLimit &limit, const Curve &curve, std::size_t plant, std::size_t delay,
-                     const LawBounds &bounds) {
+namespace {
+
+// Frequencies from 0 on at which a loop with two integrals is close to -1 at some gain.
+struct LowEnd {
+  std::size_t points = 0;  // of the grid
+  double least_gain = 0;   // gain from which on |S| keeps its bound at these points
+};
+
+// `share`: as in first_root(). A loop that begins behind -180 degrees is unstable at every gain at
+// which it does not cross the negative real axis.
+LowEnd low_end(std::span<const double> real, std::span<const double> imag,
+               std::span<const double> square, double share) {
+  LowEnd end;
+  if (!(imag[0] < 0)) end.least_gain = kNone;
+  for (; end.points < real.size(); ++end.points) {
+    const double ahead = -real[end.points];
+    const double root = ahead * ahead - share * square[end.points];
+    if (!(ahead > 0 && root >= 0)) break;
+    end.least_gain = std::max(end.least_gain, share / (ahead - std::sqrt(root)));
+  }
+  return end;
+}
+
+}  // namespace
+
+// Reduces a limit to the largest gain that the bounds permit for one loop. If plant and law have an
+// integral each, the phase at low frequency is close to -180 degrees, where |L| is large at every
+// useful gain: there, |S| bounds the gain from below.
+void LawGrid::reduce(GainLimit &limit, const LawShape &law, const Curve &curve, std::size_t plant,
+                     std::size_t delay, const LawBounds &bounds) const {
   // `search` looks for a value above the one that belongs to the limit.
   const auto add = [&](GainLimit::Bound bound, double factor, const auto &search) {
     Largest found{factor / limit.gain};
     search(found);
     if (found.at != Largest::kNowhere)
-      limit = {factor / found.value, bound, plant, delay, curve.hz[found.at]};
-  };
-  const auto root = [&](double share) {
-    return [&curve, share](Largest &found) { first_root(curve.real, curve.square, share, found); };
+      limit = {factor / found.value, bound, plant, delay, curve.hz[found.at], limit.least};
   };
   const double share = 1 - 1 / (bounds.ms[delay] * bounds.ms[delay]);
-  add(GainLimit::Bound::ms, share, root(share));
-  if (std::isfinite(bounds.mt))
-    add(GainLimit::Bound::mt, 1.0, root(1 - 1 / (bounds.mt * bounds.mt)));
+  std::size_t from = 0;
+  if (law.integral_rad_per_s > 0 && integrates_[plant]) {
+    const LowEnd end = low_end(curve.real, curve.imag, curve.square, share);
+    from = end.points;
+    limit.least = std::max(limit.least, end.least_gain);
+  }
+  const auto real = curve.real.subspan(from);
+  const auto square = curve.square.subspan(from);
+  add(GainLimit::Bound::ms, share, [&](Largest &found) {
+    first_root(real, square, share, found);
+    if (found.at != Largest::kNowhere) found.at += from;
+  });
   add(GainLimit::Bound::gm, 1 / bounds.gain_margin,
       [&](Largest &found) { axis_crossing(curve.real, curve.imag, found); });
   if (bounds.phase_margin_deg > 0)
     add(GainLimit::Bound::pm, 1.0, [&](Largest &found) {
-      within_phase(curve.real, curve.square, bounds.phase_margin_deg, found);
+      within_phase(real, square, bounds.phase_margin_deg, found);
+      if (found.at != Largest::kNowhere) found.at += from;
     });
 }
 
@@ -417,7 +501,8 @@ std::vector<GainLimit> LawGrid::limits(const LawShape &law, double hf_gain,
   for (std::size_t p = 0; p < plants_.size(); ++p) {
     compute(law, p, begin_[p], loop);
     for (std::size_t d = 0; d < delays_.size(); ++d)
-      reduce(found[p], curve(loop, begin_[p], p, d), p, d, bounds);
+      reduce(found[p], law, curve(loop, begin_[p], p, d), p, d, bounds);
+    if (found[p].gain < found[p].least) found[p].gain = 0;
   }
   return found;
 }
@@ -425,8 +510,12 @@ std::vector<GainLimit> LawGrid::limits(const LawShape &law, double hf_gain,
 GainLimit LawGrid::largest_gain(const LawShape &law, double hf_gain,
                                 const LawBounds &bounds) const {
   const auto all = limits(law, hf_gain, bounds);
-  return *std::min_element(all.begin(), all.end(),
-                           [](const GainLimit &a, const GainLimit &b) { return a.gain < b.gain; });
+  GainLimit smallest =
+      *std::min_element(all.begin(), all.end(),
+                        [](const GainLimit &a, const GainLimit &b) { return a.gain < b.gain; });
+  for (const GainLimit &one : all) smallest.least = std::max(smallest.least, one.least);
+  if (smallest.gain < smallest.least) smallest.gain = 0;
+  return smallest;
 }
 
 namespace {
@@ -515,15 +604,10 @@ std::vector<LoopFigures> LawGrid::figures(const LawShape &law, double gain) cons
     for (std::size_t d = 0; d < delays_.size(); ++d) {
       const auto [re, im, q, hz] = curve(loop, begin_[p], p, d);
       double least = kNone;
-      double most = 0.0;
-      for (std::size_t i = 0; i < hz.size(); ++i) {
-        const double a = apart(gain, re[i], q[i]);
-        least = std::min(least, a);
-        most = std::max(most, gain * gain * q[i] / a);
-      }
-      all.push_back({bandwidth_of(re, q, hz, gain, kNone), fall_of(re, q, hz, gain, kNone),
-                     last_fall_of(re, q, hz, gain), 1 / std::sqrt(least), std::sqrt(most),
-                     gain_margin_of(re, im, gain), phase_margin_of(re, im, q, gain)});
+      for (std::size_t i = 0; i < hz.size(); ++i) least = std::min(least, apart(gain, re[i], q[i]));
+      all.push_back({bandwidth_of(re, q, hz, gain, kNone), last_fall_of(re, q, hz, gain),
+                     1 / std::sqrt(least), gain_margin_of(re, im, gain),
+                     phase_margin_of(re, im, q, gain)});
     }
   }
   return all;
@@ -536,15 +620,30 @@ class LawGrid::Sight {
       : plant_(plant), law_(law), gain_(gain), delay_ticks_(delay_ticks) {}
 
   Complex at(double hz) const {
-    const std::array<double, 1> w{tangent_of(hz, plant_.tick_s())};
-    std::array<Complex, 1> value;
-    plant_.response(w, value);
-    value[0] *= gain_ * law_.at(w[0], plant_.tick_s());
-    for (int tick = 0; tick < delay_ticks_; ++tick)
-      value[0] *= Complex(1, -w[0]) / Complex(1, w[0]);
-    return value[0];
+    const BusCycle &bus = plant_.bus();
+    Complex sum = 0;
+    for (int k = 0; k < bus.ticks; ++k) {
+      const double alias = alias_of(hz, k, plant_.tick_s(), bus.ticks);
+      const std::array<double, 1> w{tangent_of(alias, plant_.tick_s())};
+      std::array<Complex, 1> value;
+      plant_.response(w, value);
+      value[0] *= gain_ * law_.at(w[0], plant_.tick_s());
+      for (int tick = 0; tick < delay_ticks_; ++tick)
+        value[0] *= Complex(1, -w[0]) / Complex(1, w[0]);
+      sum += bus.immediate() ? value[0] : value[0] * plant_.held(w[0]);
+    }
+    return sum;
   }
   double apart(double hz) const { return std::norm(1.0 + at(hz)); }
+  // Returns the gain at frequency 0 without the integral.
+  double at_rest() const {
+    const std::array<double, 1> w{0.0};
+    std::array<Complex, 1> value;
+    plant_.response(w, value);
+    double rest = gain_ * value[0].real();
+    for (const LawSection &s : law_.sections) rest *= s.n0 / s.d0;
+    return rest;
+  }
 
  private:
   const ForcePlant &plant_;
@@ -613,18 +712,79 @@ double least_between(double low, double high, const Value &value) {
 // Values that are close to the best one of a grid may be the best one between its points.
 constexpr double kCloseShare = 0.03;
 
+// Returns true if all poles of the plant are stable, except for one pole at 0 if `integral`.
+bool surely_stable(const ForcePlant &plant, bool integral) {
+  const double least = kRounding / plant.tick_s();
+  const auto others = std::count_if(plant.poles().begin(), plant.poles().end(), [&](Complex pole) {
+    return !(pole.real() < -kStableShare * std::sqrt(std::norm(pole)) - least);
+  });
+  return others == (integral ? 1 : 0);
+}
+
+// The polynomial d0 + d1 s + d2 s^2 of a stable section has coefficients of one sign.
+bool surely_stable(const LawShape &law) {
+  return law.integral_rad_per_s >= 0 &&
+         std::all_of(law.sections.begin(), law.sections.end(), [](const LawSection &s) {
+           const double square = s.d0 * s.d2;
+           return square > 0 && s.d1 * s.d0 > kStableShare * std::abs(s.d0) * std::sqrt(square);
+         });
+}
+
+// Returns the gain of a loop at frequency 0: infinity with an integral in the law, and NaN if that
+// integral has a plant with a negative gain or none. `rest`: the gain without the law's integral.
+double gain_at_rest(const LawShape &law, double rest) {
+  if (!(law.integral_rad_per_s > 0)) return rest;
+  return rest > 0 ? kNone : std::numeric_limits<double>::quiet_NaN();
+}
+
+// Returns true if the loop around a plant with an integral begins at -90 degrees, or just above
+// -180 degrees if the law has an integral too. `real`, `imag`: the loop at the lowest frequency.
+bool begins_stable(const LawShape &law, double real, double imag) {
+  return imag < 0 && (law.integral_rad_per_s <= 0 || real < 0);
+}
+
+// Returns true if a pole or zero of the plant or of the law may have a frequency below the grid.
+// A pole at 0 is an integral, which the grid shows.
+bool is_slow(const ForcePlant &plant, const LawShape &law, bool integral) {
+  constexpr double kLowest = 2 * std::numbers::pi * kLowestHz;
+  const auto below = [](Complex root) { return std::norm(root) < kLowest * kLowest; };
+  const double w = tangent_of(kLowestHz, plant.tick_s());
+  const auto has_low_root = [w](double c0, double c1, double c2) {
+    return std::abs(c0) < w * std::max(std::abs(c1), w * std::abs(c2));
+  };
+  return std::count_if(plant.poles().begin(), plant.poles().end(), below) > (integral ? 1 : 0) ||
+         std::any_of(plant.zeros().begin(), plant.zeros().end(), below) ||
+         std::any_of(law.sections.begin(), law.sections.end(), [&](const LawSection &s) {
+           return has_low_root(s.n0, s.n1, s.n2) || has_low_root(s.d0, s.d1, s.d2);
+         });
+}
+
+// Returns true if the grid shows all of the loop, and the loop is stable at small gains.
+bool is_known(const ForcePlant &plant, const LawShape &law, bool integral) {
+  return surely_stable(plant, integral) && surely_stable(law) && !is_slow(plant, law, integral);
+}
+
 }  // namespace
 
 // The methods compute one figure each, from the values at the points of the grid.
 class LawGrid::Precise {
  public:
-  Precise(const Curve &curve, const Sight &sight, double gain)
-      : curve_(curve), sight_(sight), gain_(gain), last_(curve.hz.size() - 1) {}
+  // `at_rest`: gain of the loop at frequency 0, infinity with an integral.
+  Precise(const Curve &curve, const Sight &sight, double gain, double at_rest)
+      : curve_(curve), sight_(sight), gain_(gain), rest_(at_rest), last_(curve.hz.size() - 1) {}
+
+  // Returns true if |S| or |T| passes -3 dB below the grid.
+  bool passes_below() const {
+    const bool open = !std::isinf(rest_);
+    const bool far = !open || (1 + rest_) * (1 + rest_) * kHalfPower > 1;
+    const bool whole = !open || rest_ * rest_ >= kHalfPower * (1 + rest_) * (1 + rest_);
+    return far != (size(0) * kHalfPower > 1) || whole != (below(0) <= 0);
+  }
 
   // The largest distance from 0 at which the loop crosses the negative real axis.
   double axis_distance() const {
     const auto [re, im, q, hz] = curve_;
-    double most = -gain_ * re[last_];
+    double most = std::max(-rest_, -gain_ * re[last_]);
     for (std::size_t i = 0; i < last_; ++i) {
       if (im[i] * im[i + 1] >= 0 || re[i] + re[i + 1] >= 0) continue;
       if (gain_ * std::max(-re[i], -re[i + 1]) < (1 - kCloseShare) * most) continue;
@@ -699,23 +859,25 @@ class LawGrid::Precise {
 
   const Curve &curve_;
   const Sight &sight_;
-  double gain_;
+  double gain_, rest_;
   std::size_t last_;
 };
 
 PreciseFigures LawGrid::precise(const LawShape &law, double gain, std::size_t plant,
                                 std::size_t delay) const {
   const ForcePlant &own = plants_[plant];
-  for (const Complex pole : own.poles())
-    if (!(pole.real() < -kStableShare * std::sqrt(std::norm(pole)) - kRounding / tick_s_))
-      return {};
+  const Sight sight(own, law, gain, delays_[delay]);
+  const bool integral = integrates_[plant];
+  if (!(gain > 0) || !is_known(own, law, integral)) return {};
+  const double rest = gain_at_rest(law, integral ? kNone : sight.at_rest());
+  if (std::isnan(rest)) return {};
   Loop loop = loop_of_one();
   compute(law, plant, begin_[plant], loop);
   const Curve part = curve(loop, begin_[plant], plant, delay);
-  const Sight sight(own, law, gain, delays_[delay]);
-  const Precise precise(part, sight, gain);
+  if (integral && !begins_stable(law, part.real[0], part.imag[0])) return {};
+  const Precise precise(part, sight, gain, rest);
   const double axis = precise.axis_distance();
-  if (axis >= 1) return {};
+  if (!(axis < 1) || precise.passes_below()) return {};
   const double fS_hz = precise.fS_hz();
   return {true,
           fS_hz,
@@ -726,29 +888,53 @@ PreciseFigures LawGrid::precise(const LawShape &law, double gain, std::size_t pl
           precise.first_fall_hz() < (fS_hz > 0 ? fS_hz : kNone)};
 }
 
+namespace {
+
+// Returns the value of a law, which is 0 if a plant needs a larger gain than another one permits.
+LawValue value_of(const GainLimit &limit, double hz) {
+  return kGainShare * limit.gain < limit.least ? LawValue{0, 0} : LawValue{hz, limit.gain};
+}
+
+}  // namespace
+
 LawValue LawGrid::evaluate(const LawShape &law, const LawBounds &bounds, const RampResponse *ramp,
                            double floor_hz) const {
-  thread_local Loop loop;  // some 100 kB, reused
-  loop.resize(hz_.size(), delays_.size());
+  thread_local Loop loop;  // some 100 kB for each thread, which all later calls use again
+  loop.resize(hz_.size(), delays_.size(), aliases_);
   GainLimit limit;
   limit.gain = bounds.hf_gain / law.hf_gain();
-  for (std::size_t p = 0; p < plants_.size(); ++p) {
-    compute(law, p, 0, loop);
-    for (std::size_t d = 0; d < delays_.size(); ++d)
-      reduce(limit, curve(loop, 0, p, d), p, d, bounds);
-  }
-  const double noise = *std::max_element(loop.noise.begin(), loop.noise.end());
-  limit.gain = std::min(limit.gain, bounds.hf_gain / std::sqrt(noise));
-  const double gain = kGainShare * limit.gain;
   double hz = kNone;
-  for (std::size_t p = 0; p < plants_.size(); ++p)
+  const auto narrow = [&](std::size_t p) {
+    const double gain = kGainShare * limit.gain;
     for (std::size_t d = 0; d < delays_.size(); ++d) {
       const Curve one = curve(loop, 0, p, d);
       hz = bandwidth_of(one.real, one.square, one.hz, gain, hz);
       if (law.integral_rad_per_s > 0) hz = fall_of(one.real, one.square, one.hz, gain, hz);
     }
-  if (ramp != nullptr && hz >= floor_hz) hz /= 1 + kRampWeight * ramp->excess(law, limit.gain);
-  return {hz, limit.gain};
+  };
+  const std::size_t first = ends_early_.load(std::memory_order_relaxed);
+  for (std::size_t i = 0; i < plants_.size(); ++i) {
+    const std::size_t p = i == 0 ? first : i - (i <= first);
+    compute(law, p, 0, loop);
+    for (std::size_t d = 0; d < delays_.size(); ++d)
+      reduce(limit, law, curve(loop, 0, p, d), p, d, bounds);
+    // At a frequency, |S| and |T| are within -3 dB above some gain. The other plants reduce the
+    // gain, so the bandwidth does not increase.
+    if (floor_hz > 0) narrow(p);
+    if (hz < floor_hz) {
+      ends_early_.store(p, std::memory_order_relaxed);
+      return {hz, limit.gain};
+    }
+  }
+  const double noise = *std::max_element(loop.noise.begin(), loop.noise.end());
+  limit.gain = std::min(limit.gain, bounds.hf_gain / std::sqrt(noise));
+  hz = kNone;
+  for (std::size_t p = 0; p < plants_.size(); ++p) narrow(p);
+  if (ramp != nullptr && hz >= floor_hz) {
+    const double most = floor_hz > 0 ? (hz / floor_hz - 1) / kRampWeight : kNone;
+    hz /= 1 + kRampWeight * ramp->excess(law, limit.gain, most);
+  }
+  return value_of(limit, hz);
 }
 
 }  // namespace forceaxis::sim

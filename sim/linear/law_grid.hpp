@@ -6,10 +6,11 @@
 // resonance is narrower than the steps of a common grid. S = 1 / (1 + g L) is the sensitivity
 // function and T = g L / (1 + g L) the closed loop, for the gain g and the loop L with the gain 1.
 //
-// The conditions |1 + g L| above a bound and |T| below a bound are quadratic in g at each
-// frequency. The largest gain is therefore computed without iteration. A loop that is stable at
+// The condition that |1 + g L| is above a bound is quadratic in g at each frequency. The largest
+// gain is therefore computed without iteration. A loop that is stable at
 // small gains is stable up to this gain, because the curve of g L does not pass through -1 at a
 // smaller gain.
+#include <atomic>
 #include <cstddef>
 #include <limits>
 #include <optional>
@@ -24,38 +25,48 @@ namespace forceaxis::sim {
 
 /// Bounds that all loops have to keep. Infinity means no bound.
 struct LawBounds {
-  std::vector<double> ms;                               ///< largest |S| for each delay of the loop
-  double mt = std::numeric_limits<double>::infinity();  ///< largest |T|
-  double gain_margin = 1.0;                             ///< factor
-  double phase_margin_deg = 0.0;                        ///< 0: no bound
+  std::vector<double> ms;         ///< largest |S| for each delay of the loop, above 1
+  double gain_margin = 1.0;       ///< factor
+  double phase_margin_deg = 0.0;  ///< 0: no bound
   double hf_gain = std::numeric_limits<double>::infinity();  ///< DAC codes per 8-bit count
 };
 
 /// The largest gain that the bounds permit, and the point of the grid at which a bound is reached.
 struct GainLimit {
-  enum class Bound { hf, ms, mt, gm, pm };
+  enum class Bound { hf, ms, gm, pm };
   double gain = 0.0;
   Bound bound = Bound::hf;
   std::size_t plant = 0, delay = 0;  ///< indices; not used for Bound::hf
   double frequency_hz = 0.0;
+  /// Smallest gain that the bounds permit. It is 0 unless plant and law have an integral each: such
+  /// a loop has little phase margin at low frequency if its gain is small.
+  double least = 0.0;
 };
 
-/// Figures of the loops with one delay around one plant.
+/// Figures of a stable loop with one delay around one plant. The stability is not checked.
 struct LoopFigures {
-  double fS_hz;       ///< first frequency at which |S| rises above -3 dB; 0 at the lowest frequency
-  double fT_hz;       ///< first frequency at which |T| falls below -3 dB
-  double last_fT_hz;  ///< last frequency at which |T| falls below -3 dB; 0 if |T| is never above
-  double Ms, Mt;      ///< largest |S| and |T|
+  /// First frequency at which |S| rises above -3 dB: 0 if |S| is above at the lowest frequency of
+  /// the grid, and half the tick rate if |S| stays below.
+  double fS_hz;
+  /// Last frequency at which |T| falls below -3 dB: 0 if |T| is below at all frequencies of the
+  /// grid, and half the tick rate if |T| is above at the last one.
+  double fT_hz;
+  double Ms;                ///< largest |S|
   double gain_margin;       ///< factor; infinity if the loop has no gain margin
   double phase_margin_rad;  ///< smallest magnitude; infinity if |L| is 1 at no frequency
 };
 
 /// Figures of one loop that are not limited by the steps of a grid: roots and peaks are searched
 /// for between the points of the grid. Relative errors are about 1e-9.
+///
+/// Over a bus, |S| and the margins are those of the loop that is sampled once in a cycle. |T| is
+/// |L / (1 + L)|, which leaves out that the cycle samples the set-point too: fT differs by up to 2
+/// % from that of the lifted loop.
 struct PreciseFigures {
-  /// Whether the loop is known to be stable: the plant is stable, and no gain up to the given gain
-  /// brings the curve of the loop to -1. Otherwise the other fields are 0, and poles have to
-  /// decide.
+  /// Whether the loop is known to be stable: plant and law are stable, an integral acts with the
+  /// sign that reduces the error, and no gain up to the given gain brings the curve of the loop to
+  /// -1. Otherwise the other fields are 0, and poles have to decide. This is also so for a loop
+  /// with a pole, a zero or a bandwidth below the lowest frequency of the grid.
   bool known_stable = false;
   double fS_hz = 0;  ///< as in LoopFigures; infinity if |S| stays below -3 dB
   double fT_hz = 0;  ///< last frequency at which |T| falls below -3 dB; infinity if it stays above
@@ -85,9 +96,10 @@ class LawGrid {
   /// Returns the largest magnitude of a law without its integral part at the grid frequencies.
   double noise_gain(const LawShape &law) const;
   /// Returns the largest gain that the bounds permit for each plant alone. `hf_gain`: gain of the
-  /// law at high frequency.
+  /// law at high frequency. The gain is 0 if no gain keeps the bounds.
   std::vector<GainLimit> limits(const LawShape &law, double hf_gain, const LawBounds &bounds) const;
-  /// Returns the smallest one of limits().
+  /// Returns the smallest one of limits(), with the gain 0 if GainLimit::least of another plant is
+  /// larger.
   GainLimit largest_gain(const LawShape &law, double hf_gain, const LawBounds &bounds) const;
   /// Returns the figures of all loops at a gain, one plant after another, each with all delays.
   std::vector<LoopFigures> figures(const LawShape &law, double gain) const;
@@ -96,28 +108,42 @@ class LawGrid {
                          std::size_t delay) const;
   /// Returns the value of a law for a search: the smallest bandwidth at 0.97 times the largest
   /// gain, where |S| and, for a law with an integral, |T| are within -3 dB. A `ramp` reduces the
-  /// bandwidth if the force does not follow it. The ramp is not computed for a bandwidth below
-  /// `floor_hz`.
+  /// bandwidth if the force does not follow it. The result may be too large if it is below
+  /// `floor_hz`, because the evaluation ends when it is known to be below.
   LawValue evaluate(const LawShape &law, const LawBounds &bounds, const RampResponse *ramp,
                     double floor_hz) const;
 
  private:
   struct Loop;
+  struct Turned;
   struct Curve;
   class Precise;
   class Sight;  // one loop at any frequency
+  void add_frequency(double w);
+  void add_aliases(const Turned &apart, std::size_t at, Turned &sum, std::size_t to,
+                   std::size_t points) const;
   Loop loop_of_one() const;
   void compute(const LawShape &law, std::size_t plant, std::size_t first, Loop &loop) const;
   Curve curve(const Loop &loop, std::size_t first, std::size_t plant, std::size_t delay) const;
-  static void reduce(GainLimit &limit, const Curve &curve, std::size_t plant, std::size_t delay,
-                     const LawBounds &bounds);
+  void reduce(GainLimit &limit, const LawShape &law, const Curve &curve, std::size_t plant,
+              std::size_t delay, const LawBounds &bounds) const;
 
   std::vector<ForcePlant> plants_;
   std::vector<int> delays_;
   double tick_s_;
+  // Number of frequencies of each point: the ticks of a bus cycle, 1 without a bus.
+  std::size_t aliases_;
   std::vector<std::size_t> begin_;  // index of the first point of each plant, and of the end
-  // Of each point: frequency, w = tan(pi f T), real and imaginary part of the plant's response.
-  std::vector<double> hz_, w_, real_, imag_;
+  std::vector<bool> integrates_;    // of each plant: one of its poles is an integral
+  std::vector<double> hz_;          // of each point
+  // Of each frequency of each point: w = tan(pi f T), real and imaginary part of z, real and
+  // imaginary part of the plant's response with its bus. A plant has all its points at the first
+  // frequency, then at the second one.
+  std::vector<double> w_, cosine_, sine_, real_, imag_;
+  // Plant that ended the last evaluation early. The next evaluation begins with this plant, because
+  // it probably ends that evaluation too. The order of the plants changes no result above the
+  // floor.
+  mutable std::atomic<std::size_t> ends_early_{0};
 };
 
 }  // namespace forceaxis::sim

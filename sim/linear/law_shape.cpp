@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
+
+#include "sim/linear/force_plant.hpp"
 
 namespace forceaxis::sim {
 
@@ -13,8 +14,8 @@ LawSection LawSection::of(const std::array<double, 5> &coefficients) {
 
 LawSection LawSection::of(double zero_hz, double zero_damping, double pole_hz, double pole_damping,
                           double tick_s) {
-  const double zero = std::tan(std::numbers::pi * zero_hz * tick_s);
-  const double pole = std::tan(std::numbers::pi * pole_hz * tick_s);
+  const double zero = tangent_of(zero_hz, tick_s);
+  const double pole = tangent_of(pole_hz, tick_s);
   return {1, 2 * zero_damping / zero, 1 / (zero * zero),
           1, 2 * pole_damping / pole, 1 / (pole * pole)};
 }
@@ -29,11 +30,15 @@ std::optional<LawShape> LawShape::of_logarithms(std::span<const double> numbers,
                                                 double coefficient_max) {
   LawShape law;
   if (numbers.empty()) return law;
-  law.integral_rad_per_s = std::exp(numbers[0]);
+  // The functions for double of the C library depend on the processor.
+  const auto exponential = [&](std::size_t i) {
+    return static_cast<double>(std::exp(static_cast<long double>(numbers[i])));
+  };
+  law.integral_rad_per_s = exponential(0);
+  if (!std::isfinite(law.integral_rad_per_s)) return std::nullopt;
   for (std::size_t i = 1; i + 3 < numbers.size(); i += 4) {
-    const LawSection section =
-        LawSection::of(std::exp(numbers[i]), std::exp(numbers[i + 1]), std::exp(numbers[i + 2]),
-                       std::exp(numbers[i + 3]), tick_s);
+    const LawSection section = LawSection::of(exponential(i), exponential(i + 1),
+                                              exponential(i + 2), exponential(i + 3), tick_s);
     for (const double c : section.coefficients())
       if (!(std::abs(c) <= coefficient_max)) return std::nullopt;
     law.sections.push_back(section);

@@ -32,8 +32,8 @@ struct LawShape {
 
   /// Returns the law whose parameters have the natural logarithms `numbers`: integral rate in
   /// rad/s, then for each section zero frequency in Hz, zero damping, pole frequency in Hz, pole
-  /// damping. Without numbers the law is 1. Returns nothing if the magnitude of a coefficient of
-  /// the firmware exceeds `coefficient_max`.
+  /// damping. Without numbers the law is 1. Returns nothing if a value is not finite, or if the
+  /// magnitude of a coefficient of the firmware exceeds `coefficient_max`.
   static std::optional<LawShape> of_logarithms(std::span<const double> numbers, double tick_s,
                                                double coefficient_max);
   /// Returns the response at w = tan(pi f tick_s).

@@ -69,19 +69,12 @@ Model pushed(Model model, int body, double force_N) {
   return model;
 }
 
-std::vector<string> state_names(const Model &model) {
-  std::vector<string> names;
-  for (const Body &body : model.bodies) {
-    names.push_back(body.name + ".position");
-    names.push_back(body.name + ".velocity");
+std::vector<string> state_names(const Network &network) {
+  std::vector<string> names = network.state_names();
+  for (const Wiring::BodyState &body : network.bodies()) {
+    names[static_cast<std::size_t>(body.position)] += ".position";
+    names[static_cast<std::size_t>(body.velocity)] += ".velocity";
   }
-  if (model.drive && std::holds_alternative<DcMotor>(model.drive->type))
-    names.insert(names.end(), {"drive.current", "drive.tach_filtered"});
-  if (model.drive && std::holds_alternative<FirstOrderDrive>(model.drive->type))
-    names.emplace_back("drive.force");
-  for (std::size_t i = 0; i < 2; ++i)
-    if (model.adc[i] && model.adc[i]->filter)
-      names.push_back("adc" + std::to_string(i) + ".filtered");
   return names;
 }
 
@@ -139,6 +132,25 @@ std::optional<RowVector> output_row(const Model &model, const Network &network,
   throw InputError(model.file, "input", "expected one of " + listed(names) + ", got " + name);
 }
 
+// Removes the state that counts the time, if there is one: it is no part of the response.
+void remove_clock(Linear &linear, Eigen::Index at) {
+  if (at < 0) return;
+  const Eigen::Index behind = linear.A.rows() - at - 1;
+  const auto cut_rows = [&](Eigen::MatrixXd &m) {
+    m.middleRows(at, behind) = m.bottomRows(behind).eval();
+    m.conservativeResize(m.rows() - 1, Eigen::NoChange);
+  };
+  const auto cut_columns = [&](Eigen::MatrixXd &m) {
+    m.middleCols(at, behind) = m.rightCols(behind).eval();
+    m.conservativeResize(Eigen::NoChange, m.cols() - 1);
+  };
+  cut_rows(linear.A);
+  cut_columns(linear.A);
+  cut_rows(linear.B);
+  cut_columns(linear.C);
+  linear.states.erase(linear.states.begin() + at);
+}
+
 }  // namespace
 
 std::vector<SwitchStates> switches_of(const Model &model) {
@@ -170,7 +182,7 @@ Linear linearise(const Model &given, const LinearMode &mode, std::span<const str
   const ExtendedMatrix rows = outputs_of(model, network, equations);
 
   Linear linear;
-  linear.states = state_names(model);
+  linear.states = state_names(network);
   linear.A = equations.flow.leftCols(n).cast<double>();
   linear.C = rows.leftCols(n).cast<double>();
   linear.B.resize(n, static_cast<Eigen::Index>(inputs.size()));
@@ -205,65 +217,8 @@ Linear linearise(const Model &given, const LinearMode &mode, std::span<const str
       force(static_cast<int>(body - model.bodies.begin()), kGround);
     }
   }
+  remove_clock(linear, network.clock());
   return linear;
-}
-
-void hessenberg_response(const Eigen::MatrixXd &H, const Eigen::MatrixXd &B,
-                         const Eigen::MatrixXd &C, const Eigen::MatrixXd &D,
-                         std::span<const std::complex<double>> points,
-                         std::span<std::complex<double>> values) {
-  using Complex = std::complex<double>;
-  const auto n = static_cast<std::size_t>(H.rows());
-  const auto m = static_cast<std::size_t>(B.cols());
-  const auto p = static_cast<std::size_t>(C.rows());
-  const auto wide = n + m;
-  // The rows of [s I - H, B]. The products do not test for infinities.
-  std::vector<Complex> work(n * wide);
-  const auto times = [](Complex a, Complex b) {
-    return Complex(a.real() * b.real() - a.imag() * b.imag(),
-                   a.real() * b.imag() + a.imag() * b.real());
-  };
-  const auto inverse = [](Complex a) {
-    const double size = a.real() * a.real() + a.imag() * a.imag();
-    return Complex(a.real() / size, -a.imag() / size);
-  };
-  const auto size = [](Complex a) { return std::abs(a.real()) + std::abs(a.imag()); };
-  std::vector<double> left(n * wide);
-  for (std::size_t i = 0; i < n; ++i) {
-    for (std::size_t j = 0; j < n; ++j)
-      left[i * wide + j] = -H(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
-    for (std::size_t j = 0; j < m; ++j)
-      left[i * wide + n + j] = B(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
-  }
-  for (std::size_t k = 0; k < points.size(); ++k) {
-    for (std::size_t i = 0; i < work.size(); ++i) work[i] = left[i];
-    for (std::size_t i = 0; i < n; ++i) work[i * wide + i] += points[k];
-    for (std::size_t i = 0; i + 1 < n; ++i) {
-      Complex *upper = &work[i * wide];
-      Complex *lower = upper + wide;
-      if (size(lower[i]) > size(upper[i])) std::swap_ranges(upper + i, upper + wide, lower + i);
-      if (lower[i] == 0.0) continue;
-      const Complex factor = times(lower[i], inverse(upper[i]));
-      for (std::size_t j = i + 1; j < wide; ++j) lower[j] -= times(factor, upper[j]);
-    }
-    for (std::size_t i = n; i-- > 0;) {
-      Complex *row = &work[i * wide];
-      const Complex scale = inverse(row[i]);
-      for (std::size_t c = n; c < wide; ++c) {
-        Complex sum = row[c];
-        for (std::size_t j = i + 1; j < n; ++j) sum -= times(row[j], work[j * wide + c]);
-        row[c] = times(sum, scale);
-      }
-    }
-    for (std::size_t r = 0; r < p; ++r)
-      for (std::size_t c = 0; c < m; ++c) {
-        Complex sum = D(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(c));
-        for (std::size_t i = 0; i < n; ++i)
-          sum += C(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(i)) *
-                 work[i * wide + n + c];
-        values[(k * p + r) * m + c] = sum;
-      }
-  }
 }
 
 }  // namespace forceaxis::sim

@@ -51,12 +51,4 @@ std::vector<SwitchStates> switches_of(const Model &model);
 Linear linearise(const Model &model, const LinearMode &mode, std::span<const std::string> inputs,
                  std::span<const std::string> outputs);
 
-/// Computes y = C (s I - H)^-1 B + D at many points s, for an upper Hessenberg matrix H (n x n).
-/// `values` has points x outputs x inputs elements. Gaussian elimination of one subdiagonal with
-/// pivots takes O(n^2) operations for each point. At a pole the values are not finite.
-void hessenberg_response(const Eigen::MatrixXd &H, const Eigen::MatrixXd &B,
-                         const Eigen::MatrixXd &C, const Eigen::MatrixXd &D,
-                         std::span<const std::complex<double>> points,
-                         std::span<std::complex<double>> values);
-
 }  // namespace forceaxis::sim

@@ -79,14 +79,15 @@ Extended setpoint_at(Extended ramps) {
 // Returns the largest excess of two forces over the permitted band, as a share of the set-point.
 // `harmonics`: their odd harmonics. The sum over the harmonics 2 m + 1 at the instant 4 a + b of
 // the first half of the period is a Fourier transform over m at the place a, turned by the angle of
-// the instant.
-double excess_of(std::span<const ComplexPair> harmonics) {
+// the instant. The search ends at an excess above `most`.
+double excess_of(std::span<const ComplexPair> harmonics, double most) {
   const auto &roots = roots_of_one();
   Pair high{};
   Pair low{};
-  const auto raise = [](Pair &most, Pair value) { most = value > most ? value : most; };
+  const auto raise = [](Pair &top, Pair value) { top = value > top ? value : top; };
+  double worst = 0.0;
   std::array<ComplexPair, kPart> part;
-  for (std::size_t b = 0; b < 4; ++b) {
+  for (std::size_t b = 0; b < 4 && !(worst > most); ++b) {
     part.fill(ComplexPair{});
     for (std::size_t m = 0; m < harmonics.size(); ++m)
       part[m] = times(harmonics[m], roots[2 * m * b % kPeriod]);
@@ -99,8 +100,9 @@ double excess_of(std::span<const ComplexPair> harmonics) {
       if (ramps > kShortMax[0].first)
         raise(low, -force - kShortMax[ramps < kShortMax[1].first ? 0 : 1].second);
     }
+    worst = std::max({high[0], high[1], low[0], low[1]});
   }
-  return std::max({high[0], high[1], low[0], low[1]});
+  return worst;
 }
 
 }  // namespace
@@ -112,7 +114,7 @@ RampResponse::RampResponse(std::span<const ForcePlant *const> plants,
   std::vector<double> hz;
   for (std::size_t m = 0; m < kHarmonics; ++m) {
     const double next = static_cast<double>(2 * m + 1) / period_s;
-    if (next < kHighestShare / tick_s_) hz.push_back(next);
+    if (next < kHighestShare / (tick_s_ * plants.front()->bus().ticks)) hz.push_back(next);
   }
   for (std::size_t m = 0; m < hz.size(); ++m) {
     w_.push_back(tangent_of(hz[m], tick_s_));
@@ -130,6 +132,8 @@ RampResponse::RampResponse(std::span<const ForcePlant *const> plants,
   for (const ForcePlant *plant : plants) {
     std::vector<Complex> values(hz.size());
     plant->response(w_, values);
+    if (!plant->bus().immediate())
+      for (std::size_t m = 0; m < hz.size(); ++m) values[m] *= plant->held(w_[m]);
     for (const int delay : delays_ticks) {
       auto &loop = loops.emplace_back();
       for (std::size_t m = 0; m < hz.size(); ++m)
@@ -145,7 +149,7 @@ RampResponse::RampResponse(std::span<const ForcePlant *const> plants,
   }
 }
 
-double RampResponse::excess(const LawShape &law, double gain) const {
+double RampResponse::excess(const LawShape &law, double gain, double most) const {
   const std::size_t count = w_.size();
   std::array<Complex, kHarmonics> response;
   const double rate = law.integral_rad_per_s * tick_s_ / 2;
@@ -162,14 +166,14 @@ double RampResponse::excess(const LawShape &law, double gain) const {
   }
   double worst = 0.0;
   std::array<ComplexPair, kHarmonics> closed;
-  for (std::size_t begin = 0; begin < plants_.size(); begin += count) {
+  for (std::size_t begin = 0; begin < plants_.size() && !(worst > most); begin += count) {
     for (std::size_t m = 0; m < count; ++m) {
       const auto [re, im] = times(plants_[begin + m], response[m]);
       const Pair beyond = 1 + re;
       const Pair size = beyond * beyond + im * im;
       closed[m] = times({(re * beyond + im * im) / size, im / size}, setpoint_[m]);
     }
-    worst = std::max(worst, excess_of(std::span(closed).first(count)));
+    worst = std::max(worst, excess_of(std::span(closed).first(count), most));
   }
   return worst;
 }

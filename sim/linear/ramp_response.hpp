@@ -5,6 +5,7 @@
 // one, the force overshoots. The bandwidth does not show these two effects. The set-point is a
 // periodic trapezoid of 30 ramp times, so the response is a sum of odd harmonics.
 #include <complex>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -21,7 +22,9 @@ class RampResponse {
   /// Returns the largest excess of the force over the permitted band about the set-point, as a
   /// share of the set-point, over all plants and delays; 0 if the force stays within the band. The
   /// band: at most 5.5 % above, at most 2 % below from 1.25 ramp times on, 2.5 % from 1.6 on.
-  double excess(const LawShape &law, double gain) const;
+  /// Loops after the first one with an excess above `most` are not computed.
+  double excess(const LawShape &law, double gain,
+                double most = std::numeric_limits<double>::infinity()) const;
 
   /// Two numbers, one for each of two loops that are computed at the same time.
   using Pair [[gnu::vector_size(16)]] = double;

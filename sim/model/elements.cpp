@@ -1,8 +1,11 @@
 #include "sim/model/elements.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
+#include <initializer_list>
 #include <limits>
+#include <numbers>
 #include <optional>
 #include <set>
 #include <string>
@@ -20,6 +23,7 @@ class Elements {
     read_bodies();
     read_links();
     read_gravities();
+    read_externals();
     read_drive();
     read_sensors();
   }
@@ -33,6 +37,8 @@ class Elements {
   void read_bodies();
   void read_links();
   void read_gravities();
+  Cogging read_cogging(Section &section);
+  void read_externals();
   void read_drive();
   void read_switches(Section &section);
   void read_sensors();
@@ -50,11 +56,31 @@ std::string Elements::claim_name(Section &section) {
   return name;
 }
 
+// Returns the mass of a body with that of its inertias, which turn with it.
+double read_mass(Section &section) {
+  if (!section.has("inertia")) {
+    if (section.has("r_trans"))
+      section.fail("r_trans",
+                   "expected inertia beside r_trans, got no such key; add inertia or "
+                   "remove r_trans");
+    return section.value("mass", Dimension::mass, Sign::positive);
+  }
+  double mass = section.optional_number("mass").value_or(0.0);
+  const std::vector<double> inertias = section.numbers("inertia");
+  const std::vector<double> travels = section.numbers("r_trans");
+  if (inertias.size() != travels.size())
+    section.fail("r_trans", "expected " + std::to_string(inertias.size()) +
+                                " values, one for each inertia, got " +
+                                std::to_string(travels.size()) + "; add or remove values");
+  for (std::size_t i = 0; i < inertias.size(); ++i) mass += inertias[i] / (travels[i] * travels[i]);
+  return mass;
+}
+
 void Elements::read_bodies() {
   root_.each("body", [&](Section &section) {
     Body body;
     body.name = claim_name(section);
-    body.mass = section.number("mass");
+    body.mass = read_mass(section);
     body.position = section.number("position");
     body.velocity = section.number("velocity");
     model_.bodies.push_back(std::move(body));
@@ -119,9 +145,21 @@ Link Elements::link(Section &section) {
   return element;
 }
 
+std::optional<Maxwell> read_maxwell(Section &section) {
+  const auto stiffness = section.optional_number("maxwell_stiffness");
+  if (!stiffness) {
+    if (section.has("maxwell_time"))
+      section.fail("maxwell_time",
+                   "expected maxwell_stiffness beside maxwell_time, got no such key; add "
+                   "maxwell_stiffness or remove maxwell_time");
+    return std::nullopt;
+  }
+  return Maxwell{*stiffness, section.value("maxwell_time", Dimension::time, Sign::positive)};
+}
+
 double read_damping(Section &section) { return section.number("damping"); }
 
-// Reads the common keys of contacts and stops.
+// Reads the common keys of backlashes and stops.
 template <class Link>
 Link Elements::touching(Section &section) {
   Link element = link<Link>(section);
@@ -130,11 +168,78 @@ Link Elements::touching(Section &section) {
   return element;
 }
 
+// Returns the forces of one period of a cogging at equal distances.
+std::vector<double> read_period(Section &section) {
+  std::vector<double> forces = section.numbers("force");
+  if (forces.size() > 1) {
+    if (section.has("segments"))
+      section.fail("segments",
+                   "expected no segments beside a list of forces, got both; remove one");
+    return forces;
+  }
+  const double amplitude = forces.front();
+  const int segments = section.integer("segments");
+  forces.clear();
+  for (int k = 0; k < segments; ++k)
+    forces.push_back(amplitude * std::sin(2.0 * std::numbers::pi * k / segments));
+  return forces;
+}
+
+Cogging Elements::read_cogging(Section &section) {
+  auto cogging = link<Cogging>(section);
+  const std::vector<double> period = read_period(section);
+  const double width = section.number("period") / static_cast<double>(period.size());
+  const double start = section.number("position");
+  const double from = section.number("from");
+  const double to = section.number("to");
+  if (!(to > from))
+    section.fail("to", "expected a value greater than from, " + number_text(from) + ", got " +
+                           number_text(to) + "; exchange or correct the two values");
+  constexpr double kMostSegments = 1000.0;
+  if ((to - from) / width > kMostSegments)
+    section.fail("period", "expected at most 1000 segments between from and to, got " +
+                               number_text((to - from) / width) +
+                               "; shorten the travel, or give fewer segments");
+  // The places are multiples of the width from the start of a period that lies before the travel.
+  const auto first = static_cast<long>(std::floor((from - start) / width));
+  const auto last = static_cast<long>(std::ceil((to - start) / width));
+  const auto count = static_cast<long>(period.size());
+  for (long k = first; k <= std::max(last, first + 1); ++k) {
+    cogging.places.push_back(start + static_cast<double>(k) * width);
+    cogging.forces.push_back(period[static_cast<std::size_t>(((k % count) + count) % count)]);
+  }
+  for (std::size_t k = 1; k < cogging.places.size(); ++k)
+    if (!(cogging.places[k] > cogging.places[k - 1]))
+      section.fail("period", "expected a period that the position resolves, got " +
+                                 number_text(section.number("period")) + "; correct it");
+  return cogging;
+}
+
+void Elements::read_externals() {
+  root_.each("external", [&](Section &section) {
+    External external;
+    external.name = claim_name(section);
+    external.body = section.body("body", model_.bodies, false, std::nullopt);
+    external.times = section.rising("times");
+    external.forces = section.numbers("forces");
+    if (external.times.size() < 2)
+      section.fail("times", "expected at least two times, got " +
+                                std::to_string(external.times.size()) +
+                                "; add the begin and the end of the force");
+    if (external.forces.size() != external.times.size())
+      section.fail("forces", "expected " + std::to_string(external.times.size()) +
+                                 " values, one for each of times, got " +
+                                 std::to_string(external.forces.size()) + "; add or remove values");
+    model_.externals.push_back(std::move(external));
+  });
+}
+
 void Elements::read_links() {
   root_.each("spring", [&](Section &section) {
     auto spring = link<Spring>(section);
     spring.stiffness = read_slopes(section, "stiffness");
     spring.damping = read_damping(section);
+    spring.maxwell = read_maxwell(section);
     model_.springs.push_back(std::move(spring));
   });
   root_.each("damper", [&](Section &section) {
@@ -143,8 +248,15 @@ void Elements::read_links() {
     model_.dampers.push_back(std::move(damper));
   });
   root_.each("contact", [&](Section &section) {
-    auto contact = touching<Contact>(section);
+    auto contact = link<Contact>(section);
+    contact.stiffness = read_slopes(section, "stiffness");
+    contact.damping = read_damping(section);
     contact.gap = section.number("gap");
+    contact.maxwell = read_maxwell(section);
+    if (contact.maxwell && (contact.damping > 0.0 || contact.stiffness.slopes.size() > 1))
+      section.fail("maxwell_stiffness",
+                   "expected one stiffness and no damping beside maxwell_stiffness, got more; "
+                   "remove the damping or the further segments");
     model_.contacts.push_back(std::move(contact));
   });
   root_.each("backlash", [&](Section &section) {
@@ -177,6 +289,8 @@ void Elements::read_links() {
                                    "; the breakaway force is not less than the sliding force");
     model_.frictions.push_back(std::move(friction));
   });
+  root_.each("cogging",
+             [&](Section &section) { model_.coggings.push_back(read_cogging(section)); });
   root_.each("brake", [&](Section &section) {
     auto brake = link<Brake>(section);
     brake.holding = section.number("holding");
@@ -250,6 +364,117 @@ PerfectDrive read_perfect(Section &section) {
   return perfect;
 }
 
+// Refuses a file that has both or none of two keys or groups of keys.
+void one_of(Section &section, const char *one, const char *other, const std::string &what) {
+  if (section.has(one) != section.has(other)) return;
+  const bool both = section.has(one);
+  section.fail(one, "expected " + std::string(one) + " or " + other + ", got " +
+                        (both ? "both keys" : "no such key") + "; " +
+                        (both ? "remove one of them" : "give " + what));
+}
+
+// Refuses keys that have a meaning only beside another key.
+void only_beside(Section &section, const char *beside, std::initializer_list<const char *> keys) {
+  for (const char *key : keys)
+    if (section.has(key) && !section.has(beside))
+      section.fail(key, "expected " + std::string(beside) + " beside " + key +
+                            ", got no such key; add " + beside + " or remove " + key);
+}
+
+// `turns`: another key needs the transmission of the motor beside k_force.
+DriveMotor read_drive_motor(Section &section, bool turns) {
+  DriveMotor motor;
+  one_of(section, "k_force", "k_torque", "the force or torque constant of the motor");
+  if (const auto direct = section.optional_number("k_force")) {
+    motor.force_per_amp = *direct;
+    if (section.has("r_trans") && !turns)
+      section.fail("r_trans", "expected no r_trans beside k_force, got one; remove one key");
+  } else {
+    motor.force_per_amp = *section.optional_number("k_torque") /
+                          section.value("r_trans", Dimension::transmission, Sign::positive);
+  }
+  motor.rate = section.number("current_bandwidth");
+  motor.peak_current = section.optional_number("peak_current");
+  motor.rated_current = section.optional_number("rated_current");
+  only_beside(section, "peak_current", {"rated_current"});
+  only_beside(section, "rated_current", {"peak_time"});
+  if (!motor.rated_current) return motor;
+  motor.peak_time = section.value("peak_time", Dimension::time, Sign::positive);
+  if (!(*motor.rated_current < *motor.peak_current))
+    section.fail("rated_current", "expected a current below peak_current, " +
+                                      number_text(*motor.peak_current) + " A, got " +
+                                      number_text(*motor.rated_current) +
+                                      "; exchange or correct the two currents");
+  return motor;
+}
+
+TorqueDrive read_torque(Section &section) {
+  TorqueDrive torque;
+  torque.current_per_volt = section.number("current_per_volt");
+  torque.motor = read_drive_motor(section, false);
+  torque.damping = section.number("damping");
+  return torque;
+}
+
+VelocityDrive read_velocity(Section &section) {
+  VelocityDrive drive;
+  drive.velocity_per_volt = section.number("velocity_per_volt");
+  drive.motor = read_drive_motor(section, section.has("tuned_inertia"));
+  one_of(section, "k_velocity", "bandwidth", "the gain or the bandwidth of the velocity loop");
+  only_beside(section, "k_velocity", {"integral_time"});
+  only_beside(section, "bandwidth", {"damping_ratio", "tuned_mass", "tuned_inertia"});
+  if (const auto gain = section.optional_number("k_velocity")) {
+    drive.k_velocity = *gain;
+    drive.integral_time = section.optional_number("integral_time");
+    return drive;
+  }
+  const double bandwidth = *section.optional_number("bandwidth");
+  one_of(section, "tuned_mass", "tuned_inertia", "the mass or inertia of the tuning");
+  auto mass = section.optional_number("tuned_mass");
+  if (!mass) {
+    const double r = section.value("r_trans", Dimension::transmission, Sign::positive);
+    mass = *section.optional_number("tuned_inertia") / (r * r);
+  }
+  constexpr double kDampingRatio = 0.7071;
+  const double ratio = section.optional_number("damping_ratio").value_or(kDampingRatio);
+  const auto gains = velocity_gains(*mass, bandwidth, ratio, drive.motor.rate);
+  if (!gains)
+    section.fail("bandwidth", "expected a bandwidth that a current loop of " +
+                                  number_text(drive.motor.rate) + " rad/s permits, got " +
+                                  number_text(bandwidth) +
+                                  " rad/s; lower it, lower damping_ratio or raise "
+                                  "current_bandwidth");
+  drive.k_velocity = gains->k_velocity;
+  drive.integral_time = gains->integral_time;
+  return drive;
+}
+
+StepperDrive read_stepper(Section &section) {
+  StepperDrive stepper;
+  stepper.velocity_per_volt = section.number("velocity_per_volt");
+  stepper.holding_force = section.number("holding_force");
+  stepper.full_step = section.number("full_step");
+  stepper.damping = section.number("damping");
+  stepper.segments = section.integer("segments");
+  if (stepper.segments % 4 != 0)
+    section.fail("segments",
+                 "expected a multiple of 4, so that a point has the holding force, got " +
+                     std::to_string(stepper.segments) + "; give 16");
+  return stepper;
+}
+
+BusCycle read_bus(Section &section) {
+  BusCycle bus;
+  bus.ticks = section.integer("cycle_ticks");
+  if (bus.ticks != 1 && bus.ticks % 3 != 0)
+    section.fail("cycle_ticks", "expected 1, or a multiple of 3 ticks, which are 2 ms, got " +
+                                    std::to_string(bus.ticks) +
+                                    "; set the bus to a cycle of 2 ms, 4 ms or longer");
+  bus.delay_ticks_out = section.integer("delay_ticks_out");
+  bus.delay_ticks_in = section.integer("delay_ticks_in");
+  return bus;
+}
+
 void Elements::read_drive() {
   root_.one("drive", [&](Section &section) {
     Drive drive;
@@ -261,13 +486,20 @@ void Elements::read_drive() {
                    "expected another body than drive.body or ground, got " +
                        in_quotes(model_.bodies[static_cast<std::size_t>(drive.body)].name) +
                        "; choose the body on which the reaction force acts");
+    drive.bus = read_bus(section);
     section.add(*section.format().added[type]);
     if (type == 0) {
       drive.type = read_motor(section);
     } else if (type == 1) {
       drive.type = read_first_order(section);
-    } else {
+    } else if (type == 2) {
       drive.type = read_perfect(section);
+    } else if (type == 3) {
+      drive.type = read_torque(section);
+    } else if (type == 4) {
+      drive.type = read_velocity(section);
+    } else {
+      drive.type = read_stepper(section);
     }
     model_.drive = drive;
   });
@@ -322,6 +554,32 @@ void Elements::read_switches(Section &section) {
         "expected an encoder, whose position activates the switches, got none; add [encoder]");
 }
 
+// Reduces a converter of more than 16 bits to the upper 16 bits of its code.
+void keep_upper_bits(Adc &adc) {
+  constexpr int kFirmwareBits = 16;
+  if (adc.bits <= kFirmwareBits) return;
+  const int codes = 1 << (adc.bits - kFirmwareBits);
+  adc.rounding = (0.5 + adc.zero_code % codes) / codes;
+  adc.zero_code /= codes;
+  adc.per_count *= codes;
+  adc.bits = kFirmwareBits;
+}
+
+std::optional<Sampling> read_sampling(Section &section) {
+  Sampling sampling;
+  const auto rate = section.optional_number("sample_rate");
+  sampling.rate_hz = rate.value_or(sampling.rate_hz);
+  sampling.phase_s = section.number("sample_phase");
+  sampling.latency_s = section.number("latency");
+  if (!(sampling.phase_s * sampling.rate_hz < 1.0))
+    section.fail("sample_phase", "expected a time below one period of the samples, " +
+                                     number_text(1.0 / sampling.rate_hz) + " s, got " +
+                                     number_text(sampling.phase_s) +
+                                     " s; give the time to the first sample");
+  if (!rate && sampling.phase_s == 0.0 && sampling.latency_s == 0.0) return std::nullopt;
+  return sampling;
+}
+
 void Elements::read_sensors() {
   root_.one("encoder", [&](Section &section) {
     Encoder encoder;
@@ -367,6 +625,8 @@ void Elements::read_sensors() {
       section.fail("zero_code", "expected a whole number 0.." + std::to_string(top) + ", got " +
                                     number_text(zero) + "; choose a code of this ADC");
     adc.zero_code = static_cast<int>(zero);
+    keep_upper_bits(adc);
+    adc.sampling = read_sampling(section);
     model_.adc[channel] = adc;
   });
   root_.one("dac", [&](Section &section) {
@@ -378,6 +638,37 @@ void Elements::read_sensors() {
 }
 
 }  // namespace
+
+// The poles are the roots of (s^2 + 2 zeta w s + w^2) (s + p), whose sum is the current bandwidth.
+// The bandwidth of the closed loop rises with w from 0 to its limit at p = 0.
+std::optional<VelocityGains> velocity_gains(double mass_kg, double bandwidth, double damping_ratio,
+                                            double current_bandwidth) {
+  const auto gains = [&](double w) {
+    const double p = current_bandwidth - 2.0 * damping_ratio * w;
+    const double middle = w * w + 2.0 * damping_ratio * w * p;
+    return VelocityGains{mass_kg * middle / current_bandwidth, middle / (w * w * p)};
+  };
+  const auto follows = [&](double w) {
+    const VelocityGains at = gains(w);
+    const double p = current_bandwidth - 2.0 * damping_ratio * w;
+    const double top = at.k_velocity * current_bandwidth / mass_kg;
+    const double up = std::hypot(top * bandwidth, top / at.integral_time);
+    const double down =
+        std::hypot(w * w - bandwidth * bandwidth, 2.0 * damping_ratio * w * bandwidth) *
+        std::hypot(bandwidth, p);
+    return up >= std::sqrt(0.5) * down;
+  };
+  double low = 0.0;
+  double high = current_bandwidth / (2.0 * damping_ratio);
+  constexpr double kMost = 1.0 - 1e-9;  // at 1 there is no integral
+  if (!follows(high * kMost)) return std::nullopt;
+  high *= kMost;
+  for (int k = 0; k < 200 && low < high; ++k) {
+    const double middle = 0.5 * (low + high);
+    (follows(middle) ? high : low) = middle;
+  }
+  return gains(high);
+}
 
 void read_elements(Section &root, Model &model) { Elements(root, model).read(); }
 

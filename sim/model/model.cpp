@@ -281,6 +281,8 @@ std::vector<SignalInfo> Model::signal_list() const {
   });
   for (const Gravity &gravity : gravities)
     list.push_back({gravity.name + ".force", Dimension::force});
+  for (const External &external : externals)
+    list.push_back({external.name + ".force", Dimension::force});
   if (drive) {
     list.push_back({"drive.force", Dimension::force});
     list.push_back({"drive.command", Dimension::voltage});
@@ -291,6 +293,16 @@ std::vector<SignalInfo> Model::signal_list() const {
       list.push_back({"drive.current_command", Dimension::voltage});
       list.push_back({"drive.voltage", Dimension::voltage});
     }
+    if (const DriveMotor *motor = drive->motor()) {
+      list.push_back({"drive.current", Dimension::current});
+      list.push_back({"drive.target_current", Dimension::current});
+      if (motor->rated_current) list.push_back({"drive.mean_current", Dimension::current});
+    }
+    if (const auto *velocity = std::get_if<VelocityDrive>(&drive->type);
+        velocity != nullptr && velocity->integral_time)
+      list.push_back({"drive.integral", Dimension::current});
+    if (std::holds_alternative<StepperDrive>(drive->type))
+      list.push_back({"drive.load_angle", Dimension::length});
   }
   return list;
 }

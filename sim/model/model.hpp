@@ -28,6 +28,9 @@
 //   of the firmware becomes 1, and engages a time `engage` after this output becomes 0. A friction
 //   may have the same ends as a brake. While the friction and the brake stick, the brake transmits
 //   all of the force.
+// * A cogging force is a function of d that repeats with its period within a travel.
+// * An external force is a function of time.
+// * A body has the mass mass + sum of inertia / r_trans^2.
 // * Gravity acts on its body with mass * acceleration, positive towards +x. The acceleration is
 //   interpolated between positions and constant outside their range.
 // These elements or the drive must connect every body to ground; a brake alone is not sufficient.
@@ -108,12 +111,22 @@ struct Slopes {
   std::vector<double> breaks;  ///< inputs at which the slope changes, in ascending order
 };
 
+/// A spring in series with a dashpot, beside the stiffness k of an element (standard linear solid,
+/// Zener). The extension w of the dashpot is a state:
+///   w' = (s - w) / time,    force k s + stiffness (s - w) at the deflection s
+/// The surface of a contact without force recovers: s = stiffness w / (k + stiffness).
+struct Maxwell {
+  double stiffness = 0.0;  ///< in N/m, > 0
+  double time = 0.0;       ///< damping of the dashpot divided by the stiffness in s, > 0
+};
+
 struct Spring {
   std::string name;
   Ends ends;
   /// Stiffness in N/m, >= 0, as a function of the deflection in m.
   Slopes stiffness;
-  double damping = 0.0;  ///< constant damping in N s/m, >= 0
+  double damping = 0.0;                           ///< constant damping in N s/m, >= 0
+  std::optional<Maxwell> maxwell = std::nullopt;  ///< in parallel with the stiffness
 };
 
 struct Damper {
@@ -126,9 +139,11 @@ struct Damper {
 struct Contact {
   std::string name;
   Ends ends;
-  double stiffness = 0.0;  ///< contact stiffness in N/m, > 0
-  double damping = 0.0;    ///< contact damping in N s/m, >= 0
-  double gap = 0.0;        ///< gap of the open contact in m; the overlap is d = x_a - x_b - gap
+  /// Contact stiffness in N/m, > 0, as a function of the overlap in m. All breaks are > 0.
+  Slopes stiffness;
+  double damping = 0.0;  ///< contact damping in N s/m, >= 0
+  double gap = 0.0;      ///< gap of the open contact in m; the overlap is d = x_a - x_b - gap
+  std::optional<Maxwell> maxwell = std::nullopt;  ///< only with one stiffness and no damping
 };
 
 /// A backlash or a pair of limit stops. There is no force while low < d < high. Outside this range,
@@ -169,6 +184,25 @@ struct Gravity {
   std::vector<double> positions;
   /// Acceleration in m/s^2 at each of the positions, or one value for all positions.
   std::vector<double> accelerations;
+};
+
+/// A force that repeats over the position. It acts backwards on end a and forwards on end b.
+struct Cogging {
+  std::string name;
+  Ends ends;
+  /// Deflections x_a - x_b in m in ascending order, at least two.
+  std::vector<double> places;
+  /// Force in N at each place. It is interpolated between places and constant outside their range.
+  std::vector<double> forces;
+};
+
+/// An external force on a body, positive towards +x.
+struct External {
+  std::string name;
+  int body = kGround;
+  std::vector<double> times;  ///< in s since tick 0 in ascending order, >= 0, at least two
+  /// Force in N at each time. It is interpolated between the times, 0 before and after them.
+  std::vector<double> forces;
 };
 
 /// DC motor with a current amplifier, after a preamplifier with tachometer feedback (Figs 4.1-4.4):
@@ -236,10 +270,91 @@ struct PerfectDrive {
   std::optional<double> force_limit;  ///< largest drive force in N, > 0; empty: not limited
 };
 
+/// A motor with a current loop, the common part of a torque and a velocity drive:
+///   i' = rate (c - i)            c is the limited target of the current in A
+///   F  = force_per_amp i         on the body, -F on reaction
+/// |c| is at most peak_current. With a rated current, |c| is at most rated_current while the mean
+/// current h of the drive has reached it:
+///   h' = (max(|i|, rated_current / 2) - h) / T,    T = peak_time / ln((Ip - Ir / 2) / (Ip - Ir))
+/// h begins at rated_current / 2. It reaches rated_current when peak_current has flowed for
+/// peak_time, and the peak is available again when h is below 3/4 of rated_current. While the drive
+/// is disabled, i = 0 and h continues.
+struct DriveMotor {
+  double force_per_amp = 0.0;           ///< k_force, or k_torque / r_trans, in N/A, > 0
+  double rate = 0.0;                    ///< bandwidth of the current loop in rad/s, > 0
+  std::optional<double> peak_current;   ///< in A, > 0; empty: not limited
+  std::optional<double> rated_current;  ///< in A, > 0 and < peak_current; empty: no second limit
+  double peak_time = 0.0;               ///< in s, > 0 if rated_current is given
+};
+
+/// A current amplifier with its motor. The target of the current is
+///   c = current_per_volt u - damping / force_per_amp v
+struct TorqueDrive {
+  DriveMotor motor;
+  double current_per_volt = 0.0;  ///< in A/V, not 0
+  double damping = 0.0;           ///< velocity damping in the drive in N s/m, >= 0
+};
+
+/// A drive with a velocity loop of its own. The target of the current is
+///   c = k_velocity / force_per_amp (velocity_per_volt u - v) + q,    q' = (c - q) / integral_time
+/// where c in q' is the limited target. Within the limits this is a PI controller, q' = k_velocity
+/// / force_per_amp (velocity_per_volt u - v) / integral_time; at a limit q goes to the limit and no
+/// further. While the drive is disabled, q = 0.
+struct VelocityDrive {
+  DriveMotor motor;
+  double velocity_per_volt = 0.0;       ///< in m/s per V, not 0
+  double k_velocity = 0.0;              ///< in N s/m, > 0
+  std::optional<double> integral_time;  ///< in s, > 0; empty: q = 0
+};
+
+/// Gains with which the closed velocity loop of a mass has -3 dB at a frequency. The loop has two
+/// poles with the damping ratio and a third one on the real axis. Returns nothing if the current
+/// loop is too slow: then no gains give this bandwidth.
+struct VelocityGains {
+  double k_velocity = 0.0;     ///< in N s/m
+  double integral_time = 0.0;  ///< in s
+};
+std::optional<VelocityGains> velocity_gains(double mass_kg, double bandwidth, double damping_ratio,
+                                            double current_bandwidth);
+
+/// A stepper motor whose driver turns its field by steps, as a velocity command. The load angle w
+/// is the travel of the field since the drive was enabled, less the travel of the body:
+///   w' = velocity_per_volt u - v
+///   F  = f(w) + damping w'       on the body, -F on reaction
+/// f is linear between points that lie on holding_force sin(2 pi w / (4 full_step)) at equal
+/// distances. Beyond kPeriods periods of 4 full steps f is 0: the motor has stalled. While the
+/// drive is disabled, w = 0 and F = 0.
+struct StepperDrive {
+  static constexpr int kPeriods = 8;
+  double velocity_per_volt = 0.0;  ///< in m/s per V, not 0
+  double holding_force = 0.0;      ///< largest f in N, > 0
+  double full_step = 0.0;          ///< travel of the body for a full step in m, > 0
+  double damping = 0.0;            ///< in N s/m, >= 0
+  int segments = 16;               ///< straight segments in a period: 4, 8, .. 32
+};
+
+/// The bus between firmware and drive, as sim/hybrid/drive_bus.hpp describes it.
+struct BusCycle {
+  int ticks = 1;            ///< period of the frames in ticks: 1, or a multiple of 3
+  int delay_ticks_out = 0;  ///< ticks from an output of the firmware to the drive, 0..30
+  int delay_ticks_in = 0;   ///< ticks from a measured position to the firmware, 0..30
+  /// Returns true if every tick has its own frame in both directions, which is not late.
+  bool immediate() const { return ticks == 1 && delay_ticks_out == 0 && delay_ticks_in == 0; }
+};
+
 struct Drive {
   int body = kGround;
   int reaction = kGround;
-  std::variant<DcMotor, FirstOrderDrive, PerfectDrive> type;
+  BusCycle bus;
+  std::variant<DcMotor, FirstOrderDrive, PerfectDrive, TorqueDrive, VelocityDrive, StepperDrive>
+      type;
+
+  /// Returns the motor of a torque or velocity drive, or nullptr for another type.
+  const DriveMotor *motor() const {
+    if (const auto *torque = std::get_if<TorqueDrive>(&type)) return &torque->motor;
+    if (const auto *velocity = std::get_if<VelocityDrive>(&type)) return &velocity->motor;
+    return nullptr;
+  }
 };
 
 /// An encoder that measures the position of a body relative to a reference, for example relative to
@@ -268,9 +383,19 @@ struct Switches {
   std::optional<double> index_every;
 };
 
+/// Clock of a converter that samples at a rate of its own. Sample k = 0, 1, 2, ... is taken
+/// phase_s + k / rate_hz after tick 0, and the firmware has it latency_s later.
+struct Sampling {
+  double rate_hz = 1500.0;  ///< 1 to 30000
+  double phase_s = 0.0;     ///< 0 to less than 1 / rate_hz
+  double latency_s = 0.0;   ///< 0 to 0.1
+};
+
 /// Path of a signal to its ADC code: the signal is limited to +-sensor_limit, filtered by a
 /// first-order low pass, limited to +-conditioning_limit, and converted with noise. Limits and
-/// noise have the unit of the signal.
+/// noise have the unit of the signal. The firmware has codes of at most 16 bits: a converter of
+/// more bits gives it the upper 16 of each code. So per_count, zero_code and bits are those of the
+/// code that the firmware has.
 struct Adc {
   std::string signal;
   /// Magnitude of the signal at which the sensor saturates, > 0.
@@ -286,6 +411,11 @@ struct Adc {
   double per_count = 0.0;
   int zero_code = 0;  ///< ADC code at the signal 0, from 0 to 2^bits - 1
   int bits = 8;       ///< 8..16
+  /// Part of a code step that is added before the code is rounded down: 1/2, and less for the upper
+  /// 16 bits of a longer code.
+  double rounding = 0.5;
+  std::optional<Sampling>
+      sampling;  ///< empty: a sample at each tick, which the firmware has at once
 };
 
 struct Dac {
@@ -305,10 +435,14 @@ struct Dac {
 ///       damper, a friction and an open contact
 ///   LINK.spring_force_rate N/s: k d', the output of a velocity-sensing force sensor (6.2.1)
 ///   LINK.deflection m: overlap of a contact (a negative value is a gap), or x_a - x_b of a stop
-///   GRAVITY.force N
+///   GRAVITY.force N, EXTERNAL.force N
 ///   drive.force N, drive.command V: constant output of the DAC during a tick
 ///   for a dc_motor also drive.current A, drive.tach V (unfiltered), drive.tach_filtered V (vf),
 ///       drive.current_command V (c), drive.voltage V (vm; the back EMF while disabled)
+///   for a torque or velocity drive also drive.current A, drive.target_current A (the limited c);
+///       drive.mean_current A (h) with a rated current; drive.integral A (q) of a velocity drive
+///       with an integral
+///   for a stepper drive also drive.load_angle m (w)
 struct SignalInfo {
   std::string name;
   Dimension dimension = Dimension::ratio;
@@ -327,6 +461,8 @@ struct Model {
   std::vector<Friction> frictions;
   std::vector<Brake> brakes;
   std::vector<Gravity> gravities;
+  std::vector<Cogging> coggings;
+  std::vector<External> externals;
   std::optional<Drive> drive;
   std::optional<Encoder> encoder;
   Switches switches;
@@ -343,6 +479,7 @@ struct Model {
     for (const Stop &stop : stops) visit(stop);
     for (const Friction &friction : frictions) visit(friction);
     for (const Brake &brake : brakes) visit(brake);
+    for (const Cogging &cogging : coggings) visit(cogging);
   }
   /// Returns all signals of the model, in the order of Plant::signals().
   std::vector<SignalInfo> signal_list() const;

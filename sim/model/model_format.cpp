@@ -11,6 +11,7 @@ using format::number;
 using format::numbers;
 using format::optional;
 using format::other;
+using format::ranged;
 using format::table;
 
 using D = Dimension;
@@ -20,6 +21,15 @@ constexpr KeyFormat kName =
     other("name", "identifier", "", "Name; no other element of the model may have it.");
 constexpr KeyFormat kBetween = other(
     "between", "two names", "", "The bodies a and b at its ends. One of them may be \"ground\".");
+constexpr KeyFormat kMaxwellStiffness =
+    optional("maxwell_stiffness", D::stiffness, S::positive, "none",
+             "Stiffness of a further spring in series with a dashpot, beside the stiffness: the "
+             "force of a held deflection relaxes by the share of this spring (standard linear "
+             "solid).");
+constexpr KeyFormat kMaxwellTime =
+    optional("maxwell_time", D::time, S::positive, "maxwell_stiffness must be omitted too",
+             "Time in which that force relaxes to 1/e: the damping of the dashpot divided by "
+             "maxwell_stiffness.");
 constexpr KeyFormat kTouchStiffness =
     needed("stiffness", D::stiffness, S::positive, "Stiffness of the contact.");
 constexpr KeyFormat kDamping = number("damping", D::damping, S::not_negative, 0.0,
@@ -50,7 +60,13 @@ constexpr TableFormat kParameters{
 
 constexpr KeyFormat kBodyKeys[] = {
     kName,
-    needed("mass", D::mass, S::positive, "Mass."),
+    optional("mass", D::mass, S::positive, "inertia must be given", "Mass."),
+    numbers("inertia", D::inertia, S::positive, "none",
+            "Inertia of what turns with the body, such as a rotor: it adds inertia / r_trans^2 to "
+            "the mass. A list has one value for each of `r_trans`."),
+    numbers("r_trans", D::transmission, S::positive, "inertia must be omitted too",
+            "Travel of the body for one radian of the inertia: a screw lead such as \"10 mm/rev\", "
+            "the radius of a pulley, or this divided by the ratio of a gear."),
     number("position", D::length, S::any, 0.0, "Position at the start."),
     number("velocity", D::velocity, S::any, 0.0, "Velocity at the start."),
 };
@@ -72,6 +88,8 @@ constexpr KeyFormat kSpringKeys[] = {
             "Deflections at which the stiffness changes, in ascending order, one value fewer "
             "than stiffnesses."),
     kDamping,
+    kMaxwellStiffness,
+    kMaxwellTime,
 };
 constexpr TableFormat kSpring{
     "A spring with damping. For d = x_a - x_b, the force stiffness * d + damping * d' "
@@ -92,14 +110,27 @@ constexpr TableFormat kDamper{"A damper without stiffness.", kDamperKeys};
 constexpr KeyFormat kContactKeys[] = {
     kName,
     kBetween,
-    kTouchStiffness,
+    numbers(
+        "stiffness", D::stiffness, S::positive, "",
+        "Stiffness of the contact. A list makes it a curve of force over overlap, with "
+        "stiffness k between breaks[k-1] and breaks[k]. With segments of the width h that meet a "
+        "Hertz contact F = c d^1.5 at their ends, the force is at most 0.148 c h^1.5 more."),
+    numbers("loads", D::force, S::positive, "none",
+            "Forces at which the stiffness changes, in ascending order, in place of `breaks`."),
+    numbers("breaks", D::length, S::positive, "none",
+            "Overlaps at which the stiffness changes, in ascending order, one value fewer than "
+            "stiffnesses."),
     kDamping,
+    kMaxwellStiffness,
+    kMaxwellTime,
     number("gap", D::length, S::any, 0.0,
            "Distance of the two surfaces at x_a = x_b. A negative value is an overlap."),
 };
 constexpr TableFormat kContact{
     "A contact that can be lost. Its overlap is d = x_a - x_b - gap and its force is "
-    "stiffness * d + damping * d' while both are > 0; otherwise the force is 0.",
+    "stiffness * d + damping * d' while both are > 0; otherwise the force is 0. The surface of a "
+    "contact with maxwell_stiffness recovers after a loss, and is met where it then is; such a "
+    "contact has one stiffness and no damping.",
     kContactKeys};
 
 constexpr KeyFormat kBacklashKeys[] = {
@@ -168,6 +199,43 @@ constexpr KeyFormat kGravityKeys[] = {
 constexpr TableFormat kGravity{"A force on one body: its mass times an acceleration.",
                                kGravityKeys};
 
+constexpr KeyFormat kCoggingKeys[] = {
+    kName,
+    kBetween,
+    numbers("force", D::force, S::any, "",
+            "Amplitude of a sine over the position, whose rest is at `position`. A list of at "
+            "least two values has the forces at equal distances over one period."),
+    needed("period", D::length, S::positive, "Distance after which the force repeats."),
+    integer("segments", 4, 64, 16.0,
+            "Straight segments in a period of a sine, which they meet at their ends. Between them "
+            "they are less than the sine, at most by 1 - cos(pi / segments) of the amplitude: 7.6 "
+            "% with 8, 1.9 % with 16, 0.5 % with 32."),
+    number("position", D::length, S::any, 0.0, "Value of x_a - x_b at which a period begins."),
+    needed("from", D::length, S::any,
+           "Value of x_a - x_b at which the travel begins. The force is constant before the last "
+           "value outside the travel."),
+    needed(
+        "to", D::length, S::any,
+        "Value of x_a - x_b at which the travel ends; greater than `from`. The travel has at most "
+        "1000 segments."),
+};
+constexpr TableFormat kCogging{
+    "A force that repeats over the position, such as the cogging of a linear motor or a screw. It "
+    "is linear between its values, acts backwards on a and forwards on b, and stores energy.",
+    kCoggingKeys};
+
+constexpr KeyFormat kExternalKeys[] = {
+    kName,
+    other("body", "body", "", "The body on which the force acts."),
+    numbers("times", D::time, S::not_negative, "",
+            "Times since the start in ascending order, at least two."),
+    numbers("forces", D::force, S::any, "",
+            "Force at each of these times, positive towards the workpiece. It is linear between "
+            "them and 0 before the first and after the last."),
+};
+constexpr TableFormat kExternal{"An external force on one body, a table over the time.",
+                                kExternalKeys};
+
 constexpr KeyFormat kDcMotorKeys[] = {
     other("input", "command, tach", "command",
           "Use of the DAC voltage: as velocity command u, or added to the tachometer voltage "
@@ -212,11 +280,103 @@ constexpr KeyFormat kPerfectKeys[] = {
     kForceLimit,
 };
 
+// The keys of a motor with a current loop, which the types torque and velocity share.
+constexpr KeyFormat kForcePerAmp =
+    optional("k_force", D::force_per_current, S::positive, "k_torque / r_trans",
+             "Force constant of a linear motor, in place of k_torque and r_trans.");
+constexpr KeyFormat kTorquePerAmp =
+    optional("k_torque", D::torque_constant, S::positive, "k_force must be given",
+             "Torque constant of a rotary motor.");
+constexpr KeyFormat kScrew =
+    optional("r_trans", D::transmission, S::positive, "k_force must be given",
+             "Travel of the body for one radian of the motor: the lead of a screw such as \"10 "
+             "mm/rev\", or the radius of a pulley divided by the ratio of its gear.");
+constexpr KeyFormat kCurrentBandwidth = needed(
+    "current_bandwidth", D::rate, S::positive,
+    "Frequency at which the current loop, a first-order lag, follows its target with -3 dB.");
+constexpr KeyFormat kPeakCurrent = optional("peak_current", D::current, S::positive, "not limited",
+                                            "Largest target of the current.");
+constexpr KeyFormat kRatedCurrent =
+    optional("rated_current", D::current, S::positive, "peak_current at all times",
+             "Largest target of the current after the drive has given peak_current for peak_time; "
+             "less than peak_current. DriveMotor in sim/model/model.hpp has the "
+             "equations.");
+constexpr KeyFormat kPeakTime =
+    optional("peak_time", D::time, S::positive, "rated_current must be omitted too",
+             "Time for which the drive gives peak_current after a long rest.");
+
+constexpr KeyFormat kTorqueKeys[] = {
+    needed("current_per_volt", D::current_per_volt, S::not_zero,
+           "Target of the current at a DAC voltage of 1 V."),
+    kForcePerAmp,
+    kTorquePerAmp,
+    kScrew,
+    kCurrentBandwidth,
+    kPeakCurrent,
+    kRatedCurrent,
+    kPeakTime,
+    number("damping", D::damping, S::not_negative, 0.0,
+           "Velocity damping in the drive: its target is lowered by the current whose force is "
+           "damping * v."),
+};
+
+constexpr KeyFormat kVelocityKeys[] = {
+    needed("velocity_per_volt", D::velocity_per_volt, S::not_zero,
+           "Target of the velocity at a DAC voltage of 1 V."),
+    kForcePerAmp,
+    kTorquePerAmp,
+    kScrew,
+    kCurrentBandwidth,
+    kPeakCurrent,
+    kRatedCurrent,
+    kPeakTime,
+    optional("k_velocity", D::damping, S::positive, "computed from bandwidth",
+             "Proportional gain of the velocity loop: the force for a velocity error."),
+    optional("integral_time", D::time, S::positive, "no integral",
+             "Integral time of the velocity loop: its integral grows in this time by the "
+             "proportional part."),
+    optional("bandwidth", D::rate, S::positive, "k_velocity must be given",
+             "Frequency at which the closed velocity loop follows its target with -3 dB, in place "
+             "of k_velocity and integral_time."),
+    ranged("damping_ratio", D::ratio, 0.3, 2.0, "0.7071",
+           "Damping ratio of the two slow poles of the closed velocity loop, beside bandwidth."),
+    optional("tuned_mass", D::mass, S::positive, "tuned_inertia must be given",
+             "Moving mass for which the velocity loop was tuned, beside bandwidth."),
+    optional("tuned_inertia", D::inertia, S::positive, "tuned_mass must be given",
+             "Inertia at the motor for which the velocity loop was tuned, in place of tuned_mass."),
+};
+
+constexpr KeyFormat kStepperKeys[] = {
+    needed("velocity_per_volt", D::velocity_per_volt, S::not_zero,
+           "Velocity of the field at a DAC voltage of 1 V, as travel of the body."),
+    needed("holding_force", D::force, S::positive,
+           "Largest force on the body: the holding torque of the motor at the current of its "
+           "driver, divided by the travel for one radian."),
+    needed("full_step", D::length, S::positive,
+           "Travel of the body for a full step: the lead of a screw divided by 200 for a motor of "
+           "1.8 degrees. The force repeats after 4 full steps."),
+    number("damping", D::damping, S::not_negative, 0.0,
+           "Force for a difference between the velocities of the field and of the body."),
+    integer("segments", 4, 32, 16.0,
+            "Straight segments in a period of the sine of the load angle, a multiple of 4. They "
+            "meet the sine at their ends; between them they are less, at most by 1 - cos(pi / "
+            "segments) of holding_force: 7.6 % with 8, 1.9 % with 16, 0.5 % with 32."),
+};
+
 constexpr KeyFormat kDriveKeys[] = {
-    other("type", "dc_motor, first_order, perfect", "",
+    other("type", "dc_motor, first_order, perfect, torque, velocity, stepper", "",
           "Type of the drive. It adds the keys below."),
     other("body", "body", "", "The body on which the drive exerts its force."),
     other("reaction", "body or ground", "ground", "The body on which the reaction force acts."),
+    integer("cycle_ticks", 1, 300, 1.0,
+            "Cycle of the bus between firmware and drive in ticks of 1/1500 s: 1, or a multiple of "
+            "3, which is 2 ms. In the first tick of a cycle the firmware's output leaves for the "
+            "drive, which holds it for a cycle, and the encoder is measured."),
+    integer("delay_ticks_out", 0, 30, 0.0,
+            "Ticks from the output of the firmware to the drive. The drive is disabled until the "
+            "first output arrives."),
+    integer("delay_ticks_in", 0, 30, 0.0,
+            "Ticks from the measurement of the encoder to the firmware."),
 };
 
 constexpr KeyFormat kEncoderKeys[] = {
@@ -262,12 +422,23 @@ constexpr KeyFormat kAdcKeys[] = {
     other("per_count", "number", "",
           "Change of the signal for one ADC code, not 0, in the unit of the signal per count."),
     number("zero_code", D::count, S::any, 0.0,
-           "ADC code at signal 0: an integer from 0 to 2^bits - 1."),
-    integer("bits", 8, 16, 8.0, "Resolution of the converter in bits."),
+           "ADC code at signal 0: an integer from 0 to 2^bits - 1. With 2^(bits-1) the converter "
+           "measures both directions."),
+    integer("bits", 8, 24, 8.0,
+            "Resolution of the converter in bits. The firmware has the upper 16 bits of a longer "
+            "code, so its `adc_bits` is then 16."),
+    ranged("sample_rate", D::frequency, 1.0, 30e3, "a sample at each tick of 1/1500 s",
+           "Rate of the samples, from 1 Hz to 30 kHz."),
+    ranged("sample_phase", D::time, 0.0, 1.0, 0.0,
+           "Time from tick 0 to the first sample, at least 0 and below 1 / sample_rate."),
+    ranged("latency", D::time, 0.0, 0.1, 0.0,
+           "Time from a sample to the tick from which on the firmware has it, at most 0.1 s. Until "
+           "the first sample arrives, the firmware has the signal of tick 0."),
 };
 constexpr TableFormat kAdc{
     "An ADC of the firmware. The signal passes the sensor limit, the low pass, the limit "
-    "of the electronics and the noise before its conversion to a code.",
+    "of the electronics and the noise before its conversion to a code. With a sample rate or a "
+    "latency the firmware has the newest sample that has arrived, and its age in ticks.",
     kAdcKeys};
 
 constexpr KeyFormat kDacKeys[] = {
@@ -282,7 +453,8 @@ constexpr TableFormat kDac{
     "noise.",
     kDacKeys};
 
-constexpr const TableFormat *kDriveTypes[] = {&kDcMotorFormat, &kFirstOrderFormat, &kPerfectFormat};
+constexpr const TableFormat *kDriveTypes[] = {&kDcMotorFormat, &kFirstOrderFormat, &kPerfectFormat,
+                                              &kTorqueFormat,  &kVelocityFormat,   &kStepperFormat};
 constexpr TableFormat kDrive{"The motor with its amplifier. The DAC voltage u is its input.",
                              kDriveKeys,
                              false,
@@ -307,6 +479,8 @@ constexpr KeyFormat kModelKeys[] = {
     table("friction", kFriction, true),
     table("brake", kBrake, true),
     table("gravity", kGravity, true),
+    table("cogging", kCogging, true),
+    table("external", kExternal, true),
     table("drive", kDrive),
     table("encoder", kEncoder),
     table("switches", kSwitches),
@@ -333,6 +507,34 @@ constexpr TableFormat kFirstOrderFormat{
     {}};
 constexpr TableFormat kPerfectFormat{
     "A force source: F = force_per_volt u.", kPerfectKeys, false, "type = \"perfect\"", {}};
+constexpr TableFormat kTorqueFormat{
+    "A current amplifier with its motor, rotary or linear: the current follows current_per_volt u "
+    "as a first-order lag, and the force follows the current. TorqueDrive in sim/model/model.hpp "
+    "has the equations.",
+    kTorqueKeys,
+    false,
+    "type = \"torque\"",
+    {}};
+constexpr TableFormat kVelocityFormat{
+    "A drive with a velocity loop of its own: a PI controller of the velocity above a current "
+    "loop. The integral follows the limited target of the current, so it does not wind up. The "
+    "gains are given, or computed from bandwidth, damping_ratio and the mass for which the loop "
+    "was tuned; `forceaxis linearise` prints them. VelocityDrive in sim/model/model.hpp has the "
+    "equations.",
+    kVelocityKeys,
+    false,
+    "type = \"velocity\"",
+    {}};
+constexpr TableFormat kStepperFormat{
+    "A stepper motor without an encoder of its own. Its force is a sine of the load angle, the "
+    "travel of the field less that of the body, so it resists as a spring and slips by 4 full "
+    "steps if the load is more than holding_force. After a slip of 8 such periods the motor has "
+    "stalled and has no force until it is disabled and enabled again, which sets the load angle to "
+    "0. StepperDrive in sim/model/model.hpp has the equations.",
+    kStepperKeys,
+    false,
+    "type = \"stepper\"",
+    {}};
 constexpr TableFormat kParameterFormat = kParameter;
 constexpr TableFormat kSharedParametersFormat{"Parameters of several models.", kSharedKeys};
 constexpr TableFormat kModelFormat{"The model of a plant.", kModelKeys};

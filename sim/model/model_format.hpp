@@ -13,5 +13,8 @@ extern const TableFormat kSharedParametersFormat;
 extern const TableFormat kDcMotorFormat;
 extern const TableFormat kFirstOrderFormat;
 extern const TableFormat kPerfectFormat;
+extern const TableFormat kTorqueFormat;
+extern const TableFormat kVelocityFormat;
+extern const TableFormat kStepperFormat;
 
 }  // namespace forceaxis::sim

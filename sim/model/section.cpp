@@ -334,7 +334,7 @@ std::vector<double> Section::numbers(std::string_view key) {
 }
 
 std::vector<double> Section::rising(std::string_view key) {
-  std::vector<double> breaks = list(key, *declared(key).dimension, Sign::any);
+  std::vector<double> breaks = list(key, *declared(key).dimension, declared(key).sign);
   for (std::size_t i = 1; i < breaks.size(); ++i)
     if (!(breaks[i] > breaks[i - 1]))
       fail(std::string(key) + "[" + std::to_string(i) + "]",

@@ -55,6 +55,8 @@ constexpr Spelling kSpellings[] = {
     {Dimension::force_per_volt, "N/V", "a drive gain"},
     {Dimension::velocity_per_volt, "m/s/V", "a speed per volt"},
     {Dimension::velocity_per_volt, "m/(s V)", ""},
+    {Dimension::current_per_volt, "A/V", "an amplifier scale"},
+    {Dimension::force_per_current, "N/A", "a motor constant"},
     {Dimension::count_per_length, "count/m", "an encoder scale"},
     {Dimension::acceleration, "m/s^2", "an acceleration"},
     {Dimension::force_rate, "N/s", "a rate of a force"},

@@ -15,6 +15,7 @@
 //   rad/s, 1/s                      rate                 N m s/rad, N*m*s/rad        rotary damping
 //   kg m^2, kg*m^2                  inertia              N/V                         drive gain
 //   m/s/V, m/(s V)                  speed per volt       count/m                     encoder scale
+//   A/V                             amplifier scale      N/A                         motor constant
 //   m/s^2                           acceleration         N/s                         rate of a force
 //   Hz                              frequency            Hz/s                        sweep
 //   V/N                             force gain           V/m                         position gain
@@ -61,6 +62,8 @@ enum class Dimension {
   inertia,
   force_per_volt,
   velocity_per_volt,
+  current_per_volt,
+  force_per_current,
   count_per_length,
   acceleration,
   force_rate,

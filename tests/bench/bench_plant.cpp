@@ -38,7 +38,7 @@ void run(benchmark::State &state, int gain, int setpoint_N, bool audit) {
   for (auto _ : state) {
     Plant plant(cache, options);
     for (int k = 0;; ++k) {
-      const SensorCodes codes = plant.codes();
+      const SensorCodes &codes = plant.codes();
       record[3 * static_cast<std::size_t>(k)] = codes.adc[0];
       record[3 * static_cast<std::size_t>(k) + 1] = plant.state()[0];
       record[3 * static_cast<std::size_t>(k) + 2] = plant.state()[2];
@@ -92,7 +92,7 @@ void BM_QuietChain(benchmark::State &state) {
   for (auto _ : state) {
     Plant plant(cache);
     for (int k = 0; k < kTicks; ++k) {
-      const SensorCodes codes = plant.codes();
+      const SensorCodes &codes = plant.codes();
       plant.step(codes.adc[0] > 140 ? 1 : 2, true);
     }
     crossings = plant.crossings();

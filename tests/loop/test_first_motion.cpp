@@ -61,7 +61,7 @@ class Bench {
     for (int i = 0; i < ticks; ++i) {
       codes_ = plant_.codes();
       if (alter) alter(codes_);
-      const axis_inputs_t inputs{codes_.encoder, {codes_.adc[0], codes_.adc[1]}, din, 1};
+      const axis_inputs_t inputs{codes_.encoder, {codes_.adc[0], codes_.adc[1]}, din, 1, 0, 0, 0};
       fw_tick(&fw_, &inputs, &out_);
       // Whatever happens: a fault is off in its own tick.
       ASSERT_TRUE(Get(AXIS_OBJ_FAULT) == 0 || Off());

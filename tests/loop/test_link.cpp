@@ -73,6 +73,76 @@ TEST(Frames, SensorsThatAreNotValidHaveNoData) {
   EXPECT_EQ(link_inputs_of(f)->din, 1);
 }
 
+// A fitted drive that is on is 3. The status frame has bit 2 and the frame of the inputs bit 1, so
+// axis 3 and tick 1 give 04002004h and 04003202h.
+TEST(Frames, ADriveTakesAStatusFrameBeforeTheInputs) {
+  const LinkInputs in{4097, -2, 300, 4095, 9, 1, 3, 3, 2, 255};
+  const auto status = can_status_frame_of(in);
+  ASSERT_TRUE(status);
+  EXPECT_EQ(status->can_id, 0x04002004U | CAN_EFF_FLAG);
+  const std::vector<int> bytes(status->data, status->data + status->can_dlc);
+  EXPECT_EQ(bytes, (std::vector<int>{3, 2, 255}));
+  const can_frame inputs = can_frame_of(in);
+  EXPECT_EQ(inputs.can_id, 0x04003202U | CAN_EFF_FLAG);
+
+  CanInputs decoder;
+  EXPECT_FALSE(decoder.take(inputs)) << "no status frame yet";
+  EXPECT_FALSE(decoder.take(*status));
+  const auto back = decoder.take(inputs);
+  ASSERT_TRUE(back);
+  EXPECT_EQ(back->encoder_cnt, -2);
+  EXPECT_EQ(back->drive, 3);
+  EXPECT_EQ(back->position_age, 2);
+  EXPECT_EQ(back->force_age, 255);
+  EXPECT_EQ(decoder.foreign(), 0U);
+  // The next tick and another axis need status frames of their own.
+  EXPECT_FALSE(decoder.take(can_frame_of(LinkInputs{4098, -2, 300, 4095, 9, 1, 3, 3, 2, 255})));
+  EXPECT_FALSE(decoder.take(can_frame_of(LinkInputs{4097, -2, 300, 4095, 9, 1, 2, 3, 2, 255})));
+  EXPECT_FALSE(link_outputs_of(*status));
+}
+
+TEST(Frames, WithoutDriveAndAgesInputsAreOneFrame) {
+  const LinkInputs in{5, 1, 2, 3, 1, 1, 1};
+  EXPECT_FALSE(can_status_frame_of(in));
+  CanInputs decoder;
+  decoder.take(*can_status_frame_of(LinkInputs{5, 1, 2, 3, 1, 1, 1, 15, 1, 1}));
+  const auto back = decoder.take(can_frame_of(in));
+  ASSERT_TRUE(back);
+  EXPECT_EQ(back->drive + back->position_age + back->force_age, 0);
+}
+
+TEST(Frames, EachFieldAloneNeedsTheStatusFrame) {
+  for (int field = 0; field < 3; ++field) {
+    LinkInputs in{5, 1, 2, 3, 1, 0, 1};
+    (field == 0 ? in.drive : field == 1 ? in.position_age : in.force_age) = 1;
+    CanInputs decoder;
+    ASSERT_TRUE(can_status_frame_of(in));
+    decoder.take(*can_status_frame_of(in));
+    const auto back = decoder.take(can_frame_of(in));
+    ASSERT_TRUE(back);
+    EXPECT_EQ(back->drive, field == 0);
+    EXPECT_EQ(back->position_age, field == 1);
+    EXPECT_EQ(back->force_age, field == 2);
+    EXPECT_EQ(back->sensor_valid, 0);
+  }
+}
+
+TEST(Frames, AStatusFrameOfAnotherShapeIsForeign) {
+  const can_frame status = *can_status_frame_of(LinkInputs{5, 1, 2, 3, 1, 1, 1, 3, 0, 0});
+  std::uint64_t expected = 0;
+  CanInputs decoder;
+  for (const canid_t flip : {CAN_RTR_FLAG, 1U, 2U, 0x80U, 0x100U, 7U << 25, 1U << 28}) {
+    can_frame f = status;
+    f.can_id ^= flip;
+    EXPECT_FALSE(decoder.take(f));
+    EXPECT_EQ(decoder.foreign(), ++expected) << flip;
+  }
+  can_frame f = status;
+  f.can_dlc = 4;
+  EXPECT_FALSE(decoder.take(f));
+  EXPECT_EQ(decoder.foreign(), ++expected);
+}
+
 TEST(Frames, WhatIsNoRecordIsRefused) {
   const can_frame in = can_frame_of(LinkInputs{5, 1, 2, 3, 1, 1, 1});
   const can_frame out = can_frame_of(LinkOutputs{5, 1, 2, 3, 4, 1});

@@ -83,7 +83,9 @@ TEST_P(DampedContact, TouchReleaseAndSeparation) {
   EXPECT_NEAR(plant.signal("ball.velocity") / v, 1.0, 1e-12);
   const EnergyAudit energy = plant.energy();
   EXPECT_NEAR(energy.discarded, 0.5 * stiffness * x * x, 1e-12 * energy.initial);
-  EXPECT_NEAR(energy.residual, 0.0, 1e-13 * energy.initial);
+  // The energy of a contact with 1e5 rad/s is the sum of quadratic forms over pieces of a tick.
+  // These forms multiply positions, which are 200 times the deflection.
+  EXPECT_NEAR(energy.residual, 0.0, (stiffness < 1e8 ? 1e-13 : 1e-12) * energy.initial);
 }
 
 INSTANTIATE_TEST_SUITE_P(All, DampedContact,
@@ -351,7 +353,7 @@ TEST(Refusals, DynamicsTooFastToResolve) {
     } catch (const InputError &error) {
       EXPECT_EQ(error.file, path.string());
       EXPECT_EQ(error.key, element);
-      EXPECT_EQ(error.message.rfind("expected time constants of at least 1e-7 s, got ", 0), 0U);
+      EXPECT_EQ(error.message.rfind("expected time constants of at least 1e-8 s, got ", 0), 0U);
       EXPECT_NE(error.message.find(std::string(" s with ") + state + ";"), std::string::npos)
           << error.message;
     }

@@ -1,5 +1,5 @@
 // Matrices whose numbers are far apart, against closed forms.
-#include "sim/linear/extended.hpp"
+#include "sim/matrix/extended.hpp"
 
 #include <algorithm>
 #include <cmath>

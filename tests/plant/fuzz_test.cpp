@@ -81,6 +81,12 @@ class Writer {
     for (const double b : at) where += (where.empty() ? "" : ", ") + number(b);
     return std::string(key) + " = [" + list + "]\n" + breaks + " = [" + where + "]\n";
   }
+  std::string slopes_from_0(double about) {
+    const double first = log(1e-6, 1e-4);
+    return "stiffness = [" + number(about * log(0.2, 5)) + ", " + number(about * log(0.2, 5)) +
+           ", " + number(about * log(0.2, 5)) + "]\nbreaks = [" + number(first) + ", " +
+           number(first * log(1.1, 5)) + "]\n";
+  }
   std::string stiff(const Pair &p, double slow, double fast) {
     const double rate = log(slow, fast);
     std::string text = entry("stiffness", p.mass * rate * rate);
@@ -115,7 +121,7 @@ std::string Writer::model() {
   const int elements = 2 + below(4);
   for (int i = 0; i < elements; ++i) {
     const Pair p = any_pair();
-    switch (below(6)) {
+    switch (below(10)) {
       case 0:
         add("contact", p.text + stiff(p, 200, 2e4) + entry("gap", zero_or(between(-2e-4, 1e-3))));
         break;
@@ -142,6 +148,31 @@ std::string Writer::model() {
                             (chance(0.6) ? entry("stiction", coulomb * between(1, 2)) : ""));
         break;
       }
+      case 5:
+        add("contact", p.text + slopes_from_0(p.mass * log(4e4, 4e8)) +
+                           (chance(0.7) ? entry("damping", p.mass * log(1, 300)) : "") +
+                           entry("gap", zero_or(between(-2e-4, 1e-3))));
+        break;
+      case 6: {
+        const double stiffness = p.mass * log(4e4, 4e7);
+        add(chance(0.7) ? "contact" : "spring",
+            p.text + entry("stiffness", stiffness) +
+                entry("maxwell_stiffness", stiffness * log(0.1, 10)) +
+                entry("maxwell_time", log(2e-4, 3e-2)));
+        break;
+      }
+      case 7:
+        add("cogging",
+            p.text + entry("force", p.mass * log(1, 50)) + entry("period", log(2e-4, 3e-3)) +
+                entry("position", between(-1e-3, 1e-3)) +
+                "from = -2e-3\nto = 2e-3\nsegments = " + std::to_string(4 + below(10)) + "\n");
+        break;
+      case 8:
+        add("external", "body = \"" + indexed('b', below(bodies)) + "\"\ntimes = [" +
+                            number(between(0, 0.01)) + ", " + number(between(0.02, 0.03)) + ", " +
+                            number(between(0.04, 0.06)) + "]\nforces = [" +
+                            number(between(-30, 30)) + ", " + number(between(-30, 30)) + ", 0]\n");
+        break;
       default:
         add("gravity", "body = \"" + indexed('b', below(bodies)) +
                            (chance(0.5) ? "\"\nacceleration = " + number(between(-10, 10)) + "\n"
@@ -155,7 +186,7 @@ std::string Writer::model() {
 
 void Writer::drive() {
   const double strength = mass_[0] * log(3, 100);
-  switch (below(3)) {
+  switch (below(5)) {
     case 0:
       text_ += motor_drive(
           "b0", (chance(0.5) ? entry("preamp_limit", between(2, 12)) : "") +
@@ -167,6 +198,26 @@ void Writer::drive() {
                entry("velocity_per_volt", strength / 10 / (mass_[0] * 30)) +
                entry("force_limit", strength * between(0.2, 1));
       break;
+    case 2:
+    case 3: {
+      const bool torque = chance(0.5);
+      const double peak = strength / 20 * between(0.2, 1);
+      text_ += "[drive]\nbody = \"b0\"\nk_force = 20\n" + entry("current_bandwidth", log(300, 2e4));
+      if (torque)
+        text_ += "type = \"torque\"\n" + entry("current_per_volt", strength / 200) +
+                 entry("damping", zero_or(mass_[0] * log(5, 100)));
+      else
+        text_ += "type = \"velocity\"\n" + entry("k_velocity", mass_[0] * 50) +
+                 entry("velocity_per_volt", strength / 10 / (mass_[0] * 50)) +
+                 entry("integral_time", log(3e-3, 0.1));
+      if (chance(0.8)) {
+        text_ += entry("peak_current", peak);
+        if (chance(0.8))
+          text_ += entry("rated_current", peak * between(0.2, 0.9)) +
+                   entry("peak_time", log(1e-3, 2e-2));
+      }
+      break;
+    }
     default:
       text_ += "[drive]\ntype = \"perfect\"\nbody = \"b0\"\n" +
                entry("force_per_volt", strength / 10) +
@@ -304,9 +355,13 @@ class Follower {
     stepper.step(0.0, true);  // what enabling changes is not listed
     for (int k = 0; k < ticks && !testing::Test::HasFailure(); ++k) {
       const auto &bodies = stepper.network().bodies();
-      for (std::size_t b = 0; b < bodies.size(); ++b)
-        if (chance(random_) < 0.3) stepper.kick(b, bodies[b].mass * speed(random_));
-      if (chance(random_) < 0.5) command = volts(random_);
+      // A change by an impulse that a new command takes back at the same instant is not listed.
+      if (chance(random_) < 0.5) {
+        command = volts(random_);
+      } else {
+        for (std::size_t b = 0; b < bodies.size(); ++b)
+          if (chance(random_) < 0.5) stepper.kick(b, bodies[b].mass * speed(random_));
+      }
       std::vector<double> z = stepper.z();
       z.back() = command;
       ModeKey key = stepper.mode().key;

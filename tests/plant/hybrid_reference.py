@@ -86,6 +86,36 @@ class Flank:
             yield -force, 1
 
 
+class Solid:
+    """A contact of a standard linear solid: 0 apart, 1 pressed. Without force its surface s is
+    where k s + m (s - w) = 0."""
+
+    home = 0
+
+    def __init__(self, link, ends, at):
+        self.name, self.ends, self.at = link["name"], ends, at
+        self.k, self.m, self.time = (
+            link["stiffness"], link["maxwell_stiffness"], link["maxwell_time"],
+        )  # fmt: skip
+        self.gap = link.get("gap", 0.0)
+
+    def guards(self, now, d, w):
+        free = self.m * w / (self.k + self.m)
+        yield (d - free, 0) if now else (free - d, 1)
+
+
+class Foldback:
+    """0 peak current, 1 rated current, by the mean current."""
+
+    home = 0
+
+    def __init__(self, name, rated):
+        self.name, self.rated = name, rated
+
+    def guards(self, now, mean):
+        yield (mean - 0.75 * self.rated, 0) if now else (self.rated - mean, 1)
+
+
 class Friction:
     """-1 sliding backward, 0 stuck, 1 forward."""
 
@@ -102,11 +132,19 @@ class Reference:
         self.model = model
         bodies = model["body"]
         self.names = [b["name"] for b in bodies]
-        self.mass = np.array([float(b["mass"]) for b in bodies])
+        self.mass = np.array([float(b.get("mass", 0.0)) for b in bodies])
+        for i, b in enumerate(bodies):
+            if "inertia" in b:
+                self.mass[i] += sum(np.array(b["inertia"]) / np.array(b["r_trans"]) ** 2)
         n = self.n = len(bodies)
         self.switching = []  # elements with a discrete state
         self.flanks, self.frictions, self.curves = [], [], {}
         for link in model.get("contact", []):
+            if "maxwell_stiffness" in link:
+                continue
+            if isinstance(link["stiffness"], list):
+                name = link["name"] + ".stiffness"
+                self._curve(Curve.through_origin(name, link["stiffness"], link["breaks"]))
             self._flank(link["name"], link, 1.0, link.get("gap", 0.0))
         for link in model.get("backlash", []):
             self._flank(link["name"] + ".low", link, -1.0, link["width"] / 2)
@@ -129,7 +167,21 @@ class Reference:
                 self._curve(
                     Curve.through_points(pull["name"], pull["positions"], pull["acceleration"])
                 )
-        self.states = 2 * n  # y: positions, velocities, drive, filters
+        self._tables(model)
+        # y: positions, velocities, dashpots, drive, filters; the time comes from the ticks
+        self.states = 2 * n
+        self.solids, self.dashpots = [], {}
+        for link in model.get("spring", []) + model.get("contact", []):
+            if "maxwell_stiffness" in link:
+                self.dashpots[link["name"]] = self.states
+                self.states += 1
+        for link in model.get("contact", []):
+            if link["name"] in self.dashpots:
+                solid = Solid(link, self._ends(link), self.dashpots[link["name"]])
+                self.solids.append(solid)
+                self.switching.append(solid)
+        self.clock_at = self.states  # in ticks
+        self.states += "external" in model
         self.drive = model.get("drive")
         self.drive_at = self.states
         if self.drive:
@@ -159,6 +211,8 @@ class Reference:
         self.y = np.zeros(self.states)
         self.y[:n] = [b.get("position", 0.0) for b in bodies]
         self.y[n : 2 * n] = [b.get("velocity", 0.0) for b in bodies]
+        if self.drive and "rated_current" in self.drive:
+            self.y[self.mean_at] = self.drive["rated_current"] / 2
         self.volts = 0.0
         self.enabled = False
         self.mode = {e.name: e.home for e in self.switching}
@@ -169,6 +223,31 @@ class Reference:
         self.changes = []  # (time_s, element, from, to)
         self.tick = 0
         self._settle(0.0, record=False)
+
+    def _tables(self, model):
+        for link in model.get("cogging", []):
+            values = link["force"]
+            if not isinstance(values, list):
+                n = link.get("segments", 16)
+                values = [values * math.sin(2 * math.pi * k / n) for k in range(n)]
+            width = link["period"] / len(values)
+            start = link.get("position", 0.0)
+            cells = range(
+                math.floor((link["from"] - start) / width),
+                math.ceil((link["to"] - start) / width) + 1,
+            )
+            curve = Curve.through_points(
+                link["name"],
+                [start + k * width for k in cells],
+                [values[k % len(values)] for k in cells],
+            )
+            self._curve(curve)
+        for pull in model.get("external", []):
+            times = [t * 1500 for t in pull["times"]]
+            curve = Curve.through_points(pull["name"], times, pull["forces"])
+            curve.offsets[0] = curve.offsets[-1] = 0.0
+            curve.home = 0
+            self._curve(curve)
 
     def _body(self, name):
         return -1 if name == "ground" else self.names.index(name)
@@ -227,10 +306,41 @@ class Reference:
                 curve.offsets[-1] = ys[-1] - slope * xs[-1]
                 curve.offsets[0] = -curve.offsets[-1]
                 self._curve(curve)
+        elif drive["type"] in ("torque", "velocity"):
+            self._motor(drive)
+        elif drive["type"] == "stepper":
+            self.states += 1
+            n, period = drive.get("segments", 16), 4 * drive["full_step"]
+            at = [k for k in range(-8 * n, 8 * n + 1) if k != 0]
+            sine = [math.sin(2 * math.pi * (k % n) / n) for k in at]
+            self._curve(
+                Curve.through_points(
+                    "drive.load_angle",
+                    [k * period / n for k in at],
+                    [drive["holding_force"] * s for s in sine],
+                )
+            )
         else:
             self.states += drive["type"] == "first_order"
             if "force_limit" in drive:
                 self._curve(Curve.clamp("drive.effort", drive["force_limit"]))
+
+    def _motor(self, drive):
+        """Current; integral of a velocity loop; mean current, which goes on without the drive."""
+        self.states += 1 + (drive["type"] == "velocity" and "k_velocity" in drive)
+        if "peak_current" in drive:
+            self._curve(Curve.clamp("drive.peak", drive["peak_current"]))
+        if "rated_current" in drive:
+            rated, peak = drive["rated_current"], drive["peak_current"]
+            rest = rated / 2
+            load = Curve("load", [-1.0, 0.0, 1.0], [0.0, rest, 0.0], [-rest, rest])
+            self._curve(load)
+            self._curve(Curve.clamp("drive.rated", rated))
+            self.foldback = Foldback("foldback", rated)
+            self.switching.append(self.foldback)
+            self.mean_at = self.states
+            self.mean_time = drive["peak_time"] / math.log((peak - rest) / (peak - rated))
+            self.states += 1
 
     def _bent(self, name, x, guards):
         """The curve's value at x, and its guards."""
@@ -268,7 +378,34 @@ class Reference:
             else:
                 k = s["stiffness"]
                 f = k * d
-            link(s["name"], ends, f + s.get("damping", 0.0) * speed, f, k * speed, d)
+            rate = k * speed
+            if s["name"] in self.dashpots:
+                at = self.dashpots[s["name"]]
+                rates[at] = (d - y[at]) / s["maxwell_time"]
+                f = f + s["maxwell_stiffness"] * (d - y[at])
+                rate = rate + s["maxwell_stiffness"] * (speed - rates[at])
+            link(s["name"], ends, f + s.get("damping", 0.0) * speed, f, rate, d)
+        for c in self.model.get("cogging", []):
+            a, b = ends = self._ends(c)
+            f = self._bent(c["name"], x[a] - x[b], guards)
+            slope = self.curves[c["name"]].slopes[self.mode[c["name"]]]
+            link(c["name"], ends, f, f, slope * (v[a] - v[b]), x[a] - x[b])
+        for solid in self.solids:
+            a, b = solid.ends
+            d, speed, w = x[a] - x[b] - solid.gap, v[a] - v[b], y[solid.at]
+            now = self.mode[solid.name]
+            guards.extend((g, solid.name, to) for g, to in solid.guards(now, d, w))
+            surface = d if now else solid.m * w / (solid.k + solid.m)
+            rates[solid.at] = (surface - w) / solid.time
+            f = now * (solid.k * d + solid.m * (d - w))
+            rate = now * ((solid.k + solid.m) * speed - solid.m * rates[solid.at])
+            link(solid.name, solid.ends, f, f, rate, d)
+        if "external" in self.model:
+            rates[self.clock_at] = 1500.0
+        for pull in self.model.get("external", []):
+            f = self._bent(pull["name"], y[self.clock_at], guards)
+            push[self._body(pull["body"])] += f
+            signals[pull["name"] + ".force"] = f
         for s in self.model.get("damper", []):
             a, b = ends = self._ends(s)
             speed = v[a] - v[b]
@@ -279,7 +416,12 @@ class Reference:
             a, b = flank.ends
             overlap = flank.sign * (x[a] - x[b]) - flank.offset
             speed = flank.sign * (v[a] - v[b])
-            force = flank.k * overlap + flank.b * speed
+            name, slope = owner + ".stiffness", flank.k
+            elastic = slope * overlap if name not in self.curves else None
+            if elastic is None:
+                elastic = self._bent(name, overlap, guards)
+                slope = self.curves[name].slopes[self.mode[name]]
+            force = elastic + flank.b * speed
             now = self.mode[flank.name]
             guards.extend((g, flank.name, to) for g, to in flank.guards(now, overlap, force))
             pressed = flank.sign * (now == 1)
@@ -287,8 +429,8 @@ class Reference:
             push[b] += pressed * force
             for suffix, part in (
                 (".force", force),
-                (".spring_force", flank.k * overlap),
-                (".spring_force_rate", flank.k * speed),
+                (".spring_force", elastic),
+                (".spring_force_rate", slope * speed),
             ):
                 signals[owner + suffix] = signals.get(owner + suffix, 0.0) + pressed * part
             gap = owner == flank.name  # a contact's deflection is its overlap
@@ -380,6 +522,15 @@ class Reference:
             signals["drive.current"], signals["drive.tach"] = i, tach
             signals["drive.tach_filtered"] = vf
             signals["drive.current_command"], signals["drive.voltage"] = wanted, volts
+        elif d["type"] in ("torque", "velocity"):
+            force = self._motor_rates(y, u, speed, rates, signals, guards)
+        elif d["type"] == "stepper":
+            force = 0.0
+            if on:
+                rates[at] = d["velocity_per_volt"] * u - speed
+                force = self._bent("drive.load_angle", y[at], guards)
+                force += d.get("damping", 0.0) * rates[at]
+            signals["drive.load_angle"] = y[at]
         else:
             if d["type"] == "first_order":
                 force = y[at]
@@ -394,6 +545,39 @@ class Reference:
         push[reaction] -= force
         signals["drive.force"] = force
         signals["drive.command"] = u
+
+    def _motor_rates(self, y, u, speed, rates, signals, guards):
+        d, at, on = self.drive, self.drive_at, self.enabled
+        constant = d["k_force"] if "k_force" in d else d["k_torque"] / d["r_trans"]
+        i = y[at]
+        integral = y[at + 1] if d["type"] == "velocity" else 0.0
+        if d["type"] == "torque":
+            wanted = d["current_per_volt"] * u - d.get("damping", 0.0) / constant * speed
+        else:
+            slip = d["velocity_per_volt"] * u - speed
+            wanted = d["k_velocity"] / constant * slip + integral
+        target = wanted
+        if "peak_current" in d and on:
+            target = self._bent("drive.peak", wanted, guards)
+        if "rated_current" in d:
+            mean = y[self.mean_at]
+            load = self._bent("load", i, guards)
+            rates[self.mean_at] = (load - mean) / self.mean_time
+            folded = self.mode["foldback"]
+            guards.extend((g, "foldback", to) for g, to in self.foldback.guards(folded, mean))
+            signals["drive.mean_current"] = mean
+            if on:
+                rated = self._bent("drive.rated", wanted, guards)
+                target = rated if folded else target
+        if on:
+            rates[at] = d["current_bandwidth"] * (target - i)
+            if d["type"] == "velocity":
+                rates[at + 1] = (target - integral) / d["integral_time"]
+        signals["drive.current"] = i
+        signals["drive.target_current"] = target if on else 0.0 * i
+        if d["type"] == "velocity":
+            signals["drive.integral"] = integral
+        return constant * i
 
     def _matrices(self):
         key = (self.enabled, *self.mode.values())
@@ -498,6 +682,8 @@ class Reference:
             self.enabled = enable
             if not enable and self.drive and self.drive["type"] != "perfect":
                 self.y[self.drive_at] = 0.0
+                if self.drive["type"] == "velocity":
+                    self.y[self.drive_at + 1] = 0.0
             for name, curve in self.curves.items():
                 if name.startswith("drive."):
                     self.mode[name] = curve.home

@@ -130,6 +130,58 @@ TEST(Kernel, TheGridTestMarksThePartsThatAreNotInside) {
     }
 }
 
+// The bounds by their definition, in the order of the columns.
+TEST(Kernel, TheSecondTestIsItsDefinition) {
+  std::mt19937 random(4);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  int calm = 0;
+  for (int trial = 0; trial < 400; ++trial) {
+    const std::size_t states = 1 + static_cast<std::size_t>(trial) % 9;
+    const std::size_t columns = states + 2;
+    const std::size_t stride = trial % 2 == 0 ? 4 : 8;
+    const std::size_t samples = 1 + static_cast<std::size_t>(trial) % 3;
+    const std::size_t first = kernel::padded(states);
+    const std::size_t tail_rows = samples * stride;
+    const std::size_t head_rows = first + tail_rows;
+    kernel::Vector head(head_rows * columns), tail(tail_rows * states), doubt(tail_rows);
+    std::vector<double> z(columns), signal((samples + 1) * stride), low(stride), high(stride);
+    for (double &value : head) value = 0.1 * uniform(random);
+    for (double &value : tail) value = 0.1 * std::fabs(uniform(random));
+    for (double &value : doubt) value = 0.01 * std::fabs(uniform(random));
+    for (double &value : z) value = uniform(random);
+    for (double &value : signal) value = 0.5 * uniform(random);
+    for (double &value : low) value = -0.6 - std::fabs(uniform(random));
+    for (double &value : high) value = 0.6 + std::fabs(uniform(random));
+    const kernel::CalmTest test{head.data(),  head_rows,  tail.data(), tail_rows,
+                                doubt.data(), low.data(), high.data(), first,
+                                stride,       samples,    columns,     states};
+    double largest = 0.0;
+    for (const double value : z) largest = std::max(largest, std::fabs(value));
+    std::vector<double> at(head_rows), dip(tail_rows);
+    for (std::size_t i = 0; i < head_rows; ++i)
+      for (std::size_t j = 0; j < columns; ++j) at[i] += head[j * head_rows + i] * z[j];
+    bool expected = true;
+    for (std::size_t i = 0; i < tail_rows; ++i) {
+      for (std::size_t j = 0; j < states; ++j) dip[i] += tail[j * tail_rows + i] * std::fabs(at[j]);
+      dip[i] += std::fabs(at[first + i]) + doubt[i] * largest;
+      expected = expected && kernel::inside(signal[i], signal[i + stride], dip[i], low[i % stride],
+                                            high[i % stride]);
+    }
+    calm += expected ? 1 : 0;
+    for (const kernel::Calm variant : {kernel::calm_base, kernel::best_calm()}) {
+      std::vector<double> product(head_rows), bound(tail_rows);
+      ASSERT_EQ(variant(test, z.data(), signal.data(), product.data(), bound.data()), expected);
+      ASSERT_EQ(product, at);
+      ASSERT_EQ(bound, dip);
+      std::vector<double> broken = z;
+      broken[columns - 1] = std::nan("");
+      ASSERT_FALSE(variant(test, broken.data(), signal.data(), product.data(), bound.data()));
+    }
+  }
+  EXPECT_GT(calm, 100);
+  EXPECT_LT(calm, 380);
+}
+
 TEST(Kernel, InsideKeepsTheDistanceFromBothBounds) {
   const double infinite = std::numeric_limits<double>::infinity();
   EXPECT_TRUE(kernel::inside(1.0, 2.0, 0.5, 0.5, 2.5));

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "sim/matrix/hessenberg.hpp"
 #include "tests/plant/plant_test.hpp"
 
 namespace forceaxis::sim::test {

@@ -131,20 +131,22 @@ TEST(Model, SharedParameters) {
 }
 
 TEST(ModelRefuses, UnknownKeysAnywhere) {
-  expect_refusal(
-      "weight = 1\n" + kAxis,
-      {"weight",
-       "expected one of the keys title, shows, parameters_file, parameters, body, "
-       "spring, damper, contact, backlash, stop, friction, brake, gravity, drive, encoder, "
-       "switches, adc, dac, got \"weight\"; remove or "
-       "rename this key"});
+  expect_refusal("weight = 1\n" + kAxis,
+                 {"weight",
+                  "expected one of the keys title, shows, parameters_file, parameters, body, "
+                  "spring, damper, contact, backlash, stop, friction, brake, gravity, cogging, "
+                  "external, drive, encoder, "
+                  "switches, adc, dac, got \"weight\"; remove or "
+                  "rename this key"});
   expect_refusal(with(kAxis, "mass =", "mess = 1\nmass ="),
                  {"body[0].mess",
-                  "expected one of the keys name, mass, position, velocity, got \"mess\"; did you "
+                  "expected one of the keys name, mass, inertia, r_trans, position, velocity, got "
+                  "\"mess\"; did you "
                   "mean mass?; remove or rename this key"});
   expect_refusal(with(kAxis, "stiffness = \"k\"", "stiffness = \"k\"\nstifness = 1"),
                  {"spring[0].stifness",
-                  "expected one of the keys name, between, stiffness, loads, breaks, damping, got "
+                  "expected one of the keys name, between, stiffness, loads, breaks, damping, "
+                  "maxwell_stiffness, maxwell_time, got "
                   "\"stifness\"; "
                   "did you mean stiffness?; remove or rename this key"});
   expect_refusal(with(kAxis, ", source = \"scale\"", ", origin = \"scale\""),
@@ -158,7 +160,8 @@ TEST(ModelRefuses, UnknownKeysAnywhere) {
                   "bits?; remove or rename this key"});
   expect_refusal(kAxis + "\"two\\nlines\" = 1\n",
                  {"spring[0].two lines",
-                  "expected one of the keys name, between, stiffness, loads, breaks, damping, got "
+                  "expected one of the keys name, between, stiffness, loads, breaks, damping, "
+                  "maxwell_stiffness, maxwell_time, got "
                   "\"two lines\"; "
                   "remove or rename this key"});
 }
@@ -232,10 +235,11 @@ TEST(ModelRefuses, UnknownNames) {
                   "post.spring_force_rate, post.deflection, got \"post.farce\"; did you mean "
                   "post.force?; name a signal of "
                   "this model"});
-  expect_refusal(kAxis + "[drive]\ntype = \"steam\"\nbody = \"robot\"\n",
-                 {"drive.type",
-                  "expected one of dc_motor, first_order, perfect, got \"steam\"; "
-                  "choose a drive type"});
+  expect_refusal(
+      kAxis + "[drive]\ntype = \"steam\"\nbody = \"robot\"\n",
+      {"drive.type",
+       "expected one of dc_motor, first_order, perfect, torque, velocity, stepper, got \"steam\"; "
+       "choose a drive type"});
   expect_refusal(
       kAxis + "[encoder]\nbody = \"ground\"\nscale = 1\n",
       {"encoder.body", "expected one of robot, got \"ground\"; name a body of this file"});

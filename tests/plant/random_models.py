@@ -73,13 +73,17 @@ class Writer:
                 return at
 
 
-def random_model(seed):
+def random_model(seed, more=False):
     """(TOML text, writer) of 3 to 12 bodies. Lengths are about 1 mm, rates below some 3e3 rad/s."""
     w = Writer(np.random.default_rng(seed))
     count = int(w.rng.integers(3, 13))
     for i in range(count):
         mass = w.log(0.5, 40)
-        w.table("body", name=f"b{i}", mass=mass, position=w.between(-1e-3, 1e-3),
+        weight = {"mass": mass}
+        if more and w.chance(0.5):
+            weight = {"mass": mass / 4, "inertia": [mass / 2 * 4e-6, mass / 4 * 1e-4],
+                      "r_trans": [0.002, 0.01]}  # fmt: skip
+        w.table("body", name=f"b{i}", **weight, position=w.between(-1e-3, 1e-3),
                 velocity=w.between(-0.1, 0.1) if w.chance(0.8) else 0.0)  # fmt: skip
         w.mass[f"b{i}"] = mass
 
@@ -149,7 +153,9 @@ def random_model(seed):
             s["acceleration"] = [w.between(-10, 10) for _ in range(points)]
             s["positions"] = w.rising(points, 1.5e-3)
         w.table("gravity", **s)
-    signals = add_drive(w, count)
+    if more:
+        add_tables(w, count, link)
+    signals = add_drive(w, count, MORE_KINDS if more else KINDS)
     w.table("encoder", body=f"b{w.rng.integers(count)}", scale=w.log(1e5, 1e6))
     if w.chance(0.3):
         bodies = w.rng.choice(count, 2, replace=False)
@@ -162,13 +168,17 @@ def random_model(seed):
     return "\n".join(w.parts) + "\n", w
 
 
-def add_drive(w, count):
+KINDS = ["dc_motor", "dc_motor", "first_order", "perfect"]
+MORE_KINDS = ["torque", "velocity", "stepper"]
+
+
+def add_drive(w, count, kinds=KINDS):
     """Returns signals that an ADC may read, with their sizes."""
     body = f"b{w.rng.integers(count)}"
     drive = {"body": body}
     if w.chance(0.4):
         drive["reaction"] = w.pick([n for n in w.mass if n not in (body, "ground")])
-    kind = w.pick(["dc_motor", "dc_motor", "first_order", "perfect"])
+    kind = w.pick(kinds)
     m = w.reduced(body, drive.get("reaction", "ground"))
     strength = m * w.log(5, 60)  # N at full command
     signals = [(f"{body}.acceleration", 20.0), (f"{body}.velocity", 0.2)]
@@ -198,15 +208,87 @@ def add_drive(w, count):
         if w.chance(0.7):
             drive["supply_limit"] = resistance * i * w.between(0.5, 3)
         signals += [("drive.current", i), ("drive.current_command", 10.0)]
+    elif kind in ("torque", "velocity"):
+        signals += add_motor(w, kind, drive, m, strength)
+    elif kind == "stepper":
+        step = w.log(1e-5, 2e-4)
+        drive |= {"velocity_per_volt": w.log(3e-4, 3e-3), "holding_force": strength,
+                  "full_step": step, "segments": w.pick([4, 8, 16])}  # fmt: skip
+        if w.chance(0.6):
+            drive["damping"] = m * w.log(5, 100)
+        signals.append(("drive.load_angle", 4 * step))
     elif kind == "first_order":
         drive |= {"k_act": m * w.log(10, 100), "a_act": w.log(50, 500)}
         drive["velocity_per_volt"] = strength / 10 / drive["k_act"]
     else:
         drive["force_per_volt"] = strength / 10
-    if kind != "dc_motor" and w.chance(0.6):
+    if kind in ("first_order", "perfect") and w.chance(0.6):
         drive["force_limit"] = strength * w.between(0.3, 0.9)
     w.table("drive", type=kind, **drive)
     return signals
+
+
+def add_tables(w, count, link):
+    """Adds elements that are tables, and standard linear solids."""
+    for i in range(1):
+        a, b = w.pair()
+        period = w.log(3e-4, 3e-3)
+        size = w.reduced(a, b) * w.log(2, 40)
+        s = {"name": f"cogging{i}", "between": [a, b], "period": period, "from": -2e-3, "to": 2e-3}
+        if w.chance(0.5):
+            s |= {"force": size, "segments": int(w.rng.integers(4, 17))}
+        else:
+            s["force"] = [size * w.between(-1, 1) for _ in range(w.rng.integers(2, 9))]
+        w.table("cogging", **s, position=w.between(-1e-3, 1e-3))
+    for i in range(w.rng.integers(1, 3)):
+        points = int(w.rng.integers(2, 6))
+        body = f"b{w.rng.integers(count)}"
+        at = np.sort(w.rng.uniform(0, TICKS / 1500, points)) + np.arange(points) * 1e-5
+        w.table("external", name=f"external{i}", body=body, times=[float(t) for t in at],
+                forces=[w.mass[body] * w.between(-20, 20) for _ in range(points)])  # fmt: skip
+    for kind in ("contact", "contact", "spring"):
+        s = link(kind, *w.pair(), w.log(200, 800), w.log(0.01, 0.2))
+        s["name"] = f"solid{w.elements['solid']}"
+        w.elements["solid"] += 1
+        del s["damping"]
+        s |= {
+            "maxwell_stiffness": s["stiffness"] * w.log(0.3, 5),
+            "maxwell_time": w.log(1e-3, 3e-2),
+        }
+        if kind == "contact":
+            s["gap"] = w.between(-2e-4, 5e-4)
+        w.table(kind, **s)
+    for i in range(2):
+        s = link("contact", *w.pair(), w.log(200, 1500), w.log(0.01, 0.2))
+        segments = int(w.rng.integers(2, 5))
+        s["stiffness"] = [s["stiffness"] * w.log(0.3, 3) for _ in range(segments)]
+        s["breaks"] = [w.log(1e-5, 1e-4) * (k + 1) for k in range(segments - 1)]
+        s["breaks"] = sorted(s["breaks"])
+        w.table("contact", **s | {"name": f"hard{i}"}, gap=w.between(-2e-4, 5e-4))
+
+
+def add_motor(w, kind, drive, m, strength):
+    """Adds the keys of a torque or velocity drive; returns its signals with their sizes."""
+    constant = w.log(10, 500)
+    i = strength / constant
+    drive["current_bandwidth"] = w.log(300, 4000)
+    if w.chance(0.5):
+        drive["k_force"] = constant
+    else:
+        drive |= {"r_trans": 0.002, "k_torque": 0.002 * constant}
+    if w.chance(0.7):
+        drive["peak_current"] = i * w.between(0.3, 1)
+        if w.chance(0.7):
+            drive |= {"rated_current": drive["peak_current"] * w.between(0.2, 0.8),
+                      "peak_time": w.log(0.002, 0.02)}  # fmt: skip
+    if kind == "torque":
+        drive["current_per_volt"] = i / 10
+        if w.chance(0.5):
+            drive["damping"] = m * w.log(5, 100)
+    else:
+        drive |= {"k_velocity": m * w.log(20, 300), "integral_time": w.log(0.005, 0.1)}
+        drive["velocity_per_volt"] = strength / 10 / drive["k_velocity"]
+    return [("drive.current", i), ("drive.target_current", i)]
 
 
 def add_adcs(w, signals):
@@ -279,8 +361,8 @@ class Outcome:
         )
 
 
-def compare(seed, ticks=TICKS):
-    text, w = random_model(seed)
+def compare(seed, ticks=TICKS, more=False):
+    text, w = random_model(seed, more)
     out = Outcome(seed, w.elements["body"])
     with tempfile.TemporaryDirectory() as name:
         file = Path(name) / f"model{seed}.toml"
@@ -335,9 +417,9 @@ def compare(seed, ticks=TICKS):
     return out
 
 
-def compare_safely(seed):
+def compare_safely(seed, more=False):
     try:
-        return compare(seed)
+        return compare(seed, more=more)
     except Exception as error:
         return Outcome(seed, 0, failure=f"{type(error).__name__}: {error}")
 

@@ -38,6 +38,20 @@ def test_they_have_what_they_should():
         assert changes[flank] > 0, flank
 
 
+MORE_SEEDS = range(5000, 5020)
+
+
+def test_current_loops_tables_and_solids_agree_with_dop853():
+    """These plants have every element of add_motor() and add_tables() besides the others."""
+    found = [random_models.compare_safely(seed, more=True) for seed in MORE_SEEDS]
+    assert [str(o) for o in found if not o.agrees()] == []
+    changes = sum((o.changes for o in found), start=random_models.collections.Counter())
+    for element in ("drive.peak", "drive.rated", "load", "foldback", "cogging", "external",
+                    "solid", "hard", "hard0.stiffness", "drive.load_angle"):  # fmt: skip
+        assert changes[element] > 0, element
+    assert sum(o.ticks for o in found) > 0.9 * len(MORE_SEEDS) * random_models.TICKS
+
+
 def test_a_comparison_can_fail(monkeypatch):
     """The reference with one spring softer by 1e-6 of itself is found out."""
     load = random_models.Reference._flank

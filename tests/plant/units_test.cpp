@@ -62,6 +62,9 @@ const std::vector<Case> kExact = {
     {"60 mV s/rad", Dimension::speed_constant, 0.06},
     {"0.06 V*s/rad", Dimension::speed_constant, 0.06},
     {"4 mm/rad", Dimension::transmission, 0.004},
+    {"2 A/V", Dimension::current_per_volt, 2.0},
+    {"600 mA/V", Dimension::current_per_volt, 0.6},
+    {"25 N/A", Dimension::force_per_current, 25.0},
     {"628 rad/s", Dimension::rate, 628.0},
     {"1 rad/ms", Dimension::rate, 1000.0},
     {"40 1/s", Dimension::rate, 40.0},
@@ -241,7 +244,8 @@ TEST(ModelRefusesAtOnce, EveryNameThatIsWrong) {
             "set.mm: expected one of the parameters k, m, got \"mm\", \"kk\", \"stiffness\"; "
             "correct the override's name");
   EXPECT_EQ(refusal("position", "pos = 1\nposi = 2\npositoin"),
-            "body[0].pos: expected one of the keys name, mass, position, velocity, got \"pos\", "
+            "body[0].pos: expected one of the keys name, mass, inertia, r_trans, position, "
+            "velocity, got \"pos\", "
             "\"posi\", \"positoin\"; did you mean position?; remove or rename these keys");
   EXPECT_EQ(refusal("mass =", "mas ="),
             "body[0].mass: expected a finite number > 0 in kg or a parameter, got \"mas\"; did you "

@@ -88,9 +88,6 @@ class Grid:
         ahead = np.maximum(-a, 0.0)
         share = 1 - 1 / bounds.ms[t] ** 2
         yield "ms", _first_root(ahead, share * q, share)
-        if bounds.mt is not None:
-            share = 1 - 1 / bounds.mt**2
-            yield "mt", _first_root(ahead, share * q, 1.0)
         # Crossings of the negative real axis; the real part at each crossing is interpolated.
         im = L.imag
         left, right = im[:, :-1], im[:, 1:]

@@ -8,7 +8,7 @@ namespace {
 
 struct Axis {
   fw_t fw{};
-  axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1};
+  axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
   uint8_t recorder[FW_RECORDER_BYTES]{};
 };
 

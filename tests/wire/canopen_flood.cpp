@@ -102,6 +102,7 @@ class Flood {
       Step();
       if (sent_ - dumped_ >= 256) Dump();
     }
+    LeaveTransfers();
     Dump();
     Flush();
     std::fprintf(stderr, "%s; %ld strikes\n", rules_.counts().text().c_str(), strikes_);
@@ -280,7 +281,7 @@ class Flood {
     for (int i = frame.length; i < 8; ++i) frame.data[i] = 0;
     if (IsHidden(frame)) return;
     NoteStored();
-    const DriveBefore before(fw_);
+    const DriveBefore before(fw_, is_no_request(frame.id));
     fw_can_receive(&fw_, &frame);
     LogDrive(before);
     if (Read(AXIS_OBJ_DRIVE_STATE) != AXIS_DRIVE_STATE_OPERATION_ENABLED) rules_.Leave();
@@ -685,6 +686,22 @@ class Flood {
     pressing_ = false;
   }
 
+  // A client of each server begins a transfer and sends nothing more until the transfer times out.
+  void LeaveTransfers() {
+    whole_ = true;
+    JoinBus();
+    Send(0, {128, kNode});
+    EnableServers();
+    for (const uint16_t server : kServers) {
+      server_ = server;
+      Request(0x40, 0x100A, 0, 0);
+    }
+    for (uint32_t i = 0; i < 8000; ++i) {
+      Tick();
+      Drain();
+    }
+  }
+
   void Nmt() {
     static constexpr uint8_t commands[] = {1, 1, 1, 1, 1, 1, 2, 128, 128, 129, 130, 3};
     const uint8_t command = Pick(commands);
@@ -747,7 +764,6 @@ class Flood {
   void Ticks() { Ticks(OneIn(2000) ? 8000 : OneIn(120) ? Below(400) : 1 + Below(3)); }
 
   // What takes long is spent with pressing.
-
   void Ticks(uint32_t ticks) {
     if (ticks > 100 && !pressing_) return Press(ticks);
     for (uint32_t i = 0; i < ticks; ++i) {
@@ -774,7 +790,7 @@ class Flood {
   void Bus() {
     const uint8_t state = static_cast<uint8_t>(Below(3));
     NoteStored();
-    const DriveBefore before(fw_);
+    const DriveBefore before(fw_, true);
     fw_can_bus(&fw_, state);
     LogDrive(before);
     Log(kBus, state);
@@ -782,11 +798,16 @@ class Flood {
     LogState();
     if (state == CAN_BUS_OFF && OneIn(2)) {
       Ticks();
-      fw_can_bus(&fw_, CAN_BUS_ACTIVE);
-      Log(kBus, CAN_BUS_ACTIVE);
-      LogValues();
-      LogState();
+      JoinBus();
     }
+  }
+
+  // The controller is on the bus, whatever it was before.
+  void JoinBus() {
+    fw_can_bus(&fw_, CAN_BUS_ACTIVE);
+    Log(kBus, CAN_BUS_ACTIVE);
+    LogValues();
+    LogState();
   }
 
   void Lose() {

@@ -121,6 +121,10 @@ def crc_of(data):
     return crc
 
 
+# Settings of the drive's bus and of the converter, which the board may refuse.
+DRIVE_BUS = range(0x2440, 0x2450)
+
+
 def exactly(value):
     return ((value, (1 << 64) - 1),)
 
@@ -960,7 +964,7 @@ class Node:
             # What watches the owner of an enabled axis: 1016h, COB-IDs and deadlines of RPDOs.
             is_rpdo = 0x1400 <= at[0] <= 0x1403 and at[1] in (1, 5)
             self.report_drive(at[0] == 0x1016 or is_rpdo, stops=False)
-        elif o.part == "device":
+        elif o.part == "device" and at[0] not in DRIVE_BUS:
             is_id = at != (0x230F, 0) or value <= 127 or value == 255
             if not is_id or (at == (0x2310, 0) and value not in KBIT_S):
                 raise Abort(0x06090030)

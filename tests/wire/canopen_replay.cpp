@@ -115,7 +115,9 @@ class Log {
     refused_ = now;
   }
 
-  DriveBefore before() const { return DriveBefore(*fw_); }
+  DriveBefore before(const can_frame_t *frame) const {
+    return DriveBefore(*fw_, frame != nullptr && is_no_request(frame->id));
+  }
   void drive(const DriveBefore &before) { add(kDrive, before.bits(*fw_), before.stopper(*fw_)); }
 
   void taken_in() {
@@ -175,9 +177,10 @@ int replay(const char *file) {
   Log log(firmware.axis());
   while (plant.running() && plant.tick() < journal.known_ticks()) {
     for (; entry != end && entry->tick <= plant.tick(); ++entry) {
-      const DriveBefore before = log.before();
+      const auto *const frame = std::get_if<can_frame_t>(&entry->what);
+      const DriveBefore before = log.before(frame);
       apply(*entry, firmware);
-      if (const auto *frame = std::get_if<can_frame_t>(&entry->what)) {
+      if (frame != nullptr) {
         log.refused();
         log.drive(before);
         log.add(kFrameIn, static_cast<uint8_t>(frame->length | frame->remote << 7), frame->id, 0,

@@ -26,7 +26,7 @@
 #include <vector>
 
 #include "firmware/port/host/firmware.hpp"
-#include "tests/firmware/unit/frames.hpp"
+#include "tests/support/frames.hpp"
 #include "tests/wire/contact_scene.hpp"
 #include "tests/wire/drawn_press.hpp"
 #include "tests/wire/press_oracle.hpp"

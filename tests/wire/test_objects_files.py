@@ -482,6 +482,8 @@ ERROR_CODES = {
     "can_passive": 0x8120, "heartbeat_lost": 0x8130, "can_off": 0x8140, "pdo_short": 0x8210,
     "pdo_long": 0x8220, "sync_length": 0x8240, "pdo_timeout": 0x8250, "following_error": 0x8611,
     "limit_switches": 0x8612, "contact_lost": 0xFF01, "force_saturated": 0xFF02,
+    "drive_not_ready": 0xFF1F, "drive_lost": 0xFF20, "drive_fault": 0xFF21,
+    "position_old": 0xFF22, "force_old": 0xFF23,
     "limit_cycle": 0xFF03, "overrun": 0xFF04, "enable_lost": 0xFF05, "force_max": 0xFF06,
     "watchdog_reset": 0xFF07, "stopped": 0xFF08, "owner_unsupervised": 0xFF09,
     "duplicate_node": 0xFF0A, "no_motion": 0x7121, "force_sensor_failed": 0xFF0B,

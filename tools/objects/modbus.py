@@ -43,7 +43,7 @@ axis. Addresses are those on the wire and begin at 0 (`mbpoll` counts from 1 unl
   32-bit object or a malformed request, 4 not in this state, or another bus owns the axis
   (`command_source`), or no memory for parameters, 6 the store is at work; on TCP also 10 no axis of
   this unit, 11 the axis does not answer. A refused request changes nothing.
-* `object_table_hash` reads {digest} with this table: compare it before you write.
+* Read `object_table_hash` before you write: its value is {digest} if the firmware has this table.
 
 """
 

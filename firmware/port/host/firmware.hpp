@@ -20,6 +20,7 @@ extern "C" {
 #include "firmware/core/profile.h"
 #include "firmware/core/recorder.h"
 #include "firmware/drive/drive.h"
+#include "firmware/drive402/drive402.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 #include "firmware/modbus/server.h"

@@ -36,6 +36,7 @@ const fw_config_t *port_config(void) {
 }
 
 void port_start(void) {
+  io_start();
   watchdog_arm();
   tick_start();
 }

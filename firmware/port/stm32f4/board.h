@@ -112,11 +112,34 @@ void protect_start(void);
 /* can.c: set of supported bit rates for fw_config_t. The rate 800 kbit/s (index 1) is missing,
  * because the clock of the CAN controller is no multiple of this rate. */
 #define CAN_RATES (BIT(0) | BIT(2) | BIT(3) | BIT(4) | BIT(6) | BIT(7) | BIT(8))
-void can_init(bool clock_is_right);
+void can_init(bool clock_is_right); /* also sets the filters of CAN2 */
 
 /* Interrupt handlers of can.c and serial.c. The handler of the tick is in tick.h. */
 void can_interrupt(void);
 void serial_interrupt(void);
+
+/* drive_bus.c connects a CiA 402 drive on CAN2. drive_bus_start() does nothing if drive_node_id is
+ * 0. drive_bus_sample() sets the inputs that the drive has sent since the last tick; the second ADC
+ * code is the torque in per mille of the rated torque, and 32768 is the torque 0 with adc_bits 16.
+ * drive_bus_act() sends the command of this tick. The two interrupt handlers run for a received and
+ * for a sent frame. */
+void drive_bus_start(const device_params_t *params);
+bool drive_bus_is_fitted(void);
+void drive_bus_sample(axis_inputs_t *inputs);
+void drive_bus_act(const axis_outputs_t *outputs);
+void drive_bus_interrupt(void);
+void drive_bus_sent_interrupt(void);
+
+/* spi_force.c: a converter of the force on SPI2 (firmware/port/converter.h). spi_force_start()
+ * configures it, within 12 ms, if force_converter of the parameters is not adc; it returns false if
+ * the converter does not answer, or answers with another identity or other settings.
+ * spi_force_sample() gives ADC code and age of the last reading, and returns false if a reading
+ * since the last call had an error. The interrupts are those of a conversion and of its reading. */
+bool spi_force_start(const device_params_t *params);
+bool spi_force_is_fitted(void);
+bool spi_force_sample(axis_inputs_t *inputs);
+void spi_force_ready_interrupt(void);
+void spi_force_read_interrupt(void);
 
 /* serial.c */
 void serial_init(uint32_t clock_hz);
@@ -133,6 +156,8 @@ void watchdog_arm(void);   /* sets the time to 20 ms */
 uint8_t reset_cause(void);
 
 /* io.c, or emulated/io.c */
+/* starts what the stored parameters of the firmware name: bus of a drive, converter of the force */
+void io_start(void);
 /* sets safe outputs, then starts the clock and all peripherals except the serial line */
 void io_init(void);
 bool io_clock_is_right(void);

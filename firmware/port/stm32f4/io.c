@@ -30,6 +30,14 @@ void io_init(void) {
   can_init(clock_is_right);
 }
 
+void io_start(void) {
+  const device_params_t *params = &port_firmware()->device;
+  drive_bus_start(params);
+  if (!spi_force_start(params)) {
+    found |= FW_BOARD_CONVERTER;
+  }
+}
+
 bool io_clock_is_right(void) { return clock_is_right; }
 
 void io_make_safe(void) {
@@ -60,6 +68,9 @@ bool port_sample(axis_inputs_t *inputs) {
   adc_start();
   inputs->encoder_cnt = encoder_read();
   inputs->din = pins_din();
+  if (drive_bus_is_fitted()) {
+    drive_bus_sample(inputs);
+  }
   return true;
 }
 
@@ -78,30 +89,40 @@ static uint16_t board_state(void) {
 void port_sense(axis_inputs_t *inputs) {
   fw_board(port_firmware(), board_state(), second_clock_permille());
   uint16_t codes[2] = {0, 0};
-  const bool valid = adc_read(codes) && clock_is_right;
-  inputs->sensor_valid = valid ? 1 : 0;
+  bool valid = adc_read(codes) && clock_is_right;
   /* An ADC code has 12 bits. The axis uses the upper adc_bits of the code; if adc_bits is above 12,
    * zeros are appended. */
   const uint8_t bits = port_firmware()->axis.params.adc_bits;
-  for (uint8_t i = 0; i < 2; i++) {
+  const uint8_t channels = drive_bus_is_fitted() ? 1 : 2; /* the drive says its current itself */
+  for (uint8_t i = 0; i < channels; i++) {
     inputs->adc_code[i] = (uint16_t)((uint32_t)codes[i] << 4 >> (16 - bits));
   }
+  if (spi_force_is_fitted()) {
+    valid = spi_force_sample(inputs) && valid;
+  }
+  inputs->sensor_valid = valid ? 1 : 0;
 }
 
-/* Writes the outputs of a tick. When the axis is enabled, the amplifier is switched on only if the
- * DAC is at mid-scale, as it was set when the axis was disabled. When the axis is disabled, the DAC
- * is set to mid-scale before the amplifier is switched off. */
+/* Gives the outputs to the amplifier for +-10 V: the amplifier is switched on only if the DAC is at
+ * mid-scale, as it was set when the axis was disabled. Before the amplifier is switched off, the
+ * DAC is set to mid-scale. With a drive the DAC stays there, and amp_enable can enable the drive.
+ */
 void port_act(const axis_outputs_t *outputs) {
   static bool is_on;
   is_on = outputs->amp_enable != 0 && (is_on || dac_is_zero());
   if (is_on) {
     pins_write(true, outputs->brake_release != 0);
-    dac_code = outputs->dac_code;
+    dac_code = drive_bus_is_fitted() ? 0 : outputs->dac_code;
     dac_write(dac_code);
   }
   /* The supply voltage may have fallen while the outputs were written. */
-  if (!is_on || supply_is_low()) {
+  const bool is_off = !is_on || supply_is_low();
+  if (is_off) {
     io_make_safe();
+  }
+  if (drive_bus_is_fitted()) {
+    const axis_outputs_t off = {0};
+    drive_bus_act(is_off ? &off : outputs);
   }
   monitor_start(dac_code);
 }

@@ -54,10 +54,13 @@ typedef struct {
 #define RCC_AHB1ENR_GPIOBEN BIT(1)
 #define RCC_AHB1ENR_GPIOCEN BIT(2)
 #define RCC_AHB1ENR_CRCEN BIT(12)
+#define RCC_AHB1ENR_DMA1EN BIT(21)
 #define RCC_APB1ENR_TIM2EN BIT(0)
 #define RCC_APB1ENR_TIM5EN BIT(3)
+#define RCC_APB1ENR_SPI2EN BIT(14)
 #define RCC_APB1ENR_USART2EN BIT(17)
 #define RCC_APB1ENR_CAN1EN BIT(25)
+#define RCC_APB1ENR_CAN2EN BIT(26)
 #define RCC_APB1ENR_PWREN BIT(28)
 #define RCC_APB1ENR_DACEN BIT(29)
 #define RCC_APB2ENR_ADC1EN BIT(8)
@@ -195,12 +198,17 @@ typedef struct {
   reg_t MEMRM;
   reg_t PMC;
   reg_t EXTICR1;
+  reg_t EXTICR2;
+  reg_t EXTICR3;
+  reg_t EXTICR4;
 } syscfg_t;
 #define SYSCFG_BASE 0x40013800
 #define SYSCFG ((syscfg_t *)SYSCFG_BASE)
 
 #define SYSCFG_EXTICR1_EXTI3 MASK(12, 4)
 #define SYSCFG_EXTICR1_EXTI3_PC FIELD(12, 4, 2)
+#define SYSCFG_EXTICR4_EXTI12 MASK(0, 4)
+#define SYSCFG_EXTICR4_EXTI12_PC FIELD(0, 4, 2)
 
 typedef struct {
   reg_t IMR;
@@ -216,6 +224,10 @@ typedef struct {
 #define EXTI_IMR_MR3 BIT(3)
 #define EXTI_RTSR_TR3 BIT(3)
 #define EXTI_PR_PR3 BIT(3)
+#define EXTI_IMR_MR12 BIT(12)
+#define EXTI_FTSR_TR12 BIT(12)
+#define EXTI_SWIER_SWIER12 BIT(12)
+#define EXTI_PR_PR12 BIT(12)
 /* Line 16 of the external interrupts is the voltage detector of the supply. */
 #define EXTI_IMR_MR16 BIT(16)
 #define EXTI_RTSR_TR16 BIT(16)
@@ -313,7 +325,7 @@ typedef struct {
 #define DAC_CR_BOFF1 BIT(1)
 #define DAC_DOR1_DACC1DOR MASK(0, 12)
 
-/* CAN. */
+/* CAN. The filters of both controllers are in the registers of CAN1. */
 
 typedef struct {
   reg_t MCR;
@@ -353,16 +365,24 @@ typedef struct {
   reg_t unused_220[8];
   reg_t F0R1;
   reg_t F0R2;
+  reg_t unused_248[26];
+  reg_t F14R1;
+  reg_t F14R2;
 } can_t;
 #define CAN1_BASE 0x40006400
 #define CAN1 ((can_t *)CAN1_BASE)
+#define CAN2_BASE 0x40006800
+#define CAN2 ((can_t *)CAN2_BASE)
 
 #define CAN_MCR_INRQ BIT(0)
 #define CAN_MCR_TXFP BIT(2)
 #define CAN_MCR_RFLM BIT(3)
 #define CAN_MSR_INAK BIT(0)
+#define CAN_TSR_RQCP0 BIT(0)
 #define CAN_TSR_ABRQ0 BIT(7)
+#define CAN_TSR_RQCP1 BIT(8)
 #define CAN_TSR_ABRQ1 BIT(15)
+#define CAN_TSR_RQCP2 BIT(16)
 #define CAN_TSR_ABRQ2 BIT(23)
 #define CAN_TSR_TME0 BIT(26)
 #define CAN_TSR_TME1 BIT(27)
@@ -370,6 +390,7 @@ typedef struct {
 #define CAN_RF0R_FMP0 MASK(0, 2)
 #define CAN_RF0R_FOVR0 BIT(4)
 #define CAN_RF0R_RFOM0 BIT(5)
+#define CAN_IER_TMEIE BIT(0)
 #define CAN_IER_FMPIE0 BIT(1)
 #define CAN_ESR_EPVF BIT(1)
 #define CAN_ESR_BOFF BIT(2)
@@ -387,8 +408,73 @@ typedef struct {
 #define CAN_RI0R_IDE BIT(2)
 #define CAN_RDT0R_DLC MASK(0, 4)
 #define CAN_FMR_FINIT BIT(0)
+/* Number of the first filter that belongs to CAN2. */
+#define CAN_FMR_CAN2SB MASK(8, 6)
+#define CAN_FMR_CAN2SB_14 FIELD(8, 6, 14)
 #define CAN_FS1R_FSC0 BIT(0)
+#define CAN_FS1R_FSC14 BIT(14)
 #define CAN_FA1R_FACT0 BIT(0)
+#define CAN_FA1R_FACT14 BIT(14)
+
+/* Serial peripheral interface. */
+
+typedef struct {
+  reg_t CR1;
+  reg_t CR2;
+  reg_t SR;
+  reg_t DR;
+} spi_t;
+#define SPI2_BASE 0x40003800
+#define SPI2 ((spi_t *)SPI2_BASE)
+
+#define SPI_CR1_CPHA BIT(0)
+#define SPI_CR1_CPOL BIT(1)
+#define SPI_CR1_MSTR BIT(2)
+#define SPI_CR1_BR_32 FIELD(3, 3, 4)
+#define SPI_CR1_SPE BIT(6)
+#define SPI_CR1_SSI BIT(8)
+#define SPI_CR1_SSM BIT(9)
+#define SPI_CR2_RXDMAEN BIT(0)
+#define SPI_CR2_TXDMAEN BIT(1)
+
+/* Direct memory access: streams 3 and 4 of DMA1, channel 0, are SPI2 in and out. */
+
+typedef struct {
+  reg_t LISR;
+  reg_t HISR;
+  reg_t LIFCR;
+  reg_t HIFCR;
+  reg_t unused_10[18];
+  reg_t S3CR;
+  reg_t S3NDTR;
+  reg_t S3PAR;
+  reg_t S3M0AR;
+  reg_t unused_68[2];
+  reg_t S4CR;
+  reg_t S4NDTR;
+  reg_t S4PAR;
+  reg_t S4M0AR;
+} dma_t;
+#define DMA1_BASE 0x40026000
+#define DMA1 ((dma_t *)DMA1_BASE)
+
+#define DMA_LISR_TCIF3 BIT(27)
+#define DMA_LIFCR_CFEIF3 BIT(22)
+#define DMA_LIFCR_CDMEIF3 BIT(24)
+#define DMA_LIFCR_CTEIF3 BIT(25)
+#define DMA_LIFCR_CHTIF3 BIT(26)
+#define DMA_LIFCR_CTCIF3 BIT(27)
+#define DMA_HIFCR_CFEIF4 BIT(0)
+#define DMA_HIFCR_CDMEIF4 BIT(2)
+#define DMA_HIFCR_CTEIF4 BIT(3)
+#define DMA_HIFCR_CHTIF4 BIT(4)
+#define DMA_HIFCR_CTCIF4 BIT(5)
+#define DMA_S3CR_EN BIT(0)
+#define DMA_S3CR_TCIE BIT(4)
+#define DMA_S3CR_MINC BIT(10)
+#define DMA_S4CR_EN BIT(0)
+#define DMA_S4CR_DIR_OUT FIELD(6, 2, 1)
+#define DMA_S4CR_MINC BIT(10)
 
 /* Serial line. */
 

@@ -35,22 +35,37 @@ typedef struct {
   reg_t unused_000[64];
   reg_t ISER0;
   reg_t ISER1;
-  reg_t unused_108[62];
+  reg_t ISER2;
+  reg_t unused_10C[61];
   reg_t ISPR0;
   reg_t ISPR1;
   reg_t unused_208[126];
   reg_t IPR0;
   reg_t unused_404;
   reg_t IPR2;
-  reg_t unused_40C[2];
+  reg_t IPR3;
+  reg_t unused_410;
   reg_t IPR5;
   reg_t unused_418[3];
   reg_t IPR9;
+  reg_t IPR10;
+  reg_t unused_42C[4];
+  reg_t IPR15;
+  reg_t IPR16;
 } nvic_t;
 #define NVIC_BASE 0xE000E000
 #define NVIC ((nvic_t *)NVIC_BASE)
 
-enum { IRQ_PVD = 1, IRQ_EXTI3 = 9, IRQ_CAN1_RX0 = 20, IRQ_USART2 = 38 };
+enum {
+  IRQ_PVD = 1,
+  IRQ_EXTI3 = 9,
+  IRQ_DMA1_Stream3 = 14,
+  IRQ_CAN1_RX0 = 20,
+  IRQ_USART2 = 38,
+  IRQ_EXTI15_10 = 40,
+  IRQ_CAN2_TX = 63,
+  IRQ_CAN2_RX0 = 64
+};
 
 typedef struct {
   reg_t CPUID;

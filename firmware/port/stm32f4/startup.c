@@ -45,7 +45,7 @@ enum { EXCEPTION_SYSTICK = 15, EXCEPTION_IRQ = 16 };
  * enabled; if this interrupt occurs, the core has a fault. */
 typedef struct {
   uint32_t *stack;
-  handler_t handlers[EXCEPTION_IRQ + IRQ_USART2];
+  handler_t handlers[EXCEPTION_IRQ + IRQ_CAN2_RX0];
 } vectors_t;
 
 #define HANDLER(exception, handler) [(exception)-1] = (handler)
@@ -67,7 +67,11 @@ __attribute__((section(".vectors"), used)) static const vectors_t vectors = {
             HANDLER(EXCEPTION_SYSTICK, tick_interrupt),
             HANDLER(EXCEPTION_IRQ + IRQ_PVD, supply_interrupt),
             HANDLER(EXCEPTION_IRQ + IRQ_EXTI3, index_interrupt),
+            HANDLER(EXCEPTION_IRQ + IRQ_DMA1_Stream3, spi_force_read_interrupt),
             HANDLER(EXCEPTION_IRQ + IRQ_CAN1_RX0, can_interrupt),
             HANDLER(EXCEPTION_IRQ + IRQ_USART2, serial_interrupt),
+            HANDLER(EXCEPTION_IRQ + IRQ_EXTI15_10, spi_force_ready_interrupt),
+            HANDLER(EXCEPTION_IRQ + IRQ_CAN2_TX, drive_bus_sent_interrupt),
+            HANDLER(EXCEPTION_IRQ + IRQ_CAN2_RX0, drive_bus_interrupt),
         },
 };

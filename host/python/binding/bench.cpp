@@ -107,10 +107,12 @@ class BenchCase {
         in.sensor_valid = 1;
         axis_outputs_t out{};
         for (std::size_t k = 0;; ++k) {
-          const SensorCodes codes = plant.codes();
+          const SensorCodes &codes = plant.codes();
           record(k, plant, codes.adc[0]);
           if (k == kTicks) break;
           in.encoder_cnt = codes.encoder;
+          in.position_age = codes.encoder_age;
+          in.force_age = codes.force_age;
           in.adc_code[0] = codes.adc[0];
           in.adc_code[1] = codes.adc[1];
           fw_tick(axis.get(), &in, &out);
@@ -118,7 +120,7 @@ class BenchCase {
         }
       } else {
         for (std::size_t k = 0;; ++k) {
-          const SensorCodes codes = plant.codes();
+          const SensorCodes &codes = plant.codes();
           record(k, plant, codes.adc[0]);
           if (k == kTicks) break;
           plant.step(integer_law(codes.adc[0] - zero_, gain, setpoint_N), true);

@@ -42,10 +42,15 @@ class Excited {
   Excited(const std::filesystem::path &file, const Overrides &overrides, std::uint64_t seed,
           int parts, bool clamped) {
     Model loaded = load(file, overrides);
+    if (loaded.drive && !loaded.drive->bus.immediate())
+      throw forceaxis::sim::InputError(
+          loaded.file, "drive.cycle_ticks",
+          "expected 1 and no delays in a model that an analyzer measures at its amplifier, got a "
+          "bus; remove cycle_ticks, delay_ticks_out and delay_ticks_in for this measurement");
     if (clamped) {
       for (const auto &contact : loaded.contacts)
         loaded.springs.push_back(
-            {contact.name, contact.ends, {{contact.stiffness}, {}}, contact.damping});
+            {contact.name, contact.ends, contact.stiffness, contact.damping, contact.maxwell});
       loaded.contacts.clear();
     }
     auto model = std::make_shared<const Model>(std::move(loaded));
@@ -109,7 +114,13 @@ class Excited {
     changes_ = -1;
     for (py::ssize_t k = 0; k < ticks; ++k) {
       const forceaxis::sim::SensorCodes sensed = plant_->codes();
-      const axis_inputs_t in{sensed.encoder, {sensed.adc[0], sensed.adc[1]}, AXIS_DIN_ENABLE, 1};
+      const axis_inputs_t in{sensed.encoder,
+                             {sensed.adc[0], sensed.adc[1]},
+                             AXIS_DIN_ENABLE,
+                             1,
+                             0,
+                             sensed.encoder_age,
+                             sensed.force_age};
       axis_outputs_t put{};
       fw_tick(axis_.get(), &in, &put);
       std::int32_t fault = 0;

@@ -33,6 +33,9 @@ using forceaxis::sim::RampResponse;
 
 namespace {
 
+// Limits of the density of a grid, and of the sampling period.
+constexpr double kDensityMin = 0.1, kDensityMax = 100, kTickMax_s = 1;
+
 using Numbers = py::array_t<double, py::array::c_style | py::array::forcecast>;
 using Complexes = py::array_t<std::complex<double>>;
 
@@ -69,9 +72,49 @@ struct Grid {
   std::vector<int> delays;
 };
 
+// Throws ValueError unless a condition holds.
+void expect(bool holds, const char *text) {
+  if (!holds) throw py::value_error(text);
+}
+
+const LawGrid &plants_of(const Grid &grid) {
+  expect(grid.grid.has_value(), "LawGrid: expected a plant with a path to the force, got none");
+  return *grid.grid;
+}
+
+std::size_t index_of(const Grid &grid, std::size_t plant) {
+  expect(plant < grid.kept.size(), "plant: expected an index of LawGrid.kept");
+  return plant;
+}
+
+const ForcePlant &plant_at(const Grid &grid, std::size_t plant) {
+  return plants_of(grid).plants()[index_of(grid, plant)];
+}
+
+// Returns the plants of a grid, after a check that the bounds are for its delays.
+const LawGrid &plants_of(const Grid &grid, const LawBounds &bounds) {
+  expect(bounds.ms.size() == grid.delays.size(), "ms: expected one value for each delay");
+  return plants_of(grid);
+}
+
+LawBounds bounds_of(std::vector<double> ms, double gain_margin, double phase_margin_deg,
+                    double hf_gain) {
+  for (const double one : ms) expect(one > 1, "ms: expected numbers above 1");
+  expect(gain_margin > 0, "gain_margin: expected a number above 0");
+  expect(phase_margin_deg >= 0 && phase_margin_deg < 90,
+         "phase_margin_deg: expected a number from 0 to 90");
+  expect(hf_gain > 0, "hf_gain: expected a number above 0");
+  return {std::move(ms), gain_margin, phase_margin_deg, hf_gain};
+}
+
 std::unique_ptr<Grid> grid_of(const forceaxis::sim::ModelFile &model,
                               const std::vector<PlantKey> &keys, const std::vector<int> &delays,
                               double density, double tick_s, unsigned threads) {
+  expect(!delays.empty() && *std::min_element(delays.begin(), delays.end()) >= 0,
+         "delays: expected one delay in ticks or more, each at least 0");
+  expect(density >= kDensityMin && density <= kDensityMax,
+         "density: expected a number from 0.1 to 100");
+  expect(tick_s > 0 && tick_s <= kTickMax_s, "tick_s: expected a number above 0, at most 1");
   const py::gil_scoped_release released;
   std::vector<std::optional<ForcePlant>> plants(keys.size());
   in_parallel(keys.size(), threads, [&](std::size_t i) {
@@ -101,25 +144,35 @@ LawShape law_of(double integral_rad_per_s, const std::vector<std::array<double, 
   return law;
 }
 
+py::tuple law_coefficients(const std::vector<double> &numbers, double tick_s) {
+  const auto law = LawShape::of_logarithms(numbers, tick_s, std::numeric_limits<double>::max());
+  expect(law.has_value(), "numbers: expected logarithms of finite coefficients");
+  std::vector<std::array<double, 5>> sections;
+  for (const LawSection &section : law->sections) sections.push_back(section.coefficients());
+  return py::make_tuple(law->integral_rad_per_s, sections);
+}
+
 // Returns an array (laws, 2) with the bandwidth in Hz and the largest gain of each law. `numbers`
 // has one row for each law.
 py::array_t<double> evaluate(const Grid &grid, const Numbers &numbers, const LawBounds &bounds,
                              const RampResponse *ramp, const std::vector<double> &floors_hz,
                              double coefficient_max, unsigned threads) {
-  if (numbers.ndim() != 2) throw py::value_error("numbers: expected an array (laws, numbers)");
+  const LawGrid &own = plants_of(grid, bounds);
+  expect(numbers.ndim() == 2 && (numbers.shape(1) == 0 || numbers.shape(1) % 4 == 1),
+         "numbers: expected an array (laws, numbers) with 0, 1, 5, 9, .. numbers");
   const auto count = static_cast<std::size_t>(numbers.shape(0));
-  if (!floors_hz.empty() && floors_hz.size() != count)
-    throw py::value_error("floors_hz: expected one value for each law, or none");
+  expect(floors_hz.empty() || floors_hz.size() == count,
+         "floors_hz: expected one value for each law, or none");
   const auto width = static_cast<std::size_t>(numbers.shape(1));
   py::array_t<double> values({numbers.shape(0), py::ssize_t{2}});
   double *const out = values.mutable_data();
   const double *const in = numbers.data();
-  const double tick_s = grid.grid.value().plants().front().tick_s();
+  const double tick_s = own.plants().front().tick_s();
   const py::gil_scoped_release released;
   in_parallel(count, threads, [&](std::size_t i) {
     const auto law = LawShape::of_logarithms({in + i * width, width}, tick_s, coefficient_max);
     const auto value =
-        law ? grid.grid->evaluate(*law, bounds, ramp, floors_hz.empty() ? 0.0 : floors_hz[i])
+        law ? own.evaluate(*law, bounds, ramp, floors_hz.empty() ? 0.0 : floors_hz[i])
             : forceaxis::sim::LawValue{};
     out[2 * i] = value.bandwidth_hz;
     out[2 * i + 1] = value.gain;
@@ -129,8 +182,8 @@ py::array_t<double> evaluate(const Grid &grid, const Numbers &numbers, const Law
 
 py::tuple largest_gain(const Grid &grid, const LawShape &law, double hf_gain,
                        const LawBounds &bounds) {
-  static const char *const kNames[] = {"hf", "ms", "mt", "gm", "pm"};
-  const GainLimit limit = grid.grid.value().largest_gain(law, hf_gain, bounds);
+  static const char *const kNames[] = {"hf", "ms", "gm", "pm"};
+  const GainLimit limit = plants_of(grid, bounds).largest_gain(law, hf_gain, bounds);
   return py::make_tuple(limit.gain, kNames[static_cast<int>(limit.bound)], limit.plant, limit.delay,
                         limit.frequency_hz);
 }
@@ -139,15 +192,14 @@ py::tuple largest_gain(const Grid &grid, const LawShape &law, double hf_gain,
 // columns.
 py::array_t<double> precise(const Grid &grid, const LawShape &law, const std::vector<double> &gains,
                             unsigned threads) {
-  if (gains.size() != grid.kept.size())
-    throw py::value_error("gains: expected one gain for each plant");
+  const LawGrid &own = plants_of(grid);
+  expect(gains.size() == grid.kept.size(), "gains: expected one gain for each plant");
   constexpr std::size_t kColumns = 6;
   const std::size_t delays = grid.delays.size();
   py::array_t<double> values({static_cast<py::ssize_t>(grid.kept.size()),
                               static_cast<py::ssize_t>(delays),
                               static_cast<py::ssize_t>(kColumns)});
   double *const out = values.mutable_data();
-  const LawGrid &own = grid.grid.value();
   const py::gil_scoped_release released;
   in_parallel(grid.kept.size() * delays, threads, [&](std::size_t i) {
     const auto f = own.precise(law, gains[i / delays], i / delays, i % delays);
@@ -160,21 +212,22 @@ py::array_t<double> precise(const Grid &grid, const LawShape &law, const std::ve
 }
 
 py::array_t<double> figures(const Grid &grid, const LawShape &law, double gain) {
-  const auto all = grid.grid.value().figures(law, gain);
+  const auto all = plants_of(grid).figures(law, gain);
   py::array_t<double> values({static_cast<py::ssize_t>(grid.kept.size()),
-                              static_cast<py::ssize_t>(grid.delays.size()), py::ssize_t{7}});
+                              static_cast<py::ssize_t>(grid.delays.size()), py::ssize_t{5}});
   double *out = values.mutable_data();
   for (const auto &f : all)
-    for (const double value :
-         {f.fS_hz, f.fT_hz, f.last_fT_hz, f.Ms, f.Mt, f.gain_margin, f.phase_margin_rad})
+    for (const double value : {f.fS_hz, f.fT_hz, f.Ms, f.gain_margin, f.phase_margin_rad})
       *out++ = value;
   return values;
 }
 
 std::unique_ptr<RampResponse> ramp_of(const Grid &grid, const std::vector<std::size_t> &indices,
                                       double ramp_s) {
+  expect(!indices.empty(), "plants: expected one index or more, got none");
+  expect(ramp_s > 0 && ramp_s < 1e6, "ramp_s: expected a number above 0, below 1e6");
   std::vector<const ForcePlant *> plants;
-  for (const std::size_t i : indices) plants.push_back(&grid.grid.value().plants().at(i));
+  for (const std::size_t i : indices) plants.push_back(&plant_at(grid, i));
   return std::make_unique<RampResponse>(plants, grid.delays, ramp_s);
 }
 
@@ -189,15 +242,22 @@ void add_laws(py::module_ &m) {
            "Makes the law from the integral rate in 1/s and the sections (b0, b1, b2, a1, a2).")
       .def_property_readonly("hf_gain", &LawShape::hf_gain,
                              "gain at high frequency, as the firmware computes it");
+  m.def("law_coefficients", &law_coefficients, py::arg("numbers"), py::arg("tick_s"),
+        "Returns (integral rate in rad/s, sections (b0, b1, b2, a1, a2)) of the law with these "
+        "logarithms, as LawGrid.evaluate computes them.");
   py::class_<LawBounds>(m, "LawBounds", "Bounds that all loops have to keep.")
-      .def(py::init<std::vector<double>, double, double, double, double>(), py::arg("ms"),
-           py::arg("mt"), py::arg("gain_margin"), py::arg("phase_margin_deg"), py::arg("hf_gain"),
-           "ms: largest |S| for each delay. mt: largest |T|, infinity: no bound. phase_margin_deg: "
-           "0: "
-           "no bound. hf_gain: in DAC codes per 8-bit count.");
+      .def(py::init(&bounds_of), py::arg("ms"), py::arg("gain_margin"), py::arg("phase_margin_deg"),
+           py::arg("hf_gain"),
+           "ms: largest |S| for each delay. phase_margin_deg: 0: no bound. hf_gain: in DAC codes "
+           "per 8-bit count.");
   py::class_<RampResponse>(m, "LawRamp", "Force loops that have to follow a ramp of the set-point.")
-      .def("excess", &RampResponse::excess, py::arg("law"), py::arg("gain"),
-           "Returns the largest excess of the force over its band, as a share of the set-point.");
+      .def(
+          "excess",
+          [](const RampResponse &ramp, const LawShape &law, double gain) {
+            return ramp.excess(law, gain);
+          },
+          py::arg("law"), py::arg("gain"),
+          "Returns the largest excess of the force over its band, as a share of the set-point.");
   py::class_<Grid>(m, "LawGrid",
                    "Frequency responses of a set of plants, on which force laws are evaluated. See "
                    "forceaxis.design.grid.")
@@ -209,56 +269,56 @@ void add_laws(py::module_ &m) {
       .def(
           "frequency_hz",
           [](const Grid &grid, std::size_t plant) {
-            const auto hz = grid.grid.value().frequency_hz(plant);
+            const auto hz = plants_of(grid).frequency_hz(index_of(grid, plant));
             return py::array_t<double>(static_cast<py::ssize_t>(hz.size()), hz.data());
           },
           py::arg("plant"), "Returns the grid frequencies of a plant in Hz.")
       .def(
           "response",
           [](const Grid &grid, std::size_t plant) {
-            return complex_array(grid.grid.value().response(plant));
+            return complex_array(plants_of(grid).response(index_of(grid, plant)));
           },
           py::arg("plant"), "Returns the response of a plant in 8-bit counts per DAC code.")
       .def(
           "count_per_code",
           [](const Grid &grid, std::size_t plant) {
-            return grid.grid.value().plants().at(plant).count_per_code();
+            return plant_at(grid, plant).count_per_code();
           },
           py::arg("plant"),
           "Returns the 8-bit counts per DAC code of a plant with a response of 1 in its own units.")
       .def(
           "poles",
           [](const Grid &grid, std::size_t plant) {
-            return complex_array(grid.grid.value().plants().at(plant).poles());
+            return complex_array(plant_at(grid, plant).poles());
           },
           py::arg("plant"), "Returns the poles of a plant in 1/s.")
       .def(
           "zeros",
           [](const Grid &grid, std::size_t plant) {
-            return complex_array(grid.grid.value().plants().at(plant).zeros());
+            return complex_array(plant_at(grid, plant).zeros());
           },
           py::arg("plant"), "Returns the zeros of a plant in 1/s.")
       .def(
           "noise_gain",
-          [](const Grid &grid, const LawShape &law) { return grid.grid.value().noise_gain(law); },
+          [](const Grid &grid, const LawShape &law) { return plants_of(grid).noise_gain(law); },
           py::arg("law"),
           "Returns the largest magnitude of a law at the grid frequencies, without its integral.")
-      .def("ramp", &ramp_of, py::arg("plants"), py::arg("ramp_s"), py::keep_alive<0, 1>(),
+      .def("ramp", &ramp_of, py::arg("plants"), py::arg("ramp_s"),
            "Returns the loops around some plants (indices) that have to follow a ramp.")
       .def(
           "evaluate", &evaluate, py::arg("numbers"), py::arg("bounds"), py::arg("ramp"),
           py::arg("floors_hz"), py::arg("coefficient_max"), py::arg("threads") = 1,
           "Returns (bandwidth in Hz, largest gain) of each law, an array (laws, 2). numbers: one "
           "row of logarithms of the parameters for each law. floors_hz: for each law the bandwidth "
-          "below which the ramp is not computed; empty: 0.")
+          "below which the evaluation may end early, with values that are too large; empty: 0.")
       .def("largest_gain", &largest_gain, py::arg("law"), py::arg("hf_gain"), py::arg("bounds"),
            "Returns (gain, bound, plant, delay, frequency in Hz): the largest gain that the bounds "
-           "permit, and the point at which the bound hf, ms, mt, gm or pm is reached.")
+           "permit, and the point at which the bound hf, ms, gm or pm is reached.")
       .def(
           "gains",
           [](const Grid &grid, const LawShape &law, double hf_gain, const LawBounds &bounds) {
             std::vector<double> gains;
-            for (const GainLimit &limit : grid.grid.value().limits(law, hf_gain, bounds))
+            for (const GainLimit &limit : plants_of(grid, bounds).limits(law, hf_gain, bounds))
               gains.push_back(limit.gain);
             return py::array_t<double>(static_cast<py::ssize_t>(gains.size()), gains.data());
           },
@@ -269,8 +329,7 @@ void add_laws(py::module_ &m) {
            "in Hz, "
            "Ms, gain margin, phase margin in rad, 1 if |T| sags. All are NaN for a loop that is "
            "not known to be stable.")
-      .def(
-          "figures", &figures, py::arg("law"), py::arg("gain"),
-          "Returns an array (plants, delays, 7): fS, fT, last fT in Hz, Ms, Mt, gain margin, phase "
-          "margin in rad.");
+      .def("figures", &figures, py::arg("law"), py::arg("gain"),
+           "Returns an array (plants, delays, 5): fS, fT in Hz, Ms, gain margin, phase margin in "
+           "rad. The loops have to be stable.");
 }

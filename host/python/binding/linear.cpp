@@ -15,7 +15,8 @@
 
 #include "host/python/binding/model.hpp"
 #include "host/python/binding/parts.hpp"
-#include "sim/linear/extended.hpp"
+#include "sim/matrix/extended.hpp"
+#include "sim/matrix/hessenberg.hpp"
 
 namespace py = pybind11;
 using forceaxis::sim::BoundaryResponse;
@@ -49,12 +50,35 @@ py::dict drive_values(const forceaxis::sim::Drive &drive) {
   if (const auto *simple = std::get_if<forceaxis::sim::FirstOrderDrive>(&drive.type))
     return py::dict("k_act"_a = simple->k_act, "a_act"_a = simple->a_act,
                     "velocity_per_volt"_a = simple->velocity_per_volt);
+  if (const auto *torque = std::get_if<forceaxis::sim::TorqueDrive>(&drive.type))
+    return py::dict("current_per_volt"_a = torque->current_per_volt,
+                    "k_force"_a = torque->motor.force_per_amp,
+                    "current_bandwidth"_a = torque->motor.rate, "damping"_a = torque->damping);
+  if (const auto *velocity = std::get_if<forceaxis::sim::VelocityDrive>(&drive.type)) {
+    py::dict values("velocity_per_volt"_a = velocity->velocity_per_volt,
+                    "k_force"_a = velocity->motor.force_per_amp,
+                    "current_bandwidth"_a = velocity->motor.rate,
+                    "k_velocity"_a = velocity->k_velocity);
+    if (velocity->integral_time) values["integral_time"] = *velocity->integral_time;
+    return values;
+  }
+  if (const auto *stepper = std::get_if<forceaxis::sim::StepperDrive>(&drive.type))
+    return py::dict("velocity_per_volt"_a = stepper->velocity_per_volt,
+                    "holding_force"_a = stepper->holding_force, "full_step"_a = stepper->full_step,
+                    "damping"_a = stepper->damping);
   const auto &motor = std::get<forceaxis::sim::DcMotor>(drive.type);
   return py::dict("k_preamp_cmd"_a = motor.k_preamp_cmd, "k_preamp_fdbk"_a = motor.k_preamp_fdbk,
                   "a_preamp_fdbk"_a = motor.a_preamp_fdbk, "k_tach"_a = motor.k_tach,
                   "k_torque"_a = motor.k_torque, "k_back_emf"_a = motor.k_back_emf,
                   "L"_a = motor.inductance, "R"_a = motor.resistance, "r_trans"_a = motor.r_trans,
                   "b_m"_a = motor.b_m, "k_current"_a = motor.k_current, "k_amp"_a = motor.k_amp);
+}
+
+// Returns rate in Hz, phase in s and latency in s of the samples, or None for an ADC whose code is
+// fresh in each tick.
+py::object sampling(const forceaxis::sim::Adc &adc) {
+  if (!adc.sampling) return py::none();
+  return py::make_tuple(adc.sampling->rate_hz, adc.sampling->phase_s, adc.sampling->latency_s);
 }
 
 // Returns the data of a model, other than the equations, that a linear analysis needs.
@@ -90,17 +114,21 @@ py::dict facts(const std::filesystem::path &file, const Overrides &overrides) {
   d["switches"] = switches;
   d["drive"] = py::none();
   if (model.drive) {
-    static const char *const kTypes[] = {"dc_motor", "first_order", "perfect"};
-    d["drive"] = py::dict(py::arg("type") = kTypes[model.drive->type.index()],
-                          py::arg("body") = name(model.drive->body),
-                          py::arg("reaction") = name(model.drive->reaction),
-                          py::arg("values") = drive_values(*model.drive));
+    static const char *const kTypes[] = {"dc_motor", "first_order", "perfect",
+                                         "torque",   "velocity",    "stepper"};
+    d["drive"] = py::dict(
+        py::arg("type") = kTypes[model.drive->type.index()],
+        py::arg("body") = name(model.drive->body),
+        py::arg("reaction") = name(model.drive->reaction),
+        py::arg("values") = drive_values(*model.drive),
+        py::arg("bus") = py::make_tuple(model.drive->bus.ticks, model.drive->bus.delay_ticks_out,
+                                        model.drive->bus.delay_ticks_in));
   }
   d["reading"] = py::none();
   if (const auto &adc = model.adc[0])
     d["reading"] = py::dict(py::arg("signal") = adc->signal,
                             py::arg("per_count") = adc->per_count * (1 << (adc->bits - 8)),
-                            py::arg("bits") = adc->bits);
+                            py::arg("bits") = adc->bits, py::arg("sampling") = sampling(*adc));
   d["encoder"] = py::none();
   if (const auto &encoder = model.encoder)
     d["encoder"] = py::dict(py::arg("body") = name(encoder->body),

@@ -2,12 +2,13 @@
 // Each of these functions adds one part to the Python module. Each part is in one file.
 #include <pybind11/pybind11.h>
 
-void add_bench(pybind11::module_ &m);    // bench.cpp
-void add_excite(pybind11::module_ &m);   // excite.cpp
-void add_laws(pybind11::module_ &m);     // laws.cpp
-void add_linear(pybind11::module_ &m);   // linear.cpp
-void add_link(pybind11::module_ &m);     // link.cpp
-void add_live(pybind11::module_ &m);     // live.cpp
-void add_objects(pybind11::module_ &m);  // objects.cpp
-void add_plant(pybind11::module_ &m);    // plant.cpp
-void add_toml(pybind11::module_ &m);     // toml.cpp
+void add_bench(pybind11::module_ &m);     // bench.cpp
+void add_drive402(pybind11::module_ &m);  // drive402.cpp
+void add_excite(pybind11::module_ &m);    // excite.cpp
+void add_laws(pybind11::module_ &m);      // laws.cpp
+void add_linear(pybind11::module_ &m);    // linear.cpp
+void add_link(pybind11::module_ &m);      // link.cpp
+void add_live(pybind11::module_ &m);      // live.cpp
+void add_objects(pybind11::module_ &m);   // objects.cpp
+void add_plant(pybind11::module_ &m);     // plant.cpp
+void add_toml(pybind11::module_ &m);      // toml.cpp

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "host/axis_linux/settings_format.hpp"
 #include "host/python/binding/parts.hpp"
 #include "host/run/experiment_format.hpp"
 #include "sim/model/model_format.hpp"
@@ -177,6 +178,14 @@ void add_toml(py::module_ &m) {
         return tables;
       },
       "Returns the declared tables of an experiment file, like model_format().");
+  m.def(
+      "axis_linux_format",
+      [] {
+        py::list tables;
+        add_tables(tables, "", "", forceaxis::axis_linux::kSettingsFormat);
+        return tables;
+      },
+      "Returns the declared tables of the settings of axis_linux, like model_format().");
   m.def(
       "units",
       [] {

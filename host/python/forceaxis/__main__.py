@@ -44,6 +44,11 @@ def main() -> None:
             signal.signal(signal.SIGINT, lambda *_: os._exit(130))
 
 
+def axis_linux() -> None:
+    """Runs the program `axis_linux`: the axis as a real-time process with a drive on CANopen."""
+    _become("axis_linux")
+
+
 def axis_node() -> None:
     """Runs the program `axis_node`: the firmware on a bus."""
     _become("axis_node")

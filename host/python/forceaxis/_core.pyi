@@ -50,6 +50,17 @@ class Result:
     converters: dict[str, dict[str, Any]]
     def columns(self) -> dict[str, np.ndarray[Any, np.dtype[Any]]]: ...
 
+class DriveMaster:
+    """A master of one CiA 402 drive on CANopen (firmware/drive402), in ticks of 1/1500 s."""
+
+    def __init__(
+        self, settings: Mapping[str, int], extra: Sequence[tuple[int, int, int, int]] = ...
+    ) -> None: ...
+    def receive(self, id: int, data: bytes) -> None: ...
+    def bus(self, off: bool, frames_lost: int) -> None: ...
+    def tick(self, target: int, enable: bool, reset: bool) -> list[tuple[int, bytes]]: ...
+    def feedback(self) -> dict[str, Any]: ...
+
 class Excited:
     """A simulated plant to which an excitation is applied."""
 
@@ -190,13 +201,16 @@ class LawShape:
         sections: Sequence[tuple[float, float, float, float, float]],
     ) -> None: ...
 
+def law_coefficients(
+    numbers: Sequence[float] | np.ndarray[Any, np.dtype[np.float64]], tick_s: float
+) -> tuple[float, list[tuple[float, float, float, float, float]]]: ...
+
 class LawBounds:
     """Bounds that all loops have to keep."""
 
     def __init__(
         self,
         ms: Sequence[float],
-        mt: float,
         gain_margin: float,
         phase_margin_deg: float,
         hf_gain: float,

@@ -23,7 +23,8 @@ UID, UID_WORDS = 0x1FFF7A10, (0x00350027, 0x33365110, 0x31323736)
 # VREFINT_CAL: 1.21 V at 3.3 V.
 REFERENCE_AT, REFERENCE_CODE = 0x1FFF7A2A, 1502
 LOCAL = 3  # FW_SOURCE_LOCAL
-PVD, INDEX, CAN_RX0, USART2 = 1, 9, 20, 38
+PVD, INDEX, CAN_RX0, USART2, CAN2_TX, CAN2_RX0 = 1, 9, 20, 38, 63, 64
+DMA1_STREAM3, EXTI15_10 = 14, 40
 NMI, HARD_FAULT = 2, 3
 TICK = 15
 ENTRY_CYCLES = 12  # from the event to its handler
@@ -69,6 +70,8 @@ class Chip:
 
     def __init__(self, store=None, ram_counts=True, checked=False):
         self.board = Board()
+        self.board.read_memory = lambda at, count: bytes(self.uc.mem_read(at, count))
+        self.board.write_memory = lambda at, data: self.uc.mem_write(at, data)
         self.board.gpioc.wires = {4: 0}  # the strap of node id 1
         self.symbols = symbols(IMAGE)
         if store is not None:
@@ -99,7 +102,7 @@ class Chip:
         for base, size in ((0x40000000, 0x30000), (0xE000E000, 0x1000), (0xE0042000, 0x1000)):
             self.uc.mmio_map(base, size, self._read, base, self._write, base)
         stack, self.entry = struct.unpack_from("<II", self.code)
-        self.vectors = struct.unpack_from("<55I", self.code)
+        self.vectors = struct.unpack_from("<81I", self.code)
         self.uc.reg_write(arm_const.UC_ARM_REG_SP, stack)
         self.idle = self.symbols["port_idle"]
         # The loader's copy of the data, so that every boot starts as at power-up.
@@ -212,6 +215,14 @@ class Chip:
                 self.interrupt(CAN_RX0)
             elif self.board.usart.interrupt():
                 self.interrupt(USART2)
+            elif self.board.exti.interrupt(12):
+                self.interrupt(EXTI15_10)
+            elif self.board.dma.interrupt():
+                self.interrupt(DMA1_STREAM3)
+            elif self.board.can2.interrupt():
+                self.interrupt(CAN2_RX0)
+            elif self.board.nvic.take(CAN2_TX) or self.board.can2.sent_interrupt():
+                self.interrupt(CAN2_TX)
             else:
                 return
         raise Stuck("an interrupt that does not end")
@@ -222,6 +233,7 @@ class Chip:
         for _ in range(count):
             self.interrupts()
             systick = self.board.systick
+            self.convert(self.board.time_s() + (systick.next - self.board.cycles) / 168e6)
             assert systick[0x00] & 3 == 3, "the timer is off"
             if not systick.pending:
                 systick.wrap()
@@ -233,6 +245,16 @@ class Chip:
                 self.main()
             self.board.can.transmit()
             self.board.can.tick()
+            self.board.can2.tick()
+
+    def convert(self, until_s):
+        """The conversions of the converter at SPI2 up to a time; each one interrupts."""
+        converter = self.board.converter
+        while converter is not None and converter.next_s <= until_s:
+            converter.run(converter.next_s)
+            if converter.ready:
+                self.board.exti.edge(12, False)
+            self.interrupts()
 
     def main(self, rounds=1):
         """The main loop from idle to idle."""

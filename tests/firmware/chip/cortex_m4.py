@@ -38,6 +38,9 @@ class Inputs(ctypes.Structure):
         ("adc_code", ctypes.c_uint16 * 2),
         ("din", ctypes.c_uint8),
         ("sensor_valid", ctypes.c_uint8),
+        ("drive", ctypes.c_uint8),
+        ("position_age", ctypes.c_uint8),
+        ("force_age", ctypes.c_uint8),
     ]
 
 
@@ -291,13 +294,20 @@ class Chip:
         return answer
 
 
+@functools.cache
+def build_library(name, *more):
+    """The firmware, and more sources, as a library for this machine."""
+    library = _folder() / f"lib{name}.so"
+    options = ["-std=c11", "-O2", "-shared", "-fPIC", f"-I{ROOT}"]
+    run("cc", *options, *sources(), *more, "-o", library)
+    return ctypes.CDLL(str(library))
+
+
 class Host:
     """The same calls into a library compiled for this machine."""
 
     def __init__(self):
-        library = _folder() / "libfirmware.so"
-        run("cc", "-std=c11", "-O2", "-shared", "-fPIC", f"-I{ROOT}", *sources(), "-o", library)
-        self.lib = ctypes.CDLL(str(library))
+        self.lib = build_library("firmware")
         self.fw = ctypes.create_string_buffer(16384)
         self.recorder = ctypes.create_string_buffer(RECORDER_BYTES)
         self.blackbox = ctypes.create_string_buffer(0x200)

@@ -21,7 +21,8 @@ CRC_UNIT, RTC, PWR, DBGMCU, MPU = 0x40023000, 0x40002800, 0x40007000, 0xE0042000
 RCC, FLASH = 0x40023800, 0x40023C00
 TIM2, TIM5, ADC, DAC = 0x40000000, 0x40000C00, 0x40012000, 0x40007400
 SYSCFG, EXTI = 0x40013800, 0x40013C00
-CAN1, USART2, IWDG = 0x40006400, 0x40004400, 0x40003000
+CAN1, CAN2, USART2, IWDG = 0x40006400, 0x40006800, 0x40004400, 0x40003000
+DMA1, SPI2 = 0x40026000, 0x40003800
 SYSTICK, NVIC, SCB = 0xE000E010, 0xE000E100, 0xE000ED00
 
 
@@ -370,6 +371,10 @@ class Gpio(Peripheral):
         return bits(self[0x20 if pin < 8 else 0x24], 4 * (pin % 8), 4)
 
     def level(self, pin):
+        if self.name == "C" and pin == 12 and self.board.converter is not None:
+            if not self.board.exti[0x00] >> 12 & 1:  # else Chip.convert() makes its edges
+                self.board.converter.run(self.board.time_s())
+            return 0 if self.board.converter.ready else 1
         if pin in self.shorts:
             return self.shorts[pin]
         if self.mode(pin) == 1:
@@ -416,6 +421,9 @@ class Exti(Peripheral):
             self.registers[0x14] = self[0x14] | 1 << pin
 
     def write(self, offset, value):
+        if offset == 0x10:  # SWIER: as an edge of a line that is not masked
+            self.registers[0x14] = self[0x14] | value & self[0x00]
+            return
         self.registers[offset] = self[0x14] & ~value if offset == 0x14 else value
 
 
@@ -585,7 +593,9 @@ class Dac(Peripheral):
 
 
 class Can(Peripheral):
-    """30: bxCAN. Frames are (id, data, extended, remote)."""
+    """30: bxCAN. Frames are (id, data, extended, remote). `pins` are those of port B, in and out.
+    The filters of both controllers lie in the registers of the first one, `filters`; those from
+    CAN2SB on belong to the second one (30.7.4, 30.9.5)."""
 
     reset: ClassVar = {
         0x00: 0x00010002,
@@ -597,8 +607,9 @@ class Can(Peripheral):
     SEQUENCES = 128  # of 11 recessive bits, until a controller that was bus off is back
     FRAME_BITS = 135  # longest standard frame with its pause: the time between two sequences
 
-    def __init__(self, board):
+    def __init__(self, board, pins=(8, 9), filters=None):
         super().__init__(board)
+        self.pins, self.filters = pins, filters or self
         self.fifo = []
         self.requests = []  # mailboxes in order of their request
         self.sent = []
@@ -626,6 +637,8 @@ class Can(Peripheral):
                 self.recovering, self.sequences = bool(self[0x18] & 4), 0
         elif offset == 0x08:
             for box in range(3):
+                if value >> 8 * box & 1:  # RQCP, TXOK, ALST and TERR go together
+                    self.registers[0x08] &= ~(0xF << 8 * box)
                 self.aborted += bool(value >> (8 * box + 7) & 1 and box in self.requests)
                 if value >> (8 * box + 7) & 1 and box in self.requests:
                     self.requests.remove(box)
@@ -636,14 +649,22 @@ class Can(Peripheral):
                 self.fifo.pop(0)
         elif offset == 0x1C and not self.initialising():
             self.board.mistakes.append("bit timing written outside initialisation")
-        elif 0x240 <= offset < 0x320 and not self[0x200] & 1 and self[0x21C] & 1:
+        elif offset >= 0x200 and self.filters is not self:
+            self.board.mistakes.append("filters of the first controller written at the second one")
+        elif (
+            0x240 <= offset < 0x320
+            and not self[0x200] & 1
+            and self.is_active((offset - 0x240) // 8)
+        ):
             self.board.mistakes.append("active filter written")
+        elif offset in (0x204, 0x20C, 0x214) and not self[0x200] & 1:
+            self.board.mistakes.append("filters set outside their initialisation")
         elif 0x180 <= offset < 0x1B0:
             box = (offset - 0x180) // 16
             self.registers[offset] = value
             if offset % 16 == 0 and value & 1:
                 self.requests.append(box)
-                self.registers[0x08] &= ~(1 << 26 + box)
+                self.registers[0x08] &= ~(1 << 26 + box | 0xF << 8 * box)
         else:
             self.registers[offset] = value
 
@@ -655,7 +676,7 @@ class Can(Peripheral):
         return self[offset]
 
     def empty(self, box):
-        self.registers[0x08] |= 1 << 26 + box
+        self.registers[0x08] |= 1 << 26 + box | 1 << 8 * box  # TME, RQCP
         self.registers[0x180 + 16 * box] &= ~1
 
     def head(self):
@@ -678,7 +699,7 @@ class Can(Peripheral):
 
     def connected(self):
         port = self.board.gpiob
-        pins = all(port.mode(p) == 2 and port.function(p) == 9 for p in (8, 9))
+        pins = all(port.mode(p) == 2 and port.function(p) == 9 for p in self.pins)
         return pins and not self.initialising() and not self[0x04] & 2
 
     def tick(self):
@@ -708,17 +729,27 @@ class Can(Peripheral):
                 self.recovering = False
                 self.registers[0x18] = 0
 
-    def accepts(self, extended):
-        active, mask_mode = self[0x21C] & 1, not self[0x204] & 1
-        wide, to_fifo_0 = self[0x20C] & 1, not self[0x214] & 1
-        if not (active and mask_mode and wide and to_fifo_0) or self[0x200] & 1:
+    def is_active(self, bank):
+        return bool(self[0x21C] >> bank & 1)
+
+    def accepts(self, can_id, extended):
+        """By the filters of this controller for FIFO 0, of 32 bits in mask mode."""
+        filters = self.filters
+        if filters[0x200] & 1:
             return False
-        wanted, mask = self[0x240], self[0x244]
-        assert mask in (0, 4), "filters more than extended identifiers"
-        return (wanted ^ (4 if extended else 0)) & mask == 0
+        first = bits(filters[0x200], 8, 6)
+        word = can_id << 3 | 4 if extended else can_id << 21
+        for bank in range(first) if filters is self else range(first, 28):
+            if not filters.is_active(bank) or filters[0x214] >> bank & 1:
+                continue
+            assert not filters[0x204] >> bank & 1 and filters[0x20C] >> bank & 1, "mask, 32 bits"
+            wanted, mask = filters[0x240 + 8 * bank], filters[0x244 + 8 * bank]
+            if (wanted ^ word) & mask == 0:
+                return True
+        return False
 
     def receive(self, can_id, data=b"", extended=False, remote=False):
-        if not self.connected() or self[0x18] & 4 or not self.accepts(extended):
+        if not self.connected() or self[0x18] & 4 or not self.accepts(can_id, extended):
             return
         if len(self.fifo) == 3:
             self.registers[0x0C] |= 0x10
@@ -748,6 +779,80 @@ class Can(Peripheral):
 
     def interrupt(self):
         return bool(self[0x14] & 2 and self.fifo)
+
+    def sent_interrupt(self):
+        return bool(self[0x14] & 1 and self[0x08] & 0x10101)
+
+
+class Dma(Peripheral):
+    """9: streams 3 and 4 of DMA1, channel 0, are SPI2 in and out (table 28). Both together move the
+    bytes of a transfer to the device at SPI2 and back."""
+
+    IN, OUT = 0x58, 0x70
+    done_s = None  # end of a transfer under way
+
+    def write(self, offset, value):
+        if offset in (0x08, 0x0C):
+            self.registers[offset - 8] = self[offset - 8] & ~value
+            return
+        for base, status, flags in ((self.IN, 0x00, 0x3D << 22), (self.OUT, 0x04, 0x3D)):
+            if base < offset < base + 0x14 and self[base] & 1:
+                self.board.mistakes.append("stream written while it is on")
+            if offset == base and value & 1 and self[status] & flags:
+                self.board.mistakes.append("stream on with flags of the last transfer")
+        self.registers[offset] = value
+        if self[self.IN] & 1 and self[self.OUT] & 1 and self.done_s is None:
+            self.begin()
+
+    def begin(self):
+        spi, board = self.board.spi, self.board
+        count = self[self.OUT + 4]
+        assert self[self.IN + 4] == count
+        assert self[self.IN + 8] == self[self.OUT + 8] == SPI2 + 0x0C
+        assert bits(self[self.IN], 6, 2) == 0 and bits(self[self.OUT], 6, 2) == 1
+        assert self[self.IN] >> 10 & self[self.OUT] >> 10 & 1 and not self[self.IN] >> 25
+        sent = board.read_memory(self[self.OUT + 12], count)
+        received = spi.exchange(sent)
+        board.write_memory(self[self.IN + 12], received)
+        self.done_s = board.time_s() + count * 8 * spi.bit_s()
+
+    def finish(self):
+        self.done_s = None
+        self.registers[0x00] |= 1 << 27
+        self.registers[0x04] |= 1 << 5
+        for base in (self.IN, self.OUT):
+            self.registers[base] &= ~1
+
+    def read(self, offset):
+        self.board.advance(6)
+        if offset < 8 and self.done_s is not None and self.board.time_s() >= self.done_s:
+            self.finish()
+        return self[offset]
+
+    def interrupt(self):
+        """A transfer that is under way ends before its interrupt."""
+        if self[self.IN] & 0x10 and self.done_s is not None:
+            self.finish()
+        return bool(self[self.IN] & 0x10 and self[0x00] >> 27 & 1)
+
+
+class Spi(Peripheral):
+    """26: master with software slave management; both directions by DMA."""
+
+    def bit_s(self):
+        return (2 << bits(self[0x00], 3, 3)) / self.board.rcc.apb1_hz()
+
+    def exchange(self, sent):
+        control, device, board = self[0x00], self.board.converter, self.board
+        assert control & 0x344 == 0x344 and not control & 0x80, "master, MSB first, on"
+        assert self[0x04] & 3 == 3
+        pins = all(board.gpiob.mode(p) == 2 and board.gpiob.function(p) == 5 for p in (13, 14, 15))
+        selected = board.gpioc.mode(11) == 1 and not board.gpioc[0x14] >> 11 & 1
+        if device is None or not pins or not selected:
+            return b"\xff" * len(sent)
+        if control & 3 != ((device.spi_mode & 1) | (device.spi_mode & 2)):
+            board.mistakes.append("SPI mode of another device")
+        return device.exchange(sent, board.time_s(), self.bit_s())
 
 
 class Usart(Peripheral):
@@ -862,9 +967,17 @@ class Nvic(Peripheral):
     size = 0x400
 
     def write(self, offset, value):
-        if offset < 0x80:
+        if offset < 0x80 or 0x100 <= offset < 0x120:  # ISER, ISPR
             value |= self[offset]
         self.registers[offset] = value
+
+    def take(self, irq):
+        """Returns True if software has requested the interrupt `irq`, and clears the request."""
+        at, bit = 0x100 + 4 * (irq // 32), 1 << irq % 32
+        pending = bool(self[at] & bit) and self.enabled(irq)
+        if pending:
+            self.registers[at] &= ~bit
+        return pending
 
     def enabled(self, irq):
         return bool(bits(self[4 * (irq // 32)], irq % 32))
@@ -917,8 +1030,11 @@ class Mpu(Peripheral):
 class Board:
     """All peripherals on their buses. One without its clock ignores writes and reads as 0."""
 
+    converter = None
+
     def __init__(self):
         self.mistakes = []
+        self.seconds = 0.0
         self.cycles = 0  # of the core
         self.supply_v = SUPPLY_V
         self.lsi_counts = 0.0
@@ -931,6 +1047,9 @@ class Board:
         self.tim2, self.tim5 = Tim2(self), Tim5(self)
         self.adc, self.dac = Adc(self), Dac(self)
         self.can, self.usart, self.iwdg = Can(self), Usart(self), Iwdg(self)
+        self.can2 = Can(self, (5, 6), self.can)
+        self.converter = None  # at SPI2: converters.py
+        self.dma, self.spi = Dma(self), Spi(self)
         self.systick, self.nvic, self.scb = Systick(self), Nvic(self), Scb(self)
         self.pwr, self.rtc, self.crc = Pwr(self), Rtc(self), CrcUnit(self)
         self.dbgmcu, self.mpu = Peripheral(self), Mpu(self)
@@ -946,7 +1065,10 @@ class Board:
             (TIM5, self.tim5, (0x40, 3)),
             (DAC, self.dac, (0x40, 29)),
             (CAN1, self.can, (0x40, 25)),
+            (CAN2, self.can2, (0x40, 26)),
             (USART2, self.usart, (0x40, 17)),
+            (SPI2, self.spi, (0x40, 14)),
+            (DMA1, self.dma, (0x30, 21)),
             (ADC, self.adc, (0x44, 8)),
             (IWDG, self.iwdg, None),
             (SYSTICK, self.systick, None),
@@ -962,8 +1084,12 @@ class Board:
 
     def advance(self, cycles):
         self.cycles += cycles
+        self.seconds += cycles / self.rcc.core_hz()
         self.lsi_counts += cycles / self.rcc.core_hz() * self.rtc.lsi_hz
         self.systick.reached(self.cycles)
+
+    def time_s(self):
+        return self.seconds
 
     def pulse(self, pin, during=lambda: None):
         """A pulse on an input of port C that no tick sees; what happens while it stands."""

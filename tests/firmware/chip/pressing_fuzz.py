@@ -88,3 +88,4 @@ class PressingFuzz(Fuzz):
         inputs.adc_code[1] = 100
         inputs.din = 1
         inputs.sensor_valid = int(self.press_rng.random() >= 0.001)
+        self.report_drive(side.outputs, inputs)

@@ -144,6 +144,12 @@ FIRST_MOTION = {
 EXCITED_MODES = (4, 10, -1)
 NATIVE_POSITION = -4
 PROFILE = ("profile_velocity_max", "profile_acceleration_max")
+# Values of a drive with a control loop of its own, in the scenarios that have one.
+FITTED_DRIVE = {
+    "drive_on_ticks_max": [1, 20, 600],
+    "position_age_max": [0, 15, 254],
+    "force_age_max": [0, 15, 254],
+}
 EXCITATION = {
     "excitation_point": [0, 1],
     "excitation_code": [0, 100, 2048],
@@ -178,6 +184,8 @@ class Fuzz:
         self.excite_rng = random.Random(seed + 2)
         self.tare_rng = random.Random(seed + 3)
         self.profile_rng = random.Random(seed + 4)
+        self.drive_rng = random.Random(seed + 6)
+        self.fitted, self.enabled_ticks, self.drive_on_after = False, 0, 0
         self.calm = False  # the first motion is tested, by a plant that lets it begin
         self.encoder_sign = 1
         self.din = 1
@@ -226,6 +234,7 @@ class Fuzz:
         self.set(side, "modes_of_operation", self.mode)
         for name, values in EXCITATION.items():
             self.set(side, name, self.excite_rng.choice(values))
+        self.start_drive(side)
         self.start_first_motion(side)
         if self.tare_rng.random() < 0.05:
             self.set(side, "tare_averaging", self.tare_rng.choice([1, 3, 6]))
@@ -420,6 +429,30 @@ class Fuzz:
 
     # The plant.
 
+    def start_drive(self, side):
+        rng = self.drive_rng
+        self.fitted = rng.random() < 0.2
+        self.drive_on_after = rng.choice([0, 3, 30])
+        if self.fitted:
+            for name, values in FITTED_DRIVE.items():
+                self.set(side, name, rng.choice(values))
+            self.drive_cycle, self.drive_late = rng.choice([(1, 0), (1, 0), (3, 0), (6, 2)])
+
+    def report_drive(self, outputs, inputs):
+        """What a drive reports that comes on some ticks after the amplifier, and ages of values."""
+        inputs.drive = inputs.position_age = inputs.force_age = 0
+        if not self.fitted:
+            return
+        rng = self.drive_rng
+        self.enabled_ticks = self.enabled_ticks + 1 if outputs[2] else 0
+        on = self.enabled_ticks > self.drive_on_after and rng.random() > 0.001
+        fault, limit = rng.random() < 0.001, rng.random() < 0.1
+        inputs.drive = 1 | on << 1 | fault << 2 | limit << 3
+        # Over a bus, a position is older in each tick until the next one arrives.
+        inputs.position_age = self.drive_late + self.tick_number % self.drive_cycle
+        if rng.random() < 0.002:
+            inputs.position_age, inputs.force_age = rng.choice([(255, 0), (0, 255), (1, 1)])
+
     def sense(self, outputs, inputs):
         """A crude axis: the code drives the speed, a wall presses back."""
         rng = self.rng
@@ -473,3 +506,4 @@ class Fuzz:
         if self.mode in EXCITED_MODES and self.excite_rng.random() < 0.2:
             self.set(side, "excitation_run", int(self.excite_rng.random() < 0.9))
         self.sense(side.outputs, inputs)
+        self.report_drive(side.outputs, inputs)

@@ -3,7 +3,9 @@
 from collections import Counter, defaultdict
 
 import chip as released
+from converters import Ads1256
 from cortex_m4 import Chip, Code, Inputs, run
+from drive_bench import FORCE, LAW, SETTINGS, bench, frames_of, stored
 from forceaxis.objects import BY_NAME
 from tick_fuzz import Fuzz
 from unicorn import UC_HOOK_CODE
@@ -105,10 +107,11 @@ class Port:
     CALLS = ("fw_prepare", "fw_control", "fw_report")
     LAST_INPUT, OUTPUT = 0x40, 0x08  # JDR2 of the ADC, DHR12R1 of the DAC
 
-    def __init__(self):
+    def __init__(self, flash=None):
+        """`flash`: the stored parameters."""
         run(released.ROOT / "tools/image")
         self.owner = Code(released.IMAGE).owner
-        self.board = released.Chip()
+        self.board = released.Chip(flash)
         self.board.board.adc.ready_reads = ADC_POLLS
         self.starts = {self.board.symbols[name] & ~1 for name in self.CALLS}
         self.total = self.from_adc_to_dac = 0
@@ -159,6 +162,46 @@ class Port:
             assert self.board.terminals()[0] == (mode == open_loop)
 
 
+class DrivePort(Port):
+    """The same with a drive at the second CAN and a converter of the force at SPI2: the drive is
+    enabled, presses and is switched off; frames, conversions and their interrupts are between the
+    ticks."""
+
+    def __init__(self):
+        self.frame = 0  # instructions of the longest interrupt of a frame
+        converter = BY_NAME["force_converter"].enum.index("ads1256")
+        super().__init__(stored(SETTINGS | {"force_converter": converter}))
+
+    def receive(self, can_id, data):
+        self.board.board.can2.receive(can_id, data)
+        self.interrupts()
+
+    def interrupts(self):
+        self.count, self.inside = 0, False
+        self.board.interrupts()
+        self.frame = max(self.frame, self.count)
+
+    def take(self, force_code):
+        """A tick, and the frames that it sends."""
+        board = self.board.board
+        board.converter.volts = (force_code - 2048) / 2048 * 5.0
+        self.board.convert(board.time_s() + (board.systick.next - board.cycles) / 168e6)
+        self.tick()
+        return frames_of(self.board, self.interrupts)
+
+    def run(self):
+        self.board.board.converter = Ads1256()
+        released.release(self.board)
+        for name, value in LAW.items():
+            assert self.board.write(name, value) == 0
+        with bench(self, "the port with a drive") as made:
+            made.tick(300)
+            for mode, ticks in ((FORCE, 300), (0, 30)):
+                assert self.board.write("mode", mode) == 0
+                made.tick(ticks)
+                assert self.board.terminals()[0] == (mode == FORCE)
+
+
 class Profile:
     def __init__(self, ticks=TICKS, seed=SEED):
         self.chip = Chip()
@@ -166,7 +209,7 @@ class Profile:
         self.modes = defaultdict(Worst)
         self.between, self.late = Worst(), Worst()
         self.run()
-        self.port = Port()
+        self.port, self.drive = Port(), DrivePort()
 
     def run(self):
         state = BY_NAME["drive_state"].number
@@ -213,11 +256,11 @@ class Profile:
 
     @property
     def interrupt(self):
-        return self.worst.count + self.port.total
+        return self.worst.count + max(self.port.total, self.drive.total)
 
     @property
     def from_adc_to_dac(self):
-        return self.control + self.port.from_adc_to_dac
+        return self.control + max(self.port.from_adc_to_dac, self.drive.from_adc_to_dac)
 
     def coverage(self, *roots):
         """(executed, all) instructions of what functions can come to, and those missed by name."""
@@ -291,10 +334,13 @@ class Profile:
             f"| fw_prepare(), fw_control() and fw_report() | {self.worst.count} | |",
             f"| the port: entry, inputs, {ADC_POLLS} polls of the ADC, outputs, watchdog, exit |"
             f" {self.port.total} | |",
+            "| the same with a drive at the second CAN and a converter at SPI2, without their"
+            f" interrupts | {self.drive.total} | |",
+            f"| together, with an amplifier for +-10 V | {self.worst.count + self.port.total} | |",
             f"| together | {self.interrupt} | {LIMITS.interrupt_instructions} |",
             f"| fw_control() | {self.control} | |",
             "| the port from the last reading of the ADC to the DAC |"
-            f" {self.port.from_adc_to_dac} | |",
+            f" {max(self.port.from_adc_to_dac, self.drive.from_adc_to_dac)} | |",
             f"| ADC read to DAC write | {self.from_adc_to_dac} |"
             f" {LIMITS.adc_to_dac_instructions} |",
             "",
@@ -308,6 +354,7 @@ class Profile:
             f"| fw_between() that makes up for a tick | {self.late.count} |",
             f"| fw_between() with a reset, no memory | {self.resets.count} |",
             *(f"| {kind} | {count} |" for kind, count in sorted(self.frames.items())),
+            f"| interrupt of a frame from or to a drive | {self.drive.frame} |",
             "",
         ]
         return "\n".join(lines)

@@ -43,6 +43,7 @@ PROGRAMS = {
     "storage/": ("store_unit", "fw_unit"),
     "app/": ("fw_unit", "firmware_unit"),
     "canopen/": ("fw_unit", "canopen_unit"),
+    "drive402/": ("drive402_unit",),
     "modbus/": ("modbus_unit", "fw_unit"),
     "": ("firmware_unit", "fw_unit"),
 }

@@ -105,7 +105,7 @@ class Faults : public AxisFixture {
   // The fault stays, modes are refused, and a reset leaves the axis disabled.
   void ExpectLatched(int fault) {
     ExpectOff(fault);
-    inputs_ = {inputs_.encoder_cnt, {0, 0}, AXIS_DIN_ENABLE, 1};
+    inputs_ = {inputs_.encoder_cnt, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
     for (int i = 0; i < 3; ++i) {
       Tick();
       ExpectOff(fault);
@@ -670,7 +670,7 @@ TEST(State, FitsAndCopies) {
   axis_init(&one);
   one.params.mode = AXIS_MODE_OPEN_LOOP;
   one.params.open_loop_code = 300;
-  const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1};
+  const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
   axis_outputs_t a{};
   axis_outputs_t b{};
   axis_tick(&one, &inputs, &a);
@@ -689,7 +689,7 @@ TEST(HostPort, TicksReadsAndWrites) {
   EXPECT_EQ(fw_object_write(host, FW_SOURCE_LOCAL, AXIS_OBJ_FORCE_GAIN, 1280), 0);
   EXPECT_EQ(fw_object_write(host, FW_SOURCE_LOCAL, AXIS_OBJ_FORCE_SETPOINT, 7680), 0);
   EXPECT_EQ(fw_object_write(host, FW_SOURCE_LOCAL, AXIS_OBJ_MODE, AXIS_MODE_FORCE), 0);
-  const axis_inputs_t inputs{0, {28, 0}, AXIS_DIN_ENABLE, 1};
+  const axis_inputs_t inputs{0, {28, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
   axis_outputs_t outputs{};
   fw_tick(host, &inputs, &outputs);
   EXPECT_EQ(outputs.dac_code, 10);

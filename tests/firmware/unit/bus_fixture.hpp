@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "tests/firmware/unit/firmware_fixture.hpp"
-#include "tests/firmware/unit/frames.hpp"
+#include "tests/support/frames.hpp"
 
 inline constexpr uint8_t kNode = 5;
 

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "firmware/port/host/firmware.hpp"
-#include "tests/firmware/unit/frames.hpp"
 #include "tests/firmware/unit/wide.hpp"
+#include "tests/support/frames.hpp"
 
 namespace {
 

@@ -39,7 +39,7 @@ class FirmwareFixture : public ::testing::Test {
 
   std::array<uint8_t, FW_RECORDER_BYTES> buffer_{};
   fw_t fw_{};
-  axis_inputs_t inputs_{0, {0, 0}, AXIS_DIN_ENABLE, 1};
+  axis_inputs_t inputs_{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
   axis_outputs_t outputs_{};
 };
 

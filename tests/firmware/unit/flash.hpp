@@ -7,7 +7,7 @@
 #include <random>
 
 #include "firmware/port/host/firmware.hpp"
-#include "tests/firmware/unit/frames.hpp"
+#include "tests/support/frames.hpp"
 
 // The faults of a memory; by default none.
 struct FlashFaults {

@@ -29,7 +29,7 @@ class Archive : public BusFixture {
     config.blackbox = &blackbox_;
     config.archive = flash_.memory();
     fw_init(&fw_, &config);
-    inputs_ = {0, {0, 0}, AXIS_DIN_ENABLE, 1};
+    inputs_ = {0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
     Tick(4);
   }
 

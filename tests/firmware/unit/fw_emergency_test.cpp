@@ -356,7 +356,7 @@ TEST_F(Fw, WhatTheBoardFindsDisablesTheAxisInThatTick) {
   for (const auto &c : cases) {
     fw_config_t config = NodeConfig();
     fw_init(&fw_, &config);
-    const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1};
+    const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
     axis_outputs_t outputs{};
     ASSERT_EQ(fw_object_write(&fw_, FW_SOURCE_LOCAL, AXIS_OBJ_MODE, AXIS_MODE_OPEN_LOOP), 0);
     fw_tick(&fw_, &inputs, &outputs);

@@ -82,7 +82,7 @@ class Node {
   }
 
   void Idle() {
-    inputs_ = {1000, {0, 0}, AXIS_DIN_ENABLE, 1};
+    inputs_ = {1000, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
     Tick();
   }
 
@@ -126,7 +126,7 @@ class Node {
 
   std::array<uint8_t, 600> buffer_{};
   fw_t fw_{};
-  axis_inputs_t inputs_{1000, {0, 0}, AXIS_DIN_ENABLE, 1};
+  axis_inputs_t inputs_{1000, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
   axis_outputs_t outputs_{};
   std::vector<Frame> sent_;
 };

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstdint>
+#include <cstdlib>
 #include <numbers>
 #include <random>
 
@@ -163,6 +164,22 @@ TEST(Fx, DecayReachesZeroExactlyAndNeverChangesSign) {
       if (step == 0) step = 1;
       const Wide left = size == 0 ? 0 : size - step;
       ASSERT_EQ(Wide{fx_decay(x, n)}, x < 0 ? -left : left) << x << " " << n;
+    }
+  }
+}
+
+TEST(Fx, MeansAddUpToTheChanges) {
+  std::mt19937 random(5);
+  for (const int64_t most : {3L, 1000L, 2147483647L}) {
+    int16_t rest = 0;
+    int64_t changes = 0, sum = 0;
+    for (int i = 0; i < 2000; ++i) {
+      const auto n = static_cast<int32_t>((most == INT32_MAX ? 2 : 1) + random() % 255);
+      const auto x = static_cast<int32_t>(random() % (2 * most + 1)) - static_cast<int32_t>(most);
+      changes += x;
+      sum += static_cast<int64_t>(fx_mean(x, n, &rest)) * n;
+      ASSERT_EQ(changes - sum, rest) << "step " << i;
+      ASSERT_LT(std::abs(rest), n);
     }
   }
 }

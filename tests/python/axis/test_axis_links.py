@@ -8,8 +8,9 @@ from pathlib import Path
 import can
 import canopen
 import pytest
-from forceaxis.axis import modbus
+from forceaxis.axis import gateway, modbus
 from forceaxis.axis.can import OWN_NODE, CanLink
+from forceaxis.axis.gateway import GatewayLink
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.modbus import ModbusLink
 from forceaxis.objects import BY_NAME
@@ -249,3 +250,37 @@ def test_modbus_texts_are_those_of_the_identification(registers):
     assert [link.text(index) for index in (0x1008, 0x100A)] == ["forceaxis", "0.1.0 904ee356"]
     registers.information = {}  # a device without function 43
     assert [link.text(index) for index in (0x1008, 0x1009, 0x100A)] == [None, None, None]
+
+
+# Gateway: a client that refuses commands stands in for a gateway that sets up the axis.
+
+
+class SettingUp:
+    """Refuses `times` reads with a text, and then answers 0 for each object."""
+
+    def __init__(self, text, times):
+        self.text, self.left = text, times
+
+    def read_raw(self, names):
+        if self.left:
+            self.left -= 1
+            raise Refused(self.text)
+        return dict.fromkeys(names, 0)
+
+
+@pytest.mark.parametrize(("ready_s", "answers"), [(60.0, True), (0.0, False)])
+def test_gateway_read_waits_until_the_axis_is_set_up(monkeypatch, ready_s, answers):
+    monkeypatch.setattr(gateway, "RETRY_PERIOD_S", 0.001)
+    link = GatewayLink(1, client=SettingUp("the axis is not set up yet", 3), ready_s=ready_s)
+    if answers:
+        assert link.read(["command_source"]) == {"command_source": 0}
+    else:
+        with pytest.raises(Refused, match="not set up yet"):
+            link.read(["command_source"])
+
+
+def test_gateway_read_repeats_no_other_refusal():
+    client = SettingUp("the axis is silent", 1)
+    with pytest.raises(Refused, match="silent"):
+        GatewayLink(1, client=client).read(["command_source"])
+    assert client.left == 0

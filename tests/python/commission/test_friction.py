@@ -579,6 +579,22 @@ def test_a_motor_in_the_play_of_its_gear_is_at_rest_and_its_friction_found(worn,
             assert measures.press(18.0) == pytest.approx(18.0, rel=0.05)
 
 
+def test_a_rigid_workpiece_never_sticks(tmp_path):
+    """A workpiece that is no body of the model has no friction: its force changes slowly, the axis
+    moves by the spring in the contact only, and the measurement goes on."""
+    noisy = ("--sensor-noise-n", "0.5")
+    done = verbs.forceaxis("new", "press", *noisy, "--yes", "--no-design", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    said = []
+    order = {"forces": (30.0, 100.0), "force_max_N": 200.0, "over": ("k_s=20%",)}
+    with Axis(SimLink(tmp_path / "press/contact.toml")) as axis:
+        work = tuning(tmp_path / "press", axis, tmp_path / "out", said.append, **order)
+        for step in ("check", "free", "measure"):
+            work.run(step)
+    assert any("no friction under the workpiece" in line for line in said)
+    assert tune.MEASURE.result(work).shaken is None
+
+
 def test_a_model_whose_friction_is_a_parameter_loses_that_with_it(worn, tmp_path):
     """A model refuses a parameter that nothing refers to."""
     model = worn / "model.toml"

@@ -542,6 +542,70 @@ def test_an_axis_that_still_touches_is_measured_at_the_next_force(tmp_path):
             zip(measured.levels.values(), FORCES, strict=True)] == [1.0, 1.0]  # fmt: skip
 
 
+def test_a_backlash_without_friction_is_tuned_from_the_responses_in_contact(tmp_path):
+    """Out of contact nothing keeps the gear on one flank, so no linear model has that response."""
+    sheet = {
+        "drive": "velocity", "transmission_stiffness_n_per_m": 5e7, "backlash_mm": 0.05,
+        "sensor_noise_n": 0.5, "workpiece_stiffness_n_per_m": 4e5, "workpiece_mass_kg": 4,
+    }  # fmt: skip
+    new.write(tmp_path / "axis", *data_sheet.collect({k: str(v) for k, v in sheet.items()}))
+    asked = tune.TuningOrder(str(tmp_path / "axis/model.toml"), FORCES, OVER, force_max_N=200.0)
+    said = []
+    with Axis(SimLink(tmp_path / "axis/contact.toml", ["k_w=5e5"])) as axis:
+        tuning = tune.Tuning(axis, asked, tmp_path / "out", said.append)
+        for step in ("check", "free", "measure", "fit"):
+            tuning.run(step)
+    fitted = tune.FIT.result(tuning)
+    assert fitted.left_out == ("free",)
+    assert fitted.values["k_w"] == pytest.approx(5e5, rel=0.03)
+    assert "left out, because the backlash of the gear opens: free" in said
+
+
+def bus_axis(folder, **changed):
+    """A drive with a velocity loop on a bus of 2 ms, and a load cell with little noise."""
+    sheet = {
+        "drive": "velocity", "bus_cycle_ms": 2, "sensor_bits": 14, "sensor_noise_n": 0.1,
+        "workpiece_stiffness_n_per_m": 4e5, "workpiece_mass_kg": 4,
+    }  # fmt: skip
+    new.write(folder, *data_sheet.collect({k: str(v) for k, v in (sheet | changed).items()}))
+    return tune.TuningOrder(str(folder / "model.toml"), (60.0, 150.0), OVER, force_max_N=300.0)
+
+
+def test_an_axis_on_a_bus_is_identified(tmp_path):
+    """The drive applies one code of three, late, and its position is as rare."""
+    asked = bus_axis(tmp_path / "axis")
+    with Axis(SimLink(tmp_path / "axis/contact.toml", ["k_w=5e5", "m_w=4.5"])) as axis:
+        tuning = tune.Tuning(axis, asked, tmp_path / "out")
+        for step in ("check", "free", "measure", "fit"):
+            tuning.run(step)
+    fitted = tune.FIT.result(tuning)
+    assert fitted.values["k_w"] == pytest.approx(5e5, rel=0.03)
+    assert fitted.values["m_w"] == pytest.approx(4.5, rel=0.03)
+    assert fitted.p_value > 0.001
+
+
+@pytest.mark.long
+def test_an_axis_on_a_bus_is_tuned_as_promised(tmp_path):
+    asked = bus_axis(tmp_path / "axis")
+    with Axis(SimLink(tmp_path / "axis/contact.toml", ["k_w=5e5", "m_w=4.5"])) as axis:
+        summary = tune.Tuning(axis, asked, tmp_path / "out").run()
+    assert summary.refused is None
+    assert summary.Ms_verified == pytest.approx(summary.Ms_predicted, abs=0.2)
+
+
+def test_a_bus_of_another_cycle_than_that_of_the_model_is_refused(tmp_path):
+    asked = bus_axis(tmp_path / "axis")
+    bus_axis(tmp_path / "other", bus_cycle_ms=4)
+    with (
+        Axis(SimLink(tmp_path / "other/contact.toml")) as axis,
+        pytest.raises(Refusal, match="changes once in 3 ticks") as refused,
+    ):
+        tuning = tune.Tuning(axis, asked, tmp_path / "out")
+        for step in ("check", "free"):
+            tuning.run(step)
+    assert refused.value.name == "cycle"
+
+
 def test_an_interrupted_tuning_leaves_the_axis_as_it_was(plants, tmp_path):
     link = SimLink(plants / "true/contact.toml")
     before = everything(link)

@@ -20,7 +20,7 @@ SLOPES = ({}, {"drive.amplifier": "high outer"})
 RANGES = ["k_w=30%,m_w=30%"]
 # Of an integral and one section: rad/s, zero Hz and damping, pole Hz and damping.
 NUMBERS = np.log([7.0, 39.5, 0.07, 69.0, 0.67])
-FREE = Bounds((1e6, 1e6), None, 1.0, None, 1e9)
+FREE = Bounds((1e6, 1e6), 1.0, None, 1e9)
 
 
 def plant_set(model="laboratory", ranges=RANGES, modes=SLOPES, overrides=None):
@@ -47,9 +47,8 @@ def test_the_grid_has_the_exact_figures(laboratory):
         for t, timing in enumerate(BOTH):
             true = exact(plants, member, timing, NUMBERS, 4.5)
             assert found.fS_Hz[j, t] == pytest.approx(true.fS_Hz, rel=3e-3)
-            assert found.last_fT_Hz[j, t] == pytest.approx(true.fT_Hz, rel=3e-3)
+            assert found.fT_Hz[j, t] == pytest.approx(true.fT_Hz, rel=3e-3)
             assert found.Ms[j, t] == pytest.approx(true.Ms, rel=3e-3)
-            assert (found.fT_Hz[j, t] < found.fS_Hz[j, t]) == true.sag
     every = [exact(plants, m, t, NUMBERS, 4.5) for m in grid.members for t in BOTH]
     assert found.gain_margin.min() == pytest.approx(min(f.gain_margin for f in every), rel=5e-3)
     worst = min(abs(f.phase_margin_deg) for f in every)
@@ -59,11 +58,10 @@ def test_the_grid_has_the_exact_figures(laboratory):
 @pytest.mark.parametrize(
     ("name", "bounds", "hf"),
     [
-        ("ms", Bounds((2.0, 2.2), None, 1.0, None, 1e9), 1.0),
-        ("mt", Bounds((1e6, 1e6), 1.3, 1.0, None, 1e9), 1.0),
-        ("gm", Bounds((1e6, 1e6), None, 2.3, None, 1e9), 1.0),
-        ("pm", Bounds((1e6, 1e6), None, 1.0, 45.0, 1e9), 1.0),
-        ("hf", Bounds((2.0, 2.2), None, 2.3, None, 15.0), 7.5),
+        ("ms", Bounds((2.0, 2.2), 1.0, None, 1e9), 1.0),
+        ("gm", Bounds((1e6, 1e6), 2.3, None, 1e9), 1.0),
+        ("pm", Bounds((1e6, 1e6), 1.0, 45.0, 1e9), 1.0),
+        ("hf", Bounds((2.0, 2.2), 2.3, None, 15.0), 7.5),
     ],
 )
 def test_the_largest_gain_is_where_its_bound_is_reached(laboratory, name, bounds, hf):
@@ -79,22 +77,14 @@ def test_the_largest_gain_is_where_its_bound_is_reached(laboratory, name, bounds
         assert true.Ms == pytest.approx(bounds.ms[timing], rel=3e-3)
     elif name == "gm":
         assert true.gain_margin == pytest.approx(2.3, rel=5e-3)
-    elif name == "pm":
+    else:
         # At this gain |L| is 1 within the angle nowhere yet; a little more, and it is.
         assert abs(true.phase_margin_deg) == pytest.approx(45.0, abs=0.5)
-    else:
-        loop = plants.loop(
-            grid.members[member],
-            BOTH[timing],
-            LoopSpec("bank", bank=structures.bank(NUMBERS, gain)),
-        )
-        size = abs(loop.closed(loop.gain_of(gain)).response(np.geomspace(1, 700, 20000))).max()
-        assert size == pytest.approx(1.3, rel=3e-3)
     assert 0 < hz < 750
 
 
 def test_a_section_has_its_zeros_and_poles_where_they_are_asked_for():
-    b0, b1, b2, a1, a2 = structures.section(39.5, 0.07, 69.0, 0.67)
+    b0, b1, b2, a1, a2 = structures.bank(np.log([1.0, 39.5, 0.07, 69.0, 0.67]), 1.0).sections[0]
     assert (b0 + b1 + b2) / (1 + a1 + a2) == pytest.approx(1.0, rel=1e-9)
     z = np.exp(2j * np.pi * 39.5 / 1500)
     at_zero = abs(b0 + b1 / z + b2 / z**2)
@@ -283,3 +273,22 @@ def settles(bank, bits, folder):
     assert abs(force[-1500:].mean() - 75.0) <= (0.45 if bits == 8 else 0.075)
     outside = np.flatnonzero(np.abs(force - 75.0) > 3.75)
     return time_s[outside[-1]] + 1 / 1500 - 0.244
+
+
+@pytest.mark.parametrize("hf_gain", [None, 2.0])
+def test_the_rows_of_all_structures_are_for_all_plants(hf_gain):
+    """Also if the gain at high frequency is the limit, which says nothing about the worst plant."""
+    plants = plant_set("fig4_19", modes=({},))
+    found = search.search(plants, search.Goal(hf_gain=hf_gain))
+    others = plants.random(search.RANDOM, search.SEED + 1)
+    every = Grid(plants, plants.nominal() + plants.corners() + others, BOTH)
+    for row in found.structures:
+        bank, worst = row.bank.bank, row.worst
+        figures = every.figures(bank)
+        tight = 1 + 2e-3
+        assert worst.fS_Hz < tight * figures.fS_Hz.min()
+        assert worst.fT_Hz < tight * figures.fT_Hz.min()
+        assert worst.gain_margin < tight * figures.gain_margin.min()
+        assert max(worst.Ms, worst.Ms_late) > figures.Ms.max() / tight
+        if row.name != found.chosen:  # on the same plants and another grid, not worse than there
+            assert worst.fS_Hz > figures.fS_Hz.min() * 0.95

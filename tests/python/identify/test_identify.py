@@ -451,6 +451,7 @@ def test_parameters_that_are_hard_to_tell_apart_are_told():
 # Blind.
 
 
+@pytest.mark.long
 def test_blind_axes_are_identified(tmp_path):
     """Twenty axes made by another process, which reports their parameters after the estimates.
 

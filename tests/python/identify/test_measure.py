@@ -390,7 +390,7 @@ LINE = {
     "empty": (["", "--output", "drive.current"], "TARGET: expected a measurement or a model"),
     "stiff": (
         ["fig3_12", "--plant-set", "k_s=1e25", "--band", "5:9"],
-        "sensor: expected time constants of at least 1e-7 s, got 6.9e-13 s with workpiece",
+        "sensor: expected time constants of at least 1e-8 s, got 6.9e-13 s with workpiece",
     ),
     "hann": (
         ["fig3_12", "--window", "hann", "--band", "5:9", "--resolution", 4],

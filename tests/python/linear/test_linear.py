@@ -18,6 +18,31 @@ def force_models():
     return found
 
 
+def test_drives_with_their_own_loops_have_the_transfer_functions_of_their_blocks(tmp_path):
+    """Torque: g w / (s + w) k with damping from the velocity; velocity: PI, lag and mass."""
+    s = control.tf("s")
+    m, w, k = 3.0, 4000.0, 25.0
+    lag = w / (s + w)
+    body = '[[body]]\nname = "axis"\nmass = 3\n[drive]\nbody = "axis"\nk_force = 25\n'
+    body += "current_bandwidth = 4000\n"
+    torque = 'type = "torque"\ncurrent_per_volt = 0.7\ndamping = 600\n'
+    velocity = 'type = "velocity"\nvelocity_per_volt = 0.02\nk_velocity = 900\n'
+    velocity += "integral_time = 0.02\n"
+    pi = 900 / k * (1 + 1 / (0.02 * s))
+    expected = {
+        torque: control.feedback(lag * k / (m * s), control.tf(600 / k, 1)) * 0.7,
+        velocity: 0.02 * control.feedback(pi * lag * k / (m * s)),
+    }
+    file = tmp_path / "m.toml"
+    for text, transfer in expected.items():
+        file.write_text(body + text)
+        found = linear.linearise(file, outputs=("axis.velocity",)).response(FREQUENCIES)
+        due = transfer(2j * np.pi * FREQUENCIES)
+        assert np.all(abs(found - due) <= 1e-9 * abs(due))
+    names = linear.linearise(file, outputs=("axis.velocity",)).states
+    assert tuple(names) == ("axis.position", "axis.velocity", "drive.integral", "drive.current")
+
+
 def near(found, expected, relative):
     """Every expected value has one found within a relative distance, and as many."""
     assert len(found) == len(expected)

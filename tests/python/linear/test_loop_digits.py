@@ -88,6 +88,41 @@ def has_its_digits(model, timing, law, overrides=None, modes=None):
             assert getattr(own, name) == pytest.approx(value, rel=REL, abs=1e-12), name
 
 
+DRIVE = """[[body]]
+name = "axis"
+mass = 3
+[[contact]]
+name = "wall"
+between = ["axis", "ground"]
+stiffness = 4e4
+damping = 60
+[[adc]]
+channel = 0
+signal = "wall.spring_force"
+per_count = 0.05
+[encoder]
+body = "axis"
+scale = 1e6
+[drive]
+type = "velocity"
+body = "axis"
+velocity_per_volt = 0.02
+k_force = 25
+current_bandwidth = 4000
+"""
+
+
+@pytest.mark.parametrize("timing", ["zoh", "zoh+1"])
+@pytest.mark.parametrize("keys", ["k_velocity = 900\nintegral_time = 0.02\n",
+                                  "bandwidth = 200\ntuned_mass = 3\n"])  # fmt: skip
+def test_an_integral_above_a_velocity_loop_with_integral_has_its_digits(tmp_path, keys, timing):
+    """Two integrators: rounding separates them by the root of its size, and no limit was found."""
+    file = tmp_path / "model.toml"
+    file.write_text(DRIVE + keys)
+    has_its_digits(str(file), timing, "bank")
+    has_its_digits(str(file), timing, "p")
+
+
 @pytest.mark.parametrize(("name", "timing", "law"), QUICK)
 def test_loops_have_their_digits(name, timing, law):
     has_its_digits(name, timing, law, modes=MOVES.get(name))

@@ -3,6 +3,7 @@
 import json
 import math
 import warnings
+from pathlib import Path
 
 import control
 import numpy as np
@@ -233,6 +234,23 @@ def test_the_worst_is_worse_than_a_thousand_random_members():
     assert over.worst(plants, timings, spec) == worst  # by seed
 
 
+def test_the_search_analyses_only_the_delay_that_it_follows():
+    """An analysis of a loop with a pd law takes milliseconds, so that the other delay is left out
+    after the first plants."""
+    plants = plant_set.PlantSet("laboratory", {}, plant_set.ranges_of("laboratory", RANGES))
+    steps = []
+
+    def analyse(members, timings):
+        steps.append((len(members), tuple(timings)))
+        return [{t: m.values["k_w"] + (t == "zoh+1") for t in timings} for m in members]
+
+    group = over._Set(plants, ("zoh", "zoh+1"), analyse)
+    group.cover(over.sample(plants))
+    _, timing, value = group.worst(lambda value: value)
+    assert timing == "zoh+1" and value == plants.ranges["k_w"][2] + 1
+    assert steps[0][1] == ("zoh", "zoh+1") and set(steps[1:]) == {(1, ("zoh+1",)), (1, ("zoh",))}
+
+
 def test_the_largest_gain_that_all_bear():
     plants = plants_of()
     largest = over.largest_gain(plants, ("zoh",))
@@ -435,3 +453,11 @@ def test_the_stiffness_mode_loses_stability_where_the_analysis_says():
     size, hz = ripple(1.15)
     assert size > 3
     assert hz == pytest.approx(limit.frequency_hz, rel=0.1)
+
+
+def test_eigenvalues_for_which_the_iteration_fails_are_those_of_the_transpose():
+    """The matrix came from |S| of a loop over a bus. NumPy has its eigenvalues in double."""
+    matrix = np.load(Path(__file__).with_name("level_roots.npy"))
+    found = np.sort_complex(np.array(_core.eigenvalues(matrix)).round(6))
+    expected = np.sort_complex(np.linalg.eigvals(matrix.astype(float)).round(6))
+    np.testing.assert_allclose(found, expected, atol=2e-5)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import verbs
+from forceaxis import linear
 from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.quantity import Force
@@ -383,7 +384,7 @@ def test_on_a_terminal_it_asks_with_defaults_and_asks_again(tmp_path):
     assert "back-emf-v-s-per-rad, V s/rad [0.1]: " in shown  # it follows the torque constant
     assert "back-emf-v-s-per-rad, V s/rad [3]: " in shown  # as answered before one went back
     assert "lead-mm-per-rev, mm/rev [5]: " in shown
-    assert "\n2 of 40  motor: back-EMF" in shown.replace("\r", "")
+    assert "\n8 of 47  motor: back-EMF" in shown.replace("\r", "")
     assert max(map(len, shown.splitlines())) <= 80
     assert "backlash-mm" not in asked  # a rigid transmission has none
     assert "workpiece-mass-kg" in asked  # an elastic workpiece has one
@@ -397,6 +398,114 @@ def test_on_a_terminal_it_asks_with_defaults_and_asks_again(tmp_path):
 def test_yes_asks_nothing_on_a_terminal(tmp_path):
     status, _, asked = converse(tmp_path, {}, "--yes")
     assert (status, asked) == (0, [])
+
+
+def test_answers_decide_what_is_asked(tmp_path):
+    answers = {"drive": ["servo", "torque"], "motor": ["linear"]}
+    status, shown, asked = converse(tmp_path, answers)
+    assert status == 0, shown
+    assert "expected amplifier or velocity or torque, got 'servo'" in " ".join(shown.split())
+    assert "drive [amplifier]: " in shown
+    assert {"bus-cycle-ms", "force-constant-n-per-a", "torque-damping-n-s-per-m"} <= set(asked)
+    others = {"supply-v", "lead-mm-per-rev", "torque-constant-n-m-per-a", "velocity-loop-hz"}
+    assert not others & set(asked)
+    model = tomllib.loads((tmp_path / "mine/model.toml").read_text())
+    assert model["drive"]["type"] == "torque" and model["drive"]["k_force"] == "k_force"
+
+
+# Kinds of drive, by the options that choose them.
+DRIVES = {
+    "velocity, screw": "--drive velocity",
+    "velocity, belt": "--drive velocity --pulley-radius-mm 20 --moving-mass-kg 4",
+    "velocity, gear with backlash": "--drive velocity --lead-mm-per-rev 5 --backlash-mm 0.05 "
+    "--transmission-stiffness-n-per-m 5e7",
+    "torque, screw": "--drive torque --motor-damping-n-m-s-per-rad 1e-4",
+    "velocity, linear motor": "--drive velocity --motor linear --cogging-n 5",
+    "torque, linear motor": "--drive torque --motor linear",
+}
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_every_kind_of_drive_holds_a_force(tmp_path, kind):
+    """The stated share of the force with the first gain, and the set-point with the bank."""
+    result = made(tmp_path, DRIVES[kind], "--yes")
+    contact = ran(tmp_path, "contact.toml")
+    assert contact["verdict"] == ran(tmp_path, "step.toml")["verdict"] == "stable"
+    held_N = result["held_share"] * result["setpoint_N"]
+    count_N = result["setpoint_N"] / result["force_setpoint"]
+    cogging_N = 5 if "cogging" in DRIVES[kind] else 0
+    assert contact["metrics"]["final_force_N"] == pytest.approx(held_N, abs=count_N + cogging_N)
+    held = ran(tmp_path, "held.toml")
+    assert held["verdict"] == "stable"
+    assert abs(held["metrics"]["held_force"]["error_percent"]) < 2
+
+
+@pytest.mark.parametrize("cycle_ms", [2, 10, 20])
+def test_a_bus_of_any_cycle_holds_a_force(tmp_path, cycle_ms):
+    made(tmp_path, f"--drive velocity --bus-cycle-ms {cycle_ms}")
+    contact = ran(tmp_path, "contact.toml")
+    assert (contact["verdict"], contact["fault"]) == ("stable", "none")
+    assert ran(tmp_path, "step.toml")["fault"] == "none"
+
+
+@pytest.mark.parametrize(
+    ("cycle_ms", "words"),
+    [(3, "expected a multiple of 2 ms, got 3 ms"), (22, "expected a plain number from 2 to 20 ms")],
+)
+def test_a_cycle_that_the_axis_does_not_know_is_refused(tmp_path, cycle_ms, words):
+    options = ["--yes", "--drive", "velocity", "--bus-cycle-ms", str(cycle_ms)]
+    refused(forceaxis(tmp_path, "new", "mine", *options), "--bus-cycle-ms: ", words)
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_the_drive_of_the_model_has_the_bandwidth_or_the_force_of_the_data_sheet(tmp_path, kind):
+    made(tmp_path, DRIVES[kind])
+    model = tmp_path / "mine/model.toml"
+    body = "motor" if "backlash" in kind else "axis"
+    given = tomllib.loads(model.read_text())["parameters"]
+    plant = linear.linearise(model, outputs=(f"{body}.velocity", "drive.current"), free=True)
+    slow, fast = plant.at(np.array([2j * np.pi * 0.01, 2j * np.pi * 40.0]))[:, :, 0]
+    if kind.startswith("velocity"):
+        assert abs(slow[0]) == pytest.approx(0.25 / 10, rel=1e-2)  # full speed at 10 V
+        if body == "axis":  # else the play is open, and the motor is lighter than what was tuned
+            assert abs(fast[0] / slow[0]) == pytest.approx(np.sqrt(0.5), rel=0.1)
+        return
+    damping = given["drive_damping"]["value"] + given["b_axis"]["value"]
+    damping += given.get("b_motor", {"value": 0.0})["value"]
+    N_per_A = given["k_force"]["value"] if "linear" in kind else 0.9 * 0.1 * 2000 * np.pi / 10
+    assert abs(slow[0]) == pytest.approx(N_per_A * 2.0 / damping, rel=1e-3)  # 20 A at 10 V
+
+
+def test_a_data_sheet_comes_from_a_file(tmp_path):
+    options = "--drive velocity --lead-mm-per-rev 4 --moving-mass-kg 3"
+    made(tmp_path, options)
+    expected = (tmp_path / "mine/model.toml").read_text()
+    (tmp_path / "axis.toml").write_text(
+        'drive = "velocity"\nlead_mm_per_rev = 4\nmoving_mass_kg = 30\nbrake_holding_n = "none"\n'
+    )
+    made(tmp_path, "--from axis.toml --moving-mass-kg 3 --force")
+    assert (tmp_path / "mine/model.toml").read_text() == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("lead_mm = 4", ["axis.toml: lead_mm: ", "did you mean lead_mm_per_rev?"]),
+        ("lead_mm_per_rev = [4]", ["axis.toml: lead_mm_per_rev: expected a number or a word"]),
+        ("moving_mass_kg = -3", ["axis.toml: moving_mass_kg: expected a plain number from 0.001"]),
+        ('drive = "step"', ["axis.toml: drive: expected amplifier or velocity or torque"]),
+        (
+            'drive = "torque"\nsupply_v = 48',
+            ["--supply-v: expected no value while --drive is torque"],
+        ),
+        ("=", ["axis.toml: line 1"]),
+    ],
+)
+def test_a_wrong_data_sheet_is_refused_with_its_place(tmp_path, text, words):
+    (tmp_path / "axis.toml").write_text(text + "\n")
+    done = forceaxis(tmp_path, "new", "mine", "--yes", "--from", "axis.toml")
+    refused(done, *words)
+    assert not (tmp_path / "mine").exists()
 
 
 def refused(done, *words):

@@ -13,7 +13,7 @@
 #include "firmware/port/stm32f4/emulated/semihosting.h"
 #include "firmware/port/stm32f4/tick.h"
 
-enum { RECORD_BYTES = 12, ANSWER_BYTES = 8, LINE_BYTES = 256 };
+enum { RECORD_BYTES = 16, ANSWER_BYTES = 8, LINE_BYTES = 256 };
 enum { RECORD_TICK = 1, RECORD_WRITE = 2, RECORD_END = 3 };
 
 static int32_t from_host;
@@ -46,6 +46,8 @@ static void open_host(void) {
 }
 
 void io_init(void) { open_host(); }
+
+void io_start(void) {} /* no drive and no converter */
 
 bool io_clock_is_right(void) { return true; }
 
@@ -102,9 +104,12 @@ bool port_sample(axis_inputs_t *inputs) {
   ticks++;
   inputs->din = record[1];
   inputs->sensor_valid = record[2];
+  inputs->drive = record[3];
   inputs->encoder_cnt = fx_s32_from_u32(fx_load_le(&record[4], 4));
   inputs->adc_code[0] = (uint16_t)fx_load_le(&record[8], 2);
   inputs->adc_code[1] = (uint16_t)fx_load_le(&record[10], 2);
+  inputs->position_age = record[12];
+  inputs->force_age = record[13];
   return true;
 }
 
@@ -125,6 +130,14 @@ void port_act(const axis_outputs_t *outputs) {
 enum { FRAME_BYTES = 12 };
 
 void can_interrupt(void) {} /* never enabled */
+
+void drive_bus_interrupt(void) {} /* never enabled */
+
+void drive_bus_sent_interrupt(void) {} /* never enabled */
+
+void spi_force_ready_interrupt(void) {} /* never enabled */
+
+void spi_force_read_interrupt(void) {} /* never enabled */
 
 bool port_can_receive(can_frame_t *frame) {
   static uint8_t bytes[FRAME_BYTES];

@@ -1,7 +1,9 @@
 """Access to an axis that a gateway serves on LCM."""
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from typing import TypeVar
 
 from forceaxis.axis.link import (
     COMMAND_SOURCES,
@@ -18,6 +20,7 @@ from forceaxis.bus.client import AxisClient
 from forceaxis.bus.keeper import GatewayKeeper
 from forceaxis.objects import BY_NAME
 
+T = TypeVar("T")
 READY_S = 10.0
 # Longest time in s until the polling gateway detects the end of a recording.
 RECORDING_END_MAX_S = 2.0
@@ -34,8 +37,8 @@ MANAGED_PREFIXES = ("tpdo_", "consumer_heartbeat_", "producer_heartbeat_time")
 
 class GatewayLink(Link):
     """Connection to axis 1 to 127 at the gateway of an LCM bus. `client`: an existing client, which
-    close() does not close; `ready_s`: longest time until the axis is operational. Raises
-    InputError."""
+    close() does not close; `ready_s`: longest time until the axis is operational and set up by the
+    gateway. Raises InputError."""
 
     source = COMMAND_SOURCES.index("lcm")
 
@@ -60,7 +63,8 @@ class GatewayLink(Link):
         found: dict[str, int] = {}
         names = list(names)
         for i in range(0, len(names), OBJECTS_PER_COMMAND):
-            found |= self.client.read_raw(names[i : i + OBJECTS_PER_COMMAND])
+            part = names[i : i + OBJECTS_PER_COMMAND]
+            found |= self._when_set_up(partial(self.client.read_raw, part))
         return {name: unsigned(name, raw) for name, raw in found.items()}
 
     def text(self, index: int) -> str | None:
@@ -83,21 +87,27 @@ class GatewayLink(Link):
         while True:
             state = self.client.state(max(end - time.monotonic(), RETRY_PERIOD_S))
             ready = state.nmt_state == state.NMT_OPERATIONAL
-            try:
-                if ready and state.statusword != state.NOT_AVAILABLE:
-                    self.client.take()
-                    break
-            # The axis is operational, but the gateway has not detected this state yet.
-            except Refused as refusal:
-                if NOT_SET_UP_TEXT not in str(refusal) or time.monotonic() > end:
-                    raise
-                time.sleep(RETRY_PERIOD_S)
+            if ready and state.statusword != state.NOT_AVAILABLE:
+                break
             if time.monotonic() > end:
                 raise NoAnswer(
                     f"{self.where}: expected a node in the NMT state operational within "
                     f"{self._ready_s:g} s, got the state {state_names.node_state(state.nmt_state)}"
                 )
+        self._when_set_up(self.client.take)
         self._keeper = GatewayKeeper(self._axis, self._url)
+
+    def _when_set_up(self, command: Callable[[], T]) -> T:
+        """Returns the result of a command. The gateway refuses commands while it sets up an axis
+        that has just appeared on the bus; such a command is repeated for at most `ready_s`."""
+        end = time.monotonic() + self._ready_s
+        while True:
+            try:
+                return command()
+            except Refused as refusal:
+                if NOT_SET_UP_TEXT not in str(refusal) or time.monotonic() > end:
+                    raise
+            time.sleep(RETRY_PERIOD_S)
 
     def release(self) -> None:
         self._end_keeper()

@@ -507,15 +507,18 @@ def linearise(
     linear.once("output", outputs)
     values, states = linear.overrides(overrides), linear.states(modes)
     mode = working.working(linear.find_model(model), values, states, free)
+    if {"reading", "adc0"} & set(outputs):
+        linear.facts(model, values).expect_fresh_reading("equations of the reading")
     system = linear.linearise(model, inputs, outputs, values, mode.modes, free, not load)
     if timing != "continuous":
+        linear.facts(model, values).expect_no_bus("equations of a sampled plant")
         system = system.sampled(delay_ticks=int(timing == "zoh+1"))
     if out:
         linear.export(system, out)
     if as_json:
         click.echo(json.dumps(to_json(linear.system_result(system, mode)), allow_nan=False))
         return
-    click.echo(text_models.describe_system(system, mode.shown))
+    click.echo(text_models.describe_system(system, mode.shown, linear.facts(model, values).drive))
     if out:
         click.echo(f"file         {paths.quoted(out)}")
 

@@ -18,6 +18,7 @@ from forceaxis.cli.common import (
     with_options,
 )
 from forceaxis.design import data_sheet, new
+from forceaxis.design.data_sheet import default_of
 
 
 def option_of(field: data_sheet.SheetField) -> str:
@@ -28,9 +29,10 @@ def option_of(field: data_sheet.SheetField) -> str:
 def options(command: Callback) -> Callback:
     """Add one option to the command for each value of the data sheets."""
     for field in reversed(data_sheet.FIELDS):
-        default = field.why if callable(field.default) else field.shown(field.default)
+        default = field.why if callable(field.default) else field.shown(default_of(field, {}))
         help_text = f"{field.part}: {field.ask} [default: {default}]"
-        command = click.option(option_of(field), field.name, metavar=field.unit, help=help_text)(
+        metavar = "|".join(field.choices) or field.unit
+        command = click.option(option_of(field), field.name, metavar=metavar, help=help_text)(
             command
         )
     return command
@@ -62,29 +64,46 @@ def prompt(field: data_sheet.SheetField, proposed: str, number: int) -> str:
     name="new",
     cls=Verb,
     epilog="""forceaxis new press
-    forceaxis new press --yes --moving-mass-kg 25 --lead-mm-per-rev 5 --force""",
+    forceaxis new press --yes --moving-mass-kg 25 --lead-mm-per-rev 5 --force
+    forceaxis new slide --yes --drive torque --motor linear --bus-cycle-ms 2""",
 )
 @click.argument("name", type=Folder())
 @options
+@click.option(
+    "--from",
+    "sheet",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="A TOML file with values of the data sheets. Its keys are the names of the options "
+    "without the hyphens in front and with underscores. An option has precedence.",
+)
 @click.option("--yes", is_flag=True, help="Do not ask; use defaults for missing values.")
 @click.option("--force", is_flag=True, help="Replace existing files.")
 @click.option("--no-design", is_flag=True, help="Leave out the bank and held.toml.")
 @as_json
 def new_(
-    name: Path, yes: bool, force: bool, no_design: bool, as_json: bool, **given: str | None
+    name: Path,
+    sheet: Path | None,
+    yes: bool,
+    force: bool,
+    no_design: bool,
+    as_json: bool,
+    **given: str | None,
 ) -> None:
     """Write a model and experiments of your axis into the folder NAME, from values of data sheets.
 
-    The command asks for values from the data sheets of motor, amplifier, transmission, sensor
-    and workpiece. Options give them instead: plain numbers in the unit that the name of the option
-    ends with. A missing value gets a default, which the model marks. Without a terminal the
-    command does not ask.
+    The command asks for the kind of drive, and for values from the data sheets of motor, amplifier
+    or drive, transmission, sensor and workpiece. Options or a file (--from) give them instead:
+    plain numbers in the unit that the name of the option ends with. A missing value gets a default,
+    which the model marks. Without a terminal the command does not ask.
 
     At the end the command designs a bank for the workpiece with a tolerance of 30 %, simulates
     it with the firmware, and writes held.toml, an experiment with this bank. JSON: design has the
     bandwidth fS in Hz over that set of plants, for the bank and for the P law.
     """
     new.refuse_existing(name, force)
+    if sheet is not None:
+        given = {**data_sheet.read(sheet), **{k: v for k, v in given.items() if v is not None}}
     talk = not (yes or as_json) and sys.stdin.isatty()
     values, sources = data_sheet.collect(given, prompt if talk else None)
     design = None

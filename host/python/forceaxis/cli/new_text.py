@@ -18,7 +18,7 @@ def describe(done: NewAxis) -> list[tuple[str, str]]:
     filter bank."""
     return [
         ("written", ", ".join(shlex.quote(f"{done.folder}/{name}") for name in done.files)),
-        ("total mass", f"{done.total_mass_kg:.4g} kg, reflected rotor included"),
+        ("total mass", f"{done.total_mass_kg:.4g} kg{done.mass_with}"),
         ("force gain", f"{done.force_gain:.4g}, a sixth of the linear limit "
          f"{done.force_limit_gain:.4g}"),
         ("set-point", f"{done.setpoint_N:.4g} N, of which this gain holds "

@@ -8,6 +8,7 @@ from forceaxis.linear.beam import BeamAnalysis
 from forceaxis.linear.curves import LoopBode, PlantBode
 from forceaxis.linear.limits import ClosedLoop, PolesResult, Root
 from forceaxis.linear.modes import ModeAnalysis
+from forceaxis.linear.plant_facts import DriveFacts
 from forceaxis.linear.system import System
 from forceaxis.linear.working import Working
 
@@ -111,12 +112,14 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
 
 
-def describe_system(system: System, mode: Working | None) -> str:
-    """Return the text that `forceaxis linearise` prints: one row of the matrices for each state and
-    output."""
+def describe_system(system: System, mode: Working | None, drive: DriveFacts | None = None) -> str:
+    """Return the text that `forceaxis linearise` prints: the gains of a drive's velocity loop, and
+    one row of the matrices for each state and output."""
     kind = "continuous" if system.dt is None else f"sampled every {system.dt:.6g} s"
     lines = [f"system       {kind}, inputs {', '.join(system.inputs)}"]
     lines += mode_lines(mode)
+    if drive and drive.loop_text:
+        lines.append(f"drive        velocity loop: {drive.loop_text}")
     for name, rows in (("A B", system.states), ("C D", system.outputs)):
         left, right = (getattr(system, part) for part in name.split())
         for label, values in zip(rows, np.hstack([left, right]), strict=True):

@@ -36,6 +36,7 @@ from forceaxis.commission import known, response
 from forceaxis.commission.level import Abort, Level, MeasuringOrder, Rest, Samples, noise_of
 from forceaxis.commission.refusal import Refusal
 from forceaxis.identify.measurement import Measurement
+from forceaxis.linear.plant_facts import BusFacts
 from forceaxis.objects import BY_NAME
 
 # waveform of the excitation, DAC codes and output signal of a recording, (n,) each
@@ -57,6 +58,7 @@ BIAS_TRIES = 8  # largest number of target_force values that are tried to reach 
 QUIET_LSB = 0.4  # rms noise in ADC codes below which rounding hides the noise of the measured force
 # number of realisations from which the distortion of the response is computed
 DISTORTION_RECORDS = 3
+ARRIVALS_MIN = 8  # smallest number of changes of the position that show the cycle of a bus
 AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor of one increase of the amplitude in the search
 # Factor by which the amplitude is reduced after a bound was exceeded.
 # Largest number of reductions, first without friction, then with dry friction.
@@ -205,7 +207,11 @@ class Analyzer:
         self.newton = self.objects.force_scale * 1e-6  # N per force count
         self.count_per_code = 2.0 ** (8 - self.objects.adc_bits)  # force counts per ADC code
         self.home = self.objects.position
-        self.samples = round(TICKS_PER_S / self.order.resolution_hz)
+        facts = linear.facts(self.model, self.overrides) if self.model else None
+        self.bus = facts.bus if facts else BusFacts(1, 0, 0)
+        samples = round(TICKS_PER_S / self.order.resolution_hz)
+        # A period has whole cycles of the bus.
+        self.samples = samples - samples % self.bus.cycle_ticks
         low, high = self.order.band_hz
         if not 0 < low < high < TICKS_PER_S / 2:
             raise Refusal(
@@ -411,6 +417,7 @@ class Analyzer:
             free=output is POSITION,
             scale=float(scale),
             resolution_hz=TICKS_PER_S / self.samples,
+            positions=(self.bus.cycle_ticks, self.bus.delay_ticks_in),
         )
 
     def _speed(self, H: response.Response, u: Samples) -> float:
@@ -603,9 +610,32 @@ class Analyzer:
         codes, force in force counts), (n,) each."""
         self.set(excitation_code=amplitude, excitation_seed=seed)
         settle_s = RAMP_S + settle * self.order.settle_s
-        held = self.excited(SIGNALS_IN_CONTACT, self.samples, settle_s)
-        wave = held.floats("excitation_value")
-        return wave, held.floats("dac_code"), self._force_counts(held)
+        over_bus = () if self.bus.is_immediate else ("position",)
+        held = self.excited(SIGNALS_IN_CONTACT + over_bus, self.samples, settle_s)
+        wave, code = held.floats("excitation_value"), held.floats("dac_code")
+        if over_bus:
+            places = held.floats("position")
+            wave, code = self._sent(wave, places), self._sent(code, places)
+        return wave, code, self._force_counts(held)
+
+    def _sent(self, code: Samples, places: Samples) -> Samples:
+        """Returns the commands that the drive applies: one DAC code in each bus cycle, late.
+
+        code: one period of DAC codes, (n,). places: the positions of the same ticks, which change
+        in the ticks in which the bus brings them. Raises Refusal.
+        """
+        cycle, late_out, late_in = self.bus
+        arrivals = np.flatnonzero(np.diff(places)) + 1
+        if len(arrivals) < ARRIVALS_MIN or np.gcd.reduce(np.diff(arrivals)) != cycle:
+            raise Refusal(
+                "cycle",
+                f"expected a position that changes once in {cycle} ticks, as the bus of the model "
+                f"has it, but {len(arrivals)} changes do not show this cycle: correct cycle_ticks, "
+                "or measure with a larger amplitude",
+            )
+        start = int(arrivals[0]) % cycle - late_in  # of a cycle
+        ticks = np.arange(len(code)) - late_out - start
+        return np.asarray(code[(ticks // cycle * cycle + start) % len(code)])
 
     def _expect_excitation(self) -> None:
         """Raises Refusal or Ended unless the axis is enabled and outputs the excitation."""
@@ -648,7 +678,8 @@ class Analyzer:
         self.expect_apart(held)
         drift = np.mean(place[n:] - place[: count - n])
         ramp = (np.arange(n) - (n - 1) / 2) / n
-        return u[:n], u[:n], place[:n] - drift * ramp
+        code = u[:n] if self.bus.is_immediate else self._sent(u[:n], held.floats("position")[:n])
+        return code, code, place[:n] - drift * ramp
 
     def _expect_free(self) -> None:
         """Raises Refusal or Ended unless the axis moves out of contact and within the permitted

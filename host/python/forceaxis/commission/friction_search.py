@@ -26,9 +26,6 @@ LEFT_SAMPLES = 750  # half a second
 FIRST_CODES = 2  # DAC codes of the first motion out of contact
 # names of the Refusals of the slow change after which the measurement continues
 SKIPPING_REFUSALS = ("bias", "travel", "contact")
-# Smallest ratio of the compliance behind the contact to the compliance of the contact.
-# Below this ratio, the search cannot detect a workpiece that always sticks.
-SUPPORT_COMPLIANCE_SHARE = 0.3
 
 
 @dataclass(frozen=True)
@@ -120,24 +117,12 @@ class FrictionSearch:
             return self._found(replace(self.found, why=f"{refusal.name}: {refusal.text}"))
         held = analyzer.axis.capture(["force"], samples=LEFT_SAMPLES).values("force")
         left = float(np.mean(held)) * analyzer.newton
+        rigid = known.rigid_counts(self.model, self.overrides) if self.model else 0.0
         found = replace(
-            self.found, slow=friction.slow_loading(force, place, self._rigid()), left_N=left,
+            self.found, slow=friction.slow_loading(force, place, rigid), left_N=left,
             directions=friction.directions(force, place, codes, self._rate()),
         )  # fmt: skip
         return self._found(found)
-
-    def _rigid(self) -> float:
-        """Returns the compliance of the contact spring in counts/N, with which a workpiece that
-        always sticks is detected. Returns 0 if the spring of the model is too stiff for this
-        detection."""
-        if not self.model:
-            return 0.0
-        rigid = known.rigid_counts(self.model, self.overrides)
-        return (
-            rigid
-            if known.behind_counts(self.model, self.overrides) > SUPPORT_COMPLIANCE_SHARE * rigid
-            else 0.0
-        )
 
     def _rate(self) -> float:
         if self.found.glide is not None:

@@ -36,6 +36,11 @@ FAULT_TEXTS = {
     "board_unfit": "the board failed a check at power-up",
     "supply_wrong": "the supply of the board or the reference of the ADC left its range",
     "clock_wrong": "a second clock measured another length of the tick",
+    "drive_not_ready": "the drive did not come on within drive_on_ticks_max",
+    "drive_lost": "the drive went off while the axis was enabled",
+    "drive_fault": "the drive reported a fault of its own",
+    "position_old": "the position was older than position_age_max",
+    "force_old": "the force was older than force_age_max",
     "output_wrong": "the value of DAC or amp_enable that was read back differs from the output",
 }
 # Bits of board_state (2431h) that report faults.

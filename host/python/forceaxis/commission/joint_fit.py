@@ -17,13 +17,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, stats
+from scipy import optimize
 
 from forceaxis import linear
 from forceaxis._core import InputError
 from forceaxis.commission import known
 from forceaxis.commission.known import Prior
 from forceaxis.design import sets
+from forceaxis.identify.distributions import chi_square_bound, chi_square_tail, normal_bound
 from forceaxis.identify.fit import REJECTED_BELOW
 from forceaxis.identify.measurement import COHERENT, CONFIDENCE, Measurement
 from forceaxis.linear import loops, plant_set
@@ -127,7 +128,7 @@ class JointFit:
     @property
     def p(self) -> float:
         """Returns the probability that chi-square is at least as large for a correct model."""
-        return float(stats.chi2.sf(self.chi2, self.dof))
+        return chi_square_tail(self.chi2, self.dof)
 
     @property
     def over(self) -> tuple[str, ...]:
@@ -400,7 +401,7 @@ def _in_modes(problem: Responses) -> Responses:
 def _searched(problem: Responses) -> Samples:
     """Returns the logarithms of the best parameters."""
     best: Minimum | None = None
-    enough = stats.chi2.isf(0.05, 2 * sum(len(m.frequency_hz) for m in problem.measured))
+    enough = chi_square_bound(0.05, 2 * sum(len(m.frequency_hz) for m in problem.measured))
     for start in problem.starts():
         found = problem.search(start)
         if best is None or found.cost < best.cost:
@@ -442,7 +443,7 @@ def _score(residuals: Samples) -> tuple[float, int, float]:
     """Returns (chi-square, degrees of freedom, probability that chi-square is at least
     as large)."""
     chi2, dof = float(np.sum(residuals**2)), len(residuals)
-    return chi2, dof, float(stats.chi2.sf(chi2, dof))
+    return chi2, dof, chi_square_tail(chi2, dof)
 
 
 def _evaluated(
@@ -478,7 +479,7 @@ def _evaluated(
         covariance = covariance + shift.T @ shift / max(1, len(apart) - 1)
         changed = abs(shift).max(0) > np.maximum(3 * shown, LEVEL_CHANGE_LOG)
     spread = np.sqrt(np.diag(covariance))
-    size = float(stats.norm.ppf((1 + CONFIDENCE) / 2))
+    size = normal_bound((1 + CONFIDENCE) / 2)
     found.intervals = {
         name: (value * math.exp(-size * h), value * math.exp(size * h))
         # The parameters that all responses share come first.
@@ -544,8 +545,8 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
                 found.rejected = "coherence"
                 found.text = (
                     f"expected a coherence of {COHERENT:g} or more at the limiting mode of "
-                    f"{found.limiting_hz:.3g} Hz, got {best:.2g}: measure with more averages, a "
-                    "larger force or a wider band"
+                    f"{found.limiting_hz:.3g} Hz, got {best:.2g}: measure with a larger force or "
+                    "a wider band"
                 )
                 return
 

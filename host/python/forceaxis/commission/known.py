@@ -27,6 +27,9 @@ NOISE_PEAK_FACTOR = 2
 # Share of the drive's limit that a noise may use.
 # A step of the noise is up to twice the amplitude.
 LINEAR_SHARE = 0.7
+# Smallest ratio of the compliance behind the contact to the compliance of the contact.
+# Below this ratio, a workpiece that always sticks cannot be detected.
+SUPPORT_COMPLIANCE_SHARE = 0.3
 
 
 @dataclass(frozen=True)
@@ -143,9 +146,11 @@ def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> f
 
 
 def rigid_counts(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Returns the deflection in counts/N of the spring in the contact, or 0 for a contact without a
-    spring."""
-    return _counts_per_newton(model, overrides, model_file.read(model).contact)
+    """Returns the compliance in counts/N with which the axis moves while the workpiece sticks to
+    its table: that of the spring in the contact. The result is 0 if this compliance does not show
+    that the workpiece sticks, because the workpiece never moves in the model or moves little."""
+    rigid = _counts_per_newton(model, overrides, model_file.read(model).contact)
+    return rigid if behind_counts(model, overrides) > SUPPORT_COMPLIANCE_SHARE * rigid else 0.0
 
 
 def behind_counts(model: str | Path, overrides: linear.Overrides | None = None) -> float:

@@ -11,12 +11,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize
 
 from forceaxis import linear
 from forceaxis.commission.joint_fit import JointFit, Response, Responses, Samples, Values
 from forceaxis.commission.known import Prior
 from forceaxis.design import model_file
+from forceaxis.identify.distributions import chi_square_tail
 from forceaxis.identify.fit import REJECTED_BELOW
 
 START_MODES = 10  # number of start frequencies for the search of a mode of vibration
@@ -132,7 +133,7 @@ def _fitted(
     words, lines = shape.words(parameters, wider.values(best.x))
     gain = before - 2 * best.cost - len(parameters) * math.log(size)
     values = dict(zip(shape.priors, parameters, strict=True))
-    return Tried(shape.name, words, lines, gain, float(stats.chi2.sf(chi2, size)), values)
+    return Tried(shape.name, words, lines, gain, chi_square_tail(chi2, size), values)
 
 
 def _shapes(problem: Responses) -> list[list[Shape]]:

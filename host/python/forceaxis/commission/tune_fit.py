@@ -37,6 +37,7 @@ from forceaxis.commission.tune_results import (
 from forceaxis.design import model_file
 from forceaxis.design.model_file import Given
 from forceaxis.identify import fit as fit_response
+from forceaxis.identify.distributions import chi_square_tail
 from forceaxis.identify.measurement import Measurement
 from forceaxis.linear import plant_set
 from forceaxis.linear.plant_set import PlantSet
@@ -75,6 +76,7 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     every = ["free", *(f"{force:g}N" for force in order.forces)]
     moving_N = tune_measure.moving_N(tuning, free)
     frictions = friction_models.frictions_of(given, moving_N, measured.between.friction_N)
+    closed = _closed(tuning, every, frictions, measured)
     path = tuning.folder / RESPONSES_MODEL
     path.unlink(missing_ok=True)
     (tuning.folder / FITTED_MODEL).unlink(missing_ok=True)
@@ -83,12 +85,12 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     if frictions:
         dampers = friction_models.at_both_ends(given, frictions)
         path.write_text(friction_models.damped(given, dampers), encoding="utf-8")
-        model, names = str(path), _closed(tuning, every, frictions, measured)
+        model, names = str(path), closed
         own = [_dampers(tuning, name, dampers, free, measured) for name in names]
         errors = [_error(name, frictions) for name in names]
     else:
         model = str(given)
-        names = every + _differing(tuning, measured, every[1:], model)
+        names = closed + _differing(tuning, measured, every[1:], model)
     responses = [fit_response.read_response(tuning.folder / name, model) for name in names]
     sheet = known.priors(model, order.over, order.priors)
     before = sheet | _workpiece(tuning, frictions, measured)
@@ -123,7 +125,7 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     return Fitted(
         **vars(found.summary()), parameters=rows, friction=frictions,
         lines=_model_lines(tuning, frictions),
-        left_out=tuple(name for name in every if name not in names) if frictions else (),
+        left_out=tuple(name for name in every if name not in names),
         relied=tuple(changes), together=tuple(found.plants.together),
         own=dict(zip(names, found.own, strict=False)) if frictions else {},
     )  # fmt: skip
@@ -181,19 +183,19 @@ def _closed(
     """Returns the responses during which the backlash of the gear stays closed.
 
     If the force that moves the load back is smaller than the friction of the load, the motor moves
-    within the backlash, and no linear model describes the response. Raises Refusal if no response
-    in contact remains.
+    within the backlash, and no linear model describes the response. Out of contact nothing moves
+    the load back. Raises Refusal if no response in contact remains.
     """
+    if not known.play_counts(tuning.given):
+        return names
     on_table = _under_workpiece(tuning, frictions)
     newton = sum(one.newton for one in frictions if one not in on_table)
-    if not newton or not known.play_counts(tuning.given):
-        return names
     kept = [n for n, level in measured.levels.items() if level.bias_N - level.swing / 2 > newton]
     if not kept:
         raise Refusal(
             "play", "expected a force at which the backlash of the gear stays closed, but at each "
-            f"given force the dry friction of {newton:.3g} N opens the backlash: give a force of "
-            f"{1.5 * newton:.3g} N or more"
+            f"given force the excitation and the dry friction of {newton:.3g} N open the backlash: "
+            f"give a force of {1.5 * (newton or max(tuning.order.forces)):.3g} N or more"
         )  # fmt: skip
     gone = [n for n in names if n not in kept]
     if gone:
@@ -390,13 +392,11 @@ def _differing(
 def _probability(one: Measurement, other: Measurement) -> float:
     """Returns the probability that noise alone makes two responses at the same spectral lines
     differ this much."""
-    from scipy import stats
-
     variance = one.variance + other.variance + (joint_fit.MODEL_ERROR * abs(one.response)) ** 2
     dof = min(one.dof, other.dof)
     ratio = abs(one.response - other.response) ** 2 / variance
     size = float(np.sum(2 * dof * np.log1p(ratio / dof)))
-    return float(stats.chi2.sf(size, 2 * len(ratio)))
+    return chi_square_tail(size, 2 * len(ratio))
 
 
 def validity_lines(measured: MeasuredResponses, fitted: Fitted | None) -> list[str]:

@@ -178,11 +178,16 @@ def _shaken(
     tuning: TuningFolder, law: Settings, order: TuningOrder, slow: SlowChange, rate: float
 ) -> sine_excitation.SineTestResult | None:
     """Measures the workpiece with sines at the largest force. Returns None if the workpiece does
-    not slide within the limits. `rate` is the speed of the axis in encoder counts/s per DAC code.
+    not slide within the limits, or if it stuck before and the model does not know its stiffness.
+    `rate` is the speed of the axis in encoder counts/s per DAC code.
     """
     facts = linear.facts(tuning.model)
     scale = abs(facts.required_encoder.scale)
-    sensor, workpiece = scale / slow.compliance, scale / slow.sliding
+    # A workpiece that stuck between all forces has shown no compliance: the model gives its spring.
+    sliding = slow.sliding or known.behind_counts(tuning.model)
+    if not sliding:
+        return None
+    sensor, workpiece = scale / slow.compliance, scale / sliding
     drive = known.SineBounds(str(tuning.model))
     # At the lowest frequency the stiffness determines the motion of the workpiece.
     # At the highest frequency the mass determines the motion, for each mass in the prior's range.

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from forceaxis.design.grid import Bounds, Goal, Grid, Response
+from forceaxis.design.grid import POLE_ROUNDING_PER_S, Bounds, Goal, Grid, Response
 from forceaxis.linear import over
 from forceaxis.linear.bank import GAIN_STEP, Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet
-from forceaxis.linear.precise import DELAYS
+from forceaxis.linear.precise import DELAYS, Responses
 
 ATTEMPTS = 12  # largest number of gains for which the exact bandwidth and margins are computed
 # Ratio of the first tried gain to the gain from the grid of frequencies.
@@ -29,7 +29,6 @@ MODE_FACTOR = 1.35
 # {name of a bound in GainLimit: text about the bound for a sentence}
 CONSTRAINTS = {
     "ms": "peak of |S|",
-    "mt": "peak of |T|",
     "gm": "gain margin",
     "pm": "phase margin",
 }
@@ -107,14 +106,16 @@ def lowered(bank: Bank, factor: float) -> Bank:
 
 
 def on_grid(grid: Grid, bank: Bank) -> WorstFigures:
-    """Returns the worst bandwidth and margins of a filter bank over the plants of a grid."""
+    """Returns the worst bandwidth and margins of a filter bank over the plants of a grid. The gain
+    of the bank is at most the largest gain that keeps margins on this grid, so that all loops are
+    stable."""
     found = grid.figures(bank)
     peaks = dict(zip(grid.timings, found.Ms.max(axis=0).tolist(), strict=True))
     slowest, _ = np.unravel_index(int(np.argmin(found.fS_Hz)), found.fS_Hz.shape)
     member = grid.members[int(slowest)]
     return WorstFigures(
         fS_Hz=float(found.fS_Hz.min()),
-        fT_Hz=float(found.last_fT_Hz.min()),
+        fT_Hz=float(found.fT_Hz.min()),
         Ms=peaks.get("zoh"),
         Ms_late=peaks.get("zoh+1"),
         gain_margin=_finite(found.gain_margin.min()),
@@ -137,16 +138,34 @@ def exact(plants: PlantSet, grid: Grid, bank: Bank, goal: Goal) -> tuple[Bank, W
     the bounds of the goal on all plants. If no gain keeps the bounds, the gain is 0 and the values
     are None."""
     bank = lowered(bank, FIRST_GAIN_FACTOR)
+    responses = Responses(plants, goal.timings)
     for attempt in range(ATTEMPTS):
         if not bank.force_gain:
             break
-        found = {t: over.worst(plants, (t,), LoopSpec("bank", bank=bank)) for t in goal.timings}
-        factor = min(_factor(w, goal, t) for t, w in found.items())
+        searches = _searches(responses, bank)
+        factor = min(_factor(s.quick(), goal, t) for t, s in searches.items())
         if factor >= 1:
-            return bank, _figures(found, grid, bank)
+            found = {t: search.exact() for t, search in searches.items()}
+            factor = min(_factor(w, goal, t) for t, w in found.items())
+            if factor >= 1:
+                return bank, _figures(found, grid, bank)
         # The gain decreases by a larger factor in each attempt, because some peaks decrease slowly.
         bank = lowered(bank, (0.999 * factor) ** (1 + attempt))
     return replace(bank, force_gain=0.0), None
+
+
+def _searches(responses: Responses, bank: Bank) -> dict[str, over.WorstSearch]:
+    spec = LoopSpec("bank", bank=bank)
+    return {t: over.WorstSearch(responses, (t,), spec) for t in responses.timings}
+
+
+def of_any(plants: PlantSet, grid: Grid, bank: Bank, timings: Sequence[str]) -> WorstFigures | None:
+    """Returns the exact worst bandwidth and margins of any filter bank over a set of plants. The
+    result is None if a plant of the set is unstable with this bank."""
+    searches = _searches(Responses(plants, timings), bank)
+    found = {t: search.exact() for t, search in searches.items()}
+    stable = all(worst.stable for worst in found.values())
+    return _figures(found, grid, bank) if stable else None
 
 
 def _factor(worst: over.Worst, goal: Goal, timing: str) -> float:
@@ -188,11 +207,16 @@ def _size(value: float | None) -> float | None:
 
 def _static_error(grid: Grid, bank: Bank) -> float:
     """Returns the largest static error of a filter bank over the plants of a grid, as a share of
-    the set-point."""
+    the set-point. A plant with an integral, such as that of a velocity loop with an integral, has
+    no static error."""
     if bank.integral_rad_per_s:
         return 0.0
-    static = np.array([grid.core.response(i)[0] for i in range(len(grid.members))])
-    return float(np.abs(1 / (1 + bank.force_gain * static)).max())
+    static = [
+        grid.core.response(i)[0]
+        for i in range(len(grid.members))
+        if np.abs(grid.core.poles(i)).min(initial=np.inf) > POLE_ROUNDING_PER_S
+    ]
+    return float(np.abs(1 / (1 + bank.force_gain * np.array(static))).max(initial=0.0))
 
 
 def sentence(grid: Grid, bank: Bank, steep: float, bounds: Bounds, finer: str) -> str:

@@ -276,10 +276,11 @@ def _with_pad(
     motion = {"position": body.position, "velocity": body.velocity} if body else {}
     spring = {"stiffness": contact.stiffness, "damping": contact.damping}
     ends = ["sensor_mass", far]
+    pad = "grip_pad" if contact.name == "pad" else "pad"
     return {}, (
         TableEdit("body", "sensor_mass", {"mass": SENSOR_MASS, **_present(motion)}),
         TableEdit("spring", sensor, {"between": [near, "sensor_mass"], **_present(spring)}),
-        TableEdit("contact", contact.name, {**values, "name": "pad", "between": ends}),
+        TableEdit("contact", contact.name, {**values, "name": pad, "between": ends}),
     )
 
 
@@ -314,10 +315,12 @@ def together(one: Change, other: Change) -> Change:
 
 
 def sampling(design: Design) -> list[Change]:
-    """Returns the changes of the sampling rate, of the zero-order hold and of the latency."""
+    """Returns the changes of the sampling rate, of the zero-order hold and of the latency. A drive
+    on a bus needs a loop that runs once in each tick of 1/1500 s, so its latency alone changes."""
     rate_hz = _core.TICKS_PER_SECOND
     rows = []
-    if design.timing != "continuous":
+    over_bus = not design.facts.bus.is_immediate
+    if design.timing != "continuous" and not over_bus:
         for text, factor in (("x 2", 2), ("/ 2", 0.5)):
             rows.append(
                 Change(
@@ -332,7 +335,7 @@ def sampling(design: Design) -> list[Change]:
         "zoh+1": "one tick more of delay" if design.timing == "zoh" else "hold and a tick of delay",
     }
     for timing in loops.TIMINGS:
-        if timing != design.timing:
+        if timing != design.timing and not (over_bus and timing == "continuous"):
             is_sampled = timing != "continuous"
             rows.append(
                 Change(

@@ -4,14 +4,24 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NoReturn
 
+from forceaxis import paths, toml
+from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
 from forceaxis.results import from_json
 
 GRAVITY_M_PER_S2 = 9.81
 
+# An answer: a number, the name of a choice, or None for the `word` of a field and for a field
+# without effect.
+Answer = float | str | None
 # function that computes the default of a field from the values of the earlier fields
 DefaultValue = Callable[["SheetValues"], float]
+# {name of a field: choices} under which another field has an effect
+Only = Mapping[str, tuple[str, ...]]
+ANY: Only = {}
 
 
 @dataclass(frozen=True)
@@ -32,11 +42,19 @@ class SheetField:
     needs: str | None = None
     # name of a second field; the field has an effect only if the second field has a text, no number
     instead_of: str | None = None
+    # {name of a second field: choices}; the field has an effect only with one of these choices
+    only: Only = dataclasses.field(default_factory=dict)
+    # the answers, if the field has no number; the first one is the default
+    choices: tuple[str, ...] = ()
     name: str = ""  # name of the field in SheetValues, which ends with the unit
 
-    def parse(self, text: str) -> float | None:
-        """Returns the number in a text of the user, or None if the text is the `word` of the field.
-        Raises InputError."""
+    def parse(self, text: str) -> Answer:
+        """Returns the choice or number in a text of the user, or None if the text is the `word` of
+        the field. Raises InputError."""
+        if self.choices:
+            if text.strip() in self.choices:
+                return text.strip()
+            raise ParameterError(self.name, f"expected {' or '.join(self.choices)}, got {text!r}")
         if self.word and text.strip() == self.word:
             return None
         span = f"a plain number from {self.low:g} to {self.high:g} {self.unit}"
@@ -51,8 +69,10 @@ class SheetField:
             )
         return value
 
-    def shown(self, default: float | None) -> str:
+    def shown(self, default: Answer) -> str:
         """Returns a default of this field in the form in which a user types the value."""
+        if isinstance(default, str):
+            return default
         return self.word or "" if default is None else f"{default:.6g}"
 
 
@@ -68,36 +88,82 @@ def number_or_word(field: SheetField) -> float | None:
     return dataclasses.field(default=None, metadata={"field": field})
 
 
+def choice(part: str, choices: tuple[str, ...], why: str, ask: str, only: Only = ANY) -> str:
+    """Creates a field of SheetValues whose value is one of `choices`. The first one is the
+    default, and the value of a field without effect."""
+    field = SheetField(part, "1", 0, 0, None, why, ask, choices=choices, only=only)
+    return dataclasses.field(default=choices[0], metadata={"field": field})
+
+
+AMPLIFIER: Only = {"drive": ("amplifier",)}
+WITH_CURRENT_LOOP: Only = {"drive": ("velocity", "torque")}
+WITH_VELOCITY_LOOP: Only = {"drive": ("amplifier", "velocity")}
+ROTARY: Only = {"motor": ("rotary",)}
+
+
 @dataclass(frozen=True)
 class SheetValues:
     """The values of a data sheet. The name of each field ends with the unit of the value. The order
     of the questions is the order of the fields, because a default depends on the values of earlier
     fields."""
 
+    drive: str = choice(
+        "drive", ("amplifier", "velocity", "torque"), "a velocity amplifier for +-10 V",
+        'kind of drive: "amplifier" is a velocity amplifier for +-10 V that is described by its '
+        'circuit, "velocity" a drive with a velocity loop that is described by its bandwidth, '
+        '"torque" a drive that follows a command of current',
+    )  # fmt: skip
+    bus_cycle_ms: float | None = number_or_word(SheetField(
+        "drive", "ms", 2, 20, None, "a command of +-10 V",
+        'cycle of the CAN bus between axis and drive, a multiple of 2 ms; or "none" for a command '
+        "of +-10 V", word="none", only=WITH_CURRENT_LOOP,
+    ))  # fmt: skip
+    motor: str = choice(
+        "motor", ("rotary", "linear"), "a rotary motor", "kind of motor: rotary or linear",
+        WITH_CURRENT_LOOP,
+    )  # fmt: skip
+    force_constant_n_per_a: float = number(SheetField(
+        "motor", "N/A", 1e-3, 1e5, 30.0, "a small linear motor",
+        'force constant of the linear motor: motor data sheet, "Kf"', only={"motor": ("linear",)},
+    ))  # fmt: skip
+    cogging_n: float = number(SheetField(
+        "motor", "N", 0, 1e5, 0.0, "none, as of a motor without iron",
+        "cogging force of the linear motor, amplitude", only={"motor": ("linear",)},
+    ))  # fmt: skip
+    magnet_period_mm: float = number(SheetField(
+        "motor", "mm", 1, 1e3, 30.0, "a common magnet track",
+        "distance after which the cogging force repeats", only={"motor": ("linear",)},
+    ))  # fmt: skip
     torque_constant_n_m_per_a: float = number(SheetField(
         "motor", "N m/A", 1e-5, 1e3, 0.1, "a small servo motor",
         'torque constant: motor data sheet, "Kt"',
+        only=ROTARY,
     ))  # fmt: skip
     back_emf_v_s_per_rad: float = number(SheetField(
         "motor", "V s/rad", 0, 1e3, lambda v: v.torque_constant_n_m_per_a,
         "equal to the torque constant",
         'back-EMF constant: "Ke"; V per 1000 rpm times 0.00955',
+        only=AMPLIFIER,
     ))  # fmt: skip
     resistance_ohm: float = number(SheetField(
         "motor", "ohm", 1e-4, 1e4, 1.0, "a small servo motor",
         "winding resistance, terminal to terminal",
+        only=AMPLIFIER,
     ))  # fmt: skip
     inductance_h: float = number(SheetField(
         "motor", "H", 1e-7, 10, 0.002, "a small servo motor",
         "winding inductance, terminal to terminal; 1 mH is 0.001",
+        only=AMPLIFIER,
     ))  # fmt: skip
     rotor_inertia_kg_m2: float = number(SheetField(
         "motor", "kg m^2", 1e-9, 100, 5e-5, "a small servo motor",
         "inertia of rotor, coupling and screw or pulley; 1 g cm^2 is 1e-7",
+        only=ROTARY,
     ))  # fmt: skip
     motor_damping_n_m_s_per_rad: float = number(SheetField(
         "motor", "N m s/rad", 0, 100, 0.0, "seldom stated",
         "viscous damping of the motor",
+        only=ROTARY,
     ))  # fmt: skip
     motor_peak_current_a: float = number(SheetField(
         "motor", "A", 1e-3, 1e4, 20.0, "a small servo motor",
@@ -106,19 +172,23 @@ class SheetValues:
     lead_mm_per_rev: float | None = number_or_word(SheetField(
         "transmission", "mm/rev", 1e-3, 1e4, 10.0, "a common ball screw",
         'travel per motor revolution, gear included; "none" for a belt or pinion', word="none",
+        only=ROTARY,
     ))  # fmt: skip
     pulley_radius_mm: float = number(SheetField(
         "transmission", "mm", 1e-2, 1e4, 10.0, "a small pulley",
         "pitch radius of pulley or pinion, divided by the gear ratio", instead_of="lead_mm_per_rev",
+        only=ROTARY,
     ))  # fmt: skip
     efficiency: float = number(SheetField(
         "transmission", "1", 0.05, 1, 0.9, "a ball screw or belt",
         "efficiency from motor to axis: screw or gear data sheet",
+        only=ROTARY,
     ))  # fmt: skip
     transmission_stiffness_n_per_m: float | None = number_or_word(SheetField(
         "transmission", "N/m", 1, 1e12, None, "no resonance below some 500 Hz",
         'stiffness of screw, nut and coupling, or of the belt, along the axis; or "rigid"',
         word="rigid",
+        only=ROTARY,
     ))  # fmt: skip
     transmission_damping_ratio: float = number(SheetField(
         "transmission", "1", 0, 2, 0.05, "bolted steel",
@@ -163,6 +233,7 @@ class SheetValues:
     supply_v: float = number(SheetField(
         "amplifier", "V", 0.1, 1e4, 48.0, "a common bus voltage",
         "supply (bus) voltage",
+        only=AMPLIFIER,
     ))  # fmt: skip
     amplifier_current_limit_a: float = number(SheetField(
         "amplifier", "A", 1e-3, 1e4, lambda v: v.motor_peak_current_a, "the motor's peak current",
@@ -173,18 +244,21 @@ class SheetValues:
         "analogue command at full speed, also the range of the DAC",
     ))  # fmt: skip
     full_scale_speed_m_per_s: float = number(SheetField(
-        "amplifier", "m/s", 1e-5, 100, lambda v: min(0.25, 0.8 * v.back_emf_speed_m_per_s),
+        "amplifier", "m/s", 1e-5, 100, lambda v: default_speed_m_per_s(v),
         "80 % of the speed at which back EMF takes the supply, at most 0.25 m/s",
         "speed of the axis at full-scale command, as set up in the amplifier",
+        only=WITH_VELOCITY_LOOP,
     ))  # fmt: skip
     velocity_loop_hz: float = number(SheetField(
         "amplifier", "Hz", 0.1, 2000, 40.0, "an ordinary drive",
         "bandwidth of the velocity loop, from the amplifier's set-up or auto-tuning",
+        only=WITH_VELOCITY_LOOP,
     ))  # fmt: skip
     velocity_filter_hz: float = number(SheetField(
         "amplifier", "Hz", 0.1, 1e5, lambda v: default_filter_hz(v),
         "six times the velocity loop, more if the rotor is light against the load",
         "low pass on the measured velocity, in the amplifier's set-up",
+        only=AMPLIFIER,
     ))  # fmt: skip
     current_loop_hz: float = number(SheetField(
         "amplifier", "Hz", 1, 2e4, lambda v: default_current_loop_hz(v),
@@ -196,6 +270,13 @@ class SheetValues:
         "velocity from the encoder, scaled to full-scale command at full speed",
         'tachometer constant, or "none": the amplifier takes the speed from the encoder',
         word="none",
+        only=AMPLIFIER,
+    ))  # fmt: skip
+    torque_damping_n_s_per_m: float = number(SheetField(
+        "amplifier", "N s/m", 0, 1e9, lambda v: 2 * math.pi * 20.0 * v.total_mass_kg,
+        "20 Hz times 2 pi and the moving mass, rotor included",
+        "velocity damping along the axis that the drive adds to its command of current",
+        only={"drive": ("torque",)},
     ))  # fmt: skip
     sensor_full_scale_n: float = number(SheetField(
         "sensor", "N", 1e-3, 1e7, 500.0, "a common load cell",
@@ -221,6 +302,7 @@ class SheetValues:
     encoder_counts_per_rev: float | None = number_or_word(SheetField(
         "encoder", "count/rev", 1, 1e9, 4000, "1000 lines, quadrature",
         'counts per motor revolution after quadrature; "none" for a linear scale', word="none",
+        only=ROTARY,
     ))  # fmt: skip
     encoder_counts_per_mm: float = number(SheetField(
         "encoder", "count/mm", 1e-3, 1e7, 1000.0, "1 um a count",
@@ -250,6 +332,37 @@ class SheetValues:
     ))  # fmt: skip
 
     @property
+    def force_per_amp(self) -> float:
+        """Returns the force along the axis in N for a current of 1 A."""
+        if self.motor == "linear":
+            return self.force_constant_n_per_a
+        return self.efficiency * self.torque_constant_n_m_per_a / self.radius_m
+
+    @property
+    def current_limit_a(self) -> float:
+        """Returns the largest current in A that motor and drive permit."""
+        return min(self.motor_peak_current_a, self.amplifier_current_limit_a)
+
+    @property
+    def peak_force_n(self) -> float:
+        """Returns the largest force along the axis in N. The supply over the resistance limits the
+        current too, where the data sheet has both."""
+        current_a = self.current_limit_a
+        if self.drive == "amplifier":
+            current_a = min(current_a, self.supply_v / self.resistance_ohm)
+        return self.force_per_amp * current_a
+
+    @property
+    def command_speed_m_per_s(self) -> float:
+        """Returns the speed in m/s at full-scale command in free motion."""
+        if self.drive != "torque":
+            return self.full_scale_speed_m_per_s
+        damping = self.torque_damping_n_s_per_m + self.guide_damping_n_s_per_m
+        if self.motor == "rotary":
+            damping += self.motor_damping_n_m_s_per_rad / self.radius_m**2
+        return self.peak_force_n / max(damping, 1e-9)
+
+    @property
     def radius_m(self) -> float:
         """Returns the travel of the axis in m for one radian of the motor."""
         if self.lead_mm_per_rev is None:
@@ -259,6 +372,8 @@ class SheetValues:
     @property
     def rotor_mass_kg(self) -> float:
         """Returns the inertia of the rotor as an equivalent mass at the axis, in kg."""
+        if self.motor == "linear":
+            return 0.0
         return self.rotor_inertia_kg_m2 / self.radius_m**2
 
     @property
@@ -285,6 +400,11 @@ class SheetValues:
         return -GRAVITY_M_PER_S2 * self.moving_mass_kg * math.sin(rise)
 
 
+def default_speed_m_per_s(v: SheetValues) -> float:
+    """Returns the default of the speed at full-scale command in m/s."""
+    return 0.25 if v.drive != "amplifier" else min(0.25, 0.8 * v.back_emf_speed_m_per_s)
+
+
 def default_filter_hz(v: SheetValues) -> float:
     """Returns the default of the velocity filter in Hz: at least six times the bandwidth of the
     velocity loop, and more if the rotor is light compared with the load."""
@@ -297,6 +417,8 @@ def default_current_loop_hz(v: SheetValues) -> float:
     The bandwidth is above the motor's electrical pole and above the velocity filter. It is so large
     that the back EMF adds at most a third of the damping of the velocity loop.
     """
+    if v.drive != "amplifier":
+        return max(1000.0, 10.0 * v.velocity_loop_hz)
     pole = v.resistance_ohm / (2 * math.pi * v.inductance_h)
     emf = v.torque_constant_n_m_per_a * v.back_emf_v_s_per_rad / v.inductance_h
     emf /= v.total_mass_kg * v.radius_m**2 * (2 * math.pi) ** 2 * v.velocity_loop_hz
@@ -315,10 +437,31 @@ FIELDS = tuple(
 BY_NAME = {field.name: field for field in FIELDS}
 
 
+def read(path: Path) -> dict[str, str]:
+    """Returns {field: text} from a TOML file, whose keys are names of fields and whose values are
+    numbers or words. Raises InputError."""
+    table = toml.read(path)
+
+    def fail(key: str, message: str) -> NoReturn:
+        raise InputError(f"{paths.display(path)}: {key}: {message}")
+
+    toml.expect_keys(table, list(BY_NAME), fail, "names of values of the data sheet")
+    texts = {}
+    for key, value in table.items():
+        if isinstance(value, bool) or not isinstance(value, int | float | str):
+            fail(key, f"expected a number or a word in quotation marks, got {value!r}")
+        texts[key] = value if isinstance(value, str) else repr(value)
+        try:
+            BY_NAME[key].parse(texts[key])
+        except ParameterError as error:
+            fail(key, error.text)
+    return texts
+
+
 BACK = "<"  # answer that returns to the previous question
 
 
-def sheet_of(values: Mapping[str, float | None]) -> SheetValues:
+def sheet_of(values: Mapping[str, Answer]) -> SheetValues:
     """Returns the data sheet from {name of a field: value}. The value None means the `word` of the
     field, or a field without effect."""
     return from_json(SheetValues, {n: v for n, v in values.items() if v is not None})
@@ -338,7 +481,7 @@ def collect(
     for field in FIELDS:
         if field.instead_of and field.name in texts:
             texts.setdefault(field.instead_of, "none")
-    values: dict[str, float | None] = {}
+    values: dict[str, Answer] = {}
     sources: dict[str, str] = {}
     answers: dict[str, str] = {}
     asked: list[int] = []
@@ -349,12 +492,12 @@ def collect(
         if refusal := without_effect(field, values):
             if text not in (None, field.word):
                 raise ParameterError(field.name, refusal)
-            values[field.name] = None
+            values[field.name] = field.choices[0] if field.choices else None
             # The user may have answered this question before, so the origin may already exist.
             sources.pop(field.name, None)
             i += 1
             continue
-        default = field.default(sheet_of(values)) if callable(field.default) else field.default
+        default = default_of(field, values)
         if text is None and ask is not None:
             proposed = field.shown(default)
             text = ask(field, answers.get(field.name, proposed), i + 1)
@@ -375,12 +518,22 @@ def collect(
     return sheet_of(values), sources
 
 
-def without_effect(field: SheetField, values: Mapping[str, float | None]) -> str | None:
+def default_of(field: SheetField, values: Mapping[str, Answer]) -> Answer:
+    """Returns the default of a field for the values of the earlier fields."""
+    if field.choices:
+        return field.choices[0]
+    return field.default(sheet_of(values)) if callable(field.default) else field.default
+
+
+def without_effect(field: SheetField, values: Mapping[str, Answer]) -> str | None:
     """Returns the reason why a field of the data sheet has no effect with the values of the earlier
     fields, or None if the field has an effect."""
+    for name, choices in field.only.items():
+        if values[name] not in choices:
+            return f"expected no value while `{name}` is {values[name]}; leave it out"
     if field.needs and values[field.needs] is None:
         word = BY_NAME[field.needs].word
-        return f"expected no value while `{field.needs}` is {word}; give that one too"
+        return f"expected no value while `{field.needs}` is {word}; give `{field.needs}` too"
     if field.instead_of and values[field.instead_of] is not None:
         return f"expected no value beside `{field.instead_of}`; give one of the two"
     return None

@@ -6,7 +6,6 @@ plant has its own grid of frequencies, which is dense near its poles and zeros, 
 is narrower than the steps of a common grid.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -23,6 +22,7 @@ from forceaxis.linear.system import find_model
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 
+POLE_ROUNDING_PER_S = 1e-7  # error of a pole at z = 1
 LOWEST_HZ = 0.02  # lowest frequency of a grid
 THIN = 1 / 3  # density of a thin grid
 # Largest gain at high frequency in DAC codes per 8-bit count, for every resolution of the ADC.
@@ -36,13 +36,12 @@ HF_SHARE = 0.99
 class Bounds:
     """Bounds that a loop has to keep.
 
-    `ms`: largest |S| for each delay of the loop. `mt`: largest |T|. `gain_margin`: factor.
-    `phase_margin_deg`: in degrees. `hf_gain`: largest gain at high frequency in DAC codes per 8-bit
-    count. None means no bound.
+    `ms`: largest |S| for each delay of the loop. `gain_margin`: factor. `phase_margin_deg`: in
+    degrees, None means no bound. `hf_gain`: largest gain at high frequency in DAC codes per 8-bit
+    count.
     """
 
     ms: tuple[float, ...]
-    mt: float | None
     gain_margin: float
     phase_margin_deg: float | None
     hf_gain: float
@@ -52,7 +51,6 @@ class Bounds:
         """Returns the bounds for the evaluation in C++."""
         return _core.LawBounds(
             ms=list(self.ms),
-            mt=math.inf if self.mt is None else self.mt,
             gain_margin=self.gain_margin,
             phase_margin_deg=self.phase_margin_deg or 0.0,
             hf_gain=self.hf_gain,
@@ -63,16 +61,15 @@ class Bounds:
 class Goal:
     """The margins that a design has to keep over a set of plants.
 
-    ms, ms_late: largest |S| without and with a tick of delay; mt: largest |T|, None: no bound;
-    gain_margin: factor; phase_margin_deg: None: no bound besides ms; adc_bits: of the force ADC;
-    hf_gain: largest gain at high frequency in DAC codes per 8-bit count, None: HF_DEFAULT; timings:
-    of loops.TIMINGS; ramp_s: rise time in s of the set-point that the force has to follow, None:
-    follows from the bandwidth.
+    ms, ms_late: largest |S| without and with a tick of delay; gain_margin: factor;
+    phase_margin_deg: None: no bound besides ms; adc_bits: of the force ADC; hf_gain: largest gain
+    at high frequency in DAC codes per 8-bit count, None: HF_DEFAULT; timings: of loops.TIMINGS;
+    ramp_s: rise time in s of the set-point that the force has to follow, None: follows from the
+    bandwidth.
     """
 
     ms: float = 2.0
     ms_late: float = 2.2
-    mt: float | None = None
     gain_margin: float = 2.3
     phase_margin_deg: float | None = None
     adc_bits: int = 8
@@ -89,7 +86,6 @@ class Goal:
         most = hf_most(self.adc_bits)
         return Bounds(
             tuple(self.ms_of(timing) for timing in self.timings),
-            self.mt,
             self.gain_margin,
             self.phase_margin_deg,
             HF_SHARE * min(most, self.hf_gain or max(HF_DEFAULT, hf_most(8))),
@@ -116,8 +112,8 @@ class GridPlace(NamedTuple):
 
 class GainLimit(NamedTuple):
     """The largest gain that the bounds permit. `name`: bound that limits the gain ("hf", "ms",
-    "mt", "gm" or "pm"). `place`: point of the grid at which the loop reaches this bound, None for
-    "hf"."""
+    "gm" or "pm"). `place`: point of the grid at which the loop reaches this bound, None for "hf".
+    """
 
     gain: float
     name: str
@@ -125,16 +121,14 @@ class GainLimit(NamedTuple):
 
 
 class GridFigures(NamedTuple):
-    """Figures of all loops at a gain, arrays (plants, delays). fS_Hz, fT_Hz: first frequencies at
-    which |S| rises above and |T| falls below -3 dB, 0 if this is so at the lowest frequency of the
-    grid. last_fT_Hz: last frequency at which |T| falls below -3 dB. Ms, Mt: largest |S| and |T|.
-    gain_margin, phase_margin_rad: infinity if a loop has none."""
+    """Figures of stable loops at a gain, arrays (plants, delays). fS_Hz: first frequency at which
+    |S| rises above -3 dB; fT_Hz: last frequency at which |T| falls below -3 dB. Both are 0 below
+    the grid, and half the tick rate above it. Ms: largest |S|. gain_margin, phase_margin_rad:
+    infinity if a loop has none."""
 
     fS_Hz: Samples
     fT_Hz: Samples
-    last_fT_Hz: Samples
     Ms: Samples
-    Mt: Samples
     gain_margin: Samples
     phase_margin_rad: Samples
 
@@ -182,8 +176,9 @@ class Grid:
 
         numbers: one row for each law, in the form of `structures`. The bandwidth is that of the
         worst plant at 0.97 times the largest gain; `ramp` reduces the bandwidth of a law with which
-        the force does not follow. floors_Hz: for each law the bandwidth below which the ramp is not
-        computed. Both values are 0 for a law that the firmware cannot store.
+        the force does not follow. floors_Hz: for each law the bandwidth below which the evaluation
+        may end early, with values that are too large. Both values are 0 for a law that the firmware
+        cannot store.
         """
         return self.core.evaluate(
             numbers, bounds.core, ramp, floors_Hz, COEFFICIENT_MAX, self.threads
@@ -206,7 +201,8 @@ class Grid:
         return self.core.noise_gain(law_shape(bank))
 
     def figures(self, bank: Bank) -> GridFigures:
-        """Returns the bandwidths and margins of all loops with a filter bank."""
+        """Returns the bandwidths and margins of all loops with a filter bank. The gain of the bank
+        is at most that of largest_gain(), because the stability of the loops is not checked."""
         values = self.core.figures(law_shape(bank), bank.force_gain)
         return GridFigures(*np.moveaxis(values, 2, 0))
 

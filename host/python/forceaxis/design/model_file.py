@@ -40,7 +40,7 @@ class ModelBody:
 class ModelLink:
     """One element [[spring]], [[damper]], [[contact]] or [[backlash]] between two bodies, or
     between a body and "ground". `width` belongs to a backlash. A field is None if the file does not
-    have the key."""
+    have the key, or has a list of several values there."""
 
     name: str
     between: tuple[str, str]
@@ -87,6 +87,8 @@ class ModelDrive:
     R: Given | None = None
     L: Given | None = None
     a_act: Given | None = None
+    peak_current: Given | None = None
+    rated_current: Given | None = None
 
 
 @dataclass(frozen=True)
@@ -156,7 +158,10 @@ def _of_table(kind: type[T], table: JsonObject, where: str) -> T:
     """Returns an object of the dataclass `kind`. Each field gets the value of the table's key with
     the same name."""
     known = {field.name for field in dataclasses.fields(kind)}
-    return from_json(kind, {key: table[key] for key in known & table.keys()}, where)
+    found = {key: table[key] for key in known & table.keys()}
+    if kind is ModelLink:
+        found |= {key: None for key, v in found.items() if key != "between" and isinstance(v, list)}
+    return from_json(kind, found, where)
 
 
 @dataclass(frozen=True)

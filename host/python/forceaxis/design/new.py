@@ -29,15 +29,31 @@ DAC_CODES = 2048  # number of DAC codes from 0 V to the full scale of the comman
 # Ratio of the first gains to the critical gain.
 # Contact loss makes a loop unstable below the critical gain.
 FIRST_GAIN_SHARE = 1 / 6
+STATIC_GAIN_MAX = 1e6  # static gain of a loop that has no integral
 MODEL, CONTACT, STEP = "model.toml", "contact.toml", "step.toml"
 FILES = (MODEL, CONTACT, STEP)
 HELD = "held.toml"  # name of the experiment that makes contact with the designed filter bank
 
 
 @dataclass
+class AmplifierCircuit:
+    """Constants of an amplifier with a velocity loop around a current loop. The fields are in SI
+    units and have the names of the model's parameters."""
+
+    k_current: float
+    k_amp: float
+    k_tach: float
+    k_preamp_fdbk: float
+    k_preamp_cmd: float
+    a_preamp_fdbk: float
+
+
+@dataclass
 class AxisConstants:
     """Constants of the model that follow from the data sheet. The fields are in SI units and have
-    the names of the model's parameters."""
+    the names of the model's parameters. r_trans, k_torque: 0 for a linear motor. circuit: None for
+    a drive with a control loop of its own. cycle_ticks: of the bus, 1 without a bus.
+    position_age_max: of the firmware in ticks, two cycles of the bus, 0 for the default."""
 
     v: SheetValues
     r_trans: float
@@ -45,12 +61,9 @@ class AxisConstants:
     mass: float
     k_torque: float
     current_limit: float
-    k_current: float
-    k_amp: float
-    k_tach: float
-    k_preamp_fdbk: float
-    k_preamp_cmd: float
-    a_preamp_fdbk: float
+    circuit: AmplifierCircuit | None
+    cycle_ticks: int
+    position_age_max: int
     b_transmission: float
     b_workpiece: float
     encoder_scale: float
@@ -58,12 +71,12 @@ class AxisConstants:
     current_per_count: float
 
 
-def derive(v: SheetValues) -> AxisConstants:
-    """Returns the amplifier gains and the other constants of the model for a data sheet. Raises
-    InputError if no gain gives the bandwidths of the data sheet."""
+def amplifier_circuit(v: SheetValues) -> AmplifierCircuit:
+    """Returns the gains of the amplifier. Raises InputError if no gain gives the bandwidths of the
+    data sheet."""
     r, mass, full_V = v.radius_m, v.total_mass_kg, v.command_full_scale_v
     speed = v.full_scale_speed_m_per_s
-    current = min(v.motor_peak_current_a, v.amplifier_current_limit_a)
+    current = v.current_limit_a
     k_torque = v.efficiency * v.torque_constant_n_m_per_a
     k_current = full_V / current
     L, R = v.inductance_h, v.resistance_ohm
@@ -90,6 +103,36 @@ def derive(v: SheetValues) -> AxisConstants:
             "`velocity_loop_hz` or `current_loop_hz`",
         )  # fmt: skip
     k_cmd = speed / full_V * D * Z * r / (k_torque * k_amp)
+    filter_rad_per_s = 2 * math.pi * v.velocity_filter_hz
+    return AmplifierCircuit(k_current, k_amp, k_tach, k_fdbk, k_cmd, filter_rad_per_s)
+
+
+def bus_ticks(v: SheetValues) -> int:
+    """Returns the cycle of the bus in ticks, 1 without a bus. Raises InputError if the cycle is no
+    multiple of 2 ms, which are 3 ticks."""
+    if v.bus_cycle_ms is None:
+        return 1
+    if v.bus_cycle_ms % 2:
+        raise ParameterError(
+            "bus_cycle_ms", f"expected a multiple of 2 ms, got {v.bus_cycle_ms:g} ms"
+        )
+    return round(v.bus_cycle_ms * 1.5)
+
+
+def position_age_max(cycle_ticks: int) -> int:
+    """Returns the firmware's largest permitted age of a position in ticks, so that one missing
+    position of the bus is no fault, or 0 if the default is enough."""
+    known = objects.BY_NAME["position_age_max"]
+    age = 2 * cycle_ticks
+    return age if age > known.default else 0
+
+
+def derive(v: SheetValues) -> AxisConstants:
+    """Returns the constants of the model for a data sheet. Raises InputError if no gain gives the
+    bandwidths of the data sheet."""
+    rotary = v.motor == "rotary"
+    r, mass = v.radius_m if rotary else 0.0, v.total_mass_kg
+    current, ticks = v.current_limit_a, bus_ticks(v)
     b_transmission = 0.0
     if k := v.transmission_stiffness_n_per_m:
         pair = v.rotor_mass_kg * v.moving_mass_kg / mass
@@ -102,8 +145,9 @@ def derive(v: SheetValues) -> AxisConstants:
     per_rev = v.encoder_counts_per_rev
     half = 2.0 ** (v.sensor_bits - 1)
     return AxisConstants(
-        v, r, v.rotor_mass_kg, mass, k_torque, current, k_current, k_amp, k_tach, k_fdbk, k_cmd,
-        2 * math.pi * v.velocity_filter_hz, b_transmission, b_workpiece,
+        v, r, v.rotor_mass_kg, mass, v.efficiency * v.torque_constant_n_m_per_a, current,
+        amplifier_circuit(v) if v.drive == "amplifier" else None, ticks, position_age_max(ticks),
+        b_transmission, b_workpiece,
         1e3 * v.encoder_counts_per_mm if per_rev is None else per_rev / (2 * math.pi * r),
         v.sensor_full_scale_n / half, 1.25 * current / half,
     )  # fmt: skip
@@ -111,6 +155,8 @@ def derive(v: SheetValues) -> AxisConstants:
 
 def doubts(v: SheetValues) -> list[str]:
     """Returns one-line texts about data-sheet values that are possible but unlikely."""
+    if v.drive != "amplifier":
+        return []
     tau_s = v.inductance_h / v.resistance_ohm
     if SLOWEST_TAU_S >= tau_s >= FASTEST_TAU_S:
         return []
@@ -209,25 +255,24 @@ def first_gains(axis: AxisConstants, model: Path) -> First:
     free = linear.linearise(model, outputs=("encoder",), modes=sliding, free=True)
     poles = np.concatenate([plant.poles().real, free.poles().real])
     if poles.max() > 1e-6 * np.abs(poles).max():
-        raise ParameterError(
-            "velocity_loop_hz", "expected a bandwidth at which the drive is stable with its "
-            f"current loop, filter and transmission, got {v.velocity_loop_hz:g} Hz; lower "
-            "`velocity_loop_hz`, or raise `velocity_filter_hz` and `current_loop_hz`",
-        )  # fmt: skip
+        raise unstable_drive(v)
     volts = v.command_full_scale_v / DAC_CODES
     force = loops.force_loop(model, modes=sliding, output="adc0")
     limit = highest_gain(force, volts)
     gain = first_gain(limit)
     newton_per_count = v.sensor_full_scale_n / 128
-    current = min(axis.current_limit, v.supply_v / v.resistance_ohm)
-    peak = axis.k_torque * current / axis.r_trans
+    peak = v.peak_force_n
     setpoint = math.floor(min(32.0, peak / 4 / newton_per_count) * 256) / 256
-    code = v.full_scale_speed_m_per_s / DAC_CODES
+    full_speed = v.command_speed_m_per_s
+    code = full_speed / DAC_CODES
     if gain * setpoint < 2 or limit * FIRST_GAIN_SHARE < 1 / 256:
+        key, change = "full_scale_speed_m_per_s", "lower"
+        if v.drive == "torque":
+            key, change = "torque_damping_n_s_per_m", "raise"
         raise ParameterError(
-            "full_scale_speed_m_per_s", "expected a speed at which the safe approach outputs at "
-            f"least two DAC codes, got {v.full_scale_speed_m_per_s:g} m/s ({gain * setpoint:.2g} "
-            "DAC codes); lower `full_scale_speed_m_per_s`, or check sensor and amplifier",
+            key, "expected a speed at full command at which the safe approach outputs at least two "
+            f"DAC codes, got {full_speed:g} m/s ({gain * setpoint:.2g} DAC codes); {change} "
+            f"`{key}`, or check sensor and drive",
         )  # fmt: skip
     weight, dry = v.weight_n, v.guide_coulomb_n
     moving = linear.linearise(
@@ -239,14 +284,17 @@ def first_gains(axis: AxisConstants, model: Path) -> First:
     usual, setpoint = setpoint, max(setpoint, min(math.ceil(need * 256) / 256, highest))
     of_command, of_force = plant.at(0.0).real.ravel()
     static = gain * volts * of_command
-    held = (static + of_force * weight / setpoint) / (1 + static)
+    # The force of a drive with an integral in its velocity loop rises until the error is 0.
+    integrates = not static < STATIC_GAIN_MAX
+    held = 1.0 if integrates else (static + of_force * weight / setpoint) / (1 + static)
     rate = force.decay(gain * volts)
     free_speed = min(gain * setpoint, DAC_CODES) * code
     reach = v.approach_mm / 1e3 / free_speed
     # A user may run the file with lower gains and set-points, which make the approach slower.
     # The duration is sufficient at a tenth of the speed, except if the run then takes too long.
     room = min(10 * reach, 1.3 * reach + 3)
-    pushes = free_speed / speed_per_N + weight  # N, at standstill
+    pushes = min(free_speed / speed_per_N, peak) if integrates else free_speed / speed_per_N
+    pushes += weight  # N, at standstill
     most = friction_most(dry, pushes)
     if most is not None:
         slowest = (pushes - most * dry) * speed_per_N
@@ -257,12 +305,28 @@ def first_gains(axis: AxisConstants, model: Path) -> First:
     position_limit = highest_gain(position, volts)
     position_gain = first_gain(position_limit)
     distance, acceleration = 0.02, 0.25 * peak / axis.mass
-    speed = v.full_scale_speed_m_per_s / 4
+    speed = full_speed / 4
     settle = 10 / max(position.decay(position_gain * volts), 0.5)
     step = math.ceil(2 * (distance / speed + speed / acceleration + settle + 0.5)) / 2
     return First(
         limit, gain, setpoint, held, contact, position_limit, position_gain, distance,
         speed, acceleration, min(step, 600.0), pushes, most, setpoint > usual,
+    )  # fmt: skip
+
+
+def unstable_drive(v: SheetValues) -> ParameterError:
+    """Returns the error for a drive that is unstable before a force loop is closed."""
+    if v.drive == "torque":
+        return ParameterError(
+            "torque_damping_n_s_per_m", "expected a damping with which the drive is stable with "
+            f"its current loop and transmission, got {v.torque_damping_n_s_per_m:g} N s/m; lower "
+            "`torque_damping_n_s_per_m`, or raise `current_loop_hz`",
+        )  # fmt: skip
+    filtered = "`velocity_filter_hz` and " if v.drive == "amplifier" else ""
+    return ParameterError(
+        "velocity_loop_hz", "expected a bandwidth at which the drive is stable with its "
+        f"current loop, filter and transmission, got {v.velocity_loop_hz:g} Hz; lower "
+        f"`velocity_loop_hz`, or raise {filtered}`current_loop_hz`",
     )  # fmt: skip
 
 
@@ -304,8 +368,9 @@ def render(
 
     context = dict(
         title=title, a=axis, v=v, src=sources, entry=entry, given=given, exact=repr,
+        pi=math.pi,
         bits=int(v.sensor_bits), half=1 << (int(v.sensor_bits) - 1),
-        back_emf_speed=v.back_emf_speed_m_per_s, weight=v.weight_n,
+        back_emf_speed=v.back_emf_speed_m_per_s if axis.circuit else 0.0, weight=v.weight_n,
         count_N=v.sensor_full_scale_n / 128,
         force_scale=round(within("force_scale", 1e6 * v.sensor_full_scale_n / 128)),
         rated_force=round(within("rated_force", 1e3 * v.sensor_full_scale_n)),
@@ -367,6 +432,7 @@ class NewAxis:
     folder: str
     files: list[str]
     total_mass_kg: float  # moving mass plus the inertia of the rotor as a mass at the axis
+    mass_with: str  # end of the sentence about `total_mass_kg`
     force_limit_gain: float  # largest force_gain at which the linear force loop is stable
     force_gain: float  # DAC codes per 8-bit count
     force_setpoint: float  # 8-bit counts
@@ -422,6 +488,7 @@ def write(
         folder=paths.display(folder),
         files=list(written),
         total_mass_kg=axis.mass,
+        mass_with=", reflected rotor included" if values.motor == "rotary" else "",
         force_limit_gain=first.limit,
         force_gain=first.gain,
         force_setpoint=first.setpoint,

@@ -70,6 +70,8 @@ def _designed(plant: Design, folder: Path) -> tuple[str, BankForAxis]:
         chosen = _settled(plant, folder, bits, designed)
     if chosen.bank != designed:
         worst = problem.at(chosen.bank)
+        if worst is None:
+            raise _core.InputError(problem.limited_by(found))
     bought = BankForAxis(
         over=list(over),
         modes=list(plants.modes),

@@ -18,7 +18,8 @@ from forceaxis.linear.plant_set import PlantSet
 
 NAME = "PI and one biquad"
 RANDOM = 40  # number of random plants in the final check, in addition to the corner plants
-PI_RATES_RAD_PER_S = np.geomspace(0.1, 100, 31)  # integral rates of the PI laws
+# logarithms of the integral rates of the PI laws, 0.1 to 100 rad/s
+PI_RATES = structures.logarithms([0.1 * 10 ** (0.1 * step) for step in range(31)])
 PI_BANDWIDTH_MIN_HZ = 0.05  # smallest bandwidth in Hz that the search assumes for a PI law
 # Factor by which limited_by() changes a bound.
 # Smallest ratio of bandwidths that shows an effect of the changed bound.
@@ -26,7 +27,7 @@ BOUND_FACTOR, BANDWIDTH_RATIO_MIN = 1.3, 1.02
 # Smallest integral rate as a share of the bandwidth of the PI law.
 # With a smaller rate, a static error disappears too slowly.
 INTEGRAL_MIN = 0.15
-POPULATION, GENERATIONS = 40, 60  # of the differential evolution on a thin grid
+POPULATION, GENERATIONS = 30, 40  # of the differential evolution on a thin grid
 EVALUATIONS = 200  # largest number of control laws that the simplex search evaluates
 ZEROS_MAX = 3  # largest number of antiresonances from which a search begins
 # lowest frequency of the second-order section as a multiple of the bandwidth of the PI law
@@ -83,12 +84,12 @@ class ShortSearch:
 
     def designed(self) -> ShapedDesign:
         """Returns the best filter bank that the search finds."""
-        bandwidths = self.inner.evaluate_all(np.log(PI_RATES_RAD_PER_S)[:, None])[:, 0]
-        fS, rate = max(zip(bandwidths.tolist(), PI_RATES_RAD_PER_S.tolist(), strict=True))  # of PI
+        bandwidths = self.inner.evaluate_all(PI_RATES[:, None])[:, 0]
+        fS, rate = max(zip(bandwidths.tolist(), PI_RATES.tolist(), strict=True))  # of PI
         fS = max(fS, PI_BANDWIDTH_MIN_HZ)
         self.inner.follow_ramp(self.plants, self.goal, fS)
         self._limits = limits = structures.bounds(NAME, SECTION_START_FACTOR * fS)
-        limits[0, 0] = max(limits[0, 0], math.log(INTEGRAL_MIN * 2 * math.pi * fS))
+        limits[0, 0] = max(limits[0, 0], *structures.logarithms([INTEGRAL_MIN * 2 * math.pi * fS]))
         limits[:, 1] = limits.max(axis=1)
         self._thin.bounds, self._thin.ramp = self.inner.bounds, self.inner.ramp
         starts = self._starts(fS, rate)
@@ -96,7 +97,7 @@ class ShortSearch:
         numbers = self._polished(self.inner.best_of(laws))
         found = self._shaped(structures.bank(numbers, 1.0), numbers)
         # On a soft contact no law may follow the ramp; the best shape is then too slow.
-        plain = self._shaped(Bank(1.0, rate), starts[-1])
+        plain = self._shaped(structures.bank(np.array([rate]), 1.0), starts[-1])
         return max(plain, found, key=lambda f: f.bandwidth_Hz)
 
     def best_of(self, candidates: Iterable[Samples]) -> ShapedDesign:
@@ -105,10 +106,10 @@ class ShortSearch:
         numbers = max(candidates, key=lambda n: self.inner.evaluate(n)[0])
         return self._shaped(structures.bank(numbers, 1.0), numbers)
 
-    def at(self, bank: Bank) -> WorstFigures:
-        """Returns the worst bandwidth and margins of a filter bank, without a change of the
-        gain."""
-        return certificate.on_grid(self.grid, bank)
+    def at(self, bank: Bank) -> WorstFigures | None:
+        """Returns the exact worst bandwidth and margins of any filter bank, without a change of the
+        gain. The result is None if a plant of the set is unstable with this bank."""
+        return certificate.of_any(self.plants, self.grid, bank, self.goal.timings)
 
     def exact(self, bank: Bank) -> tuple[Bank, WorstFigures | None]:
         """Returns (filter bank, worst values) with the largest gain at which the exact bandwidth
@@ -155,15 +156,16 @@ class ShortSearch:
         """Returns start values of the search as logarithms: laws with zeros at antiresonances and a
         pole at a higher frequency, a lead, a lag, and the best PI law.
 
-        `fS` is the bandwidth of the PI law in Hz, `rate` is the integral rate of the PI law in
+        `fS` is the bandwidth of the PI law in Hz, `rate` is the logarithm of its integral rate in
         rad/s.
         """
         zeros = search.antiresonances(self.grid)[:ZEROS_MAX]
         shapes = [(z, 0.06, z * pole, 0.5) for z in zeros for pole in (1.25, 2.6)]
         shapes += [(4 * fS, 1.0, 16 * fS, 0.8), (20 * fS, 0.8, 5 * fS, 0.8)]
-        starts = [(3 * fS, *shape) for shape in shapes] + [(rate, 8 * fS, 0.8, 8 * fS, 0.8)]
+        starts = [structures.logarithms((3 * fS, *shape)) for shape in shapes]
+        starts += [np.append(rate, structures.logarithms((8 * fS, 0.8, 8 * fS, 0.8)))]
         low, high = self._limits.T
-        return [np.clip(np.log(start), low, high) for start in starts]
+        return [np.clip(start, low, high) for start in starts]
 
     def _polished(self, start: Samples) -> Samples:
         return self.inner.polished(start, self._limits, EVALUATIONS, 1e-3)

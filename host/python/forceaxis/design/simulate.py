@@ -216,6 +216,9 @@ class ContactBench:
         """Returns the largest static force of the drive in N. The result is infinite if the model
         has no limits."""
         table, drive = self.design.tables.drive, self.facts.required_drive.values
+        if "k_force" in drive:
+            limits = self.design.value(table.peak_current), self.design.value(table.rated_current)
+            return min((i for i in limits if i), default=math.inf) * drive["k_force"]
         supply_V, R = self.design.value(table.supply_limit), self.design.value(table.R)
         r_trans = drive.get("r_trans")
         if not supply_V or not R or not r_trans:

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from forceaxis import _core
 from forceaxis.design.grid import Samples
 from forceaxis.linear.bank import COEFFICIENT_MAX, TICK_S, Bank
 
@@ -39,47 +40,20 @@ def bounds(name: str, lowest_hz: float) -> Samples:
     section = (frequency, ZERO_DAMPING, frequency, POLE_DAMPING)
     sections = STRUCTURES[name]
     ranges = [] if sections is None else [INTEGRAL_RAD_PER_S, *(section * sections)]
-    # Rounded, because the last digit of a logarithm depends on the processor.
-    rows = [[round(math.log(end), 12) for end in ends] for ends in ranges]
-    return np.array(rows).reshape(-1, 2)
+    return np.array([logarithms(ends) for ends in ranges]).reshape(-1, 2)
 
 
-def _warped(hz: float) -> float:
-    return 2 / TICK_S * math.tan(math.pi * hz * TICK_S)
-
-
-def section(
-    zero_hz: float, zero_damping: float, pole_hz: float, pole_damping: float
-) -> tuple[float, float, float, float, float]:
-    """Returns the coefficients (b0, b1, b2, a1, a2) of a second-order section from the frequencies
-    in Hz and the damping ratios of the zeros and poles."""
-    k = 2 / TICK_S
-    wz, wp = _warped(zero_hz), _warped(pole_hz)
-    over = k * k + 2 * pole_damping * wp * k + wp * wp
-    scale = (wp / wz) ** 2 / over
-    return (
-        scale * (k * k + 2 * zero_damping * wz * k + wz * wz),
-        scale * 2 * (wz * wz - k * k),
-        scale * (k * k - 2 * zero_damping * wz * k + wz * wz),
-        2 * (wp * wp - k * k) / over,
-        (k * k - 2 * pole_damping * wp * k + wp * wp) / over,
-    )
-
-
-def _sections(numbers: Samples) -> list[tuple[float, float, float, float]]:
-    values = [float(value) for value in np.exp(numbers)]
-    return [
-        (values[i], values[i + 1], values[i + 2], values[i + 3]) for i in range(1, len(values), 4)
-    ]
+def logarithms(values: Iterable[float]) -> Samples:
+    """Returns natural logarithms, rounded, because the last digit of a logarithm depends on the
+    processor."""
+    return np.array([round(math.log(value), 12) for value in values])
 
 
 def bank(numbers: Samples, gain: float) -> Bank:
     """Returns the filter bank from the logarithms of a structure's parameters and a gain in codes
     per count."""
-    if not len(numbers):
-        return Bank(gain)
-    rate = float(np.exp(numbers[0]))
-    return Bank(gain, rate, 0.0, tuple(section(*s) for s in _sections(numbers)))
+    rate, sections = _core.law_coefficients(numbers, TICK_S)
+    return Bank(gain, rate, 0.0, tuple(sections))
 
 
 def is_legal(sections: Iterable[Iterable[float]]) -> bool:

@@ -10,13 +10,14 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import optimize, stats
+from scipy import optimize
 
 from forceaxis import linear, paths, progress
 from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
+from forceaxis.identify.columns import header_of, read_columns
+from forceaxis.identify.distributions import chi_square_bound, chi_square_tail, f_bound, t_bound
 from forceaxis.identify.measurement import CONFIDENCE, Complexes, Measurement, Reals
-from forceaxis.identify.procedures import header_of, read_columns
 from forceaxis.identify.setup import is_number
 from forceaxis.results import to_json
 
@@ -62,7 +63,7 @@ class ParameterFit:
     @property
     def p_value(self) -> float:
         """Returns the probability that chi-square is at least as large for a correct model."""
-        return float(stats.chi2.sf(self.chi_square, self.dof))
+        return chi_square_tail(self.chi_square, self.dof)
 
     @property
     def rejected(self) -> bool:
@@ -82,7 +83,7 @@ class ParameterFit:
         step = np.log(values) - np.log(self.values)
         size = step @ np.linalg.solve(self.covariance, step)
         p = len(step)
-        return float(size / (p * stats.f.ppf(CONFIDENCE, p, self.dof)))
+        return float(size / (p * f_bound(CONFIDENCE, p, self.dof)))
 
 
 class FitProblem:
@@ -145,7 +146,7 @@ class FitProblem:
         If the first result does not explain the data, up to `tries` further searches begin at other
         start values."""
         best = self.search(self.start)
-        enough = stats.chi2.isf(REJECTED_BELOW, degrees)
+        enough = chi_square_bound(REJECTED_BELOW, degrees)
         scatter = np.random.default_rng(0).uniform(-1, 1, (tries, len(self.start)))
         for shift in progress.each(scatter, "starts"):
             if 2 * best.cost <= enough:
@@ -226,8 +227,8 @@ def fit(
         names=problem.names,
         starts=np.array(list(starts.values()), float),
         values=np.exp(best.x),
-        single=stats.t.ppf((1 + CONFIDENCE) / 2, degrees) * spread,
-        joint=math.sqrt(p * stats.f.ppf(CONFIDENCE, p, degrees)) * spread,
+        single=t_bound((1 + CONFIDENCE) / 2, degrees) * spread,
+        joint=math.sqrt(p * f_bound(CONFIDENCE, p, degrees)) * spread,
         covariance=covariance,
         chi_square=float(chi_square),
         dof=degrees,

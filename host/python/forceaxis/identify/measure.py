@@ -231,6 +231,8 @@ def measure_setup(
     parts, samples, lines = grid_of(setup, where)
     rate = _core.TICKS_PER_SECOND * parts
     facts = linear.facts(setup.model, setup.set)
+    if setup.inject == "codes":
+        facts.expect_no_bus("a measurement of codes")
     overrides = {name: facts.parameters[name][0] for name in setup.set}
     units = facts.signals | {
         "adc0": "count",

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from forceaxis import linear
+from forceaxis.identify.distributions import chi_square_tail, f_bound
 from forceaxis.identify.setup import CODES
 from forceaxis.linear.equations import Numbers
 from forceaxis.results import json_field
@@ -121,6 +122,9 @@ class Measurement:
     modes: dict[str, str] = field(default_factory=dict)
     #: relative decrease of H1 because of the converter's noise in the input
     input_bias: float = 0.0
+    #: period and delay of the encoder's positions in samples, if a bus brings them. The input is
+    #: then the command that the drive applies, in place of the DAC code of the firmware.
+    positions: tuple[int, int] = (1, 0)
 
     def predict(
         self, overrides: linear.Overrides | None = None, frequency_hz: ArrayLike | None = None
@@ -154,14 +158,21 @@ class Measurement:
                 values[row] += system.D[row, 0] * late
             elif name == "dac_code":
                 values[row] = 1.0
+        if self.output == "encoder":
+            values[1] *= self._held(frequency)
         return values
+
+    def _held(self, frequency: Reals) -> Complexes:
+        """Returns the response of a position that arrives once in a period and is late. The axis
+        moves too little above half the rate of the period for an alias to show."""
+        period, late = self.positions
+        back = np.exp(-2j * np.pi * frequency * self.dt)  # 1/z
+        return np.asarray((back[:, None] ** (late + np.arange(period))).mean(1))
 
     def radius(self, share: float = CONFIDENCE) -> Reals:
         """Returns the radius of the confidence band, (n,), in the unit of the response. The true
         response is within this distance with the probability `share`."""
-        from scipy import stats
-
-        return np.asarray(np.sqrt(self.variance * stats.f.ppf(share, 2, 2 * self.dof)))
+        return np.asarray(np.sqrt(self.variance * f_bound(share, 2, 2 * self.dof)))
 
     def random_error(self) -> Reals:
         """Returns the relative standard deviation of the magnitude, (n,), from the coherence:
@@ -178,14 +189,12 @@ class Measurement:
         point if the model is correct. It is Fisher's sum of the logarithms of the p-values of the
         points, and is here the likelihood ratio.
         """
-        from scipy import stats
-
         model = self.predict() if model is None else model
         ratio = abs(self.response - model) ** 2 / self.variance
         statistic = float(np.sum(2 * self.dof * np.log1p(ratio / self.dof)))
-        p_value = float(stats.chi2.sf(statistic, 2 * len(ratio)))
+        p_value = chi_square_tail(statistic, 2 * len(ratio))
         coherent = self.coherence > COHERENT
-        inside = ratio <= stats.f.ppf(CONFIDENCE, 2, 2 * self.dof)
+        inside = ratio <= f_bound(CONFIDENCE, 2, 2 * self.dof)
         return Comparison(
             points=len(ratio),
             coherent=int(coherent.sum()),

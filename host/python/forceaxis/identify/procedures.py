@@ -4,7 +4,6 @@ These are the procedures of the thesis (sections 4.1.2, 4.4, 5.2.1) for the valu
 4.4 and 4.26. The module `fit` fits parameters of a model to a frequency response instead.
 """
 
-import csv
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -12,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, signal, stats
+from scipy import optimize, signal
 
 from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
+from forceaxis.identify.columns import header_of, read_columns
+from forceaxis.identify.distributions import t_bound
 from forceaxis.identify.measurement import CONFIDENCE, Reals
 
-# largest permitted number in a CSV file, so that no sum of squares overflows
-LARGEST_NUMBER = 1e100
 LEAST_CYCLES = 3  # of a ring-down
 # smallest number of samples of a ring-down; fewer samples of noise may resemble a ring-down
 LEAST_SAMPLES = 30
@@ -91,52 +90,7 @@ def regression(
     dof = len(y) - A.shape[1]
     variance = np.sum((y - A @ coefficients) ** 2) / dof
     spread = np.sqrt(variance * np.diag(np.linalg.inv(A.T @ A)))
-    return list(zip(coefficients, stats.t.ppf((1 + CONFIDENCE) / 2, dof) * spread, strict=True))
-
-
-def rows_of(path: Path | str) -> list[tuple[int, list[str]]]:
-    """Returns [(line number, texts of the fields)] of all lines of a CSV file that are not empty.
-    Raises InputError."""
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = csv.reader(file)
-            return [(rows.line_num, row) for row in rows if row]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: expected a CSV file in UTF-8, got: {error}") from None
-
-
-def header_of(path: Path | str) -> list[str]:
-    """Returns the names of the columns of a CSV file."""
-    return [name.strip() for _, row in rows_of(path)[:1] for name in row]
-
-
-def read_columns(path: Path | str, names: Sequence[str]) -> list[Reals]:
-    """Returns the columns with these names from a CSV file, (n,) each. Raises InputError with file,
-    line and column."""
-    rows = rows_of(path)
-    header = [name.strip() for name in rows[0][1]] if rows else []
-    for name in names:
-        if header.count(name) != 1:
-            raise InputError(
-                f"{path}: expected exactly one column with the name {name}, got the columns "
-                f"{', '.join(header) or '(none)'}; write the names of the columns in the first "
-                "line"
-            )
-    places = [header.index(name) for name in names]
-    columns: list[list[float]] = [[] for _ in names]
-    for line, row in rows[1:]:
-        for column, name, place in zip(columns, names, places, strict=True):
-            text = row[place] if place < len(row) else ""
-            try:
-                column.append(float(text))
-            except ValueError:
-                column.append(math.nan)
-            if not abs(column[-1]) < LARGEST_NUMBER:
-                raise InputError(
-                    f"{path}: line {line}, {name}: expected a number below {LARGEST_NUMBER:g}, "
-                    f"got {text!r}"
-                )
-    return [np.array(column) for column in columns]
+    return list(zip(coefficients, t_bound((1 + CONFIDENCE) / 2, dof) * spread, strict=True))
 
 
 @dataclass(frozen=True)
@@ -275,7 +229,7 @@ def ring_down(
         residuals, n - p, omega * time[-1], values[inside], unit
     )
     covariance = np.linalg.inv(found.jac.T @ found.jac)[:2, :2] * max(white, local, rounding)
-    t = stats.t.ppf((1 + CONFIDENCE) / 2, n - p)
+    t = t_bound((1 + CONFIDENCE) / 2, n - p)
 
     def estimate(value: float, gradient: Reals, unit: str = "") -> Estimate:
         return Estimate(float(value), float(t * math.sqrt(gradient @ covariance @ gradient)), unit)

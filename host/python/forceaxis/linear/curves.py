@@ -230,6 +230,7 @@ def model_curve(
             f"{path}: expected a signal path from {input} to {own.output}, got none{cut}"
         )
     if own.timing != "continuous":
+        linear.facts(path, own.overrides).expect_no_bus("the response of a sampled plant")
         system = system.sampled(loops.TIMINGS.index(own.timing) - 1)
     return curve(system, label, span_hz, unit_of(model, input, own.output, own.overrides))
 

@@ -399,6 +399,7 @@ def _plant_poles(request: LoopRequest, own: ModelSettings, input: str, output: s
         )
     timing = request.timing or "continuous"
     if timing != "continuous":
+        linear.facts(path, overrides).expect_no_bus("poles of a sampled plant")
         plant = plant.sampled(delay_ticks=loops.TIMINGS.index(timing) - 1)
     return _poles_result(
         plant, AnalysedPlant(model=paths.display(path), timing=timing, working=mode.shown)

@@ -32,6 +32,7 @@ from forceaxis import _core
 from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import GAIN_STEP, Bank, series
 from forceaxis.linear.equations import Matrix, StateSpace
+from forceaxis.linear.lifted import TickPlant, lift
 from forceaxis.linear.plant_facts import Overrides, PlantFacts
 from forceaxis.linear.stability import Loop
 from forceaxis.linear.system import TICK_S, System, facts, find_model, linearise
@@ -99,18 +100,29 @@ class LoopSpec:
         """
         _check(self)
         known = facts(model, overrides)
+        over_bus = not known.bus.is_immediate
+        if self.is_continuous or self.tick_s != TICK_S:
+            known.expect_no_bus("a loop that does not run once in a tick")
+        if self.output == "reading":
+            known.expect_fresh_reading("a loop")
         where = str(find_model(model))
         mode = working(where, overrides, modes, self.free)
         site = _Site(known, where, overrides, mode.modes)
         signal, unit = _controlled(known, where, self.law, self.output)
         inner = _inner_damping(self, known, where)
-        plant = _plant(self, site, signal, unit, inner)
+        entry, timing = None, self.timing
+        if over_bus:
+            whole, entry = _over_bus(self, site, signal, unit, inner)
+            timing = f"{self.timing}, {known.bus.label()}"
+        else:
+            whole = _with_law(self, _plant(self, site, signal, unit, inner))
         per_count = known.required_reading.per_count if self.output == "reading" else None
         return Loop(
             model=where,
             law=self.law,
-            timing=self.timing,
-            whole=_with_law(self, plant),
+            timing=timing,
+            whole=whole,
+            entry=entry,
             signal=signal,
             unit=f"V/({unit})" if "/" in unit or " " in unit else f"V/{unit}",
             codes_per_gain=None if per_count is None else abs(per_count) / known.volts_per_code,
@@ -309,6 +321,52 @@ def _plant(spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float) ->
     if spec.late_motion and law in MOTION_LAWS and not spec.is_continuous:
         plant = _late_motion(plant)
     return plant
+
+
+def _over_bus(
+    spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float
+) -> tuple[System, tuple[Matrix, Matrix]]:
+    """Returns the loop over the model's bus, lifted over one cycle, as Loop.whole and
+    Loop.entry."""
+    law, given = spec.law, spec.parameters
+    names = [spec.output]
+    if law == "derivative":
+        names.append(_force_rate(site.known, signal, unit))
+    moves = bool(law in MOTION_LAWS or inner)
+    plant = _sampled(_feedback(spec, site, signal, moves, names), law, "zoh", spec.tick_s, False)
+    front: StateSpace = _gain()
+    if law in ("pi", "lead"):
+        front = _compensator(law, given, spec.tick_s)
+    if spec.bank is not None:
+        front = spec.bank.compensator()
+    loop = lift(
+        TickPlant(
+            plant.A,
+            plant.B,
+            plant.f + given.get("derivative_s", 0.0) * plant.rate,
+            plant.f,
+            plant.x,
+            given.get("stiffness_N_per_m", 0.0),
+            given.get("damping_Ns_per_m", 0.0),
+            inner,
+            front,
+            spec.tick_s,
+            int(spec.timing == "zoh+1"),
+            int(spec.late_motion and law in MOTION_LAWS),
+        ),
+        site.known.bus,
+    )
+    states = tuple(f"state {i}" for i in range(len(loop.A)))
+    whole = System(
+        loop.A, loop.B, loop.C, np.zeros((2, 1)), states, ("code",), ("feedback", spec.output),
+        site.known.bus.cycle_ticks * spec.tick_s,
+    )  # fmt: skip
+    return whole, (loop.enters, loop.direct)
+
+
+def _gain() -> StateSpace:
+    """Returns the state space of a law without states."""
+    return np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1))
 
 
 def _feedback(spec: LoopSpec, site: _Site, signal: str, moves: bool, names: list[str]) -> System:

@@ -11,7 +11,7 @@ points of a grid.
 import itertools
 import math
 import operator
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -28,7 +28,7 @@ from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_facts import Overrides, PlantFacts
 from forceaxis.linear.plant_set import Member, PlantSet
-from forceaxis.linear.precise import FIGURES, Figures, PreciseLoops
+from forceaxis.linear.precise import FIGURES, Figures, PreciseLoops, Responses
 from forceaxis.linear.stability import Limit, Loop
 from forceaxis.linear.system import System
 from forceaxis.linear.working import States
@@ -182,9 +182,9 @@ class Worst:
     known_to: float | None = None
 
 
-# Function that analyses some plants. The result has a list for each plant, with one analysis for
-# each delay of the loop.
-Analyse = Callable[[Sequence[Member]], list[list[T]]]
+# Function that analyses some plants with some delays of the loop. The result has for each plant
+# {delay: analysis}, with these delays or more.
+Analyse = Callable[[Sequence[Member], Sequence[str]], list[dict[str, T]]]
 
 
 class _Set(Generic[T]):
@@ -193,24 +193,22 @@ class _Set(Generic[T]):
 
     def __init__(self, plants: PlantSet, timings: Sequence[str], analyse: Analyse[T]) -> None:
         self.plants, self.timings, self.analyse = plants, timings, analyse
-        self.found: dict[tuple[tuple[float, ...], Mode, str], Entry[T]] = {}
+        self.found: dict[tuple[Hashable, str], Entry[T]] = {}
 
     def at(self, member: Member, timing: str) -> Entry[T]:
         """Returns the analysis of the force loop of one plant of the set with the delay
         `timing`."""
-        if self._key(member, timing) not in self.found:
-            self.cover([member])
-        return self.found[self._key(member, timing)]
+        if (member.key, timing) not in self.found:
+            self.cover([member], (timing,))
+        return self.found[member.key, timing]
 
-    @staticmethod
-    def _key(member: Member, timing: str) -> tuple[tuple[float, ...], Mode, str]:
-        return tuple(member.values.values()), tuple(sorted(member.modes.items())), timing
-
-    def cover(self, members: Sequence[Member]) -> None:
-        """Analyses the force loops of the plants in `members` with every delay of the loop."""
-        for member, results in zip(members, self.analyse(members), strict=True):
-            for timing, result in zip(self.timings, results, strict=True):
-                self.found.setdefault(self._key(member, timing), (member, timing, result))
+    def cover(self, members: Sequence[Member], timings: Sequence[str] | None = None) -> None:
+        """Analyses the force loops of the plants in `members` with the delays `timings`, None: with
+        every delay of the loop."""
+        found = self.analyse(members, timings or self.timings)
+        for member, results in zip(members, found, strict=True):
+            for timing, result in results.items():
+                self.found.setdefault((member.key, timing), (member, timing, result))
 
     def worst(self, badness: Callable[[T], float]) -> Entry[T]:
         """Returns the analysed force loop with the largest value of the function `badness`. The
@@ -280,12 +278,11 @@ def sample(plants: PlantSet) -> list[Member]:
     )
 
 
-def _by_loop(
-    plants: PlantSet, timings: Sequence[str], spec: LoopSpec | None, analyse: Callable[[Loop], T]
-) -> Analyse[T]:
+def _by_loop(plants: PlantSet, spec: LoopSpec | None, analyse: Callable[[Loop], T]) -> Analyse[T]:
     """Returns a function for _Set that analyses each force loop alone."""
-    return lambda members: [
-        [analyse(plants.loop(member, timing, spec)) for timing in timings] for member in members
+    return lambda members, timings: [
+        {timing: analyse(plants.loop(member, timing, spec)) for timing in timings}
+        for member in members
     ]
 
 
@@ -299,6 +296,48 @@ def gain_at(loop: Loop, gain: float | None, force_gain: float | None) -> float:
     if loop.bank is None:
         raise ParameterError("gain", "expected `gain` or `firmware_gain`, got neither")
     return loop.gain_of(loop.bank.force_gain)
+
+
+class WorstSearch:
+    """Search of the worst bandwidth and margins over a set of plants, see worst().
+
+    responses: of the plants, with all delays in `timings`; the other parameters: as in worst().
+    """
+
+    def __init__(
+        self,
+        responses: Responses,
+        timings: Sequence[str],
+        spec: LoopSpec,
+        gain: float | None = None,
+        force_gain: float | None = None,
+    ) -> None:
+        self._plants, self._timings = responses.plants, timings
+
+        def exact(loop: Loop) -> Figures:
+            return figures(loop, gain_at(loop, gain, force_gain))
+
+        self._by_loop = _by_loop(self._plants, spec, exact)
+        loops = PreciseLoops.of(responses, timings, spec, gain, force_gain)
+        self._group = _Set(
+            self._plants, timings, _fast(loops, self._by_loop) if loops else self._by_loop
+        )
+        self._found = _worst_of_each(self._group)
+        self._is_exact = loops is None or self._found is None
+
+    def quick(self) -> Worst:
+        """Returns the worst values with a relative error of about 1e-8."""
+        return _worst(self._group, self._group)
+
+    def exact(self) -> Worst:
+        """Returns the worst values. Those of the worst loops and of the nominal plants are computed
+        as eigenvalue problems."""
+        if self._is_exact or self._found is None:
+            return self.quick()
+        again = _Set(self._plants, self._timings, self._by_loop)
+        members = [entry[0] for entry in self._found.values()]
+        again.cover([*self._plants.nominal(), *members])
+        return _worst(again, self._group)
 
 
 def worst(
@@ -316,31 +355,21 @@ def worst(
     pattern search begins at the worst plant for the bandwidths and for each margin. The search uses
     `precise` where it can, and the values of the worst plants are computed by figures().
     """
-
-    def exact(loop: Loop) -> Figures:
-        return figures(loop, gain_at(loop, gain, force_gain))
-
-    by_loop = _by_loop(plants, timings, spec, exact)
-    loops = PreciseLoops.of(plants, timings, spec or LoopSpec(), gain, force_gain)
-    group = _Set(plants, timings, _fast(loops, by_loop) if loops else by_loop)
-    found = _worst_of_each(group)
-    if loops is None or found is None:
-        return _worst(group, group)
-    # The values of the worst loops and of the nominal plants by eigenvalue problems.
-    again = _Set(plants, timings, by_loop)
-    again.cover([*plants.nominal(), *(entry[0] for entry in found.values())])
-    return _worst(again, group)
+    responses = Responses(plants, timings)
+    return WorstSearch(responses, timings, spec or LoopSpec(), gain, force_gain).exact()
 
 
 def _fast(loops: PreciseLoops, by_loop: Analyse[Figures]) -> Analyse[Figures]:
-    """Returns a function for _Set that computes figures in C++. Plants of which C++ does not know
-    whether they are stable are analysed by `by_loop`."""
+    """Returns a function for _Set that computes figures in C++, with all delays of the loop,
+    because most of the time is spent for the plant. Loops of which C++ does not know whether they
+    are stable are analysed by `by_loop`."""
 
-    def analyse(members: Sequence[Member]) -> list[list[Figures]]:
-        found: list[list[Figures]] = []
+    def analyse(members: Sequence[Member], timings: Sequence[str]) -> list[dict[str, Figures]]:
+        found: list[dict[str, Figures]] = []
         for member, rows in zip(members, loops.figures(members), strict=True):
-            known = [row for row in rows if row is not None]
-            found.append(known if len(known) == len(rows) else by_loop([member])[0])
+            known = {t: row for t, row in zip(loops.timings, rows, strict=True) if row is not None}
+            missing = [timing for timing in loops.timings if timing not in known]
+            found.append(known | (by_loop([member], missing)[0] if missing else {}))
         return found
 
     return analyse
@@ -410,7 +439,7 @@ def largest_gain(
         to = limit.stable_to
         return (math.inf if to is None else to), limit
 
-    group = _Set(plants, timings, _by_loop(plants, timings, spec, analyse))
+    group = _Set(plants, timings, _by_loop(plants, spec, analyse))
     group.cover(sample(plants))
     member, timing, (_, limit) = group.worst(lambda result: -result[0])
     return Largest(limit.gain, member, timing, limit.frequency_hz, limit.known_to)

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from forceaxis import _core
 
 T = TypeVar("T")
 # Value of a property of a drive, a sensor or an encoder.
-FactValue = str | float | dict[str, float]
+FactValue = str | float | dict[str, float] | tuple[float, float, float] | None
 # parameter values in SI units, or texts with a unit
 Overrides = Mapping[str, float | str]
 
@@ -29,26 +29,72 @@ class ContactFacts:
     between: tuple[str, str]
 
 
+class BusFacts(NamedTuple):
+    """The bus between firmware and drive, in ticks of 1/1500 s: period of the frames, delay from
+    the firmware to the drive, and delay from the encoder to the firmware."""
+
+    cycle_ticks: int
+    delay_ticks_out: int
+    delay_ticks_in: int
+
+    @property
+    def is_immediate(self) -> bool:
+        """True if every tick has its own frame in both directions, which is not late."""
+        return self == (1, 0, 0)
+
+    def label(self) -> str:
+        """Description of the bus for a user, such as "cycle 3 ticks, 3 out, 2 in"."""
+        return (
+            f"cycle {self.cycle_ticks} ticks, {self.delay_ticks_out} out, {self.delay_ticks_in} in"
+        )
+
+
 @dataclass(frozen=True)
 class DriveFacts:
     """The drive of a model: type of the drive, body that the drive moves, reaction body ("ground"
-    for none), and parameters of the drive in SI units."""
+    for none), parameters of the drive in SI units, and the bus to the drive."""
 
     type: str
     body: str
     reaction: str
     values: dict[str, float]
+    bus: BusFacts
+
+    @property
+    def loop_text(self) -> str | None:
+        """The gains of the velocity loop of a drive of the type velocity, for people, or None for
+        another type. The model file may give a bandwidth from which they are computed."""
+        if self.type != "velocity":
+            return None
+        text = f"k_velocity {self.values['k_velocity']:.5g} N s/m"
+        if time := self.values.get("integral_time"):
+            text += f", integral_time {time:.5g} s"
+        return text
+
+
+class SamplingFacts(NamedTuple):
+    """The samples of a converter with a clock of its own: rate in Hz, time from tick 0 to the first
+    sample in s, and time from a sample to the firmware in s."""
+
+    rate_hz: float
+    phase_s: float
+    latency_s: float
+
+    def label(self) -> str:
+        """Description of the samples for a user, such as "1000 Hz, 2 ms late"."""
+        return f"{self.rate_hz:g} Hz, {1e3 * self.latency_s:g} ms late"
 
 
 @dataclass(frozen=True)
 class SensorFacts:
     """The force sensor that the firmware reads: measured signal, size of one 8-bit count in the
-    unit of the signal (`per_count`, for an ADC of any resolution), and resolution of the ADC in
-    bits."""
+    unit of the signal (`per_count`, for an ADC of any resolution), resolution of the code that the
+    firmware has in bits, and the samples (None: one at each tick, without latency)."""
 
     signal: str
     per_count: float
     bits: int
+    sampling: SamplingFacts | None = None
 
 
 @dataclass(frozen=True)
@@ -94,6 +140,33 @@ class PlantFacts:
         return self.drive
 
     @property
+    def bus(self) -> BusFacts:
+        """The bus to the drive. A model without a drive has an immediate one."""
+        return self.drive.bus if self.drive else BusFacts(1, 0, 0)
+
+    def expect_fresh_reading(self, purpose: str) -> None:
+        """Raises InputError, which names the purpose, if the force sensor does not give a sample of
+        each tick in this tick."""
+        if self.reading and self.reading.sampling:
+            raise _core.InputError(
+                f"{self.path}: adc.sample_rate: expected a sample at each tick, without latency, "
+                f"for {purpose}, got {self.reading.sampling.label()}; remove sample_rate, "
+                "sample_phase and latency for this, and check the result with `forceaxis run` of "
+                "the model with these keys"
+            )
+
+    def expect_no_bus(self, purpose: str) -> None:
+        """Raises InputError, which names the purpose, if the bus to the drive has a cycle or
+        a delay, or if expect_fresh_reading() does."""
+        self.expect_fresh_reading(purpose)
+        if not self.bus.is_immediate:
+            raise _core.InputError(
+                f"{self.path}: drive.cycle_ticks: expected 1 and no delays for {purpose}, got "
+                f"{self.bus.label()}; remove the keys of the bus for this, and check the result "
+                "with `forceaxis limit` and `forceaxis run` of the model with these keys"
+            )
+
+    @property
     def required_reading(self) -> SensorFacts:
         """The sensor of the model. Raises InputError if the model has no sensor."""
         if self.reading is None:
@@ -118,6 +191,14 @@ def _optional(kind: Callable[..., T], table: Mapping[str, FactValue] | None) -> 
     return kind(**table) if table else None
 
 
+def _drive(bus: tuple[int, int, int], **facts: Any) -> DriveFacts:
+    return DriveFacts(**facts, bus=BusFacts(*bus))
+
+
+def _sensor(sampling: tuple[float, float, float] | None, **facts: Any) -> SensorFacts:
+    return SensorFacts(**facts, sampling=sampling and SamplingFacts(*sampling))
+
+
 def read(path: str, overrides: Overrides | None = None) -> PlantFacts:
     """Returns the contents of the model file at `path`. Raises `_core.InputError` if the file is
     not a model."""
@@ -130,8 +211,8 @@ def read(path: str, overrides: Overrides | None = None) -> PlantFacts:
         parameters={name: ParameterFacts(*given) for name, given in table["parameters"].items()},
         contacts=tuple(ContactFacts(**contact) for contact in table["contacts"]),
         switches=table["switches"],
-        drive=_optional(DriveFacts, table["drive"]),
-        reading=_optional(SensorFacts, table["reading"]),
+        drive=_optional(_drive, table["drive"]),
+        reading=_optional(_sensor, table["reading"]),
         encoder=_optional(EncoderFacts, table["encoder"]),
         volts_per_code=table["volts_per_code"],
     )

@@ -6,7 +6,7 @@ all plants, with one delay of the loop or several."""
 import itertools
 import math
 import random
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -29,6 +29,11 @@ class Member:
 
     values: dict[str, float] = field(default_factory=dict)
     modes: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def key(self) -> Hashable:
+        """Returns equal keys for equal plants."""
+        return tuple(sorted(self.values.items())), tuple(sorted(self.modes.items()))
 
     def label(self) -> str:
         """Name of the plant for a user: "nominal", or a text such as "k_w = 288,900,

@@ -8,8 +8,8 @@ the worst plants of a set with this evaluation, and computes the result from eig
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from forceaxis import _core
 from forceaxis.linear.bank import TICK_S, Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet
-from forceaxis.linear.system import find_model
+from forceaxis.linear.system import facts, find_model
 from forceaxis.linear.working import working
 
 DELAYS = {"zoh": 0, "zoh+1": 1}  # {timing: delay in ticks}
@@ -80,6 +80,7 @@ def law_grid(
 ) -> _core.LawGrid:  # fmt: skip
     """Returns the responses of some plants of a set on grids of frequencies, see _core.LawGrid."""
     path = str(find_model(plants.model))
+    facts(path, plants.overrides).expect_fresh_reading("the design of a law")
     keys = []
     for member in members:
         overrides = {**plants.overrides, **member.values}
@@ -89,25 +90,43 @@ def law_grid(
     )
 
 
-@dataclass
+class Responses:
+    """Responses of the plants of a set on full grids of frequencies, see _core.LawGrid. Each plant
+    is computed once, because this takes longer than the evaluation of a law.
+
+    plants: the set. timings: names of DELAYS.
+    """
+
+    def __init__(self, plants: PlantSet, timings: Sequence[str]) -> None:
+        self.plants, self.timings = plants, tuple(timings)
+        self._model = _core.ModelFile(find_model(plants.model))
+        self._grids: dict[Hashable, _core.LawGrid] = {}
+
+    def of(self, member: Member) -> _core.LawGrid:
+        """Returns the response of one plant. It is empty if the command does not act on the
+        force."""
+        key = member.key
+        if key not in self._grids:
+            self._grids[key] = law_grid(self._model, self.plants, [member], self.timings)
+        return self._grids[key]
+
+
+@dataclass(frozen=True)
 class PreciseLoops:
     """The force loops of a set of plants with one law and gain.
 
-    bank: the law. gain: in V/N; None: the gain of the bank. timings: names of DELAYS.
+    responses: of the plants. bank: the law. gain: in V/N; None: that of the bank. timings: names
+    of DELAYS, all of them in `responses`.
     """
 
-    plants: PlantSet
+    responses: Responses
     bank: Bank
     gain: float | None
-    timings: Sequence[str]
-    _model: _core.ModelFile = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        self._model = _core.ModelFile(find_model(self.plants.model))
+    timings: tuple[str, ...]
 
     @staticmethod
     def of(
-        plants: PlantSet, timings: Sequence[str], spec: LoopSpec, gain: float | None,
+        responses: Responses, timings: Sequence[str], spec: LoopSpec, gain: float | None,
         force_gain: float | None,
     ) -> "PreciseLoops | None":  # fmt: skip
         """Returns the loops, or None if the C++ evaluation does not know loops of this kind. The
@@ -123,21 +142,24 @@ class PreciseLoops:
         bank = spec.bank or Bank(1.0, spec.parameters.get("integral_rad_per_s", 0.0))
         if gain is None and force_gain is not None:
             bank = Bank(force_gain, bank.integral_rad_per_s, 0.0, bank.sections)
-        return PreciseLoops(plants, bank, gain, timings)
+        return PreciseLoops(responses, bank, gain, tuple(timings))
 
     def figures(self, members: Sequence[Member]) -> list[list[Figures | None]]:
         """Returns the figures of each member with each delay of `timings`. A loop has None if the
         command does not act on the force, or if the loop is not known to be stable."""
-        grid = law_grid(self._model, self.plants, members, self.timings)
-        gains = [
-            self.bank.force_gain if self.gain is None else self.gain / grid.count_per_code(i)
-            for i in range(len(grid.kept))
-        ]
-        found: list[list[Figures | None]] = [[None] * len(self.timings) for _ in members]
-        for member, rows in zip(
-            grid.kept, grid.precise(law_shape(self.bank), gains).tolist(), strict=True
-        ):
-            found[member] = [_figures(row) for row in rows]
+        law = law_shape(self.bank)
+        delays = [self.responses.timings.index(timing) for timing in self.timings]
+        found: list[list[Figures | None]] = []
+        for member in members:
+            grid = self.responses.of(member)
+            if not grid.kept:
+                found.append([None] * len(self.timings))
+                continue
+            gain = self.bank.force_gain
+            if self.gain is not None:
+                gain = self.gain / grid.count_per_code(0)
+            rows = grid.precise(law, [gain])[0].tolist()
+            found.append([_figures(rows[delay]) for delay in delays])
         return found
 
 

@@ -262,8 +262,11 @@ def _modes_of(
 
 def _analysed(found: LoopSet) -> AnalysedSet:
     """Returns the description of the set of force loops for the JSON output."""
+    nominal = AnalysedLoop.of(found.nominal())
+    _, comma, label = nominal.timing.partition(", ")
+    bus = comma + label  # "" without a bus
     return AnalysedSet(
-        loop=replace(AnalysedLoop.of(found.nominal()), timing=" and ".join(found.timings)),
+        loop=replace(nominal, timing=" and ".join(found.timings) + bus),
         over=SetEntry(
             {name: RangeEntry(*span) for name, span in found.plants.ranges.items()},
             list(found.plants.modes),

@@ -28,6 +28,10 @@ from forceaxis.words import plain
 # the stability boundary whose gain changes more is not reported.
 GAIN_CHANGE_MAX = 1e-7
 GAIN_MAX = 1e15  # largest gain k of a force loop that is analysed
+# Poles below this size in rad/s and below this share of the fastest pole are integrators, if there
+# are two or more of them: rounding moves a double pole by the root of its own size.
+INTEGRATOR_RAD_PER_S = 1e-5
+INTEGRATOR_SHARE = 1e-10
 
 
 def known_text(known_to: float, unit: str) -> str:
@@ -120,6 +124,9 @@ class Loop:
     bank: Bank | None = None
     own_gain: float | None = None  # gain k of the experiment to which the force loop belongs
     working: Working = field(default_factory=lambda: Working({}))
+    # How a constant set-point acts on the states and on the feedback of a loop over a bus, whose
+    # law acts in every tick and whose input is the code of a cycle. None: as the error.
+    entry: tuple[Matrix, Matrix] | None = None
 
     @cached_property
     def open(self) -> System:
@@ -160,7 +167,7 @@ class Loop:
         return replace(
             self.whole,
             A=A - share * B @ C[:1],
-            B=share * B,
+            B=share * B if self.entry is None else self.entry[0] - share * B @ self.entry[1],
             C=C[1:] - share * D[1:] @ C[:1],
             D=share * D[1:],
             inputs=("set-point",),
@@ -246,12 +253,23 @@ class Loop:
         real function of w changes its sign at most once. `zeros`: estimates of the zeros of this
         function in s. No returned frequency is a pole."""
         found = np.concatenate([np.abs(zeros.imag), np.abs(self._poles.imag), np.abs(self._poles)])
-        return marks(found, np.abs(self._poles).max())
+        lowest = self._integrators_below
+        return marks(found[found > lowest], np.abs(self._poles).max())
 
     @cached_property
     def _poles(self) -> Matrix:
         result: Matrix = _core.eigenvalues(self._plane[0])
         return result
+
+    @cached_property
+    def _integrators_below(self) -> float:
+        """Returns a frequency in rad/s below which the response is that of two or more integrators,
+        or 0 for fewer integrators. An integral of the law and one of a velocity drive are an
+        example. Below this frequency rounding separates the integrators, and crossings that it then
+        shows belong to gains near 0 that no loop has."""
+        poles = np.abs(self._poles)
+        near = poles[poles < min(INTEGRATOR_RAD_PER_S, INTEGRATOR_SHARE * poles.max(initial=0.0))]
+        return 1e3 * float(near.max()) if len(near) > 1 else 0.0
 
     @cached_property
     def _boundary_poles(self) -> list[tuple[float, complex | None]]:

@@ -189,6 +189,8 @@ def _stall_N(path: str | Path, known: PlantFacts) -> float:
     def limit(name: str) -> float:
         return number(table.get(name), known.parameters) or math.inf
 
+    if "k_force" in drive:
+        return min(limit("peak_current"), limit("rated_current")) * drive["k_force"]
     if "k_torque" not in drive:
         return limit("force_limit")
     current = limit("supply_limit") / drive["R"] if drive["R"] else math.inf

@@ -37,11 +37,11 @@ MAP_TICKS_MAX = 12_000
 @dataclass(frozen=True)
 class ExperimentBank:
     """The designed filter bank of an experiment, with the worst bandwidth and margins over the set
-    of plants."""
+    of plants. `worst` is None if a plant of the set is unstable with this bank."""
 
     entry: Entry
     bank: Bank
-    worst: WorstFigures
+    worst: WorstFigures | None
 
 
 @dataclass(frozen=True)
@@ -185,6 +185,8 @@ def words(model: Path) -> list[str]:
     lines = [f"Bodies: {masses}."]
     if drive := facts.drive:
         lines.append(f"Drive {drive.type.replace('_', ' ')} on {drive.body}.")
+        if drive.loop_text:
+            lines.append(f"Velocity loop of the drive: {drive.loop_text}.")
     if mode := working.working(model).text:
         lines.append(f"Linear figures are for {mode}.")
     for contact in facts.contacts:

@@ -137,8 +137,9 @@ def _touch_down(folder: Path, force_N: float) -> str:
     ax.plot(time_s, expected, color=GOT, linewidth=2.4, alpha=0.5, label="predicted")
     ax.plot(time_s, measured, color=INK, linewidth=0.8, label="measured")
     within = SETTLED_SHARE * force_N + np.ptp(measured[time_s < -0.02])
-    far = np.maximum(abs(expected - force_N), abs(measured - force_N)) > within
-    settled = time_s[np.flatnonzero(far)[-1]]
+    # fmax ignores a prediction of NaN.
+    far = np.fmax(abs(expected - force_N), abs(measured - force_N)) > within
+    settled = time_s[far].max(initial=0.0)
     ax.set(xlim=(-0.05, min(settled + 0.2, time_s[-1])))
     ax.set(xlabel="time from the touch, s", ylabel="force, N")
     style(ax)

@@ -14,11 +14,11 @@ class link_inputs_t(object):
     reader's. LCM has no unsigned types, so codes of 16 bits travel in 32.
     """
 
-    __slots__ = ["utime", "wall_utime", "seq", "run_id", "encoder", "adc0", "adc1", "digital_inputs", "sensor_valid"]
+    __slots__ = ["utime", "wall_utime", "seq", "run_id", "encoder", "adc0", "adc1", "digital_inputs", "sensor_valid", "drive", "position_age", "force_age"]
 
-    __typenames__ = ["int64_t", "int64_t", "int64_t", "int64_t", "int32_t", "int32_t", "int32_t", "byte", "boolean"]
+    __typenames__ = ["int64_t", "int64_t", "int64_t", "int64_t", "int32_t", "int32_t", "int32_t", "byte", "boolean", "byte", "byte", "byte"]
 
-    __dimensions__ = [None, None, None, None, None, None, None, None, None]
+    __dimensions__ = [None, None, None, None, None, None, None, None, None, None, None, None]
 
     def __init__(self):
         self.utime = 0
@@ -51,6 +51,20 @@ class link_inputs_t(object):
         """ LCM Type: byte """
         self.sensor_valid = False
         """ LCM Type: boolean """
+        self.drive = 0
+        """ LCM Type: byte """
+        self.position_age = 0
+        """
+        AXIS_DRIVE_ bits; 0 for an amplifier for +-10 V
+        LCM Type: byte
+        """
+
+        self.force_age = 0
+        """
+        ticks since the encoder was read; 255 is 255 or more
+        LCM Type: byte
+        """
+
 
     def encode(self):
         buf = BytesIO()
@@ -59,7 +73,7 @@ class link_inputs_t(object):
         return buf.getvalue()
 
     def _encode_one(self, buf):
-        buf.write(struct.pack(">qqqqiiiBb", self.utime, self.wall_utime, self.seq, self.run_id, self.encoder, self.adc0, self.adc1, self.digital_inputs, self.sensor_valid))
+        buf.write(struct.pack(">qqqqiiiBbBBB", self.utime, self.wall_utime, self.seq, self.run_id, self.encoder, self.adc0, self.adc1, self.digital_inputs, self.sensor_valid, self.drive, self.position_age, self.force_age))
 
     @staticmethod
     def decode(data: bytes):
@@ -76,12 +90,13 @@ class link_inputs_t(object):
         self = link_inputs_t()
         self.utime, self.wall_utime, self.seq, self.run_id, self.encoder, self.adc0, self.adc1, self.digital_inputs = struct.unpack(">qqqqiiiB", buf.read(45))
         self.sensor_valid = bool(struct.unpack('b', buf.read(1))[0])
+        self.drive, self.position_age, self.force_age = struct.unpack(">BBB", buf.read(3))
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if link_inputs_t in parents: return 0
-        tmphash = (0x70eaab387af7a570) & 0xffffffffffffffff
+        tmphash = (0x906c612f8bfb38fe) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

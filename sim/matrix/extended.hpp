@@ -1,6 +1,7 @@
 #pragma once
-// Matrix functions for the linear analysis in extended precision. These functions use no BLAS
-// library, so the digits of a result do not depend on the processor or on a BLAS kernel.
+// Matrix functions of the simulator and the linear analysis in extended precision. These functions
+// use no BLAS library, so the digits of a result do not depend on the processor or on a BLAS
+// kernel.
 //
 // The error of a solution by LAPACK is relative to the largest entry of the matrix. If one entry is
 // far larger than the entries that determine the result, the result has no correct digit. An
@@ -11,9 +12,12 @@
 #include <span>
 #include <vector>
 
-#include "sim/hybrid/network.hpp"
-
 namespace forceaxis::sim {
+
+/// Number type of matrices that are computed in extended precision and then rounded to double.
+using Extended = long double;
+using ExtendedMatrix = Eigen::Matrix<Extended, Eigen::Dynamic, Eigen::Dynamic>;
+using ComplexMatrix = Eigen::Matrix<std::complex<Extended>, Eigen::Dynamic, Eigen::Dynamic>;
 
 /// Returns scale factors d that balance the n x n matrix A: each row of diag(1/d) A diag(d) has
 /// about the same norm as the column with the same index (Parlett and Reinsch 1969). The n factors
@@ -25,6 +29,23 @@ Eigen::VectorXd balance(const ExtendedMatrix &A);
 /// std::runtime_error if the iteration does not converge, which has never been observed for a
 /// finite A.
 std::vector<std::complex<double>> eigenvalues(const ExtendedMatrix &A);
+
+/// The fast part of the flow of x' = A x: x is the sum of right (left x) and of a part that the
+/// fast eigenvalues do not move. A conjugate pair of eigenvalues has one place in each matrix.
+struct FastModes {
+  ComplexMatrix values;  ///< f x 1, eigenvalues with an imaginary part of at least 0
+  ComplexMatrix right;   ///< n x f, right eigenvectors
+  ComplexMatrix left;    ///< f x n, left eigenvectors; left times right is the identity
+  /// n x n, the matrix A without its fast part, A - right values left, both of a pair
+  ExtendedMatrix slow;
+  /// n x n, upper bound of the error of each entry of `slow`
+  ExtendedMatrix error;
+};
+
+/// Returns the modes of the n x n matrix A whose eigenvalues are larger than `above` in magnitude.
+/// If these modes cannot be separated from the others, because eigenvectors are nearly parallel,
+/// f is 0 and `slow` is A. Throws std::invalid_argument if an entry of A is not finite.
+FastModes fast_modes(const ExtendedMatrix &A, Extended above);
 
 /// Returns the solution X of A X = B, with A (n x n) and B (n x m). The method scales rows, chooses
 /// pivots and corrects the residual in one step. X is not finite if A is singular.

@@ -1,9 +1,11 @@
-#include "sim/linear/extended.hpp"
+#include "sim/matrix/extended.hpp"
 
 #include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 
@@ -188,12 +190,98 @@ Eigen::VectorXd balance(const ExtendedMatrix &A) {
 std::vector<std::complex<double>> eigenvalues(const ExtendedMatrix &A) {
   check_finite(A);
   if (A.rows() == 0) return {};
-  const Eigen::EigenSolver<ExtendedMatrix> solver(balanced(A), false);
+  // The iteration fails for a few matrices, and then not for their transposes, which have the same
+  // eigenvalues.
+  Eigen::EigenSolver<ExtendedMatrix> solver(balanced(A), false);
+  if (solver.info() != Eigen::Success) solver.compute(balanced(A.transpose()), false);
   if (solver.info() != Eigen::Success)
     throw std::runtime_error("expected eigenvalues that converge");
   std::vector<std::complex<double>> values;
   for (const Complex value : solver.eigenvalues()) values.push_back(rounded(value));
   return values;
+}
+
+namespace {
+
+// The eigenvectors of the balanced matrix whose eigenvalues are larger than `above`.
+struct Eigenpairs {
+  ComplexMatrix values;
+  ComplexMatrix vectors;
+};
+
+std::optional<Eigenpairs> eigenpairs(const ExtendedMatrix &balanced, Extended above) {
+  const Eigen::EigenSolver<ExtendedMatrix> solver(balanced, true);
+  if (solver.info() != Eigen::Success) return std::nullopt;
+  const auto &values = solver.eigenvalues();
+  std::vector<Index> chosen;
+  for (Index i = 0; i < values.size(); ++i)
+    if (std::abs(values(i)) > above) chosen.push_back(i);
+  const auto count = static_cast<Index>(chosen.size());
+  const ComplexMatrix all = solver.eigenvectors();
+  Eigenpairs pairs{ComplexMatrix(count, 1), ComplexMatrix(balanced.rows(), count)};
+  for (Index i = 0; i < count; ++i) {
+    pairs.values(i, 0) = values(chosen[static_cast<std::size_t>(i)]);
+    pairs.vectors.col(i) = all.col(chosen[static_cast<std::size_t>(i)]);
+  }
+  return pairs;
+}
+
+// Returns the factors of balance(). A row of zeros does not limit the factor of its column, so this
+// column gets the norm 1 at most.
+Eigen::VectorXd balance_columns(const ExtendedMatrix &A) {
+  Eigen::VectorXd d = balance(A);
+  for (Index j = 0; j < A.rows(); ++j) {
+    if (A.row(j).cwiseAbs().sum() > 0) continue;
+    Extended sum = 0;
+    for (Index i = 0; i < A.rows(); ++i) sum += std::abs(A(i, j)) / d(i);
+    if (sum > 0) d(j) = static_cast<double>(1 / power_below(sum));
+  }
+  return d;
+}
+
+}  // namespace
+
+FastModes fast_modes(const ExtendedMatrix &A, Extended above) {
+  check_finite(A);
+  const Index n = A.rows();
+  FastModes none{ComplexMatrix(0, 1), ComplexMatrix(n, 0), ComplexMatrix(0, n), A,
+                 ExtendedMatrix::Zero(n, n)};
+  const Eigen::VectorXd d = balance_columns(A);
+  const auto scale = d.cast<Extended>().asDiagonal();
+  const auto unscale = d.cwiseInverse().cast<Extended>().asDiagonal();
+  const ExtendedMatrix balanced = unscale * A * scale;
+  const auto right = eigenpairs(balanced, above);
+  const auto left = eigenpairs(balanced.transpose(), above);
+  if (!right || !left || right->values.rows() != left->values.rows()) return none;
+  if (right->values.rows() == 0) return none;
+  // The left eigenvectors span the same space as the rows of the inverse that belongs to `right`.
+  const ComplexMatrix overlap = left->vectors.transpose() * right->vectors;
+  const ComplexMatrix rows = overlap.partialPivLu().solve(ComplexMatrix(left->vectors.transpose()));
+  const ComplexMatrix moved = right->vectors * right->values.col(0).asDiagonal();
+  const ExtendedMatrix residual = (balanced.cast<Complex>() * right->vectors - moved).cwiseAbs();
+  const ExtendedMatrix error =
+      residual * rows.cwiseAbs() +
+      16 * std::numeric_limits<Extended>::epsilon() * (moved.cwiseAbs() * rows.cwiseAbs());
+  // With a larger error, nothing is gained by the separation.
+  constexpr Extended kMostError = 0x1p-40L;
+  if (!(error.maxCoeff() <= kMostError * balanced.cwiseAbs().maxCoeff())) return none;
+
+  std::vector<Index> chosen;
+  for (Index i = 0; i < right->values.rows(); ++i)
+    if (right->values(i, 0).imag() >= 0) chosen.push_back(i);
+  const auto count = static_cast<Index>(chosen.size());
+  FastModes modes{ComplexMatrix(count, 1), ComplexMatrix(n, count), ComplexMatrix(count, n),
+                  A - ExtendedMatrix(scale * (moved * rows).real() * unscale),
+                  scale * error * unscale};
+  for (Index i = 0; i < count; ++i) {
+    const Index from = chosen[static_cast<std::size_t>(i)];
+    modes.values(i, 0) = right->values(from, 0);
+    for (Index j = 0; j < n; ++j) {
+      modes.right(j, i) = right->vectors(j, from) * Complex(d(j));
+      modes.left(i, j) = rows(from, j) / Complex(d(j));
+    }
+  }
+  return modes;
 }
 
 ExtendedMatrix solve(const ExtendedMatrix &A, const ExtendedMatrix &B) {

@@ -1,5 +1,5 @@
-#ifndef TESTS_UNIT_FRAMES_HPP_
-#define TESTS_UNIT_FRAMES_HPP_
+#ifndef TESTS_SUPPORT_FRAMES_HPP_
+#define TESTS_SUPPORT_FRAMES_HPP_
 
 // Frames and records, built and checked without the firmware's code.
 

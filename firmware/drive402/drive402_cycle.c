@@ -1,0 +1,135 @@
+#include "firmware/drive402/drive402_cycle.h"
+
+#include "firmware/fx/bytes.h"
+
+enum { SYNC_ID = 0x80, RPDO_ID = 0x200 };
+
+/* since_sync before the first SYNC, which no TPDO can have answered. */
+enum { NO_SYNC = UINT16_MAX };
+
+void drive402_cycle_start(drive402_t *master) {
+  master->since_sync = NO_SYNC;
+  master->age_ticks = UINT16_MAX;
+  master->stop_ticks = 0;
+  master->controlword = DRIVE402_DISABLE_VOLTAGE;
+  master->statusword = 0;
+  master->state = DRIVE402_NOT_READY;
+  master->sampled = 0;
+  master->tpdos = 0;
+  master->missing = 0;
+  master->mode_displayed = 0;
+  master->was_on = 0;
+  master->resets_fault = 0;
+  master->saturated = 0;
+}
+
+void drive402_cycle_receive(drive402_t *master, const can_frame_t *frame) {
+  if (frame->length != 8 || master->since_sync == NO_SYNC) {
+    return;
+  }
+  /* The first of the frames that follow a missing one may be the missing one, late. */
+  const bool late = master->missing > 0 && master->tpdos == 0;
+  master->age_ticks = (uint16_t)(master->since_sync + (late ? master->cycle_ticks : 0));
+  master->statusword = (uint16_t)fx_load_le(frame->data, 2);
+  master->position_cnt = fx_s32_from_u32(fx_load_le32(frame->data + 2));
+  master->torque = (int16_t)fx_sign_extend(fx_load_le(frame->data + 6, 2), 16);
+  master->state = drive402_state_of(master->statusword);
+  master->sampled = 1;
+  if (master->tpdos < UINT8_MAX) {
+    master->tpdos++;
+  }
+}
+
+/* Ends a cycle: counts the SYNCs that the drive has not answered. */
+static void close_cycle(drive402_t *master) {
+  if (master->tpdos > 0 || master->phase != DRIVE402_RUNNING) {
+    master->missing = 0;
+  } else if (master->missing < 2) {
+    master->missing++;
+  }
+  master->tpdos = 0;
+  if (master->missing == 2) {
+    drive402_fail(master, DRIVE402_TPDO_MISSING);
+  }
+}
+
+/* Latches a fault or an unexpected stop that the newest statusword shows. */
+static void watch_state(drive402_t *master, bool enabled) {
+  const bool faulted = master->state == DRIVE402_FAULT || master->state == DRIVE402_FAULT_REACTION;
+  if (!faulted) {
+    master->resets_fault = 0;
+    master->wait_ticks = 0;
+  } else if (master->resets_fault == 0 && master->wait_ticks == 0) {
+    drive402_fail(master, DRIVE402_DRIVE_FAULT);
+  }
+  if (enabled && master->was_on != 0 && master->state != DRIVE402_OPERATION_ENABLED) {
+    drive402_fail(master, DRIVE402_DRIVE_OFF);
+  }
+}
+
+/* Returns the target of this tick: the command while it acts; otherwise what moves nothing, that is
+ * 0 or in csp the present position. */
+static int32_t target_of(drive402_t *master, const drive402_command_t *command, bool wanted) {
+  const int32_t most = master->config->target_max;
+  master->saturated = 0;
+  if (!wanted || !drive402_is_on(master)) {
+    return (master->config->mode == DRIVE402_CSP) ? master->position_cnt : 0;
+  }
+  const int32_t target = fx_fraction_apply(command->target, &master->scale);
+  master->saturated = fx_within(target, most) ? 0 : 1;
+  return fx_clamp(target, -most, most);
+}
+
+static uint16_t controlword_of(drive402_t *master, bool wanted) {
+  if (master->stop_ticks > 0) {
+    return DRIVE402_QUICK_STOP;
+  }
+  if (master->resets_fault != 0 && master->state == DRIVE402_FAULT) {
+    master->resets_fault = 0;
+    master->wait_ticks = fx_ticks_from_ms(master->config->wait_ms);
+    return DRIVE402_FAULT_RESET;
+  }
+  return wanted ? drive402_step(master->state) : DRIVE402_DISABLE_VOLTAGE;
+}
+
+static void send_rpdo(drive402_t *master, uint16_t controlword, int32_t target) {
+  const uint8_t bytes = (master->config->mode == DRIVE402_CST) ? 2 : 4;
+  can_frame_t *frame =
+      drive402_frame(master, (uint16_t)(RPDO_ID + master->config->node_id), (uint8_t)(2 + bytes));
+  fx_store_le(frame->data, controlword, 2);
+  fx_store_le(frame->data + 2, (uint32_t)target, bytes);
+  master->controlword = controlword;
+}
+
+/* Sends what this tick has to send, and returns whether targets act from it on. */
+static bool act(drive402_t *master, const drive402_command_t *command, bool begins) {
+  const bool wanted =
+      master->phase == DRIVE402_RUNNING && command->enable != 0 && master->reason == DRIVE402_NONE;
+  const bool stops = master->controlword == DRIVE402_ENABLE_OPERATION && !wanted;
+  if (stops) {
+    master->stop_ticks = fx_ticks_from_ms(master->config->quick_stop_ms) + 1;
+  }
+  if (begins || stops) {
+    const int32_t target = target_of(master, command, wanted);
+    send_rpdo(master, controlword_of(master, wanted), target);
+  }
+  drive402_count_down(&master->stop_ticks);
+  return wanted && drive402_is_on(master);
+}
+
+void drive402_cycle_tick(drive402_t *master, const drive402_command_t *command) {
+  const bool begins = master->since_sync >= master->cycle_ticks;
+  if (begins) {
+    close_cycle(master);
+    master->since_sync = 0;
+    (void)drive402_frame(master, SYNC_ID, 0);
+  }
+  if (master->phase == DRIVE402_RUNNING) {
+    watch_state(master, command->enable != 0);
+  }
+  master->was_on = act(master, command, begins) ? 1 : 0;
+  master->since_sync++;
+  if (master->age_ticks < UINT16_MAX) {
+    master->age_ticks++;
+  }
+}

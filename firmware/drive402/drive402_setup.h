@@ -1,0 +1,21 @@
+#ifndef FIRMWARE_DRIVE402_DRIVE402_SETUP_H_
+#define FIRMWARE_DRIVE402_DRIVE402_SETUP_H_
+
+/* Configuration of the drive by SDO: the list of its objects, one transfer at a time. */
+
+#include "firmware/drive402/drive402_state.h"
+
+/* Returns DRIVE402_NONE, or the reason for which this configuration is refused. */
+uint8_t drive402_setup_check(const drive402_config_t *config);
+
+/* Writes the list of objects to master->entries. */
+void drive402_setup_list(drive402_t *master);
+
+/* A tick of the phase DRIVE402_CONFIGURING. Returns true once every object has its value. */
+bool drive402_setup_tick(drive402_t *master);
+
+/* A tick of the phase DRIVE402_RUNNING: reads in turn what no PDO carries, 6061h, or 603Fh of a
+ * drive in fault. */
+void drive402_setup_watch(drive402_t *master);
+
+#endif

@@ -1,0 +1,163 @@
+#ifndef FIRMWARE_DRIVE402_DRIVE402_STATE_H_
+#define FIRMWARE_DRIVE402_DRIVE402_STATE_H_
+
+/* The data of the master of one drive: configuration, command, feedback and state. drive402.h has
+ * the functions and says how they are used. */
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/canopen/can.h"
+#include "firmware/drive402/drive402_names.h"
+#include "firmware/drive402/drive402_sdo.h"
+#include "firmware/drive402/drive402_word.h"
+#include "firmware/fx/fx.h"
+
+/* Modes of operation (6060h). */
+enum { DRIVE402_CSP = 8, DRIVE402_CSV = 9, DRIVE402_CST = 10 };
+
+/* Bits of drive402_config_t.without: objects that this drive lacks, or lets nobody write, and that
+ * are left out of the configuration. The drive then has to do the same by settings of its maker. */
+enum {
+  DRIVE402_WITHOUT_SYNC_ID = 1,       /* 1005h; its default is 80h */
+  DRIVE402_WITHOUT_SYNC_PERIOD = 2,   /* 1006h */
+  DRIVE402_WITHOUT_INTERPOLATION = 4, /* 60C2h */
+  DRIVE402_WITHOUT_ABORT_OPTION = 8   /* 6007h */
+};
+
+typedef struct {
+  /* Objects that are written before those of the master, each read back too: limits, units,
+   * polarity (607Eh), quick stop option (605Ah). NULL for none. */
+  const drive402_entry_t *extra;
+  /* Target in units of the drive = target of the command x scale_num / scale_den, rounded half up;
+   * both are 1..2^31-1. */
+  uint32_t scale_num;
+  uint32_t scale_den;
+  /* Largest magnitude of the target in units of the drive, 1..2147483642, in cst 1..32767. */
+  int32_t target_max;
+  uint16_t heartbeat_ms;         /* period of both heartbeats (1017h), from 1 */
+  uint16_t heartbeat_timeout_ms; /* of both consumers (1016h), longer than heartbeat_ms */
+  uint16_t sdo_timeout_ms;       /* longest wait for an answer by SDO, from 1 */
+  /* longest wait for the boot-up message, for the first TPDO, and for the end of the state fault
+   * after a fault reset; from 1 */
+  uint16_t wait_ms;
+  uint16_t quick_stop_ms; /* how long quick stop is commanded before voltage is disabled */
+  int16_t abort_option;   /* 6007h: what the drive does without the master */
+  uint8_t extra_count;
+  uint8_t cycle_ms;    /* bus cycle, an even number 2..100: a multiple of 3 ticks */
+  uint8_t mode;        /* DRIVE402_CSP, DRIVE402_CSV or DRIVE402_CST */
+  uint8_t rpdo_type;   /* 1: a target acts at the next SYNC; 254, 255: on reception */
+  uint8_t node_id;     /* of the drive, 1..127 */
+  uint8_t own_node_id; /* of the master, 1..127 */
+  uint8_t without;     /* DRIVE402_WITHOUT_ bits */
+} drive402_config_t;
+
+typedef struct {
+  /* csv, cst: speed or torque, csp: position; in units of the axis, see scale_num. It acts while
+   * `on` is reported. */
+  int32_t target;
+  uint8_t enable; /* 1: the drive has to come to operation enabled; 0: it has to stop */
+  uint8_t reset;  /* a change from 0 to 1 resets a fault, or starts again after a failure */
+} drive402_command_t;
+
+typedef struct {
+  int32_t position_cnt; /* 6064h; wraps at 32 bits */
+  int16_t torque;       /* 6077h, per mille of the rated torque */
+  /* ticks from the SYNC at which the drive has sampled these values to the next tick; 65535: as
+   * long or longer, or never */
+  uint16_t age_ticks;
+  uint16_t statusword; /* 6041h */
+  uint16_t error_code; /* last one that the drive has sent by EMCY or shown in 603Fh, or 0 */
+  uint8_t fitted;      /* 1: the configuration was accepted, so that there has to be a drive */
+  uint8_t on;          /* 1: targets act: operation enabled, 6061h displays the mode, no fault */
+  uint8_t fault;       /* 1: something has failed, or the drive is in fault */
+  uint8_t limit;       /* 1: statusword bit 11, internal limit active */
+  uint8_t saturated;   /* 1: the last target was limited to target_max */
+  uint8_t phase;       /* DRIVE402_PHASES */
+  uint8_t state;       /* DRIVE402_STATES */
+  uint8_t reason;      /* DRIVE402_REASONS: the first failure since the last reset */
+  /* object whose SDO transfer has failed, else 0, and the abort code of the drive, else 0 */
+  uint8_t failed_sub;
+  uint16_t failed_index;
+  uint32_t abort_code;
+} drive402_feedback_t;
+
+/* Entries of the master's own configuration, and frames in a tick, at most: SYNC, RPDO, heartbeat,
+ * and an NMT command or SDO request, but never both. */
+enum { DRIVE402_ENTRIES = 24, DRIVE402_FRAMES = 4 };
+
+typedef struct {
+  const drive402_config_t *config;
+  fx_fraction_t scale;
+  drive402_entry_t entries[DRIVE402_ENTRIES];
+  drive402_sdo_t sdo;
+  can_frame_t frames[DRIVE402_FRAMES]; /* of this tick, the next one first */
+  uint8_t frame_count;
+  uint8_t frame_next;
+
+  uint8_t phase;
+  uint8_t reason;
+  uint8_t failed_sub;
+  uint16_t failed_index;
+  uint32_t abort_code;
+  uint32_t wait_ticks;            /* until a wait (wait_ms) ends */
+  uint32_t own_heartbeat_ticks;   /* until the next heartbeat of the master */
+  uint32_t drive_heartbeat_ticks; /* until the heartbeat of the drive is missing */
+  uint32_t stop_ticks;            /* until voltage is disabled after a quick stop */
+  uint32_t read_ticks;            /* until the next read of 6061h or 603Fh */
+  uint16_t cycle_ticks;
+  uint16_t since_sync; /* ticks from the last SYNC to the next tick; 65535 before the first one */
+  uint16_t age_ticks;
+  uint16_t statusword;
+  uint16_t error_code;
+  uint16_t controlword; /* last one that was sent */
+  int32_t position_cnt;
+  int16_t torque;
+  uint8_t state;
+  uint8_t entry_count;    /* of the master's own entries */
+  uint16_t entry;         /* number of the entry of the present SDO transfer, extra ones first */
+  uint8_t command_sent;   /* 1: the NMT command of this phase was sent */
+  uint8_t operational;    /* 1: a heartbeat in this phase or later said operational */
+  uint8_t sampled;        /* 1: a TPDO was received since the start of the node */
+  uint8_t tpdos;          /* received since the last SYNC, at most 255 */
+  uint8_t missing;        /* SYNCs in succession that no TPDO has answered, at most 2 */
+  uint8_t mode_displayed; /* 1: 6061h was the mode at the last read */
+  uint8_t was_on;         /* 1: `on` in the last tick */
+  uint8_t resets_fault;   /* 1: the next controlword in the state fault resets the fault */
+  uint8_t saturated;
+  uint8_t reset_before;  /* `reset` of the last command */
+  uint8_t failed_before; /* 1: the cyclic frames of the last tick knew of a failure */
+} drive402_t;
+
+/* Keeps the first failure since the last reset. */
+static inline void drive402_fail(drive402_t *master, uint8_t reason) {
+  if (master->reason == DRIVE402_NONE) {
+    master->reason = reason;
+  }
+}
+
+/* Returns true while targets act. */
+static inline bool drive402_is_on(const drive402_t *master) {
+  return master->phase == DRIVE402_RUNNING && master->reason == DRIVE402_NONE &&
+         master->state == DRIVE402_OPERATION_ENABLED && master->mode_displayed != 0 &&
+         master->controlword == DRIVE402_ENABLE_OPERATION;
+}
+
+/* Returns the place for another frame of this tick, with identifier and length. */
+static inline can_frame_t *drive402_frame(drive402_t *master, uint16_t id, uint8_t length) {
+  can_frame_t *frame = &master->frames[master->frame_count];
+  master->frame_count++;
+  frame->id = id;
+  frame->length = length;
+  frame->remote = 0;
+  return frame;
+}
+
+/* Counts ticks down to 0. */
+static inline void drive402_count_down(uint32_t *ticks) {
+  if (*ticks > 0) {
+    (*ticks)--;
+  }
+}
+
+#endif

@@ -1,0 +1,58 @@
+#include "firmware/port/bus_drive.h"
+
+enum { AGE_MAX = 255 }; /* largest age of an input in ticks */
+
+/* Node id of the master on the bus of the drive, and the next one for a drive that has this id. */
+enum { MASTER = 127 };
+
+bool bus_drive_config(const device_params_t *params, drive402_config_t *config) {
+  *config = (drive402_config_t){
+      .scale_num = params->drive_target_num,
+      .scale_den = params->drive_target_den,
+      .target_max = (int32_t)params->drive_target_max,
+      .heartbeat_ms = 50,
+      .heartbeat_timeout_ms = 150,
+      .sdo_timeout_ms = 500,
+      .wait_ms = 3000,
+      .quick_stop_ms = 100,
+      .abort_option = 3, /* quick stop */
+      .cycle_ms = (uint8_t)(2 * params->drive_cycle),
+      .mode = params->drive_mode,
+      .rpdo_type = (params->drive_target_acts == AXIS_DRIVE_TARGET_ACTS_AT_NEXT_SYNC) ? 1 : 255,
+      .node_id = params->drive_node_id,
+      .own_node_id = (params->drive_node_id == MASTER) ? MASTER - 1 : MASTER,
+      .without = params->drive_lacks,
+  };
+  return params->drive_node_id != 0;
+}
+
+uint8_t bus_drive_init(bus_drive_t *drive, const drive402_config_t *config) {
+  return drive402_init(&drive->master, config);
+}
+
+void bus_drive_sample(const bus_drive_t *drive, axis_inputs_t *inputs) {
+  const drive402_feedback_t feedback = drive402_feedback(&drive->master);
+  inputs->encoder_cnt = feedback.position_cnt;
+  /* Until the drive is on, the axis waits with code 0 and no law uses the position, which is
+   * unknown while the master starts the drive again. */
+  const uint16_t age = (feedback.on != 0) ? feedback.age_ticks : 0;
+  inputs->position_age = (uint8_t)((age < AGE_MAX) ? age : AGE_MAX);
+  /* A port with this drive has no other one, so the drive is fitted before it answers. Its fault
+   * belongs to an enabled axis: at the next enabling the master has not yet reset the fault. After
+   * the reset the drive may show the state fault for some cycles; if the state remains, it is a
+   * reason again. */
+  const bool fails = feedback.reason != DRIVE402_NONE && drive->was_enabled != 0;
+  const bool limits = feedback.limit != 0 || feedback.saturated != 0;
+  inputs->drive = (uint8_t)(AXIS_DRIVE_FITTED | ((feedback.on != 0) ? AXIS_DRIVE_ON : 0) |
+                            (fails ? AXIS_DRIVE_FAULT : 0) | (limits ? AXIS_DRIVE_LIMIT : 0));
+}
+
+void bus_drive_act(bus_drive_t *drive, const axis_outputs_t *outputs) {
+  const drive402_command_t command = {
+      .target = outputs->dac_code,
+      .enable = outputs->amp_enable,
+      .reset = (uint8_t)(outputs->amp_enable != 0 && drive->was_enabled == 0),
+  };
+  drive->was_enabled = outputs->amp_enable;
+  drive402_tick(&drive->master, &command);
+}

@@ -1,0 +1,356 @@
+/* This file uses threads, clocks and scheduling of Linux. */
+#define _GNU_SOURCE
+
+#include "firmware/port/linux/axis_linux.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <poll.h>
+#include <pthread.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/mman.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "firmware/port/bus_drive.h"
+#include "firmware/port/host/store_file.h"
+#include "firmware/port/linux/can_line.h"
+#include "firmware/port/linux/lateness.h"
+#include "firmware/port/port.h"
+
+/* The function main() of firmware/port/main.c, which the build renames for this program. */
+int port_main(void);
+
+enum {
+  NS_IN_S = 1000000000,
+  NS_IN_THREE_TICKS = 2000000,
+  NS_IN_TICK = NS_IN_THREE_TICKS / 3,
+  TICKS_IN_S = 1500,
+  ADC_MIDDLE = 32768,     /* ADC code of force and current 0 */
+  AGE_MAX = 255,          /* largest age of an input in ticks */
+  FRAMES_AT_ONCE = 64,    /* largest number of frames of the drive's bus in a tick */
+  START_TICKS_MAX = 7500, /* longest wait for drive and load cell before the axis starts: 5 s */
+  STOP_TICKS = 300,       /* for which the drive is stopped before the process ends: 0.2 s */
+  IDLE_MS = 2
+};
+
+static const axis_linux_config_t *config;
+static fw_config_t firmware_config;
+static uint8_t recorder_buffer[FW_RECORDER_BYTES];
+static blackbox_t blackbox;
+static store_file_t store;
+static store_file_t archive;
+static can_line_t supervisor;
+static can_line_t drive_line;
+static bus_drive_t drive;
+static lateness_t lateness;
+static pthread_mutex_t mutex;
+static pthread_t tick_thread;
+static int wake; /* event that ends port_idle() */
+static atomic_bool is_stopping;
+
+/* The following variables belong to the tick thread. */
+static uint16_t force_code = ADC_MIDDLE;
+static uint32_t force_age = AGE_MAX;
+static bool has_force; /* a frame of the load cell was received */
+static bool is_too_late;
+static uint32_t missed; /* ticks since the last call of port_overran(); under the lock */
+
+const fw_config_t *port_config(void) { return &firmware_config; }
+
+void port_init(void) {}
+
+void port_lock(void) { (void)pthread_mutex_lock(&mutex); }
+
+void port_unlock(void) { (void)pthread_mutex_unlock(&mutex); }
+
+bool port_overran(uint32_t *count) {
+  *count = missed;
+  missed = 0;
+  return *count > 0;
+}
+
+void port_feed_watchdog(void) {} /* the drive monitors the heartbeat of this process */
+
+/* Writes why the drive has failed to standard error, once for each failure. */
+static void report_drive(void) {
+  static uint8_t reported;
+  port_lock();
+  const drive402_feedback_t said = drive402_feedback(&drive.master);
+  port_unlock();
+  if (said.reason != reported && said.reason != DRIVE402_NONE) {
+    (void)fprintf(stderr, "axis_linux: %s; statusword %04Xh, error code %04Xh",
+                  drive402_reason_text(said.reason), said.statusword, said.error_code);
+    if (said.failed_index != 0) {
+      (void)fprintf(stderr, ", object %04Xh:%u, abort code %08" PRIX32 "h", said.failed_index,
+                    said.failed_sub, said.abort_code);
+    }
+    (void)fputc('\n', stderr);
+  }
+  reported = said.reason;
+}
+
+void port_idle(void) {
+  report_drive();
+  struct pollfd events[] = {{.fd = wake, .events = POLLIN},
+                            {.fd = supervisor.socket, .events = POLLIN}};
+  uint64_t count;
+  if (poll(events, 2, IDLE_MS) > 0 && (events[0].revents & POLLIN) != 0) {
+    (void)!read(wake, &count, sizeof(count));
+  }
+}
+
+bool port_can_receive(can_frame_t *frame) { return can_line_receive(&supervisor, frame); }
+bool port_can_transmit(const can_frame_t *frame) { return can_line_send(&supervisor, frame); }
+uint8_t port_can_bus(void) { return supervisor.state; }
+uint16_t port_can_lost(void) { return can_line_lost(&supervisor); }
+void port_can_rate(uint16_t kbit_s) { (void)kbit_s; } /* `ip link` sets the bit rate */
+
+/* The axis has no serial line. */
+uint16_t port_serial_receive(uint8_t *bytes, uint16_t room) {
+  (void)bytes;
+  (void)room;
+  return 0;
+}
+
+uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count) {
+  (void)bytes;
+  return count;
+}
+
+static void receive_drive(void) {
+  if (force_age < AGE_MAX) {
+    force_age++;
+  }
+  can_frame_t frame;
+  for (int i = 0; i < FRAMES_AT_ONCE && can_line_receive(&drive_line, &frame); i++) {
+    if (load_cell_take(&config->load_cell, &frame, &force_code)) {
+      force_age = 0;
+      has_force = true;
+    }
+    drive402_receive(&drive.master, &frame);
+  }
+  drive402_bus(&drive.master, drive_line.state, can_line_lost(&drive_line));
+}
+
+static void send_drive(void) {
+  can_frame_t frame;
+  while (drive402_transmit(&drive.master, &frame)) {
+    /* A frame that the interface refuses is lost, which the drive and its master notice. */
+    (void)can_line_send(&drive_line, &frame);
+  }
+}
+
+bool port_sample(axis_inputs_t *inputs) {
+  receive_drive();
+  /* The emergency stop acts on the drive (STO), so this process has no enable chain of its own. */
+  *inputs = (axis_inputs_t){.din = AXIS_DIN_ENABLE, .sensor_valid = has_force};
+  inputs->adc_code[0] = force_code;
+  inputs->force_age = (uint8_t)force_age;
+  bus_drive_sample(&drive, inputs);
+  inputs->adc_code[1] = (uint16_t)(drive402_feedback(&drive.master).torque + ADC_MIDDLE);
+  return true;
+}
+
+void port_sense(axis_inputs_t *inputs) {
+  (void)inputs;
+  fw_board(port_firmware(), is_too_late ? FW_BOARD_TICK : 0, 0);
+}
+
+void port_act(const axis_outputs_t *outputs) {
+  bus_drive_act(&drive, outputs);
+  send_drive();
+}
+
+/* Computes a tick of the master alone, in which the drive is to stop. */
+static void stop_tick(void) {
+  const axis_outputs_t outputs = {0};
+  receive_drive();
+  port_act(&outputs);
+}
+
+/* Returns true when drive and load cell have sent values, or when the wait for them has ended. */
+static bool is_ready(uint64_t ticks) {
+  return (has_force && drive402_feedback(&drive.master).age_ticks < AGE_MAX) ||
+         ticks >= START_TICKS_MAX;
+}
+
+/* Sleeps until tick number `tick` is due. Returns by how many nanoseconds the thread is late. */
+static uint64_t wait_for(const struct timespec *start, uint64_t tick) {
+  const uint64_t due_ns = (uint64_t)start->tv_nsec + tick * NS_IN_THREE_TICKS / 3;
+  const struct timespec due = {.tv_sec = start->tv_sec + (time_t)(due_ns / NS_IN_S),
+                               .tv_nsec = (long)(due_ns % NS_IN_S)};
+  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL) == EINTR) {
+  }
+  struct timespec now;
+  (void)clock_gettime(CLOCK_MONOTONIC, &now);
+  return (uint64_t)(now.tv_sec - due.tv_sec) * NS_IN_S + (uint64_t)now.tv_nsec -
+         (uint64_t)due.tv_nsec;
+}
+
+/* Stops the drive, and ends the process. */
+static void end(const struct timespec *start, uint64_t tick) {
+  for (uint64_t last = tick + STOP_TICKS; tick <= last; tick++) {
+    (void)wait_for(start, tick);
+    stop_tick();
+  }
+  lateness_print(&lateness);
+  exit(EXIT_SUCCESS);
+}
+
+static void *run_ticks(void *unused) {
+  (void)unused;
+  struct timespec start;
+  (void)clock_gettime(CLOCK_MONOTONIC, &start);
+  bool is_running = false;
+  for (uint64_t tick = 1;; tick++) {
+    const uint64_t late_ns = wait_for(&start, tick);
+    const uint64_t late_ticks = late_ns / NS_IN_TICK;
+    if (atomic_load(&is_stopping)) {
+      end(&start, tick + late_ticks);
+      return NULL;
+    }
+    is_running = is_running || is_ready(tick);
+    if (!is_running) {
+      stop_tick();
+      tick += late_ticks;
+      continue;
+    }
+    lateness_add(&lateness, late_ns);
+    is_too_late = late_ticks > config->late_ticks_max;
+    tick += late_ticks;
+    lateness.missed += late_ticks;
+    port_lock();
+    missed += (uint32_t)late_ticks;
+    port_tick();
+    port_unlock();
+    const uint64_t one = 1;
+    (void)!write(wake, &one, sizeof(one));
+  }
+}
+
+/* Computes ticks without buses, sensors or drive for `lateness_s` seconds. */
+static void *measure_ticks(void *unused) {
+  (void)unused;
+  struct timespec start;
+  fw_t *firmware = port_firmware();
+  fw_init(firmware, &firmware_config);
+  (void)clock_gettime(CLOCK_MONOTONIC, &start);
+  const uint64_t last = (uint64_t)config->lateness_s * TICKS_IN_S;
+  for (uint64_t tick = 1; tick <= last && !atomic_load(&is_stopping); tick++) {
+    const uint64_t late_ns = wait_for(&start, tick);
+    const axis_inputs_t inputs = {.sensor_valid = 0};
+    axis_outputs_t outputs;
+    lateness_add(&lateness, late_ns);
+    tick += late_ns / NS_IN_TICK;
+    lateness.missed += late_ns / NS_IN_TICK;
+    fw_prepare(firmware);
+    fw_control(firmware, &inputs, &outputs);
+    (void)fw_report(firmware);
+    fw_between(firmware);
+  }
+  return NULL;
+}
+
+/* Starts a thread with the priority and on the CPU of the configuration. */
+static void start_thread(void *(*run)(void *)) {
+  pthread_attr_t attributes;
+  (void)pthread_attr_init(&attributes);
+  if (config->priority > 0) {
+    const struct sched_param parameters = {.sched_priority = config->priority};
+    (void)pthread_attr_setinheritsched(&attributes, PTHREAD_EXPLICIT_SCHED);
+    (void)pthread_attr_setschedpolicy(&attributes, SCHED_FIFO);
+    (void)pthread_attr_setschedparam(&attributes, &parameters);
+  }
+  if (config->cpu >= 0) {
+    cpu_set_t cpus;
+    CPU_ZERO(&cpus);
+    CPU_SET((size_t)config->cpu, &cpus);
+    (void)pthread_attr_setaffinity_np(&attributes, sizeof(cpus), &cpus);
+  }
+  const int error = pthread_create(&tick_thread, &attributes, run, NULL);
+  if (error != 0) {
+    (void)fprintf(
+        stderr,
+        "axis_linux: expected permission for SCHED_FIFO and CPU %d, got: %s; run as root, "
+        "or set priority = 0\n",
+        config->cpu, strerror(error));
+    exit(2);
+  }
+}
+
+void port_start(void) { start_thread(run_ticks); }
+
+static void ask_for_stop(int signal_number) {
+  (void)signal_number;
+  atomic_store(&is_stopping, true);
+}
+
+/* Opens interfaces and files. Returns NULL or a text with the error. */
+static const char *open_all(void) {
+  static char text[256];
+  const char *const names[] = {config->supervisor_can, config->drive_can, config->store_path,
+                               config->archive_path};
+  const char *const errors[] = {
+      can_line_open(&supervisor, names[0]),
+      can_line_open(&drive_line, names[1]),
+      (names[2] != NULL) ? store_file_open(&store, names[2]) : NULL,
+      (names[3] != NULL) ? archive_file_open(&archive, names[3]) : NULL,
+  };
+  for (size_t i = 0; i < sizeof(errors) / sizeof(errors[0]); i++) {
+    if (errors[i] != NULL) {
+      (void)snprintf(text, sizeof(text), "%s: %s", names[i], errors[i]);
+      return text;
+    }
+  }
+  return NULL;
+}
+
+const char *axis_linux_run(const axis_linux_config_t *given) {
+  config = given;
+  const char *error = (config->lateness_s == 0) ? open_all() : NULL;
+  if (error != NULL) {
+    return error;
+  }
+  const uint8_t refused = bus_drive_init(&drive, &config->drive);
+  if (refused != DRIVE402_NONE) {
+    return drive402_reason_text(refused);
+  }
+  firmware_config = (fw_config_t){
+      .recorder_buffer = recorder_buffer,
+      .recorder_bytes = sizeof(recorder_buffer),
+      .blackbox = &blackbox,
+      .memory = (config->store_path != NULL) ? &store.memory : NULL,
+      .archive = (config->archive_path != NULL) ? &archive.memory : NULL,
+      .hardware = "linux",
+      .node_id = config->node_id,
+      .buses = 1,
+  };
+  pthread_mutexattr_t attributes;
+  (void)pthread_mutexattr_init(&attributes);
+  (void)pthread_mutexattr_setprotocol(&attributes, PTHREAD_PRIO_INHERIT);
+  (void)pthread_mutex_init(&mutex, &attributes);
+  wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+  if (config->priority > 0 && mlockall(MCL_CURRENT | MCL_FUTURE) != 0) {
+    return "expected permission to lock memory; run as root, or set priority = 0";
+  }
+  const struct sigaction stop = {.sa_handler = ask_for_stop};
+  (void)sigaction(SIGTERM, &stop, NULL);
+  (void)sigaction(SIGINT, &stop, NULL);
+  if (config->lateness_s > 0) {
+    start_thread(measure_ticks);
+    (void)pthread_join(tick_thread, NULL);
+    lateness_print(&lateness);
+    exit(EXIT_SUCCESS);
+  }
+  (void)printf("ready\n");
+  (void)fflush(stdout);
+  (void)port_main();
+  return NULL;
+}

@@ -1,0 +1,24 @@
+#ifndef FIRMWARE_PORT_LINUX_LATENESS_H_
+#define FIRMWARE_PORT_LINUX_LATENESS_H_
+
+/* Counts how late the ticks of a process are. */
+
+#include <stdint.h>
+
+enum { LATENESS_STEP_US = 10, LATENESS_STEPS = 2000 };
+
+typedef struct {
+  uint64_t ticks;
+  uint64_t missed; /* ticks that were not computed */
+  uint64_t longest_us;
+  uint64_t counts[LATENESS_STEPS + 1]; /* of each step; the last one counts all that are later */
+} lateness_t;
+
+/* Counts one tick that began `late_ns` nanoseconds after it was due. */
+void lateness_add(lateness_t *lateness, uint64_t late_ns);
+
+/* Writes a line of JSON to standard output: numbers of ticks, and the times in us below which half,
+ * 99 %, 99.9 % and 99.99 % of the ticks stay. */
+void lateness_print(const lateness_t *lateness);
+
+#endif

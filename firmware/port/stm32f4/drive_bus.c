@@ -1,0 +1,111 @@
+/* Connects a CiA 402 drive on CAN2 to the axis. The drive replaces the DAC and the encoder.
+ * firmware/port/bus_drive.h converts between the axis and the drive. */
+
+#include "firmware/port/bus_drive.h"
+#include "firmware/port/port.h"
+#include "firmware/port/stm32f4/barrier.h"
+#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32f4/can.h"
+
+enum { PIN_RX = 5, PIN_TX = 6, FUNCTION_CAN2 = 9 };
+
+/* Number of frames that can wait for an empty mailbox, a power of 2. In a cycle the master sends at
+ * most 6 frames: SYNC, RPDO, a heartbeat, a quick stop and an SDO request in each of two ticks. */
+enum { WAITING = 8 };
+
+/* ADC code of torque 0 with adc_bits 16. */
+enum { TORQUE_MIDDLE = 32768 };
+
+static can_line_t line;
+static bus_drive_t drive;
+static drive402_config_t config;
+static bool is_fitted;
+static bool has_begun; /* the master has begun */
+
+static can_frame_t waiting[WAITING];
+static volatile uint8_t waiting_in;  /* index in `waiting` that only the tick writes */
+static volatile uint8_t waiting_out; /* index in `waiting` that only the interrupt writes */
+static volatile bool is_stuck;       /* the interrupt has to give up all frames that wait */
+
+void drive_bus_start(const device_params_t *params) {
+  is_fitted = bus_drive_config(params, &config);
+  if (!is_fitted) {
+    return;
+  }
+  (void)bus_drive_init(&drive, &config); /* a refusal is a reason of the master */
+  if (!io_clock_is_right()) {
+    line.reported = CAN_BUS_OFF;
+    return;
+  }
+  RCC->APB1ENR |= RCC_APB1ENR_CAN2EN;
+  (void)RCC->APB1ENR;
+  pin_alternate(GPIOB, PIN_RX, FUNCTION_CAN2, PIN_PULL_UP);
+  pin_alternate(GPIOB, PIN_TX, FUNCTION_CAN2, PIN_PULL_NONE);
+  pin_speed(GPIOB, PIN_TX, PIN_SPEED_MEDIUM);
+  NVIC->IPR15 = FIELD(24, 8, PRIORITY_BUS);
+  NVIC->IPR16 = FIELD(0, 8, PRIORITY_BUS);
+  NVIC->ISER1 = BIT(IRQ_CAN2_TX - 32);
+  NVIC->ISER2 = BIT(IRQ_CAN2_RX0 - 64);
+  can_line_start(&line, CAN2, CAN_IER_TMEIE | CAN_IER_FMPIE0, params->drive_bit_rate);
+}
+
+bool drive_bus_is_fitted(void) { return is_fitted; }
+
+void drive_bus_sample(axis_inputs_t *inputs) {
+  can_frame_t frame;
+  for (uint8_t i = 0; i < CAN_LINE_RING && can_line_receive(&line, &frame); i++) {
+    drive402_receive(&drive.master, &frame);
+  }
+  drive402_bus(&drive.master, can_line_bus(&line), can_line_lost(&line));
+  bus_drive_sample(&drive, inputs);
+  const drive402_feedback_t feedback = drive402_feedback(&drive.master);
+  const uint8_t bits = port_firmware()->axis.params.adc_bits;
+  inputs->adc_code[1] = (uint16_t)((uint32_t)(feedback.torque + TORQUE_MIDDLE) >> (16 - bits));
+  port_firmware()->device_signals.drive_reason = feedback.reason;
+  port_firmware()->device_signals.drive_error_code = feedback.error_code;
+}
+
+/* Only the interrupt writes mailboxes. It is requested for each new frame, and comes again when a
+ * mailbox is empty. */
+static void send(const can_frame_t *frame) {
+  if ((uint8_t)(waiting_in - waiting_out) >= WAITING) {
+    is_stuck = true;
+    NVIC->ISPR1 = BIT(IRQ_CAN2_TX - 32);
+    return;
+  }
+  waiting[waiting_in % WAITING] = *frame;
+  BARRIER();
+  waiting_in++;
+  NVIC->ISPR1 = BIT(IRQ_CAN2_TX - 32);
+}
+
+void drive_bus_act(const axis_outputs_t *outputs) {
+  can_frame_t frame;
+  /* The first frame resets the drive, so the master waits until the controller has joined the bus,
+   * or cannot join it. */
+  has_begun = has_begun || line.state == CAN_LINE_RUNNING || line.reported == CAN_BUS_OFF;
+  if (!has_begun) {
+    return;
+  }
+  bus_drive_act(&drive, outputs);
+  while (drive402_transmit(&drive.master, &frame)) {
+    send(&frame);
+  }
+}
+
+void drive_bus_interrupt(void) { can_line_take(&line); }
+
+/* Writes waiting frames into empty mailboxes. Frames that wait while the controller is off the bus,
+ * or behind frames that nobody acknowledges, are too old when the bus works again. */
+void drive_bus_sent_interrupt(void) {
+  line.registers->TSR = CAN_TSR_RQCP0 | CAN_TSR_RQCP1 | CAN_TSR_RQCP2; /* writing 1 clears */
+  if (is_stuck || line.state != CAN_LINE_RUNNING) {
+    is_stuck = false;
+    can_line_abort(&line);
+    waiting_out = waiting_in;
+    return;
+  }
+  while (waiting_out != waiting_in && can_line_send(&line, &waiting[waiting_out % WAITING])) {
+    waiting_out++;
+  }
+}

@@ -1,0 +1,190 @@
+/* A converter of the force on SPI2. Each conversion interrupts and starts a transfer by DMA; the
+ * end of the transfer takes the reading. */
+
+#include "firmware/port/converter.h"
+#include "firmware/port/port.h"
+#include "firmware/port/stm32f4/barrier.h"
+#include "firmware/port/stm32f4/board.h"
+
+/* SPI2 has its pins on port B. Chip select and READY are on port C; READY is low while a reading is
+ * ready. The pin DOUT/RDY of the AD7193 must be connected to both MISO and READY. */
+enum { PIN_SCK = 13, PIN_MISO = 14, PIN_MOSI = 15, FUNCTION_SPI2 = 5 };
+enum { PIN_SELECT = 11, PIN_READY = 12 };
+
+/* 42 MHz / 32: 1.3 MHz. The ADS1256 takes a quarter of its clock at most, 1.9 MHz. A byte takes
+ * 6.1 us. */
+#define SPI_BUS (SPI_CR1_MSTR | SPI_CR1_BR_32 | SPI_CR1_SSI | SPI_CR1_SSM | SPI_CR1_CPHA)
+
+#define COUNTS_OF_US (CLOCK_APB1_HZ / 500000)
+
+/* Longest waits at power-up, in us: for six bytes, and for a conversion, with the first settling.
+ */
+enum { TRANSFER_US = 100, CONVERSION_US = 2000, AGE_MAX = 255 };
+
+#define FLAGS_IN \
+  (DMA_LIFCR_CFEIF3 | DMA_LIFCR_CDMEIF3 | DMA_LIFCR_CTEIF3 | DMA_LIFCR_CHTIF3 | DMA_LIFCR_CTCIF3)
+#define FLAGS_OUT \
+  (DMA_HIFCR_CFEIF4 | DMA_HIFCR_CDMEIF4 | DMA_HIFCR_CTEIF4 | DMA_HIFCR_CHTIF4 | DMA_HIFCR_CTCIF4)
+
+static uint8_t kind; /* value of force_converter; 0: none */
+static uint8_t sent[CONVERTER_BYTES];
+static uint8_t received[CONVERTER_BYTES];
+static converter_t converter;     /* only the interrupt writes it */
+static volatile uint8_t readings; /* number of readings without error, modulo 256 */
+static volatile uint8_t errors;   /* number of readings with an error, modulo 256 */
+static uint8_t seen;              /* value of `readings` in the last tick */
+static uint8_t errors_seen;
+static uint8_t age = AGE_MAX;
+
+bool spi_force_is_fitted(void) { return kind != AXIS_FORCE_CONVERTER_ADC; }
+
+/* Exchanges `count` bytes. A stream is set while it is off and its flags are clear. */
+static void begin_transfer(uint8_t count, uint32_t interrupt) {
+  DMA1->LIFCR = FLAGS_IN;
+  DMA1->HIFCR = FLAGS_OUT;
+  DMA1->S3NDTR = count;
+  DMA1->S4NDTR = count;
+  DMA1->S3CR = DMA_S3CR_MINC | interrupt | DMA_S3CR_EN;
+  DMA1->S4CR = DMA_S4CR_MINC | DMA_S4CR_DIR_OUT | DMA_S4CR_EN;
+}
+
+static void pause_for(uint32_t us) {
+  const uint32_t begin = clock_count();
+  while (clock_count() - begin < us * COUNTS_OF_US) {
+  }
+}
+
+static bool is_ready(void) { return (GPIOC->IDR & BIT(PIN_READY)) == 0; }
+
+static bool wait_for_conversion(void) {
+  const uint32_t begin = clock_count();
+  while (!is_ready()) {
+    if (clock_count() - begin > CONVERSION_US * COUNTS_OF_US) {
+      return false;
+    }
+  }
+  return true;
+}
+
+static bool do_step(const converter_step_t *step) {
+  for (uint8_t i = 0; i < CONVERTER_BYTES; i++) {
+    sent[i] = step->sent[i];
+    received[i] = 0;
+  }
+  if (step->after_ready && !wait_for_conversion()) {
+    return false;
+  }
+  BARRIER();
+  begin_transfer(step->count, 0);
+  const uint32_t begin = clock_count();
+  while ((DMA1->LISR & DMA_LISR_TCIF3) == 0) {
+    if (clock_count() - begin > TRANSFER_US * COUNTS_OF_US) {
+      return false;
+    }
+  }
+  BARRIER();
+  pause_for(step->pause_us);
+  return converter_is_right(step, received);
+}
+
+static bool configure(uint8_t gain) {
+  converter_step_t step;
+  uint8_t number = 0;
+  while (converter_step(kind, gain, number, &step)) {
+    if (!do_step(&step)) {
+      return false;
+    }
+    number++;
+  }
+  return number > 0;
+}
+
+static void spi_init(void) {
+  RCC->AHB1ENR |= RCC_AHB1ENR_GPIOBEN | RCC_AHB1ENR_GPIOCEN | RCC_AHB1ENR_DMA1EN;
+  RCC->APB1ENR |= RCC_APB1ENR_SPI2EN;
+  RCC->APB2ENR |= RCC_APB2ENR_SYSCFGEN;
+  (void)RCC->APB2ENR;
+  /* The clock of the ADS1256 is low when idle, that of the AD7193 is high. */
+  const bool is_high = kind == AXIS_FORCE_CONVERTER_AD7193;
+  SPI2->CR1 = SPI_BUS | (is_high ? SPI_CR1_CPOL : 0);
+  SPI2->CR2 = SPI_CR2_RXDMAEN | SPI_CR2_TXDMAEN;
+  SPI2->CR1 |= SPI_CR1_SPE;
+  pin_alternate(GPIOB, PIN_SCK, FUNCTION_SPI2, is_high ? PIN_PULL_UP : PIN_PULL_DOWN);
+  pin_alternate(GPIOB, PIN_MISO, FUNCTION_SPI2, PIN_PULL_UP);
+  pin_alternate(GPIOB, PIN_MOSI, FUNCTION_SPI2, PIN_PULL_DOWN);
+  pin_speed(GPIOB, PIN_SCK, PIN_SPEED_MEDIUM);
+  pin_speed(GPIOB, PIN_MOSI, PIN_SPEED_MEDIUM);
+  pin_mode(GPIOC, PIN_READY, PIN_INPUT, PIN_PULL_UP);
+  DMA1->S3PAR = (uintptr_t)&SPI2->DR;
+  DMA1->S4PAR = (uintptr_t)&SPI2->DR;
+  DMA1->S3M0AR = (uintptr_t)received;
+  DMA1->S4M0AR = (uintptr_t)sent;
+  /* Chip select was high, which resets the interface, and stays low from now on. */
+  GPIOC->BSRR = BIT(PIN_SELECT);
+  pin_mode(GPIOC, PIN_SELECT, PIN_OUTPUT, PIN_PULL_NONE);
+  pause_for(1);
+  GPIOC->BSRR = BIT(PIN_SELECT + 16);
+  pause_for(1);
+}
+
+bool spi_force_start(const device_params_t *params) {
+  kind = params->force_converter;
+  if (kind == AXIS_FORCE_CONVERTER_ADC || !io_clock_is_right()) {
+    return true;
+  }
+  spi_init();
+  if (!configure(params->force_converter_gain)) {
+    return false;
+  }
+  for (uint8_t i = 0; i < CONVERTER_BYTES; i++) {
+    sent[i] = 0;
+  }
+  SYSCFG->EXTICR4 = (SYSCFG->EXTICR4 & ~SYSCFG_EXTICR4_EXTI12) | SYSCFG_EXTICR4_EXTI12_PC;
+  EXTI->FTSR |= EXTI_FTSR_TR12;
+  EXTI->PR = EXTI_PR_PR12;
+  NVIC->IPR3 = FIELD(16, 8, PRIORITY_BUS);
+  NVIC->IPR10 = FIELD(0, 8, PRIORITY_BUS);
+  NVIC->ISER0 = BIT(IRQ_DMA1_Stream3);
+  NVIC->ISER1 = BIT(IRQ_EXTI15_10 - 32);
+  EXTI->IMR |= EXTI_IMR_MR12;
+  return true;
+}
+
+/* Starts the transfer of a reading. Until it is complete the edges on READY are data of the AD7193.
+ */
+void spi_force_ready_interrupt(void) {
+  EXTI->IMR &= ~EXTI_IMR_MR12;
+  EXTI->PR = EXTI_PR_PR12; /* writing 1 clears it */
+  begin_transfer(converter_bytes(kind), DMA_S3CR_TCIE);
+}
+
+void spi_force_read_interrupt(void) {
+  DMA1->LIFCR = FLAGS_IN;
+  if (converter_take(&converter, kind, received)) {
+    readings++;
+  } else {
+    errors++;
+  }
+  EXTI->PR = EXTI_PR_PR12;
+  EXTI->IMR |= EXTI_IMR_MR12;
+  /* The edge of a conversion that became ready meanwhile has been cleared. */
+  if (is_ready()) {
+    EXTI->SWIER = EXTI_SWIER_SWIER12;
+  }
+}
+
+bool spi_force_sample(axis_inputs_t *inputs) {
+  const uint8_t now = readings;
+  const uint8_t failed = errors;
+  if (now != seen) {
+    age = 0;
+  } else if (age < AGE_MAX) {
+    age++;
+  }
+  const bool is_right = failed == errors_seen;
+  seen = now;
+  errors_seen = failed;
+  inputs->adc_code[0] = converter_adc_code(converter.code, port_firmware()->axis.params.adc_bits);
+  inputs->force_age = age;
+  return is_right;
+}

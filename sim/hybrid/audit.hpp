@@ -1,0 +1,42 @@
+#pragma once
+// The matrices for the energy audit of one mode.
+#include <cstddef>
+#include <memory>
+#include <vector>
+
+#include "sim/hybrid/kernel.hpp"
+#include "sim/hybrid/network.hpp"
+
+namespace forceaxis::sim {
+
+/// Rows that give the factors of each power and of each stored energy in one mode. A row multiplies
+/// the vector z.
+struct EnergyRows {
+  std::vector<double> first;           ///< first factor of each power: supplies, then dampers
+  std::vector<double> second;          ///< second factor of each power: supplies, then dampers
+  std::vector<double> store_first;     ///< first factor of each stored energy
+  std::vector<double> store_second;    ///< second factor of each stored energy
+  std::vector<double> store_constant;  ///< constant part of each stored energy in J
+};
+
+EnergyRows energy_rows(const Network &network, const ModeEquations &equations);
+
+/// The integrals of all powers in one mode, as quadratic forms of the vector z. They take longer to
+/// build than the mode itself.
+struct EnergyForms {
+  /// Number of rows of a matrix of forms: the padded number of supplies and dampers.
+  std::size_t stride = 0;
+  /// Quadratic forms of the energies in J, with the index [column j][row i][supplies, then
+  /// dampers]. The forms with index k are integrals over 2^-k ticks. Only a mode with pieces has
+  /// more than one of them.
+  std::vector<kernel::Vector> over;
+};
+
+/// Builds the forms of a mode. `a` is the square flow matrix for the unit of time `tick_s` in s.
+/// The integrals are over 1, 1/2, ..., 2^-halvings ticks.
+std::unique_ptr<const EnergyForms> build_energy_forms(const Network &network,
+                                                      const ModeEquations &equations,
+                                                      const ExtendedMatrix &a, Extended tick_s,
+                                                      std::size_t halvings);
+
+}  // namespace forceaxis::sim

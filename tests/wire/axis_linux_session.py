@@ -1,0 +1,171 @@
+"""An axis on Linux with a drive of python-canopen and its load cell on vcan1 and a supervisor on
+vcan0, in real time. Run under tools/vcan with a folder; writes results.json there."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
+
+import can
+from forceaxis.axis.axis import Axis
+from forceaxis.axis.can import CanLink
+from forceaxis.experiments import link
+from foreign_drive import TICK_S, ForeignDrive
+
+# Counts until the contact, ADC codes of 16 bits per count of deflection, frame of the load cell.
+GAP, STIFFNESS, LOAD_CELL = 400, 64, 0x301
+PAGE = Path(__file__).resolve().parents[2] / "docs/guide/your_drive.md"
+# Where the settings of the page have to be others here. A guest kernel has ticks of several ms.
+OTHER = {
+    '"can0"': '"vcan0"', '"can1"': '"vcan1"', "priority = 80": "priority = 0",
+    "cpu = 1": "cpu = -1", "late_ticks_max = 3": "late_ticks_max = LATE", '"axis.bin"': '"STORE"',
+    "node_id = 9": "node_id = 9\nmaster_node_id = 1\nheartbeat_timeout_ms = 200",
+}  # fmt: skip
+FIRMWARE = {
+    "adc_bits": 16, "force_gain": 2.0, "approach_velocity_max": 2000, "force_tare": 128.0,
+    "position_gain": 1.0, "position_age_max": 120, "force_age_max": 120,
+    "drive_on_ticks_max": 4500,
+}  # fmt: skip
+
+
+class Machine(ForeignDrive):
+    """The drive with a load cell that is deflected by its motion."""
+
+    def __init__(self, bus):
+        super().__init__(bus)
+        self.before = time.monotonic()
+        self.cell_alive = True
+
+    def on_sync(self, *arguments):
+        super().on_sync(*arguments)
+        if self.cell_alive:
+            codes = round(STIFFNESS * max(0.0, self.position - GAP)) * 256
+            data = codes.to_bytes(4, "little", signed=True)
+            self.bus.send(can.Message(arbitration_id=LOAD_CELL, data=data, is_extended_id=False))
+
+    def run(self):
+        while True:
+            self.receive(0.001)
+            now = time.monotonic()
+            ticks = (now - self.before) / TICK_S
+            if ticks >= 1:
+                self.before = now
+                self.step(ticks)
+
+
+def settings(folder, late_ticks_max):
+    """Writes the settings of the page, with the interfaces and the kernel of this session."""
+    text = PAGE.read_text().partition("```toml\n")[2].partition("```")[0]
+    for of_page, own in OTHER.items():
+        assert of_page in text, of_page
+        text = text.replace(of_page, own)
+    file = folder / "axis.toml"
+    file.write_text(
+        text.replace("STORE", str(folder / "axis.bin")).replace("LATE", str(late_ticks_max))
+    )
+    return file
+
+
+class Process:
+    """axis_linux, which ends with the block."""
+
+    def __init__(self, folder, late_ticks_max=15):
+        words = [link.program("axis_linux"), settings(folder, late_ticks_max)]
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        self.process = subprocess.Popen(words, **pipes)
+        assert self.process.stdout.readline() == "ready\n"
+        time.sleep(1.5)  # drive and load cell answer
+
+    def end(self):
+        self.process.terminate()
+        out, err = self.process.communicate(timeout=20)
+        return {"status": self.process.returncode, "stderr": err, "report": out}
+
+
+def supervised():
+    return Axis(CanLink("vcan0", 3, timeout_s=5.0))
+
+
+def faulty(axis, machine, fail):
+    """What becomes of an enabled axis when `fail` has been called: {object: value}, and the state
+    of the drive."""
+    axis.enable("profile position")
+    time.sleep(0.5)
+    before = {"before": axis.get("drive_state")["drive_state"], "drive_before": machine.state}
+    fail()
+    time.sleep(0.5)
+    return before | axis.get("fault", "drive_state") | {"drive": machine.state}
+
+
+def recovered(axis, machine):
+    """Resets the fault, and enables the axis once more."""
+    axis.reset_fault()
+    axis.enable("profile position")
+    time.sleep(2.0)
+    found = axis.get("fault", "drive_state") | {"drive": machine.state}
+    axis.disable()
+    return found
+
+
+def main(folder):
+    folder, done = Path(folder), {}
+    machine = Machine(can.Bus(interface="socketcan", channel="vcan1"))
+    threading.Thread(target=machine.run, daemon=True).start()
+    process = Process(folder)
+    pid = process.process.pid
+    with supervised() as axis:
+        done["first"] = axis.get("fault", "drive_state", "position")
+        axis.set(**FIRMWARE)
+        done["pressed"] = vars(axis.press(20, 1.0))
+        time.sleep(0.2)
+        done["disabled"] = axis.get("fault", "drive_state") | {"drive": machine.state}
+        axis.set(store_parameters=1)
+        time.sleep(1.0)
+
+        def power_off():
+            machine.alive = False
+
+        done["killed_drive"] = faulty(axis, machine, power_off)
+        machine.alive = True
+        machine.power_up()
+        done["new_drive"] = recovered(axis, machine)
+        done["drive_fault"] = faulty(axis, machine, lambda: machine.fail(0x2310))
+        done["reset_drive"] = recovered(axis, machine)
+
+        def be_silent():
+            machine.cell_alive = False
+
+        done["silent_cell"] = faulty(axis, machine, be_silent)
+        machine.cell_alive = True
+        time.sleep(0.2)
+        done["speaking_cell"] = recovered(axis, machine)
+
+        def stall():
+            os.kill(pid, signal.SIGSTOP)
+            time.sleep(0.12)
+            os.kill(pid, signal.SIGCONT)
+
+        done["stalled"] = faulty(axis, machine, stall)
+    done["end"] = process.end() | {"drive": machine.state}
+
+    process = Process(folder)
+    with supervised() as axis:
+        done["stored"] = axis.get("adc_bits", "position_gain")
+        done["killed"] = {}
+        axis.enable("profile position")
+        time.sleep(0.5)
+        done["killed"]["before"] = machine.state
+        process.process.kill()
+        time.sleep(0.5)
+        done["killed"]["drive"] = machine.state
+    (folder / "results.json").write_text(json.dumps(done, default=str, indent=1))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,123 @@
+"""The axis as a process of Linux, on the drive of another program with a load cell: it presses, and
+has each failure by name. axis_linux_session.py did it all on real CAN; the tests check its records.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from forceaxis.experiments import link
+
+SESSION = Path(__file__).with_name("axis_linux_session.py")
+FAILED = ("operation_enabled", "operation enabled")
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory, vcan):
+    folder = tmp_path_factory.mktemp("axis_linux")
+    done = vcan([sys.executable, SESSION, folder], 150)
+    print(done.stderr)
+    assert done.returncode == 0, done.stderr + done.stdout
+    return json.loads((folder / "results.json").read_text())
+
+
+def test_it_starts_without_a_fault_and_presses(results):
+    assert results["first"] == {"fault": "none", "drive_state": "switch_on_disabled", "position": 0}
+    # The drive integrates, so the P law leaves no error but the 10 count/s of a DAC code.
+    assert results["pressed"]["force_count"] == pytest.approx(20, abs=0.7)
+    assert results["disabled"] == {
+        "fault": "none", "drive_state": "ready_to_switch_on", "drive": "switch on disabled",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("failure", "fault", "drive"),
+    [
+        ("killed_drive", "drive_fault", "quick stop active"),  # by its own heartbeat consumer
+        ("drive_fault", "drive_fault", "fault"),
+        ("silent_cell", "force_old", "switch on disabled"),
+        ("stalled", "clock_wrong", "switch on disabled"),
+    ],
+)
+def test_each_failure_disables_the_axis_by_name(results, failure, fault, drive):
+    found = results[failure]
+    assert (found["before"], found["drive_before"]) == FAILED
+    assert found["fault"] == fault
+    assert found["drive_state"] == "fault"
+    assert found["drive"] == drive
+
+
+@pytest.mark.parametrize("again", ["new_drive", "reset_drive", "speaking_cell"])
+def test_a_reset_and_an_enable_bring_the_drive_back(results, again):
+    assert results[again] == {
+        "fault": "none", "drive_state": "operation_enabled", "drive": "operation enabled",
+    }  # fmt: skip
+
+
+def test_a_signal_stops_the_drive_and_ends_the_process(results):
+    end = results["end"]
+    assert (end["status"], end["drive"]) == (0, "switch on disabled")
+    report = json.loads(end["report"])
+    assert report["ticks"] > 5000
+    assert report["missed"] > 100, "the process was stopped for 120 ms"
+    assert 0 < report["late_us"]["50%"] <= report["late_us"]["99%"] <= report["late_us"]["longest"]
+
+
+def test_the_process_says_why_the_drive_has_failed(results):
+    lines = results["end"]["stderr"].splitlines()
+    assert all(line.startswith("axis_linux: ") for line in lines)
+    killed, fault = lines[0], lines[1]
+    # Its TPDOs come in each cycle, its heartbeats more rarely.
+    assert "TPDOs of the drive in succession are missing" in killed or "heartbeat" in killed
+    assert "the drive has sent an emergency message" in fault
+    assert "error code 2310h" in fault
+
+
+def test_parameters_are_kept_in_the_file(results):
+    assert results["stored"] == {"adc_bits": 16, "position_gain": 1.0}
+
+
+def test_a_killed_process_is_missed_by_the_drive(results):
+    assert results["killed"] == {"before": "operation enabled", "drive": "quick stop active"}
+
+
+GOOD = """
+supervisor = "none0"
+[drive]
+interface = "none1"
+node_id = 9
+target_num = 10
+target_max = 20000
+[load_cell]
+identifier = 0x301
+bytes = 4
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "line"),
+    [
+        ("", "", "none0: expected a"),
+        ("[load_cell]", "[load]", "load_cell: expected a table [load_cell], got none"),
+        ("node_id = 9", "node_id = 128", "drive.node_id: expected"),
+        ("node_id = 9", "node_id = 9\ncycle_ms = 3", "drive.cycle_ms: expected an even number"),
+        (
+            "bytes = 4",
+            "bytes = 4\nbyte = 6",
+            "load_cell.bytes: expected a force within the 8",
+        ),
+        ("target_num = 10", "target_num = 0", "drive.target_num: expected"),
+        ("node_id = 9", "node_id = 9\nmode = 'homing'", "drive.mode: expected"),
+    ],
+)
+def test_wrong_settings_are_one_line(tmp_path, before, after, line):
+    file = tmp_path / "axis.toml"
+    file.write_text(GOOD.replace(before, after) if before else GOOD)
+    done = subprocess.run(
+        [link.program("axis_linux"), file], capture_output=True, text=True, timeout=20
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert line in done.stderr and done.stderr.count("\n") == 1
