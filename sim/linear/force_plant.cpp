@@ -108,6 +108,9 @@ Roots per_second(Roots roots, double T) {
   return roots;
 }
 
+// Instants within 1e-6 of a tick are that tick, as in a run.
+bool is_whole(Extended number) { return std::abs(number - std::nearbyint(number)) < 1e-6L; }
+
 }  // namespace
 
 double tangent_of(double frequency_hz, double tick_s) {
@@ -146,6 +149,7 @@ std::optional<ForcePlant> ForcePlant::of(const Model &model, const LinearMode &m
   ForcePlant plant;
   plant.tick_s_ = tick_s;
   plant.bus_ = model.drive->bus;
+  if (model.adc[0]->sampling) plant.set_ages(*model.adc[0]->sampling);
   plant.balanced_ = hessenberg(system.A, system.B, system.C);
   const auto &adc = *model.adc[0];
   plant.count_per_code_ = model.dac.volts_per_code() /
@@ -167,6 +171,33 @@ void ForcePlant::response(std::span<const double> w, std::span<std::complex<doub
   for (auto &value : values) value *= count_per_code_;
 }
 
+// Without a bus, the samples repeat after `readings_` ticks. In these ticks, the age of the reading
+// has as many values, at equal distances from the latency on. Over a bus, the reading in the first
+// tick of a cycle decides on the code, so the plant has the largest age of these ticks.
+void ForcePlant::set_ages(const Sampling &sampling) {
+  constexpr int kReadingsMax = 150;
+  const Extended every = 1 / (Extended{sampling.rate_hz} * tick_s_);
+  const Extended latency = Extended{sampling.latency_s} / tick_s_;
+  const Extended phase = Extended{sampling.phase_s} / tick_s_;
+  // Age, above the latency, of the newest sample at a tick, where samples arrive at distances
+  // `step`.
+  const auto rest = [&](int tick, Extended step) {
+    const Extended past = (tick - latency - phase) / step;
+    return is_whole(past) ? Extended{0} : (past - std::floor(past)) * step;
+  };
+  readings_ = 1;
+  if (bus_.ticks > 1) {
+    Extended most = sampling.phase_known ? 0 : every;
+    for (int cycle = 0; sampling.phase_known && cycle < kReadingsMax; ++cycle)
+      most = std::max(most, rest(cycle * bus_.ticks, every));
+    least_age_ = latency + most;
+    return;
+  }
+  while (readings_ < kReadingsMax && !is_whole(readings_ / every)) ++readings_;
+  between_ages_ = every / readings_;
+  least_age_ = latency + (sampling.phase_known ? rest(0, between_ages_) : between_ages_);
+}
+
 std::complex<double> ForcePlant::held(double w) const {
   const std::complex<double> back =
       std::complex<double>(1, -w) / std::complex<double>(1, w);  // 1/z
@@ -177,7 +208,17 @@ std::complex<double> ForcePlant::held(double w) const {
     sum += turned;
     turned *= back;
   }
-  return sum / static_cast<double>(bus_.ticks);
+  sum /= static_cast<double>(bus_.ticks);
+  if (readings_ == 0) return sum;
+  using Turn = std::complex<Extended>;
+  const Extended angle = 2 * std::atan(Extended{w});  // of one tick
+  const Turn step = std::polar(Extended{1}, -angle * between_ages_);
+  Turn age = std::polar(Extended{1}, -angle * least_age_), ages = 0;
+  for (int reading = 0; reading < readings_; ++reading) {
+    ages += age;
+    age *= step;
+  }
+  return sum * std::complex<double>(ages / Extended(readings_));
 }
 
 }  // namespace forceaxis::sim

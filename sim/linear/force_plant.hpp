@@ -34,15 +34,26 @@ class ForcePlant {
   double tick_s() const { return tick_s_; }
   /// Returns the bus between the firmware and the drive. response() is without the bus.
   const BusCycle &bus() const { return bus_; }
-  /// Returns the effect of the bus on the response at w = tan(pi f tick_s): the delay of the
-  /// command, and the mean of the ticks for which the drive holds it.
+  /// Returns true if held() is 1.
+  bool immediate() const { return bus_.immediate() && readings_ == 0; }
+  /// Returns the effect of the bus and of the sensor's samples on the response at
+  /// w = tan(pi f tick_s): the delay of the command, the mean of the ticks for which the drive
+  /// holds it, and the ages of the readings: their mean, which leaves out that different ages mix
+  /// frequencies, or over a bus the largest age. Without a known phase the ages are the largest
+  /// ones.
   std::complex<double> held(double w) const;
   /// Returns the 8-bit counts per DAC code at a response of 1 in the unit of the force per volt.
   double count_per_code() const { return count_per_code_; }
 
  private:
+  void set_ages(const Sampling &sampling);
+
   double tick_s_ = 0.0;
   BusCycle bus_;
+  // Number of different ages of the reading (0: all readings are of their tick), the smallest age,
+  // and the difference between two ages, in ticks.
+  int readings_ = 0;
+  Extended least_age_ = 0, between_ages_ = 0;
   Hessenberg balanced_;
   double count_per_code_ = 0.0;
   std::vector<std::complex<double>> poles_, zeros_;

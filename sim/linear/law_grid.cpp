@@ -170,7 +170,7 @@ LawGrid::LawGrid(std::vector<ForcePlant> plants, std::vector<int> delays_ticks, 
     std::vector<Complex> values(w_.size() - first);
     plant.response(std::span(w_).subspan(first), values);
     for (std::size_t i = 0; i < values.size(); ++i) {
-      const bool late = !plant.bus().immediate();
+      const bool late = !plant.immediate();
       const Complex value = late ? values[i] * plant.held(w_[first + i]) : values[i];
       real_.push_back(value.real());
       imag_.push_back(value.imag());
@@ -630,7 +630,7 @@ class LawGrid::Sight {
       value[0] *= gain_ * law_.at(w[0], plant_.tick_s());
       for (int tick = 0; tick < delay_ticks_; ++tick)
         value[0] *= Complex(1, -w[0]) / Complex(1, w[0]);
-      sum += bus.immediate() ? value[0] : value[0] * plant_.held(w[0]);
+      sum += plant_.immediate() ? value[0] : value[0] * plant_.held(w[0]);
     }
     return sum;
   }

@@ -132,7 +132,7 @@ RampResponse::RampResponse(std::span<const ForcePlant *const> plants,
   for (const ForcePlant *plant : plants) {
     std::vector<Complex> values(hz.size());
     plant->response(w_, values);
-    if (!plant->bus().immediate())
+    if (!plant->immediate())
       for (std::size_t m = 0; m < hz.size(); ++m) values[m] *= plant->held(w_[m]);
     for (const int delay : delays_ticks) {
       auto &loop = loops.emplace_back();

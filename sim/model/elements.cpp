@@ -569,7 +569,9 @@ std::optional<Sampling> read_sampling(Section &section) {
   Sampling sampling;
   const auto rate = section.optional_number("sample_rate");
   sampling.rate_hz = rate.value_or(sampling.rate_hz);
-  sampling.phase_s = section.number("sample_phase");
+  const auto phase = section.optional_number("sample_phase");
+  sampling.phase_s = phase.value_or(0.0);
+  sampling.phase_known = phase || !rate;
   sampling.latency_s = section.number("latency");
   if (!(sampling.phase_s * sampling.rate_hz < 1.0))
     section.fail("sample_phase", "expected a time below one period of the samples, " +

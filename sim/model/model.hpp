@@ -388,7 +388,9 @@ struct Switches {
 struct Sampling {
   double rate_hz = 1500.0;  ///< 1 to 30000
   double phase_s = 0.0;     ///< 0 to less than 1 / rate_hz
-  double latency_s = 0.0;   ///< 0 to 0.1
+  /// False if the clock of the converter has any phase: then phase_s is that of runs alone.
+  bool phase_known = true;
+  double latency_s = 0.0;  ///< 0 to 0.1
 };
 
 /// Path of a signal to its ADC code: the signal is limited to +-sensor_limit, filtered by a

@@ -61,7 +61,7 @@ def test_a_signal_stops_the_drive_and_ends_the_process(results):
     assert (end["status"], end["drive"]) == (0, "switch on disabled")
     report = json.loads(end["report"])
     assert report["ticks"] > 5000
-    assert report["missed"] > 100, "the process was stopped for 120 ms"
+    assert report["missed"] > 600, "the process was stopped for 600 ms"
     assert 0 < report["late_us"]["50%"] <= report["late_us"]["99%"] <= report["late_us"]["longest"]
 
 

@@ -78,7 +78,8 @@ py::dict drive_values(const forceaxis::sim::Drive &drive) {
 // fresh in each tick.
 py::object sampling(const forceaxis::sim::Adc &adc) {
   if (!adc.sampling) return py::none();
-  return py::make_tuple(adc.sampling->rate_hz, adc.sampling->phase_s, adc.sampling->latency_s);
+  const auto &[rate_hz, phase_s, phase_known, latency_s] = *adc.sampling;
+  return py::make_tuple(rate_hz, phase_known ? py::cast(phase_s) : py::none(), latency_s);
 }
 
 // Returns the data of a model, other than the equations, that a linear analysis needs.

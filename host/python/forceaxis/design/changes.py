@@ -127,6 +127,13 @@ class Design:
         Returns None if the file has no value or the parameter is unknown."""
         return working.number(given, self.facts.parameters)
 
+    @property
+    def zero_code(self) -> int:
+        """The code that the firmware has at the force 0: the upper 16 bits of a longer code."""
+        adc = self.tables.force_adc
+        code = int(self.value(adc.zero_code) or 0)
+        return code >> (adc.bits - self.facts.required_reading.bits)
+
     def file(self, name: str, text: str) -> Path:
         """Writes a text to a temporary file and returns the path of the file. The file is deleted
         when the design is closed."""
@@ -184,15 +191,14 @@ class Design:
 
     def _first_contact(self) -> ExperimentText:
         """Returns the text of a first-contact experiment for a model that has no experiment."""
-        adc = self.tables.force_adc
         return {
             "title": f"Contact of {self.model.stem}",
             "model": "",
             "duration_s": 6.0,
             "firmware": {
                 "mode": "force",
-                "adc_bits": adc.bits,
-                "force_zero_code": adc.zero_code,
+                "adc_bits": self.facts.required_reading.bits,
+                "force_zero_code": self.zero_code,
                 "force_gain": 1.0,
                 "force_setpoint": 30.0,
                 "bump_decay_shift": 0,

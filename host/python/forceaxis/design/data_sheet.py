@@ -292,8 +292,18 @@ class SheetValues:
         "damping of sensor and tool",
     ))  # fmt: skip
     sensor_bits: float = number(SheetField(
-        "sensor", "bit", 8, 16, 12, "a common converter",
-        "resolution of the converters of force and current, 8 to 16",
+        "sensor", "bit", 8, 24, 12, "a common converter",
+        "resolution of the converter of the force, 8 to 24; the current has at most 16",
+    ))  # fmt: skip
+    sensor_rate_hz: float | None = number_or_word(SheetField(
+        "sensor", "Hz", 50, 3e4, None, "a converter that the tick starts",
+        'samples per second of a converter with a clock of its own; or "tick" for a sample at each '
+        "tick of 1/1500 s", word="tick",
+    ))  # fmt: skip
+    sensor_latency_ms: float = number(SheetField(
+        "sensor", "ms", 0, 20, lambda v: 1e3 / (v.sensor_rate_hz or 1500.0), "one sample",
+        "time from a sample to its arrival: settling of the converter's filter, and its transfer",
+        needs="sensor_rate_hz",
     ))  # fmt: skip
     sensor_noise_n: float = number(SheetField(
         "sensor", "N", 0, 1e6, 0.0, "none",
@@ -342,6 +352,11 @@ class SheetValues:
     def current_limit_a(self) -> float:
         """Returns the largest current in A that motor and drive permit."""
         return min(self.motor_peak_current_a, self.amplifier_current_limit_a)
+
+    @property
+    def code_bits(self) -> int:
+        """Returns the resolution of the codes that the firmware has, in bits."""
+        return int(min(self.sensor_bits, 16))
 
     @property
     def peak_force_n(self) -> float:

@@ -53,7 +53,8 @@ class AxisConstants:
     """Constants of the model that follow from the data sheet. The fields are in SI units and have
     the names of the model's parameters. r_trans, k_torque: 0 for a linear motor. circuit: None for
     a drive with a control loop of its own. cycle_ticks: of the bus, 1 without a bus.
-    position_age_max: of the firmware in ticks, two cycles of the bus, 0 for the default."""
+    position_age_max, force_age_max: of the firmware in ticks, 0 for the default, with which one
+    missing position of the bus or sample of the force is no fault."""
 
     v: SheetValues
     r_trans: float
@@ -64,6 +65,7 @@ class AxisConstants:
     circuit: AmplifierCircuit | None
     cycle_ticks: int
     position_age_max: int
+    force_age_max: int
     b_transmission: float
     b_workpiece: float
     encoder_scale: float
@@ -119,12 +121,11 @@ def bus_ticks(v: SheetValues) -> int:
     return round(v.bus_cycle_ms * 1.5)
 
 
-def position_age_max(cycle_ticks: int) -> int:
-    """Returns the firmware's largest permitted age of a position in ticks, so that one missing
-    position of the bus is no fault, or 0 if the default is enough."""
-    known = objects.BY_NAME["position_age_max"]
-    age = 2 * cycle_ticks
-    return age if age > known.default else 0
+def age_max(name: str, ticks: float) -> int:
+    """Returns a largest age for the firmware object `name` in ticks, or 0 if the default of the
+    object is enough."""
+    age = math.ceil(ticks - 1e-9)
+    return age if age > objects.BY_NAME[name].default else 0
 
 
 def derive(v: SheetValues) -> AxisConstants:
@@ -143,13 +144,15 @@ def derive(v: SheetValues) -> AxisConstants:
             2 * zeta * math.sqrt((v.workpiece_stiffness_n_per_m or 0.0) * v.workpiece_mass_kg)
         )
     per_rev = v.encoder_counts_per_rev
-    half = 2.0 ** (v.sensor_bits - 1)
+    # two samples and their latency
+    slowest = 1.5 * v.sensor_latency_ms + (3000 / v.sensor_rate_hz if v.sensor_rate_hz else 0.0)
     return AxisConstants(
         v, r, v.rotor_mass_kg, mass, v.efficiency * v.torque_constant_n_m_per_a, current,
-        amplifier_circuit(v) if v.drive == "amplifier" else None, ticks, position_age_max(ticks),
+        amplifier_circuit(v) if v.drive == "amplifier" else None, ticks,
+        age_max("position_age_max", 2 * ticks), age_max("force_age_max", slowest),
         b_transmission, b_workpiece,
         1e3 * v.encoder_counts_per_mm if per_rev is None else per_rev / (2 * math.pi * r),
-        v.sensor_full_scale_n / half, 1.25 * current / half,
+        v.sensor_full_scale_n / 2 ** (v.sensor_bits - 1), 1.25 * current / 2 ** (v.code_bits - 1),
     )  # fmt: skip
 
 
@@ -369,7 +372,7 @@ def render(
     context = dict(
         title=title, a=axis, v=v, src=sources, entry=entry, given=given, exact=repr,
         pi=math.pi,
-        bits=int(v.sensor_bits), half=1 << (int(v.sensor_bits) - 1),
+        bits=v.code_bits, half=1 << (v.code_bits - 1), sensor_bits=int(v.sensor_bits),
         back_emf_speed=v.back_emf_speed_m_per_s if axis.circuit else 0.0, weight=v.weight_n,
         count_N=v.sensor_full_scale_n / 128,
         force_scale=round(within("force_scale", 1e6 * v.sensor_full_scale_n / 128)),

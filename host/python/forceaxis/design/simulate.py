@@ -164,7 +164,7 @@ class ContactBench:
         except force set-point, approach speed and filter bank."""
         zero = self.change.firmware.get("force_zero_code")
         if zero is None:
-            zero = int(self.design.value(self.design.tables.force_adc.zero_code) or 0)
+            zero = self.design.zero_code
         kept = {name: self._given[name] for name in KEPT if name in self._given}
         if "position_gain" not in kept:
             kept["position_gain"] = self._position_gain()

@@ -1,5 +1,6 @@
 """The response of a linear system along the stability boundary, the important frequencies of this
-response, and the states that affect the response. The system has one input and one output.
+response, and the states that affect the response. The system has one input and one output, in
+minimal() as many inputs as outputs.
 
 Frequencies belong to a plane whose imaginary axis is the stability boundary: s = j w, or w = (2/T)
 (z - 1)/(z + 1) for a sampled system.
@@ -19,16 +20,17 @@ DIRECTION_SHARE_MIN = 1e-15
 
 
 def _reachable(A: Matrix, B: Matrix) -> Matrix:
-    """Returns an orthonormal basis of the states that the input can control. The columns are the
+    """Returns an orthonormal basis of the states that the inputs can control. The columns are the
     basis vectors."""
-    basis: Matrix = B / np.linalg.norm(B)
-    while basis.shape[1] < len(A):
-        image = A @ basis[:, -1:]
+    basis: Matrix = np.zeros((len(A), 0))
+    images = [B[:, i : i + 1] for i in range(B.shape[1])]
+    while images and basis.shape[1] < len(A):
+        image = images.pop(0)
         new = image - basis @ (basis.T @ image)
         new -= basis @ (basis.T @ new)
-        if np.linalg.norm(new) <= DIRECTION_SHARE_MIN * np.linalg.norm(image):
-            break
-        basis = np.hstack([basis, new / np.linalg.norm(new)])
+        if np.linalg.norm(new) > DIRECTION_SHARE_MIN * np.linalg.norm(image):
+            basis = np.hstack([basis, new / np.linalg.norm(new)])
+            images.append(A @ basis[:, -1:])
     return basis
 
 
@@ -40,14 +42,15 @@ def minimal(system: System) -> System:
     """
     # Balancing includes input and output. Otherwise the state of a delay can appear unobservable.
     n = len(system.A)
-    scale = _core.balance(np.block([[system.A, system.B], [system.C, np.zeros((1, 1))]]))
+    corner = np.zeros((len(system.C), system.B.shape[1]))
+    scale = _core.balance(np.block([[system.A, system.B], [system.C, corner]]))
     scale = scale[:n] / scale[n]
     A: Matrix = system.A.astype(np.longdouble)
     B: Matrix = system.B.astype(np.longdouble)
     C: Matrix = system.C.astype(np.longdouble)
     A, B, C = A * scale / scale[:, None], B / scale[:, None], C * scale
     if not (B.any() and C.any()):
-        A, B, C = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0))
+        A, B, C = np.zeros((0, 0)), np.zeros((0, B.shape[1])), np.zeros((len(C), 0))
     else:
         V = _reachable(A, B)
         A, B, C = V.T @ A @ V, V.T @ B, C @ V

@@ -1,35 +1,94 @@
-"""A force loop over a bus: the loop lifted over one cycle.
+"""A force loop whose ticks are not all alike, lifted over the period after which its ticks repeat.
 
-The firmware computes its law in every tick, but only the code of the first tick of a cycle leaves
-for the drive, which holds it. From that code to the law's output in the first tick of the next
-cycle, the loop is a system with one input, one output and the period of the cycle. So limits and
-margins are those of any sampled loop, and exact. The loop is cut at the code: S, T and the margins
-are those of a disturbance of the code that is constant over a cycle.
+The firmware computes its law in every tick. Over a bus, only the code of the first tick of a cycle
+leaves for the drive, which holds it. A force sensor with a clock of its own gives samples at its
+own instants, and the firmware has the newest one that has arrived. The ticks repeat after the
+common period of cycle and samples. From the codes of a period to the law's outputs that become the
+next codes, the loop is a linear system with the period as its sampling time. So limits and margins
+are those of any sampled loop, and exact. The loop is cut at the codes: S, T and the margins are
+those of a disturbance of the codes, each of which lasts for one cycle of the bus.
 """
 
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 
 from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.plant_facts import BusFacts
 
+# Time in ticks by which a sample arrives after a tick that just misses it. The simulator takes an
+# instant within 1e-6 of a tick as that tick.
+MISSED_BY = Fraction(1, 100_000)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The instants of a force sensor in ticks: `every` from sample to sample, `phase` from tick 0
+    to a sample (at least 0 and below `every`), `latency` from a sample to its arrival."""
+
+    every: Fraction
+    phase: Fraction
+    latency: Fraction
+
+    @property
+    def period_ticks(self) -> int:
+        """Number of ticks after which the instants repeat."""
+        return self.every.numerator
+
+    def instant(self, sample: int) -> Fraction:
+        """Returns the instant of a sample. Sample 0 is the first one from tick 0 on."""
+        return self.phase + sample * self.every
+
+    def newest(self, tick: int) -> int:
+        """Returns the newest sample that has arrived at a tick."""
+        return math.floor((tick - self.latency - self.phase) / self.every)
+
+    def ages(self) -> list[Fraction]:
+        """Returns the age of the reading in each tick of a period, in ticks."""
+        ticks = range(self.period_ticks)
+        return [tick - self.instant(self.newest(tick)) for tick in ticks]
+
+    def phases(self, cycle_ticks: int) -> "Iterator[Samples]":
+        """Yields samples with other phases: for each different order of samples and cycles, the
+        phase with the oldest readings, the one in the middle, and the one with the newest."""
+        step = Fraction(1, self.every.denominator)
+        share = Fraction(math.gcd(self.every.numerator, cycle_ticks * self.every.denominator))
+        for order in range(int(share)):
+            for late in (MISSED_BY, step / 2, Fraction(0)):
+                arrives = (order * step + late - self.latency) % self.every
+                yield Samples(self.every, arrives, self.latency)
+
+
+class Within(NamedTuple):
+    """The signal that a sensor samples, between two ticks: `row` over the states of the plant at
+    the tick, `direct` of the voltage that acts from this tick on."""
+
+    row: Matrix
+    direct: float
+
 
 @dataclass(frozen=True)
 class TickPlant:
     """The plant and the law of one tick.
 
-    A, B: of the plant, sampled with the tick, from the voltage. force: row of the law's force (with
-    its derivative, if the law has one). shown: row of the controlled signal. position: row of the
-    encoder's position. stiffness, damping: of a law of motion, as gains of position and velocity.
-    inner: gain of the inner damping in V s/m. law: filter between error and gain. tick_s: in s.
-    late: ticks of latency of the firmware. late_motion: ticks by which a law of motion has its
-    position and velocity late.
+    A, B: of the plant, sampled with the tick, from the voltage. force: row of the measured force
+    (with the law's derivative of a sensor of velocity). within: the measured force at a share of a
+    tick, above 0. derivative_s: of the law's difference of two readings. shown: row of the
+    controlled signal. position: row of the encoder's position. stiffness, damping: of a law of
+    motion, as gains of position and velocity. inner: gain of the inner damping in V s/m. law:
+    filter between error and gain. tick_s: in s. late: ticks of latency of the firmware.
+    late_motion: ticks by which a law of motion has its position and velocity late.
     """
 
     A: Matrix
     B: Matrix
     force: Matrix
+    within: Callable[[Fraction], Within]
+    derivative_s: float
     shown: Matrix
     position: Matrix
     stiffness: float
@@ -43,64 +102,134 @@ class TickPlant:
 
 @dataclass(frozen=True)
 class Lifted:
-    """The loop over one cycle: A, B from the code (in V), C to the law's output and the controlled
-    signal at the start of the cycle. enters, direct: how a set-point that is constant over a cycle
-    acts on the states and on the law's output."""
+    """The loop over one period: A, B from the codes (in V), C and D to the law's outputs that
+    become codes, and to the controlled signal at the start of the period. enters, direct: how a
+    set-point that is constant over a period acts on the states and on the law's outputs."""
 
     A: Matrix
     B: Matrix
     C: Matrix
+    D: Matrix
     enters: Matrix
     direct: Matrix
 
 
-def lift(plant: TickPlant, bus: BusFacts) -> Lifted:
-    """Returns the loop of a plant and a law over a bus, lifted over one cycle."""
-    cycle = bus.cycle_ticks
-    n, laws = len(plant.A), len(plant.law[0])
-    frames = -((-bus.delay_ticks_out) // cycle)
-    counts = 1 - ((-1 - plant.late_motion - bus.delay_ticks_in) // cycle)
-    size = n + frames + counts + laws + 1
-    # Each quantity is a row over the states at the start of the cycle, the code and the set-point.
-    rows = np.eye(size + 2, dtype=np.longdouble)
-    x, code, setpoint = rows[:n], rows[size : size + 1], rows[size + 1 :]
-    sent = np.vstack([code, rows[n : n + frames]])
-    measured = np.vstack([plant.position @ x, rows[n + frames : n + frames + counts]])
-    law = rows[size - 1 - laws : size - 1]
-    output = rows[size - 1 : size]  # of the law in the last tick of the cycle before
+def lift(plant: TickPlant, bus: BusFacts, samples: Samples | None = None) -> Lifted:
+    """Returns the loop of a plant and a law over a bus, with a force sensor that gives `samples`
+    (None: one in each tick), lifted over the period after which its ticks repeat."""
+    return _Period(plant, bus, samples).lifted()
 
-    def held(tick: int) -> Matrix:
-        """Returns the position that the firmware has in a tick of this cycle."""
-        at = -((tick - bus.delay_ticks_in) // cycle)
-        return measured[at : at + 1]
 
-    def velocity(tick: int) -> Matrix:
-        """Returns the mean velocity between the last two positions that the firmware has."""
-        return (held(tick) - held(tick - cycle)) / (cycle * plant.tick_s)
+class _Period:
+    """The quantities of the ticks of one period. Each is a row over the states at the start of the
+    period, the codes of the period and the set-point."""
 
-    A, B, C, D = plant.law
-    shown, acting = plant.shown @ x, output
-    for tick in range(cycle):
+    def __init__(self, plant: TickPlant, bus: BusFacts, samples: Samples | None) -> None:
+        self.plant, self.bus, self.samples = plant, bus, samples
+        self.ticks = math.lcm(bus.cycle_ticks, samples.period_ticks if samples else 1)
+        self.codes = self.ticks // bus.cycle_ticks
+        laws = len(plant.law[0])
+        counts = 1 - ((-1 - plant.late_motion - bus.delay_ticks_in) // bus.cycle_ticks)
+        sizes = [
+            len(plant.A),
+            -((-bus.delay_ticks_out) // bus.cycle_ticks),  # codes that no drive has yet
+            counts,
+            -samples.newest(0) if samples else 0,
+            laws,
+            1,  # output of the law in the last tick
+            1 if plant.derivative_s else 0,  # reading of the last tick
+        ]
+        self.size = sum(sizes)
+        self.rows = np.eye(self.size + self.codes + 1, dtype=np.longdouble)
+        ends = np.cumsum(sizes)
+        parts = [self.rows[end - size : end] for size, end in zip(sizes, ends, strict=True)]
+        self.x, sent, counted, taken, self.law, self.output, self.reading_before = parts
+        # Rows of codes, positions and samples, the newest code and position first.
+        self.sent = [sent[i : i + 1] for i in range(len(sent))]
+        self.counts = [counted[i : i + 1] for i in range(counts)]
+        self.taken = {i - len(taken): taken[i : i + 1] for i in range(len(taken))}
+        self.next_sample = 0
+
+    def lifted(self) -> Lifted:
+        """Returns the loop over the period."""
+        acting, shown = [], self.plant.shown @ self.x
+        kept = [len(self.sent), len(self.counts), len(self.taken)]
+        for tick in range(self.ticks):
+            if tick % self.bus.cycle_ticks == 0:
+                self.counts.insert(0, self.plant.position @ self.x)
+            before = self.output
+            self._compute(tick)
+            if tick % self.bus.cycle_ticks == 0:
+                acting.append(before if self.plant.late else self.output)
+                self.sent.insert(0, self._code(tick))
+            self._move(tick)
+        turn = self._samples_in_a_period()
+        taken = [self.taken[i + turn] for i in range(-kept[2], 0)]
+        after = np.vstack([
+            self.x, *self.sent[: kept[0]], *self.counts[: kept[1]], *taken, self.law, self.output,
+            self.reading_before,
+        ])  # fmt: skip
+        out = np.vstack([*acting, shown])
+        n, end = self.size, self.size + self.codes
+        return Lifted(
+            after[:, :n], after[:, n:end], out[:, :n], out[:, n:end], after[:, end:], out[:-1, end:]
+        )
+
+    def _samples_in_a_period(self) -> int:
+        return int(self.ticks / self.samples.every) if self.samples else 0
+
+    def _compute(self, tick: int) -> None:
+        """Computes the law of a tick."""
+        plant = self.plant
+        reading = self._reading(tick)
+        error = reading - self.rows[-1:]
+        if plant.derivative_s:
+            error = error + plant.derivative_s / plant.tick_s * (reading - self.reading_before)
+            self.reading_before = reading
         seen = tick - plant.late_motion
-        error = plant.force @ x - setpoint
         if plant.stiffness:
-            error = error + plant.stiffness * held(seen)
+            error = error + plant.stiffness * self._held(seen, tick)
         if plant.damping:
-            error = error + plant.damping * velocity(seen)
-        output = C @ law + D @ error
-        if tick == 0 and not plant.late:
-            acting = output
-        law = A @ law + B @ error
-        at = -((tick - bus.delay_ticks_out) // cycle)
-        x = plant.A @ x + plant.B @ sent[at : at + 1]
-    after = np.vstack([x, sent[:frames], measured[:counts], law, output])
-    result, column = after[:, :size], after[:, size : size + 1]
-    if plant.inner:
-        result = result - plant.inner * column @ velocity(-plant.late)[:, :size]
-    return Lifted(
-        result,
-        column,
-        np.vstack([acting, shown])[:, :size],
-        after[:, size + 1 :],
-        acting[:, size + 1 :],
-    )
+            error = error + plant.damping * self._velocity(seen, tick)
+        A, B, C, D = plant.law
+        self.output = C @ self.law + D @ error
+        self.law = A @ self.law + B @ error
+
+    def _reading(self, tick: int) -> Matrix:
+        if self.samples is None:
+            return self.plant.force @ self.x
+        if self.samples.instant(self.next_sample) == tick:
+            self._take(self.plant.force @ self.x)
+        return self.taken[self.samples.newest(tick)]
+
+    def _take(self, value: Matrix) -> None:
+        self.taken[self.next_sample] = value
+        self.next_sample += 1
+
+    def _code(self, tick: int) -> Matrix:
+        """Returns the code of the cycle that begins at a tick."""
+        at = self.size + tick // self.bus.cycle_ticks
+        code = self.rows[at : at + 1]
+        if self.plant.inner:
+            code = code - self.plant.inner * self._velocity(tick - self.plant.late, tick)
+        return code
+
+    def _move(self, tick: int) -> None:
+        """Moves the plant to the next tick, and samples the force on the way."""
+        cycle = self.bus.cycle_ticks
+        sent = self.sent[tick // cycle - (tick - self.bus.delay_ticks_out) // cycle]
+        while self.samples and self.samples.instant(self.next_sample) < tick + 1:
+            within = self.plant.within(self.samples.instant(self.next_sample) - tick)
+            self._take(within.row @ self.x + within.direct * sent)
+        self.x = self.plant.A @ self.x + self.plant.B @ sent
+
+    def _held(self, tick: int, now: int) -> Matrix:
+        """Returns the position that the firmware has in a tick, at the tick `now`."""
+        cycle = self.bus.cycle_ticks
+        return self.counts[now // cycle - (tick - self.bus.delay_ticks_in) // cycle]
+
+    def _velocity(self, tick: int, now: int) -> Matrix:
+        """Returns the mean velocity between the last two positions that the firmware has."""
+        cycle = self.bus.cycle_ticks
+        moved = self._held(tick, now) - self._held(tick - cycle, now)
+        return moved / (cycle * self.plant.tick_s)

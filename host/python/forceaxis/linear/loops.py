@@ -22,7 +22,8 @@ firmware.latency_ticks = 1).
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,8 +33,9 @@ from forceaxis import _core
 from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import GAIN_STEP, Bank, series
 from forceaxis.linear.equations import Matrix, StateSpace
-from forceaxis.linear.lifted import TickPlant, lift
-from forceaxis.linear.plant_facts import Overrides, PlantFacts
+from forceaxis.linear.lifted import Samples, TickPlant, Within, lift
+from forceaxis.linear.periodic import FreeLoop, PeriodicLoop
+from forceaxis.linear.plant_facts import BusFacts, Overrides, PlantFacts, SamplingFacts
 from forceaxis.linear.stability import Loop
 from forceaxis.linear.system import TICK_S, System, facts, find_model, linearise
 from forceaxis.linear.working import States, cut_by, working
@@ -58,8 +60,12 @@ MOTION_LAWS = (
     "impedance",
 )  # control laws that feed back position or velocity in addition to the force
 VELOCITY_GAIN = "velocity_gain_Vs_per_m"
+# Largest number of ticks after which the samples of a force sensor and the bus cycles repeat.
+PERIOD_TICKS_MAX = 150
 # largest `force_gain` of the firmware in DAC codes per 8-bit count
 FIRMWARE_HIGHEST = 65535 * GAIN_STEP
+_NO_MATRIX = np.zeros((0, 0))
+_NO_SYSTEM = System(_NO_MATRIX, _NO_MATRIX, _NO_MATRIX, _NO_MATRIX, (), (), ())
 
 
 @dataclass(frozen=True)
@@ -100,29 +106,20 @@ class LoopSpec:
         """
         _check(self)
         known = facts(model, overrides)
-        over_bus = not known.bus.is_immediate
         if self.is_continuous or self.tick_s != TICK_S:
             known.expect_no_bus("a loop that does not run once in a tick")
-        if self.output == "reading":
-            known.expect_fresh_reading("a loop")
+        sampling = _sampling(self, known)
         where = str(find_model(model))
         mode = working(where, overrides, modes, self.free)
         site = _Site(known, where, overrides, mode.modes)
         signal, unit = _controlled(known, where, self.law, self.output)
         inner = _inner_damping(self, known, where)
-        entry, timing = None, self.timing
-        if over_bus:
-            whole, entry = _over_bus(self, site, signal, unit, inner)
-            timing = f"{self.timing}, {known.bus.label()}"
-        else:
-            whole = _with_law(self, _plant(self, site, signal, unit, inner))
         per_count = known.required_reading.per_count if self.output == "reading" else None
-        return Loop(
+        own = Loop(
             model=where,
             law=self.law,
-            timing=timing,
-            whole=whole,
-            entry=entry,
+            timing=self.timing,
+            whole=_NO_SYSTEM,
             signal=signal,
             unit=f"V/({unit})" if "/" in unit or " " in unit else f"V/{unit}",
             codes_per_gain=None if per_count is None else abs(per_count) / known.volts_per_code,
@@ -130,6 +127,9 @@ class LoopSpec:
             bank=self.bank,
             working=mode,
         )
+        if known.bus.is_immediate and sampling is None:
+            return replace(own, whole=_with_law(self, _plant(self, site, signal, unit, inner)))
+        return _lifted(self, site, inner, own)
 
 
 def force_loop(
@@ -323,45 +323,116 @@ def _plant(spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float) ->
     return plant
 
 
-def _over_bus(
-    spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float
-) -> tuple[System, tuple[Matrix, Matrix]]:
-    """Returns the loop over the model's bus, lifted over one cycle, as Loop.whole and
-    Loop.entry."""
+def _lifted(spec: LoopSpec, site: _Site, inner: float, own: Loop) -> Loop:
+    """Returns a loop over the model's bus, or with the model's own samples of the force, lifted
+    over the period after which its ticks repeat. `own`: the loop without its system."""
+    known, timing = site.known, spec.timing
+    sampling = _sampling(spec, known)
+    if not known.bus.is_immediate:
+        timing += f", {known.bus.label()}"
+    if sampling:
+        timing += f", force at {sampling.label()}"
+    plant = _tick_plant(spec, site, inner, own)
+    each = [
+        _of_one_period(plant, known.bus, samples, replace(own, timing=timing), spec)
+        for samples in _samples(spec, known.path, sampling, known.bus.cycle_ticks)
+    ]
+    if len(each) == 1:
+        return each[0]
+    given = {f.name: getattr(each[0], f.name) for f in fields(Loop)}
+    return FreeLoop(**given, each=tuple(each))
+
+
+def _sampling(spec: LoopSpec, known: PlantFacts) -> SamplingFacts | None:
+    """Returns the samples of the loop's signal, or None if the law has its value in each tick."""
+    converted = spec.output in ("reading", "adc0")
+    return known.reading.sampling if known.reading and converted else None
+
+
+def _samples(
+    spec: LoopSpec, path: str, sampling: SamplingFacts | None, cycle_ticks: int
+) -> list[Samples | None]:
+    """Returns the samples of the force for each phase that the loop has to be analysed with.
+    `sampling`: None for a sample in each tick. Raises InputError for a rate whose samples do not
+    repeat within PERIOD_TICKS_MAX."""
+    if sampling is None:
+        return [None]
+    if spec.law == "derivative":
+        raise _core.InputError(
+            f"{path}: adc.sample_rate: expected a sample at each tick for law derivative, got "
+            f"{sampling.label()}; choose law pd"
+        )
+    every = Fraction(1 / TICK_S).limit_denominator() / Fraction(sampling.rate_hz)
+    if math.lcm(every.numerator, cycle_ticks) > PERIOD_TICKS_MAX:
+        raise _core.InputError(
+            f"{path}: adc.sample_rate: expected a rate whose samples repeat after at most "
+            f"{PERIOD_TICKS_MAX} ticks of 1/1500 s and whole bus cycles, got "
+            f"{sampling.rate_hz:g} Hz; give the nearest such rate, for example 1000 Hz, and check the result with "
+            "`forceaxis run` at the rate of the sensor"
+        )
+    latency = Fraction(sampling.latency_s / TICK_S).limit_denominator(10**6)
+    if sampling.phase_s is None:
+        return list(Samples(every, Fraction(0), latency).phases(cycle_ticks))
+    phase = Fraction(sampling.phase_s / TICK_S).limit_denominator(10**6) % every
+    return [Samples(every, phase, latency)]
+
+
+def _tick_plant(spec: LoopSpec, site: _Site, inner: float, own: Loop) -> TickPlant:
+    """Returns the plant and the law of one tick."""
     law, given = spec.law, spec.parameters
     names = [spec.output]
     if law == "derivative":
-        names.append(_force_rate(site.known, signal, unit))
+        names.append(_force_rate(site.known, own.signal, site.known.signals.get(own.signal, "")))
     moves = bool(law in MOTION_LAWS or inner)
-    plant = _sampled(_feedback(spec, site, signal, moves, names), law, "zoh", spec.tick_s, False)
+    system = _feedback(spec, site, own.signal, moves, names)
+    plant = _sampled(system, "p", "zoh", spec.tick_s, False)
+
+    def within(share: Fraction) -> Within:
+        part = system.sampled(0, float(share) * spec.tick_s, extended=True)
+        row = np.zeros((1, len(plant.A)), np.longdouble)
+        row[:, : len(part.A)] = part.C[:1] @ part.A
+        return Within(row, (part.C[:1] @ part.B + part.D[:1]).item())
+
     front: StateSpace = _gain()
     if law in ("pi", "lead"):
         front = _compensator(law, given, spec.tick_s)
     if spec.bank is not None:
         front = spec.bank.compensator()
-    loop = lift(
-        TickPlant(
-            plant.A,
-            plant.B,
-            plant.f + given.get("derivative_s", 0.0) * plant.rate,
-            plant.f,
-            plant.x,
-            given.get("stiffness_N_per_m", 0.0),
-            given.get("damping_Ns_per_m", 0.0),
-            inner,
-            front,
-            spec.tick_s,
-            int(spec.timing == "zoh+1"),
-            int(spec.late_motion and law in MOTION_LAWS),
-        ),
-        site.known.bus,
+    derivative_s = given.get("derivative_s", 0.0)
+    return TickPlant(
+        plant.A,
+        plant.B,
+        plant.f + derivative_s * plant.rate if law == "derivative" else plant.f,
+        within,
+        derivative_s if law == "pd" else 0.0,
+        plant.f,
+        plant.x,
+        given.get("stiffness_N_per_m", 0.0),
+        given.get("damping_Ns_per_m", 0.0),
+        inner,
+        front,
+        spec.tick_s,
+        int(spec.timing == "zoh+1"),
+        int(spec.late_motion and law in MOTION_LAWS),
     )
+
+
+def _of_one_period(
+    plant: TickPlant, bus: BusFacts, samples: Samples | None, own: Loop, spec: LoopSpec
+) -> Loop:
+    """Returns the loop `own` with the system that is lifted over one period."""
+    loop = lift(plant, bus, samples)
+    codes = loop.B.shape[1]
     states = tuple(f"state {i}" for i in range(len(loop.A)))
+    inputs = tuple(f"code {i}" for i in range(codes)) if codes > 1 else ("code",)
+    outputs = tuple(f"feedback {i}" for i in range(codes)) if codes > 1 else ("feedback",)
     whole = System(
-        loop.A, loop.B, loop.C, np.zeros((2, 1)), states, ("code",), ("feedback", spec.output),
-        site.known.bus.cycle_ticks * spec.tick_s,
+        loop.A, loop.B, loop.C, loop.D, states, inputs, (*outputs, spec.output),
+        codes * bus.cycle_ticks * spec.tick_s,
     )  # fmt: skip
-    return whole, (loop.enters, loop.direct)
+    given = {f.name: getattr(own, f.name) for f in fields(Loop)}
+    given |= {"whole": whole, "entry": (loop.enters, loop.direct)}
+    return Loop(**given) if codes == 1 else PeriodicLoop(**given)
 
 
 def _gain() -> StateSpace:

@@ -26,6 +26,7 @@ from forceaxis.linear import boundary, loops, settings, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.loops import LoopSpec
+from forceaxis.linear.periodic import FreeLoop, PeriodicLoop
 from forceaxis.linear.plant_facts import Overrides, PlantFacts
 from forceaxis.linear.plant_set import Member, PlantSet
 from forceaxis.linear.precise import FIGURES, Figures, PreciseLoops, Responses
@@ -149,17 +150,35 @@ class _Response:
 
 def figures(loop: Loop, gain: float) -> Figures:
     """Returns the bandwidths and margins of a force loop at a gain k in V/N."""
+    if isinstance(loop, FreeLoop):
+        return _worst_figures([figures(phase, gain) for phase in loop.each])
     if not loop.stable(gain):
         return Figures(False)
-    S, T = _Response(loop.sensitivity(gain)), _Response(loop.closed(gain))
-    rises = [loop.hz(w) for w, up in S.crossings(HALF_POWER) if up]
+    T = _Response(loop.closed(gain))
     falls = [loop.hz(w) for w, up in T.crossings(HALF_POWER) if not up]
-    fS = 0.0 if S.ends()[0] >= HALF_POWER else min(rises, default=None)
+    if isinstance(loop, PeriodicLoop):
+        fS, Ms = loop.bandwidth(gain, HALF_POWER), loop.peak(gain)
+    else:
+        S = _Response(loop.sensitivity(gain))
+        rises = [loop.hz(w) for w, up in S.crossings(HALF_POWER) if up]
+        fS, Ms = 0.0 if S.ends()[0] >= HALF_POWER else min(rises, default=None), S.peak()
     fT = None if T.ends()[1] >= HALF_POWER else max(falls, default=0.0)
     sag = T.ends()[0] < HALF_POWER or min(falls, default=math.inf) < (fS or math.inf)
     margins = loop.margins(gain)
     own = margins.gain_margin, margins.phase_margin_deg
-    return Figures(True, fS, fT, S.peak(), *own, sag, margins.known_to)
+    return Figures(True, fS, fT, Ms, *own, sag, margins.known_to)
+
+
+def _worst_figures(found: Sequence[Figures]) -> Figures:
+    """Returns the worst value of each figure of several loops."""
+    if not all(one.stable for one in found):
+        return Figures(False)
+    worst = {
+        name: getattr(max(found, key=operator.methodcaller("badness", name)), name)
+        for name in FIGURES
+    }
+    known = [one.known_to for one in found if one.known_to is not None]
+    return Figures(True, **worst, sag=any(o.sag for o in found), known_to=min(known, default=None))
 
 
 @dataclass(frozen=True)

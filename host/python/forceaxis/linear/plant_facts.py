@@ -74,15 +74,20 @@ class DriveFacts:
 
 class SamplingFacts(NamedTuple):
     """The samples of a converter with a clock of its own: rate in Hz, time from tick 0 to the first
-    sample in s, and time from a sample to the firmware in s."""
+    sample in s (None: not known), and time from a sample to the firmware in s."""
 
     rate_hz: float
-    phase_s: float
+    phase_s: float | None
     latency_s: float
 
     def label(self) -> str:
-        """Description of the samples for a user, such as "1000 Hz, 2 ms late"."""
-        return f"{self.rate_hz:g} Hz, {1e3 * self.latency_s:g} ms late"
+        """Description of the samples for a user, such as "1000 Hz, 2 ms late, any phase"."""
+        text = f"{self.rate_hz:g} Hz, {1e3 * self.latency_s:g} ms late"
+        return (
+            f"{text}, any phase"
+            if self.phase_s is None
+            else f"{text}, phase {1e3 * self.phase_s:g} ms"
+        )
 
 
 @dataclass(frozen=True)
@@ -195,7 +200,7 @@ def _drive(bus: tuple[int, int, int], **facts: Any) -> DriveFacts:
     return DriveFacts(**facts, bus=BusFacts(*bus))
 
 
-def _sensor(sampling: tuple[float, float, float] | None, **facts: Any) -> SensorFacts:
+def _sensor(sampling: tuple[float, float | None, float] | None, **facts: Any) -> SensorFacts:
     return SensorFacts(**facts, sampling=sampling and SamplingFacts(*sampling))
 
 

@@ -17,7 +17,7 @@ from forceaxis import _core
 from forceaxis.linear.bank import TICK_S, Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet
-from forceaxis.linear.system import facts, find_model
+from forceaxis.linear.system import find_model
 from forceaxis.linear.working import working
 
 DELAYS = {"zoh": 0, "zoh+1": 1}  # {timing: delay in ticks}
@@ -80,7 +80,6 @@ def law_grid(
 ) -> _core.LawGrid:  # fmt: skip
     """Returns the responses of some plants of a set on grids of frequencies, see _core.LawGrid."""
     path = str(find_model(plants.model))
-    facts(path, plants.overrides).expect_fresh_reading("the design of a law")
     keys = []
     for member in members:
         overrides = {**plants.overrides, **member.values}

@@ -1,0 +1,335 @@
+"""Force loops that compute several codes in the period after which their ticks repeat, and force
+loops whose sensor samples with a clock of its own.
+
+A loop with several codes in a period has no single curve of the loop gain. Its limits and margins
+are those of the eigenvalues of the lifted loop: the gain margin is the factor, and the phase margin
+the turn, of all codes together at which a pole reaches the stability boundary. Ms is the largest
+gain of S for a disturbance of the codes of any frequency or mix of frequencies, and fS belongs to
+the part of the answer that has the frequency of the disturbance.
+"""
+
+import cmath
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import optimize
+
+from forceaxis import _core
+from forceaxis.linear.boundary import minimal
+from forceaxis.linear.equations import Matrix
+from forceaxis.linear.stability import GAIN_MAX, Crossing, Crossover, Limit, Loop, Margins
+from forceaxis.linear.system import System
+
+# Factor of the gain, and turn in degrees, from one analysed loop to the next one of a search. Two
+# changes between stable and unstable loops within one step stay unseen.
+GAIN_STEP_FACTOR, TURN_STEP_DEG = 1.1, 3.0
+GAIN_SPAN = 1e4  # ratio of gains over which a search goes
+POINTS_PER_DECADE = 60  # of a grid of frequencies
+LOWEST_SHARE = 1e-6  # lowest frequency of a grid, as a share of the highest one
+STABLE_BELOW = 1 - 1e-11  # largest magnitude of a pole of a stable loop
+
+
+def _turned(gain: float, degrees: float) -> complex:
+    """Returns a gain that turns a sinusoid back by some degrees."""
+    return cmath.rect(gain, -math.radians(degrees))
+
+
+@dataclass
+class PeriodicLoop(Loop):
+    """A force loop with several codes in a period. `whole` has an input for each code, an output
+    for each output of the law that becomes a code, and the controlled signal as its last output."""
+
+    def closed(self, gain: float) -> System:
+        """See Loop.closed(). The set-point is constant over a period."""
+        whole, codes = self.whole, self.whole.B.shape[1]
+        B, C, D = whole.B, whole.C[:codes], whole.D[:codes]
+        assert self.entry is not None
+        share = gain * np.linalg.inv((np.eye(codes) + gain * D).astype(float))
+        enters = self.entry[0] - B @ share @ self.entry[1]
+        last, direct = whole.C[codes:], whole.D[codes:]
+        return replace(
+            whole,
+            A=whole.A - B @ share @ C,
+            B=enters,
+            C=last - direct @ share @ C,
+            D=-direct @ share @ self.entry[1],
+            inputs=("set-point",),
+            outputs=whole.outputs[codes:],
+        )
+
+    @cached_property
+    def open(self) -> System:
+        """Not known for a loop with several codes in a period. Raises InputError."""
+        raise _core.InputError(
+            f"{self.model}: adc.sample_rate: expected a loop with one code in the period after "
+            f"which its ticks repeat, got {self.whole.B.shape[1]} codes; use `forceaxis limit`, or "
+            "remove the keys of the samples for this"
+        )
+
+    @cached_property
+    def _minimal(self) -> System:
+        codes = self.whole.B.shape[1]
+        return minimal(replace(self.whole, C=self.whole.C[:codes], D=self.whole.D[:codes]))
+
+    def _outermost(self, gain: complex) -> complex:
+        """Returns the closed-loop pole of the largest magnitude at a gain that may turn the
+        codes."""
+        A, B, C, D = (getattr(self._minimal, name).astype(float) for name in "ABCD")
+        closed = A - gain * B @ np.linalg.solve(np.eye(len(D)) + gain * D, C)
+        poles = np.linalg.eigvals(closed)
+        return complex(poles[np.argmax(np.abs(poles))]) if len(poles) else 0j
+
+    def _radius(self, gain: complex) -> float:
+        return abs(self._outermost(gain))
+
+    def stable(self, gain: float) -> bool:
+        """See Loop.stable()."""
+        return self._radius(gain) < STABLE_BELOW
+
+    def decay(self, gain: float) -> float:
+        """See Loop.decay()."""
+        assert self.dt is not None
+        return -math.log(max(self._radius(gain), 1e-300)) / self.dt
+
+    def _edge(self, gain_at: Callable[[float], complex], good: float, bad: float) -> float:
+        """Returns the place between a stable and an unstable place at which a pole reaches the
+        boundary. `gain_at`: gain of a place."""
+        return float(
+            optimize.brentq(
+                lambda at: self._radius(gain_at(at)) - 1, good, bad, xtol=1e-14 * bad, rtol=1e-13
+            )
+        )
+
+    @cached_property
+    def _typical_gain(self) -> float:
+        """A gain near those of the loop's limits: the loop gain is about 1 at some frequency."""
+        sizes = np.abs(np.linalg.eigvals(self._lifted(self._grid))).max(axis=1)
+        return 1 / float(np.median(sizes))
+
+    @cached_property
+    def _first_edge(self) -> tuple[float | None, str]:
+        """The limit of the gain, and why there is none."""
+        gain = self._typical_gain / GAIN_SPAN
+        if not self._radius(gain) < 1:
+            return 0.0, "unstable at any small gain"
+        while gain < min(self._typical_gain * GAIN_SPAN, GAIN_MAX):
+            after = gain * GAIN_STEP_FACTOR
+            if self._radius(after) >= 1:
+                return self._edge(lambda at: at, gain, after), ""
+            gain = after
+        return None, "stable at every gain"
+
+    @cached_property
+    def stable_ranges(self) -> list[tuple[float, float | None]]:
+        """The range of gains from 0 in which the loop is stable."""
+        return self.limit().stable_ranges
+
+    def crossings(self) -> list[Crossing]:
+        """The crossing of the limit alone."""
+        return self.limit().crossings
+
+    def limit(self) -> Limit:
+        """See Loop.limit(). The crossings are the limit alone."""
+        gain, reason = self._first_edge
+        if not gain:
+            return Limit(gain, None, [], [] if gain == 0 else [(0.0, None)], reason)
+        hz = self._frequency(gain)
+        return Limit(gain, hz, [Crossing(gain, hz, 1)], [(0.0, gain)], "")
+
+    def _frequency(self, gain: complex) -> float:
+        """Returns the frequency in Hz of the pole of the largest magnitude."""
+        assert self.dt is not None
+        return abs(cmath.phase(self._outermost(gain))) / (2 * math.pi * self.dt)
+
+    def margins(self, gain: float) -> Margins:
+        """See Loop.margins()."""
+        above = self._toward(gain, GAIN_STEP_FACTOR)
+        below = self._toward(gain, 1 / GAIN_STEP_FACTOR)
+        turn = self._phase_margin(gain)
+        crossover = None if turn is None else self._frequency(_turned(gain, turn))
+        return Margins(
+            gain_margin=above and above / gain,
+            gain_reduction=below and below / gain,
+            phase_margin_deg=turn,
+            crossover_hz=crossover,
+            crossovers=[] if crossover is None or turn is None else [Crossover(crossover, turn)],
+        )
+
+    def _toward(self, gain: float, factor: float) -> float | None:
+        """Returns the nearest gain above or below at which the loop becomes unstable."""
+        good = gain
+        for _ in range(int(math.log(GAIN_SPAN) / math.log(GAIN_STEP_FACTOR))):
+            bad = good * factor
+            if self._radius(bad) >= 1:
+                return self._edge(lambda at: at, good, bad)
+            good = bad
+        return None
+
+    def _phase_margin(self, gain: float) -> float | None:
+        """Returns the phase margin in degrees."""
+        for degrees in np.arange(0.0, 180.0, TURN_STEP_DEG):
+            if self._radius(_turned(gain, degrees + TURN_STEP_DEG)) >= 1:
+                return self._edge(partial(_turned, gain), degrees, degrees + TURN_STEP_DEG)
+        return None
+
+    @cached_property
+    def _grid(self) -> Matrix:
+        """Frequencies in Hz up to half the rate of the periods, close to each other near a pole."""
+        assert self.dt is not None
+        top = 0.5 / self.dt
+        found = [np.geomspace(LOWEST_SHARE * top, top, int(6 * POINTS_PER_DECADE))]
+        for pole in self.whole.poles_s():
+            hz, width = abs(pole.imag) / (2 * math.pi), abs(pole.real) / (2 * math.pi)
+            if 0 < hz < top and width < hz:
+                found.append(hz + width * np.sinh(np.linspace(-5, 5, 41)))
+        grid = np.unique(np.concatenate(found))
+        return grid[(grid > 0) & (grid <= top)]
+
+    def _lifted(self, hz: ArrayLike) -> Matrix:
+        """Returns the loop gain divided by k at frequencies in Hz, in the shape of
+        _sensitivities()."""
+        assert self.dt is not None
+        A, B, C, D = (getattr(self._minimal, name).astype(complex) for name in "ABCD")
+        z = np.exp(2j * math.pi * np.atleast_1d(np.asarray(hz, float)) * self.dt)
+        states = np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, B)
+        result: Matrix = C @ states + D
+        return result
+
+    def _sensitivities(self, gain: float, hz: ArrayLike) -> Matrix:
+        """Returns S at frequencies in Hz, in the shape (frequencies, codes, codes). It is computed
+        from the closed loop, because the loop gain of an integrator has no value at low
+        frequency."""
+        assert self.dt is not None
+        A, B, C, D = (getattr(self._minimal, name).astype(float) for name in "ABCD")
+        direct = np.linalg.inv(np.eye(len(D)) + gain * D)
+        closed = A - gain * B @ direct @ C
+        z = np.exp(2j * math.pi * np.atleast_1d(np.asarray(hz, float)) * self.dt)
+        states = np.linalg.solve(z[:, None, None] * np.eye(len(A)) - closed, B @ direct)
+        result: Matrix = direct - gain * direct @ C @ states
+        return result
+
+    def peak(self, gain: float) -> float:
+        """Returns Ms at a gain k at which the loop is stable."""
+
+        def size(hz: ArrayLike) -> Matrix:
+            sizes: Matrix = np.linalg.norm(self._sensitivities(gain, hz), 2, axis=(1, 2))
+            return sizes
+
+        grid = self._grid
+        sizes = size(grid)
+        best = float(sizes.max())
+        for i in np.argsort(sizes)[:-4:-1]:
+            low, high = grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]
+            top = optimize.minimize_scalar(
+                lambda hz: -float(size(hz)[0]), bounds=(low, high), method="bounded",
+                options={"xatol": 1e-9 * high},
+            )  # fmt: skip
+            best = max(best, -top.fun)
+        return best
+
+    def sensitivity_at(self, gain: float, hz: ArrayLike) -> Matrix:
+        """Returns the part of S that has the frequency of the disturbance, at frequencies in Hz up
+        to half the rate of the codes."""
+        at = np.atleast_1d(np.asarray(hz, float))
+        S = self._sensitivities(gain, at)
+        assert self.dt is not None
+        codes = S.shape[1]
+        turned = np.exp(2j * math.pi * at[:, None] * self.dt / codes * np.arange(codes))
+        result: Matrix = np.einsum("fi,fij,fj->f", turned.conj(), S, turned) / codes
+        return result
+
+    def bandwidth(self, gain: float, level: float) -> float | None:
+        """Returns the lowest frequency in Hz at which |S| rises through `level`: None if |S| stays
+        below, 0 if |S| is above at the lowest frequency of the grid."""
+
+        def apart(hz: ArrayLike) -> Matrix:
+            return np.abs(self.sensitivity_at(gain, hz)) - level
+
+        assert self.dt is not None
+        top = 0.5 * self.whole.B.shape[1] / self.dt
+        spread = np.geomspace(LOWEST_SHARE * top, top, 6 * POINTS_PER_DECADE)
+        grid = np.unique(np.concatenate([self._grid, spread]))
+        values = apart(grid)
+        if values[0] >= 0:
+            return 0.0
+        rises = np.flatnonzero((values[:-1] < 0) & (values[1:] >= 0))
+        if not len(rises):
+            return None
+        i = rises[0]
+        return float(optimize.brentq(lambda hz: float(apart(hz)[0]), grid[i], grid[i + 1]))
+
+
+@dataclass
+class FreeLoop(Loop):
+    """The force loop of a sensor that samples with a clock of its own. `each` are the loops with
+    different phases between the samples and the ticks; limits and margins are the worst of them.
+    The loop itself is the first of `each`, whose readings are the oldest."""
+
+    each: tuple[Loop, ...] = ()
+
+    @property
+    def _oldest(self) -> Loop:
+        return self.each[0]
+
+    @cached_property
+    def open(self) -> System:
+        """See Loop.open, of the phase with the oldest readings."""
+        return self._oldest.open
+
+    def closed(self, gain: float) -> System:
+        """See Loop.closed(), of the phase with the oldest readings."""
+        return self._oldest.closed(gain)
+
+    def sensitivity(self, gain: float) -> System:
+        """See Loop.sensitivity(), of the phase with the oldest readings."""
+        return self._oldest.sensitivity(gain)
+
+    def stable(self, gain: float) -> bool:
+        """Returns True if the loop is stable with every phase."""
+        return all(loop.stable(gain) for loop in self.each)
+
+    def decay(self, gain: float) -> float:
+        """Returns the smallest decay rate of all phases."""
+        return min(loop.decay(gain) for loop in self.each)
+
+    @cached_property
+    def stable_ranges(self) -> list[tuple[float, float | None]]:
+        """Ranges of gains from 0 in which the loop is stable with every phase."""
+        return self.limit().stable_ranges
+
+    def crossings(self) -> list[Crossing]:
+        """See Loop.crossings(), of the phase with the lowest limit."""
+        return self.limit().crossings
+
+    def limit(self) -> Limit:
+        """Returns the lowest limit of all phases."""
+        limits = [loop.limit() for loop in self.each]
+        return min(
+            limits, key=lambda limit: math.inf if limit.stable_to is None else limit.stable_to
+        )
+
+    def margins(self, gain: float) -> Margins:
+        """Returns the smallest margins of all phases."""
+        found = [loop.margins(gain) for loop in self.each]
+
+        def least(name: str) -> Margins:
+            def size(margins: Margins) -> float:
+                value = getattr(margins, name)
+                return math.inf if value is None else abs(value)
+
+            return min(found, key=size)
+
+        turned = least("phase_margin_deg")
+        below = [margins.gain_reduction for margins in found if margins.gain_reduction is not None]
+        return Margins(
+            gain_margin=least("gain_margin").gain_margin,
+            gain_reduction=max(below, default=None),
+            phase_margin_deg=turned.phase_margin_deg,
+            crossover_hz=turned.crossover_hz,
+            crossovers=turned.crossovers,
+            known_to=least("known_to").known_to,
+        )
