@@ -191,11 +191,20 @@ void ForcePlant::set_ages(const Sampling &sampling) {
     for (int cycle = 0; sampling.phase_known && cycle < kReadingsMax; ++cycle)
       most = std::max(most, rest(cycle * bus_.ticks, every));
     least_age_ = latency + most;
+    newer_by_ = sampling.phase_known ? 0 : every;
     return;
   }
   while (readings_ < kReadingsMax && !is_whole(readings_ / every)) ++readings_;
   between_ages_ = every / readings_;
   least_age_ = latency + (sampling.phase_known ? rest(0, between_ages_) : between_ages_);
+  newer_by_ = sampling.phase_known ? 0 : between_ages_;
+}
+
+std::optional<ForcePlant> ForcePlant::with_newest_readings() const {
+  if (newer_by_ == 0) return std::nullopt;
+  ForcePlant plant = *this;
+  plant.least_age_ -= newer_by_;
+  return plant;
 }
 
 std::complex<double> ForcePlant::held(double w) const {

@@ -36,6 +36,9 @@ class ForcePlant {
   const BusCycle &bus() const { return bus_; }
   /// Returns true if held() is 1.
   bool immediate() const { return bus_.immediate() && readings_ == 0; }
+  /// Returns the same plant with the newest readings that a sensor without a known phase can give,
+  /// or nothing for another sensor.
+  std::optional<ForcePlant> with_newest_readings() const;
   /// Returns the effect of the bus and of the sensor's samples on the response at
   /// w = tan(pi f tick_s): the delay of the command, the mean of the ticks for which the drive
   /// holds it, and the ages of the readings: their mean, which leaves out that different ages mix
@@ -54,6 +57,8 @@ class ForcePlant {
   // and the difference between two ages, in ticks.
   int readings_ = 0;
   Extended least_age_ = 0, between_ages_ = 0;
+  // Ticks by which the readings are newer with the best phase, 0 for a known phase.
+  Extended newer_by_ = 0;
   Hessenberg balanced_;
   double count_per_code_ = 0.0;
   std::vector<std::complex<double>> poles_, zeros_;

@@ -29,6 +29,8 @@ using forceaxis::sim::LawBounds;
 using forceaxis::sim::LawGrid;
 using forceaxis::sim::LawSection;
 using forceaxis::sim::LawShape;
+using forceaxis::sim::LoopFigures;
+using forceaxis::sim::PreciseFigures;
 using forceaxis::sim::RampResponse;
 
 namespace {
@@ -65,7 +67,8 @@ void in_parallel(std::size_t count, unsigned threads, const Work &work) {
 }
 
 // The grid of the plants with a path from the command to the force, and the indices of these plants
-// in the given list.
+// in the given list. After these plants come the same plants with the newest readings, if their
+// sensor has no known phase. Figures of a plant are the worst of both.
 struct Grid {
   std::vector<std::size_t> kept;
   std::optional<LawGrid> grid;
@@ -128,6 +131,8 @@ std::unique_ptr<Grid> grid_of(const forceaxis::sim::ModelFile &model,
       result->kept.push_back(i);
       kept.push_back(std::move(*plants[i]));
     }
+  for (std::size_t i = 0; i < result->kept.size(); ++i)
+    if (auto newest = kept[i].with_newest_readings()) kept.push_back(std::move(*newest));
   result->delays = delays;
   if (!kept.empty()) result->grid.emplace(std::move(kept), delays, density);
   return result;
@@ -184,8 +189,24 @@ py::tuple largest_gain(const Grid &grid, const LawShape &law, double hf_gain,
                        const LawBounds &bounds) {
   static const char *const kNames[] = {"hf", "ms", "gm", "pm"};
   const GainLimit limit = plants_of(grid, bounds).largest_gain(law, hf_gain, bounds);
-  return py::make_tuple(limit.gain, kNames[static_cast<int>(limit.bound)], limit.plant, limit.delay,
-                        limit.frequency_hz);
+  return py::make_tuple(limit.gain, kNames[static_cast<int>(limit.bound)],
+                        limit.plant % grid.kept.size(), limit.delay, limit.frequency_hz);
+}
+
+// Replaces each figure of a loop by that of another loop where the other one is worse.
+void add_worse(LoopFigures &worst, const LoopFigures &other) {
+  worst = {std::min(worst.fS_hz, other.fS_hz), std::min(worst.fT_hz, other.fT_hz),
+           std::max(worst.Ms, other.Ms), std::min(worst.gain_margin, other.gain_margin),
+           std::min(worst.phase_margin_rad, other.phase_margin_rad)};
+}
+void add_worse(PreciseFigures &worst, const PreciseFigures &other) {
+  worst = {worst.known_stable && other.known_stable,
+           std::min(worst.fS_hz, other.fS_hz),
+           std::min(worst.fT_hz, other.fT_hz),
+           std::max(worst.Ms, other.Ms),
+           std::min(worst.gain_margin, other.gain_margin),
+           std::min(worst.phase_margin_rad, other.phase_margin_rad),
+           worst.sag || other.sag};
 }
 
 // Returns an array (plants, delays, 6). A loop that is not known to be stable has NaN in all
@@ -202,7 +223,9 @@ py::array_t<double> precise(const Grid &grid, const LawShape &law, const std::ve
   double *const out = values.mutable_data();
   const py::gil_scoped_release released;
   in_parallel(grid.kept.size() * delays, threads, [&](std::size_t i) {
-    const auto f = own.precise(law, gains[i / delays], i / delays, i % delays);
+    PreciseFigures f = own.precise(law, gains[i / delays], i / delays, i % delays);
+    if (own.plants().size() > grid.kept.size())
+      add_worse(f, own.precise(law, gains[i / delays], grid.kept.size() + i / delays, i % delays));
     const std::array<double, kColumns> row{
         f.fS_hz, f.fT_hz, f.Ms, f.gain_margin, f.phase_margin_rad, f.sag ? 1.0 : 0.0};
     for (std::size_t k = 0; k < kColumns; ++k)
@@ -212,7 +235,10 @@ py::array_t<double> precise(const Grid &grid, const LawShape &law, const std::ve
 }
 
 py::array_t<double> figures(const Grid &grid, const LawShape &law, double gain) {
-  const auto all = plants_of(grid).figures(law, gain);
+  auto all = plants_of(grid).figures(law, gain);
+  const std::size_t loops = grid.kept.size() * grid.delays.size();
+  for (std::size_t i = loops; i < all.size(); ++i) add_worse(all[i - loops], all[i]);
+  all.resize(loops);
   py::array_t<double> values({static_cast<py::ssize_t>(grid.kept.size()),
                               static_cast<py::ssize_t>(grid.delays.size()), py::ssize_t{5}});
   double *out = values.mutable_data();
@@ -317,9 +343,11 @@ void add_laws(py::module_ &m) {
       .def(
           "gains",
           [](const Grid &grid, const LawShape &law, double hf_gain, const LawBounds &bounds) {
-            std::vector<double> gains;
-            for (const GainLimit &limit : plants_of(grid, bounds).limits(law, hf_gain, bounds))
-              gains.push_back(limit.gain);
+            const auto all = plants_of(grid, bounds).limits(law, hf_gain, bounds);
+            std::vector<double> gains(grid.kept.size());
+            for (std::size_t i = 0; i < all.size(); ++i)
+              gains[i % gains.size()] =
+                  i < gains.size() ? all[i].gain : std::min(gains[i % gains.size()], all[i].gain);
             return py::array_t<double>(static_cast<py::ssize_t>(gains.size()), gains.data());
           },
           py::arg("law"), py::arg("hf_gain"), py::arg("bounds"),

@@ -209,6 +209,9 @@ class Analyzer:
         self.home = self.objects.position
         facts = linear.facts(self.model, self.overrides) if self.model else None
         self.bus = facts.bus if facts else BusFacts(1, 0, 0)
+        sampling = facts.reading.sampling if facts and facts.reading else None
+        mean_s, width_s = sampling.ages_s() if sampling else (0.0, 0.0)
+        self.ages = mean_s * TICKS_PER_S, width_s * TICKS_PER_S
         samples = round(TICKS_PER_S / self.order.resolution_hz)
         # A period has whole cycles of the bus.
         self.samples = samples - samples % self.bus.cycle_ticks
@@ -418,6 +421,7 @@ class Analyzer:
             scale=float(scale),
             resolution_hz=TICKS_PER_S / self.samples,
             positions=(self.bus.cycle_ticks, self.bus.delay_ticks_in),
+            ages=self.ages if output is FORCE else (0.0, 0.0),
         )
 
     def _speed(self, H: response.Response, u: Samples) -> float:

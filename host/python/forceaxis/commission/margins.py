@@ -76,9 +76,7 @@ def peaks(fitted_axis: FittedAxis, level: Level) -> LoopPeak | None:
     error = np.sqrt(near**2 @ (near @ level.sensitivity_error**2))
     found = abs(near @ level.sensitivity)
     pairs = [_loop(tuning, fitted, designed.bank.bank, late, modes) for modes in every]
-    expected = np.max(
-        [abs(near @ loop.sensitivity(gain).response(hz).ravel()) for loop, gain in pairs], 0
-    )
+    expected = np.max([abs(near @ loop.sensitivity_at(gain, hz)) for loop, gain in pairs], 0)
     sure = error < ERROR_MAX * found
     if not sure.any():
         return None

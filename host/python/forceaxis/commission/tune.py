@@ -129,7 +129,6 @@ def check(tuning: TuningFolder) -> Checked:
     axis, model = tuning.axis, tuning.model
     held = axis.record(AxisSettings)
     facts = linear.facts(model)
-    facts.expect_fresh_reading("tune")
     _expect_axis_of_model(tuning, held, facts)
     settings = _sensor_settings(held, facts) | _position_settings(tuning, held, facts)
     settings |= _approach_settings(tuning, held, facts)

@@ -125,6 +125,9 @@ class Measurement:
     #: period and delay of the encoder's positions in samples, if a bus brings them. The input is
     #: then the command that the drive applies, in place of the DAC code of the firmware.
     positions: tuple[int, int] = (1, 0)
+    #: mean age of a reading of the force in samples, and the width of the range of ages, if the
+    #: sensor has a clock of its own
+    ages: tuple[float, float] = (0.0, 0.0)
 
     def predict(
         self, overrides: linear.Overrides | None = None, frequency_hz: ArrayLike | None = None
@@ -160,6 +163,10 @@ class Measurement:
                 values[row] = 1.0
         if self.output == "encoder":
             values[1] *= self._held(frequency)
+        if self.output == "adc0" and self.inject == "codes":
+            mean, width = self.ages
+            late = np.exp(-2j * np.pi * frequency * self.dt * mean)
+            values[1] *= late * np.sinc(frequency * self.dt * width)
         return values
 
     def _held(self, frequency: Reals) -> Complexes:

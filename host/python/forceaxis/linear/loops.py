@@ -367,7 +367,7 @@ def _samples(
         raise _core.InputError(
             f"{path}: adc.sample_rate: expected a rate whose samples repeat after at most "
             f"{PERIOD_TICKS_MAX} ticks of 1/1500 s and whole bus cycles, got "
-            f"{sampling.rate_hz:g} Hz; give the nearest such rate, for example 1000 Hz, and check the result with "
+            f"{sampling.rate_hz:g} Hz; give the nearest such rate, and check the result with "
             "`forceaxis run` at the rate of the sensor"
         )
     latency = Fraction(sampling.latency_s / TICK_S).limit_denominator(10**6)

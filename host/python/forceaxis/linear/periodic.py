@@ -288,6 +288,11 @@ class FreeLoop(Loop):
         """See Loop.sensitivity(), of the phase with the oldest readings."""
         return self._oldest.sensitivity(gain)
 
+    def sensitivity_at(self, gain: float, hz: ArrayLike) -> Matrix:
+        """See Loop.sensitivity_at(), the mean over the phases, as a clock that drifts has it."""
+        result: Matrix = np.mean([loop.sensitivity_at(gain, hz) for loop in self.each], 0)
+        return result
+
     def stable(self, gain: float) -> bool:
         """Returns True if the loop is stable with every phase."""
         return all(loop.stable(gain) for loop in self.each)

@@ -80,6 +80,12 @@ class SamplingFacts(NamedTuple):
     phase_s: float | None
     latency_s: float
 
+    def ages_s(self) -> tuple[float, float]:
+        """Returns the mean age of a reading and the width of the range of ages in s. All ages from
+        the latency to a period of the samples more are equally frequent for a sensor whose clock
+        drifts."""
+        return self.latency_s + 0.5 / self.rate_hz, 1 / self.rate_hz
+
     def label(self) -> str:
         """Description of the samples for a user, such as "1000 Hz, 2 ms late, any phase"."""
         text = f"{self.rate_hz:g} Hz, {1e3 * self.latency_s:g} ms late"

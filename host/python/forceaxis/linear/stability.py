@@ -181,6 +181,11 @@ class Loop:
         share = gain / D[0, 0]
         return replace(self.open, A=A - share * B @ C, B=share * B, C=-C / D, D=1 / D)
 
+    def sensitivity_at(self, gain: float, hz: ArrayLike) -> Matrix:
+        """Returns S at a gain k and at frequencies in Hz, in the shape of `hz`."""
+        result: Matrix = self.sensitivity(gain).response(hz).ravel()
+        return result
+
     def closed_poles(self, gain: float) -> Matrix:
         """Returns the closed-loop poles in 1/s. For a sampled loop, the poles are log(z) / T."""
         return self.closed(gain).poles_s()
