@@ -10,16 +10,22 @@ import os
 import re
 import shutil
 import subprocess
+import tempfile
 from pathlib import Path
 
 import pytest
+import verbs
 from forceaxis import _core, objects
+from forceaxis.axis import parameter_file
 from forceaxis.bus.state_names import texts
 
 ROOT = Path(__file__).resolve().parents[2]
 PORT = ROOT / "firmware/port/linuxcnc"
+EXPERIMENTS = ROOT / "sim/experiments"
 HAL_MODULES = Path("/usr/lib/linuxcnc/modules")
 STOCK = "hal_lib", "threads", "streamer", "sampler"
+# When the first process of the namespaces ends, all others end too.
+NAMESPACES = "unshare", "--ipc", "--mount", "--pid", "--fork", "--mount-proc", "--kill-child"
 NOBODY = 65534  # rtapi_app refuses to run as root
 THREAD = "loadrt threads name1=axis period1=666667"
 FAULTS = texts(objects.BY_NAME["fault"])
@@ -46,11 +52,14 @@ def modules():
 
 
 @pytest.fixture
-def hal(modules, tmp_path_factory):
+def hal(modules):
     """Runs commands of HAL: hal(lines, **files), which returns (status, standard output, error)."""
-    folder = tmp_path_factory.mktemp("hal")
-    for above in (folder, *folder.parents[:2]):
-        above.chmod(above.stat().st_mode | 0o011)
+    # rtapi_app writes as nobody, and pytest closes tmp_path to other users at each of its starts.
+    with tempfile.TemporaryDirectory(prefix="forceaxis-hal-") as name:
+        yield runner(Path(name), modules)
+
+
+def runner(folder, modules):
     folder.chmod(0o777)
     (folder / "modules").mkdir()
     for module in modules:
@@ -63,7 +72,7 @@ def hal(modules, tmp_path_factory):
             (folder / name.replace("__", ".")).write_text(text.strip() + "\n")
         environment = f"RTAPI_UID={NOBODY}", f"RTAPI_FIFO_PATH={folder}/fifo"
         done = subprocess.run(
-            [*prefix, "env", *environment, "unshare", "--ipc", "--mount", "sh", "-c", start],
+            [*prefix, "env", *environment, *NAMESPACES, "sh", "-c", start],
             cwd=folder, capture_output=True, text=True, timeout=120,
         )  # fmt: skip
         return done.returncode, done.stdout, done.stderr
@@ -125,7 +134,7 @@ getp forceaxis.refused
     )
     assert status == 0, error
     assert int(out.split()[-1], 0) == 0
-    expected = _core.run(str(ROOT / f"sim/experiments/{name}.toml"), []).trace_hash
+    expected = _core.run(str(EXPERIMENTS / f"{name}.toml"), []).trace_hash
     assert (hal.folder / "hash").read_text() == expected
 
 
@@ -230,7 +239,7 @@ def pin_values(text):
     return {name: value for value, name in rows}
 
 
-def test_an_unloaded_axis_leaves_safe_signals(hal):
+def test_an_unloaded_axis_leaves_safe_signals_and_may_be_loaded_again(hal):
     status, out, error = hal(
         f"""
 {LOAD}
@@ -245,11 +254,13 @@ gets amp
 unload forceaxis
 gets code
 gets amp
+loadrt forceaxis
+getp forceaxis.out.force
 """,
         axis__toml=PARAMETERS,
     )
     assert status == 0, error
-    assert out.split() == ["150", "TRUE", "0", "FALSE"]
+    assert out.split() == ["150", "TRUE", "0", "FALSE", "0"]
 
 
 def test_a_thread_of_another_period_never_enables_the_axis(hal):
@@ -294,6 +305,21 @@ show pin
     force = objects.BY_NAME["force"]
     assert int(found["out.force"]) * force.scale == pytest.approx(-2500 / 256)
     assert (found["out.adc-bits"], found["out.force-gain"]) == ("16", str(5 * 128))
+
+
+def test_a_dumped_parameter_file_is_loaded_with_its_raw_values(hal):
+    file = hal.folder / "dump.toml"
+    verbs.forceaxis("axis", "params", "dump", file, "--sim", EXPERIMENTS / "hold_biquad.toml")
+    raw = parameter_file.read(file, 1).values
+    names = [n for n in raw if objects.BY_NAME[n].part != "canopen"][:32]
+    assert {"position_gain", "bank_gain_1", "bank_coefficient_2", "force_bank"} <= set(names)
+    status, out, error = hal(
+        f"{THREAD}\nloadrt forceaxis parameters=dump.toml outputs={','.join(names)}\nshow pin"
+    )
+    assert status == 0, error
+    found = pin_values(out)
+    for name in names:
+        assert int(found[f"out.{name.replace('_', '-')}"]) % 2**32 == raw[name] % 2**32, name
 
 
 @pytest.mark.parametrize(

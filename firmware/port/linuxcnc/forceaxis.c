@@ -19,10 +19,10 @@
 enum {
   PERIOD_NS = 666667,
   PERIOD_TOLERANCE_NS = 1,
-  OBJECTS_MAX = 32, /* largest number of inputs, and of outputs, that are objects */
-  LATE_TICKS = 3,   /* initial value of late-ticks-max */
-  LATE_TICKS_MAX = 1000,
-  WATCH_UNTIMED_TICKS = 15,
+  OBJECTS_MAX = 32,         /* largest number of inputs, and of outputs, that are objects */
+  LATE_TICKS = 3,           /* initial value of late-ticks-max */
+  LATE_TICKS_MAX = 1000,    /* largest late-ticks-max */
+  WATCH_UNTIMED_TICKS = 15, /* between two looks at the fault */
   AGE_MAX = 255
 };
 
@@ -278,19 +278,22 @@ static void report_fault(void) {
   reported = code;
 }
 
+/* Sleeps for longer than late-ticks-max. Returns false if ticks are not timed. */
+static bool wait_for_ticks(void) {
+  const uint32_t limit = pins->late_ticks_max;
+  const uint32_t timed = (limit < LATE_TICKS_MAX) ? limit + 1 : LATE_TICKS_MAX + 1;
+  const struct timespec wait = {.tv_nsec =
+                                    (long)((limit > 0) ? timed : WATCH_UNTIMED_TICKS) * PERIOD_NS};
+  (void)nanosleep(&wait, NULL);
+  return limit > 0;
+}
+
 /* Makes the outputs safe when the thread of HAL stands still, because nothing else does. */
 static void *watch(void *unused) {
   (void)unused;
   unsigned seen = 0;
   while (!atomic_load(&is_ending)) {
-    const uint32_t limit = pins->late_ticks_max;
-    const bool is_timed = limit > 0;
-    const uint32_t waited = !is_timed                  ? WATCH_UNTIMED_TICKS
-                            : (limit < LATE_TICKS_MAX) ? limit + 1
-                                                       : LATE_TICKS_MAX;
-    const long long wait_ns = (long long)waited * PERIOD_NS;
-    const struct timespec wait = {.tv_nsec = (long)wait_ns};
-    (void)nanosleep(&wait, NULL);
+    const bool is_timed = wait_for_ticks();
     const unsigned now = atomic_load(&ticks);
     if (is_timed && now == seen) {
       atomic_store(&is_halted, now > 0);
@@ -410,6 +413,7 @@ static int load(void) {
   if (pins == NULL) {
     return refuse("expected memory of HAL, got none; unload other components");
   }
+  (void)memset(pins, 0, sizeof(*pins));
   int status = load_parameters();
   status = (status == 0) ? make_fixed_pins() : status;
   status = (status == 0) ? make_object_pins() : status;
