@@ -1,0 +1,22 @@
+#ifndef FIRMWARE_PORT_LINUXCNC_PARAMETERS_H_
+#define FIRMWARE_PORT_LINUXCNC_PARAMETERS_H_
+
+/* The headers of the firmware contain no conditionals, so a C++ program gets the C linkage of their
+ * functions here. */
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#include "firmware/app/fw.h"
+
+/* Writes the parameters of a file of `forceaxis axis params dump` to the firmware. The table
+ * [canopen] is skipped, because the component is on no bus. Returns NULL, or one line that says
+ * where the file is wrong, what was expected and what to do; the line is valid until the next call.
+ * host/linuxcnc/parameters.cpp implements this function. */
+const char *parameters_load(fw_t *firmware, const char *file);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
