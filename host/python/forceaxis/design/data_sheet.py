@@ -13,6 +13,7 @@ from forceaxis.errors import ParameterError
 from forceaxis.results import from_json
 
 GRAVITY_M_PER_S2 = 9.81
+STEPPER_SPEED_M_PER_S = 0.05  # default speed of a stepper axis, whose torque falls with the speed
 
 # An answer: a number, the name of a choice, or None for the `word` of a field and for a field
 # without effect.
@@ -98,6 +99,9 @@ def choice(part: str, choices: tuple[str, ...], why: str, ask: str, only: Only =
 AMPLIFIER: Only = {"drive": ("amplifier",)}
 WITH_CURRENT_LOOP: Only = {"drive": ("velocity", "torque")}
 WITH_VELOCITY_LOOP: Only = {"drive": ("amplifier", "velocity")}
+WITH_CURRENT: Only = {"drive": ("amplifier", "velocity", "torque")}
+WITH_SPEED: Only = {"drive": ("amplifier", "velocity", "stepper")}
+STEPPER: Only = {"drive": ("stepper",)}
 ROTARY: Only = {"motor": ("rotary",)}
 
 
@@ -108,10 +112,11 @@ class SheetValues:
     fields."""
 
     drive: str = choice(
-        "drive", ("amplifier", "velocity", "torque"), "a velocity amplifier for +-10 V",
+        "drive", ("amplifier", "velocity", "torque", "stepper"), "a velocity amplifier for +-10 V",
         'kind of drive: "amplifier" is a velocity amplifier for +-10 V that is described by its '
         'circuit, "velocity" a drive with a velocity loop that is described by its bandwidth, '
-        '"torque" a drive that follows a command of current',
+        '"torque" a drive that follows a command of current, "stepper" a stepper motor whose driver '
+        "follows a command of speed",
     )  # fmt: skip
     bus_cycle_ms: float | None = number_or_word(SheetField(
         "drive", "ms", 2, 20, None, "a command of +-10 V",
@@ -137,7 +142,19 @@ class SheetValues:
     torque_constant_n_m_per_a: float = number(SheetField(
         "motor", "N m/A", 1e-5, 1e3, 0.1, "a small servo motor",
         'torque constant: motor data sheet, "Kt"',
-        only=ROTARY,
+        only={**ROTARY, **WITH_CURRENT},
+    ))  # fmt: skip
+    holding_torque_n_m: float = number(SheetField(
+        "motor", "N m", 1e-3, 1e3, 2.0, "a common stepper motor",
+        "holding torque at the current of the driver: motor data sheet", only=STEPPER,
+    ))  # fmt: skip
+    full_steps_per_rev: float = number(SheetField(
+        "motor", "1/rev", 4, 2000, 200, "1.8 degrees",
+        "full steps per revolution of the motor", only=STEPPER,
+    ))  # fmt: skip
+    load_angle_damping_ratio: float = number(SheetField(
+        "motor", "1", 0, 2, 0.2, "a driver that damps resonance",
+        "damping ratio of the moving mass against the load angle at standstill", only=STEPPER,
     ))  # fmt: skip
     back_emf_v_s_per_rad: float = number(SheetField(
         "motor", "V s/rad", 0, 1e3, lambda v: v.torque_constant_n_m_per_a,
@@ -167,7 +184,7 @@ class SheetValues:
     ))  # fmt: skip
     motor_peak_current_a: float = number(SheetField(
         "motor", "A", 1e-3, 1e4, 20.0, "a small servo motor",
-        'peak current: "Imax", below the demagnetisation limit',
+        'peak current: "Imax", below the demagnetisation limit', only=WITH_CURRENT,
     ))  # fmt: skip
     lead_mm_per_rev: float | None = number_or_word(SheetField(
         "transmission", "mm/rev", 1e-3, 1e4, 10.0, "a common ball screw",
@@ -237,7 +254,7 @@ class SheetValues:
     ))  # fmt: skip
     amplifier_current_limit_a: float = number(SheetField(
         "amplifier", "A", 1e-3, 1e4, lambda v: v.motor_peak_current_a, "the motor's peak current",
-        "current at which the amplifier limits",
+        "current at which the amplifier limits", only=WITH_CURRENT,
     ))  # fmt: skip
     command_full_scale_v: float = number(SheetField(
         "amplifier", "V", 0.1, 1e3, 10.0, "+-10 V is common",
@@ -245,9 +262,9 @@ class SheetValues:
     ))  # fmt: skip
     full_scale_speed_m_per_s: float = number(SheetField(
         "amplifier", "m/s", 1e-5, 100, lambda v: default_speed_m_per_s(v),
-        "80 % of the speed at which back EMF takes the supply, at most 0.25 m/s",
+        "80 % of the speed at which back EMF takes the supply, at most 0.25 m/s; a stepper: 0.05 m/s",
         "speed of the axis at full-scale command, as set up in the amplifier",
-        only=WITH_VELOCITY_LOOP,
+        only=WITH_SPEED,
     ))  # fmt: skip
     velocity_loop_hz: float = number(SheetField(
         "amplifier", "Hz", 0.1, 2000, 40.0, "an ordinary drive",
@@ -263,7 +280,7 @@ class SheetValues:
     current_loop_hz: float = number(SheetField(
         "amplifier", "Hz", 1, 2e4, lambda v: default_current_loop_hz(v),
         "1 kHz, or more to leave the velocity loop in charge",
-        "bandwidth of the current loop: amplifier data sheet",
+        "bandwidth of the current loop: amplifier data sheet", only=WITH_CURRENT,
     ))  # fmt: skip
     tachometer_v_s_per_rad: float | None = number_or_word(SheetField(
         "amplifier", "V s/rad", 1e-6, 1e3, None,
@@ -362,6 +379,8 @@ class SheetValues:
     def peak_force_n(self) -> float:
         """Returns the largest force along the axis in N. The supply over the resistance limits the
         current too, where the data sheet has both."""
+        if self.drive == "stepper":
+            return self.efficiency * self.holding_torque_n_m / self.radius_m
         current_a = self.current_limit_a
         if self.drive == "amplifier":
             current_a = min(current_a, self.supply_v / self.resistance_ohm)
@@ -376,6 +395,18 @@ class SheetValues:
         if self.motor == "rotary":
             damping += self.motor_damping_n_m_s_per_rad / self.radius_m**2
         return self.peak_force_n / max(damping, 1e-9)
+
+    @property
+    def full_step_m(self) -> float:
+        """Returns the travel of the axis in m for a full step of a stepper motor."""
+        return 2 * math.pi * self.radius_m / self.full_steps_per_rev
+
+    @property
+    def load_angle_damping_n_s_per_m(self) -> float:
+        """Returns the damping of the load angle of a stepper motor along the axis in N s/m. At
+        standstill the load angle is a spring: the force repeats after 4 full steps."""
+        spring = self.peak_force_n * math.pi / 2 / self.full_step_m
+        return 2 * self.load_angle_damping_ratio * math.sqrt(spring * self.total_mass_kg)
 
     @property
     def radius_m(self) -> float:
@@ -417,6 +448,8 @@ class SheetValues:
 
 def default_speed_m_per_s(v: SheetValues) -> float:
     """Returns the default of the speed at full-scale command in m/s."""
+    if v.drive == "stepper":
+        return STEPPER_SPEED_M_PER_S
     return 0.25 if v.drive != "amplifier" else min(0.25, 0.8 * v.back_emf_speed_m_per_s)
 
 

@@ -325,6 +325,11 @@ def unstable_drive(v: SheetValues) -> ParameterError:
             f"its current loop and transmission, got {v.torque_damping_n_s_per_m:g} N s/m; lower "
             "`torque_damping_n_s_per_m`, or raise `current_loop_hz`",
         )  # fmt: skip
+    if v.drive == "stepper":
+        return ParameterError(
+            "load_angle_damping_ratio", "expected a damping ratio with which the axis is stable, "
+            f"got {v.load_angle_damping_ratio:g}; raise `load_angle_damping_ratio`",
+        )  # fmt: skip
     filtered = "`velocity_filter_hz` and " if v.drive == "amplifier" else ""
     return ParameterError(
         "velocity_loop_hz", "expected a bandwidth at which the drive is stable with its "

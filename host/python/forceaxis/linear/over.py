@@ -48,6 +48,8 @@ SEARCH_STARTS = 2  # number of plants from which the search for the worst plant 
 # a parameter.
 COARSE_STEP, FINE_STEP = 1 / 16, 1 / 2048
 COMBINATIONS_MAX = 20000
+LOAD_ANGLE = "drive.load_angle"  # element of a stepper, whose states are the segments of its force
+STEPPER_PERIODS = 8  # periods of the force at each side of the load angle 0
 
 
 class _Response:
@@ -501,11 +503,23 @@ def distinct(
     return tuple(sorted(found, key=len))
 
 
+def _holds(known: PlantFacts, state: str | None) -> bool:
+    """Returns True if the force of a stepper rises with its load angle in a state of the load
+    angle (None: not given). The angle stays there; where the force falls, the motor slips."""
+    if state is None:
+        return True
+    states = known.switches[LOAD_ANGLE]
+    middle = len(states) // 2
+    return abs(states.index(state) - middle) < middle // STEPPER_PERIODS // 4
+
+
 def _lasts(known: PlantFacts, modes: States) -> bool:
     """Returns True if a force law can work permanently with the element states `modes`. All
     contacts of the model must be pressed and no element saturated, because a loop with a saturated
     feedback inside the drive is stable at no gain."""
     if any(state.endswith(" limit") for state in modes.values()):
+        return False
+    if not _holds(known, modes.get(LOAD_ANGLE)):
         return False
     names = [contact.name for contact in known.contacts]
     return not names or any(modes.get(name, "pressed") == "pressed" for name in names)
