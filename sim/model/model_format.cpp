@@ -429,9 +429,10 @@ constexpr KeyFormat kAdcKeys[] = {
             "code, so its `adc_bits` is then 16."),
     ranged("sample_rate", D::frequency, 1.0, 30e3, "a sample at each tick of 1/1500 s",
            "Rate of the samples, from 1 Hz to 30 kHz."),
-    ranged("sample_phase", D::time, 0.0, 1.0, "not known",
-           "Time from tick 0 to the first sample, at least 0 and below 1 / sample_rate. Without this "
-           "key a run takes 0, and limits and margins are the worst of all phases."),
+    ranged(
+        "sample_phase", D::time, 0.0, 1.0, "not known",
+        "Time from tick 0 to the first sample, at least 0 and below 1 / sample_rate. Without this "
+        "key a run takes 0, and limits and margins are the worst of all phases."),
     ranged("latency", D::time, 0.0, 0.1, 0.0,
            "Time from a sample to the tick from which on the firmware has it, at most 0.1 s. Until "
            "the first sample arrives, the firmware has the signal of tick 0."),

@@ -448,6 +448,44 @@ def test_a_bus_of_any_cycle_holds_a_force(tmp_path, cycle_ms):
     assert ran(tmp_path, "step.toml")["fault"] == "none"
 
 
+CELL = "--drive velocity --sensor-bits 24 --sensor-rate-hz {} --sensor-latency-ms {}"
+
+
+@pytest.mark.parametrize(("rate_hz", "latency_ms"), [(1000, 2), (100, 20), (30000, 0)])
+def test_a_cell_with_a_clock_of_its_own_holds_a_force(tmp_path, rate_hz, latency_ms):
+    fresh = made(tmp_path, "--drive velocity --sensor-bits 16")["force_limit_gain"]
+    result = made(tmp_path, CELL.format(rate_hz, latency_ms) + " --force")
+    assert result["force_limit_gain"] < fresh
+    for name in ("contact.toml", "step.toml"):
+        found = ran(tmp_path, name)
+        assert (found["verdict"], found["fault"]) == ("stable", "none"), name
+    model = tomllib.loads((tmp_path / "mine/model.toml").read_text())
+    assert (model["adc"][0]["bits"], model["adc"][1]["bits"]) == (24, 16)
+
+
+def test_a_latency_without_a_rate_is_refused(tmp_path):
+    options = ["--yes", "--sensor-latency-ms", "2"]
+    words = "expected no value while --sensor-rate-hz is tick"
+    refused(forceaxis(tmp_path, "new", "mine", *options), "--sensor-latency-ms: ", words)
+
+
+def test_a_stepper_holds_a_force_below_its_holding_force(tmp_path):
+    result = made(tmp_path, "--drive stepper --sensor-bits 16")
+    found = ran(tmp_path, "contact.toml")
+    assert (found["verdict"], found["fault"]) == ("stable", "none")
+    assert found["metrics"]["held_force"]["held_N"] == pytest.approx(result["setpoint_N"], rel=0.02)
+    # 2 N m, efficiency 0.9, lead 10 mm: the motor slips at more than the holding force.
+    plant = tomllib.loads((tmp_path / "mine/model.toml").read_text())["parameters"]
+    assert plant["holding_force"]["value"] == pytest.approx(0.9 * 2 * 2 * np.pi / 0.01, rel=1e-6)
+    assert plant["full_step"]["value"] == pytest.approx(10e-3 / 200, rel=1e-9)
+    weak = made(tmp_path, "--drive stepper --sensor-bits 16 --holding-torque-n-m 0.1 --force")
+    twice = 2 * 0.1 / 2 * plant["holding_force"]["value"] / weak["setpoint_N"]
+    slipped = ran(
+        tmp_path, "contact.toml", f"firmware.force_setpoint={twice * weak['force_setpoint']}"
+    )["metrics"]["held_force"]
+    assert slipped["held_N"] < 0.2 * slipped["setpoint_N"]
+
+
 @pytest.mark.parametrize(
     ("cycle_ms", "words"),
     [(3, "expected a multiple of 2 ms, got 3 ms"), (22, "expected a plain number from 2 to 20 ms")],

@@ -28,6 +28,7 @@ from forceaxis.identify.distributions import chi_square_bound, chi_square_tail, 
 from forceaxis.identify.fit import REJECTED_BELOW
 from forceaxis.identify.measurement import COHERENT, CONFIDENCE, Measurement
 from forceaxis.linear import loops, plant_set
+from forceaxis.linear.over import LOAD_ANGLE
 
 Values = dict[str, float]  # {parameter: SI value}
 States = dict[str, str]  # {element: state}
@@ -379,9 +380,10 @@ def joint(
 
 def _in_modes(problem: Responses) -> Responses:
     """Returns the problem with the linear range of the amplifier for each response that explains
-    the responses best. States from the caller do not change."""
+    the responses best. States from the caller do not change. The load angle of a stepper stays in
+    its first segment, within which known.linear_codes() keeps it."""
     states = problem.states
-    ranges = sets.slopes(problem.model, fixed=states)
+    ranges = [m for m in sets.slopes(problem.model, fixed=states) if LOAD_ANGLE not in m]
     slopes = [states, *(modes for modes in ranges if modes != states)]
     pressed = sum(not m.free for m in problem.measured)
     if len(slopes) == 1:

@@ -102,11 +102,15 @@ def _drive_limits(
     a model."""
     facts, drive = linear.facts(model, overrides), model_file.read(model).drive
     limits = (("drive.voltage", drive.supply_limit), ("drive.current_command", drive.preamp_limit))
-    return [
+    found = [
         (signal, limit) for signal, given in limits
         if signal in facts.signals
         and (limit := working.number(given, facts.parameters)) is not None
     ]  # fmt: skip
+    step = working.number(drive.full_step, facts.parameters)
+    if step is not None:  # the first segment of the force of a stepper, which has a period of 4
+        found.append(("drive.load_angle", 4 * step / drive.segments))
+    return found
 
 
 def linear_codes(model: str | Path, overrides: linear.Overrides | None = None) -> float:

@@ -115,8 +115,8 @@ class SheetValues:
         "drive", ("amplifier", "velocity", "torque", "stepper"), "a velocity amplifier for +-10 V",
         'kind of drive: "amplifier" is a velocity amplifier for +-10 V that is described by its '
         'circuit, "velocity" a drive with a velocity loop that is described by its bandwidth, '
-        '"torque" a drive that follows a command of current, "stepper" a stepper motor whose driver '
-        "follows a command of speed",
+        '"torque" a drive that follows a command of current, "stepper" a stepper motor whose '
+        "driver follows a command of speed",
     )  # fmt: skip
     bus_cycle_ms: float | None = number_or_word(SheetField(
         "drive", "ms", 2, 20, None, "a command of +-10 V",

@@ -89,6 +89,8 @@ class ModelDrive:
     a_act: Given | None = None
     peak_current: Given | None = None
     rated_current: Given | None = None
+    full_step: Given | None = None
+    segments: int = 16
 
 
 @dataclass(frozen=True)
