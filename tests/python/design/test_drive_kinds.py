@@ -17,6 +17,7 @@ def test_an_axis_of_each_kind_is_designed_tuned_and_holds_its_force(name):
     assert held["held_N"] == pytest.approx(held["setpoint_N"], rel=0.02)
     # tune refuses a law whose measured Ms does not agree with the prediction.
     assert found["tune"]["Ms_verified"] <= found["tune"]["Ms_predicted"] + 0.3
-    # A contact that can be lost, or saturates, may be unstable below the linear limit, never above.
+    # A contact that can be lost may be unstable below the linear limit. A run has one phase of the
+    # samples, the limit is that of the worst phase.
     limit, gain = found["limit"]["firmware_gain"], found["new"]["force_gain"]
-    assert last is None or gain <= last <= 1.02 * limit
+    assert last is None or gain <= last <= 1.1 * limit

@@ -384,7 +384,7 @@ def test_on_a_terminal_it_asks_with_defaults_and_asks_again(tmp_path):
     assert "back-emf-v-s-per-rad, V s/rad [0.1]: " in shown  # it follows the torque constant
     assert "back-emf-v-s-per-rad, V s/rad [3]: " in shown  # as answered before one went back
     assert "lead-mm-per-rev, mm/rev [5]: " in shown
-    assert "\n8 of 47  motor: back-EMF" in shown.replace("\r", "")
+    assert "\n11 of 52  motor: back-EMF" in shown.replace("\r", "")
     assert max(map(len, shown.splitlines())) <= 80
     assert "backlash-mm" not in asked  # a rigid transmission has none
     assert "workpiece-mass-kg" in asked  # an elastic workpiece has one
@@ -404,7 +404,9 @@ def test_answers_decide_what_is_asked(tmp_path):
     answers = {"drive": ["servo", "torque"], "motor": ["linear"]}
     status, shown, asked = converse(tmp_path, answers)
     assert status == 0, shown
-    assert "expected amplifier or velocity or torque, got 'servo'" in " ".join(shown.split())
+    assert "expected amplifier or velocity or torque or stepper, got 'servo'" in " ".join(
+        shown.split()
+    )
     assert "drive [amplifier]: " in shown
     assert {"bus-cycle-ms", "force-constant-n-per-a", "torque-damping-n-s-per-m"} <= set(asked)
     others = {"supply-v", "lead-mm-per-rev", "torque-constant-n-m-per-a", "velocity-loop-hz"}

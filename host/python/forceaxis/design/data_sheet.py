@@ -262,7 +262,8 @@ class SheetValues:
     ))  # fmt: skip
     full_scale_speed_m_per_s: float = number(SheetField(
         "amplifier", "m/s", 1e-5, 100, lambda v: default_speed_m_per_s(v),
-        "80 % of the speed at which back EMF takes the supply, at most 0.25 m/s; a stepper: 0.05 m/s",
+        "80 % of the speed at which back EMF takes the supply, at most 0.25 m/s, or 0.05 m/s of a "
+        "stepper",
         "speed of the axis at full-scale command, as set up in the amplifier",
         only=WITH_SPEED,
     ))  # fmt: skip
