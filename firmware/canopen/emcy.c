@@ -15,7 +15,11 @@ enum {
   ERROR_MANUFACTURER = 0x80
 };
 
+/* Returns the bits of the error register for an error code. A warning is no error. */
 static uint8_t class_of(uint16_t code) {
+  if (code >= AXIS_ERROR_CODE_CONTACT_LOST && code <= AXIS_ERROR_CODE_OVERRUN) {
+    return 0;
+  }
   switch (fx_field(code, 8, 8)) {
     case 0x00:
       return 0;

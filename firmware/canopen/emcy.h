@@ -6,7 +6,8 @@
  *
  * A frame contains the error code (AXIS_ERROR_CODE_), the error register and five manufacturer
  * bytes. Code 0 reports the end of an error; the register in the frame shows whether another error
- * remains.
+ * remains. The codes contact_lost to overrun (FF01h to FF04h) are warnings: they leave the register
+ * as it is, so it is 0 if nothing else has failed.
  *
  * The first manufacturer byte depends on the error code. For a code of the drive it is the fault
  * (AXIS_FAULT_), and for a lost heartbeat the node id. For an error of an RPDO it is the number

@@ -59,13 +59,15 @@ static void receive_heartbeat(drive402_t *master, const can_frame_t *frame) {
   }
 }
 
+/* Takes an emergency message: error code and error register (1001h). Code 0 is the end of an error.
+ * Without a bit in the register no error is present, so the message is a warning. */
 static void receive_emergency(drive402_t *master, const can_frame_t *frame) {
   const uint16_t code = (frame->length == 8) ? (uint16_t)fx_load_le(frame->data, 2) : 0;
   if (code == 0) {
     return;
   }
   master->error_code = code;
-  if (master->phase == DRIVE402_RUNNING) {
+  if (master->phase == DRIVE402_RUNNING && frame->data[2] != 0) {
     drive402_fail(master, DRIVE402_DRIVE_EMERGENCY);
   }
 }

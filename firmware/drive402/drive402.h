@@ -36,6 +36,9 @@
  * voltage. It accepts a stop in every state and keeps the cycle going after a failure. The drive
  * comes on again only from switch on disabled.
  *
+ * Emergency messages. The code of each one is kept. It is a failure if the error register in it
+ * (1001h) is not 0; with the register 0 it is a warning. Code 0, the end of an error, is neither.
+ *
  * Failures. The first reason since the last reset stays in the feedback, for SDO with its object
  * and abort code. Nothing is retried without `reset`. A fault of the drive (DRIVE_FAULT,
  * DRIVE_EMERGENCY, DRIVE_OFF) is reset in place by 6040h bit 7, and reported again if it remains

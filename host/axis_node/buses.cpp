@@ -1,7 +1,6 @@
 #include "host/axis_node/buses.hpp"
 
 #include <fcntl.h>
-#include <linux/can/error.h>
 #include <termios.h>
 #include <unistd.h>
 
@@ -9,26 +8,35 @@
 #include <cerrno>
 #include <cstring>
 
+#include "host/canopen/can_socket.hpp"
 #include "host/link/transport.hpp"
 
 namespace forceaxis::nodes {
 namespace {
 
-constexpr unsigned kCallsPerCheck = 150;  // 0.1 s
 constexpr std::size_t kModbusBytes = 1024;
 
 }  // namespace
 
-CanPort::CanPort(const std::string &interface)
-    // Remote frames are received too, because the firmware processes them.
-    : socket_(interface, {.filter = {0, CAN_EFF_FLAG},
-                          .errors = CAN_ERR_CRTL | CAN_ERR_BUSOFF | CAN_ERR_RESTARTED,
-                          .deep = true}) {}
+CanPort::CanPort(const std::string &interface) {
+  canopen::expect_open(can_line_open(&line_, interface.c_str()), interface);
+  try {
+    canopen::expect_up(line_.raw);
+  } catch (const canopen::CanError &) {
+    close(line_.raw.fd);
+    throw;
+  }
+}
 
-void CanPort::set_state(std::uint8_t state, const Handlers &handlers) {
-  if (state == state_) return;
-  state_ = state;
-  handlers.state(state);
+CanPort::~CanPort() { close(line_.raw.fd); }
+
+// Passes each change of the state to the handler. A bus that was off for a short time was off.
+void CanPort::tell_state(const Handlers &handlers) {
+  for (std::uint8_t state = can_line_state(&line_); state != state_;
+       state = can_line_state(&line_)) {
+    state_ = state;
+    handlers.state(state);
+  }
 }
 
 // Largest number of frames passed to the firmware in one tick. The value is ten times the number of
@@ -36,55 +44,20 @@ void CanPort::set_state(std::uint8_t state, const Handlers &handlers) {
 constexpr int kFramesPerTick = 64;
 
 void CanPort::receive(const Handlers &handlers) {
-  // While the interface is down, its state is checked every kCallsPerCheck calls.
-  if (state_ == CAN_BUS_OFF && ++calls_ % kCallsPerCheck == 0 && socket_.is_up()) {
-    set_state(CAN_BUS_ACTIVE, handlers);
-  }
   // The number of frames is limited, because many frames must not delay the tick. The remaining
   // frames wait until the next tick. If the memory of the socket is full, further frames are
   // dropped and counted.
   for (int i = 0; i < kFramesPerTick; ++i) {
-    can_frame frame;
-    const int n = socket_.receive({&frame, 1});
-    if (n < 0) {
-      if (n == -ENETDOWN || n == -ENODEV) set_state(CAN_BUS_OFF, handlers);
-      if (n == -EINTR || n == -ENETDOWN) continue;
-      return;
-    }
-    if (const std::uint32_t lost = socket_.take_lost(); lost > 0) {
-      handlers.lost(static_cast<std::uint16_t>(std::min<std::uint32_t>(lost, 65535)));
-    }
-    if ((frame.can_id & CAN_EFF_FLAG) != 0) continue;
-    if ((frame.can_id & CAN_ERR_FLAG) != 0) {
-      constexpr int kPassive = CAN_ERR_CRTL_RX_PASSIVE | CAN_ERR_CRTL_TX_PASSIVE;
-      const bool controller = (frame.can_id & CAN_ERR_CRTL) != 0;
-      if ((frame.can_id & CAN_ERR_BUSOFF) != 0) {
-        set_state(CAN_BUS_OFF, handlers);
-      } else if (controller && (frame.data[1] & kPassive) != 0) {
-        set_state(CAN_BUS_PASSIVE, handlers);
-      } else if ((frame.can_id & CAN_ERR_RESTARTED) != 0 ||
-                 (controller && (frame.data[1] & CAN_ERR_CRTL_ACTIVE) != 0)) {
-        set_state(CAN_BUS_ACTIVE, handlers);
-      }
-      continue;
-    }
     can_frame_t received{};
-    received.id = static_cast<std::uint16_t>(frame.can_id & CAN_SFF_MASK);
-    received.remote = (frame.can_id & CAN_RTR_FLAG) != 0;
-    received.length =
-        received.remote != 0 ? std::uint8_t{0} : std::min<std::uint8_t>(frame.can_dlc, 8);
-    std::copy_n(frame.data, received.length, received.data);
+    const bool came = can_line_receive(&line_, &received);
+    tell_state(handlers);
+    if (const std::uint16_t lost = can_line_lost(&line_); lost > 0) handlers.lost(lost);
+    if (!came) return;
     handlers.frame(received);
   }
 }
 
-bool CanPort::send(const can_frame_t &sent) {
-  can_frame frame{};
-  frame.can_id = sent.id | (sent.remote != 0 ? CAN_RTR_FLAG : 0U);
-  frame.can_dlc = sent.length;
-  std::copy_n(sent.data, sent.length, frame.data);
-  return socket_.send({&frame, 1}) == 1;
-}
+bool CanPort::send(const can_frame_t &sent) { return can_line_send(&line_, &sent); }
 
 ModbusPort::ModbusPort(const std::string &device, int baud)
     : device_(open(device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC)),

@@ -9,15 +9,19 @@
 #include <vector>
 
 #include "firmware/port/host/axis_host.h"
-#include "host/canopen/can_socket.hpp"
+#include "firmware/port/linux/can_line.h"
 
 namespace forceaxis::nodes {
 
 // The socket of one axis on a CAN interface. Each axis has its own socket, so each axis receives
 // the frames of all other axes, like the nodes on a bus. Only classic CAN frames with 11-bit
-// identifiers are passed to the firmware.
+// identifiers are passed to the firmware. can_line.h says when a bus is off and when it is back.
 class CanPort {
  public:
+  CanPort(const CanPort &) = delete;
+  CanPort &operator=(const CanPort &) = delete;
+  ~CanPort();
+
   // Opens the CAN socket. Throws canopen::CanError if the interface does not exist or is down.
   explicit CanPort(const std::string &interface);
 
@@ -31,19 +35,18 @@ class CanPort {
   // Passes at most 64 pending frames and the changes of the interface's state to the handlers.
   void receive(const Handlers &handlers);
 
-  // Returns true if the interface is down.
+  // Returns true if the interface is down or its controller is bus off.
   bool is_off() const { return state_ == CAN_BUS_OFF; }
 
   // Sends a frame. Returns false if the interface did not accept the frame, because the queue is
-  // full or the interface is down.
+  // full or the bus is off.
   bool send(const can_frame_t &frame);
 
  private:
-  void set_state(std::uint8_t state, const Handlers &handlers);
+  void tell_state(const Handlers &handlers);
 
-  canopen::CanSocket socket_;
+  can_line_t line_{};
   std::uint8_t state_ = CAN_BUS_ACTIVE;
-  unsigned calls_ = 0;
 };
 
 // The serial line of all axes of the process: 8 data bits, even parity.

@@ -1,5 +1,6 @@
 #pragma once
-// A raw SocketCAN socket for the gateway, axis_node and the link in lock-step.
+// A raw SocketCAN socket for the gateway and the link in lock-step, and the messages of all
+// programs about a CAN interface.
 #include <linux/can.h>
 
 #include <chrono>
@@ -8,6 +9,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "firmware/port/linux/can_raw.h"
+
 namespace forceaxis::canopen {
 
 // The machine does not support CAN, or the interface does not exist or is down. what() returns one
@@ -15,6 +18,11 @@ namespace forceaxis::canopen {
 struct CanError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
+
+// Throws CanError if a socket on this interface was not opened.
+void expect_open(can_raw_result_t result, const std::string &interface);
+// Throws CanError if the interface of the socket is down.
+void expect_up(const can_raw_t &socket);
 
 class CanSocket {
  public:
@@ -31,7 +39,7 @@ class CanSocket {
     bool deep = false;
   };
   // Largest number of frames that one call of send() or receive() passes.
-  static constexpr std::size_t kBatch = 16;
+  static constexpr std::size_t kBatch = CAN_RAW_BATCH;
 
   // Opens a socket on the interface. Throws CanError.
   CanSocket(const std::string &interface, const Options &options);
@@ -40,8 +48,7 @@ class CanSocket {
   CanSocket &operator=(const CanSocket &) = delete;
 
   const std::string &interface() const { return interface_; }
-  int fd() const { return fd_; }
-  bool is_up() const;
+  int fd() const { return raw_.fd; }
 
   // Writes the first frames, at most kBatch, to the queue of the interface. Returns the number of
   // accepted frames, which is at least 1, or -errno. If the queue is full, the result is -ENOBUFS
@@ -63,11 +70,9 @@ class CanSocket {
 
  private:
   std::string interface_;
-  int fd_;
-  bool deep_;
+  can_raw_t raw_;
   std::chrono::milliseconds wait_{-1};
-  std::uint32_t dropped_ = 0;  // value of the kernel's counter of dropped frames, which wraps
-  std::uint32_t lost_ = 0;     // number of dropped frames since the last call of take_lost()
+  std::uint32_t lost_ = 0;  // value of raw_.dropped at the last call of take_lost()
 };
 
 }  // namespace forceaxis::canopen

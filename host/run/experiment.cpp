@@ -53,6 +53,16 @@ ForceSensor read_force_sensor(Section &section, const sim::Model &model) {
   return static_cast<ForceSensor>(reads);
 }
 
+sim::DriveFailure read_drive_failure(Section &section, const sim::Model &model) {
+  section.finish();
+  const std::size_t failure = section.choice("failure", "choose one of these texts");
+  if (!model.drive || !model.drive->enable_ticks)
+    section.fail("failure",
+                 "expected a model whose [drive] has enable_ticks, got a drive that reports "
+                 "nothing; add enable_ticks to the model or remove this failure");
+  return static_cast<sim::DriveFailure>(failure);
+}
+
 Action read_action(Section &section, double duration_s, const sim::Model &model,
                    const std::vector<ObjectWrite> &initial) {
   section.finish();
@@ -74,10 +84,11 @@ Action read_action(Section &section, double duration_s, const sim::Model &model,
   });
   section.one("sensor",
               [&](Section &sensor) { action.force_sensor = read_force_sensor(sensor, model); });
-  if (action.writes.empty() && action.impulses.empty() && !action.force_sensor)
+  section.one("drive", [&](Section &drive) { action.drive = read_drive_failure(drive, model); });
+  if (action.writes.empty() && action.impulses.empty() && !action.force_sensor && !action.drive)
     section.fail("time_s",
-                 "expected one of the keys firmware, impulse and sensor too, got none; add a key "
-                 "or remove this [[at]]");
+                 "expected one of the keys firmware, impulse, sensor and drive too, got none; add "
+                 "a key or remove this [[at]]");
   return action;
 }
 

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "host/run/object_values.hpp"
+#include "sim/hybrid/drive_bus.hpp"
 #include "sim/hybrid/mode.hpp"
 #include "sim/model/model.hpp"
 #include "sim/model/toml_forward.hpp"
@@ -29,9 +30,9 @@ struct Impulse {
 };
 
 // The code of ADC 0: the converted signal of the plant ("live"), the code of the previous tick
-// ("held"), the highest or lowest code ("high", "low"), or the code for the force 0 ("zero"), as
-// with a disconnected sensor.
-enum class ForceSensor : std::uint8_t { live, held, high, low, zero };
+// ("held"), the highest or lowest code ("high", "low"), the code for the force 0 ("zero"), as with
+// a disconnected sensor, or the last code, whose age grows ("silent").
+enum class ForceSensor : std::uint8_t { live, held, high, low, zero, silent };
 
 // The actions of one table [[at]].
 struct Action {
@@ -39,6 +40,7 @@ struct Action {
   std::vector<ObjectWrite> writes;
   std::vector<Impulse> impulses;
   std::optional<ForceSensor> force_sensor;
+  std::optional<sim::DriveFailure> drive;
 };
 
 // The limits of the verdict, which verdict.hpp explains. A limit applies to the window, which is

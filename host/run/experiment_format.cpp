@@ -73,12 +73,22 @@ constexpr KeyFormat kImpulseKeys[] = {
 constexpr TableFormat kImpulse{"An impulse on a body.", kImpulseKeys};
 
 constexpr KeyFormat kSensorKeys[] = {
-    other("force", "live, held, high, low, zero", "",
+    other("force", "live, held, high, low, zero, silent", "",
           "What ADC 0 converts from this instant on: the signal of the plant (live), the code "
           "of the previous tick (held), an end of its range (high, low), or the code of no "
-          "force in the model (zero)."),
+          "force in the model (zero). With silent no new code arrives: the last one becomes "
+          "older."),
 };
 constexpr TableFormat kSensor{"A failure of a sensor, or its end.", kSensorKeys};
+
+constexpr KeyFormat kDriveKeys[] = {
+    other("failure", "none, off, fault, silent", "",
+          "The drive has switched itself off (off), also with a fault (fault), or its frames do "
+          "not arrive any more while it still receives frames (silent). With none it works "
+          "again, and is on `enable_ticks` later if it is enabled."),
+};
+constexpr TableFormat kDrive{
+    "A failure of a drive that has `enable_ticks` in the model, or its end.", kDriveKeys};
 
 constexpr KeyFormat kAtKeys[] = {
     ranged("time_s", D::time, 0.0, kLongestRun_s, "",
@@ -87,6 +97,7 @@ constexpr KeyFormat kAtKeys[] = {
     table("impulse", kImpulse),
     table("firmware", kFirmwareAt),
     table("sensor", kSensor),
+    table("drive", kDrive),
 };
 constexpr TableFormat kAt{"Actions at one instant. At least one of the tables must be given.",
                           kAtKeys};

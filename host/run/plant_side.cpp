@@ -15,6 +15,8 @@ constexpr std::size_t kListedEvents = 100000;
 static_assert(sim::kLimitPos == int{AXIS_DIN_LIMIT_POS} &&
               sim::kLimitNeg == int{AXIS_DIN_LIMIT_NEG} && sim::kIndex == int{AXIS_DIN_INDEX} &&
               sim::kHome == int{AXIS_DIN_HOME});
+static_assert(sim::kDriveFitted == int{AXIS_DRIVE_FITTED} && sim::kDriveOn == int{AXIS_DRIVE_ON} &&
+              sim::kDriveFault == int{AXIS_DRIVE_FAULT});
 }  // namespace
 
 PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
@@ -97,6 +99,7 @@ void PlantSide::act_due() {
   for (; due(); ++action_) {
     for (const Impulse &j : action_->impulses) plant_.apply_impulse(j.body, j.impulse_N_s);
     force_sensor_ = action_->force_sensor.value_or(force_sensor_);
+    if (action_->drive) plant_.fail_drive(*action_->drive);
   }
 }
 
@@ -104,6 +107,7 @@ std::uint16_t PlantSide::failed_reading(std::uint16_t code) const {
   const sim::Adc &adc = *plant_.model().adc[0];
   switch (force_sensor_) {
     case ForceSensor::held:
+    case ForceSensor::silent:
       return tick_ == 0 ? code : in_.adc0_code;
     case ForceSensor::high:
       return static_cast<std::uint16_t>((1 << adc.bits) - 1);

@@ -38,7 +38,10 @@ class PlantSide {
     in_.tick = tick_;
     in_.encoder_cnt = codes.encoder;
     in_.position_age = codes.encoder_age;
-    in_.force_age = codes.force_age;
+    in_.drive = codes.drive;
+    in_.force_age = force_sensor_ != ForceSensor::silent ? codes.force_age
+                    : in_.force_age < kOldest ? static_cast<std::uint8_t>(in_.force_age + 1)
+                                              : kOldest;
     in_.adc0_code =
         force_sensor_ == ForceSensor::live ? codes.adc[0] : failed_reading(codes.adc[0]);
     in_.adc1_code = codes.adc[1];
@@ -103,8 +106,9 @@ class PlantSide {
 
   // Number of ticks between two calls of the function options.stop.
   static constexpr std::int64_t kTicksBetweenAsking = 1024;
-  static constexpr std::uint8_t kEnabled = 1;  // AXIS_DIN_ENABLE
-  static constexpr std::uint8_t kNoFault = 0;  // AXIS_FAULT_NONE
+  static constexpr std::uint8_t kEnabled = 1;   // AXIS_DIN_ENABLE
+  static constexpr std::uint8_t kNoFault = 0;   // AXIS_FAULT_NONE
+  static constexpr std::uint8_t kOldest = 255;  // largest age in LinkInputs
 
   bool due() const { return action_ != experiment_->actions.end() && action_->tick <= tick_; }
   void act_due();

@@ -6,12 +6,24 @@
 // `delay_ticks_out` ticks later and holds it until the next frame. The firmware has an encoder
 // count `delay_ticks_in` ticks after its measurement and until the next one. Until the first frame
 // arrives the drive is disabled, and the firmware has the count of tick 0.
+//
+// A drive with `enable_ticks` reports its state, which travels with the encoder count. It is on
+// `enable_ticks` ticks after the frame that enables it has arrived, and stays disabled until then.
+#include <algorithm>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "sim/model/model.hpp"
 
 namespace forceaxis::sim {
+
+/// Bits of a drive's report to the firmware.
+enum DriveBit : std::uint8_t { kDriveFitted = 1, kDriveOn = 2, kDriveFault = 4 };
+
+/// A failure of a drive with `enable_ticks`: the drive has switched itself off, with or without a
+/// fault in its report, or its frames do not arrive any more while it still receives frames.
+enum class DriveFailure : std::uint8_t { none, off, fault, silent };
 
 class DriveBus {
  public:
@@ -20,43 +32,67 @@ class DriveBus {
     int dac_code = 0;
     bool amp_enable = false;
   };
+  /// What the firmware has from the drive in a tick.
+  struct Sample {
+    std::int32_t count = 0;  ///< encoder count
+    /// Number of ticks since the drive has measured `count`, at most 255.
+    std::uint8_t age_ticks = 0;
+    std::uint8_t report = 0;  ///< DriveBit; 0 without `enable_ticks`
+  };
 
   DriveBus() = default;
-  explicit DriveBus(const BusCycle &cycle)
+  DriveBus(const BusCycle &cycle, std::optional<int> enable_ticks)
       : cycle_(cycle),
+        enable_ticks_(enable_ticks),
         frames_(places(cycle.delay_ticks_out, cycle.ticks)),
-        counts_(places(cycle.delay_ticks_in, cycle.ticks)) {}
+        sent_(places(cycle.delay_ticks_in, cycle.ticks)) {}
 
   /// Returns true if the bus changes anything.
   bool fitted() const { return !frames_.empty(); }
+
+  /// The failure acts from this instant on, and ends with DriveFailure::none.
+  void fail(DriveFailure failure) { failure_ = failure; }
 
   /// Returns the frame that the drive applies in this tick. Must be called once in each tick, with
   /// the outputs of the firmware in this tick.
   Frame act(std::int64_t tick, Frame out) {
     if (tick % cycle_.ticks == 0) place(frames_, tick) = out;
-    const std::int64_t sent = tick - cycle_.delay_ticks_out;
-    return sent < 0 ? Frame{} : place(frames_, sent);
+    const std::int64_t left = tick - cycle_.delay_ticks_out;
+    const Frame frame = left < 0 ? Frame{} : place(frames_, left);
+    if (!enable_ticks_) return frame;
+    enabled_ticks_ =
+        frame.amp_enable && !is_off() ? std::min(enabled_ticks_, *enable_ticks_) + 1 : 0;
+    return enabled_ticks_ > *enable_ticks_ ? frame : Frame{};
   }
 
-  /// An encoder count, and the number of ticks since the drive has measured it, at most 255.
-  struct Count {
-    std::int32_t count = 0;
-    std::uint8_t age_ticks = 0;
-  };
-
-  /// Returns the encoder count that the firmware has in this tick. `count` is the true count of
-  /// this tick. Must be called at least once in each tick.
-  Count sense(std::int64_t tick, std::int32_t count) {
-    if (tick == 0) first_ = count;
-    if (tick % cycle_.ticks == 0) place(counts_, tick) = count;
-    const std::int64_t sent = tick - cycle_.delay_ticks_in;
-    if (sent < 0) return {first_, age(tick)};
-    return {place(counts_, sent), age(cycle_.delay_ticks_in + sent % cycle_.ticks)};
+  /// Returns what the firmware has in this tick. `count` is the true encoder count of this tick.
+  /// Must be called at least once in each tick, before act().
+  Sample sense(std::int64_t tick, std::int32_t count) {
+    if (tick == 0) newest_ = first_ = {0, count, report()};
+    if (tick % cycle_.ticks == 0) {
+      if (failure_ != DriveFailure::silent) newest_ = {tick, count, report()};
+      place(sent_, tick) = newest_;
+    }
+    const std::int64_t left = tick - cycle_.delay_ticks_in;
+    const Measured &seen = left < 0 ? first_ : place(sent_, left);
+    const std::int64_t age = std::min<std::int64_t>(tick - seen.tick, 255);
+    return {seen.count, static_cast<std::uint8_t>(age), seen.report};
   }
 
  private:
-  static std::uint8_t age(std::int64_t ticks) {
-    return static_cast<std::uint8_t>(ticks < 255 ? ticks : 255);
+  struct Measured {
+    std::int64_t tick = 0;
+    std::int32_t count = 0;
+    std::uint8_t report = 0;
+  };
+  bool is_off() const { return failure_ == DriveFailure::off || failure_ == DriveFailure::fault; }
+  // Returns the report at this instant. The frame of this tick has not arrived yet, so a drive that
+  // needs no time reports one tick later than it follows the code.
+  std::uint8_t report() const {
+    if (!enable_ticks_) return 0;
+    if (failure_ == DriveFailure::fault) return kDriveFitted | kDriveFault;
+    const bool on = !is_off() && enabled_ticks_ >= std::max(*enable_ticks_, 1);
+    return on ? kDriveFitted | kDriveOn : kDriveFitted;
   }
   // Returns the number of cycles of which a value is still needed.
   static std::size_t places(int delay, int ticks) {
@@ -69,9 +105,13 @@ class DriveBus {
   }
 
   BusCycle cycle_;
+  std::optional<int> enable_ticks_;
+  DriveFailure failure_ = DriveFailure::none;
+  int enabled_ticks_ = 0;  // ticks for which the drive has been enabled, at most enable_ticks + 1
   std::vector<Frame> frames_;
-  std::vector<std::int32_t> counts_;
-  std::int32_t first_ = 0;
+  std::vector<Measured> sent_;
+  Measured first_;
+  Measured newest_;
 };
 
 }  // namespace forceaxis::sim

@@ -24,9 +24,9 @@ double edge_distance(double y, std::int64_t floor_y) {
   return smaller(past, 1.0 - past);
 }
 
-// Returns the encoder count that the firmware has in this tick over a bus, or without one.
-DriveBus::Count over(DriveBus &bus, std::int64_t tick, std::int32_t count) {
-  return bus.fitted() ? bus.sense(tick, count) : DriveBus::Count{count, 0};
+// Returns what the firmware has from the drive in this tick over a bus, or without one.
+DriveBus::Sample over(DriveBus &bus, std::int64_t tick, std::int32_t count) {
+  return bus.fitted() ? bus.sense(tick, count) : DriveBus::Sample{count, 0, 0};
 }
 
 constexpr double kFar = 0x1p62;
@@ -108,8 +108,9 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
       reference_state_ = position_of(reference);
     switches_ = SwitchBank(description.switches);
   }
-  if (description.drive && !description.drive->bus.immediate())
-    bus_ = DriveBus(description.drive->bus);
+  if (const auto &drive = description.drive;
+      drive && (drive->enable_ticks || !drive->bus.immediate()))
+    bus_ = DriveBus(drive->bus, drive->enable_ticks);
   if (audit_) initial_energy_ = total_energy();
 }
 
@@ -191,12 +192,15 @@ const SensorCodes &Plant::codes() {
       throw SimulationError(
           "the encoder's body left all bounds at t = " + std::to_string(time_s()) + " s");
     const std::int64_t count = floor_integer(y);
-    const DriveBus::Count seen =
+    const DriveBus::Sample seen =
         over(bus_, tick(), static_cast<std::int32_t>(static_cast<std::uint32_t>(count)));
     codes.encoder = seen.count;
     codes.encoder_age = seen.age_ticks;
+    codes.drive = seen.report;
     edge_margin_ = smaller(edge_margin_, edge_distance(y, count));
     if (switches_.fitted()) codes.switches = switches_.read(place);
+  } else if (bus_.fitted()) {
+    codes.drive = bus_.sense(tick(), 0).report;
   }
   for (std::size_t channel = 0; channel < 2; ++channel) {
     const Converter &adc = converters_[channel];

@@ -57,6 +57,8 @@ struct SensorCodes {
   std::uint8_t force_age = 0;
   /// States of limit switches, home switch and index pulse, one SwitchBit each.
   std::uint8_t switches = 0;
+  /// Report of a drive with `enable_ticks`, one DriveBit each; 0 for any other drive.
+  std::uint8_t drive = 0;
 };
 
 /// A change of one element from one discrete state to another.
@@ -129,6 +131,9 @@ class Plant {
   /// Adds impulse / mass to the velocity of a body at this instant. Throws std::invalid_argument
   /// for an unknown body and for an impulse that is not finite.
   void apply_impulse(std::string_view body, double impulse_N_s);
+  /// The drive fails at this instant, or works again with DriveFailure::none. Has an effect only if
+  /// the model's drive has `enable_ticks`.
+  void fail_drive(DriveFailure failure) { bus_.fail(failure); }
 
   /// Returns the codes of encoder and ADCs at this instant, and updates edge_margin(). The
   /// reference is valid until the next call.

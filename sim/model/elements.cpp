@@ -487,6 +487,7 @@ void Elements::read_drive() {
                        in_quotes(model_.bodies[static_cast<std::size_t>(drive.body)].name) +
                        "; choose the body on which the reaction force acts");
     drive.bus = read_bus(section);
+    if (section.has("enable_ticks")) drive.enable_ticks = section.integer("enable_ticks");
     section.add(*section.format().added[type]);
     if (type == 0) {
       drive.type = read_motor(section);

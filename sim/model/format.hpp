@@ -115,6 +115,14 @@ constexpr KeyFormat integer(std::string_view key, int low, int high, std::option
   return format;
 }
 
+/// Declares a key for an integer from `low` to `high`. A file may omit the key.
+constexpr KeyFormat optional_integer(std::string_view key, int low, int high,
+                                     std::string_view absent, std::string_view meaning) {
+  KeyFormat format = integer(key, low, high, std::nullopt, meaning);
+  format.absent = absent;
+  return format;
+}
+
 /// Declares a key whose value is not a number. `form` describes the kind of value.
 constexpr KeyFormat other(std::string_view key, std::string_view form, std::string_view absent,
                           std::string_view meaning) {

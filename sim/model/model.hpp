@@ -346,6 +346,8 @@ struct Drive {
   int body = kGround;
   int reaction = kGround;
   BusCycle bus;
+  /// Ticks from amp_enable until the drive follows the code; empty: the drive reports nothing.
+  std::optional<int> enable_ticks;
   std::variant<DcMotor, FirstOrderDrive, PerfectDrive, TorqueDrive, VelocityDrive, StepperDrive>
       type;
 

@@ -10,6 +10,7 @@ using format::needed;
 using format::number;
 using format::numbers;
 using format::optional;
+using format::optional_integer;
 using format::other;
 using format::ranged;
 using format::table;
@@ -377,6 +378,11 @@ constexpr KeyFormat kDriveKeys[] = {
             "first output arrives."),
     integer("delay_ticks_in", 0, 30, 0.0,
             "Ticks from the measurement of the encoder to the firmware."),
+    optional_integer("enable_ticks", 0, 65535, "the drive reports nothing",
+                     "Ticks from `amp_enable` until the drive follows the code; until then it is "
+                     "disabled. The drive reports to the firmware that it is fitted and whether it "
+                     "is on, with the encoder count. Without this key the firmware sees an "
+                     "amplifier for +-10 V."),
 };
 
 constexpr KeyFormat kEncoderKeys[] = {

@@ -9,6 +9,7 @@
 #include "firmware/objects/generated/axis_objects.h"
 #include "host/run/experiment.hpp"
 #include "host/run/objects.hpp"
+#include "host/run/plant_side.hpp"
 #include "host/run/run.hpp"
 
 namespace forceaxis::host {
@@ -321,6 +322,39 @@ TEST_F(Files, AFailureOfTheSensorIsNamed) {
             std::string::npos)
       << refused("{ force = \"hold\" }");
   EXPECT_NE(refused("{ current = \"high\" }").find("expected"), std::string::npos);
+}
+
+// No new code of a silent sensor arrives: the last one stays, and its age grows.
+TEST_F(Files, ASilentForceSensorBecomesOlder) {
+  const std::string event =
+      "[[at]]\ntime_s = 0.1\nsensor = { force = \"silent\" }\n[[at]]\n"
+      "time_s = 0.4\nsensor = { force = \"live\" }\n[[at]]";
+  const Experiment e = load_experiment(write(with("[[at]]", event)));
+  PlantSide plant(e, {});
+  std::uint16_t last = 0;
+  while (plant.running()) {
+    const std::int64_t tick = plant.tick();
+    const LinkInputs &in = plant.sense();
+    const bool silent = tick >= 150 && tick < 600;
+    ASSERT_EQ(in.force_age, silent ? std::min<std::int64_t>(tick - 149, 255) : 0) << tick;
+    ASSERT_TRUE(!silent || in.adc0_code == last) << tick;
+    last = in.adc0_code;
+    plant.act({tick, 0, 0, 0, 0, 1});
+  }
+}
+
+TEST_F(Files, AFailureOfTheDriveNeedsADriveThatReports) {
+  const auto refused = [this](const std::string &value) {
+    return message(with("[[at]]", "[[at]]\ntime_s = 0.1\ndrive = " + value + "\n[[at]]"));
+  };
+  const std::string silent = refused("{ failure = \"silent\" }");
+  EXPECT_NE(silent.find("drive.failure: expected a model whose [drive] has enable_ticks"),
+            std::string::npos)
+      << silent;
+  EXPECT_NE(refused("{ failure = \"dead\" }").find("drive.failure: expected one of none, off"),
+            std::string::npos);
+  EXPECT_NE(refused("{ }").find("drive.failure"), std::string::npos);
+  EXPECT_NE(refused("{ failure = \"off\", more = 1 }").find("more"), std::string::npos);
 }
 
 TEST_F(Files, OverridesMayBeQuantities) {

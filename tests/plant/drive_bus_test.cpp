@@ -118,6 +118,126 @@ TEST(DriveBus, RefusesOtherCyclesInOneLine) {
   EXPECT_NE(message("delay_ticks_out = 31\n"), "");
   EXPECT_NE(message("delay_ticks_in = -1\n"), "");
   EXPECT_EQ(message("cycle_ticks = 300\ndelay_ticks_out = 30\ndelay_ticks_in = 30\n"), "");
+  EXPECT_NE(message("enable_ticks = -1\n").find("drive.enable_ticks: expected an integer 0..65535"),
+            std::string::npos);
+  EXPECT_NE(message("enable_ticks = 65536\n"), "");
+  EXPECT_NE(message("enable_ticks = 1.5\n"), "");
+  EXPECT_EQ(message("enable_ticks = 0\n"), "");
+  EXPECT_EQ(message("enable_ticks = 65535\n"), "");
+}
+
+std::string enabling(int ticks) { return "enable_ticks = " + std::to_string(ticks) + "\n"; }
+
+// The drive follows the code `enable_ticks` ticks after the frame that enables it has arrived, and
+// says so with the next count that arrives. A frame that disables it acts at once, and the time
+// starts anew.
+TEST(DriveBus, DriveIsOnAfterItsTimeAndReportsIt) {
+  struct Case {
+    int cycle, out, in, enable;
+  };
+  for (const auto &[cycle, out, in, enable] :
+       {Case{1, 0, 0, 0}, {1, 0, 0, 1}, {1, 0, 0, 7}, {3, 0, 0, 7}, {3, 3, 3, 7}, {6, 4, 2, 20}}) {
+    Plant plant(make_model(free_mass(bus(cycle, out, in) + enabling(enable))));
+    const auto wanted = [](int n) { return (n >= 5 && n < 90) || n >= 120; };
+    const auto arrived = [&, cycle = cycle, out = out](int n) {
+      return n >= out && wanted((n - out) / cycle * cycle);
+    };
+    // In tick n the drive has been enabled for so many ticks in succession, this one included.
+    const auto enabled_for = [&](int n) {
+      int ticks = 0;
+      while (n - ticks >= 0 && arrived(n - ticks)) ++ticks;
+      return ticks;
+    };
+    int follows = 0;
+    for (int n = 0; n < 200; ++n) {
+      const int sampled = n < in ? 0 : (n - in) / cycle * cycle;
+      const bool on = sampled > 0 && enabled_for(sampled - 1) >= std::max(enable, 1);
+      ASSERT_EQ(plant.codes().drive, on ? kDriveFitted | kDriveOn : kDriveFitted)
+          << "cycle " << cycle << ", enable " << enable << ", tick " << n;
+      plant.step(100, wanted(n));
+      const bool acts = enabled_for(n) > enable;
+      ASSERT_EQ(plant.signal("drive.force") != 0.0, acts) << "enable " << enable << ", tick " << n;
+      follows += acts;
+    }
+    EXPECT_GT(follows, 100);
+  }
+}
+
+TEST(DriveBus, WithoutEnableTicksTheDriveReportsNothing) {
+  for (const std::string &keys : {std::string(), bus(3, 3, 3)}) {
+    Plant plant(make_model(free_mass(keys)));
+    plant.fail_drive(DriveFailure::fault);
+    for (int n = 0; n < 20; ++n) {
+      ASSERT_EQ(plant.codes().drive, 0);
+      plant.step(100, true);
+    }
+    EXPECT_NE(plant.signal("drive.force"), 0.0);
+  }
+}
+
+// A drive that reports and needs no time computes the same states as one that reports nothing.
+TEST(DriveBus, EnableTicksOfZeroChangeNoState) {
+  for (const std::string &keys : {std::string(), bus(3, 4, 2)}) {
+    Plant with(make_model(free_mass(keys + enabling(0))));
+    Plant without(make_model(free_mass(keys)));
+    for (int n = 0; n < 300; ++n) {
+      ASSERT_EQ(with.codes().encoder, without.codes().encoder);
+      ASSERT_EQ(with.codes().encoder_age, without.codes().encoder_age);
+      with.step(code_of(n), n % 50 > 4);
+      without.step(code_of(n), n % 50 > 4);
+      ASSERT_EQ(hash_state(kHashStart, with), hash_state(kHashStart, without)) << n;
+    }
+  }
+}
+
+TEST(DriveBus, AModelWithoutEncoderHasTheReportToo) {
+  std::string text = free_mass(enabling(2));
+  Plant plant(make_model(text.substr(0, text.find("[encoder]"))));
+  for (int n = 0; n < 6; ++n) {
+    ASSERT_EQ(plant.codes().drive, n >= 2 ? kDriveFitted | kDriveOn : kDriveFitted) << n;
+    plant.step(0, true);
+  }
+}
+
+// A drive that has failed does not follow the code, says why, and is on again after its time.
+TEST(DriveBus, DriveThatSwitchesItselfOff) {
+  for (const auto &[failure, report] :
+       {std::pair<DriveFailure, int>{DriveFailure::off, kDriveFitted},
+        {DriveFailure::fault, kDriveFitted | kDriveFault}}) {
+    Plant plant(make_model(free_mass(enabling(4))));
+    for (int n = 0; n < 60; ++n) {
+      if (n == 20) plant.fail_drive(failure);
+      if (n == 30) plant.fail_drive(DriveFailure::none);
+      const bool failed = n >= 20 && n < 30;
+      const bool on = (n >= 4 && n < 20) || n >= 34;
+      ASSERT_EQ(plant.codes().drive, failed ? report
+                                     : on   ? kDriveFitted | kDriveOn
+                                            : kDriveFitted)
+          << n;
+      plant.step(100, true);
+      ASSERT_EQ(plant.signal("drive.force") != 0.0, on) << n;
+    }
+  }
+}
+
+// The frames of a silent drive do not arrive: count and report stay, and become older. The drive
+// still follows the code.
+TEST(DriveBus, SilentDriveGivesAnOldCount) {
+  Plant plant(make_model(free_mass(bus(3, 0, 2) + enabling(0), 1.5)));  // 1000 count a tick
+  for (int n = 0; n < 400; ++n) {
+    if (n == 30) plant.fail_drive(DriveFailure::silent);
+    if (n == 330) plant.fail_drive(DriveFailure::none);
+    const int newest = n < 2 ? 0 : (n - 2) / 3 * 3;
+    const int seen = newest >= 30 && newest < 330 ? 27 : newest;
+    const SensorCodes &codes = plant.codes();
+    ASSERT_EQ(codes.encoder, 1000 * seen) << n;
+    ASSERT_EQ(codes.encoder_age, std::min(n - seen, 255)) << n;
+    plant.step(0, true);
+    ASSERT_EQ(codes.drive & kDriveFitted, kDriveFitted);
+  }
+  plant.fail_drive(DriveFailure::silent);
+  for (int n = 0; n < 3; ++n) plant.step(100, true);
+  EXPECT_NE(plant.signal("drive.force"), 0.0);
 }
 
 }  // namespace

@@ -123,6 +123,13 @@ std::vector<Element> elements() {
         {"current_bandwidth", "2000", Value::positive},
         {"k_velocity", "2", Value::positive},
         {"integral_time", "2", Value::positive, false}}},
+      {"[drive]",
+       "drive",
+       "type = \"stepper\"\nbody = \"a\"\n",
+       {{"velocity_per_volt", "2", Value::not_zero},
+        {"holding_force", "100", Value::positive},
+        {"full_step", "2.5e-5", Value::positive},
+        {"damping", "2", Value::not_negative, false}}},
       {"[encoder]",
        "encoder",
        "body = \"a\"\nreference = \"b\"\n",
@@ -144,7 +151,8 @@ std::vector<Element> elements() {
         {"sensor_limit", "50", Value::positive, false},
         {"filter", "600", Value::positive, false},
         {"conditioning_limit", "40", Value::positive, false},
-        {"noise", "0.5", Value::not_negative, false}}},
+        {"noise", "0.5", Value::not_negative, false},
+        {"sample_rate", "1000", Value::positive, false}}},
       {"[dac]",
        "dac",
        "bits = 12\n",
@@ -267,6 +275,9 @@ TEST(ElementRefuses, WhatDoesNotFitTogether) {
   const std::string stop = "[[stop]]\nstiffness = 1\n" + kLink;
   const std::string friction = "[[friction]]\n" + kLink;
   const std::string gravity = "[[gravity]]\nname = \"x\"\nbody = \"a\"\n";
+  const std::string stepper =
+      "[drive]\ntype = \"stepper\"\nbody = \"a\"\nvelocity_per_volt = 1\nholding_force = 1\n"
+      "full_step = 1\n";
   const std::string adc = "[[adc]]\nchannel = 0\nsignal = \"s.force\"\nper_count = 1\n";
   const std::string encoder = "[encoder]\nbody = \"a\"\nscale = 1000\n";
   const std::vector<std::pair<std::string, std::string>> cases = {
@@ -329,6 +340,18 @@ TEST(ElementRefuses, WhatDoesNotFitTogether) {
       {adc + "bits = 7\n", "adc[0].bits"},
       {adc + "bits = 25\n", "adc[0].bits"},
       {adc + "bits = \"8\"\n", "adc[0].bits"},
+      {adc + "bits = 24.5\n", "adc[0].bits"},
+      {adc + "bits = 17\nzero_code = 131072\n", "adc[0].zero_code"},
+      {adc + "bits = 24\nzero_code = 16777216\n", "adc[0].zero_code"},
+      {adc + "sample_rate = 0.99\n", "adc[0].sample_rate"},
+      {adc + "sample_rate = 30001\n", "adc[0].sample_rate"},
+      {adc + "sample_rate = \"1 ms\"\n", "adc[0].sample_rate"},
+      {adc + "sample_phase = 0.000667\n", "adc[0].sample_phase"},
+      {adc + "sample_rate = 2000\nsample_phase = 5e-4\n", "adc[0].sample_phase"},
+      {adc + "sample_rate = 1\nsample_phase = 1\n", "adc[0].sample_phase"},
+      {adc + "sample_phase = \"1 Hz\"\n", "adc[0].sample_phase"},
+      {adc + "latency = 0.1001\n", "adc[0].latency"},
+      {adc + "latency = \"0.1 m\"\n", "adc[0].latency"},
       {"[[adc]]\nchannel = 2\nsignal = \"s.force\"\nper_count = 1\n", "adc[0].channel"},
       {"[[adc]]\nchannel = -1\nsignal = \"s.force\"\nper_count = 1\n", "adc[0].channel"},
       {"[[adc]]\nchannel = 0\nsignal = \"s.farce\"\nper_count = 1\n", "adc[0].signal"},
@@ -344,10 +367,23 @@ TEST(ElementRefuses, WhatDoesNotFitTogether) {
       {"[drive]\ntype = \"perfect\"\nbody = \"a\"\nforce_per_volt = 1\namp_break = 1\n",
        "drive.amp_break"},
       {motor_drive("a", "force_limit = 3\n"), "drive.force_limit"},
+      {stepper + "segments = 0\n", "drive.segments"},
+      {stepper + "segments = 3\n", "drive.segments"},
+      {stepper + "segments = 30\n", "drive.segments"},
+      {stepper + "segments = 16.0\n", "drive.segments"},
+      {stepper + "segments = \"16\"\n", "drive.segments"},
+      {stepper + "force_limit = 3\n", "drive.force_limit"},
+      {stepper + "k_torque = 3\n", "drive.k_torque"},
+      {stepper + "enable_ticks = -1\n", "drive.enable_ticks"},
       {motor_drive("a", "preamp_limit = 0\n"), "drive.preamp_limit"},
       {motor_drive("a", "current_feedback_limit = -1\n"), "drive.current_feedback_limit"},
   };
   for (const auto &[text, key] : cases) EXPECT_EQ(complaint(text, key), "") << text;
+  for (const char *time : {"sample_phase", "latency"})
+    for (const char *value : {"nan", "inf", "-inf", "-1e-3", "true", "{}", "[1]", "\"\"", "2"}) {
+      const std::string text = adc + time + " = " + value + "\n";
+      EXPECT_EQ(complaint(text, std::string("adc[0].") + time), "") << text;
+    }
 }
 
 // The right parameter in the wrong unit, for every number that may be a parameter.

@@ -125,8 +125,10 @@ class DriveNode {
     if (code != 0) Emergency(code);
   }
 
-  void Emergency(uint16_t code) {
+  // With the error register (1001h), of which bit 0 is set by any error.
+  void Emergency(uint16_t code, uint8_t error_register = 1) {
     Bytes data = LittleEndian(code, 2);
+    data.push_back(error_register);
     data.resize(8);
     Send(0x80 + id_, data);
   }

@@ -16,6 +16,7 @@ from forceaxis.objects import BY_NAME
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "docs" / "protections.md"
+LABORATORY = ROOT / "sim" / "models" / "laboratory.toml"
 CARRIERS = ("in process", "SocketCAN", "emulated chip")
 # Of the 8-bit reading, the default of contact_force.
 CONTACT_COUNT = 2
@@ -36,6 +37,7 @@ class Protection:
     provoked: str  # an experiment
     beside: str
     beside_is: str
+    drive: str = ""  # keys of [drive], if the drive of the laboratory's plant is on a bus
 
     @property
     def code(self):
@@ -52,10 +54,20 @@ class Protection:
 
     def _ticks(self, folder, run, text):
         file = Path(folder) / f"{self.name.replace(' ', '_')}.toml"
+        if self.drive:
+            text = text.replace(str(LABORATORY), model_with(folder, self.drive).name)
         file.write_text(text)
         columns = run(file)
         acted = self.acts(columns)
         return None if acted is None else int(acted - self.since(columns) + 1)
+
+
+def model_with(folder, keys):
+    """The laboratory's plant with further keys of [drive], as a file in a folder."""
+    plant = LABORATORY.read_text().replace("[drive]\n", f"[drive]\n{keys}\n")
+    file = Path(folder) / "bus_model.toml"
+    file.write_text(plant.replace('"thesis.toml"', f'"{LABORATORY.parent}/thesis.toml"'))
+    return file
 
 
 # What is read in a trace.
@@ -303,6 +315,33 @@ LOSSES = "limit_cycle_losses = 3\ncontact_unstable_option = "
 RIPPLE = "force_ripple_max = 6\nforce_ripple_time = 500\ncontact_unstable_option = "
 FAR = "approach = '20 mm'"
 
+# A drive on a bus of 2 ms, whose frames are 3 ticks on their way.
+BUS = "cycle_ticks = 3\ndelay_ticks_out = 3\ndelay_ticks_in = 3\nenable_ticks = "
+SEEN = FAILS + 3  # the tick in which the firmware has the first report of the failed drive
+
+
+def drive_fails(failure, time_s=1.0, until_s=None):
+    """The drive fails, and works again."""
+    events = [(time_s, failure)] + ([] if until_s is None else [(until_s, "none")])
+    return "".join(
+        f"[[at]]\ntime_s = {at_s}\ndrive = {{ failure = '{what}' }}\n" for at_s, what in events
+    )
+
+
+def bus_pressing(more, events):
+    """Mode 4 over a bus, at a gain that is stable with its delay."""
+    return experiment(pressing(more, k_f=0.75), f"{ENABLE}{events}", sets=NEAR)
+
+
+def pressed_with_sensor(reading, until_s=None):
+    events = sensor(reading) + ("" if until_s is None else sensor("live", until_s))
+    return experiment(pressing("force_age_max = 15"), f"{ENABLE}{events}", sets=NEAR)
+
+
+def disabled_at(time_s):
+    return f"[[at]]\ntime_s = {time_s}\nfirmware = {{ controlword = 6 }}\n"
+
+
 PROTECTIONS = [
     Protection(
         name="force too large",
@@ -480,6 +519,70 @@ PROTECTIONS = [
         beside=cycling(7.0, 30, f"{RIPPLE}'halve_gain'", damped=True),
         beside_is="a damped workpiece",
     ),
+    Protection(
+        name="drive that does not come on",
+        objects=("drive_on_ticks_max",),
+        reaches="fault drive_not_ready",
+        event="300 ticks after enabling",
+        since=lambda c: enabled(c) + 300,
+        acts=fault("drive_not_ready"),
+        within=1,
+        provoked=bus_pressing("drive_on_ticks_max = 300", drive_fails("off", 0.0)),
+        beside=bus_pressing("drive_on_ticks_max = 300", ""),
+        beside_is="a drive that needs 280 ticks",
+        drive=f"{BUS}280",
+    ),
+    Protection(
+        name="drive that goes off",
+        objects=(),
+        reaches="fault drive_lost",
+        event="the report that the drive is off",
+        since=lambda c: SEEN,
+        acts=fault("drive_lost"),
+        within=1,
+        provoked=bus_pressing("", drive_fails("off")),
+        beside=bus_pressing("", disabled_at(1.0)),
+        beside_is="a drive that is disabled",
+        drive=f"{BUS}9",
+    ),
+    Protection(
+        name="drive with a fault",
+        objects=(),
+        reaches="fault drive_fault",
+        event="the report of the fault",
+        since=lambda c: SEEN,
+        acts=fault("drive_fault"),
+        within=1,
+        provoked=bus_pressing("", drive_fails("fault")),
+        beside=bus_pressing("", drive_fails("fault", 0.0, 0.02)),
+        beside_is="a fault that ends before the axis is enabled",
+        drive=f"{BUS}9",
+    ),
+    Protection(
+        name="position that is old",
+        objects=("position_age_max",),
+        reaches="fault position_old",
+        event="a position that is more than 15 ticks old",
+        since=lambda c: SEEN - 6 + 16,  # the last frame was sent a cycle before the failure
+        acts=fault("position_old"),
+        within=1,
+        provoked=bus_pressing("position_age_max = 15", drive_fails("silent")),
+        beside=bus_pressing("position_age_max = 15", drive_fails("silent", 1.0, 1.004)),
+        beside_is="two cycles without a frame of the drive",
+        drive=f"{BUS}9",
+    ),
+    Protection(
+        name="force that is old",
+        objects=("force_age_max",),
+        reaches="fault force_old",
+        event="a force that is more than 15 ticks old",
+        since=lambda c: FAILS - 1 + 16,  # the last reading is that of the tick before
+        acts=fault("force_old"),
+        within=1,
+        provoked=pressed_with_sensor("silent"),
+        beside=pressed_with_sensor("silent", until_s=1.01),
+        beside_is="10 ms without a reading",
+    ),
 ]
 
 
@@ -488,14 +591,16 @@ def table(ticks):
     heads = ["protection", "objects", "reaches", "code", "ticks from", *CARRIERS, "at most"]
     rows = [[*heads, "does not act at"], ["---"] * (len(heads) + 1)]
     for row in PROTECTIONS:
-        objects = ", ".join(f"{name} ({BY_NAME[name].index:04X}h)" for name in row.objects)
+        objects = ", ".join(f"{name} ({BY_NAME[name].index:04X}h)" for name in row.objects) or "-"
         measured = [str(ticks[carrier][row.name]) for carrier in CARRIERS]
         cells = [row.name, objects, row.reaches, row.code, row.event, *measured, str(row.within)]
         rows.append([*cells, row.beside_is])
     text = """The numbers are ticks of 1/1500 s, from the first tick whose inputs show the event to
 the tick whose outputs react; 1 means in the same tick. Each row is run in process, over
 SocketCAN and on the emulated chip, together with a second run in which the protection must
-not act. Options that select a ramp are off.
+not act. Options that select a ramp are off. In the rows of a drive on a bus the bus has a
+cycle of 2 ms, and each frame is 3 ticks on its way. docs/drive_stop_times.md has the times of
+the master of such a drive on its own CAN.
 
 """
     return text + "".join(f"| {' | '.join(row)} |\n" for row in rows)

@@ -1,9 +1,13 @@
 """An axis on Linux with a drive of python-canopen and its load cell on vcan1 and a supervisor on
 vcan0, in real time. Run under tools/vcan with a folder; writes results.json there."""
 
+import contextlib
+import fcntl
 import json
 import os
 import signal
+import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -22,6 +26,7 @@ from foreign_drive import TICK_S, ForeignDrive
 GAP, STIFFNESS, LOAD_CELL = 400, 64, 0x301
 # Ticks by which the process may be late before its axis has a fault, on a machine that others use.
 LATE_TICKS_MAX = 600
+SIOCSIFFLAGS, IFF_UP = 0x8914, 1  # of linux/sockios.h and linux/if.h
 PAGE = Path(__file__).resolve().parents[2] / "docs/guide/your_drive.md"
 # Where the settings of the page have to be others here. A guest kernel has ticks of several ms.
 OTHER = {
@@ -53,7 +58,8 @@ class Machine(ForeignDrive):
 
     def run(self):
         while True:
-            self.receive(0.001)
+            with contextlib.suppress(can.CanOperationError):  # the interface went down
+                self.receive(0.001)
             now = time.monotonic()
             ticks = (now - self.before) / TICK_S
             if ticks >= 1:
@@ -92,6 +98,13 @@ class Process:
 
 def supervised():
     return Axis(CanLink("vcan0", 3, timeout_s=5.0))
+
+
+def set_up(interface, up):
+    """As `ip link set`, without a process, whose start would stall the axis in a guest kernel."""
+    with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as control:
+        name, flags = interface.encode(), IFF_UP if up else 0
+        fcntl.ioctl(control, SIOCSIFFLAGS, struct.pack("16sh22x", name, flags))
 
 
 def faulty(axis, machine, fail):
@@ -147,6 +160,11 @@ def main(folder):
         machine.cell_alive = True
         time.sleep(0.2)
         done["speaking_cell"] = recovered(axis, machine)
+
+        done["bus_down"] = faulty(axis, machine, lambda: set_up("vcan1", False))
+        set_up("vcan1", True)
+        time.sleep(0.5)
+        done["bus_up"] = recovered(axis, machine)
 
         def stall():
             os.kill(pid, signal.SIGSTOP)

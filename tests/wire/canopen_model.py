@@ -105,8 +105,8 @@ def restricted(can_id):
 
 
 def error_class(code):
-    """Bits of the error register that an error code stands for."""
-    if code == 0:
+    """Bits of the error register that an error code stands for; FF01h to FF04h are warnings."""
+    if code == 0 or 0xFF01 <= code <= 0xFF04:
         return 0
     return 1 | {0x23: 0x02, 0x81: 0x10, 0x82: 0x10, 0x86: 0x20, 0xFF: 0x80}.get(code >> 8, 0)
 

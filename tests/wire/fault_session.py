@@ -38,6 +38,7 @@ class Bus:
         self.socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
         self.socket.bind(("vcan0",))
         self.emergencies = []
+        self.frames = []
         self.beats = 0
 
     def send(self, can_id, data):
@@ -54,6 +55,7 @@ class Bus:
         if can_id == 0x81:
             self.emergencies.append(int.from_bytes(data[:2], "little"))
         self.beats += can_id == 0x77F
+        self.frames.append((can_id, data[:length]))
         return can_id, data[:length]
 
     def listen(self, seconds, until=lambda: False):
@@ -268,6 +270,61 @@ def lost_bus():
     return seen | {"told": states, "journal": len(seen["journal"])}
 
 
+# Error frames of linux/can/error.h: bus off, and the controller was restarted.
+BUS_OFF, RESTARTED = 0x20000040, 0x20000100
+
+
+def bus_off():
+    """The controller is bus off while the interface stays up, until its driver restarts it. vcan
+    takes the error frames of the driver from a socket."""
+    with bench() as seen:
+        bus = seen["bus"]
+        bus.listen(0.5)
+        assert bus.write(0x1017, 0, 20, 2) == 0
+        bus.send(0, b"\x01\x01")  # operational
+        bus.listen(0.2)
+        bus.send(BUS_OFF, bytes(8))
+        bus.listen(0.1)
+        bus.frames.clear()
+        bus.listen(1.0)
+        bus.send(0x601, bytes.fromhex("4021200000000000"))  # an answer would be a frame too
+        bus.listen(0.5)
+        seen["while_off"] = [
+            frame for frame in bus.frames if frame[0] & 0x7F == 1 and frame[0] != 0x601
+        ]
+        seen["register"] = registers(seen["line"], 4, 2, 1).hex()
+        before = len(bus.emergencies)
+        bus.send(RESTARTED, bytes(8))
+        bus.listen(5, lambda: 0x8140 in bus.emergencies)
+        bus.listen(0.2)
+        seen["after_return"] = bus.emergencies[before:]
+        seen["nmt"] = sorted({data[0] for can_id, data in bus.frames if can_id == 0x701})
+        seen["fault"], seen["error_code"] = bus.read(0x2021), bus.read(0x603F)
+        # A second time, so short that both error frames come in one tick.
+        bus.send(BUS_OFF, bytes(8))
+        bus.send(RESTARTED, bytes(8))
+        bus.listen(5, lambda: bus.emergencies.count(0x8140) > 1)
+    states = entries(seen["journal"], "bus")
+    return seen | {"told": states, "journal": len(seen["journal"])}
+
+
+def removed_interface():
+    """The adapter is unplugged and plugged in again."""
+    with bench() as seen:
+        bus = seen["bus"]
+        bus.listen(0.5)
+        subprocess.run(["ip", "link", "del", "vcan0"], check=True)
+        time.sleep(0.5)
+        subprocess.run(["ip", "link", "add", "vcan0", "type", "vcan"], check=True)
+        time.sleep(0.3)
+        subprocess.run(["ip", "link", "set", "vcan0", "up"], check=True)
+        seen["bus"] = bus = Bus()
+        bus.listen(5, lambda: 0x8140 in bus.emergencies)
+        seen["fault"], seen["error_code"] = bus.read(0x2021), bus.read(0x603F)
+    states = entries(seen["journal"], "bus")
+    return seen | {"told": states, "journal": len(seen["journal"])}
+
+
 def two_masters():
     with bench() as seen:
         bus = seen["bus"]
@@ -297,7 +354,8 @@ if __name__ == "__main__":
         modbus_master(int(sys.argv[2]))
     else:
         scenarios = (
-            killed_supervisor, killed_plant, lost_bus, two_masters, late_ticks, late_in_real_time,
+            killed_supervisor, killed_plant, lost_bus, bus_off, removed_interface, two_masters,
+            late_ticks, late_in_real_time,
         )  # fmt: skip
         chosen = [s for s in scenarios if sys.argv[1:] in ([], [s.__name__])]
         json.dump({s.__name__: s() for s in chosen}, sys.stdout)

@@ -38,6 +38,7 @@ def test_it_starts_without_a_fault_and_presses(results):
         ("killed_drive", "drive_fault", "quick stop active"),  # by its own heartbeat consumer
         ("drive_fault", "drive_fault", "fault"),
         ("silent_cell", "force_old", "switch on disabled"),
+        ("bus_down", "drive_fault", "quick stop active"),
         ("stalled", "clock_wrong", "switch on disabled"),
     ],
 )
@@ -49,7 +50,7 @@ def test_each_failure_disables_the_axis_by_name(results, failure, fault, drive):
     assert found["drive"] == drive
 
 
-@pytest.mark.parametrize("again", ["new_drive", "reset_drive", "speaking_cell"])
+@pytest.mark.parametrize("again", ["new_drive", "reset_drive", "speaking_cell", "bus_up"])
 def test_a_reset_and_an_enable_bring_the_drive_back(results, again):
     assert results[again] == {
         "fault": "none", "drive_state": "operation_enabled", "drive": "operation enabled",
@@ -73,6 +74,15 @@ def test_the_process_says_why_the_drive_has_failed(results):
     assert "TPDOs of the drive in succession are missing" in killed or "heartbeat" in killed
     assert "the drive has sent an emergency message" in fault
     assert "error code 2310h" in fault
+
+
+def test_the_process_says_that_a_bus_is_down_and_back(results):
+    lines = results["end"]["stderr"].splitlines()
+    told = [line for line in lines if "vcan" in line]
+    assert told == [
+        "axis_linux: vcan1: the interface is down",
+        "axis_linux: vcan1: the bus works again",
+    ]
 
 
 def test_parameters_are_kept_in_the_file(results):

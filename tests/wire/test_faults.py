@@ -84,6 +84,28 @@ def test_a_lost_bus_is_seen(session):
     assert seen["axis"]["axes"][0]["fault"] == "can_off"
 
 
+def test_a_controller_that_is_bus_off_is_not_back_before_its_restart(session):
+    """CiA 301: no frame before the return, then an emergency message, and pre-operational by 1029h,
+    whose default is that."""
+    seen = session["bus_off"]
+    expect(seen, CAN_OFF, 0x8140)
+    assert seen["while_off"] == []
+    assert seen["after_return"][:2] == [0x8140, 0]
+    assert seen["nmt"] == [0x7F]
+    assert [state for _, state in seen["told"]] == ["2", "0", "2", "0"]
+    (off, _), (back, _), (again, _), (end, _) = seen["told"]
+    assert seen["on"][1] == off - 1
+    assert back > off + 300, "the interface is up, but the controller is not back"
+    assert again == end, "bus off and restart in one tick are both told"
+
+
+def test_an_interface_that_was_removed_is_used_again(session):
+    seen = session["removed_interface"]
+    assert [state for _, state in seen["told"]] == ["2", "0"]
+    assert (seen["fault"], seen["error_code"]) == (CAN_OFF, 0x8140)
+    assert 0x8140 in seen["emergencies"]
+
+
 def test_of_two_masters_one_owns_and_is_missed(session):
     seen = session["two_masters"]
     assert (seen["owner"], seen["refused"], seen["alive"]) == (1, 0x08000021, 0)

@@ -96,10 +96,29 @@ static void report_drive(void) {
   reported = said.reason;
 }
 
+/* Writes why a bus is off, and that it is back, to standard error. */
+static void report_bus(const char *interface, const can_line_t *line, const char **reported) {
+  port_lock();
+  const char *trouble = can_line_trouble(line);
+  port_unlock();
+  if (trouble != *reported) {
+    (void)fprintf(stderr, "axis_linux: %s: %s\n", interface,
+                  (trouble != NULL) ? trouble : "the bus works again");
+    *reported = trouble;
+  }
+}
+
+static void report_buses(void) {
+  static const char *reported[2];
+  report_bus(config->supervisor_can, &supervisor, &reported[0]);
+  report_bus(config->drive_can, &drive_line, &reported[1]);
+}
+
 void port_idle(void) {
+  report_buses();
   report_drive();
   struct pollfd events[] = {{.fd = wake, .events = POLLIN},
-                            {.fd = supervisor.socket, .events = POLLIN}};
+                            {.fd = supervisor.raw.fd, .events = POLLIN}};
   uint64_t count;
   if (poll(events, 2, IDLE_MS) > 0 && (events[0].revents & POLLIN) != 0) {
     (void)!read(wake, &count, sizeof(count));
@@ -108,7 +127,7 @@ void port_idle(void) {
 
 bool port_can_receive(can_frame_t *frame) { return can_line_receive(&supervisor, frame); }
 bool port_can_transmit(const can_frame_t *frame) { return can_line_send(&supervisor, frame); }
-uint8_t port_can_bus(void) { return supervisor.state; }
+uint8_t port_can_bus(void) { return can_line_state(&supervisor); }
 uint16_t port_can_lost(void) { return can_line_lost(&supervisor); }
 void port_can_rate(uint16_t kbit_s) { (void)kbit_s; } /* `ip link` sets the bit rate */
 
@@ -136,7 +155,7 @@ static void receive_drive(void) {
     }
     drive402_receive(&drive.master, &frame);
   }
-  drive402_bus(&drive.master, drive_line.state, can_line_lost(&drive_line));
+  drive402_bus(&drive.master, can_line_state(&drive_line), can_line_lost(&drive_line));
 }
 
 static void send_drive(void) {
@@ -292,14 +311,19 @@ static void ask_for_stop(int signal_number) {
   atomic_store(&is_stopping, true);
 }
 
+static const char *open_bus(can_line_t *line, const char *interface) {
+  const can_raw_result_t result = can_line_open(line, interface);
+  return (result == CAN_RAW_OPEN) ? NULL : can_line_error(result);
+}
+
 /* Opens interfaces and files. Returns NULL or a text with the error. */
 static const char *open_all(void) {
   static char text[256];
   const char *const names[] = {config->supervisor_can, config->drive_can, config->store_path,
                                config->archive_path};
   const char *const errors[] = {
-      can_line_open(&supervisor, names[0]),
-      can_line_open(&drive_line, names[1]),
+      open_bus(&supervisor, names[0]),
+      open_bus(&drive_line, names[1]),
       (names[2] != NULL) ? store_file_open(&store, names[2]) : NULL,
       (names[3] != NULL) ? archive_file_open(&archive, names[3]) : NULL,
   };

@@ -111,6 +111,7 @@ class BenchCase {
           record(k, plant, codes.adc[0]);
           if (k == kTicks) break;
           in.encoder_cnt = codes.encoder;
+          in.drive = codes.drive;
           in.position_age = codes.encoder_age;
           in.force_age = codes.force_age;
           in.adc_code[0] = codes.adc[0];

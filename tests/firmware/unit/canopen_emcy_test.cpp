@@ -115,7 +115,7 @@ TEST_F(Canopen, BusStatesAreReported) {
   EXPECT_EQ(Read(AXIS_OBJ_CAN_LOST), 0);
   fw_can_bus(&fw_, CAN_BUS_ACTIVE);
   NodeTick(1);
-  EXPECT_EQ(Take(), (std::vector<Frame>{Emergency(0xFF04, 0x81, 0), Emergency(0x8140, 0x11, 0),
+  EXPECT_EQ(Take(), (std::vector<Frame>{Emergency(0xFF04, 0, 0), Emergency(0x8140, 0x11, 0),
                                         Emergency(0, 0, 0)}));
 }
 

@@ -58,7 +58,7 @@ TEST_F(Canopen, StatesGateTheServices) {
   EXPECT_EQ(Take(), std::vector<Frame>{Heartbeat(4)}) << "nothing but the heartbeat";
   Nmt(128);
   Tick();
-  EXPECT_EQ(Take(), std::vector<Frame>{Emergency(0xFF04, 0x81, 0)}) << "what had to wait";
+  EXPECT_EQ(Take(), std::vector<Frame>{Emergency(0xFF04, 0, 0)}) << "what had to wait";
   Send(0x80, {});
   EXPECT_EQ(Read(AXIS_OBJ_SYNC_COUNT), 1);
 }

@@ -64,7 +64,8 @@ class DriveModel {
     if (f.id == 0x80 + config_.node_id && f.data.size() == 8) {
       const int code = f.data[0] | f.data[1] << 8;
       if (code != 0) error_code_ = code;
-      if (code != 0 && phase_ == kRun) Fail(DRIVE402_DRIVE_EMERGENCY);
+      // CiA 301: byte 2 is the error register (1001h), 0 while there is no error.
+      if (code != 0 && f.data[2] != 0 && phase_ == kRun) Fail(DRIVE402_DRIVE_EMERGENCY);
     } else if (f.id == 0x180 + config_.node_id && f.data.size() == 8 && sync_at_ >= 0) {
       Sample(f.data);
     } else if (f.id == 0x580 + config_.node_id && f.data.size() == 8) {

@@ -173,7 +173,10 @@ class Flood {
     if (Chance(2000)) drive.state = static_cast<DriveNode::State>(random_() % 8);
     if (Chance(4000)) drive.Reset();
     if (Chance(3000)) drive.nmt = Chance(2) ? 4 : 127;
-    if (Chance(3000)) drive.Emergency(static_cast<uint16_t>(random_()));
+    if (Chance(3000)) {
+      drive.Emergency(static_cast<uint16_t>(random_()),
+                      Chance(2) ? uint8_t{0} : static_cast<uint8_t>(random_()));
+    }
     drive.dead = drive.dead ? !Chance(50) : Chance(4000);
     drive.mute_pdo = drive.mute_pdo ? !Chance(20) : Chance(2000);
     drive.mute_heartbeat = drive.mute_heartbeat ? !Chance(100) : Chance(3000);

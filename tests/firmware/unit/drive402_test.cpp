@@ -548,6 +548,46 @@ TEST_F(Master402, AFaultOfTheDriveIsResetOnlyWhenAsked) {
   }
 }
 
+// Of an emergency message the error register says whether there is an error: bit 0 is set in any
+// error (CiA 301), and a drive that sets another bit alone means one too.
+TEST_F(Master402, AnEmergencyMessageWithoutAnErrorIsNoFailure) {
+  Enable();
+  for (const uint16_t code : {0xFF02, 0xFF03, 0xFF04, 0x8110}) {
+    drive_.Emergency(code, 0);
+    Tick(20);
+    EXPECT_EQ(Feedback().error_code, code) << "kept";
+    EXPECT_EQ(Feedback().reason, DRIVE402_NONE);
+    EXPECT_EQ(Feedback().fault, 0);
+    EXPECT_EQ(Feedback().on, 1);
+  }
+  for (const uint8_t remains : {0x00, 0x01, 0xFF}) {  // the end of one of several errors
+    drive_.Emergency(0, remains);
+    Tick(20);
+    EXPECT_EQ(Feedback().error_code, 0x8110);
+    EXPECT_EQ(Feedback().on, 1);
+  }
+  for (int bit = 0; bit < 8; ++bit) {
+    drive_ = DriveNode(kDrive);
+    drive_.out.clear();
+    Enable();
+    drive_.Emergency(0xFF02, static_cast<uint8_t>(1 << bit));
+    Tick();
+    EXPECT_EQ(Feedback().reason, DRIVE402_DRIVE_EMERGENCY) << bit;
+    EXPECT_EQ(Feedback().error_code, 0xFF02);
+    EXPECT_EQ(Controlword(), 2);
+  }
+}
+
+// A fault whose emergency message says that there is none is still seen in the statusword.
+TEST_F(Master402, AFaultWithAWarningIsSeenInTheStatusword) {
+  Enable();
+  drive_.Fail(0);
+  drive_.Emergency(0x2310, 0);
+  Tick(kCycle + 1);
+  EXPECT_EQ(Feedback().reason, DRIVE402_DRIVE_FAULT);
+  EXPECT_EQ(Feedback().error_code, 0x2310);
+}
+
 TEST_F(Master402, AFaultThatStaysIsReportedAgain) {
   Enable();
   drive_.fault_stays = true;
@@ -768,7 +808,8 @@ class StopTimes402 : public Master402 {
          [this] { drive402_bus(&master_, CAN_BUS_ACTIVE, 1); }},
         {"frames not sent", DRIVE402_FRAMES_KEPT, 1, [this] { drive402_tick(&master_, &command_); },
          true},
-        {"emergency message", DRIVE402_DRIVE_EMERGENCY, 1, [this] { drive_.Emergency(0x3210); }},
+        {"emergency message of an error", DRIVE402_DRIVE_EMERGENCY, 1,
+         [this] { drive_.Emergency(0x3210); }},
         {"drive in fault, no emergency message", DRIVE402_DRIVE_FAULT, kCycle + 1,
          [this] { drive_.Fail(0); }},
         {"drive leaves operation enabled", DRIVE402_DRIVE_OFF, kCycle + 1,
@@ -839,7 +880,8 @@ TEST_F(StopTimes402, EachEventStopsInTheStatedTicks) {
 
 Ticks of 1/1500 s from an event to the frame by which the master of a drive (`firmware/drive402`)
 commands quick stop and target 0, the most over the place of the event in a bus cycle of 2 ms. The
-drive of the test has a heartbeat of 20 ms.
+drive of the test has a heartbeat of 20 ms. An emergency message is a reason if the error register
+(1001h) in it is not 0; with the register 0 it is a warning, and code 0 is the end of an error.
 
 | event | reason | ticks |
 |---|---|---|
@@ -911,7 +953,9 @@ TEST_F(Master402, AStopIsNeverRefused) {
     command_ = {1000, 1, 0};
     for (int i = static_cast<int>(random() % 400); i > 0; --i) {
       if (random() % 60 == 0) drive_.state = static_cast<DriveNode::State>(random() % 8);
-      if (random() % 100 == 0) drive_.Emergency(static_cast<uint16_t>(random()));
+      if (random() % 100 == 0) {
+        drive_.Emergency(static_cast<uint16_t>(random()), static_cast<uint8_t>(random() % 2));
+      }
       command_.reset = random() % 20 == 0;
       Tick();
     }

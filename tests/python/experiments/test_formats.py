@@ -114,6 +114,7 @@ forces = [5, 10]
 type = "dc_motor"
 body = "axis"
 reaction = "ground"
+enable_ticks = 4
 [encoder]
 body = "axis"
 reference = "ground"
@@ -201,6 +202,7 @@ time_s = 0.05
 impulse = { body = "work", N_s = 0.1 }
 firmware = { force_setpoint = 10 }
 sensor = { force = "held" }
+drive = { failure = "silent" }
 [verdict]
 window_s = 0.05
 force_ripple_max_count = 5

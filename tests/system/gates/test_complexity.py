@@ -33,7 +33,6 @@ EXCEPTIONS = {
     },
     "checks in the order of the standard or of the protection, each of which ends the function": {
         "blackbox: blackbox_follow": 13,
-        "buses: CanPort::receive": 20,
         "entries: read_entry": 13,
         "first_motion: check_out": 13,
         "first_motion: check_standstill": 13,

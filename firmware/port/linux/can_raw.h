@@ -1,0 +1,68 @@
+#ifndef FIRMWARE_PORT_LINUX_CAN_RAW_H_
+#define FIRMWARE_PORT_LINUX_CAN_RAW_H_
+
+/* A raw SocketCAN socket of Linux, for the port (can_line.h) and the programs of host
+ * (host/canopen/can_socket.hpp). */
+
+#include <linux/can.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { CAN_RAW_BATCH = 16, CAN_RAW_NAME = 16 };
+
+typedef struct {
+  struct can_filter filter; /* of data frames */
+  can_err_mask_t errors;    /* classes of error frames that are received */
+  bool blocks;              /* can_raw_receive() waits for a frame */
+  int buffer_bytes;         /* of the receive buffer; 0: the default, and drops are not counted */
+} can_raw_settings_t;
+
+typedef struct {
+  int fd;
+  can_raw_settings_t settings;
+  char interface[CAN_RAW_NAME];
+  uint32_t dropped; /* frames that the kernel has dropped since the socket was opened; wraps */
+} can_raw_t;
+
+/* Why a socket was not opened; errno says more. */
+typedef enum {
+  CAN_RAW_OPEN,
+  CAN_RAW_NO_CAN,       /* the kernel has no SocketCAN */
+  CAN_RAW_BAD_NAME,     /* no name of an interface */
+  CAN_RAW_NO_INTERFACE, /* no interface has this name */
+  CAN_RAW_REFUSED       /* the interface cannot be used */
+} can_raw_result_t;
+
+/* Opens an interface, which may be down. After a failure the socket is closed. */
+can_raw_result_t can_raw_open(can_raw_t *raw, const char *interface,
+                              const can_raw_settings_t *settings);
+
+/* Connects the socket with the interface again after it was removed and made anew. Returns false if
+ * there is none of this name. */
+bool can_raw_bind(const can_raw_t *raw);
+
+/* State of an interface. A CAN interface whose controller is bus off is up and has no carrier. */
+typedef struct {
+  bool is_up;
+  bool has_carrier;
+} can_raw_link_t;
+can_raw_link_t can_raw_link(const can_raw_t *raw);
+
+/* Sends the first frames, at most CAN_RAW_BATCH. Returns how many the interface has taken, at least
+ * 1, or -errno; -ENOBUFS or -EAGAIN if its queue is full. */
+int can_raw_send(const can_raw_t *raw, const struct can_frame *frames, unsigned count);
+
+/* Receives the frames that wait, at most CAN_RAW_BATCH and `count`. Returns their number or -errno:
+ * -EAGAIN if there is none, -ENETDOWN once after the interface went down, -ENODEV once after it was
+ * removed. */
+int can_raw_receive(can_raw_t *raw, struct can_frame *frames, unsigned count);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
