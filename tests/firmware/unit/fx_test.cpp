@@ -175,7 +175,8 @@ TEST(Fx, MeansAddUpToTheChanges) {
     int64_t changes = 0, sum = 0;
     for (int i = 0; i < 2000; ++i) {
       const auto n = static_cast<int32_t>((most == INT32_MAX ? 2 : 1) + random() % 255);
-      const auto x = static_cast<int32_t>(random() % (2 * most + 1)) - static_cast<int32_t>(most);
+      const auto drawn = static_cast<int64_t>(random() % static_cast<uint64_t>(2 * most + 1));
+      const auto x = static_cast<int32_t>(drawn - most);
       changes += x;
       sum += static_cast<int64_t>(fx_mean(x, n, &rest)) * n;
       ASSERT_EQ(changes - sum, rest) << "step " << i;
