@@ -29,13 +29,7 @@ NAMESPACES = "unshare", "--ipc", "--mount", "--pid", "--fork", "--mount-proc", "
 NOBODY = 65534  # rtapi_app refuses to run as root
 THREAD = "loadrt threads name1=axis period1=666667"
 FAULTS = texts(objects.BY_NAME["fault"])
-pytestmark = [
-    pytest.mark.long,
-    pytest.mark.skipif(
-        shutil.which("halrun") is None,
-        reason="expected halrun, got none: install linuxcnc-uspace with tools/setup --all",
-    ),
-]
+pytestmark = pytest.mark.long  # tools/setup --all installs linuxcnc-uspace
 
 
 def build(*command):

@@ -47,11 +47,6 @@ class Samples:
         """Returns the newest sample that has arrived at a tick."""
         return math.floor((tick - self.latency - self.phase) / self.every)
 
-    def ages(self) -> list[Fraction]:
-        """Returns the age of the reading in each tick of a period, in ticks."""
-        ticks = range(self.period_ticks)
-        return [tick - self.instant(self.newest(tick)) for tick in ticks]
-
     def phases(self, cycle_ticks: int) -> "Iterator[Samples]":
         """Yields samples with other phases: for each different order of samples and cycles, the
         phase with the oldest readings, the one in the middle, and the one with the newest."""

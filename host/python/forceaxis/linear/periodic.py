@@ -111,17 +111,20 @@ class PeriodicLoop(Loop):
         return 1 / float(np.median(sizes))
 
     @cached_property
-    def _first_edge(self) -> tuple[float | None, str]:
-        """The limit of the gain, and why there is none."""
+    def _first_edge(self) -> Limit:
+        """The limit of the gain, up to the largest gain that is analysed."""
         gain = self._typical_gain / GAIN_SPAN
         if not self._radius(gain) < 1:
-            return 0.0, "unstable at any small gain"
+            return Limit(0.0, None, [], [], "unstable at any small gain")
         while gain < min(self._typical_gain * GAIN_SPAN, GAIN_MAX):
             after = gain * GAIN_STEP_FACTOR
             if self._radius(after) >= 1:
-                return self._edge(lambda at: at, gain, after), ""
+                edge = self._edge(lambda at: at, gain, after)
+                hz = self._frequency(edge)
+                return Limit(edge, hz, [Crossing(edge, hz, 1)], [(0.0, edge)], "")
             gain = after
-        return None, "stable at every gain"
+        reason = f"stable up to {gain:.4g} {self.unit}, the largest gain that was analysed"
+        return Limit(None, None, [], [(0.0, gain)], reason, gain)
 
     @cached_property
     def stable_ranges(self) -> list[tuple[float, float | None]]:
@@ -134,11 +137,7 @@ class PeriodicLoop(Loop):
 
     def limit(self) -> Limit:
         """See Loop.limit(). The crossings are the limit alone."""
-        gain, reason = self._first_edge
-        if not gain:
-            return Limit(gain, None, [], [] if gain == 0 else [(0.0, None)], reason)
-        hz = self._frequency(gain)
-        return Limit(gain, hz, [Crossing(gain, hz, 1)], [(0.0, gain)], "")
+        return self._first_edge
 
     def _frequency(self, gain: complex) -> float:
         """Returns the frequency in Hz of the pole of the largest magnitude."""
@@ -157,6 +156,7 @@ class PeriodicLoop(Loop):
             phase_margin_deg=turn,
             crossover_hz=crossover,
             crossovers=[] if crossover is None or turn is None else [Crossover(crossover, turn)],
+            known_to=None if above else GAIN_SPAN,
         )
 
     def _toward(self, gain: float, factor: float) -> float | None:
