@@ -530,7 +530,11 @@ class Assembly : public Wiring {
                                     stepper.segments, StepperDrive::kPeriods);
     const int segments = add_segments("drive.load_angle", lead, curve, true);
     const Wire pull = add_curve(segments, lead, curve);
-    const Wire drag = add_select(kEnable, {{}, {wire(slip, stepper.damping)}});
+    // In the first and the last segment the motor has stalled.
+    std::vector<Terms> drags(curve.segments.size(), Terms{wire(slip, stepper.damping)});
+    drags.front() = drags.back() = {};
+    const Wire turning = add_select(segments, std::move(drags));
+    const Wire drag = add_select(kEnable, {{}, {wire(turning)}});
     *force = add_sum({wire(add_select(kEnable, {{}, {wire(pull)}})), wire(drag)});
     supplies.push_back({"drive", *force, field});
     storages.push_back(stored("drive", segments, curve, {pull, lead, 0}));

@@ -322,7 +322,7 @@ std::optional<VelocityGains> velocity_gains(double mass_kg, double bandwidth, do
 ///   w' = velocity_per_volt u - v
 ///   F  = f(w) + damping w'       on the body, -F on reaction
 /// f is linear between points that lie on holding_force sin(2 pi w / (4 full_step)) at equal
-/// distances. Beyond kPeriods periods of 4 full steps f is 0: the motor has stalled. While the
+/// distances. Beyond kPeriods periods of 4 full steps F is 0: the motor has stalled. While the
 /// drive is disabled, w = 0 and F = 0.
 struct StepperDrive {
   static constexpr int kPeriods = 8;

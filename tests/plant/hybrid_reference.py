@@ -529,7 +529,9 @@ class Reference:
             if on:
                 rates[at] = d["velocity_per_volt"] * u - speed
                 force = self._bent("drive.load_angle", y[at], guards)
-                force += d.get("damping", 0.0) * rates[at]
+                segment = self.mode["drive.load_angle"]
+                if 0 < segment < len(self.curves["drive.load_angle"].breaks):  # not stalled
+                    force += d.get("damping", 0.0) * rates[at]
             signals["drive.load_angle"] = y[at]
         else:
             if d["type"] == "first_order":

@@ -259,6 +259,27 @@ TEST(Stepper, LockedForceIsTheSineOfTheLoadAngle) {
     }
 }
 
+TEST(Stepper, AStalledMotorHasNoForce) {
+  Plant plant(make_model(kLocked + stepper("damping = 3000\n")), {.audit = true});
+  const double field = 0.001 * 150 * kVolt;  // m/s
+  double stalled = 0;
+  for (int k = 1; k <= 2000; ++k) {
+    plant.step(150, true);
+    const double w = field * k * kTickS;
+    const double sine = 80 * std::sin(2 * 3.14159265358979323846 * w / 1e-4);
+    const double force = plant.signal("drive.force");
+    if (w > 8e-4) {
+      ASSERT_EQ(force, 0.0) << w;
+      stalled += 1;
+    } else {
+      ASSERT_NEAR(force, sine + 3000 * field, 80 * 0.02 + 1e-9) << w;
+    }
+  }
+  EXPECT_GT(stalled, 300);
+  const EnergyAudit energy = plant.energy();
+  EXPECT_LT(std::fabs(energy.residual), 1e-9 * energy.dissipated[0].energy);
+}
+
 // At rest the motor is a spring of the chord beside 0: w'' = -k w / m - d w' / m after a step of
 // the field within one tick.
 TEST(Stepper, OscillatesAboutItsStepAsASpring) {
