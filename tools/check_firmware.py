@@ -7,8 +7,8 @@ Each rule is checked in the source text, without comments, and where a trick cou
 the objects that a Cortex-M4 compiler makes of it. One line per finding, and status 1; status 0 and
 one line when there is none; status 2 when a tool or a folder is missing.
 
-In firmware/{fx,objects,core,guard,drive,canopen,drive402,modbus,storage,app}, without the host's
-axis_objects_meta.h, with every folder below them:
+In firmware/{fx,objects,core,cycle,guard,drive,canopen,drive402,modbus,storage,app}, without
+axis_objects_meta.h of the host, with every folder below them:
   float        no float or double type, no floating literal; no floating instruction, compiled with
                hardware floating point, so that the compiler would use one
   heap         no malloc and its kin
@@ -37,7 +37,8 @@ import tempfile
 from pathlib import Path
 
 FOLDERS = (
-    "fx", "objects", "core", "guard", "drive", "canopen", "drive402", "modbus", "storage", "app",
+    "fx", "objects", "core", "cycle", "guard", "drive", "canopen", "drive402", "modbus", "storage",
+    "app",
 )  # fmt: skip
 # All files of these folders use one structure, cia402_t or fw_t, which drive.h and fw.h define.
 ONE_STRUCTURE = ("drive", "app")
@@ -63,6 +64,7 @@ MAY_INCLUDE = {
     "fx": ("fx/",),
     "objects": ("objects/", "fx/"),
     "core": ("core/", "objects/", "fx/"),
+    "cycle": ("cycle/", "fx/"),
     "guard": ("guard/", "core/", "objects/", "fx/"),
     "drive": ("drive/", "guard/", "core/", "objects/", "fx/"),
     "canopen": ("canopen/", "objects/", "fx/"),

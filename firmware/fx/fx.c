@@ -128,3 +128,29 @@ int32_t fx_fraction_apply(int32_t x, const fx_fraction_t *fraction) {
 int32_t fx_fraction_invert(int32_t x, const fx_fraction_t *fraction) {
   return scale_exactly(x, fraction->den, fraction->num, fraction->inverse);
 }
+
+/* The quotient has at most 32 bits, because x is between x0 and x1. */
+int32_t fx_interpolate(int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t x,
+                       uint8_t rounding) {
+  const uint32_t length = fx_magnitude(fx_diff_wrap(x1, x0));
+  const bool falls = y1 < y0;
+  const uint64_t product =
+      (uint64_t)fx_magnitude(fx_diff_wrap(x, x0)) * fx_magnitude(fx_diff_wrap(y1, y0));
+  uint64_t rest = product >> 32;
+  uint32_t low = (uint32_t)product;
+  uint32_t quotient = 0;
+  for (uint8_t i = 0; i < 32; i++) {
+    rest = (rest << 1) | (low >> 31);
+    low <<= 1;
+    const bool one = rest >= length;
+    quotient = (quotient << 1) | (uint32_t)one;
+    rest = one ? rest - length : rest;
+  }
+  bool more = rest != 0 && (rounding == FX_ROUND_UP) != falls;
+  if (rounding == FX_ROUND_HALF_UP) {
+    more = falls ? rest << 1 > length : rest << 1 >= length;
+  }
+  quotient += (uint32_t)more;
+  return falls ? fx_s32_from_u32((uint32_t)y0 - quotient)
+               : fx_s32_from_u32((uint32_t)y0 + quotient);
+}

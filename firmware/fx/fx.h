@@ -318,6 +318,14 @@ static inline uint16_t fx_highest_code(uint8_t bits) {
   return (uint16_t)(((uint32_t)1 << bits) - 1);
 }
 
+/* Rounding of fx_interpolate(): towards minus infinity, towards plus infinity, or half up. */
+enum { FX_ROUND_DOWN = 0, FX_ROUND_UP = 1, FX_ROUND_HALF_UP = 2 };
+
+/* Returns y at x on the line through (x0, y0) and (x1, y1): y0 + (y1 - y0) (x - x0) / (x1 - x0),
+ * rounded once. x is between x0 and x1, which differ by 1 to 2^31-1; |y0|, |y1| <= 2^30. Cannot
+ * overflow. Some 400 instructions on a Cortex-M4. */
+int32_t fx_interpolate(int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t x, uint8_t rounding);
+
 /* floor(n / 2). */
 static inline uint16_t fx_half(uint32_t n) { return (uint16_t)(n >> 1); }
 

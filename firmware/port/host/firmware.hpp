@@ -19,6 +19,7 @@ extern "C" {
 #include "firmware/core/limits.h"
 #include "firmware/core/profile.h"
 #include "firmware/core/recorder.h"
+#include "firmware/cycle/element.h"
 #include "firmware/drive/drive.h"
 #include "firmware/drive402/drive402.h"
 #include "firmware/fx/bytes.h"

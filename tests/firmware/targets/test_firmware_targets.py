@@ -102,7 +102,8 @@ AVR = ["avr-gcc", "-mmcu=atmega2560"]
 LAWS_ROUNDS = 20_000
 
 FOLDERS = (
-    "fx", "objects", "core", "guard", "drive", "canopen", "drive402", "modbus", "storage", "app",
+    "fx", "objects", "core", "cycle", "guard", "drive", "canopen", "drive402", "modbus", "storage",
+    "app",
 )  # fmt: skip
 SOURCES = [s for f in FOLDERS for s in sorted((ROOT / "firmware" / f).rglob("*.c"))]
 LAWS = [ROOT / "tests/firmware/targets/laws_probe.c", ROOT / "firmware/fx/fx.c"]

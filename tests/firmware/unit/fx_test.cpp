@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
@@ -311,6 +312,33 @@ TEST(Fx, QuotientsAndHalves) {
   for (uint32_t x = 0; x <= 65535; ++x) {
     for (uint32_t n = 0, by = 1; n <= 15; ++n, by *= 2) {
       ASSERT_EQ(fx_halved(static_cast<uint16_t>(x), static_cast<uint8_t>(n)), x / by);
+    }
+  }
+}
+
+TEST(Fx, InterpolatesWithOneRounding) {
+  RandomBits random(kSeed);
+  const auto within = [&](int64_t bound) {
+    return static_cast<int32_t>(Wrap(random.U64(), 63) % (bound + 1));
+  };
+  for (int i = 0; i < kFuzz; ++i) {
+    const int64_t most = int64_t{1} << (i % 30);
+    const int32_t x0 = within(most), x1 = within(most), y0 = within(1 << 30), y1 = within(most);
+    if (x0 == x1) continue;
+    const int64_t low = std::min(x0, x1), high = std::max(x0, x1);
+    const auto x =
+        static_cast<int32_t>(low + static_cast<int64_t>(random.U64() % (high - low + 1)));
+    for (const int32_t at : {x, x0, x1}) {
+      // Of a positive denominator.
+      const Wide den = Wide{high} - low;
+      const Wide num = (Wide{y1} - y0) * (Wide{at} - x0) * (x1 > x0 ? 1 : -1);
+      ASSERT_EQ(fx_interpolate(x0, y0, x1, y1, at, FX_ROUND_DOWN),
+                static_cast<int32_t>(y0 + FloorDivide(num, den)));
+      ASSERT_EQ(fx_interpolate(x0, y0, x1, y1, at, FX_ROUND_UP),
+                static_cast<int32_t>(y0 + CeilDivide(num, den)));
+      ASSERT_EQ(fx_interpolate(x0, y0, x1, y1, at, FX_ROUND_HALF_UP),
+                static_cast<int32_t>(y0 + FloorDivide(2 * num + den, 2 * den)))
+          << x0 << " " << y0 << " " << x1 << " " << y1 << " " << at;
     }
   }
 }

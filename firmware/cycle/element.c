@@ -1,0 +1,319 @@
+#include "firmware/cycle/element.h"
+
+#include "firmware/cycle/window.h"
+#include "firmware/fx/fx.h"
+
+enum { FOUND = 1, FOUND_2 = 2, UNDER = 1, OVER = 2 };
+/* Twice the largest sum of WORK in counts of force times counts, times 256. */
+#define SUM_MAX ((int64_t)INT32_MAX * 512)
+
+static bool is_ordered(int32_t least, int32_t most, int32_t bound) {
+  return least <= most && fx_within(least, bound) && fx_within(most, bound);
+}
+
+/* Returns true if a curve of points rises in x and covers the range of the element. */
+static bool is_curve(const cycle_element_t *element, const cycle_point_t *points, uint8_t count) {
+  if (count < 2 || points[0].x > element->x_least || points[count - 1].x < element->x_most) {
+    return false;
+  }
+  for (uint8_t i = 0; i < count; i++) {
+    if (!fx_within(points[i].x, CYCLE_TRAVEL_MAX) || !fx_within(points[i].y, CYCLE_FORCE_MAX_Q8) ||
+        (i > 0 && points[i].x <= points[i - 1].x)) {
+      return false;
+    }
+  }
+  return true;
+}
+
+static bool has_envelope(const cycle_element_t *element, const cycle_point_t *points,
+                         uint16_t count) {
+  return (uint32_t)element->first + element->lower + element->upper <= count &&
+         is_curve(element, &points[element->first], element->lower) &&
+         is_curve(element, &points[element->first + element->lower], element->upper);
+}
+
+static bool has_crossing(const cycle_element_t *element) {
+  const int32_t bound = (element->of_force != 0) ? CYCLE_FORCE_MAX_Q8 : CYCLE_TRAVEL_MAX;
+  return element->direction >= CYCLE_RISING && element->direction <= CYCLE_EITHER &&
+         element->ordinal > 0 && fx_within(element->level, bound) &&
+         (element->kind != CYCLE_DIFFERENCE || fx_within(element->level_2, bound));
+}
+
+bool cycle_element_is_valid(const cycle_element_t *element, const cycle_point_t *points,
+                            uint16_t count) {
+  const uint8_t sides = CYCLE_LEFT | CYCLE_RIGHT | CYCLE_BOTTOM | CYCLE_TOP;
+  if (element->phases == 0 || element->over_time > 1 || element->of_force > 1 ||
+      !is_ordered(element->x_least, element->x_most, CYCLE_TRAVEL_MAX)) {
+    return false;
+  }
+  switch (element->kind) {
+    case CYCLE_PEAK:
+    case CYCLE_VALLEY:
+    case CYCLE_END:
+    case CYCLE_WORK:
+      return element->y_least <= element->y_most;
+    case CYCLE_AT:
+    case CYCLE_DIFFERENCE:
+      return element->y_least <= element->y_most && has_crossing(element);
+    case CYCLE_WINDOW:
+      return is_ordered(element->y_least, element->y_most, CYCLE_FORCE_MAX_Q8) &&
+             element->enters != 0 && element->enters <= sides && element->leaves <= sides;
+    case CYCLE_ENVELOPE:
+      return has_envelope(element, points, count);
+    default:
+      return false;
+  }
+}
+
+void cycle_element_begin(cycle_element_state_t *state) { *state = (cycle_element_state_t){0}; }
+
+static bool is_in_range(const cycle_element_t *element, int32_t x) {
+  return x >= element->x_least && x <= element->x_most;
+}
+
+static void find(cycle_element_state_t *state, int32_t value, uint32_t tick) {
+  state->value = value;
+  state->found = (uint8_t)(state->found | FOUND);
+  state->found_tick = tick;
+}
+
+static void count_up(uint8_t *number) { *number = (uint8_t)(*number + (*number < UINT8_MAX)); }
+
+/* The line of the curve that ends with the present sample. */
+typedef struct {
+  int32_t x0, y0, x1, y1;
+} line_t;
+
+/* Returns true if the line is the crossing of the level that counts, with the value there. */
+static bool crosses(const cycle_element_t *element, const line_t *line, int32_t level,
+                    uint8_t *number, int32_t *value) {
+  const bool of_force = element->of_force != 0;
+  const int32_t from = of_force ? line->y0 : line->x0;
+  const int32_t to = of_force ? line->y1 : line->x1;
+  const bool rises = from < level && to >= level;
+  const bool falls = from >= level && to < level;
+  if (!(rises && (element->direction & CYCLE_RISING) != 0) &&
+      !(falls && (element->direction & CYCLE_FALLING) != 0)) {
+    return false;
+  }
+  count_up(number);
+  if (*number != element->ordinal) {
+    return false;
+  }
+  *value = of_force ? fx_interpolate(from, line->x0, to, line->x1, level, FX_ROUND_HALF_UP)
+                    : fx_interpolate(from, line->y0, to, line->y1, level, FX_ROUND_HALF_UP);
+  return true;
+}
+
+static void take_crossings(const cycle_element_t *element, cycle_element_state_t *state,
+                           const line_t *line, uint32_t tick) {
+  int32_t value;
+  if (crosses(element, line, element->level, &state->crossings, &value)) {
+    find(state, value, tick);
+  }
+  if (element->kind == CYCLE_DIFFERENCE &&
+      crosses(element, line, element->level_2, &state->crossings_2, &value)) {
+    state->value_2 = value;
+    state->found = (uint8_t)(state->found | FOUND_2);
+    state->found_tick = tick;
+  }
+}
+
+static void take_work(const cycle_element_t *element, cycle_element_state_t *state,
+                      const line_t *line, uint32_t tick) {
+  if (!is_in_range(element, line->x0) || !is_in_range(element, line->x1)) {
+    return;
+  }
+  const int64_t sum = state->sum + ((int64_t)line->x1 - line->x0) * (line->y0 + line->y1);
+  state->sum = (sum > SUM_MAX) ? SUM_MAX : ((sum < -SUM_MAX) ? -SUM_MAX : sum);
+  find(state, (int32_t)fx_floor_shift_wide(state->sum + 256, 9), tick);
+}
+
+static void take_window_line(const cycle_element_t *element, cycle_element_state_t *state,
+                             const line_t *line, uint32_t tick) {
+  const window_passage_t passage = window_pass(element, line->x0, line->y0, line->x1, line->y1);
+  if (passage.enters != 0) {
+    count_up(&state->entries);
+    state->wrong_side |= (uint8_t)((passage.enters & element->enters) == 0);
+    state->found_tick = tick;
+  }
+  if (passage.leaves != 0) {
+    count_up(&state->exits);
+    state->wrong_side |= (uint8_t)((passage.leaves & element->leaves) == 0);
+  }
+}
+
+/* What needs the line from the sample before. */
+static void take_line(const cycle_element_t *element, cycle_element_state_t *state,
+                      const line_t *line, uint32_t tick) {
+  switch (element->kind) {
+    case CYCLE_AT:
+    case CYCLE_DIFFERENCE:
+      take_crossings(element, state, line, tick);
+      break;
+    case CYCLE_WORK:
+      take_work(element, state, line, tick);
+      break;
+    case CYCLE_WINDOW:
+      take_window_line(element, state, line, tick);
+      break;
+    default:
+      break;
+  }
+}
+
+/* Returns the force of a curve of points at x, rounded into the curve's side. */
+static int32_t force_at(const cycle_point_t *points, uint8_t count, int32_t x, uint8_t rounding) {
+  uint8_t low = 0;
+  uint8_t high = (uint8_t)(count - 1);
+  while (high - low > 1) {
+    const uint8_t middle = (uint8_t)fx_half((uint32_t)low + high);
+    if (points[middle].x <= x) {
+      low = middle;
+    } else {
+      high = middle;
+    }
+  }
+  return fx_interpolate(points[low].x, points[low].y, points[high].x, points[high].y, x, rounding);
+}
+
+static void take_envelope(const cycle_element_t *element, const cycle_point_t *points,
+                          cycle_element_state_t *state, int32_t x, int32_t y, uint32_t tick) {
+  const bool begins = state->has_sample == 0;
+  state->x_seen_least = (begins || x < state->x_seen_least) ? x : state->x_seen_least;
+  state->x_seen_most = (begins || x > state->x_seen_most) ? x : state->x_seen_most;
+  if (!is_in_range(element, x)) {
+    return;
+  }
+  const cycle_point_t *lower = &points[element->first];
+  const int32_t over = y - force_at(lower, element->lower, x, FX_ROUND_UP);
+  const int32_t under = force_at(lower + element->lower, element->upper, x, FX_ROUND_DOWN) - y;
+  const int32_t distance = (over < under) ? over : under;
+  if ((state->found & FOUND) == 0 || distance < state->value) {
+    find(state, distance, tick);
+    state->wrong_side = (distance >= 0) ? 0 : ((over < under) ? UNDER : OVER);
+  }
+}
+
+/* What needs the sample alone. */
+static void take_sample(const cycle_element_t *element, const cycle_point_t *points,
+                        cycle_element_state_t *state, int32_t x, int32_t y, uint32_t tick) {
+  const bool is_new = (state->found & FOUND) == 0;
+  switch (element->kind) {
+    case CYCLE_PEAK:
+      if (is_in_range(element, x) && (is_new || y > state->value)) {
+        find(state, y, tick);
+      }
+      break;
+    case CYCLE_VALLEY:
+      if (is_in_range(element, x) && (is_new || y < state->value)) {
+        find(state, y, tick);
+      }
+      break;
+    case CYCLE_END:
+      find(state, y, tick);
+      break;
+    case CYCLE_ENVELOPE:
+      take_envelope(element, points, state, x, y, tick);
+      break;
+    default:
+      break;
+  }
+}
+
+/* A piece of the curve that begins in the window has entered it through no side. */
+static void begin_piece(const cycle_element_t *element, cycle_element_state_t *state, int32_t x,
+                        int32_t y, uint32_t tick) {
+  if (element->kind == CYCLE_WINDOW && window_contains(element, x, y)) {
+    count_up(&state->entries);
+    state->wrong_side = 1;
+    state->found_tick = tick;
+  }
+}
+
+void cycle_element_take(const cycle_element_t *element, const cycle_point_t *points,
+                        cycle_element_state_t *state, const cycle_sample_t *sample) {
+  if ((element->phases & (uint16_t)fx_scale(1, sample->phase)) == 0) {
+    return;
+  }
+  if (state->has_sample == 0) {
+    state->begin_tick = sample->tick;
+  }
+  const int32_t x =
+      (element->over_time != 0)
+          ? fx_clamp(fx_s32_from_u32(sample->tick - state->begin_tick), 0, CYCLE_TRAVEL_MAX)
+          : sample->travel;
+  const int32_t y = sample->force_q8;
+  if (state->has_sample != 0 && sample->tick - state->last_tick == 1) {
+    const line_t line = {state->x, state->y, x, y};
+    take_line(element, state, &line, sample->tick);
+  } else {
+    begin_piece(element, state, x, y, sample->tick);
+  }
+  take_sample(element, points, state, x, y, sample->tick);
+  state->inside = window_contains(element, x, y) ? 1 : 0;
+  state->x = x;
+  state->y = y;
+  state->last_tick = sample->tick;
+  state->has_sample = 1;
+}
+
+static uint8_t verdict_of(const cycle_element_t *element, int32_t value) {
+  return (value < element->y_least) ? CYCLE_BELOW
+                                    : ((value > element->y_most) ? CYCLE_ABOVE : CYCLE_GOOD);
+}
+
+static uint8_t verdict_of_window(const cycle_element_t *element,
+                                 const cycle_element_state_t *state) {
+  if (state->entries == 0) {
+    return CYCLE_NOT_REACHED;
+  }
+  if (state->wrong_side != 0) {
+    return CYCLE_WRONG_SIDE;
+  }
+  if (state->entries > 1 || state->exits > 1) {
+    return CYCLE_AGAIN;
+  }
+  const bool ended = (element->leaves != 0) ? state->exits == 1 : state->inside != 0;
+  return ended ? CYCLE_GOOD : CYCLE_NOT_REACHED;
+}
+
+static uint8_t verdict_of_envelope(const cycle_element_t *element,
+                                   const cycle_element_state_t *state) {
+  if (state->wrong_side != 0) {
+    return (state->wrong_side == UNDER) ? CYCLE_BELOW : CYCLE_ABOVE;
+  }
+  const bool covered =
+      state->x_seen_least <= element->x_least && state->x_seen_most >= element->x_most;
+  return covered ? CYCLE_GOOD : CYCLE_NOT_REACHED;
+}
+
+cycle_element_result_t cycle_element_result(const cycle_element_t *element,
+                                            const cycle_element_state_t *state) {
+  cycle_element_result_t result = {.verdict = CYCLE_NOT_REACHED};
+  if (element->kind == CYCLE_WINDOW) {
+    result.value = state->entries;
+    result.found_tick = state->found_tick;
+    result.verdict = verdict_of_window(element, state);
+    return result;
+  }
+  const uint8_t needed = (element->kind == CYCLE_DIFFERENCE) ? (FOUND | FOUND_2) : FOUND;
+  if ((state->found & needed) != needed) {
+    return result;
+  }
+  result.found_tick = state->found_tick;
+  result.value = state->value;
+  if (element->kind == CYCLE_DIFFERENCE) {
+    const int64_t difference = (int64_t)state->value_2 - state->value;
+    result.value = fx_saturate(difference, INT32_MIN, INT32_MAX);
+  }
+  if (element->kind == CYCLE_ENVELOPE) {
+    result.verdict = verdict_of_envelope(element, state);
+  } else {
+    result.verdict = verdict_of(element, result.value);
+  }
+  if (element->kind == CYCLE_END && !is_in_range(element, state->x)) {
+    result.verdict = CYCLE_WRONG_SIDE;
+  }
+  return result;
+}

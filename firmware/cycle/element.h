@@ -1,0 +1,147 @@
+#ifndef FIRMWARE_CYCLE_ELEMENT_H_
+#define FIRMWARE_CYCLE_ELEMENT_H_
+
+/* Evaluation elements: each computes one figure of the curve of a cycle and compares the figure
+ * with its bounds, from one sample a tick and without a buffer.
+ *
+ * The curve is force over x, where x is the travel or the time since the element began. It consists
+ * of straight lines between the samples of consecutive ticks, all in phases of the element. Where
+ * the phases are left and entered again a new piece begins, and no line joins two pieces. All
+ * comparisons are exact, and every interpolated value is rounded once, half up.
+ *
+ *   cycle_element_begin(&state);
+ *   in each tick of the cycle: cycle_element_take(element, points, &state, &sample);
+ *   at the end of the cycle:   result = cycle_element_result(element, &state);
+ *
+ * A call of cycle_element_take() needs at most 700 instructions on a Cortex-M4, so it belongs
+ * between two ticks. */
+
+#include <stdbool.h>
+#include <stdint.h>
+
+/* Largest magnitudes of a sample: force in 1/256 count at 8 bits, travel in encoder counts. A
+ * larger value has to be limited, and its cycle ends in a fault. */
+enum { CYCLE_FORCE_MAX_Q8 = 131071, CYCLE_TRAVEL_MAX = 1073741823 };
+
+typedef struct {
+  uint32_t tick;    /* number of the tick, which may wrap */
+  int32_t travel;   /* encoder counts, +-CYCLE_TRAVEL_MAX */
+  int32_t force_q8; /* measured force, +-CYCLE_FORCE_MAX_Q8 */
+  uint8_t phase;    /* number of the phase, 0..15 */
+} cycle_sample_t;
+
+/* The kinds of element. Their value is what is compared with y_least and y_most.
+ *   PEAK, VALLEY  largest and smallest force of the samples with x in x_least..x_most
+ *   AT            the force where x crosses `level`, or x where the force crosses it
+ *   DIFFERENCE    the value of AT at level_2, less that at `level`
+ *   WORK          the sum of force times the change of x over the lines with both ends in
+ *                 x_least..x_most, in counts of force times counts (ticks), rounded half up
+ *   END           force of the last sample, whose x has to be in x_least..x_most
+ *   WINDOW        number of entries into the window x_least..x_most, y_least..y_most, with its
+ *                 sides. The curve has to enter it once, through a side of `enters`, and to leave
+ *                 it once, through a side of `leaves`, or not to leave it if `leaves` is 0. The
+ *                 window contains its sides, and a corner belongs to the left or right side. A
+ *                 curve that begins in the window has not entered through a side.
+ *   ENVELOPE      smallest distance of the samples with x in x_least..x_most from two curves of
+ *                 points, below and above; negative outside. y_least and y_most are not used. */
+enum {
+  CYCLE_PEAK = 0,
+  CYCLE_VALLEY = 1,
+  CYCLE_AT = 2,
+  CYCLE_DIFFERENCE = 3,
+  CYCLE_WORK = 4,
+  CYCLE_END = 5,
+  CYCLE_WINDOW = 6,
+  CYCLE_ENVELOPE = 7,
+  CYCLE_KINDS = 8
+};
+
+/* A crossing is rising where a line begins below the level and ends at or above it, and falling
+ * where the line begins at or above the level and ends below it. */
+enum { CYCLE_RISING = 1, CYCLE_FALLING = 2, CYCLE_EITHER = 3 };
+
+/* Sides of a window, as bits. */
+enum { CYCLE_LEFT = 1, CYCLE_RIGHT = 2, CYCLE_BOTTOM = 4, CYCLE_TOP = 8 };
+
+typedef struct {
+  int32_t x; /* rises from one point of a curve to the next */
+  int32_t y; /* force in 1/256 count */
+} cycle_point_t;
+
+typedef struct {
+  uint8_t kind;
+  uint8_t over_time; /* 1: x is the time in ticks since the element began; 0: x is the travel */
+  uint16_t phases;   /* set of the phases whose samples count */
+  uint8_t of_force;  /* AT, DIFFERENCE. 1: the force crosses the level; 0: x crosses it */
+  uint8_t direction; /* AT, DIFFERENCE: crossings that count */
+  uint8_t ordinal;   /* AT, DIFFERENCE: number of the crossing, from 1 */
+  uint8_t enters;    /* WINDOW: sides through which the curve may enter */
+  uint8_t leaves;    /* WINDOW: sides through which it may leave; 0: it ends in the window */
+  uint8_t lower;     /* ENVELOPE: number of points of the lower curve, 2 at least */
+  uint8_t upper;  /* ENVELOPE: number of points of the upper curve, which follow the lower ones */
+  uint16_t first; /* ENVELOPE: index of the first point in the program's points */
+  int32_t x_least;
+  int32_t x_most;
+  int32_t y_least;
+  int32_t y_most;
+  int32_t level;
+  int32_t level_2;
+} cycle_element_t;
+
+/* What an element found. ABORTED is for a cycle that did not end by its program. */
+enum {
+  CYCLE_GOOD = 0,
+  CYCLE_BELOW = 1,       /* the value is below y_least, or the curve below the envelope */
+  CYCLE_ABOVE = 2,       /* the value is above y_most, or the curve above the envelope */
+  CYCLE_WRONG_SIDE = 3,  /* WINDOW: another side; END: x is outside */
+  CYCLE_AGAIN = 4,       /* WINDOW: entered or left more than once */
+  CYCLE_NOT_REACHED = 5, /* no sample, no crossing, or the curve ended too early */
+  CYCLE_ABORTED = 6,
+  CYCLE_VERDICTS = 7
+};
+
+typedef struct {
+  int64_t sum;         /* WORK: twice the sum in 1/256 count times counts or ticks */
+  uint32_t begin_tick; /* tick of the first sample of the element */
+  uint32_t last_tick;
+  uint32_t found_tick; /* tick of the value */
+  int32_t x;           /* of the last sample, as y */
+  int32_t y;
+  int32_t x_seen_least; /* ENVELOPE: smallest and largest x of all samples */
+  int32_t x_seen_most;
+  int32_t value;
+  int32_t value_2;     /* DIFFERENCE: the value at level_2 */
+  uint8_t has_sample;  /* 1 after the first sample */
+  uint8_t found;       /* bits: 1 the value, 2 value_2 */
+  uint8_t crossings;   /* of `level`; number of crossings, at most 255 */
+  uint8_t crossings_2; /* of level_2 */
+  uint8_t entries;     /* WINDOW: at most 255, as exits */
+  uint8_t exits;
+  uint8_t wrong_side; /* WINDOW: 1 if another side was crossed; ENVELOPE: 1 below, 2 above */
+  uint8_t inside;     /* WINDOW: 1 if the last sample is in the window */
+} cycle_element_state_t;
+
+typedef struct {
+  int32_t value;       /* 0 if nothing was found */
+  uint32_t found_tick; /* tick of the sample, or of the end of the line, that gave the value */
+  uint8_t verdict;
+} cycle_element_result_t;
+
+/* Returns true if an element can be evaluated with `count` points: known kind, direction, ordinal
+ * and sides, bounds in order and within the largest magnitudes, curves that rise in x and cover
+ * x_least..x_most. */
+bool cycle_element_is_valid(const cycle_element_t *element, const cycle_point_t *points,
+                            uint16_t count);
+
+/* Sets the state at the start of a cycle. */
+void cycle_element_begin(cycle_element_state_t *state);
+
+/* Takes the sample of a tick. Samples of other phases are passed over. */
+void cycle_element_take(const cycle_element_t *element, const cycle_point_t *points,
+                        cycle_element_state_t *state, const cycle_sample_t *sample);
+
+/* Returns the result for the samples up to now, as at the end of the cycle. */
+cycle_element_result_t cycle_element_result(const cycle_element_t *element,
+                                            const cycle_element_state_t *state);
+
+#endif
