@@ -66,7 +66,7 @@ MAY_INCLUDE = {
     "core": ("core/", "objects/", "fx/"),
     "cycle": ("cycle/", "fx/"),
     "guard": ("guard/", "core/", "objects/", "fx/"),
-    "drive": ("drive/", "guard/", "core/", "objects/", "fx/"),
+    "drive": ("drive/", "cycle/", "guard/", "core/", "objects/", "fx/"),
     "canopen": ("canopen/", "objects/", "fx/"),
     "drive402": ("drive402/", "canopen/", "fx/"),
     "modbus": ("modbus/", "objects/", "fx/"),

@@ -53,6 +53,17 @@ counts as stable.
 (`verdict.window_s=2`).
 """
 
+CYCLE = f"""\
+# Cycles
+
+The program of a cycle is a TOML file with phases and evaluation elements. An experiment names it in
+its key `cycle`, and the mode of operation `cycle` (-9) runs it: phases follow each other by their
+conditions, and the part is good if the cycle ends as intended and each element is within its
+bounds. Forces are positive in compression.
+
+{VALUES}
+"""
+
 AXIS_LINUX = """\
 # Settings of axis_linux
 
@@ -296,6 +307,7 @@ def pages():
         "../python.md": python_api.filled(PYTHON.read_text(encoding="utf-8")),
         "model.md": f"{GENERATED}{MODEL}\n{model}",
         "experiment.md": f"{GENERATED}{EXPERIMENT}\n{experiment}".rstrip() + "\n",
+        "cycle.md": f"{GENERATED}{CYCLE}\n{sections(_core.cycle_format())}".rstrip() + "\n",
         "axis_linux.md": f"{GENERATED}{AXIS_LINUX}\n{sections(_core.axis_linux_format())}".rstrip()
         + "\n",
         "verdicts.md": f"{GENERATED}{VERDICTS}\n{verdicts()}",

@@ -10,6 +10,7 @@
 #include "firmware/app/recording.h"
 #include "firmware/app/reports.h"
 #include "firmware/app/sensing.h"
+#include "firmware/drive/cycle_mode.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/objects/value.h"
 
@@ -435,6 +436,7 @@ void fw_between(fw_t *fw) {
   }
   sensing_serve(fw);
   serve_store(fw);
+  cycle_mode_between(&fw->drive);
 }
 
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
@@ -494,6 +496,15 @@ int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
     wake(fw);
   }
   return dictionary_write(&fw->objects, source, object, value);
+}
+
+cycle_check_t fw_select_program(fw_t *fw, const void *record, uint32_t size) {
+  const cycle_check_t check = cycle_program_check(record, size);
+  if (check.reason != CYCLE_RIGHT) {
+    return check;
+  }
+  const bool is_taken = cycle_mode_select(&fw->drive, (const cycle_header_t *)record);
+  return (cycle_check_t){is_taken ? CYCLE_RIGHT : CYCLE_BUSY, 0};
 }
 
 int fw_recorder_read(const fw_t *fw, uint32_t index, int32_t values[RECORDER_CHANNELS]) {

@@ -14,6 +14,7 @@
 #include "firmware/core/blackbox.h"
 #include "firmware/core/law_bank.h"
 #include "firmware/core/recorder.h"
+#include "firmware/cycle/program.h"
 #include "firmware/drive/drive.h"
 #include "firmware/modbus/server.h"
 #include "firmware/objects/dictionary.h"
@@ -234,6 +235,11 @@ void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation);
  * object that belongs neither to the axis nor to the recorder starts the drive. */
 int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
 int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value);
+
+/* Selects the program of the cycles of mode -9, a record that begins at a multiple of 4 and stays
+ * unchanged while the firmware has it. Returns what cycle_program_check() found, or CYCLE_BUSY while
+ * a cycle runs; the program before then stays selected. After a reset of the node there is none. */
+cycle_check_t fw_select_program(fw_t *fw, const void *record, uint32_t size);
 
 /* Reads one sample of a completed recording; index 0 is the oldest sample. `values` receives one
  * value for each selected channel in the order of recorder_signal_1 to _8; channels that are 0 have

@@ -25,6 +25,7 @@ void law_adc_written(fw_t *fw) {
 
 void law_certify(fw_t *fw) {
   const law_params_t *params = &fw->banks.params;
+  fw->drive.law_crc = (params->force_bank == 0) ? 0 : params->bank_crc[params->force_bank - 1];
   certificates_check(&fw->banks, fw->axis.params.adc_bits, fw->drive.params.force_scale);
   if (certificate_is_missing(&fw->banks)) {
     cia402_restrict_law(&fw->drive, params->uncertified_force, params->uncertified_output);

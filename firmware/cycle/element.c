@@ -43,6 +43,7 @@ bool cycle_element_is_valid(const cycle_element_t *element, const cycle_point_t 
                             uint16_t count) {
   const uint8_t sides = CYCLE_LEFT | CYCLE_RIGHT | CYCLE_BOTTOM | CYCLE_TOP;
   if (element->phases == 0 || element->over_time > 1 || element->of_force > 1 ||
+      element->reserved != 0 || element->reserved_2 != 0 ||
       !is_ordered(element->x_least, element->x_most, CYCLE_TRAVEL_MAX)) {
     return false;
   }

@@ -78,8 +78,10 @@ typedef struct {
   uint8_t enters;    /* WINDOW: sides through which the curve may enter */
   uint8_t leaves;    /* WINDOW: sides through which it may leave; 0: it ends in the window */
   uint8_t lower;     /* ENVELOPE: number of points of the lower curve, 2 at least */
-  uint8_t upper;  /* ENVELOPE: number of points of the upper curve, which follow the lower ones */
-  uint16_t first; /* ENVELOPE: index of the first point in the program's points */
+  uint8_t upper;    /* ENVELOPE: number of points of the upper curve, which follow the lower ones */
+  uint8_t reserved; /* 0 */
+  uint16_t first;   /* ENVELOPE: index of the first point in the program's points */
+  uint16_t reserved_2; /* 0 */
   int32_t x_least;
   int32_t x_most;
   int32_t y_least;

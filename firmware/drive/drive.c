@@ -1,5 +1,6 @@
 #include "firmware/drive/drive.h"
 
+#include "firmware/drive/cycle_mode.h"
 #include "firmware/drive/homing.h"
 #include "firmware/drive/modes.h"
 #include "firmware/drive/motion.h"
@@ -232,6 +233,7 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
     drive->homing.state = CIA402_HOMING_BEGUN;
   }
   cia402_observe(drive, axis);
+  cycle_mode_after(drive, axis);
   motion_restore(drive, axis);
 }
 
@@ -289,12 +291,13 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
 }
 
 /* Reacts to bits 4 to 8 of the controlword. */
-static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
+static void command_mode(cia402_t *drive, const axis_t *axis, uint16_t controlword, uint16_t rising,
                          bool halt_changed) {
   const bool started = (rising & CIA402_CW_MODE_4) != 0;
   if ((controlword & CIA402_CW_MODE_4) == 0) {
     drive->acknowledged = 0;
     homing_interrupt(drive);
+    cycle_mode_interrupt(drive);
   }
   if (halt_changed) {
     drive->reached_tick = 0;
@@ -302,6 +305,7 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
   if ((rising & CIA402_CW_HALT) != 0) {
     drive->position_written = 0; /* After the halt the axis moves only to the next target. */
     homing_interrupt(drive);
+    cycle_mode_interrupt(drive);
   }
   if (!started || state_of(drive) != AXIS_DRIVE_STATE_OPERATION_ENABLED || drive->leaving != 0 ||
       wants_other_mode(drive) || first_motion_is_running(&drive->guards.first_motion)) {
@@ -314,6 +318,9 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
       break;
     case AXIS_MODES_OF_OPERATION_HOMING:
       homing_start(drive);
+      break;
+    case AXIS_MODES_OF_OPERATION_CYCLE:
+      cycle_mode_start(drive, axis);
       break;
     default:
       break;
@@ -349,7 +356,7 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
     case AXIS_OBJ_CONTROLWORD:
       drive->signals.stopped_by = AXIS_STOPPED_BY_NOBODY;
       change_state(drive, axis, controlword, rising);
-      command_mode(drive, controlword, rising, ((value ^ previous) & CIA402_CW_HALT) != 0);
+      command_mode(drive, axis, controlword, rising, ((value ^ previous) & CIA402_CW_HALT) != 0);
       break;
     case AXIS_OBJ_MODES_OF_OPERATION:
       if (wants_other_mode(drive) &&
@@ -424,7 +431,7 @@ bool cia402_stop(cia402_t *drive, axis_t *axis, uint16_t controlword) {
   }
   if ((controlword & ~(uint32_t)drive->params.controlword & CIA402_CW_HALT) != 0) {
     drive->params.controlword = (uint16_t)(drive->params.controlword | CIA402_CW_HALT);
-    command_mode(drive, drive->params.controlword, CIA402_CW_HALT, true);
+    command_mode(drive, axis, drive->params.controlword, CIA402_CW_HALT, true);
   }
   const uint8_t to = cia402_state_below(from, controlword);
   if (to != from) {
@@ -469,6 +476,7 @@ bool cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
   const uint8_t state = state_of(drive);
   contact_excitation_end(&drive->guards.excitation, &drive->signals,
                          AXIS_EXCITATION_STATE_ENDED_OWNER);
+  cycle_mode_interrupt(drive);
   if (state != AXIS_DRIVE_STATE_OPERATION_ENABLED ||
       drive->params.abort_connection_option != ABORT_NOTHING) {
     cia402_forget_targets(drive);

@@ -26,6 +26,7 @@
 #include <stdint.h>
 
 #include "firmware/core/axis.h"
+#include "firmware/cycle/cycle.h"
 #include "firmware/drive/shaper.h"
 #include "firmware/fx/fx.h"
 #include "firmware/guard/guards.h"
@@ -163,6 +164,10 @@ typedef struct {
   shaper_t motion_shaper; /* input shaper of the speed of the trajectory */
   guards_t guards;
   cia402_homing_t homing;
+  cycle_t cycle;                 /* cycle of mode -9 */
+  const cycle_header_t *program; /* selected program, checked; NULL: none */
+  uint8_t cycle_refusal; /* state (AXIS_CYCLE_STATE_) that says why no cycle started, or idle */
+  uint32_t law_crc;      /* CRC of the selected bank, 0 without one */
   cia402_overridden_t overridden;
   uint8_t velocity_next;   /* index of the oldest velocity sample in `velocities` */
   uint8_t tracking;        /* use of the trajectory, CIA402_TRACKING_ */
@@ -179,6 +184,7 @@ typedef struct {
   uint8_t leaving;
   uint8_t leaving_to; /* state after the ramp, AXIS_DRIVE_STATE_ */
   uint8_t fault;      /* fault (AXIS_FAULT_) that is latched at the end of the fault reaction */
+  uint8_t homed;      /* 1 after homing has found the reference position */
   uint8_t controlled; /* 1 if a force mode was active in the last tick */
   uint8_t pressing;   /* 1 if the force law is active in mode 4 or 10 */
   int8_t pressed;     /* sign of the measured force at the latest contact in mode 4 or 10 */

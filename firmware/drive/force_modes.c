@@ -41,6 +41,9 @@ static void approach(cia402_t *drive, axis_t *axis, int32_t target, bool halted)
 
 /* Returns the demanded force without the bounds of the demanded force. */
 static int32_t wanted_force(const cia402_t *drive) {
+  if (cycle_is_running(&drive->cycle)) {
+    return cycle_phase(&drive->cycle)->force;
+  }
   return (drive->force_written != 0) ? drive->params.target_force + drive->params.force_offset : 0;
 }
 
@@ -82,7 +85,9 @@ static void cap_pressing(const cia402_t *drive, axis_t *axis) {
 /* Changes the demanded force by one tick towards the target. A halt bypasses the input shaper, and
  * its ramp starts from the present demanded force. */
 static void demand(cia402_t *drive, int32_t target, bool at_once, bool halted) {
-  int32_t step = fx_q16_from_per_s(drive->params.force_slope);
+  const uint32_t slope = cycle_is_running(&drive->cycle) ? cycle_phase(&drive->cycle)->slope
+                                                         : drive->params.force_slope;
+  int32_t step = fx_q16_from_per_s(slope);
   if (halted) {
     drive->force_ramp_q16 = drive->force_demand_q16;
     shaper_clear(&drive->force_shaper);

@@ -131,6 +131,7 @@ static void set_home(cia402_t *drive, const axis_t *axis) {
       fx_diff_wrap(cia402_count(drive, drive->params.home_offset), axis->signals.position);
   drive->position_written = 0; /* The target position referred to the previous origin. */
   drive->homing.state = CIA402_HOMING_DONE;
+  drive->homed = 1;
 }
 
 static uint32_t travel_since(const axis_t *axis, int32_t place_cnt) {

@@ -42,6 +42,13 @@ static uint16_t position_bits(const cia402_t *drive) {
   return bits_of(follows_command(drive), drive->outside_tick != 0);
 }
 
+uint16_t cia402_cycle_bits(const cia402_t *drive) {
+  const uint8_t state = drive->signals.cycle_state;
+  return bits_of(state == AXIS_CYCLE_STATE_GOOD || state == AXIS_CYCLE_STATE_BAD ||
+                     state == AXIS_CYCLE_STATE_ABORTED,
+                 state >= AXIS_CYCLE_STATE_BAD);
+}
+
 #define ROW(mode) [AXIS_MODES_OF_OPERATION_##mode + CIA402_MODE_OFFSET]
 
 const cia402_mode_t cia402_modes[CIA402_MODES] = {
@@ -95,6 +102,7 @@ const cia402_mode_t cia402_modes[CIA402_MODES] = {
                       .uses_position = 1,
                       .bits = cyclic_bits},
     ROW(DAMPING) = {.run = force_damping, .controls_force = 1, .bits = cyclic_bits},
+    ROW(CYCLE) = {.lead = homing_run, .bits = cia402_cycle_bits},
     ROW(IMPEDANCE) = {.run = force_impedance,
                       .controls_force = 1,
                       .uses_position = 1,
@@ -211,7 +219,7 @@ bool cia402_is_guided_by_force(const cia402_t *drive) {
   const int8_t mode = drive->signals.modes_of_operation_display;
   return drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
          !first_motion_is_running(&drive->guards.first_motion) &&
-         (drive->mode->controls_force != 0 || mode == AXIS_MODES_OF_OPERATION_GUARDED_MOVE ||
+         (drive->mode->controls_force != 0 || drive->mode->lead == position_guarded_move ||
           (mode == AXIS_MODES_OF_OPERATION_HOMING && drive->params.homing_method < 0));
 }
 
@@ -236,6 +244,14 @@ void cia402_prepare_excitation(cia402_t *drive, axis_t *axis) {
 }
 
 void cia402_leave_mode(cia402_t *drive) {
+  if (cycle_is_running(&drive->cycle)) {
+    cycle_abort(&drive->cycle);
+    cia402_set_mode(drive, drive->signals.modes_of_operation_display);
+  }
+  cia402_end_mode(drive);
+}
+
+void cia402_end_mode(cia402_t *drive) {
   motion_unshape(drive);
   shaper_clear(&drive->force_shaper);
   if (drive->mode->uses_position != 0) {

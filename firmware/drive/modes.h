@@ -87,7 +87,14 @@ static inline void cia402_excite_after(cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* Resets the state of a mode of operation when the mode ends or the axis is disabled. */
+/* Returns bits 12 and 13 of the statusword in mode -9: the cycle is done; its part is not good, or
+ * no cycle could start. */
+uint16_t cia402_cycle_bits(const cia402_t *drive);
+
+/* Resets the state of a mode of operation when the mode ends or the axis is disabled; a cycle that
+ * runs is ended as aborted. cia402_end_mode() is the part that also the change between phases of a
+ * cycle needs. */
 void cia402_leave_mode(cia402_t *drive);
+void cia402_end_mode(cia402_t *drive);
 
 #endif

@@ -86,7 +86,35 @@ static bool shows_reached(const cia402_t *drive) {
     return is_over &&
            (drive->tracking != CIA402_TRACKING_AXIS || drive->trajectory.velocity_q16 == 0);
   }
+  if (drive->signals.modes_of_operation_display == AXIS_MODES_OF_OPERATION_CYCLE) {
+    return !cycle_is_running(&drive->cycle) && drive->trajectory.velocity_q16 == 0;
+  }
   return drive->reached_tick > reached_ticks(drive);
+}
+
+static uint8_t cycle_state(const cia402_t *drive) {
+  const cycle_t *cycle = &drive->cycle;
+  if (drive->cycle_refusal != AXIS_CYCLE_STATE_IDLE) {
+    return drive->cycle_refusal;
+  }
+  switch (cycle->state) {
+    case CYCLE_RUNNING:
+      return AXIS_CYCLE_STATE_RUNNING;
+    case CYCLE_ENDED:
+      return AXIS_CYCLE_STATE_EVALUATING;
+    case CYCLE_DONE:
+      return (cycle->good != 0)                  ? AXIS_CYCLE_STATE_GOOD
+             : (cycle->outcome == CYCLE_STOPPED) ? AXIS_CYCLE_STATE_ABORTED
+                                                 : AXIS_CYCLE_STATE_BAD;
+    default:
+      return AXIS_CYCLE_STATE_IDLE;
+  }
+}
+
+static void show_cycle(cia402_t *drive) {
+  drive->signals.cycle_state = cycle_state(drive);
+  drive->signals.cycle_phase = drive->cycle.phase;
+  drive->signals.cycle_outcome = drive->cycle.outcome;
 }
 
 void cia402_show(cia402_t *drive, const axis_t *axis) {
@@ -99,6 +127,7 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
                             ? AXIS_DRIVE_STATE_SWITCHED_ON
                             : signals->drive_state;
   uint16_t word = (uint16_t)(cia402_state_bits[state] | CIA402_SW_REMOTE);
+  show_cycle(drive);
   if ((measured->digital_inputs & AXIS_DIN_ENABLE) != 0) {
     word |= CIA402_SW_VOLTAGE;
   }

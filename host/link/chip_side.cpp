@@ -84,6 +84,10 @@ ChipCounts ChipSide::end() {
 
 ChipRun run_on_chip(const Experiment &experiment, const RunOptions &options,
                     const ChipPipes &pipes) {
+  if (experiment.cycle)
+    throw sim::InputError(experiment.file.string(), "cycle",
+                          "expected an experiment without the program of a cycle, because no "
+                          "program can be loaded into a chip; run it in process");
   PlantSide plant(experiment, options);
   ChipSide chip(experiment, pipes);
   while (plant.running()) plant.act(chip.tick(plant.sense()));

@@ -310,7 +310,7 @@ void check_converters(const Section &root, const Experiment &experiment) {
 }
 
 std::string hash_inputs(const std::filesystem::path &file, const sim::Model &model,
-                        std::span<const std::string> overrides,
+                        const CycleProgram *cycle, std::span<const std::string> overrides,
                         const std::optional<std::string> &text) {
   std::set<std::string> files{model.file};
   // The hash is computed from the contents of the files and does not depend on their paths.
@@ -327,6 +327,8 @@ std::string hash_inputs(const std::filesystem::path &file, const sim::Model &mod
   Sha256 hash;
   for (const std::string &content : contents) hash.update(content);
   for (const std::string &change : overrides) hash.update(change);
+  if (cycle)
+    hash.update({reinterpret_cast<const char *>(cycle->record.data()), 4 * cycle->record.size()});
   return hash.hex();
 }
 
@@ -426,6 +428,10 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
     experiment.initial = read_objects(section, *experiment.model, {});
   });
   check_converters(root, experiment);
+  if (root.has("cycle"))
+    experiment.cycle = std::make_shared<const CycleProgram>(
+        read_cycle((contents_->file.parent_path() / words(root, "cycle")).lexically_normal(),
+                   *experiment.model, experiment.initial));
   root.each("at", [&](Section &section) {
     experiment.actions.push_back(
         read_action(section, duration_s, *experiment.model, experiment.initial));
@@ -487,7 +493,7 @@ Experiment load_experiment(const std::filesystem::path &file,
                            std::span<const std::string> overrides,
                            const std::optional<std::string> &text) {
   Experiment experiment = ExperimentFile(file, text).with(overrides);
-  experiment.hash = hash_inputs(file, *experiment.model, overrides, text);
+  experiment.hash = hash_inputs(file, *experiment.model, experiment.cycle.get(), overrides, text);
   return experiment;
 }
 

@@ -16,6 +16,7 @@
 #include <utility>
 #include <vector>
 
+#include "host/run/cycle_file.hpp"
 #include "host/run/object_values.hpp"
 #include "sim/hybrid/drive_bus.hpp"
 #include "sim/hybrid/mode.hpp"
@@ -100,6 +101,8 @@ struct Experiment {
   std::int64_t ticks = 0;
   std::vector<ObjectWrite> initial;
   std::vector<Action> actions;  // actions, sorted by tick
+  // Program of the cycle that mode -9 runs; NULL without one.
+  std::shared_ptr<const CycleProgram> cycle;
   std::optional<Criterion> criterion;
   Plot plot;
   // Objects (AXIS_OBJ_) in the table [trace] of the file.

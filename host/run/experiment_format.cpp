@@ -173,6 +173,8 @@ constexpr KeyFormat kExperimentKeys[] = {
     needed("duration_s", D::time, S::positive,
            "Duration, at most 600 s, rounded up to a tick of 1/1500 s."),
     integer("seed", 0, 0x7FFFFFFF, 0.0, "Seed of the measurement noise of the model."),
+    other("cycle", "file name", "none",
+          "File of the program that the mode of operation `cycle` runs, relative to this file."),
     table("set", kSet),
     table("firmware", kFirmware),
     table("at", kAt, true),

@@ -1,7 +1,11 @@
 #include "host/run/firmware_side.hpp"
 
 #include <array>
+#include <iterator>
 #include <new>
+
+#include "firmware/port/host/firmware.hpp"
+#include "host/run/objects.hpp"
 
 namespace forceaxis::host {
 
@@ -17,7 +21,39 @@ FirmwareSide::FirmwareSide(const Experiment &experiment, const FirmwareOptions &
   if (!experiment.traced.empty())
     fw_object_write(axis_.get(), FW_SOURCE_LOCAL, AXIS_OBJ_VELOCITY_THRESHOLD,
                     read(AXIS_OBJ_VELOCITY_THRESHOLD));
+  if (experiment.cycle) {
+    const auto &record = experiment.cycle->record;
+    const cycle_check_t check =
+        fw_select_program(axis_.get(), record.data(), static_cast<std::uint32_t>(4 * record.size()));
+    if (check.reason != CYCLE_RIGHT)
+      throw sim::InputError(experiment.file.string(), "cycle",
+                            "expected a program that the firmware accepts, got reason " +
+                                std::to_string(check.reason) + ", part " +
+                                std::to_string(check.number) + "; report this as an error of "
+                                                               "forceaxis");
+  }
   writes_.write_initial(writer());
+}
+
+std::optional<CycleResult> FirmwareSide::cycle() const {
+  if (!experiment_->cycle) return std::nullopt;
+  const CycleProgram &program = *experiment_->cycle;
+  const cycle_t &own = axis_->drive.cycle;
+  CycleResult result;
+  result.state = enum_text(AXIS_OBJ_CYCLE_STATE, read(AXIS_OBJ_CYCLE_STATE));
+  result.outcome = enum_text(AXIS_OBJ_CYCLE_OUTCOME, own.outcome);
+  result.cycles = read(AXIS_OBJ_CYCLE_COUNT);
+  if (own.state != CYCLE_DONE) return result;
+  if (own.outcome != CYCLE_BY_PROGRAM) result.failed_phase = program.phases[own.failed_phase];
+  static const char *const kVerdicts[] = {"good",  "below",       "above",  "wrong side",
+                                          "again", "not reached", "aborted"};
+  static_assert(std::size(kVerdicts) == CYCLE_VERDICTS);
+  for (std::size_t i = 0; i < program.elements.size(); ++i) {
+    const cycle_element_result_t figure = cycle_result(&own, static_cast<std::uint8_t>(i));
+    result.figures.push_back({figure.value * program.elements[i].per_value, figure.found_tick,
+                              kVerdicts[figure.verdict]});
+  }
+  return result;
 }
 
 ExperimentWrites::Write FirmwareSide::writer() {

@@ -5,12 +5,14 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "firmware/port/host/axis_host.h"
 #include "host/run/experiment_writes.hpp"
 #include "host/run/records.hpp"
+#include "host/run/result.hpp"
 #include "host/run/trace_hash.hpp"
 
 namespace forceaxis::host {
@@ -70,6 +72,9 @@ class FirmwareSide {
 
   // Returns the trace hash of 64 hexadecimal digits. No tick may follow this call.
   std::string hash() { return hash_.hex(); }
+
+  // Returns the result of the last cycle, or nothing if the experiment has no program.
+  std::optional<CycleResult> cycle() const;
 
   std::int64_t next_tick() const { return next_tick_; }
   // Returns the raw value of an object (AXIS_OBJ_). For an unsigned object, the result has the same

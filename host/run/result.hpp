@@ -90,6 +90,22 @@ struct Metrics {
   std::optional<HeldForce> held_force;
 };
 
+// What a cycle found in one element.
+struct CycleFigure {
+  double value = 0;  // in the unit of CycleElement
+  std::uint32_t tick = 0;
+  std::string verdict;  // "good", "below", "above", "wrong side", "again", "not reached", "aborted"
+};
+
+// Result of the last cycle of a run.
+struct CycleResult {
+  std::string state;         // cycle_state of the firmware
+  std::string outcome;       // cycle_outcome
+  std::string failed_phase;  // phase in which the cycle failed; "" if it ended by its program
+  std::vector<CycleFigure> figures;  // one for each element; empty before the end of a cycle
+  std::int64_t cycles = 0;           // number of cycles that were started
+};
+
 struct RunResult {
   std::vector<TickRecord> records;
   std::vector<FirmwareRecord> firmware;
@@ -114,6 +130,7 @@ struct RunResult {
   std::vector<Refusal> refused;
   std::string verdict;         // verdict of evaluate(); "" if the experiment has no criterion
   std::vector<Missed> missed;  // limits that the run has missed, by evaluate()
+  std::optional<CycleResult> cycle;  // empty without a program
 };
 
 }  // namespace forceaxis::host

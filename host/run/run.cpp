@@ -17,6 +17,7 @@ namespace forceaxis::host {
   RunResult result = plant.finish();
   result.objects = std::move(objects);
   result.refused = firmware.refused();
+  result.cycle = firmware.cycle();
   if (options.firmware_hash) result.firmware_hash = firmware.hash();
   return result;
 }

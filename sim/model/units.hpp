@@ -7,6 +7,7 @@
 //   kg                              mass                 m                           length
 //   s                               time                 m/s                         velocity
 //   N                               force                N s, N*s, kg m/s            impulse
+//   J, N m, N*m                     energy
 //   N/m                             stiffness            N s/m, N*s/m, kg/s          damping
 //   V                               voltage              A                           current
 //   ohm                             resistance           H                           inductance
@@ -25,7 +26,7 @@
 // clang-format on
 //
 // The unit of a parameter is one of these spellings. A quantity is a number and one of these units,
-// in which each of the symbols m s N V A ohm H Hz g rad may have one of the prefixes n u m c k M.
+// in which each of the symbols m s N J V A ohm H Hz g rad may have one of the prefixes n u m c k M.
 // Further symbols are g for 0.001 kg, min for 60 s, and deg and rev for angles: "400 kN/m", "25
 // mm/rev". A rate may be given in Hz; 1 Hz is 2 pi rad/s. The conversion of a decimal prefix adds
 // no rounding error: "12.3 mm" is the double next to 0.0123.
@@ -46,6 +47,7 @@ enum class Dimension {
   time,
   velocity,
   force,
+  energy,
   impulse,
   stiffness,
   damping,

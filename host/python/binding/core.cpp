@@ -121,6 +121,32 @@ py::dict plot_of(const Experiment &e) {
   return d;
 }
 
+py::object cycle_of(const Result &r) {
+  if (!r.run.cycle) return py::none();
+  const forceaxis::host::CycleProgram &program = *r.experiment.cycle;
+  py::dict d;
+  d["title"] = program.title;
+  d["state"] = r.run.cycle->state;
+  d["outcome"] = r.run.cycle->outcome;
+  d["failed_phase"] = r.run.cycle->failed_phase;
+  d["cycles"] = r.run.cycle->cycles;
+  d["phases"] = program.phases;
+  py::list figures;
+  for (std::size_t i = 0; i < r.run.cycle->figures.size(); ++i) {
+    const forceaxis::host::CycleFigure &figure = r.run.cycle->figures[i];
+    py::dict f;
+    f["name"] = program.elements[i].name;
+    f["kind"] = program.elements[i].kind;
+    f["value"] = figure.value;
+    f["unit"] = program.elements[i].unit;
+    f["tick"] = figure.tick;
+    f["verdict"] = figure.verdict;
+    figures.append(f);
+  }
+  d["figures"] = figures;
+  return d;
+}
+
 // Returns the reason why the table [verdict] of the experiment cannot be evaluated, or None.
 py::object not_evaluable(const Experiment &e) {
   try {
@@ -316,6 +342,10 @@ PYBIND11_MODULE(_core, m) {
           "limits that the run missed, each with limit, verdict, value (None: infinite), bound, "
           "unit")
       .def_property_readonly("fault", [](const Result &r) { return r.run.fault; })
+      .def_property_readonly(
+          "cycle", [](const Result &r) { return cycle_of(r); },
+          "result of the last cycle: title, state, outcome, failed_phase, cycles, phases and "
+          "figures, each with name, kind, value, unit, tick and verdict; None without a program")
       .def_property_readonly("trace_hash", [](const Result &r) { return r.run.trace_hash; })
       .def_property_readonly(
           "firmware_hash", [](const Result &r) { return r.run.firmware_hash; },

@@ -11,6 +11,7 @@
 
 #include "host/axis_linux/settings_format.hpp"
 #include "host/python/binding/parts.hpp"
+#include "host/run/cycle_file.hpp"
 #include "host/run/experiment_format.hpp"
 #include "sim/model/model_format.hpp"
 #include "sim/model/section.hpp"
@@ -178,6 +179,14 @@ void add_toml(py::module_ &m) {
         return tables;
       },
       "Returns the declared tables of an experiment file, like model_format().");
+  m.def(
+      "cycle_format",
+      [] {
+        py::list tables;
+        add_tables(tables, "", "", forceaxis::host::kCycleFormat);
+        return tables;
+      },
+      "Returns the declared tables of the program of a cycle, like model_format().");
   m.def(
       "axis_linux_format",
       [] {

@@ -29,6 +29,7 @@ class Result:
     verdict: str
     missed: list[dict[str, Any]]
     fault: str
+    cycle: dict[str, Any] | None
     trace_hash: str
     firmware_hash: str
     overridden: list[str]
@@ -60,6 +61,12 @@ class DriveMaster:
     def bus(self, off: bool, frames_lost: int) -> None: ...
     def tick(self, target: int, enable: bool, reset: bool) -> list[tuple[int, bytes]]: ...
     def feedback(self) -> dict[str, Any]: ...
+
+def evaluate_elements(
+    elements: Sequence[Mapping[str, int]],
+    points: Sequence[tuple[int, int]],
+    samples: np.ndarray[Any, np.dtype[np.int64]],
+) -> list[tuple[int, int, int]]: ...
 
 class Excited:
     """A simulated plant to which an excitation is applied."""

@@ -149,6 +149,7 @@ def finished(
         objects_hash=objects.OBJECTS_HASH,
         seed=result.seed,
         command=shlex.join(command),
+        cycle=run_result.read_cycle(result.cycle),
     )
     return Run(
         experiment=experiment,

@@ -218,6 +218,32 @@ class PlotTable:
 
 
 @dataclass(frozen=True)
+class CycleFigure:
+    """The figure of an evaluation element over the last cycle of a run."""
+
+    name: str
+    kind: str  # of element: "peak", "window", ...
+    value: float  # in `unit`; 0 if nothing was found
+    unit: str  # empty for a number
+    tick: int  # in which the value was found
+    # "good", "below", "above", "wrong side", "again", "not reached" or "aborted"
+    verdict: str
+
+
+@dataclass(frozen=True)
+class CycleReport:
+    """The last cycle of a run."""
+
+    title: str  # of the program
+    state: str  # value of the object cycle_state
+    outcome: str  # value of the object cycle_outcome
+    failed_phase: str  # in which the cycle failed; empty if it ended by its program
+    cycles: int  # number of cycles that were started
+    phases: list[str]  # names by number
+    figures: list[CycleFigure]  # empty before the end of a cycle
+
+
+@dataclass(frozen=True)
 class RunResult:
     """The result of a run: verdict, quantities of the verdict, and hashes of the inputs."""
 
@@ -246,6 +272,7 @@ class RunResult:
     objects_hash: str
     seed: int
     command: str  # command line that repeats the run
+    cycle: CycleReport | None = json_field(omit_none=True)
     link: LinkReport | None = json_field(omit_none=True)
     replay: ReplayedJournal | None = json_field(omit_none=True)
 
@@ -259,6 +286,14 @@ class RunResult:
 def read_converters(given: Mapping[str, CoreTable]) -> Converters:
     """Returns the converters of a model by their columns of codes."""
     return {column: Converter(**converter) for column, converter in given.items()}
+
+
+def read_cycle(given: CoreTable | None) -> CycleReport | None:
+    """Returns the last cycle of a run, or None if the experiment has no program."""
+    if given is None:
+        return None
+    figures = [CycleFigure(**figure) for figure in given["figures"]]
+    return CycleReport(**{**given, "figures": figures})
 
 
 def read_metrics(given: CoreTable) -> Metrics:

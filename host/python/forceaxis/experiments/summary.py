@@ -11,6 +11,7 @@ from forceaxis import _core
 from forceaxis.experiments.run_result import (
     Converters,
     Criterion,
+    CycleReport,
     HeldForce,
     LinkReport,
     Metrics,
@@ -217,6 +218,8 @@ def rows(result: RunResult, overrides: Sequence[str] = ()) -> list[Row]:
     found += [("warning", text) for text in result.warnings]
     found.append(("fault", result.fault))
     found += [("refused", f"{r.object} at tick {r.tick}: {r.reason}") for r in result.refused]
+    if result.cycle:
+        found += cycle_rows(result.cycle)
     if metrics.held_force:
         found.append(("held", force_text(metrics.held_force)))
     found += [
@@ -233,6 +236,38 @@ def rows(result: RunResult, overrides: Sequence[str] = ()) -> list[Row]:
     if result.link:
         found += link_rows(result.link)
     return [*found, ("again", result.command)]
+
+
+CYCLE_STATES = {
+    "idle": "no cycle was started",
+    "running": "the cycle still runs at the end of the run",
+    "evaluating": "the cycle has ended in the last tick of the run",
+    "no_program": "no cycle was started, because the axis has no program",
+    "other_bank": "no cycle was started, because the program is for another bank",
+    "not_homed": "no cycle was started, because the axis is not homed and the program has a move to "
+    "a position",
+}
+CYCLE_OUTCOMES = {
+    "over_force": "force_max exceeded",
+    "over_travel": "travel_max exceeded",
+    "over_time": "time_max exceeded",
+    "stopped": "stopped",
+    "samples_lost": "samples lost",
+}
+
+
+def cycle_rows(report: CycleReport) -> list[Row]:
+    """Returns the last cycle of a run as rows (key, text): the state of the part, and the figure of
+    each element."""
+    state = CYCLE_STATES.get(report.state, report.state)
+    if report.failed_phase:
+        state += f": {CYCLE_OUTCOMES[report.outcome]} in phase {report.failed_phase}"
+    found = [("cycle", f"{report.title}: {state}")]
+    for figure in report.figures:
+        value = f"{figure.value:g}" if not figure.unit else quantity(figure.value, figure.unit)
+        text = f"{figure.verdict}, {value}" if figure.verdict != "not reached" else figure.verdict
+        found.append((figure.name, text))
+    return found
 
 
 def link_rows(report: LinkReport) -> list[Row]:

@@ -1,0 +1,90 @@
+#ifndef FIRMWARE_CYCLE_CYCLE_H_
+#define FIRMWARE_CYCLE_CYCLE_H_
+
+/* A cycle: its phases follow each other by conditions, its limits end it as not good, and its
+ * elements evaluate the part. The cycle moves nothing; the drive does what cycle_phase() says
+ * (firmware/drive/cycle_mode.h).
+ *
+ *   cycle_start()     between two ticks
+ *   cycle_step()      once in each tick after its signals, at most 300 instructions on a Cortex-M4
+ *   cycle_evaluate()  between ticks, at the latest after CYCLE_SAMPLES ticks
+ *   cycle_abort()     at each stop, fault, halt or change of mode; the part is then not good */
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/cycle/element.h"
+#include "firmware/cycle/program.h"
+
+/* Number of samples that wait for their evaluation, a power of two. */
+enum { CYCLE_SAMPLES = 16 };
+
+/* ENDED: the last phase is over, and elements still have samples to evaluate. */
+enum { CYCLE_IDLE = 0, CYCLE_RUNNING = 1, CYCLE_ENDED = 2, CYCLE_DONE = 3 };
+
+/* How a cycle ended: as the program intends; a limit of a phase was exceeded; stopped from outside;
+ * samples were lost, because nobody evaluated them. */
+enum {
+  CYCLE_BY_PROGRAM = 0,
+  CYCLE_OVER_FORCE = 1,
+  CYCLE_OVER_TRAVEL = 2,
+  CYCLE_OVER_TIME = 3,
+  CYCLE_STOPPED = 4,
+  CYCLE_SAMPLES_LOST = 5,
+  CYCLE_OUTCOMES = 6
+};
+
+/* What the axis measured in a tick. */
+typedef struct {
+  uint32_t tick;
+  int32_t position; /* encoder counts, which may wrap */
+  int32_t force_q8;
+  uint8_t contact; /* 1 in contact */
+  uint8_t reached; /* 1 if the target of the phase is reached */
+  uint8_t inputs;  /* digital inputs, AXIS_DIN_ */
+} cycle_inputs_t;
+
+typedef struct {
+  const cycle_header_t *program; /* NULL before the first cycle */
+  uint32_t phase_ticks;          /* duration of the phase up to now */
+  int32_t start_cnt;             /* position at the start of the phase */
+  int32_t zero_cnt;              /* position of travel 0: the start, then the first contact */
+  uint16_t taken[CYCLE_PHASES_MAX][CYCLE_CONDITIONS]; /* how often each condition was taken */
+  cycle_element_state_t elements[CYCLE_ELEMENTS_MAX];
+  cycle_sample_t samples[CYCLE_SAMPLES];
+  uint8_t written; /* number of samples written and evaluated, modulo 256 */
+  uint8_t evaluated;
+  uint8_t state;        /* CYCLE_IDLE to CYCLE_DONE */
+  uint8_t phase;        /* the phase that runs, or the last one */
+  uint8_t outcome;      /* CYCLE_BY_PROGRAM to CYCLE_SAMPLES_LOST */
+  uint8_t failed_phase; /* the phase in which a limit was exceeded first, or the cycle stopped */
+  uint8_t touched;      /* 1 after the first contact of the cycle */
+  uint8_t good;         /* 1 if the cycle ended by its program and all elements are good */
+} cycle_t;
+
+/* Starts a cycle with a program that was checked. The program must not change until the cycle is
+ * done. */
+void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inputs_t *now);
+
+static inline bool cycle_is_running(const cycle_t *cycle) { return cycle->state == CYCLE_RUNNING; }
+
+/* Returns the phase that runs. Only while the cycle is running. */
+static inline const cycle_phase_t *cycle_phase(const cycle_t *cycle) {
+  return &cycle_phases(cycle->program)[cycle->phase];
+}
+
+/* Takes the signals of a tick. Returns true if another phase began or the cycle ended, in this
+ * tick. */
+bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now);
+
+/* Ends a running cycle as CYCLE_STOPPED. */
+void cycle_abort(cycle_t *cycle);
+
+/* Evaluates the samples that wait. At the end of the cycle the state becomes CYCLE_DONE. */
+void cycle_evaluate(cycle_t *cycle);
+
+/* Returns the result of an element. In a cycle that did not end by its program, an element that
+ * found nothing is CYCLE_ABORTED. */
+cycle_element_result_t cycle_result(const cycle_t *cycle, uint8_t element);
+
+#endif

@@ -1,0 +1,112 @@
+#include "firmware/cycle/program.h"
+
+#include "firmware/fx/bytes.h"
+#include "firmware/fx/fx.h"
+
+_Static_assert(sizeof(cycle_header_t) == 32, "the structure is the layout of the record");
+_Static_assert(sizeof(cycle_phase_t) == 64, "the structure is the layout of the record");
+_Static_assert(sizeof(cycle_element_t) == 40, "the structure is the layout of the record");
+_Static_assert(sizeof(cycle_point_t) == 8, "the structure is the layout of the record");
+
+enum { CRC_BYTES = 4, INPUTS_ALL = 31 };
+
+static bool is_target(const cycle_header_t *program, uint8_t next) {
+  return next < program->phases || next == CYCLE_END;
+}
+
+static bool has_right_level(const cycle_condition_t *condition) {
+  switch (condition->when) {
+    case CYCLE_TIME:
+    case CYCLE_TRAVEL_ABOVE:
+      return condition->level > 0;
+    case CYCLE_FORCE_ABOVE:
+    case CYCLE_FORCE_BELOW:
+      return fx_within(condition->level, CYCLE_FORCE_MAX_Q8);
+    case CYCLE_TOUCH_ABOVE:
+    case CYCLE_TOUCH_BELOW:
+      return fx_within(condition->level, CYCLE_TRAVEL_MAX);
+    case CYCLE_INPUT_ON:
+    case CYCLE_INPUT_OFF:
+      return condition->level > 0 && condition->level <= INPUTS_ALL;
+    default:
+      return condition->level == 0;
+  }
+}
+
+static bool has_right_action(const cycle_phase_t *phase) {
+  switch (phase->action) {
+    case CYCLE_PRESS:
+      return phase->force != 0 && phase->force > -INT16_MAX && phase->slope > 0 &&
+             phase->target == 0 && phase->speed == 0;
+    case CYCLE_WAIT:
+      return phase->force == 0 && phase->slope == 0 && phase->target == 0 && phase->speed == 0;
+    default:
+      return phase->action < CYCLE_ACTIONS && phase->force == 0 && phase->slope == 0 &&
+             phase->speed > 0;
+  }
+}
+
+static bool is_right_phase(const cycle_header_t *program, const cycle_phase_t *phase) {
+  if (!has_right_action(phase) || !is_target(program, phase->reaction) || phase->reserved != 0 ||
+      phase->force_max_q8 == 0 || phase->force_max_q8 > CYCLE_FORCE_MAX_Q8 ||
+      phase->travel_max == 0 || phase->travel_max > CYCLE_TRAVEL_MAX || phase->time_max == 0) {
+    return false;
+  }
+  for (uint8_t i = 0; i < CYCLE_CONDITIONS; i++) {
+    const cycle_condition_t *condition = &phase->conditions[i];
+    if (condition->when >= CYCLE_CONDITION_KINDS || !is_target(program, condition->next) ||
+        !has_right_level(condition)) {
+      return false;
+    }
+  }
+  return true;
+}
+
+static bool has_right_size(const cycle_header_t *program, uint32_t size) {
+  return program->phases > 0 && program->phases <= CYCLE_PHASES_MAX &&
+         program->elements <= CYCLE_ELEMENTS_MAX && program->size == size &&
+         sizeof(cycle_header_t) + program->phases * sizeof(cycle_phase_t) +
+                 program->elements * sizeof(cycle_element_t) +
+                 program->points * sizeof(cycle_point_t) + CRC_BYTES ==
+             size;
+}
+
+static bool has_right_crc(const uint8_t *bytes, uint32_t size) {
+  uint32_t crc = UINT32_MAX;
+  for (uint32_t i = 0; i < size - CRC_BYTES; i++) {
+    crc = fx_crc32(crc, bytes[i]);
+  }
+  return ~crc == fx_load_le32(&bytes[size - CRC_BYTES]);
+}
+
+static cycle_check_t check_parts(const cycle_header_t *program) {
+  for (uint8_t i = 0; i < program->phases; i++) {
+    if (!is_right_phase(program, &cycle_phases(program)[i])) {
+      return (cycle_check_t){CYCLE_WRONG_PHASE, i};
+    }
+  }
+  for (uint8_t i = 0; i < program->elements; i++) {
+    if (!cycle_element_is_valid(&cycle_elements(program)[i], cycle_points(program),
+                                program->points)) {
+      return (cycle_check_t){CYCLE_WRONG_ELEMENT, i};
+    }
+  }
+  return (cycle_check_t){CYCLE_RIGHT, 0};
+}
+
+cycle_check_t cycle_program_check(const void *record, uint32_t size) {
+  const cycle_header_t *program = (const cycle_header_t *)record;
+  if (size < sizeof(cycle_header_t) || program->magic != CYCLE_MAGIC) {
+    return (cycle_check_t){CYCLE_NO_PROGRAM, 0};
+  }
+  if (program->version != CYCLE_VERSION) {
+    return (cycle_check_t){CYCLE_OTHER_VERSION, 0};
+  }
+  if (size > CYCLE_PROGRAM_BYTES_MAX || !has_right_size(program, size)) {
+    return (cycle_check_t){CYCLE_WRONG_SIZE, 0};
+  }
+  if (!has_right_crc((const uint8_t *)record, size)) {
+    return (cycle_check_t){CYCLE_WRONG_CRC, 0};
+  }
+  return check_parts(program);
+}

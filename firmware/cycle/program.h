@@ -1,0 +1,133 @@
+#ifndef FIRMWARE_CYCLE_PROGRAM_H_
+#define FIRMWARE_CYCLE_PROGRAM_H_
+
+/* The program of a cycle: a record of phases, their conditions and limits, and evaluation elements.
+ *
+ * The record consists of the header, the phases, the elements, the points and a CRC-32 over all
+ * bytes before it, in this order, without gaps and with the lowest byte of a number first. The
+ * structures below are its layout. Positions and speeds are in user units of the drive (608Fh,
+ * 6091h, 6092h), travels in encoder counts, press forces in per mille of rated_force, other forces
+ * in 1/256 count of measured force, times in ticks of 1/1500 s. */
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/cycle/element.h"
+
+enum {
+  CYCLE_PROGRAM_BYTES_MAX = 4096,
+  CYCLE_PHASES_MAX = 16,
+  CYCLE_CONDITIONS = 4,
+  CYCLE_ELEMENTS_MAX = 16,
+  CYCLE_VERSION = 1,
+  CYCLE_END = 255 /* in place of a phase: the cycle ends */
+};
+#define CYCLE_MAGIC UINT32_C(0x59435846) /* "FXCY" */
+
+/* What a phase does.
+ *   MOVE           moves to a position
+ *   MOVE_BY        moves by a distance from the demand position at its start
+ *   MOVE_TO_TOUCH  moves to a distance from the position of the first contact of the cycle
+ *   APPROACH       moves to a position and stops at contact
+ *   PRESS          presses with a force; out of contact it approaches as mode 4 does
+ *   WAIT           brakes to standstill and stays */
+enum {
+  CYCLE_MOVE = 0,
+  CYCLE_MOVE_BY = 1,
+  CYCLE_MOVE_TO_TOUCH = 2,
+  CYCLE_APPROACH = 3,
+  CYCLE_PRESS = 4,
+  CYCLE_WAIT = 5,
+  CYCLE_ACTIONS = 6
+};
+
+/* When a condition is met. `level` is in the unit of the quantity.
+ *   REACHED       the target of the phase is reached
+ *   TIME          the phase lasts for `level` ticks
+ *   FORCE_ABOVE   the measured force is at least `level`; BELOW: at most
+ *   TRAVEL_ABOVE  the travel since the phase began is at least `level`, in either direction
+ *   TOUCH_ABOVE   the position less that of the first contact is at least `level`; BELOW: at most
+ *   CONTACT, LOST the axis is in contact, or not
+ *   INPUT_ON, OFF the digital inputs of the mask `level` are all on, or all off */
+enum {
+  CYCLE_NEVER = 0,
+  CYCLE_REACHED = 1,
+  CYCLE_TIME = 2,
+  CYCLE_FORCE_ABOVE = 3,
+  CYCLE_FORCE_BELOW = 4,
+  CYCLE_TRAVEL_ABOVE = 5,
+  CYCLE_TOUCH_ABOVE = 6,
+  CYCLE_TOUCH_BELOW = 7,
+  CYCLE_CONTACT = 8,
+  CYCLE_LOST = 9,
+  CYCLE_INPUT_ON = 10,
+  CYCLE_INPUT_OFF = 11,
+  CYCLE_CONDITION_KINDS = 12
+};
+
+typedef struct {
+  uint8_t when;
+  uint8_t next;   /* the phase that follows, or CYCLE_END: the cycle ends as intended */
+  uint16_t count; /* largest number of times in a cycle that the condition is taken; 0: any */
+  int32_t level;
+} cycle_condition_t;
+
+typedef struct {
+  uint8_t action;
+  uint8_t reaction; /* phase after a limit is exceeded, or CYCLE_END: the cycle ends */
+  int16_t force;    /* PRESS: target in per mille of rated_force */
+  uint32_t slope;   /* PRESS: change of the demanded force in per mille per second, > 0 */
+  int32_t target;   /* moves: position or distance in user units */
+  uint32_t speed;   /* moves: user units per second, > 0 */
+  /* Limits, each > 0: magnitude of the measured force, travel since the phase began, duration. */
+  uint32_t force_max_q8;
+  uint32_t travel_max;
+  uint32_t time_max;
+  uint32_t reserved; /* 0 */
+  cycle_condition_t conditions[CYCLE_CONDITIONS];
+} cycle_phase_t;
+
+typedef struct {
+  uint32_t magic;
+  uint16_t version;
+  uint16_t size; /* bytes of the record, with the CRC */
+  uint8_t phases;
+  uint8_t elements;
+  uint16_t points;
+  uint32_t bank_crc; /* CRC of the bank for which the program was made; 0: any bank */
+  uint32_t number;   /* number that the user gave the program */
+  uint8_t name[12];  /* text, filled up with 0 */
+} cycle_header_t;
+
+/* Why a record is refused, and the number of the phase or element that is wrong. */
+enum {
+  CYCLE_RIGHT = 0,
+  CYCLE_NO_PROGRAM = 1,    /* too short, or another magic */
+  CYCLE_OTHER_VERSION = 2, /* another layout */
+  CYCLE_WRONG_SIZE = 3,    /* the size is not that of its parts, or there are too many parts */
+  CYCLE_WRONG_CRC = 4,
+  CYCLE_WRONG_PHASE = 5,
+  CYCLE_WRONG_ELEMENT = 6,
+  CYCLE_BUSY = 7 /* a cycle runs */
+};
+typedef struct {
+  uint8_t reason;
+  uint8_t number;
+} cycle_check_t;
+
+/* Checks a record of `size` bytes, which begins at a multiple of 4. A record with any flipped bit
+ * is refused. Some 10 instructions for each byte. */
+cycle_check_t cycle_program_check(const void *record, uint32_t size);
+
+/* Parts of a record that was checked. */
+static inline const cycle_phase_t *cycle_phases(const cycle_header_t *program) {
+  return (const cycle_phase_t *)(const void *)(program + 1);
+}
+static inline const cycle_element_t *cycle_elements(const cycle_header_t *program) {
+  return (const cycle_element_t *)(const void *)(cycle_phases(program) + program->phases);
+}
+static inline const cycle_point_t *cycle_points(const cycle_header_t *program) {
+  return (const cycle_point_t *)(const void *)(cycle_elements(program) + program->elements);
+}
+
+#endif

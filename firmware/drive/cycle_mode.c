@@ -1,0 +1,172 @@
+#include "firmware/drive/cycle_mode.h"
+
+#include <stddef.h>
+
+#include "firmware/drive/force_modes.h"
+#include "firmware/drive/homing.h"
+#include "firmware/drive/modes.h"
+#include "firmware/drive/motion.h"
+#include "firmware/drive/position_modes.h"
+#include "firmware/drive/state.h"
+#include "firmware/drive/units.h"
+#include "firmware/fx/fx.h"
+
+/* The modes of the phases. */
+static const cia402_mode_t moves = {.lead = position_profile,
+                                    .shaped = 1,
+                                    .reached = position_setpoint_reached,
+                                    .bits = cia402_cycle_bits};
+static const cia402_mode_t approaches = {.lead = position_guarded_move,
+                                         .shaped = 1,
+                                         .reached = position_setpoint_reached,
+                                         .bits = cia402_cycle_bits};
+static const cia402_mode_t presses = {.run = force_profile,
+                                      .controls_force = 1,
+                                      .holds = CIA402_HOLDS_TARGET,
+                                      .halts_itself = 1,
+                                      .reached = force_target_reached,
+                                      .bits = cia402_cycle_bits};
+static const cia402_mode_t waits = {.lead = homing_run, .bits = cia402_cycle_bits};
+
+static const cia402_mode_t *mode_of(uint8_t action) {
+  switch (action) {
+    case CYCLE_PRESS:
+      return &presses;
+    case CYCLE_APPROACH:
+      return &approaches;
+    case CYCLE_WAIT:
+      return &waits;
+    default:
+      return &moves;
+  }
+}
+
+static cycle_inputs_t inputs_of(const cia402_t *drive, const axis_t *axis) {
+  const cia402_mode_t *mode = drive->mode;
+  const bool reached = mode->reached != NULL && mode->reached(drive, axis);
+  return (cycle_inputs_t){.tick = axis->signals.tick_count,
+                          .position = axis->signals.position,
+                          .force_q8 = axis->signals.force,
+                          .contact = drive->signals.contact,
+                          .reached = reached ? 1 : 0,
+                          .inputs = axis->signals.digital_inputs};
+}
+
+/* The position from which a distance of a phase counts, in user units. */
+static int32_t base_of(const cia402_t *drive, const axis_t *axis, uint8_t action) {
+  if (action == CYCLE_MOVE) {
+    return 0;
+  }
+  if (action == CYCLE_MOVE_TO_TOUCH) {
+    return cia402_user(drive, drive->cycle.zero_cnt);
+  }
+  const bool tracks = drive->tracking == CIA402_TRACKING_AXIS;
+  return cia402_user(
+      drive, tracks ? fx_cnt_from_q32(drive->trajectory.position_q32) : axis->signals.position);
+}
+
+/* Sets the mode and the targets of the phase that has begun. */
+static void begin_phase(cia402_t *drive, const axis_t *axis) {
+  const cycle_phase_t *phase = cycle_phase(&drive->cycle);
+  const cia402_mode_t *mode = mode_of(phase->action);
+  const int64_t place = (int64_t)base_of(drive, axis, phase->action) + phase->target;
+  if (mode->run != drive->mode->run) {
+    cia402_end_mode(drive);
+  }
+  drive->mode = mode;
+  drive->setpoint = (cia402_setpoint_t){.position = fx_saturate(place, INT32_MIN, INT32_MAX),
+                                        .speed = phase->speed};
+  drive->setpoint_active = (mode == &moves || mode == &approaches) ? 1 : 0;
+  drive->setpoint_buffered = 0;
+  drive->stopped_by_contact = 0;
+  drive->reached_tick = 0;
+}
+
+static bool has_absolute_move(const cycle_header_t *program) {
+  for (uint8_t i = 0; i < program->phases; i++) {
+    if (cycle_phases(program)[i].action == CYCLE_MOVE) {
+      return true;
+    }
+  }
+  return false;
+}
+
+/* Returns why no cycle can start, or AXIS_CYCLE_STATE_IDLE. */
+static uint8_t refusal_of(const cia402_t *drive) {
+  const cycle_header_t *program = drive->program;
+  if (program == NULL) {
+    return AXIS_CYCLE_STATE_NO_PROGRAM;
+  }
+  if (program->bank_crc != 0 && program->bank_crc != drive->law_crc) {
+    return AXIS_CYCLE_STATE_OTHER_BANK;
+  }
+  return (has_absolute_move(program) && drive->homed == 0) ? AXIS_CYCLE_STATE_NOT_HOMED
+                                                           : AXIS_CYCLE_STATE_IDLE;
+}
+
+bool cycle_mode_select(cia402_t *drive, const cycle_header_t *program) {
+  if (drive->cycle.state == CYCLE_RUNNING || drive->cycle.state == CYCLE_ENDED) {
+    return false;
+  }
+  drive->program = program;
+  drive->cycle = (cycle_t){0};
+  drive->cycle_refusal = AXIS_CYCLE_STATE_IDLE;
+  return true;
+}
+
+void cycle_mode_start(cia402_t *drive, const axis_t *axis) {
+  if (drive->cycle.state == CYCLE_RUNNING || drive->cycle.state == CYCLE_ENDED) {
+    return;
+  }
+  drive->cycle_refusal = refusal_of(drive);
+  if (drive->cycle_refusal != AXIS_CYCLE_STATE_IDLE) {
+    return;
+  }
+  const cycle_inputs_t now = inputs_of(drive, axis);
+  cycle_start(&drive->cycle, drive->program, &now);
+  drive->signals.cycle_count += 1;
+  begin_phase(drive, axis);
+}
+
+static void stop(cia402_t *drive) {
+  cia402_end_mode(drive);
+  drive->mode = &cia402_modes[AXIS_MODES_OF_OPERATION_CYCLE + CIA402_MODE_OFFSET];
+}
+
+void cycle_mode_interrupt(cia402_t *drive) {
+  if (cycle_is_running(&drive->cycle)) {
+    cycle_abort(&drive->cycle);
+    stop(drive);
+  }
+}
+
+/* Returns true if the axis no longer follows the cycle, because a ramp stops it. */
+static bool is_stopping(const cia402_t *drive) {
+  return drive->leaving != 0 || (drive->params.controlword & CIA402_CW_HALT) != 0 ||
+         drive->params.modes_of_operation != drive->signals.modes_of_operation_display;
+}
+
+void cycle_mode_step(cia402_t *drive, const axis_t *axis) {
+  if (is_stopping(drive)) {
+    cycle_mode_interrupt(drive);
+    return;
+  }
+  const cycle_inputs_t now = inputs_of(drive, axis);
+  if (cycle_step(&drive->cycle, &now)) {
+    if (cycle_is_running(&drive->cycle)) {
+      begin_phase(drive, axis);
+    } else {
+      cia402_set_mode(drive, AXIS_MODES_OF_OPERATION_CYCLE);
+      cia402_end_mode(drive);
+    }
+  }
+}
+
+void cycle_mode_between(cia402_t *drive) {
+  const uint8_t before = drive->cycle.state;
+  if (before == CYCLE_RUNNING || before == CYCLE_ENDED) {
+    cycle_evaluate(&drive->cycle);
+    if (drive->cycle.state != before) {
+    }
+  }
+}

@@ -1,0 +1,40 @@
+#ifndef FIRMWARE_DRIVE_CYCLE_MODE_H_
+#define FIRMWARE_DRIVE_CYCLE_MODE_H_
+
+/* Mode of operation -9: the axis runs the cycle of a program (firmware/cycle). Each phase moves the
+ * axis as the mode of its kind does: profile position, guarded move, or mode 4 with the force and
+ * the slope of the phase. All bounds of these modes apply: position limits, velocity_max,
+ * force_limit, the bounds of a law without certificate, the contact guard.
+ *
+ * A rising edge of bit 4 of the controlword starts a cycle, if the axis has a program that fits
+ * (cycle_state says otherwise why it did not start). A controlword without bit 4, a halt, every
+ * stop and fault, another mode and the loss of the owner end the cycle: the part is then aborted,
+ * never good. Statusword bit 10: no cycle runs and the axis is at standstill; bit 12: the last
+ * cycle is done; bit 13: its part is not good, or no cycle could start. */
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/drive/drive.h"
+
+/* Selects the program, NULL for none. Returns false while a cycle runs. */
+bool cycle_mode_select(cia402_t *drive, const cycle_header_t *program);
+
+/* Reacts to the start bit of the controlword. */
+void cycle_mode_start(cia402_t *drive, const axis_t *axis);
+
+/* Ends a running cycle, for every stop and change of mode. */
+void cycle_mode_interrupt(cia402_t *drive);
+
+/* Takes the signals of a tick and begins the next phase. */
+void cycle_mode_step(cia402_t *drive, const axis_t *axis);
+static inline void cycle_mode_after(cia402_t *drive, const axis_t *axis) {
+  if (cycle_is_running(&drive->cycle)) {
+    cycle_mode_step(drive, axis);
+  }
+}
+
+/* Evaluates the samples of the cycle, between ticks. */
+void cycle_mode_between(cia402_t *drive);
+
+#endif

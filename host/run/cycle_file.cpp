@@ -1,0 +1,569 @@
+#include "host/run/cycle_file.hpp"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <map>
+#include <set>
+#include <utility>
+
+#include "firmware/port/host/firmware.hpp"
+#include "sim/model/section.hpp"
+#include "sim/model/text.hpp"
+#include "sim/model/toml.hpp"
+
+namespace forceaxis::host {
+namespace {
+
+using sim::Dimension;
+using sim::Section;
+using sim::Sign;
+
+constexpr double kTicks = sim::kTickRateHz;
+constexpr const char *kText = "expected a text in quotes";
+
+// A phase, a condition or an element needs its names before all of them are read.
+struct Names {
+  std::vector<std::string> phases;
+
+  std::uint8_t find(Section &section, const char *key, const std::string &name) const {
+    if (name == "end") return CYCLE_END;
+    return static_cast<std::uint8_t>(index(section, key, name));
+  }
+  std::size_t index(Section &section, const char *key, const std::string &name) const {
+    const auto found = std::find(phases.begin(), phases.end(), name);
+    if (found == phases.end())
+      section.fail(key, "expected a phase of this file, got " + sim::in_quotes(name) +
+                            sim::suggestion(name, phases) + "; add this phase or correct its name");
+    return static_cast<std::size_t>(found - phases.begin());
+  }
+};
+
+std::int32_t raw_of(const std::vector<ObjectWrite> &initial, std::uint16_t object,
+                    std::int32_t fallback) {
+  for (const ObjectWrite &write : initial)
+    if (write.object == object) fallback = write.raw;
+  return fallback;
+}
+
+// Counts and codes for each SI unit of the model.
+struct Scales {
+  double counts_per_m = 0;
+  double q8_per_N = 0;  // 1/256 count of measured force
+  double rated_N = 0;
+  double limit_N = 0;  // force_limit
+
+  Scales(const sim::Source &source, const sim::Model &model,
+         const std::vector<ObjectWrite> &initial) {
+    if (!model.encoder)
+      source.fail("phase", "expected a model with an [encoder], got none; choose another model");
+    bool is_force = false;
+    if (model.adc[0])
+      for (const sim::SignalInfo &signal : model.signal_list())
+        is_force |= signal.name == model.adc[0]->signal && signal.dimension == Dimension::force;
+    if (!is_force)
+      source.fail("phase", "expected a model whose ADC 0 measures a force; choose another model");
+    const auto &adc = *model.adc[0];
+    counts_per_m = model.encoder->scale;
+    const int sign = raw_of(initial, AXIS_OBJ_FORCE_SIGN, 1);
+    q8_per_N = 256.0 * sign / (adc.per_count * (1 << (adc.bits - 8)));
+    rated_N = 1e-3 * raw_of(initial, AXIS_OBJ_RATED_FORCE, 100000);
+    if (counts_per_m < 0 || q8_per_N < 0)
+      source.fail("phase", "expected a model whose encoder counts up towards the workpiece and a "
+                           "force_sign with which the reading rises with the force; change the "
+                           "model or force_sign");
+    limit_N = rated_N * raw_of(initial, AXIS_OBJ_FORCE_LIMIT, 1000) / 1000;
+  }
+};
+
+// Rounds a number of counts or codes, which has to be from `low` to `high`.
+std::int64_t rounded(Section &section, const char *key, double value, double low, double high) {
+  const double whole = std::nearbyint(value);
+  if (!(whole >= low && whole <= high))
+    section.fail(key, "expected a value of " + sim::number_text(low) + " to " +
+                          sim::number_text(high) + " in counts of the axis, got " +
+                          sim::number_text(value) + "; choose another value or another model");
+  return static_cast<std::int64_t>(whole);
+}
+
+class Reader {
+ public:
+  Reader(Section &root, const Scales &scales, CycleProgram &program)
+      : root_(root), scales_(scales), program_(program) {}
+
+  void read() {
+    header_.magic = CYCLE_MAGIC;
+    header_.version = CYCLE_VERSION;
+    program_.title = root_.text("title", kText);
+    std::strncpy(reinterpret_cast<char *>(header_.name), program_.title.c_str(),
+                 sizeof(header_.name));
+    header_.number = static_cast<std::uint32_t>(root_.integer("number"));
+    if (const auto crc = root_.optional_text("bank_crc", kText)) header_.bank_crc = crc_of(*crc);
+    root_.each("phase", [&](Section &section) { name_phase(section); });
+    if (names_.phases.empty()) root_.fail("phase", "expected at least one [[phase]], got none");
+    if (names_.phases.size() > CYCLE_PHASES_MAX)
+      root_.fail("phase", "expected at most 16 phases, got " +
+                              std::to_string(names_.phases.size()) + "; remove some");
+    program_.phases = names_.phases;
+    root_.each("phase", [&](Section &section) { read_phase(section); });
+    root_.each("element", [&](Section &section) { read_element(section); });
+    root_.finish();
+    check_flow();
+    build();
+  }
+
+ private:
+  std::uint32_t crc_of(const std::string &text) {
+    std::size_t used = 0;
+    unsigned long value = 0;
+    try {
+      value = std::stoul(text, &used, 16);
+    } catch (const std::exception &) {
+      used = 0;
+    }
+    if (used != text.size() || used != 8)
+      root_.fail("bank_crc", "expected 8 hexadecimal digits, got " + sim::in_quotes(text) +
+                                 "; give the CRC that `forceaxis design` prints");
+    return static_cast<std::uint32_t>(value);
+  }
+
+  void name_phase(Section &section) {
+    const std::string name = section.name();
+    if (name == "end")
+      section.fail("name", "expected a name other than the reserved end; rename this phase");
+    if (std::find(names_.phases.begin(), names_.phases.end(), name) != names_.phases.end())
+      section.fail("name", "expected a name that no other phase has, got " + sim::in_quotes(name) +
+                               "; rename one of the phases");
+    names_.phases.push_back(name);
+  }
+
+  double needed(Section &section, const char *key, const std::string &why) {
+    const auto value = section.optional_number(key);
+    if (!value) section.fail(key, "expected this key for " + why + "; add it");
+    return *value;
+  }
+
+  // Refuses keys that the action of a phase, or the kind of an element, does not use.
+  static void only(Section &section, const std::string &of, std::initializer_list<const char *> all,
+                   const std::set<std::string> &used) {
+    for (const char *key : all)
+      if (section.has(key) && !used.contains(key))
+        section.fail(key, "expected no such key for " + of + "; remove it");
+  }
+
+  std::int32_t counts(Section &section, const char *key, double metres) {
+    return static_cast<std::int32_t>(rounded(section, key, metres * scales_.counts_per_m,
+                                             -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX));
+  }
+  std::int32_t force_q8(Section &section, const char *key, double newtons) {
+    return static_cast<std::int32_t>(rounded(section, key, newtons * scales_.q8_per_N,
+                                             -CYCLE_FORCE_MAX_Q8, CYCLE_FORCE_MAX_Q8));
+  }
+  // A magnitude of at least 1.
+  std::uint32_t magnitude(Section &section, const char *key, double value, double high) {
+    return static_cast<std::uint32_t>(rounded(section, key, std::fabs(value), 1, high));
+  }
+
+  void read_motion(Section &section, cycle_phase_t &phase, const std::string &action) {
+    const bool is_move = action == "move";
+    only(section, action, {"position", "distance", "force", "slope"},
+         {is_move ? "position" : "distance"});
+    const char *key = is_move ? "position" : "distance";
+    phase.target = counts(section, key, needed(section, key, action));
+    const double speed = needed(section, "speed", action) * scales_.counts_per_m;
+    phase.speed = magnitude(section, "speed", speed, 3072000);
+  }
+
+  void read_press(Section &section, cycle_phase_t &phase, double force_max_N) {
+    only(section, "press", {"position", "distance", "speed"}, {});
+    const double force = needed(section, "force", "press");
+    if (std::fabs(force) > scales_.limit_N * (1 + 1e-9))
+      section.fail("force", "expected at most force_limit, " + sim::number_text(scales_.limit_N) +
+                                " N, got " + sim::number_text(force) +
+                                " N; lower it, or raise rated_force or force_limit");
+    if (std::fabs(force) > force_max_N)
+      section.fail("force_max", "expected at least the force of the phase, " +
+                                    sim::number_text(std::fabs(force)) + " N, got " +
+                                    sim::number_text(force_max_N) + " N; raise it");
+    const double per_mille = 1000 / scales_.rated_N;
+    phase.force =
+        static_cast<std::int16_t>(rounded(section, "force", force * per_mille, -32766, 32766));
+    if (phase.force == 0)
+      section.fail("force", "expected at least a thousandth of rated_force; raise it");
+    const double slope = needed(section, "slope", "press") * per_mille;
+    phase.slope = magnitude(section, "slope", slope, 4294967295.0);
+  }
+
+  void read_phase(Section &section) {
+    static const char *const kActions[] = {"move",     "move_by", "move_to_touch",
+                                           "approach", "press",   "wait"};
+    cycle_phase_t phase{};
+    (void)section.name();
+    phase.action = static_cast<std::uint8_t>(section.choice("do", "choose what the phase does"));
+    const double force_max = section.number("force_max"), travel_max = section.number("travel_max");
+    phase.force_max_q8 =
+        magnitude(section, "force_max", force_max * scales_.q8_per_N, CYCLE_FORCE_MAX_Q8);
+    phase.travel_max =
+        magnitude(section, "travel_max", travel_max * scales_.counts_per_m, CYCLE_TRAVEL_MAX);
+    phase.time_max = static_cast<std::uint32_t>(std::ceil(section.number("time_max") * kTicks));
+    const std::string reaction = section.optional_text("on_limit", kText).value_or("end");
+    phase.reaction = names_.find(section, "on_limit", reaction);
+    if (phase.action == CYCLE_PRESS)
+      read_press(section, phase, force_max);
+    else if (phase.action == CYCLE_WAIT)
+      only(section, "wait", {"position", "distance", "speed", "force", "slope"}, {});
+    else
+      read_motion(section, phase, kActions[phase.action]);
+    std::size_t count = 0;
+    section.each("end", [&](Section &end) {
+      if (count == CYCLE_CONDITIONS)
+        end.fail("when", "expected at most 4 conditions of a phase; remove some");
+      phase.conditions[count++] = read_end(end, phase);
+    });
+    if (count == 0)
+      section.fail("end", "expected a condition that ends the phase, got none; add [[phase.end]]");
+    phases_.push_back(phase);
+  }
+
+  std::int32_t read_inputs(Section &section) {
+    static const std::pair<const char *, int> kInputs[] = {{"enable", AXIS_DIN_ENABLE},
+                                                           {"limit_pos", AXIS_DIN_LIMIT_POS},
+                                                           {"limit_neg", AXIS_DIN_LIMIT_NEG},
+                                                           {"index", AXIS_DIN_INDEX},
+                                                           {"home", AXIS_DIN_HOME}};
+    std::int32_t mask = 0;
+    for (const std::string &text : texts(section, "inputs")) {
+      const auto found = std::find_if(std::begin(kInputs), std::end(kInputs),
+                                      [&](const auto &input) { return text == input.first; });
+      if (found == std::end(kInputs))
+        section.fail("inputs", "expected enable, limit_pos, limit_neg, index or home, got " +
+                                   sim::in_quotes(text) + "; correct the name");
+      mask |= found->second;
+    }
+    return mask;
+  }
+
+  // A condition that one of the limits of its phase prevents would never be met.
+  template <typename Number>
+  void within(Section &section, Number level, Number limit, const char *key) {
+    if (level > limit)
+      section.fail("value", std::string("expected a value within ") + key +
+                                " of the phase, which ends it before; lower the value or raise the "
+                                "limit");
+  }
+
+  cycle_condition_t read_end(Section &section, const cycle_phase_t &phase) {
+    cycle_condition_t end{};
+    const std::size_t when = section.choice("when", "choose what ends the phase");
+    end.when = static_cast<std::uint8_t>(when + 1);  // 0 is CYCLE_NEVER
+    end.next = names_.find(section, "next", section.text("next", kText));
+    end.count = static_cast<std::uint16_t>(section.integer("count"));
+    const bool of_inputs = end.when == CYCLE_INPUT_ON || end.when == CYCLE_INPUT_OFF;
+    const bool has_value = end.when >= CYCLE_TIME && end.when <= CYCLE_TOUCH_BELOW;
+    if (section.has("value") != has_value)
+      section.fail("value", has_value ? "expected a value of this condition; add it"
+                                      : "expected no value of this condition; remove it");
+    if (section.has("inputs") != of_inputs)
+      section.fail("inputs", of_inputs ? "expected the inputs of this condition; add them"
+                                       : "expected no inputs of this condition; remove them");
+    if (of_inputs) end.level = read_inputs(section);
+    if (end.when == CYCLE_TIME) {
+      const double ticks = section.value("value", Dimension::time, Sign::positive) * kTicks;
+      end.level = static_cast<std::int32_t>(rounded(section, "value", std::ceil(ticks), 1, 1e9));
+      within<std::uint32_t>(section, static_cast<std::uint32_t>(end.level), phase.time_max,
+                            "time_max");
+    } else if (end.when == CYCLE_FORCE_ABOVE || end.when == CYCLE_FORCE_BELOW) {
+      end.level =
+          force_q8(section, "value", section.value("value", Dimension::force, Sign::any));
+      if (end.when == CYCLE_FORCE_ABOVE && end.level > 0)
+        within<std::uint32_t>(section, static_cast<std::uint32_t>(end.level), phase.force_max_q8,
+                              "force_max");
+    } else if (end.when == CYCLE_TRAVEL_ABOVE) {
+      end.level = static_cast<std::int32_t>(
+          magnitude(section, "value",
+                    section.value("value", Dimension::length, Sign::positive) *
+                        scales_.counts_per_m,
+                    CYCLE_TRAVEL_MAX));
+      within<std::uint32_t>(section, static_cast<std::uint32_t>(end.level), phase.travel_max,
+                            "travel_max");
+    } else if (has_value) {
+      end.level = counts(section, "value", section.value("value", Dimension::length, Sign::any));
+    }
+    return end;
+  }
+
+  std::vector<std::string> texts(Section &section, const char *key) {
+    const toml::node &node = section.require(key, "a list of texts");
+    const toml::array *list = node.as_array();
+    std::vector<std::string> all;
+    for (std::size_t i = 0; list != nullptr && i < list->size(); ++i) {
+      const auto text = (*list)[i].value<std::string>();
+      if (!text) section.fail(key, kText);
+      all.push_back(*text);
+    }
+    if (all.empty()) section.fail(key, "expected a list of texts that is not empty; add a text");
+    return all;
+  }
+
+  std::uint8_t read_sides(Section &section, const char *key) {
+    static const char *const kSides[] = {"left", "right", "bottom", "top"};
+    int sides = 0;
+    for (const std::string &text : texts(section, key)) {
+      const auto found = std::find(std::begin(kSides), std::end(kSides), text);
+      if (found == std::end(kSides))
+        section.fail(key, "expected left, right, bottom or top, got " + sim::in_quotes(text) +
+                              "; correct the name");
+      sides |= 1 << (found - std::begin(kSides));
+    }
+    return static_cast<std::uint8_t>(sides);
+  }
+
+  struct Axis {
+    Dimension dimension;
+    double per_unit;  // counts or ticks for each m or s
+  };
+
+  std::int32_t x_value(Section &section, const char *key, const Axis &x) {
+    return static_cast<std::int32_t>(
+        rounded(section, key, section.value(key, x.dimension, Sign::any) * x.per_unit,
+                -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX));
+  }
+
+  void read_range(Section &section, cycle_element_t &element, const Axis &x) {
+    std::int32_t from = -CYCLE_TRAVEL_MAX, to = CYCLE_TRAVEL_MAX;
+    if (section.has("from")) from = x_value(section, "from", x);
+    if (section.has("to")) to = x_value(section, "to", x);
+    if (from > to) section.fail("to", "expected at least the value of from; exchange them");
+    element.x_least = from;
+    element.x_most = to;
+  }
+
+  // Bounds of the value in units of the firmware, `per_unit` of them for each unit of `dimension`.
+  void read_bounds(Section &section, cycle_element_t &element, Dimension dimension,
+                   double per_unit) {
+    double least = -std::numeric_limits<double>::infinity(), most = -least;
+    if (section.has("least")) least = section.value("least", dimension, Sign::any) * per_unit;
+    if (section.has("most")) most = section.value("most", dimension, Sign::any) * per_unit;
+    if (least > most) section.fail("most", "expected at least the value of least; exchange them");
+    const auto bound = [](double value) {
+      return static_cast<std::int32_t>(std::clamp(value, -2147483648.0, 2147483647.0));
+    };
+    element.y_least = bound(std::ceil(least - 1e-6));
+    element.y_most = bound(std::floor(most + 1e-6));
+  }
+
+  void read_crossing(Section &section, cycle_element_t &element, const Axis &x, bool two) {
+    const bool of_force = section.choice("of", "choose what crosses the level") == 1;
+    const char *const kLevels[] = {"level", "level_2"};
+    for (int i = 0; i < (two ? 2 : 1); ++i) {
+      if (!section.has(kLevels[i]))
+        section.fail(kLevels[i], "expected this level of the element; add it");
+      const std::int32_t level =
+          of_force ? force_q8(section, kLevels[i],
+                              section.value(kLevels[i], Dimension::force, Sign::any))
+                   : x_value(section, kLevels[i], x);
+      (i == 0 ? element.level : element.level_2) = level;
+    }
+    element.of_force = of_force ? 1 : 0;
+    element.direction =
+        static_cast<std::uint8_t>(section.choice("direction", "choose the direction") + 1);
+    element.ordinal = static_cast<std::uint8_t>(section.integer("ordinal"));
+  }
+
+  std::uint8_t read_curve(Section &section, const std::string &side, const Axis &x) {
+    const std::vector<double> at = section.numbers(side + "_x");
+    const std::vector<double> forces = section.numbers(side + "_force");
+    if (at.size() < 2 || at.size() > 255 || at.size() != forces.size())
+      section.fail(side + "_force", "expected 2 to 255 points with one x and one force each; "
+                                    "give lists of the same length");
+    std::vector<cycle_point_t> points;
+    for (std::size_t i = 0; i < at.size(); ++i) {
+      const auto place = rounded(section, (side + "_x").c_str(), at[i] * x.per_unit,
+                                 -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX);
+      points.push_back({static_cast<std::int32_t>(place),
+                        force_q8(section, (side + "_force").c_str(), forces[i])});
+    }
+    points_.insert(points_.end(), points.begin(), points.end());
+    return static_cast<std::uint8_t>(points.size());
+  }
+
+  void read_envelope(Section &section, cycle_element_t &element, const Axis &x) {
+    element.first = static_cast<std::uint16_t>(points_.size());
+    element.lower = read_curve(section, "lower", x);
+    element.upper = read_curve(section, "upper", x);
+    const auto begin = points_.begin() + element.first;
+    const auto middle = begin + element.lower;
+    if (!section.has("from"))
+      element.x_least = std::max(begin->x, middle->x);
+    if (!section.has("to"))
+      element.x_most = std::min((middle - 1)->x, points_.back().x);
+  }
+
+  void read_window(Section &section, cycle_element_t &element) {
+    for (const char *key : {"from", "to", "least", "most"})
+      if (!section.has(key))
+        section.fail(key, "expected all of from, to, least and most of a window; add this key");
+    element.enters = read_sides(section, "enters");
+    if (section.has("leaves")) element.leaves = read_sides(section, "leaves");
+  }
+
+  void read_element(Section &section) {
+    static const char *const kKinds[] = {"peak", "valley", "at",     "difference",
+                                         "work", "end",    "window", "envelope"};
+    if (elements_.size() == CYCLE_ELEMENTS_MAX)
+      section.fail("name", "expected at most 16 elements; remove some");
+    cycle_element_t element{};
+    CycleElement own;
+    own.name = section.name();
+    for (const CycleElement &other : program_.elements)
+      if (other.name == own.name)
+        section.fail("name", "expected a name that no other element has, got " +
+                                 sim::in_quotes(own.name) + "; rename one of the elements");
+    element.kind = static_cast<std::uint8_t>(section.choice("kind", "choose a kind of element"));
+    own.kind = kKinds[element.kind];
+    element.over_time = static_cast<std::uint8_t>(section.choice("over", "choose x of the curve"));
+    for (const std::string &phase : texts(section, "phases"))
+      element.phases =
+          static_cast<std::uint16_t>(element.phases | 1U << names_.index(section, "phases", phase));
+    const Axis x = element.over_time != 0 ? Axis{Dimension::time, kTicks}
+                                          : Axis{Dimension::length, scales_.counts_per_m};
+    static const std::map<std::string, std::set<std::string>> kOwn = {
+        {"at", {"of", "level", "direction", "ordinal"}},
+        {"difference", {"of", "level", "level_2", "direction", "ordinal"}},
+        {"window", {"enters", "leaves"}},
+        {"envelope", {"lower_x", "lower_force", "upper_x", "upper_force"}}};
+    const auto found = kOwn.find(own.kind);
+    only(section, own.kind,
+         {"of", "level", "level_2", "direction", "ordinal", "enters", "leaves", "lower_x",
+          "lower_force", "upper_x", "upper_force"},
+         found == kOwn.end() ? std::set<std::string>{} : found->second);
+    read_range(section, element, x);
+    read_kind(section, element, own, x);
+    program_.elements.push_back(std::move(own));
+    elements_.push_back(element);
+  }
+
+  void read_kind(Section &section, cycle_element_t &element, CycleElement &own, const Axis &x) {
+    const bool crosses = element.kind == CYCLE_AT || element.kind == CYCLE_DIFFERENCE;
+    if (crosses) read_crossing(section, element, x, element.kind == CYCLE_DIFFERENCE);
+    if (element.kind == CYCLE_WINDOW) read_window(section, element);
+    Dimension dimension = Dimension::force;
+    double per_unit = scales_.q8_per_N;
+    if (crosses && element.of_force != 0) {
+      dimension = x.dimension;
+      per_unit = x.per_unit;
+    } else if (element.kind == CYCLE_WORK) {
+      dimension = element.over_time != 0 ? Dimension::impulse : Dimension::energy;
+      per_unit = scales_.q8_per_N / 256 * x.per_unit;
+    }
+    if (element.kind == CYCLE_ENVELOPE) {
+      for (const char *key : {"least", "most"})
+        if (section.has(key))
+          section.fail(key, "expected no such key for an envelope, whose curves are the bounds; "
+                            "remove it");
+      read_envelope(section, element, x);
+    } else {
+      read_bounds(section, element, dimension, per_unit);
+    }
+    own.unit = element.kind == CYCLE_WINDOW ? "" : std::string(sim::unit_of(dimension));
+    own.per_value = element.kind == CYCLE_WINDOW ? 1.0 : 1.0 / per_unit;
+  }
+
+  // Phases that a phase may be followed by, by its conditions and its limits.
+  std::set<std::size_t> next_of(std::size_t phase, bool without_count) const {
+    std::set<std::size_t> next;
+    for (const cycle_condition_t &end : phases_[phase].conditions)
+      if (end.when != CYCLE_NEVER && end.next != CYCLE_END && (!without_count || end.count == 0))
+        next.insert(end.next);
+    if (!without_count && phases_[phase].reaction != CYCLE_END)
+      next.insert(phases_[phase].reaction);
+    return next;
+  }
+
+  std::set<std::size_t> reached_from(std::set<std::size_t> start, bool without_count) const {
+    std::vector<std::size_t> open(start.begin(), start.end());
+    while (!open.empty()) {
+      const std::size_t phase = open.back();
+      open.pop_back();
+      for (const std::size_t next : next_of(phase, without_count))
+        if (start.insert(next).second) open.push_back(next);
+    }
+    return start;
+  }
+
+  void check_flow() {
+    const auto reached = reached_from({0}, false);
+    for (std::size_t i = 0; i < phases_.size(); ++i) {
+      const std::string key = "phase[" + std::to_string(i) + "]";
+      if (!reached.contains(i))
+        root_.fail(key, "expected a phase that another one leads to, but nothing leads to " +
+                            names_.phases[i] + "; name it in `next` or `on_limit`, or remove it");
+      if (reached_from(next_of(i, true), true).contains(i))
+        root_.fail(key, "expected a cycle that ends, but " + names_.phases[i] +
+                            " follows itself without end; give a condition of the loop a count");
+    }
+    for (std::size_t i = 0; i < elements_.size(); ++i)
+      if (!cycle_element_is_valid(&elements_[i], points_.data(),
+                                  static_cast<std::uint16_t>(points_.size())))
+        root_.fail("element[" + std::to_string(i) + "]",
+                   "expected curves that rise in x and cover from and to; correct " +
+                       program_.elements[i].name);
+  }
+
+  void build() {
+    header_.phases = static_cast<std::uint8_t>(phases_.size());
+    header_.elements = static_cast<std::uint8_t>(elements_.size());
+    header_.points = static_cast<std::uint16_t>(points_.size());
+    std::vector<std::uint8_t> bytes;
+    const auto add = [&bytes](const void *from, std::size_t count) {
+      const auto *begin = static_cast<const std::uint8_t *>(from);
+      bytes.insert(bytes.end(), begin, begin + count);
+    };
+    const std::size_t size = sizeof(header_) + phases_.size() * sizeof(cycle_phase_t) +
+                             elements_.size() * sizeof(cycle_element_t) +
+                             points_.size() * sizeof(cycle_point_t) + 4;
+    if (size > CYCLE_PROGRAM_BYTES_MAX)
+      root_.fail("element", "expected a program of at most 4096 bytes, got " +
+                                std::to_string(size) + "; remove points of envelopes or phases");
+    header_.size = static_cast<std::uint16_t>(size);
+    add(&header_, sizeof(header_));
+    add(phases_.data(), phases_.size() * sizeof(cycle_phase_t));
+    add(elements_.data(), elements_.size() * sizeof(cycle_element_t));
+    add(points_.data(), points_.size() * sizeof(cycle_point_t));
+    std::uint32_t crc = UINT32_MAX;
+    for (const std::uint8_t byte : bytes) crc = fx_crc32(crc, byte);
+    crc = ~crc;
+    add(&crc, sizeof(crc));
+    program_.record.resize(bytes.size() / 4);
+    std::memcpy(program_.record.data(), bytes.data(), bytes.size());
+  }
+
+  Section &root_;
+  const Scales &scales_;
+  CycleProgram &program_;
+  Names names_;
+  cycle_header_t header_{};
+  std::vector<cycle_phase_t> phases_;
+  std::vector<cycle_element_t> elements_;
+  std::vector<cycle_point_t> points_;
+};
+
+}  // namespace
+
+static_assert(std::endian::native == std::endian::little, "the record has the lowest byte first");
+
+CycleProgram read_cycle(const std::filesystem::path &file, const sim::Model &model,
+                        const std::vector<ObjectWrite> &initial) {
+  const toml::table table = sim::parse_toml(file.string());
+  sim::Source source{file.string(), {}};
+  Section root(source, table, "", kCycleFormat);
+  const Scales scales(source, model, initial);
+  CycleProgram program;
+  Reader(root, scales, program).read();
+  return program;
+}
+
+}  // namespace forceaxis::host

@@ -1,0 +1,121 @@
+#include "host/run/cycle_file.hpp"
+
+namespace forceaxis::host {
+namespace {
+
+using sim::KeyFormat;
+using sim::TableFormat;
+using sim::format::integer;
+using sim::format::needed;
+using sim::format::numbers;
+using sim::format::optional;
+using sim::format::other;
+using sim::format::ranged;
+using sim::format::table;
+using D = sim::Dimension;
+using S = sim::Sign;
+
+constexpr double kLongest_s = 3600.0;
+
+constexpr KeyFormat kEndKeys[] = {
+    other("when",
+          "reached, time, force_above, force_below, travel_above, touch_above, touch_below, "
+          "contact, lost, input_on, input_off",
+          "", "What ends the phase."),
+    other("value", "number", "none",
+          "Value of the quantity: s for time, N for a force, m for a travel. travel counts from the "
+          "start of the phase in either direction, touch from the first contact of the cycle."),
+    other("inputs", "list of inputs", "none",
+          "Inputs for input_on and input_off, which must all be on, or off: enable, limit_pos, "
+          "limit_neg, index, home."),
+    other("next", "phase or end", "", "The phase that follows; `end`: the cycle ends as intended."),
+    integer("count", 0, 65535, 0,
+            "Largest number of times in a cycle that this condition is taken; 0: any number."),
+};
+constexpr TableFormat kEnd{
+    "A condition that ends the phase. Up to 4 are checked in each tick, in the order of the file, "
+    "after the limits.",
+    kEndKeys};
+
+constexpr KeyFormat kPhaseKeys[] = {
+    other("name", "identifier", "", "Name of the phase."),
+    other("do", "move, move_by, move_to_touch, approach, press, wait", "",
+          "move: to a position. move_by: by a distance from the start of the phase. move_to_touch: "
+          "to a distance from the first contact of the cycle. approach: by a distance, and stop at "
+          "contact. press: with a force; out of contact the axis approaches. wait: stay."),
+    optional("position", D::length, S::any, "none",
+             "Position of a move, in the coordinates of the encoder. The axis has to be homed."),
+    optional("distance", D::length, S::any, "none",
+             "Distance of move_by, move_to_touch and approach, positive towards the workpiece."),
+    optional("speed", D::velocity, S::positive, "none", "Speed of the motion."),
+    optional("force", D::force, S::not_zero, "none", "Force of press."),
+    optional("slope", D::force_rate, S::positive, "none",
+             "Rate at which the demanded force of press changes, from the force at its start."),
+    needed("force_max", D::force, S::positive,
+           "Limit of the magnitude of the measured force in this phase."),
+    needed("travel_max", D::length, S::positive,
+           "Limit of the travel since the start of the phase, in either direction."),
+    ranged("time_max", D::time, 1e-3, kLongest_s, "", "Limit of the duration of the phase."),
+    other("on_limit", "phase or end", "end",
+          "The phase that follows when a limit is exceeded; the part is then not good. A second "
+          "limit ends the cycle."),
+    table("end", kEnd, true),
+};
+constexpr TableFormat kPhase{"A phase of the cycle, at most 16. The cycle begins with the first "
+                             "one.",
+                             kPhaseKeys};
+
+constexpr KeyFormat kElementKeys[] = {
+    other("name", "identifier", "", "Name of the element."),
+    other("kind", "peak, valley, at, difference, work, end, window, envelope", "",
+          "peak, valley: largest and smallest force. at: the force at an x, or x at a force. "
+          "difference: the value of `at` at level_2 less that at level. work: the sum of force "
+          "times the change of x. end: the last force. window: the curve passes a window. "
+          "envelope: smallest distance of the force from a curve below and a curve above."),
+    other("phases", "list of phases", "", "The phases whose samples count."),
+    other("over", "travel, time", "travel",
+          "x of the curve: travel since the first contact of the cycle, or time since the first "
+          "sample of the element."),
+    other("from", "number", "the smallest x", "Begin of the range of x, in m or s."),
+    other("to", "number", "the largest x", "End of the range of x."),
+    other("least", "number", "no bound", "Smallest good value: N, m, s, N m or N s."),
+    other("most", "number", "no bound", "Largest good value."),
+    other("of", "x, force", "x", "Quantity that crosses the level of at and difference."),
+    other("level", "number", "none", "Level of at and difference: m or s of x, N of force."),
+    other("level_2", "number", "none", "Second level of difference."),
+    other("direction", "rising, falling, either", "rising",
+          "Direction of the crossing. A line that ends on the level from below crosses it rising; "
+          "one that begins on it and ends below crosses it falling."),
+    integer("ordinal", 1, 255, 1, "Number of the crossing that counts."),
+    other("enters", "list of sides", "none",
+          "Sides through which the curve may enter the window: left, right, bottom, top. A corner "
+          "belongs to the left or right side."),
+    other("leaves", "list of sides", "the curve ends in the window",
+          "Sides through which the curve may leave the window."),
+    numbers("lower_x", D::ratio, S::any, "none", "x of the points of the lower curve, in m or s."),
+    numbers("lower_force", D::force, S::any, "none", "Forces of the points of the lower curve."),
+    numbers("upper_x", D::ratio, S::any, "none", "x of the points of the upper curve."),
+    numbers("upper_force", D::force, S::any, "none", "Forces of the points of the upper curve."),
+};
+constexpr TableFormat kElement{
+    "An evaluation element, at most 16: a figure of the curve of force over x in some phases. The "
+    "part is good if the cycle ends as intended and each element is within its bounds. A window "
+    "needs all of from, to, least and most, in the units of x and of the force.",
+    kElementKeys};
+
+constexpr KeyFormat kCycleKeys[] = {
+    other("title", "text", "", "Title of the program."),
+    integer("number", 0, 0x7FFFFFFF, 0, "Number of the program, for the user."),
+    other("bank_crc", "text", "any bank",
+          "CRC of the bank that the program was made for, such as \"1A2B3C4D\": no cycle starts with "
+          "another bank."),
+    table("phase", kPhase, true),
+    table("element", kElement, true),
+};
+
+}  // namespace
+
+constexpr TableFormat kCycleFormat{
+    "A cycle: phases that follow each other, and what makes a part good.", kCycleKeys};
+
+}  // namespace forceaxis::host

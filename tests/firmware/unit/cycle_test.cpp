@@ -1,0 +1,286 @@
+// The sequence of a cycle: its record, conditions, limits, loops and ends. The elements are in
+// tests/python/cycle/test_elements.py.
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cstdint>
+#include <cstring>
+#include <vector>
+
+#include "firmware/port/host/firmware.hpp"
+
+namespace {
+
+cycle_phase_t wait_phase(std::uint8_t next) {
+  cycle_phase_t phase{};
+  phase.action = CYCLE_WAIT;
+  phase.reaction = CYCLE_END;
+  phase.force_max_q8 = 1000;
+  phase.travel_max = 500;
+  phase.time_max = 100;
+  phase.conditions[0] = {CYCLE_TIME, next, 0, 10};
+  for (int i = 1; i < CYCLE_CONDITIONS; ++i) phase.conditions[i].next = CYCLE_END;
+  return phase;
+}
+
+// A record of phases, with one element PEAK over all of them, which is good up to 900.
+std::vector<std::uint32_t> record_of(const std::vector<cycle_phase_t> &phases) {
+  cycle_element_t element{};
+  element.kind = CYCLE_PEAK;
+  element.phases = 0xFFFF;
+  element.x_least = -CYCLE_TRAVEL_MAX;
+  element.x_most = CYCLE_TRAVEL_MAX;
+  element.y_least = INT32_MIN;
+  element.y_most = 900;
+  cycle_header_t header{};
+  header.magic = CYCLE_MAGIC;
+  header.version = CYCLE_VERSION;
+  header.phases = static_cast<std::uint8_t>(phases.size());
+  header.elements = 1;
+  header.size = static_cast<std::uint16_t>(sizeof(header) + phases.size() * sizeof(cycle_phase_t) +
+                                           sizeof(element) + 4);
+  std::vector<std::uint32_t> words(header.size / 4u);
+  auto *bytes = reinterpret_cast<std::uint8_t *>(words.data());
+  std::memcpy(bytes, &header, sizeof(header));
+  std::memcpy(bytes + sizeof(header), phases.data(), phases.size() * sizeof(cycle_phase_t));
+  std::memcpy(bytes + header.size - 4 - sizeof(element), &element, sizeof(element));
+  std::uint32_t crc = UINT32_MAX;
+  for (int i = 0; i < header.size - 4; ++i) crc = fx_crc32(crc, bytes[i]);
+  words.back() = ~crc;
+  return words;
+}
+
+cycle_check_t check(const std::vector<std::uint32_t> &words) {
+  return cycle_program_check(words.data(), static_cast<std::uint32_t>(4 * words.size()));
+}
+
+class Cycle : public ::testing::Test {
+ protected:
+  void start(const std::vector<cycle_phase_t> &phases) {
+    words_ = record_of(phases);
+    ASSERT_EQ(check(words_).reason, CYCLE_RIGHT);
+    now_ = {};
+    now_.tick = 0xFFFFFFF0u;  // the number of the tick wraps
+    now_.position = INT32_MAX - 20;
+    cycle_start(&cycle_, reinterpret_cast<const cycle_header_t *>(words_.data()), &now_);
+  }
+  // One tick, with its evaluation. Returns the phase after it, or CYCLE_END.
+  int tick() {
+    ++now_.tick;
+    cycle_step(&cycle_, &now_);
+    cycle_evaluate(&cycle_);
+    return cycle_is_running(&cycle_) ? cycle_.phase : CYCLE_END;
+  }
+  void move(std::int32_t counts) { now_.position = fx_sum_wrap(now_.position, counts); }
+
+  std::vector<std::uint32_t> words_;
+  cycle_t cycle_{};
+  cycle_inputs_t now_{};
+};
+
+TEST_F(Cycle, EveryFlippedBitOfARecordIsRefused) {
+  std::vector<std::uint32_t> words = record_of({wait_phase(1), wait_phase(CYCLE_END)});
+  ASSERT_EQ(check(words).reason, CYCLE_RIGHT);
+  for (std::uint32_t &word : words)
+    for (int bit = 0; bit < 32; ++bit) {
+      word ^= 1u << bit;
+      ASSERT_NE(check(words).reason, CYCLE_RIGHT) << &word - words.data() << " " << bit;
+      word ^= 1u << bit;
+    }
+}
+
+TEST_F(Cycle, AShortOrLongRecordIsRefused) {
+  std::vector<std::uint32_t> words = record_of({wait_phase(CYCLE_END)});
+  for (std::uint32_t size = 0; size < 4 * words.size(); ++size)
+    ASSERT_NE(cycle_program_check(words.data(), size).reason, CYCLE_RIGHT) << size;
+  words.push_back(0);
+  EXPECT_EQ(check(words).reason, CYCLE_WRONG_SIZE);
+}
+
+TEST_F(Cycle, WrongPhasesAreRefusedByTheirNumber) {
+  const auto refused = [](void (*change)(cycle_phase_t &)) {
+    std::vector<cycle_phase_t> phases{wait_phase(1), wait_phase(CYCLE_END)};
+    change(phases[1]);
+    const cycle_check_t found = check(record_of(phases));
+    return found.reason == CYCLE_WRONG_PHASE && found.number == 1;
+  };
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.action = CYCLE_ACTIONS; }));
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.reaction = 2; }));
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.reserved = 1; }));
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.force_max_q8 = 0; }));
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.force_max_q8 = CYCLE_FORCE_MAX_Q8 + 1; }));
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.travel_max = 0; }));
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.travel_max = CYCLE_TRAVEL_MAX + 1u; }));
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.time_max = 0; }));
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.speed = 1; }));
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.action = CYCLE_MOVE; }));   // without a speed
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.action = CYCLE_PRESS; }));  // without a force
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.conditions[3].when = CYCLE_CONDITION_KINDS; }));
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.conditions[3].next = 2; }));
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.conditions[0].level = 0; }));
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.conditions[1] = {CYCLE_CONTACT, 0, 0, 1}; }));
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.conditions[1] = {CYCLE_INPUT_ON, 0, 0, 32}; }));
+  EXPECT_TRUE(refused(
+      [](cycle_phase_t &p) { p.conditions[1] = {CYCLE_FORCE_ABOVE, 0, 0, 131072}; }));
+}
+
+// Each condition, in the tick in which it becomes true and not in the one before.
+TEST_F(Cycle, EachConditionEndsThePhaseInItsTick) {
+  struct Case {
+    std::uint8_t when;
+    std::int32_t level;
+    void (*before)(cycle_inputs_t &);
+    void (*then)(cycle_inputs_t &);
+  };
+  const Case cases[] = {
+      {CYCLE_REACHED, 0, [](cycle_inputs_t &) {}, [](cycle_inputs_t &n) { n.reached = 1; }},
+      {CYCLE_FORCE_ABOVE, 300, [](cycle_inputs_t &n) { n.force_q8 = 299; },
+       [](cycle_inputs_t &n) { n.force_q8 = 300; }},
+      {CYCLE_FORCE_BELOW, -300, [](cycle_inputs_t &n) { n.force_q8 = -299; },
+       [](cycle_inputs_t &n) { n.force_q8 = -300; }},
+      {CYCLE_TRAVEL_ABOVE, 40, [](cycle_inputs_t &n) { n.position = INT32_MIN + 18; },
+       [](cycle_inputs_t &n) { n.position = INT32_MIN + 19; }},
+      {CYCLE_TRAVEL_ABOVE, 40, [](cycle_inputs_t &n) { n.position = INT32_MAX - 59; },
+       [](cycle_inputs_t &n) { n.position = INT32_MAX - 60; }},
+      {CYCLE_CONTACT, 0, [](cycle_inputs_t &) {}, [](cycle_inputs_t &n) { n.contact = 1; }},
+      {CYCLE_LOST, 0, [](cycle_inputs_t &n) { n.contact = 1; },
+       [](cycle_inputs_t &n) { n.contact = 0; }},
+      {CYCLE_INPUT_ON, 3, [](cycle_inputs_t &n) { n.inputs = 1; },
+       [](cycle_inputs_t &n) { n.inputs = 7; }},
+      {CYCLE_INPUT_OFF, 3, [](cycle_inputs_t &n) { n.inputs = 1; },
+       [](cycle_inputs_t &n) { n.inputs = 4; }},
+      // Only after the first contact, from its position on.
+      {CYCLE_TOUCH_ABOVE, 0, [](cycle_inputs_t &) {}, [](cycle_inputs_t &n) { n.contact = 1; }},
+      {CYCLE_TOUCH_BELOW, -5, [](cycle_inputs_t &n) { n.contact = 1; },
+       [](cycle_inputs_t &n) { n.position -= 5; }},
+  };
+  for (const Case &c : cases) {
+    cycle_phase_t first = wait_phase(CYCLE_END);
+    first.conditions[0] = {c.when, 1, 0, c.level};
+    start({first, wait_phase(CYCLE_END)});
+    c.before(now_);
+    for (int i = 0; i < 3; ++i) ASSERT_EQ(tick(), 0) << int{c.when};
+    c.then(now_);
+    ASSERT_EQ(tick(), 1) << int{c.when};
+  }
+}
+
+TEST_F(Cycle, TimeIsThatOfThePhase) {
+  start({wait_phase(1), wait_phase(CYCLE_END)});
+  for (int i = 1; i < 10; ++i) ASSERT_EQ(tick(), 0);
+  for (int i = 0; i < 10; ++i) ASSERT_EQ(tick(), 1);
+  EXPECT_EQ(tick(), CYCLE_END);
+  EXPECT_EQ(cycle_.state, CYCLE_DONE);
+  EXPECT_EQ(cycle_.outcome, CYCLE_BY_PROGRAM);
+  EXPECT_EQ(cycle_.good, 1);
+}
+
+TEST_F(Cycle, TheFirstConditionOfTheFileCounts) {
+  cycle_phase_t first = wait_phase(CYCLE_END);
+  first.conditions[0] = {CYCLE_FORCE_ABOVE, 1, 0, 100};
+  first.conditions[1] = {CYCLE_FORCE_ABOVE, 2, 0, 50};
+  start({first, wait_phase(CYCLE_END), wait_phase(CYCLE_END)});
+  now_.force_q8 = 100;
+  EXPECT_EQ(tick(), 1);
+}
+
+TEST_F(Cycle, ALoopEndsAfterItsCount) {
+  cycle_phase_t last = wait_phase(CYCLE_END);
+  last.conditions[0] = {CYCLE_TIME, 0, 3, 10};           // three times back to the start
+  last.conditions[1] = {CYCLE_TIME, CYCLE_END, 0, 11};  // then the end
+  start({wait_phase(1), last});
+  int ticks = 1;
+  while (tick() != CYCLE_END) ++ticks;
+  EXPECT_EQ(ticks, 4 * 10 + 3 * 10 + 11);
+  EXPECT_EQ(cycle_.good, 1);
+}
+
+TEST_F(Cycle, EachLimitEndsThePartAsNotGoodByName) {
+  struct Case {
+    std::uint8_t outcome;
+    void (*exceed)(cycle_inputs_t &);
+  };
+  const Case cases[] = {
+      {CYCLE_OVER_FORCE, [](cycle_inputs_t &n) { n.force_q8 = -1001; }},
+      {CYCLE_OVER_TRAVEL, [](cycle_inputs_t &n) { n.position -= 501; }},
+      {CYCLE_OVER_TIME, [](cycle_inputs_t &) {}},
+  };
+  for (const Case &c : cases) {
+    cycle_phase_t first = wait_phase(CYCLE_END);
+    first.reaction = 1;
+    first.conditions[0] = {CYCLE_REACHED, CYCLE_END, 0, 0};
+    start({first, wait_phase(CYCLE_END)});
+    c.exceed(now_);
+    int ticks = 1;
+    while (tick() == 0) ++ticks;
+    EXPECT_EQ(ticks, c.outcome == CYCLE_OVER_TIME ? 101 : 1);
+    ASSERT_EQ(cycle_.phase, 1) << "the reaction";
+    now_.force_q8 = 0;
+    while (tick() != CYCLE_END) continue;
+    EXPECT_EQ(cycle_.outcome, c.outcome);
+    EXPECT_EQ(cycle_.failed_phase, 0);
+    EXPECT_EQ(cycle_.good, 0);
+  }
+}
+
+TEST_F(Cycle, ALimitAtItsValueIsKept) {
+  start({wait_phase(CYCLE_END)});
+  now_.force_q8 = 1000;
+  move(500);
+  EXPECT_EQ(tick(), 0);
+}
+
+TEST_F(Cycle, ASecondLimitEndsTheCycleAndTheFirstOneIsTheReason) {
+  cycle_phase_t first = wait_phase(CYCLE_END);
+  first.reaction = 0;  // its own reaction
+  start({first});
+  now_.force_q8 = 2000;
+  EXPECT_EQ(tick(), 0);
+  move(1000);
+  EXPECT_EQ(tick(), CYCLE_END);
+  EXPECT_EQ(cycle_.outcome, CYCLE_OVER_FORCE);
+  EXPECT_EQ(cycle_.good, 0);
+}
+
+TEST_F(Cycle, AnAbortedCycleIsNeverGood) {
+  start({wait_phase(CYCLE_END)});
+  tick();
+  cycle_abort(&cycle_);
+  EXPECT_FALSE(cycle_is_running(&cycle_));
+  cycle_evaluate(&cycle_);
+  EXPECT_EQ(cycle_.state, CYCLE_DONE);
+  EXPECT_EQ(cycle_.outcome, CYCLE_STOPPED);
+  EXPECT_EQ(cycle_.good, 0);
+  const std::uint8_t before = cycle_.state;
+  cycle_abort(&cycle_);
+  EXPECT_EQ(cycle_.state, before) << "an end is final";
+}
+
+TEST_F(Cycle, AnElementThatIsNotGoodMakesThePartBad) {
+  start({wait_phase(CYCLE_END)});
+  now_.force_q8 = 901;
+  while (tick() != CYCLE_END) continue;
+  EXPECT_EQ(cycle_.outcome, CYCLE_BY_PROGRAM);
+  EXPECT_EQ(cycle_.good, 0);
+  EXPECT_EQ(cycle_result(&cycle_, 0).verdict, CYCLE_ABOVE);
+  EXPECT_EQ(cycle_result(&cycle_, 0).value, 901);
+}
+
+TEST_F(Cycle, SamplesWaitForSixteenTicksAndMoreAreAnEnd) {
+  cycle_phase_t long_phase = wait_phase(CYCLE_END);
+  long_phase.conditions[0].level = 50;
+  start({long_phase});
+  for (int i = 0; i < CYCLE_SAMPLES; ++i) {
+    ++now_.tick;
+    now_.force_q8 = i;
+    ASSERT_FALSE(cycle_step(&cycle_, &now_));
+  }
+  ++now_.tick;
+  EXPECT_TRUE(cycle_step(&cycle_, &now_));
+  cycle_evaluate(&cycle_);
+  EXPECT_EQ(cycle_.outcome, CYCLE_SAMPLES_LOST);
+  EXPECT_EQ(cycle_.good, 0);
+  EXPECT_EQ(cycle_result(&cycle_, 0).value, CYCLE_SAMPLES - 1);
+}
+
+}  // namespace

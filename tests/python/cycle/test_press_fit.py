@@ -1,0 +1,136 @@
+"""The press-fit of sim/experiments: good parts, bad ones of six kinds, and each way to end a cycle."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from forceaxis import _core, experiments
+
+PRESS_FIT = Path(__file__).resolve().parents[3] / "sim/experiments/press_fit.toml"
+
+
+def run(*overrides, more=""):
+    text = PRESS_FIT.read_text() + more
+    return _core.run(PRESS_FIT, list(overrides), text=text)
+
+
+def verdicts(cycle):
+    return {figure["name"]: figure["verdict"] for figure in cycle["figures"]}
+
+
+def test_a_good_part_is_good_and_its_figures_are_those_of_the_trace():
+    result = run()
+    cycle, columns = result.cycle, result.columns()
+    assert (cycle["state"], cycle["outcome"], cycle["cycles"]) == ("good", "by_program", 1)
+    assert set(verdicts(cycle).values()) == {"good"}
+    assert result.fault == "none"
+    figures = {figure["name"]: figure["value"] for figure in cycle["figures"]}
+    force = (columns["adc0"].astype(float) - 0) * 0.01
+    phase = columns["cycle_phase"]
+    running = columns["cycle_state"] == 1
+    seat = (phase == 2) & running
+    # The sample of the tick in which a phase ends belongs to that phase.
+    seat = np.roll(seat, 1)
+    assert figures["seating_force"] == pytest.approx(force[seat].max(), abs=0.02)
+    touch = np.argmax(np.abs(force) > 4)
+    travel = (columns["encoder"] - columns["encoder"][touch]) * 1e-6
+    join = np.roll((phase == 1) & running, 1)
+    work = np.sum((force[join][1:] + force[join][:-1]) / 2 * np.diff(travel[join]))
+    assert figures["work"] == pytest.approx(work, rel=1e-3)
+    at = np.interp(300, force[join], travel[join])
+    assert figures["shoulder"] == pytest.approx(at, abs=3e-6)
+
+
+@pytest.mark.parametrize(("overrides", "state", "outcome", "wrong"), [
+    (("gap=30 mm",), "bad", "by_program", "seating_force"),  # no part
+    (("k_bore=80 kN/m",), "bad", "by_program", "joining_force"),  # too tight
+    (("k_bore=10 kN/m",), "bad", "by_program", "joining_force"),  # too loose
+    (("joining_depth=3 mm",), "bad", "by_program", "shoulder"),  # lies askew
+    (("joining_depth=9 mm",), "bad", "over_travel", "shoulder"),  # no shoulder
+    (("k_bore=140 kN/m", "joining_depth=9 mm"), "bad", "by_program", "shoulder"),  # stuck
+])  # fmt: skip
+def test_bad_parts_are_never_good(overrides, state, outcome, wrong):
+    cycle = run(*overrides).cycle
+    assert (cycle["state"], cycle["outcome"]) == (state, outcome)
+    assert verdicts(cycle)[wrong] != "good"
+
+
+def action(time_s, text):
+    return f"\n[[at]]\ntime_s = {time_s}\n{text}\n"
+
+
+@pytest.mark.parametrize("what", [
+    "firmware = { controlword = 15 }",  # without the start bit
+    "firmware = { controlword = 287 }",  # halt
+    "firmware = { controlword = 7 }",  # disable operation
+    "firmware = { controlword = 6 }",  # shutdown
+    "firmware = { controlword = 2 }",  # quick stop
+    "firmware = { controlword = 0 }",  # disable voltage
+    'firmware = { modes_of_operation = "force" }',
+    'firmware = { mode = "disabled" }',
+    'sensor = { force = "high" }\nfirmware = { force_max = 20000 }',  # a fault
+])  # fmt: skip
+@pytest.mark.parametrize("when", [0.3, 0.8, 1.6])
+def test_a_cycle_that_is_stopped_is_aborted_and_never_good(what, when):
+    result = run(more=action(when, what))
+    cycle = result.cycle
+    assert (cycle["state"], cycle["outcome"], cycle["cycles"]) == ("aborted", "stopped", 1)
+    # The axis stands after the stop.
+    encoder = result.columns()["encoder"]
+    assert np.ptp(encoder[-300:]) <= 20
+
+
+def test_without_a_program_no_cycle_starts(tmp_path):
+    text = PRESS_FIT.read_text().replace('cycle = "../cycles/press_fit.toml"\n', "")
+    result = _core.run(PRESS_FIT, text=text + '\n', overrides=[])
+    assert result.cycle is None
+    assert result.columns()["cycle_state"][-1] == 6  # no_program
+    assert np.ptp(result.columns()["encoder"][300:]) <= 2
+
+
+def test_a_program_for_another_bank_does_not_start(tmp_path):
+    program = (PRESS_FIT.parents[1] / "cycles/press_fit.toml").read_text()
+    (tmp_path / "cycle.toml").write_text('bank_crc = "12345678"\n' + program)
+    text = PRESS_FIT.read_text().replace("../cycles/press_fit.toml", str(tmp_path / "cycle.toml"))
+    result = _core.run(PRESS_FIT, text=text)
+    assert result.cycle["state"] == "other_bank" and result.cycle["cycles"] == 0
+    assert np.ptp(result.columns()["encoder"][300:]) <= 2
+
+
+def test_an_absolute_move_needs_a_homed_axis(tmp_path):
+    program = (PRESS_FIT.parents[1] / "cycles/press_fit.toml").read_text()
+    program = program.replace('do = "move_to_touch"\ndistance = "-8 mm"', 'do = "move"\nposition = 0')
+    (tmp_path / "cycle.toml").write_text(program)
+    text = PRESS_FIT.read_text().replace("../cycles/press_fit.toml", str(tmp_path / "cycle.toml"))
+    assert _core.run(PRESS_FIT, text=text).cycle["state"] == "not_homed"
+    homed = text.replace(
+        'modes_of_operation = "cycle"', "modes_of_operation = 6\nhoming_method = 35"
+    ) + action(0.2, 'firmware = { modes_of_operation = "cycle" }')
+    homed += action(0.22, "firmware = { controlword = 15 }")
+    homed += action(0.24, "firmware = { controlword = 31 }")
+    cycle = _core.run(PRESS_FIT, text=homed).cycle
+    assert cycle["state"] == "good"
+
+
+def test_two_cycles_in_a_row_have_the_same_figures():
+    more = action(2.6, "firmware = { controlword = 15 }")
+    more += action(2.7, "firmware = { controlword = 31 }")
+    first, second = run().cycle, run("experiment.duration_s=6", more=more).cycle
+    assert (second["cycles"], second["state"]) == (2, "good")
+    for one, two in zip(first["figures"], second["figures"], strict=True):
+        assert two["value"] == pytest.approx(one["value"], rel=0.01), one["name"]
+
+
+def test_the_bound_of_force_holds_whatever_the_program_wants():
+    # 400 N of the program are 800 per mille; force_limit lets 300 N.
+    result = run(more=action(0.05, "firmware = { force_limit = 600 }"))
+    assert result.cycle["state"] == "bad"
+    seat = result.columns()["cycle_phase"] == 2
+    assert result.columns()["sensor.force"][seat][300:].max() < 305
+
+
+def test_run_prints_the_part(capsys):
+    result = experiments.run(PRESS_FIT).result
+    assert result.cycle.state == "good"
+    assert [figure.name for figure in result.cycle.figures][:2] == ["joining_force", "shoulder"]
