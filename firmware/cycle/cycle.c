@@ -10,8 +10,34 @@ static void begin_phase(cycle_t *cycle, uint8_t phase, const cycle_inputs_t *now
   cycle->start_cnt = now->position;
 }
 
+void cycle_init(cycle_t *cycle) {
+  cycle->program = NULL;
+  cycle->zero_cnt = 0;
+  cycle->start_cnt = 0;
+  cycle->phase_ticks = 0;
+  for (uint8_t i = 0; i < CYCLE_PHASES_MAX; i++) {
+    for (uint8_t k = 0; k < CYCLE_CONDITIONS; k++) {
+      cycle->taken[i][k] = 0;
+    }
+  }
+  for (uint8_t i = 0; i < CYCLE_ELEMENTS_MAX; i++) {
+    cycle_element_begin(&cycle->elements[i]);
+  }
+  cycle->written = 0;
+  cycle->evaluated = 0;
+  cycle->state = CYCLE_IDLE;
+  cycle->phase = 0;
+  cycle->outcome = CYCLE_BY_PROGRAM;
+  cycle->failed_phase = 0;
+  cycle->touched = 0;
+  cycle->good = 0;
+}
+
 void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inputs_t *now) {
-  *cycle = (cycle_t){.program = program, .state = CYCLE_RUNNING, .zero_cnt = now->position};
+  cycle_init(cycle);
+  cycle->program = program;
+  cycle->state = CYCLE_RUNNING;
+  cycle->zero_cnt = now->position;
   begin_phase(cycle, 0, now);
 }
 

@@ -62,6 +62,9 @@ typedef struct {
   uint8_t good;         /* 1 if the cycle ended by its program and all elements are good */
 } cycle_t;
 
+/* Sets the state at power-up: no cycle has run. */
+void cycle_init(cycle_t *cycle);
+
 /* Starts a cycle with a program that was checked. The program must not change until the cycle is
  * done. */
 void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inputs_t *now);

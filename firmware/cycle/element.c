@@ -66,7 +66,28 @@ bool cycle_element_is_valid(const cycle_element_t *element, const cycle_point_t 
   }
 }
 
-void cycle_element_begin(cycle_element_state_t *state) { *state = (cycle_element_state_t){0}; }
+void cycle_element_begin(cycle_element_state_t *state) {
+  /* Each field is set separately, because for the complete structure the compiler would call
+   * memset. */
+  state->sum = 0;
+  state->begin_tick = 0;
+  state->last_tick = 0;
+  state->found_tick = 0;
+  state->x = 0;
+  state->y = 0;
+  state->x_seen_least = 0;
+  state->x_seen_most = 0;
+  state->value = 0;
+  state->value_2 = 0;
+  state->has_sample = 0;
+  state->found = 0;
+  state->crossings = 0;
+  state->crossings_2 = 0;
+  state->entries = 0;
+  state->exits = 0;
+  state->wrong_side = 0;
+  state->inside = 0;
+}
 
 static bool is_in_range(const cycle_element_t *element, int32_t x) {
   return x >= element->x_least && x <= element->x_most;

@@ -109,7 +109,7 @@ bool cycle_mode_select(cia402_t *drive, const cycle_header_t *program) {
     return false;
   }
   drive->program = program;
-  drive->cycle = (cycle_t){0};
+  cycle_init(&drive->cycle);
   drive->cycle_refusal = AXIS_CYCLE_STATE_IDLE;
   return true;
 }

@@ -1,3 +1,5 @@
+#include <stddef.h>
+
 #include "firmware/drive/drive.h"
 #include "firmware/drive/modes.h"
 #include "firmware/drive/parameters.h"
@@ -20,6 +22,10 @@ void cia402_init(cia402_t *drive) {
   shaper_clear(&drive->force_shaper);
   shaper_clear(&drive->motion_shaper);
   drive->homing = (cia402_homing_t){0};
+  drive->homed = 0;
+  cycle_init(&drive->cycle);
+  drive->program = NULL;
+  drive->cycle_refusal = AXIS_CYCLE_STATE_IDLE;
   drive->lead_cnt = 0;
   drive->pressed = 0;
   drive->slowing = 0;

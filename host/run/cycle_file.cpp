@@ -72,9 +72,10 @@ struct Scales {
     q8_per_N = 256.0 * sign / (adc.per_count * (1 << (adc.bits - 8)));
     rated_N = 1e-3 * raw_of(initial, AXIS_OBJ_RATED_FORCE, 100000);
     if (counts_per_m < 0 || q8_per_N < 0)
-      source.fail("phase", "expected a model whose encoder counts up towards the workpiece and a "
-                           "force_sign with which the reading rises with the force; change the "
-                           "model or force_sign");
+      source.fail("phase",
+                  "expected a model whose encoder counts up towards the workpiece and a "
+                  "force_sign with which the reading rises with the force; change the "
+                  "model or force_sign");
     limit_N = rated_N * raw_of(initial, AXIS_OBJ_FORCE_LIMIT, 1000) / 1000;
   }
 };
@@ -155,12 +156,12 @@ class Reader {
   }
 
   std::int32_t counts(Section &section, const char *key, double metres) {
-    return static_cast<std::int32_t>(rounded(section, key, metres * scales_.counts_per_m,
-                                             -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX));
+    return static_cast<std::int32_t>(
+        rounded(section, key, metres * scales_.counts_per_m, -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX));
   }
   std::int32_t force_q8(Section &section, const char *key, double newtons) {
-    return static_cast<std::int32_t>(rounded(section, key, newtons * scales_.q8_per_N,
-                                             -CYCLE_FORCE_MAX_Q8, CYCLE_FORCE_MAX_Q8));
+    return static_cast<std::int32_t>(
+        rounded(section, key, newtons * scales_.q8_per_N, -CYCLE_FORCE_MAX_Q8, CYCLE_FORCE_MAX_Q8));
   }
   // A magnitude of at least 1.
   std::uint32_t magnitude(Section &section, const char *key, double value, double high) {
@@ -276,17 +277,15 @@ class Reader {
       within<std::uint32_t>(section, static_cast<std::uint32_t>(end.level), phase.time_max,
                             "time_max");
     } else if (end.when == CYCLE_FORCE_ABOVE || end.when == CYCLE_FORCE_BELOW) {
-      end.level =
-          force_q8(section, "value", section.value("value", Dimension::force, Sign::any));
+      end.level = force_q8(section, "value", section.value("value", Dimension::force, Sign::any));
       if (end.when == CYCLE_FORCE_ABOVE && end.level > 0)
         within<std::uint32_t>(section, static_cast<std::uint32_t>(end.level), phase.force_max_q8,
                               "force_max");
     } else if (end.when == CYCLE_TRAVEL_ABOVE) {
-      end.level = static_cast<std::int32_t>(
-          magnitude(section, "value",
-                    section.value("value", Dimension::length, Sign::positive) *
-                        scales_.counts_per_m,
-                    CYCLE_TRAVEL_MAX));
+      end.level = static_cast<std::int32_t>(magnitude(
+          section, "value",
+          section.value("value", Dimension::length, Sign::positive) * scales_.counts_per_m,
+          CYCLE_TRAVEL_MAX));
       within<std::uint32_t>(section, static_cast<std::uint32_t>(end.level), phase.travel_max,
                             "travel_max");
     } else if (has_value) {
@@ -377,8 +376,9 @@ class Reader {
     const std::vector<double> at = section.numbers(side + "_x");
     const std::vector<double> forces = section.numbers(side + "_force");
     if (at.size() < 2 || at.size() > 255 || at.size() != forces.size())
-      section.fail(side + "_force", "expected 2 to 255 points with one x and one force each; "
-                                    "give lists of the same length");
+      section.fail(side + "_force",
+                   "expected 2 to 255 points with one x and one force each; "
+                   "give lists of the same length");
     std::vector<cycle_point_t> points;
     for (std::size_t i = 0; i < at.size(); ++i) {
       const auto place = rounded(section, (side + "_x").c_str(), at[i] * x.per_unit,
@@ -396,10 +396,8 @@ class Reader {
     element.upper = read_curve(section, "upper", x);
     const auto begin = points_.begin() + element.first;
     const auto middle = begin + element.lower;
-    if (!section.has("from"))
-      element.x_least = std::max(begin->x, middle->x);
-    if (!section.has("to"))
-      element.x_most = std::min((middle - 1)->x, points_.back().x);
+    if (!section.has("from")) element.x_least = std::max(begin->x, middle->x);
+    if (!section.has("to")) element.x_most = std::min((middle - 1)->x, points_.back().x);
   }
 
   void read_window(Section &section, cycle_element_t &element) {
@@ -462,8 +460,9 @@ class Reader {
     if (element.kind == CYCLE_ENVELOPE) {
       for (const char *key : {"least", "most"})
         if (section.has(key))
-          section.fail(key, "expected no such key for an envelope, whose curves are the bounds; "
-                            "remove it");
+          section.fail(key,
+                       "expected no such key for an envelope, whose curves are the bounds; "
+                       "remove it");
       read_envelope(section, element, x);
     } else {
       read_bounds(section, element, dimension, per_unit);

@@ -21,8 +21,8 @@ extern const sim::TableFormat kCycleFormat;
 // An element as the file describes it.
 struct CycleElement {
   std::string name;
-  std::string kind;       // "peak", "window" and so on
-  std::string unit;       // SI unit of the value, or "" for a number
+  std::string kind;        // "peak", "window" and so on
+  std::string unit;        // SI unit of the value, or "" for a number
   double per_value = 1.0;  // value in SI units = value of the firmware * per_value
 };
 

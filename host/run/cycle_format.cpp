@@ -22,9 +22,10 @@ constexpr KeyFormat kEndKeys[] = {
           "reached, time, force_above, force_below, travel_above, touch_above, touch_below, "
           "contact, lost, input_on, input_off",
           "", "What ends the phase."),
-    other("value", "number", "none",
-          "Value of the quantity: s for time, N for a force, m for a travel. travel counts from the "
-          "start of the phase in either direction, touch from the first contact of the cycle."),
+    other(
+        "value", "number", "none",
+        "Value of the quantity: s for time, N for a force, m for a travel. travel counts from the "
+        "start of the phase in either direction, touch from the first contact of the cycle."),
     other("inputs", "list of inputs", "none",
           "Inputs for input_on and input_off, which must all be on, or off: enable, limit_pos, "
           "limit_neg, index, home."),
@@ -61,9 +62,10 @@ constexpr KeyFormat kPhaseKeys[] = {
           "limit ends the cycle."),
     table("end", kEnd, true),
 };
-constexpr TableFormat kPhase{"A phase of the cycle, at most 16. The cycle begins with the first "
-                             "one.",
-                             kPhaseKeys};
+constexpr TableFormat kPhase{
+    "A phase of the cycle, at most 16. The cycle begins with the first "
+    "one.",
+    kPhaseKeys};
 
 constexpr KeyFormat kElementKeys[] = {
     other("name", "identifier", "", "Name of the element."),
@@ -106,9 +108,10 @@ constexpr TableFormat kElement{
 constexpr KeyFormat kCycleKeys[] = {
     other("title", "text", "", "Title of the program."),
     integer("number", 0, 0x7FFFFFFF, 0, "Number of the program, for the user."),
-    other("bank_crc", "text", "any bank",
-          "CRC of the bank that the program was made for, such as \"1A2B3C4D\": no cycle starts with "
-          "another bank."),
+    other(
+        "bank_crc", "text", "any bank",
+        "CRC of the bank that the program was made for, such as \"1A2B3C4D\": no cycle starts with "
+        "another bank."),
     table("phase", kPhase, true),
     table("element", kElement, true),
 };

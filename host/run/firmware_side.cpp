@@ -23,14 +23,15 @@ FirmwareSide::FirmwareSide(const Experiment &experiment, const FirmwareOptions &
                     read(AXIS_OBJ_VELOCITY_THRESHOLD));
   if (experiment.cycle) {
     const auto &record = experiment.cycle->record;
-    const cycle_check_t check =
-        fw_select_program(axis_.get(), record.data(), static_cast<std::uint32_t>(4 * record.size()));
+    const cycle_check_t check = fw_select_program(axis_.get(), record.data(),
+                                                  static_cast<std::uint32_t>(4 * record.size()));
     if (check.reason != CYCLE_RIGHT)
       throw sim::InputError(experiment.file.string(), "cycle",
                             "expected a program that the firmware accepts, got reason " +
                                 std::to_string(check.reason) + ", part " +
-                                std::to_string(check.number) + "; report this as an error of "
-                                                               "forceaxis");
+                                std::to_string(check.number) +
+                                "; report this as an error of "
+                                "forceaxis");
   }
   writes_.write_initial(writer());
 }

@@ -120,8 +120,9 @@ TEST_F(Cycle, WrongPhasesAreRefusedByTheirNumber) {
   EXPECT_TRUE(refused([](cycle_phase_t &p) { p.conditions[0].level = 0; }));
   EXPECT_TRUE(refused([](cycle_phase_t &p) { p.conditions[1] = {CYCLE_CONTACT, 0, 0, 1}; }));
   EXPECT_TRUE(refused([](cycle_phase_t &p) { p.conditions[1] = {CYCLE_INPUT_ON, 0, 0, 32}; }));
-  EXPECT_TRUE(refused(
-      [](cycle_phase_t &p) { p.conditions[1] = {CYCLE_FORCE_ABOVE, 0, 0, 131072}; }));
+  EXPECT_TRUE(refused([](cycle_phase_t &p) {
+    p.conditions[1] = {CYCLE_FORCE_ABOVE, 0, 0, 131072};
+  }));
 }
 
 // Each condition, in the tick in which it becomes true and not in the one before.
@@ -186,7 +187,7 @@ TEST_F(Cycle, TheFirstConditionOfTheFileCounts) {
 
 TEST_F(Cycle, ALoopEndsAfterItsCount) {
   cycle_phase_t last = wait_phase(CYCLE_END);
-  last.conditions[0] = {CYCLE_TIME, 0, 3, 10};           // three times back to the start
+  last.conditions[0] = {CYCLE_TIME, 0, 3, 10};          // three times back to the start
   last.conditions[1] = {CYCLE_TIME, CYCLE_END, 0, 11};  // then the end
   start({wait_phase(1), last});
   int ticks = 1;
