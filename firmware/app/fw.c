@@ -500,11 +500,11 @@ int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
 
 cycle_check_t fw_select_program(fw_t *fw, const void *record, uint32_t size) {
   const cycle_check_t check = cycle_program_check(record, size);
-  if (check.reason != CYCLE_RIGHT) {
+  if (check.reason != CYCLE_ACCEPTED) {
     return check;
   }
   const bool is_taken = cycle_mode_select(&fw->drive, (const cycle_header_t *)record);
-  return (cycle_check_t){is_taken ? CYCLE_RIGHT : CYCLE_BUSY, 0};
+  return (cycle_check_t){is_taken ? CYCLE_ACCEPTED : CYCLE_BUSY, 0};
 }
 
 int fw_recorder_read(const fw_t *fw, uint32_t index, int32_t values[RECORDER_CHANNELS]) {

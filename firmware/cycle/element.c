@@ -50,7 +50,7 @@ bool cycle_element_is_valid(const cycle_element_t *element, const cycle_point_t 
   switch (element->kind) {
     case CYCLE_PEAK:
     case CYCLE_VALLEY:
-    case CYCLE_END:
+    case CYCLE_LAST:
     case CYCLE_WORK:
       return element->y_least <= element->y_most;
     case CYCLE_AT:
@@ -232,7 +232,7 @@ static void take_sample(const cycle_element_t *element, const cycle_point_t *poi
         find(state, y, tick);
       }
       break;
-    case CYCLE_END:
+    case CYCLE_LAST:
       find(state, y, tick);
       break;
     case CYCLE_ENVELOPE:
@@ -334,7 +334,7 @@ cycle_element_result_t cycle_element_result(const cycle_element_t *element,
   } else {
     result.verdict = verdict_of(element, result.value);
   }
-  if (element->kind == CYCLE_END && !is_in_range(element, state->x)) {
+  if (element->kind == CYCLE_LAST && !is_in_range(element, state->x)) {
     result.verdict = CYCLE_WRONG_SIDE;
   }
   return result;

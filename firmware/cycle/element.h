@@ -36,7 +36,7 @@ typedef struct {
  *   DIFFERENCE    the value of AT at level_2, less that at `level`
  *   WORK          the sum of force times the change of x over the lines with both ends in
  *                 x_least..x_most, in counts of force times counts (ticks), rounded half up
- *   END           force of the last sample, whose x has to be in x_least..x_most
+  *   LAST          force of the last sample, whose x has to be in x_least..x_most
  *   WINDOW        number of entries into the window x_least..x_most, y_least..y_most, with its
  *                 sides. The curve has to enter it once, through a side of `enters`, and to leave
  *                 it once, through a side of `leaves`, or not to leave it if `leaves` is 0. The
@@ -50,7 +50,7 @@ enum {
   CYCLE_AT = 2,
   CYCLE_DIFFERENCE = 3,
   CYCLE_WORK = 4,
-  CYCLE_END = 5,
+  CYCLE_LAST = 5,
   CYCLE_WINDOW = 6,
   CYCLE_ENVELOPE = 7,
   CYCLE_KINDS = 8
@@ -95,7 +95,7 @@ enum {
   CYCLE_GOOD = 0,
   CYCLE_BELOW = 1,       /* the value is below y_least, or the curve below the envelope */
   CYCLE_ABOVE = 2,       /* the value is above y_most, or the curve above the envelope */
-  CYCLE_WRONG_SIDE = 3,  /* WINDOW: another side; END: x is outside */
+  CYCLE_WRONG_SIDE = 3,  /* WINDOW: another side; LAST: x is outside */
   CYCLE_AGAIN = 4,       /* WINDOW: entered or left more than once */
   CYCLE_NOT_REACHED = 5, /* no sample, no crossing, or the curve ended too early */
   CYCLE_ABORTED = 6,

@@ -91,7 +91,7 @@ static cycle_check_t check_parts(const cycle_header_t *program) {
       return (cycle_check_t){CYCLE_WRONG_ELEMENT, i};
     }
   }
-  return (cycle_check_t){CYCLE_RIGHT, 0};
+  return (cycle_check_t){CYCLE_ACCEPTED, 0};
 }
 
 cycle_check_t cycle_program_check(const void *record, uint32_t size) {

@@ -101,7 +101,7 @@ typedef struct {
 
 /* Why a record is refused, and the number of the phase or element that is wrong. */
 enum {
-  CYCLE_RIGHT = 0,
+  CYCLE_ACCEPTED = 0,
   CYCLE_NO_PROGRAM = 1,    /* too short, or another magic */
   CYCLE_OTHER_VERSION = 2, /* another layout */
   CYCLE_WRONG_SIZE = 3,    /* the size is not that of its parts, or there are too many parts */

@@ -8,6 +8,7 @@
 #include "firmware/drive/motion.h"
 #include "firmware/drive/position_modes.h"
 #include "firmware/drive/state.h"
+#include "firmware/drive/status.h"
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
 
@@ -159,14 +160,11 @@ void cycle_mode_step(cia402_t *drive, const axis_t *axis) {
       cia402_set_mode(drive, AXIS_MODES_OF_OPERATION_CYCLE);
       cia402_end_mode(drive);
     }
+    cia402_show_cycle(drive);
   }
 }
 
 void cycle_mode_between(cia402_t *drive) {
-  const uint8_t before = drive->cycle.state;
-  if (before == CYCLE_RUNNING || before == CYCLE_ENDED) {
-    cycle_evaluate(&drive->cycle);
-    if (drive->cycle.state != before) {
-    }
-  }
+  cycle_evaluate(&drive->cycle);
+  cia402_show_cycle(drive);
 }

@@ -111,7 +111,7 @@ static uint8_t cycle_state(const cia402_t *drive) {
   }
 }
 
-static void show_cycle(cia402_t *drive) {
+void cia402_show_cycle(cia402_t *drive) {
   drive->signals.cycle_state = cycle_state(drive);
   drive->signals.cycle_phase = drive->cycle.phase;
   drive->signals.cycle_outcome = drive->cycle.outcome;
@@ -127,7 +127,7 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
                             ? AXIS_DRIVE_STATE_SWITCHED_ON
                             : signals->drive_state;
   uint16_t word = (uint16_t)(cia402_state_bits[state] | CIA402_SW_REMOTE);
-  show_cycle(drive);
+  cia402_show_cycle(drive);
   if ((measured->digital_inputs & AXIS_DIN_ENABLE) != 0) {
     word |= CIA402_SW_VOLTAGE;
   }

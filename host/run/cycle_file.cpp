@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "firmware/port/host/firmware.hpp"
+#include "sim/hybrid/mode.hpp"
 #include "sim/model/section.hpp"
 #include "sim/model/text.hpp"
 #include "sim/model/toml.hpp"
@@ -99,8 +100,8 @@ class Reader {
     header_.magic = CYCLE_MAGIC;
     header_.version = CYCLE_VERSION;
     program_.title = root_.text("title", kText);
-    std::strncpy(reinterpret_cast<char *>(header_.name), program_.title.c_str(),
-                 sizeof(header_.name));
+    std::memcpy(header_.name, program_.title.data(),
+                std::min(sizeof(header_.name), program_.title.size()));
     header_.number = static_cast<std::uint32_t>(root_.integer("number"));
     if (const auto crc = root_.optional_text("bank_crc", kText)) header_.bank_crc = crc_of(*crc);
     root_.each("phase", [&](Section &section) { name_phase(section); });
@@ -410,7 +411,7 @@ class Reader {
 
   void read_element(Section &section) {
     static const char *const kKinds[] = {"peak", "valley", "at",     "difference",
-                                         "work", "end",    "window", "envelope"};
+                                         "work", "last",   "window", "envelope"};
     if (elements_.size() == CYCLE_ELEMENTS_MAX)
       section.fail("name", "expected at most 16 elements; remove some");
     cycle_element_t element{};

@@ -69,10 +69,10 @@ constexpr TableFormat kPhase{
 
 constexpr KeyFormat kElementKeys[] = {
     other("name", "identifier", "", "Name of the element."),
-    other("kind", "peak, valley, at, difference, work, end, window, envelope", "",
+    other("kind", "peak, valley, at, difference, work, last, window, envelope", "",
           "peak, valley: largest and smallest force. at: the force at an x, or x at a force. "
           "difference: the value of `at` at level_2 less that at level. work: the sum of force "
-          "times the change of x. end: the last force. window: the curve passes a window. "
+          "times the change of x. last: the last force. window: the curve passes a window. "
           "envelope: smallest distance of the force from a curve below and a curve above."),
     other("phases", "list of phases", "", "The phases whose samples count."),
     other("over", "travel, time", "travel",

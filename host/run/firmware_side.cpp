@@ -25,7 +25,7 @@ FirmwareSide::FirmwareSide(const Experiment &experiment, const FirmwareOptions &
     const auto &record = experiment.cycle->record;
     const cycle_check_t check = fw_select_program(axis_.get(), record.data(),
                                                   static_cast<std::uint32_t>(4 * record.size()));
-    if (check.reason != CYCLE_RIGHT)
+    if (check.reason != CYCLE_ACCEPTED)
       throw sim::InputError(experiment.file.string(), "cycle",
                             "expected a program that the firmware accepts, got reason " +
                                 std::to_string(check.reason) + ", part " +

@@ -564,7 +564,11 @@ enum {
   AXIS_OBJ_CORE_FAULT_BFAR = 554,
   AXIS_OBJ_TICK_DEVIATION = 555,
   AXIS_OBJ_SYNC_COUNT = 556,
-  AXIS_OBJ_COUNT = 557 /* one past the last number */
+  AXIS_OBJ_CYCLE_STATE = 557,
+  AXIS_OBJ_CYCLE_PHASE = 558,
+  AXIS_OBJ_CYCLE_OUTCOME = 559,
+  AXIS_OBJ_CYCLE_COUNT = 560,
+  AXIS_OBJ_COUNT = 561 /* one past the last number */
 };
 
 enum {
@@ -749,6 +753,7 @@ enum {
 };
 
 enum {
+  AXIS_MODES_OF_OPERATION_CYCLE = -9,
   AXIS_MODES_OF_OPERATION_IMPEDANCE = -8,
   AXIS_MODES_OF_OPERATION_DAMPING = -7,
   AXIS_MODES_OF_OPERATION_STIFFNESS = -6,
@@ -765,7 +770,7 @@ enum {
   AXIS_MODES_OF_OPERATION_CYCLIC_POSITION = 8,
   AXIS_MODES_OF_OPERATION_CYCLIC_VELOCITY = 9,
   AXIS_MODES_OF_OPERATION_CYCLIC_FORCE = 10,
-  AXIS_MODES_OF_OPERATION_LEAST = -8,
+  AXIS_MODES_OF_OPERATION_LEAST = -9,
   AXIS_MODES_OF_OPERATION_GREATEST = 10
 };
 
@@ -1022,6 +1027,29 @@ enum {
 };
 
 enum {
+  AXIS_CYCLE_STATE_IDLE = 0,
+  AXIS_CYCLE_STATE_RUNNING = 1,
+  AXIS_CYCLE_STATE_EVALUATING = 2,
+  AXIS_CYCLE_STATE_GOOD = 3,
+  AXIS_CYCLE_STATE_BAD = 4,
+  AXIS_CYCLE_STATE_ABORTED = 5,
+  AXIS_CYCLE_STATE_NO_PROGRAM = 6,
+  AXIS_CYCLE_STATE_OTHER_BANK = 7,
+  AXIS_CYCLE_STATE_NOT_HOMED = 8,
+  AXIS_CYCLE_STATE_COUNT = 9
+};
+
+enum {
+  AXIS_CYCLE_OUTCOME_BY_PROGRAM = 0,
+  AXIS_CYCLE_OUTCOME_OVER_FORCE = 1,
+  AXIS_CYCLE_OUTCOME_OVER_TRAVEL = 2,
+  AXIS_CYCLE_OUTCOME_OVER_TIME = 3,
+  AXIS_CYCLE_OUTCOME_STOPPED = 4,
+  AXIS_CYCLE_OUTCOME_SAMPLES_LOST = 5,
+  AXIS_CYCLE_OUTCOME_COUNT = 6
+};
+
+enum {
   AXIS_COIL_ENABLE = 0,
   AXIS_COIL_FAULT_RESET = 1,
   AXIS_COIL_HALT = 2,
@@ -1271,6 +1299,7 @@ typedef struct {
   int32_t force_ripple; /* force ripple: largest minus smallest measured force in the last 100 ms; 0 if force_ripple_max is 0 [1/256 count] */
   int32_t first_motion_moved; /* travel in encoder counts in the first motion test, from standstill to the position at which first_motion_code_reached was output [count] */
   int32_t first_motion_force; /* change of the measured force during the motion away from the start position in the first motion test [1/256 count] */
+  uint32_t cycle_count; /* number of cycles that were started since power-up [1] */
   uint16_t statusword; /* CiA 402 statusword [1] */
   uint16_t error_code; /* CiA 402 error code of the latched fault; 0 without a latched fault [1] */
   int16_t force_demand; /* present set-point of the force law [per mille] */
@@ -1294,6 +1323,9 @@ typedef struct {
   uint8_t tare_state; /* state of the last tare measurement, or the reason why the measurement was refused [enum] */
   uint8_t calibration_state; /* result of the last calibration, or the reason why the calibration was refused [enum] */
   uint8_t calibration_expired; /* 1 if the calibration is no longer valid: date is later than calibration_date plus calibration_validity [1] */
+  uint8_t cycle_state; /* state of the cycle of mode -9: running; evaluating the last samples; the part is good or bad; aborted by a stop, a fault or the loss of the owner; or why no cycle started: no program, another bank than the one the program was made for, no reference position for an absolute position [enum] */
+  uint8_t cycle_phase; /* number of the phase of the cycle that runs, or of the last phase, from 0 [1] */
+  uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late [enum] */
 } drive_signals_t;
 
 typedef struct {
@@ -1391,8 +1423,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x861fbcd5)
-#define AXIS_OBJECTS_HASH_TEXT "861fbcd5"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x5fdcf04f)
+#define AXIS_OBJECTS_HASH_TEXT "5fdcf04f"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1472,9 +1504,9 @@ extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
   AXIS_STORED_COUNT = 372,
-  AXIS_ADDRESSES_COUNT = 612,
+  AXIS_ADDRESSES_COUNT = 617,
   AXIS_HOLDING_COUNT = 173,
-  AXIS_INPUT_COUNT = 91
+  AXIS_INPUT_COUNT = 95
 };
 
 /* By index, then sub-index. */

@@ -33,8 +33,8 @@ typedef struct {
   const char *quantity;   /* force or encoder: of what a count is a step */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "861fbcd54904997715a9e3e8a2650a9e362e154ea693bffa9b61879a88ec35c0"
-#define AXIS_OBJECTS_META_COUNT 556
+#define AXIS_OBJECTS_HASH "5fdcf04fcccf93e6db1ee285845f6a3e3bf4f5db1b54ecd6407ac69a460a9873"
+#define AXIS_OBJECTS_META_COUNT 560
 
 /* Entry i describes object number i + 1. */
 static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
@@ -417,9 +417,9 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {189, 2, "error_code", "signal", "drive", "CiA 402 error code of the latched fault; 0 without a latched fault", "u16", "1",
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x603F, 0, 2, 0, "Error code", 0, 1, ""},
     {190, 1, "modes_of_operation", "parameter", "drive", "requested mode of operation; negative numbers are manufacturer-specific modes", "i8", "1",
-     1.0, INT64_C(-8), INT64_C(10), INT64_C(0), "rw", "any", "", 0x6060, 0, 1, 0, "Modes of operation", 0, 1, ""},
+     1.0, INT64_C(-9), INT64_C(10), INT64_C(0), "rw", "any", "", 0x6060, 0, 1, 0, "Modes of operation", 0, 1, ""},
     {191, 1, "modes_of_operation_display", "signal", "drive", "active mode of operation", "i8", "1",
-     1.0, INT64_C(-8), INT64_C(10), INT64_C(0), "ro", "any", "", 0x6061, 0, 1, 0, "Modes of operation display", 0, 1, ""},
+     1.0, INT64_C(-9), INT64_C(10), INT64_C(0), "ro", "any", "", 0x6061, 0, 1, 0, "Modes of operation display", 0, 1, ""},
     {192, 4, "supported_drive_modes", "signal", "drive", "supported modes of operation as bits: bit 0 pp, bit 2 pv, bit 3 tq, bit 5 hm, bit 7 csp, bit 8 csv, bit 9 cst, bit 16 manufacturer-specific modes", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(66477), "ro", "any", "", 0x6502, 0, -1, 0, "Supported drive modes", 0, 1, ""},
     {193, 1, "drive_state", "signal", "drive", "state of the CiA 402 state machine", "u8", "1",
@@ -1150,6 +1150,14 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      0.001, INT64_C(-32768), INT64_C(32767), INT64_C(0), "ro", "any", "", 0x2433, 0, 924, 0, "Tick deviation", 0, 1, ""},
     {556, 2, "sync_count", "signal", "canopen", "number of SYNC messages that were received", "u16", "1",
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x230B, 0, -1, 0, "SYNC count", 0, 0, ""},
+    {557, 1, "cycle_state", "signal", "drive", "state of the cycle of mode -9: running; evaluating the last samples; the part is good or bad; aborted by a stop, a fault or the loss of the owner; or why no cycle started: no program, another bank than the one the program was made for, no reference position for an absolute position", "u8", "1",
+     1.0, INT64_C(0), INT64_C(8), INT64_C(0), "ro", "any", "idle,running,evaluating,good,bad,aborted,no_program,other_bank,not_homed", 0x2434, 1, 976, 0, "Cycle state", 0, 1, ""},
+    {558, 1, "cycle_phase", "signal", "drive", "number of the phase of the cycle that runs, or of the last phase, from 0", "u8", "1",
+     1.0, INT64_C(0), INT64_C(255), INT64_C(0), "ro", "any", "", 0x2434, 2, 977, 0, "Cycle phase", 0, 1, ""},
+    {559, 1, "cycle_outcome", "signal", "drive", "how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late", "u8", "1",
+     1.0, INT64_C(0), INT64_C(5), INT64_C(0), "ro", "any", "by_program,over_force,over_travel,over_time,stopped,samples_lost", 0x2434, 3, 978, 0, "Cycle outcome", 0, 1, ""},
+    {560, 4, "cycle_count", "signal", "drive", "number of cycles that were started since power-up", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2434, 4, 980, 0, "Cycle count", 0, 1, ""},
 };
 
 /* Names of single raw values, of objects that are no enum. */
@@ -1159,7 +1167,7 @@ typedef struct {
   const char *text; /* snake case */
 } axis_value_text_t;
 
-#define AXIS_VALUE_TEXTS_COUNT 159
+#define AXIS_VALUE_TEXTS_COUNT 161
 static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {
     {189, 0, "none"},
     {189, 20736, "supply_wrong"},
@@ -1219,6 +1227,7 @@ static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {
     {189, 65313, "drive_fault"},
     {189, 65314, "position_old"},
     {189, 65315, "force_old"},
+    {190, -9, "cycle"},
     {190, -8, "impedance"},
     {190, -7, "damping"},
     {190, -6, "stiffness"},
@@ -1235,6 +1244,7 @@ static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {
     {190, 8, "cyclic_position"},
     {190, 9, "cyclic_velocity"},
     {190, 10, "cyclic_force"},
+    {191, -9, "cycle"},
     {191, -8, "impedance"},
     {191, -7, "damping"},
     {191, -6, "stiffness"},

@@ -50,6 +50,7 @@ def board(tmp_path_factory):
     return board
 
 
+@pytest.mark.long
 def test_the_image_is_whole_and_within_its_limits(board):
     elf = board.parent / "out/forceaxis-lathe.elf"
     binary = elf.with_suffix(".bin").read_bytes()

@@ -39,6 +39,7 @@ def profile():
     return Profile()
 
 
+@pytest.mark.long
 def test_the_interrupt_fits_into_its_budget(profile):
     path = ", ".join(f"{name} {count}" for count, name in profile.worst.shares)
     assert profile.interrupt <= LIMITS.interrupt_instructions, path
@@ -51,6 +52,7 @@ def test_the_interrupt_fits_into_its_budget(profile):
         assert done >= COVERAGE * total, missed
 
 
+@pytest.mark.long
 def test_the_table_is_what_the_tool_writes(profile):
     path = ROOT / "docs/chip/instructions.md"
     assert path.read_text() == profile.table(), "stale: run tools/tick_profile"

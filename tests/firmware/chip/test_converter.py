@@ -44,6 +44,7 @@ def test_it_is_configured_as_the_data_sheet_says(kind):
     assert chip.board.nvic.priority(14) == chip.board.nvic.priority(40) < 0x80
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("gain", ["x1", "x64"])
 def test_its_voltage_is_the_force(kind, gain):
@@ -59,6 +60,7 @@ def test_its_voltage_is_the_force(kind, gain):
     assert chip.board.mistakes == [] and device.mistakes == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("fault", ["absent", "identity", "forgets", "silent", "stuck 0", "stuck 1"])
 def test_a_converter_that_cannot_be_configured_is_a_fault_for_good(kind, fault):
@@ -119,6 +121,7 @@ def ticks_to_off(chip, most):
     return None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_conversion_is_an_old_force(kind):
     chip = enabled(kind)
@@ -128,6 +131,7 @@ def test_no_conversion_is_an_old_force(kind):
     assert FAULT[chip.read("fault")] == "force_old"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("level", [0, 1])
 def test_a_line_that_stands_still_is_a_sensor_fault(kind, level):
@@ -165,6 +169,7 @@ def test_the_status_of_the_ad7193_is_a_sensor_fault_in_its_tick(fail):
     assert FAULT[chip.read("fault")] == "sensor_invalid"
 
 
+@pytest.mark.long
 def test_a_conversion_that_ends_while_another_is_read_is_not_lost():
     chip = enabled("ads1256")
     chip.board.exti.write(0x14, 1 << 12)

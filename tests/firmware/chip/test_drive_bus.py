@@ -82,6 +82,7 @@ class CellProcess(Process):
         return self.tick(*self.last)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "full_v"), [("ads1256", 5.0), ("ad7193", 2.5)])
 def test_with_a_converter_the_trace_is_that_of_the_run_in_process(kind, full_v):
     """Force from 24 bits by SPI, velocity by CAN: one hash."""

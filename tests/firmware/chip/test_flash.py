@@ -46,6 +46,7 @@ def test_what_was_saved_is_there_after_a_power_cut(chip):
     assert chip.board.mistakes == [] and again.board.mistakes == []
 
 
+@pytest.mark.long
 def test_the_second_sector_is_used_when_the_first_is_full(chip):
     for gain in range(300, 300 + 1300):
         assert save(chip, gain) == "saved"
@@ -55,7 +56,13 @@ def test_the_second_sector_is_used_when_the_first_is_full(chip):
     assert restarted(chip).read("force_gain") == gain
 
 
-@pytest.mark.parametrize("bit", [RDERR, PGSERR, PGPERR, PGAERR, WRPERR, OPERR])
+@pytest.mark.parametrize(
+    "bit",
+    [
+        RDERR, WRPERR,
+        *(pytest.param(bit, marks=pytest.mark.long) for bit in (PGSERR, PGPERR, PGAERR, OPERR)),
+    ],
+)  # fmt: skip
 def test_a_write_error_is_reported_and_the_old_set_stays(chip, bit):
     assert save(chip, 500) == "saved"
     chip.board.flash.fail = bit
@@ -206,7 +213,9 @@ def test_enabling_is_refused_while_the_store_is_at_work(chip):
     assert chip.terminals() == (0, 0, 0.0)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(2, 12))]
+)
 def test_a_power_cut_anywhere_leaves_the_old_set_or_the_new_one(chip, seed):
     assert save(chip, 500) == "saved"
     for gain in range(501, 501 + seed % 3):

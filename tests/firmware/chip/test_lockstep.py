@@ -46,7 +46,8 @@ def test_the_trace_is_that_of_the_run_in_process(name, overrides):
     assert len(set(result.columns()["dac"])) > 5  # it was driven
 
 
-@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("every", [5, 1])
 def test_the_stability_tables_are_those_of_the_runs_in_process(every):
     known = tables.load()
     assert len(known.cells) == 55

@@ -84,6 +84,7 @@ def known(ports, monkeypatch):
     return ports
 
 
+@pytest.mark.long
 def test_its_image_is_reported_beside_its_limits(ports):
     elf = ports / "out/forceaxis-press.elf"
     # Its store has no memory, so calls through the memory's pointers have no targets.

@@ -1,11 +1,13 @@
 """Every protection on the emulated chip: in as many ticks as docs/protections.md says."""
 
+import pytest
 from forceaxis.experiments import link
 from protections import PROTECTIONS, documented
 
 CHIP = link.LinkOptions("pil-stm32")
 
 
+@pytest.mark.long
 def test_protections_act_as_documented(tmp_path):
     def run(file):
         result, report, _ = link.run(CHIP, file, [])

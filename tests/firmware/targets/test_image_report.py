@@ -420,6 +420,7 @@ def crc(frame):
     return frame + FramerRTU.compute_CRC(frame).to_bytes(2, "big")
 
 
+@pytest.mark.long
 def test_the_firmware_needs_no_more_stack_than_reported(tmp_path):
     """Random objects over CANopen and Modbus, every mode of the drive: the lowest stack pointer of
     thread and tick stays above what the report says."""

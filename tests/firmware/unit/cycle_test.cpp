@@ -58,7 +58,7 @@ class Cycle : public ::testing::Test {
  protected:
   void start(const std::vector<cycle_phase_t> &phases) {
     words_ = record_of(phases);
-    ASSERT_EQ(check(words_).reason, CYCLE_RIGHT);
+    ASSERT_EQ(check(words_).reason, CYCLE_ACCEPTED);
     now_ = {};
     now_.tick = 0xFFFFFFF0u;  // the number of the tick wraps
     now_.position = INT32_MAX - 20;
@@ -69,7 +69,7 @@ class Cycle : public ::testing::Test {
     ++now_.tick;
     cycle_step(&cycle_, &now_);
     cycle_evaluate(&cycle_);
-    return cycle_is_running(&cycle_) ? cycle_.phase : CYCLE_END;
+    return cycle_is_running(&cycle_) ? int{cycle_.phase} : int{CYCLE_END};
   }
   void move(std::int32_t counts) { now_.position = fx_sum_wrap(now_.position, counts); }
 
@@ -80,11 +80,11 @@ class Cycle : public ::testing::Test {
 
 TEST_F(Cycle, EveryFlippedBitOfARecordIsRefused) {
   std::vector<std::uint32_t> words = record_of({wait_phase(1), wait_phase(CYCLE_END)});
-  ASSERT_EQ(check(words).reason, CYCLE_RIGHT);
+  ASSERT_EQ(check(words).reason, CYCLE_ACCEPTED);
   for (std::uint32_t &word : words)
     for (int bit = 0; bit < 32; ++bit) {
       word ^= 1u << bit;
-      ASSERT_NE(check(words).reason, CYCLE_RIGHT) << &word - words.data() << " " << bit;
+      ASSERT_NE(check(words).reason, CYCLE_ACCEPTED) << &word - words.data() << " " << bit;
       word ^= 1u << bit;
     }
 }
@@ -92,7 +92,7 @@ TEST_F(Cycle, EveryFlippedBitOfARecordIsRefused) {
 TEST_F(Cycle, AShortOrLongRecordIsRefused) {
   std::vector<std::uint32_t> words = record_of({wait_phase(CYCLE_END)});
   for (std::uint32_t size = 0; size < 4 * words.size(); ++size)
-    ASSERT_NE(cycle_program_check(words.data(), size).reason, CYCLE_RIGHT) << size;
+    ASSERT_NE(cycle_program_check(words.data(), size).reason, CYCLE_ACCEPTED) << size;
   words.push_back(0);
   EXPECT_EQ(check(words).reason, CYCLE_WRONG_SIZE);
 }

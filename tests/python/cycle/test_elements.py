@@ -4,11 +4,11 @@ lines."""
 
 import random
 from fractions import Fraction
+from itertools import pairwise
 from math import ceil, floor
 
 import numpy as np
 import pytest
-
 from forceaxis import _core
 
 PEAK, VALLEY, AT, DIFFERENCE, WORK, END, WINDOW, ENVELOPE = range(8)
@@ -34,7 +34,7 @@ def curve_of(element, samples):
 
 def lines_of(curve):
     """Pairs of points of consecutive ticks."""
-    return [(a, b) for a, b in zip(curve, curve[1:], strict=False) if b[0] == a[0] + 1]
+    return [(a, b) for a, b in pairwise(curve) if b[0] == a[0] + 1]
 
 
 def in_range(element, x):
@@ -171,7 +171,7 @@ def envelope(element, curve, points):
     high = points[first + lower : first + lower + element["upper"]]
 
     def force(bound, x):
-        for (x0, y0), (x1, y1) in zip(bound, bound[1:], strict=False):
+        for (x0, y0), (x1, y1) in pairwise(bound):
             if x0 <= x <= x1:
                 return y0 + Fraction(x - x0, x1 - x0) * (y1 - y0)
         raise AssertionError(x)
@@ -287,7 +287,9 @@ def evaluated(element, *points):
     (((-5, 5), (5, 5), (5, 15), (5, 5), (5, 15)), WRONG_SIDE),  # enters again through the top
     (((-5, 5), (5, 5), (5, 15), (-5, 15), (-5, 5), (5, 5), (5, 15)), AGAIN),
     (((-10, 10), (10, -10)), WRONG_SIDE),  # touches the corner (0, 0) and goes on below
-    (((-5, 5), (0, 10), (5, 15)), WRONG_SIDE),  # (0, 10) belongs to the left side
+    (((-5, 5), (0, 10), (5, 15)), GOOD),  # enters at the corner (0, 10), and leaves at the top
+    (((-5, 15), (5, 5), (5, 15)), GOOD),  # the same corner from above
+    (((-4, 15), (5, 5), (5, 15)), WRONG_SIDE),  # beside it, through the top
     (((-5, 5), (5, 5)), NOT_REACHED),  # ends inside
     (((-5, 5), (5, 5), (5, 10)), NOT_REACHED),  # ends on the top
     (((-5, 5), (5, 5), (5, 11)), GOOD),

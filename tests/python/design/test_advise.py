@@ -179,6 +179,7 @@ def test_what_a_bank_can_hold_is_the_law_that_it_stands_for(workpiece):
         assert row(workpiece, start)["critical_gain"] == pytest.approx(wanted.gain, rel=1e-6)
 
 
+@pytest.mark.long
 def test_over_a_set_the_designed_bank_is_a_row_and_the_worst_member_counts():
     over = ("k_w=30%,m_w=30%",)
     result = advised("fig4_19", runs="none", over=over, modes="all")
@@ -255,6 +256,7 @@ def simulated():
     return advised(paths.EXPERIMENTS / "contact.toml", runs="all", threads=2)
 
 
+@pytest.mark.long
 def test_the_simulated_limit_is_where_the_verdict_turns(simulated):
     found = simulated["present"]["simulated"]
     contact = str(paths.EXPERIMENTS / "contact.toml")

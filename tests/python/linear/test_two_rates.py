@@ -194,7 +194,9 @@ def test_a_loop_whose_ticks_are_all_alike_has_the_figures_of_one_code(tmp_path, 
     assert three.closed(gain).poles_s().real.max() == pytest.approx(-one.decay(gain), rel=1e-8)
 
 
-@pytest.mark.parametrize(("rate", "cycle"), [(1000, 1), (1000, 3), (4800, 1), (80, 1)])
+@pytest.mark.parametrize(("rate", "cycle"), [
+    (1000, 1), (1000, 3), (4800, 1), pytest.param(80, 1, marks=pytest.mark.long),
+])  # fmt: skip
 def test_without_a_phase_limit_and_figures_are_the_worst_of_all_phases(tmp_path, rate, cycle):
     """Twelve phases in a period of samples and cycles are no worse by more than what lies between
     the analysed phases."""

@@ -427,6 +427,7 @@ DRIVES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", DRIVES)
 def test_every_kind_of_drive_holds_a_force(tmp_path, kind):
     """The stated share of the force with the first gain, and the set-point with the bank."""

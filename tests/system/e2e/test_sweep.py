@@ -449,6 +449,7 @@ def cluster(tmp_path):
             process.wait()
 
 
+@pytest.mark.long
 def test_a_cluster_that_loses_a_worker_loses_no_run(cluster, tmp_path):
     address, workers = cluster
     here, there = tmp_path / "here", tmp_path / "there"
