@@ -77,6 +77,7 @@ MAY_INCLUDE = {
         "modbus/",
         "canopen/",
         "drive/",
+        "cycle/",
         "guard/",
         "core/",
         "objects/",

@@ -60,10 +60,26 @@ static void sample(cycle_t *cycle, const cycle_inputs_t *now) {
   cycle->written = (uint8_t)(cycle->written + 1);
 }
 
+/* Conditions of a travel. */
+static bool has_travelled(const cycle_t *cycle, const cycle_condition_t *condition,
+                          const cycle_inputs_t *now) {
+  const int32_t since_touch = travel_of(now, cycle->zero_cnt);
+  switch (condition->when) {
+    case CYCLE_TRAVEL_ABOVE:
+      return fx_magnitude(travel_of(now, cycle->start_cnt)) >= (uint32_t)condition->level;
+    case CYCLE_TOUCH_ABOVE:
+      return cycle->touched != 0 && since_touch >= condition->level;
+    default:
+      return cycle->touched != 0 && since_touch <= condition->level;
+  }
+}
+
 static bool is_met(const cycle_t *cycle, const cycle_condition_t *condition,
                    const cycle_inputs_t *now) {
   const int32_t level = condition->level;
   switch (condition->when) {
+    case CYCLE_NEVER:
+      return false;
     case CYCLE_REACHED:
       return now->reached != 0;
     case CYCLE_TIME:
@@ -72,12 +88,6 @@ static bool is_met(const cycle_t *cycle, const cycle_condition_t *condition,
       return now->force_q8 >= level;
     case CYCLE_FORCE_BELOW:
       return now->force_q8 <= level;
-    case CYCLE_TRAVEL_ABOVE:
-      return fx_magnitude(travel_of(now, cycle->start_cnt)) >= (uint32_t)level;
-    case CYCLE_TOUCH_ABOVE:
-      return cycle->touched != 0 && travel_of(now, cycle->zero_cnt) >= level;
-    case CYCLE_TOUCH_BELOW:
-      return cycle->touched != 0 && travel_of(now, cycle->zero_cnt) <= level;
     case CYCLE_CONTACT:
       return now->contact != 0;
     case CYCLE_LOST:
@@ -87,7 +97,7 @@ static bool is_met(const cycle_t *cycle, const cycle_condition_t *condition,
     case CYCLE_INPUT_OFF:
       return (now->inputs & level) == 0;
     default:
-      return false;
+      return has_travelled(cycle, condition, now);
   }
 }
 

@@ -39,30 +39,34 @@ static bool has_crossing(const cycle_element_t *element) {
          (element->kind != CYCLE_DIFFERENCE || fx_within(element->level_2, bound));
 }
 
+static bool has_window(const cycle_element_t *element) {
+  const uint8_t sides = CYCLE_LEFT | CYCLE_RIGHT | CYCLE_BOTTOM | CYCLE_TOP;
+  return is_ordered(element->y_least, element->y_most, CYCLE_FORCE_MAX_Q8) &&
+         element->enters != 0 && element->enters <= sides && element->leaves <= sides;
+}
+
+/* What every kind of element needs. */
+static bool has_curve(const cycle_element_t *element) {
+  return element->phases != 0 && element->over_time <= 1 && element->of_force <= 1 &&
+         element->reserved == 0 && element->reserved_2 == 0 &&
+         is_ordered(element->x_least, element->x_most, CYCLE_TRAVEL_MAX);
+}
+
 bool cycle_element_is_valid(const cycle_element_t *element, const cycle_point_t *points,
                             uint16_t count) {
-  const uint8_t sides = CYCLE_LEFT | CYCLE_RIGHT | CYCLE_BOTTOM | CYCLE_TOP;
-  if (element->phases == 0 || element->over_time > 1 || element->of_force > 1 ||
-      element->reserved != 0 || element->reserved_2 != 0 ||
-      !is_ordered(element->x_least, element->x_most, CYCLE_TRAVEL_MAX)) {
+  if (!has_curve(element) || element->kind >= CYCLE_KINDS) {
     return false;
   }
   switch (element->kind) {
-    case CYCLE_PEAK:
-    case CYCLE_VALLEY:
-    case CYCLE_LAST:
-    case CYCLE_WORK:
-      return element->y_least <= element->y_most;
     case CYCLE_AT:
     case CYCLE_DIFFERENCE:
       return element->y_least <= element->y_most && has_crossing(element);
     case CYCLE_WINDOW:
-      return is_ordered(element->y_least, element->y_most, CYCLE_FORCE_MAX_Q8) &&
-             element->enters != 0 && element->enters <= sides && element->leaves <= sides;
+      return has_window(element);
     case CYCLE_ENVELOPE:
       return has_envelope(element, points, count);
     default:
-      return false;
+      return element->y_least <= element->y_most;
   }
 }
 
@@ -151,9 +155,15 @@ static void take_work(const cycle_element_t *element, cycle_element_state_t *sta
   find(state, (int32_t)fx_floor_shift_wide(state->sum + 256, 9), tick);
 }
 
+static window_t window_of(const cycle_element_t *element) {
+  return (window_t){element->x_least, element->x_most, element->y_least, element->y_most};
+}
+
 static void take_window_line(const cycle_element_t *element, cycle_element_state_t *state,
                              const line_t *line, uint32_t tick) {
-  const window_passage_t passage = window_pass(element, line->x0, line->y0, line->x1, line->y1);
+  const window_t window = window_of(element);
+  const window_passage_t passage = window_pass(&window, (window_point_t){line->x0, line->y0},
+                                               (window_point_t){line->x1, line->y1});
   if (passage.enters != 0) {
     count_up(&state->entries);
     state->wrong_side |= (uint8_t)((passage.enters & element->enters) == 0);
@@ -217,40 +227,58 @@ static void take_envelope(const cycle_element_t *element, const cycle_point_t *p
   }
 }
 
+/* Takes the first of the largest (PEAK) or smallest (VALLEY) forces. */
+static void take_extreme(const cycle_element_t *element, cycle_element_state_t *state,
+                         const cycle_sample_t *sample, int32_t x) {
+  const int32_t y = sample->force_q8;
+  const bool is_further = (element->kind == CYCLE_PEAK) ? y > state->value : y < state->value;
+  if (is_in_range(element, x) && (is_further || (state->found & FOUND) == 0)) {
+    find(state, y, sample->tick);
+  }
+}
+
 /* What needs the sample alone. */
 static void take_sample(const cycle_element_t *element, const cycle_point_t *points,
-                        cycle_element_state_t *state, int32_t x, int32_t y, uint32_t tick) {
-  const bool is_new = (state->found & FOUND) == 0;
+                        cycle_element_state_t *state, const cycle_sample_t *sample, int32_t x) {
   switch (element->kind) {
     case CYCLE_PEAK:
-      if (is_in_range(element, x) && (is_new || y > state->value)) {
-        find(state, y, tick);
-      }
-      break;
     case CYCLE_VALLEY:
-      if (is_in_range(element, x) && (is_new || y < state->value)) {
-        find(state, y, tick);
-      }
+      take_extreme(element, state, sample, x);
       break;
     case CYCLE_LAST:
-      find(state, y, tick);
+      find(state, sample->force_q8, sample->tick);
       break;
     case CYCLE_ENVELOPE:
-      take_envelope(element, points, state, x, y, tick);
+      take_envelope(element, points, state, x, sample->force_q8, sample->tick);
       break;
+    case CYCLE_WINDOW: {
+      const window_t window = window_of(element);
+      const window_point_t point = {x, sample->force_q8};
+      state->inside = window_contains(&window, point) ? 1 : 0;
+      break;
+    }
     default:
       break;
   }
 }
 
 /* A piece of the curve that begins in the window has entered it through no side. */
-static void begin_piece(const cycle_element_t *element, cycle_element_state_t *state, int32_t x,
-                        int32_t y, uint32_t tick) {
-  if (element->kind == CYCLE_WINDOW && window_contains(element, x, y)) {
+static void begin_piece(const cycle_element_t *element, cycle_element_state_t *state,
+                        const cycle_sample_t *sample) {
+  if (element->kind == CYCLE_WINDOW && state->inside != 0) {
     count_up(&state->entries);
     state->wrong_side = 1;
-    state->found_tick = tick;
+    state->found_tick = sample->tick;
   }
+}
+
+/* Returns x of a sample. */
+static int32_t x_of(const cycle_element_t *element, const cycle_element_state_t *state,
+                    const cycle_sample_t *sample) {
+  if (element->over_time == 0) {
+    return sample->travel;
+  }
+  return fx_clamp(fx_s32_from_u32(sample->tick - state->begin_tick), 0, CYCLE_TRAVEL_MAX);
 }
 
 void cycle_element_take(const cycle_element_t *element, const cycle_point_t *points,
@@ -261,21 +289,18 @@ void cycle_element_take(const cycle_element_t *element, const cycle_point_t *poi
   if (state->has_sample == 0) {
     state->begin_tick = sample->tick;
   }
-  const int32_t x =
-      (element->over_time != 0)
-          ? fx_clamp(fx_s32_from_u32(sample->tick - state->begin_tick), 0, CYCLE_TRAVEL_MAX)
-          : sample->travel;
-  const int32_t y = sample->force_q8;
-  if (state->has_sample != 0 && sample->tick - state->last_tick == 1) {
-    const line_t line = {state->x, state->y, x, y};
+  const int32_t x = x_of(element, state, sample);
+  const bool goes_on = state->has_sample != 0 && sample->tick - state->last_tick == 1;
+  if (goes_on) {
+    const line_t line = {state->x, state->y, x, sample->force_q8};
     take_line(element, state, &line, sample->tick);
-  } else {
-    begin_piece(element, state, x, y, sample->tick);
   }
-  take_sample(element, points, state, x, y, sample->tick);
-  state->inside = window_contains(element, x, y) ? 1 : 0;
+  take_sample(element, points, state, sample, x);
+  if (!goes_on) {
+    begin_piece(element, state, sample);
+  }
   state->x = x;
-  state->y = y;
+  state->y = sample->force_q8;
   state->last_tick = sample->tick;
   state->has_sample = 1;
 }

@@ -19,6 +19,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/cycle/window.h"
+
 /* Largest magnitudes of a sample: force in 1/256 count at 8 bits, travel in encoder counts. A
  * larger value has to be limited, and its cycle ends in a fault. */
 enum { CYCLE_FORCE_MAX_Q8 = 131071, CYCLE_TRAVEL_MAX = 1073741823 };
@@ -36,7 +38,7 @@ typedef struct {
  *   DIFFERENCE    the value of AT at level_2, less that at `level`
  *   WORK          the sum of force times the change of x over the lines with both ends in
  *                 x_least..x_most, in counts of force times counts (ticks), rounded half up
-  *   LAST          force of the last sample, whose x has to be in x_least..x_most
+ *   LAST          force of the last sample, whose x has to be in x_least..x_most
  *   WINDOW        number of entries into the window x_least..x_most, y_least..y_most, with its
  *                 sides. The curve has to enter it once, through a side of `enters`, and to leave
  *                 it once, through a side of `leaves`, or not to leave it if `leaves` is 0. The
@@ -59,9 +61,6 @@ enum {
 /* A crossing is rising where a line begins below the level and ends at or above it, and falling
  * where the line begins at or above the level and ends below it. */
 enum { CYCLE_RISING = 1, CYCLE_FALLING = 2, CYCLE_EITHER = 3 };
-
-/* Sides of a window, as bits. */
-enum { CYCLE_LEFT = 1, CYCLE_RIGHT = 2, CYCLE_BOTTOM = 4, CYCLE_TOP = 8 };
 
 typedef struct {
   int32_t x; /* rises from one point of a curve to the next */

@@ -33,23 +33,30 @@ static bool has_right_level(const cycle_condition_t *condition) {
   }
 }
 
+static bool is_press(const cycle_phase_t *phase) {
+  return phase->force != 0 && phase->force > -INT16_MAX && phase->slope > 0 && phase->target == 0 &&
+         phase->speed == 0;
+}
+
 static bool has_right_action(const cycle_phase_t *phase) {
-  switch (phase->action) {
-    case CYCLE_PRESS:
-      return phase->force != 0 && phase->force > -INT16_MAX && phase->slope > 0 &&
-             phase->target == 0 && phase->speed == 0;
-    case CYCLE_WAIT:
-      return phase->force == 0 && phase->slope == 0 && phase->target == 0 && phase->speed == 0;
-    default:
-      return phase->action < CYCLE_ACTIONS && phase->force == 0 && phase->slope == 0 &&
-             phase->speed > 0;
+  if (phase->action == CYCLE_PRESS) {
+    return is_press(phase);
   }
+  if (phase->action >= CYCLE_ACTIONS || phase->force != 0 || phase->slope != 0) {
+    return false;
+  }
+  const bool waits = phase->action == CYCLE_WAIT;
+  return waits ? phase->target == 0 && phase->speed == 0 : phase->speed > 0;
+}
+
+static bool has_right_limits(const cycle_phase_t *phase) {
+  return phase->force_max_q8 > 0 && phase->force_max_q8 <= CYCLE_FORCE_MAX_Q8 &&
+         phase->travel_max > 0 && phase->travel_max <= CYCLE_TRAVEL_MAX && phase->time_max > 0;
 }
 
 static bool is_right_phase(const cycle_header_t *program, const cycle_phase_t *phase) {
-  if (!has_right_action(phase) || !is_target(program, phase->reaction) || phase->reserved != 0 ||
-      phase->force_max_q8 == 0 || phase->force_max_q8 > CYCLE_FORCE_MAX_Q8 ||
-      phase->travel_max == 0 || phase->travel_max > CYCLE_TRAVEL_MAX || phase->time_max == 0) {
+  if (!has_right_action(phase) || !has_right_limits(phase) || phase->reserved != 0 ||
+      !is_target(program, phase->reaction)) {
     return false;
   }
   for (uint8_t i = 0; i < CYCLE_CONDITIONS; i++) {

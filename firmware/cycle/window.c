@@ -12,25 +12,31 @@ typedef struct {
   uint8_t second;
 } stretch_t;
 
-static stretch_t stretch_of(int32_t from, int32_t to, int32_t least, int32_t most, uint8_t low,
-                            uint8_t high) {
+/* The sides of one coordinate. */
+typedef struct {
+  int32_t least;
+  int32_t most;
+  uint8_t low;
+  uint8_t high;
+} sides_t;
+
+static stretch_t stretch_of(int32_t from, int32_t to, const sides_t *sides) {
   if (to >= from) {
-    return (stretch_t){.enter = (int64_t)least - from,
-                       .leave = (int64_t)most - from,
+    return (stretch_t){.enter = (int64_t)sides->least - from,
+                       .leave = (int64_t)sides->most - from,
                        .length = fx_magnitude(fx_diff_wrap(to, from)),
-                       .first = low,
-                       .second = high};
+                       .first = sides->low,
+                       .second = sides->high};
   }
-  return (stretch_t){.enter = (int64_t)from - most,
-                     .leave = (int64_t)from - least,
+  return (stretch_t){.enter = (int64_t)from - sides->most,
+                     .leave = (int64_t)from - sides->least,
                      .length = fx_magnitude(fx_diff_wrap(from, to)),
-                     .first = high,
-                     .second = low};
+                     .first = sides->high,
+                     .second = sides->low};
 }
 
 /* Returns true if a / p <= b / q for lengths p and q. A length of 0 means a coordinate that does
- * not change: a is then <= 0 (entered before the begin) or the line is outside, and b >= 0 (never
- * left). */
+ * not change: a is then <= 0 (entered before the begin), and b >= 0 (never left). */
 static bool is_not_later(int64_t a, uint32_t p, int64_t b, uint32_t q) {
   return a * (int64_t)q <= b * (int64_t)p;
 }
@@ -40,29 +46,39 @@ static bool is_reached(const stretch_t *along) {
   return along->leave >= 0 && along->enter <= (int64_t)along->length;
 }
 
-window_passage_t window_pass(const cycle_element_t *element, int32_t x0, int32_t y0, int32_t x1,
-                             int32_t y1) {
-  const stretch_t x =
-      stretch_of(x0, x1, element->x_least, element->x_most, CYCLE_LEFT, CYCLE_RIGHT);
-  const stretch_t y =
-      stretch_of(y0, y1, element->y_least, element->y_most, CYCLE_BOTTOM, CYCLE_TOP);
-  window_passage_t passage = {0, 0};
-  if (!is_reached(&x) || !is_reached(&y) ||
-      (x.enter > 0 && !is_not_later(x.enter, x.length, y.leave, y.length)) ||
-      (y.enter > 0 && !is_not_later(y.enter, y.length, x.leave, x.length))) {
-    return passage;
+/* Returns true if the line enters by `along` only after it has left by the other coordinate. */
+static bool is_late(const stretch_t *along, const stretch_t *other) {
+  return along->enter > 0 &&
+         !is_not_later(along->enter, along->length, other->leave, other->length);
+}
+
+static uint8_t side_of_entry(const stretch_t *x, const stretch_t *y) {
+  if (x->enter <= 0 && y->enter <= 0) {
+    return 0;
   }
-  if (x.enter > 0 || y.enter > 0) {
-    const bool by_x =
-        x.enter > 0 && (y.enter <= 0 || is_not_later(y.enter, y.length, x.enter, x.length));
-    passage.enters = by_x ? x.first : y.first;
+  const bool by_x =
+      x->enter > 0 && (y->enter <= 0 || is_not_later(y->enter, y->length, x->enter, x->length));
+  return by_x ? x->first : y->first;
+}
+
+static uint8_t side_of_exit(const stretch_t *x, const stretch_t *y) {
+  const bool stays_in_x = x->leave >= (int64_t)x->length;
+  const bool stays_in_y = y->leave >= (int64_t)y->length;
+  if (stays_in_x && stays_in_y) {
+    return 0;
   }
-  const bool ends_in_x = x.leave >= (int64_t)x.length;
-  const bool ends_in_y = y.leave >= (int64_t)y.length;
-  if (!ends_in_x || !ends_in_y) {
-    const bool by_x =
-        !ends_in_x && (ends_in_y || is_not_later(x.leave, x.length, y.leave, y.length));
-    passage.leaves = by_x ? x.second : y.second;
+  const bool by_x =
+      !stays_in_x && (stays_in_y || is_not_later(x->leave, x->length, y->leave, y->length));
+  return by_x ? x->second : y->second;
+}
+
+window_passage_t window_pass(const window_t *window, window_point_t from, window_point_t to) {
+  const sides_t across = {window->x_least, window->x_most, CYCLE_LEFT, CYCLE_RIGHT};
+  const sides_t along = {window->y_least, window->y_most, CYCLE_BOTTOM, CYCLE_TOP};
+  const stretch_t x = stretch_of(from.x, to.x, &across);
+  const stretch_t y = stretch_of(from.y, to.y, &along);
+  if (!is_reached(&x) || !is_reached(&y) || is_late(&x, &y) || is_late(&y, &x)) {
+    return (window_passage_t){0, 0};
   }
-  return passage;
+  return (window_passage_t){.enters = side_of_entry(&x, &y), .leaves = side_of_exit(&x, &y)};
 }

@@ -1,12 +1,26 @@
 #ifndef FIRMWARE_CYCLE_WINDOW_H_
 #define FIRMWARE_CYCLE_WINDOW_H_
 
-/* How a straight line passes a window. All comparisons are exact. */
+/* How a straight line passes a window. All comparisons are exact. x is +-2^30, y is +-2^17. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/cycle/element.h"
+/* Sides of a window, as bits. */
+enum { CYCLE_LEFT = 1, CYCLE_RIGHT = 2, CYCLE_BOTTOM = 4, CYCLE_TOP = 8 };
+
+/* A window with its sides; x_least <= x_most, y_least <= y_most. */
+typedef struct {
+  int32_t x_least;
+  int32_t x_most;
+  int32_t y_least;
+  int32_t y_most;
+} window_t;
+
+typedef struct {
+  int32_t x;
+  int32_t y;
+} window_point_t;
 
 /* Sides through which a line from outside enters a window, or leaves it: one side, or 0. */
 typedef struct {
@@ -14,15 +28,14 @@ typedef struct {
   uint8_t leaves;
 } window_passage_t;
 
-/* Returns true if a point is in the window of an element or on its sides. */
-static inline bool window_contains(const cycle_element_t *element, int32_t x, int32_t y) {
-  return x >= element->x_least && x <= element->x_most && y >= element->y_least &&
-         y <= element->y_most;
+/* Returns true if a point is in the window or on its sides. */
+static inline bool window_contains(const window_t *window, window_point_t point) {
+  return point.x >= window->x_least && point.x <= window->x_most && point.y >= window->y_least &&
+         point.y <= window->y_most;
 }
 
-/* Returns the sides that the line from (x0, y0) to (x1, y1) crosses. A line that begins inside
- * enters no side, and a line that ends inside leaves none. */
-window_passage_t window_pass(const cycle_element_t *element, int32_t x0, int32_t y0, int32_t x1,
-                             int32_t y1);
+/* Returns the sides that the line between two points crosses. A line that begins inside enters no
+ * side, and a line that ends inside leaves none. A corner belongs to the left or right side. */
+window_passage_t window_pass(const window_t *window, window_point_t from, window_point_t to);
 
 #endif

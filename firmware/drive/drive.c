@@ -290,25 +290,34 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
   }
 }
 
+/* Returns true if a start bit of the controlword acts. */
+static bool may_start(const cia402_t *drive) {
+  return state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED && drive->leaving == 0 &&
+         !wants_other_mode(drive) && !first_motion_is_running(&drive->guards.first_motion);
+}
+
+/* Ends what the axis does by itself: a homing method or a cycle. */
+static void interrupt(cia402_t *drive) {
+  homing_interrupt(drive);
+  cycle_mode_interrupt(drive);
+}
+
 /* Reacts to bits 4 to 8 of the controlword. */
 static void command_mode(cia402_t *drive, const axis_t *axis, uint16_t controlword, uint16_t rising,
                          bool halt_changed) {
   const bool started = (rising & CIA402_CW_MODE_4) != 0;
   if ((controlword & CIA402_CW_MODE_4) == 0) {
     drive->acknowledged = 0;
-    homing_interrupt(drive);
-    cycle_mode_interrupt(drive);
+    interrupt(drive);
   }
   if (halt_changed) {
     drive->reached_tick = 0;
   }
   if ((rising & CIA402_CW_HALT) != 0) {
     drive->position_written = 0; /* After the halt the axis moves only to the next target. */
-    homing_interrupt(drive);
-    cycle_mode_interrupt(drive);
+    interrupt(drive);
   }
-  if (!started || state_of(drive) != AXIS_DRIVE_STATE_OPERATION_ENABLED || drive->leaving != 0 ||
-      wants_other_mode(drive) || first_motion_is_running(&drive->guards.first_motion)) {
+  if (!started || !may_start(drive)) {
     return;
   }
   switch (drive->signals.modes_of_operation_display) {

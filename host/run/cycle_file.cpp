@@ -257,42 +257,55 @@ class Reader {
                                 "limit");
   }
 
+  // Refuses a key that the condition does not use, and asks for one that it needs.
+  static void expect_key(Section &section, const char *key, bool is_needed) {
+    if (section.has(key) != is_needed)
+      section.fail(key, is_needed
+                            ? std::string("expected this key for the condition; add it")
+                            : std::string("expected no ") + key + " for this condition; remove it");
+  }
+
   cycle_condition_t read_end(Section &section, const cycle_phase_t &phase) {
     cycle_condition_t end{};
-    const std::size_t when = section.choice("when", "choose what ends the phase");
-    end.when = static_cast<std::uint8_t>(when + 1);  // 0 is CYCLE_NEVER
+    end.when = static_cast<std::uint8_t>(section.choice("when", "choose what ends the phase") + 1);
     end.next = names_.find(section, "next", section.text("next", kText));
     end.count = static_cast<std::uint16_t>(section.integer("count"));
     const bool of_inputs = end.when == CYCLE_INPUT_ON || end.when == CYCLE_INPUT_OFF;
     const bool has_value = end.when >= CYCLE_TIME && end.when <= CYCLE_TOUCH_BELOW;
-    if (section.has("value") != has_value)
-      section.fail("value", has_value ? "expected a value of this condition; add it"
-                                      : "expected no value of this condition; remove it");
-    if (section.has("inputs") != of_inputs)
-      section.fail("inputs", of_inputs ? "expected the inputs of this condition; add them"
-                                       : "expected no inputs of this condition; remove them");
+    expect_key(section, "value", has_value);
+    expect_key(section, "inputs", of_inputs);
     if (of_inputs) end.level = read_inputs(section);
-    if (end.when == CYCLE_TIME) {
-      const double ticks = section.value("value", Dimension::time, Sign::positive) * kTicks;
-      end.level = static_cast<std::int32_t>(rounded(section, "value", std::ceil(ticks), 1, 1e9));
-      within<std::uint32_t>(section, static_cast<std::uint32_t>(end.level), phase.time_max,
-                            "time_max");
-    } else if (end.when == CYCLE_FORCE_ABOVE || end.when == CYCLE_FORCE_BELOW) {
-      end.level = force_q8(section, "value", section.value("value", Dimension::force, Sign::any));
-      if (end.when == CYCLE_FORCE_ABOVE && end.level > 0)
-        within<std::uint32_t>(section, static_cast<std::uint32_t>(end.level), phase.force_max_q8,
-                              "force_max");
-    } else if (end.when == CYCLE_TRAVEL_ABOVE) {
-      end.level = static_cast<std::int32_t>(magnitude(
-          section, "value",
-          section.value("value", Dimension::length, Sign::positive) * scales_.counts_per_m,
-          CYCLE_TRAVEL_MAX));
-      within<std::uint32_t>(section, static_cast<std::uint32_t>(end.level), phase.travel_max,
-                            "travel_max");
-    } else if (has_value) {
-      end.level = counts(section, "value", section.value("value", Dimension::length, Sign::any));
-    }
+    if (has_value) end.level = read_level(section, end.when, phase);
     return end;
+  }
+
+  std::int32_t read_level(Section &section, int when, const cycle_phase_t &phase) {
+    const auto value = [&](Dimension dimension, Sign sign) {
+      return section.value("value", dimension, sign);
+    };
+    switch (when) {
+      case CYCLE_TIME: {
+        const double ticks = std::ceil(value(Dimension::time, Sign::positive) * kTicks);
+        const auto level = static_cast<std::int32_t>(rounded(section, "value", ticks, 1, 1e9));
+        within<std::int64_t>(section, level, phase.time_max, "time_max");
+        return level;
+      }
+      case CYCLE_FORCE_ABOVE:
+      case CYCLE_FORCE_BELOW: {
+        const std::int32_t level = force_q8(section, "value", value(Dimension::force, Sign::any));
+        if (when == CYCLE_FORCE_ABOVE)
+          within<std::int64_t>(section, level, phase.force_max_q8, "force_max");
+        return level;
+      }
+      case CYCLE_TRAVEL_ABOVE: {
+        const double travel = value(Dimension::length, Sign::positive) * scales_.counts_per_m;
+        const std::uint32_t level = magnitude(section, "value", travel, CYCLE_TRAVEL_MAX);
+        within<std::int64_t>(section, level, phase.travel_max, "travel_max");
+        return static_cast<std::int32_t>(level);
+      }
+      default:
+        return counts(section, "value", value(Dimension::length, Sign::any));
+    }
   }
 
   std::vector<std::string> texts(Section &section, const char *key) {
@@ -392,6 +405,11 @@ class Reader {
   }
 
   void read_envelope(Section &section, cycle_element_t &element, const Axis &x) {
+    for (const char *key : {"least", "most"})
+      if (section.has(key))
+        section.fail(key,
+                     "expected no such key for an envelope, whose curves are the bounds; "
+                     "remove it");
     element.first = static_cast<std::uint16_t>(points_.size());
     element.lower = read_curve(section, "lower", x);
     element.upper = read_curve(section, "upper", x);
@@ -445,31 +463,26 @@ class Reader {
     elements_.push_back(element);
   }
 
+  // The quantity of a value, and how many units of the firmware one SI unit has.
+  std::pair<Dimension, double> quantity_of(const cycle_element_t &element, const Axis &x) const {
+    if (element.of_force != 0) return {x.dimension, x.per_unit};
+    if (element.kind != CYCLE_WORK) return {Dimension::force, scales_.q8_per_N};
+    return {element.over_time != 0 ? Dimension::impulse : Dimension::energy,
+            scales_.q8_per_N / 256 * x.per_unit};
+  }
+
   void read_kind(Section &section, cycle_element_t &element, CycleElement &own, const Axis &x) {
-    const bool crosses = element.kind == CYCLE_AT || element.kind == CYCLE_DIFFERENCE;
-    if (crosses) read_crossing(section, element, x, element.kind == CYCLE_DIFFERENCE);
-    if (element.kind == CYCLE_WINDOW) read_window(section, element);
-    Dimension dimension = Dimension::force;
-    double per_unit = scales_.q8_per_N;
-    if (crosses && element.of_force != 0) {
-      dimension = x.dimension;
-      per_unit = x.per_unit;
-    } else if (element.kind == CYCLE_WORK) {
-      dimension = element.over_time != 0 ? Dimension::impulse : Dimension::energy;
-      per_unit = scales_.q8_per_N / 256 * x.per_unit;
-    }
-    if (element.kind == CYCLE_ENVELOPE) {
-      for (const char *key : {"least", "most"})
-        if (section.has(key))
-          section.fail(key,
-                       "expected no such key for an envelope, whose curves are the bounds; "
-                       "remove it");
+    const bool is_window = element.kind == CYCLE_WINDOW;
+    if (element.kind == CYCLE_AT || element.kind == CYCLE_DIFFERENCE)
+      read_crossing(section, element, x, element.kind == CYCLE_DIFFERENCE);
+    if (is_window) read_window(section, element);
+    const auto [dimension, per_unit] = quantity_of(element, x);
+    if (element.kind == CYCLE_ENVELOPE)
       read_envelope(section, element, x);
-    } else {
+    else
       read_bounds(section, element, dimension, per_unit);
-    }
-    own.unit = element.kind == CYCLE_WINDOW ? "" : std::string(sim::unit_of(dimension));
-    own.per_value = element.kind == CYCLE_WINDOW ? 1.0 : 1.0 / per_unit;
+    own.unit = is_window ? "" : std::string(sim::unit_of(dimension));
+    own.per_value = is_window ? 1.0 : 1.0 / per_unit;
   }
 
   // Phases that a phase may be followed by, by its conditions and its limits.

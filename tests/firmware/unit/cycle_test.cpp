@@ -1,5 +1,5 @@
 // The sequence of a cycle: its record, conditions, limits, loops and ends. The elements are in
-// tests/python/cycle/test_elements.py.
+// tests/firmware/unit/test_cycle_elements.py.
 #include <gtest/gtest.h>
 
 #include <array>
