@@ -132,9 +132,8 @@ std::optional<RowVector> output_row(const Model &model, const Network &network,
   throw InputError(model.file, "input", "expected one of " + listed(names) + ", got " + name);
 }
 
-// Removes the state that counts the time, if there is one: it is no part of the response.
-void remove_clock(Linear &linear, Eigen::Index at) {
-  if (at < 0) return;
+// Removes a state that is no part of the response.
+void remove_state(Linear &linear, Eigen::Index at) {
   const Eigen::Index behind = linear.A.rows() - at - 1;
   const auto cut_rows = [&](Eigen::MatrixXd &m) {
     m.middleRows(at, behind) = m.bottomRows(behind).eval();
@@ -217,7 +216,8 @@ Linear linearise(const Model &given, const LinearMode &mode, std::span<const str
       force(static_cast<int>(body - model.bodies.begin()), kGround);
     }
   }
-  remove_clock(linear, network.clock());
+  const std::vector<int> &apart = network.apart();
+  for (auto state = apart.rbegin(); state != apart.rend(); ++state) remove_state(linear, *state);
   return linear;
 }
 
