@@ -283,11 +283,11 @@ TEST(SlowErrors, CreepAndDriftHaveTheirClosedForms) {
     const double crept = 1 - std::exp(-t / creep_s);
     const double drifted = 1 - std::exp(-t / drift_s);
     const double volts = n == 0 ? 0.0 : 5.0;
-    ASSERT_TRUE(is_code_of(load.codes().adc[0], volts * (1 + creep * crept) - 0.5 * drifted,
-                           kVoltPerCode))
+    ASSERT_TRUE(
+        is_code_of(load.codes().adc[0], volts * (1 + creep * crept) - 0.5 * drifted, kVoltPerCode))
         << n;
-    ASSERT_TRUE(is_code_of(rising.codes().adc[0],
-                           t + creep * (t - creep_s * crept) + 0.1 * drifted, per_count))
+    ASSERT_TRUE(is_code_of(rising.codes().adc[0], t + creep * (t - creep_s * crept) + 0.1 * drifted,
+                           per_count))
         << n;
     load.step(1024, true);
     rising.step(0, false);

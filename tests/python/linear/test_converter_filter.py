@@ -1,6 +1,7 @@
 """Limits of force loops whose converter has a sinc filter, against a loop that is stepped with
 integrals over its past; the response of a sensor with creep; what a drift leaves as it is."""
 
+import itertools
 import math
 from fractions import Fraction
 from pathlib import Path
@@ -87,7 +88,7 @@ class Stepped:
         knots = {instant - i * self.every for i in range(self.order + 1)}
         inner = [k for k in knots if tick < k < tick + 1]
         ends = sorted({Fraction(tick), Fraction(tick + 1), *inner})
-        for low, high in zip(ends[:-1], ends[1:], strict=True):
+        for low, high in itertools.pairwise(ends):
             for node, weight in zip(NODES, WEIGHTS, strict=True):
                 at = float(low - tick) + (node + 1) / 2 * float(high - low)
                 age = float((key - Fraction(at)) / self.every)

@@ -95,9 +95,7 @@ def choice(
 ) -> str:  # fmt: skip
     """Creates a field of SheetValues whose value is one of `choices`. The first one is the
     default, and the value of a field without effect."""
-    field = SheetField(
-        part, "1", 0, 0, None, why, ask, word, needs, only=only, choices=choices
-    )
+    field = SheetField(part, "1", 0, 0, None, why, ask, word, needs, only=only, choices=choices)
     return dataclasses.field(default=choices[0], metadata={"field": field})
 
 

@@ -76,11 +76,12 @@ class TickPlant:
     A, B: of the plant, sampled with the tick, from the voltage. force: row of the measured force
     (with the law's derivative of a sensor of velocity). within: the measured force at a share of a
     tick, above 0. moments: its moments 1, 2, .. up to a number, over a share of a tick from its
-    start on, about the end of this share (sim/hybrid/sinc_filter.hpp). derivative_s: of the law's difference of two readings. shown: row of the
-    controlled signal. position: row of the encoder's position. stiffness, damping: of a law of
-    motion, as gains of position and velocity. inner: gain of the inner damping in V s/m. law:
-    filter between error and gain. tick_s: in s. late: ticks of latency of the firmware.
-    late_motion: ticks by which a law of motion has its position and velocity late.
+    start on, about the end of this share (sim/hybrid/sinc_filter.hpp). derivative_s: of the law's
+    difference of two readings. shown: row of the controlled signal. position: row of the encoder's
+    position. stiffness, damping: of a law of motion, as gains of position and velocity. inner: gain
+    of the inner damping in V s/m. law: filter between error and gain. tick_s: in s. late: ticks of
+    latency of the firmware. late_motion: ticks by which a law of motion has its position and
+    velocity late.
     """
 
     A: Matrix
