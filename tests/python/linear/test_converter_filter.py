@@ -19,7 +19,7 @@ from forceaxis.linear.system import facts, linearise
 from scipy import linalg
 
 TICK_S = 1 / 1500
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(20)
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
 # Rate in Hz, phase and latency in ticks, cycle of the bus in ticks, order of the filter
 SENSORS = [
     (1000, "1/4", "3", 1, 3),
