@@ -74,25 +74,7 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
   highest_code_ = -lowest_code_ - 1;
   for (std::size_t channel = 0; channel < 2; ++channel)
     if (const auto &adc = description.adc[channel]) {
-      constexpr double kInfinity = std::numeric_limits<double>::infinity();
-      const int top = (1 << adc->bits) - 1;
-      // The network applies a limit that a filter follows.
-      const bool by_network = adc->sinc_order > 0;
-      const double sensor_limit =
-          adc->filter || by_network ? kInfinity : adc->sensor_limit.value_or(kInfinity);
-      const double limit = by_network ? kInfinity : adc->conditioning_limit.value_or(kInfinity);
-      converters_[channel] = {true,
-                              top,
-                              adc->zero_code,
-                              smaller(limit, sensor_limit),
-                              adc->noise,
-                              1.0 / adc->per_count,
-                              adc->rounding,
-                              static_cast<double>(1 - adc->zero_code),
-                              static_cast<double>(top - adc->zero_code),
-                              {},
-                              {},
-                              0.0};
+      converters_[channel] = converter_of(*adc);
       begin_samples(channel, *adc);
     }
   has_encoder_ = description.encoder.has_value();
@@ -111,6 +93,28 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
       drive && (drive->enable_ticks || !drive->bus.immediate()))
     bus_ = DriveBus(drive->bus, drive->enable_ticks);
   if (audit_) initial_energy_ = total_energy();
+}
+
+Plant::Converter Plant::converter_of(const Adc &adc) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const int top = (1 << adc.bits) - 1;
+  // The network applies a limit that a filter follows.
+  const bool by_network = adc.sinc_order > 0;
+  const double sensor_limit =
+      adc.filter || by_network ? kInfinity : adc.sensor_limit.value_or(kInfinity);
+  const double limit = by_network ? kInfinity : adc.conditioning_limit.value_or(kInfinity);
+  return {true,
+          top,
+          adc.zero_code,
+          smaller(limit, sensor_limit),
+          adc.noise,
+          1.0 / adc.per_count,
+          adc.rounding,
+          static_cast<double>(1 - adc.zero_code),
+          static_cast<double>(top - adc.zero_code),
+          {},
+          {},
+          0.0};
 }
 
 void Plant::begin_samples(std::size_t channel, const Adc &adc) {

@@ -230,6 +230,7 @@ class Plant {
     SincFilter filter;
     double collected = 0.0;  // instant in steps up to which the filter has the signal's moments
   };
+  static Converter converter_of(const Adc &adc);
   Converter converters_[2];
   bool sampled_ = false;  // true if a converter samples at instants of its own
   std::uint64_t seed_ = 0;

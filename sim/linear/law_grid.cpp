@@ -737,12 +737,6 @@ double gain_at_rest(const LawShape &law, double rest) {
   return rest > 0 ? kNone : std::numeric_limits<double>::quiet_NaN();
 }
 
-// Returns true if the loop around a plant with an integral begins at -90 degrees, or just above
-// -180 degrees if the law has an integral too. `real`, `imag`: the loop at the lowest frequency.
-bool begins_stable(const LawShape &law, double real, double imag) {
-  return imag < 0 && (law.integral_rad_per_s <= 0 || real < 0);
-}
-
 // Poles and zeros of a plant below the grid.
 struct SlowRoots {
   std::size_t poles = 0;  // without those of pairs
@@ -778,6 +772,14 @@ SlowRoots slow_roots(const ForcePlant &plant) {
   }
   found.poles = poles.size();
   return found;
+}
+
+// Returns true if the loop around a plant with an integral begins at -90 degrees, or just above
+// -180 degrees if the law has an integral too. `real`, `imag`: the loop at the lowest frequency.
+// Below it, two integrals and a pair may have a phase below -180 degrees. If the gain of the loop
+// is above 1 there, this does not make the loop unstable.
+bool begins_stable(const LawShape &law, const SlowRoots &slow, double real, double imag) {
+  return imag < 0 && (law.integral_rad_per_s <= 0 || real < (slow.pairs > 0 ? -1 : 0));
 }
 
 // Returns true if a pole or zero of the plant or of the law may have a frequency below the grid.
@@ -910,11 +912,7 @@ PreciseFigures LawGrid::precise(const LawShape &law, double gain, std::size_t pl
   Loop loop = loop_of_one();
   compute(law, plant, begin_[plant], loop);
   const Curve part = curve(loop, begin_[plant], plant, delay);
-  if (integral && !begins_stable(law, part.real[0], part.imag[0])) return {};
-  // The phase of two integrals and a pair may be below -180 degrees below the grid. From a gain of
-  // the loop of 1 at the lowest frequency on, this does not make the loop unstable.
-  if (slow.pairs > 0 && integral && law.integral_rad_per_s > 0 && !(gain * part.real[0] < -1))
-    return {};
+  if (integral && !begins_stable(law, slow, gain * part.real[0], gain * part.imag[0])) return {};
   const Precise precise(part, sight, gain, rest);
   const double axis = precise.axis_distance();
   if (!(axis < 1) || precise.passes_below()) return {};

@@ -150,6 +150,10 @@ void remove_state(Linear &linear, Eigen::Index at) {
   linear.states.erase(linear.states.begin() + at);
 }
 
+void remove_states(Linear &linear, const std::vector<int> &rising) {
+  for (auto state = rising.rbegin(); state != rising.rend(); ++state) remove_state(linear, *state);
+}
+
 }  // namespace
 
 std::vector<SwitchStates> switches_of(const Model &model) {
@@ -216,8 +220,7 @@ Linear linearise(const Model &given, const LinearMode &mode, std::span<const str
       force(static_cast<int>(body - model.bodies.begin()), kGround);
     }
   }
-  const std::vector<int> &apart = network.apart();
-  for (auto state = apart.rbegin(); state != apart.rend(); ++state) remove_state(linear, *state);
+  remove_states(linear, network.apart());
   return linear;
 }
 
