@@ -321,7 +321,7 @@ class Assembly : public Wiring {
   void add(const External &external) {
     constexpr double kTicksPerS = 1500.0;
     if (clock < 0) {
-      clock = add_state("clock", 0.0);
+      clock = add_apart("clock", 0.0);
       derivatives[static_cast<std::size_t>(clock)] = {constant(kTicksPerS)};
     }
     const Wire now = add_sum({state(clock)});
@@ -389,20 +389,62 @@ class Assembly : public Wiring {
     name_link(name, {force, none, none, deflection});
   }
 
+  int add_apart(std::string name, double start) {
+    apart.push_back(add_state(std::move(name), start));
+    return apart.back();
+  }
+
   void add_adc(std::size_t channel, const Adc &adc) {
-    Wire signal = named(adc.signal);
+    const std::string name = "adc" + std::to_string(channel);
+    Wire signal = add_slow_errors(name, adc, named(adc.signal));
+    // With a filter, the saturation of the sensor changes the input of the filter and is part of
+    // the network. Without a filter, the saturation acts only at the conversion.
+    if ((adc.filter || adc.sinc_order > 0) && adc.sensor_limit)
+      signal = add_clamp(name + ".sensor", signal, *adc.sensor_limit, false);
     if (adc.filter) {
-      // With a filter, the saturation of the sensor changes the input of the filter and is part of
-      // the network. Without a filter, the saturation acts only at the conversion.
-      if (adc.sensor_limit)
-        signal = add_clamp("adc" + std::to_string(channel) + ".sensor", signal, *adc.sensor_limit,
-                           false);
-      const int filtered = add_state("adc" + std::to_string(channel) + ".filtered", 0.0);
+      const int filtered = add_state(name + ".filtered", 0.0);
       const Extended a = *adc.filter;
       derivatives[static_cast<std::size_t>(filtered)] = {wire(signal, a), state(filtered, -a)};
       signal = add_sum({state(filtered)});
     }
+    if (adc.sinc_order > 0) {
+      if (adc.conditioning_limit)
+        signal = add_clamp(name + ".conditioning", signal, *adc.conditioning_limit, false);
+      add_integrals(channel, name, signal, adc.sinc_order);
+    }
     adc_wires[channel] = signal;
+  }
+
+  // Returns the signal of a sensor with its creep and drift.
+  Wire add_slow_errors(const std::string &name, const Adc &adc, Wire signal) {
+    Terms sum = {wire(signal)};
+    if (adc.creep) {
+      const int crept = add_state(name + ".creep", 0.0);
+      const Extended rate = 1 / static_cast<Extended>(adc.creep->time);
+      derivatives[static_cast<std::size_t>(crept)] = {wire(signal, rate), state(crept, -rate)};
+      sum.push_back(state(crept, adc.creep->share));
+    }
+    if (adc.drift) {
+      const int drifted = add_apart(name + ".drift", 0.0);
+      const Extended rate = 1 / static_cast<Extended>(adc.drift->time);
+      derivatives[static_cast<std::size_t>(drifted)] = {constant(rate * adc.drift->final),
+                                                        state(drifted, -rate)};
+      sum.push_back(state(drifted));
+    }
+    return sum.size() > 1 ? add_sum(std::move(sum)) : signal;
+  }
+
+  // Adds the integrals of a signal that a filter of the converter needs (SincFilter). Their unit of
+  // time is the tick.
+  void add_integrals(std::size_t channel, const std::string &name, Wire signal, int count) {
+    constexpr double kTicksPerS = 1500.0;
+    Term integrand = wire(signal, kTicksPerS);
+    for (int k = 1; k <= count; ++k) {
+      const int integral = add_apart(name + ".integral" + std::to_string(k), 0.0);
+      if (k == 1) filter_states[channel] = integral;
+      derivatives[static_cast<std::size_t>(integral)] = {integrand};
+      integrand = state(integral, kTicksPerS);
+    }
   }
 
   void add_motor(const DcMotor &motor, Wire speed, Wire *force) {

@@ -56,8 +56,9 @@ class Network {
   int wire_count() const { return static_cast<int>(wiring_.wires.size()); }
   /// For each state, the name of a body, or the complete name of a state of the drive or a filter.
   const std::vector<std::string> &state_names() const { return wiring_.state_names; }
-  /// Index of the state that counts the ticks, or -1.
-  int clock() const { return wiring_.clock; }
+  /// Indices, in ascending order, of the states that are no part of a response to an input: the
+  /// time, the drift of a sensor, and the integrals of a converter's filter.
+  const std::vector<int> &apart() const { return wiring_.apart; }
   const std::vector<double> &initial() const { return wiring_.initial; }
   /// Indices of the states that are set to 0 when the drive is disabled: motor current or actuator
   /// force.
@@ -97,6 +98,8 @@ class Network {
   /// Index of the wire that each ADC converts; -1 if the model does not have the ADC. The wire is
   /// not yet limited to the range of the conversion.
   const std::array<Wire, 2> &adc_wires() const { return wiring_.adc_wires; }
+  /// Index of the first integral of the filter of each ADC (Wiring::filter_states); -1: no filter.
+  const std::array<int, 2> &filter_states() const { return wiring_.filter_states; }
   const std::vector<Wiring::BodyState> &bodies() const { return wiring_.bodies; }
   const std::vector<Wiring::FrictionEnds> &frictions() const { return wiring_.frictions; }
   const std::vector<Wiring::BrakeTimes> &brakes() const { return wiring_.brakes; }

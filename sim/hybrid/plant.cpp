@@ -74,27 +74,8 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
   highest_code_ = -lowest_code_ - 1;
   for (std::size_t channel = 0; channel < 2; ++channel)
     if (const auto &adc = description.adc[channel]) {
-      constexpr double kInfinity = std::numeric_limits<double>::infinity();
-      const int top = (1 << adc->bits) - 1;
-      // If there is a filter between sensor and ADC, the network limits the signal of the sensor
-      // before the filter.
-      const double sensor_limit = adc->filter ? kInfinity : adc->sensor_limit.value_or(kInfinity);
-      converters_[channel] = {true,
-                              top,
-                              adc->zero_code,
-                              smaller(adc->conditioning_limit.value_or(kInfinity), sensor_limit),
-                              adc->noise,
-                              1.0 / adc->per_count,
-                              adc->rounding,
-                              static_cast<double>(1 - adc->zero_code),
-                              static_cast<double>(top - adc->zero_code),
-                              {}};
-      if (adc->sampling) {
-        converters_[channel].samples =
-            SampledSensor(*adc->sampling, stepper_.cache().rate_hz(), parts());
-        converters_[channel].samples.begin(convert(channel, stepper_.sensors()[channel], -1));
-        sampled_ = true;
-      }
+      converters_[channel] = converter_of(*adc);
+      begin_samples(channel, *adc);
     }
   has_encoder_ = description.encoder.has_value();
   if (has_encoder_) {
@@ -112,6 +93,41 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
       drive && (drive->enable_ticks || !drive->bus.immediate()))
     bus_ = DriveBus(drive->bus, drive->enable_ticks);
   if (audit_) initial_energy_ = total_energy();
+}
+
+Plant::Converter Plant::converter_of(const Adc &adc) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const int top = (1 << adc.bits) - 1;
+  // The network applies a limit that a filter follows.
+  const bool by_network = adc.sinc_order > 0;
+  const double sensor_limit =
+      adc.filter || by_network ? kInfinity : adc.sensor_limit.value_or(kInfinity);
+  const double limit = by_network ? kInfinity : adc.conditioning_limit.value_or(kInfinity);
+  return {true,
+          top,
+          adc.zero_code,
+          smaller(limit, sensor_limit),
+          adc.noise,
+          1.0 / adc.per_count,
+          adc.rounding,
+          static_cast<double>(1 - adc.zero_code),
+          static_cast<double>(top - adc.zero_code),
+          {},
+          {},
+          0.0};
+}
+
+void Plant::begin_samples(std::size_t channel, const Adc &adc) {
+  if (!adc.sampling) return;
+  sampled_ = true;
+  Converter &converter = converters_[channel];
+  const double start = stepper_.sensors()[channel];
+  converter.samples = SampledSensor(*adc.sampling, stepper_.cache().rate_hz(), parts());
+  converter.samples.begin(convert(channel, start, -1));
+  if (adc.sinc_order == 0) return;
+  converter.filter =
+      SincFilter(static_cast<std::size_t>(adc.sinc_order), kTickRateHz / adc.sampling->rate_hz);
+  converter.filter.begin(start, converter.samples.next_instant() / parts());
 }
 
 double Plant::volts(int dac_code) const {
@@ -150,16 +166,37 @@ class Plant::SamplePauses final : public Stepper::Pauses {
     const double at = next();
     const double start = static_cast<double>(plant_.tick());
     for (std::size_t channel = 0; channel < 2; ++channel) {
-      SampledSensor &samples = plant_.converters_[channel].samples;
-      if (!samples.fitted() || samples.next_instant() - start > at) continue;
-      const double reading = plant_.stepper_.sensors()[channel];
-      samples.take(plant_.convert(channel, reading, samples.next()));
+      const SampledSensor &samples = plant_.converters_[channel].samples;
+      if (samples.fitted() && samples.next_instant() - start <= at) plant_.take_sample(channel);
     }
   }
 
  private:
   Plant &plant_;
 };
+
+// Takes a sample of a converter at this instant.
+void Plant::take_sample(std::size_t channel) {
+  Converter &adc = converters_[channel];
+  double reading = 0.0;
+  if (adc.filter.fitted()) {
+    collect(channel, adc.samples.next_instant());
+    reading = adc.filter.take();
+  } else {
+    reading = stepper_.sensors()[channel];
+  }
+  adc.samples.take(convert(channel, reading, adc.samples.next()));
+}
+
+// Moves the moments of a signal from the plant to the filter of its converter at this instant.
+void Plant::collect(std::size_t channel, double instant) {
+  Converter &adc = converters_[channel];
+  const auto first = static_cast<std::size_t>(stepper_.network().filter_states()[channel]);
+  const std::size_t order = adc.filter.order();
+  adc.filter.add({stepper_.z().data() + first, order}, (instant - adc.collected) / parts());
+  adc.collected = instant;
+  stepper_.clear(first, order);
+}
 
 // Takes the samples of this instant.
 void Plant::take_samples() {
@@ -169,6 +206,8 @@ void Plant::take_samples() {
 
 void Plant::step_sampled(double volts, bool amp_enable, bool brake_release) {
   take_samples();
+  for (std::size_t channel = 0; channel < 2; ++channel)
+    if (converters_[channel].filter.fitted()) collect(channel, static_cast<double>(tick()));
   SamplePauses pauses(*this);
   stepper_.step(volts, amp_enable, brake_release, pauses);
 }

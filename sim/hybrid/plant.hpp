@@ -28,6 +28,7 @@
 
 #include "sim/hybrid/drive_bus.hpp"
 #include "sim/hybrid/sampled_sensor.hpp"
+#include "sim/hybrid/sinc_filter.hpp"
 #include "sim/hybrid/stepper.hpp"
 #include "sim/hybrid/switches.hpp"
 
@@ -187,14 +188,18 @@ class Plant {
   EnergyAudit energy() const;
 
   /// State vector: position in m and velocity in m/s of each body, then the states of the drive
-  /// (dc_motor: current in A, filtered tachometer voltage in V; first_order: force in N).
+  /// (dc_motor: current in A, filtered tachometer voltage in V; first_order: force in N) and of the
+  /// sensors.
   std::span<const double> state() const { return {stepper_.z().data(), stepper_.mode().states}; }
 
  private:
   class SamplePauses;
   double total_energy() const;
   std::uint16_t convert(std::size_t channel, double reading, std::int64_t sample);
+  void begin_samples(std::size_t channel, const Adc &adc);
   void take_samples();
+  void take_sample(std::size_t channel);
+  void collect(std::size_t channel, double instant);
   void step_sampled(double volts, bool amp_enable, bool brake_release);
 
   Stepper stepper_;
@@ -222,7 +227,10 @@ class Plant {
     double low = 0.0;
     double high = 0.0;
     SampledSensor samples;
+    SincFilter filter;
+    double collected = 0.0;  // instant in steps up to which the filter has the signal's moments
   };
+  static Converter converter_of(const Adc &adc);
   Converter converters_[2];
   bool sampled_ = false;  // true if a converter samples at instants of its own
   std::uint64_t seed_ = 0;

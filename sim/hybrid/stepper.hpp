@@ -53,6 +53,10 @@ class Stepper {
   /// Applies a command in V at this instant, so switches and z() change before time advances. The
   /// next call of step() must have the same arguments.
   void hold(double command, bool enable);
+  /// Sets some states to 0 at this instant. No signal of a switch or an ADC depends on them.
+  void clear(std::size_t first_state, std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i) z_[first_state + i] = 0.0;
+  }
   /// Adds impulse (N s) / mass to the velocity of a body at this instant. Switches change before
   /// time advances.
   void kick(std::size_t body, double impulse);

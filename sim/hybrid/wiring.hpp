@@ -140,6 +140,12 @@ struct Wiring {
   std::vector<std::pair<std::string, Wire>> named_wires;
   std::vector<Wire> signal_wires;
   std::array<Wire, 2> adc_wires = {-1, -1};
+  /// Index of the first integral of the filter of each converter; -1: no filter. The other ones
+  /// follow.
+  std::array<int, 2> filter_states = {-1, -1};
+  /// Indices, in ascending order, of the states that are no part of a response to an input: the
+  /// clock, the drift of a sensor, and the integrals of a converter's filter.
+  std::vector<int> apart;
 
  private:
   Term position(int body, Extended factor) const;

@@ -149,6 +149,7 @@ std::optional<ForcePlant> ForcePlant::of(const Model &model, const LinearMode &m
   ForcePlant plant;
   plant.tick_s_ = tick_s;
   plant.bus_ = model.drive->bus;
+  plant.sinc_order_ = model.adc[0]->sinc_order;
   if (model.adc[0]->sampling) plant.set_ages(*model.adc[0]->sampling);
   plant.balanced_ = hessenberg(system.A, system.B, system.C);
   const auto &adc = *model.adc[0];
@@ -177,6 +178,7 @@ void ForcePlant::response(std::span<const double> w, std::span<std::complex<doub
 void ForcePlant::set_ages(const Sampling &sampling) {
   constexpr int kReadingsMax = 150;
   const Extended every = 1 / (Extended{sampling.rate_hz} * tick_s_);
+  sample_ticks_ = every;
   const Extended latency = Extended{sampling.latency_s} / tick_s_;
   const Extended phase = Extended{sampling.phase_s} / tick_s_;
   // Age, above the latency, of the newest sample at a tick, where samples arrive at distances
@@ -227,7 +229,15 @@ std::complex<double> ForcePlant::held(double w) const {
     ages += age;
     age *= step;
   }
-  return sum * std::complex<double>(ages / Extended(readings_));
+  return sum * std::complex<double>(ages / Extended(readings_) * filtered(angle));
+}
+
+// Returns the response of the converter's filter. `angle`: of one tick, in rad.
+std::complex<Extended> ForcePlant::filtered(Extended angle) const {
+  const Extended half = angle * sample_ticks_ / 2;
+  if (sinc_order_ == 0 || half == 0) return 1;
+  return std::pow(std::sin(half) / half, sinc_order_) *
+         std::polar(Extended{1}, -half * sinc_order_);
 }
 
 }  // namespace forceaxis::sim

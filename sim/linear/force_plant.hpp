@@ -43,13 +43,14 @@ class ForcePlant {
   /// w = tan(pi f tick_s): the delay of the command, the mean of the ticks for which the drive
   /// holds it, and the ages of the readings: their mean, which leaves out that different ages mix
   /// frequencies, or over a bus the largest age. Without a known phase the ages are the largest
-  /// ones.
+  /// ones. The filter of the converter is a part of it.
   std::complex<double> held(double w) const;
   /// Returns the 8-bit counts per DAC code at a response of 1 in the unit of the force per volt.
   double count_per_code() const { return count_per_code_; }
 
  private:
   void set_ages(const Sampling &sampling);
+  std::complex<Extended> filtered(Extended angle) const;
 
   double tick_s_ = 0.0;
   BusCycle bus_;
@@ -59,6 +60,9 @@ class ForcePlant {
   Extended least_age_ = 0, between_ages_ = 0;
   // Ticks by which the readings are newer with the best phase, 0 for a known phase.
   Extended newer_by_ = 0;
+  // Order of the converter's filter, 0 for none, and the period of its samples in ticks.
+  int sinc_order_ = 0;
+  Extended sample_ticks_ = 0;
   Hessenberg balanced_;
   double count_per_code_ = 0.0;
   std::vector<std::complex<double>> poles_, zeros_;

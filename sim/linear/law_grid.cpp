@@ -737,31 +737,68 @@ double gain_at_rest(const LawShape &law, double rest) {
   return rest > 0 ? kNone : std::numeric_limits<double>::quiet_NaN();
 }
 
+// Poles and zeros of a plant below the grid.
+struct SlowRoots {
+  std::size_t poles = 0;  // without those of pairs
+  std::size_t zeros = 0;
+  // Pairs of a pole and a zero, both stable and real, that differ by at most 1 %, as the creep of a
+  // sensor has them. Below the grid, a pair changes the loop by at most 1 % and turns it by less
+  // than 0.3 degrees, both monotonically; within the grid it is a part of the response.
+  std::size_t pairs = 0;
+};
+
+SlowRoots slow_roots(const ForcePlant &plant) {
+  constexpr double kLowest = 2 * std::numbers::pi * kLowestHz;
+  constexpr double kPairShare = 0.01;
+  const auto below = [](const std::vector<Complex> &roots) {
+    std::vector<Complex> slow;
+    for (const Complex root : roots)
+      if (std::norm(root) < kLowest * kLowest) slow.push_back(root);
+    return slow;
+  };
+  std::vector<Complex> poles = below(plant.poles());
+  SlowRoots found;
+  for (const Complex zero : below(plant.zeros())) {
+    const auto pair = std::find_if(poles.begin(), poles.end(), [&](Complex pole) {
+      return pole.imag() == 0 && zero.imag() == 0 && pole.real() < 0 &&
+             std::abs(zero.real() - pole.real()) <= kPairShare * -pole.real();
+    });
+    if (pair == poles.end()) {
+      ++found.zeros;
+    } else {
+      ++found.pairs;
+      poles.erase(pair);
+    }
+  }
+  found.poles = poles.size();
+  return found;
+}
+
 // Returns true if the loop around a plant with an integral begins at -90 degrees, or just above
 // -180 degrees if the law has an integral too. `real`, `imag`: the loop at the lowest frequency.
-bool begins_stable(const LawShape &law, double real, double imag) {
-  return imag < 0 && (law.integral_rad_per_s <= 0 || real < 0);
+// Below it, two integrals and a pair may have a phase below -180 degrees. If the gain of the loop
+// is above 1 there, this does not make the loop unstable.
+bool begins_stable(const LawShape &law, const SlowRoots &slow, double real, double imag) {
+  return imag < 0 && (law.integral_rad_per_s <= 0 || real < (slow.pairs > 0 ? -1 : 0));
 }
 
 // Returns true if a pole or zero of the plant or of the law may have a frequency below the grid.
 // A pole at 0 is an integral, which the grid shows.
-bool is_slow(const ForcePlant &plant, const LawShape &law, bool integral) {
-  constexpr double kLowest = 2 * std::numbers::pi * kLowestHz;
-  const auto below = [](Complex root) { return std::norm(root) < kLowest * kLowest; };
+bool is_slow(const SlowRoots &slow, const ForcePlant &plant, const LawShape &law, bool integral) {
   const double w = tangent_of(kLowestHz, plant.tick_s());
   const auto has_low_root = [w](double c0, double c1, double c2) {
     return std::abs(c0) < w * std::max(std::abs(c1), w * std::abs(c2));
   };
-  return std::count_if(plant.poles().begin(), plant.poles().end(), below) > (integral ? 1 : 0) ||
-         std::any_of(plant.zeros().begin(), plant.zeros().end(), below) ||
+  return slow.poles > (integral ? 1U : 0U) || slow.zeros > 0 ||
          std::any_of(law.sections.begin(), law.sections.end(), [&](const LawSection &s) {
            return has_low_root(s.n0, s.n1, s.n2) || has_low_root(s.d0, s.d1, s.d2);
          });
 }
 
 // Returns true if the grid shows all of the loop, and the loop is stable at small gains.
-bool is_known(const ForcePlant &plant, const LawShape &law, bool integral) {
-  return surely_stable(plant, integral) && surely_stable(law) && !is_slow(plant, law, integral);
+bool is_known(const SlowRoots &slow, const ForcePlant &plant, const LawShape &law, bool integral) {
+  return surely_stable(plant, integral) && surely_stable(law) &&
+         !is_slow(slow, plant, law, integral);
 }
 
 }  // namespace
@@ -868,13 +905,14 @@ PreciseFigures LawGrid::precise(const LawShape &law, double gain, std::size_t pl
   const ForcePlant &own = plants_[plant];
   const Sight sight(own, law, gain, delays_[delay]);
   const bool integral = integrates_[plant];
-  if (!(gain > 0) || !is_known(own, law, integral)) return {};
+  const SlowRoots slow = slow_roots(own);
+  if (!(gain > 0) || !is_known(slow, own, law, integral)) return {};
   const double rest = gain_at_rest(law, integral ? kNone : sight.at_rest());
   if (std::isnan(rest)) return {};
   Loop loop = loop_of_one();
   compute(law, plant, begin_[plant], loop);
   const Curve part = curve(loop, begin_[plant], plant, delay);
-  if (integral && !begins_stable(law, part.real[0], part.imag[0])) return {};
+  if (integral && !begins_stable(law, slow, gain * part.real[0], gain * part.imag[0])) return {};
   const Precise precise(part, sight, gain, rest);
   const double axis = precise.axis_distance();
   if (!(axis < 1) || precise.passes_below()) return {};

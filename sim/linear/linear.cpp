@@ -132,9 +132,8 @@ std::optional<RowVector> output_row(const Model &model, const Network &network,
   throw InputError(model.file, "input", "expected one of " + listed(names) + ", got " + name);
 }
 
-// Removes the state that counts the time, if there is one: it is no part of the response.
-void remove_clock(Linear &linear, Eigen::Index at) {
-  if (at < 0) return;
+// Removes a state that is no part of the response.
+void remove_state(Linear &linear, Eigen::Index at) {
   const Eigen::Index behind = linear.A.rows() - at - 1;
   const auto cut_rows = [&](Eigen::MatrixXd &m) {
     m.middleRows(at, behind) = m.bottomRows(behind).eval();
@@ -149,6 +148,10 @@ void remove_clock(Linear &linear, Eigen::Index at) {
   cut_rows(linear.B);
   cut_columns(linear.C);
   linear.states.erase(linear.states.begin() + at);
+}
+
+void remove_states(Linear &linear, const std::vector<int> &rising) {
+  for (auto state = rising.rbegin(); state != rising.rend(); ++state) remove_state(linear, *state);
 }
 
 }  // namespace
@@ -217,7 +220,7 @@ Linear linearise(const Model &given, const LinearMode &mode, std::span<const str
       force(static_cast<int>(body - model.bodies.begin()), kGround);
     }
   }
-  remove_clock(linear, network.clock());
+  remove_states(linear, network.apart());
   return linear;
 }
 

@@ -566,14 +566,20 @@ void keep_upper_bits(Adc &adc) {
   adc.bits = kFirmwareBits;
 }
 
+// The simulation does not distinguish shorter times from 0.
+double time_or_0(double time_s) {
+  constexpr double kShortest = 1e-9;
+  return time_s < kShortest ? 0.0 : time_s;
+}
+
 std::optional<Sampling> read_sampling(Section &section) {
   Sampling sampling;
   const auto rate = section.optional_number("sample_rate");
   sampling.rate_hz = rate.value_or(sampling.rate_hz);
   const auto phase = section.optional_number("sample_phase");
-  sampling.phase_s = phase.value_or(0.0);
+  sampling.phase_s = time_or_0(phase.value_or(0.0));
   sampling.phase_known = phase || !rate;
-  sampling.latency_s = section.number("latency");
+  sampling.latency_s = time_or_0(section.number("latency"));
   if (!(sampling.phase_s * sampling.rate_hz < 1.0))
     section.fail("sample_phase", "expected a time below one period of the samples, " +
                                      number_text(1.0 / sampling.rate_hz) + " s, got " +
@@ -581,6 +587,25 @@ std::optional<Sampling> read_sampling(Section &section) {
                                      " s; give the time to the first sample");
   if (!rate && sampling.phase_s == 0.0 && sampling.latency_s == 0.0) return std::nullopt;
   return sampling;
+}
+
+// Reads the order of the converter's filter, 0 for none.
+int read_sinc_order(Section &section) {
+  constexpr int kOrders[] = {0, 3, 4, 5};
+  const std::size_t filter =
+      section.choice("converter_filter", "take the filter from the data sheet of the converter");
+  if (filter > 0) only_beside(section, "sample_rate", {"converter_filter"});
+  return kOrders[filter];
+}
+
+// Reads creep and drift. `unit` is that of the signal.
+void read_slow_errors(Section &section, Dimension unit, Adc &adc) {
+  only_beside(section, "creep", {"creep_time"});
+  only_beside(section, "drift", {"drift_time"});
+  if (const auto share = section.optional_number("creep"))
+    adc.creep = Creep{*share, section.number("creep_time")};
+  if (const auto final = section.optional_value("drift", unit, Sign::any))
+    adc.drift = Drift{*final, section.number("drift_time")};
 }
 
 void Elements::read_sensors() {
@@ -612,6 +637,7 @@ void Elements::read_sensors() {
                                  suggestion(adc.signal, names) + "; name a signal of this model");
     const SignalInfo &signal = signals[static_cast<std::size_t>(found - names.begin())];
     const Dimension unit = signal.dimension;
+    read_slow_errors(section, unit, adc);
     adc.sensor_limit = section.optional_value("sensor_limit", unit, Sign::positive);
     adc.filter = section.optional_number("filter");
     constexpr double kFastestFilter = 1e6;
@@ -630,6 +656,7 @@ void Elements::read_sensors() {
     adc.zero_code = static_cast<int>(zero);
     keep_upper_bits(adc);
     adc.sampling = read_sampling(section);
+    adc.sinc_order = read_sinc_order(section);
     model_.adc[channel] = adc;
   });
   root_.one("dac", [&](Section &section) {

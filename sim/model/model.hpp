@@ -395,13 +395,28 @@ struct Sampling {
   double latency_s = 0.0;  ///< 0 to 0.1
 };
 
-/// Path of a signal to its ADC code: the signal is limited to +-sensor_limit, filtered by a
-/// first-order low pass, limited to +-conditioning_limit, and converted with noise. Limits and
-/// noise have the unit of the signal. The firmware has codes of at most 16 bits: a converter of
-/// more bits gives it the upper 16 of each code. So per_count, zero_code and bits are those of the
-/// code that the firmware has.
+/// Creep of a sensor: the signal y becomes y + share z, with z' = (y - z) / time and z = 0 at tick
+/// 0. Under a constant load the reading grows by `share` of the load.
+struct Creep {
+  double share = 0.0;
+  double time = 0.0;  ///< time constant in s, > 0
+};
+
+/// Warm-up of a sensor: a time t after tick 0 its zero has moved by final (1 - e^(-t / time)).
+struct Drift {
+  double final = 0.0;  ///< in the unit of the signal
+  double time = 0.0;   ///< time constant in s, > 0
+};
+
+/// Path of a signal to its ADC code: creep and drift of the sensor are added, the sum is limited to
+/// +-sensor_limit, filtered by a first-order low pass, limited to +-conditioning_limit, filtered by
+/// the converter, and converted with noise. Limits and noise have the unit of the signal. The
+/// firmware has codes of at most 16 bits: a converter of more bits gives it the upper 16 of each
+/// code. So per_count, zero_code and bits are those of the code that the firmware has.
 struct Adc {
   std::string signal;
+  std::optional<Creep> creep;
+  std::optional<Drift> drift;
   /// Magnitude of the signal at which the sensor saturates, > 0.
   std::optional<double> sensor_limit;
   /// Corner frequency of the low-pass filter in rad/s, > 0 and at most 1e6. The filter computes y'
@@ -420,6 +435,9 @@ struct Adc {
   double rounding = 0.5;
   std::optional<Sampling>
       sampling;  ///< empty: a sample at each tick, which the firmware has at once
+  /// Order of the filter of a sigma-delta converter, 3 to 5, or 0 for none (sinc_filter.hpp). A
+  /// filter has `sampling`.
+  int sinc_order = 0;
 };
 
 struct Dac {

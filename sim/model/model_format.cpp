@@ -418,6 +418,17 @@ constexpr KeyFormat kAdcKeys[] = {
             "Number of the converter; channel 0 measures the force that the firmware controls."),
     other("signal", "signal", "",
           "The signal of the model that the converter measures; see the signals below."),
+    ranged("creep", D::ratio, -0.1, 0.1, "no creep",
+           "Share of the load by which the reading grows under a constant load, as OIML R 60 and "
+           "data sheets of load cells give it: 0.0005 is 0.05 %. The reading of a signal y is y + "
+           "creep * z, z' = (y - z) / creep_time, with z = 0 at tick 0."),
+    ranged("creep_time", D::time, 0.01, 1e6, "creep must be omitted too",
+           "Time constant of the creep, from 0.01 s to 1e6 s."),
+    other("drift", "number", "no drift",
+          "Final error of the zero while the sensor warms up, in the unit of the signal. At the "
+          "time t after tick 0 the error is drift * (1 - exp(-t / drift_time))."),
+    ranged("drift_time", D::time, 0.01, 1e6, "drift must be omitted too",
+           "Time constant of the drift, from 0.01 s to 1e6 s."),
     other("sensor_limit", "number", "not limited",
           "Magnitude at which the sensor saturates, > 0, in the unit of the signal."),
     optional("filter", D::rate, S::positive, "no filter",
@@ -435,18 +446,27 @@ constexpr KeyFormat kAdcKeys[] = {
             "code, so its `adc_bits` is then 16."),
     ranged("sample_rate", D::frequency, 1.0, 30e3, "a sample at each tick of 1/1500 s",
            "Rate of the samples, from 1 Hz to 30 kHz."),
+    other("converter_filter", "none, sinc3, sinc4, sinc5", "none",
+          "Filter of a sigma-delta converter, beside sample_rate: a sample is the mean of the "
+          "signal over the last 3, 4 or 5 periods T of the samples, weighted so that a frequency f "
+          "keeps |sin(pi f T) / (pi f T)| to the power of 3, 4 or 5. The delay is 1.5, 2 or 2.5 "
+          "periods, beside `latency`. The limits of sensor and electronics act before the filter, "
+          "noise and conversion after it. Before tick 0 the signal has its value of tick 0."),
     ranged(
         "sample_phase", D::time, 0.0, 1.0, "not known",
         "Time from tick 0 to the first sample, at least 0 and below 1 / sample_rate. Without this "
-        "key a run takes 0, and limits and margins are the worst of all phases."),
+        "key a run takes 0, and limits and margins are the worst of all phases. A time below 1 ns "
+        "counts as 0."),
     ranged("latency", D::time, 0.0, 0.1, 0.0,
-           "Time from a sample to the tick from which on the firmware has it, at most 0.1 s. Until "
-           "the first sample arrives, the firmware has the signal of tick 0."),
+           "Time from a sample to the tick from which on the firmware has it, at most 0.1 s. A "
+           "time below 1 ns counts as 0. Until the first sample arrives, the firmware has the "
+           "signal of tick 0."),
 };
 constexpr TableFormat kAdc{
-    "An ADC of the firmware. The signal passes the sensor limit, the low pass, the limit "
-    "of the electronics and the noise before its conversion to a code. With a sample rate or a "
-    "latency the firmware has the newest sample that has arrived, and its age in ticks.",
+    "An ADC of the firmware. Creep and drift are added to the signal, which then passes the sensor "
+    "limit, the low pass, the limit of the electronics, the filter of the converter and the noise "
+    "before its conversion to a code. With a sample rate or a latency the firmware has the newest "
+    "sample that has arrived, and its age in ticks.",
     kAdcKeys};
 
 constexpr KeyFormat kDacKeys[] = {

@@ -188,7 +188,12 @@ class Reference:
             self._drive(self.drive)
         self.adcs = model.get("adc", [])
         self.filter_at = {}
+        self.slow_at = {}  # {(channel, "creep" or "drift"): state}
         for adc in self.adcs:
+            for slow in ("creep", "drift"):
+                if slow in adc:
+                    self.slow_at[adc["channel"], slow] = self.states
+                    self.states += 1
             if "filter" in adc:
                 self.filter_at[adc["channel"]] = self.states
                 self.states += 1
@@ -484,9 +489,16 @@ class Reference:
             signals[name + ".acceleration"] = acceleration[i]
         for adc in self.adcs:
             channel = adc["channel"]
+            value = signals[adc["signal"]]
+            if (at := self.slow_at.get((channel, "creep"))) is not None:
+                rates[at] = (value - y[at]) / adc["creep_time"]
+                value = value + adc["creep"] * y[at]
+            if (at := self.slow_at.get((channel, "drift"))) is not None:
+                rates[at] = (adc["drift"] - y[at]) / adc["drift_time"]
+                value = value + y[at]
+            signals[f"adc{channel}.sensed"] = value
             if channel in self.filter_at:
                 at = self.filter_at[channel]
-                value = signals[adc["signal"]]
                 if "sensor_limit" in adc:
                     value = self._bent(f"adc{channel}.sensor", value, guards)
                 rates[at] = adc["filter"] * (value - y[at])
@@ -805,7 +817,7 @@ class Reference:
             channel = adc["channel"]
             value = signals.get(f"adc{channel}.filtered")
             if value is None:
-                value = signals[adc["signal"]]
+                value = signals[f"adc{channel}.sensed"]
                 if limit := adc.get("sensor_limit"):
                     value = min(max(value, -limit), limit)
             if limit := adc.get("conditioning_limit"):

@@ -161,7 +161,7 @@ def random_model(seed, more=False):
         bodies = w.rng.choice(count, 2, replace=False)
         w.parts.pop()
         w.table("encoder", body=f"b{bodies[0]}", reference=f"b{bodies[1]}", scale=w.log(1e5, 1e6))
-    add_adcs(w, signals)
+    add_adcs(w, signals, more)
     if w.chance(0.3):
         w.table("dac", bits=int(w.rng.integers(10, 15)), range=w.pick([5.0, 10.0]),
                 offset=w.between(-0.05, 0.05))  # fmt: skip
@@ -291,7 +291,7 @@ def add_motor(w, kind, drive, m, strength):
     return [("drive.current", i), ("drive.target_current", i)]
 
 
-def add_adcs(w, signals):
+def add_adcs(w, signals, more):
     for channel in range(int(w.rng.integers(1, 3))):
         signal, size = w.pick(signals)
         bits = int(w.rng.integers(8, 13))
@@ -303,6 +303,10 @@ def add_adcs(w, signals):
             s["filter"] = w.log(100, 2000)
         if w.chance(0.3):
             s["conditioning_limit"] = size * w.between(0.2, 1)
+        if more and w.chance(0.5):
+            s |= {"creep": w.between(-0.1, 0.1), "creep_time": w.log(0.01, 1)}
+        if more and w.chance(0.5):
+            s |= {"drift": size * w.between(-0.5, 0.5), "drift_time": w.log(0.01, 1)}
         w.table("adc", **s)
 
 

@@ -74,12 +74,13 @@ py::dict drive_values(const forceaxis::sim::Drive &drive) {
                   "b_m"_a = motor.b_m, "k_current"_a = motor.k_current, "k_amp"_a = motor.k_amp);
 }
 
-// Returns rate in Hz, phase in s and latency in s of the samples, or None for an ADC whose code is
-// fresh in each tick.
+// Returns rate in Hz, phase in s, latency in s and order of the filter of the samples, or None for
+// an ADC whose code is fresh in each tick.
 py::object sampling(const forceaxis::sim::Adc &adc) {
   if (!adc.sampling) return py::none();
   const auto &[rate_hz, phase_s, phase_known, latency_s] = *adc.sampling;
-  return py::make_tuple(rate_hz, phase_known ? py::cast(phase_s) : py::none(), latency_s);
+  return py::make_tuple(rate_hz, phase_known ? py::cast(phase_s) : py::none(), latency_s,
+                        adc.sinc_order);
 }
 
 // Returns the data of a model, other than the equations, that a linear analysis needs.

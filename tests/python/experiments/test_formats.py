@@ -129,6 +129,10 @@ index_every = 0.1
 [[adc]]
 channel = 0
 signal = "tip.force"
+creep = 0.001
+creep_time = 600
+drift = 0.5
+drift_time = 300
 sensor_limit = 300
 filter = 500
 conditioning_limit = 280

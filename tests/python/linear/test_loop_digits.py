@@ -195,7 +195,8 @@ def test_where_rounding_decides_it_is_said(inverse_lag):
 def drawn(rng, wide=30.0):
     """Values of a data sheet, within a factor of the defaults, that `forceaxis new` accepts."""
     left = {"approach_mm", "sensor_bits", "guide_coulomb_n", "backlash_mm", "sensor_noise_n"}
-    left |= {"sensor_rate_hz", "sensor_latency_ms"}  # test_two_rates.py
+    # test_two_rates.py, test_converter_filter.py
+    left |= {"sensor_rate_hz", "sensor_latency_ms", "sensor_filter"}
     while True:
         given = {}
         for field in data_sheet.FIELDS:

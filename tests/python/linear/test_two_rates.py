@@ -19,6 +19,7 @@ from forceaxis.linear.periodic import FreeLoop, PeriodicLoop
 from forceaxis.linear.plant_set import PlantSet
 from forceaxis.linear.precise import Responses
 from forceaxis.linear.system import facts, linearise
+from forceaxis.pages import design
 from scipy import linalg
 
 TICK_S = 1 / 1500
@@ -192,6 +193,9 @@ def test_a_loop_whose_ticks_are_all_alike_has_the_figures_of_one_code(tmp_path, 
     margins = three.margins(gain), one.margins(gain)
     assert margins[0].crossover_hz == pytest.approx(margins[1].crossover_hz, rel=1e-6)
     assert three.closed(gain).poles_s().real.max() == pytest.approx(-one.decay(gain), rel=1e-8)
+    hz = np.geomspace(1, 740, 40)  # the curves of the page of a design
+    shown, drawn = (design.loop_gain(loop, gain, hz) for loop in (three, one))
+    assert np.all(abs(shown - drawn) <= 1e-7 * (1 + abs(drawn)))
 
 
 @pytest.mark.parametrize(("rate", "cycle"), [

@@ -384,7 +384,7 @@ def test_on_a_terminal_it_asks_with_defaults_and_asks_again(tmp_path):
     assert "back-emf-v-s-per-rad, V s/rad [0.1]: " in shown  # it follows the torque constant
     assert "back-emf-v-s-per-rad, V s/rad [3]: " in shown  # as answered before one went back
     assert "lead-mm-per-rev, mm/rev [5]: " in shown
-    assert "\n11 of 52  motor: back-EMF" in shown.replace("\r", "")
+    assert "\n11 of 53  motor: back-EMF" in shown.replace("\r", "")
     assert max(map(len, shown.splitlines())) <= 80
     assert "backlash-mm" not in asked  # a rigid transmission has none
     assert "workpiece-mass-kg" in asked  # an elastic workpiece has one
@@ -466,10 +466,31 @@ def test_a_cell_with_a_clock_of_its_own_holds_a_force(tmp_path, rate_hz, latency
     assert (model["adc"][0]["bits"], model["adc"][1]["bits"]) == (24, 16)
 
 
-def test_a_latency_without_a_rate_is_refused(tmp_path):
-    options = ["--yes", "--sensor-latency-ms", "2"]
+def test_a_sigma_delta_converter_holds_a_force_and_lowers_the_limit(tmp_path):
+    """From a file, which names the filter and leaves the latency to its default."""
+    plain = made(tmp_path, CELL.format(1000, 0.1))["force_limit_gain"]
+    text = 'drive = "velocity"\nsensor_bits = 24\nsensor_rate_hz = 1000\nsensor_filter = "sinc3"\n'
+    (tmp_path / "sheet.toml").write_text(text)
+    result = made(tmp_path, "--from sheet.toml --force")
+    assert result["force_limit_gain"] < 0.9 * plain
+    adc = tomllib.loads((tmp_path / "mine/model.toml").read_text())["adc"][0]
+    assert adc["converter_filter"] == "sinc3"
+    found = ran(tmp_path, "contact.toml")
+    assert (found["verdict"], found["fault"]) == ("stable", "none")
+
+
+@pytest.mark.parametrize(("option", "value"), [("latency-ms", "2"), ("filter", "sinc3")])
+def test_a_latency_or_filter_without_a_rate_is_refused(tmp_path, option, value):
+    options = ["--yes", f"--sensor-{option}", value]
     words = "expected no value while --sensor-rate-hz is tick"
-    refused(forceaxis(tmp_path, "new", "mine", *options), "--sensor-latency-ms: ", words)
+    refused(forceaxis(tmp_path, "new", "mine", *options), f"--sensor-{option}: ", words)
+
+
+def test_a_filter_that_the_simulator_does_not_know_is_refused(tmp_path):
+    options = ["--yes", "--sensor-rate-hz", "1000", "--sensor-filter", "sinc2"]
+    words = "expected none or sinc3 or sinc4 or sinc5, got 'sinc2'"
+    refused(forceaxis(tmp_path, "new", "mine", *options), "--sensor-filter: ", words)
+    assert forceaxis(tmp_path, "new", "mine", "--yes", "--no-design", "--sensor-filter", "none")
 
 
 def test_a_stepper_holds_a_force_below_its_holding_force(tmp_path):

@@ -212,6 +212,7 @@ class Analyzer:
         sampling = facts.reading.sampling if facts and facts.reading else None
         mean_s, width_s = sampling.ages_s() if sampling else (0.0, 0.0)
         self.ages = mean_s * TICKS_PER_S, width_s * TICKS_PER_S
+        self.sinc_order = sampling.sinc_order if sampling else 0
         samples = round(TICKS_PER_S / self.order.resolution_hz)
         # A period has whole cycles of the bus.
         self.samples = samples - samples % self.bus.cycle_ticks
@@ -422,6 +423,7 @@ class Analyzer:
             resolution_hz=TICKS_PER_S / self.samples,
             positions=(self.bus.cycle_ticks, self.bus.delay_ticks_in),
             ages=self.ages if output is FORCE else (0.0, 0.0),
+            sinc_order=self.sinc_order if output is FORCE else 0,
         )
 
     def _speed(self, H: response.Response, u: Samples) -> float:

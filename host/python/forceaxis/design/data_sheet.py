@@ -89,10 +89,13 @@ def number_or_word(field: SheetField) -> float | None:
     return dataclasses.field(default=None, metadata={"field": field})
 
 
-def choice(part: str, choices: tuple[str, ...], why: str, ask: str, only: Only = ANY) -> str:
+def choice(
+    part: str, choices: tuple[str, ...], why: str, ask: str, only: Only = ANY,
+    needs: str | None = None, word: str | None = None,
+) -> str:  # fmt: skip
     """Creates a field of SheetValues whose value is one of `choices`. The first one is the
     default, and the value of a field without effect."""
-    field = SheetField(part, "1", 0, 0, None, why, ask, choices=choices, only=only)
+    field = SheetField(part, "1", 0, 0, None, why, ask, word, needs, only=only, choices=choices)
     return dataclasses.field(default=choices[0], metadata={"field": field})
 
 
@@ -318,10 +321,16 @@ class SheetValues:
         'samples per second of a converter with a clock of its own; or "tick" for a sample at each '
         "tick of 1/1500 s", word="tick",
     ))  # fmt: skip
+    sensor_filter: str = choice(
+        "sensor", ("none", "sinc3", "sinc4", "sinc5"), "a converter that measures an instant",
+        "filter of a sigma-delta converter, as its data sheet names it at this rate",
+        needs="sensor_rate_hz", word="none",
+    )  # fmt: skip
     sensor_latency_ms: float = number(SheetField(
-        "sensor", "ms", 0, 20, lambda v: 1e3 / (v.sensor_rate_hz or 1500.0), "one sample",
-        "time from a sample to its arrival: settling of the converter's filter, and its transfer",
-        needs="sensor_rate_hz",
+        "sensor", "ms", 0, 20, lambda v: default_latency_ms(v),
+        "one sample, or 0.1 ms after a sensor filter",
+        "time from a sample to its arrival: its transfer, and without a sensor filter the settling "
+        "of the converter", needs="sensor_rate_hz",
     ))  # fmt: skip
     sensor_noise_n: float = number(SheetField(
         "sensor", "N", 0, 1e6, 0.0, "none",
@@ -472,6 +481,12 @@ def default_current_loop_hz(v: SheetValues) -> float:
     emf = v.torque_constant_n_m_per_a * v.back_emf_v_s_per_rad / v.inductance_h
     emf /= v.total_mass_kg * v.radius_m**2 * (2 * math.pi) ** 2 * v.velocity_loop_hz
     return max(1000.0, 4.0 * pole, 3.0 * v.velocity_filter_hz, 3.0 * emf)
+
+
+def default_latency_ms(v: SheetValues) -> float:
+    """Returns the default of the time from a sample to its arrival in ms. Without a filter it
+    stands for the settling of the converter."""
+    return 0.1 if v.sensor_filter != "none" else 1e3 / (v.sensor_rate_hz or 1500.0)
 
 
 def default_brake_n(v: SheetValues) -> float:

@@ -128,6 +128,9 @@ class Measurement:
     #: mean age of a reading of the force in samples, and the width of the range of ages, if the
     #: sensor has a clock of its own
     ages: tuple[float, float] = (0.0, 0.0)
+    #: order of the sinc filter of the converter of that sensor, 0 for none. Its samples have the
+    #: period of the range of ages.
+    sinc_order: int = 0
 
     def predict(
         self, overrides: linear.Overrides | None = None, frequency_hz: ArrayLike | None = None
@@ -165,8 +168,9 @@ class Measurement:
             values[1] *= self._held(frequency)
         if self.output == "adc0" and self.inject == "codes":
             mean, width = self.ages
+            mean += self.sinc_order * width / 2
             late = np.exp(-2j * np.pi * frequency * self.dt * mean)
-            values[1] *= late * np.sinc(frequency * self.dt * width)
+            values[1] *= late * np.sinc(frequency * self.dt * width) ** (1 + self.sinc_order)
         return values
 
     def _held(self, frequency: Reals) -> Complexes:

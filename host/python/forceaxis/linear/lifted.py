@@ -2,8 +2,9 @@
 
 The firmware computes its law in every tick. Over a bus, only the code of the first tick of a cycle
 leaves for the drive, which holds it. A force sensor with a clock of its own gives samples at its
-own instants, and the firmware has the newest one that has arrived. The ticks repeat after the
-common period of cycle and samples. From the codes of a period to the law's outputs that become the
+own instants, and the firmware has the newest one that has arrived. The filter of its converter
+weights the force of the last periods of the samples. The ticks repeat after the common period of
+cycle and samples. From the codes of a period to the law's outputs that become the
 next codes, the loop is a linear system with the period as its sampling time. So limits and margins
 are those of any sampled loop, and exact. The loop is cut at the codes: S, T and the margins are
 those of a disturbance of the codes, each of which lasts for one cycle of the bus.
@@ -28,11 +29,13 @@ MISSED_BY = Fraction(1, 100_000)
 @dataclass(frozen=True)
 class Samples:
     """The instants of a force sensor in ticks: `every` from sample to sample, `phase` from tick 0
-    to a sample (at least 0 and below `every`), `latency` from a sample to its arrival."""
+    to a sample (at least 0 and below `every`), `latency` from a sample to its arrival. sinc_order:
+    of the converter's filter, 0 for none."""
 
     every: Fraction
     phase: Fraction
     latency: Fraction
+    sinc_order: int = 0
 
     @property
     def period_ticks(self) -> int:
@@ -55,15 +58,15 @@ class Samples:
         for order in range(int(share)):
             for late in (MISSED_BY, step / 2, Fraction(0)):
                 arrives = (order * step + late - self.latency) % self.every
-                yield Samples(self.every, arrives, self.latency)
+                yield Samples(self.every, arrives, self.latency, self.sinc_order)
 
 
 class Within(NamedTuple):
-    """The signal that a sensor samples, between two ticks: `row` over the states of the plant at
-    the tick, `direct` of the voltage that acts from this tick on."""
+    """The signal that a sensor samples, between two ticks, or its moments: `rows` over the states
+    of the plant at the tick, `direct` over the voltage that acts from this tick on."""
 
-    row: Matrix
-    direct: float
+    rows: Matrix
+    direct: Matrix
 
 
 @dataclass(frozen=True)
@@ -72,17 +75,20 @@ class TickPlant:
 
     A, B: of the plant, sampled with the tick, from the voltage. force: row of the measured force
     (with the law's derivative of a sensor of velocity). within: the measured force at a share of a
-    tick, above 0. derivative_s: of the law's difference of two readings. shown: row of the
-    controlled signal. position: row of the encoder's position. stiffness, damping: of a law of
-    motion, as gains of position and velocity. inner: gain of the inner damping in V s/m. law:
-    filter between error and gain. tick_s: in s. late: ticks of latency of the firmware.
-    late_motion: ticks by which a law of motion has its position and velocity late.
+    tick, above 0. moments: its moments 1, 2, .. up to a number, over a share of a tick from its
+    start on, about the end of this share (sim/hybrid/sinc_filter.hpp). derivative_s: of the law's
+    difference of two readings. shown: row of the controlled signal. position: row of the encoder's
+    position. stiffness, damping: of a law of motion, as gains of position and velocity. inner: gain
+    of the inner damping in V s/m. law: filter between error and gain. tick_s: in s. late: ticks of
+    latency of the firmware. late_motion: ticks by which a law of motion has its position and
+    velocity late.
     """
 
     A: Matrix
     B: Matrix
     force: Matrix
     within: Callable[[Fraction], Within]
+    moments: Callable[[Fraction, int], Within]
     derivative_s: float
     shown: Matrix
     position: Matrix
@@ -115,6 +121,76 @@ def lift(plant: TickPlant, bus: BusFacts, samples: Samples | None = None) -> Lif
     return _Period(plant, bus, samples).lifted()
 
 
+def spline_pieces(order: int) -> list[list[Fraction]]:
+    """Returns the pieces of the B-spline of an order: the coefficients of each as a polynomial in
+    the place in its interval, 0 to 1, the lowest power first."""
+    pieces = [[Fraction(1)]]
+    for n in range(2, order + 1):
+        grown = []
+        for i in range(n):
+            own = pieces[i] if i < n - 1 else [Fraction(0)] * (n - 1)
+            before = pieces[i - 1] if i > 0 else [Fraction(0)] * (n - 1)
+            # ((i + x) own + (n - i - x) before) / (n - 1)
+            flat = [i * a + (n - i) * b for a, b in zip(own, before, strict=True)] + [Fraction(0)]
+            steep = [Fraction(0), *(a - b for a, b in zip(own, before, strict=True))]
+            grown.append([(a + b) / (n - 1) for a, b in zip(flat, steep, strict=True)])
+        pieces = grown
+    return pieces
+
+
+def _rounded(value: Fraction) -> np.longdouble:
+    return np.longdouble(value.numerator) / np.longdouble(value.denominator)
+
+
+class _SincFilter:
+    """The filter of a converter over one period of the loop. All quantities are rows as those of
+    _Period: `chain` the moments of the present interval between two samples, about the present
+    tick, and `due` what past intervals add to the next samples, the nearest one first."""
+
+    def __init__(self, order: int, every: Fraction, rows: Matrix) -> None:
+        self.chain, self.due = rows[:order], list(rows[order:])
+        # factor of each moment of an interval in the sample at its end, in the next one, and so on
+        self.weights = np.array([
+            [_rounded(c * math.factorial(j) / every ** (j + 1)) for j, c in enumerate(piece)]
+            for piece in spline_pieces(order)
+        ])  # fmt: skip
+
+    @staticmethod
+    def states(order: int) -> int:
+        """Returns the number of rows of a filter."""
+        return 2 * order - 1
+
+    @property
+    def rows(self) -> list[Matrix]:
+        """Returns the rows of the filter at the present tick."""
+        return [self.chain, *(row[None] for row in self.due)]
+
+    def moved(self, share: Fraction, moments: Matrix) -> Matrix:
+        """Returns the moments of the interval about a later instant of the tick. `moments`: those
+        of the force from the tick on."""
+        return self._about(float(share)) @ self.chain + moments
+
+    def sample(self, share: Fraction, moments: Matrix) -> Matrix:
+        """Returns the sample at an instant of the tick, and begins the next interval."""
+        shares = self.weights @ self.moved(share, moments)
+        value = self.due[0] + shares[0]
+        self.due = [row + more for row, more in zip([*self.due[1:], 0], shares[1:], strict=True)]
+        # The next interval is empty at this instant.
+        self.chain = -self._about(-float(share)) @ moments
+        return np.asarray(value[None])
+
+    def _about(self, later: float) -> Matrix:
+        """Returns the matrix that moves the place of moments by `later` ticks."""
+        order = len(self.chain)
+        return np.array([
+            [
+                np.longdouble(later) ** (i - j) / math.factorial(i - j) if i >= j else 0
+                for j in range(order)
+            ]
+            for i in range(order)
+        ], np.longdouble)  # fmt: skip
+
+
 class _Period:
     """The quantities of the ticks of one period. Each is a row over the states at the start of the
     period, the codes of the period and the set-point."""
@@ -124,12 +200,14 @@ class _Period:
         self.ticks = math.lcm(bus.cycle_ticks, samples.period_ticks if samples else 1)
         self.codes = self.ticks // bus.cycle_ticks
         laws = len(plant.law[0])
+        order = samples.sinc_order if samples else 0
         counts = 1 - ((-1 - plant.late_motion - bus.delay_ticks_in) // bus.cycle_ticks)
         sizes = [
             len(plant.A),
             -((-bus.delay_ticks_out) // bus.cycle_ticks),  # codes that no drive has yet
             counts,
             -samples.newest(0) if samples else 0,
+            _SincFilter.states(order) if order else 0,
             laws,
             1,  # output of the law in the last tick
             1 if plant.derivative_s else 0,  # reading of the last tick
@@ -138,7 +216,8 @@ class _Period:
         self.rows = np.eye(self.size + self.codes + 1, dtype=np.longdouble)
         ends = np.cumsum(sizes)
         parts = [self.rows[end - size : end] for size, end in zip(sizes, ends, strict=True)]
-        self.x, sent, counted, taken, self.law, self.output, self.reading_before = parts
+        self.x, sent, counted, taken, kept, self.law, self.output, self.reading_before = parts
+        self.filter = _SincFilter(order, samples.every, kept) if samples and order else None
         # Rows of codes, positions and samples, the newest code and position first.
         self.sent = [sent[i : i + 1] for i in range(len(sent))]
         self.counts = [counted[i : i + 1] for i in range(counts)]
@@ -161,8 +240,8 @@ class _Period:
         turn = self._samples_in_a_period()
         taken = [self.taken[i + turn] for i in range(-kept[2], 0)]
         after = np.vstack([
-            self.x, *self.sent[: kept[0]], *self.counts[: kept[1]], *taken, self.law, self.output,
-            self.reading_before,
+            self.x, *self.sent[: kept[0]], *self.counts[: kept[1]], *taken,
+            *(self.filter.rows if self.filter else ()), self.law, self.output, self.reading_before,
         ])  # fmt: skip
         out = np.vstack([*acting, shown])
         n, end = self.size, self.size + self.codes
@@ -194,7 +273,11 @@ class _Period:
         if self.samples is None:
             return self.plant.force @ self.x
         if self.samples.instant(self.next_sample) == tick:
-            self._take(self.plant.force @ self.x)
+            if self.filter:
+                none = np.zeros_like(self.filter.chain)
+                self._take(self.filter.sample(Fraction(0), none))
+            else:
+                self._take(self.plant.force @ self.x)
         return self.taken[self.samples.newest(tick)]
 
     def _take(self, value: Matrix) -> None:
@@ -214,9 +297,22 @@ class _Period:
         cycle = self.bus.cycle_ticks
         sent = self.sent[tick // cycle - (tick - self.bus.delay_ticks_out) // cycle]
         while self.samples and self.samples.instant(self.next_sample) < tick + 1:
-            within = self.plant.within(self.samples.instant(self.next_sample) - tick)
-            self._take(within.row @ self.x + within.direct * sent)
+            share = self.samples.instant(self.next_sample) - tick
+            if self.filter:
+                self._take(self.filter.sample(share, self._moments(share, sent)))
+            else:
+                within = self.plant.within(share)
+                self._take(within.rows @ self.x + within.direct @ sent)
+        if self.filter:
+            whole = Fraction(1)
+            self.filter.chain = self.filter.moved(whole, self._moments(whole, sent))
         self.x = self.plant.A @ self.x + self.plant.B @ sent
+
+    def _moments(self, share: Fraction, sent: Matrix) -> Matrix:
+        """Returns the moments of the force from the tick on, over a share of a tick."""
+        assert self.filter
+        moments = self.plant.moments(share, len(self.filter.chain))
+        return np.asarray(moments.rows @ self.x + moments.direct @ sent)
 
     def _held(self, tick: int, now: int) -> Matrix:
         """Returns the position that the firmware has in a tick, at the tick `now`."""

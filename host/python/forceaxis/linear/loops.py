@@ -372,9 +372,10 @@ def _samples(
         )
     latency = Fraction(sampling.latency_s / TICK_S).limit_denominator(10**6)
     if sampling.phase_s is None:
-        return list(Samples(every, Fraction(0), latency).phases(cycle_ticks))
+        free = Samples(every, Fraction(0), latency, sampling.sinc_order)
+        return list(free.phases(cycle_ticks))
     phase = Fraction(sampling.phase_s / TICK_S).limit_denominator(10**6) % every
-    return [Samples(every, phase, latency)]
+    return [Samples(every, phase, latency, sampling.sinc_order)]
 
 
 def _tick_plant(spec: LoopSpec, site: _Site, inner: float, own: Loop) -> TickPlant:
@@ -391,7 +392,15 @@ def _tick_plant(spec: LoopSpec, site: _Site, inner: float, own: Loop) -> TickPla
         part = system.sampled(0, float(share) * spec.tick_s, extended=True)
         row = np.zeros((1, len(plant.A)), np.longdouble)
         row[:, : len(part.A)] = part.C[:1] @ part.A
-        return Within(row, (part.C[:1] @ part.B + part.D[:1]).item())
+        return Within(row, part.C[:1] @ part.B + part.D[:1])
+
+    def moments(share: Fraction, count: int) -> Within:
+        part = _integrated(system, count, spec.tick_s)
+        part = part.sampled(0, float(share) * spec.tick_s, extended=True)
+        n = len(system.A)
+        rows = np.zeros((count, len(plant.A)), np.longdouble)
+        rows[:, :n] = part.A[n:, :n]
+        return Within(rows, part.B[n:])
 
     front: StateSpace = _gain()
     if law in ("pi", "lead"):
@@ -404,6 +413,7 @@ def _tick_plant(spec: LoopSpec, site: _Site, inner: float, own: Loop) -> TickPla
         plant.B,
         plant.f + derivative_s * plant.rate if law == "derivative" else plant.f,
         within,
+        moments,
         derivative_s if law == "pd" else 0.0,
         plant.f,
         plant.x,
@@ -415,6 +425,20 @@ def _tick_plant(spec: LoopSpec, site: _Site, inner: float, own: Loop) -> TickPla
         int(spec.timing == "zoh+1"),
         int(spec.late_motion and law in MOTION_LAWS),
     )
+
+
+def _integrated(system: System, count: int, tick_s: float) -> System:
+    """Returns a continuous system with `count` more states, the chained integrals of the first
+    output. Their unit of time is the tick."""
+    n = len(system.A)
+    A, B = np.zeros((n + count, n + count)), np.zeros((n + count, 1))
+    A[:n, :n], B[:n] = system.A, system.B
+    A[n, :n], B[n] = system.C[0] / tick_s, system.D[0] / tick_s
+    for k in range(n + 1, n + count):
+        A[k, k - 1] = 1 / tick_s
+    C = np.hstack([system.C, np.zeros((len(system.C), count))])
+    states = (*system.states, *(f"integral {k}" for k in range(1, count + 1)))
+    return replace(system, A=A, B=B, C=C, states=states)
 
 
 def _of_one_period(

@@ -74,21 +74,26 @@ class DriveFacts:
 
 class SamplingFacts(NamedTuple):
     """The samples of a converter with a clock of its own: rate in Hz, time from tick 0 to the first
-    sample in s (None: not known), and time from a sample to the firmware in s."""
+    sample in s (None: not known), time from a sample to the firmware in s, and order of the
+    converter's sinc filter (0: no filter)."""
 
     rate_hz: float
     phase_s: float | None
     latency_s: float
+    sinc_order: int = 0
 
     def ages_s(self) -> tuple[float, float]:
-        """Returns the mean age of a reading and the width of the range of ages in s. All ages from
-        the latency to a period of the samples more are equally frequent for a sensor whose clock
-        drifts."""
+        """Returns the mean age of a reading, without the delay of the filter, and the width of the
+        range of ages in s. All ages from the latency to a period of the samples more are equally
+        frequent for a sensor whose clock drifts."""
         return self.latency_s + 0.5 / self.rate_hz, 1 / self.rate_hz
 
     def label(self) -> str:
-        """Description of the samples for a user, such as "1000 Hz, 2 ms late, any phase"."""
-        text = f"{self.rate_hz:g} Hz, {1e3 * self.latency_s:g} ms late"
+        """Description of the samples for a user, such as "1000 Hz, sinc3, 2 ms late, any
+        phase"."""
+        text = f"{self.rate_hz:g} Hz, "
+        text += f"sinc{self.sinc_order}, " if self.sinc_order else ""
+        text += f"{1e3 * self.latency_s:g} ms late"
         return (
             f"{text}, any phase"
             if self.phase_s is None
@@ -162,8 +167,8 @@ class PlantFacts:
             raise _core.InputError(
                 f"{self.path}: adc.sample_rate: expected a sample at each tick, without latency, "
                 f"for {purpose}, got {self.reading.sampling.label()}; remove sample_rate, "
-                "sample_phase and latency for this, and check the result with `forceaxis run` of "
-                "the model with these keys"
+                "sample_phase, latency and converter_filter for this, and check the result with "
+                "`forceaxis run` of the model with these keys"
             )
 
     def expect_no_bus(self, purpose: str) -> None:
@@ -206,7 +211,7 @@ def _drive(bus: tuple[int, int, int], **facts: Any) -> DriveFacts:
     return DriveFacts(**facts, bus=BusFacts(*bus))
 
 
-def _sensor(sampling: tuple[float, float | None, float] | None, **facts: Any) -> SensorFacts:
+def _sensor(sampling: tuple[float, float | None, float, int] | None, **facts: Any) -> SensorFacts:
     return SensorFacts(**facts, sampling=sampling and SamplingFacts(*sampling))
 
 

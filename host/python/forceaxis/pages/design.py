@@ -20,6 +20,8 @@ from forceaxis.drawing import FAINT, GOT, INK, WANTED, LineStyle, legend, style
 from forceaxis.experiments import run as runs
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
+from forceaxis.linear.periodic import FreeLoop, PeriodicLoop
+from forceaxis.linear.stability import Loop
 from forceaxis.linear.system import TICK_S
 from forceaxis.pages.template import template
 from forceaxis.words import plain
@@ -50,9 +52,18 @@ def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loop
             loop = plants.loop(member, outcomes.TIMINGS[latency], LoopSpec("bank", bank=bank))
             gain = loop.gain_of(bank.force_gain)
             kind = "members" if not nominal else "late" if latency else "nominal"
-            response = np.asarray(gain * loop.open.response(frequency_hz), complex)
-            found.append((response, kind))
+            found.append((loop_gain(loop, gain, frequency_hz), kind))
     return found
+
+
+def loop_gain(loop: Loop, gain: float, frequency_hz: Samples) -> Response:
+    """Returns the loop gain L, of the phase with the oldest readings if the samples have any phase.
+    With several codes in a period, L belongs to the part of S that has the frequency of the
+    disturbance."""
+    oldest = loop.each[0] if isinstance(loop, FreeLoop) else loop
+    if isinstance(oldest, PeriodicLoop):
+        return np.asarray(1 / oldest.sensitivity_at(gain, frequency_hz) - 1, complex)
+    return np.asarray(gain * oldest.open.response(frequency_hz), complex)
 
 
 # For each key of a curve: the line style of the curve, and the name of the curve in the legend.
