@@ -64,12 +64,13 @@ struct SensorCodes {
 /// A change of one element from one discrete state to another.
 struct Event {
   double time_s = 0.0;
-  /// Name of the element: a contact, friction, brake, spring, damper or gravity; NAME.low or
-  /// NAME.high for a stop; drive.preamp, drive.current_feedback, drive.amplifier or drive.force;
-  /// adc0.sensor.
+  /// Name of the element: a contact, friction, brake, spring, damper or gravity; NAME.hysteresis
+  /// for the slider of a contact; NAME.low or NAME.high for a stop; drive.preamp,
+  /// drive.current_feedback, drive.amplifier or drive.force; adc0.sensor.
   std::string element;
   /// Names of the states before and after the change. The states of a contact are apart, pressed
-  /// and overlap. The states of a friction or brake are backward, stuck, forward and released. The
+  /// and overlap. The states of a friction, a brake or the slider of a contact are backward, stuck,
+  /// forward and released. The
   /// states of a curve are low limit, low outer, inner, linear and so on; those of a table are
   /// segment 0, segment 1 and so on.
   std::string from;
@@ -87,12 +88,12 @@ struct EnergyAudit {
   double stored = 0.0;     ///< energy stored in springs and in closed contacts
   double discarded = 0.0;  ///< spring energy that opened contacts and disabled steppers lost
   struct Damper {
-    /// Name of a spring, damper, contact, friction or brake. "drive" is the friction b_m of a
-    /// motor.
+    /// Name of a spring, damper, contact, friction, brake or structure. "drive" is the friction b_m
+    /// of a motor.
     std::string element;
     double energy = 0.0;
   };
-  std::vector<Damper> dissipated;
+  std::vector<Damper> dissipated;  ///< each element once
   double residual = 0.0;
 };
 
@@ -128,9 +129,10 @@ class Plant {
     else
       stepper_.step(volts, amp_enable, brake_release);
   }
-  /// Adds impulse / mass to the velocity of a body at this instant. Throws std::invalid_argument
-  /// for an unknown body and for an impulse that is not finite.
-  void apply_impulse(std::string_view body, double impulse_N_s);
+  /// Applies an impulse to a body or port at this instant: it adds impulse / mass to the velocity
+  /// of a body. Throws std::invalid_argument for an unknown name and for an impulse that is not
+  /// finite.
+  void apply_impulse(std::string_view point, double impulse_N_s);
   /// The drive fails at this instant, or works again with DriveFailure::none. Has an effect only if
   /// the model's drive has `enable_ticks`.
   void fail_drive(DriveFailure failure) { bus_.fail(failure); }
@@ -186,13 +188,16 @@ class Plant {
   /// false.
   EnergyAudit energy() const;
 
-  /// State vector: position in m and velocity in m/s of each body, then the states of the drive
-  /// (dc_motor: current in A, filtered tachometer voltage in V; first_order: force in N).
+  /// State vector: position in m and velocity in m/s of each body, then those of each mode of the
+  /// structures, then the states of the elements and of the drive (dc_motor: current in A, filtered
+  /// tachometer voltage in V; first_order: force in N).
   std::span<const double> state() const { return {stepper_.z().data(), stepper_.mode().states}; }
 
  private:
   class SamplePauses;
   double total_energy() const;
+  void read_encoder(const Encoder &encoder);
+  double encoder_place() const;
   std::uint16_t convert(std::size_t channel, double reading, std::int64_t sample);
   void take_samples();
   void step_sampled(double volts, bool amp_enable, bool brake_release);
@@ -205,6 +210,8 @@ class Plant {
   int highest_code_ = 0;
   std::size_t encoder_state_ = 0;
   std::optional<std::size_t> reference_state_;
+  // Row that gives the position of the encoder from the states, if a port is one of its ends.
+  std::vector<double> encoder_row_;
   double encoder_scale_ = 0.0;
   bool has_encoder_ = false;
   SwitchBank switches_;

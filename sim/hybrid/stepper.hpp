@@ -53,9 +53,9 @@ class Stepper {
   /// Applies a command in V at this instant, so switches and z() change before time advances. The
   /// next call of step() must have the same arguments.
   void hold(double command, bool enable);
-  /// Adds impulse (N s) / mass to the velocity of a body at this instant. Switches change before
-  /// time advances.
-  void kick(std::size_t body, double impulse);
+  /// Applies an impulse in N s to a point (Network::points) at this instant: it adds impulse / mass
+  /// to the velocity of a body. Switches change before time advances.
+  void kick(std::size_t point, double impulse);
 
   const ModeCache &cache() const { return *cache_; }
   const Network &network() const { return cache_->network(); }
