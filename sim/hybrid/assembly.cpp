@@ -300,8 +300,6 @@ class Assembly : public Wiring {
     return link;
   }
 
-  enum SliderState { kSlipsBack = 0, kSlideStuck = 1, kSlipsForward = 2 };
-
   // A contact with hysteresis. The slider moves only while the contact is pressed: a contact that
   // opens stops it, because the surface without force stays where it is.
   LinkWires add_hysteresis(const Contact &contact, Wire deflection, Wire rate) {
@@ -324,11 +322,11 @@ class Assembly : public Wiring {
     const Wire watched = add_select(index, {{}, {wire(own_force)}});
     const Wire onward = add_select(index, {{constant(-1)}, {wire(rate)}});
     const Wire backward = add_select(index, {{constant(1)}, {wire(rate)}});
-    const int slider = add_switch(name, {"backward", "stuck", "forward"}, false, kSlideStuck);
+    const int slider = add_switch(name, {"backward", "stuck", "forward"}, false, kStuck);
     auto &phases = bounds.back();
-    phases[kSlipsBack] = {{backward, -kInfinity, 0.0, kSlipsBack, kSlideStuck}};
-    phases[kSlideStuck] = {{watched, -slip_force, slip_force, kSlipsBack, kSlipsForward}};
-    phases[kSlipsForward] = {{onward, 0.0, kInfinity, kSlideStuck, kSlipsForward}};
+    phases[kBackward] = {{backward, -kInfinity, 0.0, kBackward, kStuck}};
+    phases[kStuck] = {{watched, -slip_force, slip_force, kBackward, kForward}};
+    phases[kForward] = {{onward, 0.0, kInfinity, kStuck, kForward}};
     const Wire own_rate = add_select(slider, {{}, {wire(surface_rate)}, {}});
     const Wire slip = add_select(slider, {{wire(surface_rate)}, {}, {wire(surface_rate)}});
     derivatives[static_cast<std::size_t>(stretch)] = {wire(own_rate)};

@@ -79,7 +79,7 @@ struct Wiring {
     int state;
     Extended factor;
   };
-  /// State of a friction or brake. Only brakes have the state kReleased.
+  /// State of a friction, a brake or the slider of a contact. Only brakes have the state kReleased.
   enum FrictionState { kBackward = 0, kStuck = 1, kForward = 2, kReleased = 3 };
   struct FrictionEnds {
     int switch_index;
