@@ -259,7 +259,7 @@ class Reference:
         self._settle(0.0, record=False)
 
     def _structures(self, model):
-        """Coordinates are the bodies and then the modes; points are the bodies and then the ports."""
+        """Coordinates are bodies, then modes; points are bodies, then ports."""
         bodies = len(self.mass)
         self.w, self.zeta = [0.0] * bodies, [0.0] * bodies
         blocks = [np.eye(bodies)]

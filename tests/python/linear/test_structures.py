@@ -156,7 +156,11 @@ def test_modes_have_the_labels_and_shapes_of_the_bodies(pair):
         assert len(one.modes) == 4
         for a, b in zip(one.modes, other.modes, strict=True):
             assert b.frequency_hz == pytest.approx(a.frequency_hz, rel=1e-9, abs=1e-5)
-            assert (b.label, b.against_below, b.reference) == (a.label, a.against_below, a.reference)
+            assert (b.label, b.against_below, b.reference) == (
+                a.label,
+                a.against_below,
+                a.reference,
+            )
             assert b.residue == pytest.approx(a.residue, rel=1e-8)
             turn = math.copysign(1, a.shape["head"] * b.shape["head"])
             assert set(b.shape) == {"base", "slide", "head", "workpiece"}
@@ -187,7 +191,9 @@ def test_advise_and_sets_of_plants_take_structures(pair, tmp_path):
     for new, old in zip((body, mode), pair, strict=True):
         text = old.read_text().replace("mass = 5", 'mass = "m_w"')
         new.write_text('[parameters]\nm_w = { value = 5, unit = "kg", source = "given" }\n' + text)
-    done = [verbs.forceaxis("limit", str(path), "--over", "m_w=40%", "--json") for path in (body, mode)]
+    done = [
+        verbs.forceaxis("limit", str(path), "--over", "m_w=40%", "--json") for path in (body, mode)
+    ]
     gains = [json.loads(one.stdout)["gain"] for one in done]
     assert gains[1] == pytest.approx(gains[0], rel=1e-6)
     shape = modes.modes(mode).modes[-1].shape
@@ -233,9 +239,7 @@ def test_the_slider_sticks_in_linear_figures(tmp_path):
     assert working.working(path, free=True).text == "pad apart"
     assert loops.force_loop(path).limit().gain == loops.force_loop(plain).limit().gain
     slips = {"pad.hysteresis": "forward"}
-    assert (
-        loops.force_loop(path, modes=slips).limit().gain == loops.force_loop(soft).limit().gain
-    )
+    assert loops.force_loop(path, modes=slips).limit().gain == loops.force_loop(soft).limit().gain
     assert over.modes_all(path) == ({}, slips)
     done = verbs.forceaxis("limit", str(path))
     assert "mode         pad pressed, pad.hysteresis stuck (small motions)\n" in done.stdout

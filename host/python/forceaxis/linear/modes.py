@@ -69,12 +69,13 @@ class Pole:
 class VibrationMode:
     """One mode of vibration of the mechanics, without damping and without the drive.
 
-    damping_ratio: that of the dampers in the undamped mode shape; None at 0 Hz. shape: {body or
-    port: displacement}, the largest has the magnitude 1. residue: of the response from input to output,
-    in the unit of the output per N s^2. label and against_lowest: "colocated", "noncolocated" or
-    "neither", in comparison with the lowest mode that has a residue (`reference` is True for that
-    mode). against_below: in comparison with the next lower mode. driven: the corresponding pole of
-    the complete system with damping and drive, None if there is none.
+    damping_ratio: that of the dampers in the undamped mode shape; None at 0 Hz. shape: {point:
+    displacement}, the largest has the magnitude 1; a point is a body or a port. residue: of the
+    response from input to output, in the unit of the output per N s^2. label and against_lowest:
+    "colocated", "noncolocated" or "neither", in comparison with the lowest mode that has a residue
+    (`reference` is True for that mode). against_below: in comparison with the next lower mode.
+    driven: the corresponding pole of the complete system with damping and drive, None if there is
+    none.
     """
 
     frequency_hz: float

@@ -25,7 +25,8 @@ class ParameterFacts(NamedTuple):
 @dataclass(frozen=True)
 class StructureFacts:
     """A structure that a model gives by n modes of vibration at its p ports: name, names of the
-    ports, modal masses in kg (n), and shapes, the displacements of the ports in the modes (n, p)."""
+    ports, modal masses in kg (n), and shapes, the displacements of the ports in each mode (n, p).
+    """
 
     name: str
     ports: tuple[str, ...]
@@ -184,7 +185,7 @@ class PlantFacts:
         return self.masses_kg | dict(modes)
 
     def displacements(self) -> np.ndarray:
-        """Returns the displacements of all points (rows) for a unit of each coordinate (columns)."""
+        """Returns the displacements of p points for a unit of each of c coordinates, (p, c)."""
         bodies = len(self.masses_kg)
         found = np.zeros((len(self.points), len(self.coordinates_kg)))
         found[:bodies, :bodies] = np.eye(bodies)
@@ -196,8 +197,8 @@ class PlantFacts:
         return found
 
     def moving_kg(self, still: str | None = None) -> float:
-        """Returns the mass in kg of all bodies and structures, without the body `still`. A structure
-        counts with the mass of its first mode at the port that this mode moves most."""
+        """Returns the mass in kg of all bodies and structures, without the point `still`. A
+        structure counts with the mass of its first mode at the port that this mode moves most."""
         bodies = sum(kg for body, kg in self.masses_kg.items() if body != still)
         return bodies + sum(s.apparent_kg for s in self.structures if still not in s.ports)
 
