@@ -300,10 +300,12 @@ def _text(path: str | Path, contacts: list[str], taken: dict[str, str], free: bo
     for name in backlashes(path):
         flanks = [left.pop(name + flank, OPEN) for flank in FLANKS]
         words.append(f"{name} {'closed' if CLOSED in flanks else 'open'}")
-    words += [f"{name} {left.pop(name, OPEN if free else CLOSED)}" for name in contacts]
+    touching = {name: left.pop(name, OPEN if free else CLOSED) for name in contacts}
+    words += [f"{name} {state}" for name, state in touching.items()]
     for name in _own_elements(path).sliders:
         state = left.pop(name)
-        words.append(f"{name} {state}" + (" (small motions)" if state == STUCK else ""))
+        if touching[name.removesuffix(SLIDER)] != OPEN:
+            words.append(f"{name} {state}" + (" (small motions)" if state == STUCK else ""))
     return ", ".join([*words, *(f"{name} {state}" for name, state in left.items())])
 
 
