@@ -125,10 +125,11 @@ class Jenkins:
         if now in (1, 3):
             yield above, 0
         if now == 1:
-            yield self.slip - self.h * (d - s), 2
-            yield self.slip + self.h * (d - s), 3
+            bound = self.slip * (1 + 1e-11)  # A slider at rest is on its bound to rounding.
+            yield bound - self.h * (d - s), 2
+            yield bound + self.h * (d - s), 3
         if now > 1:
-            yield (speed if now == 2 else -speed), 1
+            yield (speed if now == 2 else -speed) + 1e-13, 1  # as above, in m/s
 
 
 class Foldback:
@@ -245,6 +246,9 @@ class Reference:
         self.y = np.zeros(self.states)
         self.y[: len(bodies)] = [b.get("position", 0.0) for b in bodies]
         self.y[n : n + len(bodies)] = [b.get("velocity", 0.0) for b in bodies]
+        x = np.append(self.shape @ self.y[:n], 0.0)
+        for pad in self.jenkins:  # at the start no force is in the spring of the slider
+            self.y[pad.at] = max(x[pad.ends[0]] - x[pad.ends[1]] - pad.gap, 0.0)
         if self.drive and "rated_current" in self.drive:
             self.y[self.mean_at] = self.drive["rated_current"] / 2
         self.volts = 0.0
@@ -252,6 +256,7 @@ class Reference:
         self.mode = {e.name: e.home for e in self.switching}
         self.absolute = np.full(self.states, 1e-14)
         self.absolute[:n] = 1e-17
+        self.absolute[[pad.at for pad in self.jenkins]] = 1e-17
         self.fastest = 0.0  # of all bodies so far
         self.cache = {}
         self.changes = []  # (time_s, element, from, to)

@@ -110,7 +110,6 @@ def random_model(seed, more=False, modal=False):
         names.append(f"b{i}")
     if modal:
         add_structures(w, names, link)
-        add_hysteresis(w, link)
     for _ in range(w.rng.integers(1, 4)):
         w.table("contact", **link("contact", *w.pair(), w.log(200, 1500), w.log(0.01, 0.2)),
                 gap=w.between(-2e-4, 1e-3))  # fmt: skip
@@ -160,6 +159,8 @@ def random_model(seed, more=False, modal=False):
             s["acceleration"] = [w.between(-10, 10) for _ in range(points)]
             s["positions"] = w.rising(points, 1.5e-3)
         w.table("gravity", **s)
+    if modal:
+        add_hysteresis(w, link)
     if more:
         add_tables(w, count, link)
     signals = add_drive(w, count, MORE_KINDS if more else KINDS)
