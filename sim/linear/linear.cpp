@@ -145,17 +145,22 @@ std::optional<RowVector> output_row(const Model &model, const Network &network,
   throw InputError(model.file, "input", "expected one of " + listed(names) + ", got " + name);
 }
 
-// Expresses the deflection of the spring of a hysteresis by the positions. While the slider sticks,
-// it is the deflection of the contact and a constant; otherwise it is a constant. It is then no
-// part of the response.
-void replace_memory(ExtendedMatrix &flow, ExtendedMatrix &rows, const ModeEquations &equations,
-                    const Wiring::Memory &memory) {
-  const Eigen::Index n = flow.rows();
-  if ((flow.row(memory.state).array() != 0).any()) {
+// Sets A and C. The deflection of the spring of a hysteresis is expressed by the positions: while
+// the slider sticks, it is the deflection of the contact and a constant; otherwise it is a
+// constant. It is then no part of the response.
+void set_matrices(Linear &linear, const Network &network, const ModeEquations &equations,
+                  const ExtendedMatrix &rows) {
+  const Eigen::Index n = network.states();
+  ExtendedMatrix flow = equations.flow.leftCols(n);
+  ExtendedMatrix seen = rows.leftCols(n);
+  for (const Wiring::Memory &memory : network.memories()) {
+    if ((flow.row(memory.state).array() == 0).all()) continue;
     const RowVector deflection = equations.wires.row(memory.deflection).leftCols(n);
-    flow.leftCols(n) += ExtendedMatrix(flow.col(memory.state) * deflection);
-    rows.leftCols(n) += ExtendedMatrix(rows.col(memory.state) * deflection);
+    flow += ExtendedMatrix(flow.col(memory.state) * deflection);
+    seen += ExtendedMatrix(seen.col(memory.state) * deflection);
   }
+  linear.A = flow.cast<double>();
+  linear.C = seen.cast<double>();
 }
 
 // Removes a state that is no part of the response.
@@ -174,6 +179,15 @@ void remove_state(Linear &linear, Eigen::Index at) {
   cut_rows(linear.B);
   cut_columns(linear.C);
   linear.states.erase(linear.states.begin() + at);
+}
+
+// Removes the states that are no part of the response: the clock and the springs of hystereses.
+void remove_apart(Linear &linear, const Network &network) {
+  std::vector<Eigen::Index> apart;
+  if (network.clock() >= 0) apart.push_back(network.clock());
+  for (const Wiring::Memory &memory : network.memories()) apart.push_back(memory.state);
+  std::sort(apart.rbegin(), apart.rend());
+  for (const Eigen::Index state : apart) remove_state(linear, state);
 }
 
 }  // namespace
@@ -205,15 +219,10 @@ Linear linearise(const Model &given, const LinearMode &mode, std::span<const str
     return rows;
   };
   const ExtendedMatrix rows = outputs_of(model, network, equations);
-  ExtendedMatrix flow = equations.flow;
-  ExtendedMatrix seen = rows;
-  for (const Wiring::Memory &memory : network.memories())
-    replace_memory(flow, seen, equations, memory);
 
   Linear linear;
   linear.states = state_names(network);
-  linear.A = flow.leftCols(n).cast<double>();
-  linear.C = seen.leftCols(n).cast<double>();
+  set_matrices(linear, network, equations, rows);
   linear.B.resize(n, static_cast<Eigen::Index>(inputs.size()));
   linear.D.resize(width, static_cast<Eigen::Index>(inputs.size()));
   for (std::size_t j = 0; j < inputs.size(); ++j) {
@@ -247,11 +256,7 @@ Linear linearise(const Model &given, const LinearMode &mode, std::span<const str
       force(static_cast<int>(point - names.begin()), kGround);
     }
   }
-  std::vector<Eigen::Index> apart;
-  if (network.clock() >= 0) apart.push_back(network.clock());
-  for (const Wiring::Memory &memory : network.memories()) apart.push_back(memory.state);
-  std::sort(apart.rbegin(), apart.rend());
-  for (const Eigen::Index state : apart) remove_state(linear, state);
+  remove_apart(linear, network);
   return linear;
 }
 

@@ -41,6 +41,7 @@ class Elements {
   void read_structures();
   void read_links();
   void read_gravities();
+  Contact read_contact(Section &section);
   Cogging read_cogging(Section &section);
   void read_externals();
   void read_drive();
@@ -302,6 +303,25 @@ void Elements::read_externals() {
   });
 }
 
+Contact Elements::read_contact(Section &section) {
+  auto contact = link<Contact>(section);
+  contact.stiffness = read_slopes(section, "stiffness");
+  contact.damping = read_damping(section);
+  contact.gap = section.number("gap");
+  contact.maxwell = read_maxwell(section);
+  contact.hysteresis = read_hysteresis(section);
+  const bool linear = contact.damping == 0.0 && contact.stiffness.slopes.size() == 1;
+  if (contact.hysteresis && (!linear || contact.maxwell))
+    section.fail("hysteresis_stiffness",
+                 "expected one stiffness, no damping and no maxwell_stiffness beside "
+                 "hysteresis_stiffness, got more; remove the other keys");
+  if (contact.maxwell && !linear)
+    section.fail("maxwell_stiffness",
+                 "expected one stiffness and no damping beside maxwell_stiffness, got more; "
+                 "remove the damping or the further segments");
+  return contact;
+}
+
 void Elements::read_links() {
   root_.each("spring", [&](Section &section) {
     auto spring = link<Spring>(section);
@@ -315,24 +335,8 @@ void Elements::read_links() {
     damper.damping = read_slopes(section, "damping");
     model_.dampers.push_back(std::move(damper));
   });
-  root_.each("contact", [&](Section &section) {
-    auto contact = link<Contact>(section);
-    contact.stiffness = read_slopes(section, "stiffness");
-    contact.damping = read_damping(section);
-    contact.gap = section.number("gap");
-    contact.maxwell = read_maxwell(section);
-    contact.hysteresis = read_hysteresis(section);
-    const bool linear = contact.damping == 0.0 && contact.stiffness.slopes.size() == 1;
-    if (contact.hysteresis && (!linear || contact.maxwell))
-      section.fail("hysteresis_stiffness",
-                   "expected one stiffness, no damping and no maxwell_stiffness beside "
-                   "hysteresis_stiffness, got more; remove the other keys");
-    if (contact.maxwell && !linear)
-      section.fail("maxwell_stiffness",
-                   "expected one stiffness and no damping beside maxwell_stiffness, got more; "
-                   "remove the damping or the further segments");
-    model_.contacts.push_back(std::move(contact));
-  });
+  root_.each("contact",
+             [&](Section &section) { model_.contacts.push_back(read_contact(section)); });
   root_.each("backlash", [&](Section &section) {
     auto backlash = touching<Stop>(section);
     const double width = section.number("width");

@@ -367,17 +367,11 @@ InputError::InputError(std::string file_name, std::string key_name, std::string 
 
 std::vector<SignalInfo> Model::signal_list() const {
   std::vector<SignalInfo> list;
-  for (const Body &body : bodies) {
-    list.push_back({body.name + ".position", Dimension::length});
-    list.push_back({body.name + ".velocity", Dimension::velocity});
-    list.push_back({body.name + ".acceleration", Dimension::acceleration});
+  for (const std::string &point : point_names()) {
+    list.push_back({point + ".position", Dimension::length});
+    list.push_back({point + ".velocity", Dimension::velocity});
+    list.push_back({point + ".acceleration", Dimension::acceleration});
   }
-  for (const Structure &structure : structures)
-    for (const std::string &port : structure.ports) {
-      list.push_back({port + ".position", Dimension::length});
-      list.push_back({port + ".velocity", Dimension::velocity});
-      list.push_back({port + ".acceleration", Dimension::acceleration});
-    }
   each_link([&](const auto &link) {
     list.push_back({link.name + ".force", Dimension::force});
     list.push_back({link.name + ".spring_force", Dimension::force});
