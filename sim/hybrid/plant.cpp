@@ -120,6 +120,7 @@ void Plant::read_encoder(const Encoder &encoder) {
     if (encoder.reference != kGround) reference_state_ = position_of(encoder.reference);
     return;
   }
+  reference_state_ = encoder_state_;
   encoder_row_.assign(static_cast<std::size_t>(network.states()), 0.0);
   const auto add = [&](int point, double sign) {
     if (point == kGround) return;
@@ -133,11 +134,11 @@ void Plant::read_encoder(const Encoder &encoder) {
   add(encoder.reference, -1.0);
 }
 
-// Returns the position in m that the encoder measures.
-double Plant::encoder_place() const {
+// Returns the position in m that an encoder with a reference, or with a port as an end, measures.
+double Plant::relative_place() const {
   const double *z = stepper_.z().data();
   if (!encoder_row_.empty()) return kernel::dot(encoder_row_.data(), z, encoder_row_.size());
-  return reference_state_ ? z[encoder_state_] - z[*reference_state_] : z[encoder_state_];
+  return z[encoder_state_] - z[*reference_state_];
 }
 
 double Plant::volts(int dac_code) const {
@@ -211,7 +212,8 @@ const SensorCodes &Plant::codes() {
   const double *value = stepper_.sensors();
   SensorCodes &codes = codes_;
   if (has_encoder_) {
-    const double place = encoder_place();
+    double place = stepper_.z()[encoder_state_];
+    if (reference_state_) place = relative_place();
     const double y = place * encoder_scale_ + 0.5;
     if (!(kernel::magnitude(y) < kFar))
       throw SimulationError(

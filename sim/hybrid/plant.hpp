@@ -197,7 +197,7 @@ class Plant {
   class SamplePauses;
   double total_energy() const;
   void read_encoder(const Encoder &encoder);
-  double encoder_place() const;
+  double relative_place() const;
   std::uint16_t convert(std::size_t channel, double reading, std::int64_t sample);
   void take_samples();
   void step_sampled(double volts, bool amp_enable, bool brake_release);
@@ -210,8 +210,6 @@ class Plant {
   int highest_code_ = 0;
   std::size_t encoder_state_ = 0;
   std::optional<std::size_t> reference_state_;
-  // Row that gives the position of the encoder from the states, if a port is one of its ends.
-  std::vector<double> encoder_row_;
   double encoder_scale_ = 0.0;
   bool has_encoder_ = false;
   SwitchBank switches_;
@@ -239,6 +237,9 @@ class Plant {
   // A member, because a result in registers would be loaded in one piece from memory into which its
   // fields have just been stored one by one. The processor has to wait for such stores.
   SensorCodes codes_;
+  // Row that gives the position of the encoder from the states, if a port is one of its ends. It is
+  // the last member, so that the others keep their places in the lines of the cache.
+  std::vector<double> encoder_row_;
 };
 
 }  // namespace forceaxis::sim
