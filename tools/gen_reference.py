@@ -78,6 +78,9 @@ SIGNALS = (
     ("BODY.position", "m", "Position of a body."),
     ("BODY.velocity", "m/s", "Its velocity."),
     ("BODY.acceleration", "m/s^2", "Its acceleration, as an accelerometer on it reads it."),
+    ("PORT.position", "m", "Position of a port of a structure."),
+    ("PORT.velocity", "m/s", "Its velocity."),
+    ("PORT.acceleration", "m/s^2", "Its acceleration."),
     ("LINK.force", "N", "Force of anything with two ends; positive pushes a back."),
     ("LINK.spring_force", "N", "The part of its stiffness, as a strain gauge reads it."),
     ("LINK.spring_force_rate", "N/s", "Rate of that part."),
@@ -289,8 +292,8 @@ def thesis():
 def pages():
     """{file name: text} of every page."""
     signals = (
-        "## Signals\n\nThe true signals of a model. BODY, LINK and GRAVITY stand for the names of "
-        "its elements.\n\n"
+        "## Signals\n\nThe true signals of a model. BODY, PORT, LINK and GRAVITY stand for the "
+        "names of its elements.\n\n"
     )
     model = (
         sections(_core.model_format())

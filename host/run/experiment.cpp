@@ -24,11 +24,6 @@ namespace {
 using sim::InputError;
 using sim::Section;
 
-bool has_body(const sim::Model &model, std::string_view name) {
-  return std::any_of(model.bodies.begin(), model.bodies.end(),
-                     [name](const sim::Body &b) { return b.name == name; });
-}
-
 // Returns the text of a key. The text must not be empty.
 std::string words(Section &section, std::string_view key) {
   std::string text = section.text(key, "a text");
@@ -73,13 +68,11 @@ Action read_action(Section &section, double duration_s, const sim::Model &model,
   section.one("impulse", [&](Section &impulse) {
     impulse.finish();
     const std::string body = words(impulse, "body");
-    if (!has_body(model, body)) {
-      std::vector<std::string> names;
-      for (const sim::Body &known : model.bodies) names.push_back(known.name);
+    const std::vector<std::string> names = model.point_names();
+    if (sim::find_point(names, body) == sim::kGround)
       impulse.fail("body", "expected one of " + sim::joined(names) + ", got " +
                                sim::in_quotes(body) + sim::suggestion(body, names) +
                                "; name a body of the model");
-    }
     action.impulses.push_back({body, impulse.number("N_s")});
   });
   section.one("sensor",

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <optional>
 #include <utility>
 #include <variant>
@@ -22,11 +23,14 @@ class Assembly : public Wiring {
     for (const Body &body : model.bodies) {
       const int position_state = add_state(body.name, body.position);
       const int velocity_state = add_state(body.name, body.velocity);
-      bodies.push_back({position_state, velocity_state, body.mass});
+      points.push_back({{static_cast<int>(coordinates.size()), 1.0}});
+      coordinates.push_back({position_state, velocity_state, body.mass});
       derivatives[static_cast<std::size_t>(position_state)] = {state(velocity_state)};
       name_signal(body.name + ".position", add_sum({state(position_state)}));
       name_signal(body.name + ".velocity", add_sum({state(velocity_state)}));
     }
+    bodies_ = coordinates.size();
+    add_structures(model);
     add_all(model.springs);
     add_all(model.dampers);
     add_all(model.contacts);
@@ -39,18 +43,77 @@ class Assembly : public Wiring {
     // whether a friction sticks.
     add_all(model.frictions);
     for (const Brake &brake : model.brakes) add(brake, model.frictions);
-    for (std::size_t i = 0; i < model.bodies.size(); ++i)
-      name_signal(model.bodies[i].name + ".acceleration",
-                  add_sum(derivatives[static_cast<std::size_t>(bodies[i].velocity)]));
+    add_accelerations(model.point_names());
     for (std::size_t channel = 0; channel < 2; ++channel)
       if (model.adc[channel]) add_adc(channel, *model.adc[channel]);
     for (const SignalInfo &signal : model.signal_list()) signal_wires.push_back(named(signal.name));
   }
 
  private:
+  std::size_t bodies_ = 0;  // number of bodies, which are the first of the coordinates
+
   template <class Element>
   void add_all(const std::vector<Element> &elements) {
     for (const Element &element : elements) add(element);
+  }
+
+  // Adds the modes of all structures, whose states follow those of the bodies, and the ports.
+  void add_structures(const Model &model) {
+    const std::size_t first = coordinates.size();
+    for (const Structure &structure : model.structures) add(structure);
+    for (std::size_t mode = first; mode < coordinates.size(); ++mode)
+      points.push_back({{static_cast<int>(mode), 1.0}});
+  }
+
+  void add(const Structure &structure) {
+    const auto first = static_cast<int>(coordinates.size());
+    for (std::size_t i = 0; i < structure.modes.size(); ++i)
+      add_mode(structure.name, i + 1, structure.modes[i]);
+    for (std::size_t port = 0; port < structure.ports.size(); ++port) {
+      Point shares;
+      for (std::size_t i = 0; i < structure.modes.size(); ++i)
+        if (const double factor = structure.modes[i].shape[port]; factor != 0.0)
+          shares.push_back({first + static_cast<int>(i), factor});
+      const auto index = static_cast<int>(points.size());
+      points.push_back(std::move(shares));
+      name_signal(structure.ports[port] + ".position", position_of(index));
+      name_signal(structure.ports[port] + ".velocity", velocity_of(index));
+    }
+  }
+
+  // A mode is a body of the modal mass on a spring and a damper to ground.
+  void add_mode(const std::string &structure, std::size_t number, const Structure::Mode &mode) {
+    const std::string name = structure + "." + std::to_string(number);
+    const int position_state = add_state(name, 0.0);
+    const int velocity_state = add_state(name, 0.0);
+    coordinates.push_back({position_state, velocity_state, mode.mass});
+    derivatives[static_cast<std::size_t>(position_state)] = {state(velocity_state)};
+    if (mode.frequency_hz == 0.0) return;
+    const Extended w = 2 * std::numbers::pi_v<Extended> * static_cast<Extended>(mode.frequency_hz);
+    const Extended mass = mode.mass;
+    Terms &rates = derivatives[static_cast<std::size_t>(velocity_state)];
+    const Wire place = add_sum({state(position_state)});
+    const Wire elastic = add_sum({wire(place, w * w * mass)});
+    rates.push_back(wire(elastic, -1 / mass));
+    storages.push_back({structure, elastic, place});
+    if (mode.damping_ratio == 0.0) return;
+    const Wire speed = add_sum({state(velocity_state)});
+    const Wire drag = add_sum({wire(speed, 2 * Extended(mode.damping_ratio) * w * mass)});
+    rates.push_back(wire(drag, -1 / mass));
+    dampers.push_back({structure, drag, speed});
+  }
+
+  void add_accelerations(const std::vector<std::string> &names) {
+    std::vector<Wire> accelerations;
+    for (const Coordinate &coordinate : coordinates)
+      accelerations.push_back(add_sum(derivatives[static_cast<std::size_t>(coordinate.velocity)]));
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      Terms sum;
+      for (const Share &share : points[i])
+        sum.push_back(
+            wire(accelerations[static_cast<std::size_t>(share.coordinate)], share.factor));
+      name_signal(names[i] + ".acceleration", add_sum(std::move(sum)));
+    }
   }
 
   LinkWires add_contact(const std::string &element, Wire deflection, Wire rate,
@@ -237,16 +300,54 @@ class Assembly : public Wiring {
     return link;
   }
 
+  // A contact with hysteresis. The slider moves only while the contact is pressed: a contact that
+  // opens stops it, because the surface without force stays where it is.
+  LinkWires add_hysteresis(const Contact &contact, Wire deflection, Wire rate) {
+    const Extended k = contact.stiffness.slopes.front();
+    const Extended h = contact.hysteresis->stiffness;
+    const double slip_force = contact.hysteresis->force;
+    const std::string name = contact.name + ".hysteresis";
+    const int stretch = add_state(name, 0.0);
+    memories.push_back({stretch, deflection});
+    const Wire own = add_sum({state(stretch)});
+    const Wire own_force = add_sum({wire(own, h)});
+    const Wire meeting = add_sum({wire(deflection, k), wire(own_force)});
+    const int index = add_switch(contact.name, {"apart", "pressed"}, false, kApart);
+    bounds.back()[kApart] = {{meeting, -kInfinity, 0.0, kApart, kPressed}};
+    bounds.back()[kPressed] = {{meeting, 0.0, kInfinity, kApart, kPressed}};
+    const Wire surface = add_select(index, {{wire(own, -h / k)}, {wire(deflection)}});
+    const Wire surface_rate = add_select(index, {{}, {wire(rate)}});
+    // Rates that end the slip in either direction. While the contact is apart they are beyond their
+    // bounds, and the force of the slider is not watched, because it cannot change.
+    const Wire watched = add_select(index, {{}, {wire(own_force)}});
+    const Wire onward = add_select(index, {{constant(-1)}, {wire(rate)}});
+    const Wire backward = add_select(index, {{constant(1)}, {wire(rate)}});
+    const int slider = add_switch(name, {"backward", "stuck", "forward"}, false, kStuck);
+    auto &phases = bounds.back();
+    phases[kBackward] = {{backward, -kInfinity, 0.0, kBackward, kStuck}};
+    phases[kStuck] = {{watched, -slip_force, slip_force, kBackward, kForward}};
+    phases[kForward] = {{onward, 0.0, kInfinity, kStuck, kForward}};
+    const Wire own_rate = add_select(slider, {{}, {wire(surface_rate)}, {}});
+    const Wire slip = add_select(slider, {{wire(surface_rate)}, {}, {wire(surface_rate)}});
+    derivatives[static_cast<std::size_t>(stretch)] = {wire(own_rate)};
+    storages.push_back({contact.name, add_sum({wire(surface, k)}), surface});
+    storages.push_back({contact.name, own_force, own});
+    dampers.push_back({contact.name, own_force, slip});
+    LinkWires link{};
+    link.deflection = deflection;
+    link.force = add_select(index, {{}, {wire(meeting)}});
+    link.spring_force = link.force;
+    link.spring_force_rate = add_select(index, {{}, {wire(rate, k), wire(own_rate, h)}});
+    return link;
+  }
+
   void add(const Contact &contact) {
-    if (contact.maxwell) {
-      const LinkWires link =
-          add_solid(contact, deflection_of(contact.ends, contact.gap), rate_of(contact.ends));
-      push(contact.ends, link.force);
-      name_link(contact.name, link);
-      return;
-    }
-    const LinkWires link = add_contact(contact.name, deflection_of(contact.ends, contact.gap),
-                                       rate_of(contact.ends), contact.stiffness, contact.damping);
+    const Wire deflection = deflection_of(contact.ends, contact.gap);
+    const Wire rate = rate_of(contact.ends);
+    const LinkWires link = contact.maxwell      ? add_solid(contact, deflection, rate)
+                           : contact.hysteresis ? add_hysteresis(contact, deflection, rate)
+                                                : add_contact(contact.name, deflection, rate,
+                                                              contact.stiffness, contact.damping);
     push(contact.ends, link.force);
     name_link(contact.name, link);
   }
@@ -278,20 +379,22 @@ class Assembly : public Wiring {
   }
 
   void add(const Gravity &gravity) {
-    const BodyState &body = bodies[static_cast<std::size_t>(gravity.body)];
+    // A model file has gravity on bodies alone. linearise() pushes any point in this way, and then
+    // a point that is not a body counts as 1 kg.
+    const auto place_of_body = static_cast<std::size_t>(gravity.body);
+    const double mass = place_of_body < bodies_ ? coordinates[place_of_body].mass : 1.0;
     std::vector<double> forces;
-    for (const double acceleration : gravity.accelerations)
-      forces.push_back(body.mass * acceleration);
+    for (const double acceleration : gravity.accelerations) forces.push_back(mass * acceleration);
     Wire force = -1;
     if (gravity.positions.empty()) {
       force = add_sum({constant(forces.front())});
     } else {
-      const Wire place = add_sum({state(body.position)});
+      const Wire place = position_of(gravity.body);
       const Curve curve = Curve::interpolated(gravity.positions, forces);
       force = add_curve(add_segments(gravity.name, place, curve, false), place, curve);
     }
     push({kGround, gravity.body}, force);
-    supplies.push_back({gravity.name, force, add_sum({state(body.velocity)})});
+    supplies.push_back({gravity.name, force, velocity_of(gravity.body)});
     name_signal(gravity.name + ".force", force);
   }
 
@@ -312,9 +415,12 @@ class Assembly : public Wiring {
     name_link(cogging.name, {force, force, add_select(segments, std::move(rates)), deflection});
   }
 
-  double start_of(int body) const {
-    if (body == kGround) return 0.0;
-    return initial[static_cast<std::size_t>(bodies[static_cast<std::size_t>(body)].position)];
+  double start_of(int index) const {
+    double place = 0.0;
+    if (index == kGround) return place;
+    for (const Share &share : point(index))
+      place += share.factor * initial[static_cast<std::size_t>(coordinate_of(share).position)];
+    return place;
   }
 
   // The time is a state that counts ticks, so that it is exact at the ticks.
@@ -332,9 +438,8 @@ class Assembly : public Wiring {
     curve.segments.back().offset = 0;
     const int segments = add_segments(external.name, now, curve, false);
     const Wire force = add_curve(segments, now, curve);
-    const BodyState &body = bodies[static_cast<std::size_t>(external.body)];
     push({kGround, external.body}, force);
-    supplies.push_back({external.name, force, add_sum({state(body.velocity)})});
+    supplies.push_back({external.name, force, velocity_of(external.body)});
     name_signal(external.name + ".force", force);
   }
 
@@ -380,10 +485,12 @@ class Assembly : public Wiring {
     phases[kStuck] = {{force, -stiction, stiction, kBackward, kForward}};
     phases[kForward] = {{rate, 0.0, kInfinity, kStuck, kForward}};
     push(ends, force);
-    const auto velocity_state = [this](int body) {
-      return body == kGround ? -1 : bodies[static_cast<std::size_t>(body)].velocity;
+    const auto shares = [this](int end) {
+      std::vector<StateShare> list;
+      for (const Term &term : velocities(end, 1)) list.push_back({term.index, term.factor});
+      return list;
     };
-    frictions.push_back({index, velocity_state(ends.a), velocity_state(ends.b)});
+    frictions.push_back({index, shares(ends.a), shares(ends.b)});
     dampers.push_back({name, force, rate});
     const Wire none = add_sum({});
     name_link(name, {force, none, none, deflection});

@@ -108,8 +108,8 @@ void Network::solve_holds(ModeKey key, ModeEquations &equations) const {
   Eigen::Index row = 0;
   for (const Wiring::FrictionEnds &friction : wiring_.frictions) {
     if (!holds(key, friction)) continue;
-    if (friction.velocity_a >= 0) rate(row, friction.velocity_a) += 1;
-    if (friction.velocity_b >= 0) rate(row, friction.velocity_b) -= 1;
+    for (const Wiring::StateShare &a : friction.velocity_a) rate(row, a.state) += a.factor;
+    for (const Wiring::StateShare &b : friction.velocity_b) rate(row, b.state) -= b.factor;
     ++row;
   }
   const ExtendedMatrix acting = equations.flow.rightCols(unknowns);
@@ -118,28 +118,31 @@ void Network::solve_holds(ModeKey key, ModeEquations &equations) const {
   equations.flow = ExtendedMatrix(equations.flow.leftCols(c) + acting * hold);
   equations.wires =
       ExtendedMatrix(equations.wires.leftCols(c) + equations.wires.rightCols(unknowns) * hold);
-  // A body that sticks to ground, directly or through other bodies, has a velocity of exactly 0.
+  // A body that sticks to ground, directly or through other bodies, has a velocity of exactly 0. A
+  // port with several modes has only a sum of velocities that is 0.
   std::vector<bool> still(static_cast<std::size_t>(n), false);
-  const auto is_still = [&still](int velocity) {
-    return velocity < 0 || still[static_cast<std::size_t>(velocity)];
+  const auto is_still = [&still](const std::vector<Wiring::StateShare> &velocity) {
+    return std::all_of(velocity.begin(), velocity.end(), [&still](const Wiring::StateShare &share) {
+      return still[static_cast<std::size_t>(share.state)];
+    });
   };
   for (bool grown = true; grown;) {
     grown = false;
     for (const Wiring::FrictionEnds &friction : wiring_.frictions) {
       if (!holds(key, friction)) continue;
-      for (const auto &[end, other] : {std::pair(friction.velocity_a, friction.velocity_b),
-                                       std::pair(friction.velocity_b, friction.velocity_a)}) {
-        if (is_still(end) || !is_still(other)) continue;
-        equations.flow.row(end).setZero();
-        still[static_cast<std::size_t>(end)] = grown = true;
+      for (const auto &[end, other] : {std::pair(&friction.velocity_a, &friction.velocity_b),
+                                       std::pair(&friction.velocity_b, &friction.velocity_a)}) {
+        if (end->size() != 1 || is_still(*end) || !is_still(*other)) continue;
+        equations.flow.row(end->front().state).setZero();
+        still[static_cast<std::size_t>(end->front().state)] = grown = true;
       }
     }
   }
   // The forces of sticking frictions, applied as impulses, remove a relative velocity. The impulses
   // change only velocities.
   ExtendedMatrix impulse = ExtendedMatrix::Zero(n, unknowns);
-  for (const Wiring::BodyState &body : wiring_.bodies)
-    impulse.row(body.velocity) = acting.row(body.velocity);
+  for (const Wiring::Coordinate &moved : wiring_.coordinates)
+    impulse.row(moved.velocity) = acting.row(moved.velocity);
   equations.slip = impulse * solver.solve(rate);
 }
 

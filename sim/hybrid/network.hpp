@@ -54,7 +54,8 @@ class Network {
   int states() const { return static_cast<int>(wiring_.initial.size()); }
   int columns() const { return states() + 2; }
   int wire_count() const { return static_cast<int>(wiring_.wires.size()); }
-  /// For each state, the name of a body, or the complete name of a state of the drive or a filter.
+  /// For each state, the name of a body or of a mode (STRUCTURE.NUMBER), or the complete name of a
+  /// state of an element, of the drive or of a filter.
   const std::vector<std::string> &state_names() const { return wiring_.state_names; }
   /// Indices, in ascending order, of the states that are no part of a response to an input: the
   /// time, the drift of a sensor, and the integrals of a converter's filter.
@@ -100,7 +101,11 @@ class Network {
   const std::array<Wire, 2> &adc_wires() const { return wiring_.adc_wires; }
   /// Index of the first integral of the filter of each ADC (Wiring::filter_states); -1: no filter.
   const std::array<int, 2> &filter_states() const { return wiring_.filter_states; }
-  const std::vector<Wiring::BodyState> &bodies() const { return wiring_.bodies; }
+  /// The bodies of the model, followed by the modes of its structures.
+  const std::vector<Wiring::Coordinate> &coordinates() const { return wiring_.coordinates; }
+  /// The points of the model (Model::point_names), followed by the modes of its structures.
+  const std::vector<Wiring::Point> &points() const { return wiring_.points; }
+  const std::vector<Wiring::Memory> &memories() const { return wiring_.memories; }
   const std::vector<Wiring::FrictionEnds> &frictions() const { return wiring_.frictions; }
   const std::vector<Wiring::BrakeTimes> &brakes() const { return wiring_.brakes; }
   /// Energy sources and dampers. Each product is a power in W.

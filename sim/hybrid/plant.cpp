@@ -79,14 +79,7 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
     }
   has_encoder_ = description.encoder.has_value();
   if (has_encoder_) {
-    const auto position_of = [this](int body) {
-      return static_cast<std::size_t>(
-          stepper_.network().bodies()[static_cast<std::size_t>(body)].position);
-    };
-    encoder_scale_ = description.encoder->scale;
-    encoder_state_ = position_of(description.encoder->body);
-    if (const int reference = description.encoder->reference; reference != kGround)
-      reference_state_ = position_of(reference);
+    read_encoder(*description.encoder);
     switches_ = SwitchBank(description.switches);
   }
   if (const auto &drive = description.drive;
@@ -128,6 +121,40 @@ void Plant::begin_samples(std::size_t channel, const Adc &adc) {
   converter.filter =
       SincFilter(static_cast<std::size_t>(adc.sinc_order), kTickRateHz / adc.sampling->rate_hz);
   converter.filter.begin(start, converter.samples.next_instant() / parts());
+}
+
+void Plant::read_encoder(const Encoder &encoder) {
+  encoder_scale_ = encoder.scale;
+  const Network &network = stepper_.network();
+  const auto &coordinates = network.coordinates();
+  if (model().is_body(encoder.body) &&
+      (encoder.reference == kGround || model().is_body(encoder.reference))) {
+    const auto position_of = [&](int body) {
+      return static_cast<std::size_t>(coordinates[static_cast<std::size_t>(body)].position);
+    };
+    encoder_state_ = position_of(encoder.body);
+    if (encoder.reference != kGround) reference_state_ = position_of(encoder.reference);
+    return;
+  }
+  reference_state_ = encoder_state_;
+  encoder_row_.assign(static_cast<std::size_t>(network.states()), 0.0);
+  const auto add = [&](int point, double sign) {
+    if (point == kGround) return;
+    for (const Wiring::Share &share : network.points()[static_cast<std::size_t>(point)]) {
+      const auto coordinate = static_cast<std::size_t>(share.coordinate);
+      encoder_row_[static_cast<std::size_t>(coordinates[coordinate].position)] +=
+          sign * share.factor;
+    }
+  };
+  add(encoder.body, 1.0);
+  add(encoder.reference, -1.0);
+}
+
+// Returns the position in m that an encoder with a reference, or with a port as an end, measures.
+double Plant::relative_place() const {
+  const double *z = stepper_.z().data();
+  if (!encoder_row_.empty()) return kernel::dot(encoder_row_.data(), z, encoder_row_.size());
+  return z[encoder_state_] - z[*reference_state_];
 }
 
 double Plant::volts(int dac_code) const {
@@ -212,8 +239,8 @@ void Plant::step_sampled(double volts, bool amp_enable, bool brake_release) {
   stepper_.step(volts, amp_enable, brake_release, pauses);
 }
 
-void Plant::apply_impulse(std::string_view body, double impulse_N_s) {
-  const int index = model().body_index(body);
+void Plant::apply_impulse(std::string_view point, double impulse_N_s) {
+  const int index = model().point_index(point);
   if (!(kernel::magnitude(impulse_N_s) < 1e30))
     throw std::invalid_argument("an impulse must be a finite number of N s");
   stepper_.kick(static_cast<std::size_t>(index), impulse_N_s);
@@ -225,7 +252,7 @@ const SensorCodes &Plant::codes() {
   SensorCodes &codes = codes_;
   if (has_encoder_) {
     double place = stepper_.z()[encoder_state_];
-    if (reference_state_) place -= stepper_.z()[*reference_state_];
+    if (reference_state_) place = relative_place();
     const double y = place * encoder_scale_ + 0.5;
     if (!(kernel::magnitude(y) < kFar))
       throw SimulationError(
@@ -358,8 +385,15 @@ EnergyAudit Plant::energy() const {
   double out = result.kinetic + result.stored + result.discarded;
   const auto &dampers = stepper_.network().dampers();
   for (std::size_t i = 0; i < dampers.size(); ++i) {
-    result.dissipated.push_back({dampers[i].element, integrals.dissipated[i]});
-    out += integrals.dissipated[i];
+    const double energy = integrals.dissipated[i];
+    const auto same =
+        std::find_if(result.dissipated.begin(), result.dissipated.end(),
+                     [&](const auto &other) { return other.element == dampers[i].element; });
+    if (same == result.dissipated.end())
+      result.dissipated.push_back({dampers[i].element, energy});
+    else
+      same->energy += energy;
+    out += energy;
   }
   result.residual = result.initial + result.supplied - out;
   return result;

@@ -65,12 +65,13 @@ struct SensorCodes {
 /// A change of one element from one discrete state to another.
 struct Event {
   double time_s = 0.0;
-  /// Name of the element: a contact, friction, brake, spring, damper or gravity; NAME.low or
-  /// NAME.high for a stop; drive.preamp, drive.current_feedback, drive.amplifier or drive.force;
-  /// adc0.sensor.
+  /// Name of the element: a contact, friction, brake, spring, damper or gravity; NAME.hysteresis
+  /// for the slider of a contact; NAME.low or NAME.high for a stop; drive.preamp,
+  /// drive.current_feedback, drive.amplifier or drive.force; adc0.sensor.
   std::string element;
   /// Names of the states before and after the change. The states of a contact are apart, pressed
-  /// and overlap. The states of a friction or brake are backward, stuck, forward and released. The
+  /// and overlap. The states of a friction, a brake or the slider of a contact are backward, stuck,
+  /// forward and released. The
   /// states of a curve are low limit, low outer, inner, linear and so on; those of a table are
   /// segment 0, segment 1 and so on.
   std::string from;
@@ -88,12 +89,12 @@ struct EnergyAudit {
   double stored = 0.0;     ///< energy stored in springs and in closed contacts
   double discarded = 0.0;  ///< spring energy that opened contacts and disabled steppers lost
   struct Damper {
-    /// Name of a spring, damper, contact, friction or brake. "drive" is the friction b_m of a
-    /// motor.
+    /// Name of a spring, damper, contact, friction, brake or structure. "drive" is the friction b_m
+    /// of a motor.
     std::string element;
     double energy = 0.0;
   };
-  std::vector<Damper> dissipated;
+  std::vector<Damper> dissipated;  ///< each element once
   double residual = 0.0;
 };
 
@@ -129,9 +130,10 @@ class Plant {
     else
       stepper_.step(volts, amp_enable, brake_release);
   }
-  /// Adds impulse / mass to the velocity of a body at this instant. Throws std::invalid_argument
-  /// for an unknown body and for an impulse that is not finite.
-  void apply_impulse(std::string_view body, double impulse_N_s);
+  /// Applies an impulse to a body or port at this instant: it adds impulse / mass to the velocity
+  /// of a body. Throws std::invalid_argument for an unknown name and for an impulse that is not
+  /// finite.
+  void apply_impulse(std::string_view point, double impulse_N_s);
   /// The drive fails at this instant, or works again with DriveFailure::none. Has an effect only if
   /// the model's drive has `enable_ticks`.
   void fail_drive(DriveFailure failure) { bus_.fail(failure); }
@@ -187,14 +189,16 @@ class Plant {
   /// false.
   EnergyAudit energy() const;
 
-  /// State vector: position in m and velocity in m/s of each body, then the states of the drive
-  /// (dc_motor: current in A, filtered tachometer voltage in V; first_order: force in N) and of the
-  /// sensors.
+  /// State vector: position in m and velocity in m/s of each body, then those of each mode of the
+  /// structures, then the states of the elements, of the drive (dc_motor: current in A, filtered
+  /// tachometer voltage in V; first_order: force in N) and of the sensors.
   std::span<const double> state() const { return {stepper_.z().data(), stepper_.mode().states}; }
 
  private:
   class SamplePauses;
   double total_energy() const;
+  void read_encoder(const Encoder &encoder);
+  double relative_place() const;
   std::uint16_t convert(std::size_t channel, double reading, std::int64_t sample);
   void begin_samples(std::size_t channel, const Adc &adc);
   void take_samples();
@@ -240,6 +244,9 @@ class Plant {
   // A member, because a result in registers would be loaded in one piece from memory into which its
   // fields have just been stored one by one. The processor has to wait for such stores.
   SensorCodes codes_;
+  // Row that gives the position of the encoder from the states, if a port is one of its ends. It is
+  // the last member, so that the others keep their places in the lines of the cache.
+  std::vector<double> encoder_row_;
 };
 
 }  // namespace forceaxis::sim

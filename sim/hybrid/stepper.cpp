@@ -296,12 +296,20 @@ void Stepper::move_brake(std::size_t brake, double s) {
 
 // Returns the state of a friction that follows from the velocities of its ends.
 int Stepper::sliding(const Wiring::FrictionEnds &friction) const {
-  const auto velocity = [&](int state) {
-    return state < 0 ? 0.0 : z_[static_cast<std::size_t>(state)];
+  double size = 0.0;
+  const auto velocity = [&](const std::vector<Wiring::StateShare> &shares) {
+    double sum = 0.0;
+    for (const Wiring::StateShare &share : shares) {
+      const double part =
+          static_cast<double>(share.factor) * z_[static_cast<std::size_t>(share.state)];
+      sum += part;
+      size += magnitude(part);
+    }
+    return sum;
   };
   const double a = velocity(friction.velocity_a);
   const double b = velocity(friction.velocity_b);
-  if (!(magnitude(a - b) > kSame * (magnitude(a) + magnitude(b)))) return Wiring::kStuck;
+  if (!(magnitude(a - b) > kSame * size)) return Wiring::kStuck;
   return a > b ? Wiring::kForward : Wiring::kBackward;
 }
 
@@ -507,12 +515,15 @@ void Stepper::switch_to(int index, int to, double s, bool jump, bool counted) {
   if (last_listed_) events_.push_back(last_);
 }
 
-void Stepper::kick(std::size_t body, double impulse) {
-  const Wiring::BodyState &moved = network().bodies()[body];
-  double &velocity = z_[static_cast<std::size_t>(moved.velocity)];
-  const double before = velocity;
-  velocity += impulse / moved.mass;
-  energy_.add_impulse(0.5 * moved.mass * (velocity - before) * (velocity + before));
+void Stepper::kick(std::size_t point, double impulse) {
+  for (const Wiring::Share &share : network().points()[point]) {
+    const Wiring::Coordinate &moved =
+        network().coordinates()[static_cast<std::size_t>(share.coordinate)];
+    double &velocity = z_[static_cast<std::size_t>(moved.velocity)];
+    const double before = velocity;
+    velocity += share.factor * impulse / moved.mass;
+    energy_.add_impulse(0.5 * moved.mass * (velocity - before) * (velocity + before));
+  }
   sensors_in_result_ = false;
   slide(true);
   settle(true);
@@ -568,9 +579,9 @@ void Stepper::audit_whole(std::size_t halvings) {
 
 double Stepper::kinetic() const {
   double sum = 0.0;
-  for (const Wiring::BodyState &body : network().bodies()) {
-    const double v = z_[static_cast<std::size_t>(body.velocity)];
-    sum += 0.5 * body.mass * v * v;
+  for (const Wiring::Coordinate &moved : network().coordinates()) {
+    const double v = z_[static_cast<std::size_t>(moved.velocity)];
+    sum += 0.5 * moved.mass * v * v;
   }
   return sum;
 }

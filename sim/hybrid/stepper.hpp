@@ -57,9 +57,9 @@ class Stepper {
   void clear(std::size_t first_state, std::size_t count) {
     for (std::size_t i = 0; i < count; ++i) z_[first_state + i] = 0.0;
   }
-  /// Adds impulse (N s) / mass to the velocity of a body at this instant. Switches change before
-  /// time advances.
-  void kick(std::size_t body, double impulse);
+  /// Applies an impulse in N s to a point (Network::points) at this instant: it adds impulse / mass
+  /// to the velocity of a body. Switches change before time advances.
+  void kick(std::size_t point, double impulse);
 
   const ModeCache &cache() const { return *cache_; }
   const Network &network() const { return cache_->network(); }

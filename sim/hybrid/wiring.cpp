@@ -68,29 +68,42 @@ Wiring::Wire Wiring::add_clamp(const std::string &element, Wire input, double li
 }
 
 Wiring::Wire Wiring::deflection_of(Ends ends, double offset) {
-  return add_sum({position(ends.a, 1), position(ends.b, -1), constant(-Extended(offset))});
+  Terms sum = positions(ends.a, 1);
+  for (const Term &term : positions(ends.b, -1)) sum.push_back(term);
+  sum.push_back(constant(-Extended(offset)));
+  return add_sum(std::move(sum));
 }
 
 Wiring::Wire Wiring::rate_of(Ends ends) {
-  return add_sum({velocity(ends.a, 1), velocity(ends.b, -1)});
+  Terms sum = velocities(ends.a, 1);
+  for (const Term &term : velocities(ends.b, -1)) sum.push_back(term);
+  return add_sum(std::move(sum));
 }
 
-Wiring::Term Wiring::position(int body, Extended factor) const {
-  if (body == kGround) return constant(0);
-  return state(bodies[static_cast<std::size_t>(body)].position, factor);
+Wiring::Terms Wiring::positions(int index, Extended sign) const {
+  Terms terms;
+  if (index == kGround) return terms;
+  for (const Share &share : point(index))
+    terms.push_back(state(coordinate_of(share).position, sign * share.factor));
+  return terms;
 }
 
-Wiring::Term Wiring::velocity(int body, Extended factor) const {
-  if (body == kGround) return constant(0);
-  return state(bodies[static_cast<std::size_t>(body)].velocity, factor);
+Wiring::Terms Wiring::velocities(int index, Extended sign) const {
+  Terms terms;
+  if (index == kGround) return terms;
+  for (const Share &share : point(index))
+    terms.push_back(state(coordinate_of(share).velocity, sign * share.factor));
+  return terms;
 }
 
 void Wiring::push(Ends ends, Wire force) {
-  const auto add = [&](int body, Extended sign) {
-    if (body == kGround) return;
-    const BodyState &moved = bodies[static_cast<std::size_t>(body)];
-    derivatives[static_cast<std::size_t>(moved.velocity)].push_back(
-        wire(force, sign / static_cast<Extended>(moved.mass)));
+  const auto add = [&](int index, Extended sign) {
+    if (index == kGround) return;
+    for (const Share &share : point(index)) {
+      const Coordinate &moved = coordinate_of(share);
+      derivatives[static_cast<std::size_t>(moved.velocity)].push_back(
+          wire(force, sign * share.factor / static_cast<Extended>(moved.mass)));
+    }
   };
   add(ends.a, -1);
   add(ends.b, 1);

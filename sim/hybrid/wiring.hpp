@@ -62,17 +62,29 @@ struct Wiring {
     double low, high;
     int state_below, state_above;
   };
-  struct BodyState {
-    int position;
-    int velocity;
+  /// A position, a velocity and a mass: a body, or a mode of a structure.
+  struct Coordinate {
+    int position;  ///< index of the state
+    int velocity;  ///< index of the state
     double mass;
   };
-  /// State of a friction or brake. Only brakes have the state kReleased.
+  /// The motion of a point is the sum of its shares: a factor times a coordinate.
+  struct Share {
+    int coordinate;
+    double factor;
+  };
+  using Point = std::vector<Share>;
+  /// The velocity of an end of a friction is a sum over states; it is empty for the ground.
+  struct StateShare {
+    int state;
+    Extended factor;
+  };
+  /// State of a friction, a brake or the slider of a contact. Only brakes have the state kReleased.
   enum FrictionState { kBackward = 0, kStuck = 1, kForward = 2, kReleased = 3 };
   struct FrictionEnds {
     int switch_index;
-    int velocity_a;  ///< index of the velocity of end a in the state vector; -1: ground
-    int velocity_b;
+    std::vector<StateShare> velocity_a;
+    std::vector<StateShare> velocity_b;
     /// Index in `frictions` of the brake between the same two ends; -1 if there is no such brake.
     /// While friction and brake stick, the brake transmits all of the force.
     int beside = -1;
@@ -90,6 +102,12 @@ struct Wiring {
     Wire first;
     Wire second;
     Wire constant = -1;
+  };
+  /// The deflection of the spring of a hysteresis: a state whose derivative is either 0 or that of
+  /// the wire `deflection`.
+  struct Memory {
+    int state;
+    Wire deflection;
   };
   struct LinkWires {
     Wire force;
@@ -111,6 +129,9 @@ struct Wiring {
   /// for the derivative of the deflection in m/s.
   Wire deflection_of(Ends ends, double offset = 0.0);
   Wire rate_of(Ends ends);
+  /// Adds a wire for the position in m or the velocity in m/s of a point.
+  Wire position_of(int point) { return add_sum(positions(point, 1)); }
+  Wire velocity_of(int point) { return add_sum(velocities(point, 1)); }
   /// Adds a force in N between two ends. A positive force accelerates end a backwards and end b
   /// forwards.
   void push(Ends ends, Wire force);
@@ -131,7 +152,11 @@ struct Wiring {
   std::vector<std::vector<std::vector<Bounds>>> bounds;
   int next_bit = 1;
   int clock = -1;  ///< index of the state that counts the ticks; -1: no element needs the time
-  std::vector<BodyState> bodies;
+  /// The bodies of the model, followed by the modes of its structures.
+  std::vector<Coordinate> coordinates;
+  /// The points of the model (Model::point_names), followed by the modes of its structures.
+  std::vector<Point> points;
+  std::vector<Memory> memories;
   std::vector<FrictionEnds> frictions;  ///< all frictions of the model, followed by all brakes
   std::vector<BrakeTimes> brakes;
   std::vector<Product> supplies;
@@ -147,9 +172,13 @@ struct Wiring {
   /// clock, the drift of a sensor, and the integrals of a converter's filter.
   std::vector<int> apart;
 
- private:
-  Term position(int body, Extended factor) const;
-  Term velocity(int body, Extended factor) const;
+ protected:
+  const Coordinate &coordinate_of(const Share &share) const {
+    return coordinates[static_cast<std::size_t>(share.coordinate)];
+  }
+  const Point &point(int index) const { return points[static_cast<std::size_t>(index)]; }
+  Terms positions(int point, Extended sign) const;
+  Terms velocities(int point, Extended sign) const;
 };
 
 }  // namespace forceaxis::sim

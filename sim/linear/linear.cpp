@@ -59,22 +59,32 @@ Model without_drive(Model model) {
   return model;
 }
 
-// Returns a copy of the model with an additional constant force on a body, in the form of gravity.
+// Returns a copy of the model with an additional constant force on a point, in the form of gravity.
 // The change of the column of the constant 1 is the response of the plant, including sticking
 // frictions.
-Model pushed(Model model, int body, double force_N) {
-  if (body == kGround) return model;
-  const double mass = model.bodies[static_cast<std::size_t>(body)].mass;
-  model.gravities.push_back({"applied force", body, {}, {force_N / mass}});
+Model pushed(Model model, int point, double force_N) {
+  if (point == kGround) return model;
+  const double mass =
+      model.is_body(point) ? model.bodies[static_cast<std::size_t>(point)].mass : 1.0;
+  model.gravities.push_back({"applied force", point, {}, {force_N / mass}});
   return model;
 }
 
 std::vector<string> state_names(const Network &network) {
   std::vector<string> names = network.state_names();
-  for (const Wiring::BodyState &body : network.bodies()) {
-    names[static_cast<std::size_t>(body.position)] += ".position";
-    names[static_cast<std::size_t>(body.velocity)] += ".velocity";
+  for (const Wiring::Coordinate &moved : network.coordinates()) {
+    names[static_cast<std::size_t>(moved.position)] += ".position";
+    names[static_cast<std::size_t>(moved.velocity)] += ".velocity";
   }
+  return names;
+}
+
+// Returns the names of the points of a network: bodies, ports and the modes of structures.
+std::vector<string> pushed_names(const Model &model) {
+  std::vector<string> names = model.point_names();
+  for (const Structure &structure : model.structures)
+    for (std::size_t i = 1; i <= structure.modes.size(); ++i)
+      names.push_back(structure.name + "." + std::to_string(i));
   return names;
 }
 
@@ -100,8 +110,11 @@ std::optional<RowVector> output_row(const Model &model, const Network &network,
   if (name == "encoder") {
     if (!model.encoder) return std::nullopt;
     RowVector row = RowVector::Zero(network.columns());
-    const auto add = [&](int body, Extended factor) {
-      if (body != kGround) row(network.bodies()[static_cast<std::size_t>(body)].position) += factor;
+    const auto add = [&](int point, Extended factor) {
+      if (point == kGround) return;
+      for (const Wiring::Share &share : network.points()[static_cast<std::size_t>(point)])
+        row(network.coordinates()[static_cast<std::size_t>(share.coordinate)].position) +=
+            factor * share.factor;
     };
     add(model.encoder->body, model.encoder->scale);
     add(model.encoder->reference, -static_cast<Extended>(model.encoder->scale));
@@ -128,8 +141,26 @@ std::optional<RowVector> output_row(const Model &model, const Network &network,
 [[noreturn]] void refuse_input(const Model &model, const string &name) {
   std::vector<string> names;
   if (model.drive) names = {"drive.command", "drive.tach", "drive.force"};
-  for (const Body &body : model.bodies) names.push_back(body.name + ".force");
+  for (const string &point : model.point_names()) names.push_back(point + ".force");
   throw InputError(model.file, "input", "expected one of " + listed(names) + ", got " + name);
+}
+
+// Sets A and C. The deflection of the spring of a hysteresis is expressed by the positions: while
+// the slider sticks, it is the deflection of the contact and a constant; otherwise it is a
+// constant. It is then no part of the response.
+void set_matrices(Linear &linear, const Network &network, const ModeEquations &equations,
+                  const ExtendedMatrix &rows) {
+  const Eigen::Index n = network.states();
+  ExtendedMatrix flow = equations.flow.leftCols(n);
+  ExtendedMatrix seen = rows.leftCols(n);
+  for (const Wiring::Memory &memory : network.memories()) {
+    if ((flow.row(memory.state).array() == 0).all()) continue;
+    const RowVector deflection = equations.wires.row(memory.deflection).leftCols(n);
+    flow += ExtendedMatrix(flow.col(memory.state) * deflection);
+    seen += ExtendedMatrix(seen.col(memory.state) * deflection);
+  }
+  linear.A = flow.cast<double>();
+  linear.C = seen.cast<double>();
 }
 
 // Removes a state that is no part of the response.
@@ -150,8 +181,13 @@ void remove_state(Linear &linear, Eigen::Index at) {
   linear.states.erase(linear.states.begin() + at);
 }
 
-void remove_states(Linear &linear, const std::vector<int> &rising) {
-  for (auto state = rising.rbegin(); state != rising.rend(); ++state) remove_state(linear, *state);
+// Removes the states that are no part of the response: those of Network::apart() and the springs of
+// hystereses.
+void remove_apart(Linear &linear, const Network &network) {
+  std::vector<Eigen::Index> apart(network.apart().begin(), network.apart().end());
+  for (const Wiring::Memory &memory : network.memories()) apart.push_back(memory.state);
+  std::sort(apart.rbegin(), apart.rend());
+  for (const Eigen::Index state : apart) remove_state(linear, state);
 }
 
 }  // namespace
@@ -186,8 +222,7 @@ Linear linearise(const Model &given, const LinearMode &mode, std::span<const str
 
   Linear linear;
   linear.states = state_names(network);
-  linear.A = equations.flow.leftCols(n).cast<double>();
-  linear.C = rows.leftCols(n).cast<double>();
+  set_matrices(linear, network, equations, rows);
   linear.B.resize(n, static_cast<Eigen::Index>(inputs.size()));
   linear.D.resize(width, static_cast<Eigen::Index>(inputs.size()));
   for (std::size_t j = 0; j < inputs.size(); ++j) {
@@ -214,13 +249,14 @@ Linear linearise(const Model &given, const LinearMode &mode, std::span<const str
     } else if (input == "drive.force" && model.drive) {
       force(model.drive->body, model.drive->reaction);
     } else {
-      const auto body = std::find_if(model.bodies.begin(), model.bodies.end(),
-                                     [&](const Body &b) { return b.name + ".force" == input; });
-      if (body == model.bodies.end()) refuse_input(model, input);
-      force(static_cast<int>(body - model.bodies.begin()), kGround);
+      const auto names = pushed_names(model);
+      const auto point = std::find_if(names.begin(), names.end(),
+                                      [&](const string &name) { return name + ".force" == input; });
+      if (point == names.end()) refuse_input(model, input);
+      force(static_cast<int>(point - names.begin()), kGround);
     }
   }
-  remove_states(linear, network.apart());
+  remove_apart(linear, network);
   return linear;
 }
 

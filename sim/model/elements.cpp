@@ -21,6 +21,8 @@ class Elements {
 
   void read() {
     read_bodies();
+    read_structures();
+    points_ = model_.point_names();
     read_links();
     read_gravities();
     read_externals();
@@ -29,14 +31,17 @@ class Elements {
   }
 
  private:
+  void claim(Section &section, const std::string &key, const std::string &name);
   std::string claim_name(Section &section);
   template <class Link>
   Link link(Section &section);
   template <class Link>
   Link touching(Section &section);
   void read_bodies();
+  void read_structures();
   void read_links();
   void read_gravities();
+  Contact read_contact(Section &section);
   Cogging read_cogging(Section &section);
   void read_externals();
   void read_drive();
@@ -46,13 +51,19 @@ class Elements {
   Section &root_;
   Model &model_;
   std::set<std::string> names_;
+  std::vector<std::string> points_;
 };
+
+// Refuses a name that another element or port has.
+void Elements::claim(Section &section, const std::string &key, const std::string &name) {
+  if (!names_.insert(name).second)
+    section.fail(key, "expected a name that no other element has, got " + in_quotes(name) +
+                          " again; rename one element");
+}
 
 std::string Elements::claim_name(Section &section) {
   std::string name = section.name();
-  if (!names_.insert(name).second)
-    section.fail("name", "expected a name that no other element has, got " + in_quotes(name) +
-                             " again; rename one element");
+  claim(section, "name", name);
   return name;
 }
 
@@ -86,10 +97,57 @@ void Elements::read_bodies() {
     model_.bodies.push_back(std::move(body));
   });
   constexpr std::size_t kMostBodies = 32;
-  if (model_.bodies.empty() || model_.bodies.size() > kMostBodies)
+  if ((model_.bodies.empty() && !root_.has("structure")) || model_.bodies.size() > kMostBodies)
     root_.fail("body", "expected 1.." + std::to_string(kMostBodies) + " bodies, got " +
                            std::to_string(model_.bodies.size()) +
                            "; add or remove [[body]] tables");
+}
+
+Structure::Mode read_mode(Section &section, std::size_t ports) {
+  Structure::Mode mode;
+  mode.frequency_hz = section.number("frequency");
+  mode.damping_ratio = section.number("damping_ratio");
+  mode.mass = section.number("modal_mass");
+  mode.shape = section.numbers("shape");
+  if (mode.frequency_hz == 0.0 && mode.damping_ratio > 0.0)
+    section.fail("damping_ratio", "expected 0 beside the frequency 0, got " +
+                                      number_text(mode.damping_ratio) +
+                                      "; remove this key, a [[damper]] can damp a rigid body");
+  if (mode.shape.size() != ports)
+    section.fail("shape", "expected " + std::to_string(ports) +
+                              " values, one for each of ports, got " +
+                              std::to_string(mode.shape.size()) + "; add or remove values");
+  return mode;
+}
+
+void Elements::read_structures() {
+  std::size_t count = 0;
+  root_.each("structure", [&](Section &section) {
+    Structure structure;
+    structure.name = claim_name(section);
+    structure.ports = section.names("ports");
+    section.each("mode", [&](Section &mode) {
+      structure.modes.push_back(read_mode(mode, structure.ports.size()));
+    });
+    if (structure.modes.empty())
+      section.fail("mode", "expected at least one mode, got none; add [[structure.mode]]");
+    for (std::size_t port = 0; port < structure.ports.size(); ++port) {
+      const std::string key = "ports[" + std::to_string(port) + "]";
+      claim(section, key, structure.ports[port]);
+      if (std::all_of(structure.modes.begin(), structure.modes.end(),
+                      [&](const Structure::Mode &mode) { return mode.shape[port] == 0.0; }))
+        section.fail(key, "expected a port that a mode moves, got " +
+                              in_quotes(structure.ports[port]) +
+                              ", whose shape is 0 in each mode; remove this port");
+    }
+    count += structure.modes.size();
+    model_.structures.push_back(std::move(structure));
+  });
+  constexpr std::size_t kMostModes = 32;
+  if (count > kMostModes)
+    root_.fail("structure", "expected at most " + std::to_string(kMostModes) +
+                                " modes of all structures together, got " + std::to_string(count) +
+                                "; remove the modes with the highest frequencies");
 }
 
 // Reads the slopes of a curve and the breaks between them. A break is an input of the curve, or a
@@ -141,20 +199,31 @@ template <class Link>
 Link Elements::link(Section &section) {
   Link element;
   element.name = claim_name(section);
-  element.ends = section.between(model_.bodies);
+  element.ends = section.between(points_);
   return element;
 }
 
+// Refuses keys that have a meaning only beside another key.
+void only_beside(Section &section, const char *beside, std::initializer_list<const char *> keys) {
+  for (const char *key : keys)
+    if (section.has(key) && !section.has(beside))
+      section.fail(key, "expected " + std::string(beside) + " beside " + key +
+                            ", got no such key; add " + beside + " or remove " + key);
+}
+
 std::optional<Maxwell> read_maxwell(Section &section) {
+  only_beside(section, "maxwell_stiffness", {"maxwell_time"});
   const auto stiffness = section.optional_number("maxwell_stiffness");
-  if (!stiffness) {
-    if (section.has("maxwell_time"))
-      section.fail("maxwell_time",
-                   "expected maxwell_stiffness beside maxwell_time, got no such key; add "
-                   "maxwell_stiffness or remove maxwell_time");
-    return std::nullopt;
-  }
+  if (!stiffness) return std::nullopt;
   return Maxwell{*stiffness, section.value("maxwell_time", Dimension::time, Sign::positive)};
+}
+
+std::optional<Hysteresis> read_hysteresis(Section &section) {
+  only_beside(section, "hysteresis_stiffness", {"hysteresis_force"});
+  const auto stiffness = section.optional_number("hysteresis_stiffness");
+  if (!stiffness) return std::nullopt;
+  return Hysteresis{*stiffness,
+                    section.value("hysteresis_force", Dimension::force, Sign::positive)};
 }
 
 double read_damping(Section &section) { return section.number("damping"); }
@@ -219,7 +288,7 @@ void Elements::read_externals() {
   root_.each("external", [&](Section &section) {
     External external;
     external.name = claim_name(section);
-    external.body = section.body("body", model_.bodies, false, std::nullopt);
+    external.body = section.point("body", points_, false, std::nullopt);
     external.times = section.rising("times");
     external.forces = section.numbers("forces");
     if (external.times.size() < 2)
@@ -232,6 +301,25 @@ void Elements::read_externals() {
                                  std::to_string(external.forces.size()) + "; add or remove values");
     model_.externals.push_back(std::move(external));
   });
+}
+
+Contact Elements::read_contact(Section &section) {
+  auto contact = link<Contact>(section);
+  contact.stiffness = read_slopes(section, "stiffness");
+  contact.damping = read_damping(section);
+  contact.gap = section.number("gap");
+  contact.maxwell = read_maxwell(section);
+  contact.hysteresis = read_hysteresis(section);
+  const bool linear = contact.damping == 0.0 && contact.stiffness.slopes.size() == 1;
+  if (contact.hysteresis && (!linear || contact.maxwell))
+    section.fail("hysteresis_stiffness",
+                 "expected one stiffness, no damping and no maxwell_stiffness beside "
+                 "hysteresis_stiffness, got more; remove the other keys");
+  if (contact.maxwell && !linear)
+    section.fail("maxwell_stiffness",
+                 "expected one stiffness and no damping beside maxwell_stiffness, got more; "
+                 "remove the damping or the further segments");
+  return contact;
 }
 
 void Elements::read_links() {
@@ -247,18 +335,8 @@ void Elements::read_links() {
     damper.damping = read_slopes(section, "damping");
     model_.dampers.push_back(std::move(damper));
   });
-  root_.each("contact", [&](Section &section) {
-    auto contact = link<Contact>(section);
-    contact.stiffness = read_slopes(section, "stiffness");
-    contact.damping = read_damping(section);
-    contact.gap = section.number("gap");
-    contact.maxwell = read_maxwell(section);
-    if (contact.maxwell && (contact.damping > 0.0 || contact.stiffness.slopes.size() > 1))
-      section.fail("maxwell_stiffness",
-                   "expected one stiffness and no damping beside maxwell_stiffness, got more; "
-                   "remove the damping or the further segments");
-    model_.contacts.push_back(std::move(contact));
-  });
+  root_.each("contact",
+             [&](Section &section) { model_.contacts.push_back(read_contact(section)); });
   root_.each("backlash", [&](Section &section) {
     auto backlash = touching<Stop>(section);
     const double width = section.number("width");
@@ -304,7 +382,12 @@ void Elements::read_gravities() {
   root_.each("gravity", [&](Section &section) {
     Gravity gravity;
     gravity.name = claim_name(section);
-    gravity.body = section.body("body", model_.bodies, false, std::nullopt);
+    gravity.body = section.point("body", points_, false, std::nullopt);
+    if (!model_.is_body(gravity.body))
+      section.fail("body", "expected a body, got the port " +
+                               in_quotes(points_[static_cast<std::size_t>(gravity.body)]) +
+                               ", whose mass is not known; give the weight of the structure as an "
+                               "[[external]] force");
     gravity.accelerations = section.numbers("acceleration");
     gravity.positions = section.rising("positions");
     const std::size_t wanted = gravity.accelerations.size() == 1 ? 0 : gravity.accelerations.size();
@@ -371,14 +454,6 @@ void one_of(Section &section, const char *one, const char *other, const std::str
   section.fail(one, "expected " + std::string(one) + " or " + other + ", got " +
                         (both ? "both keys" : "no such key") + "; " +
                         (both ? "remove one of them" : "give " + what));
-}
-
-// Refuses keys that have a meaning only beside another key.
-void only_beside(Section &section, const char *beside, std::initializer_list<const char *> keys) {
-  for (const char *key : keys)
-    if (section.has(key) && !section.has(beside))
-      section.fail(key, "expected " + std::string(beside) + " beside " + key +
-                            ", got no such key; add " + beside + " or remove " + key);
 }
 
 // `turns`: another key needs the transmission of the motor beside k_force.
@@ -479,13 +554,12 @@ void Elements::read_drive() {
   root_.one("drive", [&](Section &section) {
     Drive drive;
     const std::size_t type = section.choice("type", "choose a drive type");
-    drive.body = section.body("body", model_.bodies, false, std::nullopt);
-    drive.reaction = section.body("reaction", model_.bodies, true, kGround);
+    drive.body = section.point("body", points_, false, std::nullopt);
+    drive.reaction = section.point("reaction", points_, true, kGround);
     if (drive.body == drive.reaction)
-      section.fail("reaction",
-                   "expected another body than drive.body or ground, got " +
-                       in_quotes(model_.bodies[static_cast<std::size_t>(drive.body)].name) +
-                       "; choose the body on which the reaction force acts");
+      section.fail("reaction", "expected another body than drive.body or ground, got " +
+                                   in_quotes(points_[static_cast<std::size_t>(drive.body)]) +
+                                   "; choose the body on which the reaction force acts");
     drive.bus = read_bus(section);
     if (section.has("enable_ticks")) drive.enable_ticks = section.integer("enable_ticks");
     section.add(*section.format().added[type]);
@@ -611,8 +685,8 @@ void read_slow_errors(Section &section, Dimension unit, Adc &adc) {
 void Elements::read_sensors() {
   root_.one("encoder", [&](Section &section) {
     Encoder encoder;
-    encoder.body = section.body("body", model_.bodies, false, std::nullopt);
-    encoder.reference = section.body("reference", model_.bodies, true, kGround);
+    encoder.body = section.point("body", points_, false, std::nullopt);
+    encoder.reference = section.point("reference", points_, true, kGround);
     if (encoder.body == encoder.reference)
       section.fail("reference",
                    "expected another body than encoder.body or ground, got the same; "

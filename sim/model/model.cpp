@@ -185,13 +185,30 @@ bool same_ends(Ends one, Ends other) {
   return (one.a == other.a && one.b == other.b) || (one.a == other.b && one.b == other.a);
 }
 
-// Refuses a body without a connection to ground. The search starts at ground and follows all
-// elements with two ends.
+// Returns the connections that a structure makes: of its ports with each other, and with ground
+// unless it has a rigid-body mode.
+std::vector<Ends> links_of(const Structure &structure, int first_port) {
+  std::vector<Ends> links;
+  for (int port = 1; port < static_cast<int>(structure.ports.size()); ++port)
+    links.push_back({first_port, first_port + port});
+  if (std::none_of(structure.modes.begin(), structure.modes.end(),
+                   [](const Structure::Mode &mode) { return mode.frequency_hz == 0.0; }))
+    links.push_back({first_port, kGround});
+  return links;
+}
+
+// Refuses a body or a structure without a connection to ground. The search starts at ground and
+// follows all elements with two ends.
 void check_connected(const Model &model) {
   std::vector<Ends> links;
   model.each_link([&](const auto &link) { links.push_back(link.ends); });
   if (model.drive) links.push_back({model.drive->body, model.drive->reaction});
-  std::vector<bool> reached(model.bodies.size() + 1, false);  // index 0 is ground
+  auto port = static_cast<int>(model.bodies.size());
+  for (const Structure &structure : model.structures) {
+    for (const Ends link : links_of(structure, port)) links.push_back(link);
+    port += static_cast<int>(structure.ports.size());
+  }
+  std::vector<bool> reached(static_cast<std::size_t>(port) + 1, false);  // index 0 is ground
   reached[0] = true;
   for (bool grown = true; grown;) {
     grown = false;
@@ -207,22 +224,103 @@ void check_connected(const Model &model) {
           model.file, "body[" + std::to_string(i) + "].name",
           "expected a body tied to ground by springs, other elements or the drive, got " +
               in_quotes(model.bodies[i].name) + " disconnected; connect or remove it");
+  std::size_t first = model.bodies.size() + 1;
+  for (std::size_t i = 0; i < model.structures.size(); ++i) {
+    const Structure &structure = model.structures[i];
+    if (!reached[first])
+      throw InputError(
+          model.file, "structure[" + std::to_string(i) + "].ports",
+          "expected a port tied to ground by springs, other elements or the drive, because the "
+          "structure has a rigid-body mode, got none of " +
+              joined(structure.ports) + "; connect one of them");
+    first += structure.ports.size();
+  }
+}
+
+using Rows = std::vector<std::vector<double>>;
+
+// Returns the displacements of all points for a unit of each coordinate, a body or a mode, divided
+// by the square root of its mass.
+Rows mobility(const Model &model) {
+  std::size_t coordinates = model.bodies.size();
+  for (const Structure &structure : model.structures) coordinates += structure.modes.size();
+  Rows rows(model.point_names().size(), std::vector<double>(coordinates, 0.0));
+  std::size_t point = 0;
+  for (; point < model.bodies.size(); ++point)
+    rows[point][point] = 1.0 / std::sqrt(model.bodies[point].mass);
+  std::size_t coordinate = point;
+  for (const Structure &structure : model.structures) {
+    for (const Structure::Mode &mode : structure.modes) {
+      for (std::size_t port = 0; port < structure.ports.size(); ++port)
+        rows[point + port][coordinate] = mode.shape[port] / std::sqrt(mode.mass);
+      ++coordinate;
+    }
+    point += structure.ports.size();
+  }
+  return rows;
+}
+
+// The frictions of a model, and the brakes without a friction between the same ends, with the path
+// of their key.
+struct Constraint {
+  std::string key;
+  std::string name;
+  Ends ends;
+};
+
+// Refuses frictions that could not stick independently, because a structure has fewer modes than
+// its ports have frictions.
+void check_independent(const Model &model, const std::vector<Constraint> &constraints) {
+  constexpr double kDependent = 1e-6;
+  const Rows points = mobility(model);
+  const auto dot = [](const std::vector<double> &a, const std::vector<double> &b) {
+    double sum = 0.0;
+    for (std::size_t i = 0; i < a.size(); ++i) sum += a[i] * b[i];
+    return sum;
+  };
+  Rows basis;  // orthonormal
+  for (const Constraint &constraint : constraints) {
+    std::vector<double> row(points.front().size(), 0.0);
+    for (std::size_t i = 0; i < row.size(); ++i)
+      for (const auto &[end, sign] :
+           {std::pair(constraint.ends.a, 1), std::pair(constraint.ends.b, -1)})
+        if (end != kGround) row[i] += sign * points[static_cast<std::size_t>(end)][i];
+    const double size = std::sqrt(dot(row, row));
+    for (int pass = 0; pass < 2; ++pass)
+      for (const std::vector<double> &other : basis) {
+        const double share = dot(row, other);
+        for (std::size_t i = 0; i < row.size(); ++i) row[i] -= share * other[i];
+      }
+    const double left = std::sqrt(dot(row, row));
+    if (!(left > kDependent * size))
+      throw InputError(model.file, constraint.key,
+                       "expected ends that can move while the other frictions and brakes stick, "
+                       "got " +
+                           in_quotes(constraint.name) +
+                           ", whose ends have no motion of their own in the modes of the "
+                           "structures; remove it or give more modes");
+    for (double &value : row) value /= left;
+    basis.push_back(std::move(row));
+  }
 }
 
 // Refuses a loop of frictions, because the friction forces in the loop are undetermined while all
 // of these frictions stick.
 void check_frictions(const Model &model) {
-  std::vector<int> group(model.bodies.size() + 1);  // index 0 is ground
+  std::vector<int> group(model.point_names().size() + 1);  // index 0 is ground
+  std::vector<Constraint> constraints;
   for (std::size_t i = 0; i < group.size(); ++i) group[i] = static_cast<int>(i);
-  const auto join = [&](const char *key, std::size_t i, const auto &friction) {
+  const auto join = [&](const char *element, std::size_t i, const auto &friction) {
+    const std::string key = std::string(element) + "[" + std::to_string(i) + "].between";
     const int a = group[static_cast<std::size_t>(friction.ends.a + 1)];
     const int b = group[static_cast<std::size_t>(friction.ends.b + 1)];
     if (a == b)
       throw InputError(
-          model.file, std::string(key) + "[" + std::to_string(i) + "].between",
+          model.file, key,
           "expected frictions that do not form a loop, got a second path between the ends of " +
               in_quotes(friction.name) + "; remove one friction of the loop");
     std::replace(group.begin(), group.end(), a, b);
+    constraints.push_back({key, friction.name, friction.ends});
   };
   for (std::size_t i = 0; i < model.frictions.size(); ++i) join("friction", i, model.frictions[i]);
   for (std::size_t i = 0; i < model.brakes.size(); ++i) {
@@ -240,6 +338,7 @@ void check_frictions(const Model &model) {
             model.file, "brake[" + std::to_string(i) + "].between",
             "expected at most one brake between two ends, got a second brake with the ends of " +
                 in_quotes(model.brakes[k].name) + "; remove one brake");
+  if (!model.structures.empty()) check_independent(model, constraints);
 }
 
 void check_used(const Source &source) {
@@ -268,10 +367,10 @@ InputError::InputError(std::string file_name, std::string key_name, std::string 
 
 std::vector<SignalInfo> Model::signal_list() const {
   std::vector<SignalInfo> list;
-  for (const Body &body : bodies) {
-    list.push_back({body.name + ".position", Dimension::length});
-    list.push_back({body.name + ".velocity", Dimension::velocity});
-    list.push_back({body.name + ".acceleration", Dimension::acceleration});
+  for (const std::string &point : point_names()) {
+    list.push_back({point + ".position", Dimension::length});
+    list.push_back({point + ".velocity", Dimension::velocity});
+    list.push_back({point + ".acceleration", Dimension::acceleration});
   }
   each_link([&](const auto &link) {
     list.push_back({link.name + ".force", Dimension::force});
@@ -307,8 +406,16 @@ std::vector<SignalInfo> Model::signal_list() const {
   return list;
 }
 
-int Model::body_index(std::string_view name) const {
-  const int index = find_body(bodies, name);
+std::vector<std::string> Model::point_names() const {
+  std::vector<std::string> names;
+  for (const Body &body : bodies) names.push_back(body.name);
+  for (const Structure &structure : structures)
+    names.insert(names.end(), structure.ports.begin(), structure.ports.end());
+  return names;
+}
+
+int Model::point_index(std::string_view name) const {
+  const int index = find_point(point_names(), name);
   if (index == kGround) throw std::invalid_argument("no body named " + std::string(name));
   return index;
 }

@@ -14,10 +14,17 @@
 // or quotient of other parameters and numbers, "m / tau" (expression.hpp). One end of `between` may
 // be "ground". The deflection is d = x_a - x_b, minus `gap` for a contact. A positive force
 // accelerates end a backwards and end b forwards.
+// * A structure has modes of vibration and ports. Its mode i with the modal mass m has the modal
+//   coordinate q_i, and the port p has the position x_p:
+//     m q_i'' + 2 damping_ratio w m q_i' + w^2 m q_i = sum over p of shape_ip F_p,  w = 2 pi f
+//     x_p = sum over i of shape_ip q_i
+//   F_p is the sum of the forces on the port. A port may be an end of every element.
 // * A piecewise-linear curve has ascending breaks and slope k between breaks[k-1] and breaks[k].
 //   The curve is continuous and passes through the origin. A spring may have `loads` in N in place
 //   of breaks.
 // * A contact exerts k d + b d' while d > 0 and this sum is > 0; otherwise its force is 0.
+// * A contact with hysteresis exerts k d + h e while this is > 0. The deflection e of the spring h
+//   follows d until |h e| reaches the slip force, at which it stays while the slider slips.
 // * A stop has such a contact at each end of the range low < d < high. A backlash is a stop at
 //   -width/2 and +width/2.
 // * A friction opposes sliding with the force `coulomb`. The friction sticks at d' = 0 while the
@@ -33,7 +40,8 @@
 // * A body has the mass mass + sum of inertia / r_trans^2.
 // * Gravity acts on its body with mass * acceleration, positive towards +x. The acceleration is
 //   interpolated between positions and constant outside their range.
-// These elements or the drive must connect every body to ground; a brake alone is not sufficient.
+// These elements or the drive must connect every body to ground; a brake alone is not sufficient. A
+// structure connects its ports, and without a rigid-body mode it connects them to ground.
 // The model must use every parameter that its file defines, directly or through another parameter,
 // unless the parameter is marked as documentation. parameters_file may contain parameters that the
 // model does not use.
@@ -89,7 +97,7 @@ struct Parameter {
   std::vector<std::string> refers;
 };
 
-inline constexpr int kGround = -1;  ///< index that stands for the ground in place of a body
+inline constexpr int kGround = -1;  ///< index that stands for the ground in place of a point
 
 struct Body {
   std::string name;
@@ -98,7 +106,21 @@ struct Body {
   double velocity = 0.0;  ///< velocity in m/s at tick 0
 };
 
-/// The two ends of an element. Each end is the index of a body, or kGround.
+/// A structure that is given by its modes of vibration, which a modal analysis has measured while
+/// nothing acted on its ports. At the start it is at rest, with all positions 0.
+struct Structure {
+  struct Mode {
+    double frequency_hz = 0.0;   ///< undamped natural frequency, >= 0; 0: a rigid-body mode
+    double damping_ratio = 0.0;  ///< >= 0, and 0 for a rigid-body mode
+    double mass = 1.0;  ///< modal mass in kg, > 0; 1 if the shape is mass-normalised, in 1/sqrt(kg)
+    std::vector<double> shape;  ///< displacement of each port
+  };
+  std::string name;
+  std::vector<std::string> ports;  ///< names, at least one; at least one mode moves each port
+  std::vector<Mode> modes;         ///< at least one
+};
+
+/// The two ends of an element. Each end is the index of a point (Model::point_names), or kGround.
 struct Ends {
   int a = kGround;
   int b = kGround;
@@ -136,6 +158,15 @@ struct Damper {
   Slopes damping;
 };
 
+/// A spring in series with a dry slider (Jenkins element), beside the stiffness k of a contact. The
+/// deflection e of the spring is a state. While the contact is pressed and |stiffness e| < force,
+/// e' = d'; at this bound the slider slips, and e' = 0 until d' changes its sign. While the contact
+/// is open, e' = 0, and its surface is where there is no force, k d + stiffness e = 0.
+struct Hysteresis {
+  double stiffness = 0.0;  ///< in N/m, > 0
+  double force = 0.0;      ///< slip force in N, > 0
+};
+
 struct Contact {
   std::string name;
   Ends ends;
@@ -144,6 +175,8 @@ struct Contact {
   double damping = 0.0;  ///< contact damping in N s/m, >= 0
   double gap = 0.0;      ///< gap of the open contact in m; the overlap is d = x_a - x_b - gap
   std::optional<Maxwell> maxwell = std::nullopt;  ///< only with one stiffness and no damping
+  /// Only with one stiffness, no damping and no `maxwell`.
+  std::optional<Hysteresis> hysteresis = std::nullopt;
 };
 
 /// A backlash or a pair of limit stops. There is no force while low < d < high. Outside this range,
@@ -179,7 +212,7 @@ struct Brake {
 
 struct Gravity {
   std::string name;
-  int body = kGround;
+  int body = kGround;  ///< index of a body; the mass of a port is not known
   /// Positions in m in ascending order; empty if the acceleration is constant.
   std::vector<double> positions;
   /// Acceleration in m/s^2 at each of the positions, or one value for all positions.
@@ -196,10 +229,10 @@ struct Cogging {
   std::vector<double> forces;
 };
 
-/// An external force on a body, positive towards +x.
+/// An external force on a point, positive towards +x.
 struct External {
   std::string name;
-  int body = kGround;
+  int body = kGround;         ///< index of a point
   std::vector<double> times;  ///< in s since tick 0 in ascending order, >= 0, at least two
   /// Force in N at each time. It is interpolated between the times, 0 before and after them.
   std::vector<double> forces;
@@ -452,6 +485,7 @@ struct Dac {
 /// ends.
 ///   BODY.position m, BODY.velocity m/s
 ///   BODY.acceleration m/s^2: output of an accelerometer on the body
+///   PORT.position m, PORT.velocity m/s, PORT.acceleration m/s^2, as those of a body
 ///   LINK.force N: a positive force accelerates end a backwards
 ///   LINK.spring_force N: force of the stiffness alone, as a strain gauge measures; 0 for a
 ///       damper, a friction and an open contact
@@ -476,6 +510,7 @@ struct Model {
   std::string shows;
   std::vector<Parameter> parameters;
   std::vector<Body> bodies;
+  std::vector<Structure> structures;
   std::vector<Spring> springs;
   std::vector<Damper> dampers;
   std::vector<Contact> contacts;
@@ -505,8 +540,12 @@ struct Model {
   }
   /// Returns all signals of the model, in the order of Plant::signals().
   std::vector<SignalInfo> signal_list() const;
-  /// Returns the index of a body. Throws std::invalid_argument for an unknown name.
-  int body_index(std::string_view name) const;
+  /// Returns the names of all points that elements may connect: the bodies, followed by the ports
+  /// of all structures.
+  std::vector<std::string> point_names() const;
+  /// Returns the index of a point. Throws std::invalid_argument for an unknown name.
+  int point_index(std::string_view name) const;
+  bool is_body(int point) const { return point >= 0 && point < static_cast<int>(bodies.size()); }
 };
 
 /// A new value for one parameter: a number in the unit of the parameter, or a text with a quantity

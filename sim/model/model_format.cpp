@@ -76,6 +76,42 @@ constexpr TableFormat kBody{
     "or the drive must connect each of them to ground.",
     kBodyKeys};
 
+constexpr KeyFormat kStructureModeKeys[] = {
+    needed("frequency", D::frequency, S::not_negative,
+           "Undamped natural frequency, without anything at the ports; 0 for a rigid-body mode."),
+    number("damping_ratio", D::ratio, S::not_negative, 0.0,
+           "Damping ratio; 0 for a rigid-body mode."),
+    number("modal_mass", D::mass, S::positive, 1.0,
+           "Modal mass in the scale of the shape. Omit it for a mass-normalised shape, whose unit "
+           "is 1/sqrt(kg)."),
+    numbers("shape", D::ratio, S::any, "",
+            "Displacement of each port in the mode, in the order of `ports`."),
+};
+constexpr TableFormat kStructureMode{
+    "A mode of vibration of the structure. The compliance of modes that are left out can be given "
+    "as one more mode for each port: a residual flexibility R in m/N becomes a mode with a "
+    "frequency f far above the others, the shape 2 pi f sqrt(R) at this port and 0 at the others, "
+    "and the modal mass 1 kg.",
+    kStructureModeKeys};
+
+constexpr KeyFormat kStructureKeys[] = {
+    kName,
+    other("ports", "list of names", "",
+          "Names of the points at which elements act and signals are read. A port may be named "
+          "wherever a body may be named, except under [[gravity]], because its mass is not known. "
+          "No other element may have the name."),
+    table("mode", kStructureMode, true),
+};
+constexpr TableFormat kStructure{
+    "A flexible structure, given by the modes of vibration that a modal analysis has measured at "
+    "its ports. The position of a port is the sum of shape * modal coordinate over the modes, and "
+    "a "
+    "force at a port acts on each mode by its shape. All structures together have at most 32 "
+    "modes. "
+    "A structure with a rigid-body mode must be connected to ground; one without is held by what "
+    "held it in the measurement. It starts at rest.",
+    kStructureKeys};
+
 constexpr KeyFormat kSpringKeys[] = {
     kName,
     kBetween,
@@ -124,14 +160,25 @@ constexpr KeyFormat kContactKeys[] = {
     kDamping,
     kMaxwellStiffness,
     kMaxwellTime,
+    optional("hysteresis_stiffness", D::stiffness, S::positive, "none",
+             "Stiffness of a further spring in series with a dry slider, beside the stiffness. A "
+             "closed cycle of the overlap with the amplitude D loses 4 hysteresis_force * (D - "
+             "hysteresis_force / hysteresis_stiffness) if D is larger than this quotient."),
+    optional("hysteresis_force", D::force, S::positive, "hysteresis_stiffness must be omitted too",
+             "Force of that spring at which the slider slips."),
     number("gap", D::length, S::any, 0.0,
            "Distance of the two surfaces at x_a = x_b. A negative value is an overlap."),
 };
 constexpr TableFormat kContact{
     "A contact that can be lost. Its overlap is d = x_a - x_b - gap and its force is "
     "stiffness * d + damping * d' while both are > 0; otherwise the force is 0. The surface of a "
-    "contact with maxwell_stiffness recovers after a loss, and is met where it then is; such a "
-    "contact has one stiffness and no damping.",
+    "contact with maxwell_stiffness recovers after a loss, and is met where it then is. The "
+    "surface "
+    "of a contact with hysteresis_stiffness keeps the dent of its last loss, where its force was "
+    "0, "
+    "and is met there. A contact with one of these keys has one stiffness and no damping. Linear "
+    "figures of a contact with hysteresis are those of small motions about a point at which the "
+    "slider sticks, with the stiffness stiffness + hysteresis_stiffness and without its losses.",
     kContactKeys};
 
 constexpr KeyFormat kBacklashKeys[] = {
@@ -499,6 +546,7 @@ constexpr KeyFormat kModelKeys[] = {
           "A file in the same folder that has the table [parameters] for several models."),
     table("parameters", kParameters),
     table("body", kBody, true),
+    table("structure", kStructure, true),
     table("spring", kSpring, true),
     table("damper", kDamper, true),
     table("contact", kContact, true),

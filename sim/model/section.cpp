@@ -31,11 +31,12 @@ bool sign_holds(Sign sign, double value) {
 constexpr double kLargest = 1e30;
 constexpr double kSmallest = 1e-30;
 
-std::vector<std::string> body_names(const std::vector<Body> &bodies, bool ground_allowed) {
-  std::vector<std::string> names;
-  for (const Body &body : bodies) names.push_back(body.name);
-  if (ground_allowed) names.emplace_back("ground");
-  return names;
+constexpr std::string_view kNameText =
+    "a name of letters, digits and _ that begins with a letter or _";
+
+std::vector<std::string> end_names(std::vector<std::string> points, bool ground_allowed) {
+  if (ground_allowed) points.emplace_back("ground");
+  return points;
 }
 
 bool stops(std::string_view text) {
@@ -105,10 +106,9 @@ toml::table parse_toml_text(std::string_view text, const std::string &file) {
   }
 }
 
-int find_body(const std::vector<Body> &bodies, std::string_view name) {
-  for (std::size_t i = 0; i < bodies.size(); ++i)
-    if (bodies[i].name == name) return static_cast<int>(i);
-  return kGround;
+int find_point(const std::vector<std::string> &points, std::string_view name) {
+  const auto found = std::find(points.begin(), points.end(), name);
+  return found == points.end() ? kGround : static_cast<int>(found - points.begin());
 }
 
 Parameter *Source::find(std::string_view name) {
@@ -212,16 +212,35 @@ std::optional<double> Section::optional_number(std::string_view key) {
   return optional_value(key, *format.dimension, format.sign);
 }
 
-std::string Section::name() {
-  const std::string expected = "a name of letters, digits and _ that begins with a letter or _";
-  std::string text_value = text("name", expected);
-  if (!is_identifier(text_value))
-    fail("name", "expected " + expected + " (at most 64), got " + in_quotes(text_value) +
-                     "; rename this element");
-  if (text_value == "ground" || text_value == "drive")
-    fail("name", "expected a name other than the reserved ground and drive, got " +
-                     in_quotes(text_value) + "; rename this element");
-  return text_value;
+std::string Section::checked_name(std::string_view key, const std::string &text) const {
+  if (!is_identifier(text))
+    fail(key, "expected " + std::string(kNameText) + " (at most 64), got " + in_quotes(text) +
+                  "; rename this element");
+  if (text == "ground" || text == "drive")
+    fail(key, "expected a name other than the reserved ground and drive, got " + in_quotes(text) +
+                  "; rename this element");
+  return text;
+}
+
+std::string Section::name() { return checked_name("name", text("name", kNameText)); }
+
+std::vector<std::string> Section::names(std::string_view key) {
+  const toml::node &node = require(key, "a list of names");
+  const toml::array *list = node.as_array();
+  if (list == nullptr || list->empty())
+    fail(key, "expected a list of names, got " +
+                  (list == nullptr ? kind_of(node) : std::string("an empty list")) +
+                  "; write [\"a\", \"b\"]");
+  std::vector<std::string> found;
+  for (std::size_t i = 0; i < list->size(); ++i) {
+    const std::string entry = std::string(key) + "[" + std::to_string(i) + "]";
+    const toml::node &name = *list->get(i);
+    if (!name.is_string())
+      fail(entry,
+           "expected " + std::string(kNameText) + ", got " + kind_of(name) + "; give a string");
+    found.push_back(checked_name(entry, name.ref<std::string>()));
+  }
+  return found;
 }
 
 Section::Resolved Section::resolve(const std::string &key, const toml::node &node,
@@ -361,22 +380,22 @@ int Section::integer(std::string_view key) {
   return static_cast<int>(number);
 }
 
-int Section::body(std::string_view key, const std::vector<Body> &bodies, bool ground_allowed,
-                  std::optional<int> fallback) {
+int Section::point(std::string_view key, const std::vector<std::string> &points,
+                   bool ground_allowed, std::optional<int> fallback) {
   if (fallback && !has(key)) return *fallback;
-  const auto names = body_names(bodies, ground_allowed);
+  const auto names = end_names(points, ground_allowed);
   const std::string expected = "one of " + joined(names);
   const std::string wanted = text(key, expected);
   if (ground_allowed && wanted == "ground") return kGround;
-  const int index = find_body(bodies, wanted);
+  const int index = find_point(points, wanted);
   if (index == kGround)
     fail(key, "expected " + expected + ", got " + in_quotes(wanted) + suggestion(wanted, names) +
                   "; name a body of this file");
   return index;
 }
 
-Ends Section::between(const std::vector<Body> &bodies) {
-  const auto names = body_names(bodies, true);
+Ends Section::between(const std::vector<std::string> &points) {
+  const auto names = end_names(points, true);
   const std::string expected = "two different names out of " + joined(names);
   const toml::node &node = require("between", expected);
   const toml::array *pair = node.as_array();
@@ -393,7 +412,7 @@ Ends Section::between(const std::vector<Body> &bodies) {
       fail(entry, "expected one of " + joined(names) + ", got " + kind_of(end) +
                       "; give the name of a body");
     const std::string &wanted = end.ref<std::string>();
-    found[i] = wanted == "ground" ? kGround : find_body(bodies, wanted);
+    found[i] = wanted == "ground" ? kGround : find_point(points, wanted);
     if (found[i] == kGround && wanted != "ground")
       fail(entry, "expected one of " + joined(names) + ", got " + in_quotes(wanted) +
                       suggestion(wanted, names) + "; name a body of this file");

@@ -54,6 +54,8 @@ class Section {
   std::optional<std::string> optional_text(std::string_view key, std::string_view expected);
   /// Returns the value of the key `name`, which must be an identifier.
   std::string name();
+  /// Returns the names of a key: a list of identifiers that must not be empty.
+  std::vector<std::string> names(std::string_view key);
   /// Returns the index of the text of a key in the list of choices that the format declares. If the
   /// key is omitted, returns the index of the default.
   std::size_t choice(std::string_view key, std::string_view advice);
@@ -81,10 +83,10 @@ class Section {
   /// Returns the number of a key whose range depends on other keys.
   double within(std::string_view key, Dimension dimension, double low, double high);
 
-  /// Returns the index of the body whose name is the value of the key, or kGround.
-  int body(std::string_view key, const std::vector<Body> &bodies, bool ground_allowed,
-           std::optional<int> fallback);
-  Ends between(const std::vector<Body> &bodies);
+  /// Returns the index of the point whose name is the value of the key, or kGround.
+  int point(std::string_view key, const std::vector<std::string> &points, bool ground_allowed,
+            std::optional<int> fallback);
+  Ends between(const std::vector<std::string> &points);
 
   /// If the table of a key exists, calls `visit` and then finish() for this table.
   void one(std::string_view key, const std::function<void(Section &)> &visit);
@@ -101,6 +103,7 @@ class Section {
     std::string origin;  // source of the value for messages, such as " (parameter m_r)", or empty
   };
   std::string key_path(std::string_view key) const;
+  std::string checked_name(std::string_view key, const std::string &text) const;
   const KeyFormat &declared(std::string_view key) const;
   std::vector<std::string> keys() const;
   std::optional<double> optional_within(std::string_view key, Dimension dimension, double low,
@@ -123,8 +126,8 @@ toml::table parse_toml(const std::string &file);
 /// Parses a TOML text. Messages name the text `file`. Throws InputError.
 toml::table parse_toml_text(std::string_view text, const std::string &file);
 
-/// Returns the index of a body, or kGround for an unknown name.
-int find_body(const std::vector<Body> &bodies, std::string_view name);
+/// Returns the index of a name in a list, or kGround for an unknown name.
+int find_point(const std::vector<std::string> &points, std::string_view name);
 
 /// Returns the kind of a TOML node for messages, such as "a table".
 std::string kind_of(const toml::node &node);

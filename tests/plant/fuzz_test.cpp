@@ -93,6 +93,7 @@ class Writer {
     if (chance(0.7)) text += entry("damping", 2 * log(0.005, 0.3) * p.mass * rate);
     return text;
   }
+  void structure();
   void drive();
 
   std::mt19937 random_;
@@ -116,12 +117,13 @@ std::string Writer::model() {
                                    : entry("stiffness", p.mass * rate * rate)) +
                       entry("damping", 2 * log(0.001, 0.1) * p.mass * rate));
   }
+  if (chance(0.4)) structure();
   std::vector<int> tied(mass_.size() + 1);  // frictions must not form a loop
   for (std::size_t i = 0; i < tied.size(); ++i) tied[i] = static_cast<int>(i);
   const int elements = 2 + below(4);
   for (int i = 0; i < elements; ++i) {
     const Pair p = any_pair();
-    switch (below(10)) {
+    switch (below(11)) {
       case 0:
         add("contact", p.text + stiff(p, 200, 2e4) + entry("gap", zero_or(between(-2e-4, 1e-3))));
         break;
@@ -173,6 +175,14 @@ std::string Writer::model() {
                             number(between(0.04, 0.06)) + "]\nforces = [" +
                             number(between(-30, 30)) + ", " + number(between(-30, 30)) + ", 0]\n");
         break;
+      case 9: {
+        const double stiffness = p.mass * log(4e4, 4e7);
+        add("contact", p.text + entry("stiffness", stiffness) +
+                           entry("hysteresis_stiffness", stiffness * log(0.1, 10)) +
+                           entry("hysteresis_force", stiffness * log(1e-6, 1e-4)) +
+                           entry("gap", zero_or(between(-2e-4, 1e-3))));
+        break;
+      }
       default:
         add("gravity", "body = \"" + indexed('b', below(bodies)) +
                            (chance(0.5) ? "\"\nacceleration = " + number(between(-10, 10)) + "\n"
@@ -182,6 +192,30 @@ std::string Writer::model() {
   }
   drive();
   return text_;
+}
+
+// A structure without a rigid-body mode, whose ports continue the names of the bodies.
+void Writer::structure() {
+  const int ports = 1 + below(2);
+  std::string names;
+  for (int i = 0; i < ports; ++i)
+    names += (i ? "\", \"" : "") + indexed('b', static_cast<int>(mass_.size()) + i);
+  add("structure", "ports = [\"" + names + "\"]\n");
+  std::vector<double> mobility(static_cast<std::size_t>(ports), 0.0);
+  const int modes = ports + below(2);
+  for (int k = 0; k < modes; ++k) {
+    const double mass = log(0.1, 10);
+    std::string shape;
+    for (double &sum : mobility) {
+      const double size = between(-1, 1);
+      sum += size * size / mass;
+      shape += (shape.empty() ? "" : ", ") + number(size);
+    }
+    text_ += "[[structure.mode]]\n" + entry("frequency", log(3, 150)) +
+             entry("damping_ratio", zero_or(log(0.001, 0.1))) + entry("modal_mass", mass) +
+             "shape = [" + shape + "]\n";
+  }
+  for (const double sum : mobility) mass_.push_back(1 / sum);
 }
 
 void Writer::drive() {
@@ -354,13 +388,16 @@ class Follower {
     largest_.assign(stepper.z().size(), 1e-6);
     stepper.step(0.0, true);  // what enabling changes is not listed
     for (int k = 0; k < ticks && !testing::Test::HasFailure(); ++k) {
-      const auto &bodies = stepper.network().bodies();
+      const auto &points = stepper.network().points();
       // A change by an impulse that a new command takes back at the same instant is not listed.
       if (chance(random_) < 0.5) {
         command = volts(random_);
       } else {
-        for (std::size_t b = 0; b < bodies.size(); ++b)
-          if (chance(random_) < 0.5) stepper.kick(b, bodies[b].mass * speed(random_));
+        for (std::size_t p = 0; p < points.size(); ++p) {
+          const auto moved = static_cast<std::size_t>(points[p].front().coordinate);
+          if (chance(random_) < 0.5)
+            stepper.kick(p, stepper.network().coordinates()[moved].mass * speed(random_));
+        }
       }
       std::vector<double> z = stepper.z();
       z.back() = command;

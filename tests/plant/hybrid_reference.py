@@ -104,6 +104,34 @@ class Solid:
         yield (d - free, 0) if now else (free - d, 1)
 
 
+class Jenkins:
+    """A contact of a spring k beside a spring h whose other end a dry slider s holds: 0 apart, 1
+    pressed, the slider slips 2 forward, 3 backward. Without force its surface is where
+    k d + h (d - s) = 0."""
+
+    home = 0
+
+    def __init__(self, link, ends, at):
+        self.name, self.ends, self.at = link["name"], ends, at
+        self.k, self.h, self.slip = (
+            link["stiffness"], link["hysteresis_stiffness"], link["hysteresis_force"],
+        )  # fmt: skip
+        self.gap = link.get("gap", 0.0)
+
+    def guards(self, now, d, speed, s):
+        above = d - self.h * s / (self.k + self.h)
+        if now == 0:
+            yield -above, 1
+        if now in (1, 3):
+            yield above, 0
+        if now == 1:
+            bound = self.slip * (1 + 1e-11)  # A slider at rest is on its bound to rounding.
+            yield bound - self.h * (d - s), 2
+            yield bound + self.h * (d - s), 3
+        if now > 1:
+            yield (speed if now == 2 else -speed) + 1e-13, 1  # as above, in m/s
+
+
 class Foldback:
     """0 peak current, 1 rated current, by the mean current."""
 
@@ -130,17 +158,18 @@ class Reference:
         with open(file, "rb") as stream:
             model = tomllib.load(stream)
         self.model = model
-        bodies = model["body"]
+        bodies = model.get("body", [])
         self.names = [b["name"] for b in bodies]
         self.mass = np.array([float(b.get("mass", 0.0)) for b in bodies])
         for i, b in enumerate(bodies):
             if "inertia" in b:
                 self.mass[i] += sum(np.array(b["inertia"]) / np.array(b["r_trans"]) ** 2)
-        n = self.n = len(bodies)
+        self._structures(model)
+        n = self.n = len(self.mass)
         self.switching = []  # elements with a discrete state
         self.flanks, self.frictions, self.curves = [], [], {}
         for link in model.get("contact", []):
-            if "maxwell_stiffness" in link:
+            if "maxwell_stiffness" in link or "hysteresis_stiffness" in link:
                 continue
             if isinstance(link["stiffness"], list):
                 name = link["name"] + ".stiffness"
@@ -180,6 +209,12 @@ class Reference:
                 solid = Solid(link, self._ends(link), self.dashpots[link["name"]])
                 self.solids.append(solid)
                 self.switching.append(solid)
+        self.jenkins = []
+        for link in model.get("contact", []):
+            if "hysteresis_stiffness" in link:
+                self.jenkins.append(Jenkins(link, self._ends(link), self.states))
+                self.switching.append(self.jenkins[-1])
+                self.states += 1
         self.clock_at = self.states  # in ticks
         self.states += "external" in model
         self.drive = model.get("drive")
@@ -214,8 +249,11 @@ class Reference:
         self.volts_offset = dac.get("offset", 0.0)
 
         self.y = np.zeros(self.states)
-        self.y[:n] = [b.get("position", 0.0) for b in bodies]
-        self.y[n : 2 * n] = [b.get("velocity", 0.0) for b in bodies]
+        self.y[: len(bodies)] = [b.get("position", 0.0) for b in bodies]
+        self.y[n : n + len(bodies)] = [b.get("velocity", 0.0) for b in bodies]
+        x = np.append(self.shape @ self.y[:n], 0.0)
+        for pad in self.jenkins:  # at the start no force is in the spring of the slider
+            self.y[pad.at] = max(x[pad.ends[0]] - x[pad.ends[1]] - pad.gap, 0.0)
         if self.drive and "rated_current" in self.drive:
             self.y[self.mean_at] = self.drive["rated_current"] / 2
         self.volts = 0.0
@@ -223,11 +261,31 @@ class Reference:
         self.mode = {e.name: e.home for e in self.switching}
         self.absolute = np.full(self.states, 1e-14)
         self.absolute[:n] = 1e-17
+        self.absolute[[pad.at for pad in self.jenkins]] = 1e-17
         self.fastest = 0.0  # of all bodies so far
         self.cache = {}
         self.changes = []  # (time_s, element, from, to)
         self.tick = 0
         self._settle(0.0, record=False)
+
+    def _structures(self, model):
+        """Coordinates are bodies, then modes; points are bodies, then ports."""
+        bodies = len(self.mass)
+        self.w, self.zeta = [0.0] * bodies, [0.0] * bodies
+        blocks = [np.eye(bodies)]
+        for structure in model.get("structure", []):
+            modes = structure["mode"]
+            self.names += structure["ports"]
+            self.mass = np.append(self.mass, [m.get("modal_mass", 1.0) for m in modes])
+            self.w += [2 * math.pi * m["frequency"] for m in modes]
+            self.zeta += [m.get("damping_ratio", 0.0) for m in modes]
+            blocks.append(np.array([m["shape"] for m in modes], float).T)
+        self.w, self.zeta = np.array(self.w), np.array(self.zeta)
+        self.shape = np.zeros((len(self.names), len(self.mass)))
+        row = column = 0
+        for block in blocks:
+            self.shape[row : row + block.shape[0], column : column + block.shape[1]] = block
+            row, column = row + block.shape[0], column + block.shape[1]
 
     def _tables(self, model):
         for link in model.get("cogging", []):
@@ -361,7 +419,8 @@ class Reference:
         """
         n = self.n
         ground = np.zeros_like(u)
-        x, v = np.vstack([y[:n], ground]), np.vstack([y[n : 2 * n], ground])
+        q, rate_of_q = y[:n], y[n : 2 * n]
+        x, v = np.vstack([self.shape @ q, ground]), np.vstack([self.shape @ rate_of_q, ground])
         push = np.zeros_like(x)
         rates = np.zeros_like(y)
         signals, guards = {}, []
@@ -405,6 +464,16 @@ class Reference:
             f = now * (solid.k * d + solid.m * (d - w))
             rate = now * ((solid.k + solid.m) * speed - solid.m * rates[solid.at])
             link(solid.name, solid.ends, f, f, rate, d)
+        for pad in self.jenkins:
+            a, b = pad.ends
+            d, speed, s = x[a] - x[b] - pad.gap, v[a] - v[b], y[pad.at]
+            now = self.mode[pad.name]
+            guards.extend((g, pad.name, to) for g, to in pad.guards(now, d, speed, s))
+            slips = now > 1
+            rates[pad.at] = slips * speed
+            f = (now > 0) * (pad.k * d + pad.h * (d - s))
+            rate = (now > 0) * (pad.k + (0.0 if slips else pad.h)) * speed
+            link(pad.name, pad.ends, f, f, rate, d)
         if "external" in self.model:
             rates[self.clock_at] = 1500.0
         for pull in self.model.get("external", []):
@@ -459,20 +528,21 @@ class Reference:
                 push[f.ends[0]] -= now * f.coulomb
                 push[f.ends[1]] += now * f.coulomb
                 guards.append((now * (v[f.ends[0]] - v[f.ends[1]]), f.name, 0))
-        weight = np.append(1 / self.mass, 0.0)
-        acceleration = push * weight[:, None]
+        weight = 1 / self.mass
+        acceleration = (self.shape.T @ push[:-1]) * weight[:, None]
+        acceleration -= self.w[:, None] ** 2 * q + (2 * self.zeta * self.w)[:, None] * rate_of_q
         hold = {}
         if stuck:
-            sign = np.zeros((len(stuck), n + 1))
-            for row, f in zip(sign, stuck, strict=True):
-                row[f.ends[0]] += 1
-                row[f.ends[1]] -= 1
+            sign = self._constraints(stuck)
             forces = np.linalg.solve(sign * weight @ sign.T, sign @ acceleration)
             acceleration = acceleration - weight[:, None] * (sign.T @ forces)
             for f, force in zip(stuck, forces, strict=True):
                 hold[f.name] = force
                 guards.append((f.stiction - force, f.name, 1))
                 guards.append((f.stiction + force, f.name, -1))
+        rates[:n] = rate_of_q
+        rates[n : 2 * n] = acceleration
+        acceleration = np.vstack([self.shape @ acceleration, ground])
         for f in self.frictions:
             a, b = f.ends
             now = self.mode[f.name]
@@ -481,11 +551,9 @@ class Reference:
             signals[f.name + ".spring_force"] = signals[f.name + ".spring_force_rate"] = 0.0
             signals[f.name + ".sliding"] = v[a] - v[b]  # ours alone, as the next one
             signals[f.name + ".slipping"] = acceleration[a] - acceleration[b]
-        rates[:n] = y[n : 2 * n]
-        rates[n : 2 * n] = acceleration[:n]
         for i, name in enumerate(self.names):
-            signals[name + ".position"] = y[i]
-            signals[name + ".velocity"] = y[n + i]
+            signals[name + ".position"] = x[i]
+            signals[name + ".velocity"] = v[i]
             signals[name + ".acceleration"] = acceleration[i]
         for adc in self.adcs:
             channel = adc["channel"]
@@ -674,18 +742,18 @@ class Reference:
         stuck = [f for f in self.frictions if self.mode[f.name] == 0]
         if not stuck:
             return
-        sign = np.zeros((len(stuck), self.n + 1))
-        for row, f in zip(sign, stuck, strict=True):
-            row[f.ends[0]] += 1
-            row[f.ends[1]] -= 1
-        sign = sign[:, :-1]
+        sign = self._constraints(stuck)
         v = self.y[self.n : 2 * self.n]
         weight = 1 / self.mass
         v -= weight * (sign.T @ np.linalg.solve(sign * weight @ sign.T, sign @ v))
 
+    def _constraints(self, stuck):
+        """Rows that give the speed of each of these frictions from those of the coordinates."""
+        shape = np.vstack([self.shape, np.zeros(self.n)])
+        return np.array([shape[f.ends[0]] - shape[f.ends[1]] for f in stuck])
+
     def impulse(self, body, impulse_N_s):
-        i = self._body(body)
-        self.y[self.n + i] += impulse_N_s / self.mass[i]
+        self.y[self.n : 2 * self.n] += self.shape[self._body(body)] * impulse_N_s / self.mass
         self.changes_here = 0
         self._settle(self.tick * TICK_S)
 

@@ -65,8 +65,8 @@ TEST(Model, ReadsWhatItSays) {
   ASSERT_EQ(model.parameters.size(), 2U);
   EXPECT_FALSE(model.drive.has_value());
   EXPECT_EQ(model.dac.volts_per_code(), 20.0 / 4096.0);
-  EXPECT_EQ(model.body_index("robot"), 0);
-  EXPECT_THROW((void)model.body_index("rabbit"), std::invalid_argument);
+  EXPECT_EQ(model.point_index("robot"), 0);
+  EXPECT_THROW((void)model.point_index("rabbit"), std::invalid_argument);
 }
 
 TEST(Model, ParameterSigns) {
@@ -131,13 +131,14 @@ TEST(Model, SharedParameters) {
 }
 
 TEST(ModelRefuses, UnknownKeysAnywhere) {
-  expect_refusal("weight = 1\n" + kAxis,
-                 {"weight",
-                  "expected one of the keys title, shows, parameters_file, parameters, body, "
-                  "spring, damper, contact, backlash, stop, friction, brake, gravity, cogging, "
-                  "external, drive, encoder, "
-                  "switches, adc, dac, got \"weight\"; remove or "
-                  "rename this key"});
+  expect_refusal(
+      "weight = 1\n" + kAxis,
+      {"weight",
+       "expected one of the keys title, shows, parameters_file, parameters, body, structure, "
+       "spring, damper, contact, backlash, stop, friction, brake, gravity, cogging, "
+       "external, drive, encoder, "
+       "switches, adc, dac, got \"weight\"; remove or "
+       "rename this key"});
   expect_refusal(with(kAxis, "mass =", "mess = 1\nmass ="),
                  {"body[0].mess",
                   "expected one of the keys name, mass, inertia, r_trans, position, velocity, got "
@@ -158,6 +159,18 @@ TEST(ModelRefuses, UnknownKeysAnywhere) {
                  {"dac.bit",
                   "expected one of the keys bits, range, offset, noise, got \"bit\"; did you mean "
                   "bits?; remove or rename this key"});
+  const std::string structure = "[[structure]]\nname = \"x\"\nports = [\"p\"]\n";
+  expect_refusal(kAxis + structure + "prots = 1\n", {"structure[0].mode",
+                                                     "expected at least one mode, got none; add "
+                                                     "[[structure.mode]]"});
+  expect_refusal(kAxis + structure + "prots = 1\n[[structure.mode]]\nfrequency = 1\nshape = 1\n",
+                 {"structure[0].prots",
+                  "expected one of the keys name, ports, mode, got \"prots\"; did you mean ports?; "
+                  "remove or rename this key"});
+  expect_refusal(kAxis + structure + "[[structure.mode]]\nfrequency = 1\nshape = 1\nmass = 2\n",
+                 {"structure[0].mode[0].mass",
+                  "expected one of the keys frequency, damping_ratio, modal_mass, shape, got "
+                  "\"mass\"; remove or rename this key"});
   expect_refusal(kAxis + "\"two\\nlines\" = 1\n",
                  {"spring[0].two lines",
                   "expected one of the keys name, between, stiffness, loads, breaks, damping, "

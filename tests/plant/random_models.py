@@ -73,8 +73,12 @@ class Writer:
                 return at
 
 
-def random_model(seed, more=False):
-    """(TOML text, writer) of 3 to 12 bodies. Lengths are about 1 mm, rates below some 3e3 rad/s."""
+def random_model(seed, more=False, modal=False):
+    """(TOML text, writer) of 3 to 12 bodies. Lengths are about 1 mm, rates below some 3e3 rad/s.
+
+    more: also tables, solids and drives with current loops. modal: also structures given by their
+    modes, and contacts with hysteresis.
+    """
     w = Writer(np.random.default_rng(seed))
     count = int(w.rng.integers(3, 13))
     for i in range(count):
@@ -104,6 +108,8 @@ def random_model(seed, more=False):
                 s["loads"] = [b * s["stiffness"][0] for b in s.pop("breaks")]
         w.table("spring", **s)
         names.append(f"b{i}")
+    if modal:
+        add_structures(w, names, link)
     for _ in range(w.rng.integers(1, 4)):
         w.table("contact", **link("contact", *w.pair(), w.log(200, 1500), w.log(0.01, 0.2)),
                 gap=w.between(-2e-4, 1e-3))  # fmt: skip
@@ -153,10 +159,13 @@ def random_model(seed, more=False):
             s["acceleration"] = [w.between(-10, 10) for _ in range(points)]
             s["positions"] = w.rising(points, 1.5e-3)
         w.table("gravity", **s)
+    if modal:
+        add_hysteresis(w, link)
     if more:
         add_tables(w, count, link)
     signals = add_drive(w, count, MORE_KINDS if more else KINDS)
-    w.table("encoder", body=f"b{w.rng.integers(count)}", scale=w.log(1e5, 1e6))
+    axis = w.pick([n for n in w.mass if n[0] == "p"]) if modal else f"b{w.rng.integers(count)}"
+    w.table("encoder", body=axis, scale=w.log(1e5, 1e6))
     if w.chance(0.3):
         bodies = w.rng.choice(count, 2, replace=False)
         w.parts.pop()
@@ -166,6 +175,35 @@ def random_model(seed, more=False):
         w.table("dac", bits=int(w.rng.integers(10, 15)), range=w.pick([5.0, 10.0]),
                 offset=w.between(-0.05, 0.05))  # fmt: skip
     return "\n".join(w.parts) + "\n", w
+
+
+def add_structures(w, names, link):
+    """Adds structures with a port that is tied to one of the points `names`."""
+    for i in range(w.rng.integers(1, 3)):
+        ports = [f"p{i}{k}" for k in range(w.rng.integers(1, 4))]
+        w.table("structure", name=f"structure{i}", ports=ports)
+        size, rates = w.log(0.5, 40), np.zeros(len(ports))
+        for k in range(len(ports) + w.rng.integers(0, 3)):
+            rigid = k == 0 and w.chance(0.5)
+            mode = {"frequency": 0 if rigid else w.log(5, 200), "modal_mass": size * w.log(0.3, 3),
+                    "shape": [w.between(-1, 1) for _ in ports]}  # fmt: skip
+            if not rigid:
+                mode["damping_ratio"] = w.log(0.002, 0.1)
+            w.table("structure.mode", **mode)
+            rates += np.square(mode["shape"]) / mode["modal_mass"]
+        w.mass |= dict(zip(ports, map(float, 1 / rates), strict=True))
+        tie = link("spring", ports[0], w.pick(names), w.log(30, 500), w.log(0.005, 0.1))
+        w.table("spring", **tie)
+
+
+def add_hysteresis(w, link):
+    for i in range(w.rng.integers(1, 3)):
+        s = link("contact", *w.pair(), w.log(200, 1500), 0.0)
+        del s["damping"]
+        s |= {"name": f"jenkins{i}", "gap": w.between(-2e-4, 5e-4),
+              "hysteresis_stiffness": s["stiffness"] * w.log(0.3, 5),
+              "hysteresis_force": s["stiffness"] * w.log(1e-6, 1e-4)}  # fmt: skip
+        w.table("contact", **s)
 
 
 KINDS = ["dc_motor", "dc_motor", "first_order", "perfect"]
@@ -365,8 +403,8 @@ class Outcome:
         )
 
 
-def compare(seed, ticks=TICKS, more=False):
-    text, w = random_model(seed, more)
+def compare(seed, ticks=TICKS, more=False, modal=False):
+    text, w = random_model(seed, more, modal)
     out = Outcome(seed, w.elements["body"])
     with tempfile.TemporaryDirectory() as name:
         file = Path(name) / f"model{seed}.toml"
@@ -395,8 +433,9 @@ def compare(seed, ticks=TICKS, more=False):
         if tick == ticks:
             break
         if tick == law.impulse_at:
-            plant.apply_impulse("b0", law.impulse)
-            reference.impulse("b0", law.impulse)
+            struck = "p00" if modal else "b0"
+            plant.apply_impulse(struck, law.impulse)
+            reference.impulse(struck, law.impulse)
         code = law(tick, codes[0], codes[1], zero)
         enable = tick not in law.coast
         plant.step(code, enable)
@@ -421,9 +460,9 @@ def compare(seed, ticks=TICKS, more=False):
     return out
 
 
-def compare_safely(seed, more=False):
+def compare_safely(seed, more=False, modal=False):
     try:
-        return compare(seed, more=more)
+        return compare(seed, more=more, modal=modal)
     except Exception as error:
         return Outcome(seed, 0, failure=f"{type(error).__name__}: {error}")
 

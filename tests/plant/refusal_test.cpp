@@ -61,6 +61,23 @@ std::vector<Element> elements() {
        {stiffs,
         {"maxwell_stiffness", "10", Value::positive, false},
         {"maxwell_time", "0.1", Value::positive}}},
+      {"[[contact]]",
+       "contact[0]",
+       kLink,
+       {stiffs,
+        {"hysteresis_stiffness", "10", Value::positive, false},
+        {"hysteresis_force", "0.1", Value::positive}}},
+      {"[[structure]]",
+       "structure[0]",
+       "name = \"x\"\nports = [\"p\"]\nmode = [{ frequency = 1, shape = 1 }]\n",
+       {}},
+      {"[[structure]]\nname = \"y\"\nports = [\"p\", \"q\"]\n[[structure.mode]]",
+       "structure[0].mode[0]",
+       "",
+       {{"frequency", "31", Value::not_negative},
+        {"damping_ratio", "0.01", Value::not_negative, false},
+        {"modal_mass", "2", Value::positive, false},
+        {"shape", "[1, -0.5]", Value::any, true, true}}},
       {"[[cogging]]",
        "cogging[0]",
        kLink,
@@ -278,6 +295,20 @@ TEST(ElementRefuses, WhatDoesNotFitTogether) {
   const std::string stop = "[[stop]]\nstiffness = 1\n" + kLink;
   const std::string friction = "[[friction]]\n" + kLink;
   const std::string gravity = "[[gravity]]\nname = \"x\"\nbody = \"a\"\n";
+  const std::string contact = "[[contact]]\nstiffness = 1\n" + kLink;
+  const std::string jenkins = "hysteresis_stiffness = 1\nhysteresis_force = 1\n";
+  const auto structure = [](const std::string &ports, const std::string &modes) {
+    return "[[structure]]\nname = \"x\"\nports = " + ports + "\nmode = [" + modes + "]\n";
+  };
+  const std::string pair = "[\"p\", \"q\"]";
+  const std::string mode = "{ frequency = 5, shape = [1, 2] }";
+  const std::string held = structure(pair, mode);
+  const auto rubs = [](const std::string &name, const std::string &port) {
+    return "[[friction]]\nname = \"" + name + "\"\nbetween = [\"" + port +
+           "\", \"ground\"]\ncoulomb = 1\n";
+  };
+  std::string many = mode;
+  for (int i = 0; i < 32; ++i) many += ", " + mode;
   const std::string stepper =
       "[drive]\ntype = \"stepper\"\nbody = \"a\"\nvelocity_per_volt = 1\nholding_force = 1\n"
       "full_step = 1\n";
@@ -308,6 +339,44 @@ TEST(ElementRefuses, WhatDoesNotFitTogether) {
       {damper + "damping = [1, 2, 3]\nbreaks = [0, -1]\n", "damper[0].breaks[1]"},
       {damper + "damping = [1, -2]\nbreaks = [1]\n", "damper[0].damping[1]"},
       {damper + "damping = [1, 2]\nloads = [1]\n", "damper[0].damping"},
+      // contacts with hysteresis
+      {contact + "hysteresis_force = 1\n", "contact[0].hysteresis_force"},
+      {contact + "hysteresis_stiffness = 1\n", "contact[0].hysteresis_force"},
+      {contact + jenkins + "damping = 1\n", "contact[0].hysteresis_stiffness"},
+      {contact + jenkins + "maxwell_stiffness = 1\nmaxwell_time = 1\n",
+       "contact[0].hysteresis_stiffness"},
+      {"[[contact]]\nstiffness = [1, 2]\nbreaks = [1]\n" + kLink + jenkins,
+       "contact[0].hysteresis_stiffness"},
+      // structures
+      {structure(pair, ""), "structure[0].mode"},
+      {"[[structure]]\nname = \"x\"\nports = [\"p\"]\n", "structure[0].mode"},
+      {"[[structure]]\nname = \"x\"\nmode = [" + mode + "]\n", "structure[0].ports"},
+      {structure("[]", mode), "structure[0].ports"},
+      {structure("\"p\"", mode), "structure[0].ports"},
+      {structure("[\"p\", 3]", mode), "structure[0].ports[1]"},
+      {structure("[\"p\", \"p\"]", mode), "structure[0].ports[1]"},
+      {structure("[\"p\", \"a\"]", mode), "structure[0].ports[1]"},
+      {structure("[\"p\", \"x\"]", mode), "structure[0].ports[1]"},
+      {structure("[\"two words\", \"q\"]", mode), "structure[0].ports[0]"},
+      {structure("[\"ground\", \"q\"]", mode), "structure[0].ports[0]"},
+      {structure(pair, "{ frequency = 5, shape = 1 }"), "structure[0].mode[0].shape"},
+      {structure(pair, "{ frequency = 5, shape = [1, 2, 3] }"), "structure[0].mode[0].shape"},
+      {structure(pair, mode + ", { frequency = -5, shape = [1, 2] }"),
+       "structure[0].mode[1].frequency"},
+      {structure(pair, "{ frequency = \"5 s\", shape = [1, 2] }"),
+       "structure[0].mode[0].frequency"},
+      {structure(pair, "{ frequency = 0, damping_ratio = 0.1, shape = [1, 2] }"),
+       "structure[0].mode[0].damping_ratio"},
+      {structure(pair, "{ frequency = 5, shape = [1, 0] }"), "structure[0].ports[1]"},
+      {structure(pair, "{ frequency = 0, shape = [1, 2] }"), "structure[0].ports"},
+      {structure(pair, many), "structure"},
+      {held + "[[gravity]]\nname = \"g\"\nbody = \"p\"\nacceleration = 1\n", "gravity[0].body"},
+      {held + "[[gravity]]\nname = \"g\"\nbody = \"x\"\nacceleration = 1\n", "gravity[0].body"},
+      {held + "[[spring]]\nname = \"z\"\nbetween = [\"p\", \"x\"]\nstiffness = 1\n",
+       "spring[3].between[1]"},
+      {held + rubs("f", "p") + rubs("g", "q"), "friction[1].between"},
+      {held + rubs("f", "p") + "[[brake]]\nname = \"g\"\nholding = 1\nbetween = " + pair + "\n",
+       "brake[0].between"},
       // stops
       {stop, "stop[0].low"},
       {stop + "low = 1\nhigh = -1\n", "stop[0].high"},

@@ -52,6 +52,20 @@ def test_current_loops_tables_and_solids_agree_with_dop853():
     assert sum(o.ticks for o in found) > 0.9 * len(MORE_SEEDS) * random_models.TICKS
 
 
+MODAL_SEEDS = [range(8000, 8005), pytest.param(range(8005, 8030), marks=pytest.mark.long)]
+
+
+@pytest.mark.parametrize("seeds", MODAL_SEEDS)
+def test_structures_and_hysteresis_agree_with_dop853(seeds):
+    """These plants have every element of add_structures() and add_hysteresis()."""
+    found = [random_models.compare_safely(seed, modal=True) for seed in seeds]
+    assert [str(o) for o in found if not o.agrees()] == []
+    changes = sum((o.changes for o in found), start=random_models.collections.Counter())
+    for element in ("jenkins", "contact", "friction"):
+        assert changes[element] > 20, element
+    assert sum(o.ticks for o in found) > 0.9 * len(seeds) * random_models.TICKS
+
+
 def test_a_comparison_can_fail(monkeypatch):
     """The reference with one spring softer by 1e-6 of itself is found out."""
     load = random_models.Reference._flank

@@ -65,8 +65,8 @@ class BenchCase {
     const Plant plant(cache_);
     force_ = place_of(plant.signal_names(), force);
     const auto &model = *experiment_.model;
-    robot_ = 2 * static_cast<std::size_t>(model.body_index(robot));
-    workpiece_ = 2 * static_cast<std::size_t>(model.body_index(workpiece));
+    robot_ = 2 * static_cast<std::size_t>(model.point_index(robot));
+    workpiece_ = 2 * static_cast<std::size_t>(model.point_index(workpiece));
     current_ = 2 * model.bodies.size();
     zero_ = model.adc[0].value().zero_code;
   }

@@ -83,12 +83,28 @@ py::object sampling(const forceaxis::sim::Adc &adc) {
                         adc.sinc_order);
 }
 
+py::list structures_of(const Model &model) {
+  py::list structures;
+  for (const auto &structure : model.structures) {
+    std::vector<double> modal_masses;
+    std::vector<std::vector<double>> shapes;
+    for (const auto &mode : structure.modes) {
+      modal_masses.push_back(mode.mass);
+      shapes.push_back(mode.shape);
+    }
+    structures.append(py::dict(
+        py::arg("name") = structure.name, py::arg("ports") = py::tuple(py::cast(structure.ports)),
+        py::arg("modal_masses_kg") = modal_masses, py::arg("shapes") = shapes));
+  }
+  return structures;
+}
+
 // Returns the data of a model, other than the equations, that a linear analysis needs.
 py::dict facts(const std::filesystem::path &file, const Overrides &overrides) {
   const Model model = load(file, overrides);
-  const auto name = [&](int body) {
-    return body == kGround ? std::string("ground")
-                           : model.bodies[static_cast<std::size_t>(body)].name;
+  const std::vector<std::string> points = model.point_names();
+  const auto name = [&](int point) {
+    return point == kGround ? std::string("ground") : points[static_cast<std::size_t>(point)];
   };
   py::dict masses;
   for (const auto &body : model.bodies) masses[py::str(body.name)] = body.mass;
@@ -102,6 +118,7 @@ py::dict facts(const std::filesystem::path &file, const Overrides &overrides) {
   py::dict d;
   d["title"] = model.title;
   d["masses_kg"] = masses;
+  d["structures"] = structures_of(model);
   d["signals"] = units;
   d["parameters"] = parameters;
   py::list contacts;
@@ -213,10 +230,12 @@ void add_linear(py::module_ &m) {
         py::arg("free") = false, py::arg("drive") = true,
         "Returns A, B, C, D and the names of the states in one mode. See "
         "forceaxis.linear.linearise.");
-  m.def("facts", &facts, py::arg("model"), py::arg("overrides") = Overrides{},
-        "Returns the data of a model: masses, signals with units, used parameters (value, unit), "
-        "contacts (name, between), switches (states of each element), drive (values: parameters by "
-        "key), reading (per_count: unit of the signal per 8-bit count), encoder, volts_per_code");
+  m.def(
+      "facts", &facts, py::arg("model"), py::arg("overrides") = Overrides{},
+      "Returns the data of a model: masses, structures (name, ports, modal masses, shapes: modes x "
+      "ports), signals with units, used parameters (value, unit), "
+      "contacts (name, between), switches (states of each element), drive (values: parameters by "
+      "key), reading (per_count: unit of the signal per 8-bit count), encoder, volts_per_code");
   m.def("hessenberg_response", &response, py::arg("H"), py::arg("B"), py::arg("C"), py::arg("D"),
         py::arg("points"),
         "Returns C (s I - H)^-1 B + D as an array (points, outputs, inputs). H is an upper "

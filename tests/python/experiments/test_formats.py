@@ -28,6 +28,14 @@ velocity = 0
 [[body]]
 name = "work"
 mass = 5
+[[structure]]
+name = "frame"
+ports = ["foot", "head"]
+[[structure.mode]]
+frequency = 12
+damping_ratio = 0.02
+modal_mass = 30
+shape = [1, 0.5]
 [[spring]]
 name = "guide"
 between = ["axis", "ground"]
@@ -96,6 +104,13 @@ stiffness = 1e5
 gap = 0.02
 maxwell_stiffness = 1e5
 maxwell_time = 0.01
+[[contact]]
+name = "rubber"
+between = ["axis", "head"]
+stiffness = 1e5
+gap = 0.02
+hysteresis_stiffness = 1e5
+hysteresis_force = 10
 [[cogging]]
 name = "magnets"
 between = ["axis", "ground"]
@@ -290,6 +305,7 @@ NEEDED = {
     "body.r_trans": {"inertia": [1e-4]},
     "spring.maxwell_time": {"maxwell_stiffness": 1e5},
     "contact.maxwell_time": {"maxwell_stiffness": 1e5},
+    "contact.hysteresis_force": {"hysteresis_stiffness": 1e5},
 }
 
 
@@ -382,8 +398,8 @@ def test_every_signal_is_in_the_reference(tmp_path):
         import gen_reference
     finally:
         sys.path.pop(0)
-    groups = {"axis": "BODY", "work": "BODY", "rotor": "BODY", "weight": "GRAVITY",
-              "push": "EXTERNAL", "drive": "drive"}  # fmt: skip
+    groups = {"axis": "BODY", "work": "BODY", "rotor": "BODY", "foot": "PORT", "head": "PORT",
+              "weight": "GRAVITY", "push": "EXTERNAL", "drive": "drive"}  # fmt: skip
     found = {}
     for drive in DRIVES:
         assert refusal(tmp_path, model_with(drive), experiment()) is None

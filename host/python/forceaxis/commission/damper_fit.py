@@ -295,9 +295,9 @@ def _start_damping(measured: Measurement, newton: float, speed: float | None) ->
     """Returns the damping in N s/m at which a fit begins. `speed` is the rms speed in m/s."""
     if newton and speed:
         return friction.damping(newton, speed)
-    masses = linear.facts(measured.model, measured.overrides).masses_kg
+    moving = linear.facts(measured.model, measured.overrides).moving_kg()
     middle = 2 * math.pi * float(np.median(measured.frequency_hz))
-    return START_SHARE * sum(masses.values()) * middle
+    return START_SHARE * moving * middle
 
 
 def _in_words(about: RecordedFriction) -> str:

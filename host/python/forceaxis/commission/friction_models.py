@@ -65,7 +65,7 @@ def frictions_of(
                 FrictionElement(f.name, f.between, newton * size / sum(sizes), True)
                 for f, size in zip(own, sizes, strict=True)
             ]
-        elif newton > 0 and (not of_work or work in facts.masses_kg):
+        elif newton > 0 and (not of_work or work in facts.points):
             found.append(FrictionElement(name, (str(place[0]), str(place[1])), newton))
     return tuple(found)
 

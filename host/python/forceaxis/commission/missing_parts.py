@@ -204,7 +204,7 @@ def _modes(problem: Responses) -> list[Shape]:
     facts = linear.facts(problem.model)
     body = facts.required_drive.body
     work = model_file.read(problem.model).workpiece
-    moving = sum(kg for name, kg in facts.masses_kg.items() if name != work)
+    moving = facts.moving_kg(work)
 
     def factor(parameters: Sequence[float], _: int, hz: Samples) -> Response:
         zero, split, zeta = parameters

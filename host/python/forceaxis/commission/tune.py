@@ -265,8 +265,8 @@ def _approach_velocity(model: Path, facts: PlantFacts) -> int:
             f"{model}: contact: expected a model with exactly one contact that has a stiffness"
         )
     far = contact.between[1]
-    mass = sum(kg for body, kg in facts.masses_kg.items() if body != far)
-    speed = min(simulation.APPROACH_M_PER_S, IMPACT_PEAK_N / math.sqrt(stiffness * mass))
+    moving = facts.moving_kg(far)
+    speed = min(simulation.APPROACH_M_PER_S, IMPACT_PEAK_N / math.sqrt(stiffness * moving))
     return max(1, round(speed * abs(facts.required_encoder.scale)))
 
 

@@ -287,7 +287,8 @@ def strain(model: Path, overrides: Overrides, shape: Mapping[str, float]) -> str
     """Returns the name of the spring or contact with most of the elastic energy of a mode of
     vibration, or None if the model has no spring and no contact. `shape` is {body: amplitude} of
     the mode."""
-    signals = linear.facts(model, overrides).signals
+    facts = linear.facts(model, overrides)
+    signals = facts.signals
     elements = [n.removesuffix(".deflection") for n in signals if n.endswith(".deflection")]
     if not elements:
         return None
@@ -296,8 +297,12 @@ def strain(model: Path, overrides: Overrides, shape: Mapping[str, float]) -> str
     system = linear.linearise(
         model, (f"{body}.force",), tuple(outputs), overrides=overrides, drive=False
     )
-    x = np.array([shape.get(s.removesuffix(".position"), 0.0) if s.endswith(".position") else 0.0
-                  for s in system.states])  # fmt: skip
+    # The coordinates that displace bodies and ports as the mode does.
+    moved = np.array([shape.get(point, 0.0) for point in facts.points])
+    coordinates = np.linalg.lstsq(facts.displacements(), moved)[0]
+    amplitude = dict(zip(facts.coordinates_kg, coordinates, strict=True))
+    x = np.array([amplitude.get(s.removesuffix(".position"), 0.0)
+                  if s.endswith(".position") else 0.0 for s in system.states])  # fmt: skip
     values = (system.C @ x).reshape(-1, 2)
     return elements[int(np.argmax(values[:, 0] * values[:, 1]))]
 

@@ -312,7 +312,7 @@ class ContactBench:
         """Returns (body, sign of the impulse) for an impact. The body is the workpiece. If the
         workpiece is the ground, the body is the one that presses on the ground."""
         near, far = self.facts.contacts[0].between
-        return (far, 1.0) if far in self.facts.masses_kg else (near, -1.0)
+        return (far, 1.0) if far in self.facts.points else (near, -1.0)
 
     def gap_m(self) -> float:
         """Returns the distance in m between the two bodies of the contact at the start of a run."""

@@ -155,6 +155,13 @@ def _stuck(setup: Setup, measured: Measurement) -> list[str]:
                 "slides: raise the level until it slides, because a smaller level shows the "
                 "friction instead of the plant"
             )
+    for name in working.sliders(linear.find_model(setup.model)):
+        slips = 1 - measured.states.get(name, {}).get(working.STUCK, 1.0)
+        if slips > STUCK_SHARE and assumed.modes.get(name) == working.STUCK:
+            texts.append(
+                f"{name} slipped {100 * slips:.3g} % of the time, but the model assumes that it "
+                "sticks: lower the level until it sticks"
+            )
     for name in working.backlashes(linear.find_model(setup.model)):
         flanks = [measured.states.get(name + flank, {}) for flank in working.FLANKS]
         closed = sum(shares.get(working.CLOSED, 0.0) for shares in flanks)

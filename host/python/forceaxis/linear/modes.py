@@ -69,12 +69,13 @@ class Pole:
 class VibrationMode:
     """One mode of vibration of the mechanics, without damping and without the drive.
 
-    damping_ratio: that of the dampers in the undamped mode shape; None at 0 Hz. shape: {body:
-    displacement}, the largest has the magnitude 1. residue: of the response from input to output,
-    in the unit of the output per N s^2. label and against_lowest: "colocated", "noncolocated" or
-    "neither", in comparison with the lowest mode that has a residue (`reference` is True for that
-    mode). against_below: in comparison with the next lower mode. driven: the corresponding pole of
-    the complete system with damping and drive, None if there is none.
+    damping_ratio: that of the dampers in the undamped mode shape; None at 0 Hz. shape: {point:
+    displacement}, the largest has the magnitude 1; a point is a body or a port. residue: of the
+    response from input to output, in the unit of the output per N s^2. label and against_lowest:
+    "colocated", "noncolocated" or "neither", in comparison with the lowest mode that has a residue
+    (`reference` is True for that mode). against_below: in comparison with the next lower mode.
+    driven: the corresponding pole of the complete system with damping and drive, None if there is
+    none.
     """
 
     frequency_hz: float
@@ -89,7 +90,7 @@ class VibrationMode:
 
     @property
     def largest_body(self) -> str:
-        """The body with the largest displacement in the mode of vibration."""
+        """The body or port with the largest displacement in the mode of vibration."""
         return max(self.shape, key=lambda body: abs(self.shape[body]))
 
 
@@ -118,12 +119,14 @@ class ModeAnalysis:
 
 @dataclass(frozen=True)
 class Mechanics:
-    """The modes of vibration of a model without damping and without the drive, for b bodies and n
-    modes of vibration.
+    """The modes of vibration of a model without damping and without the drive, for c coordinates, p
+    points and n modes of vibration.
 
-    bodies: names. masses (b,) in kg. w (n,): angular frequencies in rad/s, ascending. shapes (b,
-    n): displacement of each body in each mode, scaled to a modal mass of 1 kg. damping_ratio (n,):
-    nan for w = 0. drive (n,), output (n,): gains of the input and of the output in each mode.
+    bodies: names of the coordinates, which are the bodies and the modes of structures. masses (c,)
+    in kg. w (n,): angular frequencies in rad/s, ascending. shapes (c, n): displacement of each
+    coordinate in each mode, scaled to a modal mass of 1 kg. damping_ratio (n,): nan for w = 0.
+    drive (n,), output (n,): gains of the input and of the output in each mode. points: names of the
+    bodies and of the ports of structures. places (p, n): displacement of each point in each mode.
     """
 
     bodies: tuple[str, ...]
@@ -133,6 +136,8 @@ class Mechanics:
     damping_ratio: np.ndarray
     drive: np.ndarray
     output: np.ndarray
+    points: tuple[str, ...]
+    places: np.ndarray
 
 
 def mechanics(
@@ -150,15 +155,16 @@ def mechanics(
     signal that is a function of positions. states: {element: state} of elements outside the drive.
     Raises InputError for a model, parameter, signal or state that does not exist.
     """
-    masses = linear.facts(model, overrides).masses_kg
-    bodies = tuple(masses)
-    pushes = [f"{body}.force" for body in bodies]
+    facts = linear.facts(model, overrides)
+    masses = facts.coordinates_kg
+    names = tuple(masses)
+    pushes = [f"{name}.force" for name in names]
     system = linear.linearise(
         model, [input, *pushes], [output], overrides, states, free=free, drive=False
     )
-    x = [system.states.index(f"{body}.position") for body in bodies]
-    v = [system.states.index(f"{body}.velocity") for body in bodies]
-    root = np.sqrt(np.array([masses[body] for body in bodies]))
+    x = [system.states.index(f"{name}.position") for name in names]
+    v = [system.states.index(f"{name}.velocity") for name in names]
+    root = np.sqrt(np.array([masses[name] for name in names]))
     # In the coordinates sqrt(m) x all matrices are symmetric. Stuck frictions leave a projection P
     # in M x'' = P (force - K x). The modes of vibration lie within the projection P.
     P = root[:, None] * system.B[np.ix_(v, range(1, len(v) + 1))] * root
@@ -191,7 +197,9 @@ def mechanics(
         zeta = np.where(w > 0, loss / (2 * w), np.nan)
     shapes = shapes / root[:, None]
     push = shapes.T @ (root**2 * system.B[v, 0])
-    return Mechanics(bodies, root**2, w, shapes, zeta, push, system.C[0, x] @ shapes)
+    places = facts.displacements() @ shapes if facts.structures else shapes
+    seen = system.C[0, x] @ shapes
+    return Mechanics(names, root**2, w, shapes, zeta, push, seen, facts.points, places)
 
 
 def default_output(facts: PlantFacts, apart: Sequence[ContactFacts]) -> str:
@@ -204,7 +212,7 @@ def default_output(facts: PlantFacts, apart: Sequence[ContactFacts]) -> str:
     if reading and not reading.signal.startswith("drive."):
         return reading.signal
     # A tachometer signal or a motor current follows the motion of the drive itself.
-    body = facts.required_drive.body if facts.drive else next(iter(facts.masses_kg))
+    body = facts.required_drive.body if facts.drive else facts.points[0]
     return f"{body}.position"
 
 
@@ -291,12 +299,13 @@ def modes(
             below = i
         else:
             lowest = next_below = "colocated" if damped[i] else "neither"
-        shape = m.shapes[:, i] / m.shapes[np.argmax(np.abs(m.shapes[:, i])), i]
+        largest = m.places[np.argmax(np.abs(m.places[:, i])), i]
+        shape = m.places[:, i] / (largest or 1.0)  # all ports can be nodes of a mode
         rows.append(
             VibrationMode(
                 frequency_hz=float(w / (2 * np.pi)),
                 damping_ratio=None if w == 0 else float(m.damping_ratio[i]),
-                shape=dict(zip(m.bodies, map(float, shape), strict=True)),
+                shape=dict(zip(m.points, map(float, shape), strict=True)),
                 residue=float(residues[i]) if seen[i] else 0.0,
                 label=lowest,
                 against_lowest=lowest,
@@ -343,7 +352,7 @@ def _assign(
 ) -> dict[int, int]:
     """Returns the index of the pole that belongs to each mode of vibration. This pole is the most
     similar one in displacements and frequency."""
-    x = [system.states.index(f"{body}.position") for body in m.bodies]
+    x = [system.states.index(f"{name}.position") for name in m.bodies]
     shapes = vectors[x] * np.sqrt(m.masses)[:, None]
     norm = np.linalg.norm(shapes, axis=0)
     overlap = np.abs((m.shapes * np.sqrt(m.masses)[:, None]).T @ shapes) ** 2

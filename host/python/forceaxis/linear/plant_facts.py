@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
+
 from forceaxis import _core
 
 T = TypeVar("T")
@@ -18,6 +20,29 @@ class ParameterFacts(NamedTuple):
 
     value: float
     unit: str
+
+
+@dataclass(frozen=True)
+class StructureFacts:
+    """A structure that a model gives by n modes of vibration at its p ports: name, names of the
+    ports, modal masses in kg (n), and shapes, the displacements of the ports in each mode (n, p).
+    """
+
+    name: str
+    ports: tuple[str, ...]
+    modal_masses_kg: tuple[float, ...]
+    shapes: tuple[tuple[float, ...], ...]
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the modal coordinates, in the order of the modes: "arm.1" and so on."""
+        return tuple(f"{self.name}.{i + 1}" for i in range(len(self.shapes)))
+
+    @property
+    def apparent_kg(self) -> float:
+        """Mass in kg of the first mode at the port that this mode moves most."""
+        most = max(map(abs, self.shapes[0]))
+        return self.modal_masses_kg[0] / most**2 if most > 0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -127,7 +152,8 @@ class EncoderFacts:
 class PlantFacts:
     """Bodies, signals, parameters and devices of one model with given parameter values.
 
-    `path` is the model's file. `masses_kg` has every body, `signals` the unit of every signal,
+    `path` is the model's file. `masses_kg` has every body, `structures` every structure that is
+    given by its modes of vibration, `signals` the unit of every signal,
     `switches` the states of every element that has several ("sensor": ("apart", "pressed",
     "overlap")). `drive`, `reading` and `encoder` are None if the model has none; `required_drive`
     and so on then raise InputError. `volts_per_code` is the drive command of one DAC code in V.
@@ -136,6 +162,7 @@ class PlantFacts:
     path: str
     title: str
     masses_kg: dict[str, float]
+    structures: tuple[StructureFacts, ...]
     signals: dict[str, str]
     parameters: dict[str, ParameterFacts]
     contacts: tuple[ContactFacts, ...]
@@ -144,6 +171,41 @@ class PlantFacts:
     reading: SensorFacts | None
     encoder: EncoderFacts | None
     volts_per_code: float
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Names of the points that elements may connect: the bodies and the ports of all
+        structures."""
+        return (*self.masses_kg, *(port for s in self.structures for port in s.ports))
+
+    @property
+    def coordinates_kg(self) -> dict[str, float]:
+        """Masses in kg of the coordinates of the motion: the bodies and the modes of all
+        structures."""
+        modes = (
+            pair
+            for s in self.structures
+            for pair in zip(s.coordinates, s.modal_masses_kg, strict=True)
+        )
+        return self.masses_kg | dict(modes)
+
+    def displacements(self) -> np.ndarray:
+        """Returns the displacements of p points for a unit of each of c coordinates, (p, c)."""
+        bodies = len(self.masses_kg)
+        found = np.zeros((len(self.points), len(self.coordinates_kg)))
+        found[:bodies, :bodies] = np.eye(bodies)
+        row = column = bodies
+        for structure in self.structures:
+            shapes = np.array(structure.shapes)
+            found[row : row + shapes.shape[1], column : column + shapes.shape[0]] = shapes.T
+            row, column = row + shapes.shape[1], column + shapes.shape[0]
+        return found
+
+    def moving_kg(self, still: str | None = None) -> float:
+        """Returns the mass in kg of all bodies and structures, without the point `still`. A
+        structure counts with the mass of its first mode at the port that this mode moves most."""
+        bodies = sum(kg for body, kg in self.masses_kg.items() if body != still)
+        return bodies + sum(s.apparent_kg for s in self.structures if still not in s.ports)
 
     @property
     def required_drive(self) -> DriveFacts:
@@ -215,6 +277,12 @@ def _sensor(sampling: tuple[float, float | None, float, int] | None, **facts: An
     return SensorFacts(**facts, sampling=sampling and SamplingFacts(*sampling))
 
 
+def _structure(
+    name: str, ports: tuple[str, ...], modal_masses_kg: list[float], shapes: list[list[float]]
+) -> StructureFacts:
+    return StructureFacts(name, ports, tuple(modal_masses_kg), tuple(map(tuple, shapes)))
+
+
 def read(path: str, overrides: Overrides | None = None) -> PlantFacts:
     """Returns the contents of the model file at `path`. Raises `_core.InputError` if the file is
     not a model."""
@@ -223,6 +291,7 @@ def read(path: str, overrides: Overrides | None = None) -> PlantFacts:
         path=path,
         title=table["title"],
         masses_kg=table["masses_kg"],
+        structures=tuple(_structure(**structure) for structure in table["structures"]),
         signals=table["signals"],
         parameters={name: ParameterFacts(*given) for name, given in table["parameters"].items()},
         contacts=tuple(ContactFacts(**contact) for contact in table["contacts"]),

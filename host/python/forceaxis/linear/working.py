@@ -2,7 +2,8 @@
 which the axis works.
 
 A force law works while the axis presses and moves. In these states contacts are pressed, frictions
-slide, backlash is closed, and all other elements are in the middle of their range. Sliding friction
+slide, backlash is closed, and all other elements are in the middle of their range. The slider of
+a contact with hysteresis sticks, as it does in small motions about any point. Sliding friction
 is a constant force, so its size and direction do not change the linear equations; both flanks of a
 backlash give the same equations. A friction that the drive cannot overcome never slides and stays
 stuck. At rest all frictions stick, which is another combination of states. `linear.over` uses this
@@ -26,6 +27,7 @@ from forceaxis.results import json_field
 STUCK, SLIDING = "stuck", "forward"
 FLANKS = (".low", ".high")
 OPEN, CLOSED = "apart", "pressed"
+SLIDER = ".hysteresis"
 DAC_CODES = 2048  # number of DAC codes from 0 V to full scale
 SLOW_PER_S = 0.06  # frequency in rad/s that is low enough for a static response
 
@@ -78,6 +80,7 @@ class _Elements(NamedTuple):
 
     frictions: tuple[_FrictionRow, ...] = ()
     backlashes: tuple[str, ...] = ()
+    sliders: tuple[str, ...] = ()  # of contacts with hysteresis
 
 
 @lru_cache(maxsize=64)
@@ -94,7 +97,12 @@ def _elements(path: str, stamp: Stamp) -> _Elements:
         )
         for row in table.get("friction", ())
     )
-    return _Elements(tuple(frictions), tuple(row["name"] for row in table.get("backlash", ())))
+    sliders = (
+        row["name"] + SLIDER for row in table.get("contact", ()) if "hysteresis_stiffness" in row
+    )
+    return _Elements(
+        tuple(frictions), tuple(row["name"] for row in table.get("backlash", ())), tuple(sliders)
+    )
 
 
 def _stamp(path: str | Path) -> Stamp:
@@ -149,6 +157,11 @@ def backlashes(path: str | Path) -> tuple[str, ...]:
     return _own_elements(path).backlashes
 
 
+def sliders(path: str | Path) -> tuple[str, ...]:
+    """Returns the names of the sliders of contacts with hysteresis, such as "pad.hysteresis"."""
+    return _own_elements(path).sliders
+
+
 def held(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction, ...]:
     """Returns the friction elements that the drive cannot overcome. The force of the drive that
     arrives at such an element is below the breakaway force."""
@@ -201,7 +214,8 @@ def _stall_N(path: str | Path, known: PlantFacts) -> float:
 
 def _sliding(path: str | Path, own: tuple[Friction, ...]) -> dict[str, str]:
     closed = {name + FLANKS[1]: CLOSED for name in backlashes(path)}
-    return {one.name: SLIDING for one in own} | closed
+    small = dict.fromkeys(sliders(path), STUCK)
+    return {one.name: SLIDING for one in own} | closed | small
 
 
 @lru_cache(maxsize=512)
@@ -286,7 +300,12 @@ def _text(path: str | Path, contacts: list[str], taken: dict[str, str], free: bo
     for name in backlashes(path):
         flanks = [left.pop(name + flank, OPEN) for flank in FLANKS]
         words.append(f"{name} {'closed' if CLOSED in flanks else 'open'}")
-    words += [f"{name} {left.pop(name, OPEN if free else CLOSED)}" for name in contacts]
+    touching = {name: left.pop(name, OPEN if free else CLOSED) for name in contacts}
+    words += [f"{name} {state}" for name, state in touching.items()]
+    for name in _own_elements(path).sliders:
+        state = left.pop(name)
+        if touching[name.removesuffix(SLIDER)] != OPEN:
+            words.append(f"{name} {state}" + (" (small motions)" if state == STUCK else ""))
     return ", ".join([*words, *(f"{name} {state}" for name, state in left.items())])
 
 

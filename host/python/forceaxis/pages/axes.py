@@ -182,7 +182,11 @@ def words(model: Path) -> list[str]:
     vibration."""
     facts, text = linear.facts(model), model.read_text(encoding="utf-8")
     masses = ", ".join(f"{name} {kg:.4g} kg" for name, kg in facts.masses_kg.items())
-    lines = [f"Bodies: {masses}."]
+    lines = [f"Bodies: {masses}."] if masses else []
+    lines += [
+        f"Structure {s.name}: {len(s.shapes)} modes at the ports {', '.join(s.ports)}."
+        for s in facts.structures
+    ]
     if drive := facts.drive:
         lines.append(f"Drive {drive.type.replace('_', ' ')} on {drive.body}.")
         if drive.loop_text:
