@@ -9,7 +9,9 @@
  *   bus_drive_act(&drive, &outputs);          in port_act()
  *   while (drive402_transmit(&drive.master, &frame)) send it
  *
- * The DAC code becomes the target of the drive: code x scale_num / scale_den of the configuration.
+ * The output becomes the target of the drive: floor(code x scale_num / scale_den + 1/2), with the
+ * numbers of the configuration. With scale_shift AXIS_FINE_BITS the code is dac_fine / 16, which has
+ * the dac_bits of the axis; with scale_shift 0 it is dac_code.
  * When the axis enables its amplifier, the master first resets what has failed before. */
 
 #include "firmware/core/axis_state.h"

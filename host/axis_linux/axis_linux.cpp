@@ -37,6 +37,7 @@ void read_drive(sim::Section &section, Settings &settings) {
   drive.mode = kModes[section.choice("mode", "choose a mode of the drive")];
   drive.scale_num = whole<std::uint32_t>(section, "target_num");
   drive.scale_den = whole<std::uint32_t>(section, "target_den");
+  drive.scale_shift = AXIS_FINE_BITS;
   drive.target_max = section.integer("target_max");
   drive.cycle_ms = whole<std::uint8_t>(section, "cycle_ms");
   if (drive.cycle_ms % 2 != 0)

@@ -28,7 +28,8 @@ constexpr KeyFormat kDriveKeys[] = {
           "Cyclic synchronous mode of the drive: velocity (csv), torque (cst) or position (csp)."),
     integer("target_num", 1, 2147483647, {},
             "Numerator of the target in units of the drive per DAC code. Code 2048 is full speed, "
-            "or rated torque."),
+            "or rated torque. With `dac_bits` above 12 the code has a fraction, and the target is "
+            "rounded once, half up."),
     integer("target_den", 1, 2147483647, 1, "Denominator of the target per DAC code."),
     integer("target_max", 1, 2147483642, {},
             "Largest magnitude of the target in units of the drive; at most 32767 for torque."),
