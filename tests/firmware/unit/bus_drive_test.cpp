@@ -110,6 +110,7 @@ TEST(BusDrive, ItsObjectsAreItsConfiguration) {
   EXPECT_EQ(config.target_max, 1000);
   EXPECT_EQ(config.rpdo_type, 1);
   EXPECT_EQ(config.without, DRIVE402_WITHOUT_SYNC_PERIOD);
+  EXPECT_EQ(config.scale_shift, 4) << "the drive gets the fraction of the code";
   for (const int node : {1, 126, 127}) {
     params.drive_node_id = static_cast<std::uint8_t>(node);
     ASSERT_TRUE(bus_drive_config(&params, &config));

@@ -148,7 +148,7 @@ class Fw : public BusFixture {
 
   bool IsOn() const { return outputs_.dac_code == kCode && outputs_.amp_enable == 1; }
   bool IsOff() const {
-    return outputs_.dac_code == 0 && outputs_.amp_enable == 0 && outputs_.brake_release == 0 &&
+    return outputs_.dac_code == 0 && outputs_.dac_fine == 0 && outputs_.amp_enable == 0 && outputs_.brake_release == 0 &&
            Inner(AXIS_OBJ_ACTIVE_MODE) == AXIS_MODE_DISABLED;
   }
 
