@@ -9,6 +9,7 @@
 
 #include <cerrno>
 #include <cstdint>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -264,7 +265,8 @@ TEST_F(Iio, EverySplitGivesTheSameScans) {
     Bytes bytes;
     for (int i = 0; i < piece; ++i, ++written) {
       const int number = written / 16, place = written % 16;
-      bytes.push_back(place == 0 ? number & 255 : place == 1 ? number >> 8 : 0xEE);
+      bytes.push_back(
+          static_cast<std::uint8_t>(place == 0 ? number : place == 1 ? number >> 8 : 0xEE));
     }
     send(bytes);
     const int whole = written / 16;
