@@ -187,8 +187,8 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   /* The limits act on the output of the tick in which a command is output. */
   const bool late = params->latency_ticks != 0;
   if (late) {
-    const int32_t due_q16 = (axis->bounded != 0) ? limits_bound_late(axis, axis->command_q16)
-                                                 : axis->command_q16;
+    const int32_t due_q16 =
+        (axis->bounded != 0) ? limits_bound_late(axis, axis->command_q16) : axis->command_q16;
     set_output(axis, inputs->din, due_q16);
   }
   /* At this point dac_fine is the output that precedes the one computed in this tick. */

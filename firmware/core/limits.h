@@ -39,8 +39,8 @@ int32_t limits_bound_late(axis_t *axis, int32_t command_q16);
  *   limit_switch_neg the same for the negative limit switch and a negative command
  *   drive_limit      a fitted drive reports a limit of its own; limits_add_drive() sets this reason
  * The ranges of the drive act before these limits and set no reason. The command must be within
- * +-2^31 - 2^15; digital_inputs has AXIS_DIN_ bits. The soft limits compare the counts directly, so the encoder
- * must not wrap. */
+ * +-2^31 - 2^15; digital_inputs has AXIS_DIN_ bits. The soft limits compare the counts directly, so
+ * the encoder must not wrap. */
 static inline int32_t limits_apply(const axis_params_t *params, int32_t position_cnt,
                                    uint8_t digital_inputs, int32_t command_q16, uint8_t *reason) {
   const int32_t limit = (int32_t)params->output_limit;

@@ -10,9 +10,9 @@
  *   while (drive402_transmit(&drive.master, &frame)) send it
  *
  * The output becomes the target of the drive: floor(code x scale_num / scale_den + 1/2), with the
- * numbers of the configuration. With scale_shift AXIS_FINE_BITS the code is dac_fine / 16, which has
- * the dac_bits of the axis; with scale_shift 0 it is dac_code.
- * When the axis enables its amplifier, the master first resets what has failed before. */
+ * numbers of the configuration. With scale_shift AXIS_FINE_BITS the code is dac_fine / 16, which
+ * has the dac_bits of the axis; with scale_shift 0 it is dac_code. When the axis enables its
+ * amplifier, the master first resets what has failed before. */
 
 #include "firmware/core/axis_state.h"
 #include "firmware/drive402/drive402.h"

@@ -135,7 +135,8 @@ int main(int argc, char **argv) {
   std::uint32_t lateness_s = 0;
   CLI::App app(
       "Runs an axis as a real-time process: force control on a CiA 402 drive with a load cell on "
-      "its CAN bus, or with a converter of this machine. The axis is a CANopen node on another CAN interface. SIGTERM stops the drive "
+      "its CAN bus, or with a converter of this machine. The axis is a CANopen node on another CAN "
+      "interface. SIGTERM stops the drive "
       "and ends the process, which then prints how late its ticks were.");
   app.add_option("SETTINGS", file, "TOML file with interfaces, drive and load cell.")->required();
   app.add_option("--lateness", lateness_s,

@@ -67,15 +67,17 @@ constexpr KeyFormat kLoadCellKeys[] = {
 constexpr TableFormat kLoadCell{"The load cell, on the bus of the drive.", kLoadCellKeys};
 
 constexpr KeyFormat kIioKeys[] = {
-    other("device", "text", "",
-          "Folder of the device in sysfs, such as /sys/bus/iio/devices/iio:device0. Its channel and "
-          "its buffer have to be enabled."),
+    other(
+        "device", "text", "",
+        "Folder of the device in sysfs, such as /sys/bus/iio/devices/iio:device0. Its channel and "
+        "its buffer have to be enabled."),
     other("buffer", "text", "/dev/ and the name of the folder",
           "Character device of the buffer, such as /dev/iio:device0."),
     other("channel", "text", "", "Name of the channel, such as voltage0."),
-    optional_integer("shift", 0, 31, "the upper 16 bits are used",
-                     "Number of the lowest bits of a value that are cut off. Code 32768 is 0 if the "
-                     "channel is signed, otherwise code 0 is 0."),
+    optional_integer(
+        "shift", 0, 31, "the upper 16 bits are used",
+        "Number of the lowest bits of a value that are cut off. Code 32768 is 0 if the "
+        "channel is signed, otherwise code 0 is 0."),
 };
 constexpr TableFormat kIio{
     "A converter of this machine with a driver of the kernel for industrial I/O, such as an AD7190 "

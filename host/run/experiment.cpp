@@ -319,8 +319,8 @@ void match_dac(const Section &root, Experiment &experiment) {
 // Refuses a model whose ADCs do not have the resolution of the firmware's converters.
 void check_adcs(const Section &root, const Experiment &experiment) {
   const sim::Model &model = *experiment.model;
-  const std::int64_t bits = written(experiment, AXIS_OBJ_ADC_BITS)
-                                .value_or(object_meta(AXIS_OBJ_ADC_BITS).initial);
+  const std::int64_t bits =
+      written(experiment, AXIS_OBJ_ADC_BITS).value_or(object_meta(AXIS_OBJ_ADC_BITS).initial);
   for (const auto &adc : model.adc) {
     if (adc && adc->bits != bits) {
       root.fail("firmware.adc_bits", "expected " + std::to_string(adc->bits) +

@@ -218,7 +218,8 @@ static void stop_tick(void) {
   port_act(&outputs);
 }
 
-/* Returns true when drive and force sensor have sent values, or when the wait for them has ended. */
+/* Returns true when drive and force sensor have sent values, or when the wait for them has ended.
+ */
 static bool is_ready(uint64_t ticks) {
   return (has_force && drive402_feedback(&drive.master).age_ticks < AGE_MAX) ||
          ticks >= START_TICKS_MAX;

@@ -3,8 +3,8 @@
 
 /* The port to Linux: the axis as a real-time process on a PC or a single-board computer. The drive
  * is a CiA 402 drive on one CAN interface, the force comes from a load cell on the same bus or from
- * a converter of this machine (iio.h), and the supervisor is on another CAN interface. README.md beside this file says how to prepare the
- * machine.
+ * a converter of this machine (iio.h), and the supervisor is on another CAN interface. README.md
+ * beside this file says how to prepare the machine.
  *
  * A thread with real-time priority computes the ticks at absolute times of the monotonic clock. A
  * tick that is late by whole ticks is counted as an overrun of so many ticks. A tick that is late

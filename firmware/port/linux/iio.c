@@ -174,7 +174,9 @@ static const char *read_channels(DIR *open, const char *folder, const char *forc
   return NULL;
 }
 
-static uint32_t aligned(uint32_t offset, uint32_t size) { return (offset + size - 1) / size * size; }
+static uint32_t aligned(uint32_t offset, uint32_t size) {
+  return (offset + size - 1) / size * size;
+}
 
 /* Computes where the channel is in a scan, and how long a scan is. */
 static const char *lay_out(iio_t *iio, const channel_t *channels, uint8_t count, const char *name) {
@@ -199,8 +201,9 @@ static const char *lay_out(iio_t *iio, const channel_t *channels, uint8_t count,
                 name);
   }
   if (iio->type.bits > VALUE_BITS_MAX || iio->type.repeat > 1 || end > IIO_SCAN_MAX) {
-    return FAIL("channel %s: expected a single value of 1 to %d bits, in a scan of at most %d bytes",
-                name, VALUE_BITS_MAX, IIO_SCAN_MAX);
+    return FAIL(
+        "channel %s: expected a single value of 1 to %d bits, in a scan of at most %d bytes", name,
+        VALUE_BITS_MAX, IIO_SCAN_MAX);
   }
   iio->scan = (uint16_t)end;
   return NULL;
@@ -267,8 +270,8 @@ static bool take_newest(iio_t *iio, uint16_t *code) {
     return false;
   }
   const uint8_t *newest = iio->bytes + whole - iio->scan;
-  *code = load_cell_code(iio_value(&iio->type, newest + iio->offset), iio->shift,
-                         iio->type.is_signed);
+  *code =
+      load_cell_code(iio_value(&iio->type, newest + iio->offset), iio->shift, iio->type.is_signed);
   iio->used = (uint16_t)(iio->used - whole);
   memmove(iio->bytes, iio->bytes + whole, iio->used);
   return true;

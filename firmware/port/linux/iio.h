@@ -3,11 +3,12 @@
 
 /* The force of a converter with a driver of Linux for industrial I/O (IIO): scans are read from the
  * buffer of the device, and the newest one counts. The files of the device in sysfs say where the
- * channel is in a scan (Documentation/ABI/testing/sysfs-bus-iio). They are read once: whoever starts
- * the axis has enabled channel and buffer before. No call of iio_take() waits.
+ * channel is in a scan (Documentation/ABI/testing/sysfs-bus-iio). They are read once: whoever
+ * starts the axis has enabled channel and buffer before. No call of iio_take() waits.
  *
- * A scan has the enabled channels in the order of their indices. Each one begins at a multiple of its
- * own size, and a scan is as long as a multiple of the largest size. A timestamp is such a channel. */
+ * A scan has the enabled channels in the order of their indices. Each one begins at a multiple of
+ * its own size, and a scan is as long as a multiple of the largest size. A timestamp is such a
+ * channel. */
 
 #include <stdbool.h>
 #include <stdint.h>

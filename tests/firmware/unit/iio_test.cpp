@@ -44,11 +44,26 @@ TEST(IioType, IsReadAsTheKernelWritesIt) {
     EXPECT_EQ(type.repeat, c.repeat) << c.text;
     EXPECT_EQ(type.shift, c.shift) << c.text;
   }
-  for (const char *text :
-       {"", "le", "le:", "xe:s16/16>>0", "le:f32/32>>0", "le:s/16>>0", "le:s16/>>0", "le:s16", "le:s0/16",
-        "le:s24/24>>0", "le:s16/12>>0", "le:s17/16>>0", "le:s12/16>>5", "le:s16/16>>", "le:s16/16X",
-        "le:s16/16X3>>0", "le:s16/16>>0 ", "le:s-1/16>>0", "le:s99999999999999999999/16",
-        "le:s16/128>>0"}) {
+  for (const char *text : {"",
+                           "le",
+                           "le:",
+                           "xe:s16/16>>0",
+                           "le:f32/32>>0",
+                           "le:s/16>>0",
+                           "le:s16/>>0",
+                           "le:s16",
+                           "le:s0/16",
+                           "le:s24/24>>0",
+                           "le:s16/12>>0",
+                           "le:s17/16>>0",
+                           "le:s12/16>>5",
+                           "le:s16/16>>",
+                           "le:s16/16X",
+                           "le:s16/16X3>>0",
+                           "le:s16/16>>0 ",
+                           "le:s-1/16>>0",
+                           "le:s99999999999999999999/16",
+                           "le:s16/128>>0"}) {
     iio_type_t type{};
     EXPECT_FALSE(iio_type_of(text, &type)) << text;
   }
@@ -175,7 +190,8 @@ TEST_F(Iio, AShiftOfTheSettingsCountsInItsPlace) {
   EXPECT_EQ(take(), 32767) << "-1 / 16 rounds down";
 }
 
-// Of the kernel's documents: three values of 16 bits, then a timestamp at a multiple of its 8 bytes.
+// Of the kernel's documents: three values of 16 bits, then a timestamp at a multiple of its 8
+// bytes.
 TEST_F(Iio, OtherChannelsAndATimestampAreSkipped) {
   channel("timestamp", 9, "le:s64/64>>0");
   channel("voltage2", 2, "be:u16/16>>0");
@@ -265,8 +281,9 @@ TEST_F(Iio, EverySplitGivesTheSameScans) {
     Bytes bytes;
     for (int i = 0; i < piece; ++i, ++written) {
       const int number = written / 16, place = written % 16;
-      bytes.push_back(
-          static_cast<std::uint8_t>(place == 0 ? number : place == 1 ? number >> 8 : 0xEE));
+      bytes.push_back(static_cast<std::uint8_t>(place == 0   ? number
+                                                : place == 1 ? number >> 8
+                                                             : 0xEE));
     }
     send(bytes);
     const int whole = written / 16;
