@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "firmware/port/host/axis_host.h"
 #include "host/axis_linux/settings_format.hpp"
 #include "host/program/program.hpp"
 #include "sim/model/section.hpp"
@@ -86,7 +87,8 @@ void read_iio(sim::Section &section, Settings &settings) {
   settings.buffer =
       section.optional_text("buffer", kText)
           .value_or("/dev/" + std::filesystem::path(settings.device).filename().string());
-  iio.shift = section.has("shift") ? whole<std::uint8_t>(section, "shift") : IIO_SHIFT_OWN;
+  iio.shift = IIO_SHIFT_OWN;
+  if (section.has("shift")) iio.shift = whole<std::uint8_t>(section, "shift");
   iio.device = settings.device.c_str();
   iio.buffer = settings.buffer.c_str();
   iio.channel = settings.channel.c_str();

@@ -11,6 +11,7 @@
 #include <set>
 #include <sstream>
 
+#include "firmware/port/host/axis_host.h"
 #include "host/run/experiment_format.hpp"
 #include "host/run/held_force.hpp"
 #include "host/run/objects.hpp"
