@@ -239,7 +239,8 @@ TEST(DriveMaster, RecordedRunsHaveTheirHashes) {
 class Delayed {
  public:
   explicit Delayed(const Bus &bus)
-      : folder_(fs::path(::testing::TempDir()) / ("delayed" + std::to_string(getpid()))) {
+      : folder_(fs::path(::testing::TempDir()) /
+                ("delayed" + std::to_string(getpid()) + "_" + std::to_string(bus.cycle_ticks))) {
     fs::create_directories(folder_ / "experiments");
     fs::copy(SIM_DIR "/models", folder_ / "models", fs::copy_options::recursive);
     for (const auto &entry : fs::directory_iterator(folder_ / "models")) {
@@ -250,7 +251,8 @@ class Delayed {
                                  "\ndelay_ticks_out = " + std::to_string(bus.ticks_out) +
                                  "\ndelay_ticks_in = " + std::to_string(bus.ticks_in) + "\n");
       const auto dac = text.find("[dac]\n");
-      if (bus.bits != 12 && dac == std::string::npos) continue;
+      const bool is_given = text.find("bits", dac) != std::string::npos;
+      if (bus.bits != 12 && (dac == std::string::npos || is_given)) continue;
       if (bus.bits != 12) text.insert(dac + 6, "bits = " + std::to_string(bus.bits) + "\n");
       std::ofstream(entry.path()) << text;
       changed_.insert(entry.path().filename());
