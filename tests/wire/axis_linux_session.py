@@ -220,7 +220,7 @@ def main(folder):
 
     process = Process(folder, iio=iio_device(folder), started=converts)
     with supervised() as axis:
-        done["converter"] = axis.get("force_raw")
+        done["converter"] = axis.get("force_raw", "position")
         done["converter_ends"] = faulty(axis, machine, ends)
     done["converter_stderr"] = process.end()["stderr"]
     (folder / "results.json").write_text(json.dumps(done, default=str, indent=1))
