@@ -67,7 +67,7 @@ bounds. Forces are positive in compression.
 AXIS_LINUX = """\
 # Settings of axis_linux
 
-The file of settings of `axis_linux` is a TOML file with interfaces, drive and load cell; see
+The file of settings of `axis_linux` is a TOML file with interfaces, drive and force sensor; see
 [Force control on the drive you have](../your_drive.md). Keys that are not in this list are refused.
 """
 

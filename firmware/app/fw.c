@@ -43,6 +43,12 @@ static bool is_frozen(const fw_t *fw, uint16_t object) {
   return guards_freeze(&fw->drive.guards, object);
 }
 
+/* Returns the largest permitted dac_bits. A drive on a bus gets all of them. */
+static uint8_t most_dac_bits(const fw_t *fw) {
+  const bool is_any = fw->config.dac_bits == 0 || fw->device.drive_node_id != 0;
+  return is_any ? (uint8_t)AXIS_DAC_BITS_MAX : fw->config.dac_bits;
+}
+
 static int check_axis(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
   const fw_t *fw = fw_of_const(objects);
   /* A native mode that is written over a bus would bypass the state machine of the drive. */
@@ -54,6 +60,9 @@ static int check_axis(const dictionary_t *objects, uint8_t source, uint16_t obje
     return FW_ERROR_STATE;
   }
   if (object == AXIS_OBJ_ADC_BITS && !law_banks_fit(&fw->banks, (uint8_t)value)) {
+    return FW_ERROR_RANGE;
+  }
+  if (object == AXIS_OBJ_DAC_BITS && value > most_dac_bits(fw)) {
     return FW_ERROR_RANGE;
   }
   return axis_check(&fw->axis, object, value);
@@ -242,6 +251,7 @@ static void power_up(fw_t *fw) {
   fw->device_signals.store_state = store_load(&fw->store, &fw->objects);
   const bool has_id = lss_settings_load(fw);
   const bool has_law = law_loaded(fw);
+  axis_output_loaded(&fw->axis, most_dac_bits(fw));
   if (!has_id || !has_law) {
     fw->device_signals.store_state = AXIS_STORE_STATE_FAILED;
   }

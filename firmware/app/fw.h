@@ -113,6 +113,9 @@ typedef struct {
   const char *software;
   /* set of the CAN bit rates that the board supports (lss.h); 0 permits all bit rates */
   uint16_t bit_rates;
+  /* largest dac_bits that the code for the board outputs without a drive on a bus, 12 to 16; 0
+   * permits 16 */
+  uint8_t dac_bits;
   /* registers at the fault of the processor core that caused the last reset; NULL without such a
    * fault */
   const fw_core_fault_t *core_fault;

@@ -96,10 +96,13 @@ static void switch_off(axis_t *restrict axis, axis_outputs_t *restrict outputs) 
   axis->rebase = 0;
   axis->bounded = 0;
   axis->signals.bump_bias = 0;
+  axis->command_q16 = 0;
   axis->signals.command_code = 0;
   axis->signals.dac_code = 0;
+  axis->signals.dac_fine = 0;
   axis->signals.limit_reason = AXIS_LIMIT_REASON_NONE;
   outputs->dac_code = 0;
+  outputs->dac_fine = 0;
   outputs->amp_enable = 0;
   outputs->brake_release = 0;
 }
@@ -145,6 +148,16 @@ static uint8_t begin_mode(axis_t *restrict axis, const axis_inputs_t *restrict i
   return mode;
 }
 
+/* Sets the output of this tick from a command in 1/65536 code. The limits use the sensor values of
+ * this tick. */
+static inline void set_output(axis_t *restrict axis, uint8_t digital_inputs, int32_t due_q16) {
+  axis_signals_t *signals = &axis->signals;
+  const int32_t output_q16 = limits_apply(&axis->params, signals->position, digital_inputs, due_q16,
+                                          &signals->limit_reason);
+  signals->dac_fine = (int16_t)fx_floor_shift(output_q16, 16 - AXIS_FINE_BITS);
+  signals->dac_code = (int16_t)fx_code_from_q16(output_q16);
+}
+
 void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
                axis_outputs_t *restrict outputs) {
   const axis_params_t *params = &axis->params;
@@ -171,35 +184,36 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   }
 
   const int32_t law_q16 = evaluate_law(axis, mode);
-  /* The limits act on the output code. They use the sensor values of the tick in which the code is
-   * output. */
+  /* The limits act on the output of the tick in which a command is output. */
   const bool late = params->latency_ticks != 0;
   if (late) {
-    const int32_t due = (axis->bounded != 0) ? limits_bound_late(axis, signals->command_code)
-                                             : signals->command_code;
-    signals->dac_code =
-        limits_apply(params, signals->position, inputs->din, due, &signals->limit_reason);
+    const int32_t due_q16 =
+        (axis->bounded != 0) ? limits_bound_late(axis, axis->command_q16) : axis->command_q16;
+    set_output(axis, inputs->din, due_q16);
   }
-  /* At this point dac_code is the output code that precedes the code computed in this tick. */
+  /* At this point dac_fine is the output that precedes the one computed in this tick. */
   if (mode != signals->active_mode || axis->rebase != 0) {
     axis->bias_shift = params->bump_decay_shift;
-    signals->bump_bias = (axis->bias_shift == 0) ? 0 : fx_scale(signals->dac_code, 16) - law_q16;
+    signals->bump_bias =
+        (axis->bias_shift == 0) ? 0 : fx_scale(signals->dac_fine, 16 - AXIS_FINE_BITS) - law_q16;
     axis->rebase = 0;
   } else {
     signals->bump_bias = fx_decay(signals->bump_bias, axis->bias_shift);
   }
   signals->active_mode = mode;
-  /* The limits act only on the output code. So command_code also shows a saturation if the code is
-   * output one tick later. With an excitation |law| < 4098; |bias| < 6146. */
-  signals->command_code = (int16_t)fx_round_q16(law_q16 + signals->bump_bias);
+  /* The limits act only on the output. So command_code also shows a saturation if the code is
+   * output one tick later. With an excitation |law| < 4098 codes; |bias| < 6146: the sum is within
+   * +-2^30. */
+  const int32_t command_q16 = fx_round_to(law_q16 + signals->bump_bias, axis->step_mask);
+  axis->command_q16 = command_q16;
+  signals->command_code = (int16_t)fx_code_from_q16(command_q16);
   if (!late) {
-    const int32_t due =
-        (axis->bounded != 0) ? limits_bound(axis, signals->command_code) : signals->command_code;
-    signals->dac_code =
-        limits_apply(params, signals->position, inputs->din, due, &signals->limit_reason);
+    set_output(axis, inputs->din,
+               (axis->bounded != 0) ? limits_bound(axis, command_q16) : command_q16);
   }
   limits_add_drive(inputs->drive, &signals->limit_reason);
   outputs->dac_code = signals->dac_code;
+  outputs->dac_fine = signals->dac_fine;
   outputs->amp_enable = 1;
   outputs->brake_release = 1;
 }
@@ -218,6 +232,8 @@ void axis_init(axis_t *axis) {
   axis->law.halvings = 0;
   axis->law.bank.integral_q26 = 0;
   axis->excitation_q16 = 0;
+  axis->command_q16 = 0;
+  axis->step_mask = fx_step_mask(axis->params.dac_bits);
   axis->bounded = 0;
   axis->bumpless_contact = 0;
   axis->primed = 0;
@@ -260,6 +276,13 @@ int axis_check(const axis_t *axis, uint16_t object, int32_t value) {
   return fits ? FW_OK : FW_ERROR_RANGE;
 }
 
+void axis_output_loaded(axis_t *axis, uint8_t most) {
+  if (axis->params.dac_bits > most) {
+    axis->params.dac_bits = most;
+  }
+  axis->step_mask = fx_step_mask(axis->params.dac_bits);
+}
+
 void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value) {
   const uint8_t mode = axis->signals.active_mode;
   switch (object) {
@@ -270,6 +293,9 @@ void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int
     case AXIS_OBJ_POSITION_GAIN:
     case AXIS_OBJ_VELOCITY_GAIN:
       axis->rebase |= (uint8_t)(mode == AXIS_MODE_POSITION && value != previous);
+      break;
+    case AXIS_OBJ_DAC_BITS:
+      axis->step_mask = fx_step_mask((uint8_t)value);
       break;
     case AXIS_OBJ_POSITION_SETPOINT:
       axis->setpoint_new |=

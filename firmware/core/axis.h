@@ -45,6 +45,10 @@ void axis_init(axis_t *axis);
  * apply, so that no bound ends one tick too early; output_limit is the value of the present tick.
  * Nothing is added after the limits.
  *
+ * Resolution: the sum of law and bump bias is rounded once, half up, to a multiple of
+ * 2^(12 - dac_bits) code, and then limited. Limits and bounds are whole codes. dac_fine is the
+ * output, and dac_code is dac_fine rounded to a whole code; with dac_bits 12 both are equal.
+ *
  * Bumpless transfer: when a mode or gain changes, the code computed in that tick equals the code
  * that was output before (0 after disabled). The difference from the control law becomes a bias. In
  * each tick the bias decays by 2^-n, at least by 1/65536 code, to exactly 0. n is the value of
@@ -73,6 +77,10 @@ int axis_check(const axis_t *axis, uint16_t object, int32_t value);
  * `value`. A write of an equal value has no effect, except that each write to position_setpoint
  * gives a new set-point. */
 void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value);
+
+/* Reports that params.dac_bits was set otherwise than by a write, as by the load of the stored
+ * parameters. A value above `most`, the bits that the port can output, becomes `most`. */
+void axis_output_loaded(axis_t *axis, uint8_t most);
 
 /* Reports that axis->law.bank has received the coefficients of bank `number` (1..4, law_bank.h).
  * For number 0 the force law uses force_gain alone. In force mode the change is bumpless, as for a

@@ -73,7 +73,14 @@ typedef struct {
   int16_t dac_code;
   uint8_t amp_enable;    /* 0 if the amplifier is off, so that the axis coasts */
   uint8_t brake_release; /* 1 releases the brake; only while the amplifier is on */
+  /* The same output in 1/16 of a code, -32768..32752, for a port that can output more than whole
+   * codes: a multiple of 2^(16 - dac_bits). dac_code is floor(dac_fine / 16 + 1/2). */
+  int16_t dac_fine;
 } axis_outputs_t;
+
+/* Number of fractional bits of axis_outputs_t.dac_fine, and bits of a DAC that outputs all of it.
+ */
+enum { AXIS_FINE_BITS = 4, AXIS_DAC_BITS_MIN = 12, AXIS_DAC_BITS_MAX = 16 };
 
 /* Returns true if a drive is fitted and not on. `drive` has AXIS_DRIVE_ bits. */
 static inline bool axis_drive_is_off(uint8_t drive) {
@@ -90,6 +97,8 @@ typedef struct {
   force_law_t law;
   /* excitation added to the command of a force law, in 1/65536 code, within +-2048 codes */
   int32_t excitation_q16;
+  int32_t command_q16;     /* command before any limit, rounded to dac_bits, in 1/65536 code */
+  int32_t step_mask;       /* fx_step_mask(dac_bits) */
   axis_codes_t free_codes; /* range of the output code in a tick without contact */
   /* range of the code that a tick computes, also if the code is output one tick later */
   axis_codes_t law_codes;

@@ -14,8 +14,8 @@ static int32_t evaluate_bank(axis_t *axis, bool touching) {
     law->integral_remainder_q26 = 0;
   }
   const force_law_tick_t tick = {.begins = entered || axis->rebase != 0,
-                                 .up = touching && !(limited && signals->command_code > 0),
-                                 .down = touching && !(limited && signals->command_code < 0)};
+                                 .up = touching && !(limited && axis->command_q16 > 0),
+                                 .down = touching && !(limited && axis->command_q16 < 0)};
   const int32_t code_q16 = force_law_step(law, error_q8, signals->velocity, tick);
   signals->force_integral = law->integral_q16;
   return code_q16;

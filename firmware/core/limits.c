@@ -5,13 +5,17 @@ static axis_codes_t codes_of(const axis_t *axis) {
                                                                     : axis_codes_all();
 }
 
-int32_t limits_bound(axis_t *axis, int32_t code) {
-  const axis_codes_t codes = codes_of(axis);
-  axis->bounded = 0; /* No code of this tick is output in a later tick. */
-  return fx_clamp(code, codes.least, codes.most);
+static int32_t clamp_to(int32_t command_q16, axis_codes_t codes) {
+  return fx_clamp(command_q16, fx_scale(codes.least, 16), fx_scale(codes.most, 16));
 }
 
-int32_t limits_bound_late(axis_t *axis, int32_t code) {
+int32_t limits_bound(axis_t *axis, int32_t command_q16) {
+  const axis_codes_t codes = codes_of(axis);
+  axis->bounded = 0; /* No code of this tick is output in a later tick. */
+  return clamp_to(command_q16, codes);
+}
+
+int32_t limits_bound_late(axis_t *axis, int32_t command_q16) {
   axis_codes_t due = axis->late_codes;
   if (axis->bounded == AXIS_BOUNDED_TICKS) {
     const axis_codes_t codes = codes_of(axis);
@@ -21,5 +25,5 @@ int32_t limits_bound_late(axis_t *axis, int32_t code) {
     axis->late_codes = axis_codes_all();
   }
   axis->bounded = (uint8_t)(axis->bounded - 1);
-  return fx_clamp(code, due.least, due.most);
+  return clamp_to(command_q16, due);
 }

@@ -18,34 +18,36 @@ static inline axis_codes_t limits_both(axis_codes_t a, axis_codes_t b) {
   return both;
 }
 
-/* Limits the DAC code of a tick to the ranges that the drive has set. The range free_codes applies
- * only without contact. If latency_ticks is 1, the ranges of the tick that computed the code apply
- * too. Call this function only while axis->bounded is not 0. It is not inline, so that ticks
- * without such ranges use fewer registers. */
-int32_t limits_bound(axis_t *axis, int32_t code);
-int32_t limits_bound_late(axis_t *axis, int32_t code);
+/* Limits the command of a tick, in 1/65536 code, to the ranges that the drive has set. The range
+ * free_codes applies only without contact. If latency_ticks is 1, the ranges of the tick that
+ * computed the command apply too. Call this function only while axis->bounded is not 0. It is not
+ * inline, so that ticks without such ranges use fewer registers. */
+int32_t limits_bound(axis_t *axis, int32_t command_q16);
+int32_t limits_bound_late(axis_t *axis, int32_t command_q16);
 
-/* Returns the DAC code that may be output for a computed code. Writes the active limit,
+/* Returns the output that is permitted for a command, both in 1/65536 code. The result is a whole
+ * code or the command itself, and within -2048..2047 codes. Writes the active limit,
  * AXIS_LIMIT_REASON_, to *reason. If several limits are active, the last one in this list is the
  * reason:
- *   dac_saturation   the code is beyond -2048..2047
- *   output_limit     the code is beyond +-output_limit, and output_limit is below 2048
- *   position_max     position > position_max, and the code is positive: the code becomes 0 and the
- *                    axis stops; a negative code still moves the axis back
- *   position_min     the same for position < position_min and a negative code
- *   limit_switch_pos the positive limit switch is on, and the code is positive: the code becomes 0
- *   limit_switch_neg the negative limit switch is on, and the code is negative: the code becomes 0
+ *   dac_saturation   the command is beyond -2048..2047 codes
+ *   output_limit     the command is beyond +-output_limit, and output_limit is below 2048
+ *   position_max     position > position_max, and the command is positive: the output becomes 0 and
+ *                    the axis stops; a negative command still moves the axis back
+ *   position_min     the same for position < position_min and a negative command
+ *   limit_switch_pos the positive limit switch is on, and the command is positive: the output
+ *                    becomes 0
+ *   limit_switch_neg the same for the negative limit switch and a negative command
  *   drive_limit      a fitted drive reports a limit of its own; limits_add_drive() sets this reason
- * The ranges of the drive act before these limits and set no reason. `code` must be within +-2^17;
- * digital_inputs has AXIS_DIN_ bits. The soft limits compare the counts directly, so the encoder
- * must not wrap. */
-static inline int16_t limits_apply(const axis_params_t *params, int32_t position_cnt,
-                                   uint8_t digital_inputs, int32_t code, uint8_t *reason) {
+ * The ranges of the drive act before these limits and set no reason. The command must be within
+ * +-2^31 - 2^15; digital_inputs has AXIS_DIN_ bits. The soft limits compare the counts directly, so
+ * the encoder must not wrap. */
+static inline int32_t limits_apply(const axis_params_t *params, int32_t position_cnt,
+                                   uint8_t digital_inputs, int32_t command_q16, uint8_t *reason) {
   const int32_t limit = (int32_t)params->output_limit;
   const int32_t highest = (limit > LAW_DAC_MAX) ? LAW_DAC_MAX : limit;
-  const int32_t limited = fx_clamp(code, -limit, highest);
+  const int32_t limited = fx_clamp(command_q16, -fx_scale(limit, 16), fx_scale(highest, 16));
   uint8_t why = AXIS_LIMIT_REASON_NONE;
-  if (limited != code) {
+  if (limited != command_q16) {
     why = (limit > LAW_DAC_MAX) ? AXIS_LIMIT_REASON_DAC_SATURATION : AXIS_LIMIT_REASON_OUTPUT_LIMIT;
   }
   uint8_t blocked = AXIS_LIMIT_REASON_NONE;
@@ -63,7 +65,7 @@ static inline int16_t limits_apply(const axis_params_t *params, int32_t position
     }
   }
   *reason = (blocked != AXIS_LIMIT_REASON_NONE) ? blocked : why;
-  return (blocked != AXIS_LIMIT_REASON_NONE) ? (int16_t)0 : (int16_t)limited;
+  return (blocked != AXIS_LIMIT_REASON_NONE) ? 0 : limited;
 }
 
 /* Writes the reason drive_limit to *reason if no other limit is active and the report `drive`,

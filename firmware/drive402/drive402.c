@@ -18,15 +18,23 @@ static void enter(drive402_t *master, uint8_t phase) {
   master->wait_ticks = 0;
 }
 
-uint8_t drive402_init(drive402_t *master, const drive402_config_t *config) {
+/* Returns false if the fraction has more than 31 bits in lowest terms. */
+static bool set_scale(drive402_t *master) {
+  const drive402_config_t *config = master->config;
   const uint32_t over[3] = {config->scale_num, 1, 1};
-  const uint32_t under[3] = {config->scale_den, 1, 1};
+  const uint32_t under[3] = {config->scale_den, (uint32_t)fx_scale(1, config->scale_shift), 1};
+  return fx_fraction(over, under, &master->scale);
+}
+
+uint8_t drive402_init(drive402_t *master, const drive402_config_t *config) {
   master->config = config;
   master->reason = drive402_setup_check(config);
+  if (master->reason == DRIVE402_NONE && !set_scale(master)) {
+    master->reason = DRIVE402_REFUSED_SCALE;
+  }
   if (master->reason != DRIVE402_NONE) {
     return master->reason;
   }
-  (void)fx_fraction(over, under, &master->scale);
   master->cycle_ticks = (uint16_t)fx_ticks_from_ms(config->cycle_ms);
   drive402_setup_list(master);
   drive402_cycle_start(master);

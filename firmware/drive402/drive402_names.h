@@ -32,7 +32,8 @@
   X(REFUSED_MODE, "mode: expected 8 (csp), 9 (csv) or 10 (cst)")                                 \
   X(REFUSED_CYCLE, "cycle_ms: expected an even number from 2 to 100")                            \
   X(REFUSED_TYPE, "rpdo_type: expected 1 (synchronous), 254 or 255 (acts on reception)")         \
-  X(REFUSED_SCALE, "scale: expected two numbers from 1 to 2147483647")                           \
+  X(REFUSED_SCALE,                                                                               \
+    "scale: expected two numbers from 1 to 2147483647, also in fractions of a code (times 16)")  \
   X(REFUSED_TARGET, "target_max: expected 1 to 2147483642, in cst 1 to 32767")                   \
   X(REFUSED_TIMES,                                                                               \
     "times: expected heartbeat_ms from 1 and below heartbeat_timeout_ms, sdo_timeout_ms and "    \

@@ -39,7 +39,8 @@ static bool is_cycle(uint8_t cycle_ms) {
 
 static uint8_t check_target(const drive402_config_t *config) {
   const int32_t most = (config->mode == DRIVE402_CST) ? INT16_MAX : INT32_MAX - 5;
-  if (!is_scale(config->scale_num) || !is_scale(config->scale_den)) {
+  if (!is_scale(config->scale_num) || !is_scale(config->scale_den) ||
+      config->scale_shift > DRIVE402_SHIFT_MAX) {
     return DRIVE402_REFUSED_SCALE;
   }
   if (config->target_max < 1 || config->target_max > most) {

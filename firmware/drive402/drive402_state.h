@@ -25,12 +25,16 @@ enum {
   DRIVE402_WITHOUT_ABORT_OPTION = 8   /* 6007h */
 };
 
+/* Largest drive402_config_t.scale_shift. */
+enum { DRIVE402_SHIFT_MAX = 16 };
+
 typedef struct {
   /* Objects that are written before those of the master, each read back too: limits, units,
    * polarity (607Eh), quick stop option (605Ah). NULL for none. */
   const drive402_entry_t *extra;
-  /* Target in units of the drive = target of the command x scale_num / scale_den, rounded half up;
-   * both are 1..2^31-1. */
+  /* Target in units of the drive = target of the command x scale_num / (scale_den x 2^scale_shift),
+   * rounded once, half up: floor(x + 1/2). Both are 1..2^31-1. In lowest terms, numerator and
+   * denominator have to be below 2^31. */
   uint32_t scale_num;
   uint32_t scale_den;
   /* Largest magnitude of the target in units of the drive, 1..2147483642, in cst 1..32767. */
@@ -50,6 +54,7 @@ typedef struct {
   uint8_t node_id;     /* of the drive, 1..127 */
   uint8_t own_node_id; /* of the master, 1..127 */
   uint8_t without;     /* DRIVE402_WITHOUT_ bits */
+  uint8_t scale_shift; /* number of fractional bits of the command's target, 0..16 */
 } drive402_config_t;
 
 typedef struct {

@@ -76,6 +76,24 @@ static inline int32_t fx_round_q16(int32_t x_q16) {
   return fx_floor_shift(fx_floor_shift(x_q16, 15) + 1, 1);
 }
 
+/* Returns the code nearest to a Q16 number of codes: floor(x / 2^16 + 1/2). Domain: |x| < 2^31 -
+ * 2^15. */
+static inline int32_t fx_code_from_q16(int32_t x_q16) {
+  return fx_floor_shift(fx_sum_wrap(x_q16, 32768), 16);
+}
+
+/* Returns the step of a converter whose codes have `bits` bits, 12..16, as a mask for
+ * fx_round_to(): -2^(28 - bits). A code of 12 bits is 2^16 of these units. */
+static inline int32_t fx_step_mask(uint8_t bits) {
+  return -(int32_t)((uint32_t)1 << ((uint32_t)28 - bits));
+}
+
+/* Returns x rounded to a multiple of 2^n: floor(x / 2^n + 1/2) 2^n, for mask = -2^n, n 1..16.
+ * Domain: |x| < 2^31 - 2^15. */
+static inline int32_t fx_round_to(int32_t x, int32_t mask) {
+  return fx_s32_from_u32(((uint32_t)x - (uint32_t)fx_floor_shift(mask, 1)) & (uint32_t)mask);
+}
+
 /* Returns true if an ADC with `bits` bits, 0..16, can output this code. */
 static inline bool fx_fits_bits(uint16_t code, uint8_t bits) {
   return ((uint32_t)code >> bits) == 0;

@@ -22,6 +22,7 @@ bool bus_drive_config(const device_params_t *params, drive402_config_t *config) 
       .node_id = params->drive_node_id,
       .own_node_id = (params->drive_node_id == MASTER) ? MASTER - 1 : MASTER,
       .without = params->drive_lacks,
+      .scale_shift = AXIS_FINE_BITS,
   };
   return params->drive_node_id != 0;
 }
@@ -48,8 +49,9 @@ void bus_drive_sample(const bus_drive_t *drive, axis_inputs_t *inputs) {
 }
 
 void bus_drive_act(bus_drive_t *drive, const axis_outputs_t *outputs) {
+  const bool is_fine = drive->master.config->scale_shift == AXIS_FINE_BITS;
   const drive402_command_t command = {
-      .target = outputs->dac_code,
+      .target = is_fine ? outputs->dac_fine : outputs->dac_code,
       .enable = outputs->amp_enable,
       .reset = (uint8_t)(outputs->amp_enable != 0 && drive->was_enabled == 0),
   };

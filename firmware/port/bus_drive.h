@@ -9,8 +9,10 @@
  *   bus_drive_act(&drive, &outputs);          in port_act()
  *   while (drive402_transmit(&drive.master, &frame)) send it
  *
- * The DAC code becomes the target of the drive: code x scale_num / scale_den of the configuration.
- * When the axis enables its amplifier, the master first resets what has failed before. */
+ * The output becomes the target of the drive: floor(code x scale_num / scale_den + 1/2), with the
+ * numbers of the configuration. With scale_shift AXIS_FINE_BITS the code is dac_fine / 16, which
+ * has the dac_bits of the axis; with scale_shift 0 it is dac_code. When the axis enables its
+ * amplifier, the master first resets what has failed before. */
 
 #include "firmware/core/axis_state.h"
 #include "firmware/drive402/drive402.h"

@@ -2,9 +2,11 @@
 #include "firmware/port/linux/axis_linux.h"
 
 #include <CLI/CLI.hpp>
+#include <filesystem>
 #include <string>
 #include <vector>
 
+#include "firmware/port/host/axis_host.h"
 #include "host/axis_linux/settings_format.hpp"
 #include "host/program/program.hpp"
 #include "sim/model/section.hpp"
@@ -17,7 +19,7 @@ using namespace forceaxis;
 // The settings of a file. The configuration points into the other members.
 struct Settings {
   axis_linux_config_t config{};
-  std::string supervisor, drive, store, archive;
+  std::string supervisor, drive, store, archive, device, buffer, channel;
   std::vector<drive402_entry_t> objects;
 };
 
@@ -37,6 +39,7 @@ void read_drive(sim::Section &section, Settings &settings) {
   drive.mode = kModes[section.choice("mode", "choose a mode of the drive")];
   drive.scale_num = whole<std::uint32_t>(section, "target_num");
   drive.scale_den = whole<std::uint32_t>(section, "target_den");
+  drive.scale_shift = AXIS_FINE_BITS;
   drive.target_max = section.integer("target_max");
   drive.cycle_ms = whole<std::uint8_t>(section, "cycle_ms");
   if (drive.cycle_ms % 2 != 0)
@@ -77,6 +80,20 @@ void read_load_cell(sim::Section &section, load_cell_t &cell) {
                               " bytes");
 }
 
+void read_iio(sim::Section &section, Settings &settings) {
+  iio_settings_t &iio = settings.config.iio;
+  settings.device = section.text("device", kText);
+  settings.channel = section.text("channel", kText);
+  settings.buffer =
+      section.optional_text("buffer", kText)
+          .value_or("/dev/" + std::filesystem::path(settings.device).filename().string());
+  iio.shift = IIO_SHIFT_OWN;
+  if (section.has("shift")) iio.shift = whole<std::uint8_t>(section, "shift");
+  iio.device = settings.device.c_str();
+  iio.buffer = settings.buffer.c_str();
+  iio.channel = settings.channel.c_str();
+}
+
 void read_real_time(sim::Section &section, axis_linux_config_t &config) {
   config.priority = section.integer("priority");
   config.cpu = section.integer("cpu");
@@ -92,10 +109,13 @@ void read(const std::string &file, Settings &settings) {
   settings.store = root.optional_text("store", kText).value_or("");
   settings.archive = root.optional_text("archive", kText).value_or("");
   config.node_id = whole<std::uint8_t>(root, "node_id");
-  for (const char *key : {"drive", "load_cell"})
-    if (!root.has(key)) root.fail(key, "expected a table [" + std::string(key) + "], got none");
+  if (!root.has("drive")) root.fail("drive", "expected a table [drive], got none");
+  if (root.has("load_cell") == root.has("iio"))
+    root.fail("load_cell", std::string("expected one of the tables [load_cell] and [iio], got ") +
+                               (root.has("iio") ? "both" : "none"));
   root.one("drive", [&](sim::Section &section) { read_drive(section, settings); });
   root.one("load_cell", [&](sim::Section &section) { read_load_cell(section, config.load_cell); });
+  root.one("iio", [&](sim::Section &section) { read_iio(section, settings); });
   config.priority = 80;
   config.cpu = -1;
   config.late_ticks_max = 3;
@@ -117,7 +137,8 @@ int main(int argc, char **argv) {
   std::uint32_t lateness_s = 0;
   CLI::App app(
       "Runs an axis as a real-time process: force control on a CiA 402 drive with a load cell on "
-      "its CAN bus. The axis is a CANopen node on another CAN interface. SIGTERM stops the drive "
+      "its CAN bus, or with a converter of this machine. The axis is a CANopen node on another CAN "
+      "interface. SIGTERM stops the drive "
       "and ends the process, which then prints how late its ticks were.");
   app.add_option("SETTINGS", file, "TOML file with interfaces, drive and load cell.")->required();
   app.add_option("--lateness", lateness_s,

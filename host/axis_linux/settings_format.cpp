@@ -6,6 +6,7 @@ namespace {
 using sim::KeyFormat;
 using sim::TableFormat;
 using sim::format::integer;
+using sim::format::optional_integer;
 using sim::format::other;
 using sim::format::table;
 
@@ -28,7 +29,8 @@ constexpr KeyFormat kDriveKeys[] = {
           "Cyclic synchronous mode of the drive: velocity (csv), torque (cst) or position (csp)."),
     integer("target_num", 1, 2147483647, {},
             "Numerator of the target in units of the drive per DAC code. Code 2048 is full speed, "
-            "or rated torque."),
+            "or rated torque. With `dac_bits` above 12 the code has a fraction, and the target is "
+            "rounded once, half up."),
     integer("target_den", 1, 2147483647, 1, "Denominator of the target per DAC code."),
     integer("target_max", 1, 2147483642, {},
             "Largest magnitude of the target in units of the drive; at most 32767 for torque."),
@@ -64,6 +66,24 @@ constexpr KeyFormat kLoadCellKeys[] = {
 };
 constexpr TableFormat kLoadCell{"The load cell, on the bus of the drive.", kLoadCellKeys};
 
+constexpr KeyFormat kIioKeys[] = {
+    other(
+        "device", "text", "",
+        "Folder of the device in sysfs, such as /sys/bus/iio/devices/iio:device0. Its channel and "
+        "its buffer have to be enabled."),
+    other("buffer", "text", "/dev/ and the name of the folder",
+          "Character device of the buffer, such as /dev/iio:device0."),
+    other("channel", "text", "", "Name of the channel, such as voltage0."),
+    optional_integer(
+        "shift", 0, 31, "the upper 16 bits are used",
+        "Number of the lowest bits of a value that are cut off. Code 32768 is 0 if the "
+        "channel is signed, otherwise code 0 is 0."),
+};
+constexpr TableFormat kIio{
+    "A converter of this machine with a driver of the kernel for industrial I/O, such as an AD7190 "
+    "at SPI, in place of [load_cell].",
+    kIioKeys};
+
 constexpr KeyFormat kRealTimeKeys[] = {
     integer("priority", 0, 99, 80,
             "Priority of the ticks (SCHED_FIFO). 0: ordinary scheduling, for tests."),
@@ -80,6 +100,7 @@ constexpr KeyFormat kKeys[] = {
     other("archive", "text", "no incident is kept", "File of the archive of incidents."),
     table("drive", kDrive),
     table("load_cell", kLoadCell),
+    table("iio", kIio),
     table("real_time", kRealTime),
 };
 

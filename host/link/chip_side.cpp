@@ -29,7 +29,7 @@ std::uint32_t get(const std::uint8_t *from, int bytes) {
 }  // namespace
 
 ChipSide::ChipSide(const Experiment &experiment, const ChipPipes &pipes)
-    : pipes_(pipes), writes_(experiment) {
+    : pipes_(pipes), writes_(experiment), steps_per_code_(1 << (experiment.model->dac.bits - 12)) {
   writes_.write_initial(writer());
 }
 
@@ -70,7 +70,8 @@ LinkOutputs ChipSide::tick(const LinkInputs &in) {
   record[12] = in.position_age;
   record[13] = in.force_age;
   const Answer answer = ask(record);
-  const LinkOutputs out{in.tick,   static_cast<std::int16_t>(get(answer.data(), 2)),
+  const auto code = static_cast<std::int16_t>(get(answer.data(), 2));  // of the chip's 12 bits
+  const LinkOutputs out{in.tick,   static_cast<std::int16_t>(code * steps_per_code_),
                         answer[2], answer[3],
                         answer[4], in.axis};
   hash_.add(tick_record(in, out));

@@ -64,6 +64,7 @@ class ChipSide {
 
   ChipPipes pipes_;
   ExperimentWrites writes_;
+  int steps_per_code_;  // codes of the model's DAC in one DAC code of the chip
   TraceHash hash_;
 };
 

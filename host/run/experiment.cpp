@@ -11,6 +11,7 @@
 #include <set>
 #include <sstream>
 
+#include "firmware/port/host/axis_host.h"
 #include "host/run/experiment_format.hpp"
 #include "host/run/held_force.hpp"
 #include "host/run/objects.hpp"
@@ -281,18 +282,39 @@ std::vector<sim::Override> read_set(Section &section, std::set<std::string> &nam
   return overrides;
 }
 
-// Refuses a model whose ADCs or DAC do not have the resolution of the firmware's converters.
-void check_converters(const Section &root, const Experiment &experiment) {
-  const sim::Model &model = *experiment.model;
-  if (model.dac.bits != 12) {
-    throw InputError(model.file, "dac.bits",
-                     "expected 12, the resolution of the firmware's DAC in bits");
-  }
-  const std::uint16_t adc_bits = *find_object("adc_bits");
-  std::int64_t bits = object_meta(adc_bits).initial;
+// Returns the value of an object after the initial writes, or nothing without such a write.
+std::optional<std::int64_t> written(const Experiment &experiment, std::uint16_t object) {
+  std::optional<std::int64_t> value;
   for (const ObjectWrite &w : experiment.initial) {
-    if (w.object == adc_bits) bits = w.raw;
+    if (w.object == object) value = w.raw;
   }
+  return value;
+}
+
+// Gives the output of the firmware the resolution of the model's DAC if the experiment says
+// nothing. Refuses an output that is finer than the DAC, and a DAC that is coarser than any output.
+void match_dac(const Section &root, Experiment &experiment) {
+  const sim::Model &model = *experiment.model;
+  if (model.dac.bits < AXIS_DAC_BITS_MIN) {
+    throw InputError(model.file, "dac.bits",
+                     "expected 12 to 16, the resolution of the firmware's output in bits, got " +
+                         std::to_string(model.dac.bits));
+  }
+  const std::optional<std::int64_t> bits = written(experiment, AXIS_OBJ_DAC_BITS);
+  if (!bits && model.dac.bits != AXIS_DAC_BITS_MIN) {
+    experiment.initial.insert(experiment.initial.begin(), {AXIS_OBJ_DAC_BITS, model.dac.bits});
+  } else if (bits.value_or(AXIS_DAC_BITS_MIN) > model.dac.bits) {
+    root.fail("firmware.dac_bits", "expected at most " + std::to_string(model.dac.bits) +
+                                       ", the resolution of the model's DAC in bits, got " +
+                                       std::to_string(*bits));
+  }
+}
+
+// Refuses a model whose ADCs do not have the resolution of the firmware's converters.
+void check_adcs(const Section &root, const Experiment &experiment) {
+  const sim::Model &model = *experiment.model;
+  const std::int64_t bits =
+      written(experiment, AXIS_OBJ_ADC_BITS).value_or(object_meta(AXIS_OBJ_ADC_BITS).initial);
   for (const auto &adc : model.adc) {
     if (adc && adc->bits != bits) {
       root.fail("firmware.adc_bits", "expected " + std::to_string(adc->bits) +
@@ -420,11 +442,12 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   root.one("firmware", [&](Section &section) {
     experiment.initial = read_objects(section, *experiment.model, {});
   });
-  check_converters(root, experiment);
   if (root.has("cycle"))
     experiment.cycle = std::make_shared<const CycleProgram>(
         read_cycle((contents_->file.parent_path() / words(root, "cycle")).lexically_normal(),
                    *experiment.model, experiment.initial));
+  match_dac(root, experiment);
+  check_adcs(root, experiment);
   root.each("at", [&](Section &section) {
     experiment.actions.push_back(
         read_action(section, duration_s, *experiment.model, experiment.initial));

@@ -8,11 +8,21 @@
 #include "host/run/objects.hpp"
 
 namespace forceaxis::host {
+namespace {
+
+// Returns an axis whose output has at most the bits of the model's DAC.
+fw_t *power_up(const Experiment &experiment, const fw_config_t *given) {
+  fw_config_t config = given ? *given : fw_config_t{};
+  config.dac_bits = static_cast<std::uint8_t>(experiment.model->dac.bits);
+  return axis_host_create_with(&config);
+}
+
+}  // namespace
 
 FirmwareSide::FirmwareSide(const Experiment &experiment, const FirmwareOptions &options)
     : options_(options),
       experiment_(&experiment),
-      axis_(options.config ? axis_host_create_with(options.config) : axis_host_create()),
+      axis_(power_up(experiment, options.config)),
       writes_(experiment) {
   if (!axis_) throw std::bad_alloc();
   signals_ = &axis_->axis.signals;

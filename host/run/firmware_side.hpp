@@ -95,7 +95,12 @@ class FirmwareSide {
     fw_tick(axis_.get(), &inputs, &outputs);
     const auto out =
         static_cast<std::uint8_t>((outputs.amp_enable ? 1 : 0) | (outputs.brake_release ? 2 : 0));
-    return {tick, outputs.dac_code, out, signals_->fault, signals_->limit_reason, axis};
+    return {tick,
+            axis_host_dac_code(&outputs, experiment_->model->dac.bits),
+            out,
+            signals_->fault,
+            signals_->limit_reason,
+            axis};
   }
 
   FirmwareOptions options_;

@@ -40,6 +40,9 @@ PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
     result_.firmware.reserve(rows);
     result_.signals.resize(rows * width_);
   }
+  const int steps_per_code = 1 << (experiment.model->dac.bits - AXIS_DAC_BITS_MIN);
+  dac_top_ = 2047 * steps_per_code;
+  dac_bottom_ = -2048 * steps_per_code;
   const Criterion criterion = experiment.criterion.value_or(Criterion{});
   const std::vector<std::string> &held = criterion.contacts;
   for (const sim::Contact &contact : experiment.model->contacts) {

@@ -63,7 +63,7 @@ class PlantSide {
     if (untouched_ > 0) look_for_contact();
     if (tick_ > 0 && record.adc0_code != adc0_before_) metrics_.last_adc_change_tick = tick_;
     adc0_before_ = record.adc0_code;
-    const bool saturated = record.dac_code == 2047 || record.dac_code == -2048;
+    const bool saturated = record.dac_code == dac_top_ || record.dac_code == dac_bottom_;
     metrics_.saturated_run_ticks += saturated;
     if (tick_ == window_start_) begin_window();
     if (tick_ >= window_start_) {
@@ -142,6 +142,8 @@ class PlantSide {
   // the number of contacts that have not been closed yet.
   std::vector<std::int64_t> first_pressed_;
   std::size_t untouched_ = 0;
+  // Largest and smallest output of the firmware, 2047 and -2048 codes, in codes of the DAC.
+  int dac_top_, dac_bottom_;
   int adc_top_ = -1;   // highest code of ADC 0
   int adc_zero_ = -1;  // code of ADC 0 at force 0
   std::int64_t window_start_;

@@ -29,7 +29,8 @@ struct LinkInputs {
 // axis.
 struct LinkOutputs {
   std::int64_t tick;
-  std::int16_t dac_code;      // -2048 to 2047
+  // code of the model's DAC with n bits, -2^(n-1) to 2^(n-1)-1
+  std::int16_t dac_code;
   std::uint8_t out;           // digital outputs: bit 0 amp_enable, bit 1 brake_release
   std::uint8_t fault;         // AXIS_FAULT_
   std::uint8_t limit_reason;  // AXIS_LIMIT_REASON_

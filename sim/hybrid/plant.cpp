@@ -68,7 +68,7 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
   auto names = std::make_shared<std::vector<std::string>>();
   for (const SignalInfo &signal : description.signal_list()) names->push_back(signal.name);
   signal_names_ = std::move(names);
-  volts_per_code_ = description.dac.volts_per_code();
+  volts_per_step_ = description.dac.volts_per_step();
   dac_offset_ = description.dac.offset;
   lowest_code_ = -(1 << (description.dac.bits - 1));
   highest_code_ = -lowest_code_ - 1;
@@ -162,7 +162,7 @@ double Plant::volts(int dac_code) const {
     throw std::invalid_argument("DAC code " + std::to_string(dac_code) + " is outside " +
                                 std::to_string(lowest_code_) + ".." +
                                 std::to_string(highest_code_));
-  double volts = static_cast<double>(dac_code) * volts_per_code_ + dac_offset_;
+  double volts = static_cast<double>(dac_code) * volts_per_step_ + dac_offset_;
   if (const double noise = model().dac.noise; noise > 0.0)
     volts += noise * deviate(seed_, kDacChannel, tick());
   return volts;

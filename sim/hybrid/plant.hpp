@@ -208,7 +208,7 @@ class Plant {
 
   Stepper stepper_;
   std::shared_ptr<const std::vector<std::string>> signal_names_;
-  double volts_per_code_ = 0.0;
+  double volts_per_step_ = 0.0;
   double dac_offset_ = 0.0;
   int lowest_code_ = 0;
   int highest_code_ = 0;

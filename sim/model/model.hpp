@@ -474,11 +474,16 @@ struct Adc {
 };
 
 struct Dac {
-  int bits = 12;        ///< number of bits, 8 to 16; the codes are -2^(bits-1) to 2^(bits-1)-1
+  /// Number of bits, 8 to 16; the codes of step() are -2^(bits-1) to 2^(bits-1)-1.
+  int bits = 12;
   double range = 10.0;  ///< output voltage range in V, > 0; output for the lowest code: -range
   double offset = 0.0;  ///< output voltage in V at code 0
   double noise = 0.0;   ///< rms noise of the output voltage in V, >= 0
-  double volts_per_code() const { return 2.0 * range / static_cast<double>(1 << bits); }
+  /// Voltage of one code of this DAC.
+  double volts_per_step() const { return 2.0 * range / static_cast<double>(1 << bits); }
+  /// Voltage of one DAC code of the firmware, whose gains and limits are in 1/2048 of the range
+  /// whatever the number of bits.
+  double volts_per_code() const { return range / 2048.0; }
 };
 
 /// A named true signal of a model, and the dimension of its value. LINK is an element with two

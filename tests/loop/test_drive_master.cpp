@@ -1,5 +1,5 @@
 // Recorded runs through the complete master of a drive: a stand-in of a drive hands the target of
-// its RPDO, in whole units per code, to the DAC of the plant.
+// its RPDO, in whole units per code of the DAC, to the DAC of the plant.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -33,19 +33,24 @@ constexpr std::uint8_t kDrive = 9;
 
 struct Bus {
   std::uint8_t mode = DRIVE402_CSV;
-  int per_code = 150;  // units of the target per DAC code
+  int per_code = 150;  // units of the target per code of the plant's DAC
   int cycle_ticks = 3;
   int ticks_out = 0;  // by which an RPDO is late
   int ticks_in = 1;   // from a SYNC to the tick that has the count of this SYNC
+  int bits = 12;      // of the plant's DAC, 12 or 16
 };
+
+// Codes of the plant's DAC in one DAC code of the firmware.
+int steps_of(const Bus &bus) { return 1 << (bus.bits - 12); }
 
 // The drive, its master, and the bus between them, in step with the ticks of a run.
 class StandIn {
  public:
   explicit StandIn(const Bus &bus) : bus_(bus) {
-    config_.scale_num = static_cast<std::uint32_t>(bus.per_code);
+    config_.scale_num = static_cast<std::uint32_t>(bus.per_code * steps_of(bus));
     config_.scale_den = 1;
-    config_.target_max = 2048 * bus.per_code;
+    config_.scale_shift = bus.bits == 12 ? 0 : AXIS_FINE_BITS;
+    config_.target_max = 2048 * bus.per_code * steps_of(bus);
     config_.heartbeat_ms = 20;
     config_.heartbeat_timeout_ms = 50;
     config_.sdo_timeout_ms = 30;
@@ -67,12 +72,12 @@ class StandIn {
     axis_inputs_t inputs{};
     for (int i = 0; i < 300; ++i) {
       sense(inputs, encoder_cnt);
-      act({0, 1, 0});
+      act({0, 1, 0, 0});
     }
     ASSERT_TRUE(drive402_feedback(&drive_.master).on) << reason();
     while (drive_.master.since_sync != bus_.cycle_ticks) {
       sense(inputs, encoder_cnt);
-      act({0, 1, 0});
+      act({0, 1, 0, 0});
     }
     // In the run, too, no frame has arrived yet.
     to_drive_.clear();
@@ -186,9 +191,11 @@ Hashes run_through(const Experiment &experiment, const Bus &bus) {
     const bool is_enabled = (out.out & 1) != 0;
     hashes.enablings += is_enabled && !was_enabled;
     was_enabled = is_enabled;
+    // With 16 bits, the code of the plant's DAC is the output in 1/16 code.
+    const std::int16_t code = bus.bits == 12 ? out.dac_code : std::int16_t{0};
     const StandIn::Applied applied =
-        drive.act({out.dac_code, static_cast<std::uint8_t>(out.out & 1),
-                   static_cast<std::uint8_t>(out.out >> 1)});
+        drive.act({code, static_cast<std::uint8_t>(out.out & 1),
+                   static_cast<std::uint8_t>(out.out >> 1), out.dac_code});
     out.dac_code = static_cast<std::int16_t>(applied.code);
     out.out = static_cast<std::uint8_t>((out.out & 2) | (applied.enabled ? 1 : 0));
     plant.act(out);
@@ -228,11 +235,12 @@ TEST(DriveMaster, RecordedRunsHaveTheirHashes) {
   EXPECT_GT(equal, 100);
 }
 
-// The models of this repository with a bus in the table [drive].
+// The models of this repository with a bus in the table [drive], and with a DAC of its resolution.
 class Delayed {
  public:
   explicit Delayed(const Bus &bus)
-      : folder_(fs::path(::testing::TempDir()) / ("delayed" + std::to_string(getpid()))) {
+      : folder_(fs::path(::testing::TempDir()) /
+                ("delayed" + std::to_string(getpid()) + "_" + std::to_string(bus.cycle_ticks))) {
     fs::create_directories(folder_ / "experiments");
     fs::copy(SIM_DIR "/models", folder_ / "models", fs::copy_options::recursive);
     for (const auto &entry : fs::directory_iterator(folder_ / "models")) {
@@ -242,6 +250,10 @@ class Delayed {
       text.insert(drive + 8, "cycle_ticks = " + std::to_string(bus.cycle_ticks) +
                                  "\ndelay_ticks_out = " + std::to_string(bus.ticks_out) +
                                  "\ndelay_ticks_in = " + std::to_string(bus.ticks_in) + "\n");
+      const auto dac = text.find("[dac]\n");
+      const bool is_given = text.find("bits", dac) != std::string::npos;
+      if (bus.bits != 12 && (dac == std::string::npos || is_given)) continue;
+      if (bus.bits != 12) text.insert(dac + 6, "bits = " + std::to_string(bus.bits) + "\n");
       std::ofstream(entry.path()) << text;
       changed_.insert(entry.path().filename());
     }
@@ -290,6 +302,28 @@ TEST(DriveMaster, ABusGivesTheTraceOfAPortThatDelaysAlike) {
   }
   // In two runs nothing moves.
   EXPECT_GT(changed, 100);
+}
+
+// The target of a drive has the fraction of a code.
+TEST(DriveMaster, AnOutputOf16BitsReachesTheDrive) {
+  const Bus bus{.per_code = 9, .cycle_ticks = 3, .ticks_out = 1, .ticks_in = 2, .bits = 16};
+  const Delayed fine(bus);
+  Bus none = bus;
+  none.cycle_ticks = 1;
+  none.ticks_out = none.ticks_in = 0;
+  const Delayed unchanged(none);
+  int equal = 0;
+  for_each_recorded([&](const fs::path &file, const std::string &) {
+    const auto port = fine.experiment(file);
+    const auto direct = unchanged.experiment(file);
+    if (!port || !direct) return;
+    const Hashes through = run_through(*direct, bus);
+    if (through.enablings > 0) return;
+    const RunResult result = run(*port, {.trace = false, .audit = false, .firmware_hash = true});
+    EXPECT_EQ(through.firmware, result.firmware_hash) << file;
+    ++equal;
+  });
+  EXPECT_GT(equal, 20);
 }
 
 }  // namespace

@@ -39,6 +39,12 @@ FIRMWARE = {
     "position_gain": 1.0, "position_age_max": 120, "force_age_max": 120,
     "drive_on_ticks_max": 4500,
 }  # fmt: skip
+# A converter in place of the load cell, and its value without a load in codes of 16 bits.
+IIO = {
+    "scan_elements/in_voltage0_en": "1", "scan_elements/in_voltage0_index": "0",
+    "scan_elements/in_voltage0_type": "be:s24/32>>8", "buffer/enable": "1",
+}  # fmt: skip
+REST = 100
 
 
 class Machine(ForeignDrive):
@@ -48,10 +54,14 @@ class Machine(ForeignDrive):
         super().__init__(bus)
         self.before = time.monotonic()
         self.cell_alive = True
+        self.converter = None  # the buffer of an IIO device
 
     def on_sync(self, *arguments):
         super().on_sync(*arguments)
-        if self.cell_alive:
+        if self.converter is not None:
+            value = (round(STIFFNESS * max(0.0, self.position - GAP)) + REST) * 256
+            os.write(self.converter, (value << 8).to_bytes(4, "big", signed=True))
+        elif self.cell_alive:
             codes = round(STIFFNESS * max(0.0, self.position - GAP)) * 256
             data = codes.to_bytes(4, "little", signed=True)
             self.bus.send(can.Message(arbitration_id=LOAD_CELL, data=data, is_extended_id=False))
@@ -67,12 +77,26 @@ class Machine(ForeignDrive):
                 self.step(ticks)
 
 
-def settings(folder, late_ticks_max):
-    """Writes the settings of the page, with the interfaces and the kernel of this session."""
+def iio_device(folder):
+    """Makes the files of an IIO device, and returns its table of the settings."""
+    device, buffer = folder / "iio:device0", folder / "buffer"
+    for name, text in IIO.items():
+        (device / name).parent.mkdir(parents=True, exist_ok=True)
+        (device / name).write_text(f"{text}\n")
+    os.mkfifo(buffer)
+    return f'[iio]\ndevice = "{device}"\nbuffer = "{buffer}"\nchannel = "voltage0"\n\n'
+
+
+def settings(folder, late_ticks_max, iio=""):
+    """Writes the settings of the page, with the interfaces and the kernel of this session. `iio`:
+    the table in place of that of the load cell."""
     text = PAGE.read_text().partition("```toml\n")[2].partition("```")[0]
     for of_page, own in OTHER.items():
         assert of_page in text, of_page
         text = text.replace(of_page, own)
+    if iio:
+        before, _, after = text.partition("[load_cell]")
+        text = before + iio + after[after.index("[real_time]") :]
     file = folder / "axis.toml"
     file.write_text(
         text.replace("STORE", str(folder / "axis.bin")).replace("LATE", str(late_ticks_max))
@@ -83,11 +107,12 @@ def settings(folder, late_ticks_max):
 class Process:
     """axis_linux, which ends with the block."""
 
-    def __init__(self, folder, late_ticks_max=LATE_TICKS_MAX):
-        words = [link.program("axis_linux"), settings(folder, late_ticks_max)]
+    def __init__(self, folder, late_ticks_max=LATE_TICKS_MAX, iio="", started=lambda: None):
+        words = [link.program("axis_linux"), settings(folder, late_ticks_max, iio)]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
         self.process = subprocess.Popen(words, **pipes)
         assert self.process.stdout.readline() == "ready\n"
+        started()
         time.sleep(1.5)  # drive and load cell answer
 
     def end(self):
@@ -184,6 +209,20 @@ def main(folder):
         process.process.kill()
         time.sleep(0.5)
         done["killed"]["drive"] = machine.state
+
+    def converts():
+        machine.converter = os.open(folder / "buffer", os.O_WRONLY)
+
+    def ends():
+        buffer, machine.converter, machine.cell_alive = machine.converter, None, False
+        time.sleep(0.05)  # a value that is being written
+        os.close(buffer)
+
+    process = Process(folder, iio=iio_device(folder), started=converts)
+    with supervised() as axis:
+        done["converter"] = axis.get("force_raw", "position")
+        done["converter_ends"] = faulty(axis, machine, ends)
+    done["converter_stderr"] = process.end()["stderr"]
     (folder / "results.json").write_text(json.dumps(done, default=str, indent=1))
 
 

@@ -40,6 +40,7 @@ def test_it_starts_without_a_fault_and_presses(results):
         ("silent_cell", "force_old", "switch on disabled"),
         ("bus_down", "drive_fault", "quick stop active"),
         ("stalled", "clock_wrong", "switch on disabled"),
+        ("converter_ends", "force_old", "switch on disabled"),
     ],
 )
 def test_each_failure_disables_the_axis_by_name(results, failure, fault, drive):
@@ -89,10 +90,19 @@ def test_parameters_are_kept_in_the_file(results):
     assert results["stored"] == {"adc_bits": 16, "position_gain": 1.0}
 
 
+def test_the_force_of_a_converter_is_read_from_its_buffer(results):
+    found = results["converter"]
+    deflection = found["position"] - 400  # counts beyond the contact, each 64 codes
+    expected = 32768 + 100 + 64 * max(0, deflection)
+    assert found["force_raw"] == pytest.approx(expected, abs=64)
+    assert "buffer: the buffer of the force has ended" in results["converter_stderr"]
+
+
 def test_a_killed_process_is_missed_by_the_drive(results):
     assert results["killed"] == {"before": "operation enabled", "drive": "quick stop active"}
 
 
+CONVERTER = '[iio]\ndevice = "/nowhere"\nchannel = "voltage0"\n'
 GOOD = """
 supervisor = "none0"
 [drive]
@@ -110,7 +120,19 @@ bytes = 4
     ("before", "after", "line"),
     [
         ("", "", "none0: expected a"),
-        ("[load_cell]", "[load]", "load_cell: expected a table [load_cell], got none"),
+        (
+            "[load_cell]",
+            "[load]",
+            "load_cell: expected one of the tables [load_cell] and [iio], got n",
+        ),
+        ("[load_cell]", f"{CONVERTER}[load_cell]", "[load_cell] and [iio], got both"),
+        ("[load_cell]\nidentifier = 0x301\nbytes = 4", CONVERTER, "none0: expected a"),
+        (
+            "[load_cell]\nidentifier = 0x301\nbytes = 4",
+            f"{CONVERTER}shift = 32",
+            "iio.shift: expected",
+        ),
+        ("[load_cell]\nidentifier = 0x301\nbytes = 4", "[iio]", "iio.device: expected"),
         ("node_id = 9", "node_id = 128", "drive.node_id: expected"),
         ("node_id = 9", "node_id = 9\ncycle_ms = 3", "drive.cycle_ms: expected an even number"),
         (

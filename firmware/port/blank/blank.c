@@ -26,6 +26,7 @@ const fw_config_t *port_config(void) {
       .modbus_baud = 0,
       .node_id = 1,
       .buses = 1,
+      .dac_bits = 12,
   };
   return &config;
 }

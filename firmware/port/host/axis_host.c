@@ -2,6 +2,8 @@
 
 #include <stdlib.h>
 
+#include "firmware/fx/fx.h"
+
 typedef struct {
   /* The firmware must be the first member, because the caller uses the address of the firmware for
    * the whole axis. */
@@ -30,6 +32,11 @@ fw_t *axis_host_create_with(const fw_config_t *config) {
 fw_t *axis_host_create(void) {
   const fw_config_t on_no_bus = {0};
   return axis_host_create_with(&on_no_bus);
+}
+
+int16_t axis_host_dac_code(const axis_outputs_t *outputs, int bits) {
+  const uint32_t shift = (uint32_t)(AXIS_DAC_BITS_MAX - bits);
+  return (int16_t)fx_floor_shift(outputs->dac_fine + fx_floor_shift(1 << shift, 1), shift);
 }
 
 void axis_host_destroy(fw_t *fw) { free(fw); }

@@ -21,6 +21,10 @@ fw_t *axis_host_create(void);
  * allocated. If the axis is on buses and has no black box, a black box is allocated too. */
 fw_t *axis_host_create_with(const fw_config_t *config);
 
+/* Returns the code of a DAC with `bits` bits, 12..16, that is nearest to the output:
+ * floor(dac_fine / 2^(16 - bits) + 1/2). It is exact if dac_bits is at most `bits`. */
+int16_t axis_host_dac_code(const axis_outputs_t *outputs, int bits);
+
 /* Destroys an axis that axis_host_create() or axis_host_create_with() created. NULL is
  * permitted. */
 void axis_host_destroy(fw_t *fw);

@@ -35,7 +35,7 @@ enum {
   ADC_MIDDLE = 32768,     /* ADC code of force and current 0 */
   AGE_MAX = 255,          /* largest age of an input in ticks */
   FRAMES_AT_ONCE = 64,    /* largest number of frames of the drive's bus in a tick */
-  START_TICKS_MAX = 7500, /* longest wait for drive and load cell before the axis starts: 5 s */
+  START_TICKS_MAX = 7500, /* longest wait for drive and force before the axis starts: 5 s */
   STOP_TICKS = 300,       /* for which the drive is stopped before the process ends: 0.2 s */
   IDLE_MS = 2
 };
@@ -49,6 +49,7 @@ static store_file_t archive;
 static can_line_t supervisor;
 static can_line_t drive_line;
 static bus_drive_t drive;
+static iio_t converter;
 static lateness_t lateness;
 static pthread_mutex_t mutex;
 static pthread_t tick_thread;
@@ -58,7 +59,7 @@ static atomic_bool is_stopping;
 /* The following variables belong to the tick thread. */
 static uint16_t force_code = ADC_MIDDLE;
 static uint32_t force_age = AGE_MAX;
-static bool has_force; /* a frame of the load cell was received */
+static bool has_force; /* a force was received */
 static bool is_too_late;
 static uint32_t missed; /* ticks since the last call of port_overran(); under the lock */
 
@@ -114,8 +115,23 @@ static void report_buses(void) {
   report_bus(config->drive_can, &drive_line, &reported[1]);
 }
 
+static bool has_converter(void) { return config->iio.device != NULL; }
+
+/* Writes why the converter gives no force to standard error, once for each reason. */
+static void report_converter(void) {
+  static const char *reported;
+  port_lock();
+  const char *trouble = has_converter() ? iio_trouble(&converter) : NULL;
+  port_unlock();
+  if (trouble != NULL && trouble != reported) {
+    (void)fprintf(stderr, "axis_linux: %s: %s\n", config->iio.buffer, trouble);
+  }
+  reported = trouble;
+}
+
 void port_idle(void) {
   report_buses();
+  report_converter();
   report_drive();
   struct pollfd events[] = {{.fd = wake, .events = POLLIN},
                             {.fd = supervisor.raw.fd, .events = POLLIN}};
@@ -143,15 +159,23 @@ uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count) {
   return count;
 }
 
-static void receive_drive(void) {
+static void note_force(void) {
+  force_age = 0;
+  has_force = true;
+}
+
+/* Receives what drive, load cell and converter have sent since the last tick. */
+static void receive_all(void) {
   if (force_age < AGE_MAX) {
     force_age++;
+  }
+  if (has_converter() && iio_take(&converter, &force_code)) {
+    note_force();
   }
   can_frame_t frame;
   for (int i = 0; i < FRAMES_AT_ONCE && can_line_receive(&drive_line, &frame); i++) {
     if (load_cell_take(&config->load_cell, &frame, &force_code)) {
-      force_age = 0;
-      has_force = true;
+      note_force();
     }
     drive402_receive(&drive.master, &frame);
   }
@@ -167,7 +191,7 @@ static void send_drive(void) {
 }
 
 bool port_sample(axis_inputs_t *inputs) {
-  receive_drive();
+  receive_all();
   /* The emergency stop acts on the drive (STO), so this process has no enable chain of its own. */
   *inputs = (axis_inputs_t){.din = AXIS_DIN_ENABLE, .sensor_valid = has_force};
   inputs->adc_code[0] = force_code;
@@ -190,11 +214,12 @@ void port_act(const axis_outputs_t *outputs) {
 /* Computes a tick of the master alone, in which the drive is to stop. */
 static void stop_tick(void) {
   const axis_outputs_t outputs = {0};
-  receive_drive();
+  receive_all();
   port_act(&outputs);
 }
 
-/* Returns true when drive and load cell have sent values, or when the wait for them has ended. */
+/* Returns true when drive and force sensor have sent values, or when the wait for them has ended.
+ */
 static bool is_ready(uint64_t ticks) {
   return (has_force && drive402_feedback(&drive.master).age_ticks < AGE_MAX) ||
          ticks >= START_TICKS_MAX;
@@ -318,14 +343,15 @@ static const char *open_bus(can_line_t *line, const char *interface) {
 
 /* Opens interfaces and files. Returns NULL or a text with the error. */
 static const char *open_all(void) {
-  static char text[256];
+  static char text[1536];
   const char *const names[] = {config->supervisor_can, config->drive_can, config->store_path,
-                               config->archive_path};
+                               config->archive_path, config->iio.device};
   const char *const errors[] = {
       open_bus(&supervisor, names[0]),
       open_bus(&drive_line, names[1]),
       (names[2] != NULL) ? store_file_open(&store, names[2]) : NULL,
       (names[3] != NULL) ? archive_file_open(&archive, names[3]) : NULL,
+      has_converter() ? iio_open(&converter, &config->iio) : NULL,
   };
   for (size_t i = 0; i < sizeof(errors) / sizeof(errors[0]); i++) {
     if (errors[i] != NULL) {

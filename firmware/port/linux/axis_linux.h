@@ -2,9 +2,9 @@
 #define FIRMWARE_PORT_LINUX_AXIS_LINUX_H_
 
 /* The port to Linux: the axis as a real-time process on a PC or a single-board computer. The drive
- * is a CiA 402 drive on one CAN interface, the force comes from a load cell on the same bus, and
- * the supervisor is on another CAN interface. README.md beside this file says how to prepare the
- * machine.
+ * is a CiA 402 drive on one CAN interface, the force comes from a load cell on the same bus or from
+ * a converter of this machine (iio.h), and the supervisor is on another CAN interface. README.md
+ * beside this file says how to prepare the machine.
  *
  * A thread with real-time priority computes the ticks at absolute times of the monotonic clock. A
  * tick that is late by whole ticks is counted as an overrun of so many ticks. A tick that is late
@@ -16,6 +16,7 @@
 #include <stdint.h>
 
 #include "firmware/drive402/drive402.h"
+#include "firmware/port/linux/iio.h"
 #include "firmware/port/linux/load_cell.h"
 
 #ifdef __cplusplus
@@ -28,7 +29,8 @@ typedef struct {
   const char *store_path;     /* file of the stored parameters; NULL: nothing is stored */
   const char *archive_path;   /* file of the archive of incidents; NULL: no incident is kept */
   drive402_config_t drive;
-  load_cell_t load_cell;
+  load_cell_t load_cell; /* identifier 0: there is none */
+  iio_settings_t iio;    /* device NULL: there is none; one of both is needed */
   /* 0: the axis runs. Otherwise it only measures for so many seconds how late ticks are: it opens
    * no interface and no file, and ends with the report. */
   uint32_t lateness_s;

@@ -2,8 +2,16 @@
 
 enum { ADC_CODES = 65536 };
 
+uint16_t load_cell_code(int64_t value, uint8_t shift, bool is_signed) {
+  /* The division rounds down also for negative integers, as an arithmetic shift does. */
+  const int64_t step = (int64_t)1 << shift;
+  int64_t code = (value >= 0) ? value / step : -((-value + step - 1) / step);
+  code += is_signed ? ADC_CODES / 2 : 0;
+  return (uint16_t)((code < 0) ? 0 : (code >= ADC_CODES) ? ADC_CODES - 1 : code);
+}
+
 bool load_cell_take(const load_cell_t *cell, const can_frame_t *frame, uint16_t *code) {
-  if (frame->id != cell->identifier || frame->remote != 0 ||
+  if (cell->identifier == 0 || frame->id != cell->identifier || frame->remote != 0 ||
       frame->length < cell->byte + cell->bytes) {
     return false;
   }
@@ -16,11 +24,6 @@ bool load_cell_take(const load_cell_t *cell, const can_frame_t *frame, uint16_t 
   if (cell->is_signed && value >= range / 2) {
     value -= range;
   }
-  /* The division rounds down also for negative integers, as an arithmetic shift does. */
-  const int64_t step = (int64_t)1 << cell->shift;
-  int64_t found = (value >= 0) ? value / step : -((-value + step - 1) / step);
-  found += cell->is_signed ? ADC_CODES / 2 : 0;
-  found = (found < 0) ? 0 : (found >= ADC_CODES) ? ADC_CODES - 1 : found;
-  *code = (uint16_t)found;
+  *code = load_cell_code(value, cell->shift, cell->is_signed);
   return true;
 }

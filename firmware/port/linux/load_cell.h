@@ -10,16 +10,19 @@
 extern "C" {
 #endif
 
-/* The force of a load cell in a CAN frame: an integer of 1 to 4 bytes, the lowest byte first. The
- * ADC code is (integer >> shift) + 32768 for a signed integer, and integer >> shift otherwise, both
- * limited to 0..65535. */
+/* The force of a load cell in a CAN frame: an integer of 1 to 4 bytes, the lowest byte first, whose
+ * ADC code is that of load_cell_code(). */
 typedef struct {
-  uint16_t identifier; /* of the frame, 1..2047 */
+  uint16_t identifier; /* of the frame, 1..2047; 0: no frame has the force */
   uint8_t byte;        /* number of the lowest byte in the frame, 0..7 */
   uint8_t bytes;       /* 1..4 */
   uint8_t shift;       /* 0..31 */
   bool is_signed;
 } load_cell_t;
+
+/* Returns the ADC code of an integer of at most 32 bits: (integer >> shift) + 32768 if it may be
+ * negative, and integer >> shift otherwise, both limited to 0..65535; shift 0..31. */
+uint16_t load_cell_code(int64_t value, uint8_t shift, bool is_signed);
 
 /* Takes the ADC code of a frame. Returns false if the frame is not that of the load cell, is a
  * remote request, or is too short; *code then stays as it is. */

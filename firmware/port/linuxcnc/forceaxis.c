@@ -135,7 +135,7 @@ static atomic_bool is_ending;
 
 static void set_outputs(const axis_outputs_t *outputs_now) {
   *pins->code = outputs_now->dac_code;
-  *pins->command = outputs_now->dac_code * pins->command_scale;
+  *pins->command = ldexp(outputs_now->dac_fine, -AXIS_FINE_BITS) * pins->command_scale;
   *pins->amp_enable = outputs_now->amp_enable != 0;
   *pins->brake_release = outputs_now->brake_release != 0;
 }

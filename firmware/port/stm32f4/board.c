@@ -29,6 +29,7 @@ const fw_config_t *port_config(void) {
   config.serial_number = io_serial_number();
   config.node_id = (io_node_id() == 0) ? FW_NODE_ID_BY_LSS : io_node_id();
   config.bit_rates = CAN_RATES;
+  config.dac_bits = 12; /* without a drive at the second CAN */
   config.buses = 1;
   config.reset_cause = reset_cause();
   config.core_fault = board_fault_before(config.reset_cause);

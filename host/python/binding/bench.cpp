@@ -117,7 +117,8 @@ class BenchCase {
           in.adc_code[0] = codes.adc[0];
           in.adc_code[1] = codes.adc[1];
           fw_tick(axis.get(), &in, &out);
-          plant.step(out.dac_code, out.amp_enable != 0, out.brake_release != 0);
+          plant.step(axis_host_dac_code(&out, plant.model().dac.bits), out.amp_enable != 0,
+                     out.brake_release != 0);
         }
       } else {
         for (std::size_t k = 0;; ++k) {

@@ -128,7 +128,7 @@ class Excited {
       if (fault != AXIS_FAULT_NONE)
         throw SimulationError("the firmware latched the fault " +
                               forceaxis::host::enum_text(AXIS_OBJ_FAULT, fault));
-      const double volts = plant_->volts(put.dac_code);
+      const double volts = plant_->volts(axis_host_dac_code(&put, dac_bits()));
       plant_->hold_volts(volts, put.amp_enable != 0);
       count_mode();
       const double value[] = {
@@ -161,8 +161,9 @@ class Excited {
   }
 
  private:
-  // Powers up the firmware. The ADCs of a plant can have different resolutions, but the firmware
-  // has only one parameter for the resolution, which is set to the higher resolution.
+  // Powers up the firmware with the resolution of the plant's DAC. The ADCs of a plant can have
+  // different resolutions, but the firmware has only one parameter for the resolution, which is set
+  // to the higher resolution.
   void power_up() {
     if (plant_->parts() != 1) throw std::invalid_argument("the firmware's tick has one part");
     axis_.reset(axis_host_create());
@@ -170,8 +171,12 @@ class Excited {
     for (const auto &adc : plant_->model().adc)
       if (adc) bits = std::max(bits, adc->bits);
     fw_object_write(axis_.get(), FW_SOURCE_LOCAL, AXIS_OBJ_ADC_BITS, bits);
+    fw_object_write(axis_.get(), FW_SOURCE_LOCAL, AXIS_OBJ_DAC_BITS, dac_bits());
     fw_object_write(axis_.get(), FW_SOURCE_LOCAL, AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
   }
+
+  // Returns the number of bits of the firmware's output.
+  int dac_bits() const { return std::max<int>(plant_->model().dac.bits, AXIS_DAC_BITS_MIN); }
 
   std::vector<std::size_t> places_of(const std::vector<std::string> &signals) const {
     const auto &names = plant_->signal_names();

@@ -118,7 +118,7 @@ inline pybind11::dict converters_of(const forceaxis::sim::Model &model) {
         add(kColumns[i], adc.signal, forceaxis::sim::unit_of(signal.dimension), adc.per_count,
             adc.zero_code, adc.bits);
   }
-  add("dac", "drive.command", "V", model.dac.volts_per_code(), 0, model.dac.bits);
+  add("dac", "drive.command", "V", model.dac.volts_per_step(), 0, model.dac.bits);
   return d;
 }
 

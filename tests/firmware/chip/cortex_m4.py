@@ -28,6 +28,7 @@ CODE, RAM, STACK_TOP, EXIT = 0x08000000, 0x20000000, 0x20010000, 0x0F000000
 FW, RECORDER = RAM, RAM + 0x8000
 CONFIG, INPUTS, OUTPUTS, FRAME, BYTES, BLACKBOX = (RAM + 0x4000 + 0x200 * i for i in range(6))
 RECORDER_BYTES = 12288
+OUTPUT_BYTES = 6  # of axis_outputs_t: dac_code, amp_enable, brake_release, dac_fine
 LOCAL = 3  # FW_SOURCE_LOCAL
 NODE = 5
 
@@ -162,7 +163,7 @@ class Chip:
         self.uc.mem_map(RAM, 0x10000)
         self.uc.mem_map(EXIT, 0x1000)
         self._count_blocks(library)
-        self.outputs = b"\0\0\0\0"
+        self.outputs = bytes(OUTPUT_BYTES)
         self.places = {}
         self.compiler = run(COMPILER[0], "--version").splitlines()[0]
         buses = struct.pack(
@@ -250,7 +251,7 @@ class Chip:
         self.call("fw_control", FW, INPUTS, OUTPUTS, goes_on=True)
         self.control_count = self.count - before
         self.call("fw_report", FW, goes_on=True)
-        self.outputs = bytes(self.uc.mem_read(OUTPUTS, 4))
+        self.outputs = bytes(self.uc.mem_read(OUTPUTS, OUTPUT_BYTES))
         return self.outputs
 
     def between(self):
@@ -315,7 +316,7 @@ class Host:
         config = struct.pack("<QI4xQQQQIIBB30x", *places, 0, 0, 0, 0, 0, NODE, 1)
         self.config = ctypes.create_string_buffer(config)
         self.lib.fw_init(self.fw, self.config)
-        self.outputs = ctypes.create_string_buffer(4)
+        self.outputs = ctypes.create_string_buffer(OUTPUT_BYTES)
         self.value = ctypes.c_int32()
         self.frame = ctypes.create_string_buffer(12)
         self.bytes = ctypes.create_string_buffer(256)

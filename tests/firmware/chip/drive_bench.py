@@ -44,7 +44,12 @@ def stored(settings):
 
 
 class Record(ctypes.Structure):
-    _fields_ = [("code", ctypes.c_int16), ("amplifier", ctypes.c_uint8), ("brake", ctypes.c_uint8)]
+    _fields_ = [
+        ("code", ctypes.c_int16),
+        ("amplifier", ctypes.c_uint8),
+        ("brake", ctypes.c_uint8),
+        ("fine", ctypes.c_int16),
+    ]
 
 
 class Frame(ctypes.Structure):

@@ -204,7 +204,7 @@ def test_a_supply_that_falls_while_the_tick_puts_out_its_code(chip, at):
     enable(chip, 500)
     chip.tick(3)
     outputs = RAM + 0x1FE00
-    chip.uc.mem_write(outputs, struct.pack("<hBB", 500, 1, 1))
+    chip.uc.mem_write(outputs, struct.pack("<hBBh", 500, 1, 1, 8000))
     chip.board.supply(2.8)
     chip.call_interrupted("port_act", at, PVD, outputs)
     chip.board.exti.registers[0x14] = 0

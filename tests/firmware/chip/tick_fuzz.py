@@ -102,6 +102,7 @@ VALUES = {
     "force_zero_code": [0, 0, 128],
     "force_sign": [1, 1, -1],
     "adc_bits": [8, 8, 12, 16],
+    "dac_bits": [12, 12, 16],
     "position_gain": [0, 256, 1280, 65535],
     "velocity_gain": [0, 256, 2000, 65535],
     "profile_enable": [0, 1, 1],

@@ -14,6 +14,7 @@ from test_firmware_targets import (  # noqa: F401 (built is a fixture)
     Emulator,
     Host,
     Inputs,
+    Outputs,
     built,
     ctypes,
     run,
@@ -91,7 +92,7 @@ class CountingEmulator(Emulator):
         self.drive = 0
         self.uc.mem_write(self.INPUTS, bytes(inputs))
         self.call("fw_tick", self.FW, self.INPUTS, self.OUTPUTS)
-        return bytes(self.uc.mem_read(self.OUTPUTS, 4))
+        return bytes(self.uc.mem_read(self.OUTPUTS, ctypes.sizeof(Outputs)))
 
     def read(self, number):
         assert self.call("fw_object_read", self.FW, number, self.OUTPUTS + 16) == 0

@@ -283,6 +283,7 @@ class Outputs(ctypes.Structure):
         ("dac_code", ctypes.c_int16),
         ("amp_enable", ctypes.c_uint8),
         ("brake_release", ctypes.c_uint8),
+        ("dac_fine", ctypes.c_int16),
     ]
 
 
@@ -419,6 +420,7 @@ RANGES = {
     "force_sign": [1, 1, -1, 0],
     "force_tare": [-65536, 0, 0, 0, 300, 65536],
     "adc_bits": [8, 8, 9, 12, 16],
+    "dac_bits": [12, 12, 13, 16],
     "position_gain": [0, 10, 256, 65535],
     "velocity_gain": [0, 256, 2000, 65535],
     "profile_enable": [0, 1, 1, 1],

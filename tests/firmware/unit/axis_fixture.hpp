@@ -54,6 +54,7 @@ class AxisFixture : public FirmwareFixture {
 
   void ExpectOff(int fault) {
     EXPECT_EQ(outputs_.dac_code, 0);
+    EXPECT_EQ(outputs_.dac_fine, 0);
     EXPECT_EQ(outputs_.amp_enable, 0);
     EXPECT_EQ(outputs_.brake_release, 0);
     EXPECT_EQ(Read(AXIS_OBJ_FAULT), fault);

@@ -90,6 +90,8 @@ TEST_F(Master402, ConfigurationsAreRefusedByName) {
       {DRIVE402_REFUSED_SCALE, [](auto &c) { c.scale_num = 0; }},
       {DRIVE402_REFUSED_SCALE, [](auto &c) { c.scale_den = 0; }},
       {DRIVE402_REFUSED_SCALE, [](auto &c) { c.scale_den = 0x80000000; }},
+      {DRIVE402_REFUSED_SCALE, [](auto &c) { c.scale_shift = 17; }},
+      {DRIVE402_REFUSED_SCALE, [](auto &c) { c.scale_den = 0x7FFFFFFF, c.scale_shift = 4; }},
       {DRIVE402_REFUSED_TARGET, [](auto &c) { c.target_max = 0; }},
       {DRIVE402_REFUSED_TARGET, [](auto &c) { c.target_max = -1; }},
       {DRIVE402_REFUSED_TARGET, [](auto &c) { c.target_max = INT32_MAX - 4; }},
@@ -634,6 +636,8 @@ TEST_F(Master402, TargetsAreExactAndSaturatedNeverWrapped) {
       config_.mode = static_cast<uint8_t>(mode);
       config_.scale_num = 1 + random() % (round % 2 ? 5000u : 0x7FFFFFFFu);
       config_.scale_den = 1 + random() % (round % 3 ? 5000u : 0x7FFFFFFFu);
+      // Targets in fractions of a code, of which not each fraction of the drive is a whole number.
+      config_.scale_shift = round % 3 && round % 4 == 1 ? 4 : 0;
       config_.target_max =
           1 + static_cast<int32_t>(random() % (mode == DRIVE402_CST ? 32767u : 2147483642u));
       drive_ = DriveNode(kDrive);
@@ -647,9 +651,9 @@ TEST_F(Master402, TargetsAreExactAndSaturatedNeverWrapped) {
             i % 2 ? static_cast<int32_t>(random() % 4096) - 2048 : static_cast<int32_t>(random());
         NextRpdo();
         // floor(x num / den + 1/2)
+        const Wide under = static_cast<Wide>(config_.scale_den) << config_.scale_shift;
         const Wide exact = FloorDivide(
-            static_cast<Wide>(command_.target) * config_.scale_num * 2 + config_.scale_den,
-            static_cast<Wide>(config_.scale_den) * 2);
+            static_cast<Wide>(command_.target) * config_.scale_num * 2 + under, under * 2);
         const bool beyond = exact > config_.target_max || exact < -config_.target_max;
         const auto limited =
             static_cast<int64_t>(Clamp(exact, -config_.target_max, config_.target_max));

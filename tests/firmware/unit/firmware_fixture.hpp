@@ -34,7 +34,14 @@ class FirmwareFixture : public ::testing::Test {
   }
 
   void Tick(int ticks = 1) {
-    for (int i = 0; i < ticks; ++i) fw_tick(&fw_, &inputs_, &outputs_);
+    for (int i = 0; i < ticks; ++i) {
+      fw_tick(&fw_, &inputs_, &outputs_);
+      // dac_fine is a multiple of the step of the output, and dac_code the nearest whole code.
+      const int fine = outputs_.dac_fine;
+      ASSERT_EQ(fine % (1 << (16 - fw_.axis.params.dac_bits)), 0);
+      ASSERT_LE(16 * outputs_.dac_code - 8, fine);
+      ASSERT_LT(fine, 16 * outputs_.dac_code + 8);
+    }
   }
 
   std::array<uint8_t, FW_RECORDER_BYTES> buffer_{};

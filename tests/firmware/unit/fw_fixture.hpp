@@ -148,8 +148,8 @@ class Fw : public BusFixture {
 
   bool IsOn() const { return outputs_.dac_code == kCode && outputs_.amp_enable == 1; }
   bool IsOff() const {
-    return outputs_.dac_code == 0 && outputs_.amp_enable == 0 && outputs_.brake_release == 0 &&
-           Inner(AXIS_OBJ_ACTIVE_MODE) == AXIS_MODE_DISABLED;
+    return outputs_.dac_code == 0 && outputs_.dac_fine == 0 && outputs_.amp_enable == 0 &&
+           outputs_.brake_release == 0 && Inner(AXIS_OBJ_ACTIVE_MODE) == AXIS_MODE_DISABLED;
   }
 
   // The number of the first tick that is off, at most `limit`; until then the axis is driven, and

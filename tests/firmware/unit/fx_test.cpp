@@ -299,6 +299,28 @@ TEST(Fx, FloorShiftOfWideNumbers) {
   for (int i = 0; i < kFuzz / 10; ++i) check(random.S64());
 }
 
+TEST(Fx, RoundingToTheStepsOfAConverter) {
+  EXPECT_EQ(fx_step_mask(12), -65536);
+  EXPECT_EQ(fx_step_mask(16), -4096);
+  RandomBits random(kSeed);
+  const auto check = [](int32_t x) {
+    ASSERT_EQ(Wide{fx_code_from_q16(x)}, FloorDivide(Wide{x} + 32768, 65536)) << x;
+    for (uint8_t bits = 12; bits <= 16; ++bits) {
+      const Wide step = TwoTo(28u - bits);
+      ASSERT_EQ(-Wide{fx_step_mask(bits)}, step);
+      ASSERT_EQ(Wide{fx_round_to(x, fx_step_mask(bits))},
+                FloorDivide(Wide{x} + step / 2, step) * step)
+          << x << " " << int{bits};
+    }
+  };
+  const int32_t most = INT32_MAX - 32768;
+  for (int32_t centre : {-most + 2, -65536, -32768, -4096, 0, 2048, 32768, 65536, most - 2}) {
+    for (int32_t d = -2; d <= 2; ++d) check(centre + d);
+  }
+  for (int i = 0; i < kFuzz; ++i)
+    check(static_cast<int32_t>(Clamp(Wide{random.S32()}, Wide{-most}, Wide{most})));
+}
+
 TEST(Fx, QuotientsAndHalves) {
   EXPECT_EQ(fx_quotient(12288, 7), 1755u);
   EXPECT_EQ(fx_quotient(UINT32_MAX, 1), UINT32_MAX);

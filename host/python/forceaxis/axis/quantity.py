@@ -32,7 +32,8 @@ PER_MILLE_OF_RATED_FORCE = {
 # Objects whose unit is the DAC code. For all other objects, the unit "code" is an ADC code.
 DAC_CODE_OBJECTS = {
     "open_loop_code", "excitation_amplitude", "excitation_code", "output_limit",
-    "uncertified_output", "contact_loss_cap", "first_motion_code", "dac_code", "command_code",
+    "uncertified_output", "contact_loss_cap", "first_motion_code", "dac_code", "dac_fine",
+    "command_code",
 }  # fmt: skip
 # For each unit: the SI unit, and the number of units in one SI unit.
 FIXED_UNITS = {

@@ -34,6 +34,12 @@ class Converter:
         return float(abs(self.per_code) * 2 ** (self.bits - 8))
 
     @property
+    def per_12_bit_code(self) -> float:
+        """Returns the size of one code of the firmware in `unit`. The range of the DAC has 4096
+        codes."""
+        return float(self.per_code * 2 ** (self.bits - 12))
+
+    @property
     def range(self) -> tuple[float, float]:
         """Returns the smallest and the largest quantity in the range of the converter, in
         `unit`."""

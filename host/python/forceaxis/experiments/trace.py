@@ -88,7 +88,7 @@ def physical(unit: str, converters: Converters) -> tuple[str, float]:
     if reading and unit == "count of force":
         return reading.unit, reading.per_8_bit_count
     if dac and unit == "DAC code":
-        return "V", dac.per_code
+        return "V", dac.per_12_bit_code
     return unit, 1.0
 
 

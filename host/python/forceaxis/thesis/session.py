@@ -158,7 +158,7 @@ def scales() -> Scales:
     return Scales(
         mm_per_count=converters["encoder"].per_code * 1e3,
         N_per_count=converters["adc0"].per_8_bit_count,
-        V_per_code=converters["dac"].per_code,
+        V_per_code=converters["dac"].per_12_bit_code,
     )
 
 

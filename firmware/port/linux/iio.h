@@ -1,0 +1,82 @@
+#ifndef FIRMWARE_PORT_LINUX_IIO_H_
+#define FIRMWARE_PORT_LINUX_IIO_H_
+
+/* The force of a converter with a driver of Linux for industrial I/O (IIO): scans are read from the
+ * buffer of the device, and the newest one counts. The files of the device in sysfs say where the
+ * channel is in a scan (Documentation/ABI/testing/sysfs-bus-iio). They are read once: whoever
+ * starts the axis has enabled channel and buffer before. No call of iio_take() waits.
+ *
+ * A scan has the enabled channels in the order of their indices. Each one begins at a multiple of
+ * its own size, and a scan is as long as a multiple of the largest size. A timestamp is such a
+ * channel. */
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum {
+  IIO_CHANNELS = 32,  /* enabled channels of a device, at most */
+  IIO_SCAN_MAX = 256, /* bytes of a scan, at most */
+  IIO_BYTES = 4096,   /* bytes that are read at once, several scans */
+  IIO_READS = 4,      /* reads in a call of iio_take(), at most */
+  IIO_SHIFT_OWN = 255 /* iio_settings_t.shift: the upper 16 bits of the value */
+};
+
+typedef struct {
+  const char *device;  /* folder of the device, such as /sys/bus/iio/devices/iio:device0; or NULL */
+  const char *buffer;  /* its character device, such as /dev/iio:device0 */
+  const char *channel; /* name without in_ and without an ending, such as voltage0 */
+  uint8_t shift;       /* lowest bits of the value that are cut off, 0..31, or IIO_SHIFT_OWN */
+} iio_settings_t;
+
+/* Format of a value in a scan: `[be|le]:[s|u]bits/storagebits[Xrepeat][>>shift]`. */
+typedef struct {
+  bool is_big;    /* the highest byte comes first */
+  bool is_signed; /* two's complement */
+  uint8_t bits;   /* valid bits, 1..64 */
+  uint8_t bytes;  /* of one value with its padding: 1, 2, 4 or 8 */
+  uint8_t repeat; /* values of the channel in a scan, 1, 2, 4 or 8 */
+  uint8_t shift;  /* unused bits below the valid ones, with bits at most 8 x bytes */
+} iio_type_t;
+
+typedef struct {
+  int fd;
+  iio_type_t type; /* of the channel */
+  uint8_t shift;   /* 0..31 */
+  uint16_t offset; /* of the channel in a scan, in bytes */
+  uint16_t scan;   /* bytes of a scan, 1..IIO_SCAN_MAX */
+  uint16_t used;   /* bytes of `bytes` that hold the begin of a scan */
+  int error;       /* errno of the last read that has failed, else 0 */
+  bool has_ended;  /* the last read was at the end of the file */
+  uint8_t bytes[IIO_BYTES];
+} iio_t;
+
+/* Reads a type. Returns false if the text has another form, or numbers outside the ranges above. */
+bool iio_type_of(const char *text, iio_type_t *type);
+
+/* Returns the value at `bytes`, which has type->bytes bytes and at most 63 valid bits. */
+int64_t iio_value(const iio_type_t *type, const uint8_t *bytes);
+
+/* Opens a device. Returns NULL, or a sentence without a full stop that says what was expected and
+ * what to do; the sentence stays until the next call. Needs a channel of 1 to 32 bits that is
+ * enabled, without a repetition, and an enabled buffer. */
+const char *iio_open(iio_t *iio, const iio_settings_t *settings);
+
+/* Takes all scans that wait, at most IIO_READS x IIO_BYTES bytes, without waiting. Returns true if
+ * there was a whole one; *code then is the ADC code of the newest: (value >> shift) + 32768 for a
+ * signed channel, value >> shift otherwise, both limited to 0..65535. Otherwise *code stays as it
+ * is. The rest of a scan that has begun follows in a later call. Call it in each tick. */
+bool iio_take(iio_t *iio, uint16_t *code);
+
+/* Returns why the last iio_take() has read nothing more, as a sentence without a full stop; NULL
+ * while there is no reason but that no scan waits. */
+const char *iio_trouble(const iio_t *iio);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
