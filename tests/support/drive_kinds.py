@@ -33,9 +33,7 @@ KINDS: dict[str, dict[str, str]] = {
         "--drive": "velocity", "--sensor-bits": "24", "--sensor-rate-hz": "1000",
         "--sensor-latency-ms": "2",
     },
-    "velocity drive on CANopen, cycle of 2 ms": {
-        "--drive": "velocity", "--bus-cycle-ms": "2", "--output-bits": "12",
-    },
+    "velocity drive on CANopen, cycle of 2 ms": {"--drive": "velocity", "--bus-cycle-ms": "2"},
 }  # fmt: skip
 OVER = ("--over", "k_w=30%,m_w=30%")
 FORCES_N, FORCE_MAX_N = "30,100", "250"
