@@ -519,7 +519,7 @@ constexpr TableFormat kAdc{
 constexpr KeyFormat kDacKeys[] = {
     integer("bits", 8, 16, 12.0,
             "Resolution of the converter in bits. A run needs 12 to 16; it gives the firmware "
-            "`dac_bits` of this value. A drive on a bus has 16 here."),
+            "`dac_bits` of this value. A drive on a bus may have 16."),
     number("range", D::voltage, S::positive, 10.0,
            "Range of the output voltage: the voltage at the lowest code is -range."),
     number("offset", D::voltage, S::any, 0.0, "Output voltage at code 0."),

@@ -127,9 +127,8 @@ class SheetValues:
         "of +-10 V", word="none", only=WITH_CURRENT_LOOP,
     ))  # fmt: skip
     output_bits: float = number(SheetField(
-        "drive", "bit", 12, 16, lambda v: 12.0 if v.bus_cycle_ms is None else 16.0,
-        "16 bits of a command on the bus, 12 bits of a DAC",
-        "resolution of the command: of the DAC, data sheet of the board, or 16 on a bus",
+        "drive", "bit", 12, 16, 12.0, "12 bits of a DAC",
+        "resolution of the command: of the DAC, data sheet of the board; up to 16 on a bus",
     ))  # fmt: skip
     motor: str = choice(
         "motor", ("rotary", "linear"), "a rotary motor", "kind of motor: rotary or linear",
