@@ -240,8 +240,9 @@ int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
 int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value);
 
 /* Selects the program of the cycles of mode -9, a record that begins at a multiple of 4 and stays
- * unchanged while the firmware has it. Returns what cycle_program_check() found, or CYCLE_BUSY while
- * a cycle runs; the program before then stays selected. After a reset of the node there is none. */
+ * unchanged while the firmware has it. Returns what cycle_program_check() found, or CYCLE_BUSY
+ * while a cycle runs; the program before then stays selected. After a reset of the node there is
+ * none. */
 cycle_check_t fw_select_program(fw_t *fw, const void *record, uint32_t size);
 
 /* Reads one sample of a completed recording; index 0 is the oldest sample. `values` receives one

@@ -128,8 +128,8 @@ struct RunResult {
   Metrics metrics;
   std::string fault;  // name of the first fault in the run, or "none"
   std::vector<Refusal> refused;
-  std::string verdict;         // verdict of evaluate(); "" if the experiment has no criterion
-  std::vector<Missed> missed;  // limits that the run has missed, by evaluate()
+  std::string verdict;               // verdict of evaluate(); "" if the experiment has no criterion
+  std::vector<Missed> missed;        // limits that the run has missed, by evaluate()
   std::optional<CycleResult> cycle;  // empty without a program
 };
 

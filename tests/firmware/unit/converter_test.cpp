@@ -1,5 +1,5 @@
-// The protocol of the force converters ADS1256 and AD7193: codes, errors and the configuration, from
-// their data sheets. tests/firmware/chip/test_converter.py has models of both on the SPI bus.
+// The protocol of the force converters ADS1256 and AD7193: codes, errors and the configuration,
+// from their data sheets. tests/firmware/chip/test_converter.py has models of both on the SPI bus.
 #include <gtest/gtest.h>
 
 #include <array>

@@ -244,8 +244,8 @@ CYCLE_STATES = {
     "evaluating": "the cycle has ended in the last tick of the run",
     "no_program": "no cycle was started, because the axis has no program",
     "other_bank": "no cycle was started, because the program is for another bank",
-    "not_homed": "no cycle was started, because the axis is not homed and the program has a move to "
-    "a position",
+    "not_homed": "no cycle was started, because the program has a move to a position, and the axis "
+    "is not homed",
 }
 CYCLE_OUTCOMES = {
     "over_force": "force_max exceeded",
