@@ -324,6 +324,15 @@ void check_adcs(const Section &root, const Experiment &experiment) {
   }
 }
 
+// Returns the program of the cycle that the experiment names, or nothing.
+std::shared_ptr<const CycleProgram> program_of(Section &root, const std::filesystem::path &folder,
+                                               const Experiment &experiment) {
+  if (!root.has("cycle")) return nullptr;
+  const auto file = (folder / words(root, "cycle")).lexically_normal();
+  return std::make_shared<const CycleProgram>(
+      read_cycle(file, *experiment.model, experiment.initial));
+}
+
 std::string hash_inputs(const std::filesystem::path &file, const sim::Model &model,
                         const CycleProgram *cycle, std::span<const std::string> overrides,
                         const std::optional<std::string> &text) {
@@ -442,10 +451,7 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   root.one("firmware", [&](Section &section) {
     experiment.initial = read_objects(section, *experiment.model, {});
   });
-  if (root.has("cycle"))
-    experiment.cycle = std::make_shared<const CycleProgram>(
-        read_cycle((contents_->file.parent_path() / words(root, "cycle")).lexically_normal(),
-                   *experiment.model, experiment.initial));
+  experiment.cycle = program_of(root, contents_->file.parent_path(), experiment);
   match_dac(root, experiment);
   check_adcs(root, experiment);
   root.each("at", [&](Section &section) {

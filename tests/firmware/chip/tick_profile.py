@@ -32,6 +32,7 @@ MODE_NAMES = {
     -6: "stiffness",
     -7: "damping",
     -8: "impedance",
+    -9: "cycle, without a program",
 }
 OFF = "not enabled, stopping"
 RESET = ("power_up", "canopen_init")
