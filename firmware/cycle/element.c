@@ -162,8 +162,9 @@ static window_t window_of(const cycle_element_t *element) {
 static void take_window_line(const cycle_element_t *element, cycle_element_state_t *state,
                              const line_t *line, uint32_t tick) {
   const window_t window = window_of(element);
-  const window_passage_t passage = window_pass(&window, (window_point_t){line->x0, line->y0},
-                                               (window_point_t){line->x1, line->y1});
+  const window_point_t from = {line->x0, line->y0};
+  const window_point_t to = {line->x1, line->y1};
+  const window_passage_t passage = window_pass(&window, &from, &to);
   if (passage.enters != 0) {
     count_up(&state->entries);
     state->wrong_side |= (uint8_t)((passage.enters & element->enters) == 0);
@@ -254,7 +255,7 @@ static void take_sample(const cycle_element_t *element, const cycle_point_t *poi
     case CYCLE_WINDOW: {
       const window_t window = window_of(element);
       const window_point_t point = {x, sample->force_q8};
-      state->inside = window_contains(&window, point) ? 1 : 0;
+      state->inside = window_contains(&window, &point) ? 1 : 0;
       break;
     }
     default:

@@ -72,11 +72,12 @@ static uint8_t side_of_exit(const stretch_t *x, const stretch_t *y) {
   return by_x ? x->second : y->second;
 }
 
-window_passage_t window_pass(const window_t *window, window_point_t from, window_point_t to) {
+window_passage_t window_pass(const window_t *window, const window_point_t *from,
+                             const window_point_t *to) {
   const sides_t across = {window->x_least, window->x_most, CYCLE_LEFT, CYCLE_RIGHT};
   const sides_t along = {window->y_least, window->y_most, CYCLE_BOTTOM, CYCLE_TOP};
-  const stretch_t x = stretch_of(from.x, to.x, &across);
-  const stretch_t y = stretch_of(from.y, to.y, &along);
+  const stretch_t x = stretch_of(from->x, to->x, &across);
+  const stretch_t y = stretch_of(from->y, to->y, &along);
   if (!is_reached(&x) || !is_reached(&y) || is_late(&x, &y) || is_late(&y, &x)) {
     return (window_passage_t){0, 0};
   }

@@ -29,13 +29,14 @@ typedef struct {
 } window_passage_t;
 
 /* Returns true if a point is in the window or on its sides. */
-static inline bool window_contains(const window_t *window, window_point_t point) {
-  return point.x >= window->x_least && point.x <= window->x_most && point.y >= window->y_least &&
-         point.y <= window->y_most;
+static inline bool window_contains(const window_t *window, const window_point_t *point) {
+  return point->x >= window->x_least && point->x <= window->x_most && point->y >= window->y_least &&
+         point->y <= window->y_most;
 }
 
 /* Returns the sides that the line between two points crosses. A line that begins inside enters no
  * side, and a line that ends inside leaves none. A corner belongs to the left or right side. */
-window_passage_t window_pass(const window_t *window, window_point_t from, window_point_t to);
+window_passage_t window_pass(const window_t *window, const window_point_t *from,
+                             const window_point_t *to);
 
 #endif

@@ -19,7 +19,18 @@ from unicorn import arm_const
 from unicorn.unicorn_py3 import unicorn as binding
 
 ROOT = Path(__file__).resolve().parents[3]
-FOLDERS = ("fx", "objects", "core", "guard", "drive", "canopen", "modbus", "storage", "app")
+FOLDERS = (
+    "fx",
+    "objects",
+    "core",
+    "cycle",
+    "guard",
+    "drive",
+    "canopen",
+    "modbus",
+    "storage",
+    "app",
+)
 BOARD = board.read(ROOT / "firmware/port/stm32f4")
 # As tools/image builds what is flashed.
 COMPILER = [BOARD.build.tools + "gcc", *BOARD.build.flags]

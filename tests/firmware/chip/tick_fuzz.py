@@ -13,7 +13,7 @@ from cortex_m4 import LOCAL, NODE
 from force_banks import random_bank
 from pymodbus.framer import FramerRTU
 
-MODES = [1, 3, 4, 6, 8, 9, 10, 0, -1, -2, -3, -4, -5, -6, -7, -8]
+MODES = [1, 3, 4, 6, 8, 9, 10, 0, -1, -2, -3, -4, -5, -6, -7, -8, -9]
 CANOPEN = 0  # FW_SOURCE_
 SCENARIO_TICKS = 160
 FIRST_MOTION_TICKS = 520

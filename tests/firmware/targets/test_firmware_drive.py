@@ -27,7 +27,7 @@ TICK_MAX = 1200  # of fw_tick() with the drive, without buses
 TICKS = 4_000
 SEED = 402
 COMMANDS = [0x00, 0x02, 0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x1F, 0x3F, 0x5F, 0x10F, 0x80, 0x20F, 0x21F]
-MODES = [1, 3, 4, 6, 8, 9, 10, 0, -1, -2, -4, -5, -6, -7, -8]
+MODES = [1, 3, 4, 6, 8, 9, 10, 0, -1, -2, -4, -5, -6, -7, -8, -9]
 RANGES = {
     "target_position": [0, 100, -3000, 50000, 2147483647, -2147483648],
     "target_velocity": [0, 1, -3000, 15000, 3072000, -3072000],
