@@ -454,7 +454,7 @@ TEST_F(Files, EveryUnknownNameIsReportedAtOnce) {
       "them");
   EXPECT_EQ(
       message(with("title", "figur = \"1\"\ntitel")),
-      "figur: expected one of the keys title, figure, shows, model, duration_s, seed, set, "
+      "figur: expected one of the keys title, figure, shows, model, duration_s, seed, cycle, set, "
       "firmware, at, verdict, plot, trace, expect, got \"figur\", \"titel\"; did you mean figure, "
       "title?; remove or rename these keys");
   std::string modes;

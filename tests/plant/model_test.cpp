@@ -190,7 +190,8 @@ TEST(ModelRefuses, WrongUnits) {
     FAIL();
   } catch (const InputError &error) {
     EXPECT_EQ(error.key, "parameters.m.unit");
-    EXPECT_EQ(error.message.rfind("expected one of 1, V/V, count, kg, m, s, m/s, N, N s,", 0), 0U);
+    EXPECT_EQ(error.message.rfind("expected one of 1, V/V, count, kg, m, s, m/s, N, J, N m,", 0),
+              0U);
     EXPECT_NE(error.message.find("got \"lb\"; use one of these spellings"), std::string::npos);
   }
 }
