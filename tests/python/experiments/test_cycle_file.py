@@ -151,7 +151,7 @@ MISTAKES = [
      "phase[1].end[0].value", "force_max"),
     ('when = "time"\nvalue = "1 s"', 'when = "travel_above"\nvalue = "3 mm"',
      "phase[1].end[0].value", "travel_max"),
-    ('when = "time"\nvalue = "1 s"', 'when = "input_on"', "phase[1].end[0].inputs", "add them"),
+    ('when = "time"\nvalue = "1 s"', 'when = "input_on"', "phase[1].end[0].inputs", "add it"),
     ('when = "time"\nvalue = "1 s"', 'when = "input_on"\ninputs = ["hom"]',
      "phase[1].end[0].inputs", "home"),
     ('when = "contact"', 'when = "contact"\nvalue = 3', "phase[0].end[0].value", "no value"),

@@ -20,7 +20,8 @@ from forceaxis.experiments.run_result import RunResult
 from forceaxis.experiments.verdicts import NOT_STABLE, VERDICTS
 from forceaxis.toml import TomlValue
 
-TEXT_KEYS = ("verdict", "fault", "trace_hash")
+TEXT_KEYS = ("verdict", "fault", "cycle", "trace_hash")
+CYCLE_STATES = objects.BY_NAME["cycle_state"].enum
 HELD_FORCE_KEYS = ("held_force_N", "held_force_error_percent")
 
 
@@ -99,6 +100,14 @@ FORMAT = (
                 "stable, unstable, not_met, never_in_contact",
             ),
             _number("fault", "First fault that the firmware has latched.", "", "", "fault or none"),
+            _number(
+                "cycle",
+                "State of the part at the end of the run, for an experiment with the program of a "
+                "cycle.",
+                "",
+                "",
+                "good, bad, aborted, or another value of cycle_state",
+            ),
             _number("trace_hash", "Hash of all codes in all ticks.", "", "", "64 hex digits"),
             _number(
                 "peak_force_N", "Largest force of all contacts in the run; tolerance 1 %.", "N"
@@ -444,7 +453,8 @@ def read(file: str | Path, table: ExpectTable, has_verdict: bool) -> Expectation
 def _check_texts(reader: Reader, table: ExpectTable, has_verdict: bool) -> None:
     """Checks the keys whose values are texts. `has_verdict` is True if the experiment has a table
     [verdict]. Raises InputError."""
-    for key, texts in (("verdict", VERDICTS), ("fault", objects.BY_NAME["fault"].enum)):
+    faults = objects.BY_NAME["fault"].enum
+    for key, texts in (("verdict", VERDICTS), ("cycle", CYCLE_STATES), ("fault", faults)):
         if key in table and table[key] not in texts:
             meant = difflib.get_close_matches(str(table[key]), texts, 1)
             hint = f"; did you mean {meant[0]}?" if meant else ""
@@ -507,6 +517,7 @@ def measure(done: runs.Run, expect: Expectation) -> Measured:
     beyond = float((math.copysign(1, step) * (values - final)).max())
     got: dict[str, Obtained] = {
         "verdict": result.verdict,
+        "cycle": result.cycle.state if result.cycle else None,
         "fault": result.fault,
         "peak_force_N": result.metrics.peak_force_N if contacts else None,
         "final_value": final,
