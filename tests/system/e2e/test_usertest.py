@@ -109,7 +109,9 @@ def response(values, **how):
     expect = expectations.read("e.toml", {"signal": "x", **how}, False)
     columns = {"x": np.asarray(values, float), "time_s": np.arange(len(values)) / 1500}
     metrics = SimpleNamespace(held_force=None)
-    result = SimpleNamespace(verdict=None, fault="none", metrics=metrics, trace_hash="0")
+    result = SimpleNamespace(
+        verdict=None, fault="none", cycle=None, metrics=metrics, trace_hash="0"
+    )
     done = SimpleNamespace(experiment="e.toml", columns=columns, result=result, contacts=[])
     return expectations.measure(done, expect).values
 
