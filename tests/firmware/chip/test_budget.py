@@ -100,6 +100,7 @@ class Pair:
         assert self.chip.outputs == self.outputs
 
 
+@pytest.mark.long
 def test_the_chip_sends_what_the_host_sends():
     pair = Pair()
     fuzz, inputs = PressingFuzz(BY_NAME, 308), Inputs(0, (0, 0), 1, 1)

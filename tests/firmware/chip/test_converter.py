@@ -161,7 +161,10 @@ def flipped_bit(device):
     device.convert = flip
 
 
-@pytest.mark.parametrize("fail", [overrange, no_reference, flipped_bit])
+LATER = (pytest.param(fail, marks=pytest.mark.long) for fail in (no_reference, flipped_bit))
+
+
+@pytest.mark.parametrize("fail", [overrange, *LATER])
 def test_the_status_of_the_ad7193_is_a_sensor_fault_in_its_tick(fail):
     chip = enabled("ad7193")
     fail(chip.board.converter)

@@ -23,6 +23,7 @@ def press(test):
     test.tick(60)
 
 
+@pytest.mark.long
 def test_the_trace_is_that_of_the_run_in_process():
     with bench(Board(SETTINGS), "on the chip") as there:
         press(there)
@@ -167,6 +168,7 @@ def test_a_failure_switches_the_axis_off_by_name(pressing, fail, fault, reason, 
     assert pressing.axis.chip.board.mistakes == []
 
 
+@pytest.mark.long
 def test_a_drive_that_failed_comes_back_at_the_next_enabling(pressing):
     pressing.axis.chip.board.can2.errors(off=True)
     pressing.tick(600)  # the controller is back after 128 times 11 recessive bits
@@ -179,6 +181,7 @@ def test_a_drive_that_failed_comes_back_at_the_next_enabling(pressing):
     assert pressing.axis.trace.ticks[-1][3:] != (0, 0)
 
 
+@pytest.mark.long
 def test_a_bus_that_is_off_at_power_up_is_a_fault_of_the_enabled_axis():
     axis = Board(SETTINGS)
     axis.chip.board.can2.dominant = True

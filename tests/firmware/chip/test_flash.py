@@ -233,6 +233,7 @@ def test_a_power_cut_anywhere_leaves_the_old_set_or_the_new_one(chip, seed):
     assert (state == "loaded_older") == reported(again)
 
 
+@pytest.mark.long
 def test_a_corrupted_sector_falls_back_to_the_other_then_to_defaults_with_an_emcy(chip):
     flash = chip.board.flash
     gain = 300
