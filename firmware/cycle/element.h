@@ -23,7 +23,8 @@
 
 /* Largest magnitudes of a sample: force in 1/256 count at 8 bits, travel in encoder counts. A
  * larger value has to be limited, and its cycle ends in a fault. */
-enum { CYCLE_FORCE_MAX_Q8 = 131071, CYCLE_TRAVEL_MAX = 1073741823 };
+#define CYCLE_FORCE_MAX_Q8 INT32_C(131071)
+#define CYCLE_TRAVEL_MAX INT32_C(1073741823)
 
 typedef struct {
   uint32_t tick;    /* number of the tick, which may wrap */

@@ -5,11 +5,12 @@
 /* A line from its begin (0) to its end (1) along one coordinate. It is within the two sides of this
  * coordinate from enter / length to leave / length. */
 typedef struct {
-  int64_t enter; /* <= 0: the begin is not before the first side */
-  int64_t leave; /* < 0: the begin is behind the second side */
+  uint32_t enter; /* 0: the begin is not before the first side */
+  uint32_t leave; /* `length`: the end is not behind the second side */
   uint32_t length;
   uint8_t first; /* side at which the line enters, and side at which it leaves */
   uint8_t second;
+  bool is_reached; /* some place of the line is within both sides */
 } stretch_t;
 
 /* The sides of one coordinate. */
@@ -21,29 +22,22 @@ typedef struct {
 } sides_t;
 
 static stretch_t stretch_of(int32_t from, int32_t to, const sides_t *sides) {
-  if (to >= from) {
-    return (stretch_t){.enter = (int64_t)sides->least - from,
-                       .leave = (int64_t)sides->most - from,
-                       .length = fx_magnitude(fx_diff_wrap(to, from)),
-                       .first = sides->low,
-                       .second = sides->high};
-  }
-  return (stretch_t){.enter = (int64_t)from - sides->most,
-                     .leave = (int64_t)from - sides->least,
-                     .length = fx_magnitude(fx_diff_wrap(from, to)),
-                     .first = sides->high,
-                     .second = sides->low};
+  const bool rises = to >= from;
+  const uint32_t length = fx_magnitude(fx_diff_wrap(to, from));
+  const int32_t enter = rises ? fx_diff_wrap(sides->least, from) : fx_diff_wrap(from, sides->most);
+  const int32_t leave = rises ? fx_diff_wrap(sides->most, from) : fx_diff_wrap(from, sides->least);
+  stretch_t along = {.length = length,
+                     .first = rises ? sides->low : sides->high,
+                     .second = rises ? sides->high : sides->low};
+  along.enter = (enter > 0) ? (uint32_t)enter : 0;
+  along.is_reached = leave >= 0 && along.enter <= length;
+  along.leave = (along.is_reached && (uint32_t)leave < length) ? (uint32_t)leave : length;
+  return along;
 }
 
-/* Returns true if a / p <= b / q for lengths p and q. A length of 0 means a coordinate that does
- * not change: a is then <= 0 (entered before the begin), and b >= 0 (never left). */
-static bool is_not_later(int64_t a, uint32_t p, int64_t b, uint32_t q) {
-  return a * (int64_t)q <= b * (int64_t)p;
-}
-
-/* Returns true if the line is within both sides of a coordinate at some place. */
-static bool is_reached(const stretch_t *along) {
-  return along->leave >= 0 && along->enter <= (int64_t)along->length;
+/* Returns true if a / p <= b / q for lengths p and q, with a <= p and b <= q. */
+static bool is_not_later(uint32_t a, uint32_t p, uint32_t b, uint32_t q) {
+  return (uint64_t)a * q <= (uint64_t)b * p;
 }
 
 /* Returns true if the line enters by `along` only after it has left by the other coordinate. */
@@ -53,17 +47,17 @@ static bool is_late(const stretch_t *along, const stretch_t *other) {
 }
 
 static uint8_t side_of_entry(const stretch_t *x, const stretch_t *y) {
-  if (x->enter <= 0 && y->enter <= 0) {
+  if (x->enter == 0 && y->enter == 0) {
     return 0;
   }
   const bool by_x =
-      x->enter > 0 && (y->enter <= 0 || is_not_later(y->enter, y->length, x->enter, x->length));
+      x->enter > 0 && (y->enter == 0 || is_not_later(y->enter, y->length, x->enter, x->length));
   return by_x ? x->first : y->first;
 }
 
 static uint8_t side_of_exit(const stretch_t *x, const stretch_t *y) {
-  const bool stays_in_x = x->leave >= (int64_t)x->length;
-  const bool stays_in_y = y->leave >= (int64_t)y->length;
+  const bool stays_in_x = x->leave == x->length;
+  const bool stays_in_y = y->leave == y->length;
   if (stays_in_x && stays_in_y) {
     return 0;
   }
@@ -78,7 +72,7 @@ window_passage_t window_pass(const window_t *window, const window_point_t *from,
   const sides_t along = {window->y_least, window->y_most, CYCLE_BOTTOM, CYCLE_TOP};
   const stretch_t x = stretch_of(from->x, to->x, &across);
   const stretch_t y = stretch_of(from->y, to->y, &along);
-  if (!is_reached(&x) || !is_reached(&y) || is_late(&x, &y) || is_late(&y, &x)) {
+  if (!x.is_reached || !y.is_reached || is_late(&x, &y) || is_late(&y, &x)) {
     return (window_passage_t){0, 0};
   }
   return (window_passage_t){.enters = side_of_entry(&x, &y), .leaves = side_of_exit(&x, &y)};
