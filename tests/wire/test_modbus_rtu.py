@@ -240,7 +240,7 @@ def test_one_request_is_one_snapshot(line):
 def test_exceptions_as_documented(line, pymodbus):
     ask = line.libmodbus
     assert ask(3, 9, 1) == "exception 2"
-    assert ask(4, 0x0E, 1) == "exception 2"
+    assert ask(4, 0x10, 1) == "exception 2"
     assert ask(3, 7, 3) == "exception 2"
     assert ask(6, 9, 0) == "exception 2"
     assert ask(1, 5, 1) == "exception 2"
