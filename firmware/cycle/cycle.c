@@ -121,8 +121,8 @@ static void go_on(cycle_t *cycle, uint8_t next, const cycle_inputs_t *now) {
   }
 }
 
-/* The first limit that is exceeded counts. A limit that is exceeded in its own reaction, or after
- * another one, ends the cycle. */
+/* The first limit that is exceeded is the outcome, and its reaction follows. A second limit ends
+ * the cycle. */
 static void exceed(cycle_t *cycle, uint8_t limit, const cycle_inputs_t *now) {
   const bool is_first = cycle->outcome == CYCLE_BY_PROGRAM;
   if (is_first) {

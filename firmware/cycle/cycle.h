@@ -6,7 +6,7 @@
  * (firmware/drive/cycle_mode.h).
  *
  *   cycle_start()     between two ticks
- *   cycle_step()      once in each tick after its signals, at most 300 instructions on a Cortex-M4
+ *   cycle_step()      once in each tick, after its signals
  *   cycle_evaluate()  between ticks, at the latest after CYCLE_SAMPLES ticks
  *   cycle_abort()     at each stop, fault, halt or change of mode; the part is then not good */
 
@@ -38,10 +38,10 @@ enum {
 typedef struct {
   uint32_t tick;
   int32_t position; /* encoder counts, which may wrap */
-  int32_t force_q8;
-  uint8_t contact; /* 1 in contact */
-  uint8_t reached; /* 1 if the target of the phase is reached */
-  uint8_t inputs;  /* digital inputs, AXIS_DIN_ */
+  int32_t force_q8; /* measured force in 1/256 count */
+  uint8_t contact;  /* 1 in contact */
+  uint8_t reached;  /* 1 if the target of the phase is reached */
+  uint8_t inputs;   /* digital inputs, AXIS_DIN_ */
 } cycle_inputs_t;
 
 typedef struct {
@@ -86,8 +86,8 @@ void cycle_abort(cycle_t *cycle);
 /* Evaluates the samples that wait. At the end of the cycle the state becomes CYCLE_DONE. */
 void cycle_evaluate(cycle_t *cycle);
 
-/* Returns the result of an element. In a cycle that did not end by its program, an element that
- * found nothing is CYCLE_ABORTED. */
+/* Returns the result of an element, 0 .. elements - 1 of the program. In a cycle that was stopped
+ * from outside, an element that found nothing is CYCLE_ABORTED. */
 cycle_element_result_t cycle_result(const cycle_t *cycle, uint8_t element);
 
 #endif

@@ -176,7 +176,7 @@ static void take_window_line(const cycle_element_t *element, cycle_element_state
   }
 }
 
-/* What needs the line from the sample before. */
+/* Evaluates the line that ends at this sample, for the kinds that use lines. */
 static void take_line(const cycle_element_t *element, cycle_element_state_t *state,
                       const line_t *line, uint32_t tick) {
   switch (element->kind) {
@@ -238,7 +238,7 @@ static void take_extreme(const cycle_element_t *element, cycle_element_state_t *
   }
 }
 
-/* What needs the sample alone. */
+/* Evaluates this sample, for the kinds that use single samples. */
 static void take_sample(const cycle_element_t *element, const cycle_point_t *points,
                         cycle_element_state_t *state, const cycle_sample_t *sample, int32_t x) {
   switch (element->kind) {

@@ -13,8 +13,7 @@
  *   in each tick of the cycle: cycle_element_take(element, points, &state, &sample);
  *   at the end of the cycle:   result = cycle_element_result(element, &state);
  *
- * A call of cycle_element_take() needs at most 700 instructions on a Cortex-M4, so it belongs
- * between two ticks. */
+ * Interpolation divides bit by bit, so cycle_element_take() belongs between two ticks. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -22,7 +21,7 @@
 #include "firmware/cycle/window.h"
 
 /* Largest magnitudes of a sample: force in 1/256 count at 8 bits, travel in encoder counts. A
- * larger value has to be limited, and its cycle ends in a fault. */
+ * cycle limits larger values to these. */
 #define CYCLE_FORCE_MAX_Q8 INT32_C(131071)
 #define CYCLE_TRAVEL_MAX INT32_C(1073741823)
 
@@ -90,7 +89,7 @@ typedef struct {
   int32_t level_2;
 } cycle_element_t;
 
-/* What an element found. ABORTED is for a cycle that did not end by its program. */
+/* What an element found. ABORTED: nothing was found before a stop. */
 enum {
   CYCLE_GOOD = 0,
   CYCLE_BELOW = 1,       /* the value is below y_least, or the curve below the envelope */

@@ -341,7 +341,7 @@ enum { FX_ROUND_DOWN = 0, FX_ROUND_UP = 1, FX_ROUND_HALF_UP = 2 };
 
 /* Returns y at x on the line through (x0, y0) and (x1, y1): y0 + (y1 - y0) (x - x0) / (x1 - x0),
  * rounded once. x is between x0 and x1, which differ by 1 to 2^31-1; |y0|, |y1| <= 2^30. Cannot
- * overflow. Some 400 instructions on a Cortex-M4. */
+ * overflow. */
 int32_t fx_interpolate(int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t x, uint8_t rounding);
 
 /* floor(n / 2). */
