@@ -129,15 +129,9 @@ void cycle_mode_start(cia402_t *drive, const axis_t *axis) {
   begin_phase(drive, axis);
 }
 
-static void stop(cia402_t *drive) {
-  cia402_end_mode(drive);
-  drive->mode = &cia402_modes[AXIS_MODES_OF_OPERATION_CYCLE + CIA402_MODE_OFFSET];
-}
-
 void cycle_mode_interrupt(cia402_t *drive) {
   if (cycle_is_running(&drive->cycle)) {
-    cycle_abort(&drive->cycle);
-    stop(drive);
+    cia402_leave_mode(drive);
   }
 }
 
@@ -157,8 +151,7 @@ void cycle_mode_step(cia402_t *drive, const axis_t *axis) {
     if (cycle_is_running(&drive->cycle)) {
       begin_phase(drive, axis);
     } else {
-      cia402_set_mode(drive, AXIS_MODES_OF_OPERATION_CYCLE);
-      cia402_end_mode(drive);
+      cia402_leave_mode(drive);
     }
     cia402_show_cycle(drive);
   }

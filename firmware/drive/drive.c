@@ -218,6 +218,9 @@ void cia402_before(cia402_t *drive, axis_t *axis) {
 
 void cia402_after(cia402_t *drive, axis_t *axis) {
   cia402_excite_after(drive, axis);
+  if (axis->primed == 0) {
+    drive->homed = 0; /* The sensors were invalid, and the encoder may have lost counts. */
+  }
   const uint8_t controlled = state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
                              drive->mode->controls_force != 0 &&
                              !axis_drive_is_off(axis->signals.drive_report);

@@ -184,7 +184,7 @@ typedef struct {
   uint8_t leaving;
   uint8_t leaving_to; /* state after the ramp, AXIS_DRIVE_STATE_ */
   uint8_t fault;      /* fault (AXIS_FAULT_) that is latched at the end of the fault reaction */
-  uint8_t homed;      /* 1 after homing has found the reference position */
+  uint8_t homed;      /* 1 after homing has found the reference position, up to invalid sensors */
   uint8_t controlled; /* 1 if a force mode was active in the last tick */
   uint8_t pressing;   /* 1 if the force law is active in mode 4 or 10 */
   int8_t pressed;     /* sign of the measured force at the latest contact in mode 4 or 10 */

@@ -244,10 +244,8 @@ void cia402_prepare_excitation(cia402_t *drive, axis_t *axis) {
 }
 
 void cia402_leave_mode(cia402_t *drive) {
-  if (cycle_is_running(&drive->cycle)) {
-    cycle_abort(&drive->cycle);
-    cia402_set_mode(drive, drive->signals.modes_of_operation_display);
-  }
+  cycle_abort(&drive->cycle);
+  cia402_set_mode(drive, drive->signals.modes_of_operation_display);
   cia402_end_mode(drive);
 }
 

@@ -242,7 +242,9 @@ class Delayed {
       : folder_(fs::path(::testing::TempDir()) /
                 ("delayed" + std::to_string(getpid()) + "_" + std::to_string(bus.cycle_ticks))) {
     fs::create_directories(folder_ / "experiments");
-    fs::copy(SIM_DIR "/models", folder_ / "models", fs::copy_options::recursive);
+    for (const char *kind : {"models", "cycles"}) {
+      fs::copy(fs::path(SIM_DIR) / kind, folder_ / kind, fs::copy_options::recursive);
+    }
     for (const auto &entry : fs::directory_iterator(folder_ / "models")) {
       std::string text = text_of(entry.path());
       const auto drive = text.find("[drive]\n");

@@ -39,6 +39,7 @@ CODE, RAM, STACK_TOP, EXIT = 0x08000000, 0x20000000, 0x20010000, 0x0F000000
 FW, RECORDER = RAM, RAM + 0x8000
 CONFIG, INPUTS, OUTPUTS, FRAME, BYTES, BLACKBOX = (RAM + 0x4000 + 0x200 * i for i in range(6))
 RECORDER_BYTES = 12288
+PROGRAMS = RAM + 0xB000, RAM + 0xC000  # room for two programs of a cycle
 OUTPUT_BYTES = 6  # of axis_outputs_t: dac_code, amp_enable, brake_release, dac_fine
 LOCAL = 3  # FW_SOURCE_LOCAL
 NODE = 5
@@ -175,7 +176,7 @@ class Chip:
         self.uc.mem_map(EXIT, 0x1000)
         self._count_blocks(library)
         self.outputs = bytes(OUTPUT_BYTES)
-        self.places = {}
+        self.places, self.programs = {}, list(PROGRAMS)
         self.compiler = run(COMPILER[0], "--version").splitlines()[0]
         buses = struct.pack(
             "<IIIIIIIIBB14x", RECORDER, RECORDER_BYTES, BLACKBOX, 0, 0, 0, 0, 0, NODE, 1
@@ -294,6 +295,15 @@ class Chip:
     def bus(self, state):
         self.call("fw_can_bus", FW, state)
 
+    def select_program(self, record):
+        """Selects the program of a cycle and returns the reason and the part of fw_select_program()
+        in one number. The program that runs stays in memory until another one is accepted."""
+        self.uc.mem_write(self.programs[0], record)
+        answer = self.call("fw_select_program", FW, self.programs[0], len(record)) & 0xFFFF
+        if answer == 0:
+            self.programs.reverse()
+        return answer
+
     def overrun(self):
         self.call("fw_overrun", FW, 0)
 
@@ -358,6 +368,14 @@ class Host:
 
     def bus(self, state):
         self.lib.fw_can_bus(self.fw, state)
+
+    def select_program(self, record):
+        """As Chip.select_program()."""
+        memory = ctypes.create_string_buffer(record, len(record))
+        answer = self.lib.fw_select_program(self.fw, memory, len(record)) & 0xFFFF
+        if answer == 0:
+            self.program = memory
+        return answer
 
     def overrun(self):
         self.lib.fw_overrun(self.fw, 0)

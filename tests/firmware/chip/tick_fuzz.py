@@ -10,11 +10,13 @@ import random
 import struct
 
 from cortex_m4 import LOCAL, NODE
+from cycle_programs import random_program
 from force_banks import random_bank
 from pymodbus.framer import FramerRTU
 
 MODES = [1, 3, 4, 6, 8, 9, 10, 0, -1, -2, -3, -4, -5, -6, -7, -8, -9]
 CANOPEN = 0  # FW_SOURCE_
+CYCLE_BUSY = 7  # of cycle_check_t
 SCENARIO_TICKS = 160
 FIRST_MOTION_TICKS = 520
 COMMANDS = [0x00, 0x02, 0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x0F, 0x1F, 0x3F, 0x5F, 0x10F, 0x80, 0x20F]
@@ -144,12 +146,37 @@ FIRST_MOTION = {
 }
 EXCITED_MODES = (4, 10, -1)
 NATIVE_POSITION = -4
+CYCLE = -9
+CYCLE_TICKS = 1200  # of a scenario in which the axis runs cycles
 PROFILE = ("profile_velocity_max", "profile_acceleration_max")
 # Values of a drive with a control loop of its own, in the scenarios that have one.
 FITTED_DRIVE = {
     "drive_on_ticks_max": [1, 20, 600],
     "position_age_max": [0, 15, 254],
     "force_age_max": [0, 15, 254],
+}
+# An axis in which most phases of a cycle can be done.
+CYCLE_VALUES = {
+    "homing_method": [37],
+    "position_gain": [1280],
+    "force_gain": [256, 1280],
+    "adc_bits": [8],
+    "force_zero_code": [0],
+    "force_sign": [1],
+    "contact_force": [512],
+    "position_limit_min": [-2147483648],
+    "position_limit_max": [2147483647],
+    "position_min": [-2147483648],
+    "position_max": [2147483647],
+    "speed_max": [0],
+    "force_max": [0, 0, 0, 50000],
+    "following_error_max": [0],
+    "limit_cycle_losses": [0],
+    "inputs_fitted": [0],
+    "certificate_required": [0],
+    "contact_travel_max": [0],
+    "approach_timeout": [0, 1000],
+    "trajectory_acceleration": [575000000],
 }
 EXCITATION = {
     "excitation_point": [0, 1],
@@ -186,6 +213,8 @@ class Fuzz:
         self.tare_rng = random.Random(seed + 3)
         self.profile_rng = random.Random(seed + 4)
         self.drive_rng = random.Random(seed + 6)
+        self.cycle_rng = random.Random(seed + 7)
+        self.cycles = False  # the axis runs cycles, by a master that leaves them alone for some time
         self.fitted, self.enabled_ticks, self.drive_on_after = False, 0, 0
         self.calm = False  # the first motion is tested, by a plant that lets it begin
         self.encoder_sign = 1
@@ -237,6 +266,7 @@ class Fuzz:
             self.set(side, name, self.excite_rng.choice(values))
         self.start_drive(side)
         self.start_first_motion(side)
+        self.start_cycles(side)
         if self.tare_rng.random() < 0.05:
             self.set(side, "tare_averaging", self.tare_rng.choice([1, 3, 6]))
             self.set(side, "tare", 1)  # the axis stays disabled for it
@@ -264,6 +294,27 @@ class Fuzz:
             self.encoder_sign = rng.choice([1, 1, 1, 1, -1, 0])
             self.din = rng.choice([1, 1, 1, 3, 5])
         self.scenario_end = self.tick_number + (FIRST_MOTION_TICKS if self.calm else SCENARIO_TICKS)
+
+    def start_cycles(self, side):
+        """A program in half of the scenarios; in some of them the axis runs it several times."""
+        rng = self.cycle_rng
+        if rng.random() < 0.5:
+            answer = side.select_program(random_program(rng, int(self.position)))
+            assert answer in (0, CYCLE_BUSY), f"reason and part {divmod(answer, 256)[::-1]}"
+        self.cycles = not self.calm and rng.random() < 0.08
+        if not self.cycles:
+            return
+        self.scenario_end = self.tick_number + CYCLE_TICKS
+        for name, values in CYCLE_VALUES.items():
+            self.set(side, name, rng.choice(values))
+        self.mode = CYCLE
+        self.set(side, "modes_of_operation", CYCLE)
+
+    def run_cycle(self, side):
+        """Starts a cycle where none runs, on an axis that is switched on again where it is off."""
+        words = (0x0F, 0x1F) if side.outputs[2] else (0x00, 0x80, 0x06, 0x0F, 0x1F)
+        for word in words:
+            self.set(side, "controlword", word)
 
     def map_pdos(self, side):
         rng = self.rng
@@ -496,7 +547,14 @@ class Fuzz:
         if self.tick_number == self.scenario_end:
             self.start_scenario(side)
         self.tick_number += 1
-        if not self.calm or self.calm_rng.random() < 0.005:
+        if self.cycles:
+            if self.tick_number % 100 == 0:
+                self.run_cycle(side)
+            if self.cycle_rng.random() < 0.02:
+                self.command(side)
+                self.frames(side)
+                self.accidents(side)
+        elif not self.calm or self.calm_rng.random() < 0.005:
             self.command(side)
             self.frames(side)
             self.accidents(side)

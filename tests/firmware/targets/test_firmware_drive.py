@@ -23,7 +23,7 @@ from test_firmware_targets import (  # noqa: F401 (built is a fixture)
 pytestmark = pytest.mark.beside
 
 INSTRUCTIONS_MAX = 850  # of cia402_before() and cia402_after() together
-TICK_MAX = 1200  # of fw_tick() with the drive, without buses
+TICK_MAX = 1340  # of fw_tick() with the drive, without buses
 TICKS = 4_000
 SEED = 402
 COMMANDS = [0x00, 0x02, 0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x1F, 0x3F, 0x5F, 0x10F, 0x80, 0x20F, 0x21F]
