@@ -1,0 +1,100 @@
+#ifndef TESTS_UNIT_CYCLE_RECORDS_HPP_
+#define TESTS_UNIT_CYCLE_RECORDS_HPP_
+
+// Records of cycles that are right (firmware/cycle/program.h).
+#include <cstdint>
+#include <cstring>
+#include <random>
+#include <vector>
+
+#include "firmware/port/host/firmware.hpp"
+
+// A phase that waits for ten ticks.
+inline cycle_phase_t wait_phase(std::uint8_t next) {
+  cycle_phase_t phase{};
+  phase.action = CYCLE_WAIT;
+  phase.reaction = CYCLE_END;
+  phase.force_max_q8 = 1000;
+  phase.travel_max = 500;
+  phase.time_max = 100;
+  phase.conditions[0] = {CYCLE_TIME, next, 0, 10};
+  for (int i = 1; i < CYCLE_CONDITIONS; ++i) phase.conditions[i].next = CYCLE_END;
+  return phase;
+}
+
+// A record of phases, with one element PEAK over all of them, which is good up to 900.
+inline std::vector<std::uint32_t> record_of(const std::vector<cycle_phase_t> &phases) {
+  cycle_element_t element{};
+  element.kind = CYCLE_PEAK;
+  element.phases = 0xFFFF;
+  element.x_least = -CYCLE_TRAVEL_MAX;
+  element.x_most = CYCLE_TRAVEL_MAX;
+  element.y_least = INT32_MIN;
+  element.y_most = 900;
+  cycle_header_t header{};
+  header.magic = CYCLE_MAGIC;
+  header.version = CYCLE_VERSION;
+  header.phases = static_cast<std::uint8_t>(phases.size());
+  header.elements = 1;
+  header.size = static_cast<std::uint16_t>(sizeof(header) + phases.size() * sizeof(cycle_phase_t) +
+                                           sizeof(element) + 4);
+  std::vector<std::uint32_t> words(header.size / 4u);
+  auto *bytes = reinterpret_cast<std::uint8_t *>(words.data());
+  std::memcpy(bytes, &header, sizeof(header));
+  std::memcpy(bytes + sizeof(header), phases.data(), phases.size() * sizeof(cycle_phase_t));
+  std::memcpy(bytes + header.size - 4 - sizeof(element), &element, sizeof(element));
+  std::uint32_t crc = UINT32_MAX;
+  for (int i = 0; i < header.size - 4; ++i) crc = fx_crc32(crc, bytes[i]);
+  words.back() = ~crc;
+  return words;
+}
+
+// A phase that moves or presses around a position in user units, with conditions of every kind.
+inline cycle_phase_t random_phase(std::mt19937 &random, std::uint8_t phases,
+                                  std::int32_t position) {
+  const auto pick = [&](int low, int high) {
+    return low + static_cast<int>(random() % static_cast<unsigned>(high - low + 1));
+  };
+  cycle_phase_t phase = wait_phase(CYCLE_END);
+  phase.force_max_q8 = static_cast<std::uint32_t>(pick(0, 3) == 0 ? 8000 : CYCLE_FORCE_MAX_Q8);
+  phase.travel_max = static_cast<std::uint32_t>(pick(0, 3) == 0 ? 60 : 100000);
+  phase.time_max = static_cast<std::uint32_t>(pick(0, 3) == 0 ? 60 : 1500);
+  phase.reaction = static_cast<std::uint8_t>(pick(0, 1) == 0 ? pick(0, phases - 1) : CYCLE_END);
+  phase.action = static_cast<std::uint8_t>(pick(0, CYCLE_ACTIONS - 1));
+  if (phase.action == CYCLE_PRESS) {
+    phase.force = static_cast<std::int16_t>(pick(0, 4) == 0 ? -500 : pick(1, 1500));
+    phase.slope = static_cast<std::uint32_t>(pick(1, 30000));
+  } else if (phase.action != CYCLE_WAIT) {
+    const bool is_place = phase.action == CYCLE_MOVE || phase.action == CYCLE_APPROACH;
+    phase.target = pick(-300, 300) + (is_place ? position : 0);
+    phase.speed = static_cast<std::uint32_t>(pick(1, 40000));
+  }
+  for (cycle_condition_t &condition : phase.conditions) {
+    const std::int32_t levels[CYCLE_CONDITION_KINDS] = {0,
+                                                        0,
+                                                        pick(1, 60),
+                                                        pick(-20, 60) * 256,
+                                                        pick(-20, 60) * 256,
+                                                        pick(1, 60),
+                                                        pick(-20, 40),
+                                                        pick(-20, 40),
+                                                        0,
+                                                        0,
+                                                        pick(1, 15),
+                                                        pick(1, 15)};
+    condition.when = static_cast<std::uint8_t>(pick(0, CYCLE_CONDITION_KINDS - 1));
+    condition.next = static_cast<std::uint8_t>(pick(0, 5) == 0 ? CYCLE_END : pick(0, phases - 1));
+    condition.count = static_cast<std::uint16_t>(pick(0, 2));
+    condition.level = levels[condition.when];
+  }
+  return phase;
+}
+
+inline std::vector<std::uint32_t> random_record(std::mt19937 &random, std::int32_t position) {
+  const auto phases = static_cast<std::uint8_t>(1 + random() % CYCLE_PHASES_MAX);
+  std::vector<cycle_phase_t> drawn;
+  for (int i = 0; i < phases; ++i) drawn.push_back(random_phase(random, phases, position));
+  return record_of(drawn);
+}
+
+#endif
