@@ -55,11 +55,17 @@ def phase(rng, phases, position):
 def element(rng, kinds, points):
     kind = rng.choice(kinds)
     over_time = int(rng.random() < 0.3)
-    ends = sorted(rng.randint(-60, 300) for _ in range(2)) if rng.random() < 0.7 else (-(10**6), 10**6)
+    ends = (
+        sorted(rng.randint(-60, 300) for _ in range(2)) if rng.random() < 0.7 else (-(10**6), 10**6)
+    )
     least, most = sorted(rng.choice([-5000, 0, 100, 2560, 9000, 30_000]) for _ in range(2))
     of_force = direction = ordinal = enters = leaves = lower = upper = first = level = level_2 = 0
     if kind in (AT, DIFFERENCE):
-        of_force, direction, ordinal = rng.randint(0, 1), rng.randint(1, 3), rng.choice([1, 1, 2, 9])
+        of_force, direction, ordinal = (
+            rng.randint(0, 1),
+            rng.randint(1, 3),
+            rng.choice([1, 1, 2, 9]),
+        )
         levels = [0, 256, 2560, 9000] if of_force else [0, 5, 30, 200]
         level = rng.choice(levels)
         level_2 = rng.choice(levels) if kind == DIFFERENCE else 0
