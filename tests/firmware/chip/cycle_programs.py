@@ -77,10 +77,9 @@ def element(rng, kinds, points):
             inner = rng.sample(range(ends[0], ends[1] + 9), count - 2)
             for x in sorted([ends[0] - 1, *inner, ends[1] + 9]):
                 points.append((x, rng.randint(-5000, 30_000)))
-    return struct.pack(
-        ELEMENT, kind, over_time, 0xFFFF, of_force, direction, ordinal, enters, leaves, lower, upper,
-        0, first, 0, *ends, least, most, level, level_2,
-    )  # fmt: skip
+    sides = (direction, ordinal, enters, leaves, lower, upper, 0, first, 0)
+    bounds = (*ends, least, most, level, level_2)
+    return struct.pack(ELEMENT, kind, over_time, 0xFFFF, of_force, *sides, *bounds)
 
 
 def random_program(rng, position):

@@ -150,7 +150,7 @@ def more(*target_and_ticks):
 
 @pytest.mark.parametrize(
     ("target", "ticks"),
-    [(CORTEX_M4, TICKS), more(CORTEX_M4, 7 * TICKS), more(RV32, 7 * TICKS)],
+    [(CORTEX_M4, TICKS), more(CORTEX_M4, 3 * TICKS), more(RV32, 3 * TICKS)],
     ids=["Cortex-M4", "longer Cortex-M4", "RV32"],
 )
 def test_targets_run_the_drive_as_the_host_does(built, target, ticks, tmp_path):  # noqa: F811
