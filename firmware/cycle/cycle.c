@@ -4,16 +4,31 @@
 
 #include "firmware/fx/fx.h"
 
+static int32_t force_of(const cycle_inputs_t *now) {
+  return fx_clamp(now->force_q8, -CYCLE_FORCE_MAX_Q8, CYCLE_FORCE_MAX_Q8);
+}
+
+static int32_t travel_of(const cycle_inputs_t *now, int32_t from_cnt) {
+  return fx_clamp(fx_diff_wrap(now->position, from_cnt), -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX);
+}
+
 static void begin_phase(cycle_t *cycle, uint8_t phase, const cycle_inputs_t *now) {
   cycle->phase = phase;
   cycle->phase_ticks = 0;
   cycle->start_cnt = now->position;
+  cycle->section_cnt = now->position;
+  cycle->section_force_q8 = force_of(now);
+  cycle->section_travel = 0;
 }
 
 void cycle_init(cycle_t *cycle) {
   cycle->program = NULL;
   cycle->zero_cnt = 0;
   cycle->start_cnt = 0;
+  cycle->section_cnt = 0;
+  cycle->section_force_q8 = 0;
+  cycle->section_change_q8 = 0;
+  cycle->section_travel = 0;
   cycle->phase_ticks = 0;
   for (uint8_t i = 0; i < CYCLE_PHASES_MAX; i++) {
     for (uint8_t k = 0; k < CYCLE_CONDITIONS; k++) {
@@ -29,20 +44,18 @@ void cycle_init(cycle_t *cycle) {
   cycle->phase = 0;
   cycle->outcome = CYCLE_BY_PROGRAM;
   cycle->failed_phase = 0;
-  cycle->touched = 0;
+  cycle->zeroed = 0;
   cycle->good = 0;
 }
 
-void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inputs_t *now) {
+void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inputs_t *now,
+                 int32_t reference_cnt) {
   cycle_init(cycle);
   cycle->program = program;
   cycle->state = CYCLE_RUNNING;
-  cycle->zero_cnt = now->position;
+  cycle->zeroed = (program->zero == CYCLE_ZERO_POSITION) ? 1 : 0;
+  cycle->zero_cnt = (cycle->zeroed != 0) ? reference_cnt : now->position;
   begin_phase(cycle, 0, now);
-}
-
-static int32_t travel_of(const cycle_inputs_t *now, int32_t from_cnt) {
-  return fx_clamp(fx_diff_wrap(now->position, from_cnt), -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX);
 }
 
 static void sample(cycle_t *cycle, const cycle_inputs_t *now) {
@@ -55,9 +68,22 @@ static void sample(cycle_t *cycle, const cycle_inputs_t *now) {
   cycle->samples[cycle->written & (CYCLE_SAMPLES - 1)] =
       (cycle_sample_t){.tick = now->tick,
                        .travel = travel_of(now, cycle->zero_cnt),
-                       .force_q8 = fx_clamp(now->force_q8, -CYCLE_FORCE_MAX_Q8, CYCLE_FORCE_MAX_Q8),
+                       .force_q8 = force_of(now),
                        .phase = cycle->phase};
   cycle->written = (uint8_t)(cycle->written + 1);
+}
+
+/* Conditions of the stiffness. With a section in the negative direction both changes have the other
+ * sign. */
+static bool has_stiffness(const cycle_t *cycle, const cycle_condition_t *condition) {
+  const int32_t travel = cycle->section_travel;
+  if (travel == 0) {
+    return false;
+  }
+  const int32_t sign = (travel > 0) ? 1 : -1;
+  const int64_t change = (int64_t)(sign * cycle->section_change_q8) * 65536;
+  const int64_t bound = (int64_t)condition->level * (sign * travel);
+  return (condition->when == CYCLE_STIFFNESS_ABOVE) ? change >= bound : change <= bound;
 }
 
 /* Conditions of a travel. */
@@ -68,9 +94,9 @@ static bool has_travelled(const cycle_t *cycle, const cycle_condition_t *conditi
     case CYCLE_TRAVEL_ABOVE:
       return fx_magnitude(travel_of(now, cycle->start_cnt)) >= (uint32_t)condition->level;
     case CYCLE_TOUCH_ABOVE:
-      return cycle->touched != 0 && since_touch >= condition->level;
+      return cycle->zeroed != 0 && since_touch >= condition->level;
     default:
-      return cycle->touched != 0 && since_touch <= condition->level;
+      return cycle->zeroed != 0 && since_touch <= condition->level;
   }
 }
 
@@ -96,6 +122,9 @@ static bool is_met(const cycle_t *cycle, const cycle_condition_t *condition,
       return (now->inputs & level) == level;
     case CYCLE_INPUT_OFF:
       return (now->inputs & level) == 0;
+    case CYCLE_STIFFNESS_ABOVE:
+    case CYCLE_STIFFNESS_BELOW:
+      return has_stiffness(cycle, condition);
     default:
       return has_travelled(cycle, condition, now);
   }
@@ -132,9 +161,29 @@ static void exceed(cycle_t *cycle, uint8_t limit, const cycle_inputs_t *now) {
   go_on(cycle, is_first ? cycle_phase(cycle)->reaction : CYCLE_END, now);
 }
 
+/* Returns true if travel 0 is at the sample of this tick. */
+static bool is_at_zero(const cycle_header_t *program, const cycle_inputs_t *now) {
+  if (program->zero == CYCLE_ZERO_TOUCH) {
+    return now->contact != 0;
+  }
+  return (program->zero_level > 0) ? now->force_q8 >= program->zero_level
+                                   : now->force_q8 <= program->zero_level;
+}
+
+/* Ends the section of stiffness_travel if it is complete, and begins the next one. */
+static void measure_stiffness(cycle_t *cycle, uint32_t section, const cycle_inputs_t *now) {
+  const int32_t travel = travel_of(now, cycle->section_cnt);
+  if (fx_magnitude(travel) >= section) {
+    cycle->section_change_q8 = force_of(now) - cycle->section_force_q8;
+    cycle->section_travel = travel;
+    cycle->section_cnt = now->position;
+    cycle->section_force_q8 = force_of(now);
+  }
+}
+
 bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now) {
-  if (cycle->touched == 0 && now->contact != 0) {
-    cycle->touched = 1;
+  if (cycle->zeroed == 0 && is_at_zero(cycle->program, now)) {
+    cycle->zeroed = 1;
     cycle->zero_cnt = now->position;
   }
   cycle->phase_ticks += 1;
@@ -143,6 +192,9 @@ bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now) {
     return true;
   }
   const cycle_phase_t *phase = cycle_phase(cycle);
+  if (phase->stiffness_travel != 0) {
+    measure_stiffness(cycle, phase->stiffness_travel, now);
+  }
   const uint8_t limit = limit_of(cycle, phase, now);
   if (limit != CYCLE_BY_PROGRAM) {
     exceed(cycle, limit, now);

@@ -48,7 +48,13 @@ typedef struct {
   const cycle_header_t *program; /* NULL before the first cycle */
   uint32_t phase_ticks;          /* duration of the phase up to now */
   int32_t start_cnt;             /* position at the start of the phase */
-  int32_t zero_cnt;              /* position of travel 0: the start, then the first contact */
+  int32_t zero_cnt;              /* position of travel 0: the start, until it is found */
+  /* Begin of the section of stiffness_travel that is not complete yet, and the changes over the
+   * last complete one; section_travel is 0 if there is none yet. */
+  int32_t section_cnt;
+  int32_t section_force_q8;
+  int32_t section_change_q8;
+  int32_t section_travel;
   uint16_t taken[CYCLE_PHASES_MAX][CYCLE_CONDITIONS]; /* how often each condition was taken */
   cycle_element_state_t elements[CYCLE_ELEMENTS_MAX];
   cycle_sample_t samples[CYCLE_SAMPLES];
@@ -58,7 +64,7 @@ typedef struct {
   uint8_t phase;        /* the phase that runs, or the last one */
   uint8_t outcome;      /* CYCLE_BY_PROGRAM to CYCLE_SAMPLES_LOST */
   uint8_t failed_phase; /* the phase in which a limit was exceeded first, or the cycle stopped */
-  uint8_t touched;      /* 1 after the first contact of the cycle */
+  uint8_t zeroed;       /* 1 if travel 0 is found */
   uint8_t good;         /* 1 if the cycle ended by its program and all elements are good */
 } cycle_t;
 
@@ -66,8 +72,9 @@ typedef struct {
 void cycle_init(cycle_t *cycle);
 
 /* Starts a cycle with a program that was checked. The program must not change until the cycle is
- * done. */
-void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inputs_t *now);
+ * done. reference_cnt is the position of travel 0 for CYCLE_ZERO_POSITION. */
+void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inputs_t *now,
+                 int32_t reference_cnt);
 
 static inline bool cycle_is_running(const cycle_t *cycle) { return cycle->state == CYCLE_RUNNING; }
 

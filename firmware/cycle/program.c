@@ -3,12 +3,16 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
-_Static_assert(sizeof(cycle_header_t) == 32, "the structure is the layout of the record");
+_Static_assert(sizeof(cycle_header_t) == 40, "the structure is the layout of the record");
 _Static_assert(sizeof(cycle_phase_t) == 64, "the structure is the layout of the record");
 _Static_assert(sizeof(cycle_element_t) == 40, "the structure is the layout of the record");
 _Static_assert(sizeof(cycle_point_t) == 8, "the structure is the layout of the record");
 
 enum { CRC_BYTES = 4, INPUTS_ALL = 31 };
+
+static bool is_stiffness(const cycle_condition_t *condition) {
+  return condition->when == CYCLE_STIFFNESS_ABOVE || condition->when == CYCLE_STIFFNESS_BELOW;
+}
 
 static bool is_target(const cycle_header_t *program, uint8_t next) {
   return next < program->phases || next == CYCLE_END;
@@ -28,6 +32,9 @@ static bool has_right_level(const cycle_condition_t *condition) {
     case CYCLE_INPUT_ON:
     case CYCLE_INPUT_OFF:
       return condition->level > 0 && condition->level <= INPUTS_ALL;
+    case CYCLE_STIFFNESS_ABOVE:
+    case CYCLE_STIFFNESS_BELOW:
+      return true;
     default:
       return condition->level == 0;
   }
@@ -54,19 +61,38 @@ static bool has_right_limits(const cycle_phase_t *phase) {
          phase->travel_max > 0 && phase->travel_max <= CYCLE_TRAVEL_MAX && phase->time_max > 0;
 }
 
-static bool is_right_phase(const cycle_header_t *program, const cycle_phase_t *phase) {
-  if (!has_right_action(phase) || !has_right_limits(phase) || phase->reserved != 0 ||
-      !is_target(program, phase->reaction)) {
-    return false;
-  }
+/* Each condition is right, and stiffness_travel is there if a condition uses it. */
+static bool has_right_conditions(const cycle_header_t *program, const cycle_phase_t *phase) {
+  bool uses_stiffness = false;
   for (uint8_t i = 0; i < CYCLE_CONDITIONS; i++) {
     const cycle_condition_t *condition = &phase->conditions[i];
     if (condition->when >= CYCLE_CONDITION_KINDS || !is_target(program, condition->next) ||
         !has_right_level(condition)) {
       return false;
     }
+    uses_stiffness = uses_stiffness || is_stiffness(condition);
   }
-  return true;
+  return uses_stiffness == (phase->stiffness_travel != 0) &&
+         phase->stiffness_travel <= CYCLE_STIFFNESS_TRAVEL_MAX;
+}
+
+static bool is_right_phase(const cycle_header_t *program, const cycle_phase_t *phase) {
+  return has_right_action(phase) && has_right_limits(phase) &&
+         is_target(program, phase->reaction) && has_right_conditions(program, phase);
+}
+
+static bool has_right_zero(const cycle_header_t *program) {
+  if (program->reserved[0] != 0 || program->reserved[1] != 0 || program->reserved[2] != 0) {
+    return false;
+  }
+  switch (program->zero) {
+    case CYCLE_ZERO_TOUCH:
+      return program->zero_level == 0;
+    case CYCLE_ZERO_FORCE:
+      return program->zero_level != 0 && fx_within(program->zero_level, CYCLE_FORCE_MAX_Q8);
+    default:
+      return program->zero == CYCLE_ZERO_POSITION;
+  }
 }
 
 static bool has_right_size(const cycle_header_t *program, uint32_t size) {
@@ -115,5 +141,5 @@ cycle_check_t cycle_program_check(const void *record, uint32_t size) {
   if (!has_right_crc((const uint8_t *)record, size)) {
     return (cycle_check_t){CYCLE_WRONG_CRC, 0};
   }
-  return check_parts(program);
+  return has_right_zero(program) ? check_parts(program) : (cycle_check_t){CYCLE_WRONG_ZERO, 0};
 }

@@ -24,10 +24,17 @@ enum {
 };
 #define CYCLE_MAGIC UINT32_C(0x59435846) /* "FXCY" */
 
+/* Where travel 0 is.
+ *   TOUCH     at the first contact of the cycle
+ *   FORCE     at the first sample whose measured force is at least zero_level, or at most
+ * zero_level if it is negative POSITION  at the position zero_level in user units; the axis has to
+ * be homed Before TOUCH or FORCE, travel counts from the start of the cycle. */
+enum { CYCLE_ZERO_TOUCH = 0, CYCLE_ZERO_FORCE = 1, CYCLE_ZERO_POSITION = 2, CYCLE_ZEROS = 3 };
+
 /* What a phase does.
  *   MOVE           moves to a position
  *   MOVE_BY        moves by a distance from the demand position at its start
- *   MOVE_TO_TOUCH  moves to a distance from the position of the first contact of the cycle
+ *   MOVE_TO_TOUCH  moves to a distance from travel 0
  *   APPROACH       moves to a position and stops at contact
  *   PRESS          presses with a force; out of contact it approaches as mode 4 does
  *   WAIT           brakes to standstill and stays */
@@ -46,9 +53,13 @@ enum {
  *   TIME          the phase lasts for `level` ticks
  *   FORCE_ABOVE   the measured force is at least `level`; BELOW: at most
  *   TRAVEL_ABOVE  the travel since the phase began is at least `level`, in either direction
- *   TOUCH_ABOVE   the position less that of the first contact is at least `level`; BELOW: at most
+ *   TOUCH_ABOVE   travel 0 is found, and the travel is at least `level`; BELOW: at most
  *   CONTACT, LOST the axis is in contact, or not
- *   INPUT_ON, OFF the digital inputs of the mask `level` are all on, or all off */
+ *   INPUT_ON, OFF the digital inputs of the mask `level` are all on, or all off
+ *   STIFFNESS_ABOVE  the change of the force over the last complete section of stiffness_travel in
+ *                 this phase, divided by the change of the travel, is at least `level`, in 1/65536
+ *                 of 1/256 count of force per encoder count; BELOW: at most */
+enum { CYCLE_STIFFNESS_TRAVEL_MAX = 65535 }; /* encoder counts */
 enum {
   CYCLE_NEVER = 0,
   CYCLE_REACHED = 1,
@@ -62,7 +73,9 @@ enum {
   CYCLE_LOST = 9,
   CYCLE_INPUT_ON = 10,
   CYCLE_INPUT_OFF = 11,
-  CYCLE_CONDITION_KINDS = 12
+  CYCLE_STIFFNESS_ABOVE = 12,
+  CYCLE_STIFFNESS_BELOW = 13,
+  CYCLE_CONDITION_KINDS = 14
 };
 
 typedef struct {
@@ -83,7 +96,8 @@ typedef struct {
   uint32_t force_max_q8;
   uint32_t travel_max;
   uint32_t time_max;
-  uint32_t reserved; /* 0 */
+  /* Travel of one section for STIFFNESS_ABOVE and BELOW, > 0 with such a condition and else 0. */
+  uint32_t stiffness_travel;
   cycle_condition_t conditions[CYCLE_CONDITIONS];
 } cycle_phase_t;
 
@@ -94,9 +108,12 @@ typedef struct {
   uint8_t phases;
   uint8_t elements;
   uint16_t points;
-  uint32_t bank_crc; /* CRC of the bank for which the program was made; 0: any bank */
-  uint32_t number;   /* number that the user gave the program */
-  uint8_t name[12];  /* text, filled up with 0 */
+  uint32_t bank_crc;   /* CRC of the bank for which the program was made; 0: any bank */
+  uint32_t number;     /* number that the user gave the program */
+  uint8_t name[12];    /* text, filled up with 0 */
+  int32_t zero_level;  /* 0 with CYCLE_ZERO_TOUCH, not 0 with CYCLE_ZERO_FORCE */
+  uint8_t zero;        /* where travel 0 is, CYCLE_ZERO_ */
+  uint8_t reserved[3]; /* 0 */
 } cycle_header_t;
 
 /* Why a record is refused, and the number of the phase or element that is wrong. */
@@ -108,7 +125,8 @@ enum {
   CYCLE_WRONG_CRC = 4,
   CYCLE_WRONG_PHASE = 5,
   CYCLE_WRONG_ELEMENT = 6,
-  CYCLE_BUSY = 7 /* a cycle runs */
+  CYCLE_BUSY = 7, /* a cycle runs */
+  CYCLE_WRONG_ZERO = 8
 };
 typedef struct {
   uint8_t reason;

@@ -83,7 +83,11 @@ static void begin_phase(cia402_t *drive, const axis_t *axis) {
   drive->reached_tick = 0;
 }
 
-static bool has_absolute_move(const cycle_header_t *program) {
+/* Returns true if the program has positions that count from the reference of the axis. */
+static bool needs_reference(const cycle_header_t *program) {
+  if (program->zero == CYCLE_ZERO_POSITION) {
+    return true;
+  }
   for (uint8_t i = 0; i < program->phases; i++) {
     if (cycle_phases(program)[i].action == CYCLE_MOVE) {
       return true;
@@ -101,8 +105,8 @@ static uint8_t refusal_of(const cia402_t *drive) {
   if (program->bank_crc != 0 && program->bank_crc != drive->law_crc) {
     return AXIS_CYCLE_STATE_OTHER_BANK;
   }
-  return (has_absolute_move(program) && drive->homed == 0) ? AXIS_CYCLE_STATE_NOT_HOMED
-                                                           : AXIS_CYCLE_STATE_IDLE;
+  return (needs_reference(program) && drive->homed == 0) ? AXIS_CYCLE_STATE_NOT_HOMED
+                                                         : AXIS_CYCLE_STATE_IDLE;
 }
 
 bool cycle_mode_select(cia402_t *drive, const cycle_header_t *program) {
@@ -124,7 +128,8 @@ void cycle_mode_start(cia402_t *drive, const axis_t *axis) {
     return;
   }
   const cycle_inputs_t now = inputs_of(drive, axis);
-  cycle_start(&drive->cycle, drive->program, &now);
+  cycle_start(&drive->cycle, drive->program, &now,
+              cia402_encoder(drive, drive->program->zero_level));
   drive->signals.cycle_count += 1;
   begin_phase(drive, axis);
 }

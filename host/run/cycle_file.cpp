@@ -104,6 +104,7 @@ class Reader {
                 std::min(sizeof(header_.name), program_.title.size()));
     header_.number = static_cast<std::uint32_t>(root_.integer("number"));
     if (const auto crc = root_.optional_text("bank_crc", kText)) header_.bank_crc = crc_of(*crc);
+    read_zero();
     root_.each("phase", [&](Section &section) { name_phase(section); });
     if (names_.phases.empty()) root_.fail("phase", "expected at least one [[phase]], got none");
     if (names_.phases.size() > CYCLE_PHASES_MAX)
@@ -130,6 +131,21 @@ class Reader {
       root_.fail("bank_crc", "expected 8 hexadecimal digits, got " + sim::in_quotes(text) +
                                  "; give the CRC that `forceaxis design` prints");
     return static_cast<std::uint32_t>(value);
+  }
+
+  void read_zero() {
+    static const std::set<std::string> kKeys[] = {{}, {"zero_force"}, {"zero_position"}};
+    header_.zero = static_cast<std::uint8_t>(root_.choice("zero", "choose where travel 0 is"));
+    only(root_, "this zero", {"zero_force", "zero_position"}, kKeys[header_.zero]);
+    if (header_.zero == CYCLE_ZERO_FORCE) {
+      const double force = needed(root_, "zero_force", "zero = \"force\"");
+      header_.zero_level = force_q8(root_, "zero_force", force);
+      if (header_.zero_level == 0)
+        root_.fail("zero_force", "expected at least 1/256 count of the axis; raise it");
+    }
+    if (header_.zero == CYCLE_ZERO_POSITION)
+      header_.zero_level =
+          counts(root_, "zero_position", needed(root_, "zero_position", "zero = \"position\""));
   }
 
   void name_phase(Section &section) {
@@ -227,7 +243,25 @@ class Reader {
     });
     if (count == 0)
       section.fail("end", "expected a condition that ends the phase, got none; add [[phase.end]]");
+    read_stiffness(section, phase);
     phases_.push_back(phase);
+  }
+
+  static bool is_stiffness(int when) {
+    return when == CYCLE_STIFFNESS_ABOVE || when == CYCLE_STIFFNESS_BELOW;
+  }
+
+  void read_stiffness(Section &section, cycle_phase_t &phase) {
+    const bool is_used = std::any_of(std::begin(phase.conditions), std::end(phase.conditions),
+                                     [](const auto &end) { return is_stiffness(end.when); });
+    if (!is_used) {
+      only(section, "a phase without a condition of stiffness", {"stiffness_travel"}, {});
+      return;
+    }
+    const double travel = needed(section, "stiffness_travel", "a condition of stiffness");
+    phase.stiffness_travel = magnitude(section, "stiffness_travel", travel * scales_.counts_per_m,
+                                       CYCLE_STIFFNESS_TRAVEL_MAX);
+    within(section, "stiffness_travel", phase.stiffness_travel, phase.travel_max, "travel_max");
   }
 
   std::int32_t read_inputs(Section &section) {
@@ -249,12 +283,12 @@ class Reader {
   }
 
   // A condition that one of the limits of its phase prevents would never be met.
-  template <typename Number>
-  void within(Section &section, Number level, Number limit, const char *key) {
+  void within(Section &section, const char *key, std::int64_t level, std::int64_t limit,
+              const char *limit_key) {
     if (level > limit)
-      section.fail("value", std::string("expected a value within ") + key +
-                                " of the phase, which ends it before; lower the value or raise the "
-                                "limit");
+      section.fail(key, std::string("expected a value within ") + limit_key +
+                            " of the phase, which ends it before; lower the value or raise the "
+                            "limit");
   }
 
   // Refuses a key that the condition does not use, and asks for one that it needs.
@@ -271,7 +305,8 @@ class Reader {
     end.next = names_.find(section, "next", section.text("next", kText));
     end.count = static_cast<std::uint16_t>(section.integer("count"));
     const bool of_inputs = end.when == CYCLE_INPUT_ON || end.when == CYCLE_INPUT_OFF;
-    const bool has_value = end.when >= CYCLE_TIME && end.when <= CYCLE_TOUCH_BELOW;
+    const bool has_value =
+        (end.when >= CYCLE_TIME && end.when <= CYCLE_TOUCH_BELOW) || is_stiffness(end.when);
     expect_key(section, "value", has_value);
     expect_key(section, "inputs", of_inputs);
     if (of_inputs) end.level = read_inputs(section);
@@ -287,21 +322,28 @@ class Reader {
       case CYCLE_TIME: {
         const double ticks = std::ceil(value(Dimension::time, Sign::positive) * kTicks);
         const auto level = static_cast<std::int32_t>(rounded(section, "value", ticks, 1, 1e9));
-        within<std::int64_t>(section, level, phase.time_max, "time_max");
+        within(section, "value", level, phase.time_max, "time_max");
         return level;
       }
       case CYCLE_FORCE_ABOVE:
       case CYCLE_FORCE_BELOW: {
         const std::int32_t level = force_q8(section, "value", value(Dimension::force, Sign::any));
         if (when == CYCLE_FORCE_ABOVE)
-          within<std::int64_t>(section, level, phase.force_max_q8, "force_max");
+          within(section, "value", level, phase.force_max_q8, "force_max");
         return level;
       }
       case CYCLE_TRAVEL_ABOVE: {
         const double travel = value(Dimension::length, Sign::positive) * scales_.counts_per_m;
         const std::uint32_t level = magnitude(section, "value", travel, CYCLE_TRAVEL_MAX);
-        within<std::int64_t>(section, level, phase.travel_max, "travel_max");
+        within(section, "value", level, phase.travel_max, "travel_max");
         return static_cast<std::int32_t>(level);
+      }
+      case CYCLE_STIFFNESS_ABOVE:
+      case CYCLE_STIFFNESS_BELOW: {
+        const double per_count = scales_.q8_per_N / scales_.counts_per_m * 65536;
+        return static_cast<std::int32_t>(rounded(section, "value",
+                                                 value(Dimension::stiffness, Sign::any) * per_count,
+                                                 -2147483648.0, 2147483647.0));
       }
       default:
         return counts(section, "value", value(Dimension::length, Sign::any));

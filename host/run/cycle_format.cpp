@@ -20,12 +20,13 @@ constexpr double kLongest_s = 3600.0;
 constexpr KeyFormat kEndKeys[] = {
     other("when",
           "reached, time, force_above, force_below, travel_above, touch_above, touch_below, "
-          "contact, lost, input_on, input_off",
+          "contact, lost, input_on, input_off, stiffness_above, stiffness_below",
           "", "What ends the phase."),
-    other(
-        "value", "number", "none",
-        "Value of the quantity: s for time, N for a force, m for a travel. travel counts from the "
-        "start of the phase in either direction, touch from the first contact of the cycle."),
+    other("value", "number", "none",
+          "Value of the quantity: s for time, N for a force, m for a travel, N/m for a stiffness. "
+          "travel counts from the start of the phase in either direction, touch from travel 0 (the "
+          "key zero). stiffness: change of the force divided by the change of the travel, over the "
+          "last complete section of stiffness_travel."),
     other("inputs", "list of inputs", "none",
           "Inputs for input_on and input_off, which must all be on, or off: enable, limit_pos, "
           "limit_neg, index, home."),
@@ -42,7 +43,8 @@ constexpr KeyFormat kPhaseKeys[] = {
     other("name", "identifier", "", "Name of the phase."),
     other("do", "move, move_by, move_to_touch, approach, press, wait", "",
           "move: to a position. move_by: by a distance from the start of the phase. move_to_touch: "
-          "to a distance from the first contact of the cycle. approach: by a distance, and stop at "
+          "to a distance from travel 0, the first contact unless zero says otherwise. approach: by "
+          "a distance, and stop at "
           "contact. press: with a force; out of contact the axis approaches. wait: stay."),
     optional("position", D::length, S::any, "none",
              "Position of a move, in the coordinates of the encoder. The axis has to be homed."),
@@ -57,6 +59,9 @@ constexpr KeyFormat kPhaseKeys[] = {
     needed("travel_max", D::length, S::positive,
            "Limit of the travel since the start of the phase, in either direction."),
     ranged("time_max", D::time, 1e-3, kLongest_s, "", "Limit of the duration of the phase."),
+    optional("stiffness_travel", D::length, S::positive, "none",
+             "Travel of one section over which stiffness_above and stiffness_below measure, needed "
+             "with them."),
     other("on_limit", "phase or end", "end",
           "The phase that follows when a limit is exceeded; the part is then not good. A second "
           "limit ends the cycle."),
@@ -76,8 +81,8 @@ constexpr KeyFormat kElementKeys[] = {
           "envelope: smallest distance of the force from a curve below and a curve above."),
     other("phases", "list of phases", "", "The phases whose samples count."),
     other("over", "travel, time", "travel",
-          "x of the curve: travel since the first contact of the cycle, or time since the first "
-          "sample of the element."),
+          "x of the curve: travel from travel 0 (the key zero), or time since the first sample of "
+          "the element."),
     other("from", "number", "the smallest x", "Begin of the range of x, in m or s."),
     other("to", "number", "the largest x", "End of the range of x."),
     other("least", "number", "no bound", "Smallest good value: N, m, s, N m or N s."),
@@ -112,6 +117,12 @@ constexpr KeyFormat kCycleKeys[] = {
         "bank_crc", "text", "any bank",
         "CRC of the bank that the program was made for, such as \"1A2B3C4D\": no cycle starts with "
         "another bank."),
+    other("zero", "touch, force, position", "touch",
+          "Where travel 0 is. touch: at the first contact of the cycle. force: where the measured "
+          "force first reaches zero_force. position: at zero_position."),
+    optional("zero_force", D::force, S::not_zero, "none", "Force at travel 0."),
+    optional("zero_position", D::length, S::any, "none",
+             "Position of travel 0, in the coordinates of the encoder. The axis has to be homed."),
     table("phase", kPhase, true),
     table("element", kElement, true),
 };

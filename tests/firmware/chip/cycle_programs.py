@@ -4,11 +4,12 @@ import struct
 import zlib
 
 MAGIC, VERSION, END = 0x59435846, 1, 255
-HEADER, PHASE, CONDITION = "<IHHBBHII12s", "<BBhIiIIIII", "<BBHi"
+HEADER, PHASE, CONDITION = "<IHHBBHII12siB3s", "<BBhIiIIIII", "<BBHi"
 ELEMENT, POINT = "<BBHBBBBBBBBHHiiiiii", "<ii"
 MOVE, MOVE_BY, MOVE_TO_TOUCH, APPROACH, PRESS, WAIT = range(6)
 TIME, FORCE_ABOVE, FORCE_BELOW, TRAVEL_ABOVE, TOUCH_ABOVE, TOUCH_BELOW = range(2, 8)
-INPUT_ON, INPUT_OFF, CONDITION_KINDS = 10, 11, 12
+INPUT_ON, INPUT_OFF, STIFFNESS_ABOVE, STIFFNESS_BELOW, CONDITION_KINDS = range(10, 15)
+ZERO_TOUCH, ZERO_FORCE, ZERO_POSITION = range(3)
 PEAK, VALLEY, AT, DIFFERENCE, WORK, LAST, WINDOW, ENVELOPE = range(8)
 PHASES_MAX, ELEMENTS_MAX = 16, 16
 
@@ -24,11 +25,12 @@ def condition(rng, phases):
         TOUCH_BELOW: [-20, 0, 40],
         INPUT_ON: [1, 2, 6],
         INPUT_OFF: [1, 2, 6],
+        STIFFNESS_ABOVE: [-(2**20), 0, 2**24],
+        STIFFNESS_BELOW: [-(2**20), 0, 2**24],
     }
     next_phase = rng.choice([*range(phases), *range(phases), END])
-    return struct.pack(
-        CONDITION, when, next_phase, rng.choice([0, 1, 3]), rng.choice(levels.get(when, [0]))
-    )
+    level = rng.choice(levels.get(when, [0]))
+    return when, struct.pack(CONDITION, when, next_phase, rng.choice([0, 1, 3]), level)
 
 
 def phase(rng, phases, position):
@@ -48,8 +50,11 @@ def phase(rng, phases, position):
         rng.choice([2**32 - 1, 2000, 60]),
     )
     reaction = rng.choice([*range(phases), END])
-    fields = (action, reaction, force, slope, target, speed, *limits, 0)
-    return struct.pack(PHASE, *fields) + b"".join(condition(rng, phases) for _ in range(4))
+    conditions = [condition(rng, phases) for _ in range(4)]
+    measures = any(when in (STIFFNESS_ABOVE, STIFFNESS_BELOW) for when, _ in conditions)
+    stiffness_travel = rng.choice([1, 8]) if measures else 0
+    fields = (action, reaction, force, slope, target, speed, *limits, stiffness_travel)
+    return struct.pack(PHASE, *fields) + b"".join(record for _, record in conditions)
 
 
 def element(rng, kinds, points):
@@ -91,8 +96,9 @@ def random_program(rng, position):
     body += b"".join(element(rng, kinds, points) for _ in range(elements))
     body += b"".join(struct.pack(POINT, *p) for p in points)
     size = struct.calcsize(HEADER) + len(body) + 4
-    header = struct.pack(
-        HEADER, MAGIC, VERSION, size, phases, elements, len(points), 0, rng.randrange(9), b"fuzz"
-    )
+    parts = (phases, elements, len(points), 0, rng.randrange(9), b"fuzz")
+    zero = rng.choice([ZERO_TOUCH] * 8 + [ZERO_FORCE] * 3 + [ZERO_POSITION])
+    level = {ZERO_TOUCH: 0, ZERO_FORCE: 2560, ZERO_POSITION: position}[zero]
+    header = struct.pack(HEADER, MAGIC, VERSION, size, *parts, level, zero, b"")
     record = header + body
     return record + struct.pack("<I", zlib.crc32(record))

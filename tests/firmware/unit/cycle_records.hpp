@@ -23,7 +23,10 @@ inline cycle_phase_t wait_phase(std::uint8_t next) {
 }
 
 // A record of phases, with one element PEAK over all of them, which is good up to 900.
-inline std::vector<std::uint32_t> record_of(const std::vector<cycle_phase_t> &phases) {
+inline std::vector<std::uint32_t> record_of(const std::vector<cycle_phase_t> &phases,
+                                            std::uint8_t zero = CYCLE_ZERO_TOUCH,
+                                            std::int32_t zero_level = 0,
+                                            std::uint8_t reserved = 0) {
   cycle_element_t element{};
   element.kind = CYCLE_PEAK;
   element.phases = 0xFFFF;
@@ -36,6 +39,9 @@ inline std::vector<std::uint32_t> record_of(const std::vector<cycle_phase_t> &ph
   header.version = CYCLE_VERSION;
   header.phases = static_cast<std::uint8_t>(phases.size());
   header.elements = 1;
+  header.zero = zero;
+  header.zero_level = zero_level;
+  header.reserved[1] = reserved;
   header.size = static_cast<std::uint16_t>(sizeof(header) + phases.size() * sizeof(cycle_phase_t) +
                                            sizeof(element) + 4);
   std::vector<std::uint32_t> words(header.size / 4u);
@@ -81,11 +87,15 @@ inline cycle_phase_t random_phase(std::mt19937 &random, std::uint8_t phases,
                                                         0,
                                                         0,
                                                         pick(1, 15),
-                                                        pick(1, 15)};
+                                                        pick(1, 15),
+                                                        pick(-9, 99) * 65536,
+                                                        pick(-9, 99) * 65536};
     condition.when = static_cast<std::uint8_t>(pick(0, CYCLE_CONDITION_KINDS - 1));
     condition.next = static_cast<std::uint8_t>(pick(0, 5) == 0 ? CYCLE_END : pick(0, phases - 1));
     condition.count = static_cast<std::uint16_t>(pick(0, 2));
     condition.level = levels[condition.when];
+    if (condition.when >= CYCLE_STIFFNESS_ABOVE)
+      phase.stiffness_travel = static_cast<std::uint32_t>(pick(1, 9));
   }
   return phase;
 }
@@ -94,7 +104,10 @@ inline std::vector<std::uint32_t> random_record(std::mt19937 &random, std::int32
   const auto phases = static_cast<std::uint8_t>(1 + random() % CYCLE_PHASES_MAX);
   std::vector<cycle_phase_t> drawn;
   for (int i = 0; i < phases; ++i) drawn.push_back(random_phase(random, phases, position));
-  return record_of(drawn);
+  const int zero = static_cast<int>(random() % 6);
+  if (zero == CYCLE_ZERO_FORCE) return record_of(drawn, CYCLE_ZERO_FORCE, 2560);
+  return zero == CYCLE_ZERO_POSITION ? record_of(drawn, CYCLE_ZERO_POSITION, position)
+                                     : record_of(drawn);
 }
 
 #endif

@@ -16,13 +16,15 @@ cycle_check_t check(const std::vector<std::uint32_t> &words) {
 
 class Cycle : public ::testing::Test {
  protected:
-  void start(const std::vector<cycle_phase_t> &phases) {
-    words_ = record_of(phases);
+  void start(const std::vector<cycle_phase_t> &phases, std::uint8_t zero = CYCLE_ZERO_TOUCH,
+             std::int32_t zero_level = 0) {
+    words_ = record_of(phases, zero, zero_level);
     ASSERT_EQ(check(words_).reason, CYCLE_ACCEPTED);
     now_ = {};
     now_.tick = 0xFFFFFFF0u;  // the number of the tick wraps
     now_.position = INT32_MAX - 20;
-    cycle_start(&cycle_, reinterpret_cast<const cycle_header_t *>(words_.data()), &now_);
+    cycle_start(&cycle_, reinterpret_cast<const cycle_header_t *>(words_.data()), &now_,
+                reference_);
   }
   // One tick, with its evaluation. Returns the phase after it, or CYCLE_END.
   int tick() {
@@ -36,6 +38,7 @@ class Cycle : public ::testing::Test {
   std::vector<std::uint32_t> words_;
   cycle_t cycle_{};
   cycle_inputs_t now_{};
+  std::int32_t reference_ = 0;  // position of travel 0 for CYCLE_ZERO_POSITION
 };
 
 TEST_F(Cycle, EveryFlippedBitOfARecordIsRefused) {
@@ -66,7 +69,7 @@ TEST_F(Cycle, WrongPhasesAreRefusedByTheirNumber) {
   };
   EXPECT_TRUE(refused([](cycle_phase_t &p) { p.action = CYCLE_ACTIONS; }));
   EXPECT_TRUE(refused([](cycle_phase_t &p) { p.reaction = 2; }));
-  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.reserved = 1; }));
+  EXPECT_TRUE(refused([](cycle_phase_t &p) { p.stiffness_travel = 1; }));
   EXPECT_TRUE(refused([](cycle_phase_t &p) { p.force_max_q8 = 0; }));
   EXPECT_TRUE(refused([](cycle_phase_t &p) { p.force_max_q8 = CYCLE_FORCE_MAX_Q8 + 1; }));
   EXPECT_TRUE(refused([](cycle_phase_t &p) { p.travel_max = 0; }));
@@ -83,6 +86,87 @@ TEST_F(Cycle, WrongPhasesAreRefusedByTheirNumber) {
   EXPECT_TRUE(refused([](cycle_phase_t &p) {
     p.conditions[1] = {CYCLE_FORCE_ABOVE, 0, 0, 131072};
   }));
+}
+
+TEST_F(Cycle, StiffnessNeedsItsSectionAndNothingElseHasOne) {
+  const auto accepted = [](std::uint8_t when, std::uint32_t section) {
+    cycle_phase_t phase = wait_phase(CYCLE_END);
+    phase.conditions[0] = {when, CYCLE_END, 0, 5};
+    phase.stiffness_travel = section;
+    return check(record_of({phase})).reason == CYCLE_ACCEPTED;
+  };
+  EXPECT_TRUE(accepted(CYCLE_STIFFNESS_ABOVE, 1));
+  EXPECT_TRUE(accepted(CYCLE_STIFFNESS_BELOW, 65535));
+  EXPECT_FALSE(accepted(CYCLE_STIFFNESS_ABOVE, 0));
+  EXPECT_FALSE(accepted(CYCLE_STIFFNESS_BELOW, 65536));
+  EXPECT_FALSE(accepted(CYCLE_TIME, 1));
+}
+
+TEST_F(Cycle, AWrongZeroIsRefused) {
+  const auto accepted = [](std::uint8_t zero, std::int32_t level) {
+    return check(record_of({wait_phase(CYCLE_END)}, zero, level)).reason == CYCLE_ACCEPTED;
+  };
+  EXPECT_TRUE(accepted(CYCLE_ZERO_TOUCH, 0));
+  EXPECT_FALSE(accepted(CYCLE_ZERO_TOUCH, 1));
+  EXPECT_TRUE(accepted(CYCLE_ZERO_FORCE, -1));
+  EXPECT_FALSE(accepted(CYCLE_ZERO_FORCE, 0));
+  EXPECT_FALSE(accepted(CYCLE_ZERO_FORCE, 131072));
+  EXPECT_TRUE(accepted(CYCLE_ZERO_POSITION, INT32_MIN));
+  EXPECT_FALSE(accepted(CYCLE_ZEROS, 0));
+  std::vector<std::uint32_t> words = record_of({wait_phase(CYCLE_END)}, CYCLE_ZERO_FORCE, 1, 1);
+  EXPECT_EQ(check(words).reason, CYCLE_WRONG_ZERO) << "reserved bytes";
+}
+
+// Force over travel by hand: sections of 4 counts, with 8/4 and then 16/4 and -12/-4.
+TEST_F(Cycle, StiffnessIsThatOfTheLastCompleteSection) {
+  cycle_phase_t first = wait_phase(CYCLE_END);
+  first.stiffness_travel = 4;
+  first.conditions[0] = {CYCLE_STIFFNESS_ABOVE, 1, 0, 4 * 65536};
+  cycle_phase_t second = first;
+  second.conditions[0] = {CYCLE_STIFFNESS_BELOW, CYCLE_END, 0, 3 * 65536};
+  start({first, second});
+  const auto go = [&](std::int32_t counts, std::int32_t force_q8) {
+    move(counts);
+    now_.force_q8 = force_q8;
+    return tick();
+  };
+  EXPECT_EQ(go(2, 100), 0) << "the section is not complete";
+  EXPECT_EQ(go(2, 8), 0);
+  EXPECT_EQ(go(3, 800), 0);
+  EXPECT_EQ(go(1, 23), 0) << "15/4 is less than 4";
+  EXPECT_EQ(go(4, 39), 1) << "16/4 is 4";
+  EXPECT_EQ(go(0, 39), 1) << "the second phase has no section yet";
+  EXPECT_EQ(go(-3, 0), 1);
+  EXPECT_EQ(go(-1, 26), 1) << "-13/-4 is more than 3";
+  EXPECT_EQ(go(-4, 14), CYCLE_END) << "-12/-4 is 3";
+}
+
+TEST_F(Cycle, TravelCountsFromAForceOrAPosition) {
+  cycle_phase_t first = wait_phase(CYCLE_END);
+  first.conditions[0] = {CYCLE_TOUCH_ABOVE, 1, 0, 10};
+  start({first, wait_phase(CYCLE_END)}, CYCLE_ZERO_FORCE, 200);
+  now_.contact = 1;  // a contact is not the zero
+  now_.force_q8 = 199;
+  move(100);
+  EXPECT_EQ(tick(), 0);
+  now_.force_q8 = 200;
+  EXPECT_EQ(tick(), 0);
+  now_.force_q8 = 0;
+  move(9);
+  EXPECT_EQ(tick(), 0);
+  move(1);
+  EXPECT_EQ(tick(), 1);
+  start({first, wait_phase(CYCLE_END)}, CYCLE_ZERO_FORCE, -200);
+  now_.force_q8 = -200;
+  EXPECT_EQ(tick(), 0);
+  move(10);
+  EXPECT_EQ(tick(), 1);
+  reference_ = INT32_MAX - 20;  // where the cycle starts
+  start({first, wait_phase(CYCLE_END)}, CYCLE_ZERO_POSITION, 7);
+  move(9);
+  EXPECT_EQ(tick(), 0);
+  move(1);
+  EXPECT_EQ(tick(), 1);
 }
 
 // Each condition, in the tick in which it becomes true and not in the one before.
