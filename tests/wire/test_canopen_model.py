@@ -90,7 +90,7 @@ def seen_in(log):
 
 
 QUICK = [pytest.param(seed, marks=pytest.mark.quick) for seed in (1, 2)]
-LONG = [pytest.param(seed, marks=pytest.mark.long) for seed in range(3, 41)]
+LONG = [pytest.param(seed, marks=pytest.mark.long) for seed in range(3, 13)]
 
 
 @pytest.mark.parametrize("seed", [*QUICK, *LONG])
