@@ -19,6 +19,7 @@ import verbs
 from forceaxis import InputError
 from forceaxis.experiments import points as points_of
 from forceaxis.experiments import run as runs
+from forceaxis.experiments import runner
 from forceaxis.experiments import sweep as sweeps
 from forceaxis.experiments.sweep import SweepRequest
 
@@ -471,17 +472,17 @@ def test_a_cluster_that_loses_a_worker_loses_no_run(cluster, tmp_path):
 
 
 def test_a_worker_with_other_files_or_firmware_says_so(swing):
-    identity = sweeps.identity_of(swing, [])
-    assert len(sweeps.run_chunk(str(swing), [], identity, [["reach=0.02"]])) == 1
+    identity = runner.identity_of(swing, [])
+    assert len(runner.run_chunk(str(swing), [], identity, [["reach=0.02"]])) == 1
     for name in identity:
-        with pytest.raises(sweeps.WorkerDiffers, match=name):
-            sweeps.run_chunk(str(swing), [], identity | {name: "0" * 64}, [["reach=0.02"]])
+        with pytest.raises(runner.WorkerDiffers, match=name):
+            runner.run_chunk(str(swing), [], identity | {name: "0" * 64}, [["reach=0.02"]])
     swing.write_text(SWING.replace("100.0", "101.0"))
-    with pytest.raises(sweeps.WorkerDiffers, match="inputs_hash"):
-        sweeps.run_chunk(str(swing), [], identity, [["reach=0.02"]])
+    with pytest.raises(runner.WorkerDiffers, match="inputs_hash"):
+        runner.run_chunk(str(swing), [], identity, [["reach=0.02"]])
     swing.unlink()
-    with pytest.raises(sweeps.WorkerDiffers, match="expected a readable file, got none"):
-        sweeps.run_chunk(str(swing), [], identity, [["reach=0.02"]])
+    with pytest.raises(runner.WorkerDiffers, match="expected a readable file, got none"):
+        runner.run_chunk(str(swing), [], identity, [["reach=0.02"]])
 
 
 def test_the_python_side_refuses_as_the_command_does():
