@@ -1,5 +1,6 @@
 """Text that `forceaxis cycle` prints on a terminal."""
 
+import shlex
 from collections.abc import Sequence
 
 from forceaxis.cli.common import aligned
@@ -101,9 +102,11 @@ def rates_rows(result: RatesResult, proposal: Proposal | None) -> Rows:
             ("all bad", f"{100 * result.bad_passed:.3g} % pass, by the weights of the kinds")
         )
     rows += [("warning", text) for text in result.warnings]
+    again = result.command
     if proposal is not None:
         rows += proposal_rows(proposal)
-    return [*rows, ("again", result.command)]
+        again += f" --propose {proposal.rate:g} -o {shlex.quote(proposal.program)}"
+    return [*rows, ("again", again)]
 
 
 def proposal_rows(proposal: Proposal) -> Rows:

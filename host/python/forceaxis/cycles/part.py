@@ -10,8 +10,17 @@ from numpy.typing import NDArray
 
 from forceaxis import _core, paths, toml
 from forceaxis._core import InputError
-from forceaxis.cycles.program import END, SHAPES, Element, End, Phase, Program
-from forceaxis.cycles.program import program_file, read_program, with_program
+from forceaxis.cycles.program import (
+    END,
+    SHAPES,
+    Element,
+    End,
+    Phase,
+    Program,
+    program_file,
+    read_program,
+    with_program,
+)
 from forceaxis.experiments import run as runs
 from forceaxis.experiments.run_result import Array, CycleReport
 from forceaxis.experiments.summary import CYCLE_OUTCOMES

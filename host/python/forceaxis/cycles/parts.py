@@ -18,22 +18,73 @@ from scipy import special
 
 from forceaxis import _core, toml
 from forceaxis._core import InputError
+from forceaxis.experiments.expect import FormatKey, FormatTable
 from forceaxis.experiments.inputs import Inputs, read_inputs
 from forceaxis.experiments.points import SweepParameter, check_names, tidy, unit_of
 from forceaxis.experiments.sweep_result import Row
-from forceaxis.results import JsonObject
 from forceaxis.words import suggestion
 
 NOISE_SEED = "experiment.seed"  # each part has its own
 NOISE_SEED_MOST = 2**31 - 1
 
-FILE_KEYS = ("title", "set", "kind")
-KIND_KEYS = ("name", "weight", "set")
 UNIFORM = {"least", "most"}
 NORMAL = {"mean", "deviation", "least", "most"}
 SHAPES = "a value, { least, most } (uniform) or { mean, deviation, least, most } (normal)"
 # The least share of a normal distribution that its limits may leave.
 LEFT_LEAST = 1e-6
+
+_SET = FormatKey(
+    "set", "table", "none", "Distributions of parameters, by name: as [set] of the file."
+)
+FORMAT = (
+    FormatTable(
+        path="",
+        header="",
+        meaning="A file of parts: kinds of parts whose parameters have distributions.",
+        keys=(
+            FormatKey("title", "text", "name of the file", "Title of the file."),
+            FormatKey("set", "table", "none", "Distributions of parameters of all kinds."),
+            FormatKey("kind", "list of tables", "", "A kind of parts.", required=True),
+        ),
+    ),
+    FormatTable(
+        path="set",
+        header="[set]",
+        meaning="Distributions of parameters, by name: a parameter of the model (`k_bore`), or an "
+        "object of the firmware (`firmware.force_gain`). A number or a quantity is a fixed value. "
+        "An action at a time depends on the part where `[[at]]` of the experiment has the name of "
+        "a parameter in place of a number.",
+        keys=(
+            FormatKey("least", "number or quantity", "", "Smallest value.", required=True),
+            FormatKey("most", "number or quantity", "", "Largest value.", required=True),
+            FormatKey(
+                "mean",
+                "number or quantity",
+                "uniform from least to most",
+                "Mean of a normal distribution, of which only values from least to most occur.",
+            ),
+            FormatKey(
+                "deviation",
+                "number or quantity",
+                "uniform from least to most",
+                "Standard deviation of the normal distribution, beside `mean`.",
+            ),
+        ),
+    ),
+    FormatTable(
+        path="kind",
+        header="[[kind]]",
+        meaning="A kind of parts. The kinds of a file of good parts are mixed by their weights. Of "
+        "bad parts each kind is simulated and counted by itself.",
+        keys=(
+            FormatKey("name", "identifier", "", "Name of the kind.", required=True),
+            FormatKey("weight", "number", "1", "How often the kind occurs, relative to the others.",
+                      range="> 0"),
+            _SET,
+        ),
+    ),
+)  # fmt: skip
+FILE_KEYS, _, KIND_KEYS = ([key.key for key in table.keys] for table in FORMAT)
 
 
 @dataclass(frozen=True)
@@ -213,8 +264,3 @@ def draw(kinds: Sequence[Kind], group: str, seed: int, number: int) -> Part:
     kind = kinds[min(index, len(kinds) - 1)]
     values = {name: drawn.at(random.random()) for name, drawn in kind.values.items()}
     return Part(kind.name, {**values, NOISE_SEED: float(noise)})
-
-
-def overview(parts: Parts) -> JsonObject:
-    """Returns the kinds of a file with their weights, for a result."""
-    return {kind.name: kind.weight for kind in parts.kinds}

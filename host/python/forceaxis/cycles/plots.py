@@ -154,7 +154,9 @@ def _label(ax: Axes, x: float, y: float, element: Element, verdict: str, colour:
             text += f" {' to '.join(plain(b * scale, 4) for b in ends)} {unit}"
     if verdict and verdict != "good":
         text += f": {verdict}"
+    low, high = ax.get_xlim()
+    is_right = x > low + 0.6 * (high - low)
     ax.annotate(
-        text, (x, y), xytext=(2, 3), textcoords="offset points", fontsize=7, color=colour,
-        parse_math=False, zorder=5,
+        text, (x, y), xytext=(-3 if is_right else 2, 3), textcoords="offset points", fontsize=7,
+        color=colour, ha="right" if is_right else "left", parse_math=False, zorder=5,
     )  # fmt: skip

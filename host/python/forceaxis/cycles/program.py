@@ -91,8 +91,8 @@ def program_file(experiment: Path, overrides: Sequence[str] = ()) -> Path:
     name = given[-1] if given else toml.read(experiment).get("cycle")
     if not isinstance(name, str):
         raise InputError(
-            f"{experiment}: cycle: expected an experiment that names a program in this key; add the "
-            "key, or give another experiment"
+            f"{experiment}: cycle: expected an experiment that names a program in this key; "
+            "add it, or give another experiment"
         )
     return experiment.parent / name
 
@@ -140,7 +140,7 @@ def _element(table: Mapping[str, Any]) -> Element:
     over, of, kind = table.get("over", "travel"), table.get("of", "x"), table["kind"]
     x_unit = X_UNITS[over]
     is_x = kind in ("at", "difference") and of == "force"
-    unit = x_unit if is_x else {"work": "N m" if over == "travel" else "N s"}.get(kind, "N")
+    unit = x_unit if is_x else {"work": "J" if over == "travel" else "N s"}.get(kind, "N")
     return Element(
         name=table["name"],
         kind=kind,
