@@ -160,10 +160,9 @@ def _last_cycle(done: runs.Run) -> tuple[int, int] | None:
 
 def _curve(done: runs.Run) -> Curve | None:
     """Returns the curve of the last cycle."""
-    ticks = _last_cycle(done)
-    if ticks is None:
+    begin, end = _last_cycle(done) or (0, 0)
+    if begin == end:
         return None
-    begin, end = ticks
     inside = slice(begin + 1, end + 1)  # the state of a tick is that after the tick
     converters = done.result.converters
     force = _physical(done, "adc0")[inside]

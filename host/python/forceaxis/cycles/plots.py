@@ -50,7 +50,7 @@ def _colour(phase: int) -> str:
 
 
 def _draw_curve(ax: Axes, done: PartRun, curve: Curve) -> None:
-    """Draws force over travel, each phase in its colour, from 2 mm before the contact on."""
+    """Draws force over travel, each phase in its colour, from shortly before the contact on."""
     for number, phase in enumerate(done.program.phases):
         inside = curve.phase == number
         if inside.any():
@@ -71,8 +71,8 @@ def _draw_phases(ax: Axes, done: PartRun, curve: Curve) -> None:
         colour = _colour(numbers[span.name])
         ax.axvspan(span.begin_s, span.end_s, color=colour, alpha=0.12, linewidth=0)
         ax.text(
-            (span.begin_s + span.end_s) / 2, 0.97, short(span.name), fontsize=7, color=colour,
-            ha="center", va="top", transform=ax.get_xaxis_transform(), parse_math=False,
+            (span.begin_s + span.end_s) / 2, 1.02, short(span.name), fontsize=7, color=colour,
+            ha="center", va="bottom", transform=ax.get_xaxis_transform(), parse_math=False,
         )  # fmt: skip
     ax.set_xlim(float(curve.time_s[0]), float(curve.time_s[-1]))
 
@@ -97,13 +97,13 @@ def _draw_element(ax: Axes, done: PartRun, curve: Curve, element: Element, verdi
             Rectangle((left, element.least), right - left, height, facecolor=AREA["stable"],
                       edgecolor=colour, alpha=0.6, zorder=1)
         )  # fmt: skip
-        _label(ax, left, element.most, element, verdict, colour)
+        _label(ax, (left, right), element.most, element, verdict, colour)
     elif element.kind == "envelope":
         for points in (element.lower, element.upper):
             at = np.linspace(x_from, x_to, 200)
             force = np.interp(at, [p[0] for p in points], [p[1] for p in points])
             ax.plot((begin + at) * scale, force, color=colour, linewidth=1.4, zorder=4)
-        _label(ax, left, float(force[0]), element, verdict, colour)
+        _label(ax, (left, right), float(force[0]), element, verdict, colour)
     elif element.unit in ("m", "s") and element.level is not None:
         _draw_crossing(ax, element, begin, scale, verdict, colour)
     elif element.unit == "N":
@@ -112,7 +112,7 @@ def _draw_element(ax: Axes, done: PartRun, curve: Curve, element: Element, verdi
                 ax.plot([left, right], [bound, bound], color=colour, linewidth=1.4, zorder=4)
         top_bound = element.most if element.most is not None else element.least
         if top_bound is not None:
-            _label(ax, left, top_bound, element, verdict, colour)
+            _label(ax, (left, right), top_bound, element, verdict, colour)
     else:
         _shade(ax, curve, element, inside, verdict, colour)
 
@@ -128,7 +128,7 @@ def _draw_crossing(
     ax.plot(places, [level] * len(places), color=colour, linewidth=1.4, marker="|", markersize=11,
             zorder=4)  # fmt: skip
     if places:
-        _label(ax, places[0], level, element, verdict, colour)
+        _label(ax, (places[0], places[-1]), level, element, verdict, colour, -6)
 
 
 def _shade(
@@ -141,11 +141,21 @@ def _shade(
     force = curve.force_N[inside]
     ax.fill_between(x, 0, force, color=FAINT, alpha=0.25, linewidth=0, zorder=0)
     middle = len(x) // 2
-    _label(ax, float(x[middle]), float(force[middle]) / 3, element, verdict, colour)
+    at = float(x[middle])
+    _label(ax, (at, at), float(force[middle]) / 3, element, verdict, colour)
 
 
-def _label(ax: Axes, x: float, y: float, element: Element, verdict: str, colour: str) -> None:
-    """Writes name, bounds of a number and verdict of an element above a mark."""
+def _label(
+    ax: Axes,
+    ends_x: tuple[float, float],
+    y: float,
+    element: Element,
+    verdict: str,
+    colour: str,
+    offset: float = 3,
+) -> None:
+    """Writes name, bounds of a number and verdict of an element above a mark, or below it with a
+    negative `offset` in points. `ends_x` are the ends of the mark."""
     text = short(element.name)
     if element.kind not in SHAPES:
         scale, unit = (MM, "mm") if element.unit == "m" else (1.0, element.unit)
@@ -155,8 +165,9 @@ def _label(ax: Axes, x: float, y: float, element: Element, verdict: str, colour:
     if verdict and verdict != "good":
         text += f": {verdict}"
     low, high = ax.get_xlim()
-    is_right = x > low + 0.6 * (high - low)
+    is_right = ends_x[0] > low + 0.6 * (high - low)
     ax.annotate(
-        text, (x, y), xytext=(-3 if is_right else 2, 3), textcoords="offset points", fontsize=7,
-        color=colour, ha="right" if is_right else "left", parse_math=False, zorder=5,
+        text, (ends_x[1] if is_right else ends_x[0], y), xytext=(-2 if is_right else 2, offset),
+        textcoords="offset points", fontsize=7, color=colour, ha="right" if is_right else "left",
+        va="bottom" if offset > 0 else "top", parse_math=False, zorder=5,
     )  # fmt: skip
