@@ -115,6 +115,16 @@ def test_a_part_that_cannot_be_simulated_is_a_failed_run(tmp_path):
     assert dataclasses.astuple(counts) == (3, 1, 0, 0, 1, 1)
 
 
+def test_kinds_may_have_different_parameters(tmp_path):
+    good, bad = tmp_path / "good.toml", tmp_path / "bad.toml"
+    good.write_text('[[kind]]\nname = "good"\n[kind.set]\ngap = { least = 4e-3, most = 5e-3 }\n')
+    kinds = '[[kind]]\nname = "tight"\n[kind.set]\nk_bore = "90 kN/m"\n'
+    bad.write_text(kinds + '[[kind]]\nname = "early"\nset = { joining_depth = "3 mm" }\n')
+    result = rates.rates(rates.RatesRequest(PRESS_FIT, good, [bad], parts=2)).result
+    assert result.good.counts.good == 2
+    assert [kind.counts.bad for kind in result.bad] == [2, 2]
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -10,6 +10,7 @@ the runs have no effect on a result.
 import fcntl
 import hashlib
 import json
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -202,8 +203,10 @@ class Runner(Generic[T]):
         keys = [self.key(row) for row in rows]
         missing = {k: row for k, row in zip(keys, rows, strict=True) if k not in self.journal.known}
         # The runs are sorted by model, so that the modes of each model are computed once.
-        of_model = [name for name in (rows[0] if rows else ()) if "." not in name]
-        todo = sorted(missing.items(), key=lambda item: [item[1][name] for name in of_model])
+        of_model = list(dict.fromkeys(name for row in rows for name in row if "." not in name))
+        todo = sorted(
+            missing.items(), key=lambda item: [item[1].get(n, -math.inf) for n in of_model]
+        )
 
         def finished(i: int, result: "_core.RunOutcome") -> None:
             key, values = todo[i]
