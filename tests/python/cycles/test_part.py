@@ -105,6 +105,16 @@ def test_a_stop_ends_the_last_phase(tmp_path):
     assert phases(result) == [("approach", "contact"), ("join", "stopped")]
 
 
+def test_of_two_cycles_the_last_one_is_shown(tmp_path, good):
+    more = "".join(
+        f"\n[[at]]\ntime_s = {time_s}\nfirmware = {{ controlword = {word} }}\n"
+        for time_s, word in ((2.6, 15), (2.7, 31))
+    )
+    result = part.run(experiment(tmp_path, more=more), ["experiment.duration_s=6"]).result
+    assert phases(result) == phases(good.result)
+    assert result.phases[0].begin_s == pytest.approx(2.7, abs=1.5e-3)
+
+
 def test_a_run_without_a_cycle_has_no_phases(tmp_path):
     done = part.run(experiment(tmp_path, "controlword = 31", "controlword = 15"))
     assert (done.result.state, done.result.phases, done.curve) == ("idle", [], None)

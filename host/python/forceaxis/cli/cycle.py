@@ -120,7 +120,7 @@ def rate(context: click.Context, option: click.Parameter, text: str | None) -> f
     # bounds that refuse one good part of a hundred
     forceaxis cycle rates press_fit --good sim/parts/press_fit_good.toml \\
     --bad sim/parts/press_fit_bad.toml --parts 9000 --bad-parts 1000 --propose 1% -o out/new.toml
-    # judged with other parts
+    # checked with other parts
     forceaxis cycle rates press_fit --program out/new.toml --seed 2 --parts 30000 \\
     --good sim/parts/press_fit_good.toml""",
 )
@@ -184,7 +184,7 @@ def rates(
 
     --propose sets least and most of the elements to a share of refused good parts of the whole
     program, not of each element. Windows and envelopes stay as they are. The share of later parts
-    that is refused varies from one proposal to the next; the command prints the range. Judge the
+    that is refused varies from one proposal to the next; the command prints the range. Check the
     new program with another seed. The file of -o is the program with new bounds and all its
     comments.
     """

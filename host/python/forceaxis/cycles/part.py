@@ -1,6 +1,5 @@
 """One simulated part: verdict, values of the elements, and when and why each phase ended."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +27,7 @@ from forceaxis.experiments.summary import CYCLE_OUTCOMES
 # Objects of the firmware that the timeline needs in the trace.
 TRACED = ("cycle_state", "cycle_phase", "contact")
 RUNNING = 1  # value of cycle_state while a cycle runs
-MOST_FORCE_DIFFERENCE = 1e-9
+SLACK = 1e-9  # N or m, for decimals of a level
 
 
 @dataclass(frozen=True)
@@ -122,7 +121,13 @@ def _traced(experiment: Path) -> str:
     table = toml.read(experiment)
     text = experiment.read_text(encoding="utf-8")
     wanted = list(dict.fromkeys([*table.get("trace", {}).get("objects", []), *TRACED]))
-    document = tomlkit.parse(text)
+    try:
+        document = tomlkit.parse(text)
+    # tomlkit may refuse a text that the TOML reader of the experiments accepts
+    except tomlkit.exceptions.ParseError as error:
+        raise InputError(
+            f"{experiment}: file: expected TOML that can be edited, got: {error}"
+        ) from None
     if "trace" not in document:
         document["trace"] = tomlkit.table()
     trace = document["trace"]
@@ -250,20 +255,19 @@ def _is_met(end: End, piece: Curve, contact: Array) -> bool:
     """Returns True if the last sample of a phase meets a condition, as far as a trace shows it."""
     force, travel = float(piece.force_N[-1]), float(piece.travel_m[-1])
     value = 0.0 if end.value is None else end.value
-    slack = MOST_FORCE_DIFFERENCE
     match end.when:
         case "time":
             return bool(len(piece.time_s) >= value * _core.TICKS_PER_SECOND - 1)
         case "force_above":
-            return force >= value - slack
+            return force >= value - SLACK
         case "force_below":
-            return force <= value + slack
+            return force <= value + SLACK
         case "travel_above":
-            return abs(travel - float(piece.travel_m[0])) >= value - slack
+            return abs(travel - float(piece.travel_m[0])) >= value - SLACK
         case "touch_above":
-            return travel >= value - slack
+            return travel >= value - SLACK
         case "touch_below":
-            return travel <= value + slack
+            return travel <= value + SLACK
         case "contact":
             return bool(contact[-1])
         case "lost":
@@ -273,7 +277,7 @@ def _is_met(end: End, piece: Curve, contact: Array) -> bool:
 
 def short(name: str) -> str:
     """Returns the name of a phase or element as a label."""
-    return re.sub("_", " ", name)
+    return name.replace("_", " ")
 
 
 def phase_samples(element: Element, program: Program, curve: Curve) -> NDArray[np.bool_]:
