@@ -4,6 +4,7 @@ import json
 import tomllib
 from pathlib import Path
 
+import dask_cluster
 import pytest
 import verbs
 
@@ -46,7 +47,7 @@ def test_rates_prints_shares_with_intervals_and_resumes(tmp_path):
     done = cycle("rates", "press_fit", *FEW, "--out", out)
     assert "runs         38: 0 from the journal, 38 now" in done.stdout
     part = next(line for line in done.stdout.splitlines() if "the part" in line)
-    assert part.split() == "the part 0 % 0 to 16.8 %".split()  # 1 - 0.025^(1/20)
+    assert part.split() == ["the", "part", "0", "%", "0", "to", "16.8", "%"]  # 1 - 0.025^(1/20)
     assert "38 parts" in done.stderr
     again = cycle("rates", "press_fit", *FEW, "--out", out, "--json")
     table = json.loads(again.stdout)
@@ -58,6 +59,15 @@ def test_rates_prints_shares_with_intervals_and_resumes(tmp_path):
     assert {kind["name"]: kind["passed"]["count"] for kind in table["bad"]} == dict.fromkeys(
         ["no_part", "too_tight", "too_loose", "askew", "no_shoulder", "stuck"], 0
     )
+
+
+@pytest.mark.long
+def test_two_workers_of_a_cluster_give_the_parts_of_one_thread(tmp_path):
+    with dask_cluster.started(tmp_path) as (address, _):
+        cycle("rates", "press_fit", *FEW, "--out", tmp_path / "there", "--scheduler", address)
+    cycle("rates", "press_fit", *FEW, "--out", tmp_path / "here", "--threads", "1")
+    here, there = (tmp_path / name / "parts.csv" for name in ("here", "there"))
+    assert here.read_bytes() == there.read_bytes() and len(here.read_text().splitlines()) == 39
 
 
 def test_a_proposal_is_a_program_that_runs(tmp_path):

@@ -12,6 +12,7 @@ import sys
 import time
 from pathlib import Path
 
+import dask_cluster
 import numpy as np
 import pyarrow.parquet
 import pytest
@@ -426,28 +427,8 @@ def refused(finished, *words):
 
 @pytest.fixture
 def cluster(tmp_path):
-    """A Dask scheduler and two workers, which are not restarted."""
-    where = tmp_path / "scheduler.json"
-    quiet = {"cwd": tmp_path, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    here = ["--no-dashboard", "--host", "127.0.0.1", "--scheduler-file", where]
-    dask = BIN / "dask"
-    processes = [subprocess.Popen([dask, "scheduler", "--port", "0", *here], **quiet)]
-    try:
-        single = ["--nthreads", "1", "--no-nanny", *here]
-        processes += [subprocess.Popen([dask, "worker", *single], **quiet) for _ in range(2)]
-        deadline = time.monotonic() + 60
-        while not where.exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
-        address = json.loads(where.read_text())["address"]
-        from distributed import Client
-
-        with Client(address, set_as_default=False) as client:
-            client.wait_for_workers(2, timeout=60)
-        yield address, processes[1:]
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
+    with dask_cluster.started(tmp_path) as found:
+        yield found
 
 
 @pytest.mark.long
