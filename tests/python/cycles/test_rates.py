@@ -115,6 +115,17 @@ def test_a_part_that_cannot_be_simulated_is_a_failed_run(tmp_path):
     assert dataclasses.astuple(counts) == (3, 1, 0, 0, 1, 1)
 
 
+def test_a_mistake_in_the_program_is_found_before_it_is_used(tmp_path):
+    file = tmp_path / "program.toml"
+    text = (SIM / "cycles/press_fit.toml").read_text()
+    file.write_text(text.replace('kind = "work"', 'kin = "work"'))
+    request = dataclasses.replace(REQUEST, program=file)
+    with pytest.raises(InputError, match=r"program.toml: element\[2\]"):
+        request.read_program()
+    with pytest.raises(InputError, match=r"program.toml: element\[2\]"):
+        rates.rates(request)
+
+
 def test_kinds_may_have_different_parameters(tmp_path):
     good, bad = tmp_path / "good.toml", tmp_path / "bad.toml"
     good.write_text('[[kind]]\nname = "good"\n[kind.set]\ngap = { least = 4e-3, most = 5e-3 }\n')

@@ -197,6 +197,8 @@ def rates(
     request = computing.RatesRequest(
         experiment, good, bad, parts, bad_parts, seed, program, overrides
     )
+    if propose is not None:
+        proposing.check(request.read_program(), parts, propose)
     done = computing.rates(request, out, threads, scheduler)
     proposal = None
     if propose is not None and write is not None:

@@ -162,9 +162,8 @@ def bounds_by_blocks(
     return [float(values[part, column]) for part, (column, _) in zip(last, sides, strict=True)]
 
 
-def proposed(program: Program, outcomes: Sequence[PartOutcome], rate: float) -> tuple[Program, int]:
-    """Returns the program with the bounds that refuse the share `rate` of good parts, and the
-    number of parts that are refused whatever the bounds. Raises ParameterError."""
+def check(program: Program, parts: int, rate: float) -> None:
+    """Raises ParameterError or InputError if no bounds can be proposed from so many good parts."""
     if not RATE_LEAST <= rate <= RATE_MOST:
         raise ParameterError(
             "propose", f"expected a share from {RATE_LEAST:g} to {RATE_MOST:g}, got {rate:g}"
@@ -175,15 +174,22 @@ def proposed(program: Program, outcomes: Sequence[PartOutcome], rate: float) -> 
             f"{program.file}: element: expected an element with least or most that is no window, "
             "got none; add one, with any bounds"
         )
-    moved = sorted({side.element for side in sides})
-    judged = [outcome for outcome in outcomes if outcome.is_judged]
     needed = parts_needed(rate, len(sides))
-    if len(judged) < needed:
+    if parts < needed:
         raise ParameterError(
             "parts",
             f"expected at least {needed} good parts for {len(sides)} bounds and a share of "
-            f"{rate:g}, got {len(judged)}; simulate more parts",
+            f"{rate:g}, got {parts}; simulate more parts",
         )
+
+
+def proposed(program: Program, outcomes: Sequence[PartOutcome], rate: float) -> tuple[Program, int]:
+    """Returns the program with the bounds that refuse the share `rate` of good parts, and the
+    number of parts that are refused whatever the bounds. Raises ParameterError or InputError."""
+    judged = [outcome for outcome in outcomes if outcome.is_judged]
+    check(program, len(judged), rate)
+    sides = sides_of(program)
+    moved = sorted({side.element for side in sides})
     rest = [outcome for outcome in judged if not refused_anyway(outcome, moved)]
     anyway = len(judged) - len(rest)
     take = math.floor(rate * (len(judged) + 1) + 1e-9) - anyway

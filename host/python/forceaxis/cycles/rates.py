@@ -18,6 +18,7 @@ from forceaxis.cycles.parts import Kind, Part, Parts, draw, read_parts
 from forceaxis.cycles.program import Program, program_file, read_program, with_program
 from forceaxis.cycles.statistics import Share, share
 from forceaxis.errors import ParameterError
+from forceaxis.experiments.inputs import read_inputs
 from forceaxis.experiments.runner import Cluster, Here, Journal, Runner, identity_of
 from forceaxis.results import json_field, to_json
 from forceaxis.words import counted, option_words
@@ -39,6 +40,17 @@ class RatesRequest:
     seed: int = 0
     program: Path | None = None  # instead of the program of the experiment
     overrides: Sequence[str] = ()
+
+    @property
+    def all_overrides(self) -> list[str]:
+        """The overrides of every run, with that of the program."""
+        return with_program(self.overrides, self.program)
+
+    def read_program(self) -> Program:
+        """Returns the program that the parts are pressed with. Raises InputError."""
+        file = program_file(self.experiment, self.all_overrides)
+        read_inputs(self.experiment, self.all_overrides)  # the compiled module checks all files
+        return read_program(file)
 
     @property
     def bad_count(self) -> int:
@@ -176,10 +188,9 @@ def rates(
     """
     check(request)
     experiment = request.experiment
-    overrides = with_program(request.overrides, request.program)
-    file = program_file(experiment, overrides)
-    identity = identity_of(experiment, overrides)  # the compiled module checks all files
-    program = read_program(file)
+    overrides = request.all_overrides
+    program = request.read_program()
+    identity = identity_of(experiment, overrides)
     good_parts = read_parts(request.good, experiment, overrides)
     bad_parts = [read_parts(name, experiment, overrides) for name in request.bad]
     groups = [_drawn(GOOD_GROUP, good_parts.kinds, request.seed, request.parts)]
@@ -210,7 +221,7 @@ def rates(
     good, bad = groups[0], [replace(g, name=g.name.removeprefix("bad ")) for g in groups[1:]]
     result = RatesResult(
         experiment=paths.display(experiment),
-        program=paths.display(file),
+        program=paths.display(program.file),
         title=program.title,
         seed=request.seed,
         good=good_rates(good.outcomes, program),
