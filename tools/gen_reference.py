@@ -15,6 +15,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from forceaxis import _core
+from forceaxis.cycles import parts
 from forceaxis.experiments import expect
 from forceaxis.thesis import claims, sentences
 
@@ -62,6 +63,14 @@ conditions, and the part is good if the cycle ends as intended and each element 
 bounds. Forces are positive in compression.
 
 {VALUES}
+"""
+
+PARTS = """\
+## Files of parts
+
+`forceaxis cycle rates` draws parts from files of parts. A number is in the unit of its parameter,
+and a quantity may stand in its place. Keys that are not in this list are refused.
+
 """
 
 AXIS_LINUX = """\
@@ -306,11 +315,13 @@ def pages():
     own = {t.path: asdict(t) for t in expect.FORMAT}
     experiment = sections([own.pop(t["path"], t) for t in _core.experiment_format()])
     experiment += sections(own.values())
+    drawn = sections([asdict(table) for table in parts.FORMAT])
     return {
         "../python.md": python_api.filled(PYTHON.read_text(encoding="utf-8")),
         "model.md": f"{GENERATED}{MODEL}\n{model}",
         "experiment.md": f"{GENERATED}{EXPERIMENT}\n{experiment}".rstrip() + "\n",
-        "cycle.md": f"{GENERATED}{CYCLE}\n{sections(_core.cycle_format())}".rstrip() + "\n",
+        "cycle.md": f"{GENERATED}{CYCLE}\n{sections(_core.cycle_format())}{PARTS}{drawn}".rstrip()
+        + "\n",
         "axis_linux.md": f"{GENERATED}{AXIS_LINUX}\n{sections(_core.axis_linux_format())}".rstrip()
         + "\n",
         "verdicts.md": f"{GENERATED}{VERDICTS}\n{verdicts()}",

@@ -121,19 +121,20 @@ py::dict plot_of(const Experiment &e) {
   return d;
 }
 
-py::object cycle_of(const Result &r) {
-  if (!r.run.cycle) return py::none();
-  const forceaxis::host::CycleProgram &program = *r.experiment.cycle;
+// Returns the last cycle of a run of this program, or None if the run had no program.
+py::object cycle_of(const RunResult &run, const forceaxis::host::CycleProgram *own) {
+  if (!run.cycle) return py::none();
+  const forceaxis::host::CycleProgram &program = *own;
   py::dict d;
   d["title"] = program.title;
-  d["state"] = r.run.cycle->state;
-  d["outcome"] = r.run.cycle->outcome;
-  d["failed_phase"] = r.run.cycle->failed_phase;
-  d["cycles"] = r.run.cycle->cycles;
+  d["state"] = run.cycle->state;
+  d["outcome"] = run.cycle->outcome;
+  d["failed_phase"] = run.cycle->failed_phase;
+  d["cycles"] = run.cycle->cycles;
   d["phases"] = program.phases;
   py::list figures;
-  for (std::size_t i = 0; i < r.run.cycle->figures.size(); ++i) {
-    const forceaxis::host::CycleFigure &figure = r.run.cycle->figures[i];
+  for (std::size_t i = 0; i < run.cycle->figures.size(); ++i) {
+    const forceaxis::host::CycleFigure &figure = run.cycle->figures[i];
     py::dict f;
     f["name"] = program.elements[i].name;
     f["kind"] = program.elements[i].kind;
@@ -208,6 +209,7 @@ using Job = std::pair<std::string, std::vector<std::string>>;
 struct Outcome {
   std::optional<Criterion> criterion;
   std::vector<std::string> overridden;
+  std::shared_ptr<const forceaxis::host::CycleProgram> program;
   RunResult run;
   // Text of the error if the run has failed. The other members are then not set.
   std::string error;
@@ -227,6 +229,7 @@ py::dict to_dict(const Outcome &o) {
   d["overridden"] = o.overridden;
   d["trace_hash"] = o.run.trace_hash;
   d["edge_margin"] = o.run.edge_margin;
+  d["cycle"] = cycle_of(o.run, o.program.get());
   return d;
 }
 
@@ -249,7 +252,7 @@ py::list run_many(const std::vector<Job> &jobs, unsigned threads, const py::obje
   const auto run_job = [&](std::size_t i) {
     try {
       const Experiment e = files[i]->with(jobs[i].second);
-      outcomes[i] = {e.criterion, overridden(*e.model),
+      outcomes[i] = {e.criterion, overridden(*e.model), e.cycle,
                      forceaxis::host::run(
                          e, {.trace = false, .audit = false, .stop = [&] { return stop.load(); }}),
                      ""};
@@ -343,7 +346,7 @@ PYBIND11_MODULE(_core, m) {
           "unit")
       .def_property_readonly("fault", [](const Result &r) { return r.run.fault; })
       .def_property_readonly(
-          "cycle", [](const Result &r) { return cycle_of(r); },
+          "cycle", [](const Result &r) { return cycle_of(r.run, r.experiment.cycle.get()); },
           "result of the last cycle: title, state, outcome, failed_phase, cycles, phases and "
           "figures, each with name, kind, value, unit, tick and verdict; None without a program")
       .def_property_readonly("trace_hash", [](const Result &r) { return r.run.trace_hash; })
@@ -407,9 +410,10 @@ PYBIND11_MODULE(_core, m) {
         py::arg("progress") = py::none(), py::arg("keep_going") = false,
         py::arg("finished") = py::none(), py::arg("experiments") = nullptr,
         "Runs (experiment, overrides) pairs on `threads` threads. Returns verdict, metrics, "
-        "criterion and hash of each pair, in order. If a run fails, all runs end and its error is "
-        "raised. With keep_going, the result of a failed run is {\"error\": text} instead. At "
-        "intervals, calls progress(done, total), and finished(index, result) for each new result.");
+        "criterion, hash and cycle of each pair, in order. If a run fails, all runs end and its "
+        "error is raised. With keep_going, the result of a failed run is {\"error\": text} "
+        "instead. At intervals, calls progress(done, total), and finished(index, result) for each "
+        "new result.");
   m.def(
       "evaluate",
       [](const py::dict &criterion, const py::dict &metrics, const std::string &fault) {

@@ -167,6 +167,7 @@ class RunOutcome(TypedDict, total=False):
     overridden: list[str]
     trace_hash: str
     edge_margin: float
+    cycle: dict[str, Any] | None
 
 class LiveAxis:
     """The simulated axis of an experiment, which runs in steps of ticks."""

@@ -12,6 +12,7 @@ import sys
 import time
 from pathlib import Path
 
+import dask_cluster
 import numpy as np
 import pyarrow.parquet
 import pytest
@@ -19,6 +20,7 @@ import verbs
 from forceaxis import InputError
 from forceaxis.experiments import points as points_of
 from forceaxis.experiments import run as runs
+from forceaxis.experiments import runner
 from forceaxis.experiments import sweep as sweeps
 from forceaxis.experiments.sweep import SweepRequest
 
@@ -425,28 +427,8 @@ def refused(finished, *words):
 
 @pytest.fixture
 def cluster(tmp_path):
-    """A Dask scheduler and two workers, which are not restarted."""
-    where = tmp_path / "scheduler.json"
-    quiet = {"cwd": tmp_path, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    here = ["--no-dashboard", "--host", "127.0.0.1", "--scheduler-file", where]
-    dask = BIN / "dask"
-    processes = [subprocess.Popen([dask, "scheduler", "--port", "0", *here], **quiet)]
-    try:
-        single = ["--nthreads", "1", "--no-nanny", *here]
-        processes += [subprocess.Popen([dask, "worker", *single], **quiet) for _ in range(2)]
-        deadline = time.monotonic() + 60
-        while not where.exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
-        address = json.loads(where.read_text())["address"]
-        from distributed import Client
-
-        with Client(address, set_as_default=False) as client:
-            client.wait_for_workers(2, timeout=60)
-        yield address, processes[1:]
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
+    with dask_cluster.started(tmp_path) as found:
+        yield found
 
 
 @pytest.mark.long
@@ -471,17 +453,17 @@ def test_a_cluster_that_loses_a_worker_loses_no_run(cluster, tmp_path):
 
 
 def test_a_worker_with_other_files_or_firmware_says_so(swing):
-    identity = sweeps.identity_of(swing, [])
-    assert len(sweeps.run_chunk(str(swing), [], identity, [["reach=0.02"]])) == 1
+    identity = runner.identity_of(swing, [])
+    assert len(runner.run_chunk(str(swing), [], identity, [["reach=0.02"]])) == 1
     for name in identity:
-        with pytest.raises(sweeps.WorkerDiffers, match=name):
-            sweeps.run_chunk(str(swing), [], identity | {name: "0" * 64}, [["reach=0.02"]])
+        with pytest.raises(runner.WorkerDiffers, match=name):
+            runner.run_chunk(str(swing), [], identity | {name: "0" * 64}, [["reach=0.02"]])
     swing.write_text(SWING.replace("100.0", "101.0"))
-    with pytest.raises(sweeps.WorkerDiffers, match="inputs_hash"):
-        sweeps.run_chunk(str(swing), [], identity, [["reach=0.02"]])
+    with pytest.raises(runner.WorkerDiffers, match="inputs_hash"):
+        runner.run_chunk(str(swing), [], identity, [["reach=0.02"]])
     swing.unlink()
-    with pytest.raises(sweeps.WorkerDiffers, match="expected a readable file, got none"):
-        sweeps.run_chunk(str(swing), [], identity, [["reach=0.02"]])
+    with pytest.raises(runner.WorkerDiffers, match="expected a readable file, got none"):
+        runner.run_chunk(str(swing), [], identity, [["reach=0.02"]])
 
 
 def test_the_python_side_refuses_as_the_command_does():

@@ -17,7 +17,7 @@ ORDER = (
     ("drawing",),
     ("bus", "chip", "linear"),
     ("experiments", "identify", "axis", "versions"),
-    ("design", "thesis"),
+    ("cycles", "design", "thesis"),
     ("bench", "commission"),
     ("pages",),
     ("cli",),

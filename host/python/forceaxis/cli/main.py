@@ -41,6 +41,7 @@ GROUPS = {
         "new": "new",
         "run": "experiments",
         "sweep": "experiments",
+        "cycle": "cycle",
         "test": "experiments",
         "replay": "experiments",
         "report": "thesis",

@@ -1,32 +1,25 @@
 """Runs one experiment at many points: a grid, random points, or a bisection to a stability
 boundary.
 
-Each finished run is a line of FOLDER/journal.jsonl. The key of the line is a hash of the
-parameters, the input files, the firmware and the simulator. A run with a line in the journal is not
-repeated. Points run on threads of this process or, in groups, on a Dask cluster; the order and the
-place of the runs have no effect on a result.
+Each finished run is a line of FOLDER/journal.jsonl (see runner.py), and a run with a line in the
+journal is not repeated. Points run on threads of this process or, in groups, on a Dask cluster.
 """
 
 import contextlib
 import csv
-import fcntl
-import hashlib
 import json
 import math
 import os
-import re
 import shlex
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any, NoReturn, Protocol, Self, TypeAlias
 
 import numpy as np
 
-from forceaxis import _core, objects, paths, progress
-from forceaxis._core import InputError, SimulationError
+from forceaxis import _core, objects, paths
+from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
 from forceaxis.experiments import isolated
 from forceaxis.experiments.inputs import Inputs, read_inputs
@@ -43,6 +36,7 @@ from forceaxis.experiments.points import (
     unit_of,
 )
 from forceaxis.experiments.run_result import Columns
+from forceaxis.experiments.runner import Cluster, Here, Journal, Runner, identity_of
 from forceaxis.experiments.sweep_result import (
     METRICS,
     Boundary,
@@ -56,19 +50,10 @@ from forceaxis.experiments.sweep_result import (
     SweepResult,
 )
 from forceaxis.experiments.verdicts import VERDICTS, stability
-from forceaxis.results import to_json
 from forceaxis.words import counted, option_words
 
 FILES = ("results.csv", "results.npz", "results.parquet", "plot.png", "plot.svg", "sweep.json")
 SHOWN_FAILURES = 10
-
-Identity: TypeAlias = dict[str, str]  # name of a hash -> the hash
-Jobs: TypeAlias = Sequence[list[str]]  # the overrides of each run
-JournalLine: TypeAlias = dict[str, Any]  # a JSON object of the journal
-# function that receives (number of a job, result of _core.run_many)
-Finished: TypeAlias = Callable[[int, "_core.RunOutcome"], None]
-# function that receives (number of finished jobs, number of all jobs)
-Progressed: TypeAlias = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -184,9 +169,10 @@ def sweep(
         )
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
-        journal = Journal(None if out is None else out / "journal.jsonl", identity)
+        file = None if out is None else out / "journal.jsonl"
+        journal = Journal(file, identity, PointOutcome)
         stack.callback(journal.close)
-        runner = Runner(journal, identity, place)
+        runner = Runner(journal, identity, place, outcome_of)
         if search:
             found = boundaries(runner, rows, search)
         else:
@@ -301,119 +287,6 @@ def write_table(file: Path, columns: Columns) -> None:
             writer.writerow(["" if v != v else v for v in row])
 
 
-def identity_of(experiment: str | Path, overrides: Sequence[str]) -> Identity:
-    """Returns hashes of the common inputs of all points: experiment, model, firmware and
-    simulator."""
-    return {
-        "inputs_hash": read_inputs(experiment, overrides).inputs_hash,
-        "firmware_hash": _core.FIRMWARE_HASH,
-        "simulator_hash": _core.SIMULATOR_HASH,
-    }
-
-
-@dataclass(frozen=True)
-class JournalEntry:
-    """One entry of the journal: the run of one point. `outcome` contains either `error` alone or
-    all fields of a PointOutcome except `error`."""
-
-    key: str
-    parameters: Row
-    outcome: dict[str, str | float | None]
-
-
-class Journal:
-    """File with the results of finished runs, one JSON object per text line. The program only
-    appends text lines.
-
-    The first line identifies the inputs. Incomplete lines of a killed process are ignored. A file
-    that is not a journal of these inputs is not changed. Without a path nothing is written.
-    """
-
-    def __init__(self, path: Path | None, identity: Identity) -> None:
-        self.known: dict[str, PointOutcome] = {}
-        self.file: IO[bytes] | None = None
-        if path is None:
-            return
-        self.file = path.open("a+b")
-        try:
-            self._read(path, self.file, identity)
-        except BaseException:
-            self.file.close()
-            raise
-
-    def _read(self, path: Path, file: IO[bytes], identity: Identity) -> None:
-        """Reads the runs of a journal with this identity, or writes the first text line of a new
-        journal. Raises InputError."""
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(
-                f"{path}: expected a folder without a running sweep, but another sweep uses this "
-                "folder; give another folder"
-            ) from None
-        file.seek(0)
-        data = file.read()
-        whole = data[: data.rfind(b"\n") + 1]
-        lines = [read_line(line) for line in whole.splitlines()]
-        # The file is new, or a process was killed while writing the first text line.
-        if not lines and self._line(identity).startswith(data):
-            file.truncate(0)
-            file.write(self._line(identity))
-            file.flush()
-            return
-        if not lines or not set(identity) <= set(lines[0]):
-            raise InputError(
-                f"{path}: line 1: expected the journal of a sweep, got another file; give another "
-                "folder"
-            )
-        for name in identity:
-            if lines[0][name] != identity[name]:
-                what = {"inputs_hash": "experiment, model and overrides"}.get(name, name[:-5])
-                raise InputError(
-                    f"{path}: {name}: expected the {what} of the runs in this folder, "
-                    f"{lines[0][name][:12]}, got {identity[name][:12]}; give another folder"
-                )
-        file.truncate(len(whole))
-        for line in lines[1:]:
-            if "key" in line and "outcome" in line:
-                self.known[line["key"]] = PointOutcome(**line["outcome"])
-
-    @staticmethod
-    def _line(entry: Identity | JournalEntry) -> bytes:
-        return json.dumps(to_json(entry), allow_nan=False).encode() + b"\n"
-
-    def add(self, key: str, values: Row, outcome: PointOutcome) -> None:
-        """Adds a finished run. `values` are the values of the swept parameters."""
-        self.known[key] = outcome
-        if self.file:
-            entry = asdict(outcome)
-            error = entry.pop("error")
-            self.file.write(
-                self._line(JournalEntry(key, values, {"error": error} if error else entry))
-            )
-
-    def flush(self) -> None:
-        """Writes buffered text lines to the operating system, so that the text lines are kept if
-        the process is killed."""
-        if self.file:
-            self.file.flush()
-
-    def close(self) -> None:
-        """Writes buffered text lines, and releases the folder."""
-        if self.file:
-            self.file.close()
-
-
-def read_line(line: bytes) -> JournalLine:
-    """Returns the JSON object of a text line, or an empty object if the text line contains no JSON
-    object."""
-    try:
-        entry = json.loads(line)
-    except ValueError:
-        return {}
-    return entry if isinstance(entry, dict) else {}
-
-
 def outcome_of(result: "_core.RunOutcome") -> PointOutcome:
     """Returns the outcome of a point from a result of _core.run_many."""
     if "error" in result:
@@ -428,181 +301,9 @@ def outcome_of(result: "_core.RunOutcome") -> PointOutcome:
     )
 
 
-class Place(Protocol):
-    """Executes the runs of a sweep, either on threads of this process or on a cluster."""
-
-    def __call__(self, jobs: Jobs, finished: Finished, progressed: Progressed) -> None:
-        """Executes the jobs. Calls finished() after each job, and progressed() repeatedly."""
-
-
-class Runner:
-    """Determines the outcomes of points, either from the journal or by runs."""
-
-    def __init__(self, journal: Journal, identity: Identity, place: Place) -> None:
-        self.journal = journal
-        self.salt = ":".join(identity.values())
-        self.place = place
-        self.asked = 0  # number of outcomes that the Runner has returned
-        self.ran = 0  # number of runs that the journal did not contain
-        # (values, outcome) of all points
-        self.seen: list[tuple[tuple[float, ...], PointOutcome]] = []
-
-    def key(self, values: Row) -> str:
-        """Returns the key of a run in the journal: hash of the inputs and of the values, sorted by
-        name."""
-        text = "".join([f"\n{name}={values[name]!r}" for name in sorted(values)])
-        return hashlib.sha256((self.salt + text).encode()).hexdigest()
-
-    def __call__(self, rows: Sequence[Row]) -> list[PointOutcome]:
-        """Returns the outcomes of the rows, in the order of the rows."""
-        keys = [self.key(row) for row in rows]
-        missing = {k: row for k, row in zip(keys, rows, strict=True) if k not in self.journal.known}
-        # The runs are sorted by model, so that the modes of each model are computed once.
-        of_model = [name for name in (rows[0] if rows else ()) if "." not in name]
-        todo = sorted(missing.items(), key=lambda item: [item[1][name] for name in of_model])
-
-        def finished(i: int, result: "_core.RunOutcome") -> None:
-            key, values = todo[i]
-            self.journal.add(key, values, outcome_of(result))
-
-        def progressed(done: int, total: int) -> None:
-            self.journal.flush()
-            progress.shown = f"{done}/{total} runs"
-
-        if todo:
-            jobs = [[f"{n}={v!r}" for n, v in values.items()] for _, values in todo]
-            try:
-                self.place(jobs, finished, progressed)
-            finally:
-                progress.shown = ""
-        outcomes = [self.journal.known[k] for k in keys]
-        self.asked += len(rows)
-        self.ran += len(todo)
-        self.seen += [(tuple(r.values()), o) for r, o in zip(rows, outcomes, strict=True)]
-        return outcomes
-
-
-class Here:
-    """Executes runs on threads of this process."""
-
-    def __init__(self, experiment: str | Path, overrides: list[str], threads: int) -> None:
-        self.experiment = str(experiment)
-        self.overrides = overrides
-        self.threads = threads
-        self.experiments = _core.Experiments()
-
-    def __call__(self, jobs: Jobs, finished: Finished, progressed: Progressed) -> None:
-        every = [(self.experiment, self.overrides + sets) for sets in jobs]
-        _core.run_many(every, self.threads, progressed, True, finished, self.experiments)
-
-
-class Cluster:
-    """Executes runs on the workers of a Dask scheduler. The workers read the files of the
-    experiment by the same paths as this process. The runs of a lost worker are repeated on a
-    different worker.
-    """
-
-    def __init__(
-        self, address: str, experiment: Path, overrides: list[str], identity: Identity
-    ) -> None:
-        try:
-            import distributed
-        except ImportError:
-            raise ParameterError(
-                "scheduler",
-                "expected the package distributed; install distributed with `pip install "
-                "'forceaxis[cluster]'`",
-            ) from None
-
-        def fail(error: str | Exception) -> NoReturn:
-            raise ParameterError(
-                "scheduler",
-                f"{address}: expected the address tcp://HOST:PORT of a running Dask scheduler; "
-                f"{error}",
-            ) from None
-
-        if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
-            fail("start one with `dask scheduler`")
-        self.distributed = distributed
-        self.address = address
-        self.work = (str(experiment.resolve()), overrides, identity)
-        try:
-            self.client = distributed.Client(address, timeout=10, set_as_default=False)
-        except (OSError, ValueError) as error:
-            fail(error)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.client.close()
-
-    def __call__(self, jobs: Jobs, finished: Finished, progressed: Progressed) -> None:
-        cores = sum(self.client.nthreads().values())
-        if cores == 0:
-            raise ParameterError(
-                "scheduler",
-                f"{self.address}: expected a Dask scheduler with at least one worker, got "
-                "none; start workers with `dask worker`",
-            )
-        size = max(1, min(64, len(jobs) // (4 * cores)))
-        futures = {
-            self.client.submit(run_chunk, *self.work, jobs[i : i + size], pure=False): i
-            for i in range(0, len(jobs), size)
-        }
-        done = 0
-        try:
-            for future in self.distributed.as_completed(futures, loop=self.client.loop):
-                start = futures[future]
-                for i, result in enumerate(future.result()):
-                    finished(start + i, result)
-                    done += 1
-                progressed(done, len(jobs))
-        except WorkerDiffers as error:
-            raise ParameterError("scheduler", f"{self.address}: {error}") from None
-        except (InputError, KeyboardInterrupt):
-            raise
-        except Exception as error:
-            raise SimulationError(
-                f"{self.address}: expected a result for each group of points, got: {error}; "
-                "repeat the command, which runs only the missing points"
-            ) from error
-        finally:
-            self.client.cancel(list(futures))
-
-
-class WorkerDiffers(Exception):
-    """Error: a worker has a different version of forceaxis, or different files, than this
-    process."""
-
-
-def run_chunk(
-    experiment: str, overrides: list[str], identity: Identity, jobs: Jobs
-) -> "list[_core.RunOutcome]":
-    """Executes jobs on a worker, and returns the results. Raises WorkerDiffers if the worker has
-    different inputs than the process that has started the sweep."""
-    import socket
-
-    where = f"worker on {socket.gethostname()}"
-    try:
-        mine = identity_of(experiment, overrides)
-    except InputError as error:
-        raise WorkerDiffers(f"{where}: {error}") from None
-    for name, value in mine.items():
-        if value != identity[name]:
-            raise WorkerDiffers(
-                f"{where}: {name}: expected {identity[name][:12]}, got {value[:12]}; give the "
-                "workers the same files and the same forceaxis"
-            )
-    return list(_core.run_many([(experiment, overrides + sets) for sets in jobs], 1, None, True))
-
-
-def boundaries(runner: Runner, rows: Sequence[Row], search: SweepParameter) -> list[Boundary]:
+def boundaries(
+    runner: Runner[PointOutcome], rows: Sequence[Row], search: SweepParameter
+) -> list[Boundary]:
     """Returns the stability boundary along the parameter of `search` for each row of values. The
     function halves the range of `search` until the tolerance of `search` is reached."""
     found = [Boundary(row) for row in rows]

@@ -1,0 +1,215 @@
+"""`forceaxis cycle`: simulate the program of a cycle with one part or with many."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.cli.common import (
+    File,
+    Folder,
+    Slow,
+    Subject,
+    Verbs,
+    as_json,
+    print_json,
+    set_option,
+    show,
+    threads,
+)
+from forceaxis.errors import ParameterError
+from forceaxis.results import to_json
+
+EXPERIMENT = click.argument("experiment", type=Subject(paths.EXPERIMENTS, as_path=True))
+program_option = click.option(
+    "--program",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Program of the cycle. Default: the one that the experiment names.",
+)
+PARTS_FILE = click.Path(dir_okay=False, path_type=Path)
+
+
+@click.group(
+    cls=Verbs,
+    epilog="""forceaxis cycle run press_fit --plot part.png
+    forceaxis cycle rates press_fit --good sim/parts/press_fit_good.toml \\
+    --bad sim/parts/press_fit_bad.toml --parts 1000""",
+)
+def cycle() -> None:
+    """Try the program of a cycle before a press exists: with one simulated part, or with thousands
+    of good and bad ones.
+
+    Every command takes an experiment, because a program alone cannot run: the experiment names the
+    model of press and part, the program, the parameters of the axis, and when the cycle starts.
+    `--program` tries another program with the same press.
+    """
+
+
+@cycle.command(
+    cls=Slow,
+    epilog="""forceaxis cycle run press_fit --plot part.png
+    forceaxis cycle run sim/experiments/press_fit.toml --set k_bore="80 kN/m"
+    forceaxis cycle run press_fit --program out/tighter.toml --json""",
+)
+@EXPERIMENT
+@program_option
+@set_option("As for run: a parameter of the part or the press, or an object of the firmware.")
+@click.option(
+    "--plot",
+    type=File(),
+    help="Plot of the curve with windows, envelopes and bounds: FILE.png, .svg or .pdf.",
+)
+@as_json
+def run(
+    experiment: Path,
+    program: Path | None,
+    overrides: tuple[str, ...],
+    plot: Path | None,
+    as_json: bool,
+) -> None:
+    """Press one simulated part with the firmware, and print the verdict of the part.
+
+    The command also prints what each element found, with its bounds, and when and why each phase
+    ended. The exit status is 0 for every verdict. An element with the kind window has the number of
+    entries into the window as its value, an envelope the smallest distance from its curves.
+    """
+    from forceaxis import drawing
+    from forceaxis.cli import cycle_text
+    from forceaxis.cycles import part
+
+    if plot is not None and plot.suffix not in drawing.SUFFIXES:
+        raise ParameterError("plot", f"{plot}: expected a file ending in .png, .svg or .pdf")
+    done = part.run(experiment, overrides, program)
+    if plot is not None:
+        from forceaxis.cycles import plots
+
+        if done.curve is None:
+            raise ParameterError("plot", "expected a run in which a cycle starts, got none to plot")
+        with paths.replacing(plot.parent, plot.name) as (file,):
+            drawing.save(plots.part(done), file, plot.suffix[1:])
+    if as_json:
+        print_json(done.result)
+    else:
+        show(
+            [*cycle_text.part_rows(done.result), *([("files", paths.quoted(plot))] if plot else [])]
+        )
+
+
+def rate(context: click.Context, option: click.Parameter, text: str | None) -> float | None:
+    """Return the share from a text such as "1%" or "0.01". Raises InputError for other texts."""
+    if text is None:
+        return None
+    number, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
+    try:
+        value = float(number) / (100 if percent else 1)
+    except ValueError:
+        value = -1.0
+    if not 0 < value < 1:
+        raise InputError(f"--propose: {text}: expected a share of good parts, such as 1% or 0.01")
+    return value
+
+
+@cycle.command(
+    cls=Slow,
+    epilog="""# how often are good parts refused, and how often do bad ones pass?
+    forceaxis cycle rates press_fit --good sim/parts/press_fit_good.toml \\
+    --bad sim/parts/press_fit_bad.toml --parts 1000 --seed 1 --out out/rates
+    # bounds that refuse one good part of a hundred
+    forceaxis cycle rates press_fit --good sim/parts/press_fit_good.toml \\
+    --bad sim/parts/press_fit_bad.toml --parts 9000 --bad-parts 1000 --propose 1% -o out/new.toml
+    # checked with other parts
+    forceaxis cycle rates press_fit --program out/new.toml --seed 2 --parts 30000 \\
+    --good sim/parts/press_fit_good.toml""",
+)
+@EXPERIMENT
+@click.option("--good", type=PARTS_FILE, required=True, help="File with kinds of good parts.")
+@click.option(
+    "--bad", type=PARTS_FILE, multiple=True, help="File with kinds of bad parts. Repeatable."
+)
+@click.option(
+    "--parts", type=int, default=1000, show_default=True, help="Number of good parts, by weight."
+)
+@click.option(
+    "--bad-parts", type=int, help="Number of parts of each bad kind. Default: that of --parts."
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of parts and noise.")
+@program_option
+@set_option("As for run; the same value for all parts.")
+@click.option(
+    "--propose",
+    metavar="RATE",
+    callback=rate,
+    help="Set the bounds of the elements so that this share of good parts is refused, such as 1%. "
+    "Needs -o.",
+)
+@click.option("--write", "-o", type=File(), help="Program with the bounds of --propose.")
+@click.option(
+    "--out",
+    type=Folder(),
+    help="Folder for rates.json, parts.csv and journal.jsonl. The journal keeps finished parts.",
+)
+@threads
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Run on the workers of this Dask scheduler, as for sweep.",
+)
+@as_json
+def rates(
+    experiment: Path,
+    good: Path,
+    bad: tuple[Path, ...],
+    parts: int,
+    bad_parts: int | None,
+    seed: int,
+    program: Path | None,
+    overrides: tuple[str, ...],
+    propose: float | None,
+    write: Path | None,
+    out: Path | None,
+    threads: int | None,
+    scheduler: str | None,
+    as_json: bool,
+) -> None:
+    """Press many simulated parts, and print how often a good part is refused and how often a bad
+    part of each kind passes.
+
+    A file of parts has kinds of parts, whose parameters have distributions. Each probability has an
+    exact interval (Clopper and Pearson) of 95 %. Aborted parts are counted apart and are in no
+    share. Part number i is the same for every number of parts, threads and workers. With --out, the
+    same command, also with more parts, runs only what is missing.
+
+    --propose sets least and most of the elements to a share of refused good parts of the whole
+    program, not of each element. Windows and envelopes stay as they are. The share of later parts
+    that is refused varies from one proposal to the next; the command prints the range. Check the
+    new program with another seed. The file of -o is the program with new bounds and all its
+    comments.
+    """
+    from forceaxis.cli import cycle_text
+    from forceaxis.cycles import propose as proposing
+    from forceaxis.cycles import rates as computing
+
+    if (propose is None) != (write is None):
+        raise InputError("--propose: expected both --propose RATE and -o FILE, or neither; add one")
+    request = computing.RatesRequest(
+        experiment, good, bad, parts, bad_parts, seed, program, overrides
+    )
+    if propose is not None:
+        proposing.check(request.read_program(), parts, propose)
+    done = computing.rates(request, out, threads, scheduler)
+    proposal = None
+    if propose is not None and write is not None:
+        proposal = proposing.propose(done, propose, write, experiment, overrides)
+    if as_json:
+        table = to_json(done.result)
+        print_json({**table, "proposal": to_json(proposal)} if proposal else table)
+        return
+    show(cycle_text.rates_rows(done.result, proposal))
+    if out is not None:
+        show([("files", paths.quoted(out))])
+
+
+VERBS = (cycle,)

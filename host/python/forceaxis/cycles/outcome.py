@@ -1,0 +1,68 @@
+"""Outcome of one simulated part."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from forceaxis.cycles.program import Element
+
+if TYPE_CHECKING:
+    from forceaxis import _core
+
+GOOD, BAD, ABORTED = "good", "bad", "aborted"
+BY_PROGRAM = "by_program"
+# Verdicts of an element that has found a value, so that other bounds would give another verdict.
+MEASURED = ("good", "below", "above")
+
+
+@dataclass(frozen=True, slots=True)
+class PartOutcome:
+    """Outcome of the cycle of one part. A failed run has only the field `error`."""
+
+    state: str = ""  # of the cycle: good, bad, aborted, or why there is no verdict
+    outcome: str = ""  # how the cycle ended
+    failed_phase: str = ""
+    verdicts: Sequence[str] = ()  # of each element
+    values: Sequence[float] = ()  # of each element, in SI units
+    error: str = ""
+
+    @property
+    def is_judged(self) -> bool:
+        """True if the part is good or bad. It is neither if the cycle was aborted or has no
+        result."""
+        return self.state in (GOOD, BAD)
+
+    @property
+    def is_within_limits(self) -> bool:
+        """True if the cycle ended as its program intends."""
+        return self.outcome == BY_PROGRAM
+
+    def is_good_by(self, elements: Sequence[Element], moved: Sequence[int]) -> bool:
+        """Returns True if the part is good by the bounds of `elements`. `moved` are the indices of
+        the elements with other bounds than in the simulation."""
+        return (
+            self.is_judged
+            and self.is_within_limits
+            and all(
+                (verdict in MEASURED and elements[i].is_within(self.values[i]))
+                if i in moved
+                else verdict == GOOD
+                for i, verdict in enumerate(self.verdicts)
+            )
+        )
+
+
+def outcome_of(result: "_core.RunOutcome") -> PartOutcome:
+    """Returns the outcome of a part from a result of _core.run_many."""
+    if "error" in result:
+        return PartOutcome(error=result["error"])
+    cycle = result["cycle"]
+    if cycle is None:
+        return PartOutcome(error="expected an experiment with a cycle, got one without")
+    return PartOutcome(
+        state=cycle["state"],
+        outcome=cycle["outcome"],
+        failed_phase=cycle["failed_phase"],
+        verdicts=[figure["verdict"] for figure in cycle["figures"]],
+        values=[figure["value"] for figure in cycle["figures"]],
+    )

@@ -1,0 +1,309 @@
+"""Bounds of the elements of a program from good parts, to a stated share of good parts that the
+program refuses.
+
+The bounds come from statistically equivalent blocks (Tukey 1947): the bounds take the parts away
+one by one, each bound in turn the part that is then the most extreme on its side, until the wanted
+number is gone. Each bound is then at the value of the last part that it took. Whatever the
+distributions of the values, and whatever their dependence, the share of later parts that is beyond
+any of the bounds has the distribution Beta(k, n + 1 - k) after k of n parts, with the mean
+k / (n + 1), as long as no two values are equal. So the rate is that of the whole part, not that of
+one element. Bounds between equal values refuse less.
+
+Parts that other bounds would refuse too (a limit of a phase, a window, an envelope, a value that
+was not found) are the first of the k.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.cycles.outcome import GOOD, MEASURED, PartOutcome
+from forceaxis.cycles.program import SHAPES, Element, Program, number, unit_of_text
+from forceaxis.cycles.rates import Rates, weighted
+from forceaxis.cycles.statistics import Share, parts_needed, refused_range, share
+from forceaxis.errors import ParameterError
+from forceaxis.experiments.inputs import read_inputs
+from forceaxis.experiments.points import tidy
+
+RATE_LEAST, RATE_MOST = 1e-5, 0.5
+# Why the bounds of an element stay.
+LEFT_SHAPE = "its bounds are a shape and no number"
+LEFT_OPEN = "the program gives it no bound"
+
+
+@dataclass(frozen=True)
+class Side:
+    """One bound that a proposal moves: `least` or `most` of an element."""
+
+    element: int  # index
+    key: str
+
+
+@dataclass(frozen=True)
+class MovedBounds:
+    """The bounds of one element before and after a proposal, in `unit`."""
+
+    name: str
+    unit: str
+    least_before: float | None
+    most_before: float | None
+    least: float | None
+    most: float | None
+
+
+@dataclass(frozen=True)
+class LeftElement:
+    """An element whose bounds a proposal does not move."""
+
+    name: str
+    kind: str
+    why: str
+
+
+@dataclass(frozen=True)
+class ProposedPasses:
+    """The share of the parts of one bad kind that pass the proposed bounds."""
+
+    name: str
+    passed: Share
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Proposed bounds of a program."""
+
+    program: str  # file that was written
+    rate: float  # that was asked for
+    parts: int  # good parts from which the bounds come
+    refused_anyway: int  # of them, whatever the bounds
+    expected: float  # share of later good parts that will be refused
+    low: float  # 95 % of such proposals refuse a share from here ...
+    high: float  # ... to here
+    bounds: list[MovedBounds]
+    left: list[LeftElement]
+    bad: list[ProposedPasses]
+    bad_passed: float | None  # share of all bad parts that pass, by the weights of their kinds
+
+
+def sides_of(program: Program) -> list[Side]:
+    """Returns the bounds that a proposal moves, in the order of the file."""
+    return [
+        Side(i, key)
+        for i, element in enumerate(program.elements)
+        if element.kind not in SHAPES
+        for key in ("least", "most")
+        if getattr(element, key) is not None
+    ]
+
+
+def left_of(program: Program) -> list[LeftElement]:
+    """Returns the elements that a proposal does not change."""
+    moved = {side.element for side in sides_of(program)}
+    return [
+        LeftElement(e.name, e.kind, LEFT_SHAPE if e.kind in SHAPES else LEFT_OPEN)
+        for i, e in enumerate(program.elements)
+        if i not in moved
+    ]
+
+
+def refused_anyway(outcome: PartOutcome, moved: Sequence[int]) -> bool:
+    """Returns True if a part is refused whatever the bounds of the elements `moved` are."""
+    return not outcome.is_within_limits or any(
+        verdict not in MEASURED if i in moved else verdict != GOOD
+        for i, verdict in enumerate(outcome.verdicts)
+    )
+
+
+def bounds_by_blocks(
+    values: NDArray[np.float64], sides: Sequence[tuple[int, int]], take: int
+) -> list[float]:
+    """Returns a bound for each side: the value of the last part that the side took.
+
+    values: (n, m) of n parts. sides: (column, 1 for a lower or -1 for an upper bound). take: number
+    of parts to take, at least one for each side. Sides take in turn. Equal values: a part at a
+    bound is good, so the count has the parts beyond a bound and one part for each bound.
+    """
+    parts = len(values)
+    keyed = [sign * values[:, column] for column, sign in sides]
+    orders = [np.argsort(key, kind="stable") for key in keyed]
+    places = [0] * len(sides)  # next part in the order of each side
+    last = [-1] * len(sides)  # part whose value is the bound
+    taken = np.zeros(parts, dtype=bool)
+    beyond = np.zeros(parts, dtype=bool)
+
+    def advance(side: int) -> None:
+        order, key = orders[side], keyed[side]
+        while taken[order[places[side]]]:
+            places[side] += 1
+        part = int(order[places[side]])
+        before, last[side] = last[side], part
+        taken[part] = True
+        if before < 0 or key[part] > key[before]:
+            # All parts before this one in the order with smaller values are beyond the bound.
+            begin = 0 if before < 0 else int(np.searchsorted(key[order], key[before]))
+            end = int(np.searchsorted(key[order], key[part]))
+            beyond[order[begin:end]] = True
+
+    def count() -> int:
+        at_bounds = {part for part in last if part >= 0 and not beyond[part]}
+        return int(beyond.sum()) + len(at_bounds)
+
+    turn = 0
+    while turn < parts and (turn < len(sides) or count() < take):
+        advance(turn % len(sides))
+        turn += 1
+    return [float(values[part, column]) for part, (column, _) in zip(last, sides, strict=True)]
+
+
+def check(program: Program, parts: int, rate: float) -> None:
+    """Raises ParameterError or InputError if no bounds can be proposed from so many good parts."""
+    if not RATE_LEAST <= rate <= RATE_MOST:
+        raise ParameterError(
+            "propose", f"expected a share from {RATE_LEAST:g} to {RATE_MOST:g}, got {rate:g}"
+        )
+    sides = sides_of(program)
+    if not sides:
+        raise InputError(
+            f"{program.file}: element: expected an element with least or most that is no window, "
+            "got none; add one, with any bounds"
+        )
+    needed = parts_needed(rate, len(sides))
+    if parts < needed:
+        raise ParameterError(
+            "parts",
+            f"expected at least {needed} good parts for {len(sides)} bounds and a share of "
+            f"{rate:g}, got {parts}; simulate more parts",
+        )
+
+
+def proposed(program: Program, outcomes: Sequence[PartOutcome], rate: float) -> tuple[Program, int]:
+    """Returns the program with the bounds that refuse the share `rate` of good parts, and the
+    number of parts that are refused whatever the bounds. Raises ParameterError or InputError."""
+    judged = [outcome for outcome in outcomes if outcome.is_judged]
+    check(program, len(judged), rate)
+    sides = sides_of(program)
+    moved = sorted({side.element for side in sides})
+    rest = [outcome for outcome in judged if not refused_anyway(outcome, moved)]
+    anyway = len(judged) - len(rest)
+    take = math.floor(rate * (len(judged) + 1) + 1e-9) - anyway
+    if take < len(sides):
+        raise ParameterError(
+            "propose",
+            f"expected windows, envelopes and limits that leave room for a share of {rate:g}, but "
+            f"they refuse {anyway} of {len(judged)} good parts whatever the bounds; widen them, "
+            "or give a larger share or more parts",
+        )
+    # A value is a number of counts times a factor; 12 digits make equal counts equal numbers.
+    values = np.array([[tidy(outcome.values[i]) for i in moved] for outcome in rest])
+    columns = [(moved.index(side.element), 1 if side.key == "least" else -1) for side in sides]
+    found = bounds_by_blocks(values, columns, take)
+    elements = list(program.elements)
+    for side, bound in zip(sides, found, strict=True):
+        element = elements[side.element]
+        is_least = side.key == "least"
+        elements[side.element] = (
+            replace(element, least=bound) if is_least else replace(element, most=bound)
+        )
+    for element in elements:
+        if element.least is not None and element.most is not None and element.least > element.most:
+            raise ParameterError(
+                "propose",
+                f"expected a share that leaves good parts, got {rate:g}, with which {element.name} "
+                "would refuse all; give a smaller share",
+            )
+    return replace(program, elements=elements), anyway
+
+
+def propose(
+    done: Rates, rate: float, file: Path, experiment: Path, overrides: Sequence[str]
+) -> Proposal:
+    """Writes the program of `done` to `file` with bounds that refuse the share `rate` of good
+    parts, whole or not at all. Raises ParameterError or InputError."""
+    program, anyway = proposed(done.program, done.good.outcomes, rate)
+    sides = sides_of(program)
+    moved = sorted({side.element for side in sides})
+    judged = done.good.judged
+    blocks = math.floor(rate * (len(judged) + 1) + 1e-9)
+    low, high = refused_range(blocks, len(judged))
+    _write(done.program, program, file, experiment, overrides)
+    old, new = done.program.elements, program.elements
+    bad = [
+        ProposedPasses(
+            g.name, share(sum(o.is_good_by(new, moved) for o in g.judged), len(g.judged))
+        )
+        for g in done.bad
+    ]
+    return Proposal(
+        program=paths.display(file),
+        rate=rate,
+        parts=len(judged),
+        refused_anyway=anyway,
+        expected=blocks / (len(judged) + 1),
+        low=low,
+        high=high,
+        bounds=[
+            MovedBounds(
+                new[i].name, new[i].unit, old[i].least, old[i].most, new[i].least, new[i].most
+            )
+            for i in moved
+        ],
+        left=left_of(program),
+        bad=bad,
+        bad_passed=weighted([(g.weight, b.passed) for g, b in zip(done.bad, bad, strict=True)]),
+    )
+
+
+def edited(text: str, program: Program) -> str:
+    """Returns the text of a program with the bounds of `program`. Comments and all other keys stay.
+    Each bound keeps the unit of the bound before. Raises InputError."""
+    import tomlkit
+
+    crlf = text.count("\r\n") == text.count("\n") > 0
+    try:
+        document: Any = tomlkit.parse(text.replace("\r\n", "\n") if crlf else text)
+    # tomlkit may refuse a text that the TOML reader of the programs accepts
+    except tomlkit.exceptions.ParseError as error:
+        raise InputError(
+            f"{program.file}: file: expected TOML that can be edited, got: {error}"
+        ) from None
+    for side in sides_of(program):
+        element = program.elements[side.element]
+        table = document["element"][side.element]
+        table[side.key] = _written(getattr(element, side.key), element, table[side.key])
+    dumped = str(tomlkit.dumps(document))
+    return dumped.replace("\n", "\r\n") if crlf else dumped
+
+
+def _written(bound: float, element: Element, before: Any) -> float | str:
+    """Returns a bound as the file writes it: a number, or a quantity in the unit of the bound
+    before, with as many digits as the value needs."""
+    unit = unit_of_text(before) if isinstance(before, str) else ""
+    if not unit:
+        return tidy(bound)
+    size = number(f"1 {unit}", element.unit) or 1.0
+    for digits in range(3, 18):
+        text = f"{bound / size:.{digits}g} {unit}"
+        found = number(text, element.unit)
+        if found is not None and abs(found - bound) <= 1e-12 * abs(bound):
+            return text
+    return f"{bound / size!r} {unit}"
+
+
+def _write(
+    old: Program, new: Program, file: Path, experiment: Path, overrides: Sequence[str]
+) -> None:
+    """Writes a program whose bounds have changed. The compiled module reads the new file before it
+    takes the place of an old one."""
+    with old.file.open(encoding="utf-8", newline="") as stream:
+        text = edited(stream.read(), new)
+    with paths.replacing(file.parent, file.name) as (fresh,):
+        fresh.write_text(text, encoding="utf-8", newline="")
+        kept = [t for t in overrides if not t.startswith("experiment.cycle=")]
+        read_inputs(experiment, [*kept, f"experiment.cycle={fresh.resolve()}"])

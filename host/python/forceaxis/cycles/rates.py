@@ -1,0 +1,376 @@
+"""Error rates of a program over simulated parts: how often a good part is refused, and how often a
+bad part of each kind passes."""
+
+import contextlib
+import csv
+import json
+import os
+import shlex
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from forceaxis import paths, progress
+from forceaxis._core import InputError, SimulationError
+from forceaxis.cycles.outcome import ABORTED, BAD, GOOD, PartOutcome, outcome_of
+from forceaxis.cycles.parts import Kind, Part, Parts, draw, read_parts
+from forceaxis.cycles.program import Program, program_file, read_program, with_program
+from forceaxis.cycles.statistics import Share, share
+from forceaxis.errors import ParameterError
+from forceaxis.experiments.inputs import read_inputs
+from forceaxis.experiments.runner import Cluster, Here, Journal, Runner, identity_of
+from forceaxis.results import json_field, to_json
+from forceaxis.words import counted, option_words
+
+PARTS_MOST = 1_000_000
+GOOD_GROUP = "good parts"  # name of the random numbers of good parts
+FILES = ("rates.json", "parts.csv")
+
+
+@dataclass(frozen=True)
+class RatesRequest:
+    """An experiment with a program, and the parts that it is tried with."""
+
+    experiment: Path
+    good: Path  # file of parts
+    bad: Sequence[Path] = ()
+    parts: int = 1000  # number of good parts
+    bad_parts: int | None = None  # number of parts of each bad kind; None: as `parts`
+    seed: int = 0
+    program: Path | None = None  # instead of the program of the experiment
+    overrides: Sequence[str] = ()
+
+    @property
+    def all_overrides(self) -> list[str]:
+        """The overrides of every run, with that of the program."""
+        return with_program(self.overrides, self.program)
+
+    def read_program(self) -> Program:
+        """Returns the program that the parts are pressed with. Raises InputError."""
+        file = program_file(self.experiment, self.all_overrides)
+        read_inputs(self.experiment, self.all_overrides)  # the compiled module checks all files
+        return read_program(file)
+
+    @property
+    def bad_count(self) -> int:
+        """The number of parts of each bad kind."""
+        return self.parts if self.bad_parts is None else self.bad_parts
+
+    def command(self, out: Path | None, scheduler: str | None) -> str:
+        """Returns the command line that repeats the computation."""
+        words = option_words(
+            good=paths.display(self.good),
+            bad=[paths.display(file) for file in self.bad],
+            parts=self.parts,
+            bad_parts=self.bad_parts,
+            seed=self.seed,
+            program=None if self.program is None else paths.display(self.program),
+            set=list(self.overrides),
+            out=None if out is None else paths.display(out),
+            scheduler=scheduler,
+        )
+        return shlex.join(["forceaxis", "cycle", "rates", paths.display(self.experiment), *words])
+
+
+@dataclass(frozen=True)
+class PartCounts:
+    """Numbers of parts by their result."""
+
+    parts: int
+    good: int
+    bad: int
+    aborted: int  # by a stop, a fault, a halt or another mode
+    no_result: int  # the cycle did not start, or was not over at the end of the experiment
+    failed: int  # runs with an error
+
+
+@dataclass(frozen=True)
+class ElementRefusals:
+    """How often one element refuses a good part. It is a share of the judged parts."""
+
+    name: str
+    kind: str
+    refused: Share
+
+
+@dataclass(frozen=True)
+class GoodRates:
+    """What becomes of good parts."""
+
+    counts: PartCounts
+    refused: Share  # of the judged parts
+    limits: Share  # parts whose cycle did not end as its program intends
+    elements: list[ElementRefusals]
+
+
+@dataclass(frozen=True)
+class ElementPasses:
+    """How often one element alone would let a bad part pass."""
+
+    name: str
+    kind: str
+    passed: Share
+
+
+@dataclass(frozen=True)
+class BadRates:
+    """What becomes of the parts of one bad kind."""
+
+    name: str
+    weight: float
+    counts: PartCounts
+    passed: Share  # of the judged parts
+    limits: Share  # parts whose cycle ended as its program intends
+    elements: list[ElementPasses]
+
+
+@dataclass(frozen=True)
+class RatesResult:
+    """The error rates of a program over simulated parts."""
+
+    experiment: str
+    program: str
+    title: str
+    seed: int
+    good: GoodRates
+    bad: list[BadRates]
+    bad_passed: float | None  # share of all bad parts that pass, by the weights of their kinds
+    warnings: list[str]
+    runs: int
+    resumed: int  # number of runs that the journal already had
+    inputs_hash: str
+    firmware_hash: str
+    simulator_hash: str
+    where: str
+    seconds: float
+    ms_per_part: float | None = json_field(default=None, omit_none=True)  # of the runs made now
+    command: str = ""  # command line that repeats the computation
+
+
+@dataclass(frozen=True)
+class Group:
+    """Simulated parts of one group: the good parts, or one bad kind."""
+
+    name: str
+    weight: float
+    parts: list[Part]
+    outcomes: list[PartOutcome]
+
+    @property
+    def judged(self) -> list[PartOutcome]:
+        """The outcomes of the parts that are good or bad."""
+        return [outcome for outcome in self.outcomes if outcome.is_judged]
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Error rates, with the parts from which they were computed."""
+
+    result: RatesResult
+    program: Program
+    good: Group
+    bad: list[Group]
+
+
+def rates(
+    request: RatesRequest,
+    out: Path | None = None,
+    threads: int | None = None,
+    scheduler: str | None = None,
+) -> Rates:
+    """Simulates good and bad parts. The folder `out` keeps the finished runs, so that the same
+    request, or one with more parts, runs only what is missing; None: nothing is written.
+
+    threads: number of threads, by default one for each core. scheduler: address of a Dask
+    scheduler whose workers run the parts. Raises InputError for a mistake in the request or a file,
+    SimulationError if all runs fail.
+    """
+    check(request)
+    experiment = request.experiment
+    overrides = request.all_overrides
+    program = request.read_program()
+    identity = identity_of(experiment, overrides)
+    good_parts = read_parts(request.good, experiment, overrides)
+    bad_parts = [read_parts(name, experiment, overrides) for name in request.bad]
+    groups = [_drawn(GOOD_GROUP, good_parts.kinds, request.seed, request.parts)]
+    for kind in bad_kinds(bad_parts):
+        groups.append(_drawn(f"bad {kind.name}", [kind], request.seed, request.bad_count))
+
+    threads = threads or os.cpu_count() or 1
+    started = time.monotonic()
+    with contextlib.ExitStack() as stack:
+        place = (
+            stack.enter_context(Cluster(scheduler, experiment, overrides, identity))
+            if scheduler
+            else Here(experiment, overrides, threads)
+        )
+        if out is not None:
+            out.mkdir(parents=True, exist_ok=True)
+        journal_file = None if out is None else out / "journal.jsonl"
+        journal = Journal(journal_file, identity, PartOutcome, "computation of rates")
+        stack.callback(journal.close)
+        runner = Runner(journal, identity, place, outcome_of)
+        with progress.phase(counted(sum(len(g.parts) for g in groups), "part")):
+            outcomes = runner([part.values for group in groups for part in group.parts])
+    seconds = time.monotonic() - started
+    rest = iter(outcomes)
+    groups = [replace(group, outcomes=[next(rest) for _ in group.parts]) for group in groups]
+    expect_results(groups)
+
+    good, bad = groups[0], [replace(g, name=g.name.removeprefix("bad ")) for g in groups[1:]]
+    result = RatesResult(
+        experiment=paths.display(experiment),
+        program=paths.display(program.file),
+        title=program.title,
+        seed=request.seed,
+        good=good_rates(good.outcomes, program),
+        bad=[bad_rates(group, program) for group in bad],
+        bad_passed=weighted([(g.weight, _passed(g.judged)) for g in bad]),
+        warnings=warnings(groups),
+        runs=runner.asked,
+        resumed=runner.asked - runner.ran,
+        inputs_hash=identity["inputs_hash"],
+        firmware_hash=identity["firmware_hash"],
+        simulator_hash=identity["simulator_hash"],
+        where=scheduler or counted(threads, "thread"),
+        seconds=round(seconds, 3),
+        ms_per_part=round(1e3 * seconds / runner.ran, 3) if runner.ran else None,
+        command=request.command(out, scheduler),
+    )
+    done = Rates(result, program, good, bad)
+    if out is not None:
+        write(done, out)
+    return done
+
+
+def check(request: RatesRequest) -> None:
+    """Raises ParameterError for numbers that cannot be."""
+    for name, value in (("parts", request.parts), ("bad_parts", request.bad_count)):
+        if not 1 <= value <= PARTS_MOST:
+            raise ParameterError(name, f"expected 1 to {PARTS_MOST:,} parts, got {value}")
+    if request.seed < 0:
+        raise ParameterError("seed", f"expected a number of at least 0, got {request.seed}")
+
+
+def bad_kinds(files: Sequence[Parts]) -> list[Kind]:
+    """Returns the kinds of all files of bad parts. Raises InputError for a name that occurs
+    twice."""
+    kinds: list[Kind] = []
+    for parts in files:
+        for kind in parts.kinds:
+            if kind.name in [known.name for known in kinds]:
+                raise InputError(
+                    f"{parts.file}: kind.name: expected each kind once in all files of bad parts, "
+                    f"got {kind.name} twice; rename one of the two"
+                )
+            kinds.append(kind)
+    return kinds
+
+
+def _drawn(group: str, kinds: Sequence[Kind], seed: int, count: int) -> Group:
+    """Returns the parts of a group, without outcomes."""
+    parts = [draw(kinds, group, seed, i) for i in range(count)]
+    return Group(group, sum(kind.weight for kind in kinds), parts, [])
+
+
+def expect_results(groups: Sequence[Group]) -> None:
+    """Raises SimulationError if all runs of a group failed, so that nothing is known about it."""
+    for group in groups:
+        first = group.outcomes[0].error
+        if first and all(outcome.error for outcome in group.outcomes):
+            raise SimulationError(f"{group.name}: all runs failed; the first: {first}")
+
+
+def counts_of(outcomes: Sequence[PartOutcome]) -> PartCounts:
+    """Returns the numbers of parts by their result."""
+    states = [outcome.state for outcome in outcomes]
+    failed = sum(bool(outcome.error) for outcome in outcomes)
+    good, bad, aborted = (states.count(state) for state in (GOOD, BAD, ABORTED))
+    other = len(outcomes) - good - bad - aborted - failed
+    return PartCounts(len(outcomes), good, bad, aborted, other, failed)
+
+
+def good_rates(outcomes: Sequence[PartOutcome], program: Program) -> GoodRates:
+    """Returns what becomes of good parts."""
+    judged = [outcome for outcome in outcomes if outcome.is_judged]
+    of = len(judged)
+    return GoodRates(
+        counts=counts_of(outcomes),
+        refused=share(sum(outcome.state == BAD for outcome in judged), of),
+        limits=share(sum(not outcome.is_within_limits for outcome in judged), of),
+        elements=[
+            ElementRefusals(e.name, e.kind, share(sum(o.verdicts[i] != GOOD for o in judged), of))
+            for i, e in enumerate(program.elements)
+        ],
+    )
+
+
+def bad_rates(group: Group, program: Program) -> BadRates:
+    """Returns what becomes of the parts of one bad kind."""
+    judged, of = group.judged, len(group.judged)
+    return BadRates(
+        name=group.name,
+        weight=group.weight,
+        counts=counts_of(group.outcomes),
+        passed=_passed(judged),
+        limits=share(sum(outcome.is_within_limits for outcome in judged), of),
+        elements=[
+            ElementPasses(e.name, e.kind, share(sum(o.verdicts[i] == GOOD for o in judged), of))
+            for i, e in enumerate(program.elements)
+        ],
+    )
+
+
+def _passed(judged: Sequence[PartOutcome]) -> Share:
+    return share(sum(outcome.state == GOOD for outcome in judged), len(judged))
+
+
+def weighted(shares: Sequence[tuple[float, Share]]) -> float | None:
+    """Returns the mean of shares by weight, or None if one of them is not known."""
+    known = [(weight, one.share) for weight, one in shares if one.share is not None]
+    if not known or len(known) < len(shares):
+        return None
+    return sum(weight * value for weight, value in known) / sum(weight for weight, _ in known)
+
+
+def warnings(groups: Sequence[Group]) -> list[str]:
+    """Returns warnings about parts that have no verdict."""
+    found = []
+    for group in groups:
+        counts = counts_of(group.outcomes)
+        for number, what in (
+            (counts.aborted, "aborted"),
+            (counts.no_result, "without the end of a cycle (duration_s may be too short)"),
+            (counts.failed, "failed"),
+        ):
+            if number:
+                error = next((o.error for o in group.outcomes if o.error), "")
+                first = f"; the first: {error}" if what == "failed" else ""
+                found.append(
+                    f"{group.name}: {number} of {counts.parts} {what}, not in the shares{first}"
+                )
+    return found
+
+
+def write(done: Rates, out: Path) -> None:
+    """Writes the result and a table with all parts to the folder `out`, both or none."""
+    with paths.replacing(out, *FILES) as (summary, table):
+        summary.write_text(json.dumps(to_json(done.result), indent=2) + "\n")
+        with table.open("w", newline="") as stream:
+            writer = csv.writer(stream, lineterminator="\n")
+            groups = [done.good, *done.bad]
+            names = list(dict.fromkeys(n for g in groups for p in g.parts for n in p.values))
+            elements = [element.name for element in done.program.elements]
+            writer.writerow([
+                "group", "kind", "number", *names, "state", "outcome", "failed_phase", "error",
+                *elements, *(f"{name}_verdict" for name in elements),
+            ])  # fmt: skip
+            for group in groups:
+                for i, (part, one) in enumerate(zip(group.parts, group.outcomes, strict=True)):
+                    values: list[float | str] = [*one.values] or [""] * len(elements)
+                    verdicts = list(one.verdicts) or [""] * len(elements)
+                    writer.writerow([
+                        group.name, part.kind, i, *(part.values.get(name, "") for name in names),
+                        one.state, one.outcome, one.failed_phase, one.error, *values, *verdicts,
+                    ])  # fmt: skip

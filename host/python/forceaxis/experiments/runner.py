@@ -1,0 +1,349 @@
+"""Runs of one experiment with many sets of values: the journal of finished runs, and the places
+that execute runs.
+
+Each finished run is a text line of a journal. The key of the line is a hash of the values, the
+input files, the firmware and the simulator. A run with a line in the journal is not repeated. Runs
+are executed on threads of this process or, in groups, on a Dask cluster; the order and the place of
+the runs have no effect on a result.
+"""
+
+import fcntl
+import hashlib
+import json
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, ClassVar, Generic, NoReturn, Protocol, Self, TypeAlias, TypeVar
+
+from forceaxis import _core, progress
+from forceaxis._core import InputError, SimulationError
+from forceaxis.errors import ParameterError
+from forceaxis.experiments.inputs import read_inputs
+from forceaxis.experiments.sweep_result import Row
+from forceaxis.results import to_json
+
+Identity: TypeAlias = dict[str, str]  # name of a hash -> the hash
+Jobs: TypeAlias = Sequence[list[str]]  # the overrides of each run
+JournalLine: TypeAlias = dict[str, Any]  # a JSON object of the journal
+# function that receives (number of a job, result of _core.run_many)
+Finished: TypeAlias = Callable[[int, "_core.RunOutcome"], None]
+# function that receives (number of finished jobs, number of all jobs)
+Progressed: TypeAlias = Callable[[int, int], None]
+
+
+class Outcome(Protocol):
+    """The outcome of a run that a journal keeps: a dataclass. The outcome of a failed run has only
+    the field `error`."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def error(self) -> str:
+        """Text of the error of a failed run, otherwise empty."""
+
+
+T = TypeVar("T", bound=Outcome)
+
+
+def identity_of(experiment: str | Path, overrides: Sequence[str]) -> Identity:
+    """Returns hashes of the common inputs of all points: experiment, model, firmware and
+    simulator."""
+    return {
+        "inputs_hash": read_inputs(experiment, overrides).inputs_hash,
+        "firmware_hash": _core.FIRMWARE_HASH,
+        "simulator_hash": _core.SIMULATOR_HASH,
+    }
+
+
+@dataclass(frozen=True)
+class JournalEntry:
+    """One entry of the journal: one run. `outcome` contains either `error` alone or all fields of
+    the outcome except `error`."""
+
+    key: str
+    parameters: Row
+    outcome: dict[str, Any]
+
+
+class Journal(Generic[T]):
+    """File with the results of finished runs, one JSON object per text line. The program only
+    appends text lines.
+
+    The first line identifies the inputs. Incomplete lines of a killed process are ignored. A file
+    that is not a journal of these inputs is not changed. Without a path nothing is written.
+    """
+
+    def __init__(
+        self, path: Path | None, identity: Identity, kind: Callable[..., T], what: str = "sweep"
+    ) -> None:
+        """`kind`: class of the outcomes. `what`: the command, in messages."""
+        self.known: dict[str, T] = {}
+        self.kind, self.what = kind, what
+        self.file: IO[bytes] | None = None
+        if path is None:
+            return
+        self.file = path.open("a+b")
+        try:
+            self._read(path, self.file, identity)
+        except BaseException:
+            self.file.close()
+            raise
+
+    def _read(self, path: Path, file: IO[bytes], identity: Identity) -> None:
+        """Reads the runs of a journal with this identity, or writes the first text line of a new
+        journal. Raises InputError."""
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                f"{path}: expected a folder without a running {self.what}, but another {self.what} "
+                "uses this folder; give another folder"
+            ) from None
+        file.seek(0)
+        data = file.read()
+        whole = data[: data.rfind(b"\n") + 1]
+        lines = [read_line(line) for line in whole.splitlines()]
+        # The file is new, or a process was killed while writing the first text line.
+        if not lines and self._line(identity).startswith(data):
+            file.truncate(0)
+            file.write(self._line(identity))
+            file.flush()
+            return
+        if not lines or not set(identity) <= set(lines[0]):
+            raise InputError(
+                f"{path}: line 1: expected the journal of a {self.what}, got another file; give "
+                "another folder"
+            )
+        for name in identity:
+            if lines[0][name] != identity[name]:
+                what = {"inputs_hash": "experiment, model and overrides"}.get(name, name[:-5])
+                raise InputError(
+                    f"{path}: {name}: expected the {what} of the runs in this folder, "
+                    f"{lines[0][name][:12]}, got {identity[name][:12]}; give another folder"
+                )
+        file.truncate(len(whole))
+        for line in lines[1:]:
+            if "key" in line and "outcome" in line:
+                self.known[line["key"]] = self.kind(**line["outcome"])
+
+    @staticmethod
+    def _line(entry: Identity | JournalEntry) -> bytes:
+        return json.dumps(to_json(entry), allow_nan=False).encode() + b"\n"
+
+    def add(self, key: str, values: Row, outcome: T) -> None:
+        """Adds a finished run. `values` are the values of the parameters of the run."""
+        self.known[key] = outcome
+        if self.file:
+            entry = asdict(outcome)
+            error = entry.pop("error")
+            self.file.write(
+                self._line(JournalEntry(key, values, {"error": error} if error else entry))
+            )
+
+    def flush(self) -> None:
+        """Writes buffered text lines to the operating system, so that the text lines are kept if
+        the process is killed."""
+        if self.file:
+            self.file.flush()
+
+    def close(self) -> None:
+        """Writes buffered text lines, and releases the folder."""
+        if self.file:
+            self.file.close()
+
+
+def read_line(line: bytes) -> JournalLine:
+    """Returns the JSON object of a text line, or an empty object if the text line contains no JSON
+    object."""
+    try:
+        entry = json.loads(line)
+    except ValueError:
+        return {}
+    return entry if isinstance(entry, dict) else {}
+
+
+class Place(Protocol):
+    """Executes runs, either on threads of this process or on a cluster."""
+
+    def __call__(self, jobs: Jobs, finished: Finished, progressed: Progressed) -> None:
+        """Executes the jobs. Calls finished() after each job, and progressed() repeatedly."""
+
+
+class Runner(Generic[T]):
+    """Determines the outcomes of runs, either from the journal or by runs."""
+
+    def __init__(
+        self,
+        journal: Journal[T],
+        identity: Identity,
+        place: Place,
+        outcome_of: Callable[["_core.RunOutcome"], T],
+    ) -> None:
+        """`outcome_of`: function that returns the outcome of a result of _core.run_many."""
+        self.outcome_of = outcome_of
+        self.journal = journal
+        self.salt = ":".join(identity.values())
+        self.place = place
+        self.asked = 0  # number of outcomes that the Runner has returned
+        self.ran = 0  # number of runs that the journal did not contain
+        # (values, outcome) of all points
+        self.seen: list[tuple[tuple[float, ...], T]] = []
+
+    def key(self, values: Row) -> str:
+        """Returns the key of a run in the journal: hash of the inputs and of the values, sorted by
+        name."""
+        text = "".join([f"\n{name}={values[name]!r}" for name in sorted(values)])
+        return hashlib.sha256((self.salt + text).encode()).hexdigest()
+
+    def __call__(self, rows: Sequence[Row]) -> list[T]:
+        """Returns the outcomes of the rows, in the order of the rows."""
+        keys = [self.key(row) for row in rows]
+        missing = {k: row for k, row in zip(keys, rows, strict=True) if k not in self.journal.known}
+        # The runs are sorted by model, so that the modes of each model are computed once.
+        of_model = list(dict.fromkeys(name for row in rows for name in row if "." not in name))
+        todo = sorted(
+            missing.items(), key=lambda item: [item[1].get(n, -math.inf) for n in of_model]
+        )
+
+        def finished(i: int, result: "_core.RunOutcome") -> None:
+            key, values = todo[i]
+            self.journal.add(key, values, self.outcome_of(result))
+
+        def progressed(done: int, total: int) -> None:
+            self.journal.flush()
+            progress.shown = f"{done}/{total} runs"
+
+        if todo:
+            jobs = [[f"{n}={v!r}" for n, v in values.items()] for _, values in todo]
+            try:
+                self.place(jobs, finished, progressed)
+            finally:
+                progress.shown = ""
+        outcomes = [self.journal.known[k] for k in keys]
+        self.asked += len(rows)
+        self.ran += len(todo)
+        self.seen += [(tuple(r.values()), o) for r, o in zip(rows, outcomes, strict=True)]
+        return outcomes
+
+
+class Here:
+    """Executes runs on threads of this process."""
+
+    def __init__(self, experiment: str | Path, overrides: list[str], threads: int) -> None:
+        self.experiment = str(experiment)
+        self.overrides = overrides
+        self.threads = threads
+        self.experiments = _core.Experiments()
+
+    def __call__(self, jobs: Jobs, finished: Finished, progressed: Progressed) -> None:
+        every = [(self.experiment, self.overrides + sets) for sets in jobs]
+        _core.run_many(every, self.threads, progressed, True, finished, self.experiments)
+
+
+class Cluster:
+    """Executes runs on the workers of a Dask scheduler. The workers read the files of the
+    experiment by the same paths as this process. The runs of a lost worker are repeated on a
+    different worker.
+    """
+
+    def __init__(
+        self, address: str, experiment: Path, overrides: list[str], identity: Identity
+    ) -> None:
+        try:
+            import distributed
+        except ImportError:
+            raise ParameterError(
+                "scheduler",
+                "expected the package distributed; install distributed with `pip install "
+                "'forceaxis[cluster]'`",
+            ) from None
+
+        def fail(error: str | Exception) -> NoReturn:
+            raise ParameterError(
+                "scheduler",
+                f"{address}: expected the address tcp://HOST:PORT of a running Dask scheduler; "
+                f"{error}",
+            ) from None
+
+        if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
+            fail("start one with `dask scheduler`")
+        self.distributed = distributed
+        self.address = address
+        self.work = (str(experiment.resolve()), overrides, identity)
+        try:
+            self.client = distributed.Client(address, timeout=10, set_as_default=False)
+        except (OSError, ValueError) as error:
+            fail(error)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.client.close()
+
+    def __call__(self, jobs: Jobs, finished: Finished, progressed: Progressed) -> None:
+        cores = sum(self.client.nthreads().values())
+        if cores == 0:
+            raise ParameterError(
+                "scheduler",
+                f"{self.address}: expected a Dask scheduler with at least one worker, got "
+                "none; start workers with `dask worker`",
+            )
+        size = max(1, min(64, len(jobs) // (4 * cores)))
+        futures = {
+            self.client.submit(run_chunk, *self.work, jobs[i : i + size], pure=False): i
+            for i in range(0, len(jobs), size)
+        }
+        done = 0
+        try:
+            for future in self.distributed.as_completed(futures, loop=self.client.loop):
+                start = futures[future]
+                for i, result in enumerate(future.result()):
+                    finished(start + i, result)
+                    done += 1
+                progressed(done, len(jobs))
+        except WorkerDiffers as error:
+            raise ParameterError("scheduler", f"{self.address}: {error}") from None
+        except (InputError, KeyboardInterrupt):
+            raise
+        except Exception as error:
+            raise SimulationError(
+                f"{self.address}: expected a result for each group of points, got: {error}; "
+                "repeat the command, which runs only the missing points"
+            ) from error
+        finally:
+            self.client.cancel(list(futures))
+
+
+class WorkerDiffers(Exception):
+    """Error: a worker has a different version of forceaxis, or different files, than this
+    process."""
+
+
+def run_chunk(
+    experiment: str, overrides: list[str], identity: Identity, jobs: Jobs
+) -> "list[_core.RunOutcome]":
+    """Executes jobs on a worker, and returns the results. Raises WorkerDiffers if the worker has
+    different inputs than the process that has started the sweep."""
+    import socket
+
+    where = f"worker on {socket.gethostname()}"
+    try:
+        mine = identity_of(experiment, overrides)
+    except InputError as error:
+        raise WorkerDiffers(f"{where}: {error}") from None
+    for name, value in mine.items():
+        if value != identity[name]:
+            raise WorkerDiffers(
+                f"{where}: {name}: expected {identity[name][:12]}, got {value[:12]}; give the "
+                "workers the same files and the same forceaxis"
+            )
+    return list(_core.run_many([(experiment, overrides + sets) for sets in jobs], 1, None, True))

@@ -1,0 +1,191 @@
+"""One part: its phases with their times and ends, its elements with bounds, its plot."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from forceaxis import InputError, _core
+from forceaxis.cycles import part, plots
+from forceaxis.cycles.program import End, Phase, program_file, read_program
+
+PRESS_FIT = Path(__file__).resolve().parents[3] / "sim/experiments/press_fit.toml"
+PROGRAM = PRESS_FIT.parents[1] / "cycles/press_fit.toml"
+
+
+def phases(result):
+    return [(span.name, span.why) for span in result.phases]
+
+
+@pytest.fixture(scope="module")
+def good():
+    return part.run(PRESS_FIT)
+
+
+def test_the_phases_follow_each_other_without_a_gap(good):
+    result = good.result
+    assert phases(result) == [
+        ("approach", "contact"),
+        ("join", "force_above 250 N"),
+        ("seat", "time 0.8 s"),
+        ("retract", "reached"),
+    ]
+    # The experiment starts the cycle at 0.1 s; the seat lasts 0.8 s.
+    assert result.phases[0].begin_s == pytest.approx(0.1, abs=1.5e-3)
+    seat = result.phases[2]
+    assert seat.end_s - seat.begin_s == pytest.approx(0.8, abs=1e-9)
+    for before, after in zip(result.phases, result.phases[1:], strict=False):
+        assert after.begin_s == before.end_s
+
+
+def test_the_times_are_those_of_the_simulated_press(good):
+    """5 mm at 20 mm/s less the ramp, then 4 mm at 5 mm/s, with a force of 40 N a mm."""
+    events = _core.run(PRESS_FIT).events
+    touch_s = next(time for time, name, *_ in events if name == "bearing")
+    assert 0 < good.result.phases[0].end_s - touch_s < 0.02  # contact_force is 4 N
+    curve = good.curve
+    join = curve.phase == 1
+    slope = np.polyfit(curve.travel_m[join][200:900], curve.force_N[join][200:900], 1)[0]
+    assert slope == pytest.approx(40e3, rel=0.02)
+    assert curve.force_N[curve.phase == 1].max() >= 250
+    assert curve.force_N[np.flatnonzero(curve.phase == 1)[-2]] < 250  # the phase ends at once
+
+
+def test_the_elements_have_values_and_bounds(good):
+    table = {figure.name: figure for figure in good.result.elements}
+    assert [f.verdict for f in table.values()] == ["good"] * 5
+    shoulder = table["shoulder"]
+    assert (shoulder.least, shoulder.most, shoulder.unit) == (0.0038, 0.0043, "m")
+    assert shoulder.value == pytest.approx(0.00401, abs=2e-5)
+    assert (table["work"].least, table["work"].unit) == (0.3, "J")
+    assert table["joining_force"].least is None and table["joining_force"].value == 1
+    curve = good.curve
+    assert table["seating_force"].value == pytest.approx(curve.force_N[curve.phase == 2].max())
+
+
+@pytest.mark.parametrize(
+    ("overrides", "expected"),
+    [
+        (["gap=30 mm"], [("approach", "reached"), ("retract", "reached")]),
+        (
+            ["joining_depth=9 mm", "k_bore=20 kN/m"],  # 140 N at the limit of 7 mm
+            [("approach", "contact"), ("join", "travel_max exceeded"), ("retract", "reached")],
+        ),
+        (
+            ["k_bore=140 kN/m", "joining_depth=9 mm"],
+            [
+                ("approach", "contact"),
+                ("join", "force_above 250 N"),
+                ("seat", "travel_max exceeded"),
+                ("retract", "reached"),
+            ],
+        ),
+        (
+            ["experiment.duration_s=1.5"],
+            [("approach", "contact"), ("join", "force_above 250 N"), ("seat", "the run ended")],
+        ),
+    ],
+)
+def test_other_parts_end_their_phases_otherwise(overrides, expected):
+    result = part.run(PRESS_FIT, overrides).result
+    assert phases(result) == expected
+
+
+def experiment(folder, old="", new="", more=""):
+    """A copy of the experiment with other text."""
+    text = PRESS_FIT.read_text().replace('"../', f'"{PRESS_FIT.parents[1]}/')
+    file = folder / "press_fit.toml"
+    file.write_text(text.replace(old, new) + more)
+    return file
+
+
+def test_a_stop_ends_the_last_phase(tmp_path):
+    stop = "\n[[at]]\ntime_s = 0.8\nfirmware = { controlword = 7 }\n"
+    result = part.run(experiment(tmp_path, more=stop)).result
+    assert result.state == "aborted"
+    assert phases(result) == [("approach", "contact"), ("join", "stopped")]
+
+
+def test_of_two_cycles_the_last_one_is_shown(tmp_path, good):
+    more = "".join(
+        f"\n[[at]]\ntime_s = {time_s}\nfirmware = {{ controlword = {word} }}\n"
+        for time_s, word in ((2.6, 15), (2.7, 31))
+    )
+    result = part.run(experiment(tmp_path, more=more), ["experiment.duration_s=6"]).result
+    assert phases(result) == phases(good.result)
+    assert result.phases[0].begin_s == pytest.approx(2.7, abs=1.5e-3)
+
+
+def test_a_run_without_a_cycle_has_no_phases(tmp_path):
+    done = part.run(experiment(tmp_path, "controlword = 31", "controlword = 15"))
+    assert (done.result.state, done.result.phases, done.curve) == ("idle", [], None)
+    assert done.result.elements == []
+    # The cycle starts with the last tick.
+    assert part.run(PRESS_FIT, ["experiment.duration_s=0.1"]).result.phases == []
+
+
+def test_another_program_replaces_that_of_the_experiment(tmp_path):
+    file = tmp_path / "other.toml"
+    file.write_text(PROGRAM.read_text().replace('most = "4.3 mm"', 'most = "3.9 mm"'))
+    result = part.run(PRESS_FIT, [], file).result
+    assert result.state == "bad"
+    assert [f.verdict for f in result.elements][1] == "above"
+    assert result.elements[1].most == 0.0039
+
+
+def test_an_experiment_without_a_program_is_refused():
+    other = PRESS_FIT.with_name("contact.toml")
+    with pytest.raises(InputError, match=r"contact.toml: cycle: expected an experiment that names"):
+        part.run(other)
+    assert program_file(PRESS_FIT).resolve() == PROGRAM
+
+
+def curve(force=0.0, travel=0.0, samples=10):
+    time = np.arange(1, samples + 1) / 1500
+    return part.Curve(
+        time, np.full(samples, travel), np.full(samples, force), np.zeros(samples, dtype=int)
+    )
+
+
+@pytest.mark.parametrize(
+    ("met", "piece", "contact"),
+    [
+        (End("time", 10 / 1500, "next"), curve(), False),
+        (End("force_above", 10.0, "next"), curve(force=10.0), False),
+        (End("force_below", -3.0, "next"), curve(force=-4.0), False),
+        (End("touch_above", 1e-3, "next"), curve(travel=2e-3), False),
+        (End("touch_below", -1e-3, "next"), curve(travel=-2e-3), False),
+        (End("contact", None, "next"), curve(), True),
+    ],
+)
+def test_of_several_conditions_the_one_that_the_curve_meets_is_named(met, piece, contact):
+    never = [End("force_above", 1e4, "next"), End("reached", None, "next")]
+    report = part.CycleReport("A program", "good", "by_program", "", 1, ["one"], [])
+    phase = Phase("one", [never[0], End("lost", None, "other"), met, never[1]], "end")
+    in_contact = np.full(len(piece.time_s), contact)
+    assert part.why_ended(phase, "next", piece, in_contact, report) == met.text
+
+
+def test_the_program_is_read_as_it_is_written():
+    program = read_program(PROGRAM)
+    assert [phase.name for phase in program.phases] == ["approach", "join", "seat", "retract"]
+    window, _, work, force, seated = program.elements
+    assert (window.x_from, window.x_to, window.least, window.most) == (0.002, 0.003, 80, 200)
+    assert (work.unit, work.most) == ("J", 0.8)
+    assert force.is_within(390) and force.is_within(425) and not force.is_within(425.01)
+    assert seated.lower == [(0, 390), (1, 390)] and seated.over == "time"
+
+
+def test_the_plot_shows_what_a_part_is_judged_by(good):
+    figure = plots.part(good)
+    over_travel = figure.axes[0]
+    named = [text.get_text() for ax in figure.axes for text in ax.texts]
+    for name in ("joining force", "shoulder 3.8 to 4.3 mm", "seating force 390 to 425 N", "seated"):
+        assert name in named
+    (window,) = over_travel.patches
+    assert window.get_xy() == pytest.approx((2, 80))
+    assert (window.get_width(), window.get_height()) == pytest.approx((1, 120))
+    labels = [text.get_text() for text in over_travel.get_legend().get_texts()]
+    assert labels == ["approach", "join", "seat", "retract"]
+    bad = plots.part(part.run(PRESS_FIT, ["k_bore=80 kN/m"]))
+    named = [text.get_text() for ax in bad.axes for text in ax.texts]
+    assert "joining force: wrong side" in named

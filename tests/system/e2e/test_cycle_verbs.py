@@ -1,0 +1,115 @@
+"""`forceaxis cycle` as a user calls it: tables, JSON, pictures, journals, and new programs."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import dask_cluster
+import pytest
+import verbs
+
+ROOT = Path(__file__).resolve().parents[3]
+PARTS = ["--good", "sim/parts/press_fit_good.toml", "--bad", "sim/parts/press_fit_bad.toml"]
+FEW = [*PARTS, "--parts", "20", "--bad-parts", "3", "--seed", "1"]
+
+
+def cycle(*arguments, status=0):
+    done = verbs.forceaxis("cycle", *arguments, cwd=ROOT)
+    assert done.returncode == status, (done.stdout, done.stderr)
+    return done
+
+
+def test_run_prints_the_part_and_draws_it(tmp_path):
+    picture = tmp_path / "part.png"
+    done = cycle("run", "press_fit", "--plot", picture)
+    lines = [line.split() for line in done.stdout.splitlines()]
+    assert lines[0] == ["cycle", "Press-fit", "of", "a", "bearing:", "good"]
+    assert ["shoulder", "good", "4.009", "3.8", "4.3", "mm"] in lines
+    assert ["joining_force", "good", "1", "-", "-"] in lines
+    assert ["seat", "1.097", "1.897", "time", "0.8", "s"] in lines
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    bad = cycle("run", "press_fit", "--set", "gap=30 mm")
+    assert "cycle        Press-fit of a bearing: bad" in bad.stdout
+
+
+def test_the_json_of_run_has_the_same():
+    table = json.loads(cycle("run", "press_fit", "--json").stdout)
+    assert table["state"] == "good" and table["program"] == "sim/cycles/press_fit.toml"
+    assert [phase["name"] for phase in table["phases"]] == ["approach", "join", "seat", "retract"]
+    assert table["elements"][1] | {"value": 0} == {
+        "name": "shoulder", "kind": "at", "verdict": "good", "value": 0, "unit": "m",
+        "least": 0.0038, "most": 0.0043,
+    }  # fmt: skip
+
+
+def test_rates_prints_shares_with_intervals_and_resumes(tmp_path):
+    out = tmp_path / "out"
+    done = cycle("rates", "press_fit", *FEW, "--out", out)
+    assert "runs         38: 0 from the journal, 38 now" in done.stdout
+    part = next(line for line in done.stdout.splitlines() if "the part" in line)
+    assert part.split() == ["the", "part", "0", "%", "0", "to", "16.8", "%"]  # 1 - 0.025^(1/20)
+    assert "38 parts" in done.stderr
+    again = cycle("rates", "press_fit", *FEW, "--out", out, "--json")
+    table = json.loads(again.stdout)
+    assert (table["runs"], table["resumed"]) == (38, 38)
+    assert table["good"]["refused"] == {
+        "count": 0, "of": 20, "share": 0.0, "low": 0.0,
+        "high": pytest.approx(1 - 0.025 ** (1 / 20)),
+    }  # fmt: skip
+    assert {kind["name"]: kind["passed"]["count"] for kind in table["bad"]} == dict.fromkeys(
+        ["no_part", "too_tight", "too_loose", "askew", "no_shoulder", "stuck"], 0
+    )
+
+
+@pytest.mark.long
+def test_two_workers_of_a_cluster_give_the_parts_of_one_thread(tmp_path):
+    with dask_cluster.started(tmp_path) as (address, _):
+        cycle("rates", "press_fit", *FEW, "--out", tmp_path / "there", "--scheduler", address)
+    cycle("rates", "press_fit", *FEW, "--out", tmp_path / "here", "--threads", "1")
+    here, there = (tmp_path / name / "parts.csv" for name in ("here", "there"))
+    assert here.read_bytes() == there.read_bytes() and len(here.read_text().splitlines()) == 39
+
+
+def test_a_proposal_is_a_program_that_runs(tmp_path):
+    new = tmp_path / "new.toml"
+    few = [*PARTS, "--parts", "599", "--bad-parts", "1"]
+    done = cycle("rates", "press_fit", *few, "--propose", "1%", "-o", new)
+    assert "of good parts refused" in done.stdout
+    assert "joining_force (window): its bounds are a shape" in done.stdout
+    old_lines = (ROOT / "sim/cycles/press_fit.toml").read_text().splitlines()
+    new_lines = new.read_text().splitlines()
+    changed = [pair for pair in zip(old_lines, new_lines, strict=True) if pair[0] != pair[1]]
+    assert len(changed) == 6 and all(line[0] in "lm" for pair in changed for line in pair)
+    force = tomllib.loads(new.read_text())["element"][3]
+    assert 390 < float(force["least"].removesuffix(" N")) < float(force["most"].removesuffix(" N"))
+    part = json.loads(
+        cycle("run", "press_fit", "--program", new, "--set", "k_bore=44 kN/m", "--json").stdout
+    )
+    assert part["elements"][1]["verdict"] == "good" and part["program"] == str(new)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["rates", "press_fit", *FEW, "--propose", "1%"], ["--propose", "-o FILE"]),
+        (["rates", "press_fit", *FEW, "-o", "new.toml"], ["--propose", "-o FILE"]),
+        (["rates", "press_fit", *FEW, "--propose", "many", "-o", "x"], ["--propose: many", "1%"]),
+        (["rates", "press_fit", *FEW, "--propose", "1%", "-o", "x"], ["--parts", "at least 599"]),
+        (["rates", "press_fit"], ["'--good'"]),
+        (["rates", "press_fit", *PARTS, "--parts", "0"], ["--parts", "expected 1 to"]),
+        (["rates", "press_fit", *FEW, "--scheduler", "nowhere"], ["--scheduler", "tcp://"]),
+        (["rates", "press_fit", "--good", "no.toml"], ["no.toml", "expected a readable file"]),
+        (["rates", "contact", *FEW], ["contact.toml: cycle", "names a program"]),
+        (["run", "press_fit", "--plot", "part.gif"], ["--plot", ".png"]),
+        (["run", "press_fit", "--program", "no.toml"], ["no.toml", "expected a readable file"]),
+        (["run", "contact"], ["contact.toml: cycle", "names a program"]),
+        (["rnu", "press_fit"], ["'rnu'"]),
+    ],
+)
+def test_a_mistake_is_one_line_and_writes_nothing(arguments, words):
+    done = cycle(*arguments, status=2)
+    assert done.stdout == "" and not (ROOT / "x").exists() and not (ROOT / "new.toml").exists()
+    line = done.stderr.splitlines()[-1]
+    assert line.startswith("forceaxis: ")
+    for word in words:
+        assert word in line, line
