@@ -108,7 +108,10 @@ enum {
   CYCLE_WRONG_CRC = 4,
   CYCLE_WRONG_PHASE = 5,
   CYCLE_WRONG_ELEMENT = 6,
-  CYCLE_BUSY = 7 /* a cycle runs */
+  CYCLE_BUSY = 7,      /* a cycle runs */
+  CYCLE_NO_ROOM = 8,   /* the library is full */
+  CYCLE_NO_NUMBER = 9, /* a program of the library has another number than 0 */
+  CYCLE_REASONS = 10
 };
 typedef struct {
   uint8_t reason;

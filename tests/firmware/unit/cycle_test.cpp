@@ -4,51 +4,12 @@
 
 #include <array>
 #include <cstdint>
-#include <cstring>
 #include <vector>
 
 #include "firmware/port/host/firmware.hpp"
+#include "tests/firmware/unit/cycle_records.hpp"
 
 namespace {
-
-cycle_phase_t wait_phase(std::uint8_t next) {
-  cycle_phase_t phase{};
-  phase.action = CYCLE_WAIT;
-  phase.reaction = CYCLE_END;
-  phase.force_max_q8 = 1000;
-  phase.travel_max = 500;
-  phase.time_max = 100;
-  phase.conditions[0] = {CYCLE_TIME, next, 0, 10};
-  for (int i = 1; i < CYCLE_CONDITIONS; ++i) phase.conditions[i].next = CYCLE_END;
-  return phase;
-}
-
-// A record of phases, with one element PEAK over all of them, which is good up to 900.
-std::vector<std::uint32_t> record_of(const std::vector<cycle_phase_t> &phases) {
-  cycle_element_t element{};
-  element.kind = CYCLE_PEAK;
-  element.phases = 0xFFFF;
-  element.x_least = -CYCLE_TRAVEL_MAX;
-  element.x_most = CYCLE_TRAVEL_MAX;
-  element.y_least = INT32_MIN;
-  element.y_most = 900;
-  cycle_header_t header{};
-  header.magic = CYCLE_MAGIC;
-  header.version = CYCLE_VERSION;
-  header.phases = static_cast<std::uint8_t>(phases.size());
-  header.elements = 1;
-  header.size = static_cast<std::uint16_t>(sizeof(header) + phases.size() * sizeof(cycle_phase_t) +
-                                           sizeof(element) + 4);
-  std::vector<std::uint32_t> words(header.size / 4u);
-  auto *bytes = reinterpret_cast<std::uint8_t *>(words.data());
-  std::memcpy(bytes, &header, sizeof(header));
-  std::memcpy(bytes + sizeof(header), phases.data(), phases.size() * sizeof(cycle_phase_t));
-  std::memcpy(bytes + header.size - 4 - sizeof(element), &element, sizeof(element));
-  std::uint32_t crc = UINT32_MAX;
-  for (int i = 0; i < header.size - 4; ++i) crc = fx_crc32(crc, bytes[i]);
-  words.back() = ~crc;
-  return words;
-}
 
 cycle_check_t check(const std::vector<std::uint32_t> &words) {
   return cycle_program_check(words.data(), static_cast<std::uint32_t>(4 * words.size()));
