@@ -6,9 +6,9 @@
  *
  * One transfer at a time uses the staging area: the download of one SDO server, or a record in
  * parts (cycle_data). A record in parts gives way after PROGRAMS_SILENCE_TICKS without a part. A
- * download and a removal are refused unless the axis is disabled, because a check takes most of a
- * tick, in which no other tick can run. The selection is short; it is refused only while a cycle
- * runs or is evaluated. */
+ * download and a removal are refused unless the axis is disabled, because the check of a record can
+ * outlast a tick, as an erase of the flash does. The selection is short; it is refused only while a
+ * cycle runs or is evaluated. */
 
 #include <stdbool.h>
 #include <stdint.h>
