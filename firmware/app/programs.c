@@ -151,6 +151,9 @@ cycle_check_t programs_select(fw_t *fw, const cycle_header_t *program) {
 }
 
 int programs_remove(fw_t *fw, uint32_t number) {
+  if (fw->library.staging == NULL) {
+    return FW_ERROR_NO_MEMORY;
+  }
   if (cycle_mode_is_busy(&fw->drive)) {
     return FW_ERROR_STATE;
   }

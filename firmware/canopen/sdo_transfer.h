@@ -31,7 +31,7 @@
 #define SDO_ABORT_PDO_LENGTH UINT32_C(0x06040042)
 /* Two heartbeat consumers would monitor the same node. */
 #define SDO_ABORT_PARAMETER UINT32_C(0x06040043)
-#define SDO_ABORT_HARDWARE UINT32_C(0x06060000) /* no memory for stored parameters */
+#define SDO_ABORT_HARDWARE UINT32_C(0x06060000) /* no memory for parameters or programs */
 /* The received length differs from the announced length. */
 #define SDO_ABORT_LENGTH UINT32_C(0x06070010)
 #define SDO_ABORT_TOO_LONG UINT32_C(0x06070012)

@@ -1121,7 +1121,8 @@ class Node:
         except Abort:
             raise Abort(0x06020000) from None
         forbidden = "wo" if transmit else "ro"
-        permitted = o is not None and o.mappable in ((1, 2) if transmit else (1,))
+        is_object = o is not None and o != PROGRAM_DATA
+        permitted = is_object and o.mappable in ((1, 2) if transmit else (1,))
         if not permitted or o.access == forbidden or bits != 8 * BYTES[o.type]:
             raise Abort(0x06040041)
 

@@ -291,6 +291,8 @@ TEST_F(Programs, WithoutMemoryThereAreNone) {
   EXPECT_EQ(InBlocks(kCanopen, record), kMemory);
   EXPECT_EQ(Select(kCanopen, 3), kValue);
   EXPECT_EQ(Select(kCanopen, 0), 0u);
+  EXPECT_EQ(Remove(kCanopen, 3), 0x06060000u);
+  EXPECT_EQ(Write(kCanopen, AXIS_OBJ_CYCLE_DATA_END, 4), 0x06060000u);
 }
 
 TEST_F(Programs, AFullLibraryKeepsItsPrograms) {
