@@ -145,6 +145,18 @@ static int begin_store(fw_t *fw, int refusal) {
   return refusal;
 }
 
+static int command_recorder(fw_t *fw, bool arm) {
+  /* To record signals of the drive, the drive must run. */
+  if (arm && fw->live == 0 && recording_needs_drive(fw)) {
+    wake(fw);
+  }
+  const int refusal = recording_command(fw, arm);
+  if (refusal == FW_OK && arm) {
+    incident_yield(fw);
+  }
+  return refusal;
+}
+
 static int command(dictionary_t *objects, uint16_t object, int32_t value) {
   fw_t *fw = fw_of(objects);
   switch (object) {
@@ -168,17 +180,8 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
     case AXIS_OBJ_CYCLE_DATA_END:
       return programs_end_parts(fw, (uint32_t)value);
     default:
-      /* To record signals of the drive, the drive must run. */
-      if (value != 0 && fw->live == 0 && recording_needs_drive(fw)) {
-        wake(fw);
-      }
-      break;
+      return command_recorder(fw, value != 0);
   }
-  const int refusal = recording_command(fw, value != 0);
-  if (refusal == FW_OK && value != 0) {
-    incident_yield(fw);
-  }
-  return refusal;
 }
 
 /* Resets the date 1020h after a change of a stored parameter, because the configuration then
