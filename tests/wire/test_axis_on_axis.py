@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long  # half a minute; in lock-step it is tests/loop/test_axis_on_axis.cpp
+
 SESSION = Path(__file__).with_name("axis_on_axis_session.py")
 SETPOINT, NEWTONS, CYCLE_MS = 30, 2.5, 20  # codes, N a code
 # Of the run in lock-step: 75 N, and 0.26 s.

@@ -18,6 +18,10 @@ import cantools
 import pytest
 from recorded import difference, entries
 
+pytestmark = (
+    pytest.mark.long
+)  # three quarters of a minute; the node's answers are tested without a bus
+
 ROOT = Path(__file__).resolve().parents[2]
 SESSION = Path(__file__).with_name("clients_session.py")
 DBC = ROOT / "firmware/objects/generated/forceaxis.dbc"

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long  # a quarter of a minute; each method is in cia402_homing_test.cpp
+
 ROOT = Path(__file__).resolve().parents[2]
 SESSION = Path(__file__).with_name("homing_session.py")
 UM_A_COUNT = 25400 / 4000

@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 from forceaxis.experiments import link
 
+pytestmark = pytest.mark.long  # half a minute; lengths and counts are fuzzed without a bus
+
 ROOT = Path(__file__).resolve().parents[2]
 VCAN = ROOT / "tools" / "vcan"
 SESSION = Path(__file__).parent / "lcm_closed_session.py"

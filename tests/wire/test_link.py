@@ -162,6 +162,7 @@ def logged_run(log, duration):
 HEARD_SHARE_MIN = 0.95  # of the messages that a listener on a busy machine receives
 
 
+@pytest.mark.long  # twenty seconds; candump counts the frames of the other bus
 def test_lcm_logger_counts_a_message_a_tick_and_direction(tmp_path):
     ticks = 3001
     # Multicast is not acknowledged: on a busy machine the listener may miss messages, so the test

@@ -7,7 +7,12 @@ import json
 import sys
 from pathlib import Path
 
+import pytest
 from protections import documented
+
+pytestmark = (
+    pytest.mark.long
+)  # a quarter of a minute; in process each protection is in test_protections.py
 
 SESSION = Path(__file__).with_name("protections_session.py")
 

@@ -52,14 +52,20 @@ def phase(rng, phases, position):
     return struct.pack(PHASE, *fields) + b"".join(condition(rng, phases) for _ in range(4))
 
 
-def element(rng, points):
-    kind = rng.randrange(8)
+def element(rng, kinds, points):
+    kind = rng.choice(kinds)
     over_time = int(rng.random() < 0.3)
-    ends = sorted(rng.randint(-60, 300) for _ in range(2)) if rng.random() < 0.7 else (-(10**6), 10**6)
+    ends = (
+        sorted(rng.randint(-60, 300) for _ in range(2)) if rng.random() < 0.7 else (-(10**6), 10**6)
+    )
     least, most = sorted(rng.choice([-5000, 0, 100, 2560, 9000, 30_000]) for _ in range(2))
     of_force = direction = ordinal = enters = leaves = lower = upper = first = level = level_2 = 0
     if kind in (AT, DIFFERENCE):
-        of_force, direction, ordinal = rng.randint(0, 1), rng.randint(1, 3), rng.choice([1, 1, 2, 9])
+        of_force, direction, ordinal = (
+            rng.randint(0, 1),
+            rng.randint(1, 3),
+            rng.choice([1, 1, 2, 9]),
+        )
         levels = [0, 256, 2560, 9000] if of_force else [0, 5, 30, 200]
         level = rng.choice(levels)
         level_2 = rng.choice(levels) if kind == DIFFERENCE else 0
@@ -80,9 +86,10 @@ def element(rng, points):
 def random_program(rng, position):
     """The record of a program around a position in counts."""
     phases, elements = rng.choice([1, 3, 6, PHASES_MAX]), rng.choice([0, 3, ELEMENTS_MAX])
-    points = []
+    # The longest evaluation is that of sixteen elements of one kind.
+    kinds, points = rng.choice([range(8), [rng.randrange(8)]]), []
     body = b"".join(phase(rng, phases, position) for _ in range(phases))
-    body += b"".join(element(rng, points) for _ in range(elements))
+    body += b"".join(element(rng, kinds, points) for _ in range(elements))
     body += b"".join(struct.pack(POINT, *p) for p in points)
     size = struct.calcsize(HEADER) + len(body) + 4
     header = struct.pack(

@@ -30,6 +30,7 @@ AXIS = 300  # axis_tick() and what it calls, with the laws of the thesis
 BANKED = 550  # the same with a bank of the force law and bounds of the drive
 # What follows it in most ticks, with the arming of the black box; resets and the store are apart.
 BETWEEN = 3200
+EVALUATION = 5800  # the same in a cycle with sixteen elements, of up to two ticks
 COVERAGE = 0.95
 SAME_TICKS = 15_000
 
@@ -47,6 +48,7 @@ def test_the_interrupt_fits_into_its_budget(profile):
     assert profile.axis.count <= AXIS, profile.axis.shares
     assert profile.banked.count <= BANKED, profile.banked.shares
     assert max(profile.between.count, profile.late.count) <= BETWEEN
+    assert profile.evaluation.count <= EVALUATION
     for roots in (["axis_tick"], Port.CALLS):
         done, total, missed = profile.coverage(*roots)
         assert done >= COVERAGE * total, missed

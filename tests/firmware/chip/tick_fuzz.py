@@ -214,7 +214,9 @@ class Fuzz:
         self.profile_rng = random.Random(seed + 4)
         self.drive_rng = random.Random(seed + 6)
         self.cycle_rng = random.Random(seed + 7)
-        self.cycles = False  # the axis runs cycles, by a master that leaves them alone for some time
+        self.cycles = (
+            False  # the axis runs cycles, by a master that leaves them alone for some time
+        )
         self.fitted, self.enabled_ticks, self.drive_on_after = False, 0, 0
         self.calm = False  # the first motion is tested, by a plant that lets it begin
         self.encoder_sign = 1

@@ -7,7 +7,7 @@ from converters import Ads1256
 from cortex_m4 import Chip, Code, Inputs, run
 from drive_bench import FORCE, LAW, SETTINGS, bench, frames_of, stored
 from forceaxis.objects import BY_NAME
-from tick_fuzz import Fuzz
+from tick_fuzz import CYCLE, Fuzz
 from unicorn import UC_HOOK_CODE
 
 SEED = 6
@@ -32,7 +32,7 @@ MODE_NAMES = {
     -6: "stiffness",
     -7: "damping",
     -8: "impedance",
-    -9: "cycle, without a program",
+    CYCLE: "cycle",
 }
 OFF = "not enabled, stopping"
 RESET = ("power_up", "canopen_init")
@@ -208,7 +208,7 @@ class Profile:
         self.chip = Chip()
         self.ticks, self.seed = ticks, seed
         self.modes = defaultdict(Worst)
-        self.between, self.late = Worst(), Worst()
+        self.between, self.late, self.evaluation = Worst(), Worst(), Worst()
         self.run()
         self.port, self.drive = Port(), DrivePort()
 
@@ -227,6 +227,7 @@ class Profile:
         waveform = chip.code.names.index("excitation_step")
         excited = [n for n in axis if n != waveform]
         law = chip.code.names.index("force_law_step")
+        evaluates = chip.code.names.index("cycle_element_take")
         for _ in range(self.ticks):
             fuzz.step(side, inputs)
             chip.interrupt(bytes(inputs))
@@ -243,6 +244,8 @@ class Profile:
             chip.between()
             if any(chip.shares_of[i + 1] for i in resets):
                 self.resets.take(chip)
+            elif chip.shares_of[evaluates + 1]:
+                self.evaluation.take(chip)
             else:
                 (self.late if waiting else self.between).take(chip)
             waiting = False
@@ -352,6 +355,7 @@ class Profile:
             "| what | at most |",
             "| --- | ---: |",
             f"| fw_between() | {self.between.count} |",
+            f"| fw_between() with elements of a cycle, 16 at most | {self.evaluation.count} |",
             f"| fw_between() that makes up for a tick | {self.late.count} |",
             f"| fw_between() with a reset, no memory | {self.resets.count} |",
             *(f"| {kind} | {count} |" for kind, count in sorted(self.frames.items())),

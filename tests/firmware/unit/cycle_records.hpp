@@ -1,14 +1,16 @@
 #ifndef TESTS_UNIT_CYCLE_RECORDS_HPP_
 #define TESTS_UNIT_CYCLE_RECORDS_HPP_
 
+// Records of cycles that are right (firmware/cycle/program.h).
 #include <cstdint>
 #include <cstring>
+#include <random>
 #include <vector>
 
 #include "firmware/port/host/firmware.hpp"
 #include "tests/support/frames.hpp"
 
-// A phase of 10 ticks at standstill.
+// A phase that waits for ten ticks.
 inline cycle_phase_t wait_phase(std::uint8_t next) {
   cycle_phase_t phase{};
   phase.action = CYCLE_WAIT;
@@ -55,6 +57,54 @@ inline Bytes cycle_record(std::uint32_t number, std::uint16_t points = 0) {
   const auto words = record_of({wait_phase(CYCLE_END)}, number, points);
   const auto *bytes = reinterpret_cast<const std::uint8_t *>(words.data());
   return {bytes, bytes + 4 * words.size()};
+}
+
+// A phase that moves or presses around a position in user units, with conditions of every kind.
+inline cycle_phase_t random_phase(std::mt19937 &random, std::uint8_t phases,
+                                  std::int32_t position) {
+  const auto pick = [&](int low, int high) {
+    return low + static_cast<int>(random() % static_cast<unsigned>(high - low + 1));
+  };
+  cycle_phase_t phase = wait_phase(CYCLE_END);
+  phase.force_max_q8 = static_cast<std::uint32_t>(pick(0, 3) == 0 ? 8000 : CYCLE_FORCE_MAX_Q8);
+  phase.travel_max = static_cast<std::uint32_t>(pick(0, 3) == 0 ? 60 : 100000);
+  phase.time_max = static_cast<std::uint32_t>(pick(0, 3) == 0 ? 60 : 1500);
+  phase.reaction = static_cast<std::uint8_t>(pick(0, 1) == 0 ? pick(0, phases - 1) : CYCLE_END);
+  phase.action = static_cast<std::uint8_t>(pick(0, CYCLE_ACTIONS - 1));
+  if (phase.action == CYCLE_PRESS) {
+    phase.force = static_cast<std::int16_t>(pick(0, 4) == 0 ? -500 : pick(1, 1500));
+    phase.slope = static_cast<std::uint32_t>(pick(1, 30000));
+  } else if (phase.action != CYCLE_WAIT) {
+    const bool is_place = phase.action == CYCLE_MOVE || phase.action == CYCLE_APPROACH;
+    phase.target = pick(-300, 300) + (is_place ? position : 0);
+    phase.speed = static_cast<std::uint32_t>(pick(1, 40000));
+  }
+  for (cycle_condition_t &condition : phase.conditions) {
+    const std::int32_t levels[CYCLE_CONDITION_KINDS] = {0,
+                                                        0,
+                                                        pick(1, 60),
+                                                        pick(-20, 60) * 256,
+                                                        pick(-20, 60) * 256,
+                                                        pick(1, 60),
+                                                        pick(-20, 40),
+                                                        pick(-20, 40),
+                                                        0,
+                                                        0,
+                                                        pick(1, 15),
+                                                        pick(1, 15)};
+    condition.when = static_cast<std::uint8_t>(pick(0, CYCLE_CONDITION_KINDS - 1));
+    condition.next = static_cast<std::uint8_t>(pick(0, 5) == 0 ? CYCLE_END : pick(0, phases - 1));
+    condition.count = static_cast<std::uint16_t>(pick(0, 2));
+    condition.level = levels[condition.when];
+  }
+  return phase;
+}
+
+inline std::vector<std::uint32_t> random_record(std::mt19937 &random, std::int32_t position) {
+  const auto phases = static_cast<std::uint8_t>(1 + random() % CYCLE_PHASES_MAX);
+  std::vector<cycle_phase_t> drawn;
+  for (int i = 0; i < phases; ++i) drawn.push_back(random_phase(random, phases, position));
+  return record_of(drawn);
 }
 
 #endif

@@ -6,7 +6,6 @@
 #include <cstdint>
 #include <vector>
 
-#include "firmware/port/host/firmware.hpp"
 #include "tests/firmware/unit/cycle_records.hpp"
 
 namespace {

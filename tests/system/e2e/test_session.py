@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.alone, pytest.mark.long]  # half a minute of real time
 ROOT = Path(__file__).resolve().parents[3]
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 
