@@ -7,6 +7,7 @@
 #include "firmware/app/law.h"
 #include "firmware/app/lss_settings.h"
 #include "firmware/app/ownership.h"
+#include "firmware/app/programs.h"
 #include "firmware/app/recording.h"
 #include "firmware/app/reports.h"
 #include "firmware/app/sensing.h"
@@ -109,7 +110,15 @@ static void drive_written(dictionary_t *objects, uint8_t source, uint16_t object
 static int check_device(const dictionary_t *objects, uint8_t source, uint16_t object,
                         int32_t value) {
   (void)source;
-  return lss_settings_check(fw_of_const(objects), object, value);
+  const fw_t *fw = fw_of_const(objects);
+  const int refusal = programs_check(fw, object, value);
+  return (refusal != FW_OK) ? refusal : lss_settings_check(fw, object, value);
+}
+
+static void device_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
+                           int32_t value) {
+  ownership_written(objects, source, object, previous, value);
+  programs_written(fw_of(objects), object, previous, value);
 }
 
 static int check_node(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
@@ -136,6 +145,18 @@ static int begin_store(fw_t *fw, int refusal) {
   return refusal;
 }
 
+static int command_recorder(fw_t *fw, bool arm) {
+  /* To record signals of the drive, the drive must run. */
+  if (arm && fw->live == 0 && recording_needs_drive(fw)) {
+    wake(fw);
+  }
+  const int refusal = recording_command(fw, arm);
+  if (refusal == FW_OK && arm) {
+    incident_yield(fw);
+  }
+  return refusal;
+}
+
 static int command(dictionary_t *objects, uint16_t object, int32_t value) {
   fw_t *fw = fw_of(objects);
   switch (object) {
@@ -154,18 +175,13 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
       return cia402_excite(&fw->drive, &fw->axis, value == AXIS_EXCITATION_RUN_START);
     case AXIS_OBJ_INCIDENT_COMMAND:
       return incident_command(fw, value);
+    case AXIS_OBJ_CYCLE_PROGRAM_REMOVE:
+      return programs_remove(fw, (uint32_t)value);
+    case AXIS_OBJ_CYCLE_DATA_END:
+      return programs_end_parts(fw, (uint32_t)value);
     default:
-      /* To record signals of the drive, the drive must run. */
-      if (value != 0 && fw->live == 0 && recording_needs_drive(fw)) {
-        wake(fw);
-      }
-      break;
+      return command_recorder(fw, value != 0);
   }
-  const int refusal = recording_command(fw, value != 0);
-  if (refusal == FW_OK && value != 0) {
-    incident_yield(fw);
-  }
-  return refusal;
 }
 
 /* Resets the date 1020h after a change of a stored parameter, because the configuration then
@@ -211,8 +227,7 @@ static const dictionary_owner_t owner = {
             [AXIS_BLOCK_CANOPEN_PARAMETER] = {offsetof(fw_t, canopen.params), check_node,
                                               node_written},
             [AXIS_BLOCK_CANOPEN_SIGNAL] = {offsetof(fw_t, canopen.signals), NULL, NULL},
-            [AXIS_BLOCK_DEVICE_PARAMETER] = {offsetof(fw_t, device), check_device,
-                                             ownership_written},
+            [AXIS_BLOCK_DEVICE_PARAMETER] = {offsetof(fw_t, device), check_device, device_written},
             [AXIS_BLOCK_DEVICE_SIGNAL] = {offsetof(fw_t, device_signals), NULL, NULL},
         },
     .permit = ownership_permit,
@@ -221,6 +236,10 @@ static const dictionary_owner_t owner = {
     .text = text,
     .domain_size = recording_size,
     .domain_read = recording_read,
+    .download_most = programs_download_most,
+    .download_begin = programs_download_begin,
+    .download_append = programs_download_append,
+    .download_end = programs_download_end,
 };
 
 /* Returns true if the axis was commissioned: the newest saved parameter set is complete and active.
@@ -241,6 +260,7 @@ static void power_up(fw_t *fw) {
   lss_settings_begin(fw);
   value_store_defaults(&fw->device, AXIS_BLOCK_DEVICE_PARAMETER);
   fw->device_signals.object_table_hash = AXIS_OBJECTS_HASH32;
+  programs_init(fw);
   fw->source_silence = 0;
   for (uint8_t i = 0; i < FW_HELD; i++) {
     fw->reported[i] = 0;
@@ -446,7 +466,11 @@ void fw_between(fw_t *fw) {
   }
   sensing_serve(fw);
   serve_store(fw);
+  const bool has_cycle = cycle_mode_is_busy(&fw->drive);
   cycle_mode_between(&fw->drive);
+  if (has_cycle) {
+    programs_show_result(fw);
+  }
 }
 
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
@@ -513,8 +537,7 @@ cycle_check_t fw_select_program(fw_t *fw, const void *record, uint32_t size) {
   if (check.reason != CYCLE_ACCEPTED) {
     return check;
   }
-  const bool is_taken = cycle_mode_select(&fw->drive, (const cycle_header_t *)record);
-  return (cycle_check_t){is_taken ? CYCLE_ACCEPTED : CYCLE_BUSY, 0};
+  return programs_select(fw, (const cycle_header_t *)record);
 }
 
 int fw_recorder_read(const fw_t *fw, uint32_t index, int32_t values[RECORDER_CHANNELS]) {

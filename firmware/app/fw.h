@@ -14,7 +14,7 @@
 #include "firmware/core/blackbox.h"
 #include "firmware/core/law_bank.h"
 #include "firmware/core/recorder.h"
-#include "firmware/cycle/program.h"
+#include "firmware/cycle/library.h"
 #include "firmware/drive/drive.h"
 #include "firmware/modbus/server.h"
 #include "firmware/objects/dictionary.h"
@@ -24,6 +24,10 @@
 /* Size of the recorder buffer in bytes, on the host and by default on a board. The buffer has room
  * for 5 s of two 16-bit signals. */
 #define FW_RECORDER_BYTES 32768
+
+/* Size of the memory for programs of cycles in bytes, on the host: eight of the longest programs
+ * and the staging area. */
+#define FW_PROGRAM_BYTES (9 * CYCLE_PROGRAM_BYTES_MAX)
 
 /* Version of the firmware. software_version shows this version and the hash of the object table. */
 #define FW_VERSION "0.1.0"
@@ -119,6 +123,11 @@ typedef struct {
   /* registers at the fault of the processor core that caused the last reset; NULL without such a
    * fault */
   const fw_core_fault_t *core_fault;
+  /* memory for programs of cycles, which begins at a multiple of 4 and must outlive the firmware: a
+   * staging area of CYCLE_PROGRAM_BYTES_MAX bytes, then the library. NULL: no program can be
+   * downloaded */
+  void *program_memory;
+  uint32_t program_bytes; /* FW_PROGRAM_BYTES on the host */
 } fw_config_t;
 
 typedef struct {
@@ -131,11 +140,13 @@ typedef struct {
   modbus_t modbus;
   store_t store;
   archive_t archive;
+  cycle_library_t library;
   device_params_t device;
   device_signals_t device_signals;
   fw_config_t config;
   uint32_t source_silence; /* number of ticks since the last write of the owner */
   uint32_t ticks_alone;    /* number of ticks since the last call of fw_between() */
+  uint32_t parts_tick;     /* tick of the last part of a record in parts (programs.h) */
   /* tick in which each rate-limited emergency message (FF01h to FF04h) was last sent */
   uint32_t reported_tick[FW_HELD];
   uint8_t reported[FW_HELD]; /* 1 if this rate-limited emergency message was sent since power-up */
@@ -147,7 +158,8 @@ typedef struct {
   uint8_t owner_on_can; /* 1 if the owner reaches the axis over CAN (ownership.h) */
   /* 1 if the black box uses the recorder buffer; 0 if the recorder uses this buffer (incident.h) */
   uint8_t boxed;
-  uint8_t live; /* 1 if fw_tick() also computes the drive and the protocols */
+  uint8_t has_parts; /* 1 while a record comes in parts (programs.h) */
+  uint8_t live;      /* 1 if fw_tick() also computes the drive and the protocols */
 } fw_t;
 
 /* Initialises the firmware at power-up: parameters have their stored values or their defaults, the
@@ -242,7 +254,8 @@ int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value);
 /* Selects the program of the cycles of mode -9, a record that begins at a multiple of 4 and stays
  * unchanged while the firmware has it. Returns what cycle_program_check() found, or CYCLE_BUSY
  * while a cycle runs; the program before then stays selected. After a reset of the node there is
- * none. */
+ * none. The record is not in the library, so it may have the number 0, and cycle_program is 0. A
+ * simulation and a test bench select so; a client of a bus downloads (programs.h). */
 cycle_check_t fw_select_program(fw_t *fw, const void *record, uint32_t size);
 
 /* Reads one sample of a completed recording; index 0 is the oldest sample. `values` receives one

@@ -6,7 +6,6 @@
 #include "firmware/canopen/sdo_block.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
-#include "firmware/objects/value.h"
 
 /* CLIENT_: command specifiers of SDO requests, bits 5 to 7 of the first byte. SERVER_: first byte
  * of SDO responses, with the command specifier in bits 5 to 7. */
@@ -27,6 +26,9 @@ enum {
 };
 enum { EXPEDITED = 0x02, SIZED = 0x01, TOGGLE = 0x10, LAST = 0x01 };
 
+/* Largest number of bytes in a request itself. */
+enum { EXPEDITED_BYTES = 4 };
+
 static void abort_segment(const sdo_request_t *request, uint32_t code) {
   sdo_abort_transfer(request->canopen, request->number, code);
 }
@@ -38,7 +40,11 @@ static void initiate_download(const sdo_request_t *request) {
   const uint32_t size = expedited ? 4 - fx_field(data[0], 2, 2) : fx_load_le(data + 4, 4);
   uint32_t code = sdo_open_download(request, sized, size);
   if (code == 0 && expedited) {
-    code = sdo_write(request, data + 4);
+    const uint32_t limit = request->server->limit;
+    code = sdo_take(request, data + 4, (limit < EXPEDITED_BYTES) ? limit : EXPEDITED_BYTES);
+    if (code == 0) {
+      code = sdo_close(request);
+    }
   }
   if (code != 0) {
     sdo_abort_request(request, code);
@@ -65,21 +71,10 @@ static void download_segment(const sdo_request_t *request) {
   const uint8_t command = request->data[0];
   uint32_t code = refuse_segment(request, SDO_DOWNLOAD);
   if (code == 0) {
-    const uint32_t count = SDO_SEGMENT_BYTES - fx_field(command, 1, 3);
-    const uint32_t bytes = value_bytes(axis_objects[server->object].type);
-    if (server->offset + count > bytes) {
-      code = SDO_ABORT_TOO_LONG;
-    } else {
-      for (uint32_t i = 0; i < count; i++) {
-        server->data[server->offset + i] = request->data[1 + i];
-      }
-      server->offset += count;
-      if ((command & LAST) != 0) {
-        code = (server->offset == bytes) ? sdo_write(request, server->data)
-               : (server->sized != 0)    ? SDO_ABORT_LENGTH
-                                         : SDO_ABORT_TOO_SHORT;
-      }
-    }
+    code = sdo_take(request, request->data + 1, SDO_SEGMENT_BYTES - fx_field(command, 1, 3));
+  }
+  if (code == 0 && (command & LAST) != 0) {
+    code = sdo_close(request);
   }
   if (code != 0) {
     abort_segment(request, code);
@@ -213,6 +208,12 @@ void sdo_receive(canopen_t *canopen, dictionary_t *objects, uint8_t server,
       sdo_abort_request(&request, SDO_ABORT_COMMAND);
       break;
   }
+}
+
+bool sdo_downloads_bytes(const canopen_t *canopen, uint8_t server) {
+  const sdo_server_t *transfer = &canopen->sdo[server];
+  const bool receives = transfer->state == SDO_DOWNLOAD || transfer->state >= SDO_BLOCK_AWAITED;
+  return receives && transfer->what == AXIS_ADDRESS_DOWNLOAD;
 }
 
 void sdo_timeout(canopen_t *canopen, uint8_t server) {

@@ -16,6 +16,9 @@ void sdo_receive(canopen_t *canopen, dictionary_t *objects, uint8_t server,
 /* Aborts the transfer of a server because the client has sent no request for SDO_TIMEOUT_MS. */
 void sdo_timeout(canopen_t *canopen, uint8_t server);
 
+/* Returns true while a server downloads an entry AXIS_ADDRESS_DOWNLOAD. */
+bool sdo_downloads_bytes(const canopen_t *canopen, uint8_t server);
+
 /* Discards the transfers of all servers without an abort message. */
 void sdo_drop(canopen_t *canopen);
 

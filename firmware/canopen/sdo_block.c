@@ -4,7 +4,6 @@
 
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
-#include "firmware/objects/value.h"
 
 /* SERVER_: command specifiers in responses of block transfers. WITH_CRC, SIZED, UNUSED_UNIT: bits
  * of these responses and of the requests. */
@@ -26,9 +25,9 @@ enum { DOWNLOAD_END = 1 };
  * segment. */
 enum { SEQUENCE = 0x7F, LAST = 0x80 };
 
-/* Number of segments in a block of a download: one segment has room for the value of every
- * object. */
-enum { DOWNLOAD_BLOCK = 1 };
+/* Number of segments in a block of the download of a value: one segment has room for every
+ * value. */
+enum { VALUE_BLOCK = 1 };
 
 static uint8_t command_of(uint8_t command) { return (uint8_t)fx_field(command, 0, 2); }
 
@@ -199,38 +198,44 @@ static void begin_download(const sdo_request_t *request) {
     return;
   }
   server->state = SDO_BLOCK_AWAITED;
+  server->block_size = (server->what == AXIS_ADDRESS_OBJECT) ? VALUE_BLOCK : SDO_BLOCK_MOST;
+  server->sequence = 0;
+  server->held = 0;
+  server->crc = 0;
   sdo_await(request->canopen, request->number);
   can_frame_t *frame =
       sdo_answer(request->canopen, request->number, (uint8_t)(SERVER_DOWNLOAD | agree_crc(request)),
                  server->index, server->sub);
   if (frame != NULL) {
-    frame->data[4] = DOWNLOAD_BLOCK;
+    frame->data[4] = server->block_size;
   }
 }
 
-/* Returns 0, or an abort code if the received bytes are not a value of the object. */
-static uint32_t refuse_end(const sdo_request_t *request) {
-  const sdo_server_t *server = request->server;
-  const uint32_t unused = fx_field(request->data[0], 2, 3);
-  const uint32_t bytes = value_bytes(axis_objects[server->object].type);
-  const uint32_t received = SDO_SEGMENT_BYTES - unused;
-  if (received != bytes) {
-    return (server->sized != 0) ? SDO_ABORT_LENGTH
-           : (received > bytes) ? SDO_ABORT_TOO_LONG
-                                : SDO_ABORT_TOO_SHORT;
+/* Takes `count` bytes of the segment that is held. Returns 0 or an abort code. */
+static uint32_t take_held(const sdo_request_t *request, uint32_t count) {
+  sdo_server_t *server = request->server;
+  server->held = 0;
+  server->crc = crc_of(server->crc, server->data, count);
+  return sdo_take(request, server->data, count);
+}
+
+/* Takes the last segment of a download and ends the download. Returns 0 or an abort code. */
+static uint32_t take_end(const sdo_request_t *request) {
+  sdo_server_t *server = request->server;
+  const uint32_t count = SDO_SEGMENT_BYTES - fx_field(request->data[0], 2, 3);
+  uint32_t code = sdo_refuse_size(server, server->offset + count);
+  if (code == 0) {
+    code = take_held(request, count);
   }
-  const uint32_t crc = fx_load_le(request->data + 1, 2);
-  return (server->with_crc != 0 && crc != crc_of(0, server->data, bytes)) ? SDO_ABORT_CRC : 0;
+  if (code == 0 && server->with_crc != 0 && fx_load_le(request->data + 1, 2) != server->crc) {
+    code = SDO_ABORT_CRC;
+  }
+  return (code == 0) ? sdo_close(request) : code;
 }
 
 static void end_download(const sdo_request_t *request) {
-  uint32_t code = SDO_ABORT_COMMAND;
-  if (request->server->state == SDO_BLOCK_RECEIVED) {
-    code = refuse_end(request);
-    if (code == 0) {
-      code = sdo_write(request, request->server->data);
-    }
-  }
+  const uint32_t code =
+      (request->server->state == SDO_BLOCK_RECEIVED) ? take_end(request) : SDO_ABORT_COMMAND;
   if (code != 0) {
     abort_transfer(request, code);
     return;
@@ -248,35 +253,71 @@ void sdo_block_download(const sdo_request_t *request) {
   }
 }
 
-static void answer_segment(const sdo_request_t *request) {
-  sdo_await(request->canopen, request->number);
+/* Acknowledges the segments of a block that were received without a gap. The client sends the
+ * others again, as the first segments of the next block. */
+static void answer_block(const sdo_request_t *request, bool is_complete) {
+  sdo_server_t *server = request->server;
   can_frame_t *frame = sdo_answer(request->canopen, request->number, SERVER_DOWNLOAD_SEGMENT, 0, 0);
   if (frame != NULL) {
-    frame->data[1] = DOWNLOAD_BLOCK; /* number of the last received segment */
-    frame->data[2] = DOWNLOAD_BLOCK;
+    frame->data[1] = server->sequence;
+    frame->data[2] = server->block_size;
+  }
+  server->state = is_complete ? SDO_BLOCK_RECEIVED : SDO_BLOCK_AWAITED;
+  server->sequence = 0;
+}
+
+/* Keeps a segment that follows the others, until the next one or the end shows its length. Returns
+ * 0 or an abort code. */
+static uint32_t hold_segment(const sdo_request_t *request, bool last) {
+  sdo_server_t *server = request->server;
+  const uint32_t code = (server->held != 0) ? take_held(request, SDO_SEGMENT_BYTES) : 0;
+  if (code != 0) {
+    return code;
+  }
+  if (!last && server->limit - server->offset <= SDO_SEGMENT_BYTES) {
+    return SDO_ABORT_TOO_LONG;
+  }
+  for (uint8_t i = 0; i < SDO_SEGMENT_BYTES; i++) {
+    server->data[i] = request->data[1 + i];
+  }
+  server->held = 1;
+  server->sequence = (uint8_t)(server->sequence + 1);
+  return 0;
+}
+
+static void receive_segment(const sdo_request_t *request) {
+  const sdo_server_t *server = request->server;
+  const uint8_t number = request->data[0] & SEQUENCE;
+  const bool last = (request->data[0] & LAST) != 0;
+  const bool follows = number == server->sequence + 1;
+  uint32_t code = 0;
+  if (number == 0 || number > server->block_size) {
+    code = SDO_ABORT_SEQUENCE;
+  } else if (follows) {
+    code = hold_segment(request, last);
+  }
+  if (code != 0) {
+    abort_transfer(request, code);
+    return;
+  }
+  sdo_await(request->canopen, request->number);
+  if (last || number == server->block_size) {
+    answer_block(request, last && follows);
   }
 }
 
 bool sdo_block_segment(const sdo_request_t *request) {
   sdo_server_t *server = request->server;
   const uint8_t head = request->data[0];
-  const bool is_repeated = server->state == SDO_BLOCK_RECEIVED && head == (LAST | DOWNLOAD_BLOCK);
-  if (server->state != SDO_BLOCK_AWAITED && !is_repeated) {
+  const bool is_repeated = server->state == SDO_BLOCK_RECEIVED &&
+                           server->block_size == VALUE_BLOCK && head == (LAST | VALUE_BLOCK);
+  /* A segment with the number 0 does not exist, so such a frame is an abort. */
+  if ((server->state != SDO_BLOCK_AWAITED && !is_repeated) || head == LAST) {
     return false;
   }
-  if (head == LAST) {
-    return false; /* A segment with the number 0 does not exist, so the frame is an abort. */
+  if (is_repeated) {
+    server->held = 0;
   }
-  if ((head & SEQUENCE) != DOWNLOAD_BLOCK) {
-    abort_transfer(request, SDO_ABORT_SEQUENCE);
-  } else if ((head & LAST) == 0) {
-    abort_transfer(request, SDO_ABORT_TOO_LONG); /* 7 or more bytes */
-  } else {
-    for (uint8_t i = 0; i < SDO_SEGMENT_BYTES; i++) {
-      server->data[i] = request->data[1 + i];
-    }
-    server->state = SDO_BLOCK_RECEIVED;
-    answer_segment(request);
-  }
+  receive_segment(request);
   return true;
 }

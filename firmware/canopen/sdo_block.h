@@ -7,8 +7,9 @@
  * Upload: the server sends segments in a tick while fewer than SDO_BLOCK_FRAMES frames wait in the
  * output queue. So a block does not delay more important frames, and a tick sends at most
  * SDO_BLOCK_FRAMES segments (some 400 instructions each). Segments that the client did not
- * acknowledge are sent again. Download: no object has more than 4 bytes, so a block is one segment.
- * A repeated segment is acknowledged again. */
+ * acknowledge are sent again. Download: the block of a value is one segment, and a repeated segment
+ * is acknowledged again. A block of a download that is no value has SDO_BLOCK_MOST segments;
+ * segments after a gap are dropped, and the end of the block acknowledges those before the gap. */
 
 #include <stdbool.h>
 #include <stdint.h>

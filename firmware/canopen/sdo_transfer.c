@@ -183,12 +183,73 @@ static uint32_t abort_of(uint16_t object, int32_t value, int refusal) {
   return abort_of_refusal[-refusal];
 }
 
-uint32_t sdo_write(const sdo_request_t *request, const uint8_t *bytes) {
-  const uint16_t object = request->server->object;
+static uint32_t write_value(const sdo_request_t *request) {
+  const sdo_server_t *server = request->server;
+  const uint16_t object = server->object;
   const uint8_t type = axis_objects[object].type;
-  const int32_t value = value_from_bits(fx_load_le(bytes, value_bytes(type)), type);
+  const int32_t value = value_from_bits(fx_load_le(server->data, value_bytes(type)), type);
   const int result = dictionary_write(request->objects, request->number, object, value);
   return (result == FW_OK) ? 0 : abort_of(object, value, result);
+}
+
+/* Returns 0, or the abort code of a download that is no value. */
+static uint32_t abort_of_download(int result) {
+  if (result == FW_OK) {
+    return 0;
+  }
+  return (result == FW_ERROR_NO_MEMORY) ? SDO_ABORT_MEMORY : abort_of_refusal[-result];
+}
+
+uint32_t sdo_take(const sdo_request_t *request, const uint8_t *bytes, uint32_t count) {
+  sdo_server_t *server = request->server;
+  int result = FW_OK;
+  if (count > server->limit - server->offset) {
+    return SDO_ABORT_TOO_LONG;
+  }
+  if (server->what == AXIS_ADDRESS_DOWNLOAD) {
+    result =
+        dictionary_download_append(request->objects, request->number, server->offset, bytes, count);
+  } else {
+    for (uint32_t i = 0; i < count; i++) {
+      server->data[server->offset + i] = bytes[i];
+    }
+  }
+  server->offset += count;
+  return abort_of_download(result);
+}
+
+uint32_t sdo_refuse_size(const sdo_server_t *server, uint32_t size) {
+  if (server->sized != 0 && size != server->size) {
+    return SDO_ABORT_LENGTH;
+  }
+  if (size > server->limit) {
+    return SDO_ABORT_TOO_LONG;
+  }
+  return (server->what == AXIS_ADDRESS_OBJECT && size < server->limit) ? SDO_ABORT_TOO_SHORT : 0;
+}
+
+uint32_t sdo_close(const sdo_request_t *request) {
+  const sdo_server_t *server = request->server;
+  const uint32_t code = sdo_refuse_size(server, server->offset);
+  if (code != 0) {
+    return code;
+  }
+  return (server->what == AXIS_ADDRESS_DOWNLOAD)
+             ? abort_of_download(
+                   dictionary_download_end(request->objects, request->number, server->offset))
+             : write_value(request);
+}
+
+/* Returns 0, or an abort code if a download of `size` bytes that is no value cannot begin. */
+static uint32_t refuse_bytes(const sdo_request_t *request, bool sized, uint32_t size) {
+  const uint32_t most = dictionary_download_most(request->objects);
+  if (most == 0) {
+    return SDO_ABORT_MEMORY;
+  }
+  if (sized && size > most) {
+    return SDO_ABORT_TOO_LONG;
+  }
+  return abort_of_download(dictionary_download_begin(request->objects, request->number));
 }
 
 /* Returns 0, or an abort code if a download of `size` bytes to `address` is not permitted. */
@@ -196,6 +257,9 @@ static uint32_t refuse_download(const sdo_request_t *request, const axis_address
                                 bool sized, uint32_t size) {
   if (address == NULL) {
     return has_index(sdo_index(request->data)) ? SDO_ABORT_NO_SUB : SDO_ABORT_NO_OBJECT;
+  }
+  if (address->what == AXIS_ADDRESS_DOWNLOAD) {
+    return refuse_bytes(request, sized, size);
   }
   /* The access is checked before the length, so that a write to a read-only object has the same
    * abort code for every length. */
@@ -215,6 +279,11 @@ uint32_t sdo_open_download(const sdo_request_t *request, bool sized, uint32_t si
   const axis_address_t *address = dictionary_address(sdo_index(request->data), request->data[3]);
   const uint32_t code = refuse_download(request, address, sized, size);
   if (code == 0) {
+    const bool is_value = address->what == AXIS_ADDRESS_OBJECT;
+    server->limit = is_value ? value_bytes(axis_objects[address->value].type)
+                    : sized  ? size
+                             : dictionary_download_most(request->objects);
+    server->what = address->what;
     server->index = address->index;
     server->sub = address->sub;
     server->object = address->value;
@@ -254,6 +323,9 @@ static uint32_t open_address(const sdo_request_t *request, const axis_address_t 
   if (address->what == AXIS_ADDRESS_TEXT) {
     server->size = length_of(dictionary_text(request->objects, address->index));
     return 0;
+  }
+  if (address->what == AXIS_ADDRESS_DOWNLOAD) {
+    return SDO_ABORT_WRITE_ONLY;
   }
   if (address->what == AXIS_ADDRESS_DOMAIN) {
     server->size = dictionary_domain_size(request->objects);

@@ -19,6 +19,8 @@
 /* The number of a received or acknowledged segment is wrong. */
 #define SDO_ABORT_SEQUENCE UINT32_C(0x05040003)
 #define SDO_ABORT_CRC UINT32_C(0x05040004)
+/* The bytes of the download have no room. */
+#define SDO_ABORT_MEMORY UINT32_C(0x05040005)
 /* The object is a command, which cannot be read. */
 #define SDO_ABORT_WRITE_ONLY UINT32_C(0x06010001)
 #define SDO_ABORT_READ_ONLY UINT32_C(0x06010002)
@@ -29,7 +31,7 @@
 #define SDO_ABORT_PDO_LENGTH UINT32_C(0x06040042)
 /* Two heartbeat consumers would monitor the same node. */
 #define SDO_ABORT_PARAMETER UINT32_C(0x06040043)
-#define SDO_ABORT_HARDWARE UINT32_C(0x06060000) /* no memory for stored parameters */
+#define SDO_ABORT_HARDWARE UINT32_C(0x06060000) /* no memory for parameters or programs */
 /* The received length differs from the announced length. */
 #define SDO_ABORT_LENGTH UINT32_C(0x06070010)
 #define SDO_ABORT_TOO_LONG UINT32_C(0x06070012)
@@ -101,8 +103,15 @@ uint16_t sdo_index(const uint8_t *data);
 /* Prepares the download that a request begins. Returns 0 or an abort code. */
 uint32_t sdo_open_download(const sdo_request_t *request, bool sized, uint32_t size);
 
-/* Writes the bytes of a complete download to the object. Returns 0 or an abort code. */
-uint32_t sdo_write(const sdo_request_t *request, const uint8_t *bytes);
+/* Takes the next bytes of a download. Returns 0 or an abort code. */
+uint32_t sdo_take(const sdo_request_t *request, const uint8_t *bytes, uint32_t count);
+
+/* Returns 0, or an abort code if a download must not have `size` bytes. */
+uint32_t sdo_refuse_size(const sdo_server_t *server, uint32_t size);
+
+/* Ends a download: writes the value to the object, or has the bytes accepted. Returns 0 or an abort
+ * code. */
+uint32_t sdo_close(const sdo_request_t *request);
 
 /* Prepares the upload that a request begins. Returns 0 or an abort code. */
 uint32_t sdo_open_upload(const sdo_request_t *request);

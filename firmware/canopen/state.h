@@ -77,21 +77,26 @@ typedef struct {
   uint32_t offset;      /* number of bytes that have been transferred so far */
   uint32_t block_begin; /* block upload: offset in bytes at which the present block begins */
   uint32_t crc_end;     /* block upload: number of bytes that are included in `crc` */
+  uint32_t limit;       /* download: largest number of bytes */
   uint16_t index;
   uint16_t object; /* download: AXIS_OBJ_ */
   uint16_t crc;
   uint8_t sub;
   /* upload: kind of the uploaded data; AXIS_ADDRESS_TEXT, AXIS_ADDRESS_DOMAIN, or another kind for
-   * a value in `data` */
+   * a value in `data`; download: AXIS_ADDRESS_DOWNLOAD, or AXIS_ADDRESS_OBJECT for a value in
+   * `data` */
   uint8_t what;
   uint8_t state;      /* SDO_ */
   uint8_t toggle;     /* toggle bit of the next segment */
   uint8_t sized;      /* 1: the client has announced the size of the download */
   uint8_t replaced;   /* 1: a new recording has replaced the recording that is uploaded */
   uint8_t with_crc;   /* 1: block transfer for which the client requests a CRC */
-  uint8_t block_size; /* block upload: number of segments in a block */
-  uint8_t sequence;   /* block upload: number of the last segment that was sent */
-  uint8_t data[8];    /* bytes of a download, or of a value that is uploaded */
+  uint8_t block_size; /* block transfer: number of segments in a block */
+  /* block upload: number of the last segment that was sent; block download: number of the last
+   * segment that was received without a gap */
+  uint8_t sequence;
+  uint8_t held;    /* block download: 1 if `data` has the last segment, whose length is not known */
+  uint8_t data[8]; /* bytes of a downloaded or uploaded value, or of a segment */
 } sdo_server_t;
 
 /* LSS settings, see lss.h. A reset of communication changes only the fields `state`, `selected`,

@@ -125,8 +125,11 @@ enum {
   CYCLE_WRONG_CRC = 4,
   CYCLE_WRONG_PHASE = 5,
   CYCLE_WRONG_ELEMENT = 6,
-  CYCLE_BUSY = 7, /* a cycle runs */
-  CYCLE_WRONG_ZERO = 8
+  CYCLE_BUSY = 7,      /* a cycle runs */
+  CYCLE_NO_ROOM = 8,   /* the library is full */
+  CYCLE_NO_NUMBER = 9, /* a program of the library has another number than 0 */
+  CYCLE_WRONG_ZERO = 10,
+  CYCLE_REASONS = 11
 };
 typedef struct {
   uint8_t reason;

@@ -110,7 +110,7 @@ static uint8_t refusal_of(const cia402_t *drive) {
 }
 
 bool cycle_mode_select(cia402_t *drive, const cycle_header_t *program) {
-  if (drive->cycle.state == CYCLE_RUNNING || drive->cycle.state == CYCLE_ENDED) {
+  if (cycle_mode_is_busy(drive)) {
     return false;
   }
   drive->program = program;
@@ -119,8 +119,15 @@ bool cycle_mode_select(cia402_t *drive, const cycle_header_t *program) {
   return true;
 }
 
+void cycle_mode_moved(cia402_t *drive, const cycle_header_t *program) {
+  drive->program = program;
+  if (drive->cycle.program != NULL) {
+    drive->cycle.program = program;
+  }
+}
+
 void cycle_mode_start(cia402_t *drive, const axis_t *axis) {
-  if (drive->cycle.state == CYCLE_RUNNING || drive->cycle.state == CYCLE_ENDED) {
+  if (cycle_mode_is_busy(drive)) {
     return;
   }
   drive->cycle_refusal = refusal_of(drive);

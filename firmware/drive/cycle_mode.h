@@ -17,8 +17,16 @@
 
 #include "firmware/drive/drive.h"
 
+/* Returns true while a cycle runs or its last samples are evaluated. */
+static inline bool cycle_mode_is_busy(const cia402_t *drive) {
+  return drive->cycle.state == CYCLE_RUNNING || drive->cycle.state == CYCLE_ENDED;
+}
+
 /* Selects the program, NULL for none. Returns false while a cycle runs. */
 bool cycle_mode_select(cia402_t *drive, const cycle_header_t *program);
+
+/* Tells the drive the new place of its program, whose bytes are the same, while no cycle runs. */
+void cycle_mode_moved(cia402_t *drive, const cycle_header_t *program);
 
 /* Reacts to the start bit of the controlword. */
 void cycle_mode_start(cia402_t *drive, const axis_t *axis);

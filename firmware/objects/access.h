@@ -36,7 +36,8 @@ typedef enum {
   /* the object cannot be mapped into this PDO or exceeds the length of the PDO, or the heartbeat of
    * the node is already monitored */
   FW_ERROR_MAPPING = -9,
-  FW_ERROR_NO_MEMORY = -10 /* the memory of the parameter store is missing or too small */
+  /* the memory of the parameter store, or of the programs of cycles, is missing or too small */
+  FW_ERROR_NO_MEMORY = -10
 } fw_error_t;
 
 /* Reads the raw value of an object (AXIS_OBJ_). An unsigned 32-bit value keeps its bits in `value`.
@@ -94,5 +95,17 @@ const char *dictionary_text(const dictionary_t *objects, uint16_t index);
 uint32_t dictionary_domain_size(const dictionary_t *objects);
 uint32_t dictionary_domain_read(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
                                 uint32_t count);
+
+/* The AXIS_ADDRESS_DOWNLOAD entry is the program of a cycle. dictionary_download_most() returns the
+ * largest size of a download in bytes, or 0 if the board has no memory for it. A download begins,
+ * stages its bytes from offset 0 on, and ends; only its end changes the axis. These functions
+ * return FW_OK, FW_ERROR_LOCKED, FW_ERROR_STATE, FW_ERROR_BUSY while another download is in
+ * progress, FW_ERROR_RANGE if the bytes are refused, and FW_ERROR_NO_MEMORY if they have no room.
+ */
+uint32_t dictionary_download_most(const dictionary_t *objects);
+int dictionary_download_begin(dictionary_t *objects, uint8_t source);
+int dictionary_download_append(dictionary_t *objects, uint8_t source, uint32_t offset,
+                               const uint8_t *bytes, uint32_t count);
+int dictionary_download_end(dictionary_t *objects, uint8_t source, uint32_t size);
 
 #endif

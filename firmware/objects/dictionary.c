@@ -157,3 +157,28 @@ uint32_t dictionary_domain_read(const dictionary_t *objects, uint32_t offset, ui
                                 uint32_t count) {
   return objects->owner->domain_read(objects, offset, bytes, count);
 }
+
+uint32_t dictionary_download_most(const dictionary_t *objects) {
+  return objects->owner->download_most(objects);
+}
+
+/* Bytes that are taken keep the owner of the axis, as other accepted writes do. */
+static int taken(dictionary_t *objects, uint8_t source, int result) {
+  if (result == FW_OK) {
+    dictionary_written_by(objects, source);
+  }
+  return result;
+}
+
+int dictionary_download_begin(dictionary_t *objects, uint8_t source) {
+  return taken(objects, source, objects->owner->download_begin(objects, source));
+}
+
+int dictionary_download_append(dictionary_t *objects, uint8_t source, uint32_t offset,
+                               const uint8_t *bytes, uint32_t count) {
+  return taken(objects, source, objects->owner->download_append(objects, offset, bytes, count));
+}
+
+int dictionary_download_end(dictionary_t *objects, uint8_t source, uint32_t size) {
+  return taken(objects, source, objects->owner->download_end(objects, source, size));
+}

@@ -74,7 +74,8 @@ static void poll_port(void) {
 }
 
 /* Passes each received frame separately to the firmware. The longest frame takes 20 us, which is
- * the largest delay of a tick. */
+ * the largest delay of a tick while the axis is enabled. Only a disabled axis takes the end of a
+ * program's download (programs.h). */
 static void can_in(void) {
   can_frame_t frame;
   for (uint8_t i = 0; i < PORT_CAN_AT_ONCE && port_can_receive(&frame); i++) {

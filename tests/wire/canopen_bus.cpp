@@ -10,6 +10,7 @@ struct Axis {
   fw_t fw{};
   axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
   uint8_t recorder[FW_RECORDER_BYTES]{};
+  uint32_t programs[FW_PROGRAM_BYTES / sizeof(uint32_t)]{};
 };
 
 }  // namespace
@@ -21,6 +22,8 @@ EXPORTED void *axis_new(uint8_t node_id) {
   fw_config_t config{};
   config.recorder_buffer = axis->recorder;
   config.recorder_bytes = sizeof(axis->recorder);
+  config.program_memory = axis->programs;
+  config.program_bytes = sizeof(axis->programs);
   config.node_id = node_id;
   config.buses = 1;
   fw_init(&axis->fw, &config);

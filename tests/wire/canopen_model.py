@@ -42,6 +42,7 @@ HIGHEST = {
     if (index, 0) not in AT
 }
 RECORDER_DATA = 0x2120
+PROGRAM_DATA, PROGRAM = (0x2435, 1), (0x2435, 2)  # the axis has no memory for programs
 DUMMY_BITS = {1: 1, 2: 8, 3: 16, 4: 32, 5: 8, 6: 16, 7: 32}
 
 INITIALISING, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127
@@ -655,9 +656,12 @@ class Node:
 
     @staticmethod
     def find(index, sub):
-        """The object at an address, or None for a text, a domain or a highest sub-index."""
+        """The object at an address; PROGRAM_DATA; or None for a text, another domain or a highest
+        sub-index."""
         if (index, sub) in AT:
             return AT[index, sub]
+        if (index, sub) == PROGRAM_DATA:
+            return PROGRAM_DATA
         if sub == 0 and index in INDICES:
             return None
         raise Abort(0x06090011 if index in INDICES else 0x06020000)
@@ -670,10 +674,24 @@ class Node:
             setattr(transfer, name, value)
         self.start_timer(SDO + server, 7500)
 
-    def download(self, server, transfer, index, sub, data):
+    def to_write(self, index, sub):
+        """The object at an address, if it can be written."""
         o = self.find(index, sub)
+        if o == PROGRAM_DATA:
+            raise Abort(0x05040005)
         if o is None or o.access == "ro":
             raise Abort(0x06010002)
+        return o
+
+    def to_read(self, index, sub):
+        """The object at an address as find, if it can be read."""
+        o = self.find(index, sub)
+        if o == PROGRAM_DATA or (o is not None and o.access == "wo"):
+            raise Abort(0x06010001)
+        return o
+
+    def download(self, server, transfer, index, sub, data):
+        o = self.to_write(index, sub)
         expedited, sized = data & 2, data & 1
         value = data >> 32
         if sized:
@@ -709,10 +727,8 @@ class Node:
         self.write_at_end(server, transfer, o, transfer.data, done)
 
     def upload(self, server, transfer, index, sub):
-        o = self.find(index, sub)
+        o = self.to_read(index, sub)
         if o is not None:
-            if o.access == "wo":
-                raise Abort(0x06010001)
             if o.index == 0x1003 and o.sub > len(self.history):
                 raise Abort(0x08000024)
             size = BYTES[o.type]
@@ -782,10 +798,8 @@ class Node:
 
     def source(self, index, sub):
         """Size, bytes (None: not known) and whether a value comes expedited without blocks."""
-        o = self.find(index, sub)
+        o = self.to_read(index, sub)
         if o is not None:
-            if o.access == "wo":
-                raise Abort(0x06010001)
             if o.index == 0x1003 and o.sub > len(self.history):
                 raise Abort(0x08000024)
             size, value = BYTES[o.type], self.value_of(o)
@@ -879,9 +893,7 @@ class Node:
         self.start_timer(SDO + server, 7500)
 
     def begin_block_download(self, server, transfer, index, sub, data):
-        o = self.find(index, sub)
-        if o is None or o.access == "ro":
-            raise Abort(0x06010002)
+        o = self.to_write(index, sub)
         size = data >> 32 if data & 2 else None
         if size is not None and size != BYTES[o.type]:
             raise Abort(0x06070012 if size > BYTES[o.type] else 0x06070013)
@@ -965,6 +977,8 @@ class Node:
             is_rpdo = 0x1400 <= at[0] <= 0x1403 and at[1] in (1, 5)
             self.report_drive(at[0] == 0x1016 or is_rpdo, stops=False)
         elif o.part == "device" and at[0] not in DRIVE_BUS:
+            if at == PROGRAM and value != 0:
+                raise Abort(0x06090030)
             is_id = at != (0x230F, 0) or value <= 127 or value == 255
             if not is_id or (at == (0x2310, 0) and value not in KBIT_S):
                 raise Abort(0x06090030)
@@ -1107,7 +1121,8 @@ class Node:
         except Abort:
             raise Abort(0x06020000) from None
         forbidden = "wo" if transmit else "ro"
-        permitted = o is not None and o.mappable in ((1, 2) if transmit else (1,))
+        is_object = o is not None and o != PROGRAM_DATA
+        permitted = is_object and o.mappable in ((1, 2) if transmit else (1,))
         if not permitted or o.access == forbidden or bits != 8 * BYTES[o.type]:
             raise Abort(0x06040041)
 

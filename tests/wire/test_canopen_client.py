@@ -11,6 +11,7 @@ from pathlib import Path
 import can
 import canopen
 import pytest
+from forceaxis._core import cycle_record
 
 ROOT = Path(__file__).resolve().parents[2]
 EDS = ROOT / "firmware/objects/generated/forceaxis.eds"
@@ -258,6 +259,34 @@ def test_values_are_written_by_blocks(node):
     ):
         stream.write(bytes([17]))
     assert refusal.value.code == 0x06090031
+
+
+def put(node, record, **options):
+    with node.sdo.open(0x2435, 1, "wb", size=len(record), **options) as stream:
+        stream.write(record)
+
+
+def test_a_program_is_downloaded_and_selected(node):
+    record = cycle_record(ROOT / "sim/experiments/press_fit.toml")
+    number = int.from_bytes(record[16:20], "little")
+    for options in (
+        {},
+        {"block_transfer": True},
+        {"block_transfer": True, "request_crc_support": False},
+    ):
+        put(node, record, **options)
+        assert node.sdo[0x2435][3].raw == 1
+        node.sdo[0x2435][2].raw = number
+        assert node.sdo[0x2435][4].raw == int.from_bytes(record[-4:], "little")
+        wrong = bytearray(record)
+        wrong[50] ^= 1
+        with pytest.raises(canopen.SdoAbortedError) as refusal:
+            put(node, bytes(wrong), **options)
+        assert refusal.value.code == 0x06090030
+        assert node.sdo[0x2435][5].raw == 4, "wrong_crc"
+        assert node.sdo[0x2435][3].raw == 1
+        node.sdo[0x2435][7].raw = number
+        assert node.sdo[0x2435][2].raw == node.sdo[0x2435][3].raw == 0
 
 
 def test_segments_that_are_lost_are_asked_for_again(node):

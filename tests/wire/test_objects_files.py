@@ -122,22 +122,24 @@ def test_every_object_of_the_table_is_in_the_data_sheet(sheet):
 
 
 def test_the_data_sheet_has_nothing_else(sheet):
-    specials = {s["index"]: s for s in CONTENT["special"]}
+    specials = {(s["index"], s.get("sub", 0)): s for s in CONTENT["special"]}
     listed = []
     for kind in ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects"):
         count = int(sheet[kind]["SupportedObjects"])
         assert len(sheet[kind]) == count + 1
         listed += [int(sheet[kind][str(i)], 0) for i in range(1, count + 1)]
     assert len(listed) == len(set(listed))
-    assert set(listed) == {index for index, _ in AT} | set(specials)
+    assert set(listed) == {index for index, _ in [*AT, *specials]}
     for name in sheet.sections():
         match = re.fullmatch(r"([0-9A-F]{4})(?:sub([0-9A-F]+))?", name)
         if not match:
             continue
         index, sub = int(match[1], 16), int(match[2] or "0", 16)
         assert index in listed
-        if index in specials:
-            domain = specials[index]["type"] == "domain"
+        if (index, sub) in specials and (sub > 0 or match[2] is None):
+            special = specials[index, sub]
+            domain = special["type"] == "domain"
+            assert sheet[name]["AccessType"] == special.get("access", "ro")
             assert int(sheet[name]["DataType"], 0) == (0x0F if domain else 0x09)
             assert int(sheet[name]["ObjectType"], 0) == (2 if domain else 7)
         elif match[2] is None and index in INDICES_WITH_SUBS:
@@ -645,8 +647,9 @@ def test_the_firmware_has_the_same_addresses(tmp_path):
     for index in INDICES_WITH_SUBS:
         addresses.setdefault((index, 0), (1, max(s for i, s in AT if i == index)))
     for special in CONTENT["special"]:
-        what = 3 if special["type"] == "domain" else 2
-        addresses[special["index"], 0] = (what, special["index"])
+        is_domain, is_read = special["type"] == "domain", special.get("access", "ro") == "ro"
+        what = (3 if is_read else 4) if is_domain else 2
+        addresses[special["index"], special.get("sub", 0)] = (what, special["index"])
     assert found["address"] == [(*at, *addresses[at]) for at in sorted(addresses)]
 
     registers = {"holding": [], "input": []}

@@ -7,7 +7,7 @@ from objects.table import TABLE, TYPES, addresses, fail, title
 FILE = "firmware/objects/generated/forceaxis.eds"
 
 DATA_TYPES = {"i8": 2, "i16": 3, "i32": 4, "u8": 5, "u16": 6, "u32": 7}
-SPECIAL_DATA_TYPES = {"TEXT": 9, "DOMAIN": 15}
+SPECIAL_DATA_TYPES = {"TEXT": 9, "DOMAIN": 15, "DOWNLOAD": 15}
 DOMAIN, VARIABLE, ARRAY, RECORD = 2, 7, 8, 9
 MANDATORY = (0x1000, 0x1001, 0x1018)
 BAUD_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)
@@ -77,9 +77,9 @@ def variable(at):
         return
     if at.what in SPECIAL_DATA_TYPES:
         yield "ParameterName", at.entry["title"]
-        yield "ObjectType", f"0x{DOMAIN if at.what == 'DOMAIN' else VARIABLE:X}"
+        yield "ObjectType", f"0x{VARIABLE if at.what == 'TEXT' else DOMAIN:X}"
         yield "DataType", f"0x{SPECIAL_DATA_TYPES[at.what]:04X}"
-        yield "AccessType", "ro"
+        yield "AccessType", at.entry["access"]
         yield "PDOMapping", 0
         return
     o, default = at.entry, at.entry["defaults"][at.element]

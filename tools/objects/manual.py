@@ -22,7 +22,7 @@ HEADINGS = {
     "recorder": "Recorder",
     "drive": "Drive: CiA 402",
     "canopen": "CANopen communication: CiA 301",
-    "device": "Device: source lock, store, identity",
+    "device": "Device: source lock, store, identity, programs of cycles",
 }
 WHEN = {"any": "", "disabled": "while disabled", "recorder_idle": "while the recorder is idle"}
 INTRO = """\
@@ -157,12 +157,20 @@ def generate_page(table):
             out.append(f"## {HEADINGS[part]}\n\n{markdown_table(header, rows)}\n")
     if table.specials:
         rows = [
-            (f"`{s['name']}`", f"{s['index']:04x}:0", s["type"].replace("_", " "), s["meaning"])
+            (f"`{s['name']}`", special_address(s), special_type(s), s["meaning"])
             for s in table.specials
         ]
         out.append("## Texts and blocks of bytes\n\n")
         out.append(markdown_table(("name", "address", "type", "meaning"), rows))
     return "".join(out).rstrip("\n") + "\n"
+
+
+def special_address(s):
+    return f"{s['index']:04x}:{s['sub']:x}"
+
+
+def special_type(s):
+    return s["type"].replace("_", " ") + (", write only" if s["access"] == "wo" else "")
 
 
 def roff(text):
@@ -202,8 +210,8 @@ def generate_man(table):
     if table.specials:
         out.append(".SH TEXTS AND BLOCKS OF BYTES\n")
     for s in table.specials:
-        out.append(f".TP\n.B {roff(s['name'])}\n{s['index']:04x}:0; ")
-        out.append(f"{roff(s['type'].replace('_', ' '))}\n.br\n{roff(s['meaning'])}\n")
+        out.append(f".TP\n.B {roff(s['name'])}\n{special_address(s)}; ")
+        out.append(f"{roff(special_type(s))}\n.br\n{roff(s['meaning'])}\n")
     out.append(
         ".SH FILES\n.TP\n.I " + roff(TABLE) + "\nThe table that this page, the data sheet and the\n"
         "firmware's own dictionary are generated from.\n"

@@ -66,7 +66,9 @@ def digest(objects, specials, coils, discretes):
     ]
     canonical = {
         "objects": sorted(rows),
-        "specials": sorted((s["index"], s["name"], s["type"]) for s in specials),
+        "specials": sorted(
+            (s["index"], s["sub"], s["name"], s["type"], s["access"]) for s in specials
+        ),
         "coils": sorted((b["address"], b["name"]) for b in coils),
         "discretes": sorted((b["address"], b["name"]) for b in discretes),
     }

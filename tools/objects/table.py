@@ -60,11 +60,18 @@ COUNTED = ("count", "code/count")
 QUANTITIES = ("force", "encoder")
 REQUIRED = ("name", "kind", "meaning", "type", "unit", "access", "index")
 # The keys of the other kinds of entries. All are required except those of OPTIONAL.
-SPECIAL_KEYS = {"name": str, "title": str, "meaning": str, "type": str, "index": int}
+SPECIAL_KEYS = {
+    "name": str, "title": str, "meaning": str, "type": str, "access": str, "index": int, "sub": int,
+}  # fmt: skip
 RECORD_KEYS = {"title": str, "index": int, "count": int, "array": bool}
 BIT_KEYS = {"name": str, "address": int, "meaning": str}
-OPTIONAL = {"special": ("title",), "record": ("count", "array"), "coil": (), "discrete": ()}
-SPECIAL_TYPES = {"visible_string": "TEXT", "domain": "DOMAIN"}
+OPTIONAL = {
+    "special": ("title", "access", "sub"), "record": ("count", "array"), "coil": (), "discrete": (),
+}  # fmt: skip
+# What lies at the address of a special, by type and access.
+SPECIAL_TYPES = {
+    ("visible_string", "ro"): "TEXT", ("domain", "ro"): "DOMAIN", ("domain", "wo"): "DOWNLOAD",
+}  # fmt: skip
 
 
 class TableError(Exception):
@@ -84,7 +91,7 @@ class Table(NamedTuple):
 class Address(NamedTuple):
     """The entry at a CANopen address."""
 
-    what: str  # kind: OBJECT, COUNT, TEXT, DOMAIN
+    what: str  # kind: OBJECT, COUNT, TEXT, DOMAIN, DOWNLOAD
     name: str  # name of the object or special
     entry: dict | None
     element: int  # element of the array; for a COUNT the highest sub-index
@@ -318,8 +325,15 @@ def check_specials(table, known):
     """Texts and blocks of bytes that are no numbers: [[special]] entries."""
     specials = []
     for label, special in check_list(table, "special", SPECIAL_KEYS):
-        if special["type"] not in SPECIAL_TYPES:
-            fail(label, "type", f"{one_of(SPECIAL_TYPES)}, got {special['type']!r}")
+        types = dict.fromkeys(kind for kind, _ in SPECIAL_TYPES)
+        if special["type"] not in types:
+            fail(label, "type", f"{one_of(types)}, got {special['type']!r}")
+        special.setdefault("access", "ro")
+        if (special["type"], special["access"]) not in SPECIAL_TYPES:
+            accesses = [access for kind, access in SPECIAL_TYPES if kind == special["type"]]
+            fail(label, "access", f"{one_of(accesses)}, got {special['access']!r}")
+        if not 0 <= special.setdefault("sub", 0) <= 254:
+            fail(label, "sub", f"expected 0 to 254, got {special['sub']}")
         if special["name"] in known:
             fail(label, "name", "expected a name used once, this one is there twice")
         if not 0x1000 <= special["index"] <= 0x9FFF:
@@ -399,9 +413,9 @@ def addresses(entries, specials):
     for _, name, o, i in expand(entries):
         add(f"object {name}", canopen_address(o, i), Address("OBJECT", name, o, i))
     for special in specials:
-        what = SPECIAL_TYPES[special["type"]]
+        what = SPECIAL_TYPES[special["type"], special["access"]]
         address = Address(what, special["name"], special, 0)
-        add(f"special {special['name']}", (special["index"], 0), address)
+        add(f"special {special['name']}", (special["index"], special["sub"]), address)
     highest = {}
     for index, sub in found:
         highest[index] = max(sub, highest.get(index, 0))

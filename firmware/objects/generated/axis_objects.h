@@ -570,7 +570,35 @@ enum {
   AXIS_OBJ_CYCLE_PHASE = 560,
   AXIS_OBJ_CYCLE_OUTCOME = 561,
   AXIS_OBJ_CYCLE_COUNT = 562,
-  AXIS_OBJ_COUNT = 563 /* one past the last number */
+  AXIS_OBJ_CYCLE_PROGRAM = 563,
+  AXIS_OBJ_CYCLE_PROGRAM_COUNT = 564,
+  AXIS_OBJ_CYCLE_PROGRAM_CRC = 565,
+  AXIS_OBJ_CYCLE_PROGRAM_REFUSAL = 566,
+  AXIS_OBJ_CYCLE_PROGRAM_REFUSED_PART = 567,
+  AXIS_OBJ_CYCLE_PROGRAM_REMOVE = 568,
+  AXIS_OBJ_CYCLE_RESULT_ELEMENT = 569,
+  AXIS_OBJ_CYCLE_RESULT_VALUE = 570,
+  AXIS_OBJ_CYCLE_RESULT_VERDICT = 571,
+  AXIS_OBJ_CYCLE_RESULT_TICK = 572,
+  AXIS_OBJ_CYCLE_DATA_OFFSET = 573,
+  AXIS_OBJ_CYCLE_DATA_END = 574,
+  AXIS_OBJ_CYCLE_DATA_1 = 575,
+  AXIS_OBJ_CYCLE_DATA_2 = 576,
+  AXIS_OBJ_CYCLE_DATA_3 = 577,
+  AXIS_OBJ_CYCLE_DATA_4 = 578,
+  AXIS_OBJ_CYCLE_DATA_5 = 579,
+  AXIS_OBJ_CYCLE_DATA_6 = 580,
+  AXIS_OBJ_CYCLE_DATA_7 = 581,
+  AXIS_OBJ_CYCLE_DATA_8 = 582,
+  AXIS_OBJ_CYCLE_DATA_9 = 583,
+  AXIS_OBJ_CYCLE_DATA_10 = 584,
+  AXIS_OBJ_CYCLE_DATA_11 = 585,
+  AXIS_OBJ_CYCLE_DATA_12 = 586,
+  AXIS_OBJ_CYCLE_DATA_13 = 587,
+  AXIS_OBJ_CYCLE_DATA_14 = 588,
+  AXIS_OBJ_CYCLE_DATA_15 = 589,
+  AXIS_OBJ_CYCLE_DATA_16 = 590,
+  AXIS_OBJ_COUNT = 591 /* one past the last number */
 };
 
 enum {
@@ -1052,6 +1080,33 @@ enum {
 };
 
 enum {
+  AXIS_CYCLE_PROGRAM_REFUSAL_NONE = 0,
+  AXIS_CYCLE_PROGRAM_REFUSAL_NO_PROGRAM = 1,
+  AXIS_CYCLE_PROGRAM_REFUSAL_OTHER_VERSION = 2,
+  AXIS_CYCLE_PROGRAM_REFUSAL_WRONG_SIZE = 3,
+  AXIS_CYCLE_PROGRAM_REFUSAL_WRONG_CRC = 4,
+  AXIS_CYCLE_PROGRAM_REFUSAL_WRONG_PHASE = 5,
+  AXIS_CYCLE_PROGRAM_REFUSAL_WRONG_ELEMENT = 6,
+  AXIS_CYCLE_PROGRAM_REFUSAL_BUSY = 7,
+  AXIS_CYCLE_PROGRAM_REFUSAL_NO_ROOM = 8,
+  AXIS_CYCLE_PROGRAM_REFUSAL_NO_NUMBER = 9,
+  AXIS_CYCLE_PROGRAM_REFUSAL_WRONG_ZERO = 10,
+  AXIS_CYCLE_PROGRAM_REFUSAL_COUNT = 11
+};
+
+enum {
+  AXIS_CYCLE_RESULT_VERDICT_NONE = 0,
+  AXIS_CYCLE_RESULT_VERDICT_GOOD = 1,
+  AXIS_CYCLE_RESULT_VERDICT_BELOW = 2,
+  AXIS_CYCLE_RESULT_VERDICT_ABOVE = 3,
+  AXIS_CYCLE_RESULT_VERDICT_WRONG_SIDE = 4,
+  AXIS_CYCLE_RESULT_VERDICT_AGAIN = 5,
+  AXIS_CYCLE_RESULT_VERDICT_NOT_REACHED = 6,
+  AXIS_CYCLE_RESULT_VERDICT_ABORTED = 7,
+  AXIS_CYCLE_RESULT_VERDICT_COUNT = 8
+};
+
+enum {
   AXIS_COIL_ENABLE = 0,
   AXIS_COIL_FAULT_RESET = 1,
   AXIS_COIL_HALT = 2,
@@ -1379,9 +1434,12 @@ typedef struct {
   uint32_t drive_target_num; /* target of the drive, in units of the drive, for DAC code drive_target_den; acts after the next power-up [1] */
   uint32_t drive_target_den; /* DAC code for which drive_target_num is the target of the drive; acts after the next power-up [code] */
   uint32_t drive_target_max; /* largest magnitude of the target in units of the drive, at most 32767 for torque; acts after the next power-up [1] */
+  uint32_t cycle_program; /* number of the selected program of the library; 0 means none; not while a cycle runs [1] */
+  uint32_t cycle_data[16]; /* 4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap [1] */
   uint16_t watchdog; /* longest time between two writes of an owner other than canopen; after a longer time the axis has lost its owner [ms] */
   uint16_t stored_bit_rate; /* CAN bit rate that the axis uses after the next reset of the node; must be a rate of CiA 301 that the code for the board supports [kbit/s] */
   uint16_t drive_bit_rate; /* bit rate of the bus of the drive, a rate of CiA 301 that the board supports; acts after the next power-up [kbit/s] */
+  uint16_t cycle_data_offset; /* offset in bytes of cycle_data_1 in the record; 0 begins a new record [1] */
   uint8_t command_source; /* owner of the axis: the bus that may write objects. Another bus becomes the owner when it writes its number while the axis is disabled. The owner may write the number of another bus to make that bus the owner [enum] */
   uint8_t unsupervised_owner; /* reaction when a canopen master enables the axis although neither the heartbeat of the master nor an RPDO is monitored [enum] */
   uint8_t modbus_word_order; /* order of the two Modbus registers of a 32-bit object [enum] */
@@ -1394,6 +1452,7 @@ typedef struct {
   uint8_t drive_lacks; /* objects that the drive lacks, as a sum: 1 1005h, 2 1006h, 4 60C2h, 8 6007h; the drive must then do the same by its own settings; acts after the next power-up [1] */
   uint8_t force_converter; /* converter of the force: the ADC of the board, or a converter of 24 bits on its SPI bus; acts after the next power-up [enum] */
   uint8_t force_converter_gain; /* amplification in the converter of 24 bits; the AD7193 lacks x2 and x4, the ADS1256 lacks x128; acts after the next power-up [enum] */
+  uint8_t cycle_result_element; /* number of the element whose result is shown, from 0 [1] */
 } device_params_t;
 
 typedef struct {
@@ -1406,6 +1465,9 @@ typedef struct {
   uint32_t core_fault_cfsr; /* register CFSR (fault status) of the core at the core fault [1] */
   uint32_t core_fault_hfsr; /* register HFSR (hard fault status) of the core at the core fault [1] */
   uint32_t core_fault_bfar; /* register BFAR (fault address) of the core at the core fault; valid only if CFSR marks the address as valid [1] */
+  uint32_t cycle_program_crc; /* CRC-32 at the end of the record of the selected program; 0 without a program [1] */
+  int32_t cycle_result_value; /* value of the element in the units of its record: force in 1/256 count, travel in encoder counts, time in ticks; 0 without a value [1] */
+  uint32_t cycle_result_tick; /* tick_count of the sample that gave the value; 0 without a value [tick] */
   uint16_t store_change_count; /* number of stored parameters that the present object table changes: a parameter with another meaning is discarded, and an earlier default is kept [1] */
   uint16_t overruns; /* number of ticks that started late or were missed [1] */
   uint16_t bit_rate; /* present CAN bit rate [kbit/s] */
@@ -1422,13 +1484,17 @@ typedef struct {
   uint8_t incident_stored; /* state of the incident that is kept over a power cut. This is the first incident after power-up, at most one incident in 24 hours [enum] */
   uint8_t drive_reason; /* first failure of the drive on the second CAN bus since its last reset [enum] */
   uint8_t reset_cause; /* causes of the last reset of the processor as a sum of bits: 2 brown-out, 4 pin, 8 power-up, 16 software, 32 watchdog, 64 window watchdog, 128 low power; 0 means not known [1] */
+  uint8_t cycle_program_count; /* number of programs in the library [1] */
+  uint8_t cycle_program_refusal; /* why the record of the last download was refused; busy: a cycle was running; no_room: the library is full; no_number: the number of the program is 0; wrong_zero: travel 0 is not defined rightly [enum] */
+  uint8_t cycle_program_refused_part; /* number of the phase or the element for which the record of the last download was refused, from 0 [1] */
+  uint8_t cycle_result_verdict; /* verdict on the element; none: no cycle is done, or the program has no such element [enum] */
 } device_signals_t;
 
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0xaf774fbd)
-#define AXIS_OBJECTS_HASH_TEXT "af774fbd"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x4600d0f0)
+#define AXIS_OBJECTS_HASH_TEXT "4600d0f0"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1482,7 +1548,8 @@ enum {
   AXIS_ADDRESS_OBJECT = 0, /* value: the object's number */
   AXIS_ADDRESS_COUNT = 1,  /* value: the highest sub-index, u8, read only */
   AXIS_ADDRESS_TEXT = 2,   /* a text, read only */
-  AXIS_ADDRESS_DOMAIN = 3  /* bytes of any number, read only */
+  AXIS_ADDRESS_DOMAIN = 3, /* bytes of any number, read only */
+  AXIS_ADDRESS_DOWNLOAD = 4 /* bytes of any number, write only */
 };
 
 typedef struct {
@@ -1508,9 +1575,9 @@ extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
   AXIS_STORED_COUNT = 373,
-  AXIS_ADDRESSES_COUNT = 619,
-  AXIS_HOLDING_COUNT = 174,
-  AXIS_INPUT_COUNT = 96
+  AXIS_ADDRESSES_COUNT = 651,
+  AXIS_HOLDING_COUNT = 195,
+  AXIS_INPUT_COUNT = 103
 };
 
 /* By index, then sub-index. */

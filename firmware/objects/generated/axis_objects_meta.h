@@ -33,8 +33,8 @@ typedef struct {
   const char *quantity;   /* force or encoder: of what a count is a step */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "af774fbd6727be5bafb5817b945d2427118ad8cb4694161d9177b67b3a1b5c26"
-#define AXIS_OBJECTS_META_COUNT 562
+#define AXIS_OBJECTS_HASH "4600d0f0c17091379c7865904fb09b876b74e50428dda95d2dd6763831d2212a"
+#define AXIS_OBJECTS_META_COUNT 590
 
 /* Entry i describes object number i + 1. */
 static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
@@ -1162,6 +1162,62 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(5), INT64_C(0), "ro", "any", "by_program,over_force,over_travel,over_time,stopped,samples_lost", 0x2434, 3, 978, 0, "Cycle outcome", 0, 1, ""},
     {562, 4, "cycle_count", "signal", "drive", "number of cycles that were started since power-up", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2434, 4, 980, 0, "Cycle count", 0, 1, ""},
+    {563, 4, "cycle_program", "parameter", "device", "number of the selected program of the library; 0 means none; not while a cycle runs", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2435, 2, 1024, 0, "Cycle program", 0, 2, ""},
+    {564, 1, "cycle_program_count", "signal", "device", "number of programs in the library", "u8", "1",
+     1.0, INT64_C(0), INT64_C(255), INT64_C(0), "ro", "any", "", 0x2435, 3, 982, 0, "Cycle program count", 0, 1, ""},
+    {565, 4, "cycle_program_crc", "signal", "device", "CRC-32 at the end of the record of the selected program; 0 without a program", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2435, 4, 984, 0, "CRC of the cycle program", 0, 1, ""},
+    {566, 1, "cycle_program_refusal", "signal", "device", "why the record of the last download was refused; busy: a cycle was running; no_room: the library is full; no_number: the number of the program is 0; wrong_zero: travel 0 is not defined rightly", "u8", "1",
+     1.0, INT64_C(0), INT64_C(10), INT64_C(0), "ro", "any", "none,no_program,other_version,wrong_size,wrong_crc,wrong_phase,wrong_element,busy,no_room,no_number,wrong_zero", 0x2435, 5, 986, 0, "Cycle program refusal", 0, 1, ""},
+    {567, 1, "cycle_program_refused_part", "signal", "device", "number of the phase or the element for which the record of the last download was refused, from 0", "u8", "1",
+     1.0, INT64_C(0), INT64_C(255), INT64_C(0), "ro", "any", "", 0x2435, 6, 987, 0, "Cycle program refused part", 0, 1, ""},
+    {568, 4, "cycle_program_remove", "command", "device", "removes the program with this number from the library; only while the axis is disabled; a read gives 0", "u32", "1",
+     1.0, INT64_C(1), INT64_C(4294967295), INT64_C(0), "rw", "disabled", "", 0x2435, 7, 1026, 0, "Remove cycle program", 0, 0, ""},
+    {569, 1, "cycle_result_element", "parameter", "device", "number of the element whose result is shown, from 0", "u8", "1",
+     1.0, INT64_C(0), INT64_C(15), INT64_C(0), "rw", "any", "", 0x2436, 1, 1028, 0, "Cycle result element", 0, 0, ""},
+    {570, 4, "cycle_result_value", "signal", "device", "value of the element in the units of its record: force in 1/256 count, travel in encoder counts, time in ticks; 0 without a value", "i32", "1",
+     1.0, INT64_C(-2147483648), INT64_C(2147483647), INT64_C(0), "ro", "any", "", 0x2436, 2, 988, 0, "Cycle result value", 0, 1, ""},
+    {571, 1, "cycle_result_verdict", "signal", "device", "verdict on the element; none: no cycle is done, or the program has no such element", "u8", "1",
+     1.0, INT64_C(0), INT64_C(7), INT64_C(0), "ro", "any", "none,good,below,above,wrong_side,again,not_reached,aborted", 0x2436, 3, 990, 0, "Cycle result verdict", 0, 1, ""},
+    {572, 4, "cycle_result_tick", "signal", "device", "tick_count of the sample that gave the value; 0 without a value", "u32", "tick",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2436, 4, 992, 0, "Cycle result tick", 0, 1, ""},
+    {573, 2, "cycle_data_offset", "parameter", "device", "offset in bytes of cycle_data_1 in the record; 0 begins a new record", "u16", "1",
+     1.0, INT64_C(0), INT64_C(4092), INT64_C(0), "rw", "any", "", 0x2437, 1, 1039, 0, "Cycle data offset", 0, 0, ""},
+    {574, 2, "cycle_data_end", "command", "device", "ends a record with this number of bytes, as a complete download of cycle_program_data; only while the axis is disabled; a read gives 0", "u16", "1",
+     1.0, INT64_C(1), INT64_C(4096), INT64_C(0), "rw", "disabled", "", 0x2437, 2, 1029, 0, "Cycle data end", 0, 0, ""},
+    {575, 4, "cycle_data_1", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 3, 1040, 0, "Cycle data 1", 0, 0, ""},
+    {576, 4, "cycle_data_2", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 4, 1042, 0, "Cycle data 2", 0, 0, ""},
+    {577, 4, "cycle_data_3", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 5, 1044, 0, "Cycle data 3", 0, 0, ""},
+    {578, 4, "cycle_data_4", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 6, 1046, 0, "Cycle data 4", 0, 0, ""},
+    {579, 4, "cycle_data_5", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 7, 1048, 0, "Cycle data 5", 0, 0, ""},
+    {580, 4, "cycle_data_6", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 8, 1050, 0, "Cycle data 6", 0, 0, ""},
+    {581, 4, "cycle_data_7", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 9, 1052, 0, "Cycle data 7", 0, 0, ""},
+    {582, 4, "cycle_data_8", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 10, 1054, 0, "Cycle data 8", 0, 0, ""},
+    {583, 4, "cycle_data_9", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 11, 1056, 0, "Cycle data 9", 0, 0, ""},
+    {584, 4, "cycle_data_10", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 12, 1058, 0, "Cycle data 10", 0, 0, ""},
+    {585, 4, "cycle_data_11", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 13, 1060, 0, "Cycle data 11", 0, 0, ""},
+    {586, 4, "cycle_data_12", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 14, 1062, 0, "Cycle data 12", 0, 0, ""},
+    {587, 4, "cycle_data_13", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 15, 1064, 0, "Cycle data 13", 0, 0, ""},
+    {588, 4, "cycle_data_14", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 16, 1066, 0, "Cycle data 14", 0, 0, ""},
+    {589, 4, "cycle_data_15", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 17, 1068, 0, "Cycle data 15", 0, 0, ""},
+    {590, 4, "cycle_data_16", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 18, 1070, 0, "Cycle data 16", 0, 0, ""},
 };
 
 /* Names of single raw values, of objects that are no enum. */

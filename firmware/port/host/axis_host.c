@@ -10,6 +10,7 @@ typedef struct {
   fw_t fw;
   blackbox_t blackbox;
   uint8_t recorder_buffer[FW_RECORDER_BYTES];
+  uint32_t programs[FW_PROGRAM_BYTES / sizeof(uint32_t)];
 } axis_host_t;
 
 fw_t *axis_host_create_with(const fw_config_t *config) {
@@ -24,6 +25,10 @@ fw_t *axis_host_create_with(const fw_config_t *config) {
   }
   if (own.blackbox == NULL && own.buses != 0) {
     own.blackbox = &host->blackbox;
+  }
+  if (own.program_memory == NULL) {
+    own.program_memory = host->programs;
+    own.program_bytes = sizeof(host->programs);
   }
   fw_init(&host->fw, &own);
   return &host->fw;

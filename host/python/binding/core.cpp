@@ -121,6 +121,17 @@ py::dict plot_of(const Experiment &e) {
   return d;
 }
 
+// Returns the record of an experiment's program (firmware/cycle/program.h).
+py::bytes cycle_record(const std::filesystem::path &file,
+                       const std::vector<std::string> &overrides) {
+  const Experiment experiment = forceaxis::host::load_experiment(file, overrides, std::nullopt);
+  if (!experiment.cycle)
+    throw forceaxis::sim::InputError(file.string(), "cycle",
+                                     "expected the file of a program, the key is missing");
+  const auto &record = experiment.cycle->record;
+  return {reinterpret_cast<const char *>(record.data()), record.size() * sizeof(record[0])};
+}
+
 // Returns the last cycle of a run of this program, or None if the run had no program.
 py::object cycle_of(const RunResult &run, const forceaxis::host::CycleProgram *own) {
   if (!run.cycle) return py::none();
@@ -401,6 +412,10 @@ PYBIND11_MODULE(_core, m) {
         "why [verdict] cannot be evaluated, or None), the parameters with value and unit, and the "
         "overrides that have no effect. text: content that is read in place of the file. Raises "
         "InputError.");
+  m.def("cycle_record", &cycle_record, py::arg("experiment"),
+        py::arg("overrides") = std::vector<std::string>{},
+        "Returns the record of an experiment's program of a cycle, as an axis takes it in object "
+        "2435h:1. Raises InputError, also for an experiment without a program.");
   py::class_<Experiments>(
       m, "Experiments",
       "Experiment files with the content that was read first, and the models and "

@@ -75,7 +75,8 @@ def test_the_limits_are_a_tenth_above_what_is_measured_or_less():
     measured, limit = map(int, re.search(r"together \| (\d+) \| (\d+) \|", page).groups())
     assert measured <= limit <= 1.1 * measured
     amplifier = int(re.search(r"amplifier for \+-10 V \| (\d+) \|", page).group(1))
-    assert amplifier <= 2600
+    # Each change of the object table changes the fuzzed ticks, and so the longest one by some 80.
+    assert amplifier <= 2700
     assert limit * CYCLES_PER_INSTRUCTION < 0.1 * TICK_CYCLES
 
 

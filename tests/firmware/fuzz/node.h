@@ -16,6 +16,7 @@ typedef struct {
   axis_inputs_t inputs;
   axis_outputs_t outputs;
   uint8_t recorder[FW_RECORDER_BYTES];
+  uint32_t programs[FW_PROGRAM_BYTES / sizeof(uint32_t)];
 } node_t;
 
 static inline void node_init_as(node_t *node, uint8_t node_id) {
@@ -25,6 +26,8 @@ static inline void node_init_as(node_t *node, uint8_t node_id) {
       .recorder_bytes = sizeof(node->recorder),
       .node_id = node_id,
       .buses = 1,
+      .program_memory = node->programs,
+      .program_bytes = sizeof(node->programs),
   };
   fw_init(&node->fw, &config);
   node->inputs.sensor_valid = 1;

@@ -1,6 +1,7 @@
 /* Any frames to the SDO servers and to network management, any ticks between them: no answer is
  * malformed, and none comes unasked but what a time-out gives and the segments of a block. An
- * upload by blocks gives every byte and the right CRC, whichever segments are lost. */
+ * upload by blocks gives every byte and the right CRC, and a download by blocks puts every byte
+ * into the library, whichever segments are lost. */
 
 #include "firmware/canopen/sdo.h"
 #include "tests/firmware/fuzz/node.h"
@@ -124,16 +125,92 @@ static void upload_blocks(node_t *node, uint32_t seed) {
   require(0);
 }
 
+/* A record of one phase that waits, and of `points` that no element uses. */
+static uint32_t write_record(uint32_t *words, uint32_t number, uint16_t points) {
+  const uint16_t size = (uint16_t)(100 + 8 * points);
+  const cycle_header_t header = {.magic = CYCLE_MAGIC,
+                                 .version = CYCLE_VERSION,
+                                 .size = size,
+                                 .phases = 1,
+                                 .points = points,
+                                 .number = number};
+  const cycle_phase_t phase = {.action = CYCLE_WAIT,
+                               .reaction = CYCLE_END,
+                               .force_max_q8 = 1,
+                               .travel_max = 1,
+                               .time_max = 1};
+  memset(words, 0, size);
+  memcpy(words, &header, sizeof(header));
+  memcpy(words + sizeof(header) / 4, &phase, sizeof(phase));
+  uint32_t crc = UINT32_MAX;
+  for (uint32_t bit = 0; bit < 8u * (size - 4u); bit++) {
+    crc ^= (((const uint8_t *)words)[bit / 8] >> (bit % 8)) & 1;
+    crc = (crc >> 1) ^ ((crc & 1) != 0 ? 0xEDB88320u : 0);
+  }
+  words[size / 4 - 1] = ~crc;
+  return size;
+}
+
+/* Downloads a record by blocks whose losses are given by `seed`, over the default server. */
+static void download_blocks(node_t *node, uint32_t seed) {
+  static uint32_t words[CYCLE_PROGRAM_BYTES_MAX / 4];
+  const uint8_t *record = (const uint8_t *)words;
+  const uint32_t number = 1 + seed % 3;
+  const uint32_t size = write_record(words, number, (uint16_t)((seed >> 2) % 495));
+  const uint8_t state = node->fw.canopen.signals.nmt_state;
+  if ((state != 5 && state != 127) || node->fw.canopen.sdo[0].state == SDO_BLOCK_AWAITED) {
+    return;
+  }
+  (void)drain(node, 0);
+  const uint8_t begin[8] = {0xC4, 0x35, 0x24, 1};
+  node_send(node, requests[0], begin, 8);
+  can_frame_t answer = next_answer(node);
+  require(answer.length == 8);
+  if (answer.data[0] != 0xA4) {
+    return; /* another owner, an enabled axis, another transfer */
+  }
+  uint8_t offered = answer.data[4];
+  for (uint32_t sent = 0; sent < size;) {
+    const uint32_t left = (size - sent + 6) / 7;
+    const uint8_t block = (left < offered) ? (uint8_t)left : offered;
+    uint8_t good = 0;
+    for (uint8_t i = 1; i <= block; i++) {
+      const uint32_t at = sent + 7u * (i - 1u);
+      const uint32_t count = (size - at < 7) ? size - at : 7;
+      uint8_t segment[8] = {(uint8_t)(i | (at + 7 >= size ? 0x80 : 0))};
+      memcpy(segment + 1, record + at, count);
+      seed = seed * 1664525u + 1013904223u;
+      if (i == block || (seed >> 28) != 0) {
+        good = (good == i - 1) ? i : good;
+        node_send(node, requests[0], segment, 8);
+      }
+    }
+    answer = next_answer(node);
+    require(answer.length == 8 && answer.data[0] == 0xA2 && answer.data[1] == good);
+    sent += 7u * good;
+    offered = answer.data[2];
+  }
+  const uint16_t crc = crc_of(record, size);
+  const uint8_t end[8] = {(uint8_t)(0xC1 | (7 - size % 7) % 7 << 2), (uint8_t)crc,
+                          (uint8_t)(crc >> 8)};
+  node_send(node, requests[0], end, 8);
+  answer = next_answer(node);
+  require(answer.length == 8 && answer.data[0] == 0xA1);
+  const cycle_header_t *kept = cycle_library_find(&node->fw.library, number);
+  require(kept != NULL && memcmp(kept, record, size) == 0);
+}
+
 /* A request, or anything else, to a server. */
 static void send(node_t *node, int server, const uint8_t *data, uint8_t length) {
   const uint8_t state = node->fw.canopen.signals.nmt_state;
   const int served = (state == 5 || state == 127) && length == 8 &&
-                     sdo_server_at(&node->fw.canopen, requests[server]) == server;
+                     sdo_server_at(&node->fw.canopen, requests[server]) == server &&
+                     node->fw.canopen.sdo[server].state != SDO_BLOCK_AWAITED;
   (void)drain(node, server);
   node_send(node, requests[server], data, length);
   const int count = drain(node, server);
   require(count <= 1);
-  /* Transfers without blocks, and what is unknown, are answered. */
+  /* Transfers without blocks, and what is unknown, are answered; a segment of a block is not. */
   const uint8_t specifier = (length == 0) ? 0 : data[0] >> 5;
   require(server != 0 || !served || (specifier >= 4 && specifier != 7) || count == 1);
 }
@@ -166,6 +243,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
       size -= 2;
     } else if (what >= 0xDE && size >= 2) {
       upload_blocks(&node, (uint32_t)data[0] << 16 | data[1]);
+      data += 2;
+      size -= 2;
+    } else if (what == 0xDC && size >= 2) {
+      download_blocks(&node, (uint32_t)data[0] << 16 | data[1]);
       data += 2;
       size -= 2;
     } else if (what == 0xDD) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "firmware/port/host/firmware.hpp"
+#include "tests/support/frames.hpp"
 
 // A phase that waits for ten ticks.
 inline cycle_phase_t wait_phase(std::uint8_t next) {
@@ -22,11 +23,10 @@ inline cycle_phase_t wait_phase(std::uint8_t next) {
   return phase;
 }
 
-// A record of phases, with one element PEAK over all of them, which is good up to 900.
-inline std::vector<std::uint32_t> record_of(const std::vector<cycle_phase_t> &phases,
-                                            std::uint8_t zero = CYCLE_ZERO_TOUCH,
-                                            std::int32_t zero_level = 0,
-                                            std::uint8_t reserved = 0) {
+// Completes a record of phases, with one element PEAK over all of them, which is good up to 900,
+// and with header.points points that no element uses.
+inline std::vector<std::uint32_t> completed(cycle_header_t header,
+                                            const std::vector<cycle_phase_t> &phases) {
   cycle_element_t element{};
   element.kind = CYCLE_PEAK;
   element.phases = 0xFFFF;
@@ -34,25 +34,44 @@ inline std::vector<std::uint32_t> record_of(const std::vector<cycle_phase_t> &ph
   element.x_most = CYCLE_TRAVEL_MAX;
   element.y_least = INT32_MIN;
   element.y_most = 900;
-  cycle_header_t header{};
   header.magic = CYCLE_MAGIC;
   header.version = CYCLE_VERSION;
   header.phases = static_cast<std::uint8_t>(phases.size());
   header.elements = 1;
-  header.zero = zero;
-  header.zero_level = zero_level;
-  header.reserved[1] = reserved;
-  header.size = static_cast<std::uint16_t>(sizeof(header) + phases.size() * sizeof(cycle_phase_t) +
-                                           sizeof(element) + 4);
+  const std::size_t before = sizeof(header) + phases.size() * sizeof(cycle_phase_t);
+  header.size = static_cast<std::uint16_t>(before + sizeof(element) + 8u * header.points + 4);
   std::vector<std::uint32_t> words(header.size / 4u);
   auto *bytes = reinterpret_cast<std::uint8_t *>(words.data());
   std::memcpy(bytes, &header, sizeof(header));
   std::memcpy(bytes + sizeof(header), phases.data(), phases.size() * sizeof(cycle_phase_t));
-  std::memcpy(bytes + header.size - 4 - sizeof(element), &element, sizeof(element));
-  std::uint32_t crc = UINT32_MAX;
-  for (int i = 0; i < header.size - 4; ++i) crc = fx_crc32(crc, bytes[i]);
-  words.back() = ~crc;
+  std::memcpy(bytes + before, &element, sizeof(element));
+  words.back() = Crc32(bytes, header.size - 4u);
   return words;
+}
+
+inline std::vector<std::uint32_t> record_of(const std::vector<cycle_phase_t> &phases,
+                                            std::uint32_t number = 0, std::uint16_t points = 0) {
+  cycle_header_t header{};
+  header.number = number;
+  header.points = points;
+  return completed(header, phases);
+}
+
+inline std::vector<std::uint32_t> record_with_zero(const std::vector<cycle_phase_t> &phases,
+                                                   std::uint8_t zero, std::int32_t zero_level,
+                                                   std::uint8_t reserved = 0) {
+  cycle_header_t header{};
+  header.zero = zero;
+  header.zero_level = zero_level;
+  header.reserved[1] = reserved;
+  return completed(header, phases);
+}
+
+// The bytes of a record of one phase: 148, and 8 more for each point.
+inline Bytes cycle_record(std::uint32_t number, std::uint16_t points = 0) {
+  const auto words = record_of({wait_phase(CYCLE_END)}, number, points);
+  const auto *bytes = reinterpret_cast<const std::uint8_t *>(words.data());
+  return {bytes, bytes + 4 * words.size()};
 }
 
 // A phase that moves or presses around a position in user units, with conditions of every kind.
@@ -105,8 +124,8 @@ inline std::vector<std::uint32_t> random_record(std::mt19937 &random, std::int32
   std::vector<cycle_phase_t> drawn;
   for (int i = 0; i < phases; ++i) drawn.push_back(random_phase(random, phases, position));
   const int zero = static_cast<int>(random() % 6);
-  if (zero == CYCLE_ZERO_FORCE) return record_of(drawn, CYCLE_ZERO_FORCE, 2560);
-  return zero == CYCLE_ZERO_POSITION ? record_of(drawn, CYCLE_ZERO_POSITION, position)
+  if (zero == CYCLE_ZERO_FORCE) return record_with_zero(drawn, CYCLE_ZERO_FORCE, 2560);
+  return zero == CYCLE_ZERO_POSITION ? record_with_zero(drawn, CYCLE_ZERO_POSITION, position)
                                      : record_of(drawn);
 }
 

@@ -18,7 +18,7 @@ class Cycle : public ::testing::Test {
  protected:
   void start(const std::vector<cycle_phase_t> &phases, std::uint8_t zero = CYCLE_ZERO_TOUCH,
              std::int32_t zero_level = 0) {
-    words_ = record_of(phases, zero, zero_level);
+    words_ = record_with_zero(phases, zero, zero_level);
     ASSERT_EQ(check(words_).reason, CYCLE_ACCEPTED);
     now_ = {};
     now_.tick = 0xFFFFFFF0u;  // the number of the tick wraps
@@ -104,7 +104,7 @@ TEST_F(Cycle, StiffnessNeedsItsSectionAndNothingElseHasOne) {
 
 TEST_F(Cycle, AWrongZeroIsRefused) {
   const auto accepted = [](std::uint8_t zero, std::int32_t level) {
-    return check(record_of({wait_phase(CYCLE_END)}, zero, level)).reason == CYCLE_ACCEPTED;
+    return check(record_with_zero({wait_phase(CYCLE_END)}, zero, level)).reason == CYCLE_ACCEPTED;
   };
   EXPECT_TRUE(accepted(CYCLE_ZERO_TOUCH, 0));
   EXPECT_FALSE(accepted(CYCLE_ZERO_TOUCH, 1));
@@ -113,7 +113,8 @@ TEST_F(Cycle, AWrongZeroIsRefused) {
   EXPECT_FALSE(accepted(CYCLE_ZERO_FORCE, 131072));
   EXPECT_TRUE(accepted(CYCLE_ZERO_POSITION, INT32_MIN));
   EXPECT_FALSE(accepted(CYCLE_ZEROS, 0));
-  std::vector<std::uint32_t> words = record_of({wait_phase(CYCLE_END)}, CYCLE_ZERO_FORCE, 1, 1);
+  std::vector<std::uint32_t> words =
+      record_with_zero({wait_phase(CYCLE_END)}, CYCLE_ZERO_FORCE, 1, 1);
   EXPECT_EQ(check(words).reason, CYCLE_WRONG_ZERO) << "reserved bytes";
 }
 

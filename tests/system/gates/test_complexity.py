@@ -21,7 +21,6 @@ PARAMETERS_MAX = 7
 EXCEPTIONS = {
     "one short branch for each address, object, function code or unit: a list of cases": {
         "drive: cia402_written": 17,
-        "fw: command": 15,
         "object_values: Scales::of": 14,
         "object_values: Scales::of_counts": 26,
         "parameters: parameters_written": 23,

@@ -674,6 +674,16 @@ BAD_TABLES = {
         "index = 0xFFFF",
         "special recorder_data: index: expected 0x1000 to 0x9fff",
     ),
+    "special access": (
+        "index = 0x2120",
+        'access = "rw"\nindex = 0x2120',
+        "special recorder_data: access: expected one of ro, wo, got 'rw'",
+    ),
+    "special sub-index": (
+        "index = 0x2120",
+        "index = 0x2120\nsub = 255",
+        "special recorder_data: sub: expected 0 to 254, got 255",
+    ),
     "special address": (
         "index = 0x2120",
         "index = 0x2001",

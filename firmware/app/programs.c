@@ -1,0 +1,225 @@
+#include "firmware/app/programs.h"
+
+#include <stddef.h>
+
+#include "firmware/app/ownership.h"
+#include "firmware/canopen/sdo.h"
+#include "firmware/drive/cycle_mode.h"
+#include "firmware/drive/status.h"
+#include "firmware/fx/bytes.h"
+
+/* A verdict of the object table is that of an element (CYCLE_GOOD and so on) plus 1. */
+_Static_assert(AXIS_CYCLE_RESULT_VERDICT_GOOD == CYCLE_GOOD + 1 &&
+                   AXIS_CYCLE_RESULT_VERDICT_COUNT == CYCLE_VERDICTS + 1,
+               "verdicts of elements");
+_Static_assert(AXIS_CYCLE_PROGRAM_REFUSAL_COUNT == (int)CYCLE_REASONS, "reasons for a refusal");
+
+enum { DATA_WORDS = AXIS_OBJ_CYCLE_DATA_16 - AXIS_OBJ_CYCLE_DATA_1 + 1 };
+
+static void show_result(fw_t *fw, const cycle_element_result_t *result, uint8_t verdict) {
+  fw->device_signals.cycle_result_value = result->value;
+  fw->device_signals.cycle_result_tick = result->found_tick;
+  fw->device_signals.cycle_result_verdict = verdict;
+}
+
+void programs_show_result(fw_t *fw) {
+  const cycle_t *cycle = &fw->drive.cycle;
+  const uint8_t element = fw->device.cycle_result_element;
+  if (cycle->state != CYCLE_DONE || element >= cycle->program->elements) {
+    const cycle_element_result_t none = {0};
+    show_result(fw, &none, AXIS_CYCLE_RESULT_VERDICT_NONE);
+    return;
+  }
+  const cycle_element_result_t result = cycle_result(cycle, element);
+  show_result(fw, &result, (uint8_t)(result.verdict + 1));
+}
+
+/* Shows the library and the selected program. */
+static void show_programs(fw_t *fw) {
+  const cycle_header_t *program = fw->drive.program;
+  uint32_t crc = 0;
+  if (program != NULL) {
+    const void *record = program;
+    crc = fx_load_le32((const uint8_t *)record + program->size - sizeof(crc));
+  }
+  fw->device_signals.cycle_program_crc = crc;
+  fw->device_signals.cycle_program_count = fw->library.count;
+}
+
+static void show_check(fw_t *fw, cycle_check_t check) {
+  fw->device_signals.cycle_program_refusal = check.reason;
+  fw->device_signals.cycle_program_refused_part = check.number;
+}
+
+void programs_init(fw_t *fw) {
+  cycle_library_init(&fw->library, fw->config.program_memory, fw->config.program_bytes);
+  fw->parts_tick = 0;
+  fw->has_parts = 0;
+  show_check(fw, (cycle_check_t){CYCLE_ACCEPTED, 0});
+  show_programs(fw);
+  programs_show_result(fw);
+}
+
+/* Selects the program with a number anew after the library has changed. Only if the program itself
+ * has changed, the result of its last cycle is lost. */
+static void follow_library(fw_t *fw, uint32_t changed) {
+  const uint32_t number = fw->device.cycle_program;
+  if (number != 0) {
+    const cycle_header_t *program = cycle_library_find(&fw->library, number);
+    if (number != changed) {
+      cycle_mode_moved(&fw->drive, program);
+    } else {
+      (void)cycle_mode_select(&fw->drive, program);
+      fw->device.cycle_program = (program == NULL) ? 0 : number;
+      cia402_show_cycle(&fw->drive);
+    }
+  }
+  show_programs(fw);
+  programs_show_result(fw);
+}
+
+static bool has_parts(const fw_t *fw) {
+  return fw->has_parts != 0 &&
+         fw->axis.signals.tick_count - fw->parts_tick < PROGRAMS_SILENCE_TICKS;
+}
+
+/* Returns true if an SDO server other than `server` downloads a record. */
+static bool is_downloading(const fw_t *fw, uint8_t server) {
+  bool found = false;
+  for (uint8_t i = 0; i < CANOPEN_SDOS; i++) {
+    found = found || (i != server && sdo_downloads_bytes(&fw->canopen, i));
+  }
+  return found;
+}
+
+static int check_selection(const fw_t *fw, uint32_t number) {
+  if (cycle_mode_is_busy(&fw->drive)) {
+    return FW_ERROR_STATE;
+  }
+  const bool exists = number == 0 || cycle_library_find(&fw->library, number) != NULL;
+  return exists ? FW_OK : FW_ERROR_RANGE;
+}
+
+static bool is_part(uint16_t object) {
+  return object == AXIS_OBJ_CYCLE_DATA_OFFSET ||
+         (object >= AXIS_OBJ_CYCLE_DATA_1 && object < AXIS_OBJ_CYCLE_DATA_1 + DATA_WORDS);
+}
+
+int programs_check(const fw_t *fw, uint16_t object, int32_t value) {
+  if (object == AXIS_OBJ_CYCLE_PROGRAM) {
+    return check_selection(fw, (uint32_t)value);
+  }
+  return (is_part(object) && is_downloading(fw, CANOPEN_SDOS)) ? FW_ERROR_BUSY : FW_OK;
+}
+
+/* Takes a part of a record, or its offset. A part that does not follow the others is dropped; the
+ * end of the record is then refused, because too few bytes are staged. */
+static void take_part(fw_t *fw, uint16_t object, uint32_t value) {
+  fw->has_parts = 1;
+  fw->parts_tick = fw->axis.signals.tick_count;
+  if (object != AXIS_OBJ_CYCLE_DATA_OFFSET) {
+    uint8_t bytes[4];
+    fx_store_le(bytes, value, 4);
+    const uint32_t place = fw->device.cycle_data_offset + 4u * (object - AXIS_OBJ_CYCLE_DATA_1);
+    (void)cycle_library_append(&fw->library, place, bytes, sizeof(bytes));
+  } else if (value == 0) {
+    cycle_library_begin(&fw->library);
+  }
+}
+
+void programs_written(fw_t *fw, uint16_t object, int32_t previous, int32_t value) {
+  if (is_part(object)) {
+    take_part(fw, object, (uint32_t)value);
+  } else if (object == AXIS_OBJ_CYCLE_RESULT_ELEMENT) {
+    programs_show_result(fw);
+  } else if (object == AXIS_OBJ_CYCLE_PROGRAM && value != previous) {
+    (void)cycle_mode_select(&fw->drive, cycle_library_find(&fw->library, (uint32_t)value));
+    cia402_show_cycle(&fw->drive);
+    show_programs(fw);
+    programs_show_result(fw);
+  }
+}
+
+cycle_check_t programs_select(fw_t *fw, const cycle_header_t *program) {
+  if (!cycle_mode_select(&fw->drive, program)) {
+    return (cycle_check_t){CYCLE_BUSY, 0};
+  }
+  fw->device.cycle_program = 0;
+  show_programs(fw);
+  programs_show_result(fw);
+  return (cycle_check_t){CYCLE_ACCEPTED, 0};
+}
+
+int programs_remove(fw_t *fw, uint32_t number) {
+  if (fw->library.staging == NULL) {
+    return FW_ERROR_NO_MEMORY;
+  }
+  if (cycle_mode_is_busy(&fw->drive)) {
+    return FW_ERROR_STATE;
+  }
+  if (!cycle_library_remove(&fw->library, number)) {
+    return FW_ERROR_RANGE;
+  }
+  follow_library(fw, number);
+  return FW_OK;
+}
+
+/* Puts the staged record into the library. */
+static int accept(fw_t *fw, uint32_t size) {
+  if (cycle_mode_is_busy(&fw->drive)) {
+    show_check(fw, (cycle_check_t){CYCLE_BUSY, 0});
+    return FW_ERROR_STATE;
+  }
+  const cycle_check_t check = cycle_library_accept(&fw->library, size);
+  show_check(fw, check);
+  if (check.reason != CYCLE_ACCEPTED) {
+    return (check.reason == CYCLE_NO_ROOM) ? FW_ERROR_NO_MEMORY : FW_ERROR_RANGE;
+  }
+  follow_library(fw, cycle_library_at(&fw->library, (uint8_t)(fw->library.count - 1))->number);
+  return FW_OK;
+}
+
+int programs_end_parts(fw_t *fw, uint32_t size) {
+  if (fw->library.staging == NULL) {
+    return FW_ERROR_NO_MEMORY;
+  }
+  if (is_downloading(fw, CANOPEN_SDOS)) {
+    return FW_ERROR_BUSY;
+  }
+  fw->has_parts = 0;
+  return accept(fw, size);
+}
+
+uint32_t programs_download_most(const dictionary_t *objects) {
+  return (fw_of_const(objects)->library.staging == NULL) ? 0 : CYCLE_PROGRAM_BYTES_MAX;
+}
+
+/* A download needs the same permission as the removal of a program. */
+static int refusal_of(const dictionary_t *objects, uint8_t source) {
+  return ownership_permit(objects, source, AXIS_OBJ_CYCLE_PROGRAM_REMOVE, 1);
+}
+
+int programs_download_begin(dictionary_t *objects, uint8_t source) {
+  fw_t *fw = fw_of(objects);
+  const int refusal = refusal_of(objects, source);
+  if (refusal != FW_OK) {
+    return refusal;
+  }
+  if (has_parts(fw) || is_downloading(fw, source)) {
+    return FW_ERROR_BUSY;
+  }
+  fw->has_parts = 0;
+  cycle_library_begin(&fw->library);
+  return FW_OK;
+}
+
+int programs_download_append(dictionary_t *objects, uint32_t offset, const uint8_t *bytes,
+                             uint32_t count) {
+  const bool is_staged = cycle_library_append(&fw_of(objects)->library, offset, bytes, count);
+  return is_staged ? FW_OK : FW_ERROR_RANGE;
+}
+
+int programs_download_end(dictionary_t *objects, uint8_t source, uint32_t size) {
+  const int refusal = refusal_of(objects, source);
+  return (refusal != FW_OK) ? refusal : accept(fw_of(objects), size);
+}

@@ -1,0 +1,45 @@
+#ifndef FIRMWARE_APP_PROGRAMS_H_
+#define FIRMWARE_APP_PROGRAMS_H_
+
+/* The programs of cycles as objects: the library (firmware/cycle/library.h), the download of a
+ * record, the selection, and the result of an element.
+ *
+ * One transfer at a time uses the staging area: the download of one SDO server, or a record in
+ * parts (cycle_data). A record in parts gives way after PROGRAMS_SILENCE_TICKS without a part. A
+ * download and a removal are refused unless the axis is disabled, because the check of a record can
+ * outlast a tick, as an erase of the flash does. The selection is short; it is refused only while a
+ * cycle runs or is evaluated. */
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/app/fw.h"
+
+/* 5 s, as an SDO transfer waits. */
+enum { PROGRAMS_SILENCE_TICKS = 7500 };
+
+/* Sets the state at power-up: the library is empty, and no program is selected. */
+void programs_init(fw_t *fw);
+
+/* Check a write to an object and act on it. Other objects of the same part pass. */
+int programs_check(const fw_t *fw, uint16_t object, int32_t value);
+void programs_written(fw_t *fw, uint16_t object, int32_t previous, int32_t value);
+
+/* Selects a program outside of the library, for fw_select_program(). */
+cycle_check_t programs_select(fw_t *fw, const cycle_header_t *program);
+
+/* Execute the commands cycle_program_remove and cycle_data_end. */
+int programs_remove(fw_t *fw, uint32_t number);
+int programs_end_parts(fw_t *fw, uint32_t size);
+
+/* The functions of the dictionary for a download (firmware/objects/access.h). */
+uint32_t programs_download_most(const dictionary_t *objects);
+int programs_download_begin(dictionary_t *objects, uint8_t source);
+int programs_download_append(dictionary_t *objects, uint32_t offset, const uint8_t *bytes,
+                             uint32_t count);
+int programs_download_end(dictionary_t *objects, uint8_t source, uint32_t size);
+
+/* Shows the result of the element that cycle_result_element names, between ticks. */
+void programs_show_result(fw_t *fw);
+
+#endif
