@@ -1,5 +1,6 @@
 """The press-fit of sim/experiments: good parts, six kinds of bad ones, each way to end a cycle."""
 
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -136,3 +137,11 @@ def test_the_report_of_a_run_has_the_part():
     report = runs.run(PRESS_FIT).result.cycle
     assert report.state == "good"
     assert [figure.name for figure in report.figures][:2] == ["joining_force", "shoulder"]
+
+
+def test_the_record_of_the_program_is_what_an_axis_takes():
+    record = _core.cycle_record(PRESS_FIT)
+    assert record[:4] == b"FXCY" and int.from_bytes(record[6:8], "little") == len(record)
+    assert zlib.crc32(record[:-4]) == int.from_bytes(record[-4:], "little")
+    with pytest.raises(_core.InputError, match="cycle: expected the file of a program"):
+        _core.cycle_record(PRESS_FIT.with_name("contact.toml"))
