@@ -127,7 +127,7 @@ static void upload_blocks(node_t *node, uint32_t seed) {
 
 /* A record of one phase that waits, and of `points` that no element uses. */
 static uint32_t write_record(uint32_t *words, uint32_t number, uint16_t points) {
-  const uint16_t size = (uint16_t)(100 + 8 * points);
+  const uint16_t size = (uint16_t)(108 + 8 * points);
   const cycle_header_t header = {.magic = CYCLE_MAGIC,
                                  .version = CYCLE_VERSION,
                                  .size = size,
@@ -156,7 +156,7 @@ static void download_blocks(node_t *node, uint32_t seed) {
   static uint32_t words[CYCLE_PROGRAM_BYTES_MAX / 4];
   const uint8_t *record = (const uint8_t *)words;
   const uint32_t number = 1 + seed % 3;
-  const uint32_t size = write_record(words, number, (uint16_t)((seed >> 2) % 495));
+  const uint32_t size = write_record(words, number, (uint16_t)((seed >> 2) % 494));
   const uint8_t state = node->fw.canopen.signals.nmt_state;
   if ((state != 5 && state != 127) || node->fw.canopen.sdo[0].state == SDO_BLOCK_AWAITED) {
     return;

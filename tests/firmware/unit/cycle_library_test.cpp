@@ -77,7 +77,7 @@ TEST_F(Library, ARemovedProgramLeavesTheOthers) {
 }
 
 TEST_F(Library, AFullLibraryRefusesAndKeepsTheOthers) {
-  const std::uint16_t points = (kRoom - 280) / 8;
+  const std::uint16_t points = (kRoom - 296) / 8;
   ASSERT_EQ(accept(cycle_record(1)), CYCLE_ACCEPTED);
   EXPECT_EQ(accept(cycle_record(2, points + 1)), CYCLE_NO_ROOM);
   EXPECT_EQ(all(), (Records{cycle_record(1)}));

@@ -187,7 +187,7 @@ TEST_F(Programs, AreDownloadedInSegmentsByEachServer) {
     for (const bool sized : {true, false}) {
       Manner manner;
       manner.sized = sized;
-      const Bytes record = cycle_record(number, 494 - 3 * static_cast<uint16_t>(number));
+      const Bytes record = cycle_record(number, 493 - 3 * static_cast<uint16_t>(number));
       PowerUpWith(CYCLE_PROGRAM_BYTES_MAX + kRoom);
       ASSERT_TRUE(Acquires(way));
       EXPECT_EQ(InSegments(way, record, manner), 0u);
@@ -199,7 +199,7 @@ TEST_F(Programs, AreDownloadedInSegmentsByEachServer) {
 }
 
 TEST_F(Programs, AreDownloadedInBlocksOfEveryEnd) {
-  for (uint16_t points : {0, 1, 2, 3, 4, 5, 6, 94, 95, 494}) {
+  for (uint16_t points : {0, 1, 2, 3, 4, 5, 6, 94, 95, 493}) {
     const Bytes record = cycle_record(1, points);
     for (const bool sized : {true, false}) {
       for (const bool with_crc : {true, false}) {
@@ -216,7 +216,7 @@ TEST_F(Programs, AreDownloadedInBlocksOfEveryEnd) {
 
 TEST_F(Programs, LostSegmentsAreSentAgain) {
   std::mt19937 random(31);
-  const Bytes record = cycle_record(9, 494);
+  const Bytes record = cycle_record(9, 493);
   for (uint32_t one_in : {2u, 5u, 50u, 500u}) {
     Manner manner;
     manner.loses = [&] { return random() % one_in == 0; };
@@ -238,9 +238,9 @@ TEST_F(Programs, DownloadsAreRefusedWithTheirCodes) {
   Manner unsized;
   unsized.sized = false;
   Manner other_size;
-  other_size.size = 147;
+  other_size.size = 155;
   Manner short_size;
-  short_size.size = 133;
+  short_size.size = 141;
   Manner wrong_crc;
   wrong_crc.wrong_crc = 1;
   EXPECT_EQ(InSegments(kCanopen, record, long_one), kTooLong);
@@ -297,7 +297,7 @@ TEST_F(Programs, WithoutMemoryThereAreNone) {
 
 TEST_F(Programs, AFullLibraryKeepsItsPrograms) {
   for (uint32_t number : {1u, 2u, 3u}) {
-    ASSERT_EQ(InBlocks(kCanopen, cycle_record(number, 494)), 0u);
+    ASSERT_EQ(InBlocks(kCanopen, cycle_record(number, 493)), 0u);
   }
   const auto before = Kept(fw_);
   EXPECT_EQ(InBlocks(kCanopen, cycle_record(4)), kMemory);
@@ -463,7 +463,7 @@ TEST_F(Programs, ACycleRunsFromADownload) {
 
 TEST_F(Programs, ComeInPartsByModbus) {
   ASSERT_TRUE(Acquires(kRtu));
-  for (uint16_t points : {0, 1, 7, 494}) {
+  for (uint16_t points : {0, 1, 7, 493}) {
     const Bytes record = cycle_record(5, points);
     ASSERT_EQ(InParts(record, static_cast<uint32_t>(record.size())), 0u);
     ASSERT_EQ(Kept(fw_), (std::map<uint32_t, Bytes>{{5, record}}));
@@ -477,7 +477,7 @@ TEST_F(Programs, ComeInPartsByModbus) {
   EXPECT_EQ(Write(kRtu, AXIS_OBJ_CYCLE_DATA_END, 4004), 3u);
   EXPECT_EQ(Kept(fw_), before);
   EXPECT_EQ(Write(kRtu, AXIS_OBJ_CYCLE_PROGRAM, 5), 0u);
-  EXPECT_EQ(Read(kRtu, AXIS_OBJ_CYCLE_PROGRAM_CRC), CrcAtEnd(cycle_record(5, 494)));
+  EXPECT_EQ(Read(kRtu, AXIS_OBJ_CYCLE_PROGRAM_CRC), CrcAtEnd(cycle_record(5, 493)));
   EXPECT_EQ(Write(kRtu, AXIS_OBJ_CYCLE_PROGRAM_REMOVE, 5), 0u);
   EXPECT_EQ(Count(), 0);
   EXPECT_EQ(AskRtu(WritePdu(0x042F, {1, 2}))[1], 0x90) << "half of the last part";
@@ -510,7 +510,7 @@ TEST_F(Programs, EachSegmentKeepsTheOwner) {
     Tick(30);
     return false;
   };
-  EXPECT_EQ(InBlocks(kLcm, cycle_record(1, 494), slow), 0u);
+  EXPECT_EQ(InBlocks(kLcm, cycle_record(1, 493), slow), 0u);
   EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_LCM);
 }
 
@@ -549,7 +549,7 @@ TEST_F(Programs, RandomClientsAreThoseOfAMap) {
         break;
       }
       default: {
-        Bytes record = cycle_record(number, static_cast<uint16_t>(below(below(3) ? 495 : 40)));
+        Bytes record = cycle_record(number, static_cast<uint16_t>(below(below(3) ? 494 : 40)));
         Manner manner;
         manner.sized = below(2) == 0;
         manner.with_crc = below(2) == 0;
