@@ -56,7 +56,8 @@ static void sample(cycle_t *cycle, const cycle_inputs_t *now) {
       (cycle_sample_t){.tick = now->tick,
                        .travel = travel_of(now, cycle->zero_cnt),
                        .force_q8 = fx_clamp(now->force_q8, -CYCLE_FORCE_MAX_Q8, CYCLE_FORCE_MAX_Q8),
-                       .phase = cycle->phase};
+                       .phase = cycle->phase,
+                       .touched = cycle->touched};
   cycle->written = (uint8_t)(cycle->written + 1);
 }
 
