@@ -44,8 +44,10 @@ constexpr KeyFormat kPhaseKeys[] = {
           "move: to a position. move_by: by a distance from the start of the phase. move_to_touch: "
           "to a distance from the first contact of the cycle. approach: by a distance, and stop at "
           "contact. press: with a force; out of contact the axis approaches. wait: stay."),
-    optional("position", D::length, S::any, "none",
-             "Position of a move, in the coordinates of the encoder. The axis has to be homed."),
+    optional(
+        "position", D::length, S::any, "none",
+        "Position of a move, from the zero of the homing (position_actual of the axis). The axis "
+        "has to be homed."),
     optional("distance", D::length, S::any, "none",
              "Distance of move_by, move_to_touch and approach, positive towards the workpiece."),
     optional("speed", D::velocity, S::positive, "none", "Speed of the motion."),
@@ -75,9 +77,10 @@ constexpr KeyFormat kElementKeys[] = {
           "times the change of x. last: the last force. window: the curve passes a window. "
           "envelope: smallest distance of the force from a curve below and a curve above."),
     other("phases", "list of phases", "", "The phases whose samples count."),
-    other("over", "travel, time", "travel",
-          "x of the curve: travel since the first contact of the cycle, or time since the first "
-          "sample of the element."),
+    other(
+        "over", "travel, time", "travel",
+        "x of the curve: travel since the first contact of the cycle, before it since the start of "
+        "the cycle, or time since the first sample of the element."),
     other("from", "number", "the smallest x", "Begin of the range of x, in m or s."),
     other("to", "number", "the largest x", "End of the range of x."),
     other("least", "number", "no bound", "Smallest good value: N, m, s, N m or N s."),
