@@ -27,8 +27,9 @@ enum {
 /* What a phase does.
  *   MOVE           moves to a position
  *   MOVE_BY        moves by a distance from the demand position at its start
- *   MOVE_TO_TOUCH  moves to a distance from the position of the first contact of the cycle
- *   APPROACH       moves to a position and stops at contact
+ *   MOVE_TO_TOUCH  moves to a distance from the position of the first contact of the cycle, before
+ *                  it from the start of the cycle
+ *   APPROACH       moves by a distance, as MOVE_BY does, and stops at contact
  *   PRESS          presses with a force; out of contact it approaches as mode 4 does
  *   WAIT           brakes to standstill and stays */
 enum {
