@@ -78,8 +78,8 @@ def element(rng, kinds, points):
             for x in sorted([ends[0] - 1, *inner, ends[1] + 9]):
                 points.append((x, rng.randint(-5000, 30_000)))
     return struct.pack(
-        ELEMENT, kind, over_time, 0xFFFF, of_force, direction, ordinal, enters, leaves, lower, upper,
-        0, first, 0, *ends, least, most, level, level_2,
+        ELEMENT, kind, over_time, 0xFFFF, of_force, direction, ordinal, enters, leaves, lower,
+        upper, 0, first, 0, *ends, least, most, level, level_2,
     )  # fmt: skip
 
 
