@@ -45,6 +45,8 @@ void cycle_init(cycle_t *cycle) {
   cycle->outcome = CYCLE_BY_PROGRAM;
   cycle->failed_phase = 0;
   cycle->zeroed = 0;
+  cycle->incomplete = 0;
+  cycle->last_tick = 0;
   cycle->good = 0;
 }
 
@@ -53,6 +55,7 @@ void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inpu
   cycle_init(cycle);
   cycle->program = program;
   cycle->state = CYCLE_RUNNING;
+  cycle->last_tick = now->tick;
   cycle->zeroed = (program->zero == CYCLE_ZERO_POSITION) ? 1 : 0;
   cycle->zero_cnt = (cycle->zeroed != 0) ? reference_cnt : now->position;
   begin_phase(cycle, 0, now);
@@ -69,7 +72,8 @@ static void sample(cycle_t *cycle, const cycle_inputs_t *now) {
       (cycle_sample_t){.tick = now->tick,
                        .travel = travel_of(now, cycle->zero_cnt),
                        .force_q8 = force_of(now),
-                       .phase = cycle->phase};
+                       .phase = cycle->phase,
+                       .zeroed = cycle->zeroed};
   cycle->written = (uint8_t)(cycle->written + 1);
 }
 
@@ -186,7 +190,12 @@ bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now) {
     cycle->zeroed = 1;
     cycle->zero_cnt = now->position;
   }
-  cycle->phase_ticks += 1;
+  const uint32_t passed = now->tick - cycle->last_tick;
+  cycle->last_tick = now->tick;
+  cycle->phase_ticks += passed;
+  if (passed != 1) {
+    cycle->incomplete = 1;
+  }
   sample(cycle, now);
   if (cycle->state != CYCLE_RUNNING) {
     return true;
@@ -223,6 +232,9 @@ void cycle_abort(cycle_t *cycle) {
 }
 
 static void finish(cycle_t *cycle) {
+  if (cycle->outcome == CYCLE_BY_PROGRAM && cycle->incomplete != 0) {
+    cycle->outcome = CYCLE_SAMPLES_LOST;
+  }
   bool good = cycle->outcome == CYCLE_BY_PROGRAM;
   for (uint8_t i = 0; i < cycle->program->elements; i++) {
     good = good && cycle_result(cycle, i).verdict == CYCLE_GOOD;

@@ -6,7 +6,8 @@
  * (firmware/drive/cycle_mode.h).
  *
  *   cycle_start()     between two ticks
- *   cycle_step()      once in each tick, after its signals
+ *   cycle_step()      once in each tick, after its signals; a tick that is missing makes the part
+ *                     bad, and the phases go on
  *   cycle_evaluate()  between ticks, at the latest after CYCLE_SAMPLES ticks
  *   cycle_abort()     at each stop, fault, halt or change of mode; the part is then not good */
 
@@ -23,7 +24,7 @@ enum { CYCLE_SAMPLES = 16 };
 enum { CYCLE_IDLE = 0, CYCLE_RUNNING = 1, CYCLE_ENDED = 2, CYCLE_DONE = 3 };
 
 /* How a cycle ended: as the program intends; a limit of a phase was exceeded; stopped from outside;
- * samples were lost, because nobody evaluated them. */
+ * samples were lost, because nobody evaluated them or because ticks were missing. */
 enum {
   CYCLE_BY_PROGRAM = 0,
   CYCLE_OVER_FORCE = 1,
@@ -47,6 +48,7 @@ typedef struct {
 typedef struct {
   const cycle_header_t *program; /* NULL before the first cycle */
   uint32_t phase_ticks;          /* duration of the phase up to now */
+  uint32_t last_tick;            /* tick of the last sample */
   int32_t start_cnt;             /* position at the start of the phase */
   int32_t zero_cnt;              /* position of travel 0: the start, until it is found */
   /* Begin of the section of stiffness_travel that is not complete yet, and the changes over the
@@ -65,6 +67,7 @@ typedef struct {
   uint8_t outcome;      /* CYCLE_BY_PROGRAM to CYCLE_SAMPLES_LOST */
   uint8_t failed_phase; /* the phase in which a limit was exceeded first, or the cycle stopped */
   uint8_t zeroed;       /* 1 if travel 0 is found */
+  uint8_t incomplete;   /* 1 if a tick was missing */
   uint8_t good;         /* 1 if the cycle ended by its program and all elements are good */
 } cycle_t;
 

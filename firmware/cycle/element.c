@@ -91,6 +91,7 @@ void cycle_element_begin(cycle_element_state_t *state) {
   state->exits = 0;
   state->wrong_side = 0;
   state->inside = 0;
+  state->zeroed = 0;
 }
 
 static bool is_in_range(const cycle_element_t *element, int32_t x) {
@@ -282,6 +283,13 @@ static int32_t x_of(const cycle_element_t *element, const cycle_element_state_t 
   return fx_clamp(fx_s32_from_u32(sample->tick - state->begin_tick), 0, CYCLE_TRAVEL_MAX);
 }
 
+/* Returns true if a line of the curve ends with this sample. */
+static bool continues(const cycle_element_t *element, const cycle_element_state_t *state,
+                      const cycle_sample_t *sample) {
+  return state->has_sample != 0 && sample->tick - state->last_tick == 1 &&
+         (element->over_time != 0 || sample->zeroed == state->zeroed);
+}
+
 void cycle_element_take(const cycle_element_t *element, const cycle_point_t *points,
                         cycle_element_state_t *state, const cycle_sample_t *sample) {
   if ((element->phases & (uint16_t)fx_scale(1, sample->phase)) == 0) {
@@ -291,7 +299,7 @@ void cycle_element_take(const cycle_element_t *element, const cycle_point_t *poi
     state->begin_tick = sample->tick;
   }
   const int32_t x = x_of(element, state, sample);
-  const bool goes_on = state->has_sample != 0 && sample->tick - state->last_tick == 1;
+  const bool goes_on = continues(element, state, sample);
   if (goes_on) {
     const line_t line = {state->x, state->y, x, sample->force_q8};
     take_line(element, state, &line, sample->tick);
@@ -303,6 +311,7 @@ void cycle_element_take(const cycle_element_t *element, const cycle_point_t *poi
   state->x = x;
   state->y = sample->force_q8;
   state->last_tick = sample->tick;
+  state->zeroed = sample->zeroed;
   state->has_sample = 1;
 }
 

@@ -6,8 +6,9 @@
  *
  * The curve is force over x, where x is the travel or the time since the element began. It consists
  * of straight lines between the samples of consecutive ticks, all in phases of the element. Where
- * the phases are left and entered again a new piece begins, and no line joins two pieces. All
- * comparisons are exact, and every interpolated value is rounded once, half up.
+ * the phases are left and entered again a new piece begins, and no line joins two pieces. A tick
+ * that is missing and, over the travel, travel 0 also begin a piece. All comparisons are
+ * exact, and every interpolated value is rounded once, half up.
  *
  *   cycle_element_begin(&state);
  *   in each tick of the cycle: cycle_element_take(element, points, &state, &sample);
@@ -30,6 +31,7 @@ typedef struct {
   int32_t travel;   /* encoder counts, +-CYCLE_TRAVEL_MAX */
   int32_t force_q8; /* measured force, +-CYCLE_FORCE_MAX_Q8 */
   uint8_t phase;    /* number of the phase, 0..15 */
+  uint8_t zeroed;   /* 1 from travel 0 on, where the travel begins anew */
 } cycle_sample_t;
 
 /* The kinds of element. Their value is what is compared with y_least and y_most.
@@ -120,6 +122,7 @@ typedef struct {
   uint8_t exits;
   uint8_t wrong_side; /* WINDOW: 1 if another side was crossed; ENVELOPE: 1 below, 2 above */
   uint8_t inside;     /* WINDOW: 1 if the last sample is in the window */
+  uint8_t zeroed;     /* of the last sample */
 } cycle_element_state_t;
 
 typedef struct {

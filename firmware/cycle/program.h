@@ -35,7 +35,7 @@ enum { CYCLE_ZERO_TOUCH = 0, CYCLE_ZERO_FORCE = 1, CYCLE_ZERO_POSITION = 2, CYCL
  *   MOVE           moves to a position
  *   MOVE_BY        moves by a distance from the demand position at its start
  *   MOVE_TO_TOUCH  moves to a distance from travel 0
- *   APPROACH       moves to a position and stops at contact
+ *   APPROACH       moves by a distance, as MOVE_BY does, and stops at contact
  *   PRESS          presses with a force; out of contact it approaches as mode 4 does
  *   WAIT           brakes to standstill and stays */
 enum {

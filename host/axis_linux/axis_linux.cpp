@@ -83,6 +83,7 @@ void read_load_cell(sim::Section &section, load_cell_t &cell) {
 void read_iio(sim::Section &section, Settings &settings) {
   iio_settings_t &iio = settings.config.iio;
   settings.device = section.text("device", kText);
+  while (settings.device.ends_with('/')) settings.device.pop_back();
   settings.channel = section.text("channel", kText);
   settings.buffer =
       section.optional_text("buffer", kText)

@@ -78,8 +78,17 @@ struct Scales {
                   "force_sign with which the reading rises with the force; change the "
                   "model or force_sign");
     limit_N = rated_N * raw_of(initial, AXIS_OBJ_FORCE_LIMIT, 1000) / 1000;
+    // The firmware takes positions, distances and speeds of a program in user units.
+    if (raw_of(initial, AXIS_OBJ_FEED, 0) != 0 || raw_of(initial, AXIS_OBJ_POLARITY, 0) != 0)
+      source.fail("phase",
+                  "expected an axis whose user unit is the encoder count; remove feed and polarity "
+                  "from the experiment");
   }
 };
+
+// Returns the smallest number of ticks that last at least `time_s`. A time that is a whole number
+// of ticks may have a rounding error.
+double ticks_of(double time_s) { return std::ceil(time_s * kTicks - 1e-6); }
 
 // Rounds a number of counts or codes, which has to be from `low` to `high`.
 std::int64_t rounded(Section &section, const char *key, double value, double low, double high) {
@@ -226,7 +235,7 @@ class Reader {
         magnitude(section, "force_max", force_max * scales_.q8_per_N, CYCLE_FORCE_MAX_Q8);
     phase.travel_max =
         magnitude(section, "travel_max", travel_max * scales_.counts_per_m, CYCLE_TRAVEL_MAX);
-    phase.time_max = static_cast<std::uint32_t>(std::ceil(section.number("time_max") * kTicks));
+    phase.time_max = static_cast<std::uint32_t>(ticks_of(section.number("time_max")));
     const std::string reaction = section.optional_text("on_limit", kText).value_or("end");
     phase.reaction = names_.find(section, "on_limit", reaction);
     if (phase.action == CYCLE_PRESS)
@@ -320,7 +329,7 @@ class Reader {
     };
     switch (when) {
       case CYCLE_TIME: {
-        const double ticks = std::ceil(value(Dimension::time, Sign::positive) * kTicks);
+        const double ticks = std::max(1.0, ticks_of(value(Dimension::time, Sign::positive)));
         const auto level = static_cast<std::int32_t>(rounded(section, "value", ticks, 1, 1e9));
         within(section, "value", level, phase.time_max, "time_max");
         return level;

@@ -46,8 +46,10 @@ constexpr KeyFormat kPhaseKeys[] = {
           "to a distance from travel 0, the first contact unless zero says otherwise. approach: by "
           "a distance, and stop at "
           "contact. press: with a force; out of contact the axis approaches. wait: stay."),
-    optional("position", D::length, S::any, "none",
-             "Position of a move, in the coordinates of the encoder. The axis has to be homed."),
+    optional(
+        "position", D::length, S::any, "none",
+        "Position of a move, from the zero of the homing (position_actual of the axis). The axis "
+        "has to be homed."),
     optional("distance", D::length, S::any, "none",
              "Distance of move_by, move_to_touch and approach, positive towards the workpiece."),
     optional("speed", D::velocity, S::positive, "none", "Speed of the motion."),

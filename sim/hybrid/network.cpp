@@ -1,6 +1,7 @@
 #include "sim/hybrid/network.hpp"
 
 #include <Eigen/LU>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 
@@ -138,12 +139,31 @@ void Network::solve_holds(ModeKey key, ModeEquations &equations) const {
       }
     }
   }
+  keep_memories(rate, equations);
   // The forces of sticking frictions, applied as impulses, remove a relative velocity. The impulses
   // change only velocities.
   ExtendedMatrix impulse = ExtendedMatrix::Zero(n, unknowns);
   for (const Wiring::Coordinate &moved : wiring_.coordinates)
     impulse.row(moved.velocity) = acting.row(moved.velocity);
   equations.slip = impulse * solver.solve(rate);
+}
+
+// The slider of a contact whose ends stick to each other does not move. Its derivative, a
+// difference of two velocities, becomes exactly 0, because a difference of rounding errors in its
+// higher derivatives would let it slip. The rows of `sticking` are the relative velocities that are
+// 0.
+void Network::keep_memories(const ExtendedMatrix &sticking, ModeEquations &equations) const {
+  if (wiring_.memories.empty()) return;
+  constexpr Extended kSame = 1e-12L;
+  const Eigen::ColPivHouseholderQR<ExtendedMatrix> span(ExtendedMatrix(sticking.transpose()));
+  for (const Wiring::Memory &memory : wiring_.memories) {
+    ExtendedMatrix speed = ExtendedMatrix::Zero(states(), 1);
+    for (const Wiring::Coordinate &moved : wiring_.coordinates)
+      speed(moved.velocity, 0) = equations.wires(memory.deflection, moved.position);
+    const ExtendedMatrix rest = speed - sticking.transpose() * ExtendedMatrix(span.solve(speed));
+    if (rest.cwiseAbs().maxCoeff() <= kSame * speed.cwiseAbs().maxCoeff())
+      equations.flow.row(memory.state).setZero();
+  }
 }
 
 // Finds the state of the fastest motion. The entry (i, i) of a high power of |A| is the sum of all

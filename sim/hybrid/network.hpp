@@ -117,6 +117,7 @@ class Network {
  private:
   int effective_state(ModeKey key, int switch_index) const;
   void solve_holds(ModeKey key, ModeEquations &equations) const;
+  void keep_memories(const ExtendedMatrix &sticking, ModeEquations &equations) const;
   bool sticks(ModeKey key, const Wiring::FrictionEnds &friction) const {
     return state_of(key, friction.switch_index) == Wiring::kStuck;
   }

@@ -51,14 +51,15 @@ class SampledSensor {
   /// taken.
   Reading at(std::int64_t step) const {
     const auto now = static_cast<double>(step);
-    const double samples = (now - latency_ - phase_) * rate_hz_ / steps_per_s_;
-    const auto newest = static_cast<std::int64_t>(std::floor(samples + kSame));
+    const double samples = (now - latency_ - phase_ + kSame) * rate_hz_ / steps_per_s_;
+    const auto arrived = static_cast<std::int64_t>(std::floor(samples));
+    const std::int64_t newest = arrived < next_ ? arrived : next_ - 1;
     if (newest < 0) return {first_, age(now)};
     return {codes_[static_cast<std::size_t>(newest) % codes_.size()], age(now - instant(newest))};
   }
 
  private:
-  static constexpr double kSame = 1e-6;
+  static constexpr double kSame = 1e-6;  // steps
 
   double instant(std::int64_t sample) const {
     const double at = phase_ + static_cast<double>(sample) * steps_per_s_ / rate_hz_;

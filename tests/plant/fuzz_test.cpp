@@ -123,7 +123,7 @@ std::string Writer::model() {
   const int elements = 2 + below(4);
   for (int i = 0; i < elements; ++i) {
     const Pair p = any_pair();
-    switch (below(10)) {
+    switch (below(11)) {
       case 0:
         add("contact", p.text + stiff(p, 200, 2e4) + entry("gap", zero_or(between(-2e-4, 1e-3))));
         break;
@@ -175,6 +175,14 @@ std::string Writer::model() {
                             number(between(0.04, 0.06)) + "]\nforces = [" +
                             number(between(-30, 30)) + ", " + number(between(-30, 30)) + ", 0]\n");
         break;
+      case 9: {
+        const double stiffness = p.mass * log(4e4, 4e7);
+        add("contact", p.text + entry("stiffness", stiffness) +
+                           entry("hysteresis_stiffness", stiffness * log(0.1, 10)) +
+                           entry("hysteresis_force", stiffness * log(1e-6, 1e-4)) +
+                           entry("gap", zero_or(between(-2e-4, 1e-3))));
+        break;
+      }
       default:
         add("gravity", "body = \"" + indexed('b', below(bodies)) +
                            (chance(0.5) ? "\"\nacceleration = " + number(between(-10, 10)) + "\n"

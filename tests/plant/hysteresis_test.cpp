@@ -194,6 +194,32 @@ TEST(Hysteresis, ManyCyclesKeepTheBalance) {
   EXPECT_LT(residual(plant), 1e-10);
 }
 
+// Two free bodies meet, and a friction between them stops their relative motion while the slider
+// slips. The slider then rests, whatever moves both bodies.
+TEST(Hysteresis, SliderRestsWhileAFrictionHoldsItsEnds) {
+  const auto guided = [](const std::string &name, double mass, const std::string &keys) {
+    return "[[body]]\nname = \"" + name + "\"\nmass = " + number(mass) + "\n" + keys +
+           "[[spring]]\nname = \"guide_" + name + "\"\nbetween = [\"" + name +
+           "\", \"ground\"]\nstiffness = " + number(700 * mass) + "\n";
+  };
+  const std::string ends = "between = [\"axis\", \"part\"]\n";
+  for (int i = 0; i < 20; ++i) {
+    Plant plant(
+        make_model(guided("axis", 0.6 + 0.17 * i, "velocity = 0.6\n") +
+                   guided("part", 0.7 + 0.03 * i, "") + "[[contact]]\nname = \"pad\"\n" + ends +
+                   "stiffness = 2e4\nhysteresis_stiffness = 6e4\nhysteresis_force = 9\n" +
+                   "[[friction]]\nname = \"grip\"\n" + ends + "coulomb = 80\n"),
+        {.audit = true});
+    for (int k = 0; k < 600; ++k) plant.step(0, false);
+    EXPECT_EQ(count_of(plant, "grip", "forward", "stuck"), 1) << i;
+    EXPECT_EQ(count_of(plant, "pad.hysteresis", "stuck", "forward"), 1) << i;
+    EXPECT_LE(count_of(plant, "pad.hysteresis", "forward", "stuck"), 1) << i;
+    EXPECT_NEAR(plant.signal("pad.force"), kStiffness * plant.signal("pad.deflection") + kSlip,
+                1e-9);
+    EXPECT_LT(residual(plant), 1e-12);
+  }
+}
+
 TEST(Hysteresis, LinearFiguresAreThoseOfTheStuckSlider) {
   const auto model = make_model(axis("mass = 2\n") + pad());
   const std::string inputs[] = {"axis.force"};

@@ -56,6 +56,22 @@ TEST(SampledSensor, GivesTheNewestSampleThatHasArrived) {
   }
 }
 
+// A sample that is taken a moment after a tick, here 0.07 us, is not yet there at this tick, also
+// at low rates: the firmware has the signal of tick 0 or the sample before.
+TEST(SampledSensor, GivesNoSampleBeforeItsInstant) {
+  for (const double rate_hz : {1.0, 2.0}) {
+    const double phase_s = (600 + 1e-4) * kTickS;
+    Plant plant(make_model(mass(sampling(rate_hz, phase_s, 0) + "zero_code = 8388608\n")));
+    for (int n = 0; n < 3000; ++n) {
+      const double since_s = n * kTickS - phase_s;
+      const double sampled_s = since_s < 0 ? 0 : phase_s + std::floor(since_s * rate_hz) / rate_hz;
+      const int code = static_cast<int>(std::floor((sampled_s * 1e6 + 0.5) / 256)) + 32768;
+      ASSERT_EQ(plant.codes().adc[0], code) << rate_hz << ", " << n;
+      plant.step(0, false);
+    }
+  }
+}
+
 // A sample between two ticks is exact also when the force steps at each tick: x is the closed form
 // of a mass with a constant force in each tick.
 TEST(SampledSensor, IsExactBetweenTwoTicksUnderAChangingForce) {

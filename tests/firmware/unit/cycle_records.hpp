@@ -4,6 +4,7 @@
 // Records of cycles that are right (firmware/cycle/program.h).
 #include <cstdint>
 #include <cstring>
+#include <functional>
 #include <random>
 #include <vector>
 
@@ -23,10 +24,11 @@ inline cycle_phase_t wait_phase(std::uint8_t next) {
   return phase;
 }
 
-// Completes a record of phases, with one element PEAK over all of them, which is good up to 900,
-// and with header.points points that no element uses.
-inline std::vector<std::uint32_t> completed(cycle_header_t header,
-                                            const std::vector<cycle_phase_t> &phases) {
+// Completes a record of phases, with one element PEAK over all of them, which is good up to 900, or
+// what `change` makes of it, and with header.points points that no element uses.
+inline std::vector<std::uint32_t> completed(
+    cycle_header_t header, const std::vector<cycle_phase_t> &phases,
+    const std::function<void(cycle_element_t &)> &change = [](cycle_element_t &) {}) {
   cycle_element_t element{};
   element.kind = CYCLE_PEAK;
   element.phases = 0xFFFF;
@@ -34,6 +36,7 @@ inline std::vector<std::uint32_t> completed(cycle_header_t header,
   element.x_most = CYCLE_TRAVEL_MAX;
   element.y_least = INT32_MIN;
   element.y_most = 900;
+  change(element);
   header.magic = CYCLE_MAGIC;
   header.version = CYCLE_VERSION;
   header.phases = static_cast<std::uint8_t>(phases.size());
@@ -90,8 +93,7 @@ inline cycle_phase_t random_phase(std::mt19937 &random, std::uint8_t phases,
     phase.force = static_cast<std::int16_t>(pick(0, 4) == 0 ? -500 : pick(1, 1500));
     phase.slope = static_cast<std::uint32_t>(pick(1, 30000));
   } else if (phase.action != CYCLE_WAIT) {
-    const bool is_place = phase.action == CYCLE_MOVE || phase.action == CYCLE_APPROACH;
-    phase.target = pick(-300, 300) + (is_place ? position : 0);
+    phase.target = pick(-300, 300) + (phase.action == CYCLE_MOVE ? position : 0);
     phase.speed = static_cast<std::uint32_t>(pick(1, 40000));
   }
   for (cycle_condition_t &condition : phase.conditions) {

@@ -4,6 +4,8 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
+#include <utility>
 #include <vector>
 
 #include "tests/firmware/unit/cycle_records.hpp"
@@ -18,7 +20,10 @@ class Cycle : public ::testing::Test {
  protected:
   void start(const std::vector<cycle_phase_t> &phases, std::uint8_t zero = CYCLE_ZERO_TOUCH,
              std::int32_t zero_level = 0) {
-    words_ = record_with_zero(phases, zero, zero_level);
+    begin(record_with_zero(phases, zero, zero_level));
+  }
+  void begin(std::vector<std::uint32_t> record) {
+    words_ = std::move(record);
     ASSERT_EQ(check(words_).reason, CYCLE_ACCEPTED);
     now_ = {};
     now_.tick = 0xFFFFFFF0u;  // the number of the tick wraps
@@ -288,6 +293,20 @@ TEST_F(Cycle, ASecondLimitEndsTheCycleAndTheFirstOneIsTheReason) {
   EXPECT_EQ(cycle_.good, 0);
 }
 
+// Ticks that the port has missed are part of the duration, and no sample says what happened in
+// them.
+TEST_F(Cycle, AMissingTickMakesThePartBadAndThePhasesGoOn) {
+  start({wait_phase(1), wait_phase(CYCLE_END)});
+  for (int i = 1; i < 5; ++i) ASSERT_EQ(tick(), 0);
+  now_.tick += 4;
+  ASSERT_EQ(tick(), 0) << "the ninth tick";
+  ASSERT_EQ(tick(), 1) << "the tenth tick";
+  while (tick() != CYCLE_END) continue;
+  EXPECT_EQ(cycle_.state, CYCLE_DONE);
+  EXPECT_EQ(cycle_.outcome, CYCLE_SAMPLES_LOST);
+  EXPECT_EQ(cycle_.good, 0);
+}
+
 TEST_F(Cycle, AnAbortedCycleIsNeverGood) {
   start({wait_phase(CYCLE_END)});
   tick();
@@ -310,6 +329,48 @@ TEST_F(Cycle, AnElementThatIsNotGoodMakesThePartBad) {
   EXPECT_EQ(cycle_.good, 0);
   EXPECT_EQ(cycle_result(&cycle_, 0).verdict, CYCLE_ABOVE);
   EXPECT_EQ(cycle_result(&cycle_, 0).value, 901);
+}
+
+// The travel begins anew at the first contact, 1200 counts after the start of the cycle here. The
+// force then rises by 1/8 count for each count of travel, up to a travel of 100 counts.
+TEST_F(Cycle, NoLineOfTheCurveJoinsTheTravelBeforeAndAfterTheFirstContact) {
+  const struct {
+    std::uint8_t kind, over_time;
+    int verdict;
+    std::int32_t value;
+  } cases[] = {{CYCLE_WORK, 0, CYCLE_GOOD, 100 * 100 / 16},
+               {CYCLE_AT, 0, CYCLE_NOT_REACHED, 0},
+               {CYCLE_AT, 1, CYCLE_NOT_REACHED, 0},
+               {CYCLE_WINDOW, 0, CYCLE_NOT_REACHED, 0},
+               {CYCLE_PEAK, 0, CYCLE_GOOD, 100 * 32}};
+  for (const auto &c : cases) {
+    cycle_phase_t approach = wait_phase(CYCLE_END);
+    approach.force_max_q8 = 10000;
+    approach.travel_max = approach.time_max = 2000;
+    approach.conditions[0] = {CYCLE_TOUCH_ABOVE, CYCLE_END, 0, 100};
+    const auto change = [&](cycle_element_t &element) {
+      element.kind = c.kind;
+      element.over_time = c.over_time;
+      element.y_most = CYCLE_FORCE_MAX_Q8;
+      element.y_least = -CYCLE_FORCE_MAX_Q8;
+      element.direction = CYCLE_FALLING;  // the travel only rises
+      element.ordinal = 1;
+      element.level = 500;
+      element.enters = CYCLE_RIGHT | CYCLE_LEFT;
+      if (c.kind == CYCLE_WINDOW) element.x_least = 1250, element.x_most = 1300;
+    };
+    begin(completed({}, {approach}, change));
+    for (int i = 1; cycle_is_running(&cycle_); ++i) {
+      move(10);
+      const int past = 10 * i - 1200;
+      now_.contact = past >= 0;
+      now_.force_q8 = past > 0 ? 32 * past : 0;
+      tick();
+    }
+    const cycle_element_result_t result = cycle_result(&cycle_, 0);
+    EXPECT_EQ(result.verdict, c.verdict) << int{c.kind};
+    EXPECT_EQ(result.value, c.value) << int{c.kind};
+  }
 }
 
 TEST_F(Cycle, SamplesWaitForSixteenTicksAndMoreAreAnEnd) {

@@ -232,3 +232,40 @@ def test_a_model_without_a_measured_force_is_refused(tmp_path):
     text = EXPERIMENT.replace(str(MODELS / "press_fit.toml"), "model.toml")
     with pytest.raises(_core.InputError, match="ADC 0 measures a force"):
         inputs(tmp_path, experiment=text)
+
+
+@pytest.mark.parametrize("key", ["polarity = 192", "feed = 1000"])
+def test_user_units_other_than_counts_are_refused(tmp_path, key):
+    """The program has counts of the encoder, which the firmware would take as user units."""
+    with pytest.raises(_core.InputError, match="user unit is the encoder count"):
+        inputs(tmp_path, experiment=f"{EXPERIMENT}{key}\n")
+
+
+def test_a_time_of_whole_ticks_has_no_further_tick(tmp_path):
+    """70 ms are 105 ticks, also where their product with the rate of the ticks is above 105."""
+    assert 0.07 * 1500 > 105
+    program = """\
+title = "Wait"
+[[phase]]
+name = "wait"
+do = "wait"
+force_max = "90 N"
+travel_max = "2 mm"
+time_max = "70 ms"
+[[phase.end]]
+when = "time"
+value = "70 ms"
+next = "end"
+"""
+    experiment = EXPERIMENT.replace("duration_s = 0.1", "duration_s = 0.3") + """\
+modes_of_operation = -9
+position_gain = 1.0
+""" + "".join(
+        f"[[at]]\ntime_s = {0.02 * k}\nfirmware = {{ controlword = {word} }}\n"
+        for k, word in enumerate((6, 7, 15, 31), 1)
+    ) + '[trace]\nobjects = ["cycle_state"]\n'  # fmt: skip
+    result = inputs(tmp_path, program, experiment)
+    assert result.cycle["state"] == "good"
+    states = result.columns()["cycle_state"]
+    running = next(state for state in states if state != states[0])
+    assert (states == running).sum() == 104  # the last tick ends the cycle
