@@ -36,7 +36,7 @@ ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
 # A scheduling class that runs only on an idle CPU and is interrupted at once. With nice alone, a
 # process would keep the CPU to the end of its time slice.
 IDLE = ("chrt", "--idle", "0")
-FUZZ_S, FUZZ_ALL_S = 4, 125
+FUZZ_S, FUZZ_ALL_S = 4, 80
 # Tests of every byte or bit of the memory for parameters. The debug build, in which they take a
 # minute and a half, runs them with --all.
 EXHAUSTIVE = r"^Store\.(A(FlippedBit|Cut)|ManyCuts|SavedMeans)"

@@ -131,14 +131,14 @@ void cycle_mode_start(cia402_t *drive, const axis_t *axis) {
     return;
   }
   drive->cycle_refusal = refusal_of(drive);
-  if (drive->cycle_refusal != AXIS_CYCLE_STATE_IDLE) {
-    return;
+  if (drive->cycle_refusal == AXIS_CYCLE_STATE_IDLE) {
+    const cycle_inputs_t now = inputs_of(drive, axis);
+    cycle_start(&drive->cycle, drive->program, &now,
+                cia402_encoder(drive, drive->program->zero_level));
+    drive->signals.cycle_count += 1;
+    begin_phase(drive, axis);
   }
-  const cycle_inputs_t now = inputs_of(drive, axis);
-  cycle_start(&drive->cycle, drive->program, &now,
-              cia402_encoder(drive, drive->program->zero_level));
-  drive->signals.cycle_count += 1;
-  begin_phase(drive, axis);
+  cia402_show_cycle(drive);
 }
 
 void cycle_mode_interrupt(cia402_t *drive) {

@@ -7,6 +7,7 @@
 #include "firmware/drive/motion.h"
 #include "firmware/drive/position_modes.h"
 #include "firmware/drive/state.h"
+#include "firmware/drive/status.h"
 #include "firmware/fx/fx.h"
 
 static bool follows_command(const cia402_t *drive) {
@@ -244,7 +245,10 @@ void cia402_prepare_excitation(cia402_t *drive, axis_t *axis) {
 }
 
 void cia402_leave_mode(cia402_t *drive) {
-  cycle_abort(&drive->cycle);
+  if (cycle_is_running(&drive->cycle)) {
+    cycle_abort(&drive->cycle);
+    cia402_show_cycle(drive);
+  }
   cia402_set_mode(drive, drive->signals.modes_of_operation_display);
   cia402_end_mode(drive);
 }

@@ -127,7 +127,6 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
                             ? AXIS_DRIVE_STATE_SWITCHED_ON
                             : signals->drive_state;
   uint16_t word = (uint16_t)(cia402_state_bits[state] | CIA402_SW_REMOTE);
-  cia402_show_cycle(drive);
   if ((measured->digital_inputs & AXIS_DIN_ENABLE) != 0) {
     word |= CIA402_SW_VOLTAGE;
   }

@@ -230,8 +230,8 @@ def test_drawn_data_sheets_have_their_digits(tmp_path):
 
 
 @pytest.mark.long
-def test_ninety_drawn_data_sheets_have_their_digits(tmp_path):
-    drawn_loops(tmp_path, 29, 90)
+def test_thirty_drawn_data_sheets_have_their_digits(tmp_path):
+    drawn_loops(tmp_path, 29, 30)
 
 
 # Kernels.
@@ -282,7 +282,7 @@ def test_what_computes_digits_passes_under_every_kernel(kernel):
     """The tests of loops, sets and designs as they are, in a process of this kernel."""
     files = [
         "python/linear/test_loops.py", "python/linear/test_over.py",
-        "python/design/test_design_search.py", "system/e2e/test_design_verb.py",
+        "python/design/test_design_search.py",
     ]  # fmt: skip
     tests = [f"tests/{name}" for name in files]
     done = subprocess.run(
