@@ -5,7 +5,7 @@
 #include "firmware/app/ownership.h"
 #include "firmware/canopen/sdo.h"
 #include "firmware/drive/cycle_mode.h"
-#include "firmware/drive/status.h"
+#include "firmware/drive/modes.h"
 #include "firmware/fx/bytes.h"
 
 /* A verdict of the object table is that of an element (CYCLE_GOOD and so on) plus 1. */

@@ -8,7 +8,6 @@
 #include "firmware/drive/motion.h"
 #include "firmware/drive/position_modes.h"
 #include "firmware/drive/state.h"
-#include "firmware/drive/status.h"
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
 

@@ -7,7 +7,6 @@
 #include "firmware/drive/motion.h"
 #include "firmware/drive/position_modes.h"
 #include "firmware/drive/state.h"
-#include "firmware/drive/status.h"
 #include "firmware/fx/fx.h"
 
 static bool follows_command(const cia402_t *drive) {
@@ -242,6 +241,31 @@ int cia402_excite(cia402_t *drive, const axis_t *axis, bool start) {
 void cia402_prepare_excitation(cia402_t *drive, axis_t *axis) {
   contact_excitation_prepare(&drive->guards.excitation, &drive->params, &drive->signals, axis,
                              may_be_excited(drive));
+}
+
+static uint8_t cycle_state(const cia402_t *drive) {
+  const cycle_t *cycle = &drive->cycle;
+  if (drive->cycle_refusal != AXIS_CYCLE_STATE_IDLE) {
+    return drive->cycle_refusal;
+  }
+  switch (cycle->state) {
+    case CYCLE_RUNNING:
+      return AXIS_CYCLE_STATE_RUNNING;
+    case CYCLE_ENDED:
+      return AXIS_CYCLE_STATE_EVALUATING;
+    case CYCLE_DONE:
+      return (cycle->good != 0)                  ? AXIS_CYCLE_STATE_GOOD
+             : (cycle->outcome == CYCLE_STOPPED) ? AXIS_CYCLE_STATE_ABORTED
+                                                 : AXIS_CYCLE_STATE_BAD;
+    default:
+      return AXIS_CYCLE_STATE_IDLE;
+  }
+}
+
+void cia402_show_cycle(cia402_t *drive) {
+  drive->signals.cycle_state = cycle_state(drive);
+  drive->signals.cycle_phase = drive->cycle.phase;
+  drive->signals.cycle_outcome = drive->cycle.outcome;
 }
 
 void cia402_leave_mode(cia402_t *drive) {

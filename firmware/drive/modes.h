@@ -91,6 +91,9 @@ static inline void cia402_excite_after(cia402_t *drive, axis_t *axis) {
  * no cycle could start. */
 uint16_t cia402_cycle_bits(const cia402_t *drive);
 
+/* Shows state, phase and outcome of the cycle in the signals. */
+void cia402_show_cycle(cia402_t *drive);
+
 /* Resets the state of a mode of operation when the mode ends or the axis is disabled; a cycle that
  * runs is ended as aborted. cia402_end_mode() is the part that also the change between phases of a
  * cycle needs. */

@@ -92,31 +92,6 @@ static bool shows_reached(const cia402_t *drive) {
   return drive->reached_tick > reached_ticks(drive);
 }
 
-static uint8_t cycle_state(const cia402_t *drive) {
-  const cycle_t *cycle = &drive->cycle;
-  if (drive->cycle_refusal != AXIS_CYCLE_STATE_IDLE) {
-    return drive->cycle_refusal;
-  }
-  switch (cycle->state) {
-    case CYCLE_RUNNING:
-      return AXIS_CYCLE_STATE_RUNNING;
-    case CYCLE_ENDED:
-      return AXIS_CYCLE_STATE_EVALUATING;
-    case CYCLE_DONE:
-      return (cycle->good != 0)                  ? AXIS_CYCLE_STATE_GOOD
-             : (cycle->outcome == CYCLE_STOPPED) ? AXIS_CYCLE_STATE_ABORTED
-                                                 : AXIS_CYCLE_STATE_BAD;
-    default:
-      return AXIS_CYCLE_STATE_IDLE;
-  }
-}
-
-void cia402_show_cycle(cia402_t *drive) {
-  drive->signals.cycle_state = cycle_state(drive);
-  drive->signals.cycle_phase = drive->cycle.phase;
-  drive->signals.cycle_outcome = drive->cycle.outcome;
-}
-
 void cia402_show(cia402_t *drive, const axis_t *axis) {
   drive_signals_t *signals = &drive->signals;
   const axis_signals_t *measured = &axis->signals;

@@ -5,9 +5,6 @@
 
 #include "firmware/drive/drive.h"
 
-/* Shows state, phase and outcome of the cycle in the signals. */
-void cia402_show_cycle(cia402_t *drive);
-
 /* Computes every signal of the drive after a tick, and counts the ticks for which the target has
  * been reached and the axis has been at standstill. */
 void cia402_observe(cia402_t *drive, const axis_t *axis);
