@@ -189,3 +189,19 @@ def test_the_plot_shows_what_a_part_is_judged_by(good):
     bad = plots.part(part.run(PRESS_FIT, ["k_bore=80 kN/m"]))
     named = [text.get_text() for ax in bad.axes for text in ax.texts]
     assert "joining force: wrong side" in named
+
+
+@pytest.mark.parametrize(("zero", "at_20_N_mm"), [
+    ("", 0.8), ('zero = "force"\nzero_force = "20 N"', 0.0),
+])  # fmt: skip
+def test_travel_counts_from_the_zero_of_the_program(tmp_path, zero, at_20_N_mm):
+    """The spring has 20 N for each mm, and travel 0 is at the contact, from 4 N on, or at
+    20 N."""
+    spring = PROGRAM.with_name("spring_test.toml").read_text()
+    before = spring[spring.index("zero =") : spring.index("\n\n[[phase]]")]
+    program = tmp_path / "spring.toml"
+    program.write_text(spring.replace(before, zero, 1))
+    curve = part.run(PRESS_FIT.with_name("spring_test.toml"), program=program).curve
+    pressed = slice(0, int(np.argmax(curve.force_N > 40)))
+    at_20_N = np.interp(20.0, curve.force_N[pressed], curve.travel_m[pressed])
+    assert 1e3 * at_20_N == pytest.approx(at_20_N_mm, abs=0.1)

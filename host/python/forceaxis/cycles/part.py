@@ -25,7 +25,7 @@ from forceaxis.experiments.run_result import Array, CycleReport
 from forceaxis.experiments.summary import CYCLE_OUTCOMES
 
 # Objects of the firmware that the timeline needs in the trace.
-TRACED = ("cycle_state", "cycle_phase", "contact")
+TRACED = ("cycle_state", "cycle_phase", "contact", "position_actual")
 RUNNING = 1  # value of cycle_state while a cycle runs
 SLACK = 1e-9  # N or m, for decimals of a level
 
@@ -75,7 +75,7 @@ class Curve:
     """The measured curve of the last cycle, with one value for each of its n ticks."""
 
     time_s: Array  # since the start of the run
-    travel_m: Array  # since the first contact
+    travel_m: Array  # from travel 0 of the program
     force_N: Array
     phase: NDArray[np.int64]  # number of the phase to which the sample belongs
 
@@ -98,7 +98,7 @@ def run(experiment: Path, overrides: Sequence[str] = (), program: Path | None = 
     report = done.result.cycle
     assert report is not None
     known = read_program(file)
-    curve = _curve(done)
+    curve = _curve(done, known)
     result = PartResult(
         experiment=paths.display(experiment),
         program=paths.display(file),
@@ -163,20 +163,33 @@ def _last_cycle(done: runs.Run) -> tuple[int, int] | None:
     return begin, min(int(running[-1]) + 1, len(done.columns["cycle_state"]) - 1)
 
 
-def _curve(done: runs.Run) -> Curve | None:
-    """Returns the curve of the last cycle."""
+def _curve(done: runs.Run, program: Program) -> Curve | None:
+    """Returns the curve of the last cycle of a program."""
     begin, end = _last_cycle(done) or (0, 0)
     if begin == end:
         return None
     inside = slice(begin + 1, end + 1)  # the state of a tick is that after the tick
     converters = done.result.converters
     force = _physical(done, "adc0")[inside]
-    position = done.columns["encoder"].astype(float) * abs(converters["encoder"].per_code)
-    touched = np.flatnonzero(done.columns["contact"][inside])
-    zero = position[inside][touched[0]] if touched.size else position[begin]
+    per_count = abs(converters["encoder"].per_code)
+    position = done.columns["encoder"].astype(float) * per_count
+    if program.zero == "position":
+        homed = done.columns["position_actual"].astype(float) * per_count
+        zero = (program.zero_at or 0.0) + position[begin] - homed[begin]
+    else:
+        at_zero = np.flatnonzero(_is_at_zero(program, force, done.columns["contact"][inside]))
+        zero = position[inside][at_zero[0]] if at_zero.size else position[begin]
     # A trace has the values after a tick, so the sample of a tick belongs to the phase before it.
     phase = done.columns["cycle_phase"][begin:end].astype(np.int64)
     return Curve(done.time_s[inside], position[inside] - zero, force, phase)
+
+
+def _is_at_zero(program: Program, force: Array, contact: Array) -> NDArray[np.bool_]:
+    """Returns which samples are at or beyond what makes travel 0: a contact, or a force."""
+    if program.zero == "touch" or program.zero_at is None:
+        return np.asarray(contact != 0)
+    sign = 1.0 if program.zero_at > 0 else -1.0
+    return np.asarray(sign * force >= sign * program.zero_at - SLACK)
 
 
 def _physical(done: runs.Run, column: str) -> Array:

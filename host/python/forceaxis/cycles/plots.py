@@ -22,7 +22,7 @@ def part(done: PartRun) -> Figure:
     figure, (over_travel, over_time) = plt.subplots(2, 1, figsize=(7.2, 6.4), height_ratios=(3, 2))
     curve = done.curve
     assert curve is not None
-    for ax, unit in ((over_travel, "travel since contact, mm"), (over_time, "time, s")):
+    for ax, unit in ((over_travel, "travel, mm"), (over_time, "time, s")):
         style(ax)
         ax.set_xlabel(unit)
         ax.set_ylabel("force, N")

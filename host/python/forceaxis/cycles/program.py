@@ -19,7 +19,13 @@ END = "end"
 # Kinds of elements whose bounds are no interval of one number.
 SHAPES = ("window", "envelope")
 X_UNITS = {"travel": "m", "time": "s"}
-CONDITION_UNITS = {"time": "s", "force_above": "N", "force_below": "N"}  # of others: m
+CONDITION_UNITS = {
+    "time": "s",
+    "force_above": "N",
+    "force_below": "N",
+    "stiffness_above": "N/m",
+    "stiffness_below": "N/m",
+}  # of others: m
 # How closely a value agrees with a bound that is written in decimals, relative to both.
 SAME = 1e-10
 
@@ -29,7 +35,7 @@ class End:
     """A condition that ends a phase."""
 
     when: str
-    value: float | None  # s, N or m
+    value: float | None  # s, N, N/m or m
     next: str  # the phase that follows, or "end"
 
     @property
@@ -80,6 +86,8 @@ class Program:
 
     file: Path
     title: str
+    zero: str  # where travel 0 is: "touch", "force" or "position"
+    zero_at: float | None  # the force in N, or the position in m
     phases: list[Phase]
     elements: list[Element]
 
@@ -105,9 +113,13 @@ def with_program(overrides: Sequence[str], program: Path | None) -> list[str]:
 def read_program(file: Path) -> Program:
     """Returns the program of a file that the compiled module has accepted. Raises InputError."""
     table = toml.read(file)
+    zero = str(table.get("zero", "touch"))
+    unit = "N" if zero == "force" else "m"
     return Program(
         file=file,
         title=str(table.get("title", "")),
+        zero=zero,
+        zero_at=number(table.get(f"zero_{zero}"), unit),
         phases=[_phase(phase) for phase in table.get("phase", [])],
         elements=[_element(element) for element in table.get("element", [])],
     )
