@@ -10,8 +10,8 @@
 /* Start-up does not clear this memory, so that an incident is kept over a reset. */
 static uint8_t recorder_buffer[FW_RECORDER_BYTES] __attribute__((section(".noinit.recorder")));
 static blackbox_t blackbox __attribute__((section(".noinit.blackbox")));
-/* Staging area of 4 KiB and a library of 12 KiB, which need no initial value. */
-static uint32_t programs[16384 / sizeof(uint32_t)] __attribute__((section(".noinit.programs")));
+/* Memory for programs of cycles, in the linker script. */
+extern uint32_t programs_begin[], programs_end[];
 static fw_config_t config;
 
 void port_init(void) {
@@ -33,8 +33,8 @@ const fw_config_t *port_config(void) {
   config.bit_rates = CAN_RATES;
   config.dac_bits = 12; /* without a drive at the second CAN */
   config.buses = 1;
-  config.program_memory = programs;
-  config.program_bytes = sizeof(programs);
+  config.program_memory = programs_begin;
+  config.program_bytes = (uint32_t)((uintptr_t)programs_end - (uintptr_t)programs_begin);
   config.reset_cause = reset_cause();
   config.core_fault = board_fault_before(config.reset_cause);
   return &config;
