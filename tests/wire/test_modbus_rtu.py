@@ -150,6 +150,7 @@ def test_both_clients_read_every_register_alike(line, pymodbus):
 VALUES = {
     "controlword": [6, 0],
     "force_bank": [0, 0],  # all banks are empty
+    "cycle_program": [0, 0],  # there is no program
     "modes_of_operation": [-2, 8],
     "mode": [0, 0],
     "force_sign": [-1, 1],

@@ -121,15 +121,29 @@ py::dict plot_of(const Experiment &e) {
   return d;
 }
 
-// Returns the record of an experiment's program (firmware/cycle/program.h).
-py::bytes cycle_record(const std::filesystem::path &file,
-                       const std::vector<std::string> &overrides) {
-  const Experiment experiment = forceaxis::host::load_experiment(file, overrides, std::nullopt);
+forceaxis::host::CycleProgram cycle_program(const std::filesystem::path &file,
+                                            const std::vector<std::string> &overrides) {
+  Experiment experiment = forceaxis::host::load_experiment(file, overrides, std::nullopt);
   if (!experiment.cycle)
     throw forceaxis::sim::InputError(file.string(), "cycle",
                                      "expected the file of a program, the key is missing");
-  const auto &record = experiment.cycle->record;
+  return *std::move(experiment.cycle);
+}
+
+// Returns the record of an experiment's program (firmware/cycle/program.h).
+py::bytes cycle_record(const std::filesystem::path &file,
+                       const std::vector<std::string> &overrides) {
+  const auto record = cycle_program(file, overrides).record;
   return {reinterpret_cast<const char *>(record.data()), record.size() * sizeof(record[0])};
+}
+
+// Returns the value in SI units of one unit of the firmware, for each element of the program.
+std::vector<double> cycle_scales(const std::filesystem::path &file,
+                                 const std::vector<std::string> &overrides) {
+  std::vector<double> scales;
+  for (const auto &element : cycle_program(file, overrides).elements)
+    scales.push_back(element.per_value);
+  return scales;
 }
 
 // Returns the last cycle of a run of this program, or None if the run had no program.
@@ -416,6 +430,10 @@ PYBIND11_MODULE(_core, m) {
         py::arg("overrides") = std::vector<std::string>{},
         "Returns the record of an experiment's program of a cycle, as an axis takes it in object "
         "2435h:1. Raises InputError, also for an experiment without a program.");
+  m.def("cycle_scales", &cycle_scales, py::arg("experiment"),
+        py::arg("overrides") = std::vector<std::string>{},
+        "Returns, for each element of an experiment's program, the value in SI units of one unit "
+        "of the firmware (object cycle_result_value). Raises InputError as cycle_record().");
   py::class_<Experiments>(
       m, "Experiments",
       "Experiment files with the content that was read first, and the models and "

@@ -20,6 +20,7 @@ from forceaxis.cli.common import (
     show,
     threads,
 )
+from forceaxis.cli.live_options import AxisConnection, live, owned
 from forceaxis.errors import ParameterError
 from forceaxis.results import to_json
 
@@ -36,11 +37,13 @@ PARTS_FILE = click.Path(dir_okay=False, path_type=Path)
     cls=Verbs,
     epilog="""forceaxis cycle run press_fit --plot part.png
     forceaxis cycle rates press_fit --good sim/parts/press_fit_good.toml \\
-    --bad sim/parts/press_fit_bad.toml --parts 1000""",
+    --bad sim/parts/press_fit_bad.toml --parts 1000
+    forceaxis cycle load press_fit --can can0
+    forceaxis cycle start press_fit --can can0""",
 )
 def cycle() -> None:
     """Try the program of a cycle before a press exists: with one simulated part, or with thousands
-    of good and bad ones.
+    of good and bad ones. Then load the program into an axis and press a part.
 
     Every command takes an experiment, because a program alone cannot run: the experiment names the
     model of press and part, the program, the parameters of the axis, and when the cycle starts.
@@ -210,6 +213,71 @@ def rates(
     show(cycle_text.rates_rows(done.result, proposal))
     if out is not None:
         show([("files", paths.quoted(out))])
+
+
+@cycle.command(
+    epilog="""forceaxis cycle load press_fit --can can0 --node 3
+    forceaxis cycle load press_fit --program out/new.toml --axis 1
+    forceaxis cycle load press_fit --sim press_fit""",
+)
+@EXPERIMENT
+@program_option
+@live
+@as_json
+def load(connection: AxisConnection, experiment: Path, program: Path | None, as_json: bool) -> None:
+    """Load the program of an experiment into an axis, and select it.
+
+    The axis has to be disabled, and it has to have the scales of the experiment: adc_bits,
+    force_sign, rated_force, and force_scale within 1 %. The axis checks the whole program before it
+    takes it; a program that it refuses changes nothing. A program with the same number is replaced.
+    The axis keeps programs until its next power-up.
+    """
+    from forceaxis.cycles import live as cycles
+
+    wanted = cycles.live_program(experiment, (), program)
+    with owned(connection) as axis:
+        loaded = cycles.load(axis, wanted)
+    if as_json:
+        print_json(loaded)
+        return
+    show(
+        [
+            ("program", f"{loaded.program}: {loaded.title}"),
+            ("number", f"{loaded.number}, one of {loaded.programs} programs of the axis"),
+            ("crc", f"{loaded.crc}, {loaded.size_bytes} bytes"),
+        ]
+    )
+
+
+@cycle.command(
+    epilog="""forceaxis cycle start press_fit --can can0 --node 3
+    forceaxis cycle start press_fit --axis 1 --json""",
+)
+@EXPERIMENT
+@program_option
+@live
+@as_json
+def start(
+    connection: AxisConnection, experiment: Path, program: Path | None, as_json: bool
+) -> None:
+    """Press one part: start a cycle with the program that `cycle load` has loaded, wait for its
+    end, and print the verdict of the part. The axis moves.
+
+    All bounds of the axis hold: position limits, velocity_max, force_limit, the contact guard. The
+    command owns the axis while the cycle runs and disables it at the end. Ctrl-C, a stop from any
+    bus, a fault and a killed command end the cycle, and the part is aborted, never good. The exit
+    status is 0 for every verdict.
+    """
+    from forceaxis.cli import cycle_text
+    from forceaxis.cycles import live as cycles
+
+    wanted = cycles.live_program(experiment, (), program)
+    with owned(connection) as axis:
+        part = cycles.start(axis, wanted)
+    if as_json:
+        print_json(part)
+        return
+    show(cycle_text.live_rows(part))
 
 
 VERBS = (cycle,)

@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Sequence
 
 from forceaxis.cli.common import aligned
+from forceaxis.cycles.live import LivePart
 from forceaxis.cycles.part import ElementFigure, PartResult
 from forceaxis.cycles.propose import MovedBounds, Proposal
 from forceaxis.cycles.rates import PartCounts, RatesResult
@@ -49,6 +50,19 @@ def part_rows(result: PartResult) -> Rows:
         ]
         rows += table("", [["phase", "begin s", "end s", "ended by"], *cells], (0, 3))
     return rows
+
+
+def live_rows(part: LivePart) -> Rows:
+    """Return the rows (key, text) about the last part of an axis."""
+    state = summary.CYCLE_STATES.get(part.state, part.state)
+    if part.outcome != "by_program":
+        state += f": {summary.CYCLE_OUTCOMES[part.outcome]}, last phase {part.phase}"
+    rows = [
+        ("cycle", f"{part.title}: {state}"),
+        ("program", f"{part.program}, CRC {part.program_crc}"),
+    ]
+    head = ["element", "verdict", "value", "least", "most", "unit"]
+    return rows + table("", [head, *map(element_cells, part.elements)], (0, 1, 5))
 
 
 def element_cells(figure: ElementFigure) -> list[str]:

@@ -372,6 +372,7 @@ def run_many(
                     "overridden": result.overridden,
                     "trace_hash": result.trace_hash,
                     "edge_margin": result.edge_margin,
+                    "cycle": result.cycle,
                 }
             )
             if progress:
