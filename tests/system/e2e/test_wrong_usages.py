@@ -64,7 +64,7 @@ WRONG = [
     ("sweep contact --grid m_w=1:2:3 --threads 0 --out maps", "'--threads'", "1<=x<=256"),
     ("sweep contact --grid m_w=1:2:3 --scheduler here --out maps", "tcp://HOST:PORT"),
     ("test", "'DIR|FILE...'"),
-    ("cycle", "expected a command: rates, run"),
+    ("cycle", "expected a command: load, rates, run, start"),
     ("cycle run contact", "contact.toml: cycle", "names a program"),
     ("cycle run", "'EXPERIMENT'", "forceaxis cycle run --help"),
     ("cycle rates contact", "'--good'"),
