@@ -173,6 +173,8 @@ COMMANDS = {
     "excitation_run",
     "tare",
     "calibrate",
+    "cycle_program_remove",
+    "cycle_data_end",
 }
 
 
