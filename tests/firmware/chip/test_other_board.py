@@ -50,7 +50,7 @@ def ports(tmp_path_factory):
                 "[0x4000, 0x4000, 0x4000, 0x4000, 0x10000, 0x20000]",
             ),
             ("ram = [0x20000000, 0x20000]", "ram = [0x20000000, 0xC000]"),
-            (f"flash_bytes = {BOARD.limits.flash_bytes}", "flash_bytes = 98304"),
+            (f"flash_bytes = {BOARD.limits.flash_bytes}", "flash_bytes = 114688"),
             (f"ram_bytes = {BOARD.limits.ram_bytes}", "ram_bytes = 49152"),
             (listed(BOARD.released.sources),
              f'["{port}/emulated/io.c", "{port}/emulated/semihosting.c"]'),
@@ -96,7 +96,7 @@ def test_its_image_is_reported_beside_its_limits(ports):
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert re.search(r"\*\*flash\*\* \| \d+ \| 98304 \|", done.stdout), done.stdout
+    assert re.search(r"\*\*flash\*\* \| \d+ \| 114688 \|", done.stdout), done.stdout
     assert re.search(r"\*\*RAM\*\*.* \| \d+ \| 49152 \|", done.stdout), done.stdout
 
 
