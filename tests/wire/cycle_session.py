@@ -1,0 +1,67 @@
+"""The session of test_cycle_can.py on real CAN, in one guest, at the pace of the wall clock: run
+under tools/vcan with a folder. The press-fit runs as two nodes; `forceaxis cycle` has the bus.
+"""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+from forceaxis.experiments import link
+
+FORCEAXIS = Path(sys.executable).parent / "forceaxis"
+SIM = Path(__file__).resolve().parents[2] / "sim"
+EXPERIMENT = SIM / "experiments/press_fit.toml"
+
+
+def nodes(folder, *overrides):
+    """(axis_node, plant_node) of the press, without the commands of the experiment."""
+    text = EXPERIMENT.read_text()
+    experiment = folder / "press.toml"
+    experiment.write_text(text[: text.index("[[at]]")].replace('"../', f'"{SIM}/'))
+    common = [experiment, "--link", "socketcan", "--endless", "--pace", "real"]
+    common += [word for override in overrides for word in ("--set", override)]
+    own = ["--can", "vcan0", "--store", folder / "store.bin"]
+    return [
+        subprocess.Popen([link.program(name), *common, *more], stdout=subprocess.PIPE, text=True)
+        for name, more in (("axis_node", own), ("plant_node", []))
+    ]
+
+
+def cycle(*words):
+    done = subprocess.run(
+        [FORCEAXIS, "cycle", *words, "--can", "vcan0", "--json"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    said = {"status": done.returncode, "said": done.stderr}
+    return said | {"result": json.loads(done.stdout) if done.stdout else None}
+
+
+def pressed(folder, *overrides):
+    """What the commands say of an axis with these parts."""
+    running = nodes(folder, *overrides)
+    try:
+        for process in running:
+            process.stdout.readline()  # ready
+        early = cycle("start", str(EXPERIMENT))  # without a program
+        loaded = cycle("load", str(EXPERIMENT))
+        parts = [cycle("start", str(EXPERIMENT)) for _ in range(2)]
+        return {"early": early, "loaded": loaded, "parts": parts}
+    finally:
+        for process in running:
+            process.send_signal(signal.SIGTERM)
+        for process in running:
+            process.communicate()
+
+
+def main(folder):
+    found = {}
+    for name, overrides in (("good", ()), ("tight", ("k_bore=80 kN/m",))):
+        (folder / name).mkdir()
+        found[name] = pressed(folder / name, *overrides)
+    (folder / "found.json").write_text(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,51 @@
+"""A program is loaded into an axis over SocketCAN, and parts are pressed in real time.
+
+They have the verdicts of the simulated parts, and nearly their values.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from forceaxis.cycles import live, part
+
+SESSION = Path(__file__).with_name("cycle_session.py")
+EXPERIMENT = Path(__file__).resolve().parents[2] / "sim/experiments/press_fit.toml"
+KINDS = {"good": (), "tight": ("k_bore=80 kN/m",)}
+pytestmark = pytest.mark.long  # three quarters of a minute of real time
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory, vcan):
+    folder = tmp_path_factory.mktemp("cycles")
+    done = vcan([sys.executable, SESSION, folder], 200)
+    assert done.returncode == 0, done.stderr + done.stdout
+    return json.loads((folder / "found.json").read_text())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_program_is_loaded_and_selected(found, kind):
+    loaded = found[kind]["loaded"]
+    assert loaded["status"] == 0, loaded["said"]
+    assert int(loaded["result"]["crc"], 16) == live.live_program(EXPERIMENT).crc
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_its_program_no_part_is_pressed(found, kind):
+    early = found[kind]["early"]
+    assert early["status"] == 1
+    assert "forceaxis cycle load" in early["said"] and early["said"].count("\n") == 1
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_parts_have_the_verdicts_of_the_simulation(found, kind):
+    simulated = part.run(EXPERIMENT, KINDS[kind]).result
+    for number, pressed in enumerate(found[kind]["parts"], 1):
+        assert pressed["status"] == 0, pressed["said"]
+        result = pressed["result"]
+        assert (result["state"], result["cycles"]) == (simulated.state, number)
+        for own, other in zip(result["elements"], simulated.elements, strict=True):
+            assert own["verdict"] == other.verdict, (own, other)
+            if other.value is not None:
+                assert own["value"] == pytest.approx(other.value, rel=0.05)
