@@ -16,8 +16,8 @@ EXPERIMENT = SIM / "experiments/press_fit.toml"
 
 
 def nodes(folder, *overrides):
-    """(axis_node, plant_node) of the press, without the commands of the experiment."""
-    text = EXPERIMENT.read_text()
+    """(axis_node, plant_node) of the press, without program and commands of the experiment."""
+    text = EXPERIMENT.read_text().replace('cycle = "../cycles/press_fit.toml"\n', "")
     experiment = folder / "press.toml"
     experiment.write_text(text[: text.index("[[at]]")].replace('"../', f'"{SIM}/'))
     common = [experiment, "--link", "socketcan", "--endless", "--pace", "real"]
