@@ -106,7 +106,7 @@ uint32_t sdo_open_download(const sdo_request_t *request, bool sized, uint32_t si
 /* Takes the next bytes of a download. Returns 0 or an abort code. */
 uint32_t sdo_take(const sdo_request_t *request, const uint8_t *bytes, uint32_t count);
 
-/* Returns 0, or an abort code if a download must not have `size` bytes. */
+/* Checks the announced size of a download in bytes. Returns 0 or an abort code. */
 uint32_t sdo_refuse_size(const sdo_server_t *server, uint32_t size);
 
 /* Ends a download: writes the value to the object, or has the bytes accepted. Returns 0 or an abort

@@ -26,15 +26,16 @@ enum {
 
 /* Where travel 0 is.
  *   TOUCH     at the first contact of the cycle
- *   FORCE     at the first sample whose measured force is at least zero_level, or at most
- * zero_level if it is negative POSITION  at the position zero_level in user units; the axis has to
- * be homed Before TOUCH or FORCE, travel counts from the start of the cycle. */
+ *   FORCE     at the first sample with a force of at least zero_level (at most, if it is negative)
+ *   POSITION  at the position zero_level in user units; the axis has to be homed
+ *
+ * Until TOUCH or FORCE is found, travel counts from the start of the cycle. */
 enum { CYCLE_ZERO_TOUCH = 0, CYCLE_ZERO_FORCE = 1, CYCLE_ZERO_POSITION = 2, CYCLE_ZEROS = 3 };
 
 /* What a phase does.
  *   MOVE           moves to a position
  *   MOVE_BY        moves by a distance from the demand position at its start
- *   MOVE_TO_TOUCH  moves to a distance from travel 0
+ *   MOVE_TO_TOUCH  moves to the place whose travel is the distance
  *   APPROACH       moves by a distance, as MOVE_BY does, and stops at contact
  *   PRESS          presses with a force; out of contact it approaches as mode 4 does
  *   WAIT           brakes to standstill and stays */

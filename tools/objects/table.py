@@ -68,7 +68,7 @@ BIT_KEYS = {"name": str, "address": int, "meaning": str}
 OPTIONAL = {
     "special": ("title", "access", "sub"), "record": ("count", "array"), "coil": (), "discrete": (),
 }  # fmt: skip
-# What lies at the address of a special, by type and access.
+# Kind of the data of an entry [[special]], by its type and access.
 SPECIAL_TYPES = {
     ("visible_string", "ro"): "TEXT", ("domain", "ro"): "DOMAIN", ("domain", "wo"): "DOWNLOAD",
 }  # fmt: skip

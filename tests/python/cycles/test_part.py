@@ -38,7 +38,8 @@ def test_the_phases_follow_each_other_without_a_gap(good):
 
 
 def test_the_times_are_those_of_the_simulated_press(good):
-    """5 mm at 20 mm/s less the ramp, then 4 mm at 5 mm/s, with a force of 40 N a mm."""
+    """The approach takes 5 mm at 20 mm/s, and its ramp. The bearing then moves 4 mm at 5 mm/s, and
+    its force rises by 40 N for each mm."""
     events = _core.run(PRESS_FIT).events
     touch_s = next(time for time, name, *_ in events if name == "bearing")
     assert 0 < good.result.phases[0].end_s - touch_s < 0.02  # contact_force is 4 N
@@ -195,7 +196,7 @@ def test_the_plot_shows_what_a_part_is_judged_by(good):
     ("", 0.8), ('zero = "force"\nzero_force = "20 N"', 0.0),
 ])  # fmt: skip
 def test_travel_counts_from_the_zero_of_the_program(tmp_path, zero, at_20_N_mm):
-    """The spring has 20 N for each mm, and travel 0 is at the contact, from 4 N on, or at
+    """The stiffness of the spring is 20 N/mm. Travel 0 is at the contact, which has 4 N, or at
     20 N."""
     spring = PROGRAM.with_name("spring_test.toml").read_text()
     before = spring[spring.index("zero =") : spring.index("\n\n[[phase]]")]

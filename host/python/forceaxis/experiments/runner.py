@@ -144,8 +144,7 @@ class Journal(Generic[T]):
             )
 
     def flush(self) -> None:
-        """Writes buffered text lines to the operating system, so that the text lines are kept if
-        the process is killed."""
+        """Writes the buffered lines to the file, so that they are kept if the process is killed."""
         if self.file:
             self.file.flush()
 
