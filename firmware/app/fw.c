@@ -466,9 +466,8 @@ void fw_between(fw_t *fw) {
   }
   sensing_serve(fw);
   serve_store(fw);
-  const bool has_cycle = cycle_mode_is_busy(&fw->drive);
-  cycle_mode_between(&fw->drive);
-  if (has_cycle) {
+  if (cycle_mode_is_busy(&fw->drive)) {
+    cycle_mode_between(&fw->drive);
     programs_show_result(fw);
   }
 }

@@ -60,6 +60,17 @@ void programs_init(fw_t *fw) {
   programs_show_result(fw);
 }
 
+/* Selects a program, NULL for none. Returns false while a cycle runs. */
+static bool select(fw_t *fw, const cycle_header_t *program) {
+  if (!cycle_mode_select(&fw->drive, program)) {
+    return false;
+  }
+  cia402_show_cycle(&fw->drive);
+  show_programs(fw);
+  programs_show_result(fw);
+  return true;
+}
+
 /* Selects the program with a number anew after the library has changed. Only if the program itself
  * has changed, the result of its last cycle is lost. */
 static void follow_library(fw_t *fw, uint32_t changed) {
@@ -69,9 +80,8 @@ static void follow_library(fw_t *fw, uint32_t changed) {
     if (number != changed) {
       cycle_mode_moved(&fw->drive, program);
     } else {
-      (void)cycle_mode_select(&fw->drive, program);
+      (void)select(fw, program);
       fw->device.cycle_program = (program == NULL) ? 0 : number;
-      cia402_show_cycle(&fw->drive);
     }
   }
   show_programs(fw);
@@ -133,20 +143,15 @@ void programs_written(fw_t *fw, uint16_t object, int32_t previous, int32_t value
   } else if (object == AXIS_OBJ_CYCLE_RESULT_ELEMENT) {
     programs_show_result(fw);
   } else if (object == AXIS_OBJ_CYCLE_PROGRAM && value != previous) {
-    (void)cycle_mode_select(&fw->drive, cycle_library_find(&fw->library, (uint32_t)value));
-    cia402_show_cycle(&fw->drive);
-    show_programs(fw);
-    programs_show_result(fw);
+    (void)select(fw, cycle_library_find(&fw->library, (uint32_t)value));
   }
 }
 
 cycle_check_t programs_select(fw_t *fw, const cycle_header_t *program) {
-  if (!cycle_mode_select(&fw->drive, program)) {
+  if (!select(fw, program)) {
     return (cycle_check_t){CYCLE_BUSY, 0};
   }
   fw->device.cycle_program = 0;
-  show_programs(fw);
-  programs_show_result(fw);
   return (cycle_check_t){CYCLE_ACCEPTED, 0};
 }
 

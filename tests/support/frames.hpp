@@ -33,6 +33,18 @@ inline uint32_t Crc32(const uint8_t *bytes, size_t count) {
   return ~crc;
 }
 
+// The CRC of an SDO block transfer, bit by bit, from the polynomial x^16 + x^12 + x^5 + 1.
+inline uint16_t BlockCrc(const Bytes &data) {
+  uint32_t crc = 0;
+  for (const uint8_t byte : data) {
+    for (int bit = 7; bit >= 0; --bit) {
+      const bool one = ((crc >> 15 ^ byte >> bit) & 1) != 0;
+      crc = (crc << 1 ^ (one ? 0x1021 : 0)) & 0xFFFF;
+    }
+  }
+  return static_cast<uint16_t>(crc);
+}
+
 // A data frame of CAN.
 struct Frame {
   uint16_t id;

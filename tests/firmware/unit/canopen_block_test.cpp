@@ -16,18 +16,6 @@ namespace {
 
 constexpr size_t kFramesOfATick = 4;
 
-// Bit by bit, from the polynomial x^16 + x^12 + x^5 + 1.
-uint16_t Crc(const Bytes &data) {
-  uint32_t crc = 0;
-  for (const uint8_t byte : data) {
-    for (int bit = 7; bit >= 0; --bit) {
-      const bool one = ((crc >> 15 ^ byte >> bit) & 1) != 0;
-      crc = (crc << 1 ^ (one ? 0x1021 : 0)) & 0xFFFF;
-    }
-  }
-  return static_cast<uint16_t>(crc);
-}
-
 class Block : public Canopen {
  protected:
   // What a client does with a segment that came.
@@ -85,7 +73,7 @@ class Block : public Canopen {
       EXPECT_EQ(answer[0] & 0xE3, 0xC1);
       data.resize(data.size() - (answer[0] >> 2 & 7));
       EXPECT_EQ(data.size(), size);
-      EXPECT_EQ(answer[1] | answer[2] << 8, with_crc ? Crc(data) : 0);
+      EXPECT_EQ(answer[1] | answer[2] << 8, with_crc ? BlockCrc(data) : 0);
       EXPECT_TRUE(Ask({0xA1}, server).empty());
       EXPECT_EQ(Code(Ask({0xA1}, server)), 0x05040001u) << "it is over";
       return data;
@@ -298,13 +286,13 @@ TEST_F(Block, ADownloadWritesAtItsEnd) {
   EXPECT_EQ(Ask({0x81, 0x78, 0x56, 0x34, 0x12})[0], 0xA2);
   EXPECT_EQ(Read(AXIS_OBJ_POSITION_SETPOINT), 0);
   EXPECT_EQ(Ask({0x81, 0x78, 0x56, 0x34, 0x12})[0], 0xA2) << "a segment that is repeated";
-  const uint16_t crc = Crc(value);
+  const uint16_t crc = BlockCrc(value);
   EXPECT_EQ(Ask({0xC1 | 3 << 2, static_cast<uint8_t>(crc), static_cast<uint8_t>(crc >> 8)}),
             (Bytes{0xA1, 0, 0, 0, 0, 0, 0, 0}));
   EXPECT_EQ(Read(AXIS_OBJ_POSITION_SETPOINT), 0x12345678);
   EXPECT_EQ(Put(0x2012, 0, {1, 0, 0, 0}, 0xC0, 0, 0)[0], 0xA1) << "neither CRC nor size";
   EXPECT_EQ(Read(AXIS_OBJ_POSITION_SETPOINT), 1);
-  EXPECT_EQ(Put(0x200D, 0, {0xFF}, 0xC6, 1, Crc({0xFF}))[0], 0xA1);
+  EXPECT_EQ(Put(0x200D, 0, {0xFF}, 0xC6, 1, BlockCrc({0xFF}))[0], 0xA1);
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_SIGN), -1);
 }
 
@@ -315,7 +303,7 @@ TEST_F(Block, DownloadsAreRefusedWithTheirCodes) {
   EXPECT_EQ(Code(Put(0x1008, 0, value, 0xC6, 4, 0)), 0x06010002u);
   EXPECT_EQ(Code(Put(0x2012, 0, value, 0xC6, 5, 0)), 0x06070012u);
   EXPECT_EQ(Code(Put(0x2012, 0, value, 0xC6, 3, 0)), 0x06070013u);
-  EXPECT_EQ(Code(Put(0x2012, 0, value, 0xC6, 4, Crc(value) ^ 1)), 0x05040004u);
+  EXPECT_EQ(Code(Put(0x2012, 0, value, 0xC6, 4, BlockCrc(value) ^ 1)), 0x05040004u);
   EXPECT_EQ(Code(Put(0x2012, 0, {1, 2, 3}, 0xC2, 4, 0)), 0x06070010u) << "as announced";
   EXPECT_EQ(Code(Put(0x2012, 0, {1, 2, 3}, 0xC0, 0, 0)), 0x06070013u);
   EXPECT_EQ(Code(Put(0x2012, 0, {1, 2, 3, 4, 5}, 0xC0, 0, 0)), 0x06070012u);

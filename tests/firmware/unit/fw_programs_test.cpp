@@ -22,18 +22,6 @@ constexpr uint32_t kTooLong = 0x06070012, kLength = 0x06070010, kMemory = 0x0504
                    kTimeout = 0x05040000, kOver = 0x05040001;
 constexpr uint32_t kRoom = 12288;
 
-// CRC-16 bit by bit, from the polynomial x^16 + x^12 + x^5 + 1.
-uint16_t BlockCrc(const Bytes &data) {
-  uint32_t crc = 0;
-  for (const uint8_t byte : data) {
-    for (int bit = 7; bit >= 0; --bit) {
-      const bool one = ((crc >> 15 ^ byte >> bit) & 1) != 0;
-      crc = (crc << 1 ^ (one ? 0x1021 : 0)) & 0xFFFF;
-    }
-  }
-  return static_cast<uint16_t>(crc);
-}
-
 // How a client downloads; `size` is what it announces, 0: the true size.
 struct Manner {
   bool sized = true;
