@@ -1,7 +1,6 @@
 """Error rates of a program over simulated parts: how often a good part is refused, and how often a
 bad part of each kind passes."""
 
-import contextlib
 import csv
 import json
 import os
@@ -19,7 +18,7 @@ from forceaxis.cycles.program import Program, program_file, read_program, with_p
 from forceaxis.cycles.statistics import Share, share
 from forceaxis.errors import ParameterError
 from forceaxis.experiments.inputs import read_inputs
-from forceaxis.experiments.runner import Cluster, Here, Journal, Runner, identity_of
+from forceaxis.experiments.runner import RunSite, identity_of, runner_at
 from forceaxis.results import json_field, to_json
 from forceaxis.words import counted, option_words
 
@@ -199,18 +198,8 @@ def rates(
 
     threads = threads or os.cpu_count() or 1
     started = time.monotonic()
-    with contextlib.ExitStack() as stack:
-        place = (
-            stack.enter_context(Cluster(scheduler, experiment, overrides, identity))
-            if scheduler
-            else Here(experiment, overrides, threads)
-        )
-        if out is not None:
-            out.mkdir(parents=True, exist_ok=True)
-        journal_file = None if out is None else out / "journal.jsonl"
-        journal = Journal(journal_file, identity, PartOutcome, "computation of rates")
-        stack.callback(journal.close)
-        runner = Runner(journal, identity, place, outcome_of)
+    site, what = RunSite(out, threads, scheduler), "computation of rates"
+    with runner_at(site, experiment, overrides, identity, PartOutcome, outcome_of, what) as runner:
         with progress.phase(counted(sum(len(g.parts) for g in groups), "part")):
             outcomes = runner([part.values for group in groups for part in group.parts])
     seconds = time.monotonic() - started

@@ -7,12 +7,13 @@ are executed on threads of this process or, in groups, on a Dask cluster; the or
 the runs have no effect on a result.
 """
 
+import contextlib
 import fcntl
 import hashlib
 import json
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
@@ -346,3 +347,38 @@ def run_chunk(
                 "workers the same files and the same forceaxis"
             )
     return list(_core.run_many([(experiment, overrides + sets) for sets in jobs], 1, None, True))
+
+
+@dataclass(frozen=True)
+class RunSite:
+    """Where runs are made, and the folder that keeps them."""
+
+    out: Path | None  # None: nothing is written
+    threads: int  # of this process
+    scheduler: str | None  # address of a Dask scheduler, whose workers then make the runs
+
+
+@contextlib.contextmanager
+def runner_at(
+    site: RunSite,
+    experiment: Path,
+    overrides: list[str],
+    identity: Identity,
+    kind: Callable[..., T],
+    outcome_of: Callable[["_core.RunOutcome"], T],
+    what: str = "sweep",
+) -> Iterator[Runner[T]]:
+    """Context manager with a runner at a site. The arguments are those of Journal and Runner.
+    Raises InputError for a folder with other runs, ParameterError for the scheduler."""
+    with contextlib.ExitStack() as stack:
+        place: Place = (
+            stack.enter_context(Cluster(site.scheduler, experiment, overrides, identity))
+            if site.scheduler
+            else Here(experiment, overrides, site.threads)
+        )
+        if site.out is not None:
+            site.out.mkdir(parents=True, exist_ok=True)
+        file = None if site.out is None else site.out / "journal.jsonl"
+        journal = Journal(file, identity, kind, what)
+        stack.callback(journal.close)
+        yield Runner(journal, identity, place, outcome_of)

@@ -5,7 +5,6 @@ Each finished run is a line of FOLDER/journal.jsonl (see runner.py), and a run w
 journal is not repeated. Points run on threads of this process or, in groups, on a Dask cluster.
 """
 
-import contextlib
 import csv
 import json
 import math
@@ -36,7 +35,7 @@ from forceaxis.experiments.points import (
     unit_of,
 )
 from forceaxis.experiments.run_result import Columns
-from forceaxis.experiments.runner import Cluster, Here, Journal, Runner, identity_of
+from forceaxis.experiments.runner import Runner, RunSite, identity_of, runner_at
 from forceaxis.experiments.sweep_result import (
     METRICS,
     Boundary,
@@ -161,18 +160,8 @@ def sweep(
     closer: dict[Point, PointOutcome] = {}
     single: list[int] = []  # indices of isolated points
     started = time.monotonic()
-    with contextlib.ExitStack() as stack:
-        place = (
-            stack.enter_context(Cluster(scheduler, experiment, overrides, identity))
-            if scheduler
-            else Here(experiment, overrides, threads)
-        )
-        if out is not None:
-            out.mkdir(parents=True, exist_ok=True)
-        file = None if out is None else out / "journal.jsonl"
-        journal = Journal(file, identity, PointOutcome)
-        stack.callback(journal.close)
-        runner = Runner(journal, identity, place, outcome_of)
+    site = RunSite(out, threads, scheduler)
+    with runner_at(site, experiment, overrides, identity, PointOutcome, outcome_of) as runner:
         if search:
             found = boundaries(runner, rows, search)
         else:
