@@ -199,9 +199,12 @@ def rates(
     threads = threads or os.cpu_count() or 1
     started = time.monotonic()
     site, what = RunSite(out, threads, scheduler), "computation of rates"
-    with runner_at(site, experiment, overrides, identity, PartOutcome, outcome_of, what) as runner:
-        with progress.phase(counted(sum(len(g.parts) for g in groups), "part")):
-            outcomes = runner([part.values for group in groups for part in group.parts])
+    every = [part.values for group in groups for part in group.parts]
+    with (
+        runner_at(site, experiment, overrides, identity, PartOutcome, outcome_of, what) as runner,
+        progress.phase(counted(len(every), "part")),
+    ):
+        outcomes = runner(every)
     seconds = time.monotonic() - started
     rest = iter(outcomes)
     groups = [replace(group, outcomes=[next(rest) for _ in group.parts]) for group in groups]
