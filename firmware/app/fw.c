@@ -10,8 +10,10 @@
 #include "firmware/app/programs.h"
 #include "firmware/app/recording.h"
 #include "firmware/app/reports.h"
+#include "firmware/app/results.h"
 #include "firmware/app/sensing.h"
 #include "firmware/drive/cycle_mode.h"
+#include "firmware/drive/state.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/objects/value.h"
 
@@ -111,7 +113,10 @@ static int check_device(const dictionary_t *objects, uint8_t source, uint16_t ob
                         int32_t value) {
   (void)source;
   const fw_t *fw = fw_of_const(objects);
-  const int refusal = programs_check(fw, object, value);
+  int refusal = programs_check(fw, object, value);
+  if (refusal == FW_OK) {
+    refusal = results_check(fw, object, value);
+  }
   return (refusal != FW_OK) ? refusal : lss_settings_check(fw, object, value);
 }
 
@@ -119,6 +124,7 @@ static void device_written(dictionary_t *objects, uint8_t source, uint16_t objec
                            int32_t value) {
   ownership_written(objects, source, object, previous, value);
   programs_written(fw_of(objects), object, previous, value);
+  results_written(fw_of(objects), object, value);
 }
 
 static int check_node(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
@@ -179,6 +185,9 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
       return programs_remove(fw, (uint32_t)value);
     case AXIS_OBJ_CYCLE_DATA_END:
       return programs_end_parts(fw, (uint32_t)value);
+    case AXIS_OBJ_CYCLE_UNLOCK:
+      results_unlock(fw);
+      return FW_OK;
     default:
       return command_recorder(fw, value != 0);
   }
@@ -260,7 +269,6 @@ static void power_up(fw_t *fw) {
   lss_settings_begin(fw);
   value_store_defaults(&fw->device, AXIS_BLOCK_DEVICE_PARAMETER);
   fw->device_signals.object_table_hash = AXIS_OBJECTS_HASH32;
-  programs_init(fw);
   fw->source_silence = 0;
   for (uint8_t i = 0; i < FW_HELD; i++) {
     fw->reported[i] = 0;
@@ -269,6 +277,8 @@ static void power_up(fw_t *fw) {
   fw->contact_seen = 0;
   fw->owner_on_can = 1;
   fw->device_signals.store_state = store_load(&fw->store, &fw->objects);
+  programs_init(fw);
+  results_loaded(fw);
   const bool has_id = lss_settings_load(fw);
   const bool has_law = law_loaded(fw);
   axis_output_loaded(&fw->axis, most_dac_bits(fw));
@@ -303,6 +313,7 @@ void fw_init(fw_t *fw, const fw_config_t *config) {
   value_store_defaults(&fw->device_signals, AXIS_BLOCK_DEVICE_SIGNAL);
   board_show_reset(fw);
   store_init(&fw->store, config->memory);
+  results_init(fw);
   power_up(fw);
   const uint16_t error = board_reset_error(config);
   /* After a brown-out reset the black box keeps no incident, because the low supply voltage may
@@ -348,8 +359,12 @@ static void execute_reset(fw_t *fw) {
     return;
   }
   /* A reset waits until a save in progress has ended, because the reset must load the saved
-   * values. */
-  if (store_is_busy(&fw->store) && fw->axis.signals.active_mode == AXIS_MODE_DISABLED) {
+   * values; and until the result of a cycle is complete. */
+  const bool is_saving =
+      store_is_busy(&fw->store) || store_parts_state(&fw->store) == STORE_PARTS_WRITING;
+  if ((is_saving && fw->store.memory != NULL &&
+       fw->axis.signals.active_mode == AXIS_MODE_DISABLED) ||
+      cycle_mode_is_busy(&fw->drive)) {
     return;
   }
   /* On a chip, loading the parameters takes longer than a tick, so the axis is disabled before a
@@ -381,10 +396,7 @@ static void execute_reset(fw_t *fw) {
   take_requests(fw);
 }
 
-static void serve_store(fw_t *fw) {
-  if (!store_is_busy(&fw->store)) {
-    return;
-  }
+static void serve_save(fw_t *fw) {
   const uint8_t state = store_tick(&fw->store, &fw->objects);
   if (state != AXIS_STORE_STATE_COUNT) {
     if (state == AXIS_STORE_STATE_FAILED && fw->device_signals.store_state != state) {
@@ -392,6 +404,34 @@ static void serve_store(fw_t *fw) {
     }
     fw->device_signals.store_state = state;
     lss_settings_stored(fw, state);
+  }
+}
+
+/* Programs and counts are written while the axis is disabled. An axis that is enabled does not wait
+ * for this work. */
+static void serve_store(fw_t *fw) {
+  if (store_is_busy(&fw->store)) {
+    serve_save(fw);
+  } else if (store_parts_state(&fw->store) == STORE_PARTS_WRITING) {
+    if (fw->axis.signals.active_mode == AXIS_MODE_DISABLED &&
+        !cia402_is_powered(fw->drive.signals.drive_state)) {
+      store_parts_tick(&fw->store, &fw->objects);
+    } else {
+      store_abandon(&fw->store);
+    }
+  }
+  results_show_store(fw);
+}
+
+/* Evaluates the samples of a cycle, and keeps the result of a cycle that has ended. */
+static void serve_cycle(fw_t *fw) {
+  bool ended = false;
+  if (cycle_mode_is_busy(&fw->drive)) {
+    cycle_mode_between(&fw->drive);
+    ended = !cycle_mode_is_busy(&fw->drive);
+  }
+  if (fw->drive.program != NULL || fw->library.count != 0) {
+    results_serve(fw, ended);
   }
 }
 
@@ -466,10 +506,7 @@ void fw_between(fw_t *fw) {
   }
   sensing_serve(fw);
   serve_store(fw);
-  if (cycle_mode_is_busy(&fw->drive)) {
-    cycle_mode_between(&fw->drive);
-    programs_show_result(fw);
-  }
+  serve_cycle(fw);
 }
 
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {

@@ -15,6 +15,7 @@
 #include "firmware/core/law_bank.h"
 #include "firmware/core/recorder.h"
 #include "firmware/cycle/library.h"
+#include "firmware/cycle/results.h"
 #include "firmware/drive/drive.h"
 #include "firmware/modbus/server.h"
 #include "firmware/objects/dictionary.h"
@@ -28,6 +29,9 @@
 /* Size of the memory for programs of cycles in bytes, on the host: eight of the longest programs
  * and the staging area. */
 #define FW_PROGRAM_BYTES (9 * CYCLE_PROGRAM_BYTES_MAX)
+
+/* Number of results that wait for an acknowledgement, on the host and on a board with cycles. */
+enum { FW_RESULTS = 32 };
 
 /* Version of the firmware. software_version shows this version and the hash of the object table. */
 #define FW_VERSION "0.1.0"
@@ -128,7 +132,35 @@ typedef struct {
    * downloaded */
   void *program_memory;
   uint32_t program_bytes; /* FW_PROGRAM_BYTES on the host */
+  /* memory for the results of parts that wait for an acknowledgement, which begins at a multiple of
+   * 4 and must outlive the firmware: FW_RESULTS of cycle_part_t. NULL: only the last result is
+   * kept, and no cycle waits for an acknowledgement */
+  void *result_memory;
+  uint32_t result_bytes;
 } fw_config_t;
+
+/* Counts that the parameter store keeps (results.h). */
+typedef struct {
+  uint32_t power_up; /* number of power-ups with programs */
+  uint32_t number;   /* number of the last part that ended */
+  uint32_t parts[CYCLE_PART_VERDICTS];
+  uint32_t oldest_waiting; /* smallest number of a result that waits, 0: none; only in the store */
+  uint32_t bad_in_row;     /* parts in a row that are not good, at most UINT16_MAX */
+} results_counts_t;
+
+typedef struct {
+  cycle_results_t waiting;
+  cycle_part_t last; /* the last part that ended; number 0: none */
+  results_counts_t counts;
+  results_counts_t stored; /* the counts that the store has, or writes */
+  uint32_t given_tick;     /* tick in which the counts were last given to the store */
+  uint32_t starts;         /* cycle_count of the last cycle whose serial number was taken */
+  uint32_t serial[CYCLE_SERIAL_WORDS]; /* of the part of the cycle that runs */
+  uint8_t changed;                     /* 1 if `counts` differ from `stored` */
+  uint8_t urgent;                      /* 1 if they shall be stored at once */
+  uint8_t has_power_up;                /* 1 if the store has counted this power-up */
+  uint8_t is_loaded;                   /* 1 after the counts of the last power-up were taken */
+} results_t;
 
 typedef struct {
   dictionary_t objects; /* The dictionary must be the first member of fw_t (dictionary.h). */
@@ -141,6 +173,7 @@ typedef struct {
   store_t store;
   archive_t archive;
   cycle_library_t library;
+  results_t results;
   device_params_t device;
   device_signals_t device_signals;
   fw_config_t config;

@@ -71,13 +71,20 @@ static bool starts_axis(const fw_t *fw, uint16_t object, int32_t value) {
           (object == AXIS_OBJ_MODE && value != AXIS_MODE_DISABLED));
 }
 
+/* Returns true for an object that every source may write: it names the result that is read, or
+ * acknowledges a result. */
+static bool is_open(uint16_t object) {
+  return object == AXIS_OBJ_CYCLE_RESULT_NUMBER || object == AXIS_OBJ_CYCLE_RESULT_ELEMENT ||
+         object == AXIS_OBJ_CYCLE_ACKNOWLEDGE;
+}
+
 int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
   const fw_t *fw = fw_of_const(objects);
   const axis_object_t *entry = &axis_objects[object];
   if (!may_command(fw, source)) {
     const bool permitted = (object == AXIS_OBJ_COMMAND_SOURCE) ? may_acquire(fw, source, value)
                                                                : cia402_is_stop(object, value);
-    return permitted ? FW_OK : FW_ERROR_LOCKED;
+    return (permitted || is_open(object)) ? FW_OK : FW_ERROR_LOCKED;
   }
   if (!is_writable(fw, entry)) {
     return FW_ERROR_STATE;

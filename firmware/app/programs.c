@@ -8,41 +8,14 @@
 #include "firmware/drive/modes.h"
 #include "firmware/fx/bytes.h"
 
-/* A verdict of the object table is that of an element (CYCLE_GOOD and so on) plus 1. */
-_Static_assert(AXIS_CYCLE_RESULT_VERDICT_GOOD == CYCLE_GOOD + 1 &&
-                   AXIS_CYCLE_RESULT_VERDICT_COUNT == CYCLE_VERDICTS + 1,
-               "verdicts of elements");
 _Static_assert(AXIS_CYCLE_PROGRAM_REFUSAL_COUNT == (int)CYCLE_REASONS, "reasons for a refusal");
 
 enum { DATA_WORDS = AXIS_OBJ_CYCLE_DATA_16 - AXIS_OBJ_CYCLE_DATA_1 + 1 };
 
-static void show_result(fw_t *fw, const cycle_element_result_t *result, uint8_t verdict) {
-  fw->device_signals.cycle_result_value = result->value;
-  fw->device_signals.cycle_result_tick = result->found_tick;
-  fw->device_signals.cycle_result_verdict = verdict;
-}
-
-void programs_show_result(fw_t *fw) {
-  const cycle_t *cycle = &fw->drive.cycle;
-  const uint8_t element = fw->device.cycle_result_element;
-  if (cycle->state != CYCLE_DONE || element >= cycle->program->elements) {
-    const cycle_element_result_t none = {0};
-    show_result(fw, &none, AXIS_CYCLE_RESULT_VERDICT_NONE);
-    return;
-  }
-  const cycle_element_result_t result = cycle_result(cycle, element);
-  show_result(fw, &result, (uint8_t)(result.verdict + 1));
-}
-
 /* Shows the library and the selected program. */
 static void show_programs(fw_t *fw) {
   const cycle_header_t *program = fw->drive.program;
-  uint32_t crc = 0;
-  if (program != NULL) {
-    const void *record = program;
-    crc = fx_load_le32((const uint8_t *)record + program->size - sizeof(crc));
-  }
-  fw->device_signals.cycle_program_crc = crc;
+  fw->device_signals.cycle_program_crc = (program == NULL) ? 0 : cycle_program_crc(program);
   fw->device_signals.cycle_program_count = fw->library.count;
 }
 
@@ -51,13 +24,35 @@ static void show_check(fw_t *fw, cycle_check_t check) {
   fw->device_signals.cycle_program_refused_part = check.number;
 }
 
+/* Gives the bytes of the library to the store. */
+static void give_programs(fw_t *fw, bool changed) {
+  store_part_set(&fw->store, STORE_PROGRAMS, (store_part_t){fw->library.records, fw->library.used},
+                 changed);
+}
+
+/* Loads the stored programs. The library has room for what the store can keep. */
+static void load_programs(fw_t *fw) {
+  cycle_library_t *library = &fw->library;
+  const uint32_t most = store_programs_max(&fw->store);
+  const uint32_t bytes = store_part_bytes(&fw->store, STORE_PROGRAMS);
+  library->bytes = (library->bytes < most) ? library->bytes : most;
+  if (bytes <= library->bytes && bytes != 0) {
+    store_part_read(&fw->store, STORE_PROGRAMS, library->records);
+    (void)cycle_library_restore(library, bytes);
+  }
+  give_programs(fw, false);
+}
+
 void programs_init(fw_t *fw) {
-  cycle_library_init(&fw->library, fw->config.program_memory, fw->config.program_bytes);
+  cycle_library_t *library = &fw->library;
+  cycle_library_init(library, fw->config.program_memory, fw->config.program_bytes);
+  if (fw->store.memory != NULL) {
+    load_programs(fw);
+  }
   fw->parts_tick = 0;
   fw->has_parts = 0;
   show_check(fw, (cycle_check_t){CYCLE_ACCEPTED, 0});
   show_programs(fw);
-  programs_show_result(fw);
 }
 
 /* Selects a program, NULL for none. Returns false while a cycle runs. */
@@ -67,7 +62,6 @@ static bool select(fw_t *fw, const cycle_header_t *program) {
   }
   cia402_show_cycle(&fw->drive);
   show_programs(fw);
-  programs_show_result(fw);
   return true;
 }
 
@@ -85,7 +79,6 @@ static void follow_library(fw_t *fw, uint32_t changed) {
     }
   }
   show_programs(fw);
-  programs_show_result(fw);
 }
 
 static bool has_parts(const fw_t *fw) {
@@ -140,8 +133,6 @@ static void take_part(fw_t *fw, uint16_t object, uint32_t value) {
 void programs_written(fw_t *fw, uint16_t object, int32_t previous, int32_t value) {
   if (is_part(object)) {
     take_part(fw, object, (uint32_t)value);
-  } else if (object == AXIS_OBJ_CYCLE_RESULT_ELEMENT) {
-    programs_show_result(fw);
   } else if (object == AXIS_OBJ_CYCLE_PROGRAM && value != previous) {
     (void)select(fw, cycle_library_find(&fw->library, (uint32_t)value));
   }
@@ -155,31 +146,46 @@ cycle_check_t programs_select(fw_t *fw, const cycle_header_t *program) {
   return (cycle_check_t){CYCLE_ACCEPTED, 0};
 }
 
-int programs_remove(fw_t *fw, uint32_t number) {
+/* Returns whether the library may change now. */
+static int refusal_of_change(const fw_t *fw) {
   if (fw->library.staging == NULL) {
     return FW_ERROR_NO_MEMORY;
   }
-  if (cycle_mode_is_busy(&fw->drive)) {
+  if (cycle_mode_is_busy(&fw->drive) || fw->device.cycle_program_lock != 0) {
     return FW_ERROR_STATE;
   }
+  return store_is_busy(&fw->store) ? FW_ERROR_BUSY : FW_OK;
+}
+
+int programs_remove(fw_t *fw, uint32_t number) {
+  const int refusal = refusal_of_change(fw);
+  if (refusal != FW_OK) {
+    return refusal;
+  }
+  store_abandon(&fw->store);
   if (!cycle_library_remove(&fw->library, number)) {
     return FW_ERROR_RANGE;
   }
+  give_programs(fw, true);
   follow_library(fw, number);
   return FW_OK;
 }
 
 /* Puts the staged record into the library. */
 static int accept(fw_t *fw, uint32_t size) {
-  if (cycle_mode_is_busy(&fw->drive)) {
-    show_check(fw, (cycle_check_t){CYCLE_BUSY, 0});
-    return FW_ERROR_STATE;
+  const int refusal = refusal_of_change(fw);
+  if (refusal != FW_OK) {
+    const bool is_locked = fw->device.cycle_program_lock != 0;
+    show_check(fw, (cycle_check_t){is_locked ? CYCLE_LOCKED : CYCLE_BUSY, 0});
+    return refusal;
   }
+  store_abandon(&fw->store);
   const cycle_check_t check = cycle_library_accept(&fw->library, size);
   show_check(fw, check);
   if (check.reason != CYCLE_ACCEPTED) {
     return (check.reason == CYCLE_NO_ROOM) ? FW_ERROR_NO_MEMORY : FW_ERROR_RANGE;
   }
+  give_programs(fw, true);
   follow_library(fw, cycle_library_at(&fw->library, (uint8_t)(fw->library.count - 1))->number);
   return FW_OK;
 }

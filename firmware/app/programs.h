@@ -8,7 +8,7 @@
  * parts (cycle_data). A record in parts gives way after PROGRAMS_SILENCE_TICKS without a part. A
  * download and a removal are refused unless the axis is disabled, because the check of a record can
  * outlast a tick, as an erase of the flash does. The selection is short; it is refused only while a
- * cycle runs or is evaluated. */
+ * cycle runs or is evaluated. A change of the library is stored while the axis is disabled. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -18,7 +18,8 @@
 /* 5 s, as an SDO transfer waits. */
 enum { PROGRAMS_SILENCE_TICKS = 7500 };
 
-/* Sets the state at power-up: the library is empty, and no program is selected. */
+/* Sets the state at power-up, after store_load(): the library has the stored programs, and no
+ * program is selected. */
 void programs_init(fw_t *fw);
 
 /* Check a write to an object and act on it. Other objects of the same part pass. */
@@ -38,8 +39,5 @@ int programs_download_begin(dictionary_t *objects, uint8_t source);
 int programs_download_append(dictionary_t *objects, uint32_t offset, const uint8_t *bytes,
                              uint32_t count);
 int programs_download_end(dictionary_t *objects, uint8_t source, uint32_t size);
-
-/* Shows the result of the element that cycle_result_element names, between ticks. */
-void programs_show_result(fw_t *fw);
 
 #endif

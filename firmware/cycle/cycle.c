@@ -55,6 +55,7 @@ void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inpu
   cycle_init(cycle);
   cycle->program = program;
   cycle->state = CYCLE_RUNNING;
+  cycle->begin_tick = now->tick;
   cycle->last_tick = now->tick;
   cycle->zeroed = (program->zero == CYCLE_ZERO_POSITION) ? 1 : 0;
   cycle->zero_cnt = (cycle->zeroed != 0) ? reference_cnt : now->position;

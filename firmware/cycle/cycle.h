@@ -48,6 +48,7 @@ typedef struct {
 typedef struct {
   const cycle_header_t *program; /* NULL before the first cycle */
   uint32_t phase_ticks;          /* duration of the phase up to now */
+  uint32_t begin_tick;           /* tick of the start */
   uint32_t last_tick;            /* tick of the last sample */
   int32_t start_cnt;             /* position at the start of the phase */
   int32_t zero_cnt;              /* position of travel 0: the start, until it is found */

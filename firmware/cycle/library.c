@@ -109,3 +109,24 @@ cycle_check_t cycle_library_accept(cycle_library_t *library, uint32_t size) {
   library->count = (uint8_t)(library->count + 1);
   return check;
 }
+
+uint32_t cycle_library_restore(cycle_library_t *library, uint32_t bytes) {
+  uint32_t offset = 0;
+  while (bytes - offset >= sizeof(cycle_header_t)) {
+    const cycle_header_t *program = record_at(library, offset);
+    const uint32_t size = program->size;
+    if (size < sizeof(cycle_header_t) || size % 4 != 0 || size > bytes - offset) {
+      break;
+    }
+    const bool is_right = cycle_program_check(program, size).reason == CYCLE_ACCEPTED &&
+                          program->number != 0 &&
+                          cycle_library_find(library, program->number) == NULL;
+    if (is_right) {
+      copy(&library->records[library->used], &library->records[offset], size);
+      library->used += size;
+      library->count = (uint8_t)(library->count + 1);
+    }
+    offset += size;
+  }
+  return bytes - library->used;
+}

@@ -32,6 +32,11 @@ typedef struct {
  * bytes become the staging area. With NULL, or too few bytes, there is no library. */
 void cycle_library_init(cycle_library_t *library, void *memory, uint32_t bytes);
 
+/* Takes the records that the caller has copied to the begin of the library, `bytes` in all. Records
+ * that are refused, and those after a record without a right size, are left out. Returns the number
+ * of bytes that were left out. */
+uint32_t cycle_library_restore(cycle_library_t *library, uint32_t bytes);
+
 /* Begins a record: the bytes that were staged before no longer count. */
 void cycle_library_begin(cycle_library_t *library);
 

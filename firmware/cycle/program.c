@@ -104,6 +104,11 @@ static bool has_right_size(const cycle_header_t *program, uint32_t size) {
              size;
 }
 
+uint32_t cycle_program_crc(const cycle_header_t *program) {
+  const void *record = program;
+  return fx_load_le32((const uint8_t *)record + program->size - CRC_BYTES);
+}
+
 static bool has_right_crc(const uint8_t *bytes, uint32_t size) {
   uint32_t crc = UINT32_MAX;
   for (uint32_t i = 0; i < size - CRC_BYTES; i++) {

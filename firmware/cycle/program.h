@@ -130,7 +130,8 @@ enum {
   CYCLE_NO_ROOM = 8,   /* the library is full */
   CYCLE_NO_NUMBER = 9, /* a program of the library has another number than 0 */
   CYCLE_WRONG_ZERO = 10,
-  CYCLE_REASONS = 11
+  CYCLE_LOCKED = 11, /* the axis takes no program */
+  CYCLE_REASONS = 12
 };
 typedef struct {
   uint8_t reason;
@@ -148,6 +149,9 @@ static inline const cycle_phase_t *cycle_phases(const cycle_header_t *program) {
 static inline const cycle_element_t *cycle_elements(const cycle_header_t *program) {
   return (const cycle_element_t *)(const void *)(cycle_phases(program) + program->phases);
 }
+/* Returns the CRC at the end of a record. */
+uint32_t cycle_program_crc(const cycle_header_t *program);
+
 static inline const cycle_point_t *cycle_points(const cycle_header_t *program) {
   return (const cycle_point_t *)(const void *)(cycle_elements(program) + program->elements);
 }

@@ -104,8 +104,14 @@ static uint8_t refusal_of(const cia402_t *drive) {
   if (program->bank_crc != 0 && program->bank_crc != drive->law_crc) {
     return AXIS_CYCLE_STATE_OTHER_BANK;
   }
-  return (needs_reference(program) && drive->homed == 0) ? AXIS_CYCLE_STATE_NOT_HOMED
-                                                         : AXIS_CYCLE_STATE_IDLE;
+  return (needs_reference(program) && drive->homed == 0) ? (uint8_t)AXIS_CYCLE_STATE_NOT_HOMED
+                                                         : drive->cycle_lock;
+}
+
+bool cycle_mode_can_start(const cia402_t *drive) {
+  return drive->signals.modes_of_operation_display == AXIS_MODES_OF_OPERATION_CYCLE &&
+         drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED && drive->leaving == 0 &&
+         !cycle_mode_is_busy(drive) && refusal_of(drive) == AXIS_CYCLE_STATE_IDLE;
 }
 
 bool cycle_mode_select(cia402_t *drive, const cycle_header_t *program) {

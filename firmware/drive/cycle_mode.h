@@ -22,6 +22,9 @@ static inline bool cycle_mode_is_busy(const cia402_t *drive) {
   return drive->cycle.state == CYCLE_RUNNING || drive->cycle.state == CYCLE_ENDED;
 }
 
+/* Returns true if a start edge in this tick would start a cycle. */
+bool cycle_mode_can_start(const cia402_t *drive);
+
 /* Selects the program, NULL for none. Returns false while a cycle runs. */
 bool cycle_mode_select(cia402_t *drive, const cycle_header_t *program);
 

@@ -167,7 +167,8 @@ typedef struct {
   cycle_t cycle;                 /* cycle of mode -9 */
   const cycle_header_t *program; /* selected program, checked; NULL: none */
   uint8_t cycle_refusal; /* state (AXIS_CYCLE_STATE_) that says why no cycle started, or idle */
-  uint32_t law_crc;      /* CRC of the selected bank, 0 without one */
+  uint8_t cycle_lock; /* state (AXIS_CYCLE_STATE_) for which the caller permits no start, or idle */
+  uint32_t law_crc;   /* CRC of the selected bank, 0 without one */
   cia402_overridden_t overridden;
   uint8_t velocity_next;   /* index of the oldest velocity sample in `velocities` */
   uint8_t tracking;        /* use of the trajectory, CIA402_TRACKING_ */

@@ -4,7 +4,21 @@
 
 enum { PIECE_BYTES = 16 };
 
-uint32_t record_entry_bytes(uint32_t magic) { return (magic == RECORD_SET) ? 12 : 8; }
+/* Returns true for the records that are no parameter set. */
+static bool is_part(uint32_t magic) {
+  return magic == RECORD_PROGRAMS || magic == RECORD_COUNTS || magic == RECORD_COPY;
+}
+
+static bool is_set(uint32_t magic) {
+  return magic == RECORD_SET || magic == RECORD_SET_0_1_0 || magic == RECORD_FORGOTTEN;
+}
+
+uint32_t record_entry_bytes(uint32_t magic) {
+  if (is_part(magic)) {
+    return 4;
+  }
+  return (magic == RECORD_SET) ? 12 : 8;
+}
 
 uint32_t record_word(const store_memory_t *memory, uint32_t at) {
   uint8_t bytes[4];
@@ -41,24 +55,30 @@ static bool are_whole(const record_t *record) {
   return remaining == 0;
 }
 
-bool record_read(const store_memory_t *memory, uint32_t at, uint32_t end, record_t *record) {
+/* Reads the head of a record. Returns true if a record with this head can exist. */
+static bool read_head(const store_memory_t *memory, uint32_t at, uint32_t end, record_t *record) {
   if (end - at < record_bytes(0)) {
     return false;
   }
+  record->begin = at;
   record->magic = record_word(memory, at);
-  if (record->magic != RECORD_SET && record->magic != RECORD_SET_0_1_0 &&
-      record->magic != RECORD_FORGOTTEN) {
+  if (!is_set(record->magic) && !is_part(record->magic)) {
     return false;
   }
-  record->begin = at;
   record->hash = record_word(memory, at + 4);
   record->sequence = record_word(memory, at + 8);
   record->entries = record_word(memory, at + 12);
-  if (record->entries > end - at - record_bytes(0) || !are_whole(record)) {
-    return false;
-  }
-  const uint32_t crc_at = at + RECORD_HEAD_BYTES + record->entries;
-  return ~record_crc_of_memory(memory, UINT32_MAX, at, crc_at) == record_word(memory, crc_at);
+  return record->entries <= end - at - record_bytes(0) && are_whole(record);
+}
+
+static bool is_right(const store_memory_t *memory, const record_t *record) {
+  const uint32_t crc_at = record->begin + RECORD_HEAD_BYTES + record->entries;
+  return ~record_crc_of_memory(memory, UINT32_MAX, record->begin, crc_at) ==
+         record_word(memory, crc_at);
+}
+
+bool record_read(const store_memory_t *memory, uint32_t at, uint32_t end, record_t *record) {
+  return read_head(memory, at, end, record) && is_right(memory, record);
 }
 
 static void sort_in(record_t newest[2], const record_t *record) {
@@ -70,26 +90,6 @@ static void sort_in(record_t newest[2], const record_t *record) {
   }
 }
 
-/* A record whose writing was interrupted has no valid end, so the next record is searched word by
- * word. */
-void record_newest(const store_memory_t *memory, record_t newest[2]) {
-  newest[0].magic = RECORD_NONE;
-  newest[1].magic = RECORD_NONE;
-  for (uint32_t sector = 0; sector < 2; sector++) {
-    uint32_t at = sector * memory->sector_bytes;
-    const uint32_t end = at + memory->sector_bytes;
-    while (at < end) {
-      record_t record;
-      if (record_read(memory, at, end, &record)) {
-        sort_in(newest, &record);
-        at += record_bytes(record.entries);
-      } else {
-        at += 4;
-      }
-    }
-  }
-}
-
 uint32_t record_tail(const store_memory_t *memory, uint32_t sector) {
   const uint32_t begin = sector * memory->sector_bytes;
   uint32_t tail = memory->sector_bytes;
@@ -97,4 +97,91 @@ uint32_t record_tail(const store_memory_t *memory, uint32_t sector) {
     tail -= 4;
   }
   return tail;
+}
+
+/* Notes a complete record of a sector. */
+static void note(record_sector_t *sector, record_t sets[2], const record_t *record) {
+  if (is_set(record->magic)) {
+    sort_in(sets, record);
+    sector->has_set = 1;
+    sector->has_remains = 0;
+  } else if (record->magic == RECORD_PROGRAMS) {
+    sector->programs = *record;
+  } else if (record->magic == RECORD_COUNTS) {
+    sector->counts = *record;
+  }
+}
+
+/* Returns true for a word that is not blank, at the place of a record, with a blank word after
+ * it. */
+static bool is_single(const store_memory_t *memory, uint32_t at, uint32_t end) {
+  return (at & 15u) == 0 && end - at > 4 && record_word(memory, at) != UINT32_MAX &&
+         record_word(memory, at + 4) == UINT32_MAX;
+}
+
+bool record_is_copied(const store_memory_t *memory, uint32_t sector) {
+  const uint32_t end = (sector + 1) * memory->sector_bytes;
+  record_t mark;
+  return record_read(memory, end - RECORD_MARK, end, &mark) && mark.magic == RECORD_COPY &&
+         record_word(memory, end - RECORD_MARK_END) == UINT32_MAX;
+}
+
+/* Returns the number of bytes at `at` that are no complete record: an interrupted record, or a
+ * word. */
+static uint32_t skip(const store_memory_t *memory, uint32_t at, uint32_t end, bool has_head,
+                     const record_t *record, record_sector_t *sector) {
+  const uint32_t word = record_word(memory, at);
+  const bool is_begun = is_part(word) || is_single(memory, at, end);
+  if (is_begun && end - at >= RECORD_HEAD_BYTES) {
+    return has_head ? record_bytes(record->entries) : (uint32_t)RECORD_HEAD_BYTES;
+  }
+  if (word != UINT32_MAX) {
+    sector->has_remains = 1;
+  }
+  return 4;
+}
+
+/* Reads one sector. Returns the highest sequence number of its complete records. */
+static uint32_t survey(const store_memory_t *memory, uint32_t begin, record_sector_t *sector,
+                       record_t sets[2]) {
+  const uint32_t end = begin + memory->sector_bytes;
+  uint32_t sequence = 0;
+  uint32_t at = begin;
+  while (at < end) {
+    record_t record;
+    const bool has_head = read_head(memory, at, end, &record);
+    uint32_t bytes = 4;
+    if (has_head && is_right(memory, &record)) {
+      note(sector, sets, &record);
+      sequence = (record.sequence > sequence) ? record.sequence : sequence;
+      bytes = record_bytes(record.entries);
+    } else {
+      bytes = skip(memory, at, end, has_head, &record, sector);
+    }
+    at += bytes;
+    if (bytes > 4 && at - begin > sector->tail) {
+      sector->tail = at - begin;
+    }
+  }
+  return sequence;
+}
+
+uint32_t record_survey(const store_memory_t *memory, record_sector_t sectors[2], record_t sets[2]) {
+  const record_t none = {.magic = RECORD_NONE};
+  uint32_t highest = 0;
+  sets[0] = none;
+  sets[1] = none;
+  for (uint32_t i = 0; i < 2; i++) {
+    const uint32_t begin = i * memory->sector_bytes;
+    const bool is_copy = record_word(memory, begin) == RECORD_COPY ||
+                         is_single(memory, begin, begin + memory->sector_bytes);
+    sectors[i] = (record_sector_t){.programs = none,
+                                   .counts = none,
+                                   .tail = record_tail(memory, i),
+                                   .is_copy = is_copy ? 1 : 0,
+                                   .is_copied = record_is_copied(memory, i) ? 1 : 0};
+    const uint32_t sequence = survey(memory, begin, &sectors[i], sets);
+    highest = (sequence > highest) ? sequence : highest;
+  }
+  return highest;
 }

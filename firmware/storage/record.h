@@ -6,7 +6,15 @@
  *
  * A record has a head (magic, hash of an object table, sequence number, size of the entries in
  * bytes), the entries, and the CRC-32 of head and entries. Words are little-endian. Only a record
- * with a correct CRC is used. The record with the highest sequence number is the newest. */
+ * with a correct CRC is used. The record with the highest sequence number is the newest.
+ *
+ * Parameter sets are searched word by word, because a set whose writing was interrupted has no
+ * valid end. Any other record takes the space that its head announces, also if its writing was
+ * interrupted: its bytes come from a user and must not be taken for a parameter set.
+ *
+ * Records begin at multiples of 16. The first word of a parameter set is programmed after the three
+ * words behind it. So a single word that is not blank, at a multiple of 16, is the begin of another
+ * record whose writing was interrupted, and no sign of a missing parameter set. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -31,6 +39,11 @@ enum { RECORD_HEAD_BYTES = 16, RECORD_CRC_BYTES = 4 };
 #define RECORD_SET UINT32_C(0x32534146)       /* "FAS2" marks a parameter set */
 #define RECORD_FORGOTTEN UINT32_C(0x31464146) /* "FAF1" marks that all defaults are restored */
 #define RECORD_INCIDENT UINT32_C(0x31494146)  /* "FAI1" marks an incident (archive.h) */
+#define RECORD_PROGRAMS UINT32_C(0x31504146)  /* "FAP1" marks the programs of cycles */
+#define RECORD_COUNTS UINT32_C(0x314E4146)    /* "FAN1" marks the counts of parts */
+/* "FAC1" marks that a sector is written as a copy of the other one: at the begin of the first one
+ * that is written, and as RECORD_MARK at the end of the sector that is copied */
+#define RECORD_COPY UINT32_C(0x31434146)
 #define RECORD_NONE UINT32_C(0)
 
 typedef struct {
@@ -60,13 +73,40 @@ uint32_t record_crc(uint32_t crc, const uint8_t *bytes, uint32_t count);
 uint32_t record_crc_of_memory(const store_memory_t *memory, uint32_t crc, uint32_t at,
                               uint32_t end);
 
+/* Offset in bytes, from the end of a sector, of the mark that the sector is being copied: a
+ * RECORD_COPY and a word that is blank as long as the mark is valid. */
+enum { RECORD_MARK = 32, RECORD_MARK_END = RECORD_MARK - RECORD_HEAD_BYTES - RECORD_CRC_BYTES };
+
+/* Returns the space in bytes that a record takes. */
+static inline uint32_t record_space(uint32_t entries) {
+  return (record_bytes(entries) + 15) & ~UINT32_C(15);
+}
+
+/* Returns true if the mark at the end of a sector is valid. */
+bool record_is_copied(const store_memory_t *memory, uint32_t sector);
+
 /* Reads the record at an address, in a sector that ends at `end`. Returns true if this record is
  * complete. */
 bool record_read(const store_memory_t *memory, uint32_t at, uint32_t end, record_t *record);
 
-/* Finds the two newest complete records and stores the newest first. A record that does not exist
- * has the magic RECORD_NONE. The function reads both sectors once. */
-void record_newest(const store_memory_t *memory, record_t newest[2]);
+/* Contents of a sector. A record that does not exist has the magic RECORD_NONE. */
+typedef struct {
+  record_t programs; /* newest complete record of each kind */
+  record_t counts;
+  /* offset in bytes, from the start of the sector, after all records and all bytes that are not
+   * blank */
+  uint32_t tail;
+  uint8_t has_set;   /* 1 if there is a complete parameter set */
+  uint8_t is_copy;   /* 1 if the sector begins with a RECORD_COPY, which may be interrupted */
+  uint8_t is_copied; /* 1 if the mark at the end of the sector is valid */
+  /* 1 if bytes that are not blank, after the last complete parameter set, belong to no record: the
+   * writing of a set was interrupted */
+  uint8_t has_remains;
+} record_sector_t;
+
+/* Reads both sectors once. `sets` receives the two newest complete parameter sets of both sectors,
+ * the newest first. Returns the highest sequence number of all complete records. */
+uint32_t record_survey(const store_memory_t *memory, record_sector_t sectors[2], record_t sets[2]);
 
 /* Returns the offset in bytes, from the start of the sector, after the last word that is not
  * blank. */

@@ -7,9 +7,37 @@
 
 _Static_assert((unsigned)STORE_SECTOR_MIN >= (unsigned)STORE_SET_BYTES, "a sector holds a set");
 
-enum { READ_BACK_BYTES = 64 };
+enum { READ_BACK_BYTES = 64, PIECE_BYTES = 16 };
 
-enum { STEP_IDLE, STEP_ERASE, STEP_BLANK, STEP_HEAD, STEP_ENTRIES, STEP_CRC, STEP_READ_BACK };
+/* Offset of the size of the entries in the head of a record. */
+enum { ENTRIES_WORD = 12 };
+
+/* Number of records of counts for which a sector has room beside the largest library. */
+enum { COUNTS_RESERVED = 8 };
+
+enum {
+  STEP_IDLE,
+  STEP_UNMARK,
+  STEP_ERASE,
+  STEP_BLANK,
+  STEP_HEAD,
+  STEP_ENTRIES,
+  STEP_CRC,
+  STEP_READ_BACK
+};
+
+/* What the store works on: the parameters, or a write of parts. */
+enum { JOB_SAVE, JOB_FORGET, JOB_PARTS };
+
+/* The records of a job, in the order in which they are written. */
+enum {
+  ITEM_COPY,
+  ITEM_PARTS, /* the first of the parts */
+  ITEM_SET = ITEM_PARTS + STORE_PARTS,
+  ITEM_END
+};
+
+static bool is_part(uint8_t item) { return item >= ITEM_PARTS && item < ITEM_SET; }
 
 void store_init(store_t *store, const store_memory_t *memory) {
   const bool fits = memory != NULL && memory->sector_bytes >= STORE_SECTOR_MIN;
@@ -23,7 +51,15 @@ void store_init(store_t *store, const store_memory_t *memory) {
   for (uint8_t i = 0; i < STORE_CHANGES; i++) {
     store->changes[i] = 0;
   }
+  for (uint8_t i = 0; i < STORE_PARTS; i++) {
+    store->parts[i] = (store_part_t){NULL, 0};
+    store->found_bytes[i] = 0;
+  }
+  store->changed = 0;
+  store->parts_failed = 0;
+  store->may_move = 0;
   store->step = STEP_IDLE;
+  store->job = JOB_SAVE;
 }
 
 /* Returns true if the parameter set of a record can be loaded. If the set belongs to the present
@@ -75,27 +111,32 @@ static uint32_t end_of(const store_t *store, const record_t *record) {
   return record->begin - sector * store->memory->sector_bytes + record_bytes(record->entries);
 }
 
-/* Sets store->home and store->tail, so that the next record is programmed after this record and
- * after all following bytes that are not blank. The CRC of this record may look like blank
- * bytes. */
-static void settle(store_t *store, const record_t *record) {
-  const uint32_t end = end_of(store, record);
+static uint32_t aligned(uint32_t bytes) { return (bytes + 15) & ~UINT32_C(15); }
+
+static void find_part(store_t *store, uint8_t part, const record_t *record) {
+  const bool exists = record->magic != RECORD_NONE;
+  store->found[part] = exists ? record->begin + RECORD_HEAD_BYTES : 0;
+  store->found_bytes[part] = exists ? record->entries : 0;
+}
+
+/* Sets the sector of a parameter set as the home of the store. The next record is programmed after
+ * all its bytes that are not blank. The CRC of this record may look like blank bytes. */
+static void settle(store_t *store, const record_sector_t sectors[2], const record_t *record) {
   store->home = sector_of(store, record->begin);
-  store->tail = record_tail(store->memory, store->home);
-  store->tail = (store->tail < end) ? end : store->tail;
+  const record_sector_t *home = &sectors[store->home];
+  const uint32_t end = end_of(store, record);
+  store->tail = aligned((home->tail < end) ? end : home->tail);
+  find_part(store, STORE_PROGRAMS, &home->programs);
+  find_part(store, STORE_COUNTS, &home->counts);
 }
 
 /* Returns true if the memory has bytes that only a newer parameter set can have left: bytes after
- * this set, or a used sector that does not begin with a complete record. */
-static bool has_remains(const store_t *store, const record_t *record) {
-  const uint32_t sector_bytes = store->memory->sector_bytes;
-  if (store->tail > end_of(store, record)) {
-    return true;
-  }
-  const uint32_t other = other_sector(store->home);
-  record_t first;
-  return record_tail(store->memory, other) != 0 &&
-         !record_read(store->memory, other * sector_bytes, (other + 1) * sector_bytes, &first);
+ * the last set, or a used sector without a complete set that was not to become a copy. */
+static bool has_remains(const store_t *store, const record_sector_t sectors[2]) {
+  const record_sector_t *home = &sectors[store->home];
+  const record_sector_t *other = &sectors[other_sector(store->home)];
+  return home->has_remains != 0 ||
+         (home->is_copied == 0 && other->tail != 0 && other->has_set == 0);
 }
 
 static uint8_t state_of_loaded(const store_t *store, bool older) {
@@ -109,35 +150,8 @@ static uint8_t state_of_loaded(const store_t *store, bool older) {
                                     : AXIS_STORE_STATE_LOADED;
 }
 
-uint8_t store_load(store_t *store, dictionary_t *objects) {
-  store_init(store, store->memory);
-  if (store->memory == NULL) {
-    return AXIS_STORE_STATE_EMPTY;
-  }
-  record_t newest[2];
-  record_newest(store->memory, newest);
-  if (newest[0].magic == RECORD_NONE) {
-    const bool blank = record_tail(store->memory, 0) == 0 && record_tail(store->memory, 1) == 0;
-    return blank ? AXIS_STORE_STATE_EMPTY : AXIS_STORE_STATE_FAILED;
-  }
-  const record_t *record = &newest[0];
-  settle(store, record);
-  store->sequence = record->sequence;
-  bool older = has_remains(store, record);
-  if (!is_usable(store, objects, record)) {
-    if (record->magic == RECORD_SET_0_1_0) {
-      return AXIS_STORE_STATE_OTHER_TABLE;
-    }
-    record = &newest[1];
-    if (!is_usable(store, objects, record)) {
-      return AXIS_STORE_STATE_FAILED;
-    }
-    settle(store, record);
-    older = true;
-  }
-  if (record->magic == RECORD_FORGOTTEN) {
-    return older ? AXIS_STORE_STATE_LOADED_OLDER : AXIS_STORE_STATE_EMPTY;
-  }
+/* Loads the entries of a set and notes what has changed. */
+static void load_entries(store_t *store, dictionary_t *objects, const record_t *record) {
   store->set = record->begin;
   entries_t entries = entries_of(record);
   entry_t entry;
@@ -147,6 +161,46 @@ uint8_t store_load(store_t *store, dictionary_t *objects) {
       note_change(store, &entry);
     }
   }
+}
+
+/* Returns the state of a memory without a complete parameter set. */
+static uint8_t state_without_set(store_t *store, const record_sector_t sectors[2]) {
+  const bool is_empty = (sectors[0].tail == 0 || sectors[0].is_copy != 0) &&
+                        (sectors[1].tail == 0 || sectors[1].is_copy != 0);
+  store->may_move = is_empty ? 1 : 0;
+  return is_empty ? AXIS_STORE_STATE_EMPTY : AXIS_STORE_STATE_FAILED;
+}
+
+uint8_t store_load(store_t *store, dictionary_t *objects) {
+  store_init(store, store->memory);
+  if (store->memory == NULL) {
+    return AXIS_STORE_STATE_EMPTY;
+  }
+  record_sector_t sectors[2];
+  record_t sets[2];
+  store->sequence = record_survey(store->memory, sectors, sets);
+  const record_t *record = &sets[0];
+  if (record->magic == RECORD_NONE) {
+    return state_without_set(store, sectors);
+  }
+  settle(store, sectors, record);
+  bool older = has_remains(store, sectors);
+  if (!is_usable(store, objects, record)) {
+    if (record->magic == RECORD_SET_0_1_0) {
+      return AXIS_STORE_STATE_OTHER_TABLE;
+    }
+    record = &sets[1];
+    if (!is_usable(store, objects, record)) {
+      return AXIS_STORE_STATE_FAILED;
+    }
+    settle(store, sectors, record);
+    older = true;
+  }
+  store->may_move = older ? 0 : 1;
+  if (record->magic == RECORD_FORGOTTEN) {
+    return older ? AXIS_STORE_STATE_LOADED_OLDER : AXIS_STORE_STATE_EMPTY;
+  }
+  load_entries(store, objects, record);
   return state_of_loaded(store, older);
 }
 
@@ -167,46 +221,123 @@ bool store_load_block(const store_t *store, dictionary_t *objects, uint8_t block
   return true;
 }
 
-static uint32_t bytes_of_entries(const store_t *store) {
-  return (store->forget != 0) ? 0 : (uint32_t)ENTRY_BYTES * AXIS_STORED_COUNT;
+/* Returns the number of bytes of the entries of a record of this job. */
+static uint32_t bytes_of_item(const store_t *store, uint8_t item) {
+  if (is_part(item)) {
+    return store->parts[item - ITEM_PARTS].count;
+  }
+  if (item == ITEM_COPY || store->job == JOB_FORGET) {
+    return 0;
+  }
+  return (store->job == JOB_SAVE) ? (uint32_t)ENTRY_BYTES * AXIS_STORED_COUNT
+                                  : store->basis.entries;
 }
 
 /* Returns the address at which the entries of the record end and its CRC begins. */
 static uint32_t entries_end(const store_t *store) {
-  return store->begin + RECORD_HEAD_BYTES + bytes_of_entries(store);
+  return store->begin + RECORD_HEAD_BYTES + bytes_of_item(store, store->item);
 }
 
-/* Begins a record in a sector: after the newest parameter set, or at the start of the other sector,
- * which is erased first. */
-static void begin_in(store_t *store, uint32_t sector) {
-  const bool behind = sector == store->home;
-  store->sector = (uint8_t)sector;
-  store->begin = sector * store->memory->sector_bytes + (behind ? store->tail : 0);
-  store->at = store->begin;
+/* Begins the next record of the job at an address. Without one the job has ended. */
+static void begin_item(store_t *store, uint32_t at, uint8_t item) {
+  while (item < ITEM_END && (store->items >> item & 1u) == 0) {
+    item = (uint8_t)(item + 1);
+  }
+  store->item = item;
+  store->begin = at;
+  store->at = at;
   store->object = AXIS_OBJ_NONE + 1;
   store->crc = UINT32_MAX;
   store->check = UINT32_MAX;
   store->sequence += 1;
-  store->step = behind ? STEP_HEAD : STEP_ERASE;
+  store->step = (item < ITEM_END) ? STEP_HEAD : STEP_IDLE;
 }
 
-static int begin(store_t *store, bool forget) {
+/* The items of a sector that becomes the home of the store. A copy is marked at its begin. */
+static uint8_t items_of_sector(const store_t *store) {
+  uint32_t items = (1u << ITEM_SET) | ((store->job == JOB_PARTS) ? 1u << ITEM_COPY : 0);
+  for (uint32_t i = 0; i < STORE_PARTS; i++) {
+    items |= (store->parts[i].count != 0) ? 1u << (ITEM_PARTS + i) : 0;
+  }
+  return (uint8_t)items;
+}
+
+/* Begins the job in a sector that is not the home of the store, which is erased first. A mark of an
+ * earlier copy, which was abandoned, does not hold for a save of parameters. */
+static void begin_in_other(store_t *store, uint32_t sector) {
+  const bool is_marked = store->home != STORE_NOWHERE && store->job != JOB_PARTS &&
+                         record_is_copied(store->memory, store->home);
+  store->sector = (uint8_t)sector;
+  store->items = items_of_sector(store);
+  begin_item(store, sector * store->memory->sector_bytes, 0);
+  store->step = is_marked ? STEP_UNMARK : STEP_ERASE;
+}
+
+/* Returns the address of the mark in the home of the store. */
+static uint32_t mark_of(const store_t *store) {
+  return (store->home + 1) * store->memory->sector_bytes - RECORD_MARK;
+}
+
+/* Begins to copy the home of the store to the other sector. The home is marked first. */
+static void begin_copy(store_t *store) {
+  if (store->home == STORE_NOWHERE || record_word(store->memory, mark_of(store)) != UINT32_MAX) {
+    begin_in_other(store, other_sector(store->home));
+    return;
+  }
+  store->sector = (uint8_t)store->home;
+  store->items = 1u << ITEM_COPY;
+  begin_item(store, mark_of(store), 0);
+}
+
+/* Returns the size of all records of this job. */
+static uint32_t bytes_of_job(const store_t *store) {
+  uint32_t bytes = 0;
+  for (uint8_t i = 0; i < ITEM_END; i++) {
+    bytes += ((store->items >> i & 1u) != 0) ? record_space(bytes_of_item(store, i)) : 0;
+  }
+  return bytes;
+}
+
+/* Returns the number of bytes that are free for records in the home of the store. */
+static uint32_t room_of(const store_t *store) {
+  const uint32_t used = store->tail + RECORD_MARK;
+  const uint32_t bytes = store->memory->sector_bytes;
+  return (store->home == STORE_NOWHERE || used > bytes) ? 0 : bytes - used;
+}
+
+/* Begins a job whose records are `items` in the home of the store, and all in the other sector. */
+static void begin_job(store_t *store, uint8_t job, uint8_t items) {
+  store->job = job;
+  store->again = 0;
+  store->items = items;
+  if (items != 0 && room_of(store) >= bytes_of_job(store)) {
+    store->sector = (uint8_t)store->home;
+    begin_item(store, store->home * store->memory->sector_bytes + store->tail, 0);
+  } else if (job == JOB_PARTS) {
+    begin_copy(store);
+  } else {
+    begin_in_other(store, other_sector(store->home));
+  }
+}
+
+static int begin(store_t *store, uint8_t job) {
   if (store->memory == NULL) {
     return FW_ERROR_NO_MEMORY;
   }
   if (store_is_busy(store)) {
     return FW_ERROR_BUSY;
   }
-  store->forget = forget ? 1 : 0;
-  store->again = 0;
-  const bool fits = store->home != STORE_NOWHERE && store->memory->sector_bytes - store->tail >=
-                                                        record_bytes(bytes_of_entries(store));
-  begin_in(store, fits ? store->home : other_sector(store->home));
+  store_abandon(store);
+  begin_job(store, job, 1u << ITEM_SET);
   return FW_OK;
 }
 
+bool store_is_busy(const store_t *store) {
+  return store->step != STEP_IDLE && store->job != JOB_PARTS;
+}
+
 static int begin_save(store_t *store, const record_t *basis, uint16_t first, uint16_t last) {
-  const int refusal = begin(store, false);
+  const int refusal = begin(store, JOB_SAVE);
   if (refusal == FW_OK) {
     store->basis = *basis;
     store->first = first;
@@ -220,18 +351,26 @@ int store_save(store_t *store) {
   return begin_save(store, &none, AXIS_OBJ_NONE, AXIS_OBJ_COUNT);
 }
 
+/* Reads the head of the loaded set. Without a set `record` is RECORD_NONE. Returns false if the set
+ * is damaged. */
+static bool read_set(const store_t *store, record_t *record) {
+  record->magic = RECORD_NONE;
+  if (store->memory == NULL || store->set == STORE_NOWHERE) {
+    return true;
+  }
+  const uint32_t end = (sector_of(store, store->set) + 1) * store->memory->sector_bytes;
+  return record_read(store->memory, store->set, end, record);
+}
+
 int store_save_only(store_t *store, uint16_t first, uint16_t last) {
-  record_t basis = {.magic = RECORD_NONE};
-  if (store->memory != NULL && store->set != STORE_NOWHERE) {
-    const uint32_t end = (sector_of(store, store->set) + 1) * store->memory->sector_bytes;
-    if (!record_read(store->memory, store->set, end, &basis)) {
-      return FW_ERROR_NO_DATA;
-    }
+  record_t basis;
+  if (!read_set(store, &basis)) {
+    return FW_ERROR_NO_DATA;
   }
   return begin_save(store, &basis, first, last);
 }
 
-int store_forget(store_t *store) { return begin(store, true); }
+int store_forget(store_t *store) { return begin(store, JOB_FORGET); }
 
 /* Ends the attempt to write the record in this sector. Begins a second attempt in the other sector,
  * if that sector does not contain the newest parameter set. */
@@ -240,18 +379,43 @@ static uint8_t give_up(store_t *store) {
   if (store->sector == store->home) {
     store->tail = store->memory->sector_bytes;
   }
-  if (other != store->home && store->again == 0) {
+  if (other != store->home && store->again == 0 &&
+      (store->job != JOB_PARTS || store->may_move != 0)) {
     store->again = 1;
-    begin_in(store, other);
+    begin_in_other(store, other);
     return AXIS_STORE_STATE_SAVING;
   }
   store->step = STEP_IDLE;
   return AXIS_STORE_STATE_FAILED;
 }
 
+/* Begins to write the parts that have changed. */
+static uint8_t begin_parts(store_t *store) {
+  if (!read_set(store, &store->basis)) {
+    return AXIS_STORE_STATE_FAILED;
+  }
+  if (store->basis.magic == RECORD_NONE) {
+    store->basis.entries = 0;
+  }
+  store->job = JOB_PARTS;
+  store->items = items_of_sector(store);
+  const bool may_move =
+      store->may_move != 0 && bytes_of_job(store) <= store->memory->sector_bytes - RECORD_MARK;
+  store->items = (uint8_t)(store->changed << ITEM_PARTS);
+  if (!may_move && bytes_of_job(store) > room_of(store)) {
+    return AXIS_STORE_STATE_FAILED;
+  }
+  begin_job(store, JOB_PARTS, store->items);
+  return AXIS_STORE_STATE_SAVING;
+}
+
 /* Programs the next bytes of the record. Returns false if the memory reports a failure. */
+static bool program_at(const store_t *store, uint32_t at, const uint8_t *bytes, uint32_t count) {
+  return store->memory->program(store->memory->context, at, bytes, count);
+}
+
 static bool program(store_t *store, const uint8_t *bytes, uint32_t count) {
-  const bool done = store->memory->program(store->memory->context, store->at, bytes, count);
+  const bool done = program_at(store, store->at, bytes, count);
   store->at += count;
   return done;
 }
@@ -275,18 +439,43 @@ static bool step_blank(store_t *store) {
   return blank;
 }
 
-/* Returns the next step of a save, after the bytes programmed so far. */
+/* Returns the next step of a record, after the bytes programmed so far. */
 static uint8_t step_behind(const store_t *store) {
   return (store->at < entries_end(store)) ? STEP_ENTRIES : STEP_CRC;
 }
 
+static uint32_t magic_of(const store_t *store) {
+  static const uint32_t magics[ITEM_SET] = {RECORD_COPY, RECORD_PROGRAMS, RECORD_COUNTS};
+  if (store->item < ITEM_SET) {
+    return magics[store->item];
+  }
+  if (store->job == JOB_SAVE) {
+    return RECORD_SET;
+  }
+  return (store->job == JOB_FORGET || store->basis.magic == RECORD_NONE) ? RECORD_FORGOTTEN
+                                                                         : store->basis.magic;
+}
+
+static bool is_copied_set(const store_t *store) {
+  return store->item == ITEM_SET && store->job == JOB_PARTS && store->basis.magic != RECORD_NONE;
+}
+
 static bool step_head(store_t *store) {
   uint8_t head[RECORD_HEAD_BYTES];
-  fx_store_le(&head[0], (store->forget != 0) ? RECORD_FORGOTTEN : RECORD_SET, 4);
-  fx_store_le(&head[4], AXIS_OBJECTS_HASH32, 4);
+  fx_store_le(&head[0], magic_of(store), 4);
+  fx_store_le(&head[4], is_copied_set(store) ? store->basis.hash : AXIS_OBJECTS_HASH32, 4);
   fx_store_le(&head[8], store->sequence, 4);
-  fx_store_le(&head[12], bytes_of_entries(store), 4);
-  const bool done = program_checked(store, head, sizeof(head));
+  fx_store_le(&head[12], bytes_of_item(store, store->item), 4);
+  store->crc = record_crc(store->crc, head, sizeof(head));
+  bool done = true;
+  if (store->item == ITEM_SET) {
+    /* The first word of a set comes last (record.h). */
+    done = program_at(store, store->begin + 4, &head[4], sizeof(head) - 4) &&
+           program_at(store, store->begin, head, 4);
+  } else {
+    done = program_at(store, store->begin, head, sizeof(head));
+  }
+  store->at += sizeof(head);
   store->step = step_behind(store);
   return done;
 }
@@ -306,7 +495,28 @@ static int32_t value_to_save(const store_t *store, const dictionary_t *objects) 
   return value;
 }
 
+/* Programs the next bytes of a part, or of a set that is copied. */
+static bool step_bytes(store_t *store) {
+  const uint32_t end = entries_end(store);
+  const uint32_t offset = store->at - store->begin - RECORD_HEAD_BYTES;
+  const uint32_t count = (end - store->at < PIECE_BYTES) ? end - store->at : PIECE_BYTES;
+  uint8_t piece[PIECE_BYTES];
+  const uint8_t *bytes = piece;
+  if (is_part(store->item)) {
+    bytes = &store->parts[store->item - ITEM_PARTS].bytes[offset];
+  } else {
+    store->memory->read(store->memory->context, store->basis.begin + RECORD_HEAD_BYTES + offset,
+                        piece, count);
+  }
+  const bool done = program_checked(store, bytes, count);
+  store->step = step_behind(store);
+  return done;
+}
+
 static bool step_entry(store_t *store, const dictionary_t *objects) {
+  if (is_part(store->item) || is_copied_set(store)) {
+    return step_bytes(store);
+  }
   while (axis_objects[store->object].stored == 0) {
     store->object = (uint16_t)(store->object + 1);
   }
@@ -327,6 +537,31 @@ static bool step_crc(store_t *store) {
   return done;
 }
 
+/* Ends a record that was read back, and begins the next one. A complete set makes its sector the
+ * home of the store, and a mark at the end of the home is followed by the copy. */
+static void end_item(store_t *store, uint32_t end) {
+  const uint32_t tail = end - store->sector * store->memory->sector_bytes;
+  const bool is_home = store->sector == store->home;
+  if (is_home && store->item == ITEM_COPY) {
+    store->tail = store->memory->sector_bytes;
+    begin_in_other(store, other_sector(store->home));
+    return;
+  }
+  if (is_part(store->item) && is_home) {
+    store->changed = (uint8_t)(store->changed & ~(1u << (store->item - ITEM_PARTS)));
+  }
+  if (store->item == ITEM_SET) {
+    store->changed = is_home ? store->changed : 0;
+    store->home = store->sector;
+    store->set = (magic_of(store) == RECORD_FORGOTTEN) ? STORE_NOWHERE : store->begin;
+    store->may_move = 1;
+  }
+  if (store->sector == store->home) {
+    store->tail = tail;
+  }
+  begin_item(store, end, (uint8_t)(store->item + 1));
+}
+
 static bool step_read_back(store_t *store) {
   const uint32_t end = entries_end(store);
   const uint32_t stop = (end - store->at < READ_BACK_BYTES) ? end : store->at + READ_BACK_BYTES;
@@ -338,15 +573,21 @@ static bool step_read_back(store_t *store) {
   if (store->check != store->crc || record_word(store->memory, end) != ~store->crc) {
     return false;
   }
-  store->home = store->sector;
-  store->tail = end + RECORD_CRC_BYTES - store->sector * store->memory->sector_bytes;
-  store->set = (store->forget != 0) ? STORE_NOWHERE : store->begin;
-  store->step = STEP_IDLE;
+  end_item(store, aligned(end + RECORD_CRC_BYTES));
   return true;
+}
+
+/* Ends the validity of the mark in the home of the store. */
+static bool unmark(store_t *store) {
+  static const uint8_t zeros[4] = {0, 0, 0, 0};
+  return program_at(store, mark_of(store) + RECORD_MARK - RECORD_MARK_END, zeros, sizeof(zeros));
 }
 
 static bool take_step(store_t *store, const dictionary_t *objects) {
   switch (store->step) {
+    case STEP_UNMARK:
+      store->step = STEP_ERASE;
+      return unmark(store);
     case STEP_ERASE:
       store->step = STEP_BLANK;
       return store->memory->erase(store->memory->context, store->sector);
@@ -363,15 +604,87 @@ static bool take_step(store_t *store, const dictionary_t *objects) {
   }
 }
 
-uint8_t store_tick(store_t *store, const dictionary_t *objects) {
-  if (store->step == STEP_IDLE) {
-    return AXIS_STORE_STATE_COUNT;
-  }
+static uint8_t tick(store_t *store, const dictionary_t *objects) {
   if (!take_step(store, objects)) {
     return give_up(store);
   }
   if (store->step != STEP_IDLE) {
     return AXIS_STORE_STATE_SAVING;
   }
-  return (store->forget != 0) ? AXIS_STORE_STATE_RESTORED : AXIS_STORE_STATE_SAVED;
+  return (store->job == JOB_FORGET) ? AXIS_STORE_STATE_RESTORED : AXIS_STORE_STATE_SAVED;
+}
+
+uint8_t store_tick(store_t *store, const dictionary_t *objects) {
+  return store_is_busy(store) ? tick(store, objects) : AXIS_STORE_STATE_COUNT;
+}
+
+void store_part_read(const store_t *store, uint8_t part, uint8_t *bytes) {
+  store->memory->read(store->memory->context, store->found[part], bytes, store->found_bytes[part]);
+}
+
+uint32_t store_programs_max(const store_t *store) {
+  const uint32_t others = ((STORE_SET_BYTES + UINT32_C(15)) & ~UINT32_C(15)) +
+                          COUNTS_RESERVED * record_space(STORE_COUNTS_BYTES) + 2 * record_space(0) +
+                          RECORD_MARK;
+  return (store->memory == NULL) ? 0 : store->memory->sector_bytes - others;
+}
+
+void store_part_set(store_t *store, uint8_t part, store_part_t bytes, bool changed) {
+  store_abandon(store);
+  store->parts[part] = bytes;
+  if (changed) {
+    store->changed = (uint8_t)(store->changed | 1u << part);
+    store->parts_failed = 0;
+  }
+}
+
+/* Returns true if the home of the store has no room for the next counts, so that the next power-up
+ * would have to wait for an erase; and if the other sector would have room. */
+static bool lacks_room(const store_t *store) {
+  const uint32_t counts = record_space(STORE_COUNTS_BYTES);
+  if (store->home == STORE_NOWHERE || store->may_move == 0 ||
+      store->parts[STORE_COUNTS].count == 0 || room_of(store) >= counts) {
+    return false;
+  }
+  uint32_t bytes = record_space(0) + counts + RECORD_MARK;
+  for (uint8_t i = 0; i < STORE_PARTS; i++) {
+    bytes += record_space(store->parts[i].count);
+  }
+  bytes += record_space(
+      (store->set == STORE_NOWHERE) ? 0 : record_word(store->memory, store->set + ENTRIES_WORD));
+  return bytes <= store->memory->sector_bytes;
+}
+
+uint8_t store_parts_state(const store_t *store) {
+  if (store->parts_failed != 0) {
+    return STORE_PARTS_FAILED;
+  }
+  const bool works = store->changed != 0 || (store->step != STEP_IDLE && store->job == JOB_PARTS);
+  return (works || lacks_room(store)) ? STORE_PARTS_WRITING : STORE_PARTS_STORED;
+}
+
+void store_parts_tick(store_t *store, const dictionary_t *objects) {
+  if (store_is_busy(store) || store_parts_state(store) != STORE_PARTS_WRITING ||
+      store->memory == NULL) {
+    return;
+  }
+  uint8_t state = AXIS_STORE_STATE_SAVING;
+  if (store->step == STEP_IDLE) {
+    state = begin_parts(store);
+  } else {
+    state = tick(store, objects);
+  }
+  store->parts_failed = (state == AXIS_STORE_STATE_FAILED) ? 1 : 0;
+}
+
+/* The bytes that were programmed so far, and those that the head announces, stay unused. */
+void store_abandon(store_t *store) {
+  if (store->step == STEP_IDLE || store->job != JOB_PARTS) {
+    return;
+  }
+  if (store->sector == store->home && store->item < ITEM_END) {
+    store->tail = aligned(entries_end(store) + RECORD_CRC_BYTES) -
+                  store->sector * store->memory->sector_bytes;
+  }
+  store->step = STEP_IDLE;
 }

@@ -31,7 +31,15 @@
  *
  * A record is read back before the save is reported as done, and its CRC is checked at each load.
  * If programming fails, the store makes a second attempt in the other sector; if the second attempt
- * fails too, the old set stays stored. */
+ * fails too, the old set stays stored.
+ *
+ * Two other records are kept beside the set: the programs of cycles and the counts of parts. They
+ * are valid in the sector of the newest set only. When the store continues in the other sector, it
+ * writes them there first and a set last, so one record makes the whole sector valid. If only they
+ * have changed, this set is a copy, and a mark at the end of the present sector says so: a power
+ * cut then leaves no sign of an interrupted save of parameters. The store changes the sector before
+ * it is full, so that the counts of the next power-up have room. The caller may abandon this work
+ * at any time, because an axis that is enabled must not wait for it. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -53,6 +61,19 @@ enum {
 #define STORE_CHANGE_DROPPED UINT32_C(0)
 #define STORE_CHANGE_OLD_DEFAULT UINT32_C(0x01000000)
 
+/* What is kept beside the parameter set. */
+enum { STORE_PROGRAMS = 0, STORE_COUNTS = 1, STORE_PARTS = 2, STORE_COUNTS_BYTES = 28 };
+
+/* States of the work on these parts: nothing to write; writing or waiting; the last write failed.
+ */
+enum { STORE_PARTS_STORED = 0, STORE_PARTS_WRITING = 1, STORE_PARTS_FAILED = 2 };
+
+/* Bytes of a part; their number is a multiple of 4. */
+typedef struct {
+  const uint8_t *bytes;
+  uint32_t count;
+} store_part_t;
+
 typedef struct {
   const store_memory_t *memory; /* memory of the store; NULL if no parameter is stored */
   uint32_t home;     /* sector of the newest parameter set; STORE_NOWHERE without a set */
@@ -64,16 +85,27 @@ typedef struct {
   uint32_t changes[STORE_CHANGES];
   uint16_t change_count; /* number of all changes that the load of the parameter set found */
   uint8_t dropped;       /* 1 if at least one change is a STORE_CHANGE_DROPPED */
+  store_part_t parts[STORE_PARTS]; /* present bytes of the parts */
+  uint32_t found[STORE_PARTS]; /* addresses of the stored bytes at the load, and their numbers */
+  uint32_t found_bytes[STORE_PARTS];
+  uint8_t changed;      /* bits of the parts whose present bytes are not stored */
+  uint8_t parts_failed; /* 1 if the last write of parts failed */
+  /* 1 if the other sector may be erased without a command: it has nothing that a user could miss */
+  uint8_t may_move;
   /* Work in progress. */
   uint8_t step;
   uint8_t sector;
-  uint8_t forget;  /* 1 if the record is written without entries */
+  uint8_t job;     /* what the user has commanded, or a write of parts */
+  uint8_t item;    /* record that is being written */
+  uint8_t items;   /* bits of the records that this job writes */
   uint8_t again;   /* 1 during the second attempt to write the record */
   uint16_t object; /* next object whose entry is programmed */
   /* first object of the range `first` to `last`, whose present values are saved */
   uint16_t first;
   uint16_t last;
-  record_t basis; /* stored record that gives the values of all objects outside `first` to `last` */
+  /* stored record that gives the values of all objects outside `first` to `last`, or the set that
+   * is copied */
+  record_t basis;
   uint32_t begin; /* address of the record that is being written */
   uint32_t at;    /* address of the next bytes */
   uint32_t crc;   /* CRC of the bytes programmed so far */
@@ -120,8 +152,33 @@ int store_save(store_t *store);
 int store_save_only(store_t *store, uint16_t first, uint16_t last);
 int store_forget(store_t *store);
 
-/* Returns true if the parameter store is working. */
-static inline bool store_is_busy(const store_t *store) { return store->step != 0; }
+/* Returns true if the parameter store works on a command: parameters must not change. */
+bool store_is_busy(const store_t *store);
+
+/* Parts. store_part_bytes() returns the number of bytes of a part that the last store_load() found,
+ * and store_part_read() reads them. */
+static inline uint32_t store_part_bytes(const store_t *store, uint8_t part) {
+  return store->found_bytes[part];
+}
+void store_part_read(const store_t *store, uint8_t part, uint8_t *bytes);
+
+/* Returns the largest number of bytes of the programs. */
+uint32_t store_programs_max(const store_t *store);
+
+/* Gives the present bytes of a part, while the store is not busy; a write of parts in progress
+ * begins again. The bytes stay unchanged until the next call or store_abandon(). With `changed`
+ * they shall be written. */
+void store_part_set(store_t *store, uint8_t part, store_part_t bytes, bool changed);
+
+/* Returns the state of the work on the parts, STORE_PARTS_. */
+uint8_t store_parts_state(const store_t *store);
+
+/* Does the next step of the work on the parts, as store_tick() for a command, while the store is
+ * not busy and the axis is disabled. */
+void store_parts_tick(store_t *store, const dictionary_t *objects);
+
+/* Abandons a write of parts in progress. It begins again with the next store_parts_tick(). */
+void store_abandon(store_t *store);
 
 /* Does one bounded step of the store: one erase, at most 16 bytes programmed, or 64 bytes read
  * back. Call store_tick() once in each tick. A save takes one tick for each stored parameter, some

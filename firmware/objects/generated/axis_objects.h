@@ -598,7 +598,41 @@ enum {
   AXIS_OBJ_CYCLE_DATA_14 = 588,
   AXIS_OBJ_CYCLE_DATA_15 = 589,
   AXIS_OBJ_CYCLE_DATA_16 = 590,
-  AXIS_OBJ_COUNT = 591 /* one past the last number */
+  AXIS_OBJ_CYCLE_RESULTS_WAITING = 591,
+  AXIS_OBJ_CYCLE_RESULT_NUMBER = 592,
+  AXIS_OBJ_CYCLE_ACKNOWLEDGE = 593,
+  AXIS_OBJ_CYCLE_BITS = 594,
+  AXIS_OBJ_CYCLE_NUMBER = 595,
+  AXIS_OBJ_CYCLE_POWER_UP = 596,
+  AXIS_OBJ_CYCLE_PARTS_GOOD = 597,
+  AXIS_OBJ_CYCLE_PARTS_BAD = 598,
+  AXIS_OBJ_CYCLE_PARTS_ABORTED = 599,
+  AXIS_OBJ_CYCLE_SERIAL_1 = 600,
+  AXIS_OBJ_CYCLE_SERIAL_2 = 601,
+  AXIS_OBJ_CYCLE_SERIAL_3 = 602,
+  AXIS_OBJ_CYCLE_SERIAL_4 = 603,
+  AXIS_OBJ_CYCLE_RESULT_PART = 604,
+  AXIS_OBJ_CYCLE_RESULT_POWER_UP = 605,
+  AXIS_OBJ_CYCLE_RESULT_PROGRAM_CRC = 606,
+  AXIS_OBJ_CYCLE_RESULT_BANK_CRC = 607,
+  AXIS_OBJ_CYCLE_RESULT_STATE = 608,
+  AXIS_OBJ_CYCLE_RESULT_OUTCOME = 609,
+  AXIS_OBJ_CYCLE_RESULT_PHASE = 610,
+  AXIS_OBJ_CYCLE_RESULT_BEGIN = 611,
+  AXIS_OBJ_CYCLE_RESULT_DURATION = 612,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_1 = 613,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_2 = 614,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_3 = 615,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_4 = 616,
+  AXIS_OBJ_CYCLE_LOST_FIRST = 617,
+  AXIS_OBJ_CYCLE_LOST_LAST = 618,
+  AXIS_OBJ_CYCLE_STORE_STATE = 619,
+  AXIS_OBJ_CYCLE_LOCK_ON_BAD = 620,
+  AXIS_OBJ_CYCLE_BAD_IN_ROW_MAX = 621,
+  AXIS_OBJ_CYCLE_PROGRAM_LOCK = 622,
+  AXIS_OBJ_CYCLE_UNLOCK = 623,
+  AXIS_OBJ_CYCLE_BAD_IN_ROW = 624,
+  AXIS_OBJ_COUNT = 625 /* one past the last number */
 };
 
 enum {
@@ -1066,7 +1100,10 @@ enum {
   AXIS_CYCLE_STATE_NO_PROGRAM = 6,
   AXIS_CYCLE_STATE_OTHER_BANK = 7,
   AXIS_CYCLE_STATE_NOT_HOMED = 8,
-  AXIS_CYCLE_STATE_COUNT = 9
+  AXIS_CYCLE_STATE_RESULTS_FULL = 9,
+  AXIS_CYCLE_STATE_LOCKED = 10,
+  AXIS_CYCLE_STATE_NOT_STORED = 11,
+  AXIS_CYCLE_STATE_COUNT = 12
 };
 
 enum {
@@ -1091,7 +1128,8 @@ enum {
   AXIS_CYCLE_PROGRAM_REFUSAL_NO_ROOM = 8,
   AXIS_CYCLE_PROGRAM_REFUSAL_NO_NUMBER = 9,
   AXIS_CYCLE_PROGRAM_REFUSAL_WRONG_ZERO = 10,
-  AXIS_CYCLE_PROGRAM_REFUSAL_COUNT = 11
+  AXIS_CYCLE_PROGRAM_REFUSAL_LOCKED = 11,
+  AXIS_CYCLE_PROGRAM_REFUSAL_COUNT = 12
 };
 
 enum {
@@ -1104,6 +1142,26 @@ enum {
   AXIS_CYCLE_RESULT_VERDICT_NOT_REACHED = 6,
   AXIS_CYCLE_RESULT_VERDICT_ABORTED = 7,
   AXIS_CYCLE_RESULT_VERDICT_COUNT = 8
+};
+
+enum {
+  AXIS_CYCLE_STORE_STATE_NO_MEMORY = 0,
+  AXIS_CYCLE_STORE_STATE_STORED = 1,
+  AXIS_CYCLE_STORE_STATE_WAITING = 2,
+  AXIS_CYCLE_STORE_STATE_FAILED = 3,
+  AXIS_CYCLE_STORE_STATE_COUNT = 4
+};
+
+enum {
+  AXIS_CYCLE_LOCK_ON_BAD_OFF = 0,
+  AXIS_CYCLE_LOCK_ON_BAD_ON = 1,
+  AXIS_CYCLE_LOCK_ON_BAD_COUNT = 2
+};
+
+enum {
+  AXIS_CYCLE_PROGRAM_LOCK_OFF = 0,
+  AXIS_CYCLE_PROGRAM_LOCK_ON = 1,
+  AXIS_CYCLE_PROGRAM_LOCK_COUNT = 2
 };
 
 enum {
@@ -1382,7 +1440,7 @@ typedef struct {
   uint8_t tare_state; /* state of the last tare measurement, or the reason why the measurement was refused [enum] */
   uint8_t calibration_state; /* result of the last calibration, or the reason why the calibration was refused [enum] */
   uint8_t calibration_expired; /* 1 if the calibration is no longer valid: date is later than calibration_date plus calibration_validity [1] */
-  uint8_t cycle_state; /* state of the cycle of mode -9: running; evaluating the last samples; the part is good or bad; aborted by a stop, a fault or the loss of the owner; or why no cycle started: no program, another bank than the one the program was made for, no reference position for an absolute position [enum] */
+  uint8_t cycle_state; /* state of the cycle of mode -9: running; evaluating the last samples; the part is good or bad; aborted by a stop, a fault or the loss of the owner; or why no cycle started: no program, another bank than the one the program was made for, no reference position for an absolute position, too many results that wait for their acknowledgement, a lock after bad parts, the number of power-ups is not stored yet [enum] */
   uint8_t cycle_phase; /* number of the phase of the cycle that runs, or of the last phase, from 0 [1] */
   uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late [enum] */
 } drive_signals_t;
@@ -1436,10 +1494,14 @@ typedef struct {
   uint32_t drive_target_max; /* largest magnitude of the target in units of the drive, at most 32767 for torque; acts after the next power-up [1] */
   uint32_t cycle_program; /* number of the selected program of the library; 0 means none; not while a cycle runs [1] */
   uint32_t cycle_data[16]; /* 4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap [1] */
+  uint32_t cycle_result_number; /* number of the part whose result is shown, also by cycle_result_element; 0: the last part [1] */
+  uint32_t cycle_acknowledge; /* number of the part whose result is acknowledged: the axis need not keep it any longer; every source may write it; 0 acknowledges nothing [1] */
+  uint32_t cycle_serial[4]; /* serial number of the next part, 4 bytes, the lowest byte first, filled up with 0; taken at the start of a cycle and then 0 [1] */
   uint16_t watchdog; /* longest time between two writes of an owner other than canopen; after a longer time the axis has lost its owner [ms] */
   uint16_t stored_bit_rate; /* CAN bit rate that the axis uses after the next reset of the node; must be a rate of CiA 301 that the code for the board supports [kbit/s] */
   uint16_t drive_bit_rate; /* bit rate of the bus of the drive, a rate of CiA 301 that the board supports; acts after the next power-up [kbit/s] */
   uint16_t cycle_data_offset; /* offset in bytes of cycle_data_1 in the record; 0 begins a new record [1] */
+  uint16_t cycle_bad_in_row_max; /* after this number of parts in a row that are not good no cycle starts until cycle_unlock; 0 means off [1] */
   uint8_t command_source; /* owner of the axis: the bus that may write objects. Another bus becomes the owner when it writes its number while the axis is disabled. The owner may write the number of another bus to make that bus the owner [enum] */
   uint8_t unsupervised_owner; /* reaction when a canopen master enables the axis although neither the heartbeat of the master nor an RPDO is monitored [enum] */
   uint8_t modbus_word_order; /* order of the two Modbus registers of a 32-bit object [enum] */
@@ -1453,6 +1515,8 @@ typedef struct {
   uint8_t force_converter; /* converter of the force: the ADC of the board, or a converter of 24 bits on its SPI bus; acts after the next power-up [enum] */
   uint8_t force_converter_gain; /* amplification in the converter of 24 bits; the AD7193 lacks x2 and x4, the ADS1256 lacks x128; acts after the next power-up [enum] */
   uint8_t cycle_result_element; /* number of the element whose result is shown, from 0 [1] */
+  uint8_t cycle_lock_on_bad; /* 1: while a result that is not good waits for its acknowledgement, no cycle starts [enum] */
+  uint8_t cycle_program_lock; /* 1: the axis takes and removes no program [enum] */
 } device_params_t;
 
 typedef struct {
@@ -1468,6 +1532,20 @@ typedef struct {
   uint32_t cycle_program_crc; /* CRC-32 at the end of the record of the selected program; 0 without a program [1] */
   int32_t cycle_result_value; /* value of the element in the units of its record: force in 1/256 count, travel in encoder counts, time in ticks; 0 without a value [1] */
   uint32_t cycle_result_tick; /* tick_count of the sample that gave the value; 0 without a value [tick] */
+  uint32_t cycle_number; /* number of the last part that ended; after a power cut it continues from the number that was stored last [1] */
+  uint32_t cycle_power_up; /* number of power-ups with programs; a part has a number of its own within a power-up; 0 without a parameter store [1] */
+  uint32_t cycle_parts_good; /* number of good parts since the counts began; stored at most every ten minutes, while the axis is disabled [1] */
+  uint32_t cycle_parts_bad; /* number of bad parts since the counts began; stored at most every ten minutes, while the axis is disabled [1] */
+  uint32_t cycle_parts_aborted; /* number of aborted parts since the counts began; stored at most every ten minutes, while the axis is disabled [1] */
+  uint32_t cycle_result_part; /* number of the part that is shown; 0: no such result [1] */
+  uint32_t cycle_result_power_up; /* cycle_power_up of the part that is shown [1] */
+  uint32_t cycle_result_program_crc; /* CRC-32 of the program of the part that is shown [1] */
+  uint32_t cycle_result_bank_crc; /* CRC-32 of the law of the part that is shown, 0 without a bank [1] */
+  uint32_t cycle_result_begin; /* tick_count at which the cycle of the part that is shown started [tick] */
+  uint32_t cycle_result_duration; /* duration of the cycle of the part that is shown [tick] */
+  uint32_t cycle_result_serial[4]; /* serial number of the part that is shown, 4 bytes, the lowest byte first [1] */
+  uint32_t cycle_lost_first; /* first number of the results of an earlier power-up that waited for an acknowledgement when the counts were last stored; 0: none; the memory of results does not survive a power cut [1] */
+  uint32_t cycle_lost_last; /* last number of these results [1] */
   uint16_t store_change_count; /* number of stored parameters that the present object table changes: a parameter with another meaning is discarded, and an earlier default is kept [1] */
   uint16_t overruns; /* number of ticks that started late or were missed [1] */
   uint16_t bit_rate; /* present CAN bit rate [kbit/s] */
@@ -1477,6 +1555,8 @@ typedef struct {
   uint16_t drive_error_code; /* last error code that the drive on the second CAN bus has sent; 0 means none [1] */
   uint16_t board_state; /* errors of the board as a sum of bits: 1 internal oscillator in use, 2 brown-out reset set to another voltage, 4 image damaged, 8 RAM failed, 16 supply voltage low, 32 ADC reference outside its band, 64 DAC output differs from its code, 128 pin amp_enable differs from its command, 256 tick length differs from the second clock, 512 tick length not compared yet, 1024 converter of the force without the expected identity and settings [1] */
   int16_t tick_deviation; /* relative change of the tick length since power-up, measured with a second clock [1/1000 1] */
+  uint16_t cycle_bits; /* state of the cycles in bits: 0 ready, 1 busy, 2 the last part is good, 3 bad, 4 aborted, 5 a result waits for its acknowledgement, 6 locked, 7 results full [1] */
+  uint16_t cycle_bad_in_row; /* number of parts in a row that are not good [1] */
   uint8_t store_state; /* result of the last action of the parameter store [enum] */
   uint8_t node_id; /* CANopen node id and Modbus unit id of the axis; 255 means no node id [1] */
   uint8_t blackbox_state; /* state of the black box; recorder means that a recording uses the buffer of the black box until the recorder is stopped [enum] */
@@ -1485,16 +1565,21 @@ typedef struct {
   uint8_t drive_reason; /* first failure of the drive on the second CAN bus since its last reset [enum] */
   uint8_t reset_cause; /* causes of the last reset of the processor as a sum of bits: 2 brown-out, 4 pin, 8 power-up, 16 software, 32 watchdog, 64 window watchdog, 128 low power; 0 means not known [1] */
   uint8_t cycle_program_count; /* number of programs in the library [1] */
-  uint8_t cycle_program_refusal; /* why the record of the last download was refused; busy: a cycle was running; no_room: the library is full; no_number: the number of the program is 0; wrong_zero: travel 0 is not defined rightly [enum] */
+  uint8_t cycle_program_refusal; /* why the record of the last download was refused; busy: a cycle was running; no_room: the library is full; no_number: the number of the program is 0; wrong_zero: travel 0 is not defined rightly; locked: cycle_program_lock is on [enum] */
   uint8_t cycle_program_refused_part; /* number of the phase or the element for which the record of the last download was refused, from 0 [1] */
   uint8_t cycle_result_verdict; /* verdict on the element; none: no cycle is done, or the program has no such element [enum] */
+  uint8_t cycle_results_waiting; /* number of results that wait for an acknowledgement; when the memory of the axis is full of them, no cycle starts [1] */
+  uint8_t cycle_result_state; /* verdict on the part that is shown, as cycle_state [enum] */
+  uint8_t cycle_result_outcome; /* how the cycle of the part that is shown ended, as cycle_outcome [enum] */
+  uint8_t cycle_result_phase; /* last phase of the part that is shown, or the phase in which a limit was exceeded or the cycle was stopped, from 0 [1] */
+  uint8_t cycle_store_state; /* whether programs and counts are stored; waiting: until the axis is disabled; failed: the last write failed, or parameters must be saved or restored first [enum] */
 } device_signals_t;
 
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x4600d0f0)
-#define AXIS_OBJECTS_HASH_TEXT "4600d0f0"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x0b9366d7)
+#define AXIS_OBJECTS_HASH_TEXT "0b9366d7"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1574,10 +1659,10 @@ typedef struct {
 extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
-  AXIS_STORED_COUNT = 373,
-  AXIS_ADDRESSES_COUNT = 651,
-  AXIS_HOLDING_COUNT = 195,
-  AXIS_INPUT_COUNT = 103
+  AXIS_STORED_COUNT = 376,
+  AXIS_ADDRESSES_COUNT = 687,
+  AXIS_HOLDING_COUNT = 205,
+  AXIS_INPUT_COUNT = 127
 };
 
 /* By index, then sub-index. */

@@ -11,6 +11,7 @@ typedef struct {
   blackbox_t blackbox;
   uint8_t recorder_buffer[FW_RECORDER_BYTES];
   uint32_t programs[FW_PROGRAM_BYTES / sizeof(uint32_t)];
+  cycle_part_t results[FW_RESULTS];
 } axis_host_t;
 
 fw_t *axis_host_create_with(const fw_config_t *config) {
@@ -29,6 +30,10 @@ fw_t *axis_host_create_with(const fw_config_t *config) {
   if (own.program_memory == NULL) {
     own.program_memory = host->programs;
     own.program_bytes = sizeof(host->programs);
+  }
+  if (own.result_memory == NULL) {
+    own.result_memory = host->results;
+    own.result_bytes = sizeof(host->results);
   }
   fw_init(&host->fw, &own);
   return &host->fw;

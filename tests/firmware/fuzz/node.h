@@ -17,6 +17,7 @@ typedef struct {
   axis_outputs_t outputs;
   uint8_t recorder[FW_RECORDER_BYTES];
   uint32_t programs[FW_PROGRAM_BYTES / sizeof(uint32_t)];
+  cycle_part_t results[FW_RESULTS];
 } node_t;
 
 static inline void node_init_as(node_t *node, uint8_t node_id) {
@@ -28,6 +29,8 @@ static inline void node_init_as(node_t *node, uint8_t node_id) {
       .buses = 1,
       .program_memory = node->programs,
       .program_bytes = sizeof(node->programs),
+      .result_memory = node->results,
+      .result_bytes = sizeof(node->results),
   };
   fw_init(&node->fw, &config);
   node->inputs.sensor_valid = 1;

@@ -37,8 +37,8 @@ class Flash {
   static constexpr int kErased = 0xFF;
   static constexpr int kEraseSteps = 8;
 
-  // Two sets in each sector.
-  static constexpr uint32_t kSector = (2 * STORE_SET_BYTES + 15) / 16 * 16;
+  // Two sets in each sector, and the mark at its end.
+  static constexpr uint32_t kSector = 2 * ((STORE_SET_BYTES + 15) / 16 * 16) + RECORD_MARK;
   static_assert(kSector >= STORE_SECTOR_MIN && kSector < 3 * STORE_SET_BYTES);
 
   explicit Flash(uint32_t sector_bytes = kSector)

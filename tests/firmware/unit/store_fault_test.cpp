@@ -119,9 +119,8 @@ TEST(Store, SavedMeansThatEveryPieceWasReadBack) {
       axis.Change(1, 100);
       axis.Save();
       const Values kept = axis.Stored();
-      flash.faults = {.program = fault,
-                      .program_from = STORE_SET_BYTES + at,
-                      .program_to = STORE_SET_BYTES + at + 4};
+      flash.faults = {
+          .program = fault, .program_from = kSetSpace + at, .program_to = kSetSpace + at + 4};
       axis.Change(at + 2, 100);
       ASSERT_EQ(axis.Write(AXIS_OBJ_STORE_PARAMETERS, 1), FW_OK);
       axis.Run();
@@ -142,7 +141,7 @@ TEST(Store, ABitThatChangesLaterIsFoundWhenItIsLoaded) {
   const Values older = axis.Stored();
   axis.Change(2, 100);
   axis.Save();
-  for (size_t at = STORE_SET_BYTES; at < 2 * STORE_SET_BYTES; ++at) {
+  for (size_t at = kSetSpace; at < kSetSpace + STORE_SET_BYTES; ++at) {
     flash.Flip(at, static_cast<int>(at % 8));
     const Axis next(flash.memory());
     ASSERT_EQ(next.Stored(), older) << at;
@@ -155,7 +154,7 @@ TEST(Store, ABitThatChangesLaterIsFoundWhenItIsLoaded) {
 // A bit that changes where nothing was programmed: the set in force is whole, what comes next goes
 // behind the damage or into the other sector.
 TEST(Store, ABitThatChangesInBlankMemoryCostsNoValue) {
-  for (size_t at = STORE_SET_BYTES; at < 2 * STORE_SECTOR_MIN; at += 61) {
+  for (size_t at = kSetSpace; at < 2 * STORE_SECTOR_MIN; at += 61) {
     Flash flash;
     Axis axis(flash.memory());
     axis.Change(1, 100);
@@ -163,7 +162,10 @@ TEST(Store, ABitThatChangesInBlankMemoryCostsNoValue) {
     flash.Flip(at, static_cast<int>(at % 8));
     Axis next(flash.memory());
     ASSERT_EQ(next.Stored(), axis.Stored()) << at;
-    ASSERT_EQ(next.State(), AXIS_STORE_STATE_LOADED_OLDER) << at;
+    // The first word of 16 bytes alone can only be the begin of a record that is no set.
+    const bool is_single = at < Flash::kSector && at % 16 < 4;
+    ASSERT_EQ(next.State(), is_single ? AXIS_STORE_STATE_LOADED : AXIS_STORE_STATE_LOADED_OLDER)
+        << at;
     next.Change(2, 100);
     next.Save();
     ASSERT_EQ(Axis(flash.memory()).Stored(), next.Stored()) << at;

@@ -21,6 +21,9 @@ inline constexpr int kEvery = 7;
 inline constexpr int kEvery = 1;
 #endif
 
+// Where the second set of a sector begins.
+inline constexpr uint32_t kSetSpace = (STORE_SET_BYTES + 15) / 16 * 16;
+
 // Records by hand, as record.h and store.h describe them: each returns where the next one goes.
 struct Entry {
   uint32_t first;  // index times 256 plus sub-index; bit 24: at its default

@@ -183,18 +183,19 @@ TEST(Store, TheTwoNewestRecordsAreFoundInAnyOrder) {
   for (const record_t &held : {record_t{}, rubbish}) {
     Flash flash;
     record_t found[2] = {held, held};
-    record_newest(flash.memory(), found);
+    record_sector_t sectors[2];
+    record_survey(flash.memory(), sectors, found);
     EXPECT_EQ(found[0].magic, RECORD_NONE);
     EXPECT_EQ(found[1].magic, RECORD_NONE);
     PutSet(flash.bytes(), 0, kOurs, 5, {ForceGain(5)});
     found[0] = found[1] = held;
-    record_newest(flash.memory(), found);
+    record_survey(flash.memory(), sectors, found);
     EXPECT_EQ(found[0].sequence, 5u);
     EXPECT_EQ(found[1].magic, RECORD_NONE);
     const size_t end = PutSet(flash.bytes(), Flash::kSector, kOurs, 4, {ForceGain(4)});
     PutSet(flash.bytes(), end, kOurs, 3, {ForceGain(3)});
     found[0] = found[1] = held;
-    record_newest(flash.memory(), found);
+    record_survey(flash.memory(), sectors, found);
     EXPECT_EQ(found[0].sequence, 5u);
     EXPECT_EQ(found[1].sequence, 4u);
     EXPECT_EQ(found[1].begin, Flash::kSector);

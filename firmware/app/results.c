@@ -1,0 +1,300 @@
+#include "firmware/app/results.h"
+
+#include <stddef.h>
+
+#include "firmware/drive/cycle_mode.h"
+#include "firmware/fx/bytes.h"
+
+_Static_assert(sizeof(results_counts_t) == STORE_COUNTS_BYTES, "the stored counts");
+/* A verdict of the object table is that of an element (CYCLE_GOOD and so on) plus 1. */
+_Static_assert(AXIS_CYCLE_RESULT_VERDICT_GOOD == CYCLE_GOOD + 1 &&
+                   AXIS_CYCLE_RESULT_VERDICT_COUNT == CYCLE_VERDICTS + 1,
+               "verdicts of elements");
+_Static_assert(AXIS_CYCLE_STATE_BAD == AXIS_CYCLE_STATE_GOOD + CYCLE_PART_BAD &&
+                   AXIS_CYCLE_STATE_ABORTED == AXIS_CYCLE_STATE_GOOD + CYCLE_PART_ABORTED,
+               "verdicts of parts");
+
+enum {
+  BIT_READY = 1,
+  BIT_BUSY = 2,
+  BIT_VERDICT = 4, /* good; then bad, aborted */
+  BIT_WAITING = 32,
+  BIT_LOCKED = 64,
+  BIT_FULL = 128
+};
+
+static bool is_busy(const fw_t *fw) { return cycle_mode_is_busy(&fw->drive); }
+
+/* Returns the part that is shown. Its number is 0 if there is none. */
+static cycle_part_t shown_part(const fw_t *fw) {
+  const uint32_t number = fw->device.cycle_result_number;
+  const cycle_part_t *part =
+      (number == 0) ? &fw->results.last : cycle_results_find(&fw->results.waiting, number);
+  const cycle_part_t none = {0};
+  return (part == NULL) ? none : *part;
+}
+
+static void show_part(fw_t *fw) {
+  device_signals_t *signals = &fw->device_signals;
+  const cycle_part_t part = shown_part(fw);
+  const bool exists = part.number != 0;
+  signals->cycle_result_part = part.number;
+  signals->cycle_result_power_up = part.power_up;
+  signals->cycle_result_program_crc = part.program_crc;
+  signals->cycle_result_bank_crc = part.bank_crc;
+  signals->cycle_result_state =
+      exists ? (uint8_t)(AXIS_CYCLE_STATE_GOOD + part.verdict) : (uint8_t)AXIS_CYCLE_STATE_IDLE;
+  signals->cycle_result_outcome = part.outcome;
+  signals->cycle_result_phase = part.phase;
+  signals->cycle_result_begin = part.begin_tick;
+  signals->cycle_result_duration = part.ticks;
+  for (uint8_t i = 0; i < CYCLE_SERIAL_WORDS; i++) {
+    signals->cycle_result_serial[i] = part.serial[i];
+  }
+  const uint8_t element = fw->device.cycle_result_element;
+  const bool has_element = exists && element < part.elements;
+  signals->cycle_result_value = has_element ? part.values[element] : 0;
+  signals->cycle_result_tick = has_element ? part.found_ticks[element] : 0;
+  signals->cycle_result_verdict =
+      has_element ? (uint8_t)(part.verdicts[element] + 1) : (uint8_t)AXIS_CYCLE_RESULT_VERDICT_NONE;
+}
+
+/* Returns the smallest number of a result that was not acknowledged, or 0. */
+static uint32_t oldest_waiting(const fw_t *fw) {
+  const uint32_t lost = fw->device_signals.cycle_lost_first;
+  return (lost != 0) ? lost : cycle_results_oldest(&fw->results.waiting);
+}
+
+static void show_counts(fw_t *fw) {
+  const results_counts_t *counts = &fw->results.counts;
+  device_signals_t *signals = &fw->device_signals;
+  signals->cycle_results_waiting = fw->results.waiting.waiting;
+  signals->cycle_number = counts->number;
+  signals->cycle_power_up = counts->power_up;
+  signals->cycle_parts_good = counts->parts[CYCLE_PART_GOOD];
+  signals->cycle_parts_bad = counts->parts[CYCLE_PART_BAD];
+  signals->cycle_parts_aborted = counts->parts[CYCLE_PART_ABORTED];
+  signals->cycle_bad_in_row = (uint16_t)counts->bad_in_row;
+}
+
+void results_init(fw_t *fw) {
+  const results_t none = {0};
+  fw->results = none;
+  cycle_results_init(&fw->results.waiting, fw->config.result_memory, fw->config.result_bytes);
+}
+
+/* Takes the counts of the last power-up. */
+static void take_stored(fw_t *fw) {
+  results_counts_t *counts = &fw->results.counts;
+  if (store_part_bytes(&fw->store, STORE_COUNTS) == sizeof(*counts)) {
+    void *bytes = counts;
+    store_part_read(&fw->store, STORE_COUNTS, bytes);
+  }
+  if (counts->oldest_waiting != 0) {
+    fw->device_signals.cycle_lost_first = counts->oldest_waiting;
+    fw->device_signals.cycle_lost_last = counts->number;
+  }
+  if (fw->store.memory != NULL) {
+    counts->power_up += 1;
+  }
+}
+
+void results_loaded(fw_t *fw) {
+  if (fw->results.is_loaded == 0) {
+    take_stored(fw);
+    fw->results.is_loaded = 1;
+  }
+  /* The counts that are in the memory; they are copied whenever the store changes its sector. */
+  const uint8_t *bytes = (const uint8_t *)(const void *)&fw->results.stored;
+  const bool exist = store_part_bytes(&fw->store, STORE_COUNTS) != 0;
+  if (exist) {
+    store_part_read(&fw->store, STORE_COUNTS, (uint8_t *)(void *)&fw->results.stored);
+  }
+  store_part_set(&fw->store, STORE_COUNTS,
+                 (store_part_t){bytes, exist ? (uint32_t)STORE_COUNTS_BYTES : 0}, false);
+  fw->results.starts = fw->drive.signals.cycle_count;
+  show_counts(fw);
+  show_part(fw);
+}
+
+static bool is_locked(const fw_t *fw) {
+  const uint16_t most = fw->device.cycle_bad_in_row_max;
+  const bool has_failed =
+      cycle_results_have_failed(&fw->results.waiting) || fw->device_signals.cycle_lost_first != 0;
+  return (fw->device.cycle_lock_on_bad != 0 && has_failed) ||
+         (most != 0 && fw->results.counts.bad_in_row >= most);
+}
+
+/* Returns why no cycle may start, or AXIS_CYCLE_STATE_IDLE. */
+static uint8_t lock_of(const fw_t *fw) {
+  if (cycle_results_are_full(&fw->results.waiting)) {
+    return AXIS_CYCLE_STATE_RESULTS_FULL;
+  }
+  if (is_locked(fw)) {
+    return AXIS_CYCLE_STATE_LOCKED;
+  }
+  const bool is_counted = fw->store.memory == NULL || fw->results.has_power_up != 0;
+  return is_counted ? AXIS_CYCLE_STATE_IDLE : AXIS_CYCLE_STATE_NOT_STORED;
+}
+
+static void show_bits(fw_t *fw) {
+  const uint8_t state = fw->drive.signals.cycle_state;
+  const uint8_t lock = fw->drive.cycle_lock;
+  uint32_t bits = 0;
+  if (is_busy(fw)) {
+    bits = BIT_BUSY;
+  } else if (cycle_mode_can_start(&fw->drive)) {
+    bits = BIT_READY;
+  }
+  if (state >= AXIS_CYCLE_STATE_GOOD && state <= AXIS_CYCLE_STATE_ABORTED) {
+    bits |= (uint32_t)BIT_VERDICT << (state - AXIS_CYCLE_STATE_GOOD);
+  }
+  bits |= (fw->results.waiting.waiting != 0) ? BIT_WAITING : 0;
+  bits |= (lock == AXIS_CYCLE_STATE_LOCKED) ? BIT_LOCKED : 0;
+  bits |= (lock == AXIS_CYCLE_STATE_RESULTS_FULL) ? BIT_FULL : 0;
+  fw->device_signals.cycle_bits = (uint16_t)bits;
+}
+
+void results_show_store(fw_t *fw) {
+  static const uint8_t states[] = {
+      [STORE_PARTS_STORED] = AXIS_CYCLE_STORE_STATE_STORED,
+      [STORE_PARTS_WRITING] = AXIS_CYCLE_STORE_STATE_WAITING,
+      [STORE_PARTS_FAILED] = AXIS_CYCLE_STORE_STATE_FAILED,
+  };
+  fw->device_signals.cycle_store_state = (fw->store.memory == NULL)
+                                             ? (uint8_t)AXIS_CYCLE_STORE_STATE_NO_MEMORY
+                                             : states[store_parts_state(&fw->store)];
+}
+
+static void count_part(results_counts_t *counts, uint8_t verdict) {
+  counts->number += 1;
+  counts->parts[verdict] += 1;
+  counts->bad_in_row = (verdict == CYCLE_PART_GOOD)        ? 0
+                       : (counts->bad_in_row < UINT16_MAX) ? counts->bad_in_row + 1
+                                                           : UINT16_MAX;
+}
+
+static uint8_t verdict_of(const cycle_t *cycle) {
+  if (cycle->good != 0) {
+    return CYCLE_PART_GOOD;
+  }
+  return (cycle->outcome == CYCLE_STOPPED) ? CYCLE_PART_ABORTED : CYCLE_PART_BAD;
+}
+
+/* Takes the result of the cycle that has just ended. */
+static void take_part(fw_t *fw) {
+  results_t *results = &fw->results;
+  const cycle_t *cycle = &fw->drive.cycle;
+  const uint8_t verdict = verdict_of(cycle);
+  count_part(&results->counts, verdict);
+  cycle_part_t part = {
+      .number = results->counts.number,
+      .power_up = results->counts.power_up,
+      .program_crc = cycle_program_crc(cycle->program),
+      .bank_crc = fw->drive.law_crc,
+      .begin_tick = cycle->begin_tick,
+      .ticks = cycle->last_tick - cycle->begin_tick,
+      .elements = cycle->program->elements,
+      .verdict = verdict,
+      .outcome = cycle->outcome,
+      .phase = (cycle->outcome == CYCLE_BY_PROGRAM) ? cycle->phase : cycle->failed_phase,
+  };
+  for (uint8_t i = 0; i < CYCLE_SERIAL_WORDS; i++) {
+    part.serial[i] = results->serial[i];
+  }
+  for (uint8_t i = 0; i < part.elements; i++) {
+    const cycle_element_result_t result = cycle_result(cycle, i);
+    part.values[i] = result.value;
+    part.found_ticks[i] = result.found_tick;
+    part.verdicts[i] = result.verdict;
+  }
+  results->last = part;
+  cycle_results_add(&results->waiting, &part);
+  results->changed = 1;
+  results->urgent |= (verdict != CYCLE_PART_GOOD && is_locked(fw)) ? 1 : 0;
+  show_counts(fw);
+  show_part(fw);
+}
+
+/* Takes the serial number for the cycle that has just started. */
+static void take_serial(fw_t *fw) {
+  fw->results.starts = fw->drive.signals.cycle_count;
+  for (uint8_t i = 0; i < CYCLE_SERIAL_WORDS; i++) {
+    fw->results.serial[i] = fw->device.cycle_serial[i];
+    fw->device.cycle_serial[i] = 0;
+  }
+}
+
+/* Gives the counts to the store when they shall be written. */
+static void give_counts(fw_t *fw) {
+  results_t *results = &fw->results;
+  const uint8_t state = store_parts_state(&fw->store);
+  const bool is_writing = (fw->store.changed & (1u << STORE_COUNTS)) != 0;
+  if (fw->store.memory == NULL || store_is_busy(&fw->store) ||
+      (is_writing && state != STORE_PARTS_FAILED)) {
+    return;
+  }
+  if (!is_writing && results->stored.power_up == results->counts.power_up) {
+    results->has_power_up = 1;
+  }
+  const uint32_t now = fw->axis.signals.tick_count;
+  const bool is_due = now - results->given_tick >= RESULTS_STORE_TICKS;
+  const bool is_first = results->has_power_up == 0 && state != STORE_PARTS_FAILED;
+  if (is_first || results->urgent != 0 || (is_due && (is_writing || results->changed != 0))) {
+    results->stored = results->counts;
+    results->stored.oldest_waiting = oldest_waiting(fw);
+    results->changed = 0;
+    results->urgent = 0;
+    results->given_tick = now;
+    const void *bytes = &results->stored;
+    store_part_set(&fw->store, STORE_COUNTS, (store_part_t){bytes, STORE_COUNTS_BYTES}, true);
+  }
+}
+
+void results_serve(fw_t *fw, bool ended) {
+  if (fw->results.starts != fw->drive.signals.cycle_count) {
+    take_serial(fw);
+  }
+  if (ended) {
+    take_part(fw);
+  }
+  give_counts(fw);
+  fw->drive.cycle_lock = lock_of(fw);
+  show_bits(fw);
+}
+
+int results_check(const fw_t *fw, uint16_t object, int32_t value) {
+  if (object == AXIS_OBJ_CYCLE_ACKNOWLEDGE && (uint32_t)value > fw->results.counts.number) {
+    return FW_ERROR_RANGE;
+  }
+  const bool needs_memory = object == AXIS_OBJ_CYCLE_LOCK_ON_BAD && value != 0;
+  return (needs_memory && fw->results.waiting.room == 0) ? FW_ERROR_NO_MEMORY : FW_OK;
+}
+
+static void acknowledge(fw_t *fw, uint32_t number) {
+  device_signals_t *signals = &fw->device_signals;
+  if (cycle_results_acknowledge(&fw->results.waiting, number)) {
+    fw->results.changed = 1;
+  } else if (number != 0 && number == signals->cycle_lost_last) {
+    signals->cycle_lost_first = 0;
+    signals->cycle_lost_last = 0;
+    fw->results.changed = 1;
+  }
+  show_counts(fw);
+  show_part(fw);
+}
+
+void results_written(fw_t *fw, uint16_t object, int32_t value) {
+  if (object == AXIS_OBJ_CYCLE_ACKNOWLEDGE) {
+    acknowledge(fw, (uint32_t)value);
+  } else if (object == AXIS_OBJ_CYCLE_RESULT_NUMBER || object == AXIS_OBJ_CYCLE_RESULT_ELEMENT) {
+    show_part(fw);
+  }
+}
+
+void results_unlock(fw_t *fw) {
+  fw->results.counts.bad_in_row = 0;
+  fw->results.changed = 1;
+  fw->results.urgent = 1;
+  show_counts(fw);
+}

@@ -1,0 +1,67 @@
+#include "firmware/cycle/results.h"
+
+#include <stddef.h>
+
+enum { ROOM_MAX = 255 };
+
+void cycle_results_init(cycle_results_t *results, void *memory, uint32_t bytes) {
+  const uint32_t room = (memory == NULL) ? 0 : bytes / (uint32_t)sizeof(cycle_part_t);
+  results->parts = memory;
+  results->room = (uint8_t)((room < ROOM_MAX) ? room : ROOM_MAX);
+  results->waiting = 0;
+  for (uint8_t i = 0; i < results->room; i++) {
+    results->parts[i].number = 0;
+  }
+}
+
+/* Returns the place of the result with a number, 0 for a free place, or NULL. */
+static cycle_part_t *place_of(const cycle_results_t *results, uint32_t number) {
+  for (uint8_t i = 0; i < results->room; i++) {
+    if (results->parts[i].number == number) {
+      return &results->parts[i];
+    }
+  }
+  return NULL;
+}
+
+void cycle_results_add(cycle_results_t *results, const cycle_part_t *part) {
+  cycle_part_t *place = place_of(results, 0);
+  if (place != NULL) {
+    *place = *part;
+    results->waiting = (uint8_t)(results->waiting + 1);
+  }
+}
+
+const cycle_part_t *cycle_results_find(const cycle_results_t *results, uint32_t number) {
+  return (number == 0) ? NULL : place_of(results, number);
+}
+
+bool cycle_results_acknowledge(cycle_results_t *results, uint32_t number) {
+  cycle_part_t *place = (number == 0) ? NULL : place_of(results, number);
+  if (place == NULL) {
+    return false;
+  }
+  place->number = 0;
+  results->waiting = (uint8_t)(results->waiting - 1);
+  return true;
+}
+
+uint32_t cycle_results_oldest(const cycle_results_t *results) {
+  uint32_t oldest = 0;
+  for (uint8_t i = 0; i < results->room; i++) {
+    const uint32_t number = results->parts[i].number;
+    if (number != 0 && (oldest == 0 || number < oldest)) {
+      oldest = number;
+    }
+  }
+  return oldest;
+}
+
+bool cycle_results_have_failed(const cycle_results_t *results) {
+  bool failed = false;
+  for (uint8_t i = 0; i < results->room; i++) {
+    const cycle_part_t *part = &results->parts[i];
+    failed = failed || (part->number != 0 && part->verdict != CYCLE_PART_GOOD);
+  }
+  return failed;
+}

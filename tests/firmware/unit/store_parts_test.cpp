@@ -1,0 +1,337 @@
+// Programs of cycles and counts of parts in the parameter store: power cuts at any byte, faults of
+// the memory, and an axis that is enabled while they are written.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <cstdio>
+#include <map>
+#include <random>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "tests/firmware/unit/cycle_records.hpp"
+#include "tests/firmware/unit/store_fixture.hpp"
+
+namespace {
+
+using Kept = std::map<uint32_t, Bytes>;
+
+// An axis with a store and a memory for programs.
+class Press {
+ public:
+  explicit Press(const store_memory_t *memory) {
+    config_.memory = memory;
+    config_.node_id = 1;
+    config_.buses = 1;
+    config_.program_memory = programs_.data();
+    config_.program_bytes = static_cast<uint32_t>(4 * programs_.size());
+    config_.result_memory = results_.data();
+    config_.result_bytes = static_cast<uint32_t>(sizeof(cycle_part_t) * results_.size());
+    fw_init(&fw_, &config_);
+  }
+
+  int32_t Read(uint16_t object) const {
+    int32_t value = 0;
+    EXPECT_EQ(fw_object_read(&fw_, object, &value), FW_OK) << object;
+    return value;
+  }
+  int Write(uint16_t object, int32_t value) {
+    return fw_object_write(&fw_, FW_SOURCE_LOCAL, object, value);
+  }
+
+  int Download(const Bytes &record) {
+    cycle_library_begin(&fw_.library);
+    EXPECT_TRUE(
+        cycle_library_append(&fw_.library, 0, record.data(), static_cast<uint32_t>(record.size())));
+    return Write(AXIS_OBJ_CYCLE_DATA_END, static_cast<int32_t>(record.size()));
+  }
+
+  void Tick(int ticks = 1) {
+    const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+    for (int i = 0; i < ticks; ++i) {
+      axis_outputs_t outputs;
+      fw_tick(&fw_, &inputs, &outputs);
+    }
+  }
+
+  // Ticks until programs, counts and parameters are stored.
+  void Settle() {
+    int ticks = 0;
+    do {
+      Tick();
+    } while (++ticks < 4000 &&
+             (Read(AXIS_OBJ_STORE_STATE) == AXIS_STORE_STATE_SAVING ||
+              Read(AXIS_OBJ_CYCLE_STORE_STATE) == AXIS_CYCLE_STORE_STATE_WAITING));
+    EXPECT_LT(ticks, 4000);
+  }
+
+  Kept Programs() const {
+    Kept programs;
+    for (uint8_t i = 0; i < fw_.library.count; ++i) {
+      const cycle_header_t *program = cycle_library_at(&fw_.library, i);
+      const auto *bytes = reinterpret_cast<const uint8_t *>(program);
+      programs[program->number] = {bytes, bytes + program->size};
+    }
+    return programs;
+  }
+
+  // A part that was pressed, without the motion: what the cycle of a program leaves.
+  bool MayStart() const {
+    return fw_.library.count != 0 && fw_.drive.cycle_lock == AXIS_CYCLE_STATE_IDLE;
+  }
+
+  fw_t &fw() { return fw_; }
+
+ private:
+  std::vector<uint32_t> programs_ = std::vector<uint32_t>(FW_PROGRAM_BYTES / 4);
+  std::vector<cycle_part_t> results_ = std::vector<cycle_part_t>(FW_RESULTS);
+  fw_config_t config_{};
+  fw_t fw_{};
+};
+
+TEST(StoreParts, ProgramsSurviveAPowerCutAndAResetOfTheNode) {
+  Flash flash;
+  Press axis(flash.memory());
+  ASSERT_EQ(axis.Download(cycle_record(1)), FW_OK);
+  ASSERT_EQ(axis.Download(cycle_record(2, 30)), FW_OK);
+  axis.Tick();
+  EXPECT_EQ(axis.Read(AXIS_OBJ_CYCLE_STORE_STATE), AXIS_CYCLE_STORE_STATE_WAITING);
+  axis.Settle();
+  EXPECT_EQ(axis.Read(AXIS_OBJ_CYCLE_STORE_STATE), AXIS_CYCLE_STORE_STATE_STORED);
+  const Kept kept{{1, cycle_record(1)}, {2, cycle_record(2, 30)}};
+  Press next(flash.memory());
+  EXPECT_EQ(next.Programs(), kept);
+  EXPECT_EQ(next.Read(AXIS_OBJ_STORE_STATE), AXIS_STORE_STATE_EMPTY) << "no parameter was saved";
+  EXPECT_EQ(next.Read(AXIS_OBJ_CYCLE_PROGRAM), 0);
+  EXPECT_EQ(next.Write(AXIS_OBJ_CYCLE_PROGRAM_REMOVE, 1), FW_OK);
+  next.Settle();
+  EXPECT_EQ(Press(flash.memory()).Programs(), (Kept{{2, cycle_record(2, 30)}}));
+  EXPECT_EQ(next.Write(AXIS_OBJ_CYCLE_PROGRAM_REMOVE, 2), FW_OK);
+  next.Settle();
+  EXPECT_EQ(Press(flash.memory()).Programs(), Kept{});
+  EXPECT_FALSE(flash.misused());
+}
+
+// A library that the store cannot keep beside a parameter set is full.
+TEST(StoreParts, TheLibraryHasRoomForWhatCanBeStored) {
+  Flash flash;
+  Press axis(flash.memory());
+  const uint32_t most = store_programs_max(&axis.fw().store);
+  ASSERT_LT(most, static_cast<uint32_t>(FW_PROGRAM_BYTES) - CYCLE_PROGRAM_BYTES_MAX);
+  uint32_t number = 1;
+  uint32_t used = 0;
+  while (axis.Download(cycle_record(number, 40)) == FW_OK) {
+    used += static_cast<uint32_t>(cycle_record(number++, 40).size());
+  }
+  EXPECT_LE(used, most);
+  EXPECT_GT(used + cycle_record(1, 40).size(), most);
+  EXPECT_EQ(axis.Read(AXIS_OBJ_CYCLE_PROGRAM_REFUSAL), AXIS_CYCLE_PROGRAM_REFUSAL_NO_ROOM);
+  const Kept kept = axis.Programs();
+  for (int save = 0; save < 5; ++save) {
+    axis.Settle();
+    ASSERT_EQ(axis.Write(AXIS_OBJ_SPEED_MAX, 100 + save), FW_OK);
+    ASSERT_EQ(axis.Write(AXIS_OBJ_STORE_PARAMETERS, 1), FW_OK);
+    axis.Settle();
+    ASSERT_EQ(axis.Read(AXIS_OBJ_STORE_STATE), AXIS_STORE_STATE_SAVED);
+    Press next(flash.memory());
+    EXPECT_EQ(next.Programs(), kept);
+    EXPECT_EQ(next.Read(AXIS_OBJ_SPEED_MAX), 100 + save);
+    EXPECT_EQ(next.Read(AXIS_OBJ_STORE_STATE), AXIS_STORE_STATE_LOADED);
+  }
+}
+
+// What one step of a history does, and what may be found after it.
+struct History {
+  Flash flash;
+  Kept programs;
+  int32_t speed = 0;         // SPEED_MAX as saved, 0: nothing saved
+  bool interrupted = false;  // the last save of parameters
+  std::set<uint32_t> used;   // power-ups in which a cycle could start
+};
+
+// Power cuts at a random byte of random work: downloads, removals, saves, and the counts. What is
+// found is the state before or after the work that was cut, and a power-up in which a cycle may
+// start has a number of its own.
+TEST(StoreParts, PowerCutsAtAnyByteLeaveOldOrNewProgramsAndParameters) {
+  int cuts = 0, old_seen = 0, new_seen = 0;
+  for (uint32_t seed = 1; seed <= (kEvery == 1 ? 60u : 8u); ++seed) {
+    std::minstd_rand random(seed);
+    History past;
+    for (int i = 0; i < 40; ++i) {
+      const std::string replay = "seed " + std::to_string(seed) + " step " + std::to_string(i);
+      past.flash.PowerFor(-1, 0);
+      Press axis(past.flash.memory());
+      ASSERT_EQ(axis.Programs(), past.programs) << replay;
+      const int32_t state = axis.Read(AXIS_OBJ_STORE_STATE);
+      if (state == AXIS_STORE_STATE_LOADED_OLDER || state == AXIS_STORE_STATE_FAILED) {
+        // Until the user has saved, the store erases nothing for the sake of programs.
+        ASSERT_EQ(axis.Write(AXIS_OBJ_STORE_PARAMETERS, 1), FW_OK) << replay;
+        axis.Settle();
+        past.speed = axis.Read(AXIS_OBJ_SPEED_MAX);
+      } else if (random() % 2 == 0) {
+        axis.Settle();
+      }
+      const Kept before = past.programs;
+      Kept wanted = before;
+      int32_t speed = past.speed;
+      const bool is_cut = random() % 4 != 0;
+      past.flash.PowerFor(is_cut ? 1 + static_cast<int64_t>(random() % 2500) : -1,
+                          static_cast<uint32_t>(random()));
+      const uint32_t what = static_cast<uint32_t>(random() % 8);
+      const uint32_t number = 1 + static_cast<uint32_t>(random() % 4);
+      bool saves = false;
+      if (what < 4) {
+        const Bytes record = cycle_record(number, static_cast<uint16_t>(random() % 90));
+        if (axis.Download(record) == FW_OK) wanted[number] = record;
+      } else if (what < 6) {
+        if (axis.Write(AXIS_OBJ_CYCLE_PROGRAM_REMOVE, static_cast<int32_t>(number)) == FW_OK) {
+          wanted.erase(number);
+        }
+      } else {
+        speed = 1 + static_cast<int32_t>(random() % 1000);
+        ASSERT_EQ(axis.Write(AXIS_OBJ_SPEED_MAX, speed), FW_OK) << replay;
+        ASSERT_EQ(axis.Write(AXIS_OBJ_STORE_PARAMETERS, 1), FW_OK) << replay;
+        saves = true;
+      }
+      axis.Settle();
+      ASSERT_EQ(axis.Programs(), wanted) << replay;
+      if (axis.MayStart()) {
+        const auto power_up = static_cast<uint32_t>(axis.Read(AXIS_OBJ_CYCLE_POWER_UP));
+        EXPECT_TRUE(past.used.insert(power_up).second) << replay << " power-up " << power_up;
+      }
+      past.flash.PowerFor(-1, 0);
+      ASSERT_FALSE(past.flash.misused()) << replay;
+      Press next(past.flash.memory());
+      const Kept found = next.Programs();
+      ASSERT_TRUE(found == before || found == wanted) << replay;
+      const int32_t loaded = next.Read(AXIS_OBJ_STORE_STATE);
+      const bool has_set = loaded != AXIS_STORE_STATE_EMPTY && loaded != AXIS_STORE_STATE_FAILED;
+      const int32_t found_speed = has_set ? next.Read(AXIS_OBJ_SPEED_MAX) : 0;
+      ASSERT_TRUE(found_speed == past.speed || (saves && found_speed == speed))
+          << replay << " state " << loaded;
+      if (!is_cut) {
+        ASSERT_EQ(found, wanted) << replay;
+        ASSERT_EQ(found_speed, speed) << replay;
+      }
+      cuts += is_cut ? 1 : 0;
+      (found == wanted ? new_seen : old_seen) += 1;
+      past.programs = found;
+      past.speed = found_speed;
+    }
+  }
+  std::printf("%d cuts: old programs %d times, new programs %d times\n", cuts, old_seen, new_seen);
+  EXPECT_GT(cuts, kEvery == 1 ? 1500 : 150);
+  EXPECT_GT(old_seen, cuts / 20);
+}
+
+// A cut while programs are written is no sign that saved parameters are missing.
+TEST(StoreParts, OnlyAnInterruptedSaveOfParametersIsReported) {
+  Flash flash;
+  {
+    Press axis(flash.memory());
+    ASSERT_EQ(axis.Write(AXIS_OBJ_SPEED_MAX, 77), FW_OK);
+    ASSERT_EQ(axis.Write(AXIS_OBJ_STORE_PARAMETERS, 1), FW_OK);
+    axis.Settle();
+  }
+  const Bytes saved = flash.bytes();
+  int reported = 0;
+  int64_t steps = 100;
+  for (int64_t life = 5; life < steps + 200; life += 3) {
+    flash.bytes() = saved;
+    flash.PowerFor(-1, 0);
+    Press axis(flash.memory());
+    ASSERT_EQ(axis.Download(cycle_record(1, 400)), FW_OK);
+    const int64_t begin = flash.steps();
+    flash.PowerFor(life, static_cast<uint32_t>(life));
+    axis.Settle();
+    steps = std::max(steps, flash.steps() - begin);
+    flash.PowerFor(-1, 0);
+    Press next(flash.memory());
+    ASSERT_EQ(next.Read(AXIS_OBJ_SPEED_MAX), 77);
+    reported += next.Read(AXIS_OBJ_STORE_STATE) != AXIS_STORE_STATE_LOADED ? 1 : 0;
+  }
+  EXPECT_GT(steps, 3000);
+  EXPECT_LE(reported, 2) << "only a cut in the first word of a record cannot be told";
+}
+
+// A program can contain the bytes of a parameter set. They are never taken for one.
+TEST(StoreParts, BytesOfAProgramAreNoParameterSet) {
+  Bytes inner(Flash::kSector, 0xFF);
+  const size_t count =
+      PutSet(inner, 0, AXIS_OBJECTS_HASH32, 1000000, {EntryOf(AXIS_OBJ_SPEED_MAX, 666)});
+  auto words = record_of({wait_phase(CYCLE_END)}, 1, static_cast<uint16_t>((count + 7) / 8 + 1));
+  Bytes record(4 * words.size());
+  std::memcpy(record.data(), words.data(), record.size());
+  const size_t points = record.size() - 4 - 8 * ((count + 7) / 8 + 1);
+  std::copy_n(inner.begin(), count, record.begin() + static_cast<long>(points));
+  PutWord(record, record.size() - 4, Crc32(record.data(), record.size() - 4));
+  Flash flash;
+  for (int64_t life = 0; life < 1200; ++life) {
+    std::fill(flash.bytes().begin(), flash.bytes().end(), 0xFF);
+    flash.PowerFor(-1, 0);
+    Press axis(flash.memory());
+    ASSERT_EQ(axis.Download(record), FW_OK);
+    flash.PowerFor(life, static_cast<uint32_t>(life));
+    axis.Settle();
+    flash.PowerFor(-1, 0);
+    ASSERT_NE(Press(flash.memory()).Read(AXIS_OBJ_SPEED_MAX), 666) << life;
+  }
+}
+
+// Work on programs and counts gives way to an axis that is enabled, and goes on after it.
+TEST(StoreParts, AnAxisThatIsEnabledDoesNotWait) {
+  std::minstd_rand random(3);
+  Flash flash;
+  Press axis(flash.memory());
+  ASSERT_EQ(axis.Write(AXIS_OBJ_FIRST_MOTION_TEST, AXIS_FIRST_MOTION_TEST_OFF), FW_OK);
+  ASSERT_EQ(axis.Write(AXIS_OBJ_MODES_OF_OPERATION, -9), FW_OK);
+  Kept wanted;
+  for (int i = 0; i < 200; ++i) {
+    const uint32_t number = 1 + static_cast<uint32_t>(random() % 3);
+    const Bytes record = cycle_record(number, static_cast<uint16_t>(random() % 120));
+    ASSERT_EQ(axis.Download(record), FW_OK);
+    wanted[number] = record;
+    axis.Tick(static_cast<int>(random() % 120));
+    for (int word : {6, 7, 15}) {
+      ASSERT_EQ(axis.Write(AXIS_OBJ_CONTROLWORD, word), FW_OK) << "it is never refused";
+      axis.Tick(2);
+    }
+    ASSERT_NE(axis.Read(AXIS_OBJ_ACTIVE_MODE), AXIS_MODE_DISABLED);
+    const int64_t steps = flash.steps();
+    axis.Tick(30);
+    EXPECT_EQ(flash.steps(), steps) << "nothing is programmed while the axis is enabled";
+    ASSERT_EQ(axis.Write(AXIS_OBJ_CONTROLWORD, 0), FW_OK);
+    axis.Tick(2);
+    if (random() % 3 == 0) {
+      axis.Settle();
+      ASSERT_EQ(Press(flash.memory()).Programs(), wanted);
+    }
+  }
+  ASSERT_FALSE(flash.misused());
+}
+
+// Memories that fail: the programs stay usable, the state says so, and what was stored stays.
+TEST(StoreParts, AMemoryThatFailsIsReported) {
+  using Program = FlashFaults::Program;
+  for (Program fault : {Program::kRefused, Program::kStuck, Program::kNothing, Program::kHalf}) {
+    Flash flash;
+    Press axis(flash.memory());
+    ASSERT_EQ(axis.Download(cycle_record(1)), FW_OK);
+    axis.Settle();
+    flash.faults.program = fault;
+    ASSERT_EQ(axis.Download(cycle_record(2, 10)), FW_OK);
+    axis.Settle();
+    EXPECT_EQ(axis.Read(AXIS_OBJ_CYCLE_STORE_STATE), AXIS_CYCLE_STORE_STATE_FAILED);
+    EXPECT_EQ(axis.Programs().size(), 2u);
+    flash.faults.program = Program::kSound;
+    EXPECT_EQ(Press(flash.memory()).Programs(), (Kept{{1, cycle_record(1)}}));
+    ASSERT_EQ(axis.Download(cycle_record(3)), FW_OK);
+    axis.Settle();
+    EXPECT_EQ(Press(flash.memory()).Programs().size(), 3u);
+  }
+}
+
+}  // namespace
