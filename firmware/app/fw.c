@@ -3,6 +3,7 @@
 #include <stddef.h>
 
 #include "firmware/app/board.h"
+#include "firmware/app/curves.h"
 #include "firmware/app/incident.h"
 #include "firmware/app/law.h"
 #include "firmware/app/lss_settings.h"
@@ -111,7 +112,10 @@ static int check_device(const dictionary_t *objects, uint8_t source, uint16_t ob
                         int32_t value) {
   (void)source;
   const fw_t *fw = fw_of_const(objects);
-  const int refusal = programs_check(fw, object, value);
+  int refusal = programs_check(fw, object, value);
+  if (refusal == FW_OK) {
+    refusal = curves_check(fw, object);
+  }
   return (refusal != FW_OK) ? refusal : lss_settings_check(fw, object, value);
 }
 
@@ -119,6 +123,7 @@ static void device_written(dictionary_t *objects, uint8_t source, uint16_t objec
                            int32_t value) {
   ownership_written(objects, source, object, previous, value);
   programs_written(fw_of(objects), object, previous, value);
+  curves_written(fw_of(objects), object);
 }
 
 static int check_node(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
@@ -209,6 +214,18 @@ static const char *text(const dictionary_t *objects, uint16_t index) {
   }
 }
 
+static int domain_size(const dictionary_t *objects, uint16_t index) {
+  const fw_t *fw = fw_of_const(objects);
+  return (index == DICTIONARY_CURVE) ? curves_size(fw) : recording_size(fw);
+}
+
+static uint32_t domain_read(const dictionary_t *objects, uint16_t index, uint32_t offset,
+                            uint8_t *bytes, uint32_t count) {
+  const fw_t *fw = fw_of_const(objects);
+  return (index == DICTIONARY_CURVE) ? cycle_curve_bytes(&fw->curve, offset, bytes, count)
+                                     : recorder_bytes(&fw->recorder, offset, bytes, count);
+}
+
 /* For each block of objects: the offset of the values, the function that checks a write, and the
  * function that acts on a write. */
 static const dictionary_owner_t owner = {
@@ -234,8 +251,8 @@ static const dictionary_owner_t owner = {
     .changed = changed,
     .command = command,
     .text = text,
-    .domain_size = recording_size,
-    .domain_read = recording_read,
+    .domain_size = domain_size,
+    .domain_read = domain_read,
     .download_most = programs_download_most,
     .download_begin = programs_download_begin,
     .download_append = programs_download_append,
@@ -261,6 +278,7 @@ static void power_up(fw_t *fw) {
   value_store_defaults(&fw->device, AXIS_BLOCK_DEVICE_PARAMETER);
   fw->device_signals.object_table_hash = AXIS_OBJECTS_HASH32;
   programs_init(fw);
+  curves_init(fw);
   fw->source_silence = 0;
   for (uint8_t i = 0; i < FW_HELD; i++) {
     fw->reported[i] = 0;
@@ -467,6 +485,7 @@ void fw_between(fw_t *fw) {
   sensing_serve(fw);
   serve_store(fw);
   if (cycle_mode_is_busy(&fw->drive)) {
+    curves_between(fw);
     cycle_mode_between(&fw->drive);
     programs_show_result(fw);
   }

@@ -14,6 +14,7 @@
 #include "firmware/core/blackbox.h"
 #include "firmware/core/law_bank.h"
 #include "firmware/core/recorder.h"
+#include "firmware/cycle/curve.h"
 #include "firmware/cycle/library.h"
 #include "firmware/drive/drive.h"
 #include "firmware/modbus/server.h"
@@ -28,6 +29,9 @@
 /* Size of the memory for programs of cycles in bytes, on the host: eight of the longest programs
  * and the staging area. */
 #define FW_PROGRAM_BYTES (9 * CYCLE_PROGRAM_BYTES_MAX)
+
+/* Size of the memory for the curve of a cycle in bytes, on the host. */
+#define FW_CURVE_BYTES (CYCLE_CURVE_POINTS * sizeof(cycle_curve_point_t))
 
 /* Version of the firmware. software_version shows this version and the hash of the object table. */
 #define FW_VERSION "0.1.0"
@@ -128,6 +132,10 @@ typedef struct {
    * downloaded */
   void *program_memory;
   uint32_t program_bytes; /* FW_PROGRAM_BYTES on the host */
+  /* memory for the curve of a cycle, which begins at a multiple of 4 and must outlive the firmware;
+   * NULL: there is no curve */
+  void *curve_memory;
+  uint32_t curve_bytes; /* FW_CURVE_BYTES on the host */
 } fw_config_t;
 
 typedef struct {
@@ -141,11 +149,13 @@ typedef struct {
   store_t store;
   archive_t archive;
   cycle_library_t library;
+  cycle_curve_t curve;
   device_params_t device;
   device_signals_t device_signals;
   fw_config_t config;
   uint32_t source_silence; /* number of ticks since the last write of the owner */
   uint32_t ticks_alone;    /* number of ticks since the last call of fw_between() */
+  uint32_t curve_cycle;    /* cycle_count of the cycle of the curve */
   uint32_t parts_tick;     /* tick of the last part of a record in parts (programs.h) */
   /* tick in which each rate-limited emergency message (FF01h to FF04h) was last sent */
   uint32_t reported_tick[FW_HELD];

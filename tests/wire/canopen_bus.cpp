@@ -11,6 +11,7 @@ struct Axis {
   axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
   uint8_t recorder[FW_RECORDER_BYTES]{};
   uint32_t programs[FW_PROGRAM_BYTES / sizeof(uint32_t)]{};
+  uint32_t curve[FW_CURVE_BYTES / sizeof(uint32_t)]{};
 };
 
 }  // namespace
@@ -24,6 +25,8 @@ EXPORTED void *axis_new(uint8_t node_id) {
   config.recorder_bytes = sizeof(axis->recorder);
   config.program_memory = axis->programs;
   config.program_bytes = sizeof(axis->programs);
+  config.curve_memory = axis->curve;
+  config.curve_bytes = sizeof(axis->curve);
   config.node_id = node_id;
   config.buses = 1;
   fw_init(&axis->fw, &config);

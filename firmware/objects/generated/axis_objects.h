@@ -598,7 +598,25 @@ enum {
   AXIS_OBJ_CYCLE_DATA_14 = 588,
   AXIS_OBJ_CYCLE_DATA_15 = 589,
   AXIS_OBJ_CYCLE_DATA_16 = 590,
-  AXIS_OBJ_COUNT = 591 /* one past the last number */
+  AXIS_OBJ_CYCLE_CURVE_STEP_TRAVEL = 591,
+  AXIS_OBJ_CYCLE_CURVE_STEP_FORCE = 592,
+  AXIS_OBJ_CYCLE_CURVE_STEP_TIME = 593,
+  AXIS_OBJ_CYCLE_CURVE_POINTS = 594,
+  AXIS_OBJ_CYCLE_CURVE_THINNED = 595,
+  AXIS_OBJ_CYCLE_CURVE_FIRST = 596,
+  AXIS_OBJ_CYCLE_CURVE_WORD_1 = 597,
+  AXIS_OBJ_CYCLE_CURVE_WORD_2 = 598,
+  AXIS_OBJ_CYCLE_CURVE_WORD_3 = 599,
+  AXIS_OBJ_CYCLE_CURVE_WORD_4 = 600,
+  AXIS_OBJ_CYCLE_CURVE_WORD_5 = 601,
+  AXIS_OBJ_CYCLE_CURVE_WORD_6 = 602,
+  AXIS_OBJ_CYCLE_CURVE_WORD_7 = 603,
+  AXIS_OBJ_CYCLE_CURVE_WORD_8 = 604,
+  AXIS_OBJ_CYCLE_CURVE_WORD_9 = 605,
+  AXIS_OBJ_CYCLE_CURVE_WORD_10 = 606,
+  AXIS_OBJ_CYCLE_CURVE_WORD_11 = 607,
+  AXIS_OBJ_CYCLE_CURVE_WORD_12 = 608,
+  AXIS_OBJ_COUNT = 609 /* one past the last number */
 };
 
 enum {
@@ -1436,10 +1454,14 @@ typedef struct {
   uint32_t drive_target_max; /* largest magnitude of the target in units of the drive, at most 32767 for torque; acts after the next power-up [1] */
   uint32_t cycle_program; /* number of the selected program of the library; 0 means none; not while a cycle runs [1] */
   uint32_t cycle_data[16]; /* 4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap [1] */
+  uint32_t cycle_curve_step_travel; /* change of the travel from one point of the curve of a cycle to the next; the first of the three steps that is reached makes a point; 0 means that travel makes none; acts from the next cycle on [count] */
+  uint32_t cycle_curve_step_force; /* change of the measured force from one point of the curve of a cycle to the next; 0 means that force makes none; acts from the next cycle on [1/256 count] */
   uint16_t watchdog; /* longest time between two writes of an owner other than canopen; after a longer time the axis has lost its owner [ms] */
   uint16_t stored_bit_rate; /* CAN bit rate that the axis uses after the next reset of the node; must be a rate of CiA 301 that the code for the board supports [kbit/s] */
   uint16_t drive_bit_rate; /* bit rate of the bus of the drive, a rate of CiA 301 that the board supports; acts after the next power-up [kbit/s] */
   uint16_t cycle_data_offset; /* offset in bytes of cycle_data_1 in the record; 0 begins a new record [1] */
+  uint16_t cycle_curve_step_time; /* time from one point of the curve of a cycle to the next; 0 means that time makes none; acts from the next cycle on [tick] */
+  uint16_t cycle_curve_first; /* number of the first point that cycle_curve_word shows, from 0; not while a cycle runs [1] */
   uint8_t command_source; /* owner of the axis: the bus that may write objects. Another bus becomes the owner when it writes its number while the axis is disabled. The owner may write the number of another bus to make that bus the owner [enum] */
   uint8_t unsupervised_owner; /* reaction when a canopen master enables the axis although neither the heartbeat of the master nor an RPDO is monitored [enum] */
   uint8_t modbus_word_order; /* order of the two Modbus registers of a 32-bit object [enum] */
@@ -1468,6 +1490,7 @@ typedef struct {
   uint32_t cycle_program_crc; /* CRC-32 at the end of the record of the selected program; 0 without a program [1] */
   int32_t cycle_result_value; /* value of the element in the units of its record: force in 1/256 count, travel in encoder counts, time in ticks; 0 without a value [1] */
   uint32_t cycle_result_tick; /* tick_count of the sample that gave the value; 0 without a value [tick] */
+  uint32_t cycle_curve_word[12]; /* 4 bytes of cycle_curve_data from the point cycle_curve_first on, three words for a point; 0 without a point [1] */
   uint16_t store_change_count; /* number of stored parameters that the present object table changes: a parameter with another meaning is discarded, and an earlier default is kept [1] */
   uint16_t overruns; /* number of ticks that started late or were missed [1] */
   uint16_t bit_rate; /* present CAN bit rate [kbit/s] */
@@ -1477,6 +1500,7 @@ typedef struct {
   uint16_t drive_error_code; /* last error code that the drive on the second CAN bus has sent; 0 means none [1] */
   uint16_t board_state; /* errors of the board as a sum of bits: 1 internal oscillator in use, 2 brown-out reset set to another voltage, 4 image damaged, 8 RAM failed, 16 supply voltage low, 32 ADC reference outside its band, 64 DAC output differs from its code, 128 pin amp_enable differs from its command, 256 tick length differs from the second clock, 512 tick length not compared yet, 1024 converter of the force without the expected identity and settings [1] */
   int16_t tick_deviation; /* relative change of the tick length since power-up, measured with a second clock [1/1000 1] */
+  uint16_t cycle_curve_points; /* number of points of the curve of the cycle that runs, or of the last one [1] */
   uint8_t store_state; /* result of the last action of the parameter store [enum] */
   uint8_t node_id; /* CANopen node id and Modbus unit id of the axis; 255 means no node id [1] */
   uint8_t blackbox_state; /* state of the black box; recorder means that a recording uses the buffer of the black box until the recorder is stopped [enum] */
@@ -1488,13 +1512,14 @@ typedef struct {
   uint8_t cycle_program_refusal; /* why the record of the last download was refused; busy: a cycle was running; no_room: the library is full; no_number: the number of the program is 0; wrong_zero: travel 0 is not defined rightly [enum] */
   uint8_t cycle_program_refused_part; /* number of the phase or the element for which the record of the last download was refused, from 0 [1] */
   uint8_t cycle_result_verdict; /* verdict on the element; none: no cycle is done, or the program has no such element [enum] */
+  uint8_t cycle_curve_thinned; /* how often the memory of the curve was full; each time one of two points was dropped and the steps were doubled [1] */
 } device_signals_t;
 
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x4600d0f0)
-#define AXIS_OBJECTS_HASH_TEXT "4600d0f0"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x8688908e)
+#define AXIS_OBJECTS_HASH_TEXT "8688908e"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1574,10 +1599,10 @@ typedef struct {
 extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
-  AXIS_STORED_COUNT = 373,
-  AXIS_ADDRESSES_COUNT = 651,
-  AXIS_HOLDING_COUNT = 195,
-  AXIS_INPUT_COUNT = 103
+  AXIS_STORED_COUNT = 376,
+  AXIS_ADDRESSES_COUNT = 671,
+  AXIS_HOLDING_COUNT = 199,
+  AXIS_INPUT_COUNT = 117
 };
 
 /* By index, then sub-index. */

@@ -33,8 +33,8 @@ typedef struct {
   const char *quantity;   /* force or encoder: of what a count is a step */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "4600d0f0c17091379c7865904fb09b876b74e50428dda95d2dd6763831d2212a"
-#define AXIS_OBJECTS_META_COUNT 590
+#define AXIS_OBJECTS_HASH "8688908ef340994d3e02bcf7425fe19a16895cf99f868233f91b9763faad4142"
+#define AXIS_OBJECTS_META_COUNT 608
 
 /* Entry i describes object number i + 1. */
 static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
@@ -1218,6 +1218,42 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 17, 1068, 0, "Cycle data 15", 0, 0, ""},
     {590, 4, "cycle_data_16", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 18, 1070, 0, "Cycle data 16", 0, 0, ""},
+    {591, 4, "cycle_curve_step_travel", "parameter", "device", "change of the travel from one point of the curve of a cycle to the next; the first of the three steps that is reached makes a point; 0 means that travel makes none; acts from the next cycle on", "u32", "count",
+     1.0, INT64_C(0), INT64_C(1073741823), INT64_C(10), "rw", "any", "", 0x243B, 1, 1088, 1, "Cycle curve step travel", 0, 0, "encoder"},
+    {592, 4, "cycle_curve_step_force", "parameter", "device", "change of the measured force from one point of the curve of a cycle to the next; 0 means that force makes none; acts from the next cycle on", "u32", "count",
+     0.00390625, INT64_C(0), INT64_C(131071), INT64_C(256), "rw", "any", "", 0x243B, 2, 1090, 1, "Cycle curve step force", 0, 0, "force"},
+    {593, 2, "cycle_curve_step_time", "parameter", "device", "time from one point of the curve of a cycle to the next; 0 means that time makes none; acts from the next cycle on", "u16", "tick",
+     1.0, INT64_C(0), INT64_C(65535), INT64_C(15), "rw", "any", "", 0x243B, 3, 1092, 1, "Cycle curve step time", 0, 0, ""},
+    {594, 2, "cycle_curve_points", "signal", "device", "number of points of the curve of the cycle that runs, or of the last one", "u16", "1",
+     1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x243B, 4, 1088, 0, "Cycle curve points", 0, 1, ""},
+    {595, 1, "cycle_curve_thinned", "signal", "device", "how often the memory of the curve was full; each time one of two points was dropped and the steps were doubled", "u8", "1",
+     1.0, INT64_C(0), INT64_C(255), INT64_C(0), "ro", "any", "", 0x243B, 5, 1089, 0, "Cycle curve thinned", 0, 1, ""},
+    {596, 2, "cycle_curve_first", "parameter", "device", "number of the first point that cycle_curve_word shows, from 0; not while a cycle runs", "u16", "1",
+     1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "rw", "any", "", 0x243B, 7, 1093, 0, "Cycle curve first", 0, 0, ""},
+    {597, 4, "cycle_curve_word_1", "signal", "device", "4 bytes of cycle_curve_data from the point cycle_curve_first on, three words for a point; 0 without a point", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x243B, 8, 1090, 0, "Cycle curve word 1", 0, 1, ""},
+    {598, 4, "cycle_curve_word_2", "signal", "device", "4 bytes of cycle_curve_data from the point cycle_curve_first on, three words for a point; 0 without a point", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x243B, 9, 1092, 0, "Cycle curve word 2", 0, 1, ""},
+    {599, 4, "cycle_curve_word_3", "signal", "device", "4 bytes of cycle_curve_data from the point cycle_curve_first on, three words for a point; 0 without a point", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x243B, 10, 1094, 0, "Cycle curve word 3", 0, 1, ""},
+    {600, 4, "cycle_curve_word_4", "signal", "device", "4 bytes of cycle_curve_data from the point cycle_curve_first on, three words for a point; 0 without a point", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x243B, 11, 1096, 0, "Cycle curve word 4", 0, 1, ""},
+    {601, 4, "cycle_curve_word_5", "signal", "device", "4 bytes of cycle_curve_data from the point cycle_curve_first on, three words for a point; 0 without a point", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x243B, 12, 1098, 0, "Cycle curve word 5", 0, 1, ""},
+    {602, 4, "cycle_curve_word_6", "signal", "device", "4 bytes of cycle_curve_data from the point cycle_curve_first on, three words for a point; 0 without a point", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x243B, 13, 1100, 0, "Cycle curve word 6", 0, 1, ""},
+    {603, 4, "cycle_curve_word_7", "signal", "device", "4 bytes of cycle_curve_data from the point cycle_curve_first on, three words for a point; 0 without a point", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x243B, 14, 1102, 0, "Cycle curve word 7", 0, 1, ""},
+    {604, 4, "cycle_curve_word_8", "signal", "device", "4 bytes of cycle_curve_data from the point cycle_curve_first on, three words for a point; 0 without a point", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x243B, 15, 1104, 0, "Cycle curve word 8", 0, 1, ""},
+    {605, 4, "cycle_curve_word_9", "signal", "device", "4 bytes of cycle_curve_data from the point cycle_curve_first on, three words for a point; 0 without a point", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x243B, 16, 1106, 0, "Cycle curve word 9", 0, 1, ""},
+    {606, 4, "cycle_curve_word_10", "signal", "device", "4 bytes of cycle_curve_data from the point cycle_curve_first on, three words for a point; 0 without a point", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x243B, 17, 1108, 0, "Cycle curve word 10", 0, 1, ""},
+    {607, 4, "cycle_curve_word_11", "signal", "device", "4 bytes of cycle_curve_data from the point cycle_curve_first on, three words for a point; 0 without a point", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x243B, 18, 1110, 0, "Cycle curve word 11", 0, 1, ""},
+    {608, 4, "cycle_curve_word_12", "signal", "device", "4 bytes of cycle_curve_data from the point cycle_curve_first on, three words for a point; 0 without a point", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x243B, 19, 1112, 0, "Cycle curve word 12", 0, 1, ""},
 };
 
 /* Names of single raw values, of objects that are no enum. */

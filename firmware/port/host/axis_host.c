@@ -11,6 +11,7 @@ typedef struct {
   blackbox_t blackbox;
   uint8_t recorder_buffer[FW_RECORDER_BYTES];
   uint32_t programs[FW_PROGRAM_BYTES / sizeof(uint32_t)];
+  uint32_t curve[FW_CURVE_BYTES / sizeof(uint32_t)];
 } axis_host_t;
 
 fw_t *axis_host_create_with(const fw_config_t *config) {
@@ -29,6 +30,10 @@ fw_t *axis_host_create_with(const fw_config_t *config) {
   if (own.program_memory == NULL) {
     own.program_memory = host->programs;
     own.program_bytes = sizeof(host->programs);
+  }
+  if (own.curve_memory == NULL) {
+    own.curve_memory = host->curve;
+    own.curve_bytes = sizeof(host->curve);
   }
   fw_init(&host->fw, &own);
   return &host->fw;

@@ -45,6 +45,7 @@ static fw_config_t firmware_config;
 static uint8_t recorder_buffer[FW_RECORDER_BYTES];
 static blackbox_t blackbox;
 static uint32_t programs[FW_PROGRAM_BYTES / sizeof(uint32_t)];
+static uint32_t curve[FW_CURVE_BYTES / sizeof(uint32_t)];
 static store_file_t store;
 static store_file_t archive;
 static can_line_t supervisor;
@@ -384,6 +385,8 @@ const char *axis_linux_run(const axis_linux_config_t *given) {
       .buses = 1,
       .program_memory = programs,
       .program_bytes = sizeof(programs),
+      .curve_memory = curve,
+      .curve_bytes = sizeof(curve),
   };
   pthread_mutexattr_t attributes;
   (void)pthread_mutexattr_init(&attributes);

@@ -12,6 +12,8 @@ static uint8_t recorder_buffer[FW_RECORDER_BYTES] __attribute__((section(".noini
 static blackbox_t blackbox __attribute__((section(".noinit.blackbox")));
 /* Memory for programs of cycles, in the linker script. */
 extern uint32_t programs_begin[], programs_end[];
+/* Memory for the curve of a cycle, likewise. */
+extern uint32_t curve_begin[], curve_end[];
 static fw_config_t config;
 
 void port_init(void) {
@@ -35,6 +37,8 @@ const fw_config_t *port_config(void) {
   config.buses = 1;
   config.program_memory = programs_begin;
   config.program_bytes = (uint32_t)((uintptr_t)programs_end - (uintptr_t)programs_begin);
+  config.curve_memory = curve_begin;
+  config.curve_bytes = (uint32_t)((uintptr_t)curve_end - (uintptr_t)curve_begin);
   config.reset_cause = reset_cause();
   config.core_fault = board_fault_before(config.reset_cause);
   return &config;

@@ -17,6 +17,7 @@ typedef struct {
   axis_outputs_t outputs;
   uint8_t recorder[FW_RECORDER_BYTES];
   uint32_t programs[FW_PROGRAM_BYTES / sizeof(uint32_t)];
+  uint32_t curve[FW_CURVE_BYTES / sizeof(uint32_t)];
 } node_t;
 
 static inline void node_init_as(node_t *node, uint8_t node_id) {
@@ -28,6 +29,8 @@ static inline void node_init_as(node_t *node, uint8_t node_id) {
       .buses = 1,
       .program_memory = node->programs,
       .program_bytes = sizeof(node->programs),
+      .curve_memory = node->curve,
+      .curve_bytes = sizeof(node->curve),
   };
   fw_init(&node->fw, &config);
   node->inputs.sensor_valid = 1;
