@@ -1,38 +1,27 @@
 #include "firmware/app/curves.h"
 
 #include "firmware/drive/cycle_mode.h"
-#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
 enum {
-  SHOWN_WORDS = AXIS_OBJ_CYCLE_CURVE_WORD_12 - AXIS_OBJ_CYCLE_CURVE_WORD_1 + 1,
-  POINT_BYTES = sizeof(cycle_curve_point_t)
+  DATA_WORDS = AXIS_OBJ_CYCLE_DATA_16 - AXIS_OBJ_CYCLE_DATA_1 + 1,
+  POINT_BYTES = sizeof(cycle_curve_point_t),
+  SHOWN_POINTS = 5
 };
+_Static_assert(SHOWN_POINTS *POINT_BYTES <= 4 * DATA_WORDS, "points that cycle_data shows");
 
 static void show_size(fw_t *fw) {
   fw->device_signals.cycle_curve_points = (uint16_t)fw->curve.count;
   fw->device_signals.cycle_curve_thinned = fw->curve.thinned;
 }
 
-/* Shows the points from cycle_curve_first on, and 0 in place of a point that does not exist. */
-static void show(fw_t *fw) {
-  show_size(fw);
-  const uint32_t first = fw->device.cycle_curve_first * (uint32_t)POINT_BYTES;
-  for (uint32_t i = 0; i < SHOWN_WORDS; i++) {
-    uint8_t word[4] = {0, 0, 0, 0};
-    (void)cycle_curve_bytes(&fw->curve, first + 4 * i, word, sizeof(word));
-    fw->device_signals.cycle_curve_word[i] = fx_load_le32(word);
-  }
-}
-
 void curves_init(fw_t *fw) {
   cycle_curve_init(&fw->curve, fw->config.curve_memory, fw->config.curve_bytes);
   fw->curve_cycle = fw->drive.signals.cycle_count;
-  show(fw);
+  show_size(fw);
 }
 
-/* Begins the curve of a cycle that has started. It has no point yet, so none is shown until its
- * end. */
+/* Begins the curve of a cycle that has started. */
 static void begin(fw_t *fw) {
   const cycle_curve_steps_t steps = {.travel = fw->device.cycle_curve_step_travel,
                                      .force = fw->device.cycle_curve_step_force,
@@ -40,7 +29,6 @@ static void begin(fw_t *fw) {
   fw->curve_cycle = fw->drive.signals.cycle_count;
   cycle_curve_begin(&fw->curve, &steps, fw->drive.cycle.begin_tick);
   canopen_domain_replaced(&fw->canopen, DICTIONARY_CURVE);
-  show(fw);
 }
 
 void curves_between(fw_t *fw) {
@@ -54,10 +42,8 @@ void curves_between(fw_t *fw) {
   }
   if (cycle->state == CYCLE_ENDED) {
     cycle_curve_end(&fw->curve);
-    show(fw);
-  } else {
-    show_size(fw);
   }
+  show_size(fw);
 }
 
 int curves_check(const fw_t *fw, uint16_t object) {
@@ -67,7 +53,13 @@ int curves_check(const fw_t *fw, uint16_t object) {
 
 void curves_written(fw_t *fw, uint16_t object) {
   if (object == AXIS_OBJ_CYCLE_CURVE_FIRST) {
-    show(fw);
+    uint32_t *data = fw->device.cycle_data;
+    for (uint32_t i = 0; i < DATA_WORDS; i++) {
+      data[i] = 0;
+    }
+    void *bytes = data;
+    (void)cycle_curve_bytes(&fw->curve, fw->device.cycle_curve_first * (uint32_t)POINT_BYTES,
+                            (uint8_t *)bytes, SHOWN_POINTS * POINT_BYTES);
   }
 }
 

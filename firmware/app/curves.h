@@ -2,7 +2,7 @@
 #define FIRMWARE_APP_CURVES_H_
 
 /* The curve of the last cycle (firmware/cycle/curve.h) as objects: its steps, the curve as a
- * CANopen domain, and four of its points at a time for buses without long transfers.
+ * CANopen domain, and five of its points at a time for buses without long transfers.
  *
  * The curve stays until the next cycle starts. While a cycle runs or is evaluated, it cannot be
  * read: an upload and a write of cycle_curve_first are refused with FW_ERROR_STATE, and an upload

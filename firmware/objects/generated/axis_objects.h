@@ -604,19 +604,7 @@ enum {
   AXIS_OBJ_CYCLE_CURVE_POINTS = 594,
   AXIS_OBJ_CYCLE_CURVE_THINNED = 595,
   AXIS_OBJ_CYCLE_CURVE_FIRST = 596,
-  AXIS_OBJ_CYCLE_CURVE_WORD_1 = 597,
-  AXIS_OBJ_CYCLE_CURVE_WORD_2 = 598,
-  AXIS_OBJ_CYCLE_CURVE_WORD_3 = 599,
-  AXIS_OBJ_CYCLE_CURVE_WORD_4 = 600,
-  AXIS_OBJ_CYCLE_CURVE_WORD_5 = 601,
-  AXIS_OBJ_CYCLE_CURVE_WORD_6 = 602,
-  AXIS_OBJ_CYCLE_CURVE_WORD_7 = 603,
-  AXIS_OBJ_CYCLE_CURVE_WORD_8 = 604,
-  AXIS_OBJ_CYCLE_CURVE_WORD_9 = 605,
-  AXIS_OBJ_CYCLE_CURVE_WORD_10 = 606,
-  AXIS_OBJ_CYCLE_CURVE_WORD_11 = 607,
-  AXIS_OBJ_CYCLE_CURVE_WORD_12 = 608,
-  AXIS_OBJ_COUNT = 609 /* one past the last number */
+  AXIS_OBJ_COUNT = 597 /* one past the last number */
 };
 
 enum {
@@ -1453,7 +1441,7 @@ typedef struct {
   uint32_t drive_target_den; /* DAC code for which drive_target_num is the target of the drive; acts after the next power-up [code] */
   uint32_t drive_target_max; /* largest magnitude of the target in units of the drive, at most 32767 for torque; acts after the next power-up [1] */
   uint32_t cycle_program; /* number of the selected program of the library; 0 means none; not while a cycle runs [1] */
-  uint32_t cycle_data[16]; /* 4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap [1] */
+  uint32_t cycle_data[16]; /* 4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve [1] */
   uint32_t cycle_curve_step_travel; /* change of the travel from one point of the curve of a cycle to the next; the first of the three steps that is reached makes a point; 0 means that travel makes none; acts from the next cycle on [count] */
   uint32_t cycle_curve_step_force; /* change of the measured force from one point of the curve of a cycle to the next; 0 means that force makes none; acts from the next cycle on [1/256 count] */
   uint16_t watchdog; /* longest time between two writes of an owner other than canopen; after a longer time the axis has lost its owner [ms] */
@@ -1461,7 +1449,7 @@ typedef struct {
   uint16_t drive_bit_rate; /* bit rate of the bus of the drive, a rate of CiA 301 that the board supports; acts after the next power-up [kbit/s] */
   uint16_t cycle_data_offset; /* offset in bytes of cycle_data_1 in the record; 0 begins a new record [1] */
   uint16_t cycle_curve_step_time; /* time from one point of the curve of a cycle to the next; 0 means that time makes none; acts from the next cycle on [tick] */
-  uint16_t cycle_curve_first; /* number of the first point that cycle_curve_word shows, from 0; not while a cycle runs [1] */
+  uint16_t cycle_curve_first; /* a write shows five points of the curve from this number on, the first one is 0, in cycle_data: three words for a point as in cycle_curve_data, 0 without a point; not while a cycle runs [1] */
   uint8_t command_source; /* owner of the axis: the bus that may write objects. Another bus becomes the owner when it writes its number while the axis is disabled. The owner may write the number of another bus to make that bus the owner [enum] */
   uint8_t unsupervised_owner; /* reaction when a canopen master enables the axis although neither the heartbeat of the master nor an RPDO is monitored [enum] */
   uint8_t modbus_word_order; /* order of the two Modbus registers of a 32-bit object [enum] */
@@ -1490,7 +1478,6 @@ typedef struct {
   uint32_t cycle_program_crc; /* CRC-32 at the end of the record of the selected program; 0 without a program [1] */
   int32_t cycle_result_value; /* value of the element in the units of its record: force in 1/256 count, travel in encoder counts, time in ticks; 0 without a value [1] */
   uint32_t cycle_result_tick; /* tick_count of the sample that gave the value; 0 without a value [tick] */
-  uint32_t cycle_curve_word[12]; /* 4 bytes of cycle_curve_data from the point cycle_curve_first on, three words for a point; 0 without a point [1] */
   uint16_t store_change_count; /* number of stored parameters that the present object table changes: a parameter with another meaning is discarded, and an earlier default is kept [1] */
   uint16_t overruns; /* number of ticks that started late or were missed [1] */
   uint16_t bit_rate; /* present CAN bit rate [kbit/s] */
@@ -1518,8 +1505,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x8688908e)
-#define AXIS_OBJECTS_HASH_TEXT "8688908e"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0xe963531c)
+#define AXIS_OBJECTS_HASH_TEXT "e963531c"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1600,9 +1587,9 @@ extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
   AXIS_STORED_COUNT = 376,
-  AXIS_ADDRESSES_COUNT = 671,
+  AXIS_ADDRESSES_COUNT = 659,
   AXIS_HOLDING_COUNT = 199,
-  AXIS_INPUT_COUNT = 117
+  AXIS_INPUT_COUNT = 105
 };
 
 /* By index, then sub-index. */

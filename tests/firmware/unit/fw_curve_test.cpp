@@ -19,7 +19,7 @@ namespace {
 constexpr uint16_t kIndex = 0x243B;
 constexpr uint8_t kSub = 6;
 constexpr uint32_t kState = 0x08000022, kNoData = 0x08000024;
-constexpr int kWords = 12;
+constexpr int kWords = 15;  // of five points
 
 struct Point {
   uint32_t time;
@@ -200,15 +200,15 @@ class CurveOfACycle : public Fw {
     return data;
   }
 
-  // Four points at a time, each word by its own request or all by one.
+  // Five points at a time, each word by its own request.
   Bytes InParts(Way way) {
     Bytes data;
     const uint32_t points = Read(way, AXIS_OBJ_CYCLE_CURVE_POINTS);
-    for (uint32_t first = 0; first < points; first += 4) {
+    for (uint32_t first = 0; first < points; first += 5) {
       EXPECT_EQ(Write(way, AXIS_OBJ_CYCLE_CURVE_FIRST, static_cast<int32_t>(first)), 0u);
       for (int i = 0; i < kWords; ++i) {
         const Bytes word =
-            LittleEndian(Read(way, static_cast<uint16_t>(AXIS_OBJ_CYCLE_CURVE_WORD_1 + i)), 4);
+            LittleEndian(Read(way, static_cast<uint16_t>(AXIS_OBJ_CYCLE_DATA_1 + i)), 4);
         data.insert(data.end(), word.begin(), word.end());
       }
     }
@@ -242,14 +242,14 @@ TEST_F(CurveOfACycle, HasTheSamplesOfTheTicksByEveryWay) {
     }
     ASSERT_EQ(Decoded(InParts(kCanopen)), expected);
   }
-  // Modbus reads the words of its axis one by one, or four points by one request.
+  // Modbus reads the words of its axis one by one, or writes the place and reads five points
+  // by one request of function 23.
   Set(AXIS_OBJ_CONTROLWORD, 0);
   Tick(2);
   ASSERT_TRUE(Acquires(kRtu));
   EXPECT_EQ(Decoded(InParts(kRtu)), ExpectedByDefault());
-  ASSERT_EQ(Write(kRtu, AXIS_OBJ_CYCLE_CURVE_FIRST, 4), 0u);
-  const Bytes answer = AskRtu(Pdu(4, {0x0442, 24}));
-  ASSERT_EQ(answer.size(), 5u + 48);
+  const Bytes answer = AskRtu({23, 0x04, 0x10, 0, 30, 0x04, 0x45, 0, 1, 2, 0, 4});
+  ASSERT_EQ(answer.size(), 5u + 60);
   for (int i = 0; i < kWords; ++i) {
     const size_t at = 3 + 4 * static_cast<size_t>(i);
     const uint32_t word = static_cast<uint32_t>(answer[at] << 24 | answer[at + 1] << 16 |
@@ -306,7 +306,6 @@ TEST_F(CurveOfACycle, ARunningCycleIsNotRead) {
   EXPECT_EQ(UploadCode(kLcm, 0xA4), kNoData);
   SelectPhases();
   RunCycle(100);
-  EXPECT_NE(Inner(AXIS_OBJ_CYCLE_CURVE_WORD_1), 0);
   StartCycle();
   EXPECT_EQ(UploadCode(kCanopen), kState) << "from the start on, before the first tick";
   Press(60);
@@ -315,7 +314,7 @@ TEST_F(CurveOfACycle, ARunningCycleIsNotRead) {
     EXPECT_EQ(UploadCode(way, 0xA4), kState);
   }
   EXPECT_EQ(Write(kCanopen, AXIS_OBJ_CYCLE_CURVE_FIRST, 0), kState);
-  for (int i = 0; i < kWords; ++i) EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_CURVE_WORD_1 + i), 0);
+  EXPECT_EQ(AskRtu({23, 0x04, 0x10, 0, 30, 0x04, 0x45, 0, 1, 2, 0, 0})[1], 0x97);
   EXPECT_GT(Inner(AXIS_OBJ_CYCLE_CURVE_POINTS), 3) << "but it is seen to grow";
   EndCycle();
   EXPECT_EQ(Decoded(InSegments(kCanopen)), ExpectedByDefault());
@@ -420,7 +419,7 @@ TEST_F(CurveOfACycle, WithoutMemoryThereIsNone) {
   EXPECT_EQ(UploadCode(kCanopen), kNoData);
   EXPECT_EQ(UploadCode(kCanopen, 0xA4), kNoData);
   EXPECT_EQ(Write(kCanopen, AXIS_OBJ_CYCLE_CURVE_FIRST, 65535), 0u);
-  EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_CURVE_WORD_12), 0);
+  for (int i = 0; i <= kWords; ++i) EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_DATA_1 + i), 0);
 }
 
 TEST_F(CurveOfACycle, APowerUpForgetsIt) {
@@ -432,7 +431,6 @@ TEST_F(CurveOfACycle, APowerUpForgetsIt) {
   Send(0, {0x81, kNode});
   Tick(3);
   EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_CURVE_POINTS), 0);
-  EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_CURVE_WORD_1), 0);
   EXPECT_EQ(UploadCode(kCanopen), kNoData);
   SelectPhases();
   RunCycle(50);

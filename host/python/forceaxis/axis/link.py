@@ -137,7 +137,8 @@ class Link(abc.ABC):
 
     def cycle_curve(self) -> bytes | None:
         """Returns the points of the curve of the last cycle (object cycle_curve_data). Returns None
-        if this connection transmits no domains. Raises Refused, NoAnswer."""
+        if this connection transmits no domains; then cycle_curve_first shows points in cycle_data.
+        Raises Refused, NoAnswer."""
         return None
 
     @abc.abstractmethod

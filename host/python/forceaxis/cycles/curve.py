@@ -3,7 +3,7 @@ a table and as a plot.
 
 The axis makes a point where travel, force or time have changed by a step, so the points are at
 unequal distances (objects cycle_curve_step_travel, _force and _time). Over CAN the points are one
-SDO transfer, over the other connections they are read four at a time.
+SDO transfer, over the other connections they are read five at a time.
 """
 
 import csv
@@ -20,15 +20,14 @@ from forceaxis.axis.drive import Drive
 from forceaxis.axis.link import TICKS_PER_S, Refused
 from forceaxis.cycles.live import LivePart, LiveProgram
 from forceaxis.cycles.part import Curve, PartPicture, PhaseSpan
-from forceaxis.objects import BY_NAME
 
 # A point as the firmware has it (firmware/cycle/curve.h).
 POINT = np.dtype([("time", "<u4"), ("travel", "<i4"), ("force_phase", "<i4")])
 FORCE_BIT = 8  # of force_phase, whose lower bits are the number of the phase
 COUNTS_PER_FORCE = 256  # force is in 1/256 count
-SHOWN_WORDS = BY_NAME["cycle_curve_word_12"].number - BY_NAME["cycle_curve_word_1"].number + 1
-SHOWN_POINTS = SHOWN_WORDS * 4 // POINT.itemsize
-WORDS = [f"cycle_curve_word_{i}" for i in range(1, SHOWN_WORDS + 1)]
+# A write of cycle_curve_first shows so many points in the words of cycle_data.
+SHOWN_POINTS = 5
+WORDS = [f"cycle_data_{i}" for i in range(1, SHOWN_POINTS * POINT.itemsize // 4 + 1)]
 BUSY = ("running", "evaluating")
 COLUMNS = ("time_s", "travel_m", "force_N", "phase")
 
@@ -82,7 +81,7 @@ def _read_parts(axis: Drive, count: int) -> bytes:
     for first in range(0, count, SHOWN_POINTS):
         axis.link.write({"cycle_curve_first": first})
         found = axis.link.read(WORDS)
-        parts.append(struct.pack(f"<{SHOWN_WORDS}I", *(found[word] for word in WORDS)))
+        parts.append(struct.pack(f"<{len(WORDS)}I", *(found[word] for word in WORDS)))
     return b"".join(parts)[: count * POINT.itemsize]
 
 

@@ -31,17 +31,16 @@ def draw(done: PartPicture) -> Figure:
     """Returns the plot of a part. The upper axes show elements over travel, the lower ones elements
     over time."""
     figure, (over_travel, over_time) = plt.subplots(2, 1, figsize=(7.2, 6.4), height_ratios=(3, 2))
-    curve = done.curve
     for ax, unit in ((over_travel, "travel, mm"), (over_time, "time, s")):
         style(ax)
         ax.set_xlabel(unit)
         ax.set_ylabel("force, N")
-    _draw_curve(over_travel, done, curve)
-    _draw_phases(over_time, done, curve)
+    _draw_curve(over_travel, done)
+    _draw_phases(over_time, done)
     verdicts = {figure.name: figure.verdict for figure in done.elements}
     for element in done.program.elements:
         ax = over_time if element.over == "time" else over_travel
-        _draw_element(ax, done, curve, element, verdicts.get(element.name, ""))
+        _draw_element(ax, done, element, verdicts.get(element.name, ""))
     for ax in (over_travel, over_time):
         ax.margins(y=0.12)
     legend(over_travel, loc="upper left")
@@ -58,8 +57,9 @@ def _colour(phase: int) -> str:
     return COLORS[phase % len(COLORS)]
 
 
-def _draw_curve(ax: Axes, done: PartPicture, curve: Curve) -> None:
+def _draw_curve(ax: Axes, done: PartPicture) -> None:
     """Draws force over travel, each phase in its colour, from shortly before the contact on."""
+    curve = done.curve
     for number, phase in enumerate(done.program.phases):
         inside = curve.phase == number
         if inside.any():
@@ -73,8 +73,9 @@ def _draw_curve(ax: Axes, done: PartPicture, curve: Curve) -> None:
     ax.set_xlim(-0.15 * max(last, 1e-3), 1.08 * max(last, 1e-3))
 
 
-def _draw_phases(ax: Axes, done: PartPicture, curve: Curve) -> None:
+def _draw_phases(ax: Axes, done: PartPicture) -> None:
     """Draws force over time, with the phases as areas."""
+    curve = done.curve
     ax.plot(curve.time_s, curve.force_N, color=INK, linewidth=1.0, zorder=3)
     numbers = {phase.name: i for i, phase in enumerate(done.program.phases)}
     for span in done.phases:
@@ -87,8 +88,9 @@ def _draw_phases(ax: Axes, done: PartPicture, curve: Curve) -> None:
     ax.set_xlim(float(curve.time_s[0]), float(curve.time_s[-1]))
 
 
-def _draw_element(ax: Axes, done: PartPicture, curve: Curve, element: Element, verdict: str) -> None:
+def _draw_element(ax: Axes, done: PartPicture, element: Element, verdict: str) -> None:
     """Draws window, curves or bounds of one element, with its name and verdict."""
+    curve = done.curve
     inside = phase_samples(element, done.program, curve)
     if not inside.any() and element.over == "time":
         return
