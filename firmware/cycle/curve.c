@@ -7,7 +7,7 @@
 
 enum { POINT_BYTES = sizeof(cycle_curve_point_t), FORCE_BIT = 8, THINNED_MAX = 255 };
 
-_Static_assert(POINT_BYTES == 4 * CYCLE_CURVE_WORDS, "a point has no gaps");
+_Static_assert(POINT_BYTES == 12, "a point has no gaps");
 
 void cycle_curve_init(cycle_curve_t *curve, void *memory, uint32_t bytes) {
   curve->points = (cycle_curve_point_t *)memory;
@@ -29,7 +29,11 @@ static uint8_t phase_of(const cycle_curve_point_t *point) {
   return (uint8_t)fx_field((uint32_t)point->force_phase, 0, FORCE_BIT);
 }
 
-static uint32_t doubled(uint32_t step) { return (step > UINT32_MAX / 2) ? UINT32_MAX : 2 * step; }
+/* Returns twice a step, at most UINT32_MAX. */
+static uint32_t doubled(uint32_t step) {
+  const uint32_t twice = step + step;
+  return (twice < step) ? UINT32_MAX : twice;
+}
 
 /* Keeps one of each two points, and doubles the steps. */
 static void thin(cycle_curve_t *curve) {

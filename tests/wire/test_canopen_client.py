@@ -12,6 +12,7 @@ import can
 import canopen
 import pytest
 from forceaxis._core import cycle_record
+from forceaxis.cycles.program import with_program
 
 ROOT = Path(__file__).resolve().parents[2]
 EDS = ROOT / "firmware/objects/generated/forceaxis.eds"
@@ -326,7 +327,7 @@ def test_the_curve_of_a_cycle_is_uploaded(node, tmp_path):
     assert refusal.value.code == 0x08000024, "no cycle yet"
     program = tmp_path / "waits.toml"
     program.write_text(PROGRAM)
-    put(node, cycle_record(ROOT / "sim/experiments/press_fit.toml", [f'cycle="{program}"']))
+    put(node, cycle_record(ROOT / "sim/experiments/press_fit.toml", with_program((), program)))
     node.sdo[0x2435][2].raw = 7
     node.sdo[0x6060].raw = -9
     for word in (6, 7, 15, 31):
