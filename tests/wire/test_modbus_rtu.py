@@ -344,7 +344,7 @@ def test_the_curve_of_a_cycle_is_read_in_parts(line, tmp_path):
     line.kill()
     line.power_up()
     assert write("command_source", 1) == [] and write("watchdog", 60000) == []
-    assert write("first_motion_test", 0) == []
+    assert write("first_motion_test", 0) == [] and write("cycle_curve_step_travel", 10) == []
     program = tmp_path / "waits.toml"
     program.write_text(WAITS)
     record = cycle_record(ROOT / "sim/experiments/press_fit.toml", with_program((), program))
@@ -368,6 +368,9 @@ def test_the_curve_of_a_cycle_is_read_in_parts(line, tmp_path):
         points += zip(values[::3], values[1::3], values[2::3], strict=True)
     assert points[:count] == [(t, t, 0) for t in (*range(1, 451, 10), 450)]
     assert set(points[count:]) == {(0, 0, 0)}
+    assert write("controlword", 0) == []
+    mode = BY_NAME["active_mode"].modbus
+    wait_for("the end of the power", lambda: line.libmodbus(4, mode, 1) == [0])
 
 
 def test_what_is_stored_survives_a_kill(line):

@@ -1219,7 +1219,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {590, 4, "cycle_data_16", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 18, 1070, 0, "Cycle data 16", 0, 0, ""},
     {591, 4, "cycle_curve_step_travel", "parameter", "device", "change of the travel from one point of the curve of a cycle to the next; the first of the three steps that is reached makes a point; 0 means that travel makes none; acts from the next cycle on", "u32", "count",
-     1.0, INT64_C(0), INT64_C(1073741823), INT64_C(10), "rw", "any", "", 0x243B, 1, 1088, 1, "Cycle curve step travel", 0, 0, "encoder"},
+     1.0, INT64_C(0), INT64_C(1073741823), INT64_C(25), "rw", "any", "", 0x243B, 1, 1088, 1, "Cycle curve step travel", 0, 0, "encoder"},
     {592, 4, "cycle_curve_step_force", "parameter", "device", "change of the measured force from one point of the curve of a cycle to the next; 0 means that force makes none; acts from the next cycle on", "u32", "count",
      0.00390625, INT64_C(0), INT64_C(131071), INT64_C(256), "rw", "any", "", 0x243B, 2, 1090, 1, "Cycle curve step force", 0, 0, "force"},
     {593, 2, "cycle_curve_step_time", "parameter", "device", "time from one point of the curve of a cycle to the next; 0 means that time makes none; acts from the next cycle on", "u16", "tick",

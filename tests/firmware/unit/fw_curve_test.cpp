@@ -131,7 +131,7 @@ class CurveOfACycle : public Fw {
     }
     return points;
   }
-  Points ExpectedByDefault() const { return Expected(10, 256, 15); }
+  Points ExpectedByDefault() const { return Expected(25, 256, 15); }
 
   static Points Decoded(const Bytes &bytes) {
     Points points;
@@ -407,7 +407,7 @@ TEST_F(CurveOfACycle, AFullMemoryIsThinned) {
   Tick(2);
   RunCycle(100);
   EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_CURVE_THINNED), 0);
-  EXPECT_EQ(Decoded(InSegments(kCanopen)), Expected(10, 256, 1));
+  EXPECT_EQ(Decoded(InSegments(kCanopen)), Expected(25, 256, 1));
 }
 
 TEST_F(CurveOfACycle, WithoutMemoryThereIsNone) {

@@ -14,7 +14,7 @@ from forceaxis.cycles import live, plots
 from forceaxis.objects import BY_NAME
 
 PRESS_FIT = Path(__file__).resolve().parents[3] / "sim/experiments/press_fit.toml"
-STEP = {"travel": 10e-6, "force": 655.36 / 256, "time": 15 / 1500}  # by default: m, N, s
+STEP = {"travel": 25e-6, "force": 655.36 / 256, "time": 15 / 1500}  # by default: m, N, s
 RECORDED = ("tick_count", "position", "force", "contact", "cycle_phase")
 
 

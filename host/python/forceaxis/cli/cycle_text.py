@@ -74,7 +74,8 @@ def curve_rows(curve: CurvePoints | None, files: Sequence[Path]) -> Rows:
         return []
     text = f"{len(curve.time_s)} points"
     if curve.thinned:
-        text += f", thinned {curve.thinned} times because the memory of the axis was full"
+        times = "once" if curve.thinned == 1 else f"{curve.thinned} times"
+        text += f", thinned {times} because the memory of the axis was full"
     return [("curve", text), ("files", " ".join(map(paths.quoted, files)))]
 
 
