@@ -3,6 +3,7 @@
 #include <stddef.h>
 
 #include "firmware/app/board.h"
+#include "firmware/app/curves.h"
 #include "firmware/app/incident.h"
 #include "firmware/app/law.h"
 #include "firmware/app/lss_settings.h"
@@ -117,6 +118,9 @@ static int check_device(const dictionary_t *objects, uint8_t source, uint16_t ob
   if (refusal == FW_OK) {
     refusal = results_check(fw, object, value);
   }
+  if (refusal == FW_OK) {
+    refusal = curves_check(fw, object);
+  }
   return (refusal != FW_OK) ? refusal : lss_settings_check(fw, object, value);
 }
 
@@ -125,6 +129,7 @@ static void device_written(dictionary_t *objects, uint8_t source, uint16_t objec
   ownership_written(objects, source, object, previous, value);
   programs_written(fw_of(objects), object, previous, value);
   results_written(fw_of(objects), object, value);
+  curves_written(fw_of(objects), object);
 }
 
 static int check_node(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
@@ -218,6 +223,18 @@ static const char *text(const dictionary_t *objects, uint16_t index) {
   }
 }
 
+static int domain_size(const dictionary_t *objects, uint16_t index) {
+  const fw_t *fw = fw_of_const(objects);
+  return (index == DICTIONARY_CURVE) ? curves_size(fw) : recording_size(fw);
+}
+
+static uint32_t domain_read(const dictionary_t *objects, uint16_t index, uint32_t offset,
+                            uint8_t *bytes, uint32_t count) {
+  const fw_t *fw = fw_of_const(objects);
+  return (index == DICTIONARY_CURVE) ? cycle_curve_bytes(&fw->curve, offset, bytes, count)
+                                     : recorder_bytes(&fw->recorder, offset, bytes, count);
+}
+
 /* For each block of objects: the offset of the values, the function that checks a write, and the
  * function that acts on a write. */
 static const dictionary_owner_t owner = {
@@ -243,8 +260,8 @@ static const dictionary_owner_t owner = {
     .changed = changed,
     .command = command,
     .text = text,
-    .domain_size = recording_size,
-    .domain_read = recording_read,
+    .domain_size = domain_size,
+    .domain_read = domain_read,
     .download_most = programs_download_most,
     .download_begin = programs_download_begin,
     .download_append = programs_download_append,
@@ -269,6 +286,7 @@ static void power_up(fw_t *fw) {
   lss_settings_begin(fw);
   value_store_defaults(&fw->device, AXIS_BLOCK_DEVICE_PARAMETER);
   fw->device_signals.object_table_hash = AXIS_OBJECTS_HASH32;
+  curves_init(fw);
   fw->source_silence = 0;
   for (uint8_t i = 0; i < FW_HELD; i++) {
     fw->reported[i] = 0;
@@ -427,6 +445,7 @@ static void serve_store(fw_t *fw) {
 static void serve_cycle(fw_t *fw) {
   bool ended = false;
   if (cycle_mode_is_busy(&fw->drive)) {
+    curves_between(fw);
     cycle_mode_between(&fw->drive);
     ended = !cycle_mode_is_busy(&fw->drive);
   }

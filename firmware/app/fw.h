@@ -14,6 +14,7 @@
 #include "firmware/core/blackbox.h"
 #include "firmware/core/law_bank.h"
 #include "firmware/core/recorder.h"
+#include "firmware/cycle/curve.h"
 #include "firmware/cycle/library.h"
 #include "firmware/cycle/results.h"
 #include "firmware/drive/drive.h"
@@ -32,6 +33,8 @@
 
 /* Number of results that wait for an acknowledgement, on the host and on a board with cycles. */
 enum { FW_RESULTS = 32 };
+/* Size of the memory for the curve of a cycle in bytes, on the host. */
+#define FW_CURVE_BYTES (CYCLE_CURVE_POINTS * sizeof(cycle_curve_point_t))
 
 /* Version of the firmware. software_version shows this version and the hash of the object table. */
 #define FW_VERSION "0.1.0"
@@ -137,6 +140,10 @@ typedef struct {
    * kept, and no cycle waits for an acknowledgement */
   void *result_memory;
   uint32_t result_bytes;
+  /* memory for the curve of a cycle, which begins at a multiple of 4 and must outlive the firmware;
+   * NULL: there is no curve */
+  void *curve_memory;
+  uint32_t curve_bytes; /* FW_CURVE_BYTES on the host */
 } fw_config_t;
 
 /* Counts that the parameter store keeps (results.h). */
@@ -174,11 +181,13 @@ typedef struct {
   archive_t archive;
   cycle_library_t library;
   results_t results;
+  cycle_curve_t curve;
   device_params_t device;
   device_signals_t device_signals;
   fw_config_t config;
   uint32_t source_silence; /* number of ticks since the last write of the owner */
   uint32_t ticks_alone;    /* number of ticks since the last call of fw_between() */
+  uint32_t curve_cycle;    /* cycle_count of the cycle of the curve */
   uint32_t parts_tick;     /* tick of the last part of a record in parts (programs.h) */
   /* tick in which each rate-limited emergency message (FF01h to FF04h) was last sent */
   uint32_t reported_tick[FW_HELD];

@@ -148,6 +148,6 @@ int incident_command(fw_t *fw, int32_t value) {
     blackbox_stop(blackbox);
     show(fw, AXIS_BLACKBOX_STATE_OFF);
   }
-  canopen_recording_replaced(&fw->canopen);
+  canopen_domain_replaced(&fw->canopen, DICTIONARY_RECORDING);
   return FW_OK;
 }

@@ -78,17 +78,13 @@ int recording_command(fw_t *fw, bool arm) {
   } else {
     recorder_stop(&fw->recorder);
   }
-  canopen_recording_replaced(&fw->canopen);
+  canopen_domain_replaced(&fw->canopen, DICTIONARY_RECORDING);
   return FW_OK;
 }
 
-uint32_t recording_size(const dictionary_t *objects) {
-  const recorder_t *recorder = &fw_of_const(objects)->recorder;
+int recording_size(const fw_t *fw) {
+  const recorder_t *recorder = &fw->recorder;
   const bool is_done = recorder->signals.recorder_state == AXIS_RECORDER_STATE_DONE;
-  return is_done ? recorder->signals.recorder_count * recorder->sample_bytes : 0;
-}
-
-uint32_t recording_read(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
-                        uint32_t count) {
-  return recorder_bytes(&fw_of_const(objects)->recorder, offset, bytes, count);
+  const uint32_t size = recorder->signals.recorder_count * recorder->sample_bytes;
+  return (is_done && size != 0) ? (int)size : FW_ERROR_NO_DATA;
 }

@@ -27,11 +27,7 @@ bool recording_needs_drive(const fw_t *fw);
  * FW_OK or FW_ERROR_RANGE. */
 int recording_command(fw_t *fw, bool arm);
 
-/* recording_size() returns the size of the completed recording in bytes; recording_read() reads
- * bytes of this recording. dictionary_domain_size() and dictionary_domain_read() call these two
- * functions. */
-uint32_t recording_size(const dictionary_t *objects);
-uint32_t recording_read(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
-                        uint32_t count);
+/* Returns the size of the completed recording in bytes, or FW_ERROR_NO_DATA. */
+int recording_size(const fw_t *fw);
 
 #endif

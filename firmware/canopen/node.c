@@ -444,7 +444,9 @@ void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info,
   emcy_raise_detailed(canopen, code, info, detail);
 }
 
-void canopen_recording_replaced(canopen_t *canopen) { sdo_recording_replaced(canopen); }
+void canopen_domain_replaced(canopen_t *canopen, uint16_t index) {
+  sdo_domain_replaced(canopen, index);
+}
 
 static int check_value(const canopen_t *canopen, uint16_t object, int32_t value) {
   const canopen_params_t *params = &canopen->params;

@@ -150,7 +150,7 @@ bool canopen_is_watched(const canopen_t *canopen);
  * COB-ID or the deadline of an RPDO. */
 bool canopen_watches_by(uint16_t object);
 
-/* Aborts the upload of a recording that is lost because the recorder was stopped or armed. */
-void canopen_recording_replaced(canopen_t *canopen);
+/* Aborts the upload of a domain, by its index, whose bytes are lost. */
+void canopen_domain_replaced(canopen_t *canopen, uint16_t index);
 
 #endif

@@ -226,9 +226,9 @@ void sdo_drop(canopen_t *canopen) {
   }
 }
 
-void sdo_recording_replaced(canopen_t *canopen) {
+void sdo_domain_replaced(canopen_t *canopen, uint16_t index) {
   for (uint8_t i = 0; i < CANOPEN_SDOS; i++) {
-    if (canopen->sdo[i].what == AXIS_ADDRESS_DOMAIN) {
+    if (canopen->sdo[i].what == AXIS_ADDRESS_DOMAIN && canopen->sdo[i].index == index) {
       canopen->sdo[i].replaced = 1;
     }
   }

@@ -22,7 +22,8 @@ bool sdo_downloads_bytes(const canopen_t *canopen, uint8_t server);
 /* Discards the transfers of all servers without an abort message. */
 void sdo_drop(canopen_t *canopen);
 
-/* Aborts the upload of a recording that is lost because the recorder was stopped or armed. */
-void sdo_recording_replaced(canopen_t *canopen);
+/* Aborts the upload of a domain whose bytes are lost: of a recording, because the recorder was
+ * stopped or armed; of a curve, because the next cycle has started. */
+void sdo_domain_replaced(canopen_t *canopen, uint16_t index);
 
 #endif

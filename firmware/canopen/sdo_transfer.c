@@ -328,8 +328,9 @@ static uint32_t open_address(const sdo_request_t *request, const axis_address_t 
     return SDO_ABORT_WRITE_ONLY;
   }
   if (address->what == AXIS_ADDRESS_DOMAIN) {
-    server->size = dictionary_domain_size(request->objects);
-    return (server->size == 0) ? SDO_ABORT_NO_DATA : 0;
+    const int size = dictionary_domain_size(request->objects, address->index);
+    server->size = (uint32_t)size;
+    return (size < 0) ? abort_of_refusal[-size] : 0;
   }
   int32_t value = address->value;
   server->size = 1;
@@ -364,7 +365,7 @@ void sdo_read(const canopen_t *canopen, const dictionary_t *objects, uint8_t ser
               uint32_t count) {
   const sdo_server_t *transfer = &canopen->sdo[server];
   if (transfer->what == AXIS_ADDRESS_DOMAIN) {
-    (void)dictionary_domain_read(objects, transfer->offset, bytes, count);
+    (void)dictionary_domain_read(objects, transfer->index, transfer->offset, bytes, count);
     return;
   }
   const bool is_text = transfer->what == AXIS_ADDRESS_TEXT;

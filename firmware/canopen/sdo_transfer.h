@@ -43,9 +43,9 @@
 #define SDO_ABORT_TOO_LOW UINT32_C(0x06090032)
 #define SDO_ABORT_SIGNATURE UINT32_C(0x08000020) /* value is neither "save" nor "load" */
 #define SDO_ABORT_LOCKED UINT32_C(0x08000021)    /* another source owns the axis */
-/* The present state of the axis, recorder, PDO or store does not permit the write. */
+/* The present state of the axis, recorder, PDO or store does not permit the access. */
 #define SDO_ABORT_STATE UINT32_C(0x08000022)
-/* There is no complete recording, or the entry of the error history is empty. */
+/* There is no complete recording and no curve, or the entry of the error history is empty. */
 #define SDO_ABORT_NO_DATA UINT32_C(0x08000024)
 
 /* Longest time in ms from one request of a client to its next request in a transfer. */

@@ -89,7 +89,7 @@ typedef struct {
   uint8_t state;      /* SDO_ */
   uint8_t toggle;     /* toggle bit of the next segment */
   uint8_t sized;      /* 1: the client has announced the size of the download */
-  uint8_t replaced;   /* 1: a new recording has replaced the recording that is uploaded */
+  uint8_t replaced;   /* 1: the bytes of the domain that is uploaded are lost */
   uint8_t with_crc;   /* 1: block transfer for which the client requests a CRC */
   uint8_t block_size; /* block transfer: number of segments in a block */
   /* block upload: number of the last segment that was sent; block download: number of the last

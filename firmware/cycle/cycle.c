@@ -24,6 +24,8 @@ static void begin_phase(cycle_t *cycle, uint8_t phase, const cycle_inputs_t *now
 void cycle_init(cycle_t *cycle) {
   cycle->program = NULL;
   cycle->zero_cnt = 0;
+  cycle->begin_tick = 0;
+  cycle->begin_cnt = 0;
   cycle->start_cnt = 0;
   cycle->section_cnt = 0;
   cycle->section_force_q8 = 0;
@@ -55,8 +57,9 @@ void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inpu
   cycle_init(cycle);
   cycle->program = program;
   cycle->state = CYCLE_RUNNING;
-  cycle->begin_tick = now->tick;
   cycle->last_tick = now->tick;
+  cycle->begin_tick = now->tick;
+  cycle->begin_cnt = now->position;
   cycle->zeroed = (program->zero == CYCLE_ZERO_POSITION) ? 1 : 0;
   cycle->zero_cnt = (cycle->zeroed != 0) ? reference_cnt : now->position;
   begin_phase(cycle, 0, now);

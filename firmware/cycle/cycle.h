@@ -52,6 +52,7 @@ typedef struct {
   uint32_t last_tick;            /* tick of the last sample */
   int32_t start_cnt;             /* position at the start of the phase */
   int32_t zero_cnt;              /* position of travel 0: the start, until it is found */
+  int32_t begin_cnt;
   /* Begin of the section of stiffness_travel that is not complete yet, and the changes over the
    * last complete one; section_travel is 0 if there is none yet. */
   int32_t section_cnt;

@@ -88,13 +88,17 @@ uint16_t dictionary_place(const dictionary_t *objects, uint16_t object);
 /* Returns the text of an AXIS_ADDRESS_TEXT entry, with a 0 at its end. */
 const char *dictionary_text(const dictionary_t *objects, uint16_t index);
 
-/* The AXIS_ADDRESS_DOMAIN entry is the completed recording, oldest sample first, packed as
- * recorder.h describes. dictionary_domain_size() returns the size of the recording in bytes, or 0
- * without a recording. dictionary_domain_read() reads up to `count` bytes from `offset` and returns
- * the number of these bytes. */
-uint32_t dictionary_domain_size(const dictionary_t *objects);
-uint32_t dictionary_domain_read(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
-                                uint32_t count);
+/* CANopen indices of the AXIS_ADDRESS_DOMAIN entries: the completed recording, oldest sample first,
+ * packed as recorder.h describes, and the curve of the last cycle, whose points curve.h
+ * describes. */
+enum { DICTIONARY_RECORDING = 0x2120, DICTIONARY_CURVE = 0x243B };
+
+/* dictionary_domain_size() returns the size of a domain in bytes, FW_ERROR_NO_DATA if it is empty,
+ * or FW_ERROR_STATE while it cannot be read. dictionary_domain_read() reads up to `count` bytes
+ * from `offset` and returns the number of these bytes. */
+int dictionary_domain_size(const dictionary_t *objects, uint16_t index);
+uint32_t dictionary_domain_read(const dictionary_t *objects, uint16_t index, uint32_t offset,
+                                uint8_t *bytes, uint32_t count);
 
 /* The AXIS_ADDRESS_DOWNLOAD entry is the program of a cycle. dictionary_download_most() returns the
  * largest size of a download in bytes, or 0 if the board has no memory for it. A download begins,

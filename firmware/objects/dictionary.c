@@ -149,13 +149,13 @@ const char *dictionary_text(const dictionary_t *objects, uint16_t index) {
   return objects->owner->text(objects, index);
 }
 
-uint32_t dictionary_domain_size(const dictionary_t *objects) {
-  return objects->owner->domain_size(objects);
+int dictionary_domain_size(const dictionary_t *objects, uint16_t index) {
+  return objects->owner->domain_size(objects, index);
 }
 
-uint32_t dictionary_domain_read(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
-                                uint32_t count) {
-  return objects->owner->domain_read(objects, offset, bytes, count);
+uint32_t dictionary_domain_read(const dictionary_t *objects, uint16_t index, uint32_t offset,
+                                uint8_t *bytes, uint32_t count) {
+  return objects->owner->domain_read(objects, index, offset, bytes, count);
 }
 
 uint32_t dictionary_download_most(const dictionary_t *objects) {

@@ -12,6 +12,7 @@ struct Axis {
   uint8_t recorder[FW_RECORDER_BYTES]{};
   uint32_t programs[FW_PROGRAM_BYTES / sizeof(uint32_t)]{};
   cycle_part_t results[FW_RESULTS]{};
+  uint32_t curve[FW_CURVE_BYTES / sizeof(uint32_t)]{};
 };
 
 }  // namespace
@@ -27,6 +28,8 @@ EXPORTED void *axis_new(uint8_t node_id) {
   config.program_bytes = sizeof(axis->programs);
   config.result_memory = axis->results;
   config.result_bytes = sizeof(axis->results);
+  config.curve_memory = axis->curve;
+  config.curve_bytes = sizeof(axis->curve);
   config.node_id = node_id;
   config.buses = 1;
   fw_init(&axis->fw, &config);

@@ -194,7 +194,8 @@ class Flood {
         Log(kValue, i, 0, 0, value);
       }
     }
-    const uint32_t size = dictionary_domain_size(&fw_.objects);
+    const int found = dictionary_domain_size(&fw_.objects, DICTIONARY_RECORDING);
+    const uint32_t size = found < 0 ? 0 : static_cast<uint32_t>(found);
     if (size != recording_) {
       recording_ = size;
       Log(kRecording, 0, 0, size);

@@ -43,6 +43,7 @@ HIGHEST = {
 }
 RECORDER_DATA = 0x2120
 PROGRAM_DATA, PROGRAM = (0x2435, 1), (0x2435, 2)  # the axis has no memory for programs
+CURVE_DATA = (0x243B, 6)  # and none for a curve
 DUMMY_BITS = {1: 1, 2: 8, 3: 16, 4: 32, 5: 8, 6: 16, 7: 32}
 
 INITIALISING, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127
@@ -662,7 +663,7 @@ class Node:
             return AT[index, sub]
         if (index, sub) == PROGRAM_DATA:
             return PROGRAM_DATA
-        if sub == 0 and index in INDICES:
+        if (sub == 0 and index in INDICES) or (index, sub) == CURVE_DATA:
             return None
         raise Abort(0x06090011 if index in INDICES else 0x06020000)
 
@@ -740,6 +741,8 @@ class Node:
                 self.answer(server, (head, known))
             else:
                 self.answer(server, *exactly(head | (value & ((1 << 8 * size) - 1)) << 32))
+        elif (index, sub) == CURVE_DATA:
+            raise Abort(0x08000024)
         elif index in HIGHEST:
             self.answer(server, *exactly(self.frame(0x4F, index, sub, HIGHEST[index])))
         else:
@@ -805,6 +808,8 @@ class Node:
             size, value = BYTES[o.type], self.value_of(o)
             known = None if value is None else (value % (1 << 8 * size)).to_bytes(size, "little")
             return size, known, True
+        if (index, sub) == CURVE_DATA:
+            raise Abort(0x08000024)
         if index in HIGHEST:
             return 1, bytes([HIGHEST[index]]), True
         text = self.texts.get(index)

@@ -98,7 +98,8 @@ class Log {
       if (value != values_[i]) add(kValue, i, 0, 0, value);
       values_[i] = value;
     }
-    const uint32_t size = dictionary_domain_size(&fw_->objects);
+    const int found = dictionary_domain_size(&fw_->objects, DICTIONARY_RECORDING);
+    const uint32_t size = found < 0 ? 0 : static_cast<uint32_t>(found);
     if (size != recording_) add(kRecording, 0, 0, size);
     recording_ = size;
   }

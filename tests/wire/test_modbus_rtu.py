@@ -7,16 +7,35 @@ import os
 import random
 import select
 import signal
+import struct
 import subprocess
 import time
 from pathlib import Path
 
 import pytest
+from forceaxis._core import cycle_record
+from forceaxis.cycles.program import with_program
 from forceaxis.objects import OBJECTS
 from pymodbus.client import ModbusSerialClient
 from pymodbus.framer import FramerRTU
 
 ROOT = Path(__file__).resolve().parents[2]
+WAITS = """
+title = "Waits"
+number = 7
+
+[[phase]]
+name = "one"
+do = "wait"
+force_max = "100 N"
+travel_max = "10 mm"
+time_max = "2 s"
+
+[[phase.end]]
+when = "time"
+value = "0.3 s"
+next = "end"
+"""
 BIN = ROOT / "build/release/tests/wire"
 UNIT = 5
 # Sets the silent interval to 7 ticks, which a pty under load does not exceed within a frame.
@@ -313,6 +332,45 @@ def test_coils_and_discrete_inputs(line, pymodbus):
     assert line.libmodbus(15, 0, 0, 0, 0) == []
     time.sleep(0.05)
     assert line.libmodbus(4, 0, 1)[0] & 0x6F == 0x21
+
+
+def test_the_curve_of_a_cycle_is_read_in_parts(line, tmp_path):
+    """The encoder moves one count a tick, so the travel of each point is its time."""
+
+    def write(name, raw):
+        o = BY_NAME[name]
+        return line.libmodbus(16, o.modbus, *to_words(o, raw))
+
+    line.kill()
+    line.power_up()
+    assert write("command_source", 1) == [] and write("watchdog", 60000) == []
+    assert write("first_motion_test", 0) == [] and write("cycle_curve_step_travel", 10) == []
+    program = tmp_path / "waits.toml"
+    program.write_text(WAITS)
+    record = cycle_record(ROOT / "sim/experiments/press_fit.toml", with_program((), program))
+    for at in range(0, len(record), 64):
+        piece = record[at : at + 64]
+        words = [w for (v,) in struct.iter_unpack("<I", piece) for w in (v >> 16, v & 0xFFFF)]
+        assert line.libmodbus(16, 0x040F, at, *words) == []
+    assert write("cycle_data_end", len(record)) == [] and write("cycle_program", 7) == []
+    assert write("modes_of_operation", -9) == []
+    for word in (6, 7, 15, 31):
+        assert write("controlword", word) == []
+        time.sleep(0.02)
+    assert line.libmodbus(23, 0x0410, 30, 0x0445, 0) == "exception 4"  # it runs
+    state = BY_NAME["cycle_state"].modbus
+    wait_for("the end of the cycle", lambda: line.libmodbus(4, state, 1) == [3])
+    (count,) = line.libmodbus(4, BY_NAME["cycle_curve_points"].modbus, 1)
+    points = []
+    for first in range(0, count + 1, 5):
+        words = line.libmodbus(23, 0x0410, 30, 0x0445, first)
+        values = [high << 16 | low for high, low in zip(words[::2], words[1::2], strict=True)]
+        points += zip(values[::3], values[1::3], values[2::3], strict=True)
+    assert points[:count] == [(t, t, 0) for t in (*range(1, 451, 10), 450)]
+    assert set(points[count:]) == {(0, 0, 0)}
+    assert write("controlword", 0) == []
+    mode = BY_NAME["active_mode"].modbus
+    wait_for("the end of the power", lambda: line.libmodbus(4, mode, 1) == [0])
 
 
 def test_what_is_stored_survives_a_kill(line):

@@ -598,41 +598,47 @@ enum {
   AXIS_OBJ_CYCLE_DATA_14 = 588,
   AXIS_OBJ_CYCLE_DATA_15 = 589,
   AXIS_OBJ_CYCLE_DATA_16 = 590,
-  AXIS_OBJ_CYCLE_RESULTS_WAITING = 591,
-  AXIS_OBJ_CYCLE_RESULT_NUMBER = 592,
-  AXIS_OBJ_CYCLE_ACKNOWLEDGE = 593,
-  AXIS_OBJ_CYCLE_BITS = 594,
-  AXIS_OBJ_CYCLE_NUMBER = 595,
-  AXIS_OBJ_CYCLE_POWER_UP = 596,
-  AXIS_OBJ_CYCLE_PARTS_GOOD = 597,
-  AXIS_OBJ_CYCLE_PARTS_BAD = 598,
-  AXIS_OBJ_CYCLE_PARTS_ABORTED = 599,
-  AXIS_OBJ_CYCLE_SERIAL_1 = 600,
-  AXIS_OBJ_CYCLE_SERIAL_2 = 601,
-  AXIS_OBJ_CYCLE_SERIAL_3 = 602,
-  AXIS_OBJ_CYCLE_SERIAL_4 = 603,
-  AXIS_OBJ_CYCLE_RESULT_PART = 604,
-  AXIS_OBJ_CYCLE_RESULT_POWER_UP = 605,
-  AXIS_OBJ_CYCLE_RESULT_PROGRAM_CRC = 606,
-  AXIS_OBJ_CYCLE_RESULT_BANK_CRC = 607,
-  AXIS_OBJ_CYCLE_RESULT_STATE = 608,
-  AXIS_OBJ_CYCLE_RESULT_OUTCOME = 609,
-  AXIS_OBJ_CYCLE_RESULT_PHASE = 610,
-  AXIS_OBJ_CYCLE_RESULT_BEGIN = 611,
-  AXIS_OBJ_CYCLE_RESULT_DURATION = 612,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_1 = 613,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_2 = 614,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_3 = 615,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_4 = 616,
-  AXIS_OBJ_CYCLE_LOST_FIRST = 617,
-  AXIS_OBJ_CYCLE_LOST_LAST = 618,
-  AXIS_OBJ_CYCLE_STORE_STATE = 619,
-  AXIS_OBJ_CYCLE_LOCK_ON_BAD = 620,
-  AXIS_OBJ_CYCLE_BAD_IN_ROW_MAX = 621,
-  AXIS_OBJ_CYCLE_PROGRAM_LOCK = 622,
-  AXIS_OBJ_CYCLE_UNLOCK = 623,
-  AXIS_OBJ_CYCLE_BAD_IN_ROW = 624,
-  AXIS_OBJ_COUNT = 625 /* one past the last number */
+  AXIS_OBJ_CYCLE_CURVE_STEP_TRAVEL = 591,
+  AXIS_OBJ_CYCLE_CURVE_STEP_FORCE = 592,
+  AXIS_OBJ_CYCLE_CURVE_STEP_TIME = 593,
+  AXIS_OBJ_CYCLE_CURVE_POINTS = 594,
+  AXIS_OBJ_CYCLE_CURVE_THINNED = 595,
+  AXIS_OBJ_CYCLE_CURVE_FIRST = 596,
+  AXIS_OBJ_CYCLE_RESULTS_WAITING = 597,
+  AXIS_OBJ_CYCLE_RESULT_NUMBER = 598,
+  AXIS_OBJ_CYCLE_ACKNOWLEDGE = 599,
+  AXIS_OBJ_CYCLE_BITS = 600,
+  AXIS_OBJ_CYCLE_NUMBER = 601,
+  AXIS_OBJ_CYCLE_POWER_UP = 602,
+  AXIS_OBJ_CYCLE_PARTS_GOOD = 603,
+  AXIS_OBJ_CYCLE_PARTS_BAD = 604,
+  AXIS_OBJ_CYCLE_PARTS_ABORTED = 605,
+  AXIS_OBJ_CYCLE_SERIAL_1 = 606,
+  AXIS_OBJ_CYCLE_SERIAL_2 = 607,
+  AXIS_OBJ_CYCLE_SERIAL_3 = 608,
+  AXIS_OBJ_CYCLE_SERIAL_4 = 609,
+  AXIS_OBJ_CYCLE_RESULT_PART = 610,
+  AXIS_OBJ_CYCLE_RESULT_POWER_UP = 611,
+  AXIS_OBJ_CYCLE_RESULT_PROGRAM_CRC = 612,
+  AXIS_OBJ_CYCLE_RESULT_BANK_CRC = 613,
+  AXIS_OBJ_CYCLE_RESULT_STATE = 614,
+  AXIS_OBJ_CYCLE_RESULT_OUTCOME = 615,
+  AXIS_OBJ_CYCLE_RESULT_PHASE = 616,
+  AXIS_OBJ_CYCLE_RESULT_BEGIN = 617,
+  AXIS_OBJ_CYCLE_RESULT_DURATION = 618,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_1 = 619,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_2 = 620,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_3 = 621,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_4 = 622,
+  AXIS_OBJ_CYCLE_LOST_FIRST = 623,
+  AXIS_OBJ_CYCLE_LOST_LAST = 624,
+  AXIS_OBJ_CYCLE_STORE_STATE = 625,
+  AXIS_OBJ_CYCLE_LOCK_ON_BAD = 626,
+  AXIS_OBJ_CYCLE_BAD_IN_ROW_MAX = 627,
+  AXIS_OBJ_CYCLE_PROGRAM_LOCK = 628,
+  AXIS_OBJ_CYCLE_UNLOCK = 629,
+  AXIS_OBJ_CYCLE_BAD_IN_ROW = 630,
+  AXIS_OBJ_COUNT = 631 /* one past the last number */
 };
 
 enum {
@@ -1493,7 +1499,9 @@ typedef struct {
   uint32_t drive_target_den; /* DAC code for which drive_target_num is the target of the drive; acts after the next power-up [code] */
   uint32_t drive_target_max; /* largest magnitude of the target in units of the drive, at most 32767 for torque; acts after the next power-up [1] */
   uint32_t cycle_program; /* number of the selected program of the library; 0 means none; not while a cycle runs [1] */
-  uint32_t cycle_data[16]; /* 4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap [1] */
+  uint32_t cycle_data[16]; /* 4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve [1] */
+  uint32_t cycle_curve_step_travel; /* change of the travel from one point of the curve of a cycle to the next; the first of the three steps that is reached makes a point; 0 means that travel makes none; acts from the next cycle on [count] */
+  uint32_t cycle_curve_step_force; /* change of the measured force from one point of the curve of a cycle to the next; 0 means that force makes none; acts from the next cycle on [1/256 count] */
   uint32_t cycle_result_number; /* number of the part whose result is shown, also by cycle_result_element; 0: the last part [1] */
   uint32_t cycle_acknowledge; /* number of the part whose result is acknowledged: the axis need not keep it any longer; every source may write it; 0 acknowledges nothing [1] */
   uint32_t cycle_serial[4]; /* serial number of the next part, 4 bytes, the lowest byte first, filled up with 0; taken at the start of a cycle and then 0 [1] */
@@ -1501,6 +1509,8 @@ typedef struct {
   uint16_t stored_bit_rate; /* CAN bit rate that the axis uses after the next reset of the node; must be a rate of CiA 301 that the code for the board supports [kbit/s] */
   uint16_t drive_bit_rate; /* bit rate of the bus of the drive, a rate of CiA 301 that the board supports; acts after the next power-up [kbit/s] */
   uint16_t cycle_data_offset; /* offset in bytes of cycle_data_1 in the record; 0 begins a new record [1] */
+  uint16_t cycle_curve_step_time; /* time from one point of the curve of a cycle to the next; 0 means that time makes none; acts from the next cycle on [tick] */
+  uint16_t cycle_curve_first; /* a write shows five points of the curve from this number on, the first one is 0, in cycle_data: three words for a point as in cycle_curve_data, 0 without a point; not while a cycle runs [1] */
   uint16_t cycle_bad_in_row_max; /* after this number of parts in a row that are not good no cycle starts until cycle_unlock; 0 means off [1] */
   uint8_t command_source; /* owner of the axis: the bus that may write objects. Another bus becomes the owner when it writes its number while the axis is disabled. The owner may write the number of another bus to make that bus the owner [enum] */
   uint8_t unsupervised_owner; /* reaction when a canopen master enables the axis although neither the heartbeat of the master nor an RPDO is monitored [enum] */
@@ -1555,6 +1565,7 @@ typedef struct {
   uint16_t drive_error_code; /* last error code that the drive on the second CAN bus has sent; 0 means none [1] */
   uint16_t board_state; /* errors of the board as a sum of bits: 1 internal oscillator in use, 2 brown-out reset set to another voltage, 4 image damaged, 8 RAM failed, 16 supply voltage low, 32 ADC reference outside its band, 64 DAC output differs from its code, 128 pin amp_enable differs from its command, 256 tick length differs from the second clock, 512 tick length not compared yet, 1024 converter of the force without the expected identity and settings [1] */
   int16_t tick_deviation; /* relative change of the tick length since power-up, measured with a second clock [1/1000 1] */
+  uint16_t cycle_curve_points; /* number of points of the curve of the cycle that runs, or of the last one [1] */
   uint16_t cycle_bits; /* state of the cycles in bits: 0 ready, 1 busy, 2 the last part is good, 3 bad, 4 aborted, 5 a result waits for its acknowledgement, 6 locked, 7 results full [1] */
   uint16_t cycle_bad_in_row; /* number of parts in a row that are not good [1] */
   uint8_t store_state; /* result of the last action of the parameter store [enum] */
@@ -1568,6 +1579,7 @@ typedef struct {
   uint8_t cycle_program_refusal; /* why the record of the last download was refused; busy: a cycle was running; no_room: the library is full; no_number: the number of the program is 0; wrong_zero: travel 0 is not defined rightly; locked: cycle_program_lock is on [enum] */
   uint8_t cycle_program_refused_part; /* number of the phase or the element for which the record of the last download was refused, from 0 [1] */
   uint8_t cycle_result_verdict; /* verdict on the element; none: no cycle is done, or the program has no such element [enum] */
+  uint8_t cycle_curve_thinned; /* how often the memory of the curve was full; each time one of two points was dropped and the steps were doubled [1] */
   uint8_t cycle_results_waiting; /* number of results that wait for an acknowledgement; when the memory of the axis is full of them, no cycle starts [1] */
   uint8_t cycle_result_state; /* verdict on the part that is shown, as cycle_state [enum] */
   uint8_t cycle_result_outcome; /* how the cycle of the part that is shown ended, as cycle_outcome [enum] */
@@ -1578,8 +1590,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x0b9366d7)
-#define AXIS_OBJECTS_HASH_TEXT "0b9366d7"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0xfdf43866)
+#define AXIS_OBJECTS_HASH_TEXT "fdf43866"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1659,10 +1671,10 @@ typedef struct {
 extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
-  AXIS_STORED_COUNT = 376,
-  AXIS_ADDRESSES_COUNT = 687,
-  AXIS_HOLDING_COUNT = 205,
-  AXIS_INPUT_COUNT = 127
+  AXIS_STORED_COUNT = 379,
+  AXIS_ADDRESSES_COUNT = 695,
+  AXIS_HOLDING_COUNT = 209,
+  AXIS_INPUT_COUNT = 129
 };
 
 /* By index, then sub-index. */

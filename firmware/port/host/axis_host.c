@@ -12,6 +12,7 @@ typedef struct {
   uint8_t recorder_buffer[FW_RECORDER_BYTES];
   uint32_t programs[FW_PROGRAM_BYTES / sizeof(uint32_t)];
   cycle_part_t results[FW_RESULTS];
+  uint32_t curve[FW_CURVE_BYTES / sizeof(uint32_t)];
 } axis_host_t;
 
 fw_t *axis_host_create_with(const fw_config_t *config) {
@@ -34,6 +35,9 @@ fw_t *axis_host_create_with(const fw_config_t *config) {
   if (own.result_memory == NULL) {
     own.result_memory = host->results;
     own.result_bytes = sizeof(host->results);
+  if (own.curve_memory == NULL) {
+    own.curve_memory = host->curve;
+    own.curve_bytes = sizeof(host->curve);
   }
   fw_init(&host->fw, &own);
   return &host->fw;

@@ -18,8 +18,8 @@ extern "C" {
 fw_t *axis_host_create(void);
 
 /* Creates an axis with a configuration. If the configuration has no recorder buffer, a buffer is
- * allocated, and likewise FW_PROGRAM_BYTES for programs. If the axis is on buses and has no black
- * box, a black box is allocated too. */
+ * allocated, and likewise FW_PROGRAM_BYTES for programs and FW_CURVE_BYTES for a curve. If the axis
+ * is on buses and has no black box, a black box is allocated too. */
 fw_t *axis_host_create_with(const fw_config_t *config);
 
 /* Returns the code of a DAC with `bits` bits, 12..16, that is nearest to the output:

@@ -46,6 +46,7 @@ static uint8_t recorder_buffer[FW_RECORDER_BYTES];
 static blackbox_t blackbox;
 static uint32_t programs[FW_PROGRAM_BYTES / sizeof(uint32_t)];
 static cycle_part_t results[FW_RESULTS];
+static uint32_t curve[FW_CURVE_BYTES / sizeof(uint32_t)];
 static store_file_t store;
 static store_file_t archive;
 static can_line_t supervisor;
@@ -387,6 +388,8 @@ const char *axis_linux_run(const axis_linux_config_t *given) {
       .program_bytes = sizeof(programs),
       .result_memory = results,
       .result_bytes = sizeof(results),
+      .curve_memory = curve,
+      .curve_bytes = sizeof(curve),
   };
   pthread_mutexattr_t attributes;
   (void)pthread_mutexattr_init(&attributes);

@@ -13,6 +13,8 @@ static blackbox_t blackbox __attribute__((section(".noinit.blackbox")));
 /* Memory for programs of cycles, in the linker script. */
 extern uint32_t programs_begin[], programs_end[];
 static cycle_part_t results[FW_RESULTS];
+/* Memory for the curve of a cycle, likewise. */
+extern uint32_t curve_begin[], curve_end[];
 static fw_config_t config;
 
 void port_init(void) {
@@ -38,6 +40,8 @@ const fw_config_t *port_config(void) {
   config.program_bytes = (uint32_t)((uintptr_t)programs_end - (uintptr_t)programs_begin);
   config.result_memory = results;
   config.result_bytes = sizeof(results);
+  config.curve_memory = curve_begin;
+  config.curve_bytes = (uint32_t)((uintptr_t)curve_end - (uintptr_t)curve_begin);
   config.reset_cause = reset_cause();
   config.core_fault = board_fault_before(config.reset_cause);
   return &config;

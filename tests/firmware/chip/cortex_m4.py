@@ -39,6 +39,7 @@ CODE, RAM, STACK_TOP, EXIT = 0x08000000, 0x20000000, 0x20010000, 0x0F000000
 FW, RECORDER = RAM, RAM + 0x8000
 CONFIG, INPUTS, OUTPUTS, FRAME, BYTES, BLACKBOX = (RAM + 0x4000 + 0x200 * i for i in range(6))
 RECORDER_BYTES = 12288
+CURVE, CURVE_BYTES = RAM + 0x5000, 12000
 PROGRAMS = RAM + 0xB000, RAM + 0xC000  # room for two programs of a cycle
 OUTPUT_BYTES = 6  # of axis_outputs_t: dac_code, amp_enable, brake_release, dac_fine
 LOCAL = 3  # FW_SOURCE_LOCAL
@@ -179,8 +180,9 @@ class Chip:
         self.places, self.programs = {}, list(PROGRAMS)
         self.compiler = run(COMPILER[0], "--version").splitlines()[0]
         buses = struct.pack(
-            "<IIIIIIIIBB14x", RECORDER, RECORDER_BYTES, BLACKBOX, 0, 0, 0, 0, 0, NODE, 1
-        )
+            "<IIIIIIIIBB22xII", RECORDER, RECORDER_BYTES, BLACKBOX, 0, 0, 0, 0, 0, NODE, 1, CURVE,
+            CURVE_BYTES,
+        )  # fmt: skip
         self.uc.mem_write(CONFIG, buses)
         self.call("fw_init", FW, CONFIG)
 
@@ -334,7 +336,9 @@ class Host:
         self.recorder = ctypes.create_string_buffer(RECORDER_BYTES)
         self.blackbox = ctypes.create_string_buffer(0x200)
         places = [ctypes.addressof(self.recorder), RECORDER_BYTES, ctypes.addressof(self.blackbox)]
-        config = struct.pack("<QI4xQQQQIIBB30x", *places, 0, 0, 0, 0, 0, NODE, 1)
+        self.curve = ctypes.create_string_buffer(CURVE_BYTES)
+        curve = ctypes.addressof(self.curve), CURVE_BYTES
+        config = struct.pack("<QI4xQQQQIIBB46xQI4x", *places, 0, 0, 0, 0, 0, NODE, 1, *curve)
         self.config = ctypes.create_string_buffer(config)
         self.lib.fw_init(self.fw, self.config)
         self.outputs = ctypes.create_string_buffer(OUTPUT_BYTES)

@@ -18,6 +18,7 @@ typedef struct {
   uint8_t recorder[FW_RECORDER_BYTES];
   uint32_t programs[FW_PROGRAM_BYTES / sizeof(uint32_t)];
   cycle_part_t results[FW_RESULTS];
+  uint32_t curve[FW_CURVE_BYTES / sizeof(uint32_t)];
 } node_t;
 
 static inline void node_init_as(node_t *node, uint8_t node_id) {
@@ -31,6 +32,8 @@ static inline void node_init_as(node_t *node, uint8_t node_id) {
       .program_bytes = sizeof(node->programs),
       .result_memory = node->results,
       .result_bytes = sizeof(node->results),
+      .curve_memory = node->curve,
+      .curve_bytes = sizeof(node->curve),
   };
   fw_init(&node->fw, &config);
   node->inputs.sensor_valid = 1;

@@ -78,12 +78,14 @@ static void upload_blocks(node_t *node, uint32_t seed) {
   static uint8_t expected[FW_RECORDER_BYTES];
   static uint8_t got[FW_RECORDER_BYTES + 8];
   const uint8_t state = node->fw.canopen.signals.nmt_state;
-  const uint32_t size = dictionary_domain_size(&node->fw.objects);
+  const int found = dictionary_domain_size(&node->fw.objects, DICTIONARY_RECORDING);
+  const uint32_t size = (found < 0) ? 0 : (uint32_t)found;
   if (size == 0 || size > BYTES || (state != 5 && state != 127) ||
       node->fw.canopen.sdo[0].state == SDO_BLOCK_AWAITED) {
     return;
   }
-  require(dictionary_domain_read(&node->fw.objects, 0, expected, size) == size);
+  require(dictionary_domain_read(&node->fw.objects, DICTIONARY_RECORDING, 0, expected, size) ==
+          size);
   (void)drain(node, 0);
   uint8_t block = (uint8_t)(1 + seed % 127);
   ask(node, 0xA4, 0x20, 0x21, 0, block);

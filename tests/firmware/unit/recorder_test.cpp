@@ -243,11 +243,12 @@ TEST_F(Recorder, EveryTurnOfTheRingReadsBackWhole) {
                           {static_cast<uint8_t>(place), static_cast<uint8_t>(place >> 8), 0, 0,
                            static_cast<uint8_t>(200 - t), 0});
         }
-        ASSERT_EQ(dictionary_domain_size(&fw_.objects), expected.size());
+        ASSERT_EQ(dictionary_domain_size(&fw_.objects, DICTIONARY_RECORDING),
+                  static_cast<int>(expected.size()));
         for (uint32_t offset = 0; offset <= expected.size(); ++offset) {
           std::vector<uint8_t> bytes(expected.size() + 1, 0xEE);
-          bytes.resize(
-              dictionary_domain_read(&fw_.objects, offset, bytes.data(), kSamples * kBytes + 1));
+          bytes.resize(dictionary_domain_read(&fw_.objects, DICTIONARY_RECORDING, offset,
+                                              bytes.data(), kSamples * kBytes + 1));
           ASSERT_EQ(bytes, std::vector<uint8_t>(expected.begin() + offset, expected.end()))
               << "from byte " << offset << ", " << pretrigger << " " << trigger;
         }
@@ -268,18 +269,21 @@ TEST_F(Recorder, BytesAreHandedOverInPieces) {
   Set(AXIS_OBJ_RECORDER_ARM, 1);
   std::array<uint8_t, 4> piece{};
   TickTo(2);
-  EXPECT_EQ(dictionary_domain_size(&fw_.objects), 0u) << "not done";
-  EXPECT_EQ(dictionary_domain_read(&fw_.objects, 0, piece.data(), 4), 0u) << "not done";
+  EXPECT_EQ(dictionary_domain_size(&fw_.objects, DICTIONARY_RECORDING), FW_ERROR_NO_DATA)
+      << "not done";
+  EXPECT_EQ(dictionary_domain_read(&fw_.objects, DICTIONARY_RECORDING, 0, piece.data(), 4), 0u)
+      << "not done";
   TickTo(1);
-  EXPECT_EQ(dictionary_domain_size(&fw_.objects), 6u);
-  EXPECT_EQ(dictionary_domain_read(&fw_.objects, 1, piece.data(), 3), 3u)
+  EXPECT_EQ(dictionary_domain_size(&fw_.objects, DICTIONARY_RECORDING), 6);
+  EXPECT_EQ(dictionary_domain_read(&fw_.objects, DICTIONARY_RECORDING, 1, piece.data(), 3), 3u)
       << "no more than asked for";
   EXPECT_EQ(piece, (std::array<uint8_t, 4>{0x01, 0x23, 0x01, 0}));
-  EXPECT_EQ(dictionary_domain_read(&fw_.objects, 5, piece.data(), 4), 1u)
+  EXPECT_EQ(dictionary_domain_read(&fw_.objects, DICTIONARY_RECORDING, 5, piece.data(), 4), 1u)
       << "no more than there are";
-  EXPECT_EQ(dictionary_domain_read(&fw_.objects, 6, piece.data(), 4), 0u);
+  EXPECT_EQ(dictionary_domain_read(&fw_.objects, DICTIONARY_RECORDING, 6, piece.data(), 4), 0u);
   Set(AXIS_OBJ_RECORDER_ARM, 0);
-  EXPECT_EQ(dictionary_domain_read(&fw_.objects, 0, piece.data(), 4), 0u) << "stopped";
+  EXPECT_EQ(dictionary_domain_read(&fw_.objects, DICTIONARY_RECORDING, 0, piece.data(), 4), 0u)
+      << "stopped";
 }
 
 TEST_F(Recorder, RefusesWhatItCannotDo) {

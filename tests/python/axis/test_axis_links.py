@@ -232,6 +232,24 @@ def test_modbus_words_signs_and_widths(registers, low_first):
     assert link.read(["position_actual"]) == {"position_actual": -1}
 
 
+@pytest.mark.parametrize("low_first", [0, 1])
+def test_modbus_reads_neighbours_by_one_request(registers, low_first):
+    registers.holding[BY_NAME["modbus_word_order"].modbus] = low_first
+    link = ModbusLink("tcp://somewhere")
+    words = {f"cycle_data_{i}": 0x8001_0000 + i for i in range(1, 17)}
+    others = {"recorder_length": 65535, "cycle_curve_step_force": 3, "cycle_curve_step_time": 7}
+    link.write({**words, **others})
+    link.read(["watchdog"])  # the order of the words is known from here on
+    before = registers.asked
+    assert link.read([*words, *others]) == {**words, **others}
+    assert registers.asked == before + 3  # the steps of force and time are neighbours too
+    before = registers.asked
+    assert list(link.read(["cycle_data_2", "cycle_data_1"])) == ["cycle_data_2", "cycle_data_1"]
+    assert registers.asked == before + 2  # not in this order
+    many = [o.name for o in BY_NAME.values() if o.modbus >= 0]
+    assert set(link.read(many)) == set(many)
+
+
 def test_modbus_refuses_what_has_no_register_before_it_sends(registers):
     link = ModbusLink("tcp://somewhere")
     with pytest.raises(Refused, match="bank_gain_1: this object has no Modbus register; connect"):

@@ -88,6 +88,23 @@ def test_a_proposal_is_a_program_that_runs(tmp_path):
     assert part["elements"][1]["verdict"] == "good" and part["program"] == str(new)
 
 
+def test_start_writes_the_curve_of_the_part(tmp_path):
+    table, picture = tmp_path / "new" / "part.csv", tmp_path / "part.png"
+    to = ["start", "press_fit", "--sim", "press_fit"]
+    done = cycle(*to, "--curve", table, "--plot", picture)
+    lines = [line.split() for line in done.stdout.splitlines()]
+    assert lines[0] == ["cycle", "Press-fit", "of", "a", "bearing:", "good"]
+    points = next(int(line[1]) for line in lines if line[0] == "curve")
+    rows = table.read_text().splitlines()
+    assert rows[0] == "time_s,travel_m,force_N,phase"
+    assert len(rows) == 1 + points and 300 < points <= 1000
+    assert rows[1].endswith(",approach") and rows[-1].endswith(",retract")
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert json.loads(cycle(*to, "--json", "--curve", table).stdout)["state"] == "good"
+    assert table.read_text().splitlines() == rows
+    assert "curve" not in cycle(*to).stdout
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -102,6 +119,8 @@ def test_a_proposal_is_a_program_that_runs(tmp_path):
         (["rates", "contact", *FEW], ["contact.toml: cycle", "names a program"]),
         (["run", "press_fit", "--plot", "part.gif"], ["--plot", ".png"]),
         (["run", "press_fit", "--program", "no.toml"], ["no.toml", "expected a readable file"]),
+        (["start", "press_fit", "--sim", "press_fit", "--plot", "p.gif"], ["--plot", ".png"]),
+        (["start", "press_fit", "--sim", "press_fit", "--curve", "p.txt"], ["--curve", ".csv"]),
         (["run", "contact"], ["contact.toml: cycle", "names a program"]),
         (["rnu", "press_fit"], ["'rnu'"]),
     ],

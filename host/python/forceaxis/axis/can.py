@@ -57,10 +57,12 @@ NOTIFIER_S = 0.05
 HEARTBEAT_MS = 1000
 HEARTBEAT_ENTRIES = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
 STORING = ("store_all", "store_parameters")
-RECORDER_DATA = 0x2120
-# Largest sizes of an SDO transfer in bytes: of a name, and of a recording (30 KiB in the firmware).
-# At this size, the program aborts the transfer of a node that sends segments without end.
-MOST_BYTES, MOST_RECORDED_BYTES = 256, 1 << 20
+# CANopen addresses of the domains.
+RECORDER_DATA, CYCLE_CURVE_DATA = (0x2120, 0), (0x243B, 6)
+# Largest sizes of an SDO transfer in bytes: of a name, and of a recording (30 KiB in the firmware)
+# or a curve (12 KB). At this size, the program aborts the transfer of a node that sends segments
+# without end.
+MOST_BYTES, MOST_DOMAIN_BYTES = 256, 1 << 20
 READ_TRIES = 2
 ABORT_TOO_LONG = 0x06070012  # SDO abort code: the object is longer than expected
 STRUCT_FORMATS = {"u8": "<B", "i8": "<b", "u16": "<H", "i16": "<h", "u32": "<I", "i32": "<i"}
@@ -320,14 +322,21 @@ class CanLink(RecorderLink):
         self._end_keeper()
 
     def _samples(self, signals: Sequence[str]) -> RawSamples:
-        with (
-            self._asking("the recording"),
-            self._sdo.open(RECORDER_DATA, 0, "rb", buffering=0, block_transfer=True) as stream,
-        ):
-            data = self._whole(stream, "the recording", MOST_RECORDED_BYTES)
+        data = self._domain("the recording", *RECORDER_DATA)
         row = np.dtype([(f"{i}", STRUCT_FORMATS[BY_NAME[n].type]) for i, n in enumerate(signals)])
         rows = np.frombuffer(data[: len(data) // row.itemsize * row.itemsize], row)
         return np.stack([rows[f"{i}"].astype(np.int64) for i in range(len(signals))], axis=1)
+
+    def cycle_curve(self) -> bytes:
+        return self._domain("the curve", *CYCLE_CURVE_DATA)
+
+    def _domain(self, what: str, index: int, sub: int) -> bytes:
+        """Returns the bytes of a domain, which are transferred in blocks."""
+        with (
+            self._asking(what),
+            self._sdo.open(index, sub, "rb", buffering=0, block_transfer=True) as stream,
+        ):
+            return self._whole(stream, what, MOST_DOMAIN_BYTES)
 
     def close(self) -> None:
         self._end_keeper()

@@ -135,6 +135,12 @@ class Link(abc.ABC):
         (100Ah). Returns None if the connection transmits no texts."""
         return None
 
+    def cycle_curve(self) -> bytes | None:
+        """Returns the points of the curve of the last cycle (object cycle_curve_data). Returns None
+        if this connection transmits no domains; then cycle_curve_first shows points in cycle_data.
+        Raises Refused, NoAnswer."""
+        return None
+
     @abc.abstractmethod
     def write(self, values: Mapping[str, int]) -> None:
         """Writes {object: raw value} in order and stops at the first value that the axis refuses.

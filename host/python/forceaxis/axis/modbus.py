@@ -4,7 +4,7 @@ object table."""
 import logging
 import re
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, NoReturn
 
 from forceaxis.axis.link import (
@@ -17,7 +17,7 @@ from forceaxis.axis.link import (
 )
 from forceaxis.bus.keeper import WatchdogKeeper
 from forceaxis.errors import ParameterError
-from forceaxis.objects import BY_NAME
+from forceaxis.objects import BY_NAME, AxisObject
 
 if TYPE_CHECKING:
     from pymodbus.client.base import ModbusBaseSyncClient
@@ -27,6 +27,7 @@ TCP_URL = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL_URL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
 BAUD_RATE = 115_200  # baud rate, the default of the firmware, for 8 data bits and even parity
 PARITIES = "EN"
+MOST_REGISTERS = 125  # largest number of registers in one request
 # Number of a text in Modbus function 43 / 14, for each CANopen index of the same text.
 IDENTIFICATION_OBJECTS = {DEVICE_NAME_INDEX: 4, VERSION_INDEX: 2}
 EXCEPTIONS = {
@@ -78,6 +79,34 @@ def client(url: str, timeout_s: float = 1.0) -> "ModbusBaseSyncClient":
             ) from None
     what = "a Modbus server here, none answered" if tcp else "a serial device that can be opened"
     raise NoAnswer(f"{url}: expected {what}")
+
+
+def _width(known: AxisObject) -> int:
+    """Returns the number of registers of an object."""
+    return 2 if known.type.endswith("32") else 1
+
+
+def _adjacent(names: Iterable[str]) -> Iterator[list[str]]:
+    """Yields the names in their order, in lists of objects that one request can read because their
+    registers follow each other."""
+    adjacent: list[str] = []
+    registers = 0
+    for name in names:
+        known = BY_NAME[name]
+        last = BY_NAME[adjacent[-1]] if adjacent else None
+        follows = (
+            last is not None
+            and (last.access == "rw") == (known.access == "rw")
+            and last.modbus + _width(last) == known.modbus
+            and registers + _width(known) <= MOST_REGISTERS
+        )
+        if not follows and adjacent:
+            yield adjacent
+            adjacent, registers = [], 0
+        adjacent.append(name)
+        registers += _width(known)
+    if adjacent:
+        yield adjacent
 
 
 class ModbusLink(Link):
@@ -139,17 +168,28 @@ class ModbusLink(Link):
                 )
 
     def _read(self, name: str) -> int:
-        known = BY_NAME[name]
-        count = 2 if known.type.endswith("32") else 1
+        return self._read_adjacent([name])[name]
+
+    def _read_adjacent(self, names: Sequence[str]) -> dict[str, int]:
+        """Returns the raw values of objects whose registers follow each other, by one request."""
+        known = [BY_NAME[name] for name in names]
+        count = sum(map(_width, known))
         client = self.client
-        ask = client.read_holding_registers if known.access == "rw" else client.read_input_registers
-        answer = self._ask(name, lambda: ask(known.modbus, count=count, device_id=self._unit))
-        words = answer.registers
-        if count == 2 and self._word_order():
-            words = words[::-1]
-        raw = int.from_bytes(b"".join(word.to_bytes(2, "big") for word in words), "big")
-        bits = 16 * count
-        return raw - (1 << bits) if known.type[0] == "i" and raw >> (bits - 1) else raw
+        holding = known[0].access == "rw"
+        ask = client.read_holding_registers if holding else client.read_input_registers
+        what = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+        answer = self._ask(what, lambda: ask(known[0].modbus, count=count, device_id=self._unit))
+        found, at = {}, 0
+        for one in known:
+            words = answer.registers[at : at + _width(one)]
+            at += len(words)
+            if len(words) == 2 and self._word_order():
+                words = words[::-1]
+            raw = int.from_bytes(b"".join(word.to_bytes(2, "big") for word in words), "big")
+            bits = 16 * len(words)
+            is_negative = one.type[0] == "i" and raw >> (bits - 1)
+            found[one.name] = raw - (1 << bits) if is_negative else raw
+        return found
 
     def _write(self, name: str, raw: int) -> None:
         known = BY_NAME[name]
@@ -172,7 +212,10 @@ class ModbusLink(Link):
     def read(self, names: Iterable[str]) -> dict[str, int]:
         names = list(names)
         self._expect_registers(names)
-        return {name: self._read(name) for name in names}
+        found: dict[str, int] = {}
+        for adjacent in _adjacent(names):
+            found |= self._read_adjacent(adjacent)
+        return found
 
     def write(self, values: Mapping[str, int]) -> None:
         self._expect_registers(values)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -23,6 +24,10 @@ from forceaxis.cli.common import (
 from forceaxis.cli.live_options import AxisConnection, live, owned
 from forceaxis.errors import ParameterError
 from forceaxis.results import to_json
+
+if TYPE_CHECKING:
+    from forceaxis.cycles.curve import CurvePoints
+    from forceaxis.cycles.live import LivePart, LiveProgram
 
 EXPERIMENT = click.argument("experiment", type=Subject(paths.EXPERIMENTS, as_path=True))
 program_option = click.option(
@@ -83,8 +88,7 @@ def run(
     from forceaxis.cli import cycle_text
     from forceaxis.cycles import part
 
-    if plot is not None and plot.suffix not in drawing.SUFFIXES:
-        raise ParameterError("plot", f"{plot}: expected a file ending in .png, .svg or .pdf")
+    expect_picture(plot)
     done = part.run(experiment, overrides, program)
     if plot is not None:
         from forceaxis.cycles import plots
@@ -99,6 +103,14 @@ def run(
         show(
             [*cycle_text.part_rows(done.result), *([("files", paths.quoted(plot))] if plot else [])]
         )
+
+
+def expect_picture(plot: Path | None) -> None:
+    """Raise ParameterError if the file of --plot has the suffix of no picture."""
+    from forceaxis import drawing
+
+    if plot is not None and plot.suffix not in drawing.SUFFIXES:
+        raise ParameterError("plot", f"{plot}: expected a file ending in .png, .svg or .pdf")
 
 
 def rate(context: click.Context, option: click.Parameter, text: str | None) -> float | None:
@@ -251,14 +263,30 @@ def load(connection: AxisConnection, experiment: Path, program: Path | None, as_
 
 @cycle.command(
     epilog="""forceaxis cycle start press_fit --can can0 --node 3
-    forceaxis cycle start press_fit --axis 1 --json""",
+    forceaxis cycle start press_fit --axis 1 --json
+    forceaxis cycle start press_fit --can can0 --curve part.csv --plot part.png""",
 )
 @EXPERIMENT
 @program_option
+@click.option(
+    "--curve",
+    type=File(),
+    help="Table of the curve that the axis has recorded: FILE.csv.",
+)
+@click.option(
+    "--plot",
+    type=File(),
+    help="Plot of this curve with windows, envelopes and bounds: FILE.png, .svg or .pdf.",
+)
 @live
 @as_json
 def start(
-    connection: AxisConnection, experiment: Path, program: Path | None, as_json: bool
+    connection: AxisConnection,
+    experiment: Path,
+    program: Path | None,
+    curve: Path | None,
+    plot: Path | None,
+    as_json: bool,
 ) -> None:
     """Press one part: start a cycle with the program that `cycle load` has loaded, wait for its
     end, and print the verdict of the part. The axis moves.
@@ -267,17 +295,47 @@ def start(
     command owns the axis while the cycle runs and disables it at the end. Ctrl-C, a stop from any
     bus, a fault and a killed command end the cycle, and the part is aborted, never good. The exit
     status is 0 for every verdict.
+
+    The axis records a curve of at most 1000 points, which stays until its next cycle starts.
     """
     from forceaxis.cli import cycle_text
+    from forceaxis.cycles import curve as curves
     from forceaxis.cycles import live as cycles
 
+    expect_picture(plot)
+    if curve is not None and curve.suffix != ".csv":
+        raise ParameterError("curve", f"{curve}: expected a file ending in .csv")
     wanted = cycles.live_program(experiment, (), program)
+    points = None
     with owned(connection) as axis:
         part = cycles.start(axis, wanted)
+        if curve is not None or plot is not None:
+            points = curves.read(axis, wanted)
+    if points is not None:
+        write_curve(points, part, wanted, curve, plot)
     if as_json:
         print_json(part)
         return
-    show(cycle_text.live_rows(part))
+    files = [file for file in (curve, plot) if file is not None]
+    show([*cycle_text.live_rows(part), *cycle_text.curve_rows(points, files)])
+
+
+def write_curve(
+    points: CurvePoints, part: LivePart, wanted: LiveProgram, table: Path | None, plot: Path | None
+) -> None:
+    """Write the files of a curve, each whole or not at all."""
+    from forceaxis import drawing
+    from forceaxis.cycles import curve as curves
+
+    if table is not None:
+        with paths.replacing(table.parent, table.name) as (file,):
+            curves.write_table(points, wanted, file)
+    if plot is not None:
+        from forceaxis.cycles import plots
+
+        with paths.replacing(plot.parent, plot.name) as (file,):
+            drawn = plots.draw(curves.picture(points, part, wanted))
+            drawing.save(drawn, file, plot.suffix[1:])
 
 
 VERBS = (cycle,)

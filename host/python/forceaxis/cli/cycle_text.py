@@ -2,8 +2,11 @@
 
 import shlex
 from collections.abc import Sequence
+from pathlib import Path
 
+from forceaxis import paths
 from forceaxis.cli.common import aligned
+from forceaxis.cycles.curve import CurvePoints
 from forceaxis.cycles.live import LivePart
 from forceaxis.cycles.part import ElementFigure, PartResult
 from forceaxis.cycles.propose import MovedBounds, Proposal
@@ -63,6 +66,17 @@ def live_rows(part: LivePart) -> Rows:
     ]
     head = ["element", "verdict", "value", "least", "most", "unit"]
     return rows + table("", [head, *map(element_cells, part.elements)], (0, 1, 5))
+
+
+def curve_rows(curve: CurvePoints | None, files: Sequence[Path]) -> Rows:
+    """Return the row (key, text) about the curve of a part and its files."""
+    if curve is None:
+        return []
+    text = f"{len(curve.time_s)} points"
+    if curve.thinned:
+        times = "once" if curve.thinned == 1 else f"{curve.thinned} times"
+        text += f", thinned {times} because the memory of the axis was full"
+    return [("curve", text), ("files", " ".join(map(paths.quoted, files)))]
 
 
 def element_cells(figure: ElementFigure) -> list[str]:

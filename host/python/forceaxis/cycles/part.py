@@ -81,6 +81,18 @@ class Curve:
 
 
 @dataclass(frozen=True)
+class PartPicture:
+    """What the plot of a part shows."""
+
+    title: str
+    state: str
+    program: Program
+    elements: Sequence[ElementFigure]
+    phases: Sequence[PhaseSpan]
+    curve: Curve
+
+
+@dataclass(frozen=True)
 class PartRun:
     """A simulated part with its curve, which is None if no cycle was started."""
 

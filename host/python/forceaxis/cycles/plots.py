@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from forceaxis.cycles.part import Curve, PartRun, phase_samples, short
+from forceaxis.cycles.part import Curve, PartPicture, PartRun, phase_samples, short
 from forceaxis.cycles.program import SHAPES, Element
 from forceaxis.drawing import AREA, COLORS, FAINT, INK, VERDICT, legend, style
 from forceaxis.words import plain
@@ -17,28 +17,36 @@ GOOD_COLOUR, BAD_COLOUR = VERDICT["stable"], VERDICT["unstable"]
 
 
 def part(done: PartRun) -> Figure:
+    """Returns the plot of a simulated part that has a curve."""
+    assert done.curve is not None
+    found = done.result
+    return draw(
+        PartPicture(
+            found.title, found.state, done.program, found.elements, found.phases, done.curve
+        )
+    )
+
+
+def draw(done: PartPicture) -> Figure:
     """Returns the plot of a part. The upper axes show elements over travel, the lower ones elements
     over time."""
     figure, (over_travel, over_time) = plt.subplots(2, 1, figsize=(7.2, 6.4), height_ratios=(3, 2))
-    curve = done.curve
-    assert curve is not None
     for ax, unit in ((over_travel, "travel, mm"), (over_time, "time, s")):
         style(ax)
         ax.set_xlabel(unit)
         ax.set_ylabel("force, N")
-    _draw_curve(over_travel, done, curve)
-    _draw_phases(over_time, done, curve)
-    verdicts = {figure.name: figure.verdict for figure in done.result.elements}
+    _draw_curve(over_travel, done)
+    _draw_phases(over_time, done)
+    verdicts = {figure.name: figure.verdict for figure in done.elements}
     for element in done.program.elements:
         ax = over_time if element.over == "time" else over_travel
-        _draw_element(ax, done, curve, element, verdicts.get(element.name, ""))
+        _draw_element(ax, done, element, verdicts.get(element.name, ""))
     for ax in (over_travel, over_time):
         ax.margins(y=0.12)
     legend(over_travel, loc="upper left")
-    state = done.result.state
     figure.suptitle(
-        f"{done.result.title}: {state}", fontsize=10, x=0.02, ha="left",
-        color=GOOD_COLOUR if state == "good" else BAD_COLOUR, parse_math=False,
+        f"{done.title}: {done.state}", fontsize=10, x=0.02, ha="left",
+        color=GOOD_COLOUR if done.state == "good" else BAD_COLOUR, parse_math=False,
     )  # fmt: skip
     figure.tight_layout(rect=(0, 0, 1, 0.98))
     plt.close(figure)
@@ -49,11 +57,13 @@ def _colour(phase: int) -> str:
     return COLORS[phase % len(COLORS)]
 
 
-def _draw_curve(ax: Axes, done: PartRun, curve: Curve) -> None:
+def _draw_curve(ax: Axes, done: PartPicture) -> None:
     """Draws force over travel, each phase in its colour, from shortly before the contact on."""
+    curve = done.curve
     for number, phase in enumerate(done.program.phases):
         inside = curve.phase == number
         if inside.any():
+            inside[1:] |= inside[:-1]  # up to the first sample of the next phase
             force = np.where(inside, curve.force_N, np.nan)
             ax.plot(
                 curve.travel_m * MM, force, color=_colour(number), linewidth=1.2,
@@ -63,11 +73,12 @@ def _draw_curve(ax: Axes, done: PartRun, curve: Curve) -> None:
     ax.set_xlim(-0.15 * max(last, 1e-3), 1.08 * max(last, 1e-3))
 
 
-def _draw_phases(ax: Axes, done: PartRun, curve: Curve) -> None:
+def _draw_phases(ax: Axes, done: PartPicture) -> None:
     """Draws force over time, with the phases as areas."""
+    curve = done.curve
     ax.plot(curve.time_s, curve.force_N, color=INK, linewidth=1.0, zorder=3)
     numbers = {phase.name: i for i, phase in enumerate(done.program.phases)}
-    for span in done.result.phases:
+    for span in done.phases:
         colour = _colour(numbers[span.name])
         ax.axvspan(span.begin_s, span.end_s, color=colour, alpha=0.12, linewidth=0)
         ax.text(
@@ -77,8 +88,9 @@ def _draw_phases(ax: Axes, done: PartRun, curve: Curve) -> None:
     ax.set_xlim(float(curve.time_s[0]), float(curve.time_s[-1]))
 
 
-def _draw_element(ax: Axes, done: PartRun, curve: Curve, element: Element, verdict: str) -> None:
+def _draw_element(ax: Axes, done: PartPicture, element: Element, verdict: str) -> None:
     """Draws window, curves or bounds of one element, with its name and verdict."""
+    curve = done.curve
     inside = phase_samples(element, done.program, curve)
     if not inside.any() and element.over == "time":
         return
