@@ -570,35 +570,37 @@ enum {
   AXIS_OBJ_CYCLE_PHASE = 560,
   AXIS_OBJ_CYCLE_OUTCOME = 561,
   AXIS_OBJ_CYCLE_COUNT = 562,
-  AXIS_OBJ_CYCLE_PROGRAM = 563,
-  AXIS_OBJ_CYCLE_PROGRAM_COUNT = 564,
-  AXIS_OBJ_CYCLE_PROGRAM_CRC = 565,
-  AXIS_OBJ_CYCLE_PROGRAM_REFUSAL = 566,
-  AXIS_OBJ_CYCLE_PROGRAM_REFUSED_PART = 567,
-  AXIS_OBJ_CYCLE_PROGRAM_REMOVE = 568,
-  AXIS_OBJ_CYCLE_RESULT_ELEMENT = 569,
-  AXIS_OBJ_CYCLE_RESULT_VALUE = 570,
-  AXIS_OBJ_CYCLE_RESULT_VERDICT = 571,
-  AXIS_OBJ_CYCLE_RESULT_TICK = 572,
-  AXIS_OBJ_CYCLE_DATA_OFFSET = 573,
-  AXIS_OBJ_CYCLE_DATA_END = 574,
-  AXIS_OBJ_CYCLE_DATA_1 = 575,
-  AXIS_OBJ_CYCLE_DATA_2 = 576,
-  AXIS_OBJ_CYCLE_DATA_3 = 577,
-  AXIS_OBJ_CYCLE_DATA_4 = 578,
-  AXIS_OBJ_CYCLE_DATA_5 = 579,
-  AXIS_OBJ_CYCLE_DATA_6 = 580,
-  AXIS_OBJ_CYCLE_DATA_7 = 581,
-  AXIS_OBJ_CYCLE_DATA_8 = 582,
-  AXIS_OBJ_CYCLE_DATA_9 = 583,
-  AXIS_OBJ_CYCLE_DATA_10 = 584,
-  AXIS_OBJ_CYCLE_DATA_11 = 585,
-  AXIS_OBJ_CYCLE_DATA_12 = 586,
-  AXIS_OBJ_CYCLE_DATA_13 = 587,
-  AXIS_OBJ_CYCLE_DATA_14 = 588,
-  AXIS_OBJ_CYCLE_DATA_15 = 589,
-  AXIS_OBJ_CYCLE_DATA_16 = 590,
-  AXIS_OBJ_COUNT = 591 /* one past the last number */
+  AXIS_OBJ_CYCLE_OUTPUTS = 563,
+  AXIS_OBJ_CYCLE_ENDED_BY = 564,
+  AXIS_OBJ_CYCLE_PROGRAM = 565,
+  AXIS_OBJ_CYCLE_PROGRAM_COUNT = 566,
+  AXIS_OBJ_CYCLE_PROGRAM_CRC = 567,
+  AXIS_OBJ_CYCLE_PROGRAM_REFUSAL = 568,
+  AXIS_OBJ_CYCLE_PROGRAM_REFUSED_PART = 569,
+  AXIS_OBJ_CYCLE_PROGRAM_REMOVE = 570,
+  AXIS_OBJ_CYCLE_RESULT_ELEMENT = 571,
+  AXIS_OBJ_CYCLE_RESULT_VALUE = 572,
+  AXIS_OBJ_CYCLE_RESULT_VERDICT = 573,
+  AXIS_OBJ_CYCLE_RESULT_TICK = 574,
+  AXIS_OBJ_CYCLE_DATA_OFFSET = 575,
+  AXIS_OBJ_CYCLE_DATA_END = 576,
+  AXIS_OBJ_CYCLE_DATA_1 = 577,
+  AXIS_OBJ_CYCLE_DATA_2 = 578,
+  AXIS_OBJ_CYCLE_DATA_3 = 579,
+  AXIS_OBJ_CYCLE_DATA_4 = 580,
+  AXIS_OBJ_CYCLE_DATA_5 = 581,
+  AXIS_OBJ_CYCLE_DATA_6 = 582,
+  AXIS_OBJ_CYCLE_DATA_7 = 583,
+  AXIS_OBJ_CYCLE_DATA_8 = 584,
+  AXIS_OBJ_CYCLE_DATA_9 = 585,
+  AXIS_OBJ_CYCLE_DATA_10 = 586,
+  AXIS_OBJ_CYCLE_DATA_11 = 587,
+  AXIS_OBJ_CYCLE_DATA_12 = 588,
+  AXIS_OBJ_CYCLE_DATA_13 = 589,
+  AXIS_OBJ_CYCLE_DATA_14 = 590,
+  AXIS_OBJ_CYCLE_DATA_15 = 591,
+  AXIS_OBJ_CYCLE_DATA_16 = 592,
+  AXIS_OBJ_COUNT = 593 /* one past the last number */
 };
 
 enum {
@@ -1076,7 +1078,10 @@ enum {
   AXIS_CYCLE_OUTCOME_OVER_TIME = 3,
   AXIS_CYCLE_OUTCOME_STOPPED = 4,
   AXIS_CYCLE_OUTCOME_SAMPLES_LOST = 5,
-  AXIS_CYCLE_OUTCOME_COUNT = 6
+  AXIS_CYCLE_OUTCOME_TARE_CONTACT = 6,
+  AXIS_CYCLE_OUTCOME_TARE_MOVING = 7,
+  AXIS_CYCLE_OUTCOME_TARE_BAND = 8,
+  AXIS_CYCLE_OUTCOME_COUNT = 9
 };
 
 enum {
@@ -1091,7 +1096,8 @@ enum {
   AXIS_CYCLE_PROGRAM_REFUSAL_NO_ROOM = 8,
   AXIS_CYCLE_PROGRAM_REFUSAL_NO_NUMBER = 9,
   AXIS_CYCLE_PROGRAM_REFUSAL_WRONG_ZERO = 10,
-  AXIS_CYCLE_PROGRAM_REFUSAL_COUNT = 11
+  AXIS_CYCLE_PROGRAM_REFUSAL_WRONG_HEADER = 11,
+  AXIS_CYCLE_PROGRAM_REFUSAL_COUNT = 12
 };
 
 enum {
@@ -1384,7 +1390,9 @@ typedef struct {
   uint8_t calibration_expired; /* 1 if the calibration is no longer valid: date is later than calibration_date plus calibration_validity [1] */
   uint8_t cycle_state; /* state of the cycle of mode -9: running; evaluating the last samples; the part is good or bad; aborted by a stop, a fault or the loss of the owner; or why no cycle started: no program, another bank than the one the program was made for, no reference position for an absolute position [enum] */
   uint8_t cycle_phase; /* number of the phase of the cycle that runs, or of the last phase, from 0 [1] */
-  uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late [enum] */
+  uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late; a tare failed, because the axis was in contact or did not stand still, or because the offset is beyond tare_band [enum] */
+  uint8_t cycle_outputs; /* digital outputs that the program of the cycle has switched on: bits 0 to 3 are outputs 1 to 4 [1] */
+  uint8_t cycle_ended_by; /* number, from 1, of the condition that ended the last phase that has ended; 0: a limit or a stop ended the phase, or no phase has ended yet [1] */
 } drive_signals_t;
 
 typedef struct {
@@ -1485,7 +1493,7 @@ typedef struct {
   uint8_t drive_reason; /* first failure of the drive on the second CAN bus since its last reset [enum] */
   uint8_t reset_cause; /* causes of the last reset of the processor as a sum of bits: 2 brown-out, 4 pin, 8 power-up, 16 software, 32 watchdog, 64 window watchdog, 128 low power; 0 means not known [1] */
   uint8_t cycle_program_count; /* number of programs in the library [1] */
-  uint8_t cycle_program_refusal; /* why the record of the last download was refused; busy: a cycle was running; no_room: the library is full; no_number: the number of the program is 0; wrong_zero: travel 0 is not defined rightly [enum] */
+  uint8_t cycle_program_refusal; /* why the record of the last download was refused; busy: a cycle was running; no_room: the library is full; no_number: the number of the program is 0; wrong_zero: travel 0 is not defined rightly; wrong_header: the curve of compliance or the outputs to keep are wrong [enum] */
   uint8_t cycle_program_refused_part; /* number of the phase or the element for which the record of the last download was refused, from 0 [1] */
   uint8_t cycle_result_verdict; /* verdict on the element; none: no cycle is done, or the program has no such element [enum] */
 } device_signals_t;
@@ -1493,8 +1501,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x4600d0f0)
-#define AXIS_OBJECTS_HASH_TEXT "4600d0f0"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0xd72cb6bc)
+#define AXIS_OBJECTS_HASH_TEXT "d72cb6bc"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1575,9 +1583,9 @@ extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
   AXIS_STORED_COUNT = 373,
-  AXIS_ADDRESSES_COUNT = 651,
+  AXIS_ADDRESSES_COUNT = 654,
   AXIS_HOLDING_COUNT = 195,
-  AXIS_INPUT_COUNT = 103
+  AXIS_INPUT_COUNT = 105
 };
 
 /* By index, then sub-index. */
