@@ -810,24 +810,21 @@ class Reader {
 
   // No good part has a force beyond force_max of its phases.
   void check_forces(const std::string &key, const cycle_element_t &element, std::int64_t most) {
-    const char *const remedy =
-        " within force_max of the phases of the element, because no good part has a force beyond "
-        "it; lower it, or raise force_max";
-    const bool is_crossing = element.kind == CYCLE_AT || element.kind == CYCLE_DIFFERENCE;
-    if (is_crossing && element.of_force != 0) {
-      for (const std::int64_t level : {element.level, element.level_2})
-        if (std::abs(level) > most)
-          root_.fail(key + (level == element.level ? ".level" : ".level_2"),
-                     std::string("expected a level") + remedy);
+    const auto beyond = [&](const char *of, const char *what) {
+      root_.fail(key + of, std::string("expected a ") + what +
+                               " within force_max of the phases of the element, because no good "
+                               "part has a force beyond it; lower it, or raise force_max");
+    };
+    if (element.of_force != 0) {
+      if (std::abs(element.level) > most) beyond(".level", "level");
+      if (std::abs(element.level_2) > most) beyond(".level_2", "level");
       return;
     }
-    const bool is_force = element.kind == CYCLE_PEAK || element.kind == CYCLE_VALLEY ||
-                          element.kind == CYCLE_LAST || element.kind == CYCLE_AT ||
-                          element.kind == CYCLE_WINDOW;
-    if (is_force && element.y_least > most)
-      root_.fail(key + ".least", std::string("expected a force") + remedy);
-    if (is_force && element.y_most < -most)
-      root_.fail(key + ".most", std::string("expected a force") + remedy);
+    static const std::set<int> kForces = {CYCLE_PEAK, CYCLE_VALLEY, CYCLE_LAST, CYCLE_AT,
+                                          CYCLE_WINDOW};
+    if (!kForces.contains(element.kind)) return;
+    if (element.y_least > most) beyond(".least", "force");
+    if (element.y_most < -most) beyond(".most", "force");
   }
 
   void check_outputs() {

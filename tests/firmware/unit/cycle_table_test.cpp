@@ -89,20 +89,4 @@ TEST(CycleTable, OnlyTablesWithinTheBoundsAreValid) {
   EXPECT_FALSE(valid({{1073741823, 0}, {1073741824, 0}}));
 }
 
-TEST(CycleTable, AMeanIsRoundedHalfUp) {
-  std::mt19937_64 random(2);
-  for (int i = 0; i < 100000; ++i) {
-    const auto n = std::uniform_int_distribution<std::int32_t>(1, i % 2 == 0 ? 9 : 16383)(random);
-    const std::int64_t most = std::int64_t{n} << 17;
-    const std::int64_t bound = i % 3 == 0 ? most : std::min<std::int64_t>(most, 50);
-    const auto sum = std::uniform_int_distribution<std::int64_t>(-bound, bound)(random);
-    if (sum < INT32_MIN || sum > INT32_MAX) continue;
-    ASSERT_EQ(fx_mean_half_up(static_cast<std::int32_t>(sum), static_cast<std::uint32_t>(n)),
-              static_cast<std::int64_t>(Floor(2 * Wide{sum} + n, 2 * n)))
-        << sum << " / " << n;
-  }
-  EXPECT_EQ(fx_mean_half_up(-1, 2), 0);
-  EXPECT_EQ(fx_mean_half_up(1, 2), 1);
-}
-
 }  // namespace
