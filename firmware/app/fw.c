@@ -484,6 +484,7 @@ void fw_prepare(fw_t *fw) {
 void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
   cia402_with_inputs(&fw->drive, &fw->axis, inputs);
   axis_tick(&fw->axis, inputs, outputs);
+  outputs->digital = fw->drive.signals.cycle_outputs;
   if (fw->live != 0) {
     cia402_control(&fw->drive, &fw->axis, outputs);
   }

@@ -76,6 +76,9 @@ typedef struct {
   /* The same output in 1/16 of a code, -32768..32752, for a port that can output more than whole
    * codes: a multiple of 2^(16 - dac_bits). dac_code is floor(dac_fine / 16 + 1/2). */
   int16_t dac_fine;
+  /* Digital outputs 1 to 4, as bits 0 to 3, which fw_control() sets: those that the program of a
+   * cycle has switched on up to the tick before. */
+  uint8_t digital;
 } axis_outputs_t;
 
 /* Number of fractional bits of axis_outputs_t.dac_fine, and bits of a DAC that outputs all of it.

@@ -4,21 +4,87 @@
 
 #include "firmware/fx/fx.h"
 
-static int32_t force_of(const cycle_inputs_t *now) {
-  return fx_clamp(now->force_q8, -CYCLE_FORCE_MAX_Q8, CYCLE_FORCE_MAX_Q8);
+/* Values of `done`: the phase is reached; it is reached when the drive reports so. */
+enum { DONE_BY_DRIVE = 1, DONE = 2 };
+
+static int32_t within_force(int32_t force_q8) {
+  return fx_clamp(force_q8, -CYCLE_FORCE_MAX_Q8, CYCLE_FORCE_MAX_Q8);
+}
+
+/* The force less the offset of the program, in the range of a sample. */
+static int32_t force_of(const cycle_t *cycle) { return within_force(cycle->force_q8); }
+
+static int32_t travel_from(int32_t position, int32_t from_cnt) {
+  return fx_clamp(fx_diff_wrap(position, from_cnt), -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX);
 }
 
 static int32_t travel_of(const cycle_inputs_t *now, int32_t from_cnt) {
-  return fx_clamp(fx_diff_wrap(now->position, from_cnt), -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX);
+  return travel_from(now->position, from_cnt);
 }
 
-static void begin_phase(cycle_t *cycle, uint8_t phase, const cycle_inputs_t *now) {
-  cycle->phase = phase;
+/* Sets the target of the demanded force for the next tick. */
+static void set_demand(cycle_t *cycle, const cycle_inputs_t *now) {
+  const cycle_phase_t *phase = cycle_phase(cycle);
+  if (phase->action != CYCLE_FOLLOW) {
+    cycle->demand_q8 = phase->force * INT32_C(256);
+    return;
+  }
+  const cycle_point_t *table = &cycle_points(cycle->program)[phase->first];
+  const uint32_t time =
+      (cycle->phase_ticks < CYCLE_TRAVEL_MAX) ? cycle->phase_ticks : CYCLE_TRAVEL_MAX;
+  const int32_t x = (phase->over_travel != 0) ? travel_of(now, cycle->start_cnt) : (int32_t)time;
+  cycle->demand_q8 = cycle_table_at(table, phase->points, x);
+  cycle->done = (x >= table[phase->points - 1].x) ? DONE_BY_DRIVE : 0;
+}
+
+static void begin_tare(cycle_t *cycle, const cycle_inputs_t *now) {
+  cycle->tare_cnt = now->position;
+  cycle->tare_sum = 0;
+  cycle->tare_ticks = 0;
+}
+
+static void begin_phase(cycle_t *cycle, uint8_t number, const cycle_inputs_t *now) {
+  cycle->phase = number;
   cycle->phase_ticks = 0;
   cycle->start_cnt = now->position;
   cycle->section_cnt = now->position;
-  cycle->section_force_q8 = force_of(now);
+  cycle->section_force_q8 = force_of(cycle);
   cycle->section_travel = 0;
+  const cycle_phase_t *phase = cycle_phase(cycle);
+  cycle->outputs = (uint8_t)((cycle->outputs | phase->outputs_on) & (uint8_t)~phase->outputs_off);
+  cycle->done =
+      (phase->action == CYCLE_OUTPUT) ? DONE : ((phase->action == CYCLE_TARE) ? 0 : DONE_BY_DRIVE);
+  begin_tare(cycle, now);
+  set_demand(cycle, now);
+}
+
+/* Ends the cycle, with the outputs in their safe state. */
+static void end(cycle_t *cycle) {
+  cycle->state = CYCLE_ENDED;
+  cycle->outputs &= cycle->program->outputs_keep;
+}
+
+void cycle_end(cycle_t *cycle, uint8_t outcome) {
+  if (cycle->outcome == CYCLE_BY_PROGRAM) {
+    cycle->outcome = outcome;
+    cycle->failed_phase = cycle->phase;
+  }
+  cycle->ended_by = 0;
+  end(cycle);
+}
+
+/* Sets force and depth of a sample, and finds travel 0 there if `is_zero` is true. */
+static void place(cycle_t *cycle, const cycle_inputs_t *now, bool is_zero) {
+  const cycle_header_t *program = cycle->program;
+  const int32_t deflection =
+      (program->compliance == 0)
+          ? 0
+          : cycle_table_at(cycle_points(program), program->compliance, force_of(cycle));
+  const int32_t position = fx_diff_wrap(now->position, deflection);
+  if (is_zero) {
+    cycle->zero_cnt = position;
+  }
+  cycle->depth = travel_from(position, cycle->zero_cnt);
 }
 
 void cycle_init(cycle_t *cycle) {
@@ -40,6 +106,18 @@ void cycle_init(cycle_t *cycle) {
   for (uint8_t i = 0; i < CYCLE_ELEMENTS_MAX; i++) {
     cycle_element_begin(&cycle->elements[i]);
   }
+  cycle->force_q8 = 0;
+  cycle->depth = 0;
+  cycle->demand_q8 = 0;
+  cycle->offset_q8 = 0;
+  cycle->tare_least = 0;
+  cycle->tare_most = 0;
+  cycle->tare_cnt = 0;
+  cycle->tare_sum = 0;
+  cycle->tare_ticks = 0;
+  cycle->ended_by = 0;
+  cycle->done = 0;
+  cycle->outputs = 0;
   cycle->written = 0;
   cycle->evaluated = 0;
   cycle->state = CYCLE_IDLE;
@@ -54,28 +132,31 @@ void cycle_init(cycle_t *cycle) {
 
 void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inputs_t *now,
                  int32_t reference_cnt) {
+  const uint8_t kept = cycle->outputs & program->outputs_keep;
   cycle_init(cycle);
   cycle->program = program;
   cycle->state = CYCLE_RUNNING;
+  cycle->outputs = kept;
   cycle->last_tick = now->tick;
   cycle->begin_tick = now->tick;
   cycle->begin_cnt = now->position;
   cycle->zeroed = (program->zero == CYCLE_ZERO_POSITION) ? 1 : 0;
-  cycle->zero_cnt = (cycle->zeroed != 0) ? reference_cnt : now->position;
+  cycle->zero_cnt = reference_cnt;
+  cycle->force_q8 = now->force_q8;
+  place(cycle, now, cycle->zeroed == 0);
   begin_phase(cycle, 0, now);
 }
 
 static void sample(cycle_t *cycle, const cycle_inputs_t *now) {
   if ((uint8_t)(cycle->written - cycle->evaluated) == CYCLE_SAMPLES) {
-    cycle->state = CYCLE_ENDED;
-    cycle->outcome = CYCLE_SAMPLES_LOST;
-    cycle->failed_phase = cycle->phase;
+    cycle->outcome = CYCLE_BY_PROGRAM;
+    cycle_end(cycle, CYCLE_SAMPLES_LOST);
     return;
   }
   cycle->samples[cycle->written & (CYCLE_SAMPLES - 1)] =
       (cycle_sample_t){.tick = now->tick,
-                       .travel = travel_of(now, cycle->zero_cnt),
-                       .force_q8 = force_of(now),
+                       .travel = cycle->depth,
+                       .force_q8 = force_of(cycle),
                        .phase = cycle->phase,
                        .zeroed = cycle->zeroed};
   cycle->written = (uint8_t)(cycle->written + 1);
@@ -97,14 +178,13 @@ static bool has_stiffness(const cycle_t *cycle, const cycle_condition_t *conditi
 /* Conditions of a travel. */
 static bool has_travelled(const cycle_t *cycle, const cycle_condition_t *condition,
                           const cycle_inputs_t *now) {
-  const int32_t since_touch = travel_of(now, cycle->zero_cnt);
   switch (condition->when) {
     case CYCLE_TRAVEL_ABOVE:
       return fx_magnitude(travel_of(now, cycle->start_cnt)) >= (uint32_t)condition->level;
-    case CYCLE_TOUCH_ABOVE:
-      return cycle->zeroed != 0 && since_touch >= condition->level;
+    case CYCLE_DEPTH_ABOVE:
+      return cycle->zeroed != 0 && cycle->depth >= condition->level;
     default:
-      return cycle->zeroed != 0 && since_touch <= condition->level;
+      return cycle->zeroed != 0 && cycle->depth <= condition->level;
   }
 }
 
@@ -115,13 +195,13 @@ static bool is_met(const cycle_t *cycle, const cycle_condition_t *condition,
     case CYCLE_NEVER:
       return false;
     case CYCLE_REACHED:
-      return now->reached != 0;
+      return (cycle->done & (DONE | now->reached)) != 0;
     case CYCLE_TIME:
       return cycle->phase_ticks >= (uint32_t)level;
     case CYCLE_FORCE_ABOVE:
-      return now->force_q8 >= level;
+      return cycle->force_q8 >= level;
     case CYCLE_FORCE_BELOW:
-      return now->force_q8 <= level;
+      return cycle->force_q8 <= level;
     case CYCLE_CONTACT:
       return now->contact != 0;
     case CYCLE_LOST:
@@ -149,10 +229,46 @@ static uint8_t limit_of(const cycle_t *cycle, const cycle_phase_t *phase,
   return (cycle->phase_ticks > phase->time_max) ? CYCLE_OVER_TIME : CYCLE_BY_PROGRAM;
 }
 
+/* Adds a sample to the tare, and ends the tare with its last sample. Returns why the tare fails, or
+ * CYCLE_BY_PROGRAM. */
+static uint8_t measure_tare(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
+  if (now->contact != 0) {
+    return CYCLE_TARE_CONTACT;
+  }
+  if (!fx_within(fx_diff_wrap(now->position, cycle->tare_cnt), CYCLE_TARE_JITTER_CNT)) {
+    begin_tare(cycle, now);
+  }
+  cycle->tare_sum += within_force(now->force_q8);
+  cycle->tare_ticks = (uint16_t)(cycle->tare_ticks + 1);
+  if (cycle->tare_ticks < (uint32_t)phase->target) {
+    return CYCLE_BY_PROGRAM;
+  }
+  const int32_t mean = fx_mean_half_up(cycle->tare_sum, cycle->tare_ticks);
+  if (mean < cycle->tare_least || mean > cycle->tare_most) {
+    return CYCLE_TARE_BAND;
+  }
+  cycle->offset_q8 = mean;
+  cycle->force_q8 = fx_diff_wrap(now->force_q8, mean);
+  cycle->done = DONE;
+  return CYCLE_BY_PROGRAM;
+}
+
+/* Returns the limit that is exceeded, or why the tare of the phase fails. */
+static uint8_t failure_of(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
+  const uint8_t limit = limit_of(cycle, phase, now);
+  if (phase->action != CYCLE_TARE || cycle->done != 0) {
+    return limit;
+  }
+  if (limit != CYCLE_BY_PROGRAM) {
+    return (limit == CYCLE_OVER_TIME) ? (uint8_t)CYCLE_TARE_MOVING : limit;
+  }
+  return measure_tare(cycle, phase, now);
+}
+
 /* Continues with a phase, or ends the cycle. */
 static void go_on(cycle_t *cycle, uint8_t next, const cycle_inputs_t *now) {
   if (next == CYCLE_END) {
-    cycle->state = CYCLE_ENDED;
+    end(cycle);
   } else {
     begin_phase(cycle, next, now);
   }
@@ -166,34 +282,50 @@ static void exceed(cycle_t *cycle, uint8_t limit, const cycle_inputs_t *now) {
     cycle->outcome = limit;
     cycle->failed_phase = cycle->phase;
   }
+  cycle->ended_by = 0;
   go_on(cycle, is_first ? cycle_phase(cycle)->reaction : CYCLE_END, now);
 }
 
 /* Returns true if travel 0 is at the sample of this tick. */
-static bool is_at_zero(const cycle_header_t *program, const cycle_inputs_t *now) {
-  if (program->zero == CYCLE_ZERO_TOUCH) {
+static bool is_at_zero(const cycle_t *cycle, const cycle_inputs_t *now) {
+  const int32_t level = cycle->program->zero_level;
+  if (cycle->program->zero == CYCLE_ZERO_TOUCH) {
     return now->contact != 0;
   }
-  return (program->zero_level > 0) ? now->force_q8 >= program->zero_level
-                                   : now->force_q8 <= program->zero_level;
+  return (level > 0) ? cycle->force_q8 >= level : cycle->force_q8 <= level;
 }
 
 /* Ends the section of stiffness_travel if it is complete, and begins the next one. */
 static void measure_stiffness(cycle_t *cycle, uint32_t section, const cycle_inputs_t *now) {
   const int32_t travel = travel_of(now, cycle->section_cnt);
   if (fx_magnitude(travel) >= section) {
-    cycle->section_change_q8 = force_of(now) - cycle->section_force_q8;
+    cycle->section_change_q8 = force_of(cycle) - cycle->section_force_q8;
     cycle->section_travel = travel;
     cycle->section_cnt = now->position;
-    cycle->section_force_q8 = force_of(now);
+    cycle->section_force_q8 = force_of(cycle);
   }
 }
 
-bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now) {
-  if (cycle->zeroed == 0 && is_at_zero(cycle->program, now)) {
-    cycle->zeroed = 1;
-    cycle->zero_cnt = now->position;
+/* Goes on by the first condition of the phase that is met. Returns false if none is met. */
+static bool take_condition(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
+  for (uint8_t i = 0; i < CYCLE_CONDITIONS; i++) {
+    const cycle_condition_t *condition = &phase->conditions[i];
+    uint16_t *taken = &cycle->taken[cycle->phase][i];
+    if ((condition->count == 0 || *taken < condition->count) && is_met(cycle, condition, now)) {
+      *taken = (uint16_t)(*taken + (condition->count != 0));
+      cycle->ended_by = (uint8_t)(i + 1);
+      go_on(cycle, condition->next, now);
+      return true;
+    }
   }
+  return false;
+}
+
+bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now) {
+  cycle->force_q8 = fx_diff_wrap(now->force_q8, cycle->offset_q8);
+  const bool is_zero = cycle->zeroed == 0 && is_at_zero(cycle, now);
+  cycle->zeroed |= (uint8_t)is_zero;
+  place(cycle, now, is_zero);
   const uint32_t passed = now->tick - cycle->last_tick;
   cycle->last_tick = now->tick;
   cycle->phase_ticks += passed;
@@ -208,29 +340,21 @@ bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now) {
   if (phase->stiffness_travel != 0) {
     measure_stiffness(cycle, phase->stiffness_travel, now);
   }
-  const uint8_t limit = limit_of(cycle, phase, now);
-  if (limit != CYCLE_BY_PROGRAM) {
-    exceed(cycle, limit, now);
+  const uint8_t failure = failure_of(cycle, phase, now);
+  if (failure != CYCLE_BY_PROGRAM) {
+    exceed(cycle, failure, now);
     return true;
   }
-  for (uint8_t i = 0; i < CYCLE_CONDITIONS; i++) {
-    const cycle_condition_t *condition = &phase->conditions[i];
-    uint16_t *taken = &cycle->taken[cycle->phase][i];
-    if ((condition->count == 0 || *taken < condition->count) && is_met(cycle, condition, now)) {
-      *taken = (uint16_t)(*taken + (condition->count != 0));
-      go_on(cycle, condition->next, now);
-      return true;
-    }
+  if (take_condition(cycle, phase, now)) {
+    return true;
   }
+  set_demand(cycle, now);
   return false;
 }
 
 void cycle_abort(cycle_t *cycle) {
   if (cycle->state == CYCLE_RUNNING) {
-    cycle->state = CYCLE_ENDED;
-    if (cycle->outcome == CYCLE_BY_PROGRAM) {
-      cycle->failed_phase = cycle->phase;
-    }
+    cycle_end(cycle, CYCLE_STOPPED);
     cycle->outcome = CYCLE_STOPPED;
   }
 }

@@ -24,7 +24,9 @@ enum { CYCLE_SAMPLES = 16 };
 enum { CYCLE_IDLE = 0, CYCLE_RUNNING = 1, CYCLE_ENDED = 2, CYCLE_DONE = 3 };
 
 /* How a cycle ended: as the program intends; a limit of a phase was exceeded; stopped from outside;
- * samples were lost, because nobody evaluated them or because ticks were missing. */
+ * samples were lost, because nobody evaluated them or because ticks were missing; the tare of a
+ * phase failed, because the axis was in contact or did not stand still, or because the offset is
+ * beyond tare_band. */
 enum {
   CYCLE_BY_PROGRAM = 0,
   CYCLE_OVER_FORCE = 1,
@@ -32,7 +34,10 @@ enum {
   CYCLE_OVER_TIME = 3,
   CYCLE_STOPPED = 4,
   CYCLE_SAMPLES_LOST = 5,
-  CYCLE_OUTCOMES = 6
+  CYCLE_TARE_CONTACT = 6,
+  CYCLE_TARE_MOVING = 7,
+  CYCLE_TARE_BAND = 8,
+  CYCLE_OUTCOMES = 9
 };
 
 /* What the axis measured in a tick. */
@@ -53,6 +58,20 @@ typedef struct {
   int32_t start_cnt;             /* position at the start of the phase */
   int32_t zero_cnt;              /* position of travel 0: the start, until it is found */
   int32_t begin_cnt;
+  /* Of the last sample: force less offset_q8, and depth; +-CYCLE_TRAVEL_MAX. */
+  int32_t force_q8;
+  int32_t depth;
+  /* PRESS, FOLLOW: target of the demanded force for the next tick, in 1/256 per mille of
+   * rated_force, without the offset */
+  int32_t demand_q8;
+  int32_t offset_q8; /* offset of the force, 0 until a tare has measured it */
+  /* TARE: smallest and largest offset, which the caller sets when the phase begins; position, sum
+   * of the forces and number of ticks of the measurement */
+  int32_t tare_least;
+  int32_t tare_most;
+  int32_t tare_cnt;
+  int32_t tare_sum;
+  uint16_t tare_ticks;
   /* Begin of the section of stiffness_travel that is not complete yet, and the changes over the
    * last complete one; section_travel is 0 if there is none yet. */
   int32_t section_cnt;
@@ -68,9 +87,16 @@ typedef struct {
   uint8_t phase;        /* the phase that runs, or the last one */
   uint8_t outcome;      /* CYCLE_BY_PROGRAM to CYCLE_SAMPLES_LOST */
   uint8_t failed_phase; /* the phase in which a limit was exceeded first, or the cycle stopped */
-  uint8_t zeroed;       /* 1 if travel 0 is found */
-  uint8_t incomplete;   /* 1 if a tick was missing */
-  uint8_t good;         /* 1 if the cycle ended by its program and all elements are good */
+  /* number, from 1, of the condition that ended the last phase that has ended; 0: a limit, a stop,
+   * or no phase has ended yet */
+  uint8_t ended_by;
+  /* 2: the phase is reached; 1: it is reached if the drive reports so; 0: not reached, because the
+   * tare is not complete, or the demand is not yet that of the end of the table */
+  uint8_t done;
+  uint8_t outputs;    /* outputs that are on */
+  uint8_t zeroed;     /* 1 if travel 0 is found */
+  uint8_t incomplete; /* 1 if a tick was missing */
+  uint8_t good;       /* 1 if the cycle ended by its program and all elements are good */
 } cycle_t;
 
 /* Sets the state at power-up: no cycle has run. */
@@ -91,6 +117,9 @@ static inline const cycle_phase_t *cycle_phase(const cycle_t *cycle) {
 /* Takes the signals of a tick. Returns true if another phase began or the cycle ended, in this
  * tick. */
 bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now);
+
+/* Ends a running cycle with an outcome in the phase that runs. */
+void cycle_end(cycle_t *cycle, uint8_t outcome);
 
 /* Ends a running cycle as CYCLE_STOPPED. */
 void cycle_abort(cycle_t *cycle);

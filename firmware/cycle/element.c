@@ -13,16 +13,8 @@ static bool is_ordered(int32_t least, int32_t most, int32_t bound) {
 
 /* Returns true if a curve of points rises in x and covers the range of the element. */
 static bool is_curve(const cycle_element_t *element, const cycle_point_t *points, uint8_t count) {
-  if (count < 2 || points[0].x > element->x_least || points[count - 1].x < element->x_most) {
-    return false;
-  }
-  for (uint8_t i = 0; i < count; i++) {
-    if (!fx_within(points[i].x, CYCLE_TRAVEL_MAX) || !fx_within(points[i].y, CYCLE_FORCE_MAX_Q8) ||
-        (i > 0 && points[i].x <= points[i - 1].x)) {
-      return false;
-    }
-  }
-  return true;
+  return count >= 2 && points[0].x <= element->x_least && points[count - 1].x >= element->x_most &&
+         cycle_points_are_valid(points, count, INT32_MAX, CYCLE_TRAVEL_MAX, CYCLE_FORCE_MAX_Q8);
 }
 
 static bool has_envelope(const cycle_element_t *element, const cycle_point_t *points,
@@ -198,17 +190,8 @@ static void take_line(const cycle_element_t *element, cycle_element_state_t *sta
 
 /* Returns the force of a curve of points at x, rounded into the curve's side. */
 static int32_t force_at(const cycle_point_t *points, uint8_t count, int32_t x, uint8_t rounding) {
-  uint8_t low = 0;
-  uint8_t high = (uint8_t)(count - 1);
-  while (high - low > 1) {
-    const uint8_t middle = (uint8_t)fx_half((uint32_t)low + high);
-    if (points[middle].x <= x) {
-      low = middle;
-    } else {
-      high = middle;
-    }
-  }
-  return fx_interpolate(points[low].x, points[low].y, points[high].x, points[high].y, x, rounding);
+  const cycle_point_t *line = &points[cycle_line_at(points, count, x)];
+  return fx_interpolate(line[0].x, line[0].y, line[1].x, line[1].y, x, rounding);
 }
 
 static void take_envelope(const cycle_element_t *element, const cycle_point_t *points,

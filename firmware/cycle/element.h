@@ -19,12 +19,13 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/cycle/table.h"
 #include "firmware/cycle/window.h"
 
 /* Largest magnitudes of a sample: force in 1/256 count at 8 bits, travel in encoder counts. A
  * cycle limits larger values to these. */
 #define CYCLE_FORCE_MAX_Q8 INT32_C(131071)
-#define CYCLE_TRAVEL_MAX INT32_C(1073741823)
+#define CYCLE_TRAVEL_MAX CYCLE_TABLE_X_MAX
 
 typedef struct {
   uint32_t tick;    /* number of the tick, which may wrap */
@@ -63,11 +64,6 @@ enum {
 /* A crossing is rising where a line begins below the level and ends at or above it, and falling
  * where the line begins at or above the level and ends below it. */
 enum { CYCLE_RISING = 1, CYCLE_FALLING = 2, CYCLE_EITHER = 3 };
-
-typedef struct {
-  int32_t x; /* rises from one point of a curve to the next */
-  int32_t y; /* force in 1/256 count */
-} cycle_point_t;
 
 typedef struct {
   uint8_t kind;

@@ -4,7 +4,7 @@
 #include "firmware/fx/fx.h"
 
 _Static_assert(sizeof(cycle_header_t) == 40, "the structure is the layout of the record");
-_Static_assert(sizeof(cycle_phase_t) == 64, "the structure is the layout of the record");
+_Static_assert(sizeof(cycle_phase_t) == 68, "the structure is the layout of the record");
 _Static_assert(sizeof(cycle_element_t) == 40, "the structure is the layout of the record");
 _Static_assert(sizeof(cycle_point_t) == 8, "the structure is the layout of the record");
 
@@ -26,8 +26,8 @@ static bool has_right_level(const cycle_condition_t *condition) {
     case CYCLE_FORCE_ABOVE:
     case CYCLE_FORCE_BELOW:
       return fx_within(condition->level, CYCLE_FORCE_MAX_Q8);
-    case CYCLE_TOUCH_ABOVE:
-    case CYCLE_TOUCH_BELOW:
+    case CYCLE_DEPTH_ABOVE:
+    case CYCLE_DEPTH_BELOW:
       return fx_within(condition->level, CYCLE_TRAVEL_MAX);
     case CYCLE_INPUT_ON:
     case CYCLE_INPUT_OFF:
@@ -40,20 +40,39 @@ static bool has_right_level(const cycle_condition_t *condition) {
   }
 }
 
-static bool is_press(const cycle_phase_t *phase) {
-  return phase->force != 0 && phase->force > -INT16_MAX && phase->slope > 0 && phase->target == 0 &&
-         phase->speed == 0;
+static bool is_move(uint8_t action) {
+  return action == CYCLE_MOVE || action == CYCLE_MOVE_BY || action == CYCLE_MOVE_TO_DEPTH ||
+         action == CYCLE_APPROACH;
 }
 
+/* The fields that an action does not use are 0. */
 static bool has_right_action(const cycle_phase_t *phase) {
-  if (phase->action == CYCLE_PRESS) {
-    return is_press(phase);
-  }
-  if (phase->action >= CYCLE_ACTIONS || phase->force != 0 || phase->slope != 0) {
+  const uint8_t action = phase->action;
+  const bool presses = action == CYCLE_PRESS || action == CYCLE_FOLLOW;
+  if (action >= CYCLE_ACTIONS || (phase->slope != 0) != presses ||
+      (phase->force != 0) != (action == CYCLE_PRESS) || (phase->speed != 0) != is_move(action)) {
     return false;
   }
-  const bool waits = phase->action == CYCLE_WAIT;
-  return waits ? phase->target == 0 && phase->speed == 0 : phase->speed > 0;
+  if (action == CYCLE_TARE) {
+    return phase->target > 0 && phase->target <= CYCLE_TARE_TICKS_MAX;
+  }
+  return is_move(action) || phase->target == 0;
+}
+
+/* FOLLOW has a table of the program's points. */
+static bool has_right_table(const cycle_header_t *program, const cycle_phase_t *phase) {
+  if (phase->action != CYCLE_FOLLOW) {
+    return phase->first == 0 && phase->points == 0 && phase->over_travel == 0;
+  }
+  return (uint32_t)phase->first + phase->points <= program->points && phase->over_travel <= 1 &&
+         cycle_table_is_valid(&cycle_points(program)[phase->first], phase->points);
+}
+
+/* OUTPUT has an output that it switches. */
+static bool has_right_outputs(const cycle_phase_t *phase) {
+  const uint8_t all = phase->outputs_on | phase->outputs_off;
+  return all <= CYCLE_OUTPUTS_ALL && (phase->outputs_on & phase->outputs_off) == 0 &&
+         (all != 0 || phase->action != CYCLE_OUTPUT);
 }
 
 static bool has_right_limits(const cycle_phase_t *phase) {
@@ -72,19 +91,16 @@ static bool has_right_conditions(const cycle_header_t *program, const cycle_phas
     }
     uses_stiffness = uses_stiffness || is_stiffness(condition);
   }
-  return uses_stiffness == (phase->stiffness_travel != 0) &&
-         phase->stiffness_travel <= CYCLE_STIFFNESS_TRAVEL_MAX;
+  return uses_stiffness == (phase->stiffness_travel != 0);
 }
 
 static bool is_right_phase(const cycle_header_t *program, const cycle_phase_t *phase) {
-  return has_right_action(phase) && has_right_limits(phase) &&
+  return has_right_action(phase) && phase->force > -INT16_MAX && has_right_table(program, phase) &&
+         has_right_outputs(phase) && has_right_limits(phase) &&
          is_target(program, phase->reaction) && has_right_conditions(program, phase);
 }
 
 static bool has_right_zero(const cycle_header_t *program) {
-  if (program->reserved[0] != 0 || program->reserved[1] != 0 || program->reserved[2] != 0) {
-    return false;
-  }
   switch (program->zero) {
     case CYCLE_ZERO_TOUCH:
       return program->zero_level == 0;
@@ -93,6 +109,13 @@ static bool has_right_zero(const cycle_header_t *program) {
     default:
       return program->zero == CYCLE_ZERO_POSITION;
   }
+}
+
+static bool has_right_header(const cycle_header_t *program) {
+  return program->reserved == 0 && program->outputs_keep <= CYCLE_OUTPUTS_ALL &&
+         program->compliance <= program->points &&
+         (program->compliance == 0 ||
+          cycle_table_is_valid(cycle_points(program), program->compliance));
 }
 
 static bool has_right_size(const cycle_header_t *program, uint32_t size) {
@@ -145,6 +168,9 @@ cycle_check_t cycle_program_check(const void *record, uint32_t size) {
   }
   if (!has_right_crc((const uint8_t *)record, size)) {
     return (cycle_check_t){CYCLE_WRONG_CRC, 0};
+  }
+  if (!has_right_header(program)) {
+    return (cycle_check_t){CYCLE_WRONG_HEADER, 0};
   }
   return has_right_zero(program) ? check_parts(program) : (cycle_check_t){CYCLE_WRONG_ZERO, 0};
 }

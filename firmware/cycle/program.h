@@ -7,19 +7,23 @@
  * bytes before it, in this order, without gaps and with the lowest byte of a number first. The
  * structures below are its layout. Positions and speeds are in user units of the drive (608Fh,
  * 6091h, 6092h), travels in encoder counts, press forces in per mille of rated_force, other forces
- * in 1/256 count of measured force, times in ticks of 1/1500 s. */
+ * in 1/256 count of measured force, times in ticks of 1/1500 s.
+ *
+ * The depth is the travel from travel 0, less the deflection of the press at the present force. The
+ * deflection is 0 in a program without a curve of compliance. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/cycle/element.h"
+#include "firmware/cycle/table.h"
 
 enum {
   CYCLE_PROGRAM_BYTES_MAX = 4096,
   CYCLE_PHASES_MAX = 16,
   CYCLE_CONDITIONS = 4,
   CYCLE_ELEMENTS_MAX = 16,
-  CYCLE_VERSION = 1,
+  CYCLE_VERSION = 2,
   CYCLE_END = 255 /* in place of a phase: the cycle ends */
 };
 #define CYCLE_MAGIC UINT32_C(0x59435846) /* "FXCY" */
@@ -29,38 +33,64 @@ enum {
  *   FORCE     at the first sample with a force of at least zero_level (at most, if it is negative)
  *   POSITION  at the position zero_level in user units; the axis has to be homed
  *
- * Until TOUCH or FORCE is found, travel counts from the start of the cycle. */
+ * Until TOUCH or FORCE is found, travel and depth count from the start of the cycle. The deflection
+ * at travel 0 belongs to the place of travel 0, so that the depth is 0 there. */
 enum { CYCLE_ZERO_TOUCH = 0, CYCLE_ZERO_FORCE = 1, CYCLE_ZERO_POSITION = 2, CYCLE_ZEROS = 3 };
 
 /* What a phase does.
  *   MOVE           moves to a position
  *   MOVE_BY        moves by a distance from the demand position at its start
- *   MOVE_TO_TOUCH  moves to the place whose travel is the distance
+ *   MOVE_TO_DEPTH  moves to the place whose depth is the distance if the press deflects by 0
  *   APPROACH       moves by a distance, as MOVE_BY does, and stops at contact
  *   PRESS          presses with a force; out of contact it approaches as mode 4 does
- *   WAIT           brakes to standstill and stays */
+ *   WAIT           brakes to standstill and stays
+ *   FOLLOW         presses as PRESS does; the target is the force of a table (table.h) over the
+ * time or the travel since the phase began, in 1/256 per mille of rated_force TARE           waits,
+ * and measures the offset of the force (see below) OUTPUT         waits; the phase is reached in
+ * its first tick
+ *
+ * A phase of any action switches its outputs when it begins. At the end of the cycle, however it
+ * ends, all outputs but those of outputs_keep go off. A kept output stays as it is up to a cycle of
+ * a program that does not keep it, or up to the selection of a program.
+ *
+ * TARE measures the mean of the measured force over `target` ticks, rounded half up. The
+ * measurement begins anew when the encoder has moved by more than CYCLE_TARE_JITTER_CNT. The mean
+ * becomes the offset of the program up to the end of the cycle: it is subtracted from the force in
+ * conditions, in zero_level and in the samples of the elements, and it is added to the target of
+ * PRESS and FOLLOW before that target is bounded. force_max of a phase limits the measured force
+ * itself, so no offset weakens this limit. The tare fails, as a limit that is exceeded does, in
+ * contact, if the axis does not stand still up to time_max, or if the sum of the mean and
+ * force_tare is beyond tare_band, or tare_band is 0. */
+enum {
+  CYCLE_TARE_TICKS_MAX = 15000, /* 10 s */
+  CYCLE_TARE_JITTER_CNT = 2,
+  CYCLE_OUTPUTS_ALL = 15 /* outputs 1 to 4, as bits */
+};
 enum {
   CYCLE_MOVE = 0,
   CYCLE_MOVE_BY = 1,
-  CYCLE_MOVE_TO_TOUCH = 2,
+  CYCLE_MOVE_TO_DEPTH = 2,
   CYCLE_APPROACH = 3,
   CYCLE_PRESS = 4,
   CYCLE_WAIT = 5,
-  CYCLE_ACTIONS = 6
+  CYCLE_FOLLOW = 6,
+  CYCLE_TARE = 7,
+  CYCLE_OUTPUT = 8,
+  CYCLE_ACTIONS = 9
 };
 
 /* When a condition is met. `level` is in the unit of the quantity.
- *   REACHED       the target of the phase is reached
+ *   REACHED       the target of the phase is reached; FOLLOW: also, the time or the travel is at or
+ *                 beyond the last point of the table; TARE: the offset is measured; WAIT: never
  *   TIME          the phase lasts for `level` ticks
- *   FORCE_ABOVE   the measured force is at least `level`; BELOW: at most
+ *   FORCE_ABOVE   the measured force less the offset of TARE is at least `level`; BELOW: at most
  *   TRAVEL_ABOVE  the travel since the phase began is at least `level`, in either direction
- *   TOUCH_ABOVE   travel 0 is found, and the travel is at least `level`; BELOW: at most
+ *   DEPTH_ABOVE   travel 0 is found, and the depth is at least `level`; BELOW: at most
  *   CONTACT, LOST the axis is in contact, or not
  *   INPUT_ON, OFF the digital inputs of the mask `level` are all on, or all off
  *   STIFFNESS_ABOVE  the change of the force over the last complete section of stiffness_travel in
  *                 this phase, divided by the change of the travel, is at least `level`, in 1/65536
  *                 of 1/256 count of force per encoder count; BELOW: at most */
-enum { CYCLE_STIFFNESS_TRAVEL_MAX = 65535 }; /* encoder counts */
 enum {
   CYCLE_NEVER = 0,
   CYCLE_REACHED = 1,
@@ -68,8 +98,8 @@ enum {
   CYCLE_FORCE_ABOVE = 3,
   CYCLE_FORCE_BELOW = 4,
   CYCLE_TRAVEL_ABOVE = 5,
-  CYCLE_TOUCH_ABOVE = 6,
-  CYCLE_TOUCH_BELOW = 7,
+  CYCLE_DEPTH_ABOVE = 6,
+  CYCLE_DEPTH_BELOW = 7,
   CYCLE_CONTACT = 8,
   CYCLE_LOST = 9,
   CYCLE_INPUT_ON = 10,
@@ -90,15 +120,20 @@ typedef struct {
   uint8_t action;
   uint8_t reaction; /* phase after a limit is exceeded, or CYCLE_END: the cycle ends */
   int16_t force;    /* PRESS: target in per mille of rated_force */
-  uint32_t slope;   /* PRESS: change of the demanded force in per mille per second, > 0 */
-  int32_t target;   /* moves: position or distance in user units */
+  uint32_t slope;   /* PRESS, FOLLOW: change of the demanded force in per mille per second, > 0 */
+  int32_t target;   /* moves: position or distance in user units; TARE: number of ticks */
   uint32_t speed;   /* moves: user units per second, > 0 */
   /* Limits, each > 0: magnitude of the measured force, travel since the phase began, duration. */
   uint32_t force_max_q8;
   uint32_t travel_max;
   uint32_t time_max;
   /* Travel of one section for STIFFNESS_ABOVE and BELOW, > 0 with such a condition and else 0. */
-  uint32_t stiffness_travel;
+  uint16_t stiffness_travel;
+  uint16_t first;      /* FOLLOW: index of the first point of its table in the program's points */
+  uint8_t points;      /* FOLLOW: number of points */
+  uint8_t over_travel; /* FOLLOW. 1: x of the table is the travel; 0: the time in ticks */
+  uint8_t outputs_on;  /* outputs that the begin of the phase switches on */
+  uint8_t outputs_off; /* outputs that it switches off */
   cycle_condition_t conditions[CYCLE_CONDITIONS];
 } cycle_phase_t;
 
@@ -109,12 +144,16 @@ typedef struct {
   uint8_t phases;
   uint8_t elements;
   uint16_t points;
-  uint32_t bank_crc;   /* CRC of the bank for which the program was made; 0: any bank */
-  uint32_t number;     /* number that the user gave the program */
-  uint8_t name[12];    /* text, filled up with 0 */
-  int32_t zero_level;  /* 0 with CYCLE_ZERO_TOUCH, not 0 with CYCLE_ZERO_FORCE */
-  uint8_t zero;        /* where travel 0 is, CYCLE_ZERO_ */
-  uint8_t reserved[3]; /* 0 */
+  uint32_t bank_crc;  /* CRC of the bank for which the program was made; 0: any bank */
+  uint32_t number;    /* number that the user gave the program */
+  uint8_t name[12];   /* text, filled up with 0 */
+  int32_t zero_level; /* 0 with CYCLE_ZERO_TOUCH, not 0 with CYCLE_ZERO_FORCE */
+  uint8_t zero;       /* where travel 0 is, CYCLE_ZERO_ */
+  /* Number of points of the curve of compliance, which are the first ones of the program's points:
+   * deflection of the press in encoder counts over the force in 1/256 count. 0: no deflection. */
+  uint8_t compliance;
+  uint8_t outputs_keep; /* outputs that stay as they are at the end of the cycle */
+  uint8_t reserved;     /* 0 */
 } cycle_header_t;
 
 /* Why a record is refused, and the number of the phase or element that is wrong. */
@@ -130,8 +169,9 @@ enum {
   CYCLE_NO_ROOM = 8,   /* the library is full */
   CYCLE_NO_NUMBER = 9, /* a program of the library has another number than 0 */
   CYCLE_WRONG_ZERO = 10,
-  CYCLE_LOCKED = 11, /* the axis takes no program */
-  CYCLE_REASONS = 12
+  CYCLE_WRONG_HEADER = 11, /* compliance, outputs_keep or the reserved byte */
+  CYCLE_LOCKED = 12,       /* the axis takes no program */
+  CYCLE_REASONS = 13
 };
 typedef struct {
   uint8_t reason;

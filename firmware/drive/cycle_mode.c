@@ -31,10 +31,13 @@ static const cia402_mode_t waits = {.lead = homing_run, .bits = cia402_cycle_bit
 static const cia402_mode_t *mode_of(uint8_t action) {
   switch (action) {
     case CYCLE_PRESS:
+    case CYCLE_FOLLOW:
       return &presses;
     case CYCLE_APPROACH:
       return &approaches;
     case CYCLE_WAIT:
+    case CYCLE_TARE:
+    case CYCLE_OUTPUT:
       return &waits;
     default:
       return &moves;
@@ -57,7 +60,7 @@ static int32_t base_of(const cia402_t *drive, const axis_t *axis, uint8_t action
   if (action == CYCLE_MOVE) {
     return 0;
   }
-  if (action == CYCLE_MOVE_TO_TOUCH) {
+  if (action == CYCLE_MOVE_TO_DEPTH) {
     return cia402_user(drive, drive->cycle.zero_cnt);
   }
   const bool tracks = drive->tracking == CIA402_TRACKING_AXIS;
@@ -65,21 +68,40 @@ static int32_t base_of(const cia402_t *drive, const axis_t *axis, uint8_t action
       drive, tracks ? fx_cnt_from_q32(drive->trajectory.position_q32) : axis->signals.position);
 }
 
-/* Sets the mode and the targets of the phase that has begun. */
-static void begin_phase(cia402_t *drive, const axis_t *axis) {
+/* Sets what a cycle has to know of the axis when a phase begins: the offset of the program as a
+ * part of the demanded force, and the smallest and the largest mean force that a tare may find.
+ * tare_band bounds the sum of this mean and force_tare; without a band there is no tare. */
+static void begin_offset(cia402_t *drive, const axis_t *axis) {
+  const int32_t band = (axis->params.tare_band == 0) ? -1 : axis->params.tare_band;
+  drive->cycle.tare_least = -band - axis->params.force_tare;
+  drive->cycle.tare_most = band - axis->params.force_tare;
+  drive->cycle_offset_q8 =
+      fx_ratio_apply(fx_scale(drive->cycle.offset_q8, 8), drive->force_of_reading, 0);
+}
+
+/* Sets the mode and the targets of the phase that has begun. A place beyond 32 bits, which no axis
+ * can reach, ends the cycle as over_travel. Returns false then. */
+static bool begin_phase(cia402_t *drive, const axis_t *axis) {
   const cycle_phase_t *phase = cycle_phase(&drive->cycle);
   const cia402_mode_t *mode = mode_of(phase->action);
-  const int64_t place = (int64_t)base_of(drive, axis, phase->action) + phase->target;
+  const bool moves_to = mode == &moves || mode == &approaches;
+  const int64_t place = moves_to ? (int64_t)base_of(drive, axis, phase->action) + phase->target : 0;
+  const int32_t position = fx_saturate(place, INT32_MIN, INT32_MAX);
+  if (position != place) {
+    cycle_end(&drive->cycle, CYCLE_OVER_TRAVEL);
+    return false;
+  }
+  begin_offset(drive, axis);
   if (mode->run != drive->mode->run) {
     cia402_end_mode(drive);
   }
   drive->mode = mode;
-  drive->setpoint = (cia402_setpoint_t){.position = fx_saturate(place, INT32_MIN, INT32_MAX),
-                                        .speed = phase->speed};
-  drive->setpoint_active = (mode == &moves || mode == &approaches) ? 1 : 0;
+  drive->setpoint = (cia402_setpoint_t){.position = position, .speed = phase->speed};
+  drive->setpoint_active = moves_to ? 1 : 0;
   drive->setpoint_buffered = 0;
   drive->stopped_by_contact = 0;
   drive->reached_tick = 0;
+  return true;
 }
 
 /* Returns true if the program has positions that count from the reference of the axis. */
@@ -132,8 +154,9 @@ void cycle_mode_moved(cia402_t *drive, const cycle_header_t *program) {
 }
 
 void cycle_mode_start(cia402_t *drive, const axis_t *axis) {
-  if (cycle_mode_is_busy(drive)) {
-    return;
+  drive->cycle_asked = cycle_mode_is_busy(drive) ? 1 : 0;
+  if (drive->cycle_asked != 0) {
+    return; /* cycle_mode_after() starts the cycle when the last one is evaluated. */
   }
   drive->cycle_refusal = refusal_of(drive);
   if (drive->cycle_refusal == AXIS_CYCLE_STATE_IDLE) {
@@ -141,12 +164,15 @@ void cycle_mode_start(cia402_t *drive, const axis_t *axis) {
     cycle_start(&drive->cycle, drive->program, &now,
                 cia402_encoder(drive, drive->program->zero_level));
     drive->signals.cycle_count += 1;
-    begin_phase(drive, axis);
+    if (!begin_phase(drive, axis)) {
+      cia402_leave_mode(drive);
+    }
   }
   cia402_show_cycle(drive);
 }
 
 void cycle_mode_interrupt(cia402_t *drive) {
+  drive->cycle_asked = 0;
   if (cycle_is_running(&drive->cycle)) {
     cia402_leave_mode(drive);
   }
@@ -165,9 +191,7 @@ void cycle_mode_step(cia402_t *drive, const axis_t *axis) {
   }
   const cycle_inputs_t now = inputs_of(drive, axis);
   if (cycle_step(&drive->cycle, &now)) {
-    if (cycle_is_running(&drive->cycle)) {
-      begin_phase(drive, axis);
-    } else {
+    if (!cycle_is_running(&drive->cycle) || !begin_phase(drive, axis)) {
       cia402_leave_mode(drive);
     }
     cia402_show_cycle(drive);

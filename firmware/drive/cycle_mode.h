@@ -3,11 +3,13 @@
 
 /* Mode of operation -9: the axis runs the cycle of a program (firmware/cycle). Each phase moves the
  * axis as the mode of its kind does: profile position, guarded move, or mode 4 with the force and
- * the slope of the phase. All bounds of these modes apply: position limits, velocity_max,
- * force_limit, the bounds of a law without certificate, the contact guard.
+ * the slope of the phase, whose target of a table and of a tare may change in each tick. All bounds
+ * of these modes apply: position limits, velocity_max, force_limit, the bounds of a law without
+ * certificate, the contact guard.
  *
  * A rising edge of bit 4 of the controlword starts a cycle, if the axis has a program that fits
- * (cycle_state says otherwise why it did not start). A controlword without bit 4, a halt, every
+ * (cycle_state says otherwise why it did not start). An edge while the last samples of a cycle are
+ * evaluated starts the next cycle after the evaluation. A controlword without bit 4, a halt, every
  * stop and fault, another mode and the loss of the owner end the cycle: the part is then aborted,
  * never good. Statusword bit 10: no cycle runs and the axis is at standstill; bit 12: the last
  * cycle is done; bit 13: its part is not good, or no cycle could start. */
@@ -42,6 +44,8 @@ void cycle_mode_step(cia402_t *drive, const axis_t *axis);
 static inline void cycle_mode_after(cia402_t *drive, const axis_t *axis) {
   if (cycle_is_running(&drive->cycle)) {
     cycle_mode_step(drive, axis);
+  } else if (drive->cycle_asked != 0) {
+    cycle_mode_start(drive, axis);
   }
 }
 

@@ -39,16 +39,30 @@ static void approach(cia402_t *drive, axis_t *axis, int32_t target, bool halted)
   motion_follow(drive, axis);
 }
 
-/* Returns the demanded force without the bounds of the demanded force. */
-static int32_t wanted_force(const cia402_t *drive) {
-  if (cycle_is_running(&drive->cycle)) {
-    return cycle_phase(&drive->cycle)->force;
+/* Returns the target of a cycle with the offset of its program. The offset does not turn the
+ * direction of the target, because the direction is that of the approach. */
+static int32_t target_of_cycle_q8(const cia402_t *drive) {
+  const int32_t target = drive->cycle.demand_q8;
+  const int32_t sum = target + drive->cycle_offset_q8;
+  if (target == 0) {
+    return 0;
   }
-  return (drive->force_written != 0) ? drive->params.target_force + drive->params.force_offset : 0;
+  return (target > 0) ? ((sum > 0) ? sum : 1) : ((sum < 0) ? sum : -1);
 }
 
-static int32_t bounded_force(const cia402_t *drive, int32_t force) {
-  return fx_clamp(force, drive->force_bounds.least, drive->force_bounds.most);
+/* Returns the demanded force without the bounds of the demanded force, in 1/256 per mille. */
+static int32_t wanted_force_q8(const cia402_t *drive) {
+  if (cycle_is_running(&drive->cycle)) {
+    return target_of_cycle_q8(drive);
+  }
+  return (drive->force_written != 0)
+             ? fx_scale(drive->params.target_force + drive->params.force_offset, 8)
+             : 0;
+}
+
+static int32_t bounded_force_q8(const cia402_t *drive, int32_t force_q8) {
+  return fx_clamp(force_q8, fx_scale(drive->force_bounds.least, 8),
+                  fx_scale(drive->force_bounds.most, 8));
 }
 
 /* Returns true during the time contact_loss_dwell after a contact loss. The force law then stays
@@ -84,7 +98,7 @@ static void cap_pressing(const cia402_t *drive, axis_t *axis) {
 
 /* Changes the demanded force by one tick towards the target. A halt bypasses the input shaper, and
  * its ramp starts from the present demanded force. */
-static void demand(cia402_t *drive, int32_t target, bool at_once, bool halted) {
+static void demand(cia402_t *drive, int32_t target_q8, bool at_once, bool halted) {
   const uint32_t slope = cycle_is_running(&drive->cycle) ? cycle_phase(&drive->cycle)->slope
                                                          : drive->params.force_slope;
   int32_t step = fx_q16_from_per_s(slope);
@@ -95,7 +109,7 @@ static void demand(cia402_t *drive, int32_t target, bool at_once, bool halted) {
     step = (step < least) ? least : step;
   }
   const int32_t before_q16 = drive->force_ramp_q16;
-  const int32_t wanted_q16 = fx_scale(target, 16);
+  const int32_t wanted_q16 = fx_scale(target_q8, 8);
   const int64_t change = (int64_t)wanted_q16 - before_q16;
   drive->force_ramp_q16 =
       (at_once && !halted) ? wanted_q16 : before_q16 + fx_saturate(change, -step, step);
@@ -109,8 +123,8 @@ static void demand(cia402_t *drive, int32_t target, bool at_once, bool halted) {
  * profile mode the demanded force changes along a ramp to the target. */
 static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const bool halted = (drive->params.controlword & CIA402_CW_HALT) != 0;
-  const int32_t wanted = halted ? 0 : wanted_force(drive);
-  const int32_t target = bounded_force(drive, wanted);
+  const int32_t wanted = halted ? 0 : wanted_force_q8(drive);
+  const int32_t target = bounded_force_q8(drive, wanted);
   drive->limited |= (uint8_t)(target != wanted);
   contact_guard_approach(&drive->guards.contact_guard, target, drive->force_demand_q16);
   const bool dwells = dwells_after_loss(drive, axis);
@@ -129,7 +143,8 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   if (drive->pressing == 0) {
     /* The demanded force starts from the present measured force. */
     const int32_t reading = fx_ratio_apply(axis->signals.force, drive->force_of_reading, 0);
-    drive->force_ramp_q16 = fx_scale(bounded_force(drive, reading), 16);
+    drive->force_ramp_q16 =
+        fx_scale(fx_clamp(reading, drive->force_bounds.least, drive->force_bounds.most), 16);
     drive->force_demand_q16 = drive->force_ramp_q16;
     shaper_clear(&drive->force_shaper);
     drive->slowing = 0; /* From this tick on, a halt reduces the demanded force by a ramp. */
@@ -217,11 +232,11 @@ void force_impedance(cia402_t *drive, axis_t *axis) {
 }
 
 bool force_target_reached(const cia402_t *drive, const axis_t *axis) {
-  const int32_t wanted = bounded_force(drive, wanted_force(drive));
+  const int32_t wanted = bounded_force_q8(drive, wanted_force_q8(drive));
   if (drive->pressing == 0) {
     return wanted == 0;
   }
-  const int32_t error = fx_diff_wrap(wanted, drive->signals.force_actual);
-  return drive->force_demand_q16 == fx_scale(wanted, 16) &&
-         fx_within(fx_ratio_apply(error, drive->reading_of_force, 0), axis->params.contact_force);
+  const int32_t error = fx_diff_wrap(wanted, fx_scale(drive->signals.force_actual, 8));
+  return drive->force_demand_q16 == fx_scale(wanted, 8) &&
+         fx_within(fx_ratio_apply(error, drive->reading_of_force, 8), axis->params.contact_force);
 }

@@ -266,9 +266,12 @@ void cia402_show_cycle(cia402_t *drive) {
   drive->signals.cycle_state = cycle_state(drive);
   drive->signals.cycle_phase = drive->cycle.phase;
   drive->signals.cycle_outcome = drive->cycle.outcome;
+  drive->signals.cycle_ended_by = drive->cycle.ended_by;
+  drive->signals.cycle_outputs = drive->cycle.outputs;
 }
 
 void cia402_leave_mode(cia402_t *drive) {
+  drive->cycle_asked = 0;
   if (cycle_is_running(&drive->cycle)) {
     cycle_abort(&drive->cycle);
     cia402_show_cycle(drive);

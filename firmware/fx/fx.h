@@ -344,6 +344,10 @@ enum { FX_ROUND_DOWN = 0, FX_ROUND_UP = 1, FX_ROUND_HALF_UP = 2 };
  * overflow. */
 int32_t fx_interpolate(int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t x, uint8_t rounding);
 
+/* Returns the same as fx_interpolate() with FX_ROUND_HALF_UP in some 30 instructions: x0 <= x <=
+ * x1, x1 - x0 is 1 to 2^19-1, and |y1 - y0| < 2^24. */
+int32_t fx_interpolate_short(int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t x);
+
 /* floor(n / 2). */
 static inline uint16_t fx_half(uint32_t n) { return (uint16_t)(n >> 1); }
 
@@ -352,5 +356,9 @@ static inline uint16_t fx_halved(uint16_t x, uint8_t n) { return (uint16_t)(x >>
 
 /* floor(a / b), b > 0. */
 uint32_t fx_quotient(uint32_t a, uint32_t b);
+
+/* Returns the mean of n values whose sum is `sum`: floor(sum / n + 1/2), n 1..16383, |sum| <= 2^17
+ * n. */
+int32_t fx_mean_half_up(int32_t sum, uint32_t n);
 
 #endif

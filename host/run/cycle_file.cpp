@@ -55,7 +55,10 @@ struct Scales {
   double counts_per_m = 0;
   double q8_per_N = 0;  // 1/256 count of measured force
   double rated_N = 0;
-  double limit_N = 0;  // force_limit
+  double limit_N = 0;                            // force_limit
+  double tare_band_q8 = 0;                       // 0: the axis takes no tare
+  double position_least = 0, position_most = 0;  // soft limits in counts from the reference
+  double span = 0;  // largest travel between two soft limits, in counts
 
   Scales(const sim::Source &source, const sim::Model &model,
          const std::vector<ObjectWrite> &initial) {
@@ -78,6 +81,12 @@ struct Scales {
                   "force_sign with which the reading rises with the force; change the "
                   "model or force_sign");
     limit_N = rated_N * raw_of(initial, AXIS_OBJ_FORCE_LIMIT, 1000) / 1000;
+    tare_band_q8 = raw_of(initial, AXIS_OBJ_TARE_BAND, 0);
+    position_least = raw_of(initial, AXIS_OBJ_POSITION_LIMIT_MIN, INT32_MIN);
+    position_most = raw_of(initial, AXIS_OBJ_POSITION_LIMIT_MAX, INT32_MAX);
+    span = std::min(position_most - position_least,
+                    1.0 * raw_of(initial, AXIS_OBJ_POSITION_MAX, INT32_MAX) -
+                        raw_of(initial, AXIS_OBJ_POSITION_MIN, INT32_MIN));
     // The firmware takes positions, distances and speeds of a program in user units.
     if (raw_of(initial, AXIS_OBJ_FEED, 0) != 0 || raw_of(initial, AXIS_OBJ_POLARITY, 0) != 0)
       source.fail("phase",
@@ -109,11 +118,12 @@ class Reader {
     header_.magic = CYCLE_MAGIC;
     header_.version = CYCLE_VERSION;
     program_.title = root_.text("title", kText);
-    std::memcpy(header_.name, program_.title.data(),
-                std::min(sizeof(header_.name), program_.title.size()));
+    read_name();
     header_.number = static_cast<std::uint32_t>(root_.integer("number"));
     if (const auto crc = root_.optional_text("bank_crc", kText)) header_.bank_crc = crc_of(*crc);
     read_zero();
+    header_.outputs_keep = read_outputs(root_, "keep_outputs");
+    read_compliance();
     root_.each("phase", [&](Section &section) { name_phase(section); });
     if (names_.phases.empty()) root_.fail("phase", "expected at least one [[phase]], got none");
     if (names_.phases.size() > CYCLE_PHASES_MAX)
@@ -124,6 +134,8 @@ class Reader {
     root_.each("element", [&](Section &section) { read_element(section); });
     root_.finish();
     check_flow();
+    check_elements();
+    check_outputs();
     build();
   }
 
@@ -140,6 +152,64 @@ class Reader {
       root_.fail("bank_crc", "expected 8 hexadecimal digits, got " + sim::in_quotes(text) +
                                  "; give the CRC that `forceaxis design` prints");
     return static_cast<std::uint32_t>(value);
+  }
+
+  void read_name() {
+    const std::string name = root_.optional_text("name", kText).value_or("");
+    if (name.size() > sizeof(header_.name))
+      root_.fail("name", "expected at most 12 bytes, got " + std::to_string(name.size()) +
+                             "; shorten the name, or give it in title");
+    std::memcpy(header_.name, name.data(), name.size());
+  }
+
+  std::uint8_t read_outputs(Section &section, const char *key) {
+    static const char *const kOutputs[] = {"output_1", "output_2", "output_3", "output_4"};
+    int outputs = 0;
+    if (!section.has(key)) return 0;
+    for (const std::string &text : texts(section, key)) {
+      const auto found = std::find(std::begin(kOutputs), std::end(kOutputs), text);
+      if (found == std::end(kOutputs))
+        section.fail(key, "expected output_1, output_2, output_3 or output_4, got " +
+                              sim::in_quotes(text) + "; correct the name");
+      outputs |= 1 << (found - std::begin(kOutputs));
+    }
+    return static_cast<std::uint8_t>(outputs);
+  }
+
+  // Adds the points of a table (firmware/cycle/table.h), with their units for each unit of the
+  // file. Returns the number of points.
+  std::uint8_t read_table(Section &section, const std::string &x_key, double x_per_unit,
+                          const std::string &y_key, double y_per_unit) {
+    const std::vector<double> x = section.numbers(x_key), y = section.numbers(y_key);
+    if (x.size() < 2 || x.size() > 255 || x.size() != y.size())
+      section.fail(y_key, "expected 2 to 255 points with one value of " + x_key + " and one of " +
+                              y_key + " each; give lists of the same length");
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      const cycle_point_t point{
+          static_cast<std::int32_t>(rounded(section, x_key.c_str(), x[i] * x_per_unit,
+                                            -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX)),
+          static_cast<std::int32_t>(rounded(section, y_key.c_str(), y[i] * y_per_unit,
+                                            -CYCLE_TABLE_Y_MAX, CYCLE_TABLE_Y_MAX))};
+      const std::int64_t step = i == 0 ? 1 : std::int64_t{point.x} - points_.back().x;
+      if (step < 1 || step > CYCLE_TABLE_STEP_MAX)
+        section.fail(x_key,
+                     "expected values that rise by 1 to 524287 in counts of the axis or "
+                     "ticks from one point to the next; sort them, or add points");
+      points_.push_back(point);
+    }
+    return static_cast<std::uint8_t>(x.size());
+  }
+
+  void read_compliance() {
+    const char *const force = "compliance_force", *const deflection = "compliance_deflection";
+    if (!root_.has(force) && !root_.has(deflection)) return;
+    header_.compliance =
+        read_table(root_, force, scales_.q8_per_N, deflection, scales_.counts_per_m);
+    for (std::size_t i = 1; i < points_.size(); ++i)
+      if (points_[i].y < points_[i - 1].y)
+        root_.fail(deflection,
+                   "expected a deflection that does not fall while the force rises; "
+                   "correct the values");
   }
 
   void read_zero() {
@@ -196,25 +266,124 @@ class Reader {
 
   void read_motion(Section &section, cycle_phase_t &phase, const std::string &action) {
     const bool is_move = action == "move";
-    only(section, action, {"position", "distance", "force", "slope"},
-         {is_move ? "position" : "distance"});
+    only_of_action(section, action, {is_move ? "position" : "distance", "speed"});
     const char *key = is_move ? "position" : "distance";
     phase.target = counts(section, key, needed(section, key, action));
     const double speed = needed(section, "speed", action) * scales_.counts_per_m;
     phase.speed = magnitude(section, "speed", speed, 3072000);
+    check_place(section, key, phase);
   }
 
-  void read_press(Section &section, cycle_phase_t &phase, double force_max_N) {
-    only(section, "press", {"position", "distance", "speed"}, {});
-    const double force = needed(section, "force", "press");
+  // A target beyond the soft limits would be replaced by the limit.
+  void check_place(Section &section, const char *key, const cycle_phase_t &phase) {
+    const bool is_depth = phase.action == CYCLE_MOVE_TO_DEPTH;
+    const double target = phase.target;
+    if (phase.action == CYCLE_MOVE || (is_depth && header_.zero == CYCLE_ZERO_POSITION)) {
+      const double place = target + (is_depth ? header_.zero_level : 0);
+      if (place < scales_.position_least || place > scales_.position_most)
+        section.fail(key,
+                     "expected a place within position_limit_min and position_limit_max of the "
+                     "axis; change it or these limits");
+    } else if (std::fabs(target) > scales_.span) {
+      section.fail(key, "expected at most the travel between the soft limits of the axis, " +
+                            sim::number_text(scales_.span / scales_.counts_per_m) +
+                            " m; lower it, or widen position_limit_min and _max or position_min "
+                            "and _max");
+    }
+  }
+
+  // Refuses the keys of other actions.
+  static void only_of_action(Section &section, const std::string &action,
+                             const std::set<std::string> &used) {
+    only(section, action,
+         {"position", "distance", "speed", "force", "slope", "over", "table_x", "table_force",
+          "tare_time"},
+         used);
+  }
+
+  // Refuses a force that the limits of the axis or of the phase do not allow.
+  void check_force(Section &section, const char *key, double force, double force_max_N) {
     if (std::fabs(force) > scales_.limit_N * (1 + 1e-9))
-      section.fail("force", "expected at most force_limit, " + sim::number_text(scales_.limit_N) +
-                                " N, got " + sim::number_text(force) +
-                                " N; lower it, or raise rated_force or force_limit");
+      section.fail(key, "expected at most force_limit, " + sim::number_text(scales_.limit_N) +
+                            " N, got " + sim::number_text(force) +
+                            " N; lower it, or raise rated_force or force_limit");
     if (std::fabs(force) > force_max_N)
       section.fail("force_max", "expected at least the force of the phase, " +
                                     sim::number_text(std::fabs(force)) + " N, got " +
                                     sim::number_text(force_max_N) + " N; raise it");
+  }
+
+  void read_follow(Section &section, cycle_phase_t &phase, double force_max_N) {
+    only_of_action(section, "follow", {"slope", "over", "table_x", "table_force"});
+    const double per_mille = 1000 / scales_.rated_N;
+    phase.over_travel = static_cast<std::uint8_t>(section.choice("over", "choose x of the table"));
+    const double slope = needed(section, "slope", "follow");
+    phase.slope = magnitude(section, "slope", slope * per_mille, 4294967295.0);
+    phase.first = static_cast<std::uint16_t>(points_.size());
+    phase.points =
+        read_table(section, "table_x", phase.over_travel != 0 ? scales_.counts_per_m : kTicks,
+                   "table_force", 256 * per_mille);
+    const std::vector<double> forces = section.numbers("table_force");
+    for (const double force : forces) check_force(section, "table_force", force, force_max_N);
+    if (phase.over_travel != 0) return;
+    if (points_[phase.first].x < 0)
+      section.fail("table_x", "expected times of at least 0 s; correct the first one");
+    for (std::size_t i = 1; i < forces.size(); ++i) {
+      const std::size_t at = phase.first + i;
+      const double ticks = points_[at].x - points_[at - 1].x;
+      if (std::fabs(forces[i] - forces[i - 1]) * kTicks / ticks > slope * (1 + 1e-9))
+        section.fail("slope",
+                     "expected at least the slope of the table, " +
+                         sim::number_text(std::fabs(forces[i] - forces[i - 1]) * kTicks / ticks) +
+                         " N/s before point " + std::to_string(i) +
+                         "; raise it, or make the table less steep");
+    }
+  }
+
+  void read_tare(Section &section, cycle_phase_t &phase) {
+    only_of_action(section, "tare", {"tare_time"});
+    if (scales_.tare_band_q8 == 0)
+      section.fail("do",
+                   "expected an axis with a tare_band, which bounds the offset; set tare_band "
+                   "in the experiment");
+    phase.target =
+        static_cast<std::int32_t>(std::max(1.0, ticks_of(needed(section, "tare_time", "tare"))));
+    within(section, "tare_time", phase.target, phase.time_max, "time_max");
+    has_tare_ = true;
+  }
+
+  void read_action(Section &section, cycle_phase_t &phase, double force_max_N) {
+    static const char *const kActions[] = {"move", "move_by", "move_to_depth", "approach", "press",
+                                           "wait", "follow",  "tare",          "output"};
+    switch (phase.action) {
+      case CYCLE_PRESS:
+        return read_press(section, phase, force_max_N);
+      case CYCLE_FOLLOW:
+        return read_follow(section, phase, force_max_N);
+      case CYCLE_TARE:
+        return read_tare(section, phase);
+      case CYCLE_WAIT:
+      case CYCLE_OUTPUT:
+        return only_of_action(section, kActions[phase.action], {});
+      default:
+        return read_motion(section, phase, kActions[phase.action]);
+    }
+  }
+
+  void read_phase_outputs(Section &section, cycle_phase_t &phase) {
+    phase.outputs_on = read_outputs(section, "outputs_on");
+    phase.outputs_off = read_outputs(section, "outputs_off");
+    if ((phase.outputs_on & phase.outputs_off) != 0)
+      section.fail("outputs_off",
+                   "expected no output that outputs_on has; remove it from one list");
+    if (phase.action == CYCLE_OUTPUT && (phase.outputs_on | phase.outputs_off) == 0)
+      section.fail("outputs_on", "expected this key or outputs_off for output; add one");
+  }
+
+  void read_press(Section &section, cycle_phase_t &phase, double force_max_N) {
+    only_of_action(section, "press", {"force", "slope"});
+    const double force = needed(section, "force", "press");
+    check_force(section, "force", force, force_max_N);
     const double per_mille = 1000 / scales_.rated_N;
     phase.force =
         static_cast<std::int16_t>(rounded(section, "force", force * per_mille, -32766, 32766));
@@ -225,8 +394,6 @@ class Reader {
   }
 
   void read_phase(Section &section) {
-    static const char *const kActions[] = {"move",     "move_by", "move_to_touch",
-                                           "approach", "press",   "wait"};
     cycle_phase_t phase{};
     (void)section.name();
     phase.action = static_cast<std::uint8_t>(section.choice("do", "choose what the phase does"));
@@ -238,12 +405,8 @@ class Reader {
     phase.time_max = static_cast<std::uint32_t>(ticks_of(section.number("time_max")));
     const std::string reaction = section.optional_text("on_limit", kText).value_or("end");
     phase.reaction = names_.find(section, "on_limit", reaction);
-    if (phase.action == CYCLE_PRESS)
-      read_press(section, phase, force_max);
-    else if (phase.action == CYCLE_WAIT)
-      only(section, "wait", {"position", "distance", "speed", "force", "slope"}, {});
-    else
-      read_motion(section, phase, kActions[phase.action]);
+    read_action(section, phase, force_max);
+    read_phase_outputs(section, phase);
     std::size_t count = 0;
     section.each("end", [&](Section &end) {
       if (count == CYCLE_CONDITIONS)
@@ -253,7 +416,44 @@ class Reader {
     if (count == 0)
       section.fail("end", "expected a condition that ends the phase, got none; add [[phase.end]]");
     read_stiffness(section, phase);
+    check_ends(section, phase);
     phases_.push_back(phase);
+  }
+
+  // Refuses conditions of which none ends the phase, or that the action or a limit prevents.
+  void check_ends(Section &section, const cycle_phase_t &phase) {
+    bool is_reached = false, is_uncounted = false;
+    for (const cycle_condition_t &end : phase.conditions) {
+      is_reached |= end.when == CYCLE_REACHED;
+      is_uncounted |= end.when != CYCLE_NEVER && end.count == 0;
+    }
+    if (!is_uncounted)
+      section.fail("end",
+                   "expected a condition without a count, because the others end the phase a "
+                   "limited number of times; add one, or remove a count");
+    if (phase.action == CYCLE_TARE && !is_reached)
+      section.fail("end",
+                   "expected a condition reached, which ends the phase with its offset; add "
+                   "it");
+    if (is_reached) check_reached(section, phase);
+  }
+
+  void check_reached(Section &section, const cycle_phase_t &phase) {
+    if (phase.action == CYCLE_WAIT)
+      section.fail("end", "expected no condition reached for wait, which has no target; use time");
+    if (phase.action == CYCLE_FOLLOW) {
+      const std::int32_t last = points_[phase.first + std::size_t{phase.points} - 1].x;
+      within(section, "table_x", last, phase.over_travel != 0 ? phase.travel_max : phase.time_max,
+             phase.over_travel != 0 ? "travel_max" : "time_max");
+    }
+    if (phase.action != CYCLE_MOVE_BY && phase.action != CYCLE_APPROACH) return;
+    const double distance = std::fabs(1.0 * phase.target);
+    within(section, "distance", static_cast<std::int64_t>(distance), phase.travel_max,
+           "travel_max");
+    if (distance / phase.speed * kTicks > phase.time_max)
+      section.fail("time_max", "expected at least the time of the distance at this speed, " +
+                                   sim::number_text(distance / phase.speed) +
+                                   " s; raise it or the speed");
   }
 
   static bool is_stiffness(int when) {
@@ -268,8 +468,8 @@ class Reader {
       return;
     }
     const double travel = needed(section, "stiffness_travel", "a condition of stiffness");
-    phase.stiffness_travel = magnitude(section, "stiffness_travel", travel * scales_.counts_per_m,
-                                       CYCLE_STIFFNESS_TRAVEL_MAX);
+    phase.stiffness_travel = static_cast<std::uint16_t>(
+        magnitude(section, "stiffness_travel", travel * scales_.counts_per_m, 65535));
     within(section, "stiffness_travel", phase.stiffness_travel, phase.travel_max, "travel_max");
   }
 
@@ -315,7 +515,7 @@ class Reader {
     end.count = static_cast<std::uint16_t>(section.integer("count"));
     const bool of_inputs = end.when == CYCLE_INPUT_ON || end.when == CYCLE_INPUT_OFF;
     const bool has_value =
-        (end.when >= CYCLE_TIME && end.when <= CYCLE_TOUCH_BELOW) || is_stiffness(end.when);
+        (end.when >= CYCLE_TIME && end.when <= CYCLE_DEPTH_BELOW) || is_stiffness(end.when);
     expect_key(section, "value", has_value);
     expect_key(section, "inputs", of_inputs);
     if (of_inputs) end.level = read_inputs(section);
@@ -337,8 +537,9 @@ class Reader {
       case CYCLE_FORCE_ABOVE:
       case CYCLE_FORCE_BELOW: {
         const std::int32_t level = force_q8(section, "value", value(Dimension::force, Sign::any));
-        if (when == CYCLE_FORCE_ABOVE)
-          within(section, "value", level, phase.force_max_q8, "force_max");
+        // An offset of a tare, of up to tare_band, moves the level against the limit.
+        within(section, "value", when == CYCLE_FORCE_ABOVE ? level : -level,
+               phase.force_max_q8 + band(), "force_max");
         return level;
       }
       case CYCLE_TRAVEL_ABOVE: {
@@ -536,45 +737,103 @@ class Reader {
     own.per_value = is_window ? 1.0 : 1.0 / per_unit;
   }
 
-  // Phases that a phase may be followed by, by its conditions and its limits.
-  std::set<std::size_t> next_of(std::size_t phase, bool without_count) const {
+  // Ways from a phase to the next one: all; those without a limit that is exceeded; of these, those
+  // without a count.
+  enum class Ways { all, intended, uncounted };
+
+  std::set<std::size_t> next_of(std::size_t phase, Ways ways) const {
     std::set<std::size_t> next;
     for (const cycle_condition_t &end : phases_[phase].conditions)
-      if (end.when != CYCLE_NEVER && end.next != CYCLE_END && (!without_count || end.count == 0))
+      if (end.when != CYCLE_NEVER && end.next != CYCLE_END &&
+          (ways != Ways::uncounted || end.count == 0))
         next.insert(end.next);
-    if (!without_count && phases_[phase].reaction != CYCLE_END)
+    if (ways == Ways::all && phases_[phase].reaction != CYCLE_END)
       next.insert(phases_[phase].reaction);
     return next;
   }
 
-  std::set<std::size_t> reached_from(std::set<std::size_t> start, bool without_count) const {
+  std::set<std::size_t> reached_from(std::set<std::size_t> start, Ways ways) const {
     std::vector<std::size_t> open(start.begin(), start.end());
     while (!open.empty()) {
       const std::size_t phase = open.back();
       open.pop_back();
-      for (const std::size_t next : next_of(phase, without_count))
+      for (const std::size_t next : next_of(phase, ways))
         if (start.insert(next).second) open.push_back(next);
     }
     return start;
   }
 
   void check_flow() {
-    const auto reached = reached_from({0}, false);
+    const auto reached = reached_from({0}, Ways::all);
     for (std::size_t i = 0; i < phases_.size(); ++i) {
       const std::string key = "phase[" + std::to_string(i) + "]";
       if (!reached.contains(i))
         root_.fail(key, "expected a phase that another one leads to, but nothing leads to " +
                             names_.phases[i] + "; name it in `next` or `on_limit`, or remove it");
-      if (reached_from(next_of(i, true), true).contains(i))
+      if (reached_from(next_of(i, Ways::uncounted), Ways::uncounted).contains(i))
         root_.fail(key, "expected a cycle that ends, but " + names_.phases[i] +
                             " follows itself without end; give a condition of the loop a count");
     }
-    for (std::size_t i = 0; i < elements_.size(); ++i)
-      if (!cycle_element_is_valid(&elements_[i], points_.data(),
+  }
+
+  // The offset that a tare may find, by which forces differ from what a limit bounds.
+  std::int64_t band() const {
+    return has_tare_ ? static_cast<std::int64_t>(scales_.tare_band_q8) : 0;
+  }
+
+  void check_elements() {
+    const auto intended = reached_from({0}, Ways::intended);
+    for (std::size_t i = 0; i < elements_.size(); ++i) {
+      const cycle_element_t &element = elements_[i];
+      const std::string key = "element[" + std::to_string(i) + "]";
+      if (!cycle_element_is_valid(&element, points_.data(),
                                   static_cast<std::uint16_t>(points_.size())))
-        root_.fail("element[" + std::to_string(i) + "]",
-                   "expected curves that rise in x and cover from and to; correct " +
-                       program_.elements[i].name);
+        root_.fail(key, "expected curves that rise in x and cover from and to; correct " +
+                            program_.elements[i].name);
+      std::int64_t force_most = 0, time_most = 0;
+      for (const std::size_t phase : intended)
+        if ((element.phases >> phase & 1) != 0) {
+          force_most = std::max<std::int64_t>(force_most, phases_[phase].force_max_q8);
+          time_most += phases_[phase].time_max;
+        }
+      if (force_most == 0)
+        root_.fail(key + ".phases",
+                   "expected a phase that a good part passes, but only a limit that "
+                   "is exceeded leads to these; add a phase, or remove the element");
+      check_forces(key, element, force_most + band());
+      if (element.over_time != 0 && element.x_least > time_most)
+        root_.fail(key + ".from", "expected at most the time_max of the phases of the element, " +
+                                      sim::number_text(static_cast<double>(time_most) / kTicks) +
+                                      " s together; lower it");
+    }
+  }
+
+  // No good part has a force beyond force_max of its phases.
+  void check_forces(const std::string &key, const cycle_element_t &element, std::int64_t most) {
+    const auto beyond = [&](const char *of, const char *what) {
+      root_.fail(key + of, std::string("expected a ") + what +
+                               " within force_max of the phases of the element, because no good "
+                               "part has a force beyond it; lower it, or raise force_max");
+    };
+    if (element.of_force != 0) {
+      if (std::abs(element.level) > most) beyond(".level", "level");
+      if (std::abs(element.level_2) > most) beyond(".level_2", "level");
+      return;
+    }
+    static const std::set<int> kForces = {CYCLE_PEAK, CYCLE_VALLEY, CYCLE_LAST, CYCLE_AT,
+                                          CYCLE_WINDOW};
+    if (!kForces.contains(element.kind)) return;
+    if (element.y_least > most) beyond(".least", "force");
+    if (element.y_most < -most) beyond(".most", "force");
+  }
+
+  void check_outputs() {
+    int on = 0;
+    for (const cycle_phase_t &phase : phases_) on |= phase.outputs_on;
+    if ((header_.outputs_keep & ~on) != 0)
+      root_.fail("keep_outputs",
+                 "expected outputs that a phase switches on; add outputs_on to a "
+                 "phase, or remove the output");
   }
 
   void build() {
@@ -591,7 +850,8 @@ class Reader {
                              points_.size() * sizeof(cycle_point_t) + 4;
     if (size > CYCLE_PROGRAM_BYTES_MAX)
       root_.fail("element", "expected a program of at most 4096 bytes, got " +
-                                std::to_string(size) + "; remove points of envelopes or phases");
+                                std::to_string(size) +
+                                "; remove points of tables and envelopes, or phases");
     header_.size = static_cast<std::uint16_t>(size);
     add(&header_, sizeof(header_));
     add(phases_.data(), phases_.size() * sizeof(cycle_phase_t));
@@ -613,6 +873,7 @@ class Reader {
   std::vector<cycle_phase_t> phases_;
   std::vector<cycle_element_t> elements_;
   std::vector<cycle_point_t> points_;
+  bool has_tare_ = false;
 };
 
 }  // namespace

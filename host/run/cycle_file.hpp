@@ -35,7 +35,8 @@ struct CycleProgram {
 };
 
 // Reads a program. The model has to have an encoder and a force on ADC 0. `initial` has the writes
-// to the firmware before tick 0, of which rated_force, force_limit and force_sign count. Throws
+// to the firmware before tick 0, of which rated_force, force_limit, force_sign, tare_band and the
+// soft limits count. Throws
 // sim::InputError.
 CycleProgram read_cycle(const std::filesystem::path &file, const sim::Model &model,
                         const std::vector<ObjectWrite> &initial);

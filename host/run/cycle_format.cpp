@@ -19,13 +19,15 @@ constexpr double kLongest_s = 3600.0;
 
 constexpr KeyFormat kEndKeys[] = {
     other("when",
-          "reached, time, force_above, force_below, travel_above, touch_above, touch_below, "
+          "reached, time, force_above, force_below, travel_above, depth_above, depth_below, "
           "contact, lost, input_on, input_off, stiffness_above, stiffness_below",
           "", "What ends the phase."),
     other("value", "number", "none",
           "Value of the quantity: s for time, N for a force, m for a travel, N/m for a stiffness. "
-          "travel counts from the start of the phase in either direction, touch from travel 0 (the "
-          "key zero). stiffness: change of the force divided by the change of the travel, over the "
+          "force: the measured force less the offset of tare. travel counts from the start of the "
+          "phase in either direction. depth: travel from travel 0 (the key zero), less the "
+          "deflection of the press. stiffness: change of the force divided by the change of the "
+          "travel, over the "
           "last complete section of stiffness_travel."),
     other("inputs", "list of inputs", "none",
           "Inputs for input_on and input_off, which must all be on, or off: enable, limit_pos, "
@@ -41,21 +43,39 @@ constexpr TableFormat kEnd{
 
 constexpr KeyFormat kPhaseKeys[] = {
     other("name", "identifier", "", "Name of the phase."),
-    other("do", "move, move_by, move_to_touch, approach, press, wait", "",
-          "move: to a position. move_by: by a distance from the start of the phase. move_to_touch: "
+    other("do", "move, move_by, move_to_depth, approach, press, wait, follow, tare, output", "",
+          "move: to a position. move_by: by a distance from the start of the phase. move_to_depth: "
           "to a distance from travel 0, the first contact unless zero says otherwise. approach: by "
           "a distance, and stop at "
-          "contact. press: with a force; out of contact the axis approaches. wait: stay."),
+          "contact. press: with a force; out of contact the axis approaches. wait: stay. follow: "
+          "press with the force of a table. tare: stay, and measure the offset of the force. "
+          "output: stay, and switch outputs; the phase is reached at once."),
     optional(
         "position", D::length, S::any, "none",
         "Position of a move, from the zero of the homing (position_actual of the axis). The axis "
         "has to be homed."),
     optional("distance", D::length, S::any, "none",
-             "Distance of move_by, move_to_touch and approach, positive towards the workpiece."),
+             "Distance of move_by, move_to_depth and approach, positive towards the workpiece. "
+             "move_to_depth does not add the deflection of the press."),
     optional("speed", D::velocity, S::positive, "none", "Speed of the motion."),
     optional("force", D::force, S::not_zero, "none", "Force of press."),
     optional("slope", D::force_rate, S::positive, "none",
-             "Rate at which the demanded force of press changes, from the force at its start."),
+             "Rate at which the demanded force of press changes, from the force at its start. For "
+             "follow the largest rate; a table over time may not be steeper."),
+    other("over", "time, travel", "time",
+          "x of the table of follow: time or travel since the phase began, the travel positive "
+          "towards the workpiece."),
+    numbers("table_x", D::ratio, S::any, "none",
+            "x of the points of the table of follow, 2 to 255, in s or m. Between two points the "
+            "force is on a straight line; before the first point it is the first force, after the "
+            "last point the last one."),
+    numbers("table_force", D::force, S::any, "none", "Forces of the points of the table."),
+    ranged("tare_time", D::time, 1e-3, 10.0, "none",
+           "Time over which tare takes the mean of the force, from standstill on."),
+    other("outputs_on", "list of outputs", "none",
+          "Outputs that are switched on when the phase begins, of any action: output_1, output_2, "
+          "output_3, output_4."),
+    other("outputs_off", "list of outputs", "none", "Outputs that are switched off."),
     needed("force_max", D::force, S::positive,
            "Limit of the magnitude of the measured force in this phase."),
     needed("travel_max", D::length, S::positive,
@@ -114,6 +134,7 @@ constexpr TableFormat kElement{
 
 constexpr KeyFormat kCycleKeys[] = {
     other("title", "text", "", "Title of the program."),
+    other("name", "text", "no name", "Name in the record of the program, at most 12 bytes."),
     integer("number", 0, 0x7FFFFFFF, 0, "Number of the program, for the user."),
     other(
         "bank_crc", "text", "any bank",
@@ -125,6 +146,14 @@ constexpr KeyFormat kCycleKeys[] = {
     optional("zero_force", D::force, S::not_zero, "none", "Force at travel 0."),
     optional("zero_position", D::length, S::any, "none",
              "Position of travel 0, in the coordinates of the encoder. The axis has to be homed."),
+    other("keep_outputs", "list of outputs", "none",
+          "Outputs that stay as they are at the end of the cycle, however it ends. All others go "
+          "off."),
+    numbers("compliance_force", D::force, S::any, "none",
+            "Forces of the points of the compliance of the press, 2 to 255."),
+    numbers("compliance_deflection", D::length, S::any, "none",
+            "Deflection of the press at each of these forces. It is subtracted from the travel of "
+            "elements, of depth_above and of depth_below."),
     table("phase", kPhase, true),
     table("element", kElement, true),
 };

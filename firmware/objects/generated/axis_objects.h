@@ -570,75 +570,77 @@ enum {
   AXIS_OBJ_CYCLE_PHASE = 560,
   AXIS_OBJ_CYCLE_OUTCOME = 561,
   AXIS_OBJ_CYCLE_COUNT = 562,
-  AXIS_OBJ_CYCLE_PROGRAM = 563,
-  AXIS_OBJ_CYCLE_PROGRAM_COUNT = 564,
-  AXIS_OBJ_CYCLE_PROGRAM_CRC = 565,
-  AXIS_OBJ_CYCLE_PROGRAM_REFUSAL = 566,
-  AXIS_OBJ_CYCLE_PROGRAM_REFUSED_PART = 567,
-  AXIS_OBJ_CYCLE_PROGRAM_REMOVE = 568,
-  AXIS_OBJ_CYCLE_RESULT_ELEMENT = 569,
-  AXIS_OBJ_CYCLE_RESULT_VALUE = 570,
-  AXIS_OBJ_CYCLE_RESULT_VERDICT = 571,
-  AXIS_OBJ_CYCLE_RESULT_TICK = 572,
-  AXIS_OBJ_CYCLE_DATA_OFFSET = 573,
-  AXIS_OBJ_CYCLE_DATA_END = 574,
-  AXIS_OBJ_CYCLE_DATA_1 = 575,
-  AXIS_OBJ_CYCLE_DATA_2 = 576,
-  AXIS_OBJ_CYCLE_DATA_3 = 577,
-  AXIS_OBJ_CYCLE_DATA_4 = 578,
-  AXIS_OBJ_CYCLE_DATA_5 = 579,
-  AXIS_OBJ_CYCLE_DATA_6 = 580,
-  AXIS_OBJ_CYCLE_DATA_7 = 581,
-  AXIS_OBJ_CYCLE_DATA_8 = 582,
-  AXIS_OBJ_CYCLE_DATA_9 = 583,
-  AXIS_OBJ_CYCLE_DATA_10 = 584,
-  AXIS_OBJ_CYCLE_DATA_11 = 585,
-  AXIS_OBJ_CYCLE_DATA_12 = 586,
-  AXIS_OBJ_CYCLE_DATA_13 = 587,
-  AXIS_OBJ_CYCLE_DATA_14 = 588,
-  AXIS_OBJ_CYCLE_DATA_15 = 589,
-  AXIS_OBJ_CYCLE_DATA_16 = 590,
-  AXIS_OBJ_CYCLE_CURVE_STEP_TRAVEL = 591,
-  AXIS_OBJ_CYCLE_CURVE_STEP_FORCE = 592,
-  AXIS_OBJ_CYCLE_CURVE_STEP_TIME = 593,
-  AXIS_OBJ_CYCLE_CURVE_POINTS = 594,
-  AXIS_OBJ_CYCLE_CURVE_THINNED = 595,
-  AXIS_OBJ_CYCLE_CURVE_FIRST = 596,
-  AXIS_OBJ_CYCLE_RESULTS_WAITING = 597,
-  AXIS_OBJ_CYCLE_RESULT_NUMBER = 598,
-  AXIS_OBJ_CYCLE_ACKNOWLEDGE = 599,
-  AXIS_OBJ_CYCLE_BITS = 600,
-  AXIS_OBJ_CYCLE_NUMBER = 601,
-  AXIS_OBJ_CYCLE_POWER_UP = 602,
-  AXIS_OBJ_CYCLE_PARTS_GOOD = 603,
-  AXIS_OBJ_CYCLE_PARTS_BAD = 604,
-  AXIS_OBJ_CYCLE_PARTS_ABORTED = 605,
-  AXIS_OBJ_CYCLE_SERIAL_1 = 606,
-  AXIS_OBJ_CYCLE_SERIAL_2 = 607,
-  AXIS_OBJ_CYCLE_SERIAL_3 = 608,
-  AXIS_OBJ_CYCLE_SERIAL_4 = 609,
-  AXIS_OBJ_CYCLE_RESULT_PART = 610,
-  AXIS_OBJ_CYCLE_RESULT_POWER_UP = 611,
-  AXIS_OBJ_CYCLE_RESULT_PROGRAM_CRC = 612,
-  AXIS_OBJ_CYCLE_RESULT_BANK_CRC = 613,
-  AXIS_OBJ_CYCLE_RESULT_STATE = 614,
-  AXIS_OBJ_CYCLE_RESULT_OUTCOME = 615,
-  AXIS_OBJ_CYCLE_RESULT_PHASE = 616,
-  AXIS_OBJ_CYCLE_RESULT_BEGIN = 617,
-  AXIS_OBJ_CYCLE_RESULT_DURATION = 618,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_1 = 619,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_2 = 620,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_3 = 621,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_4 = 622,
-  AXIS_OBJ_CYCLE_LOST_FIRST = 623,
-  AXIS_OBJ_CYCLE_LOST_LAST = 624,
-  AXIS_OBJ_CYCLE_STORE_STATE = 625,
-  AXIS_OBJ_CYCLE_LOCK_ON_BAD = 626,
-  AXIS_OBJ_CYCLE_BAD_IN_ROW_MAX = 627,
-  AXIS_OBJ_CYCLE_PROGRAM_LOCK = 628,
-  AXIS_OBJ_CYCLE_UNLOCK = 629,
-  AXIS_OBJ_CYCLE_BAD_IN_ROW = 630,
-  AXIS_OBJ_COUNT = 631 /* one past the last number */
+  AXIS_OBJ_CYCLE_OUTPUTS = 563,
+  AXIS_OBJ_CYCLE_ENDED_BY = 564,
+  AXIS_OBJ_CYCLE_PROGRAM = 565,
+  AXIS_OBJ_CYCLE_PROGRAM_COUNT = 566,
+  AXIS_OBJ_CYCLE_PROGRAM_CRC = 567,
+  AXIS_OBJ_CYCLE_PROGRAM_REFUSAL = 568,
+  AXIS_OBJ_CYCLE_PROGRAM_REFUSED_PART = 569,
+  AXIS_OBJ_CYCLE_PROGRAM_REMOVE = 570,
+  AXIS_OBJ_CYCLE_RESULT_ELEMENT = 571,
+  AXIS_OBJ_CYCLE_RESULT_VALUE = 572,
+  AXIS_OBJ_CYCLE_RESULT_VERDICT = 573,
+  AXIS_OBJ_CYCLE_RESULT_TICK = 574,
+  AXIS_OBJ_CYCLE_DATA_OFFSET = 575,
+  AXIS_OBJ_CYCLE_DATA_END = 576,
+  AXIS_OBJ_CYCLE_DATA_1 = 577,
+  AXIS_OBJ_CYCLE_DATA_2 = 578,
+  AXIS_OBJ_CYCLE_DATA_3 = 579,
+  AXIS_OBJ_CYCLE_DATA_4 = 580,
+  AXIS_OBJ_CYCLE_DATA_5 = 581,
+  AXIS_OBJ_CYCLE_DATA_6 = 582,
+  AXIS_OBJ_CYCLE_DATA_7 = 583,
+  AXIS_OBJ_CYCLE_DATA_8 = 584,
+  AXIS_OBJ_CYCLE_DATA_9 = 585,
+  AXIS_OBJ_CYCLE_DATA_10 = 586,
+  AXIS_OBJ_CYCLE_DATA_11 = 587,
+  AXIS_OBJ_CYCLE_DATA_12 = 588,
+  AXIS_OBJ_CYCLE_DATA_13 = 589,
+  AXIS_OBJ_CYCLE_DATA_14 = 590,
+  AXIS_OBJ_CYCLE_DATA_15 = 591,
+  AXIS_OBJ_CYCLE_DATA_16 = 592,
+  AXIS_OBJ_CYCLE_CURVE_STEP_TRAVEL = 593,
+  AXIS_OBJ_CYCLE_CURVE_STEP_FORCE = 594,
+  AXIS_OBJ_CYCLE_CURVE_STEP_TIME = 595,
+  AXIS_OBJ_CYCLE_CURVE_POINTS = 596,
+  AXIS_OBJ_CYCLE_CURVE_THINNED = 597,
+  AXIS_OBJ_CYCLE_CURVE_FIRST = 598,
+  AXIS_OBJ_CYCLE_RESULTS_WAITING = 599,
+  AXIS_OBJ_CYCLE_RESULT_NUMBER = 600,
+  AXIS_OBJ_CYCLE_ACKNOWLEDGE = 601,
+  AXIS_OBJ_CYCLE_BITS = 602,
+  AXIS_OBJ_CYCLE_NUMBER = 603,
+  AXIS_OBJ_CYCLE_POWER_UP = 604,
+  AXIS_OBJ_CYCLE_PARTS_GOOD = 605,
+  AXIS_OBJ_CYCLE_PARTS_BAD = 606,
+  AXIS_OBJ_CYCLE_PARTS_ABORTED = 607,
+  AXIS_OBJ_CYCLE_SERIAL_1 = 608,
+  AXIS_OBJ_CYCLE_SERIAL_2 = 609,
+  AXIS_OBJ_CYCLE_SERIAL_3 = 610,
+  AXIS_OBJ_CYCLE_SERIAL_4 = 611,
+  AXIS_OBJ_CYCLE_RESULT_PART = 612,
+  AXIS_OBJ_CYCLE_RESULT_POWER_UP = 613,
+  AXIS_OBJ_CYCLE_RESULT_PROGRAM_CRC = 614,
+  AXIS_OBJ_CYCLE_RESULT_BANK_CRC = 615,
+  AXIS_OBJ_CYCLE_RESULT_STATE = 616,
+  AXIS_OBJ_CYCLE_RESULT_OUTCOME = 617,
+  AXIS_OBJ_CYCLE_RESULT_PHASE = 618,
+  AXIS_OBJ_CYCLE_RESULT_BEGIN = 619,
+  AXIS_OBJ_CYCLE_RESULT_DURATION = 620,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_1 = 621,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_2 = 622,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_3 = 623,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_4 = 624,
+  AXIS_OBJ_CYCLE_LOST_FIRST = 625,
+  AXIS_OBJ_CYCLE_LOST_LAST = 626,
+  AXIS_OBJ_CYCLE_STORE_STATE = 627,
+  AXIS_OBJ_CYCLE_LOCK_ON_BAD = 628,
+  AXIS_OBJ_CYCLE_BAD_IN_ROW_MAX = 629,
+  AXIS_OBJ_CYCLE_PROGRAM_LOCK = 630,
+  AXIS_OBJ_CYCLE_UNLOCK = 631,
+  AXIS_OBJ_CYCLE_BAD_IN_ROW = 632,
+  AXIS_OBJ_COUNT = 633 /* one past the last number */
 };
 
 enum {
@@ -1119,7 +1121,10 @@ enum {
   AXIS_CYCLE_OUTCOME_OVER_TIME = 3,
   AXIS_CYCLE_OUTCOME_STOPPED = 4,
   AXIS_CYCLE_OUTCOME_SAMPLES_LOST = 5,
-  AXIS_CYCLE_OUTCOME_COUNT = 6
+  AXIS_CYCLE_OUTCOME_TARE_CONTACT = 6,
+  AXIS_CYCLE_OUTCOME_TARE_MOVING = 7,
+  AXIS_CYCLE_OUTCOME_TARE_BAND = 8,
+  AXIS_CYCLE_OUTCOME_COUNT = 9
 };
 
 enum {
@@ -1134,8 +1139,9 @@ enum {
   AXIS_CYCLE_PROGRAM_REFUSAL_NO_ROOM = 8,
   AXIS_CYCLE_PROGRAM_REFUSAL_NO_NUMBER = 9,
   AXIS_CYCLE_PROGRAM_REFUSAL_WRONG_ZERO = 10,
-  AXIS_CYCLE_PROGRAM_REFUSAL_LOCKED = 11,
-  AXIS_CYCLE_PROGRAM_REFUSAL_COUNT = 12
+  AXIS_CYCLE_PROGRAM_REFUSAL_WRONG_HEADER = 11,
+  AXIS_CYCLE_PROGRAM_REFUSAL_LOCKED = 12,
+  AXIS_CYCLE_PROGRAM_REFUSAL_COUNT = 13
 };
 
 enum {
@@ -1448,7 +1454,9 @@ typedef struct {
   uint8_t calibration_expired; /* 1 if the calibration is no longer valid: date is later than calibration_date plus calibration_validity [1] */
   uint8_t cycle_state; /* state of the cycle of mode -9: running; evaluating the last samples; the part is good or bad; aborted by a stop, a fault or the loss of the owner; or why no cycle started: no program, another bank than the one the program was made for, no reference position for an absolute position, too many results that wait for their acknowledgement, a lock after bad parts, the number of power-ups is not stored yet [enum] */
   uint8_t cycle_phase; /* number of the phase of the cycle that runs, or of the last phase, from 0 [1] */
-  uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late [enum] */
+  uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late; a tare failed, because the axis was in contact or did not stand still, or because the offset is beyond tare_band [enum] */
+  uint8_t cycle_outputs; /* digital outputs that the program of the cycle has switched on: bits 0 to 3 are outputs 1 to 4 [1] */
+  uint8_t cycle_ended_by; /* number, from 1, of the condition that ended the last phase that has ended; 0: a limit or a stop ended the phase, or no phase has ended yet [1] */
 } drive_signals_t;
 
 typedef struct {
@@ -1576,7 +1584,7 @@ typedef struct {
   uint8_t drive_reason; /* first failure of the drive on the second CAN bus since its last reset [enum] */
   uint8_t reset_cause; /* causes of the last reset of the processor as a sum of bits: 2 brown-out, 4 pin, 8 power-up, 16 software, 32 watchdog, 64 window watchdog, 128 low power; 0 means not known [1] */
   uint8_t cycle_program_count; /* number of programs in the library [1] */
-  uint8_t cycle_program_refusal; /* why the record of the last download was refused; busy: a cycle was running; no_room: the library is full; no_number: the number of the program is 0; wrong_zero: travel 0 is not defined rightly; locked: cycle_program_lock is on [enum] */
+  uint8_t cycle_program_refusal; /* why the record of the last download was refused; busy: a cycle was running; no_room: the library is full; no_number: the number of the program is 0; wrong_zero: travel 0 is not defined rightly; wrong_header: the curve of compliance or the outputs to keep are wrong; locked: cycle_program_lock is on [enum] */
   uint8_t cycle_program_refused_part; /* number of the phase or the element for which the record of the last download was refused, from 0 [1] */
   uint8_t cycle_result_verdict; /* verdict on the element; none: no cycle is done, or the program has no such element [enum] */
   uint8_t cycle_curve_thinned; /* how often the memory of the curve was full; each time one of two points was dropped and the steps were doubled [1] */
@@ -1590,8 +1598,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0xfdf43866)
-#define AXIS_OBJECTS_HASH_TEXT "fdf43866"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x9a81b7b3)
+#define AXIS_OBJECTS_HASH_TEXT "9a81b7b3"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1672,9 +1680,9 @@ extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
   AXIS_STORED_COUNT = 379,
-  AXIS_ADDRESSES_COUNT = 695,
+  AXIS_ADDRESSES_COUNT = 698,
   AXIS_HOLDING_COUNT = 209,
-  AXIS_INPUT_COUNT = 129
+  AXIS_INPUT_COUNT = 131
 };
 
 /* By index, then sub-index. */

@@ -35,6 +35,7 @@ fw_t *axis_host_create_with(const fw_config_t *config) {
   if (own.result_memory == NULL) {
     own.result_memory = host->results;
     own.result_bytes = sizeof(host->results);
+  }
   if (own.curve_memory == NULL) {
     own.curve_memory = host->curve;
     own.curve_bytes = sizeof(host->curve);

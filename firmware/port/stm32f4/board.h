@@ -47,6 +47,7 @@ void pins_init(void); /* sets outputs low, and configures inputs and straps */
 void pins_read_options(void);
 /* sets both outputs; call it once in each tick */
 void pins_write(bool amp_enable, bool brake_release);
+void pins_write_digital(uint8_t levels);
 /* returns true if the pin amp_enable has the level that was output */
 bool pins_enable_is_right(void);
 void index_interrupt(void);

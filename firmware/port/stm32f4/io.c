@@ -109,6 +109,7 @@ void port_sense(axis_inputs_t *inputs) {
  */
 void port_act(const axis_outputs_t *outputs) {
   static bool is_on;
+  pins_write_digital(outputs->digital);
   is_on = outputs->amp_enable != 0 && (is_on || dac_is_zero());
   if (is_on) {
     pins_write(true, outputs->brake_release != 0);

@@ -5,6 +5,10 @@
  * while the chip is in reset. */
 enum { AMP_ENABLE = 0, BRAKE_RELEASE = 1 };
 
+/* Pin numbers of the digital outputs 1 to 4 on port A. A pull-down resistor of the board keeps each
+ * output low while the chip is in reset. */
+enum { DIGITAL_FIRST = 8, DIGITALS = 4 };
+
 /* Pin number of an option of the board on port C. If this pin is connected to ground, amp_enable is
  * a square wave of 750 Hz while the axis is enabled. The square wave is for a charge pump or a
  * monostable, which a constant level does not keep on. */
@@ -58,6 +62,11 @@ void pins_write(bool amp_enable, bool brake_release) {
                 (brake_release ? BIT(BRAKE_RELEASE) : BIT(BRAKE_RELEASE + 16));
 }
 
+void pins_write_digital(uint8_t levels) {
+  const uint32_t high = FIELD(DIGITAL_FIRST, DIGITALS, levels);
+  GPIOA->BSRR = high | (MASK(DIGITAL_FIRST, DIGITALS) & ~high) << 16;
+}
+
 /* Returns true if the pin amp_enable has the level that was output. The level is read from the pin,
  * because an external circuit may force another level. */
 bool pins_enable_is_right(void) { return ((GPIOB->IDR & BIT(AMP_ENABLE)) != 0) == is_high; }
@@ -102,6 +111,10 @@ void pins_init(void) {
   pins_write(false, false);
   pin_mode(GPIOB, AMP_ENABLE, PIN_OUTPUT, PIN_PULL_NONE);
   pin_mode(GPIOB, BRAKE_RELEASE, PIN_OUTPUT, PIN_PULL_NONE);
+  pins_write_digital(0);
+  for (uint8_t i = 0; i < DIGITALS; i++) {
+    pin_mode(GPIOA, (uint8_t)(DIGITAL_FIRST + i), PIN_OUTPUT, PIN_PULL_NONE);
+  }
   for (uint8_t pin = ENABLE; pin <= INDEX; pin++) {
     pin_mode(GPIOC, pin, PIN_INPUT, PIN_PULL_DOWN);
   }

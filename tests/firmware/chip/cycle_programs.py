@@ -3,15 +3,15 @@
 import struct
 import zlib
 
-MAGIC, VERSION, END = 0x59435846, 1, 255
-HEADER, PHASE, CONDITION = "<IHHBBHII12siB3s", "<BBhIiIIIII", "<BBHi"
+MAGIC, VERSION, END = 0x59435846, 2, 255
+HEADER, PHASE, CONDITION = "<IHHBBHII12siBBBB", "<BBhIiIIIIHHBBBB", "<BBHi"
 ELEMENT, POINT = "<BBHBBBBBBBBHHiiiiii", "<ii"
-MOVE, MOVE_BY, MOVE_TO_TOUCH, APPROACH, PRESS, WAIT = range(6)
-TIME, FORCE_ABOVE, FORCE_BELOW, TRAVEL_ABOVE, TOUCH_ABOVE, TOUCH_BELOW = range(2, 8)
+MOVE, MOVE_BY, MOVE_TO_DEPTH, APPROACH, PRESS, WAIT, FOLLOW, TARE, OUTPUT = range(9)
+TIME, FORCE_ABOVE, FORCE_BELOW, TRAVEL_ABOVE, DEPTH_ABOVE, DEPTH_BELOW = range(2, 8)
 INPUT_ON, INPUT_OFF, STIFFNESS_ABOVE, STIFFNESS_BELOW, CONDITION_KINDS = range(10, 15)
 ZERO_TOUCH, ZERO_FORCE, ZERO_POSITION = range(3)
 PEAK, VALLEY, AT, DIFFERENCE, WORK, LAST, WINDOW, ENVELOPE = range(8)
-PHASES_MAX, ELEMENTS_MAX = 16, 16
+PHASES_MAX, ELEMENTS_MAX, OUTPUTS = 16, 16, 15
 
 
 def condition(rng, phases):
@@ -21,8 +21,8 @@ def condition(rng, phases):
         FORCE_ABOVE: [-256, 0, 2560, 30000],
         FORCE_BELOW: [-256, 0, 2560],
         TRAVEL_ABOVE: [1, 30, 500],
-        TOUCH_ABOVE: [-20, 0, 40],
-        TOUCH_BELOW: [-20, 0, 40],
+        DEPTH_ABOVE: [-20, 0, 40],
+        DEPTH_BELOW: [-20, 0, 40],
         INPUT_ON: [1, 2, 6],
         INPUT_OFF: [1, 2, 6],
         STIFFNESS_ABOVE: [-(2**20), 0, 2**24],
@@ -33,14 +33,46 @@ def condition(rng, phases):
     return when, struct.pack(CONDITION, when, next_phase, rng.choice([0, 1, 3]), level)
 
 
-def phase(rng, phases, position):
-    action = rng.choice([MOVE_BY, MOVE_TO_TOUCH, APPROACH, APPROACH, PRESS, PRESS, PRESS, WAIT])
+def table(rng, points):
+    """Adds a table of force over time or travel. Returns its first point and its length."""
+    first, count = len(points), rng.choice([2, 3, 9, 25])
+    if first > 30:  # a record has at most 4096 bytes
+        count = 2
+    x = rng.choice([0, 0, -30, 40])
+    for _ in range(count):
+        points.append((x, 256 * rng.choice([0, 1, 100, 750, -500, 32766])))
+        x += rng.choice([1, 7, 200])
+    return first, count
+
+
+def phase(rng, phases, position, points):
+    action = rng.choice(
+        [
+            MOVE_BY,
+            MOVE_TO_DEPTH,
+            APPROACH,
+            APPROACH,
+            PRESS,
+            PRESS,
+            WAIT,
+            FOLLOW,
+            FOLLOW,
+            TARE,
+            OUTPUT,
+        ]
+    )
     if rng.random() < 0.05:
         action = MOVE
-    force = slope = target = speed = 0
+    force = slope = target = speed = first = count = over_travel = on = 0
+    if action in (PRESS, FOLLOW):
+        slope = rng.choice([1, 10_000, 1_000_000])
     if action == PRESS:
-        force, slope = rng.choice([1, 100, 750, -500, 32767]), rng.choice([1, 10_000, 1_000_000])
-    elif action != WAIT:
+        force = rng.choice([1, 100, 750, -500, 32767])
+    elif action == FOLLOW:
+        (first, count), over_travel = table(rng, points), rng.randint(0, 1)
+    elif action == TARE:
+        target = rng.choice([1, 20, 15_000])
+    elif action not in (WAIT, OUTPUT):
         near = rng.choice([3, 300, 3000])
         target = rng.randint(-near, near) + (position if action in (MOVE, APPROACH) else 0)
         speed = rng.choice([1, 1500, 15_000, 300_000])
@@ -53,7 +85,11 @@ def phase(rng, phases, position):
     conditions = [condition(rng, phases) for _ in range(4)]
     measures = any(when in (STIFFNESS_ABOVE, STIFFNESS_BELOW) for when, _ in conditions)
     stiffness_travel = rng.choice([1, 8]) if measures else 0
-    fields = (action, reaction, force, slope, target, speed, *limits, stiffness_travel)
+    if action == OUTPUT or rng.random() < 0.2:
+        on = rng.randint(1, OUTPUTS)
+    off = rng.randint(0, OUTPUTS) & ~on
+    more = (stiffness_travel, first, count, over_travel, on, off)
+    fields = (action, reaction, force, slope, target, speed, *limits, *more)
     return struct.pack(PHASE, *fields) + b"".join(record for _, record in conditions)
 
 
@@ -92,13 +128,18 @@ def random_program(rng, position):
     phases, elements = rng.choice([1, 3, 6, PHASES_MAX]), rng.choice([0, 3, ELEMENTS_MAX])
     # The longest evaluation is that of sixteen elements of one kind.
     kinds, points = rng.choice([range(8), [rng.randrange(8)]]), []
-    body = b"".join(phase(rng, phases, position) for _ in range(phases))
+    compliance = rng.choice([0, 2, 3, 17])
+    for i in range(compliance):
+        points.append((5000 * (i - 1) - rng.randint(0, 4000), rng.randint(-3, 30)))
+    body = b"".join(phase(rng, phases, position, points) for _ in range(phases))
     body += b"".join(element(rng, kinds, points) for _ in range(elements))
     body += b"".join(struct.pack(POINT, *p) for p in points)
     size = struct.calcsize(HEADER) + len(body) + 4
     parts = (phases, elements, len(points), 0, rng.randrange(9), b"fuzz")
     zero = rng.choice([ZERO_TOUCH] * 8 + [ZERO_FORCE] * 3 + [ZERO_POSITION])
     level = {ZERO_TOUCH: 0, ZERO_FORCE: 2560, ZERO_POSITION: position}[zero]
-    header = struct.pack(HEADER, MAGIC, VERSION, size, *parts, level, zero, b"")
+    header = struct.pack(
+        HEADER, MAGIC, VERSION, size, *parts, level, zero, compliance, rng.randint(0, OUTPUTS), 0
+    )
     record = header + body
     return record + struct.pack("<I", zlib.crc32(record))

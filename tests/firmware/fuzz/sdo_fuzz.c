@@ -129,7 +129,7 @@ static void upload_blocks(node_t *node, uint32_t seed) {
 
 /* A record of one phase that waits, and of `points` that no element uses. */
 static uint32_t write_record(uint32_t *words, uint32_t number, uint16_t points) {
-  const uint16_t size = (uint16_t)(108 + 8 * points);
+  const uint16_t size = (uint16_t)(112 + 8 * points);
   const cycle_header_t header = {.magic = CYCLE_MAGIC,
                                  .version = CYCLE_VERSION,
                                  .size = size,

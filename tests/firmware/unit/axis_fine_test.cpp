@@ -237,7 +237,7 @@ TEST_F(AxisFine, ABoardWith12BitsDoesNotLoadMore) {
 // A host port hands the DAC its own codes.
 TEST(AxisHost, TheCodeOfADacIsTheNearest) {
   for (int fine = -32768; fine <= 2047 * 16; ++fine) {
-    const axis_outputs_t outputs{0, 1, 1, static_cast<int16_t>(fine)};
+    const axis_outputs_t outputs{0, 1, 1, static_cast<int16_t>(fine), 0};
     for (int bits = 12; bits <= 16; ++bits) {
       const int steps = 1 << (16 - bits);
       ASSERT_EQ(axis_host_dac_code(&outputs, bits), FloorDivide(2 * fine + steps, 2 * steps));

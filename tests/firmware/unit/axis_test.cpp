@@ -16,7 +16,7 @@ TEST_F(Axis, PowerUpIsDisabledWithCodeZero) {
   PowerUp();
   EXPECT_EQ(Read(AXIS_OBJ_MODE), AXIS_MODE_DISABLED);
   for (int i = 0; i < 3; ++i) {
-    outputs_ = {77, 1, 1, 1232};
+    outputs_ = {77, 1, 1, 1232, 0};
     inputs_.adc_code[0] = 200;
     EXPECT_EQ(TickPosition(1000 * i), 0);
     EXPECT_EQ(outputs_.amp_enable, 0);
@@ -35,7 +35,7 @@ TEST_F(Axis, AxisInitAloneIsPowerUpToo) {
   axis_t axis;
   std::memset(&axis, 0xA5, sizeof(axis));
   axis_init(&axis);
-  axis_outputs_t outputs{5, 1, 1, 80};
+  axis_outputs_t outputs{5, 1, 1, 80, 0};
   axis_tick(&axis, &inputs_, &outputs);
   EXPECT_EQ(outputs.dac_code, 0);
   EXPECT_EQ(outputs.amp_enable, 0);

@@ -36,7 +36,7 @@ class DriveFixture : public FirmwareFixture {
     for (int i = 0; i < ticks; ++i) {
       inputs_.encoder_cnt = static_cast<int32_t>(std::floor(place_ + 0.5));
       const double depth = place_ - wall_;
-      const double reading = (depth > 0.0) ? depth * stiffness_ : 0.0;
+      const double reading = offset_ + ((depth > 0.0) ? depth * stiffness_ : 0.0);
       inputs_.adc_code[0] = static_cast<uint16_t>(std::fmin(255.0, std::floor(reading + 0.5)));
       inputs_.din = Din();
       fw_tick(&fw_, &inputs_, &outputs_);
@@ -88,6 +88,7 @@ class DriveFixture : public FirmwareFixture {
   double counts_per_code_ = 0.02;
   double wall_ = 1e12;
   double stiffness_ = 0.5;
+  double offset_ = 0.0;  // reading without a force
   bool stuck_ = false;
 };
 

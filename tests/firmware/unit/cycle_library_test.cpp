@@ -77,7 +77,7 @@ TEST_F(Library, ARemovedProgramLeavesTheOthers) {
 }
 
 TEST_F(Library, AFullLibraryRefusesAndKeepsTheOthers) {
-  const std::uint16_t points = (kRoom - 296) / 8;
+  const std::uint16_t points = (kRoom - 304) / 8;
   ASSERT_EQ(accept(cycle_record(1)), CYCLE_ACCEPTED);
   EXPECT_EQ(accept(cycle_record(2, points + 1)), CYCLE_NO_ROOM);
   EXPECT_EQ(all(), (Records{cycle_record(1)}));
@@ -110,11 +110,11 @@ TEST_F(Library, StagedBytesLeaveNoGap) {
   EXPECT_FALSE(append(1, {1}));
   EXPECT_TRUE(append(0, {record.begin(), record.begin() + 70}));
   EXPECT_FALSE(append(71, {1}));
-  EXPECT_EQ(cycle_library_accept(&library_, 148).reason, CYCLE_WRONG_SIZE) << "half of it";
+  EXPECT_EQ(cycle_library_accept(&library_, 152).reason, CYCLE_WRONG_SIZE) << "half of it";
   EXPECT_TRUE(append(60, {record.begin() + 60, record.end()})) << "a part that comes twice";
-  EXPECT_EQ(cycle_library_accept(&library_, 148).reason, CYCLE_ACCEPTED);
+  EXPECT_EQ(cycle_library_accept(&library_, 152).reason, CYCLE_ACCEPTED);
   cycle_library_begin(&library_);
-  EXPECT_EQ(cycle_library_accept(&library_, 148).reason, CYCLE_WRONG_SIZE) << "it was begun anew";
+  EXPECT_EQ(cycle_library_accept(&library_, 152).reason, CYCLE_WRONG_SIZE) << "it was begun anew";
   EXPECT_TRUE(append(0, Bytes(CYCLE_PROGRAM_BYTES_MAX)));
   EXPECT_FALSE(append(CYCLE_PROGRAM_BYTES_MAX, {1}));
   EXPECT_FALSE(append(CYCLE_PROGRAM_BYTES_MAX - 1, {1, 2}));

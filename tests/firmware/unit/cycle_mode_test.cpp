@@ -1,6 +1,7 @@
 // Mode of operation -9 on the axis of the drive's tests.
 #include <gtest/gtest.h>
 
+#include <functional>
 #include <random>
 #include <utility>
 #include <vector>
@@ -79,6 +80,7 @@ TEST_F(CycleMode, RandomProgramsKeepTheBoundsAndAStoppedPartIsAborted) {
   Set(AXIS_OBJ_VELOCITY_MAX, 15000);  // 10 counts a tick
   Set(AXIS_OBJ_POSITION_LIMIT_MIN, -900);
   Set(AXIS_OBJ_POSITION_LIMIT_MAX, 900);
+  Set(AXIS_OBJ_TARE_BAND, 8 * 256);
   Set(AXIS_OBJ_MODES_OF_OPERATION, kCycle);
   CodeOracle codes;
   int ends[AXIS_CYCLE_STATE_NOT_HOMED + 1] = {}, actions[CYCLE_ACTIONS] = {};
@@ -113,9 +115,13 @@ TEST_F(CycleMode, RandomProgramsKeepTheBoundsAndAStoppedPartIsAborted) {
     const int action = ran ? int{cycle_phase(&fw_.drive.cycle)->action} : int{CYCLE_ACTIONS};
     if (ran) ++actions[action];
     const CodeOracle::Bounds bounds(fw_);
-    if (action != CYCLE_PRESS || fw_.drive.cycle.phase_ticks == 0) codes.Leave();
+    const bool presses = action == CYCLE_PRESS || action == CYCLE_FOLLOW;
+    if (!presses || fw_.drive.cycle.phase_ticks == 0) codes.Leave();
+    const std::uint8_t kept =
+        ran ? fw_.drive.program->outputs_keep : std::uint8_t{CYCLE_OUTPUTS_ALL};
     Tick();
-    const bool pressed = action == CYCLE_PRESS && State() == AXIS_DRIVE_STATE_OPERATION_ENABLED;
+    ASSERT_EQ(Runs() ? 0 : fw_.drive.cycle.outputs & ~kept, 0) << step;
+    const bool pressed = presses && State() == AXIS_DRIVE_STATE_OPERATION_ENABLED;
     ASSERT_EQ(codes.Judge(bounds, inputs_, outputs_, pressed), "") << step;
     const bool follows = fw_.drive.tracking == CIA402_TRACKING_AXIS;
     ASSERT_TRUE(!follows || std::abs(Speed()) <= 10.0) << step;
@@ -134,8 +140,278 @@ TEST_F(CycleMode, RandomProgramsKeepTheBoundsAndAStoppedPartIsAborted) {
                           AXIS_CYCLE_STATE_NOT_HOMED})
     EXPECT_GT(ends[state], 100) << state;
   for (const int action :
-       {CYCLE_MOVE_BY, CYCLE_MOVE_TO_TOUCH, CYCLE_APPROACH, CYCLE_PRESS, CYCLE_WAIT})
+       {CYCLE_MOVE_BY, CYCLE_MOVE_TO_DEPTH, CYCLE_APPROACH, CYCLE_PRESS, CYCLE_WAIT, CYCLE_FOLLOW})
     EXPECT_GT(actions[action], 5000) << action;
+  for (const int action : {CYCLE_TARE, CYCLE_OUTPUT}) EXPECT_GT(actions[action], 1000) << action;
+}
+
+// The workpiece begins at 100 counts, with 0.5 counts of force for each count of travel. A force of
+// 1000 per mille is 100 counts here.
+class CyclePress : public CycleMode {
+ protected:
+  CyclePress() {
+    wall_ = 100;
+    Set(AXIS_OBJ_RATED_FORCE, 100000);
+    Set(AXIS_OBJ_FORCE_SCALE, 1000000);  // 1 N for each count
+    Set(AXIS_OBJ_CONTACT_FORCE, 2 * 256);
+    Set(AXIS_OBJ_APPROACH_VELOCITY_MAX, 3000);
+  }
+  void Start(std::vector<std::uint32_t> record) {
+    ASSERT_TRUE(Select(std::move(record)));
+    Enable(kCycle);
+    Control(kNew);
+    ASSERT_EQ(Cycle(), AXIS_CYCLE_STATE_RUNNING);
+  }
+  double DemandedForce() const { return fw_.drive.force_demand_q16 / 65536.0; }  // per mille
+};
+
+cycle_phase_t wide_phase(std::uint8_t action, std::uint8_t next) {
+  cycle_phase_t phase = wait_phase(next);
+  phase.action = action;
+  phase.force_max_q8 = CYCLE_FORCE_MAX_Q8;
+  phase.travel_max = CYCLE_TRAVEL_MAX;
+  phase.time_max = 30000;
+  return phase;
+}
+
+cycle_phase_t press_phase(std::int16_t force, std::uint32_t slope, std::uint8_t next) {
+  cycle_phase_t phase = wide_phase(CYCLE_PRESS, next);
+  phase.force = force;
+  phase.slope = slope;
+  phase.conditions[0] = {CYCLE_REACHED, next, 0, 0};
+  return phase;
+}
+
+std::vector<std::uint32_t> with_table(const std::vector<cycle_phase_t> &phases,
+                                      const std::vector<cycle_point_t> &points) {
+  return completed(
+      {}, phases, [](cycle_element_t &e) { e.y_most = INT32_MAX; }, points);
+}
+
+// After the press the table begins at the force of the press: from 400 per mille up to 800 in 600
+// ticks and down to 200 in 300 ticks. The demanded force of a tick is that of the table at the
+// begin of the tick.
+TEST_F(CyclePress, FollowDemandsTheTableAndThenReportsReached) {
+  cycle_phase_t follow = wide_phase(CYCLE_FOLLOW, CYCLE_END);
+  follow.slope = 4000;  // per mille a second; the table has 2000 at most
+  follow.points = 3;
+  follow.conditions[0] = {CYCLE_REACHED, CYCLE_END, 0, 0};
+  Start(with_table({press_phase(400, 4000, 1), follow},
+                   {{0, 400 * 256}, {600, 800 * 256}, {900, 200 * 256}}));
+  for (int i = 0; i < 5000 && fw_.drive.cycle.phase == 0; ++i) Tick();
+  ASSERT_EQ(fw_.drive.cycle.phase, 1);
+  int ticks = 0;
+  for (; Runs() && ticks < 3000; ++ticks) {
+    Tick();
+    if (!Runs()) break;
+    const double expected = ticks <= 600   ? 400 + ticks * 400 / 600.0
+                            : ticks <= 900 ? 800 - (ticks - 600) * 2.0
+                                           : 200;
+    ASSERT_NEAR(DemandedForce(), expected, 0.5 / 256 + 1e-9) << ticks;
+  }
+  EXPECT_GE(ticks, 900);
+  EXPECT_LT(ticks, 1500);
+  EXPECT_EQ(fw_.drive.cycle.outcome, CYCLE_BY_PROGRAM);
+  EXPECT_NEAR(fw_.axis.signals.force / 256.0, 20.0, 2.1) << "200 per mille";
+}
+
+// A step of the table from 100 to 900 per mille is limited to the slope of the phase and to
+// force_limit.
+TEST_F(CyclePress, TheDemandOfATableKeepsTheSlopeAndForceLimit) {
+  Set(AXIS_OBJ_FORCE_LIMIT, 700);
+  cycle_phase_t follow = wide_phase(CYCLE_FOLLOW, CYCLE_END);
+  follow.slope = 1500;  // 1 per mille a tick
+  follow.points = 4;
+  follow.conditions[0] = {CYCLE_TIME, CYCLE_END, 0, 3000};
+  Start(with_table({press_phase(100, 4000, 1), follow},
+                   {{0, 100 * 256}, {99, 100 * 256}, {100, 900 * 256}, {101, 900 * 256}}));
+  for (int i = 0; i < 5000 && fw_.drive.cycle.phase == 0; ++i) Tick();
+  double before = DemandedForce();
+  double most = 0;
+  for (int i = 0; i < 2000 && Runs(); ++i) {
+    Tick();
+    ASSERT_LE(std::abs(DemandedForce() - before), 1.0 + 1e-9) << i;
+    before = DemandedForce();
+    most = std::max(most, before);
+  }
+  EXPECT_EQ(most, 700.0);
+}
+
+TEST_F(CyclePress, FollowOverTravelPressesHarderAsTheWorkpieceYields) {
+  cycle_phase_t follow = wide_phase(CYCLE_FOLLOW, CYCLE_END);
+  follow.slope = 30000;
+  follow.points = 2;
+  follow.over_travel = 1;
+  follow.conditions[0] = {CYCLE_TIME, CYCLE_END, 0, 1500};
+  Start(with_table({press_phase(100, 4000, 1), follow}, {{0, 100 * 256}, {40, 300 * 256}}));
+  for (int i = 0; i < 5000 && fw_.drive.cycle.phase == 0; ++i) Tick();
+  const std::int32_t start = fw_.axis.signals.position;
+  for (int i = 0; i < 600 && Runs(); ++i) {
+    wall_ = 100 + i / 10;  // the workpiece yields
+    const std::int32_t travel = fx_clamp(fw_.axis.signals.position - start, 0, 40);
+    Tick();
+    ASSERT_EQ(fw_.drive.cycle.start_cnt, start);
+    ASSERT_NEAR(DemandedForce(), 100 + travel * 5, i == 0 ? 5 : 1e-9) << i;
+  }
+  EXPECT_EQ(DemandedForce(), 300);
+}
+
+// The sensor reads 3 counts without a force. The target of 400 per mille has an offset of 30 per
+// mille, so that 400 per mille act on the workpiece, as far as force_limit permits the sum.
+TEST_F(CyclePress, TheDemandedForceHasTheOffsetWithinForceLimit) {
+  Set(AXIS_OBJ_TARE_BAND, 8 * 256);
+  Set(AXIS_OBJ_CONTACT_FORCE, 6 * 256);
+  offset_ = 3;
+  cycle_phase_t tare = wide_phase(CYCLE_TARE, 1);
+  tare.target = 150;
+  tare.conditions[0] = {CYCLE_REACHED, 1, 0, 0};
+  cycle_phase_t press = press_phase(400, 4000, CYCLE_END);
+  press.conditions[0] = {CYCLE_TIME, CYCLE_END, 0, 30000};
+  Start(record_of({tare, press}));
+  for (int i = 0; i < 5000 && fw_.drive.cycle.phase == 0; ++i) Tick();
+  ASSERT_EQ(fw_.drive.cycle.offset_q8, 3 * 256);
+  Tick(2500);
+  ASSERT_TRUE(Runs());
+  EXPECT_NEAR(DemandedForce(), 430, 1.0 / 256);
+  Set(AXIS_OBJ_FORCE_LIMIT, 410);
+  Tick(50);
+  EXPECT_EQ(DemandedForce(), 410);
+  ASSERT_TRUE(Runs());
+  Control(kOperate);
+  Tick();
+  Control(kNew);
+  Tick();
+  EXPECT_EQ(fw_.drive.cycle.outcome, CYCLE_TARE_CONTACT) << "the axis is in contact";
+  EXPECT_EQ(fw_.drive.cycle.offset_q8, 0);
+  EXPECT_EQ(fw_.drive.cycle_offset_q8, 0);
+}
+
+// An offset of -30 per mille would turn a target of 20 per mille into one of the other direction.
+TEST_F(CyclePress, AnOffsetNeverTurnsTheApproach) {
+  Set(AXIS_OBJ_FORCE_ZERO_CODE, 10);
+  Set(AXIS_OBJ_TARE_BAND, 8 * 256);
+  Set(AXIS_OBJ_CONTACT_FORCE, 6 * 256);
+  offset_ = 7;  // 3 counts below zero
+  cycle_phase_t tare = wide_phase(CYCLE_TARE, 1);
+  tare.target = 10;
+  tare.conditions[0] = {CYCLE_REACHED, 1, 0, 0};
+  cycle_phase_t press = press_phase(20, 4000, CYCLE_END);
+  press.conditions[0] = {CYCLE_TIME, CYCLE_END, 0, 100};
+  Start(record_of({tare, press}));
+  for (int i = 0; i < 500 && fw_.drive.cycle.phase == 0; ++i) Tick();
+  ASSERT_EQ(fw_.drive.cycle.offset_q8, -3 * 256);
+  const double before = place_;
+  for (int i = 0; i < 60; ++i) {
+    Tick();
+    ASSERT_GE(place_, before - 1) << i;
+  }
+  EXPECT_GT(place_, before + 5);
+}
+
+// tare_band bounds the sum of force_tare and the offset; without a band there is no tare.
+TEST_F(CyclePress, ATareIsBoundedByTareBandAndLeavesForceTare) {
+  const struct {
+    int band, own, offset, outcome;
+  } cases[] = {{3 * 256, 0, 3, CYCLE_BY_PROGRAM},
+               {3 * 256 - 1, 0, 3, CYCLE_TARE_BAND},
+               {5 * 256, 2 * 256, 5, CYCLE_BY_PROGRAM},
+               {5 * 256 - 1, 2 * 256, 5, CYCLE_TARE_BAND},
+               {0, 0, 0, CYCLE_TARE_BAND},
+               {8 * 256, 0, 7, CYCLE_TARE_CONTACT}};
+  Set(AXIS_OBJ_CONTACT_FORCE, 6 * 256);
+  for (const auto &c : cases) {
+    Set(AXIS_OBJ_TARE_BAND, c.band);
+    Set(AXIS_OBJ_FORCE_TARE, c.own);
+    offset_ = c.offset;
+    cycle_phase_t tare = wide_phase(CYCLE_TARE, CYCLE_END);
+    tare.target = 10;
+    tare.conditions[0] = {CYCLE_REACHED, CYCLE_END, 0, 0};
+    Start(record_of({tare}));
+    for (int i = 0; i < 500 && Cycle() < AXIS_CYCLE_STATE_GOOD; ++i) Tick();
+    EXPECT_EQ(Read(AXIS_OBJ_CYCLE_OUTCOME), c.outcome) << c.band << " " << c.own;
+    EXPECT_EQ(Read(AXIS_OBJ_FORCE_TARE), c.own);
+    Control(0);
+    Tick(2);
+  }
+}
+
+TEST_F(CycleMode, OutputsReachTheAxisAndAreOffAfterEachStop) {
+  cycle_phase_t on = wait_phase(1), hold = wait_phase(CYCLE_END);
+  on.action = CYCLE_OUTPUT;
+  on.outputs_on = 6;
+  on.conditions[0] = {CYCLE_REACHED, 1, 0, 0};
+  hold.time_max = 100000;
+  hold.conditions[0].level = 100000;
+  cycle_header_t header{};
+  header.outputs_keep = 4;
+  ASSERT_TRUE(Select(completed(header, {on, hold})));
+  const std::function<void()> stops[] = {
+      [&] { Control(kOperate); },
+      [&] { Control(kNew | kHalt); },
+      [&] { Control(0x02); },
+      [&] { Control(0); },
+      [&] { inputs_.sensor_valid = 0; },
+      [&] { inputs_.din = 0; },
+      [&] { Set(AXIS_OBJ_MODES_OF_OPERATION, kPp); },
+      [&] { cia402_owner_lost(&fw_.drive, &fw_.axis, AXIS_FAULT_CAN_OFF); }};
+  for (std::size_t i = 0; i < std::size(stops); ++i) {
+    inputs_.sensor_valid = 1;
+    inputs_.din = AXIS_DIN_ENABLE;
+    for (const int word : {0, 0x80, 0}) Control(word), Tick(2);
+    Enable(kCycle);
+    Control(kNew);
+    Tick(4);
+    ASSERT_TRUE(Runs());
+    ASSERT_EQ(Read(AXIS_OBJ_CYCLE_OUTPUTS), 6);
+    ASSERT_EQ(outputs_.digital, 6);
+    stops[i]();
+    Tick(2);
+    EXPECT_EQ(Cycle(), AXIS_CYCLE_STATE_ABORTED) << i;
+    EXPECT_EQ(Read(AXIS_OBJ_CYCLE_OUTPUTS), 4) << i;
+    EXPECT_EQ(outputs_.digital, 4) << "the output to keep, " << i;
+  }
+  ASSERT_TRUE(Select(record_of({hold})));
+  Tick();
+  EXPECT_EQ(outputs_.digital, 0) << "a selection of a program";
+}
+
+// The edge comes between the stop of a cycle and the evaluation of its last samples.
+TEST_F(CycleMode, AStartWhileTheLastSamplesAreEvaluatedIsNotLost) {
+  cycle_phase_t hold = wait_phase(CYCLE_END);
+  hold.time_max = 100000;
+  hold.conditions[0].level = 100000;
+  ASSERT_TRUE(Select(record_of({hold})));
+  Enable(kCycle);
+  Control(kNew);
+  Tick(5);
+  for (const bool withdrawn : {false, true}) {
+    ASSERT_TRUE(Runs());
+    const int count = Read(AXIS_OBJ_CYCLE_COUNT);
+    Control(kOperate);
+    ASSERT_EQ(Cycle(), AXIS_CYCLE_STATE_EVALUATING);
+    Control(kNew);
+    ASSERT_FALSE(Runs());
+    if (withdrawn) Control(kOperate);
+    Tick(3);
+    EXPECT_EQ(Runs(), !withdrawn);
+    EXPECT_EQ(Read(AXIS_OBJ_CYCLE_COUNT), count + (withdrawn ? 0 : 1));
+  }
+  EXPECT_EQ(Cycle(), AXIS_CYCLE_STATE_ABORTED);
+}
+
+TEST_F(CycleMode, APlaceBeyondTheRangeOfPositionsEndsTheCycleAsNotGood) {
+  cycle_phase_t far = wide_phase(CYCLE_MOVE_BY, CYCLE_END);
+  far.target = INT32_MAX;
+  far.speed = 3000;
+  far.conditions[0] = {CYCLE_TIME, CYCLE_END, 0, 10};
+  ASSERT_TRUE(Select(record_of({far})));
+  place_ = 10;
+  Enable(kCycle);
+  Control(kNew);
+  Tick(30);
+  EXPECT_EQ(Cycle(), AXIS_CYCLE_STATE_BAD);
+  EXPECT_EQ(Read(AXIS_OBJ_CYCLE_OUTCOME), CYCLE_OVER_TRAVEL);
+  EXPECT_NEAR(place_, 10, 1) << "the axis did not move";
 }
 
 }  // namespace

@@ -328,9 +328,9 @@ TEST_F(Programs, ATransferThatEndsEarlyChangesNothing) {
 }
 
 TEST_F(Programs, SegmentsOutOfTurnEndATransfer) {
-  ASSERT_EQ(CodeOf(Ask(kCanopen, Request(0xC6, kIndex, 1, 148))), 0u);
+  ASSERT_EQ(CodeOf(Ask(kCanopen, Request(0xC6, kIndex, 1, 152))), 0u);
   EXPECT_EQ(CodeOf(Ask(kCanopen, {0x00, 1, 2})), 0x05040003u) << "no segment has the number 0";
-  ASSERT_EQ(CodeOf(Ask(kCanopen, Request(0x21, kIndex, 1, 148))), 0u);
+  ASSERT_EQ(CodeOf(Ask(kCanopen, Request(0x21, kIndex, 1, 152))), 0u);
   EXPECT_EQ(CodeOf(Ask(kCanopen, {0x10, 1, 2})), 0x05030000u) << "the toggle bit";
   ASSERT_EQ(CodeOf(Ask(kCanopen, Request(0xC6, kIndex, 1, 7))), 0u);
   EXPECT_EQ(CodeOf(Ask(kCanopen, {0x01, 1, 2})), kTooLong) << "7 bytes, and it is not the last";
@@ -477,8 +477,8 @@ TEST_F(Programs, PartsAndTransfersGiveWayToEachOther) {
   Manner half;
   half.stops_after = 3;
   ASSERT_EQ(InSegments(kGateway, record, half), kSilence);
-  EXPECT_NE(InParts(record, 148), 0u);
-  EXPECT_EQ(Write(kRtu, AXIS_OBJ_CYCLE_DATA_END, 148), 6u) << "busy";
+  EXPECT_NE(InParts(record, 152), 0u);
+  EXPECT_EQ(Write(kRtu, AXIS_OBJ_CYCLE_DATA_END, 152), 6u) << "busy";
   EXPECT_TRUE(Ask(kGateway, Request(0x80, kIndex, 1, 0x08000000)).empty());
   ASSERT_FALSE(IsException(AskRtu(WritePdu(0x040F, {0, 1, 2}))));
   EXPECT_EQ(InSegments(kGateway, record), kState);

@@ -365,4 +365,43 @@ TEST(Fx, InterpolatesWithOneRounding) {
   }
 }
 
+// Lines of up to 2^19-1 in x and 2^24-1 in y, the longest and steepest among them.
+TEST(Fx, InterpolatesShortLinesAsLongOnes) {
+  RandomBits random(kSeed);
+  for (int i = 0; i < kFuzz; ++i) {
+    const auto up_to = [&](int64_t most) {
+      return static_cast<int32_t>(random.U64() %
+                                  (i % 7 == 0 ? 1 + most : 1 + most % (1 << (i % 24))));
+    };
+    const int32_t length = (i % 5 == 0) ? 524287 : 1 + up_to(524286);
+    const int32_t size = (i % 3 == 0) ? 16777215 : up_to(16777215);
+    const int32_t x0 = up_to(1 << 30) - (1 << 30) + up_to(1 << 29);
+    const int32_t y0 = (i % 2 == 0) ? -8388608 : 8388607, y1 = (i % 2 == 0) ? y0 + size : y0 - size;
+    const auto part = static_cast<int32_t>(random.U64() % static_cast<uint64_t>(length + 1));
+    for (const int32_t at : {0, 1, part, length - 1, length}) {
+      ASSERT_EQ(fx_interpolate_short(x0, y0, x0 + length, y1, x0 + at),
+                fx_interpolate(x0, y0, x0 + length, y1, x0 + at, FX_ROUND_HALF_UP))
+          << y0 << " " << y1 << " " << length << " " << at;
+    }
+  }
+}
+
+TEST(Fx, AMeanIsRoundedHalfUp) {
+  RandomBits random(kSeed);
+  for (int i = 0; i < kFuzz; ++i) {
+    const auto n = static_cast<int32_t>(1 + random.U64() % (i % 2 == 0 ? 9 : 16383));
+    const int64_t most = std::min<int64_t>(i % 3 == 0 ? 50 : int64_t{n} << 17, INT32_MAX);
+    const auto sum =
+        static_cast<int64_t>(random.U64() % static_cast<uint64_t>(2 * most + 1)) - most;
+    for (const int64_t at : {sum, most, -most})
+      if (std::abs(at) <= int64_t{n} << 17) {
+        ASSERT_EQ(fx_mean_half_up(static_cast<int32_t>(at), static_cast<uint32_t>(n)),
+                  static_cast<int32_t>(FloorDivide(2 * at + n, 2 * n)))
+            << at << " / " << n;
+      }
+  }
+  EXPECT_EQ(fx_mean_half_up(-1, 2), 0);
+  EXPECT_EQ(fx_mean_half_up(1, 2), 1);
+}
+
 }  // namespace

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from forceaxis import InputError, _core
 from forceaxis.cycles import part, plots
-from forceaxis.cycles.program import End, Phase, program_file, read_program
+from forceaxis.cycles.program import program_file, read_program
 
 PRESS_FIT = Path(__file__).resolve().parents[3] / "sim/experiments/press_fit.toml"
 PROGRAM = PRESS_FIT.parents[1] / "cycles/press_fit.toml"
@@ -140,30 +140,22 @@ def test_an_experiment_without_a_program_is_refused():
     assert program_file(PRESS_FIT).resolve() == PROGRAM
 
 
-def curve(force=0.0, travel=0.0, samples=10):
-    time = np.arange(1, samples + 1) / 1500
-    return part.Curve(
-        time, np.full(samples, travel), np.full(samples, force), np.zeros(samples, dtype=int)
+def test_of_several_conditions_the_one_that_the_firmware_took_is_named(tmp_path):
+    """Three conditions lead to the same phase; the axis records which one ended the phase."""
+    text = PROGRAM.read_text()
+    end = '[[phase.end]]\nwhen = "force_above"\nvalue = "250 N"\nnext = "seat"\n'
+    others = [("time", "2.9 s"), ("depth_above", "2 mm"), ("force_above", "100 N")]
+    more = "".join(
+        f'[[phase.end]]\nwhen = "{when}"\nvalue = "{value}"\nnext = "seat"\n'
+        for when, value in others
     )
-
-
-@pytest.mark.parametrize(
-    ("met", "piece", "contact"),
-    [
-        (End("time", 10 / 1500, "next"), curve(), False),
-        (End("force_above", 10.0, "next"), curve(force=10.0), False),
-        (End("force_below", -3.0, "next"), curve(force=-4.0), False),
-        (End("touch_above", 1e-3, "next"), curve(travel=2e-3), False),
-        (End("touch_below", -1e-3, "next"), curve(travel=-2e-3), False),
-        (End("contact", None, "next"), curve(), True),
-    ],
-)
-def test_of_several_conditions_the_one_that_the_curve_meets_is_named(met, piece, contact):
-    never = [End("force_above", 1e4, "next"), End("reached", None, "next")]
-    report = part.CycleReport("A program", "good", "by_program", "", 1, ["one"], [])
-    phase = Phase("one", [never[0], End("lost", None, "other"), met, never[1]], "end")
-    in_contact = np.full(len(piece.time_s), contact)
-    assert part.why_ended(phase, "next", piece, in_contact, report) == met.text
+    assert text.count(end) == 1
+    file = tmp_path / "several.toml"
+    file.write_text(text.replace(end, more + end))
+    # 40 N for each mm: 80 N at 2 mm, and 100 N at 2 mm for 60 N/mm
+    for k_bore, why in (("40 kN/m", "depth_above 2 mm"), ("60 kN/m", "force_above 100 N")):
+        result = part.run(PRESS_FIT, [f"k_bore={k_bore}"], file).result
+        assert phases(result)[1] == ("join", why)
 
 
 def test_the_program_is_read_as_it_is_written():

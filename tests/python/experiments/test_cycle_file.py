@@ -40,7 +40,7 @@ next = "back"
 
 [[phase]]
 name = "back"
-do = "move_to_touch"
+do = "move_to_depth"
 distance = "-5 mm"
 speed = "20 mm/s"
 force_max = "100 N"
@@ -89,6 +89,121 @@ of = "force"
 level = "10 N"
 level_2 = "60 N"
 """
+# All actions and keys that the program above does not have.
+MORE = """\
+title = "A cycle with tare, outputs and tables"
+name = "tared"
+keep_outputs = ["output_1"]
+compliance_force = ["0 N", "100 N"]
+compliance_deflection = ["0 mm", "0.1 mm"]
+
+[[phase]]
+name = "clamp"
+do = "output"
+outputs_on = ["output_1", "output_2"]
+force_max = "50 N"
+travel_max = "1 mm"
+time_max = "1 s"
+
+[[phase.end]]
+when = "reached"
+next = "tare"
+
+[[phase]]
+name = "tare"
+do = "tare"
+tare_time = "0.2 s"
+force_max = "50 N"
+travel_max = "1 mm"
+time_max = "1.5 s"
+on_limit = "back"
+
+[[phase.end]]
+when = "reached"
+next = "approach"
+
+[[phase]]
+name = "approach"
+do = "approach"
+distance = "10 mm"
+speed = "20 mm/s"
+force_max = "60 N"
+travel_max = "11 mm"
+time_max = "2 s"
+
+[[phase.end]]
+when = "contact"
+next = "follow"
+
+[[phase]]
+name = "follow"
+do = "follow"
+table_x = [0, 0.5, 1]
+table_force = ["10 N", "80 N", "20 N"]
+slope = "200 N/s"
+force_max = "90 N"
+travel_max = "2 mm"
+time_max = "3 s"
+
+[[phase.end]]
+when = "reached"
+next = "yield"
+
+[[phase]]
+name = "yield"
+do = "follow"
+over = "travel"
+table_x = [0, 0.001]
+table_force = ["20 N", "70 N"]
+slope = "300 N/s"
+force_max = "80 N"
+travel_max = "3 mm"
+time_max = "3 s"
+
+[[phase.end]]
+when = "reached"
+next = "back"
+
+[[phase.end]]
+when = "depth_above"
+value = "1.5 mm"
+next = "back"
+
+[[phase]]
+name = "back"
+do = "move_to_depth"
+distance = "-5 mm"
+speed = "20 mm/s"
+outputs_off = ["output_2"]
+force_max = "100 N"
+travel_max = "20 mm"
+time_max = "2 s"
+
+[[phase.end]]
+when = "reached"
+next = "end"
+
+[[element]]
+name = "largest"
+kind = "peak"
+phases = ["follow"]
+least = "75 N"
+most = "85 N"
+
+[[element]]
+name = "place"
+kind = "at"
+phases = ["follow", "yield"]
+of = "force"
+level = "40 N"
+
+[[element]]
+name = "late"
+kind = "last"
+phases = ["yield"]
+over = "time"
+from = "0.5 s"
+"""
 EXPERIMENT = f"""\
 title = "A cycle"
 model = "{MODELS / "press_fit.toml"}"
@@ -98,6 +213,7 @@ duration_s = 0.1
 [firmware]
 adc_bits = 16
 rated_force = 100000
+tare_band = 2.0
 """
 
 
@@ -179,6 +295,8 @@ MISTAKES = [
     ('next = "press"', 'next = "back"', "phase[1]", "nothing leads to press"),
     ('when = "reached"\nnext = "end"', 'when = "reached"\nnext = "approach"', "phase[0]",
      "a count"),
+    ('value = "1 s"\nnext = "back"', 'value = "1 s"\nnext = "back"\ncount = 3', "phase[1].end",
+     "without a count"),
     ('name = "peak_force"', 'name = "gate"', "element[2].name", "no other element"),
     ('kind = "peak"', 'kind = "pek"', "element[0].kind", "peak"),
     ('phases = ["press"]', "phases = []", "element[0].phases", "not empty"),
@@ -200,15 +318,144 @@ MISTAKES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "by", "key", "words"), MISTAKES)
-def test_a_mistake_is_one_line_with_its_key(tmp_path, text, by, key, words):
-    assert text in PROGRAM
+def test_each_action_and_key_is_read(tmp_path):
+    cycle = inputs(tmp_path, MORE).cycle
+    assert cycle["phases"] == ["clamp", "tare", "approach", "follow", "yield", "back"]
+
+
+# As MISTAKES, in the program MORE.
+MORE_MISTAKES = [
+    ('name = "tared"', 'name = "a name of 13 b"', "name", "at most 12 bytes, got 14"),
+    ('["output_1"]', '["output_5"]', "keep_outputs", "output_4"),
+    ('["output_1"]', '["output_3"]', "keep_outputs", "switches on"),
+    ('["output_1"]', '[]', "keep_outputs", "not empty"),
+    ('compliance_force = ["0 N", "100 N"]\n', "", "compliance_force", "expected"),
+    ('compliance_deflection = ["0 mm", "0.1 mm"]\n', "", "compliance_deflection", "expected"),
+    ('["0 N", "100 N"]', '["100 N", "0 N"]', "compliance_force", "rise"),
+    ('["0 N", "100 N"]', '["0 N", "50 N", "100 N"]', "compliance_deflection", "2 to 255 points"),
+    ('["0 mm", "0.1 mm"]', '["0.1 mm", "0 mm"]', "compliance_deflection", "does not fall"),
+    ('["0 mm", "0.1 mm"]', '["0 N", "1 N"]', "compliance_deflection[0]", "force"),
+    ('["0 mm", "0.1 mm"]', '["0 m", "100 m"]', "compliance_deflection", "in counts"),
+    ('outputs_on = ["output_1", "output_2"]', "", "phase[0].outputs_on", "add one"),
+    ('outputs_on = ["output_1", "output_2"]', 'outputs_on = ["out"]', "phase[0].outputs_on",
+     "output_1, output_2"),
+    ('outputs_on = ["output_1", "output_2"]',
+     'outputs_on = ["output_1"]\noutputs_off = ["output_1"]', "phase[0].outputs_off", "one list"),
+    ('do = "output"', 'do = "output"\nspeed = 1', "phase[0].speed", "no such key for output"),
+    ('tare_time = "0.2 s"', "", "phase[1].tare_time", "for tare"),
+    ('tare_time = "0.2 s"', 'tare_time = "2 s"', "phase[1].tare_time", "time_max"),
+    ('tare_time = "0.2 s"', 'tare_time = "11 s"', "phase[1].tare_time", "10"),
+    ('tare_time = "0.2 s"', 'tare_time = "0.2 s"\nforce = 3', "phase[1].force", "for tare"),
+    ('when = "reached"\nnext = "approach"', 'when = "time"\nvalue = 1\nnext = "approach"',
+     "phase[1].end", "condition reached"),
+    ('distance = "10 mm"', 'distance = "10 mm"\ntare_time = 1', "phase[2].tare_time", "approach"),
+    ('table_x = [0, 0.5, 1]\n', "", "phase[3].table_x", "expected"),
+    ('table_x = [0, 0.5, 1]', "table_x = [0, 0.5]", "phase[3].table_force", "same length"),
+    ('table_x = [0, 0.5, 1]', "table_x = [0, 1, 1]", "phase[3].table_x", "rise"),
+    ('table_x = [0, 0.5, 1]', "table_x = [-1, 0.5, 1]", "phase[3].table_x", "at least 0 s"),
+    ('table_x = [0, 0.5, 1]', "table_x = [0, 0.5, 4]", "phase[3].table_x", "time_max"),
+    ('table_x = [0, 0.5, 1]', "table_x = [0, 0.3, 1]", "phase[3].slope", "less steep"),
+    ('table_x = [0, 0.5, 1]', "table_x = [0, 0.5, 900]", "phase[3].table_x", "524287"),
+    ('"80 N", "20 N"]', '"101 N", "20 N"]', "phase[3].table_force", "force_limit"),
+    ('"80 N", "20 N"]', '"95 N", "20 N"]', "phase[3].force_max", "at least the force"),
+    ('"80 N", "20 N"]', '"80 N", "20 mm"]', "phase[3].table_force[2]", "length"),
+    ('slope = "200 N/s"', "", "phase[3].slope", "for follow"),
+    ('slope = "200 N/s"', 'slope = "200 N/s"\nforce = 5', "phase[3].force", "for follow"),
+    ('over = "travel"', 'over = "way"', "phase[4].over", "travel"),
+    ('table_x = [0, 0.001]', "table_x = [0, 0.004]", "phase[4].table_x", "travel_max"),
+    ('when = "depth_above"', 'when = "force_below"', "phase[4].end[1].value", "length"),
+    ('when = "depth_above"\nvalue = "1.5 mm"', 'when = "force_below"\nvalue = "-95 N"',
+     "phase[4].end[1].value", "force_max"),
+    ('when = "depth_above"', 'when = "touch_above"', "phase[4].end[1].when", "depth_above"),
+    ('do = "move_to_depth"', 'do = "move_to_touch"', "phase[5].do", "move_to_depth"),
+    ('when = "reached"\nnext = "end"', 'when = "reached"\ncount = 2\nnext = "end"',
+     "phase[5].end", "without a count"),
+    ('do = "move_to_depth"\ndistance = "-5 mm"\nspeed = "20 mm/s"', 'do = "wait"',
+     "phase[5].end", "no condition reached for wait"),
+    ('do = "move_to_depth"\ndistance = "-5 mm"', 'do = "move_by"\ndistance = "-25 mm"',
+     "phase[5].distance", "travel_max"),
+    ('do = "move_to_depth"\ndistance = "-5 mm"\nspeed = "20 mm/s"',
+     'do = "move_by"\ndistance = "-5 mm"\nspeed = "2 mm/s"', "phase[5].time_max",
+     "at least the time of the distance"),
+    ('least = "75 N"\nmost = "85 N"', 'least = "105 N"', "element[0].least", "within force_max"),
+    ('least = "75 N"\nmost = "85 N"', 'most = "-105 N"', "element[0].most", "within force_max"),
+    ('level = "40 N"', 'level = "105 N"', "element[1].level", "within force_max"),
+    ('from = "0.5 s"', 'from = "4 s"', "element[2].from", "time_max of the phases"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("program", "text", "by", "key", "words"),
+    [(PROGRAM, *row) for row in MISTAKES] + [(MORE, *row) for row in MORE_MISTAKES],
+)
+def test_a_mistake_is_one_line_with_its_key(tmp_path, program, text, by, key, words):
+    assert text in program
     with pytest.raises(_core.InputError) as raised:
-        inputs(tmp_path, PROGRAM.replace(text, by, 1))
+        inputs(tmp_path, program.replace(text, by, 1))
     message = str(raised.value)
     assert "\n" not in message
     assert message.startswith(f"{tmp_path / 'cycle.toml'}: {key}: "), message
     assert words in message, message
+
+
+def test_a_tare_needs_a_band(tmp_path):
+    with pytest.raises(
+        _core.InputError, match=r"phase\[1\]\.do: expected an axis with a tare_band"
+    ):
+        inputs(tmp_path, MORE, EXPERIMENT.replace("tare_band = 2.0\n", ""))
+
+
+def test_an_element_that_only_a_limit_feeds_is_refused(tmp_path):
+    aside = """
+[[phase]]
+name = "aside"
+do = "wait"
+force_max = "90 N"
+travel_max = "2 mm"
+time_max = "1 s"
+on_limit = "back"
+[[phase.end]]
+when = "time"
+value = "0.5 s"
+next = "back"
+
+[[element]]
+name = "fed"
+kind = "peak"
+phases = ["aside"]
+"""
+    text = PROGRAM.replace('on_limit = "back"', 'on_limit = "aside"', 1) + aside
+    with pytest.raises(_core.InputError, match=r"element\[4\]\.phases: .* only a limit"):
+        inputs(tmp_path, text)
+    inputs(tmp_path, text.replace('phases = ["aside"]', 'phases = ["aside", "press"]'))
+
+
+@pytest.mark.parametrize(
+    ("limits", "program", "key"),
+    [
+        ("position_limit_max = 1000", 'do = "move"\nposition = "5 mm"', "position"),
+        ("position_limit_min = -1000", 'do = "move"\nposition = "-5 mm"', "position"),
+        ("position_limit_min = 0\nposition_limit_max = 1000", "", "distance"),
+        ("position_min = 0\nposition_max = 1000", "", "distance"),
+    ],
+)
+def test_a_travel_beyond_the_soft_limits_is_refused(tmp_path, limits, program, key):
+    text = PROGRAM
+    if program:
+        text = text.replace('do = "move_to_depth"\ndistance = "-5 mm"', program)
+    with pytest.raises(_core.InputError, match=rf"\.{key}: expected .*limit"):
+        inputs(tmp_path, text, f"{EXPERIMENT}{limits}\n")
+    inputs(tmp_path, text)
+
+
+def test_a_depth_from_a_position_is_a_place_within_the_soft_limits(tmp_path):
+    text = PROGRAM.replace("title =", 'zero = "position"\nzero_position = "20 mm"\ntitle =')
+    limits = "position_limit_min = -900000\nposition_limit_max = {}\n"
+    counts_per_m = 1e6
+    place = int(0.015 * counts_per_m)
+    inputs(tmp_path, text, EXPERIMENT + limits.format(place + 20000))
+    with pytest.raises(_core.InputError, match=r"phase\[2\]\.distance: expected a place within"):
+        inputs(tmp_path, text, EXPERIMENT + limits.format(place - 20))
 
 
 def test_too_many_parts_are_refused(tmp_path):

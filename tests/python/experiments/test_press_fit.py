@@ -102,7 +102,7 @@ def test_a_program_for_another_bank_does_not_start(tmp_path):
 def test_an_absolute_move_needs_a_homed_axis(tmp_path):
     program = (PRESS_FIT.parents[1] / "cycles/press_fit.toml").read_text()
     program = program.replace(
-        'do = "move_to_touch"\ndistance = "-8 mm"', 'do = "move"\nposition = 0'
+        'do = "move_to_depth"\ndistance = "-8 mm"', 'do = "move"\nposition = 0'
     )
     (tmp_path / "cycle.toml").write_text(program)
     text = PRESS_FIT.read_text().replace("../cycles/press_fit.toml", str(tmp_path / "cycle.toml"))

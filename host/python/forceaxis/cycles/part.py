@@ -10,11 +10,8 @@ from numpy.typing import NDArray
 from forceaxis import _core, paths, toml
 from forceaxis._core import InputError
 from forceaxis.cycles.program import (
-    END,
     SHAPES,
     Element,
-    End,
-    Phase,
     Program,
     program_file,
     read_program,
@@ -25,7 +22,7 @@ from forceaxis.experiments.run_result import Array, CycleReport
 from forceaxis.experiments.summary import CYCLE_OUTCOMES
 
 # Objects of the firmware that the timeline needs in the trace.
-TRACED = ("cycle_state", "cycle_phase", "contact", "position_actual")
+TRACED = ("cycle_state", "cycle_phase", "cycle_ended_by", "contact", "position_actual")
 RUNNING = 1  # value of cycle_state while a cycle runs
 SLACK = 1e-9  # N or m, for decimals of a level
 
@@ -72,12 +69,14 @@ class PartResult:
 
 @dataclass(frozen=True)
 class Curve:
-    """The measured curve of the last cycle, with one value for each of its n ticks."""
+    """The curve of the last cycle as its elements see it, with one value for each of its ticks."""
 
     time_s: Array  # since the start of the run
-    travel_m: Array  # from travel 0 of the program
-    force_N: Array
+    travel_m: Array  # from travel 0 of the program, less the deflection of the press
+    force_N: Array  # measured force less the offset of a tare
     phase: NDArray[np.int64]  # number of the phase to which the sample belongs
+    # number, from 1, of the condition that ended a phase in this tick; 0: a limit or a stop
+    ended_by: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ def run(experiment: Path, overrides: Sequence[str] = (), program: Path | None = 
         outcome=report.outcome,
         failed_phase=report.failed_phase,
         elements=_figures(report, known),
-        phases=[] if curve is None else timeline(curve, known, report, _contact(done, curve)),
+        phases=[] if curve is None else timeline(curve, known, report),
         fault=done.result.fault,
         trace_hash=done.result.trace_hash,
     )
@@ -182,18 +181,51 @@ def _curve(done: runs.Run, program: Program) -> Curve | None:
         return None
     inside = slice(begin + 1, end + 1)  # the state of a tick is that after the tick
     converters = done.result.converters
-    force = _physical(done, "adc0")[inside]
+    # A trace has the values after a tick, so the sample of a tick belongs to the phase before it.
+    phase = done.columns["cycle_phase"][begin:end].astype(np.int64)
+    ended_by = done.columns["cycle_ended_by"][inside].astype(np.int64)
+    measured = _physical(done, "adc0")
+    force = _without_offset(program, measured[inside], phase, ended_by)
     per_count = abs(converters["encoder"].per_code)
     position = done.columns["encoder"].astype(float) * per_count
+    place = position[inside] - _deflection(program, force)
     if program.zero == "position":
         homed = done.columns["position_actual"].astype(float) * per_count
         zero = (program.zero_at or 0.0) + position[begin] - homed[begin]
     else:
         at_zero = np.flatnonzero(_is_at_zero(program, force, done.columns["contact"][inside]))
-        zero = position[inside][at_zero[0]] if at_zero.size else position[begin]
-    # A trace has the values after a tick, so the sample of a tick belongs to the phase before it.
-    phase = done.columns["cycle_phase"][begin:end].astype(np.int64)
-    return Curve(done.time_s[inside], position[inside] - zero, force, phase)
+        start = position[begin] - _deflection(program, measured[begin : begin + 1])[0]
+        zero = place[at_zero[0]] if at_zero.size else start
+    return Curve(done.time_s[inside], place - zero, force, phase, ended_by)
+
+
+def _without_offset(
+    program: Program, force: Array, phase: NDArray[np.int64], ended_by: NDArray[np.int64]
+) -> Array:
+    """Returns the force less the offset that the last tare before each sample has measured."""
+    found = force.copy()
+    for start, end in _pieces(phase):
+        tared = program.phases[int(phase[start])]
+        if tared.tare_s is None or not ended_by[end - 1]:
+            continue
+        if tared.ends[int(ended_by[end - 1]) - 1].when == "reached":
+            ticks = max(1, int(np.ceil(tared.tare_s * _core.TICKS_PER_SECOND - 1e-6)))
+            found[end:] = force[end:] - force[max(start, end - ticks) : end].mean()
+    return found
+
+
+def _deflection(program: Program, force: Array) -> Array:
+    """Returns the deflection of the press at each force."""
+    if not program.compliance:
+        return np.zeros_like(force)
+    forces, deflections = np.array(program.compliance).T
+    return np.asarray(np.interp(force, forces, deflections))
+
+
+def _pieces(phase: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """Returns the first sample of each phase that ran, and the sample after its last one."""
+    starts = [0, *(np.flatnonzero(np.diff(phase)) + 1).tolist()]
+    return list(zip(starts, [*starts[1:], len(phase)], strict=True))
 
 
 def _is_at_zero(program: Program, force: Array, contact: Array) -> NDArray[np.bool_]:
@@ -209,95 +241,28 @@ def _physical(done: runs.Run, column: str) -> Array:
     return np.asarray((done.columns[column].astype(float) - converter.zero) * converter.per_code)
 
 
-def _contact(done: runs.Run, curve: Curve) -> Array:
-    """Returns whether the axis is in contact, for each tick of a curve."""
-    begin = int(np.searchsorted(done.time_s, curve.time_s[0]))
-    return np.asarray(done.columns["contact"][begin : begin + len(curve.time_s)] != 0)
-
-
-def timeline(
-    curve: Curve, program: Program, report: CycleReport, contact: Array
-) -> list[PhaseSpan]:
-    """Returns the phases of a cycle in the order in which they ran.
-
-    The firmware does not record the condition that ended a phase. It is the only one that leads to
-    the phase that followed, or of several the first one that the curve meets.
-    """
-    starts = [0, *(np.flatnonzero(np.diff(curve.phase)) + 1).tolist()]
-    ends = [*starts[1:], len(curve.phase)]
-    failing = _failing(curve, starts, program, report)
+def timeline(curve: Curve, program: Program, report: CycleReport) -> list[PhaseSpan]:
+    """Returns the phases of a cycle in the order in which they ran."""
+    pieces = _pieces(curve.phase)
     step = 1 / _core.TICKS_PER_SECOND
     spans = []
-    for i, (start, end) in enumerate(zip(starts, ends, strict=True)):
+    has_failed = False
+    for i, (start, end) in enumerate(pieces):
         phase = program.phases[int(curve.phase[start])]
-        following = END if i + 1 == len(starts) else program.phases[int(curve.phase[end])].name
-        if i == failing:
-            why = CYCLE_OUTCOMES.get(report.outcome, report.outcome)
-        elif following == END and report.state == "running":
+        is_last = i + 1 == len(pieces)
+        by = int(curve.ended_by[end - 1])
+        if is_last and report.state == "running":
             why = "the run ended"
+        elif by:
+            why = phase.ends[by - 1].text
+        elif is_last if report.outcome == "stopped" else not has_failed:
+            why = CYCLE_OUTCOMES.get(report.outcome, report.outcome)
+            has_failed = True
         else:
-            inside = slice(start, end)
-            piece = Curve(
-                curve.time_s[inside], curve.travel_m[inside], curve.force_N[inside],
-                curve.phase[inside],
-            )  # fmt: skip
-            why = why_ended(phase, following, piece, contact[inside], report)
+            why = "limit"
         begin_s, end_s = float(curve.time_s[start]) - step, float(curve.time_s[end - 1])
         spans.append(PhaseSpan(phase.name, round(begin_s, 9), round(end_s, 9), why))
     return spans
-
-
-def _failing(
-    curve: Curve, starts: Sequence[int], program: Program, report: CycleReport
-) -> int | None:
-    """Returns the index of the piece of the curve in which the cycle failed, or None."""
-    if not report.failed_phase:
-        return None
-    names = [program.phases[int(curve.phase[start])].name for start in starts]
-    if report.outcome == "stopped":
-        return len(names) - 1
-    where = [i for i, name in enumerate(names) if name == report.failed_phase]
-    on_limit = next(p.on_limit for p in program.phases if p.name == report.failed_phase)
-    fits = [i for i in where if (*names, END)[i + 1] == on_limit]
-    found = fits or where
-    return found[-1] if found else None
-
-
-def why_ended(
-    phase: Phase, following: str, piece: Curve, contact: Array, report: CycleReport
-) -> str:
-    """Returns why a phase ended and the phase `following` began, as text."""
-    candidates = [end for end in phase.ends if end.next == following]
-    if not candidates:
-        return "limit" if report.failed_phase else report.outcome
-    if len(candidates) == 1:
-        return candidates[0].text
-    met = [end for end in candidates if _is_met(end, piece, contact)]
-    return (met or candidates)[0].text
-
-
-def _is_met(end: End, piece: Curve, contact: Array) -> bool:
-    """Returns True if the last sample of a phase meets a condition, as far as a trace shows it."""
-    force, travel = float(piece.force_N[-1]), float(piece.travel_m[-1])
-    value = 0.0 if end.value is None else end.value
-    match end.when:
-        case "time":
-            return bool(len(piece.time_s) >= value * _core.TICKS_PER_SECOND - 1)
-        case "force_above":
-            return force >= value - SLACK
-        case "force_below":
-            return force <= value + SLACK
-        case "travel_above":
-            return abs(travel - float(piece.travel_m[0])) >= value - SLACK
-        case "touch_above":
-            return travel >= value - SLACK
-        case "touch_below":
-            return travel <= value + SLACK
-        case "contact":
-            return bool(contact[-1])
-        case "lost":
-            return not contact[-1]
-    return False
 
 
 def short(name: str) -> str:

@@ -52,6 +52,7 @@ class Phase:
     name: str
     ends: list[End]
     on_limit: str
+    tare_s: float | None = None  # time over which the phase measures the offset of the force
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,7 @@ class Program:
     zero_at: float | None  # the force in N, or the position in m
     phases: list[Phase]
     elements: list[Element]
+    compliance: list[tuple[float, float]]  # points (N, m): deflection of the press over the force
 
 
 def program_file(experiment: Path, overrides: Sequence[str] = ()) -> Path:
@@ -122,6 +124,7 @@ def read_program(file: Path) -> Program:
         zero_at=number(table.get(f"zero_{zero}"), unit),
         phases=[_phase(phase) for phase in table.get("phase", [])],
         elements=[_element(element) for element in table.get("element", [])],
+        compliance=_points(table, "compliance_force", "N", "compliance_deflection", "m"),
     )
 
 
@@ -145,7 +148,8 @@ def _phase(table: Mapping[str, Any]) -> Phase:
     for end in table.get("end", []):
         unit = CONDITION_UNITS.get(end["when"], "m")
         ends.append(End(end["when"], number(end.get("value"), unit), end["next"]))
-    return Phase(table["name"], ends, table.get("on_limit", END))
+    tare_s = number(table.get("tare_time"), "s")
+    return Phase(table["name"], ends, table.get("on_limit", END), tare_s)
 
 
 def _element(table: Mapping[str, Any]) -> Element:
@@ -165,11 +169,13 @@ def _element(table: Mapping[str, Any]) -> Element:
         least=number(table.get("least"), unit),
         most=number(table.get("most"), unit),
         level=number(table.get("level"), "N" if of == "force" else x_unit),
-        lower=_curve(table, "lower"),
-        upper=_curve(table, "upper"),
+        lower=_points(table, "lower_x", x_unit, "lower_force", "N"),
+        upper=_points(table, "upper_x", x_unit, "upper_force", "N"),
     )
 
 
-def _curve(table: Mapping[str, Any], side: str) -> list[tuple[float, float]]:
-    x, forces = table.get(f"{side}_x", []), table.get(f"{side}_force", [])
-    return [(float(at), number(force, "N") or 0.0) for at, force in zip(x, forces, strict=True)]
+def _points(
+    table: Mapping[str, Any], x_key: str, x_unit: str, y_key: str, y_unit: str
+) -> list[tuple[float, float]]:
+    pairs = zip(table.get(x_key, []), table.get(y_key, []), strict=True)
+    return [(number(x, x_unit) or 0.0, number(y, y_unit) or 0.0) for x, y in pairs]

@@ -253,6 +253,9 @@ CYCLE_OUTCOMES = {
     "over_time": "time_max exceeded",
     "stopped": "stopped",
     "samples_lost": "samples lost",
+    "tare_contact": "tare in contact",
+    "tare_moving": "no standstill for the tare",
+    "tare_band": "tare beyond tare_band",
 }
 
 

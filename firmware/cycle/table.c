@@ -1,0 +1,39 @@
+#include "firmware/cycle/table.h"
+
+#include "firmware/fx/fx.h"
+
+bool cycle_points_are_valid(const cycle_point_t *points, uint8_t count, int32_t step,
+                            int32_t x_most, int32_t y_most) {
+  for (uint8_t i = 0; i < count; i++) {
+    if (!fx_within(points[i].x, x_most) || !fx_within(points[i].y, y_most) ||
+        (i > 0 && (points[i].x <= points[i - 1].x || points[i].x - points[i - 1].x > step))) {
+      return false;
+    }
+  }
+  return true;
+}
+
+bool cycle_table_is_valid(const cycle_point_t *points, uint8_t count) {
+  return count >= 2 && cycle_points_are_valid(points, count, CYCLE_TABLE_STEP_MAX,
+                                              CYCLE_TABLE_X_MAX, CYCLE_TABLE_Y_MAX);
+}
+
+uint8_t cycle_line_at(const cycle_point_t *points, uint8_t count, int32_t x) {
+  uint8_t low = 0;
+  uint8_t high = (uint8_t)(count - 1);
+  while (high - low > 1) {
+    const uint8_t middle = (uint8_t)fx_half((uint32_t)low + high);
+    if (points[middle].x <= x) {
+      low = middle;
+    } else {
+      high = middle;
+    }
+  }
+  return low;
+}
+
+int32_t cycle_table_at(const cycle_point_t *points, uint8_t count, int32_t x) {
+  const int32_t inside = fx_clamp(x, points[0].x, points[count - 1].x);
+  const cycle_point_t *line = &points[cycle_line_at(points, count, inside)];
+  return fx_interpolate_short(line[0].x, line[0].y, line[1].x, line[1].y, inside);
+}
