@@ -1,7 +1,7 @@
 """The sessions of test_cycle_can.py on real CAN, in one guest, at the pace of the wall clock: run
 under tools/vcan with a folder and the name of a session. Presses run as nodes of one bus.
 
-  parts  the five examples beside each other, good parts and then bad ones, over CAN
+  parts  good and bad parts of the five examples, over CAN
   ways   the press-fit by `forceaxis cycle` over CAN, through a gateway and over Modbus TCP
   links  the examples in lock-step, with the records of the link as CAN frames
 """
@@ -13,13 +13,12 @@ import signal
 import subprocess
 import sys
 import traceback
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 import verbs
-from cycle_examples import BAD, IDS, PARTS, file_of
+from cycle_examples import IDS, PARTS, file_of
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.can import CanLink
 from forceaxis.axis.drive import NEW_SETPOINT
@@ -32,7 +31,6 @@ from gateway_clients import PORT, gateway, operational, until
 
 SIM = Path(__file__).resolve().parents[2] / "sim"
 EXPERIMENT = file_of("press_fit")
-FIRST_OWN_NODE = 100
 # The rim of the polishing example turns once in this time. Its model moves the surface for one
 # turn, and here for many, because nobody knows when a part is pressed. The motion is smaller, so
 # that a good part is good and a bad one bad wherever the turn begins.
@@ -78,7 +76,7 @@ def machine(folder, name):
 
 @contextlib.contextmanager
 def nodes(folder, names, overrides=()):
-    """Presses at the nodes 1, 2, ...; `overrides` has texts such as "2:NAME=VALUE"."""
+    """Presses at the nodes 1, 2, ..., with parameters of their parts."""
     common = [str(machine(folder, name)) for name in names]
     common += ["--link", "socketcan", "--endless", "--pace", "real", "--start-timeout", "20"]
     common += [word for override in overrides for word in ("--set", override)]
@@ -110,11 +108,11 @@ class NotingLink(CanLink):
             self.started = [before, self.read_one("tick_count")]
 
 
-def pressed(node, name):
+def pressed(name):
     """A part of an example: what load and start give, or what has failed."""
     wanted = live.live_program(file_of(name))
     try:
-        with Axis(NotingLink("vcan0", node, FIRST_OWN_NODE + node)) as axis:
+        with Axis(NotingLink("vcan0")) as axis:
             try:
                 early = to_json(live.start(axis, wanted))
             except Refused as refused:
@@ -127,18 +125,12 @@ def pressed(node, name):
 
 
 def parts(folder):
+    """One press after another, because a guest is not fast enough for five in real time."""
     found = {}
-    for kind in ("good", "bad"):
-        sets = [
-            f"{node}:{text}"
-            for node, bad in enumerate(BAD.values(), 1)
-            for text in bad
-            if kind == "bad"
-        ]
-        (folder / kind).mkdir()
-        with nodes(folder / kind, BAD, sets), ThreadPoolExecutor(len(BAD)) as threads:
-            results = threads.map(pressed, range(1, len(BAD) + 1), BAD)
-            found |= {f"{name}-{kind}": result for name, result in zip(BAD, results, strict=True)}
+    for key, (name, overrides) in zip(IDS, PARTS, strict=True):
+        (folder / key).mkdir()
+        with nodes(folder / key, [name], overrides):
+            found[key] = pressed(name)
     return found
 
 
@@ -158,7 +150,7 @@ def by(*way):
 def ways(folder):
     with nodes(folder, ["press_fit"] * 3), contextlib.ExitStack() as stack:
         found = {"can": by("--can", "vcan0", "--node", "1")}
-        supervisor = gateway("--axes", "2,3", "--watch-ms", "3000")
+        supervisor = gateway("--axes", "2,3", "--watch-ms", "3000", heartbeat_ms=2000)
         stack.callback(supervisor.kill)
         for axis in (2, 3):
             with GatewayLink(axis).client as client:

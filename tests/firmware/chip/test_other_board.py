@@ -133,7 +133,7 @@ def test_without_memory_for_programs_no_cycle_is_run_on_it(known, monkeypatch):
     with pytest.raises(InputError, match="cycle: expected a chip with memory for programs") as no:
         link.run_on_chip(board_of_it, EXPERIMENTS / "press_fit.toml", [])
     assert "run the experiment in process" in str(no.value) and "\n" not in str(no.value)
-    short = ["experiment.duration_s=0.2"]
+    short = ["experiment.duration_s=1"]
     assert link.run_on_chip(board_of_it, EXPERIMENTS / "contact.toml", short).report.same
 
 
