@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
-from typing import IO, NamedTuple, Self
+from typing import IO, Any, NamedTuple, Self
 
 from forceaxis import _core, paths
 from forceaxis._core import InputError, LinkSilent, TransportError
@@ -26,7 +26,6 @@ from forceaxis.chip import emulator as chip
 from forceaxis.errors import ParameterError
 from forceaxis.experiments.node_reports import AxisReport, read_axis_report
 from forceaxis.experiments.run_result import (
-    CoreTable,
     LinkReport,
     ProcessIds,
     RecordCounts,
@@ -70,7 +69,7 @@ class LinkedRun(NamedTuple):
     result: _core.Result
     report: LinkReport
     refused: list[RefusedWrite]  # writes that the firmware has refused
-    cycle: CoreTable | None  # last cycle, in the form of _core.Result.cycle
+    cycle: dict[str, Any] | None  # last cycle, in the form of _core.Result.cycle
 
 
 def program(name: str) -> str:

@@ -2,8 +2,9 @@
 
 import json
 from dataclasses import dataclass
+from typing import Any
 
-from forceaxis.experiments.run_result import CoreTable, RefusedWrite, read_refused
+from forceaxis.experiments.run_result import RefusedWrite, read_refused
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class AxisReport:
     faults: list[str]  # name of the latched fault of each axis; "none" without a fault
     refused: list[list[RefusedWrite]]
     # last cycle of each axis, in the form of _core.Result.cycle; None without a program
-    cycles: list[CoreTable | None]
+    cycles: list[dict[str, Any] | None]
     messages: dict[str, int]  # {sent, repeated, dropped, ...: number of messages}
 
 
