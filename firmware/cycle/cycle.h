@@ -57,7 +57,7 @@ typedef struct {
   uint32_t last_tick;            /* tick of the last sample */
   int32_t start_cnt;             /* position at the start of the phase */
   int32_t zero_cnt;              /* position of travel 0: the start, until it is found */
-  int32_t begin_cnt;
+  int32_t begin_cnt;             /* position at the start of the cycle */
   /* Of the last sample: force less offset_q8, and depth; +-CYCLE_TRAVEL_MAX. */
   int32_t force_q8;
   int32_t depth;

@@ -189,11 +189,11 @@ static inline const cycle_phase_t *cycle_phases(const cycle_header_t *program) {
 static inline const cycle_element_t *cycle_elements(const cycle_header_t *program) {
   return (const cycle_element_t *)(const void *)(cycle_phases(program) + program->phases);
 }
-/* Returns the CRC at the end of a record. */
-uint32_t cycle_program_crc(const cycle_header_t *program);
-
 static inline const cycle_point_t *cycle_points(const cycle_header_t *program) {
   return (const cycle_point_t *)(const void *)(cycle_elements(program) + program->elements);
 }
+
+/* Returns the CRC at the end of a record. */
+uint32_t cycle_program_crc(const cycle_header_t *program);
 
 #endif

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <chrono>
+#include <cstdio>
 #include <iostream>
 #include <utility>
 
@@ -36,6 +37,40 @@ std::uint32_t serial_of(int axis) {
 constexpr char kIncidents[] = ".incidents";
 
 using OpenFile = const char *(store_file_t *, const char *);
+
+// Returns a number with all its digits, so that a reader gets the same double.
+std::string exact(double value) {
+  std::array<char, 32> digits{};
+  std::snprintf(digits.data(), digits.size(), "%.17g", value);
+  return digits.data();
+}
+
+// Returns the result of the last cycle in the form of the property `cycle` of _core.Result.
+std::string json_of(const host::CycleResult &cycle, const host::CycleProgram &program) {
+  std::string phases, figures;
+  for (const std::string &phase : program.phases) append(phases, json_text(phase));
+  for (std::size_t i = 0; i < cycle.figures.size(); ++i) {
+    const host::CycleFigure &figure = cycle.figures[i];
+    const host::CycleElement &element = program.elements[i];
+    append(figures, JsonObject()
+                        .add("name", element.name)
+                        .add("kind", element.kind)
+                        .raw("value", exact(figure.value))
+                        .add("unit", element.unit)
+                        .add("tick", figure.tick)
+                        .add("verdict", figure.verdict)
+                        .text());
+  }
+  return JsonObject()
+      .add("title", program.title)
+      .add("state", cycle.state)
+      .add("outcome", cycle.outcome)
+      .add("failed_phase", cycle.failed_phase)
+      .add("cycles", cycle.cycles)
+      .raw("phases", "[" + phases + "]")
+      .raw("figures", "[" + figures + "]")
+      .text();
+}
 
 std::unique_ptr<store_file_t, StoreCloser> open_store(const std::string &file,
                                                       OpenFile *open_file = store_file_open) {
@@ -163,6 +198,7 @@ std::string Axis::json() {
       .add("fault", host::enum_text(AXIS_OBJ_FAULT, firmware_->read(AXIS_OBJ_FAULT)))
       .add("overruns", firmware_->read(AXIS_OBJ_OVERRUNS))
       .raw("refused", "[" + refused + "]");
+  if (const auto cycle = firmware_->cycle()) o.raw("cycle", json_of(*cycle, *experiment_.cycle));
   if (!lost.empty()) o.raw("after_silence", lost);
   return o.text();
 }

@@ -5,14 +5,23 @@
 
 #include <cerrno>
 #include <cstring>
+#include <utility>
 
+#include "firmware/port/host/firmware.hpp"
 #include "host/link/transport.hpp"
+#include "host/run/cycle_result.hpp"
+#include "host/run/objects.hpp"
 #include "host/run/plant_side.hpp"
 
 namespace forceaxis::host {
 namespace {
 
-enum : std::uint8_t { kTick = 1, kWrite = 2, kEnd = 3 };
+enum : std::uint8_t { kTick = 1, kWrite = 2, kEnd = 3, kRead = 4, kCycle = 5 };
+
+// Words of the record of a program in one part of a download.
+constexpr int kPartWords = AXIS_OBJ_CYCLE_DATA_16 - AXIS_OBJ_CYCLE_DATA_1 + 1;
+// Number of a program that has the number 0, which no library takes.
+constexpr std::uint32_t kFirstNumber = 1;
 
 void put(std::uint8_t *to, std::uint32_t value, int bytes) {
   for (int i = 0; i < bytes; ++i) to[i] = static_cast<std::uint8_t>(value >> (8 * i));
@@ -24,26 +33,88 @@ std::uint32_t get(const std::uint8_t *from, int bytes) {
   return value;
 }
 
+cycle_header_t header_of(const std::vector<std::uint32_t> &record) {
+  cycle_header_t header;
+  std::memcpy(&header, record.data(), sizeof(header));
+  return header;
+}
+
+// Returns the record of a program with a number by which a library keeps it.
+std::vector<std::uint32_t> numbered(std::vector<std::uint32_t> record) {
+  cycle_header_t header = header_of(record);
+  if (header.number != 0) return record;
+  header.number = kFirstNumber;
+  std::memcpy(record.data(), &header, sizeof(header));
+  std::uint32_t crc = UINT32_MAX;
+  for (std::size_t i = 0; i + 1 < record.size(); ++i) {
+    for (int shift = 0; shift < 32; shift += 8)
+      crc = fx_crc32(crc, static_cast<std::uint8_t>(record[i] >> shift));
+  }
+  record.back() = ~crc;
+  return record;
+}
+
 [[noreturn]] void fail(const std::string &what) { throw TransportError("emulated chip: " + what); }
 
 }  // namespace
 
 ChipSide::ChipSide(const Experiment &experiment, const ChipPipes &pipes)
-    : pipes_(pipes), writes_(experiment), steps_per_code_(1 << (experiment.model->dac.bits - 12)) {
+    : experiment_(&experiment),
+      pipes_(pipes),
+      writes_(experiment),
+      steps_per_code_(1 << (experiment.model->dac.bits - 12)) {
+  if (experiment.cycle) load_program();
   writes_.write_initial(writer());
 }
 
+int ChipSide::write(std::uint16_t object, std::int32_t value) const {
+  Record record{kWrite};
+  put(&record[2], object, 2);
+  put(&record[4], static_cast<std::uint32_t>(value), 4);
+  return static_cast<std::int32_t>(get(ask(record).data(), 4));
+}
+
+std::int32_t ChipSide::read(std::uint16_t object) const {
+  Record record{kRead};
+  put(&record[2], object, 2);
+  const Answer answer = ask(record);
+  if (get(answer.data(), 4) != FW_OK)
+    fail(std::string("refuses to read ") + object_meta(object).name);
+  return static_cast<std::int32_t>(get(&answer[4], 4));
+}
+
 ExperimentWrites::Write ChipSide::writer() const {
-  return [this](std::int64_t, const ObjectWrite &w) {
-    Record record{kWrite};
-    put(&record[2], w.object, 2);
-    put(&record[4], static_cast<std::uint32_t>(w.raw), 4);
-    return static_cast<std::int32_t>(get(ask(record).data(), 4));
-  };
+  return [this](std::int64_t, const ObjectWrite &w) { return write(w.object, w.raw); };
+}
+
+void ChipSide::load_program() const {
+  const std::vector<std::uint32_t> record = numbered(experiment_->cycle->record);
+  int refusal = FW_OK;
+  for (std::size_t i = 0; i < record.size() && refusal == FW_OK; ++i) {
+    const auto word = static_cast<std::uint16_t>(i % kPartWords);
+    if (word == 0) refusal = write(AXIS_OBJ_CYCLE_DATA_OFFSET, static_cast<std::int32_t>(4 * i));
+    if (refusal == FW_OK)
+      refusal = write(static_cast<std::uint16_t>(AXIS_OBJ_CYCLE_DATA_1 + word),
+                      static_cast<std::int32_t>(record[i]));
+  }
+  if (refusal == FW_OK)
+    refusal = write(AXIS_OBJ_CYCLE_DATA_END, static_cast<std::int32_t>(4 * record.size()));
+  if (refusal == FW_OK)
+    refusal = write(AXIS_OBJ_CYCLE_PROGRAM, static_cast<std::int32_t>(header_of(record).number));
+  if (refusal == FW_OK) return;
+  const std::string reason =
+      enum_text(AXIS_OBJ_CYCLE_PROGRAM_REFUSAL, read(AXIS_OBJ_CYCLE_PROGRAM_REFUSAL));
+  throw sim::InputError(
+      experiment_->file.string(), "cycle",
+      refusal == FW_ERROR_NO_MEMORY
+          ? "expected a chip with memory for programs of cycles, got a board that gives the "
+            "firmware no program_memory; run the experiment in process"
+          : "expected a program that the chip accepts, got the reason " + reason +
+                "; report this as an error of forceaxis");
 }
 
 ChipSide::Answer ChipSide::ask(const Record &record) const {
-  if (write(pipes_.to_fd, record.data(), record.size()) != static_cast<ssize_t>(record.size())) {
+  if (::write(pipes_.to_fd, record.data(), record.size()) != static_cast<ssize_t>(record.size())) {
     fail(std::string("accepts no record: ") + std::strerror(errno));
   }
   Answer answer{};
@@ -54,7 +125,7 @@ ChipSide::Answer ChipSide::ask(const Record &record) const {
     if (events <= 0) {
       fail("no response for " + std::to_string(pipes_.patience.count()) + " ms");
     }
-    const ssize_t n = read(pipes_.from_fd, &answer[got], answer.size() - got);
+    const ssize_t n = ::read(pipes_.from_fd, &answer[got], answer.size() - got);
     if (n <= 0) fail("has ended");
     got += static_cast<std::size_t>(n);
   }
@@ -78,21 +149,49 @@ LinkOutputs ChipSide::tick(const LinkInputs &in) {
   return out;
 }
 
+void ChipSide::trace(std::vector<std::int32_t> &objects) const {
+  for (const std::uint16_t object : experiment_->traced) objects.push_back(read(object));
+}
+
+std::optional<CycleResult> ChipSide::cycle() const {
+  if (!experiment_->cycle) return std::nullopt;
+  const CycleProgram &program = *experiment_->cycle;
+  CycleValues values{.state = read(AXIS_OBJ_CYCLE_STATE),
+                     .outcome = read(AXIS_OBJ_CYCLE_OUTCOME),
+                     .cycles = read(AXIS_OBJ_CYCLE_COUNT),
+                     .failed_phase = {},
+                     .elements = {}};
+  if (cycle_is_done(values.state)) {
+    values.failed_phase = static_cast<std::uint8_t>(get(ask({kCycle}).data(), 4));
+    for (std::size_t i = 0; i < program.elements.size(); ++i) {
+      write(AXIS_OBJ_CYCLE_RESULT_ELEMENT, static_cast<std::int32_t>(i));
+      values.elements.push_back({read(AXIS_OBJ_CYCLE_RESULT_VALUE),
+                                 read(AXIS_OBJ_CYCLE_RESULT_VERDICT),
+                                 static_cast<std::uint32_t>(read(AXIS_OBJ_CYCLE_RESULT_TICK))});
+    }
+  }
+  return cycle_result_of(program, values);
+}
+
 ChipCounts ChipSide::end() {
+  const std::uint32_t late_ticks = get(&ask({kCycle})[4], 4);
   const Answer answer = ask({kEnd});
-  return {get(answer.data(), 4), get(&answer[4], 4)};
+  return {get(answer.data(), 4), get(&answer[4], 4), late_ticks};
 }
 
 ChipRun run_on_chip(const Experiment &experiment, const RunOptions &options,
                     const ChipPipes &pipes) {
-  if (experiment.cycle)
-    throw sim::InputError(experiment.file.string(), "cycle",
-                          "expected an experiment without the program of a cycle, because no "
-                          "program can be loaded into a chip; run it in process");
   PlantSide plant(experiment, options);
   ChipSide chip(experiment, pipes);
-  while (plant.running()) plant.act(chip.tick(plant.sense()));
-  ChipRun run{plant.finish(), chip.end()};
+  std::vector<std::int32_t> objects;
+  while (plant.running()) {
+    plant.act(chip.tick(plant.sense()));
+    if (options.trace) chip.trace(objects);
+  }
+  ChipRun run{plant.finish(), {}};
+  run.result.objects = std::move(objects);
+  run.result.cycle = chip.cycle();
+  run.counts = chip.end();
   run.result.refused = chip.refused();
   run.result.firmware_hash = chip.hash();
   return run;

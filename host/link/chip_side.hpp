@@ -8,14 +8,28 @@
 //           position_age u8, force_age u8, 0 u16}
 //   write  {2, 0, object u16, value i32, 0 u32, 0 u32}
 //   end    {3, 0 ...}
+//   read   {4, 0, object u16, 0 ...}
+//   cycle  {5, 0 ...}
 // From the chip, 8 bytes:
 //   tick   {dac i16, out u8, fault u8, limit_reason u8, 0, low 16 bits of its interrupt entries}
 //   write  {refusal i32, 0 u32}
 //   end    {interrupt entries u32, ticks u32}
+//   read   {refusal i32, value i32}
+//   cycle  {failed phase of the last cycle u32, late ticks u32}
+//
+// A late tick is one whose fw_between() the main loop of the chip had not called before the next
+// tick, unless writes of the host had prolonged an interrupt. The chip makes up for it before it
+// reads the next record, so that in lock-step the evaluation of a cycle ends in the same tick as in
+// process.
+//
+// The program of a cycle is written in parts (cycle_data_offset and the next objects) into the
+// library of the chip and then selected. There a program has another number than 0; a program
+// with the number 0 gets the number 1. The number does not change what the axis does.
 #include <array>
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -36,18 +50,27 @@ struct ChipPipes {
 
 struct ChipCounts {
   // Number of timer interrupts (1500 Hz) in which the chip computed a tick.
-  std::uint32_t interrupts;
-  std::uint32_t ticks;
+  std::uint32_t interrupts = 0;
+  std::uint32_t ticks = 0;
+  std::uint32_t late_ticks = 0;
 };
 
 class ChipSide {
  public:
-  // Sends the initial writes to a chip that has just powered up. Throws sim::InputError if the
-  // firmware refuses an initial write. Every function of this class throws TransportError if the
-  // chip does not answer in time.
+  // Sends the program of the cycle, if there is one, and the initial writes to a chip that has just
+  // powered up. Throws sim::InputError if the firmware refuses an initial write or the program, for
+  // example because the chip has no memory for programs. Every function of this class throws
+  // TransportError if the chip does not answer in time. The experiment must exist as long as this
+  // object.
   ChipSide(const Experiment &experiment, const ChipPipes &pipes);
 
   LinkOutputs tick(const LinkInputs &in);
+
+  // Appends the raw values of the experiment's traced objects to `objects`.
+  void trace(std::vector<std::int32_t> &objects) const;
+
+  // Returns the result of the last cycle, or nothing if the experiment has no program.
+  std::optional<CycleResult> cycle() const;
 
   // Ends the run on the chip and returns the counters of the chip.
   ChipCounts end();
@@ -60,8 +83,12 @@ class ChipSide {
   using Answer = std::array<std::uint8_t, 8>;
 
   Answer ask(const Record &record) const;
+  int write(std::uint16_t object, std::int32_t value) const;
+  std::int32_t read(std::uint16_t object) const;
   ExperimentWrites::Write writer() const;
+  void load_program() const;
 
+  const Experiment *experiment_;
   ChipPipes pipes_;
   ExperimentWrites writes_;
   int steps_per_code_;  // codes of the model's DAC in one DAC code of the chip

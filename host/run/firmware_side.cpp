@@ -1,11 +1,10 @@
 #include "host/run/firmware_side.hpp"
 
 #include <array>
-#include <iterator>
 #include <new>
 
 #include "firmware/port/host/firmware.hpp"
-#include "host/run/objects.hpp"
+#include "host/run/cycle_result.hpp"
 
 namespace forceaxis::host {
 namespace {
@@ -50,21 +49,22 @@ std::optional<CycleResult> FirmwareSide::cycle() const {
   if (!experiment_->cycle) return std::nullopt;
   const CycleProgram &program = *experiment_->cycle;
   const cycle_t &own = axis_->drive.cycle;
-  CycleResult result;
-  result.state = enum_text(AXIS_OBJ_CYCLE_STATE, read(AXIS_OBJ_CYCLE_STATE));
-  result.outcome = enum_text(AXIS_OBJ_CYCLE_OUTCOME, own.outcome);
-  result.cycles = read(AXIS_OBJ_CYCLE_COUNT);
-  if (own.state != CYCLE_DONE) return result;
-  if (own.outcome != CYCLE_BY_PROGRAM) result.failed_phase = program.phases[own.failed_phase];
-  static const char *const kVerdicts[] = {"good",  "below",       "above",  "wrong side",
-                                          "again", "not reached", "aborted"};
-  static_assert(std::size(kVerdicts) == CYCLE_VERDICTS);
-  for (std::size_t i = 0; i < program.elements.size(); ++i) {
-    const cycle_element_result_t figure = cycle_result(&own, static_cast<std::uint8_t>(i));
-    result.figures.push_back({figure.value * program.elements[i].per_value, figure.found_tick,
-                              kVerdicts[figure.verdict]});
+  CycleValues values{.state = read(AXIS_OBJ_CYCLE_STATE),
+                     .outcome = read(AXIS_OBJ_CYCLE_OUTCOME),
+                     .cycles = read(AXIS_OBJ_CYCLE_COUNT),
+                     .failed_phase = {},
+                     .elements = {}};
+  // A client of a bus may have selected another program, whose phases and elements have no names
+  // here.
+  const void *const record = program.record.data();
+  if (cycle_is_done(values.state) && axis_->drive.program == record) {
+    values.failed_phase = own.failed_phase;
+    for (std::size_t i = 0; i < program.elements.size(); ++i) {
+      const cycle_element_result_t found = cycle_result(&own, static_cast<std::uint8_t>(i));
+      values.elements.push_back({found.value, found.verdict + 1, found.found_tick});
+    }
   }
-  return result;
+  return cycle_result_of(program, values);
 }
 
 ExperimentWrites::Write FirmwareSide::writer() {

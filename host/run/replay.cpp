@@ -105,6 +105,7 @@ RunResult replay(const Journal &journal, const Experiment &experiment, const Run
   }
   RunResult result = plant.finish();
   result.objects = std::move(objects);
+  result.cycle = firmware.cycle();
   result.firmware_hash = firmware.hash();
   return result;
 }

@@ -113,8 +113,8 @@ struct RunResult {
   // Values of all signals in the units of sim::SignalInfo, with one row for each tick and one
   // column for each name in signal_names.
   std::vector<double> signals;
-  // Raw values of the objects in the table [trace], one row for each tick. Empty in a run over a
-  // link.
+  // Raw values of the objects in the table [trace], one row for each tick. Empty in a run with
+  // axis_node.
   std::vector<std::int32_t> objects;
   std::vector<sim::Event> events;  // first events of the run, at most 100,000
   std::int64_t event_count = 0;

@@ -54,6 +54,34 @@ TEST(Run, AnUnsignedObjectTakesItsWholeRange) {
   }
 }
 
+// A client of a bus may select another program, whose phases and elements have no names in this
+// experiment.
+TEST(Run, ACycleOfAnotherProgramHasAVerdictAndNoFigures) {
+  const Experiment experiment = load_experiment(SIM_DIR "/experiments/press_fit.toml");
+  const Experiment other = load_experiment(SIM_DIR "/experiments/snap_fit.toml");
+  FirmwareSide firmware(experiment, {});
+  PlantSide plant(experiment, {});
+  const auto write = [&firmware](std::size_t object, std::size_t value) {
+    EXPECT_EQ(fw_object_write(firmware.axis(), FW_SOURCE_LOCAL, static_cast<std::uint16_t>(object),
+                              static_cast<std::int32_t>(value)),
+              FW_OK);
+  };
+  const std::vector<std::uint32_t> &record = other.cycle->record;
+  for (std::size_t i = 0; i < record.size(); ++i) {
+    if (i % 16 == 0) write(AXIS_OBJ_CYCLE_DATA_OFFSET, 4 * i);
+    write(AXIS_OBJ_CYCLE_DATA_1 + i % 16, record[i]);
+  }
+  write(AXIS_OBJ_CYCLE_DATA_END, 4 * record.size());
+  write(AXIS_OBJ_CYCLE_PROGRAM, 3);  // its number
+  while (plant.running()) plant.act(firmware.tick(plant.sense()));
+  const auto found = firmware.cycle();
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->state, "bad") << "a bearing is no snap fit";
+  EXPECT_EQ(found->cycles, 1);
+  EXPECT_TRUE(found->figures.empty());
+  EXPECT_EQ(found->failed_phase, "");
+}
+
 TEST(Run, WithoutTraceAndAuditNothingElseChanges) {
   const std::vector<std::string> overrides{"experiment.duration_s=1"};
   const Experiment e = load_experiment(kContact, overrides);

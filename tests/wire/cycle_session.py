@@ -1,53 +1,93 @@
-"""The session of test_cycle_can.py on real CAN, in one guest, at the pace of the wall clock: run
-under tools/vcan with a folder. The press-fit runs as two nodes; `forceaxis cycle` has the bus.
+"""The sessions of test_cycle_can.py on real CAN, in one guest, at the pace of the wall clock: run
+under tools/vcan with a folder and the name of a session. Presses run as nodes of one bus.
+
+  parts  good and bad parts of the five examples, over CAN
+  ways   the press-fit by `forceaxis cycle` over CAN, through a gateway and over Modbus TCP
+  links  the examples in lock-step, with the records of the link as CAN frames
 """
 
+import contextlib
 import json
+import re
 import signal
 import subprocess
 import sys
+import traceback
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
+
+import verbs
+from cycle_examples import IDS, PARTS, file_of
+from forceaxis.axis.axis import Axis
+from forceaxis.axis.can import CanLink
+from forceaxis.axis.drive import NEW_SETPOINT
+from forceaxis.axis.gateway import GatewayLink
+from forceaxis.axis.link import Refused
+from forceaxis.cycles import live
 from forceaxis.experiments import link
+from forceaxis.results import to_json
+from gateway_clients import PORT, gateway, operational, until
 
-FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 SIM = Path(__file__).resolve().parents[2] / "sim"
-EXPERIMENT = SIM / "experiments/press_fit.toml"
+EXPERIMENT = file_of("press_fit")
+# The rim of the polishing example turns once in this time. Its model moves the surface for one
+# turn, and here for many, because nobody knows when a part is pressed. The motion is smaller, so
+# that a good part is good and a bad one bad wherever the turn begins.
+TURN_S, TURNS, SMALLER = 3, 15, 0.5
 
 
-def nodes(folder, *overrides):
-    """(axis_node, plant_node) of the press, without program and commands of the experiment."""
-    text = EXPERIMENT.read_text().replace('cycle = "../cycles/press_fit.toml"\n', "")
-    experiment = folder / "press.toml"
-    experiment.write_text(text[: text.index("[[at]]")].replace('"../', f'"{SIM}/'))
-    common = [experiment, "--link", "socketcan", "--endless", "--pace", "real"]
+def turning(model):
+    """The model of the polishing example whose surface moves on and on."""
+    text = model.read_text()
+    for key in ("times", "forces"):
+        found = re.search(rf"^{key} = \[(.*?)\]", text, re.MULTILINE | re.DOTALL)
+        once = [
+            float(number) for number in found[1].replace("\n", " ").split(",") if number.strip()
+        ]
+        if key == "forces":
+            once = [SMALLER * force for force in once]
+        step = TURN_S if key == "times" else 0
+        more = [f"{value + turn * step:g}" for turn in range(TURNS) for value in once[1:]]
+        text = text.replace(found[0], f"{key} = [{once[0]:g}, {', '.join(more)}]")
+    return text
+
+
+def experiment(folder, name):
+    """The experiment of an example in a folder, with its program and its commands."""
+    text = file_of(name).read_text().replace('"../', f'"{SIM}/')
+    if name == "polishing":
+        model = SIM / "models/polishing.toml"
+        (folder / "model.toml").write_text(turning(model))
+        text = text.replace(str(model), "model.toml")
+    file = folder / f"{name}.toml"
+    file.write_text(text)
+    return file
+
+
+def machine(folder, name):
+    """The press alone: neither program nor commands."""
+    file = experiment(folder, name)
+    text = file.read_text()
+    file = file.with_stem(f"{name}_axis")
+    file.write_text(re.sub(r"^cycle = .*\n", "", text[: text.index("[[at]]")], flags=re.MULTILINE))
+    return file
+
+
+@contextlib.contextmanager
+def nodes(folder, names, overrides=()):
+    """Presses at the nodes 1, 2, ..., with parameters of their parts."""
+    common = [str(machine(folder, name)) for name in names]
+    common += ["--link", "socketcan", "--endless", "--pace", "real", "--start-timeout", "20"]
     common += [word for override in overrides for word in ("--set", override)]
-    own = ["--can", "vcan0", "--store", folder / "store.bin"]
-    return [
+    running = [
         subprocess.Popen([link.program(name), *common, *more], stdout=subprocess.PIPE, text=True)
-        for name, more in (("axis_node", own), ("plant_node", []))
+        for name, more in (("axis_node", ["--can", "vcan0"]), ("plant_node", []))
     ]
-
-
-def cycle(*words):
-    done = subprocess.run(
-        [FORCEAXIS, "cycle", *words, "--can", "vcan0", "--json"],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    said = {"status": done.returncode, "said": done.stderr}
-    return said | {"result": json.loads(done.stdout) if done.stdout else None}
-
-
-def pressed(folder, *overrides):
-    """What the commands say of an axis with these parts."""
-    running = nodes(folder, *overrides)
     try:
         for process in running:
-            process.stdout.readline()  # ready
-        early = cycle("start", str(EXPERIMENT))  # without a program
-        loaded = cycle("load", str(EXPERIMENT))
-        parts = [cycle("start", str(EXPERIMENT)) for _ in range(2)]
-        return {"early": early, "loaded": loaded, "parts": parts}
+            assert "ready" in process.stdout.readline()
+        yield
     finally:
         for process in running:
             process.send_signal(signal.SIGTERM)
@@ -55,13 +95,86 @@ def pressed(folder, *overrides):
             process.communicate()
 
 
-def main(folder):
+class NotingLink(CanLink):
+    """A connection that knows between which ticks of the axis the last cycle was started."""
+
+    started = None
+
+    def write(self, values):
+        starts = values.get("controlword") == NEW_SETPOINT
+        before = self.read_one("tick_count") if starts else 0
+        super().write(values)
+        if starts:
+            self.started = [before, self.read_one("tick_count")]
+
+
+def pressed(name):
+    """A part of an example: what load and start give, or what has failed."""
+    wanted = live.live_program(file_of(name))
+    try:
+        with Axis(NotingLink("vcan0")) as axis:
+            try:
+                early = to_json(live.start(axis, wanted))
+            except Refused as refused:
+                early = str(refused)
+            loaded = to_json(live.load(axis, wanted))
+            part = to_json(live.start(axis, wanted))
+            return {"early": early, "loaded": loaded, "part": part, "ticks": axis.link.started}
+    except Exception:
+        return {"failed": traceback.format_exc()}
+
+
+def parts(folder):
+    """One press after another, because a guest is not fast enough for five in real time."""
     found = {}
-    for name, overrides in (("good", ()), ("tight", ("k_bore=80 kN/m",))):
-        (folder / name).mkdir()
-        found[name] = pressed(folder / name, *overrides)
+    for key, (name, overrides) in zip(IDS, PARTS, strict=True):
+        (folder / key).mkdir()
+        with nodes(folder / key, [name], overrides):
+            found[key] = pressed(name)
+    return found
+
+
+def cycle(*words):
+    done = verbs.forceaxis("cycle", *words, "--json")
+    said = {"status": done.returncode, "said": done.stderr}
+    return said | {"result": json.loads(done.stdout) if done.stdout else None}
+
+
+def by(*way):
+    """What the commands say of an axis that has no program yet."""
+    early = cycle("start", EXPERIMENT, *way)
+    loaded = cycle("load", EXPERIMENT, *way)
+    return {"early": early, "loaded": loaded, "part": cycle("start", EXPERIMENT, *way)}
+
+
+def ways(folder):
+    with nodes(folder, ["press_fit"] * 3), contextlib.ExitStack() as stack:
+        found = {"can": by("--can", "vcan0", "--node", "1")}
+        supervisor = gateway("--axes", "2,3", "--watch-ms", "3000", heartbeat_ms=2000)
+        stack.callback(supervisor.kill)
+        for axis in (2, 3):
+            with GatewayLink(axis).client as client:
+                until(lambda client=client: operational(client), 10)
+        found["gateway"] = by("--axis", "2")
+        found["modbus"] = by("--modbus", f"tcp://127.0.0.1:{PORT}", "--node", "3")
+    return found
+
+
+def links(_folder):
+    found = {}
+    with link.AxisNode(link.LinkOptions("socketcan")) as node:
+        for key, (name, overrides) in zip(IDS, PARTS, strict=True):
+            result, report, _, cycle = link.run_with(node, file_of(name), overrides, trace=False)
+            found[key] = {
+                "hashes": [result.trace_hash, report.hashes.axis], "cycle": cycle
+            }  # fmt: skip
+    return found
+
+
+def main(folder, session):
+    found = {"parts": parts, "ways": ways, "links": links}[session](folder)
     (folder / "found.json").write_text(json.dumps(found))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), sys.argv[2])

@@ -1,51 +1,120 @@
-"""A program is loaded into an axis over SocketCAN, and parts are pressed in real time.
+"""Programs are loaded into axes over SocketCAN, and parts are pressed in real time.
 
-They have the verdicts of the simulated parts, and nearly their values.
+They have the verdicts of the simulated parts, and their values. A gateway and Modbus TCP do the
+same. cycle_session.py has the sessions.
 """
 
 import json
+import re
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
-from forceaxis.cycles import live, part
+from cycle_examples import IDS, PARTS
+from cycle_session import EXPERIMENT, experiment, file_of
+from forceaxis import _core
+from forceaxis.cycles import live
 
 SESSION = Path(__file__).with_name("cycle_session.py")
-EXPERIMENT = Path(__file__).resolve().parents[2] / "sim/experiments/press_fit.toml"
-KINDS = {"good": (), "tight": ("k_bore=80 kN/m",)}
-pytestmark = pytest.mark.long  # three quarters of a minute of real time
+WAYS = ("can", "gateway", "modbus")
+START_S = 0.1  # the examples start their cycle then
+LONGEST_S = 6.0  # no cycle of an example is longer
+# Its surface moves. From one tick to the next a value changes by 0.3 N at most, and the press
+# stands elsewhere within its last count; the bounds of the elements are 30 N apart.
+MOVED, MOVED_N = ("polishing",), 0.5
+pytestmark = pytest.mark.long  # a minute of real time
 
 
-@pytest.fixture(scope="module")
-def found(tmp_path_factory, vcan):
-    folder = tmp_path_factory.mktemp("cycles")
-    done = vcan([sys.executable, SESSION, folder], 200)
+def ran(vcan, folder, session, seconds):
+    done = vcan([sys.executable, SESSION, folder, session], seconds)
     assert done.returncode == 0, done.stderr + done.stdout
     return json.loads((folder / "found.json").read_text())
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_program_is_loaded_and_selected(found, kind):
-    loaded = found[kind]["loaded"]
-    assert loaded["status"] == 0, loaded["said"]
-    assert int(loaded["result"]["crc"], 16) == live.live_program(EXPERIMENT).crc
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory, vcan):
+    found = ran(vcan, tmp_path_factory.mktemp("parts"), "parts", 200)
+    for name, part in found.items():
+        assert "failed" not in part, f"{name}: {part['failed']}"
+    return found
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_without_its_program_no_part_is_pressed(found, kind):
-    early = found[kind]["early"]
+@pytest.fixture(scope="module")
+def links(tmp_path_factory, vcan):
+    return ran(vcan, tmp_path_factory.mktemp("links"), "links", 120)
+
+
+@pytest.fixture(scope="module")
+def ways(tmp_path_factory, vcan):
+    return ran(vcan, tmp_path_factory.mktemp("ways"), "ways", 120)
+
+
+def simulated(file, overrides, start_tick):
+    """The cycle of an experiment whose start comes before another tick, with what it needs to be
+    compared with an axis: the values of its elements, None where nothing was found."""
+    shift_s = start_tick / 1500 - START_S
+    later = re.sub(
+        r"^time_s = ([\d.]+)$",
+        lambda found: f"time_s = {float(found[1]) + shift_s:.9f}",
+        file.read_text(),
+        flags=re.MULTILINE,
+    )
+    longer = [*overrides, f"experiment.duration_s={start_tick / 1500 + LONGEST_S}"]
+    cycle = _core.run(str(file), longer, text=later).cycle
+    nothing = ("not reached", "aborted")
+    return cycle["state"], cycle["outcome"], [
+        (f["name"], f["verdict"], None if f["verdict"] in nothing else f["value"])
+        for f in cycle["figures"]
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("part", "kind"), list(zip(PARTS, IDS, strict=True)), ids=IDS)
+def test_parts_have_the_verdicts_and_the_values_of_the_simulation(parts, tmp_path, part, kind):
+    """Plant and firmware are those of the simulation, and the press stands before the cycle. So a
+    part has the values of the simulated one to the last count, whenever the command comes. Only
+    where the surface moves it counts when the cycle begins: between two ticks that are known."""
+    (name, overrides), found = part, parts[kind]
+    pressed = found["part"]
+    figures = [(e["name"], e["verdict"], e["value"]) for e in pressed["elements"]]
+    assert (pressed["state"], pressed["cycles"]) == (kind.split("-")[1], 1)
+    file, (before, after) = experiment(tmp_path, name), found["ticks"]
+    ticks = sorted({round(tick) for tick in np.linspace(before - 1, after + 1, 6)})
+    others = [simulated(file, overrides, tick) for tick in (ticks if name in MOVED else ticks[:1])]
+    for state, outcome, _ in others:
+        assert (pressed["state"], pressed["outcome"]) == (state, outcome)
+    if name not in MOVED:
+        assert figures == others[0][2]
+        return
+    for i, (element, verdict, value) in enumerate(figures):
+        assert {other[i][:2] for *_, other in others} == {(element, verdict)}
+        values = [other[i][2] for *_, other in others]
+        assert min(values) - MOVED_N <= value <= max(values) + MOVED_N
+
+
+@pytest.mark.parametrize("part", IDS)
+def test_each_example_is_loaded_and_without_it_no_part_is_pressed(parts, part):
+    found, wanted = parts[part], live.live_program(file_of(part.split("-")[0]))
+    assert isinstance(found["early"], str) and "forceaxis cycle load" in found["early"]
+    assert int(found["loaded"]["crc"], 16) == wanted.crc
+    assert found["loaded"]["number"] == wanted.number
+
+
+def test_over_can_frames_in_lock_step_trace_and_part_are_those_in_process(links):
+    for key, (name, overrides) in zip(IDS, PARTS, strict=True):
+        here = _core.run(str(file_of(name)), list(overrides))
+        assert links[key]["hashes"] == [here.trace_hash] * 2, key
+        assert links[key]["cycle"] == here.cycle, key
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_commands_press_a_part_by_each_way(ways, way):
+    found = ways[way]
+    early, loaded, part = (found[step] for step in ("early", "loaded", "part"))
     assert early["status"] == 1
     assert "forceaxis cycle load" in early["said"] and early["said"].count("\n") == 1
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_parts_have_the_verdicts_of_the_simulation(found, kind):
-    simulated = part.run(EXPERIMENT, KINDS[kind]).result
-    for number, pressed in enumerate(found[kind]["parts"], 1):
-        assert pressed["status"] == 0, pressed["said"]
-        result = pressed["result"]
-        assert (result["state"], result["cycles"]) == (simulated.state, number)
-        for own, other in zip(result["elements"], simulated.elements, strict=True):
-            assert own["verdict"] == other.verdict, (own, other)
-            if other.value is not None:
-                assert own["value"] == pytest.approx(other.value, rel=0.05)
+    assert loaded["status"] == 0, loaded["said"]
+    assert int(loaded["result"]["crc"], 16) == live.live_program(EXPERIMENT).crc
+    assert part["status"] == 0, part["said"]
+    assert (part["result"]["state"], part["result"]["cycles"]) == ("good", 1)
+    assert part["result"]["elements"] == ways["can"]["part"]["result"]["elements"]

@@ -18,6 +18,7 @@ from pathlib import Path
 import lcm
 import pytest
 import verbs
+from cycle_examples import PARTS, expect_the_same, file_of
 from forceaxis import _core
 from forceaxis.bus.lcm import Bus, decode
 from forceaxis.experiments import link
@@ -73,8 +74,8 @@ def load():
             process.wait()
 
 
-def start(name, *args):
-    words = [str(NODES / name), str(EXPERIMENT), *map(str, args)]
+def start(name, *args, experiment=EXPERIMENT):
+    words = [str(NODES / name), str(experiment), *map(str, args)]
     process = subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1
     )
@@ -211,6 +212,21 @@ def test_some_cells_of_the_tables_over_lcm_are_those_in_process():
     ours = link.run_many(link.LinkOptions("lcm"), jobs)
     for one, other in zip(ours, _core.run_many(jobs), strict=True):
         assert one == other
+
+
+def test_cycles_over_lcm_have_the_trace_and_the_part_of_the_run_in_process():
+    with link.AxisNode(link.LinkOptions("lcm")) as node:
+        for name, overrides in PARTS:
+            result, report, _, cycle = link.run_with(node, file_of(name), overrides, trace=False)
+            assert report.same
+            expect_the_same(result, cycle, _core.run(str(file_of(name)), list(overrides)))
+
+
+def test_a_cycle_over_a_link_is_reported_as_in_process():
+    words = ["run", file_of("press_fit"), "--json"]
+    plain = json.loads(forceaxis(*words).stdout)
+    over = json.loads(forceaxis(*words, "--link", "lcm").stdout)
+    assert over["cycle"] == plain["cycle"] and over["cycle"]["state"] == "good"
 
 
 def test_six_axes(can):
@@ -389,6 +405,16 @@ def test_replay_refuses_what_is_no_journal_or_breaks_off(tmp_path):
         journal.write_text(changed)
         done = replay(journal, status=status)
         assert word in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_the_replay_of_a_cycle_has_its_part(tmp_path):
+    run_id, press_fit = ["--run-id", link.new_run_id()], file_of("press_fit")
+    journal = tmp_path / "axis.log"
+    axis = start("axis_node", *run_id, "--journal", journal, experiment=press_fit)
+    assert end(start("plant_node", *run_id, experiment=press_fit))["status"] == 0
+    told = end(axis)["axes"][0]["cycle"]
+    assert told == _core.run(str(press_fit)).cycle
+    assert json.loads(replay(journal, "--json").stdout)["cycle"] == told
 
 
 @pytest.mark.parametrize("after_s", [0, 2])

@@ -89,6 +89,7 @@ py::tuple run_on_chip(const std::filesystem::path &file, const std::vector<std::
   py::dict report;
   report["interrupts"] = counts.interrupts;
   report["ticks"] = counts.ticks;
+  report["late_ticks"] = counts.late_ticks;
   report["ticks_per_s"] = counts.ticks / took.count();
   return py::make_tuple(std::move(result), report);
 }
@@ -146,9 +147,9 @@ void add_link(py::module_ &m) {
       "run_on_chip", &run_on_chip, py::arg("experiment"), py::arg("overrides"), py::arg("to_fd"),
       py::arg("from_fd"), py::arg("timeout_s") = 5.0, py::arg("trace") = true,
       "Runs one experiment with the plant in this process and the firmware on an emulated chip at "
-      "the other end of two pipes. Returns (Result, {interrupts, ticks, ticks_per_s}). Raises "
-      "InputError, "
-      "SimulationError, TransportError.");
+      "the other end of two pipes. Returns (Result, {interrupts, ticks, late_ticks, ticks_per_s}); "
+      "a late tick is one that the main loop of the chip had not completed before the next one. "
+      "Raises InputError, SimulationError, TransportError.");
   m.def(
       "replay", &replay, py::arg("journal"),
       "Repeats the run of a journal from axis_node --journal in this process. Returns (Result, "

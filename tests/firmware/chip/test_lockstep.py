@@ -12,12 +12,14 @@ from pathlib import Path
 
 import pytest
 from chip import BOARD
+from cycle_examples import IDS, PARTS, expect_the_same, expect_the_same_objects, file_of
 from forceaxis import _core
 from forceaxis.chip import emulator as chip
 from forceaxis.experiments import link
 from forceaxis.paths import EXPERIMENTS
 from forceaxis.thesis import tables
 
+SIM = EXPERIMENTS.parent
 CHIP = link.LinkOptions("pil-stm32")
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 
@@ -37,13 +39,75 @@ FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 def test_the_trace_is_that_of_the_run_in_process(name, overrides):
     path = EXPERIMENTS / name
     here = _core.run(str(path), overrides)
-    result, report, _ = link.run(CHIP, path, overrides)
+    result, report, *_ = link.run(CHIP, path, overrides)
     assert report.same
     assert report.hashes.axis == here.trace_hash
     # Each interrupt did a tick, and no tick was done without one.
     assert report.interrupts == report.ticks == len(here.tick)
     assert result.refused == here.refused
     assert len(set(result.columns()["dac"])) > 5  # it was driven
+
+
+def expect_the_part_of_the_run_in_process(path, overrides):
+    here = _core.run(str(path), list(overrides))
+    result, report, _, cycle = link.run(CHIP, path, overrides)
+    assert report.same
+    expect_the_same(result, cycle, here)
+    expect_the_same_objects(result, here)
+    assert report.interrupts == report.ticks == len(here.tick)
+    return report
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides"),
+    [
+        pytest.param(*part, id=name, marks=() if name == "press_fit-good" else pytest.mark.long)
+        for part, name in zip(PARTS, IDS, strict=True)
+    ],
+)
+def test_a_part_is_pressed_and_evaluated_as_in_process(name, overrides):
+    """Trace, verdict and values are the same, and each tick has the same state of the cycle. The
+    main loop of the chip has evaluated each tick before the next one began."""
+    assert expect_the_part_of_the_run_in_process(file_of(name), overrides).late_ticks == 0
+
+
+PROGRAM = SIM / "cycles/press_fit.toml"
+
+
+def with_program(folder, text):
+    """The press-fit with another program."""
+    (folder / "cycle.toml").write_text(text)
+    press_fit = file_of("press_fit").read_text().replace('"../models', f'"{SIM}/models')
+    experiment = folder / "press.toml"
+    experiment.write_text(press_fit.replace("../cycles/press_fit.toml", "cycle.toml"))
+    return experiment
+
+
+def test_a_program_without_a_number_is_loaded_too(tmp_path):
+    experiment = with_program(tmp_path, PROGRAM.read_text().replace("number = 1\n", ""))
+    expect_the_part_of_the_run_in_process(experiment, ["experiment.duration_s=2.5"])
+
+
+WINDOW = """
+[[element]]
+name = "window_{i}"
+kind = "window"
+phases = ["approach", "join", "seat", "retract"]
+from = "-{i}.5 mm"
+to = "{i}.9 mm"
+least = "-1 N"
+most = "390 N"
+enters = ["left", "bottom", "right", "top"]
+"""
+
+
+def test_an_evaluation_longer_than_a_tick_ends_in_the_same_tick_too(tmp_path):
+    """Sixteen windows up to the end of the cycle: the main loop of the chip comes late in most
+    ticks, and the state of the cycle is still that in process after each tick."""
+    phases = PROGRAM.read_text().split("[[element]]")[0]
+    windows = "".join(WINDOW.format(i=i) for i in range(4, 20))
+    experiment = with_program(tmp_path, phases + windows)
+    assert expect_the_part_of_the_run_in_process(experiment, []).late_ticks > 1000
 
 
 @pytest.mark.long

@@ -9,6 +9,8 @@ import pytest
 from chip import BOARD, ROOT
 from forceaxis import InputError
 from forceaxis.chip import board, emulator, flash
+from forceaxis.experiments import link
+from forceaxis.paths import EXPERIMENTS
 
 KIB = 1024
 
@@ -123,6 +125,17 @@ def test_its_link_follows_from_its_name(known, monkeypatch):
     monkeypatch.setattr(emulator, "IMAGES", known / "out")
     with emulator.Emulator(emulator.board_of("pil-press")) as chip:
         assert chip.process.poll() is None
+
+
+def test_without_memory_for_programs_no_cycle_is_run_on_it(known, monkeypatch):
+    """Its linker script gives programs no memory; what needs none runs."""
+    monkeypatch.setattr(emulator, "IMAGES", known / "out")
+    board_of_it = link.LinkOptions("pil-press")
+    with pytest.raises(InputError, match="cycle: expected a chip with memory for programs") as no:
+        link.run_on_chip(board_of_it, EXPERIMENTS / "press_fit.toml", [])
+    assert "run the experiment in process" in str(no.value) and "\n" not in str(no.value)
+    short = ["experiment.duration_s=1"]
+    assert link.run_on_chip(board_of_it, EXPERIMENTS / "contact.toml", short).report.same
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ CHIP = link.LinkOptions("pil-stm32")
 @pytest.mark.long
 def test_protections_act_as_documented(tmp_path):
     def run(file):
-        result, report, _ = link.run(CHIP, file, [])
+        result, report, *_ = link.run(CHIP, file, [])
         link.expect_same(report)
         return result.columns()
 

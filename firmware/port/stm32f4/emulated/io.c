@@ -14,12 +14,13 @@
 #include "firmware/port/stm32f4/tick.h"
 
 enum { RECORD_BYTES = 16, ANSWER_BYTES = 8, LINE_BYTES = 256 };
-enum { RECORD_TICK = 1, RECORD_WRITE = 2, RECORD_END = 3 };
+enum { RECORD_TICK = 1, RECORD_WRITE = 2, RECORD_END = 3, RECORD_READ = 4, RECORD_CYCLE = 5 };
 
 static int32_t from_host;
 static int32_t to_host;
 static bool has_host;
 static uint32_t ticks;
+static uint32_t late_ticks; /* ticks that the main loop had not completed before the next one */
 
 /* The command line is "forceaxis FROM_HOST TO_HOST". */
 static void open_host(void) {
@@ -82,8 +83,45 @@ static void answer(uint32_t first, uint32_t second) {
 static void write_object(const uint8_t *record) {
   const uint16_t object = (uint16_t)fx_load_le(&record[2], 2);
   const int32_t value = fx_s32_from_u32(fx_load_le(&record[4], 4));
-  port_settle();
   answer((uint32_t)fw_object_write(port_firmware(), FW_SOURCE_LOCAL, object, value), 0);
+}
+
+static void read_object(const uint8_t *record) {
+  int32_t value = 0;
+  const int refusal = fw_object_read(port_firmware(), (uint16_t)fx_load_le(&record[2], 2), &value);
+  answer((uint32_t)refusal, (uint32_t)value);
+}
+
+/* Serves the records of the host up to that of the tick, which the function returns in `record`. In
+ * lock-step the last tick has to be complete before, as it is in process, so that the results do
+ * not depend on the time that the main loop takes. Writes of the host prolong an interrupt; until
+ * the main loop has caught up with them, no tick counts as late. */
+static void serve_host(uint8_t *record) {
+  static bool is_behind;
+  const bool is_late = port_firmware()->ticks_alone != 0;
+  is_behind = is_behind && is_late;
+  late_ticks += (is_late && !is_behind) ? 1 : 0;
+  port_settle();
+  for (;;) {
+    semihosting_read(from_host, record, RECORD_BYTES);
+    switch (record[0]) {
+      case RECORD_TICK:
+        return;
+      case RECORD_WRITE:
+        write_object(record);
+        is_behind = true;
+        break;
+      case RECORD_READ:
+        read_object(record);
+        break;
+      case RECORD_CYCLE:
+        answer(port_firmware()->drive.cycle.failed_phase, late_ticks);
+        break;
+      default:
+        answer(tick_entries() - 1, ticks); /* the present interrupt had no tick to compute */
+        semihosting_exit();
+    }
+  }
 }
 
 bool port_sample(axis_inputs_t *inputs) {
@@ -92,15 +130,7 @@ bool port_sample(axis_inputs_t *inputs) {
     *inputs = (axis_inputs_t){.din = AXIS_DIN_ENABLE, .sensor_valid = 1};
     return true;
   }
-  semihosting_read(from_host, record, sizeof(record));
-  while (record[0] == RECORD_WRITE) {
-    write_object(record);
-    semihosting_read(from_host, record, sizeof(record));
-  }
-  if (record[0] != RECORD_TICK) {
-    answer(tick_entries() - 1, ticks); /* the present interrupt had no tick to compute */
-    semihosting_exit();
-  }
+  serve_host(record);
   ticks++;
   inputs->din = record[1];
   inputs->sensor_valid = record[2];

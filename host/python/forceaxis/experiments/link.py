@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
-from typing import IO, NamedTuple, Self
+from typing import IO, Any, NamedTuple, Self
 
 from forceaxis import _core, paths
 from forceaxis._core import InputError, LinkSilent, TransportError
@@ -69,6 +69,7 @@ class LinkedRun(NamedTuple):
     result: _core.Result
     report: LinkReport
     refused: list[RefusedWrite]  # writes that the firmware has refused
+    cycle: dict[str, Any] | None  # last cycle, in the form of _core.Result.cycle
 
 
 def program(name: str) -> str:
@@ -129,6 +130,7 @@ class ChipDetails:
 
     interrupts: int  # number of interrupts in which the chip has computed a tick
     ticks: int
+    late_ticks: int  # number of ticks that the main loop had not completed before the next one
     ticks_per_s: float
 
 
@@ -281,7 +283,7 @@ def run_with(
         repeated=details.statistics["repeated"],
         statistics=RecordCounts(details.statistics, report.messages),
     )
-    return LinkedRun(result, found, report.refused[0])
+    return LinkedRun(result, found, report.refused[0], report.cycles[0])
 
 
 def run_on_chip(
@@ -303,8 +305,9 @@ def run_on_chip(
         _report_here(link.kind, where, result, emulator.process.pid, details.ticks_per_s),
         interrupts=details.interrupts,
         ticks=details.ticks,
+        late_ticks=details.late_ticks,
     )
-    return LinkedRun(result, report, read_refused(result.refused))
+    return LinkedRun(result, report, read_refused(result.refused), result.cycle)
 
 
 def _report_here(
@@ -337,7 +340,7 @@ def run(link: LinkOptions, experiment: str | Path, overrides: Sequence[str]) -> 
     result = _core.run(str(experiment), list(overrides), firmware_hash=True)
     rate = len(result.tick) / (time.perf_counter() - start)
     report = _report_here("inproc", "one call", result, os.getpid(), rate)
-    return LinkedRun(result, report, read_refused(result.refused))
+    return LinkedRun(result, report, read_refused(result.refused), result.cycle)
 
 
 def run_many(
@@ -355,7 +358,7 @@ def run_many(
         # The emulated chip is powered up again for each run.
         node = None if link.kind in CHIPS else stack.enter_context(AxisNode(link))
         for experiment, overrides in jobs:
-            result, report, _ = (
+            result, report, _, cycle = (
                 run_with(node, experiment, overrides, trace=False)
                 if node
                 else run_on_chip(link, experiment, overrides, trace=False)
@@ -372,7 +375,7 @@ def run_many(
                     "overridden": result.overridden,
                     "trace_hash": result.trace_hash,
                     "edge_margin": result.edge_margin,
-                    "cycle": result.cycle,
+                    "cycle": cycle,
                 }
             )
             if progress:

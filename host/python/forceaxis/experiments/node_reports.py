@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass
+from typing import Any
 
 from forceaxis.experiments.run_result import RefusedWrite, read_refused
 
@@ -24,6 +25,8 @@ class AxisReport:
     trace_hashes: list[str]
     faults: list[str]  # name of the latched fault of each axis; "none" without a fault
     refused: list[list[RefusedWrite]]
+    # last cycle of each axis, in the form of _core.Result.cycle; None without a program
+    cycles: list[dict[str, Any] | None]
     messages: dict[str, int]  # {sent, repeated, dropped, ...: number of messages}
 
 
@@ -47,5 +50,6 @@ def read_axis_report(output: str) -> AxisReport:
         trace_hashes=[axis["trace_hash"] for axis in axes],
         faults=[axis["fault"] for axis in axes],
         refused=[read_refused(axis["refused"]) for axis in axes],
+        cycles=[axis.get("cycle") for axis in axes],
         messages=report["statistics"],
     )

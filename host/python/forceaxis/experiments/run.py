@@ -89,7 +89,12 @@ def run(
         )
     linked = link.run(over, experiment, overrides)
     done = finished(experiment, linked.result, command + over.words(), overrides)
-    done.result = replace(done.result, link=linked.report, refused=linked.refused)
+    done.result = replace(
+        done.result,
+        link=linked.report,
+        refused=linked.refused,
+        cycle=run_result.read_cycle(linked.cycle),
+    )
     return done
 
 

@@ -192,6 +192,8 @@ class LinkReport:
     statistics: RecordCounts | None
     interrupts: int | None = json_field(omit_none=True)  # of an emulated chip
     ticks: int | None = json_field(omit_none=True)  # of an emulated chip
+    # number of ticks that the main loop of an emulated chip had not completed before the next one
+    late_ticks: int | None = json_field(omit_none=True)
 
 
 @dataclass(frozen=True)

@@ -228,9 +228,9 @@ def rows(result: RunResult, overrides: Sequence[str] = ()) -> list[Row]:
         ("events", f"{result.events} in {result.ticks} ticks"),
         ("energy", f"supplied {energy.supplied_J:.6g} J, residual {energy.residual_J:.2g} J"),
     ]
-    if result.link and result.objects:
+    if result.link and result.link.statistics and result.objects:
         names = ", ".join(result.objects)
-        found.append(("not traced", f"{names}: objects are read in process only"))
+        found.append(("not traced", f"{names}: axis_node does not send objects"))
     edge = "nothing converted" if margin is None else f"{margin:.3g} LSB to the next code"
     found += [("edge margin", edge), ("trace hash", result.trace_hash)]
     if result.link:
@@ -283,7 +283,10 @@ def link_rows(report: LinkReport) -> list[Row]:
     ]
     if report.interrupts is not None:
         rate_hz = _core.TICKS_PER_SECOND
-        found.append(("interrupts", f"{report.interrupts} at {rate_hz} Hz, {report.ticks} ticks"))
+        ticks = f"{report.ticks} ticks" + (
+            f", {report.late_ticks} late" if report.late_ticks else ""
+        )
+        found.append(("interrupts", f"{report.interrupts} at {rate_hz} Hz, {ticks}"))
     if counts := report.statistics:
         sent, repeated = counts.plant["sent"], report.repeated
         lost, twice = (counts.plant[k] + counts.axis[k] for k in ("dropped", "doubled"))

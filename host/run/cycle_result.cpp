@@ -1,0 +1,33 @@
+#include "host/run/cycle_result.hpp"
+
+#include <iterator>
+
+#include "firmware/port/host/firmware.hpp"
+#include "host/run/objects.hpp"
+
+namespace forceaxis::host {
+
+bool cycle_is_done(std::int32_t state) {
+  return state == AXIS_CYCLE_STATE_GOOD || state == AXIS_CYCLE_STATE_BAD ||
+         state == AXIS_CYCLE_STATE_ABORTED;
+}
+
+CycleResult cycle_result_of(const CycleProgram &program, const CycleValues &values) {
+  static const char *const kVerdicts[] = {"none",       "good",  "below",       "above",
+                                          "wrong side", "again", "not reached", "aborted"};
+  static_assert(std::size(kVerdicts) == AXIS_CYCLE_RESULT_VERDICT_COUNT);
+  CycleResult result;
+  result.state = enum_text(AXIS_OBJ_CYCLE_STATE, values.state);
+  result.outcome = enum_text(AXIS_OBJ_CYCLE_OUTCOME, values.outcome);
+  result.cycles = values.cycles;
+  if (values.failed_phase && values.outcome != AXIS_CYCLE_OUTCOME_BY_PROGRAM)
+    result.failed_phase = program.phases.at(*values.failed_phase);
+  for (std::size_t i = 0; i < values.elements.size(); ++i) {
+    const CycleValues::Element &element = values.elements[i];
+    result.figures.push_back({element.value * program.elements.at(i).per_value, element.tick,
+                              kVerdicts[element.verdict]});
+  }
+  return result;
+}
+
+}  // namespace forceaxis::host
