@@ -22,13 +22,8 @@ static int32_t travel_of(const cycle_inputs_t *now, int32_t from_cnt) {
   return travel_from(now->position, from_cnt);
 }
 
-/* Sets the target of the demanded force for the next tick. */
-static void set_demand(cycle_t *cycle, const cycle_inputs_t *now) {
-  const cycle_phase_t *phase = cycle_phase(cycle);
-  if (phase->action != CYCLE_FOLLOW) {
-    cycle->demand_q8 = phase->force * INT32_C(256);
-    return;
-  }
+/* Sets the target of FOLLOW for the next tick. */
+static void follow(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
   const cycle_point_t *table = &cycle_points(cycle->program)[phase->first];
   const uint32_t time =
       (cycle->phase_ticks < CYCLE_TRAVEL_MAX) ? cycle->phase_ticks : CYCLE_TRAVEL_MAX;
@@ -43,6 +38,16 @@ static void begin_tare(cycle_t *cycle, const cycle_inputs_t *now) {
   cycle->tare_ticks = 0;
 }
 
+/* Begins FOLLOW, TARE or OUTPUT. */
+static void begin_action(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
+  if (phase->action == CYCLE_FOLLOW) {
+    follow(cycle, phase, now);
+  } else {
+    cycle->done = (phase->action == CYCLE_OUTPUT) ? DONE : 0;
+    begin_tare(cycle, now);
+  }
+}
+
 static void begin_phase(cycle_t *cycle, uint8_t number, const cycle_inputs_t *now) {
   cycle->phase = number;
   cycle->phase_ticks = 0;
@@ -52,10 +57,11 @@ static void begin_phase(cycle_t *cycle, uint8_t number, const cycle_inputs_t *no
   cycle->section_travel = 0;
   const cycle_phase_t *phase = cycle_phase(cycle);
   cycle->outputs = (uint8_t)((cycle->outputs | phase->outputs_on) & (uint8_t)~phase->outputs_off);
-  cycle->done =
-      (phase->action == CYCLE_OUTPUT) ? DONE : ((phase->action == CYCLE_TARE) ? 0 : DONE_BY_DRIVE);
-  begin_tare(cycle, now);
-  set_demand(cycle, now);
+  cycle->demand_q8 = phase->force * INT32_C(256);
+  cycle->done = DONE_BY_DRIVE;
+  if (phase->action >= CYCLE_FOLLOW) {
+    begin_action(cycle, phase, now);
+  }
 }
 
 /* Ends the cycle, with the outputs in their safe state. */
@@ -117,6 +123,7 @@ void cycle_init(cycle_t *cycle) {
   cycle->tare_ticks = 0;
   cycle->ended_by = 0;
   cycle->done = 0;
+  cycle->tared = 0;
   cycle->outputs = 0;
   cycle->written = 0;
   cycle->evaluated = 0;
@@ -250,6 +257,7 @@ static uint8_t measure_tare(cycle_t *cycle, const cycle_phase_t *phase, const cy
   cycle->offset_q8 = mean;
   cycle->force_q8 = fx_diff_wrap(now->force_q8, mean);
   cycle->done = DONE;
+  cycle->tared = 1;
   return CYCLE_BY_PROGRAM;
 }
 
@@ -348,7 +356,9 @@ bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now) {
   if (take_condition(cycle, phase, now)) {
     return true;
   }
-  set_demand(cycle, now);
+  if (phase->action == CYCLE_FOLLOW) {
+    follow(cycle, phase, now);
+  }
   return false;
 }
 

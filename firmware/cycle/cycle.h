@@ -93,6 +93,7 @@ typedef struct {
   /* 2: the phase is reached; 1: it is reached if the drive reports so; 0: not reached, because the
    * tare is not complete, or the demand is not yet that of the end of the table */
   uint8_t done;
+  uint8_t tared;      /* 1 if offset_q8 is new; the drive clears this flag */
   uint8_t outputs;    /* outputs that are on */
   uint8_t zeroed;     /* 1 if travel 0 is found */
   uint8_t incomplete; /* 1 if a tick was missing */

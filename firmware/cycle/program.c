@@ -113,7 +113,7 @@ static bool has_right_zero(const cycle_header_t *program) {
 
 static bool has_right_header(const cycle_header_t *program) {
   return program->reserved == 0 && program->outputs_keep <= CYCLE_OUTPUTS_ALL &&
-         program->compliance <= program->points &&
+         program->compliance <= program->points && program->compliance <= CYCLE_COMPLIANCE_MAX &&
          (program->compliance == 0 ||
           cycle_table_is_valid(cycle_points(program), program->compliance));
 }

@@ -23,6 +23,7 @@ enum {
   CYCLE_PHASES_MAX = 16,
   CYCLE_CONDITIONS = 4,
   CYCLE_ELEMENTS_MAX = 16,
+  CYCLE_COMPLIANCE_MAX = 16,
   CYCLE_VERSION = 2,
   CYCLE_END = 255 /* in place of a phase: the cycle ends */
 };
@@ -149,8 +150,9 @@ typedef struct {
   uint8_t name[12];   /* text, filled up with 0 */
   int32_t zero_level; /* 0 with CYCLE_ZERO_TOUCH, not 0 with CYCLE_ZERO_FORCE */
   uint8_t zero;       /* where travel 0 is, CYCLE_ZERO_ */
-  /* Number of points of the curve of compliance, which are the first ones of the program's points:
-   * deflection of the press in encoder counts over the force in 1/256 count. 0: no deflection. */
+  /* Number of points of the curve of compliance, at most CYCLE_COMPLIANCE_MAX, which are the first
+   * ones of the program's points: deflection of the press in encoder counts over the force in 1/256
+   * count. 0: no deflection. */
   uint8_t compliance;
   uint8_t outputs_keep; /* outputs that stay as they are at the end of the cycle */
   uint8_t reserved;     /* 0 */

@@ -68,15 +68,20 @@ static int32_t base_of(const cia402_t *drive, const axis_t *axis, uint8_t action
       drive, tracks ? fx_cnt_from_q32(drive->trajectory.position_q32) : axis->signals.position);
 }
 
-/* Sets what a cycle has to know of the axis when a phase begins: the offset of the program as a
- * part of the demanded force, and the smallest and the largest mean force that a tare may find.
- * tare_band bounds the sum of this mean and force_tare; without a band there is no tare. */
-static void begin_offset(cia402_t *drive, const axis_t *axis) {
+/* Sets the smallest and the largest mean force that a tare may find: tare_band bounds the sum of
+ * this mean and force_tare. Without a band there is no tare. */
+static void begin_tare(cia402_t *drive, const axis_t *axis) {
   const int32_t band = (axis->params.tare_band == 0) ? -1 : axis->params.tare_band;
   drive->cycle.tare_least = -band - axis->params.force_tare;
   drive->cycle.tare_most = band - axis->params.force_tare;
+}
+
+/* Takes the new offset of the program into the demanded force. */
+static void take_offset(cia402_t *drive) {
+  drive->cycle.tared = 0;
   drive->cycle_offset_q8 =
-      fx_ratio_apply(fx_scale(drive->cycle.offset_q8, 8), drive->force_of_reading, 0);
+      fx_clamp(fx_ratio_apply(fx_scale(drive->cycle.offset_q8, 8), drive->force_of_reading, 0),
+               -CYCLE_TABLE_Y_MAX, CYCLE_TABLE_Y_MAX);
 }
 
 /* Sets the mode and the targets of the phase that has begun. A place beyond 32 bits, which no axis
@@ -91,7 +96,12 @@ static bool begin_phase(cia402_t *drive, const axis_t *axis) {
     cycle_end(&drive->cycle, CYCLE_OVER_TRAVEL);
     return false;
   }
-  begin_offset(drive, axis);
+  if (drive->cycle.tared != 0) {
+    take_offset(drive);
+  }
+  if (phase->action == CYCLE_TARE) {
+    begin_tare(drive, axis);
+  }
   if (mode->run != drive->mode->run) {
     cia402_end_mode(drive);
   }
@@ -163,6 +173,7 @@ void cycle_mode_start(cia402_t *drive, const axis_t *axis) {
     const cycle_inputs_t now = inputs_of(drive, axis);
     cycle_start(&drive->cycle, drive->program, &now,
                 cia402_encoder(drive, drive->program->zero_level));
+    drive->cycle_offset_q8 = 0;
     drive->signals.cycle_count += 1;
     if (!begin_phase(drive, axis)) {
       cia402_leave_mode(drive);

@@ -205,6 +205,9 @@ class Reader {
     if (!root_.has(force) && !root_.has(deflection)) return;
     header_.compliance =
         read_table(root_, force, scales_.q8_per_N, deflection, scales_.counts_per_m);
+    if (points_.size() > CYCLE_COMPLIANCE_MAX)
+      root_.fail(force, "expected at most 16 points, got " + std::to_string(points_.size()) +
+                            "; remove some");
     for (std::size_t i = 1; i < points_.size(); ++i)
       if (points_[i].y < points_[i - 1].y)
         root_.fail(deflection,

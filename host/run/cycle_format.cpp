@@ -56,7 +56,7 @@ constexpr KeyFormat kPhaseKeys[] = {
         "has to be homed."),
     optional("distance", D::length, S::any, "none",
              "Distance of move_by, move_to_depth and approach, positive towards the workpiece. "
-             "move_to_depth does not add the deflection of the press."),
+             "The place of move_to_depth has this depth without a force on the press."),
     optional("speed", D::velocity, S::positive, "none", "Speed of the motion."),
     optional("force", D::force, S::not_zero, "none", "Force of press."),
     optional("slope", D::force_rate, S::positive, "none",
@@ -150,7 +150,7 @@ constexpr KeyFormat kCycleKeys[] = {
           "Outputs that stay as they are at the end of the cycle, however it ends. All others go "
           "off."),
     numbers("compliance_force", D::force, S::any, "none",
-            "Forces of the points of the compliance of the press, 2 to 255."),
+            "Forces of the points of the compliance of the press, 2 to 16."),
     numbers("compliance_deflection", D::length, S::any, "none",
             "Deflection of the press at each of these forces. It is subtracted from the travel of "
             "elements, of depth_above and of depth_below."),

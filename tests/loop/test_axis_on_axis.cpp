@@ -113,7 +113,7 @@ Pressed press(double approach_mm) {
     const LinkOutputs out = axis.tick(to_axis);
     if (pressed.fault == 0) pressed.fault = out.fault;
     exchange({out.dac_code, static_cast<std::uint8_t>(out.out & 1),
-              static_cast<std::uint8_t>(out.out >> 1), 0});
+              static_cast<std::uint8_t>(out.out >> 1), 0, 0});
 
     const axis_inputs_t inputs{
         in.encoder_cnt, {in.adc0_code, in.adc1_code}, in.din, in.sensor_valid, 0, 0, 0};

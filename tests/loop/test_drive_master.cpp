@@ -72,12 +72,12 @@ class StandIn {
     axis_inputs_t inputs{};
     for (int i = 0; i < 300; ++i) {
       sense(inputs, encoder_cnt);
-      act({0, 1, 0, 0});
+      act({0, 1, 0, 0, 0});
     }
     ASSERT_TRUE(drive402_feedback(&drive_.master).on) << reason();
     while (drive_.master.since_sync != bus_.cycle_ticks) {
       sense(inputs, encoder_cnt);
-      act({0, 1, 0, 0});
+      act({0, 1, 0, 0, 0});
     }
     // In the run, too, no frame has arrived yet.
     to_drive_.clear();
@@ -195,7 +195,7 @@ Hashes run_through(const Experiment &experiment, const Bus &bus) {
     const std::int16_t code = bus.bits == 12 ? out.dac_code : std::int16_t{0};
     const StandIn::Applied applied =
         drive.act({code, static_cast<std::uint8_t>(out.out & 1),
-                   static_cast<std::uint8_t>(out.out >> 1), out.dac_code});
+                   static_cast<std::uint8_t>(out.out >> 1), out.dac_code, 0});
     out.dac_code = static_cast<std::int16_t>(applied.code);
     out.out = static_cast<std::uint8_t>((out.out & 2) | (applied.enabled ? 1 : 0));
     plant.act(out);

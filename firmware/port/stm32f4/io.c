@@ -109,13 +109,13 @@ void port_sense(axis_inputs_t *inputs) {
  */
 void port_act(const axis_outputs_t *outputs) {
   static bool is_on;
-  pins_write_digital(outputs->digital);
   is_on = outputs->amp_enable != 0 && (is_on || dac_is_zero());
   if (is_on) {
     pins_write(true, outputs->brake_release != 0);
     dac_code = drive_bus_is_fitted() ? 0 : outputs->dac_code;
     dac_write(dac_code);
   }
+  pins_write_digital(outputs->digital);
   /* The supply voltage may have fallen while the outputs were written. */
   const bool is_off = !is_on || supply_is_low();
   if (is_off) {

@@ -128,7 +128,7 @@ def random_program(rng, position):
     phases, elements = rng.choice([1, 3, 6, PHASES_MAX]), rng.choice([0, 3, ELEMENTS_MAX])
     # The longest evaluation is that of sixteen elements of one kind.
     kinds, points = rng.choice([range(8), [rng.randrange(8)]]), []
-    compliance = rng.choice([0, 2, 3, 17])
+    compliance = rng.choice([0, 2, 3, 16])
     for i in range(compliance):
         points.append((5000 * (i - 1) - rng.randint(0, 4000), rng.randint(-3, 30)))
     body = b"".join(phase(rng, phases, position, points) for _ in range(phases))

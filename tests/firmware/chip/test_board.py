@@ -252,6 +252,17 @@ def test_a_fault_is_off_in_its_tick(chip):
     assert chip.read("fault") == objects.BY_NAME["fault"].enum.index("enable_lost")
 
 
+def test_the_outputs_of_cycles_are_low_unless_the_firmware_sets_them(chip):
+    port = chip.board.gpioa
+    enable(chip, 100)
+    assert [(port.mode(pin), port.level(pin)) for pin in range(8, 12)] == [(1, 0)] * 4
+    for levels in (0b1010, 0b0101, 0b1111):
+        chip.call("pins_write_digital", levels)
+        assert [port.level(pin) for pin in range(8, 12)] == [levels >> i & 1 for i in range(4)]
+    chip.tick()  # no cycle runs
+    assert [port.level(pin) for pin in range(8, 12)] == [0] * 4
+
+
 def test_the_amplifier_stays_off_while_the_dac_does_not_stand_at_mid_scale(chip):
     chip.board.dac.registers[0x2C] = 2049  # a converter that does not follow
     original = chip.board.dac.write

@@ -38,7 +38,7 @@ TEST(BusDrive, IsFittedBeforeItAnswersAndFailsWithoutADrive) {
   EXPECT_EQ(inputs.position_age, 0) << "no law uses the position before the drive is on";
   const axis_outputs_t off{};
   can_frame_t frame;
-  const axis_outputs_t on{0, 1, 0, 0};
+  const axis_outputs_t on{0, 1, 0, 0, 0};
   for (const auto &outputs : {off, on}) {
     for (int tick = 0; tick < 400; ++tick) {
       bus_drive_act(&drive, &outputs);
@@ -83,7 +83,7 @@ TEST(BusDrive, ARefusedConfigurationIsAFault) {
   axis_inputs_t inputs{};
   bus_drive_sample(&drive, &inputs);
   EXPECT_EQ(inputs.drive, AXIS_DRIVE_FITTED);
-  const axis_outputs_t on{0, 1, 0, 0};
+  const axis_outputs_t on{0, 1, 0, 0, 0};
   bus_drive_act(&drive, &on);
   bus_drive_sample(&drive, &inputs);
   EXPECT_EQ(inputs.drive, AXIS_DRIVE_FITTED | AXIS_DRIVE_FAULT);

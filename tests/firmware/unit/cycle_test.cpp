@@ -184,6 +184,13 @@ TEST_F(Cycle, WrongFieldsOfTablesTaresAndOutputsAreRefused) {
   EXPECT_EQ(reason(wait, 1), CYCLE_WRONG_HEADER) << "one point of compliance";
   EXPECT_EQ(reason(wait, 3), CYCLE_WRONG_HEADER) << "x of the compliance falls";
   EXPECT_EQ(reason(wait, 6), CYCLE_WRONG_HEADER) << "more points than there are";
+  const auto straight = [](std::int32_t count) {
+    std::vector<cycle_point_t> all;
+    for (std::int32_t i = 0; i < count; ++i) all.push_back({i, 0});
+    return all;
+  };
+  EXPECT_EQ(reason(wait, 16, 0, straight(20)), CYCLE_ACCEPTED);
+  EXPECT_EQ(reason(wait, 17, 0, straight(20)), CYCLE_WRONG_HEADER);
   EXPECT_EQ(reason(wait, 2, 16), CYCLE_WRONG_HEADER) << "an output that does not exist";
   EXPECT_EQ(reason(wait, 2, 0, {{0, 0}, {9, 9000000}}), CYCLE_WRONG_HEADER) << "deflection";
 }

@@ -333,6 +333,8 @@ MORE_MISTAKES = [
     ('compliance_deflection = ["0 mm", "0.1 mm"]\n', "", "compliance_deflection", "expected"),
     ('["0 N", "100 N"]', '["100 N", "0 N"]', "compliance_force", "rise"),
     ('["0 N", "100 N"]', '["0 N", "50 N", "100 N"]', "compliance_deflection", "2 to 255 points"),
+    ('["0 N", "100 N"]\ncompliance_deflection = ["0 mm", "0.1 mm"]',
+     f"{list(range(17))}\ncompliance_deflection = {[0] * 17}", "compliance_force", "at most 16"),
     ('["0 mm", "0.1 mm"]', '["0.1 mm", "0 mm"]', "compliance_deflection", "does not fall"),
     ('["0 mm", "0.1 mm"]', '["0 N", "1 N"]', "compliance_deflection[0]", "force"),
     ('["0 mm", "0.1 mm"]', '["0 m", "100 m"]', "compliance_deflection", "in counts"),
