@@ -45,10 +45,10 @@ enum { CYCLE_ZERO_TOUCH = 0, CYCLE_ZERO_FORCE = 1, CYCLE_ZERO_POSITION = 2, CYCL
  *   APPROACH       moves by a distance, as MOVE_BY does, and stops at contact
  *   PRESS          presses with a force; out of contact it approaches as mode 4 does
  *   WAIT           brakes to standstill and stays
- *   FOLLOW         presses as PRESS does; the target is the force of a table (table.h) over the
- * time or the travel since the phase began, in 1/256 per mille of rated_force TARE           waits,
- * and measures the offset of the force (see below) OUTPUT         waits; the phase is reached in
- * its first tick
+ *   FOLLOW         presses as PRESS does; the target is the force of a table (table.h), in 1/256
+ *                  per mille of rated_force, over the time or the travel since the phase began
+ *   TARE           waits, and measures the offset of the force (see below)
+ *   OUTPUT         waits; the phase is reached in its first tick
  *
  * A phase of any action switches its outputs when it begins. At the end of the cycle, however it
  * ends, all outputs but those of outputs_keep go off. A kept output stays as it is up to a cycle of

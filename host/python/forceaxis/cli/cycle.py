@@ -242,7 +242,7 @@ def load(connection: AxisConnection, experiment: Path, program: Path | None, as_
     The axis has to be disabled, and it has to have the scales of the experiment: adc_bits,
     force_sign, rated_force, and force_scale within 1 %. The axis checks the whole program before it
     takes it; a program that it refuses changes nothing. A program with the same number is replaced.
-    The axis keeps programs until its next power-up.
+    The axis stores the program while it is disabled.
     """
     from forceaxis.cycles import live as cycles
 
