@@ -4,9 +4,6 @@
 
 #include "firmware/fx/fx.h"
 
-/* Values of `done`: the phase is reached; it is reached when the drive reports so. */
-enum { DONE_BY_DRIVE = 1, DONE = 2 };
-
 static int32_t within_force(int32_t force_q8) {
   return fx_clamp(force_q8, -CYCLE_FORCE_MAX_Q8, CYCLE_FORCE_MAX_Q8);
 }
@@ -14,12 +11,8 @@ static int32_t within_force(int32_t force_q8) {
 /* The force less the offset of the program, in the range of a sample. */
 static int32_t force_of(const cycle_t *cycle) { return within_force(cycle->force_q8); }
 
-static int32_t travel_from(int32_t position, int32_t from_cnt) {
-  return fx_clamp(fx_diff_wrap(position, from_cnt), -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX);
-}
-
 static int32_t travel_of(const cycle_inputs_t *now, int32_t from_cnt) {
-  return travel_from(now->position, from_cnt);
+  return fx_clamp(fx_diff_wrap(now->position, from_cnt), -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX);
 }
 
 /* Sets the target of FOLLOW for the next tick. */
@@ -29,7 +22,7 @@ static void follow(cycle_t *cycle, const cycle_phase_t *phase, const cycle_input
       (cycle->phase_ticks < CYCLE_TRAVEL_MAX) ? cycle->phase_ticks : CYCLE_TRAVEL_MAX;
   const int32_t x = (phase->over_travel != 0) ? travel_of(now, cycle->start_cnt) : (int32_t)time;
   cycle->demand_q8 = cycle_table_at(table, phase->points, x);
-  cycle->done = (x >= table[phase->points - 1].x) ? DONE_BY_DRIVE : 0;
+  cycle->target = (x >= table[phase->points - 1].x) ? CYCLE_TARGET_BY_DRIVE : CYCLE_TARGET_OPEN;
 }
 
 static void begin_tare(cycle_t *cycle, const cycle_inputs_t *now) {
@@ -43,7 +36,7 @@ static void begin_action(cycle_t *cycle, const cycle_phase_t *phase, const cycle
   if (phase->action == CYCLE_FOLLOW) {
     follow(cycle, phase, now);
   } else {
-    cycle->done = (phase->action == CYCLE_OUTPUT) ? DONE : 0;
+    cycle->target = (phase->action == CYCLE_OUTPUT) ? CYCLE_TARGET_MET : CYCLE_TARGET_OPEN;
     begin_tare(cycle, now);
   }
 }
@@ -58,7 +51,7 @@ static void begin_phase(cycle_t *cycle, uint8_t number, const cycle_inputs_t *no
   const cycle_phase_t *phase = cycle_phase(cycle);
   cycle->outputs = (uint8_t)((cycle->outputs | phase->outputs_on) & (uint8_t)~phase->outputs_off);
   cycle->demand_q8 = phase->force * INT32_C(256);
-  cycle->done = DONE_BY_DRIVE;
+  cycle->target = CYCLE_TARGET_BY_DRIVE;
   if (phase->action >= CYCLE_FOLLOW) {
     begin_action(cycle, phase, now);
   }
@@ -79,18 +72,22 @@ void cycle_end(cycle_t *cycle, uint8_t outcome) {
   end(cycle);
 }
 
-/* Sets force and depth of a sample, and finds travel 0 there if `is_zero` is true. */
-static void place(cycle_t *cycle, const cycle_inputs_t *now, bool is_zero) {
-  const cycle_header_t *program = cycle->program;
-  const int32_t deflection =
-      (program->compliance == 0)
-          ? 0
-          : cycle_table_at(cycle_points(program), program->compliance, force_of(cycle));
-  const int32_t position = fx_diff_wrap(now->position, deflection);
-  if (is_zero) {
-    cycle->zero_cnt = position;
-  }
-  cycle->depth = travel_from(position, cycle->zero_cnt);
+/* Returns the deflection of the press at a force less the offset. */
+static int32_t deflection_at(const cycle_header_t *program, int32_t force_q8) {
+  return (program->compliance == 0)
+             ? 0
+             : cycle_table_at(cycle_points(program), program->compliance, force_q8);
+}
+
+static int32_t depth_of(const cycle_header_t *program, int32_t travel, int32_t force_q8) {
+  return fx_clamp(travel - deflection_at(program, force_q8), -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX);
+}
+
+/* Makes the place of a sample that of travel 0. */
+static void set_zero(cycle_t *cycle, const cycle_inputs_t *now) {
+  cycle->zero_cnt = fx_diff_wrap(now->position, deflection_at(cycle->program, force_of(cycle)));
+  cycle->depth = 0;
+  cycle->has_depth = 1;
 }
 
 void cycle_init(cycle_t *cycle) {
@@ -122,7 +119,8 @@ void cycle_init(cycle_t *cycle) {
   cycle->tare_sum = 0;
   cycle->tare_ticks = 0;
   cycle->ended_by = 0;
-  cycle->done = 0;
+  cycle->has_depth = 0;
+  cycle->target = CYCLE_TARGET_OPEN;
   cycle->tared = 0;
   cycle->outputs = 0;
   cycle->written = 0;
@@ -150,7 +148,9 @@ void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inpu
   cycle->zeroed = (program->zero == CYCLE_ZERO_POSITION) ? 1 : 0;
   cycle->zero_cnt = reference_cnt;
   cycle->force_q8 = now->force_q8;
-  place(cycle, now, cycle->zeroed == 0);
+  if (cycle->zeroed == 0) {
+    set_zero(cycle, now);
+  }
   begin_phase(cycle, 0, now);
 }
 
@@ -162,7 +162,7 @@ static void sample(cycle_t *cycle, const cycle_inputs_t *now) {
   }
   cycle->samples[cycle->written & (CYCLE_SAMPLES - 1)] =
       (cycle_sample_t){.tick = now->tick,
-                       .travel = cycle->depth,
+                       .travel = travel_of(now, cycle->zero_cnt),
                        .force_q8 = force_of(cycle),
                        .phase = cycle->phase,
                        .zeroed = cycle->zeroed};
@@ -182,27 +182,35 @@ static bool has_stiffness(const cycle_t *cycle, const cycle_condition_t *conditi
   return (condition->when == CYCLE_STIFFNESS_ABOVE) ? change >= bound : change <= bound;
 }
 
+/* Returns the depth in this tick, which is computed only for the conditions that need it. */
+static int32_t depth_now(cycle_t *cycle, const cycle_inputs_t *now) {
+  if (cycle->has_depth == 0) {
+    cycle->has_depth = 1;
+    cycle->depth = depth_of(cycle->program, travel_of(now, cycle->zero_cnt), force_of(cycle));
+  }
+  return cycle->depth;
+}
+
 /* Conditions of a travel. */
-static bool has_travelled(const cycle_t *cycle, const cycle_condition_t *condition,
+static bool has_travelled(cycle_t *cycle, const cycle_condition_t *condition,
                           const cycle_inputs_t *now) {
   switch (condition->when) {
     case CYCLE_TRAVEL_ABOVE:
       return fx_magnitude(travel_of(now, cycle->start_cnt)) >= (uint32_t)condition->level;
     case CYCLE_DEPTH_ABOVE:
-      return cycle->zeroed != 0 && cycle->depth >= condition->level;
+      return cycle->zeroed != 0 && depth_now(cycle, now) >= condition->level;
     default:
-      return cycle->zeroed != 0 && cycle->depth <= condition->level;
+      return cycle->zeroed != 0 && depth_now(cycle, now) <= condition->level;
   }
 }
 
-static bool is_met(const cycle_t *cycle, const cycle_condition_t *condition,
-                   const cycle_inputs_t *now) {
+static bool is_met(cycle_t *cycle, const cycle_condition_t *condition, const cycle_inputs_t *now) {
   const int32_t level = condition->level;
   switch (condition->when) {
     case CYCLE_NEVER:
       return false;
     case CYCLE_REACHED:
-      return (cycle->done & (DONE | now->reached)) != 0;
+      return (cycle->target & (CYCLE_TARGET_MET | now->reached)) != 0;
     case CYCLE_TIME:
       return cycle->phase_ticks >= (uint32_t)level;
     case CYCLE_FORCE_ABOVE:
@@ -256,7 +264,7 @@ static uint8_t measure_tare(cycle_t *cycle, const cycle_phase_t *phase, const cy
   }
   cycle->offset_q8 = mean;
   cycle->force_q8 = fx_diff_wrap(now->force_q8, mean);
-  cycle->done = DONE;
+  cycle->target = CYCLE_TARGET_MET;
   cycle->tared = 1;
   return CYCLE_BY_PROGRAM;
 }
@@ -264,7 +272,7 @@ static uint8_t measure_tare(cycle_t *cycle, const cycle_phase_t *phase, const cy
 /* Returns the limit that is exceeded, or why the tare of the phase fails. */
 static uint8_t failure_of(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
   const uint8_t limit = limit_of(cycle, phase, now);
-  if (phase->action != CYCLE_TARE || cycle->done != 0) {
+  if (phase->action != CYCLE_TARE || cycle->target != CYCLE_TARGET_OPEN) {
     return limit;
   }
   if (limit != CYCLE_BY_PROGRAM) {
@@ -331,9 +339,11 @@ static bool take_condition(cycle_t *cycle, const cycle_phase_t *phase, const cyc
 
 bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now) {
   cycle->force_q8 = fx_diff_wrap(now->force_q8, cycle->offset_q8);
-  const bool is_zero = cycle->zeroed == 0 && is_at_zero(cycle, now);
-  cycle->zeroed |= (uint8_t)is_zero;
-  place(cycle, now, is_zero);
+  cycle->has_depth = 0;
+  if (cycle->zeroed == 0 && is_at_zero(cycle, now)) {
+    cycle->zeroed = 1;
+    set_zero(cycle, now);
+  }
   const uint32_t passed = now->tick - cycle->last_tick;
   cycle->last_tick = now->tick;
   cycle->phase_ticks += passed;
@@ -388,7 +398,8 @@ void cycle_evaluate(cycle_t *cycle) {
   const bool has_ended = cycle->state == CYCLE_ENDED;
   const cycle_element_t *elements = cycle_elements(cycle->program);
   while (cycle->evaluated != cycle->written) {
-    const cycle_sample_t *next = &cycle->samples[cycle->evaluated & (CYCLE_SAMPLES - 1)];
+    cycle_sample_t *next = &cycle->samples[cycle->evaluated & (CYCLE_SAMPLES - 1)];
+    next->travel = depth_of(cycle->program, next->travel, next->force_q8);
     for (uint8_t i = 0; i < cycle->program->elements; i++) {
       cycle_element_take(&elements[i], cycle_points(cycle->program), &cycle->elements[i], next);
     }

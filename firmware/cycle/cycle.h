@@ -40,14 +40,18 @@ enum {
   CYCLE_OUTCOMES = 9
 };
 
+/* Whether a phase is reached: not, because the tare is not complete, or the demand is not yet that
+ * of the end of the table; when the drive reports so; yes. */
+enum { CYCLE_TARGET_OPEN = 0, CYCLE_TARGET_BY_DRIVE = 1, CYCLE_TARGET_MET = 2 };
+
 /* What the axis measured in a tick. */
 typedef struct {
   uint32_t tick;
   int32_t position; /* encoder counts, which may wrap */
   int32_t force_q8; /* measured force in 1/256 count */
   uint8_t contact;  /* 1 in contact */
-  uint8_t reached;  /* 1 if the target of the phase is reached */
-  uint8_t inputs;   /* digital inputs, AXIS_DIN_ */
+  uint8_t reached;  /* 1 if the drive reports, with CYCLE_TARGET_BY_DRIVE, that its target is reached */
+  uint8_t inputs; /* digital inputs, AXIS_DIN_ */
 } cycle_inputs_t;
 
 typedef struct {
@@ -57,10 +61,9 @@ typedef struct {
   uint32_t last_tick;            /* tick of the last sample */
   int32_t start_cnt;             /* position at the start of the phase */
   int32_t zero_cnt;              /* position of travel 0: the start, until it is found */
-  int32_t begin_cnt;             /* position at the start of the cycle */
-  /* Of the last sample: force less offset_q8, and depth; +-CYCLE_TRAVEL_MAX. */
-  int32_t force_q8;
-  int32_t depth;
+  int32_t begin_cnt;             /* zero_cnt at the start of the cycle */
+  int32_t force_q8;              /* force of the last sample, less offset_q8 */
+  int32_t depth;                 /* depth of the last sample, if has_depth is 1 */
   /* PRESS, FOLLOW: target of the demanded force for the next tick, in 1/256 per mille of
    * rated_force, without the offset */
   int32_t demand_q8;
@@ -90,9 +93,8 @@ typedef struct {
   /* number, from 1, of the condition that ended the last phase that has ended; 0: a limit, a stop,
    * or no phase has ended yet */
   uint8_t ended_by;
-  /* 2: the phase is reached; 1: it is reached if the drive reports so; 0: not reached, because the
-   * tare is not complete, or the demand is not yet that of the end of the table */
-  uint8_t done;
+  uint8_t target; /* whether the phase is reached, CYCLE_TARGET_ */
+  uint8_t has_depth;
   uint8_t tared;      /* 1 if offset_q8 is new; the drive clears this flag */
   uint8_t outputs;    /* outputs that are on */
   uint8_t zeroed;     /* 1 if travel 0 is found */

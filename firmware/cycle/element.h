@@ -29,7 +29,7 @@
 
 typedef struct {
   uint32_t tick;    /* number of the tick, which may wrap */
-  int32_t travel;   /* encoder counts, +-CYCLE_TRAVEL_MAX */
+  int32_t travel;   /* depth (program.h) in encoder counts, +-CYCLE_TRAVEL_MAX */
   int32_t force_q8; /* measured force, +-CYCLE_FORCE_MAX_Q8 */
   uint8_t phase;    /* number of the phase, 0..15 */
   uint8_t zeroed;   /* 1 from travel 0 on, where the travel begins anew */

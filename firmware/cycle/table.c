@@ -33,7 +33,12 @@ uint8_t cycle_line_at(const cycle_point_t *points, uint8_t count, int32_t x) {
 }
 
 int32_t cycle_table_at(const cycle_point_t *points, uint8_t count, int32_t x) {
-  const int32_t inside = fx_clamp(x, points[0].x, points[count - 1].x);
-  const cycle_point_t *line = &points[cycle_line_at(points, count, inside)];
-  return fx_interpolate_short(line[0].x, line[0].y, line[1].x, line[1].y, inside);
+  if (x <= points[0].x) {
+    return points[0].y;
+  }
+  if (x >= points[count - 1].x) {
+    return points[count - 1].y;
+  }
+  const cycle_point_t *line = &points[cycle_line_at(points, count, x)];
+  return fx_interpolate_short(line[0].x, line[0].y, line[1].x, line[1].y, x);
 }

@@ -46,7 +46,8 @@ static const cia402_mode_t *mode_of(uint8_t action) {
 
 static cycle_inputs_t inputs_of(const cia402_t *drive, const axis_t *axis) {
   const cia402_mode_t *mode = drive->mode;
-  const bool reached = mode->reached != NULL && mode->reached(drive, axis);
+  const bool reached = drive->cycle.target == CYCLE_TARGET_BY_DRIVE && mode->reached != NULL &&
+                       mode->reached(drive, axis);
   return (cycle_inputs_t){.tick = axis->signals.tick_count,
                           .position = axis->signals.position,
                           .force_q8 = axis->signals.force,

@@ -63,8 +63,8 @@ void pins_write(bool amp_enable, bool brake_release) {
 }
 
 void pins_write_digital(uint8_t levels) {
-  const uint32_t high = FIELD(DIGITAL_FIRST, DIGITALS, levels);
-  GPIOA->BSRR = high | (MASK(DIGITAL_FIRST, DIGITALS) & ~high) << 16;
+  /* A bit that BSRR sets and clears at the same time is set. */
+  GPIOA->BSRR = MASK(DIGITAL_FIRST + 16, DIGITALS) | FIELD(DIGITAL_FIRST, DIGITALS, levels);
 }
 
 /* Returns true if the pin amp_enable has the level that was output. The level is read from the pin,

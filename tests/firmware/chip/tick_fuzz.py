@@ -164,6 +164,8 @@ CYCLE_VALUES = {
     "force_zero_code": [0],
     "force_sign": [1],
     "contact_force": [512],
+    "force_tare": [0],
+    "tare_band": [0, 65536, 65536],
     "position_limit_min": [-2147483648],
     "position_limit_max": [2147483647],
     "position_min": [-2147483648],
