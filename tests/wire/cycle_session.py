@@ -31,6 +31,8 @@ from gateway_clients import PORT, gateway, operational, until
 
 SIM = Path(__file__).resolve().parents[2] / "sim"
 EXPERIMENT = file_of("press_fit")
+# A busy machine stalls a client for longer than the 500 ms after which an axis takes it for lost.
+PATIENT = "firmware.watchdog=5000"
 # The rim of the polishing example turns once in this time. Its model moves the surface for one
 # turn, and here for many, because nobody knows when a part is pressed. The motion is smaller, so
 # that a good part is good and a bad one bad wherever the turn begins.
@@ -79,7 +81,7 @@ def nodes(folder, names, overrides=()):
     """Presses at the nodes 1, 2, ..., with parameters of their parts."""
     common = [str(machine(folder, name)) for name in names]
     common += ["--link", "socketcan", "--endless", "--pace", "real", "--start-timeout", "20"]
-    common += [word for override in overrides for word in ("--set", override)]
+    common += [word for override in (*overrides, PATIENT) for word in ("--set", override)]
     running = [
         subprocess.Popen([link.program(name), *common, *more], stdout=subprocess.PIPE, text=True)
         for name, more in (("axis_node", ["--can", "vcan0"]), ("plant_node", []))

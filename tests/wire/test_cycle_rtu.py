@@ -7,7 +7,7 @@ import time
 import pytest
 import verbs
 from cycle_examples import file_of
-from cycle_session import machine
+from cycle_session import PATIENT, machine
 from forceaxis.cycles import live, part
 from forceaxis.experiments import link
 
@@ -27,7 +27,7 @@ def way(tmp_path):
             assert time.monotonic() < until, "socat makes no ptys"
             time.sleep(0.01)
         common = [str(machine(tmp_path, "press_fit")), "--run-id", str(link.new_run_id())]
-        common += ["--endless", "--pace", "real"]
+        common += ["--endless", "--pace", "real", "--set", PATIENT]
         line = ["--modbus", str(ends[0]), "--modbus-baud", str(BAUD)]
         for name, more in (("axis_node", line), ("plant_node", [])):
             node = [link.program(name), *common, *more]
