@@ -50,8 +50,8 @@ typedef struct {
   int32_t position; /* encoder counts, which may wrap */
   int32_t force_q8; /* measured force in 1/256 count */
   uint8_t contact;  /* 1 in contact */
-  uint8_t reached;  /* 1 if the drive reports, with CYCLE_TARGET_BY_DRIVE, that its target is reached */
-  uint8_t inputs; /* digital inputs, AXIS_DIN_ */
+  uint8_t reached;  /* CYCLE_TARGET_BY_DRIVE: 1 if the drive has reached its target */
+  uint8_t inputs;   /* digital inputs, AXIS_DIN_ */
 } cycle_inputs_t;
 
 typedef struct {
