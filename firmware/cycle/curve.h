@@ -20,8 +20,8 @@
  * same number of counts when it is found, so every point has the same zero.
  *
  * Cost on a Cortex-M4: at most 60 instructions for a sample. Once in a cycle, when travel 0 is
- * found, 6 more for each point; each time the curve is thinned, 13 for each point: 13,000 with 1,000
- * points, some 0.1 ms. */
+ * found, 6 more for each point; each time the curve is thinned, 13 for each point: 13,000 with
+ * 1,000 points, some 0.1 ms. */
 
 #include <stdbool.h>
 #include <stdint.h>

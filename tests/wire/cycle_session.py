@@ -6,13 +6,19 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 from forceaxis.experiments import link
+from gateway_clients import PORT, gateway
 
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 SIM = Path(__file__).resolve().parents[2] / "sim"
 EXPERIMENT = SIM / "experiments/press_fit.toml"
+WAYS = {
+    "gateway": ("--axis", "1"),
+    "modbus": ("--modbus", f"tcp://127.0.0.1:{PORT}"),
+}
 
 
 def nodes(folder, *overrides):
@@ -29,10 +35,9 @@ def nodes(folder, *overrides):
     ]
 
 
-def cycle(*words):
+def cycle(*words, way=("--can", "vcan0")):
     done = subprocess.run(
-        [FORCEAXIS, "cycle", *words, "--can", "vcan0", "--json"],
-        capture_output=True, text=True, check=False,
+        [FORCEAXIS, "cycle", *words, *way, "--json"], capture_output=True, text=True, check=False,
     )  # fmt: skip
     said = {"status": done.returncode, "said": done.stderr}
     return said | {"result": json.loads(done.stdout) if done.stdout else None}
@@ -41,15 +46,22 @@ def cycle(*words):
 def pressed(folder, *overrides):
     """What the commands say of an axis with these parts."""
     running = nodes(folder, *overrides)
+    served = None
     try:
         for process in running:
             process.stdout.readline()  # ready
         early = cycle("start", str(EXPERIMENT))  # without a program
         loaded = cycle("load", str(EXPERIMENT))
-        parts = [cycle("start", str(EXPERIMENT)) for _ in range(2)]
+        start = ["start", str(EXPERIMENT), "--curve"]
+        parts = [cycle(*start, str(folder / f"can{i}.csv")) for i in range(2)]
+        served = gateway("--axes", "1")
+        for name, way in WAYS.items():
+            begin = time.monotonic()
+            parts.append(cycle(*start, str(folder / f"{name}.csv"), way=way))
+            parts[-1]["seconds"] = time.monotonic() - begin
         return {"early": early, "loaded": loaded, "parts": parts}
     finally:
-        for process in running:
+        for process in [*running, *([served] if served else [])]:
             process.send_signal(signal.SIGTERM)
         for process in running:
             process.communicate()

@@ -3,6 +3,7 @@
 They have the verdicts of the simulated parts, and nearly their values.
 """
 
+import csv
 import json
 import sys
 from pathlib import Path
@@ -21,7 +22,7 @@ def found(tmp_path_factory, vcan):
     folder = tmp_path_factory.mktemp("cycles")
     done = vcan([sys.executable, SESSION, folder], 200)
     assert done.returncode == 0, done.stderr + done.stdout
-    return json.loads((folder / "found.json").read_text())
+    return json.loads((folder / "found.json").read_text()) | {"folder": folder}
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -49,3 +50,26 @@ def test_parts_have_the_verdicts_of_the_simulation(found, kind):
             assert own["verdict"] == other.verdict, (own, other)
             if other.value is not None:
                 assert own["value"] == pytest.approx(other.value, rel=0.05)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("way", ["can0", "can1", "gateway", "modbus"])
+def test_each_connection_reads_the_curve_of_its_part(found, kind, way):
+    """By blocks over CAN, five points at a time over the others; all of them see the same press."""
+    with (found["folder"] / kind / f"{way}.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    curve = part.run(EXPERIMENT, KINDS[kind]).curve
+    assert 300 < len(rows) <= 1000
+    names = [phase.name for phase in live.live_program(EXPERIMENT).program.phases]
+    assert list(dict.fromkeys(row["phase"] for row in rows)) == [
+        names[number] for number in dict.fromkeys(curve.phase.tolist())
+    ]
+    times = [float(row["time_s"]) for row in rows]
+    assert times == sorted(set(times)) and times[0] < 0.002
+    forces, travels = ([float(row[key]) for row in rows] for key in ("force_N", "travel_m"))
+    # The first part begins 5 mm above the bearing, the others where the one before has ended.
+    begin = curve.travel_m[0] if way == "can0" else curve.travel_m[-1]
+    assert travels[0] == pytest.approx(begin, abs=1e-4)
+    assert times[-1] == pytest.approx(len(curve.time_s) / 1500, abs=0.4)
+    assert max(forces) == pytest.approx(curve.force_N.max(), rel=0.05)
+    assert max(travels) == pytest.approx(curve.travel_m.max(), abs=2e-4)
