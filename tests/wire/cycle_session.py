@@ -43,8 +43,8 @@ def cycle(*words, way=("--can", "vcan0")):
     return said | {"result": json.loads(done.stdout) if done.stdout else None}
 
 
-def pressed(folder, *overrides):
-    """What the commands say of an axis with these parts."""
+def pressed(folder, ways, *overrides):
+    """What the commands say of an axis with these parts, over CAN and then by these ways."""
     running = nodes(folder, *overrides)
     served = None
     try:
@@ -54,8 +54,8 @@ def pressed(folder, *overrides):
         loaded = cycle("load", str(EXPERIMENT))
         start = ["start", str(EXPERIMENT), "--curve"]
         parts = [cycle(*start, str(folder / f"can{i}.csv")) for i in range(2)]
-        served = gateway("--axes", "1")
-        for name, way in WAYS.items():
+        served = gateway("--axes", "1") if ways else None
+        for name, way in ways.items():
             begin = time.monotonic()
             parts.append(cycle(*start, str(folder / f"{name}.csv"), way=way))
             parts[-1]["seconds"] = time.monotonic() - begin
@@ -69,9 +69,9 @@ def pressed(folder, *overrides):
 
 def main(folder):
     found = {}
-    for name, overrides in (("good", ()), ("tight", ("k_bore=80 kN/m",))):
+    for name, ways, overrides in (("good", WAYS, ()), ("tight", {}, ("k_bore=80 kN/m",))):
         (folder / name).mkdir()
-        found[name] = pressed(folder / name, *overrides)
+        found[name] = pressed(folder / name, ways, *overrides)
     (folder / "found.json").write_text(json.dumps(found))
 
 

@@ -14,13 +14,13 @@ from forceaxis.cycles import live, part
 SESSION = Path(__file__).with_name("cycle_session.py")
 EXPERIMENT = Path(__file__).resolve().parents[2] / "sim/experiments/press_fit.toml"
 KINDS = {"good": (), "tight": ("k_bore=80 kN/m",)}
-pytestmark = pytest.mark.long  # three quarters of a minute of real time
+pytestmark = pytest.mark.long  # a minute of real time
 
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory, vcan):
     folder = tmp_path_factory.mktemp("cycles")
-    done = vcan([sys.executable, SESSION, folder], 200)
+    done = vcan([sys.executable, SESSION, folder], 300)
     assert done.returncode == 0, done.stderr + done.stdout
     return json.loads((folder / "found.json").read_text()) | {"folder": folder}
 
@@ -52,8 +52,10 @@ def test_parts_have_the_verdicts_of_the_simulation(found, kind):
                 assert own["value"] == pytest.approx(other.value, rel=0.05)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("way", ["can0", "can1", "gateway", "modbus"])
+@pytest.mark.parametrize(
+    ("kind", "way"),
+    [*(("good", way) for way in ("can0", "can1", "gateway", "modbus")), ("tight", "can1")],
+)
 def test_each_connection_reads_the_curve_of_its_part(found, kind, way):
     """By blocks over CAN, five points at a time over the others; all of them see the same press."""
     with (found["folder"] / kind / f"{way}.csv").open(newline="") as stream:
