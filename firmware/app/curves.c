@@ -63,9 +63,9 @@ void curves_written(fw_t *fw, uint16_t object) {
   }
 }
 
-int curves_size(const fw_t *fw) {
+int32_t curves_size(const fw_t *fw) {
   if (cycle_mode_is_busy(&fw->drive)) {
     return FW_ERROR_STATE;
   }
-  return (fw->curve.count == 0) ? FW_ERROR_NO_DATA : (int)(fw->curve.count * POINT_BYTES);
+  return (fw->curve.count == 0) ? FW_ERROR_NO_DATA : (int32_t)(fw->curve.count * POINT_BYTES);
 }

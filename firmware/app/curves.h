@@ -25,6 +25,6 @@ int curves_check(const fw_t *fw, uint16_t object);
 void curves_written(fw_t *fw, uint16_t object);
 
 /* Returns the size of the curve in bytes, FW_ERROR_STATE or FW_ERROR_NO_DATA. */
-int curves_size(const fw_t *fw);
+int32_t curves_size(const fw_t *fw);
 
 #endif

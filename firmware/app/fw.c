@@ -223,7 +223,7 @@ static const char *text(const dictionary_t *objects, uint16_t index) {
   }
 }
 
-static int domain_size(const dictionary_t *objects, uint16_t index) {
+static int32_t domain_size(const dictionary_t *objects, uint16_t index) {
   const fw_t *fw = fw_of_const(objects);
   return (index == DICTIONARY_CURVE) ? curves_size(fw) : recording_size(fw);
 }

@@ -82,9 +82,9 @@ int recording_command(fw_t *fw, bool arm) {
   return FW_OK;
 }
 
-int recording_size(const fw_t *fw) {
+int32_t recording_size(const fw_t *fw) {
   const recorder_t *recorder = &fw->recorder;
   const bool is_done = recorder->signals.recorder_state == AXIS_RECORDER_STATE_DONE;
   const uint32_t size = recorder->signals.recorder_count * recorder->sample_bytes;
-  return (is_done && size != 0) ? (int)size : FW_ERROR_NO_DATA;
+  return (is_done && size != 0) ? (int32_t)size : FW_ERROR_NO_DATA;
 }

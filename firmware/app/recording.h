@@ -28,6 +28,6 @@ bool recording_needs_drive(const fw_t *fw);
 int recording_command(fw_t *fw, bool arm);
 
 /* Returns the size of the completed recording in bytes, or FW_ERROR_NO_DATA. */
-int recording_size(const fw_t *fw);
+int32_t recording_size(const fw_t *fw);
 
 #endif

@@ -328,7 +328,7 @@ static uint32_t open_address(const sdo_request_t *request, const axis_address_t 
     return SDO_ABORT_WRITE_ONLY;
   }
   if (address->what == AXIS_ADDRESS_DOMAIN) {
-    const int size = dictionary_domain_size(request->objects, address->index);
+    const int32_t size = dictionary_domain_size(request->objects, address->index);
     server->size = (uint32_t)size;
     return (size < 0) ? abort_of_refusal[-size] : 0;
   }

@@ -97,7 +97,7 @@ enum { DICTIONARY_RECORDING = 0x2120, DICTIONARY_CURVE = 0x243B };
 /* dictionary_domain_size() returns the size of a domain in bytes, FW_ERROR_NO_DATA if it is empty,
  * or FW_ERROR_STATE while it cannot be read. dictionary_domain_read() reads up to `count` bytes
  * from `offset` and returns the number of these bytes. */
-int dictionary_domain_size(const dictionary_t *objects, uint16_t index);
+int32_t dictionary_domain_size(const dictionary_t *objects, uint16_t index);
 uint32_t dictionary_domain_read(const dictionary_t *objects, uint16_t index, uint32_t offset,
                                 uint8_t *bytes, uint32_t count);
 

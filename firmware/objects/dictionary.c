@@ -149,7 +149,7 @@ const char *dictionary_text(const dictionary_t *objects, uint16_t index) {
   return objects->owner->text(objects, index);
 }
 
-int dictionary_domain_size(const dictionary_t *objects, uint16_t index) {
+int32_t dictionary_domain_size(const dictionary_t *objects, uint16_t index) {
   return objects->owner->domain_size(objects, index);
 }
 

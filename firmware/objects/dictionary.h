@@ -34,7 +34,7 @@ typedef struct {
   /* Functions that dictionary_text(), dictionary_domain_size() and dictionary_domain_read()
    * call. */
   const char *(*text)(const dictionary_t *objects, uint16_t index);
-  int (*domain_size)(const dictionary_t *objects, uint16_t index);
+  int32_t (*domain_size)(const dictionary_t *objects, uint16_t index);
   uint32_t (*domain_read)(const dictionary_t *objects, uint16_t index, uint32_t offset,
                           uint8_t *bytes, uint32_t count);
   /* Functions that dictionary_download_most() and the functions after it call. */

@@ -142,23 +142,26 @@ def cycle(*words):
     return said | {"result": json.loads(done.stdout) if done.stdout else None}
 
 
-def by(*way):
-    """What the commands say of an axis that has no program yet."""
+def by(curve, *way):
+    """What the commands say of an axis that has no program yet; the curve of its part is a file."""
     early = cycle("start", EXPERIMENT, *way)
     loaded = cycle("load", EXPERIMENT, *way)
-    return {"early": early, "loaded": loaded, "part": cycle("start", EXPERIMENT, *way)}
+    part = cycle("start", EXPERIMENT, *way, "--curve", curve)
+    return {"early": early, "loaded": loaded, "part": part}
 
 
 def ways(folder):
     with nodes(folder, ["press_fit"] * 3), contextlib.ExitStack() as stack:
-        found = {"can": by("--can", "vcan0", "--node", "1")}
+        found = {"can": by(folder / "can.csv", "--can", "vcan0", "--node", "1")}
         supervisor = gateway("--axes", "2,3", "--watch-ms", "3000", heartbeat_ms=2000)
         stack.callback(supervisor.kill)
         for axis in (2, 3):
             with GatewayLink(axis).client as client:
                 until(lambda client=client: operational(client), 10)
-        found["gateway"] = by("--axis", "2")
-        found["modbus"] = by("--modbus", f"tcp://127.0.0.1:{PORT}", "--node", "3")
+        found["gateway"] = by(folder / "gateway.csv", "--axis", "2")
+        found["modbus"] = by(
+            folder / "modbus.csv", "--modbus", f"tcp://127.0.0.1:{PORT}", "--node", "3"
+        )
     return found
 
 

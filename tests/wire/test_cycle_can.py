@@ -4,6 +4,7 @@ They have the verdicts of the simulated parts, and their values. A gateway and M
 same. cycle_session.py has the sessions.
 """
 
+import csv
 import json
 import re
 import sys
@@ -14,7 +15,7 @@ import pytest
 from cycle_examples import IDS, PARTS
 from cycle_session import EXPERIMENT, experiment, file_of
 from forceaxis import _core
-from forceaxis.cycles import live
+from forceaxis.cycles import live, part
 
 SESSION = Path(__file__).with_name("cycle_session.py")
 WAYS = ("can", "gateway", "modbus")
@@ -47,7 +48,8 @@ def links(tmp_path_factory, vcan):
 
 @pytest.fixture(scope="module")
 def ways(tmp_path_factory, vcan):
-    return ran(vcan, tmp_path_factory.mktemp("ways"), "ways", 120)
+    folder = tmp_path_factory.mktemp("ways")
+    return ran(vcan, folder, "ways", 180) | {"folder": folder}
 
 
 def simulated(file, overrides, start_tick):
@@ -110,11 +112,31 @@ def test_over_can_frames_in_lock_step_trace_and_part_are_those_in_process(links)
 @pytest.mark.parametrize("way", WAYS)
 def test_the_commands_press_a_part_by_each_way(ways, way):
     found = ways[way]
-    early, loaded, part = (found[step] for step in ("early", "loaded", "part"))
+    early, loaded, pressed = (found[step] for step in ("early", "loaded", "part"))
     assert early["status"] == 1
     assert "forceaxis cycle load" in early["said"] and early["said"].count("\n") == 1
     assert loaded["status"] == 0, loaded["said"]
     assert int(loaded["result"]["crc"], 16) == live.live_program(EXPERIMENT).crc
-    assert part["status"] == 0, part["said"]
-    assert (part["result"]["state"], part["result"]["cycles"]) == ("good", 1)
-    assert part["result"]["elements"] == ways["can"]["part"]["result"]["elements"]
+    assert pressed["status"] == 0, pressed["said"]
+    assert (pressed["result"]["state"], pressed["result"]["cycles"]) == ("good", 1)
+    assert pressed["result"]["elements"] == ways["can"]["part"]["result"]["elements"]
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_each_way_reads_the_curve_of_its_part(ways, way):
+    """By blocks over CAN, five points at a time over the others; all of them see the same press."""
+    with (ways["folder"] / f"{way}.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    curve = part.run(EXPERIMENT).curve
+    assert 300 < len(rows) <= 1000
+    names = [phase.name for phase in live.live_program(EXPERIMENT).program.phases]
+    assert list(dict.fromkeys(row["phase"] for row in rows)) == [
+        names[number] for number in dict.fromkeys(curve.phase.tolist())
+    ]
+    times = [float(row["time_s"]) for row in rows]
+    assert times == sorted(set(times)) and times[0] < 0.002
+    forces, travels = ([float(row[key]) for row in rows] for key in ("force_N", "travel_m"))
+    assert travels[0] == pytest.approx(curve.travel_m[0], abs=1e-4)
+    assert times[-1] == pytest.approx(len(curve.time_s) / 1500, abs=0.4)
+    assert max(forces) == pytest.approx(curve.force_N.max(), rel=0.05)
+    assert max(travels) == pytest.approx(curve.travel_m.max(), abs=2e-4)
