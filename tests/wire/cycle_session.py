@@ -1,5 +1,5 @@
 """The sessions of test_cycle_can.py on real CAN, in one guest, at the pace of the wall clock: run
-under tools/vcan with a folder and the name of a session. Presses run as nodes of one bus.
+under tools/vcan with a folder and the name of a session. A press has a bus of its own.
 
   parts  good and bad parts of the five examples, over CAN
   ways   the press-fit by `forceaxis cycle` over CAN, through a gateway and over Modbus TCP
@@ -7,6 +7,7 @@ under tools/vcan with a folder and the name of a session. Presses run as nodes o
 """
 
 import contextlib
+import functools
 import json
 import re
 import signal
@@ -19,6 +20,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 import verbs
 from cycle_examples import IDS, PARTS, file_of
+from forceaxis.axis import gateway as lcm_way
+from forceaxis.axis import modbus as modbus_way
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.can import CanLink
 from forceaxis.axis.drive import NEW_SETPOINT
@@ -33,6 +36,7 @@ SIM = Path(__file__).resolve().parents[2] / "sim"
 EXPERIMENT = file_of("press_fit")
 # A busy machine stalls a client for longer than the 500 ms after which an axis takes it for lost.
 PATIENT = "firmware.watchdog=5000"
+PATIENT_S = 10.0
 # The rim of the polishing example turns once in this time. Its model moves the surface for one
 # turn, and here for many, because nobody knows when a part is pressed. The motion is smaller, so
 # that a good part is good and a bad one bad wherever the turn begins.
@@ -77,14 +81,14 @@ def machine(folder, name):
 
 
 @contextlib.contextmanager
-def nodes(folder, names, overrides=()):
-    """Presses at the nodes 1, 2, ..., with parameters of their parts."""
-    common = [str(machine(folder, name)) for name in names]
+def nodes(folder, name, overrides=()):
+    """The press of an example at node 1, with parameters of the part."""
+    common = [str(machine(folder, name))]
     common += ["--link", "socketcan", "--endless", "--pace", "real", "--start-timeout", "20"]
     common += [word for override in (*overrides, PATIENT) for word in ("--set", override)]
     running = [
-        subprocess.Popen([link.program(name), *common, *more], stdout=subprocess.PIPE, text=True)
-        for name, more in (("axis_node", ["--can", "vcan0"]), ("plant_node", []))
+        subprocess.Popen([link.program(node), *common, *more], stdout=subprocess.PIPE, text=True)
+        for node, more in (("axis_node", ["--can", "vcan0"]), ("plant_node", []))
     ]
     try:
         for process in running:
@@ -131,7 +135,7 @@ def parts(folder):
     found = {}
     for key, (name, overrides) in zip(IDS, PARTS, strict=True):
         (folder / key).mkdir()
-        with nodes(folder / key, [name], overrides):
+        with nodes(folder / key, name, overrides):
             found[key] = pressed(name)
     return found
 
@@ -142,27 +146,31 @@ def cycle(*words):
     return said | {"result": json.loads(done.stdout) if done.stdout else None}
 
 
-def by(curve, *way):
-    """What the commands say of an axis that has no program yet; the curve of its part is a file."""
-    early = cycle("start", EXPERIMENT, *way)
-    loaded = cycle("load", EXPERIMENT, *way)
-    part = cycle("start", EXPERIMENT, *way, "--curve", curve)
-    return {"early": early, "loaded": loaded, "part": part}
+def by(folder, *way):
+    """What the commands say of a press of its own, which has no program yet."""
+    folder.mkdir()
+    with nodes(folder, "press_fit"), contextlib.ExitStack() as stack:
+        if "--can" not in way:
+            supervisor = gateway("--axes", "1", "--watch-ms", "5000", heartbeat_ms=2000)
+            stack.callback(supervisor.wait)
+            stack.callback(supervisor.kill)
+            with GatewayLink(1).client as client:
+                until(lambda: operational(client), 20)
+        early = cycle("start", EXPERIMENT, *way)
+        loaded = cycle("load", EXPERIMENT, *way)
+        part = cycle("start", EXPERIMENT, *way, "--curve", folder / "curve.csv")
+        return {"early": early, "loaded": loaded, "part": part}
 
 
 def ways(folder):
-    with nodes(folder, ["press_fit"] * 3), contextlib.ExitStack() as stack:
-        found = {"can": by(folder / "can.csv", "--can", "vcan0", "--node", "1")}
-        supervisor = gateway("--axes", "2,3", "--watch-ms", "3000", heartbeat_ms=2000)
-        stack.callback(supervisor.kill)
-        for axis in (2, 3):
-            with GatewayLink(axis).client as client:
-                until(lambda client=client: operational(client), 10)
-        found["gateway"] = by(folder / "gateway.csv", "--axis", "2")
-        found["modbus"] = by(
-            folder / "modbus.csv", "--modbus", f"tcp://127.0.0.1:{PORT}", "--node", "3"
-        )
-    return found
+    # A busy machine lets an answer wait for longer than the commands do.
+    for module, name in ((lcm_way, "GatewayLink"), (modbus_way, "ModbusLink")):
+        setattr(module, name, functools.partial(getattr(module, name), timeout_s=PATIENT_S))
+    return {
+        "can": by(folder / "can", "--can", "vcan0"),
+        "gateway": by(folder / "gateway", "--axis", "1"),
+        "modbus": by(folder / "modbus", "--modbus", f"tcp://127.0.0.1:{PORT}"),
+    }
 
 
 def links(_folder):

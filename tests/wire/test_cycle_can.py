@@ -125,7 +125,7 @@ def test_the_commands_press_a_part_by_each_way(ways, way):
 @pytest.mark.parametrize("way", WAYS)
 def test_each_way_reads_the_curve_of_its_part(ways, way):
     """By blocks over CAN, five points at a time over the others; all of them see the same press."""
-    with (ways["folder"] / f"{way}.csv").open(newline="") as stream:
+    with (ways["folder"] / way / "curve.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     curve = part.run(EXPERIMENT).curve
     assert 300 < len(rows) <= 1000
