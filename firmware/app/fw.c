@@ -448,6 +448,8 @@ static void serve_cycle(fw_t *fw) {
     curves_between(fw);
     cycle_mode_between(&fw->drive);
     ended = !cycle_mode_is_busy(&fw->drive);
+  } else {
+    cycle_mode_start_late(&fw->drive, &fw->axis);
   }
   if (fw->drive.program != NULL || fw->library.count != 0) {
     results_serve(fw, ended);

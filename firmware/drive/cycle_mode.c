@@ -167,7 +167,7 @@ void cycle_mode_moved(cia402_t *drive, const cycle_header_t *program) {
 void cycle_mode_start(cia402_t *drive, const axis_t *axis) {
   drive->cycle_asked = cycle_mode_is_busy(drive) ? 1 : 0;
   if (drive->cycle_asked != 0) {
-    return; /* cycle_mode_after() starts the cycle when the last one is evaluated. */
+    return; /* cycle_mode_start_late() starts the cycle. */
   }
   drive->cycle_refusal = refusal_of(drive);
   if (drive->cycle_refusal == AXIS_CYCLE_STATE_IDLE) {

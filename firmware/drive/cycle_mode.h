@@ -44,12 +44,16 @@ void cycle_mode_step(cia402_t *drive, const axis_t *axis);
 static inline void cycle_mode_after(cia402_t *drive, const axis_t *axis) {
   if (cycle_is_running(&drive->cycle)) {
     cycle_mode_step(drive, axis);
-  } else if (drive->cycle_asked != 0) {
-    cycle_mode_start(drive, axis);
   }
 }
 
-/* Evaluates the samples of the cycle, between ticks. */
+/* Between ticks: evaluates the samples of the cycle, or starts the cycle that had to wait for the
+ * evaluation of the last one. */
 void cycle_mode_between(cia402_t *drive);
+static inline void cycle_mode_start_late(cia402_t *drive, const axis_t *axis) {
+  if (drive->cycle_asked != 0) {
+    cycle_mode_start(drive, axis);
+  }
+}
 
 #endif

@@ -7,7 +7,7 @@ MAGIC, VERSION, END = 0x59435846, 2, 255
 HEADER, PHASE, CONDITION = "<IHHBBHII12siBBBB", "<BBhIiIIIIHHBBBB", "<BBHi"
 ELEMENT, POINT = "<BBHBBBBBBBBHHiiiiii", "<ii"
 MOVE, MOVE_BY, MOVE_TO_DEPTH, APPROACH, PRESS, WAIT, FOLLOW, TARE, OUTPUT = range(9)
-TIME, FORCE_ABOVE, FORCE_BELOW, TRAVEL_ABOVE, DEPTH_ABOVE, DEPTH_BELOW = range(2, 8)
+REACHED, TIME, FORCE_ABOVE, FORCE_BELOW, TRAVEL_ABOVE, DEPTH_ABOVE, DEPTH_BELOW = range(1, 8)
 INPUT_ON, INPUT_OFF, STIFFNESS_ABOVE, STIFFNESS_BELOW, CONDITION_KINDS = range(10, 15)
 ZERO_TOUCH, ZERO_FORCE, ZERO_POSITION = range(3)
 PEAK, VALLEY, AT, DIFFERENCE, WORK, LAST, WINDOW, ENVELOPE = range(8)
@@ -71,7 +71,7 @@ def phase(rng, phases, position, points):
     elif action == FOLLOW:
         (first, count), over_travel = table(rng, points), rng.randint(0, 1)
     elif action == TARE:
-        target = rng.choice([1, 20, 15_000])
+        target = rng.choice([1, 1, 20, 15_000])
     elif action not in (WAIT, OUTPUT):
         near = rng.choice([3, 300, 3000])
         target = rng.randint(-near, near) + (position if action in (MOVE, APPROACH) else 0)
@@ -83,6 +83,8 @@ def phase(rng, phases, position, points):
     )
     reaction = rng.choice([*range(phases), END])
     conditions = [condition(rng, phases) for _ in range(4)]
+    if action == TARE:
+        conditions[0] = REACHED, struct.pack(CONDITION, REACHED, rng.randrange(phases), 0, 0)
     measures = any(when in (STIFFNESS_ABOVE, STIFFNESS_BELOW) for when, _ in conditions)
     stiffness_travel = rng.choice([1, 8]) if measures else 0
     if action == OUTPUT or rng.random() < 0.2:

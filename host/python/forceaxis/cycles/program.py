@@ -6,7 +6,7 @@ what a result shows.
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +91,8 @@ class Program:
     zero_at: float | None  # the force in N, or the position in m
     phases: list[Phase]
     elements: list[Element]
-    compliance: list[tuple[float, float]]  # points (N, m): deflection of the press over the force
+    # points (N, m): deflection of the press over the force
+    compliance: list[tuple[float, float]] = field(default_factory=list)
 
 
 def program_file(experiment: Path, overrides: Sequence[str] = ()) -> Path:
