@@ -144,13 +144,13 @@ void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inpu
   cycle->outputs = kept;
   cycle->last_tick = now->tick;
   cycle->begin_tick = now->tick;
-  cycle->begin_cnt = now->position;
   cycle->zeroed = (program->zero == CYCLE_ZERO_POSITION) ? 1 : 0;
   cycle->zero_cnt = reference_cnt;
   cycle->force_q8 = now->force_q8;
   if (cycle->zeroed == 0) {
     set_zero(cycle, now);
   }
+  cycle->begin_cnt = cycle->zero_cnt;
   begin_phase(cycle, 0, now);
 }
 
