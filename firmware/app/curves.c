@@ -31,17 +31,17 @@ static void begin(fw_t *fw) {
   canopen_domain_replaced(&fw->canopen, DICTIONARY_CURVE);
 }
 
-void curves_between(fw_t *fw) {
+void curves_between(fw_t *fw, uint8_t first) {
   const cycle_t *cycle = &fw->drive.cycle;
   cycle_correct(&fw->drive.cycle);
   if (fw->curve_cycle != fw->drive.signals.cycle_count) {
     begin(fw);
   }
   const int32_t zero_travel = fx_diff_wrap(cycle->zero_cnt, cycle->begin_cnt);
-  for (uint8_t i = cycle->evaluated; i != cycle->written; i++) {
+  for (uint8_t i = first; i != cycle->evaluated; i++) {
     cycle_curve_take(&fw->curve, &cycle->samples[i & (CYCLE_SAMPLES - 1)], zero_travel);
   }
-  if (cycle->state == CYCLE_ENDED) {
+  if (cycle->state == CYCLE_DONE) {
     cycle_curve_end(&fw->curve);
   }
   show_size(fw);

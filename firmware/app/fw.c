@@ -445,8 +445,9 @@ static void serve_store(fw_t *fw) {
 static void serve_cycle(fw_t *fw) {
   bool ended = false;
   if (cycle_mode_is_busy(&fw->drive)) {
-    curves_between(fw);
+    const uint8_t first = fw->drive.cycle.evaluated;
     cycle_mode_between(&fw->drive);
+    curves_between(fw, first);
     ended = !cycle_mode_is_busy(&fw->drive);
   } else {
     cycle_mode_start_late(&fw->drive, &fw->axis);

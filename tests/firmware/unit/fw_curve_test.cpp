@@ -47,7 +47,9 @@ class CurveOfACycle : public Fw {
   }
 
   // Two phases that wait: the first one for 40 ticks, both at most until the home switch.
-  void SelectPhases() {
+  void SelectPhases(const std::vector<cycle_point_t> &compliance = {}) {
+    cycle_header_t header{};
+    header.compliance = static_cast<uint8_t>(compliance.size());
     cycle_phase_t phase = wait_phase(1);
     phase.force_max_q8 = CYCLE_FORCE_MAX_Q8;
     phase.travel_max = CYCLE_TRAVEL_MAX;
@@ -56,7 +58,8 @@ class CurveOfACycle : public Fw {
     phase.conditions[1] = {CYCLE_INPUT_ON, CYCLE_END, 0, AXIS_DIN_HOME};
     cycle_phase_t last = phase;
     last.conditions[0] = last.conditions[1];
-    record_ = completed({}, {phase, last}, [](cycle_element_t &peak) { peak.y_most = INT32_MAX; });
+    record_ = completed(
+        header, {phase, last}, [](cycle_element_t &peak) { peak.y_most = INT32_MAX; }, compliance);
     ASSERT_EQ(
         fw_select_program(&fw_, record_.data(), static_cast<uint32_t>(4 * record_.size())).reason,
         CYCLE_ACCEPTED);
@@ -72,11 +75,13 @@ class CurveOfACycle : public Fw {
     ASSERT_EQ(Inner(AXIS_OBJ_DRIVE_STATE), AXIS_DRIVE_STATE_OPERATION_ENABLED);
     Set(AXIS_OBJ_CONTROLWORD, 0x1F);
     begin_ = static_cast<uint32_t>(Inner(AXIS_OBJ_TICK_COUNT));
-    begin_position_ = Inner(AXIS_OBJ_POSITION);
-    zero_ = begin_position_;
+    zero_ = Place();
     zeroed_ = false;
     samples_.clear();
   }
+
+  // The position less the deflection of the press.
+  int32_t Place() const { return Inner(AXIS_OBJ_POSITION) - deflection_(Inner(AXIS_OBJ_FORCE)); }
 
   // One tick of the cycle with a motion and a force, noted as a sample if the cycle runs.
   void Step(int counts, int code) {
@@ -89,10 +94,10 @@ class CurveOfACycle : public Fw {
     if (!runs || stopped) return;
     if (!zeroed_ && Inner(AXIS_OBJ_CONTACT) != 0) {
       zeroed_ = true;
-      zero_ = Inner(AXIS_OBJ_POSITION);
+      zero_ = Place();
     }
-    samples_.push_back({static_cast<uint32_t>(Inner(AXIS_OBJ_TICK_COUNT)) - begin_,
-                        Inner(AXIS_OBJ_POSITION), Inner(AXIS_OBJ_FORCE), phase});
+    samples_.push_back({static_cast<uint32_t>(Inner(AXIS_OBJ_TICK_COUNT)) - begin_, Place(),
+                        Inner(AXIS_OBJ_FORCE), phase});
   }
 
   // A slow approach, and from the contact on a force that rises with the travel.
@@ -220,9 +225,10 @@ class CurveOfACycle : public Fw {
 
   std::vector<uint32_t> memory_ = std::vector<uint32_t>(3000);
   std::vector<uint32_t> record_;
-  Points samples_;  // travel: the position
+  Points samples_;  // travel: the place
+  std::function<int32_t(int32_t)> deflection_ = [](int32_t) { return 0; };
   uint32_t begin_ = 0;
-  int32_t begin_position_ = 0, zero_ = 0;
+  int32_t zero_ = 0;
   bool zeroed_ = false;
   int pressed_ = 0;
 };
@@ -256,6 +262,20 @@ TEST_F(CurveOfACycle, HasTheSamplesOfTheTicksByEveryWay) {
                                                 answer[at + 2] << 8 | answer[at + 3]);
     ASSERT_EQ(word, memory_[12 + static_cast<size_t>(i)]);
   }
+}
+
+// The press deflects by half a count for a count of force, which it has before the cycle too.
+TEST_F(CurveOfACycle, TheTravelIsLessTheDeflectionOfThePress) {
+  deflection_ = [](int32_t force_q8) { return (force_q8 + 256) / 512; };
+  SelectPhases({{0, 0}, {400 * 256, 200}});
+  inputs_.adc_code[0] = 4;
+  Tick();
+  RunCycle(300);
+  ASSERT_TRUE(zeroed_);
+  ASSERT_EQ(deflection_(samples_[200].force_q8), 88);
+  const Points points = Decoded(InSegments(kCanopen));
+  EXPECT_EQ(points, ExpectedByDefault());
+  EXPECT_GT(points.size(), 100u);
 }
 
 TEST_F(CurveOfACycle, TheStepsAreThoseAtTheStart) {

@@ -35,7 +35,8 @@ COLUMNS = ("time_s", "travel_m", "force_N", "phase")
 @dataclass(frozen=True)
 class CurvePoints(Curve):
     """The curve of a cycle, with one value for each of its n points: time in s since the start of
-    the cycle, travel in m from travel 0 of the program, force in N, number of the phase."""
+    the cycle, travel in m from travel 0 of the program less the deflection of the press, force in N
+    less the offset of a tare, number of the phase."""
 
     thinned: int  # how often the axis dropped one of two points, because its memory was full
 

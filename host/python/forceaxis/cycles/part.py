@@ -69,17 +69,17 @@ class PartResult:
 
 @dataclass(frozen=True)
 class Curve:
-    """The curve of the last cycle as its elements see it, with one value for each of its ticks."""
+    """The curve of a cycle as its elements see it, with one value for each of its n samples."""
 
-    time_s: Array  # since the start of the run
+    time_s: Array  # since the start of the run, or of the cycle of a live axis
     travel_m: Array  # from travel 0 of the program, less the deflection of the press
     force_N: Array  # measured force less the offset of a tare
     phase: NDArray[np.int64]  # number of the phase to which the sample belongs
 
 
 @dataclass(frozen=True)
-class TracedCurve(Curve):
-    """The curve of a simulated part."""
+class TickCurve(Curve):
+    """The curve of the last cycle of a run, with the sample of every tick."""
 
     # number, from 1, of the condition that ended a phase in this tick; 0: a limit or a stop
     ended_by: NDArray[np.int64]
@@ -104,7 +104,7 @@ class PartRun:
     result: PartResult
     report: CycleReport
     program: Program
-    curve: Curve | None
+    curve: TickCurve | None
 
 
 def run(experiment: Path, overrides: Sequence[str] = (), program: Path | None = None) -> PartRun:
@@ -180,7 +180,7 @@ def _last_cycle(done: runs.Run) -> tuple[int, int] | None:
     return begin, min(int(running[-1]) + 1, len(done.columns["cycle_state"]) - 1)
 
 
-def _curve(done: runs.Run, program: Program) -> TracedCurve | None:
+def _curve(done: runs.Run, program: Program) -> TickCurve | None:
     """Returns the curve of the last cycle of a program."""
     begin, end = _last_cycle(done) or (0, 0)
     if begin == end:
@@ -202,7 +202,7 @@ def _curve(done: runs.Run, program: Program) -> TracedCurve | None:
         at_zero = np.flatnonzero(_is_at_zero(program, force, done.columns["contact"][inside]))
         start = position[begin] - _deflection(program, measured[begin : begin + 1])[0]
         zero = place[at_zero[0]] if at_zero.size else start
-    return TracedCurve(done.time_s[inside], place - zero, force, phase, ended_by)
+    return TickCurve(done.time_s[inside], place - zero, force, phase, ended_by)
 
 
 def _without_offset(
@@ -247,7 +247,7 @@ def _physical(done: runs.Run, column: str) -> Array:
     return np.asarray((done.columns[column].astype(float) - converter.zero) * converter.per_code)
 
 
-def timeline(curve: TracedCurve, program: Program, report: CycleReport) -> list[PhaseSpan]:
+def timeline(curve: TickCurve, program: Program, report: CycleReport) -> list[PhaseSpan]:
     """Returns the phases of a cycle in the order in which they ran."""
     pieces = _pieces(curve.phase)
     step = 1 / _core.TICKS_PER_SECOND
