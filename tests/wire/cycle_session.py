@@ -27,7 +27,7 @@ from forceaxis.axis.can import CanLink
 from forceaxis.axis.drive import NEW_SETPOINT
 from forceaxis.axis.gateway import GatewayLink
 from forceaxis.axis.link import Refused
-from forceaxis.cycles import live
+from forceaxis.cycles import live, results
 from forceaxis.experiments import link
 from forceaxis.results import to_json
 from gateway_clients import PORT, gateway, operational, until
@@ -120,11 +120,11 @@ def pressed(name):
     try:
         with Axis(NotingLink("vcan0")) as axis:
             try:
-                early = to_json(live.start(axis, wanted))
+                early = to_json(results.press(axis, wanted))
             except Refused as refused:
                 early = str(refused)
             loaded = to_json(live.load(axis, wanted))
-            part = to_json(live.start(axis, wanted))
+            part = to_json(results.press(axis, wanted))
             return {"early": early, "loaded": loaded, "part": part, "ticks": axis.link.started}
     except Exception:
         return {"failed": traceback.format_exc()}

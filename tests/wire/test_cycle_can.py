@@ -79,7 +79,7 @@ def test_parts_have_the_verdicts_and_the_values_of_the_simulation(parts, tmp_pat
     (name, overrides), found = part, parts[kind]
     pressed = found["part"]
     figures = [(e["name"], e["verdict"], e["value"]) for e in pressed["elements"]]
-    assert (pressed["state"], pressed["cycles"]) == (kind.split("-")[1], 1)
+    assert (pressed["state"], pressed["number"]) == (kind.split("-")[1], 1)
     file, (before, after) = experiment(tmp_path, name), found["ticks"]
     ticks = sorted({round(tick) for tick in np.linspace(before - 1, after + 1, 6)})
     others = [simulated(file, overrides, tick) for tick in (ticks if name in MOVED else ticks[:1])]
@@ -118,7 +118,7 @@ def test_the_commands_press_a_part_by_each_way(ways, way):
     assert loaded["status"] == 0, loaded["said"]
     assert int(loaded["result"]["crc"], 16) == live.live_program(EXPERIMENT).crc
     assert pressed["status"] == 0, pressed["said"]
-    assert (pressed["result"]["state"], pressed["result"]["cycles"]) == ("good", 1)
+    assert (pressed["result"]["state"], pressed["result"]["number"]) == ("good", 1)
     assert pressed["result"]["elements"] == ways["can"]["part"]["result"]["elements"]
 
 

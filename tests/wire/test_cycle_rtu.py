@@ -54,6 +54,6 @@ def test_a_program_is_loaded_in_parts_and_a_part_is_pressed(way, monkeypatch):
     done = verbs.forceaxis("cycle", "start", EXPERIMENT, *way, "--json")
     assert done.returncode == 0, done.stderr
     pressed, simulated = json.loads(done.stdout), part.run(EXPERIMENT).result
-    assert (pressed["state"], pressed["cycles"]) == ("good", 1)
+    assert (pressed["state"], pressed["number"]) == ("good", 1)
     for own, other in zip(pressed["elements"], simulated.elements, strict=True):
         assert (own["name"], own["verdict"]) == (other.name, other.verdict)

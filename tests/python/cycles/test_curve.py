@@ -10,7 +10,7 @@ from forceaxis.axis.axis import Axis
 from forceaxis.axis.drive import ENABLE, NEW_SETPOINT
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.cycles import curve as curves
-from forceaxis.cycles import live, plots
+from forceaxis.cycles import live, plots, results
 from forceaxis.objects import BY_NAME
 
 PRESS_FIT = Path(__file__).resolve().parents[3] / "sim/experiments/press_fit.toml"
@@ -38,7 +38,7 @@ def pressed(wanted):
         axis.link.arm(RECORDED, {
             "trigger_source": state.index << 8 | state.sub, "trigger_edge": 1, "trigger_level": 1,
         })  # fmt: skip
-        part = live.start(axis, wanted)
+        part = results.press(axis, wanted)
         recording = axis.link.recording(5.0)
         return part, curves.read(axis, wanted), recording
 
@@ -126,7 +126,7 @@ def test_a_stopped_part_has_its_curve(axis, wanted):
     live.load(axis, wanted)
     with pytest.raises(NoAnswer):
         live.start(axis, wanted, timeout_s=0.6)
-    assert live.result(axis, wanted).state == "aborted"
+    assert axis.text("cycle_state") == "aborted"
     curve = curves.read(axis, wanted)
     assert curve.time_s[-1] == pytest.approx(0.6, abs=0.05)
 
@@ -151,7 +151,7 @@ def test_before_the_first_cycle_and_while_one_runs_there_is_none(axis, wanted):
 def test_a_curve_that_is_replaced_while_it_is_read_is_refused(axis, wanted, monkeypatch):
     live.load(axis, wanted)
     live.start(axis, wanted)
-    monkeypatch.setattr(axis.link, "cycle_curve", lambda: live.start(axis, wanted) and b"")
+    monkeypatch.setattr(axis.link, "cycle_curve", lambda: live.start(axis, wanted) or b"")
     with pytest.raises(Refused, match="another cycle has started and replaced the curve"):
         curves.read(axis, wanted)
 

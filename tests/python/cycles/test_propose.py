@@ -96,7 +96,7 @@ def element(name, kind="peak", least=0.0, most=1.0, unit="N"):
 
 
 def program(*elements):
-    return Program(Path("cycle.toml"), "A program", "touch", None, [], list(elements))
+    return Program(Path("cycle.toml"), "A program", "touch", None, [], list(elements), [])
 
 
 def outcomes(values, verdicts=None, how="by_program"):

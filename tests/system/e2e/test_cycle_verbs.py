@@ -1,12 +1,20 @@
 """`forceaxis cycle` as a user calls it: tables, JSON, pictures, journals, and new programs."""
 
+import csv
 import json
+import signal
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
 import dask_cluster
+import numpy as np
+import part_records
 import pytest
 import verbs
+from forceaxis.cycles import live, rates
+from forceaxis.cycles.records import RecordFolder
 
 ROOT = Path(__file__).resolve().parents[3]
 PARTS = ["--good", "sim/parts/press_fit_good.toml", "--bad", "sim/parts/press_fit_bad.toml"]
@@ -103,6 +111,112 @@ def test_start_writes_the_curve_of_the_part(tmp_path):
     assert json.loads(cycle(*to, "--json", "--curve", table).stdout)["state"] == "good"
     assert table.read_text().splitlines() == rows
     assert "curve" not in cycle(*to).stdout
+
+
+def test_statistics_of_simulated_parts(tmp_path):
+    """The figures are those of NumPy over the table."""
+    cycle("rates", "press_fit", *FEW, "--parts", "40", "--out", tmp_path)
+    plot, page = tmp_path / "new/statistics.png", tmp_path / "new/statistics.html"
+    done = cycle("statistics", tmp_path, "--plot", plot, "--page", page)
+    assert "parts        40: 40 good, 0 bad, 0 aborted\n" in done.stdout
+    assert "left out     18 simulated bad parts\n" in done.stdout
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    html = page.read_text()
+    assert html.count("data:image/svg+xml") == 4 and "<b>40</b> parts" in html
+    with (tmp_path / "parts.csv").open(newline="") as stream:
+        rows = [row for row in csv.DictReader(stream) if row["group"] == "good parts"]
+    values = np.array([float(row["shoulder"]) for row in rows])
+    table = json.loads(cycle("statistics", tmp_path, "--json").stdout)
+    one = next(e for e in table["elements"] if e["name"] == "shoulder")
+    assert (one["n"], one["least"], one["most"], one["unit"]) == (40, 0.0038, 0.0043, "m")
+    assert one["mean"] == pytest.approx(values.mean()) and one["values"] == values.tolist()
+    s = values.std(ddof=1)
+    nearest = min(0.0043 - values.mean(), values.mean() - 0.0038)
+    assert one["cpk"]["value"] == pytest.approx(nearest / (3 * s))
+    line = next(line for line in done.stdout.splitlines() if line.strip().startswith("shoulder"))
+    assert line.split()[1:4] == ["40", f"{1e3 * values.mean():.6g}", f"{1e3 * s:.3g}"]
+    last = json.loads(cycle("statistics", tmp_path / "parts.csv", "--last", "10", "--json").stdout)
+    assert last["elements"][1]["values"] == values.tolist()[-10:]
+    assert last["elements"][1]["without"] == "fewer than 30 values"
+
+
+def axis_of(folder):
+    """The options of a simulated axis that keeps its store in a folder. Each command is a power-up
+    of it."""
+    return ["--sim", "press_fit", "--store", folder / "axis.store"]
+
+
+def test_parts_are_pressed_and_recorded(tmp_path):
+    axis, out = axis_of(tmp_path), tmp_path / "records"
+    loaded = cycle("load", "press_fit", *axis).stdout
+    assert "store        the axis has stored the program\n" in loaded
+    to = ["start", "press_fit", *axis, "--out", out]
+    done = cycle(*to, "--serial", "B-1", "--parquet")
+    lines = done.stdout.splitlines()
+    assert lines[0] == "cycle        Press-fit of a bearing: good"
+    assert lines[1] == "part         1 of power-up 2, serial number B-1"
+    assert (out / "parts.parquet").exists()
+    bad = json.loads(cycle(*to, "--set", "k_bore=80 kN/m", "--json").stdout)
+    assert (bad["number"], bad["power_up"], bad["state"]) == (1, 3, "bad")
+    assert len(bad["curve"]) > 100 and len(bad["curve"][0]) == 3
+    files = sorted((out / "parts").iterdir())
+    assert [file.name for file in files] == ["00002_0000000001.json", "00003_0000000001.json"]
+    assert json.loads(files[1].read_text()) == bad
+    with (out / "parts.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [(row["serial"], row["state"]) for row in rows] == [("B-1", "good"), ("", "bad")]
+    assert rows[0]["parameters_crc"] == bad["parameters_crc"]
+    # Both results are acknowledged; without --out a part is acknowledged when it is printed.
+    assert "curve" not in json.loads(cycle("start", "press_fit", *axis, "--json").stdout)
+    done = cycle("result", "press_fit", *axis, "--out", out)
+    assert "results      0 results\n" in done.stdout
+    picture = tmp_path / "statistics.png"
+    done = cycle("statistics", out, "--plot", picture, "--page", tmp_path / "page.html")
+    assert "parts        2: 1 good, 1 bad, 0 aborted\n" in done.stdout
+    assert "warning      the last 1 part not good\n" in done.stdout
+    assert "Force over travel of the last parts" in (tmp_path / "page.html").read_text()
+
+
+def test_a_part_that_a_plc_has_started_is_recorded_until_ctrl_c(tmp_path):
+    """The commands of the experiment are the PLC."""
+    words = [sys.executable, "-m", "forceaxis", "cycle", "watch", "press_fit", "--sim", "press_fit"]
+    words += ["--out", tmp_path / "records", "--master-every", "8", "--master-serial", "M1"]
+    watch = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    try:
+        assert watch.stdout.readline() == "part 1: good, master due; 1 of 1 good\n"
+    finally:
+        watch.send_signal(signal.SIGINT)
+        rest, _ = watch.communicate(timeout=60)
+    assert watch.returncode == 0 and rest.startswith("files ")
+    (file,) = (tmp_path / "records/parts").iterdir()
+    assert json.loads(file.read_text())["notes"] == ["master due"]
+
+
+def test_watch_ends_after_a_number_of_parts(tmp_path):
+    to = ["watch", "press_fit", "--sim", "press_fit", "--parts", "1", "--out", tmp_path]
+    done = cycle(*to, "--set", "k_bore=80 kN/m", "--calibration-due", "2020-01-01", "--json")
+    record = json.loads(done.stdout)
+    assert record["state"] == "bad" and record["notes"] == ["calibration due"]
+    assert not (tmp_path / "parts.parquet").exists()
+
+
+def test_bounds_are_taught_from_records(tmp_path):
+    request = rates.RatesRequest(
+        ROOT / "sim/experiments/press_fit.toml", ROOT / PARTS[1], parts=599, seed=1
+    )
+    wanted = live.live_program(request.experiment)
+    with RecordFolder(tmp_path / "records") as folder:
+        for record in part_records.recorded(rates.rates(request), wanted):
+            folder.add(record)
+    new = tmp_path / "new.toml"
+    done = cycle("teach", "press_fit", tmp_path / "records", "--propose", "1%", "-o", new)
+    assert done.stdout.startswith(f"proposal     {new}: 1 % of good parts refused")
+    assert "unchanged    joining_force (window)" in done.stdout
+    force = tomllib.loads(new.read_text())["element"][3]
+    assert float(force["least"].removesuffix(" N")) > 390
+    few = ["teach", "press_fit", tmp_path / "records", "--propose", "0.1%", "-o", tmp_path / "no"]
+    assert "--parts: expected at least 5999 good parts" in cycle(*few, status=2).stderr
+    assert not (tmp_path / "no").exists()
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -25,10 +24,6 @@ from forceaxis.cli.live_options import AxisConnection, live, owned
 from forceaxis.errors import ParameterError
 from forceaxis.results import to_json
 
-if TYPE_CHECKING:
-    from forceaxis.cycles.curve import CurvePoints
-    from forceaxis.cycles.live import LivePart, LiveProgram
-
 EXPERIMENT = click.argument("experiment", type=Subject(paths.EXPERIMENTS, as_path=True))
 program_option = click.option(
     "--program",
@@ -44,14 +39,17 @@ PARTS_FILE = click.Path(dir_okay=False, path_type=Path)
     forceaxis cycle rates press_fit --good sim/parts/press_fit_good.toml \\
     --bad sim/parts/press_fit_bad.toml --parts 1000
     forceaxis cycle load press_fit --can can0
-    forceaxis cycle start press_fit --can can0""",
+    forceaxis cycle start press_fit --can can0 --out records
+    forceaxis cycle statistics records""",
 )
 def cycle() -> None:
     """Try the program of a cycle before a press exists: with one simulated part, or with thousands
-    of good and bad ones. Then load the program into an axis and press a part.
+    of good and bad ones. Then load the program into an axis, press parts, record their results,
+    and see how good the process is.
 
-    Every command takes an experiment, because a program alone cannot run: the experiment names the
-    model of press and part, the program, the parameters of the axis, and when the cycle starts.
+    All commands but `statistics` take an experiment, because a program alone cannot run: the
+    experiment names the model of press and part, the program, the parameters of the axis, and when
+    the cycle starts.
     `--program` tries another program with the same press.
     """
 
@@ -242,8 +240,10 @@ def load(connection: AxisConnection, experiment: Path, program: Path | None, as_
     The axis has to be disabled, and it has to have the scales of the experiment: adc_bits,
     force_sign, rated_force, and force_scale within 1 %. The axis checks the whole program before it
     takes it; a program that it refuses changes nothing. A program with the same number is replaced.
-    The axis stores the program while it is disabled.
+    The axis stores its programs, so they survive a power cut; a board without memory for them keeps
+    them until its next power-up.
     """
+    from forceaxis.cli import cycle_text
     from forceaxis.cycles import live as cycles
 
     wanted = cycles.live_program(experiment, (), program)
@@ -257,85 +257,9 @@ def load(connection: AxisConnection, experiment: Path, program: Path | None, as_
             ("program", f"{loaded.program}: {loaded.title}"),
             ("number", f"{loaded.number}, one of {loaded.programs} programs of the axis"),
             ("crc", f"{loaded.crc}, {loaded.size_bytes} bytes"),
+            ("store", cycle_text.STORE_STATES.get(loaded.store, loaded.store)),
         ]
     )
-
-
-@cycle.command(
-    epilog="""forceaxis cycle start press_fit --can can0 --node 3
-    forceaxis cycle start press_fit --axis 1 --json
-    forceaxis cycle start press_fit --can can0 --curve part.csv --plot part.png""",
-)
-@EXPERIMENT
-@program_option
-@click.option(
-    "--curve",
-    type=File(),
-    help="Table of the curve that the axis has recorded: FILE.csv.",
-)
-@click.option(
-    "--plot",
-    type=File(),
-    help="Plot of this curve with windows, envelopes and bounds: FILE.png, .svg or .pdf.",
-)
-@live
-@as_json
-def start(
-    connection: AxisConnection,
-    experiment: Path,
-    program: Path | None,
-    curve: Path | None,
-    plot: Path | None,
-    as_json: bool,
-) -> None:
-    """Press one part: start a cycle with the program that `cycle load` has loaded, wait for its
-    end, and print the verdict of the part. The axis moves.
-
-    All bounds of the axis hold: position limits, velocity_max, force_limit, the contact guard. The
-    command owns the axis while the cycle runs and disables it at the end. Ctrl-C, a stop from any
-    bus, a fault and a killed command end the cycle, and the part is aborted, never good. The exit
-    status is 0 for every verdict.
-
-    The axis records a curve of at most 1000 points, which stays until its next cycle starts.
-    """
-    from forceaxis.cli import cycle_text
-    from forceaxis.cycles import curve as curves
-    from forceaxis.cycles import live as cycles
-
-    expect_picture(plot)
-    if curve is not None and curve.suffix != ".csv":
-        raise ParameterError("curve", f"{curve}: expected a file ending in .csv")
-    wanted = cycles.live_program(experiment, (), program)
-    points = None
-    with owned(connection) as axis:
-        part = cycles.start(axis, wanted)
-        if curve is not None or plot is not None:
-            points = curves.read(axis, wanted)
-    if points is not None:
-        write_curve(points, part, wanted, curve, plot)
-    if as_json:
-        print_json(part)
-        return
-    files = [file for file in (curve, plot) if file is not None]
-    show([*cycle_text.live_rows(part), *cycle_text.curve_rows(points, files)])
-
-
-def write_curve(
-    points: CurvePoints, part: LivePart, wanted: LiveProgram, table: Path | None, plot: Path | None
-) -> None:
-    """Write the files of a curve, each whole or not at all."""
-    from forceaxis import drawing
-    from forceaxis.cycles import curve as curves
-
-    if table is not None:
-        with paths.replacing(table.parent, table.name) as (file,):
-            curves.write_table(points, wanted, file)
-    if plot is not None:
-        from forceaxis.cycles import plots
-
-        with paths.replacing(plot.parent, plot.name) as (file,):
-            drawn = plots.draw(curves.picture(points, part, wanted))
-            drawing.save(drawn, file, plot.suffix[1:])
 
 
 VERBS = (cycle,)

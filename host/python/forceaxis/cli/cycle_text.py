@@ -6,15 +6,24 @@ from pathlib import Path
 
 from forceaxis import paths
 from forceaxis.cli.common import aligned
+from forceaxis.cycles.capability import ElementStatistics, Interval, PartStatistics
 from forceaxis.cycles.curve import CurvePoints
-from forceaxis.cycles.live import LivePart
+from forceaxis.cycles.outcome import BY_PROGRAM, GOOD
 from forceaxis.cycles.part import ElementFigure, PartResult
 from forceaxis.cycles.propose import MovedBounds, Proposal
 from forceaxis.cycles.rates import PartCounts, RatesResult
+from forceaxis.cycles.record import LOST, PartRecord
 from forceaxis.cycles.statistics import Share
 from forceaxis.experiments import summary
+from forceaxis.words import counted
 
 Rows = list[summary.Row]
+# Texts for values of cycle_store_state.
+STORE_STATES = {
+    "stored": "the axis has stored the program",
+    "no_memory": "the axis has no parameter store: a power cut loses the program",
+    "failed": "the axis could not store the program: a power cut loses it; see 2438h in the guide",
+}
 
 
 def number(value: float | None, unit: str) -> str:
@@ -55,17 +64,46 @@ def part_rows(result: PartResult) -> Rows:
     return rows
 
 
-def live_rows(part: LivePart) -> Rows:
-    """Return the rows (key, text) about the last part of an axis."""
-    state = summary.CYCLE_STATES.get(part.state, part.state)
-    if part.outcome != "by_program":
-        state += f": {summary.CYCLE_OUTCOMES[part.outcome]}, last phase {part.phase}"
-    rows = [
-        ("cycle", f"{part.title}: {state}"),
-        ("program", f"{part.program}, CRC {part.program_crc}"),
-    ]
+def record_rows(record: PartRecord) -> Rows:
+    """Return the rows (key, text) about a recorded part."""
+    rows = [("cycle", f"{record.title or 'unknown program'}: {state_text(record)}")]
+    serial = f", serial number {record.serial}" if record.serial else ""
+    rows.append(("part", f"{record.number} of power-up {record.power_up}{serial}"))
+    rows.append(("program", f"{record.program or 'unknown'}, CRC {record.program_crc}"))
+    law = f"bank, CRC {record.law_crc}" if record.law_crc else record.law
+    rows.append(("law", f"{law}; parameters, CRC {record.parameters_crc}"))
+    rows += [("note", note) for note in record.notes]
+    if not record.elements:
+        return rows
     head = ["element", "verdict", "value", "least", "most", "unit"]
-    return rows + table("", [head, *map(element_cells, part.elements)], (0, 1, 5))
+    return rows + table("", [head, *map(element_cells, record.elements)], (0, 1, 5))
+
+
+def state_text(record: PartRecord) -> str:
+    """Return the verdict on a recorded part as text, with the reason if its cycle ended otherwise
+    than its program intends."""
+    if record.outcome in ("", BY_PROGRAM):
+        return record.state
+    why = summary.CYCLE_OUTCOMES.get(record.outcome, record.outcome)
+    return f"{record.state}: {why}, last phase {record.phase}"
+
+
+def record_line(record: PartRecord) -> str:
+    """Return a recorded part as one line: number, verdict, elements that are not good, notes."""
+    if record.state == LOST:
+        return f"part {record.number}: the axis has lost its result in a power cut"
+    serial = f" {record.serial}" if record.serial else ""
+    wrong = [f"{e.name} {e.verdict}" for e in record.elements if e.verdict != GOOD]
+    return f"part {record.number}{serial}: {', '.join([state_text(record), *wrong, *record.notes])}"
+
+
+def running_text(found: PartStatistics) -> str:
+    """Return the statistics up to now as a short text: good parts, and the smallest Cpk."""
+    text = f"{found.good} of {found.good_share.of} good"
+    smallest = min(
+        ((e.cpk.value, e.name) for e in found.elements if e.cpk is not None), default=None
+    )
+    return text if smallest is None else f"{text}, Cpk {smallest[0]:.3g} of {smallest[1]}"
 
 
 def curve_rows(curve: CurvePoints | None, files: Sequence[Path]) -> Rows:
@@ -164,3 +202,84 @@ def bound_cells(bounds: MovedBounds) -> list[str]:
         for pair in ((bounds.least, bounds.most), (bounds.least_before, bounds.most_before))
     )
     return [bounds.name, *new, shown_unit(bounds.unit), f"{old[0]} to {old[1]}"]
+
+
+# Heights of the columns of a run chart as text, and the most columns of one.
+HEIGHTS = "▁▂▃▄▅▆▇█"
+COLUMNS_MOST = 60
+
+
+def run_chart(values: Sequence[float | None]) -> str:
+    """Return the values in the order of the parts as a line of columns, from the smallest to the
+    largest value. With many values, a column is the mean of parts that follow each other. A point
+    stands for parts without a value."""
+    groups = -(-len(values) // COLUMNS_MOST)
+    columns = []
+    for i in range(0, len(values), groups or 1):
+        there = [value for value in values[i : i + groups] if value is not None]
+        columns.append(sum(there) / len(there) if there else None)
+    known = [value for value in columns if value is not None]
+    if not known:
+        return ""
+    low, span = min(known), max(known) - min(known)
+
+    def height(value: float) -> int:
+        return round((value - low) / span * (len(HEIGHTS) - 1)) if span else len(HEIGHTS) // 2
+
+    return "".join("·" if value is None else HEIGHTS[height(value)] for value in columns)
+
+
+def interval_cells(interval: Interval | None, without: str) -> list[str]:
+    """Return a figure and its interval as cells, or why there is none."""
+    if interval is None:
+        return ["-", without]
+    return [f"{interval.value:.3g}", f"{interval.low:.3g} to {interval.high:.3g}"]
+
+
+def bounds_text(one: ElementStatistics) -> str:
+    """Return the bounds of an element as text."""
+    least, most = (number(bound, one.unit) for bound in (one.least, one.most))
+    if one.least is None and one.most is None:
+        return "-"
+    if one.most is None:
+        return f"from {least}"
+    return f"to {most}" if one.least is None else f"{least} to {most}"
+
+
+def element_table(found: PartStatistics) -> list[list[str]]:
+    """Return the table of the elements with their statistics; the first row is its head."""
+    rows = [["element", "values", "mean", "deviation", "bounds", "unit", "good", "Cp", "Cpk",
+             "95 % interval"]]  # fmt: skip
+    for one in found.elements:
+        mean, deviation = (number(v, one.unit) for v in (one.mean, one.deviation))
+        rows.append([
+            one.name, str(one.n), mean, f"{float(deviation):.3g}" if one.deviation else deviation,
+            bounds_text(one), shown_unit(one.unit), percent(one.good)[0],
+            "-" if one.cp is None else f"{one.cp.value:.3g}", *interval_cells(one.cpk, one.without),
+        ])  # fmt: skip
+    return rows
+
+
+def statistics_rows(found: PartStatistics) -> Rows:
+    """Return the rows (key, text) about statistics of parts."""
+    counts = f"{found.parts}: {found.good} good, {found.bad} bad, {found.aborted} aborted"
+    counts += f", {found.lost} lost" if found.lost else ""
+    if found.without_result:
+        counts += f", {found.without_result} without result"
+    rows = [("source", found.source)]
+    if found.title:
+        rows.append(("program", f"{found.title}, CRC {found.program_crc}"))
+    rows.append(("parts", counts))
+    if found.good_share.share is not None:
+        share, interval = percent(found.good_share)
+        rows.append(("good", f"{share}, {interval} (95 % interval), of the good and bad parts"))
+    if found.bad_in_row:
+        rows.append(("warning", f"the last {counted(found.bad_in_row, 'part')} not good"))
+    if found.other_programs:
+        text = f"{counted(found.other_programs, 'part')} with another program, not in the table"
+        rows.append(("left out", text))
+    if found.left_out:
+        rows.append(("left out", f"{counted(found.left_out, 'simulated bad part')}"))
+    rows += table("elements", element_table(found), (0, 4, 5))
+    charts = [(one.name, run_chart(one.values)) for one in found.elements]
+    return rows + table("run chart", [[name, text] for name, text in charts if text], (0, 1))

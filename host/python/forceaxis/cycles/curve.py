@@ -18,8 +18,9 @@ import numpy as np
 from forceaxis import _core
 from forceaxis.axis.drive import Drive
 from forceaxis.axis.link import TICKS_PER_S, Refused
-from forceaxis.cycles.live import LivePart, LiveProgram
+from forceaxis.cycles.live import LiveProgram
 from forceaxis.cycles.part import Curve, PartPicture, PhaseSpan
+from forceaxis.cycles.record import CurvePoint, PartRecord
 
 # A point as the firmware has it (firmware/cycle/curve.h).
 POINT = np.dtype([("time", "<u4"), ("travel", "<i4"), ("force_phase", "<i4")])
@@ -39,6 +40,11 @@ class CurvePoints(Curve):
     less the offset of a tare, number of the phase."""
 
     thinned: int  # how often the axis dropped one of two points, because its memory was full
+
+    def rows(self) -> list[CurvePoint]:
+        """Returns the points as a record has them: time, travel and force of each."""
+        columns = self.time_s.tolist(), self.travel_m.tolist(), self.force_N.tolist()
+        return list(zip(*columns, strict=True))
 
 
 @dataclass(frozen=True)
@@ -98,6 +104,7 @@ def points(data: bytes, wanted: LiveProgram, thinned: int = 0) -> CurvePoints:
         travel_m=raw["travel"] * abs(encoder["per_code"]),
         force_N=(force_phase >> FORCE_BIT) * newtons,
         phase=force_phase % (1 << FORCE_BIT),
+        ended_by=np.zeros(len(raw), dtype=np.int64),  # not in the points
         thinned=thinned,
     )
 
@@ -113,7 +120,7 @@ def write_table(curve: CurvePoints, wanted: LiveProgram, file: Path) -> None:
             writer.writerow([*(f"{value:.9g}" for value in values), names[phase]])
 
 
-def picture(curve: CurvePoints, part: LivePart, wanted: LiveProgram) -> PartPicture:
+def picture(curve: CurvePoints, part: PartRecord, wanted: LiveProgram) -> PartPicture:
     """Returns what the plot of a part shows (plots.draw)."""
     return PartPicture(
         title=part.title,

@@ -1,10 +1,11 @@
-"""Cycles of an axis on a connection: download of a program, one part, its result.
+"""Cycles of an axis on a connection: download of a program, and a cycle.
 
 An experiment describes the axis for which the program was made: its model gives counts and newtons,
 its table [firmware] the parameters. The axis has to agree with it, because the program's record has
 counts of force and travel.
 """
 
+import contextlib
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,9 +15,8 @@ from forceaxis import _core, paths
 from forceaxis._core import InputError
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.drive import ENABLE, NEW_SETPOINT, Drive, StatusObjects
-from forceaxis.axis.link import Refused
-from forceaxis.cycles.part import ElementFigure
-from forceaxis.cycles.program import SHAPES, Element, Program, program_file, read_program
+from forceaxis.axis.link import POLL_PERIOD_S, Refused
+from forceaxis.cycles.program import Program, program_file, read_program
 from forceaxis.cycles.program import with_program as overrides_of
 from forceaxis.objects import BY_NAME
 
@@ -29,7 +29,17 @@ NUMBER_OFFSET = 16
 SCALING = ("adc_bits", "force_sign", "rated_force", "feed", "polarity")
 FORCE_SCALE_TOLERANCE = 0.01  # of the force sensor against the model, relative
 ENDED = ("good", "bad", "aborted")
-NOT_STARTED = ("no_program", "other_bank", "not_homed")
+# Why no cycle started, by the value of cycle_state.
+NOT_STARTED = {
+    "no_program": "the axis has no program",
+    "other_bank": "the program is for another bank",
+    "not_homed": "the program has a move to a position, and the axis is not homed",
+    "results_full": "too many results wait; use `forceaxis cycle result --out FOLDER`",
+    "locked": "the axis is locked after bad parts; acknowledge their results with `forceaxis cycle "
+    "result`, or write cycle_unlock after cycle_bad_in_row_max parts",
+    "not_stored": "the axis has not stored the number of its power-ups yet; try again",
+}
+STORE_MAX_S = 15.0  # a full sector of flash is erased first
 PART_TIMEOUT_S = 3600.0  # the longest phase
 
 
@@ -64,6 +74,15 @@ class LoadedProgram:
     crc: str  # 8 hexadecimal digits
     size_bytes: int
     programs: int  # number of programs that the axis has now
+    store: str  # "stored", or why a power cut would lose the program: "no_memory", "failed"
+
+
+@dataclass(frozen=True)
+class StoreObjects:
+    """Whether programs and counts of parts are stored."""
+
+    cycle_store_state: str
+    fault: str
 
 
 @dataclass(frozen=True)
@@ -71,42 +90,8 @@ class PartObjects(StatusObjects):
     """State of the cycle while a part is pressed."""
 
     cycle_state: str
-    cycle_phase: int
+    cycle_number: int  # of the last part that ended
     fault: str
-
-
-@dataclass(frozen=True)
-class OutcomeObjects:
-    """How the last cycle of an axis ended."""
-
-    cycle_state: str
-    cycle_outcome: str
-    cycle_phase: int
-    cycle_count: int
-    cycle_program: int
-    cycle_program_crc: int
-
-
-@dataclass(frozen=True)
-class ElementObjects:
-    """Result of the element that cycle_result_element names."""
-
-    cycle_result_value: int
-    cycle_result_verdict: str
-
-
-@dataclass(frozen=True)
-class LivePart:
-    """The last part of an axis."""
-
-    program: str  # file
-    title: str
-    program_crc: str
-    cycles: int  # number of cycles since power-up, this one included
-    state: str  # "good", "bad", "aborted", or why there is no verdict
-    outcome: str  # how the cycle ended
-    phase: str  # the last phase
-    elements: list[ElementFigure]
 
 
 def live_program(
@@ -173,11 +158,11 @@ def load(axis: Drive, wanted: LiveProgram) -> LoadedProgram:
             f"{reason['cycle_program_refused_part']}"
         ) from None
     axis.link.write({"cycle_program": wanted.number})
-    found = axis.record(OutcomeObjects)
-    if found.cycle_program_crc != wanted.crc:
+    crc = axis.integer("cycle_program_crc")
+    if crc != wanted.crc:
         raise Refused(
-            f"{axis.link.where}: expected the CRC {wanted.crc:08X} of the program, got "
-            f"{found.cycle_program_crc:08X}; load it again"
+            f"{axis.link.where}: expected the CRC {wanted.crc:08X} of the program, got {crc:08X}; "
+            "load it again"
         )
     return LoadedProgram(
         program=paths.display(wanted.program.file),
@@ -186,12 +171,32 @@ def load(axis: Drive, wanted: LiveProgram) -> LoadedProgram:
         crc=f"{wanted.crc:08X}",
         size_bytes=len(record),
         programs=axis.integer("cycle_program_count"),
+        store=wait_stored(axis),
     )
 
 
-def expect_selected(axis: Drive, wanted: LiveProgram) -> None:
-    """Raises Refused if the axis has another program selected."""
+def wait_stored(axis: Drive) -> str:
+    """Waits until a disabled axis has stored its programs and counts, and returns its
+    cycle_store_state. Raises Refused, NoAnswer."""
+    axis.link.wait(POLL_PERIOD_S)  # the axis notices in its next ticks what has to be stored
+    return axis.wait_for(
+        StoreObjects,
+        lambda now: now.cycle_store_state != "waiting",
+        "programs and counts to be stored",
+        STORE_MAX_S,
+    ).cycle_store_state
+
+
+def select(axis: Drive, wanted: LiveProgram) -> None:
+    """Selects a program of the library of an axis that is owned, if none is selected, as after a
+    power-up. Raises Refused if the axis has another program selected, or does not have this one."""
     crc = axis.integer("cycle_program_crc")
+    if crc == 0:
+        with contextlib.suppress(Refused):  # the library has no program with this number
+            axis.link.write({"cycle_program": wanted.number})
+            crc = axis.integer("cycle_program_crc")
+            if crc != wanted.crc:
+                axis.link.write({"cycle_program": 0})
     if crc != wanted.crc:
         has = "none" if crc == 0 else f"the CRC {crc:08X}"
         raise Refused(
@@ -200,62 +205,28 @@ def expect_selected(axis: Drive, wanted: LiveProgram) -> None:
         )
 
 
-def start(axis: Drive, wanted: LiveProgram, timeout_s: float = PART_TIMEOUT_S) -> LivePart:
-    """Runs one cycle with the selected program on an axis that is owned, and returns its part. All
-    bounds of the axis hold; the axis is disabled at the end. Raises Refused if no cycle starts,
-    NoAnswer if it does not end in `timeout_s`."""
+def start(axis: Drive, wanted: LiveProgram, timeout_s: float = PART_TIMEOUT_S) -> None:
+    """Runs one cycle with a program of the axis, which is owned. All bounds of the axis
+    hold; the axis is disabled at the end. Raises Refused if no cycle starts, NoAnswer if it does
+    not end in `timeout_s`."""
     expect_same_axis(axis, wanted)
-    expect_selected(axis, wanted)
+    select(axis, wanted)
+    wait_stored(axis)
+    before = axis.integer("cycle_number")
     axis.enable(MODE)
     try:
         axis.link.write({"controlword": ENABLE})
         axis.link.write({"controlword": NEW_SETPOINT})
         found = axis.wait_for(
             PartObjects,
-            lambda now: now.cycle_state in (*ENDED, *NOT_STARTED),
+            lambda now: (
+                now.cycle_state in NOT_STARTED
+                or (now.cycle_state in ENDED and now.cycle_number != before)
+            ),
             "the end of the cycle",
             timeout_s,
         )
         if found.cycle_state in NOT_STARTED:
-            why = found.cycle_state.replace("_", " ")
-            raise Refused(f"{axis.link.where}: no cycle started: {why}")
+            raise Refused(f"{axis.link.where}: no cycle started: {NOT_STARTED[found.cycle_state]}")
     finally:
         axis.off()
-    return result(axis, wanted)
-
-
-def result(axis: Drive, wanted: LiveProgram) -> LivePart:
-    """Returns the last part of an axis that is owned. Raises Refused, NoAnswer."""
-    expect_selected(axis, wanted)
-    found = axis.record(OutcomeObjects)
-    program = wanted.program
-    elements = []
-    for i, (element, scale) in enumerate(zip(program.elements, wanted.scales, strict=True)):
-        axis.link.write({"cycle_result_element": i})
-        axis.link.wait(0.0)
-        elements.append(_figure(element, scale, axis.record(ElementObjects)))
-    return LivePart(
-        program=paths.display(program.file),
-        title=program.title,
-        program_crc=f"{found.cycle_program_crc:08X}",
-        cycles=found.cycle_count,
-        state=found.cycle_state,
-        outcome=found.cycle_outcome,
-        phase=program.phases[found.cycle_phase].name,
-        elements=elements,
-    )
-
-
-def _figure(element: Element, scale: float, found: ElementObjects) -> ElementFigure:
-    verdict = found.cycle_result_verdict.replace("_", " ")
-    is_found = verdict not in ("none", "not reached", "aborted")
-    is_shape = element.kind in SHAPES
-    return ElementFigure(
-        name=element.name,
-        kind=element.kind,
-        verdict=verdict,
-        value=found.cycle_result_value * scale if is_found else None,
-        unit="" if element.kind == "window" else element.unit,
-        least=None if is_shape else element.least,
-        most=None if is_shape else element.most,
-    )

@@ -25,6 +25,7 @@ from forceaxis.experiments.summary import CYCLE_OUTCOMES
 TRACED = ("cycle_state", "cycle_phase", "cycle_ended_by", "contact", "position_actual")
 RUNNING = 1  # value of cycle_state while a cycle runs
 SLACK = 1e-9  # N or m, for decimals of a level
+NOTHING_FOUND = ("none", "not reached", "aborted")  # verdicts of an element without a value
 
 
 @dataclass(frozen=True)
@@ -154,17 +155,23 @@ def _traced(experiment: Path) -> str:
     return tomlkit.dumps(document)
 
 
+def figure_of(element: Element, verdict: str, value: float | None) -> ElementFigure:
+    """Returns what an element found, with its bounds. Without a finding there is no value."""
+    is_shape = element.kind in SHAPES
+    return ElementFigure(
+        name=element.name,
+        kind=element.kind,
+        verdict=verdict,
+        value=None if verdict in NOTHING_FOUND else value,
+        unit="" if element.kind == "window" else element.unit,
+        least=None if is_shape else element.least,
+        most=None if is_shape else element.most,
+    )
+
+
 def _figures(report: CycleReport, program: Program) -> list[ElementFigure]:
     return [
-        ElementFigure(
-            name=figure.name,
-            kind=figure.kind,
-            verdict=figure.verdict,
-            value=None if figure.verdict in ("not reached", "aborted") else figure.value,
-            unit=figure.unit,
-            least=None if element.kind in SHAPES else element.least,
-            most=None if element.kind in SHAPES else element.most,
-        )
+        figure_of(element, figure.verdict, figure.value)
         for figure, element in zip(report.figures, program.elements, strict=False)
     ]
 

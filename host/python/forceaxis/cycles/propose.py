@@ -26,7 +26,7 @@ from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cycles.outcome import GOOD, MEASURED, PartOutcome
 from forceaxis.cycles.program import SHAPES, Element, Program, number, unit_of_text
-from forceaxis.cycles.rates import Rates, weighted
+from forceaxis.cycles.rates import Group, Rates, weighted
 from forceaxis.cycles.statistics import Share, parts_needed, refused_range, share
 from forceaxis.errors import ParameterError
 from forceaxis.experiments.inputs import read_inputs
@@ -90,6 +90,15 @@ class Proposal:
     left: list[LeftElement]
     bad: list[ProposedPasses]
     bad_passed: float | None  # share of all bad parts that pass, by the weights of their kinds
+
+
+@dataclass(frozen=True)
+class Target:
+    """The file to which a proposal is written, and the experiment with which it is checked."""
+
+    file: Path
+    experiment: Path
+    overrides: Sequence[str] = ()
 
 
 def sides_of(program: Program) -> list[Side]:
@@ -179,7 +188,7 @@ def check(program: Program, parts: int, rate: float) -> None:
         raise ParameterError(
             "parts",
             f"expected at least {needed} good parts for {len(sides)} bounds and a share of "
-            f"{rate:g}, got {parts}; simulate more parts",
+            f"{rate:g}, got {parts}; take more parts",
         )
 
 
@@ -225,38 +234,50 @@ def propose(
     done: Rates, rate: float, file: Path, experiment: Path, overrides: Sequence[str]
 ) -> Proposal:
     """Writes the program of `done` to `file` with bounds that refuse the share `rate` of good
-    parts, whole or not at all. Raises ParameterError or InputError."""
-    program, anyway = proposed(done.program, done.good.outcomes, rate)
-    sides = sides_of(program)
-    moved = sorted({side.element for side in sides})
-    judged = done.good.judged
-    blocks = math.floor(rate * (len(judged) + 1) + 1e-9)
-    low, high = refused_range(blocks, len(judged))
-    _write(done.program, program, file, experiment, overrides)
-    old, new = done.program.elements, program.elements
+    parts, complete or not at all. Raises ParameterError or InputError."""
+    target = Target(file, experiment, overrides)
+    return propose_from(done.program, done.good.outcomes, rate, target, done.bad)
+
+
+def propose_from(
+    old: Program,
+    outcomes: Sequence[PartOutcome],
+    rate: float,
+    target: Target,
+    bad_groups: Sequence[Group] = (),
+) -> Proposal:
+    """Writes the program `old` with bounds that refuse the share `rate` of the good parts with
+    these outcomes, complete or not at all. Raises ParameterError or InputError."""
+    program, anyway = proposed(old, outcomes, rate)
+    moved = sorted({side.element for side in sides_of(program)})
+    parts = sum(outcome.is_judged for outcome in outcomes)
+    blocks = math.floor(rate * (parts + 1) + 1e-9)
+    low, high = refused_range(blocks, parts)
+    _write(old, program, target)
+    before, new = old.elements, program.elements
     bad = [
         ProposedPasses(
             g.name, share(sum(o.is_good_by(new, moved) for o in g.judged), len(g.judged))
         )
-        for g in done.bad
+        for g in bad_groups
     ]
     return Proposal(
-        program=paths.display(file),
+        program=paths.display(target.file),
         rate=rate,
-        parts=len(judged),
+        parts=parts,
         refused_anyway=anyway,
-        expected=blocks / (len(judged) + 1),
+        expected=blocks / (parts + 1),
         low=low,
         high=high,
         bounds=[
             MovedBounds(
-                new[i].name, new[i].unit, old[i].least, old[i].most, new[i].least, new[i].most
+                new[i].name, new[i].unit, before[i].least, before[i].most, new[i].least, new[i].most
             )
             for i in moved
         ],
         left=left_of(program),
         bad=bad,
-        bad_passed=weighted([(g.weight, b.passed) for g, b in zip(done.bad, bad, strict=True)]),
+        bad_passed=weighted([(g.weight, b.passed) for g, b in zip(bad_groups, bad, strict=True)]),
     )
 
 
@@ -296,14 +317,12 @@ def _written(bound: float, element: Element, before: Any) -> float | str:
     return f"{bound / size!r} {unit}"
 
 
-def _write(
-    old: Program, new: Program, file: Path, experiment: Path, overrides: Sequence[str]
-) -> None:
+def _write(old: Program, new: Program, target: Target) -> None:
     """Writes a program whose bounds have changed. The compiled module reads the new file before it
     takes the place of an old one."""
     with old.file.open(encoding="utf-8", newline="") as stream:
         text = edited(stream.read(), new)
-    with paths.replacing(file.parent, file.name) as (fresh,):
+    with paths.replacing(target.file.parent, target.file.name) as (fresh,):
         fresh.write_text(text, encoding="utf-8", newline="")
-        kept = [t for t in overrides if not t.startswith("experiment.cycle=")]
-        read_inputs(experiment, [*kept, f"experiment.cycle={fresh.resolve()}"])
+        kept = [t for t in target.overrides if not t.startswith("experiment.cycle=")]
+        read_inputs(target.experiment, [*kept, f"experiment.cycle={fresh.resolve()}"])

@@ -13,8 +13,10 @@ from pathlib import Path
 from forceaxis import paths, progress
 from forceaxis._core import InputError, SimulationError
 from forceaxis.cycles.outcome import ABORTED, BAD, GOOD, PartOutcome, outcome_of
+from forceaxis.cycles.part import ElementFigure, figure_of
 from forceaxis.cycles.parts import Kind, Part, Parts, draw, read_parts
-from forceaxis.cycles.program import Program, program_file, read_program, with_program
+from forceaxis.cycles.program import Element, Program, program_file, read_program, with_program
+from forceaxis.cycles.record import element_cells, element_columns
 from forceaxis.cycles.statistics import Share, share
 from forceaxis.errors import ParameterError
 from forceaxis.experiments.inputs import read_inputs
@@ -353,16 +355,25 @@ def write(done: Rates, out: Path) -> None:
             writer = csv.writer(stream, lineterminator="\n")
             groups = [done.good, *done.bad]
             names = list(dict.fromkeys(n for g in groups for p in g.parts for n in p.values))
-            elements = [element.name for element in done.program.elements]
+            elements = done.program.elements
             writer.writerow([
                 "group", "kind", "number", *names, "state", "outcome", "failed_phase", "error",
-                *elements, *(f"{name}_verdict" for name in elements),
+                *element_columns([element.name for element in elements]),
             ])  # fmt: skip
             for group in groups:
                 for i, (part, one) in enumerate(zip(group.parts, group.outcomes, strict=True)):
-                    values: list[float | str] = [*one.values] or [""] * len(elements)
-                    verdicts = list(one.verdicts) or [""] * len(elements)
                     writer.writerow([
                         group.name, part.kind, i, *(part.values.get(name, "") for name in names),
-                        one.state, one.outcome, one.failed_phase, one.error, *values, *verdicts,
+                        one.state, one.outcome, one.failed_phase, one.error,
+                        *element_cells(_figures(one, elements)),
                     ])  # fmt: skip
+
+
+def _figures(outcome: PartOutcome, elements: Sequence[Element]) -> list[ElementFigure]:
+    """Returns what the elements found in a part; a failed run has neither values nor verdicts."""
+    values: Sequence[float | None] = outcome.values or [None] * len(elements)
+    verdicts = outcome.verdicts or [""] * len(elements)
+    return [
+        figure_of(element, verdict, value)
+        for element, verdict, value in zip(elements, verdicts, values, strict=True)
+    ]

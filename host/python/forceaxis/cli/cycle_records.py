@@ -1,0 +1,441 @@
+"""Commands of `forceaxis cycle` about pressed parts: their records and their statistics."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.cli.common import File, Folder, Positive, as_json, print_json, show
+from forceaxis.cli.cycle import EXPERIMENT, cycle, expect_picture, program_option, rate
+from forceaxis.cli.live_options import (
+    CONNECTIONS,
+    AxisConnection,
+    connected,
+    errors,
+    live,
+    options,
+    owned,
+)
+from forceaxis.errors import ParameterError
+from forceaxis.results import to_json
+from forceaxis.words import counted
+
+if TYPE_CHECKING:
+    from forceaxis.cycles.curve import CurvePoints
+    from forceaxis.cycles.live import LiveProgram
+    from forceaxis.cycles.record import PartRecord
+    from forceaxis.cycles.records import RecordFolder
+    from forceaxis.cycles.results import Silence
+
+SOURCE = click.argument("source", type=click.Path(path_type=Path))
+recorded = click.option(
+    "--out", type=Folder(), help="Folder for the records: parts/*.json and parts.csv."
+)
+parquet = click.option(
+    "--parquet", is_flag=True, help="Write parts.parquet too, at the end of the command."
+)
+
+
+@cycle.command(
+    epilog="""forceaxis cycle start press_fit --can can0 --node 3
+    forceaxis cycle start press_fit --can can0 --serial 4711 --out records
+    forceaxis cycle start press_fit --axis 1 --json
+    forceaxis cycle start press_fit --can can0 --curve part.csv --plot part.png""",
+)
+@EXPERIMENT
+@program_option
+@click.option(
+    "--curve",
+    type=File(),
+    help="Table of the curve that the axis has recorded: FILE.csv.",
+)
+@click.option(
+    "--plot",
+    type=File(),
+    help="Plot of this curve with windows, envelopes and bounds: FILE.png, .svg or .pdf.",
+)
+@click.option("--serial", default="", metavar="TEXT", help="Serial number of the part, 16 bytes.")
+@recorded
+@parquet
+@live
+@as_json
+def start(
+    connection: AxisConnection,
+    experiment: Path,
+    program: Path | None,
+    curve: Path | None,
+    plot: Path | None,
+    serial: str,
+    out: Path | None,
+    parquet: bool,
+    as_json: bool,
+) -> None:
+    """Press one part: start a cycle with the program that `cycle load` has loaded, wait for its
+    end, and print the verdict of the part. The axis moves.
+
+    All bounds of the axis hold: position limits, velocity_max, force_limit, the contact guard. The
+    command owns the axis while the cycle runs and disables it at the end. Ctrl-C, a stop from any
+    bus, a fault and a killed command end the cycle, and the part is aborted, never good. The exit
+    status is 0 for every verdict.
+
+    The axis records a curve of at most 1000 points, which stays until its next cycle starts.
+
+    With --out, the record of the part, with its curve, is added to a folder. When it is on the
+    disk, or printed without --out, the command acknowledges the result, and the axis no longer
+    keeps it. The results of other parts that wait stay.
+    """
+    from forceaxis.cli import cycle_text
+    from forceaxis.cycles import curve as curves
+    from forceaxis.cycles import live as cycles
+    from forceaxis.cycles import records, results
+
+    expect_picture(plot)
+    if curve is not None and curve.suffix != ".csv":
+        raise ParameterError("curve", f"{curve}: expected a file ending in .csv")
+    _expect_out(parquet, out)
+    results.serial_words(serial)
+    wanted = cycles.live_program(experiment, (), program)
+    with records.folder_or_none(out) as folder, owned(connection) as axis:
+        record = results.press(axis, wanted, serial)
+        points = None
+        if curve is not None or plot is not None:
+            points = curves.read(axis, wanted)
+            write_curve(points, record, wanted, curve, plot)
+        if folder is not None:
+            record = results.with_curve(axis, record, wanted)
+            folder.add(record)
+        if as_json:
+            print_json(record)
+        else:
+            files = [file for file in (curve, plot) if file is not None]
+            show([*cycle_text.record_rows(record), *cycle_text.curve_rows(points, files)])
+        results.acknowledge(axis, record.number)
+        _finish(folder, parquet, as_json)
+
+
+def write_curve(
+    points: CurvePoints,
+    part: PartRecord,
+    wanted: LiveProgram,
+    table: Path | None,
+    plot: Path | None,
+) -> None:
+    """Write the files of a curve, each whole or not at all."""
+    from forceaxis import drawing
+    from forceaxis.cycles import curve as curves
+
+    if table is not None:
+        with paths.replacing(table.parent, table.name) as (file,):
+            curves.write_table(points, wanted, file)
+    if plot is not None:
+        from forceaxis.cycles import plots
+
+        with paths.replacing(plot.parent, plot.name) as (file,):
+            drawn = plots.draw(curves.picture(points, part, wanted))
+            drawing.save(drawn, file, plot.suffix[1:])
+
+
+@cycle.command(
+    epilog="""forceaxis cycle result press_fit --can can0 --out records
+    forceaxis cycle result press_fit --axis 1 --json""",
+)
+@EXPERIMENT
+@program_option
+@recorded
+@parquet
+@click.option(
+    "--acknowledge", is_flag=True, help="Acknowledge the printed results. --out always does."
+)
+@live
+@as_json
+def result(
+    connection: AxisConnection,
+    experiment: Path,
+    program: Path | None,
+    out: Path | None,
+    parquet: bool,
+    acknowledge: bool,
+    as_json: bool,
+) -> None:
+    """Read all results of an axis that wait for their acknowledgement.
+
+    With --out, each result is written to the folder and then acknowledged: the axis keeps it until
+    its file is on the disk. A part that the folder has already is not written twice. Without --out,
+    the results are printed, and acknowledged only with --acknowledge. The command does not take the
+    axis from its owner. Results that a power cut of the axis has lost are named by their numbers.
+    """
+    from forceaxis.cli import cycle_text
+    from forceaxis.cycles import live as cycles
+    from forceaxis.cycles import records, results
+
+    _expect_out(parquet, out)
+    wanted = cycles.live_program(experiment, (), program)
+    with records.folder_or_none(out) as folder, connected(connection) as axis:
+        collector = results.Collector(axis, wanted, folder)
+        found = [*collector.collect(), *collector.lost()]
+        if as_json:
+            print_json([to_json(record) for record in found])
+        else:
+            rows = [row for record in found for row in cycle_text.record_rows(record)]
+            show([*rows, ("results", counted(len(found), "result"))])
+        if acknowledge and folder is None:
+            for record in found:
+                results.acknowledge(axis, record.number)
+        _finish(folder, parquet, as_json)
+
+
+@cycle.command(
+    epilog="""forceaxis cycle watch press_fit --can can0 --out records
+    forceaxis cycle watch press_fit --axis 1 --out records --parts 100 --parquet
+    forceaxis cycle watch press_fit --can can0 --out records --master-every 8 --master-serial M1 \\
+    --calibration-due 2027-03-01""",
+)
+@EXPERIMENT
+@program_option
+@click.option(
+    "--out", type=Folder(), required=True, help="Folder for the records: parts/*.json, parts.csv."
+)
+@parquet
+@click.option("--parts", type=click.IntRange(1), help="End after this number of parts.")
+@click.option(
+    "--master-every",
+    type=Positive(),
+    metavar="HOURS",
+    help="A good master part is due after this time. Needs --master-serial.",
+)
+@click.option("--master-serial", metavar="TEXT", help="Serial number of the master part.")
+@click.option(
+    "--calibration-due",
+    type=click.DateTime(["%Y-%m-%d"]),
+    metavar="DATE",
+    help="Last day on which the calibration is valid, such as 2027-03-01.",
+)
+@live
+@as_json
+def watch(
+    connection: AxisConnection,
+    experiment: Path,
+    program: Path | None,
+    out: Path,
+    parquet: bool,
+    parts: int | None,
+    master_every: float | None,
+    master_serial: str | None,
+    calibration_due: datetime.datetime | None,
+    as_json: bool,
+) -> None:
+    """Record every part of an axis that a PLC or another master commands, until Ctrl-C.
+
+    The command prints a line for each part, with the number of good parts up to now and the
+    smallest Cpk of the elements. It does not take the axis from its owner and moves nothing. Each
+    result is written to the folder and then acknowledged. If the axis has no power or the
+    connection fails, the command waits and connects again; results that the axis has lost in a
+    power cut are named by their numbers and recorded as lost. A folder that has parts is continued.
+
+    A part whose serial number is that of the master part has to be pressed and found good within
+    each --master-every hours; otherwise the line and the record of every part have the note "master
+    due". The note "calibration due" appears after --calibration-due, and if the axis says that its
+    calibration has expired. The notes do not stop the axis. The exit status is 0 after Ctrl-C.
+    """
+    from forceaxis.cli import cycle_text
+    from forceaxis.cycles import capability, records, results
+    from forceaxis.cycles import live as cycles
+
+    if (master_every is None) != (master_serial is None):
+        raise InputError(
+            "--master-every: expected both --master-every HOURS and --master-serial TEXT, or "
+            "neither; add one"
+        )
+    wanted = cycles.live_program(experiment, (), program)
+    due = None if calibration_due is None else calibration_due.date()
+    reminders = results.Reminders(master_every, master_serial or "", due)
+    with records.RecordFolder(out) as folder, errors(connection):
+        reminders.resume(folder)
+        seen: list[PartRecord] = []
+        with contextlib.suppress(KeyboardInterrupt):
+            for event in results.watch(connection.link, wanted, folder, reminders):
+                if isinstance(event, results.Silence):
+                    _say(event)
+                    continue
+                seen.append(dataclasses.replace(event, curve=None))
+                found = capability.statistics(records.RecordedParts(str(out), seen))
+                if as_json:
+                    print_json(event)
+                else:
+                    running = cycle_text.running_text(found)
+                    click.echo(f"{cycle_text.record_line(event)}; {running}")
+                if len(seen) == parts:
+                    break
+        _finish(folder, parquet, as_json)
+
+
+@cycle.command(
+    epilog="""forceaxis cycle teach press_fit records --propose 1% -o new.toml
+    # records parts until there are 600, and then sets the bounds
+    forceaxis cycle teach press_fit records --can can0 --parts 600 --propose 1% -o new.toml""",
+)
+@EXPERIMENT
+@click.argument("folder", type=click.Path(path_type=Path))
+@program_option
+@click.option(
+    "--parts",
+    type=click.IntRange(1),
+    help="With a connection: record parts until the folder has this number of them.",
+)
+@click.option(
+    "--propose",
+    metavar="RATE",
+    required=True,
+    callback=rate,
+    help="Share of parts like the recorded ones that the new bounds refuse, such as 1%.",
+)
+@click.option("--write", "-o", type=File(), required=True, help="Program with the new bounds.")
+@options
+@as_json
+def teach(
+    connection: AxisConnection,
+    experiment: Path,
+    folder: Path,
+    program: Path | None,
+    parts: int | None,
+    propose: float,
+    write: Path,
+    as_json: bool,
+) -> None:
+    """Set the bounds of the elements from recorded good parts, so that a stated share of such parts
+    is refused.
+
+    FOLDER has records of parts that are known to be good, pressed with this program. All of them
+    that are not aborted count as good, whatever the old bounds said of them, so give a folder of
+    its own. With a connection and --parts, the command first records parts into FOLDER as `cycle
+    watch` does. The bounds are those of `cycle rates --propose`: by the whole part, for every
+    distribution, from 299 parts on and at least one part for each bound. Windows and envelopes stay
+    as they are. The file of -o is the program with new bounds and all its comments.
+    """
+    from forceaxis.cli import cycle_text
+    from forceaxis.cycles import live as cycles
+    from forceaxis.cycles import propose as proposing
+    from forceaxis.cycles import records, results, teach
+
+    is_live = connection != AxisConnection()
+    if is_live:
+        connection.expect_one()
+    if is_live != (parts is not None):
+        raise InputError(
+            f"--parts: expected both --parts N and a connection to an axis ({CONNECTIONS}), or "
+            "neither; add one"
+        )
+    wanted = cycles.live_program(experiment, (), program)
+    if parts is not None:
+        proposing.check(wanted.program, parts, propose)
+        with records.RecordFolder(folder) as into, errors(connection):
+            missing = parts - len(teach.own_parts(into.records(), wanted))
+            events = results.watch(connection.link, wanted, into, results.Reminders())
+            while missing > 0:
+                event = next(events)
+                if isinstance(event, results.Silence):
+                    _say(event)
+                    continue
+                click.echo(cycle_text.record_line(event), err=True)
+                missing -= len(teach.own_parts([event], wanted))
+    found = teach.teach(records.read_parts(folder), wanted, propose, write)
+    if as_json:
+        print_json(found)
+        return
+    show(cycle_text.proposal_rows(found))
+
+
+def _say(event: Silence) -> None:
+    """Print that the axis does not answer, or that it answers again."""
+    said = f"{event.reason}; waiting" if event.reason else "the axis answers again"
+    click.echo(f"forceaxis: warning: {said}", err=True)
+
+
+def _expect_out(parquet: bool, out: Path | None) -> None:
+    """Raise InputError for --parquet without --out."""
+    if parquet and out is None:
+        raise InputError("--parquet: expected --out FOLDER together with this option; add --out")
+
+
+def _finish(folder: RecordFolder | None, parquet: bool, as_json: bool) -> None:
+    """Write the table in Parquet, and print the name of the folder."""
+    if folder is None:
+        return
+    if parquet:
+        folder.write_parquet()
+    if not as_json:
+        show([("files", paths.quoted(folder.folder))])
+
+
+@cycle.command(
+    epilog="""forceaxis cycle statistics records
+    forceaxis cycle statistics records --last 100 --page statistics.html --plot statistics.png
+    forceaxis cycle statistics out/rates --json""",
+)
+@SOURCE
+@click.option("--last", type=click.IntRange(1), help="Only the last parts. Default: all parts.")
+@click.option(
+    "--curves",
+    type=click.IntRange(0, 1000),
+    default=20,
+    show_default=True,
+    help="Number of the last curves that --plot and --page draw over each other.",
+)
+@click.option("--plot", type=File(), help="Run charts and histograms: FILE.png, .svg or .pdf.")
+@click.option("--page", type=File(), help="Page with figures and plots: FILE.html.")
+@as_json
+def statistics(
+    source: Path,
+    last: int | None,
+    curves: int,
+    plot: Path | None,
+    page: Path | None,
+    as_json: bool,
+) -> None:
+    """Print statistics of pressed parts: shares of good parts, and of each element mean, standard
+    deviation, Cp, Cpk and a run chart.
+
+    SOURCE is a folder with records, as `cycle start`, `cycle result` and `cycle watch` write it
+    with --out, the folder of `cycle rates`, or a table parts.csv of either. Of simulated parts only
+    the good ones count.
+
+    With the standard deviation s (n - 1) of all values, Cp is (most - least) / 6 s, and Cpk is the
+    distance of the mean to the nearer bound / 3 s; an element with one bound has no Cp. Other texts
+    call the two Pp and Ppk, because a drift from part to part is in s. The intervals of 95 % hold
+    for normal values: that of Cp is exact, that of Cpk is by Bissell. With fewer than 30 values
+    there is neither Cp nor Cpk. The share of good parts has an exact interval for every
+    distribution. Figures of elements are those of the parts that are good or bad and have the
+    program of the last part.
+    """
+    from forceaxis.cli import cycle_text
+    from forceaxis.cycles import capability, records
+
+    if plot is not None:
+        expect_picture(plot)
+    if page is not None and page.suffix != ".html":
+        raise ParameterError("page", f"{page}: expected a file ending in .html")
+    parts = records.read_parts(source, last)
+    found = capability.statistics(parts)
+    drawn = capability.last_curves(parts, curves)
+    if plot is not None:
+        from forceaxis import drawing
+        from forceaxis.cycles import statistics_plots
+
+        with paths.replacing(plot.parent, plot.name) as (file,):
+            drawing.save(statistics_plots.statistics(found, drawn), file, plot.suffix[1:])
+    if page is not None:
+        from forceaxis.pages import parts as pages
+
+        pages.write(page, found, cycle_text.element_table(found), drawn)
+    if as_json:
+        print_json(to_json(found))
+        return
+    show(cycle_text.statistics_rows(found))
+    show([("files", paths.quoted(file)) for file in (plot, page) if file is not None])

@@ -1,0 +1,214 @@
+"""Statistics of pressed parts: shares of good parts, and of each element mean, standard deviation,
+capability, and the values in the order of the parts.
+
+With the mean m, the standard deviation s (n - 1) of all values and the bounds L and U:
+
+    Cp  = (U - L) / (6 s)                        two bounds only
+    Cpk = min((U - m) / (3 s), (m - L) / (3 s))  of one bound that term alone
+
+s is that of all values and not that within groups of parts, so the two are what other texts call Pp
+and Ppk: no drift of the process is left out. The interval of Cp is exact (chi-squared), that of Cpk
+is that of Bissell (1990); both hold for normal values.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+
+from forceaxis.cycles.outcome import ABORTED, BAD, GOOD
+from forceaxis.cycles.part import ElementFigure
+from forceaxis.cycles.record import LOST, CurvePoint, PartRecord, measured
+from forceaxis.cycles.records import RecordedParts
+from forceaxis.cycles.statistics import CONFIDENCE, Share, share
+
+# Fewest values from which Cp and Cpk are given. With 30, the interval of Cpk is still about a
+# quarter of it on each side.
+VALUES_LEAST = 30
+TOO_FEW = f"fewer than {VALUES_LEAST} values"
+NO_BOUND = "no bound that is a number"
+CONSTANT = "all values are equal"
+BINS_MOST = 30
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A figure with its interval of 95 %."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class ElementStatistics:
+    """The values that one element found in parts that are good or bad, in `unit`. Bounds are those
+    of the last part."""
+
+    name: str
+    unit: str
+    least: float | None
+    most: float | None
+    n: int  # number of values
+    not_found: int  # number of parts in which the element found no value
+    good: Share  # share of the parts that the element finds good
+    mean: float | None
+    deviation: float | None  # standard deviation (n - 1)
+    smallest: float | None
+    largest: float | None
+    cp: Interval | None
+    cpk: Interval | None
+    without: str  # why there is no Cpk; empty if there is one
+    values: list[float | None]  # in the order of the parts; None: no value was found
+
+
+@dataclass(frozen=True)
+class PartStatistics:
+    """Statistics of recorded or simulated parts. The elements are those of parts with the program
+    of the last part."""
+
+    source: str
+    title: str  # of the program
+    program_crc: str
+    parts: int
+    good: int
+    bad: int
+    aborted: int
+    lost: int  # parts whose results a power cut of the axis has lost
+    without_result: int
+    good_share: Share  # good parts among those that are good or bad
+    bad_in_row: int  # number of bad or aborted parts at the end
+    other_programs: int  # parts with another program, which are in no figure of an element
+    left_out: int  # simulated bad parts, which are in no figure at all
+    elements: list[ElementStatistics]
+
+
+def statistics(parts: RecordedParts) -> PartStatistics:
+    """Returns the statistics of parts, of which there is at least one."""
+    records = parts.records
+    last = next((r for r in reversed(records) if r.state != LOST), records[-1])
+    known = [record for record in records if record.state != LOST]
+    own = [record for record in known if record.program_crc == last.program_crc]
+    judged = [record for record in own if record.state in (GOOD, BAD)]
+    states = [record.state for record in records]
+    good, bad, aborted = (states.count(state) for state in (GOOD, BAD, ABORTED))
+    names = [element.name for element in last.elements]
+    return PartStatistics(
+        source=parts.source,
+        title=last.title,
+        program_crc=last.program_crc,
+        parts=len(records),
+        good=good,
+        bad=bad,
+        aborted=aborted,
+        lost=states.count(LOST),
+        without_result=len(records) - good - bad - aborted - states.count(LOST),
+        good_share=share(good, good + bad),
+        bad_in_row=next(
+            (i for i, state in enumerate(reversed(states)) if state == GOOD), len(states)
+        ),
+        other_programs=len(known) - len(own),
+        left_out=parts.left_out,
+        elements=[_element(name, judged, last) for name in names],
+    )
+
+
+def _element(name: str, judged: Sequence[PartRecord], last: PartRecord) -> ElementStatistics:
+    """Returns the statistics of one element."""
+    found = [e for record in judged for e in record.elements if e.name == name]
+    bounds = next(element for element in last.elements if element.name == name)
+    values = [measured(element) for element in found]
+    numbers = np.array([value for value in values if value is not None])
+    few = ElementStatistics(
+        name=name,
+        unit=bounds.unit,
+        least=bounds.least,
+        most=bounds.most,
+        n=len(numbers),
+        not_found=len(values) - len(numbers),
+        good=share(sum(element.verdict == GOOD for element in found), len(found)),
+        mean=None,
+        deviation=None,
+        smallest=None,
+        largest=None,
+        cp=None,
+        cpk=None,
+        without=TOO_FEW,
+        values=values,
+    )
+    if not len(numbers):
+        return few
+    mean = float(numbers.mean())
+    deviation = float(numbers.std(ddof=1)) if len(numbers) > 1 else None
+    figures = replace(
+        few,
+        mean=mean,
+        deviation=deviation,
+        smallest=float(numbers.min()),
+        largest=float(numbers.max()),
+    )
+    without = _without(figures, bounds)
+    if without or deviation is None:
+        return replace(figures, without=without)
+    return replace(
+        figures,
+        cp=cp(bounds.least, bounds.most, deviation, len(numbers)),
+        cpk=cpk(bounds.least, bounds.most, mean, deviation, len(numbers)),
+        without="",
+    )
+
+
+def _without(figures: ElementStatistics, bounds: ElementFigure) -> str:
+    """Returns why an element has no Cpk, or an empty text if it has one."""
+    if bounds.least is None and bounds.most is None:
+        return NO_BOUND
+    if figures.n < VALUES_LEAST:
+        return TOO_FEW
+    is_constant = figures.smallest == figures.largest
+    return CONSTANT if is_constant else ""
+
+
+def cp(least: float | None, most: float | None, deviation: float, n: int) -> Interval | None:
+    """Returns Cp of n values with its exact interval, or None without two bounds."""
+    if least is None or most is None:
+        return None
+    value = (most - least) / (6 * deviation)
+    tail = (1 - CONFIDENCE) / 2
+    # (n - 1) s^2 / sigma^2 has the chi-squared distribution with n - 1 degrees of freedom.
+    low, high = (float(2 * special.gammaincinv((n - 1) / 2, p) / (n - 1)) for p in (tail, 1 - tail))
+    return Interval(value, value * math.sqrt(low), value * math.sqrt(high))
+
+
+def cpk(
+    least: float | None, most: float | None, mean: float, deviation: float, n: int
+) -> Interval | None:
+    """Returns Cpk of n values with the interval of Bissell, or None without a bound."""
+    sides = [
+        *([] if least is None else [(mean - least) / (3 * deviation)]),
+        *([] if most is None else [(most - mean) / (3 * deviation)]),
+    ]
+    if not sides:
+        return None
+    value = min(sides)
+    z = float(special.ndtri((1 + CONFIDENCE) / 2))
+    half = z * math.sqrt(1 / (9 * n) + value**2 / (2 * (n - 1)))
+    return Interval(value, value - half, value + half)
+
+
+def histogram(values: Sequence[float | None]) -> tuple[list[int], list[float]]:
+    """Returns the counts of the classes of equal width and the n + 1 edges of the classes. The
+    number of classes is the root of the number of values, at most 30."""
+    numbers = np.array([value for value in values if value is not None])
+    if not len(numbers):
+        return [], []
+    classes = max(1, min(BINS_MOST, round(math.sqrt(len(numbers)))))
+    counts, edges = np.histogram(numbers, bins=classes)
+    return counts.tolist(), edges.tolist()
+
+
+def last_curves(parts: RecordedParts, most: int) -> list[tuple[str, list[CurvePoint]]]:
+    """Returns state and curve of the last parts that have a curve, at most `most` of them."""
+    found = [(r.state, r.curve) for r in parts.records if r.curve]
+    return found[-most:] if most else []

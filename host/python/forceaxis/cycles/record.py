@@ -1,0 +1,138 @@
+"""The record of one pressed part: a JSON object, and a row of a table.
+
+`PartRecord` is both for a part of an axis and for a part that was read from a table. The columns of
+an element are the same in the table of recorded parts and in that of `forceaxis cycle rates`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+from forceaxis._core import InputError
+from forceaxis.cycles.outcome import MEASURED
+from forceaxis.cycles.part import ElementFigure
+from forceaxis.results import json_field
+
+Cell = str | float | int | None
+CurvePoint = tuple[float, float, float]  # time in s, travel in m, force in N
+# Endings of the columns of one element, in their order in a table. The column without an ending has
+# the value.
+VERDICT, LEAST, MOST, UNIT = "_verdict", "_least", "_most", "_unit"
+ENDINGS = ("", VERDICT, LEAST, MOST, UNIT)
+NOTES_BETWEEN = "; "
+# Notes of a record.
+MASTER_DUE, CALIBRATION_DUE = "master due", "calibration due"
+LOST = "lost"  # state of a part whose result a power cut of the axis has lost
+
+
+@dataclass(frozen=True)
+class PartRecord:
+    """One part of an axis, with everything that decided on its verdict. The power-up and the number
+    together identify the part."""
+
+    number: int
+    power_up: int = 0  # number of the power-up of the axis in which the part was pressed
+    serial: str = ""  # serial number of the part, from outside
+    recorded: str = ""  # when the record was made, in UTC, such as 2026-11-28T03:00:00+00:00
+    axis: str = ""  # connection, such as "node 1 on can0"
+    device: str = ""  # serial number of the axis as 0x and 8 digits
+    program: str = ""  # file
+    title: str = ""  # of the program
+    program_number: int = 0
+    program_crc: str = ""  # 8 hexadecimal digits, as the other two
+    law: str = ""  # "bank", or "P" for the law with force_gain alone
+    law_crc: str = ""  # of the bank; empty for the law P
+    parameters_crc: str = ""  # of all parameters that the axis stores
+    begin_tick: int = 0  # tick counter of the axis at the start of the cycle
+    duration_s: float = 0.0
+    state: str = ""  # "good", "bad", "aborted" or "lost"
+    outcome: str = ""  # how the cycle ended
+    phase: str = ""  # the last phase, or the one in which the cycle failed
+    notes: list[str] = json_field(default_factory=list)
+    elements: list[ElementFigure] = json_field(default_factory=list)
+    curve: list[CurvePoint] | None = json_field(omit_none=True)
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """What identifies the part on its axis: power-up and number."""
+        return self.power_up, self.number
+
+    def is_same_part(self, other: "PartRecord") -> bool:
+        """Returns True if another record is of the same part. It may have been made at another time
+        and over another connection."""
+        names = ("power_up", "number", "device", "program_crc", "begin_tick", "state", "outcome")
+        return all(getattr(self, name) == getattr(other, name) for name in names) and [
+            (e.verdict, e.value) for e in self.elements
+        ] == [(e.verdict, e.value) for e in other.elements]
+
+
+# Columns of a record before those of its elements.
+HEAD = tuple(f.name for f in fields(PartRecord) if f.name not in ("elements", "curve"))
+
+
+def element_columns(names: Sequence[str]) -> list[str]:
+    """Returns the columns of elements: all values, then all verdicts, bounds and units."""
+    return [f"{name}{ending}" for ending in ENDINGS for name in names]
+
+
+def element_cells(elements: Sequence[ElementFigure]) -> list[Cell]:
+    """Returns the cells of element_columns() for one part. None is an empty cell."""
+    rows: list[list[Cell]] = [[e.value, e.verdict, e.least, e.most, e.unit] for e in elements]
+    return [row[i] for i in range(len(ENDINGS)) for row in rows]
+
+
+def row_of(record: PartRecord) -> dict[str, Cell]:
+    """Returns the row of a record in a table, without its curve, as {column: cell}."""
+    head = {name: getattr(record, name) for name in HEAD}
+    columns = element_columns([element.name for element in record.elements])
+    cells = dict(zip(columns, element_cells(record.elements), strict=True))
+    return {**head, "notes": NOTES_BETWEEN.join(record.notes), **cells}
+
+
+def elements_of(columns: Sequence[str]) -> list[str]:
+    """Returns the names of the elements of a table: each has a column with its verdict, and one
+    with its value."""
+    names = [c.removesuffix(VERDICT) for c in columns if c.endswith(VERDICT)]
+    return [name for name in names if name in columns]
+
+
+def from_row(row: Mapping[str, str], names: Sequence[str], where: str) -> PartRecord:
+    """Returns the record of a row of a table with the elements `names`. The record leaves out
+    columns that it does not know. Raises InputError, with `where`, for a cell that is no number."""
+
+    def number(column: str) -> float | None:
+        text = row.get(column, "")
+        try:
+            return float(text) if text else None
+        except ValueError:
+            raise InputError(
+                f"{where}: {column}: expected a number, got {text}; correct the table"
+            ) from None
+
+    given: dict[str, Any] = {"number": 0}
+    for field in fields(PartRecord):
+        if field.name in row and field.type in (int, float, str):
+            text = row[field.name]
+            given[field.name] = text if field.type is str else number(field.name) or 0.0
+            if field.type is int:
+                given[field.name] = int(given[field.name])
+    given["notes"] = [note for note in row.get("notes", "").split(NOTES_BETWEEN) if note]
+    given["elements"] = [
+        ElementFigure(
+            name=name,
+            kind="",
+            verdict=row[f"{name}{VERDICT}"],
+            value=number(name),
+            unit=row.get(f"{name}{UNIT}", ""),
+            least=number(f"{name}{LEAST}"),
+            most=number(f"{name}{MOST}"),
+        )
+        for name in names
+        if row[f"{name}{VERDICT}"]  # else the part has no such element
+    ]
+    return PartRecord(**given)
+
+
+def measured(element: ElementFigure) -> float | None:
+    """Returns the value that an element has found and compared with bounds, or None."""
+    return element.value if element.verdict in MEASURED else None

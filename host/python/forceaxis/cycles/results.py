@@ -1,0 +1,449 @@
+"""Results of parts on an axis: read, record, acknowledge.
+
+A result waits in the memory of the axis until it is acknowledged. `collect` acknowledges a result
+only after its record is on the disk, so that a killed program, a full disk or a lost connection
+loses none. Another master may select results at the same time; a reading in which the selection has
+changed is repeated.
+"""
+
+import contextlib
+import datetime
+import struct
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+from forceaxis import paths
+from forceaxis._core import TICKS_PER_SECOND, InputError
+from forceaxis.axis.axis import Axis
+from forceaxis.axis.drive import Drive
+from forceaxis.axis.link import Link, NoAnswer, Refused
+from forceaxis.axis.parameter_file import PARAMETERS
+from forceaxis.axis.values import R
+from forceaxis.cycles import curve as curves
+from forceaxis.cycles import live
+from forceaxis.cycles.live import LiveProgram
+from forceaxis.cycles.outcome import GOOD
+from forceaxis.cycles.part import ElementFigure, figure_of
+from forceaxis.cycles.record import CALIBRATION_DUE, LOST, MASTER_DUE, PartRecord
+from forceaxis.cycles.records import RecordFolder
+from forceaxis.errors import ParameterError
+
+SERIAL_WORDS = tuple(f"cycle_serial_{i}" for i in range(1, 5))
+SERIAL_BYTES = 4 * len(SERIAL_WORDS)
+WAITING_MOST = 255  # results that an axis keeps (firmware/cycle/results.h)
+ELEMENTS_MOST = 16  # of a program (firmware/cycle/program.h)
+READ_TRIES = 20  # of a result, while another master selects results
+POLL_S = 0.2  # between two looks at the number of waiting results
+RECONNECT_S = 1.0
+# The parameters' CRC is computed again for a part if the last one is older than this, because it
+# reads some hundred objects.
+CRC_KEPT_S = 60.0
+
+
+@dataclass(frozen=True)
+class WaitingObjects:
+    """Which results wait for their acknowledgement, and which were lost in a power cut."""
+
+    cycle_results_waiting: int
+    cycle_number: int
+    cycle_power_up: int
+    cycle_lost_first: int
+    cycle_lost_last: int
+
+
+@dataclass(frozen=True)
+class ResultObjects:
+    """The result of the part that cycle_result_number names."""
+
+    cycle_result_number: int
+    cycle_result_part: int
+    cycle_result_power_up: int
+    cycle_result_program_crc: int
+    cycle_result_bank_crc: int
+    cycle_result_state: str
+    cycle_result_outcome: str
+    cycle_result_phase: int
+    cycle_result_begin: int
+    cycle_result_duration: int
+    cycle_result_serial_1: int
+    cycle_result_serial_2: int
+    cycle_result_serial_3: int
+    cycle_result_serial_4: int
+
+
+@dataclass(frozen=True)
+class ElementObjects:
+    """The result of one element of this part."""
+
+    cycle_result_value: int
+    cycle_result_verdict: str
+
+
+@dataclass(frozen=True)
+class Circumstances:
+    """What a record says of an axis beside the result."""
+
+    axis: str = ""
+    device: str = ""
+    parameters_crc: str = ""
+    calibration_expired: bool = False
+
+
+# Parameters in the CRC of a record: those that every connection reaches. A connection changes some
+# of the others for its own use.
+COUNTED = tuple(
+    o.name
+    for o in sorted(PARAMETERS, key=lambda one: one.modbus)  # a request reads adjacent registers
+    if o.part != "canopen" and o.modbus >= 0
+)
+
+
+def circumstances(axis: Drive) -> Circumstances:
+    """Returns what a record says of an axis. Raises Refused, NoAnswer."""
+    names = [n for n in COUNTED if axis.link.reaches(n) and not axis.link.manages(n)]
+    raw = axis.link.read(names)
+    text = "".join(f"{name}={raw[name]}\n" for name in sorted(names))
+    serial = axis.link.read_one("serial_number") if axis.link.reaches("serial_number") else None
+    return Circumstances(
+        axis=axis.link.where,
+        device="" if serial is None else f"0x{serial:08x}",
+        parameters_crc=f"{zlib.crc32(text.encode()):08X}",
+        calibration_expired=axis.integer("calibration_expired") != 0,
+    )
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+
+
+def serial_words(text: str) -> dict[str, int]:
+    """Returns {object: raw value} of a serial number of a part. Raises ParameterError."""
+    data = text.encode()
+    if not text.isprintable() or len(data) > SERIAL_BYTES:
+        raise ParameterError(
+            "serial", f"expected at most {SERIAL_BYTES} bytes of printable text, got {text!r}"
+        )
+    words = struct.unpack(f"<{len(SERIAL_WORDS)}I", data.ljust(SERIAL_BYTES, b"\0"))
+    return dict(zip(SERIAL_WORDS, words, strict=True))
+
+
+def serial_text(found: ResultObjects) -> str:
+    """Returns the serial number of a part as text."""
+    words = [getattr(found, f"cycle_result_serial_{i}") for i in range(1, 5)]
+    data = struct.pack(f"<{len(words)}I", *words)
+    return data.rstrip(b"\0").decode("utf-8", "backslashreplace")
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The result that is selected, and whether it exists."""
+
+    cycle_result_number: int
+    cycle_result_element: int
+    cycle_result_part: int
+
+
+@contextlib.contextmanager
+def _selecting(axis: Drive) -> Iterator[None]:
+    """Context at whose end the result is selected that was selected before."""
+    before = axis.record(Selection)
+    yield
+    axis.link.write(
+        {
+            "cycle_result_number": before.cycle_result_number,
+            "cycle_result_element": before.cycle_result_element,
+        }
+    )
+
+
+def _selected(axis: Drive, number: int, element: int, kind: type[R]) -> R:
+    """Selects a result and an element of it, and reads the objects of `kind`. Raises Refused, and
+    NoAnswer if another master changes the selection all the time."""
+    for _ in range(READ_TRIES):
+        axis.link.write({"cycle_result_number": number, "cycle_result_element": element})
+        found = axis.record(kind)
+        now = axis.record(Selection)
+        if (now.cycle_result_number, now.cycle_result_element) == (number, element):
+            return found
+    raise NoAnswer(
+        f"{axis.link.where}: expected a result that can be read, but another master selects "
+        "results all the time; use one of the two"
+    )
+
+
+def waiting_numbers(axis: Drive) -> list[int]:
+    """Returns the numbers of the parts whose results wait, the oldest first. The search goes back
+    from the last part. Raises Refused, NoAnswer."""
+    now = axis.record(WaitingObjects)
+    found: list[int] = []
+    if now.cycle_results_waiting:
+        with _selecting(axis):
+            for number in range(now.cycle_number, 0, -1):
+                if _selected(axis, number, 0, Selection).cycle_result_part == number:
+                    found.insert(0, number)
+                if len(found) >= now.cycle_results_waiting:
+                    break
+    return found
+
+
+def read(axis: Drive, number: int, wanted: LiveProgram) -> PartRecord | None:
+    """Returns the record of a part whose result waits, without circumstances and notes, or None if
+    no such result waits; 0 is the last part. Elements of another program than `wanted` are raw
+    values without names. Raises Refused, NoAnswer."""
+    with _selecting(axis):
+        found = _selected(axis, number, 0, ResultObjects)
+        if found.cycle_result_part == 0:
+            return None
+        is_known = found.cycle_result_program_crc == wanted.crc
+        count = len(wanted.program.elements) if is_known else ELEMENTS_MOST
+        elements = [_selected(axis, number, i, ElementObjects) for i in range(count)]
+    record = PartRecord(
+        number=found.cycle_result_part,
+        power_up=found.cycle_result_power_up,
+        serial=serial_text(found),
+        recorded=_now(),
+        program_crc=f"{found.cycle_result_program_crc:08X}",
+        law="bank" if found.cycle_result_bank_crc else "P",
+        law_crc=f"{found.cycle_result_bank_crc:08X}" if found.cycle_result_bank_crc else "",
+        begin_tick=found.cycle_result_begin,
+        duration_s=found.cycle_result_duration / TICKS_PER_SECOND,
+        state=found.cycle_result_state,
+        outcome=found.cycle_result_outcome,
+        phase=f"{found.cycle_result_phase}",
+    )
+    verdicts = [one.cycle_result_verdict.replace("_", " ") for one in elements]
+    values = [float(one.cycle_result_value) for one in elements]
+    if not is_known:
+        return replace(
+            record,
+            elements=[
+                ElementFigure(f"element_{i}", "", verdict, value, "", None, None)
+                for i, (verdict, value) in enumerate(zip(verdicts, values, strict=True))
+                if verdict != "none"
+            ],
+        )
+    program = wanted.program
+    return replace(
+        record,
+        program=paths.display(program.file),
+        title=program.title,
+        program_number=wanted.number,
+        phase=program.phases[found.cycle_result_phase].name,
+        elements=[
+            figure_of(element, verdict, value * scale)
+            for element, verdict, value, scale in zip(
+                program.elements, verdicts, values, wanted.scales, strict=True
+            )
+        ],
+    )
+
+
+def with_curve(axis: Drive, record: PartRecord, wanted: LiveProgram) -> PartRecord:
+    """Returns a record with the curve of its part, if this is the last part of the axis and the
+    axis permits to read its curve. Raises NoAnswer."""
+    try:
+        if axis.integer("cycle_number") != record.number or not record.title:
+            return record
+        points = curves.read(axis, wanted)
+        is_same = axis.integer("cycle_number") == record.number
+    except Refused:
+        return record
+    return replace(record, curve=points.rows()) if is_same else record
+
+
+def acknowledge(axis: Drive, number: int) -> None:
+    """Acknowledges the result of a part: the axis no longer keeps it. Raises Refused, NoAnswer."""
+    axis.link.write({"cycle_acknowledge": number})
+
+
+@dataclass
+class Reminders:
+    """What is due on an axis, as notes of its records."""
+
+    master_every_h: float | None = None  # None: no master part is asked for
+    master_serial: str = ""
+    calibration_due: datetime.date | None = None
+    master_pressed: datetime.datetime | None = None  # when a master part was last found good
+
+    def resume(self, folder: RecordFolder) -> None:
+        """Takes the time of the last good master part from the records of a folder."""
+        if self.master_every_h is not None:
+            for record in folder.records():
+                self.press(record)
+
+    def press(self, record: PartRecord) -> None:
+        """Takes the time of a master part that is good."""
+        if record.serial == self.master_serial and record.state == GOOD:
+            self.master_pressed = datetime.datetime.fromisoformat(record.recorded)
+
+    def notes(self, record: PartRecord, is_expired: bool) -> list[str]:
+        """Returns the notes of a record. `is_expired`: what the axis says of its calibration."""
+        self.press(record)
+        now = datetime.datetime.fromisoformat(record.recorded)
+        found = []
+        if self.master_every_h is not None:
+            last = self.master_pressed
+            age_h = None if last is None else (now - last).total_seconds() / 3600
+            if age_h is None or age_h > self.master_every_h:
+                found.append(MASTER_DUE)
+        is_due = self.calibration_due is not None and now.date() > self.calibration_due
+        return [*found, CALIBRATION_DUE] if is_due or is_expired else found
+
+
+class Collector:
+    """Reads the results of one axis. With a folder, it records them there and then acknowledges
+    them; without one it changes nothing. Raises InputError if the folder has another part with the
+    same number, Refused, NoAnswer."""
+
+    def __init__(
+        self,
+        axis: Drive,
+        wanted: LiveProgram,
+        folder: RecordFolder | None,
+        reminders: Reminders | None = None,
+    ) -> None:
+        self.axis, self.wanted, self.folder = axis, wanted, folder
+        self.reminders = reminders or Reminders()
+        self._circumstances = circumstances(axis)
+        self._since = time.monotonic()
+
+    def collect(self) -> Iterator[PartRecord]:
+        """Yields the results that wait, the oldest first; with a folder only those that it did not
+        have."""
+        for number in waiting_numbers(self.axis):
+            record = self.record(number)
+            if record is None:  # another master has acknowledged it meanwhile
+                continue
+            is_new = True
+            if self.folder is not None:
+                if record.key not in self.folder:
+                    record = with_curve(self.axis, record, self.wanted)
+                is_new = self.folder.add(record)
+                acknowledge(self.axis, number)
+            if is_new:
+                yield record
+
+    def lost(self) -> list[PartRecord]:
+        """Returns the results that a power cut of the axis has lost; with a folder only those that
+        it did not have. Call collect() first."""
+        now = self.axis.record(WaitingObjects)
+        last = now.cycle_lost_last
+        if now.cycle_lost_first == 0:
+            return []
+        before = now.cycle_power_up - 1  # the power-up to which they belong
+        found = []
+        for number in range(max(now.cycle_lost_first, last + 1 - WAITING_MOST), last + 1):
+            record = self._completed(PartRecord(number, before, recorded=_now(), state=LOST))
+            if not self._is_known(record):
+                found.append(record)
+        if self.folder is not None:
+            for record in found:
+                self.folder.add(record)
+            acknowledge(self.axis, last)
+        return found
+
+    def _is_known(self, lost: PartRecord) -> bool:
+        """Returns True if the folder has a lost part. An axis reports lost parts again after a
+        power cut that comes before it has stored their acknowledgement, but numbers that it has
+        reported once do not occur again."""
+        if self.folder is None:
+            return False
+        same = [key for key in self.folder.keys if key[1] == lost.number]
+        return lost.key in same or any(self.folder.record(key).state == LOST for key in same)
+
+    def record(self, number: int) -> PartRecord | None:
+        """Returns the complete record of a part whose result waits, or None."""
+        record = read(self.axis, number, self.wanted)
+        return None if record is None else self._completed(record)
+
+    def _completed(self, record: PartRecord) -> PartRecord:
+        if time.monotonic() - self._since > CRC_KEPT_S:
+            self._circumstances = circumstances(self.axis)
+            self._since = time.monotonic()
+        now = self._circumstances
+        return replace(
+            record,
+            axis=now.axis,
+            device=now.device,
+            parameters_crc=now.parameters_crc,
+            notes=self.reminders.notes(record, now.calibration_expired),
+        )
+
+
+@dataclass(frozen=True)
+class Silence:
+    """The axis does not answer, or answers again with an empty reason."""
+
+    reason: str
+
+
+def watch(
+    connect: Callable[[], Link],
+    wanted: LiveProgram,
+    folder: RecordFolder,
+    reminders: Reminders,
+) -> Iterator[PartRecord | Silence]:
+    """Records the parts of an axis that another master commands, and yields their records, without
+    end. If the axis no longer answers, the function connects to it again. Raises InputError, and
+    Refused if the axis refuses an acknowledgement; NoAnswer if the axis does not answer at the
+    beginning."""
+    collector: Collector | None = Collector(Axis(connect()), wanted, folder, reminders)
+    while True:
+        try:
+            while collector is not None:
+                yield from collector.collect()
+                yield from collector.lost()
+                collector.axis.link.wait(POLL_S)
+            time.sleep(RECONNECT_S)
+            collector = _reconnected(connect, wanted, folder, reminders)
+            yield Silence("")
+        except NoAnswer as error:
+            if collector is not None:
+                collector.axis.link.close()
+                yield Silence(str(error))
+            collector = None
+
+
+def _reconnected(
+    connect: Callable[[], Link],
+    wanted: LiveProgram,
+    folder: RecordFolder,
+    reminders: Reminders,
+) -> Collector:
+    """Connects to an axis again. Raises NoAnswer, also without the interface of the connection."""
+    try:
+        axis = Axis(connect())
+    except InputError as error:
+        raise NoAnswer(str(error)) from None
+    try:
+        return Collector(axis, wanted, folder, reminders)
+    except NoAnswer:
+        axis.link.close()
+        raise
+
+
+def press(axis: Drive, wanted: LiveProgram, serial: str = "") -> PartRecord:
+    """Presses one part on an axis that is owned, and returns its record, which the axis still
+    keeps. Raises ParameterError, Refused, NoAnswer."""
+    words = serial_words(serial)
+    now = circumstances(axis)
+    if serial:
+        axis.link.write(words)
+    try:
+        live.start(axis, wanted)
+    except BaseException:
+        # Without a cycle, the serial number would be that of the next part.
+        with contextlib.suppress(Refused, NoAnswer):
+            axis.link.write(dict.fromkeys(words, 0) if serial else {})
+        raise
+    record = read(axis, 0, wanted)
+    assert record is not None  # a cycle has ended
+    return replace(
+        record,
+        axis=now.axis,
+        device=now.device,
+        parameters_crc=now.parameters_crc,
+        notes=Reminders().notes(record, now.calibration_expired),
+    )

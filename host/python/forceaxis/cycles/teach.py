@@ -1,0 +1,48 @@
+"""Bounds of the elements of a program from recorded parts, by the method of propose.py."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from forceaxis._core import InputError
+from forceaxis.cycles import propose
+from forceaxis.cycles.live import LiveProgram
+from forceaxis.cycles.outcome import BAD, GOOD, PartOutcome
+from forceaxis.cycles.record import PartRecord
+from forceaxis.cycles.records import RecordedParts
+
+
+def own_parts(records: Iterable[PartRecord], wanted: LiveProgram) -> list[PartRecord]:
+    """Returns the parts that are good or bad by their verdict and have the program `wanted`."""
+    crc = f"{wanted.crc:08X}"
+    return [r for r in records if r.program_crc == crc and r.state in (GOOD, BAD)]
+
+
+def outcome_of(record: PartRecord) -> PartOutcome:
+    """Returns the outcome of a recorded part."""
+    return PartOutcome(
+        state=record.state,
+        outcome=record.outcome,
+        failed_phase=record.phase,
+        verdicts=[element.verdict for element in record.elements],
+        values=[0.0 if e.value is None else e.value for e in record.elements],
+    )
+
+
+def teach(
+    parts: RecordedParts,
+    wanted: LiveProgram,
+    rate: float,
+    file: Path,
+) -> propose.Proposal:
+    """Writes the program `wanted` to `file` with bounds that refuse the share `rate` of parts like
+    the recorded ones, all of which count as good. Raises ParameterError, InputError."""
+    records = own_parts(parts.records, wanted)
+    if not records:
+        raise InputError(
+            f"{parts.source}: expected parts with the program {wanted.program.file}, CRC "
+            f"{wanted.crc:08X}, got {len(parts.records)} others; give the program that the parts "
+            "were pressed with in --program"
+        )
+    target = propose.Target(file, wanted.experiment, wanted.overrides)
+    outcomes = [outcome_of(record) for record in records]
+    return propose.propose_from(wanted.program, outcomes, rate, target)
