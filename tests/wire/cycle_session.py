@@ -20,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 import verbs
 from cycle_examples import IDS, PARTS, file_of
+from forceaxis.axis import can as can_way
 from forceaxis.axis import gateway as lcm_way
 from forceaxis.axis import modbus as modbus_way
 from forceaxis.axis.axis import Axis
@@ -34,9 +35,9 @@ from gateway_clients import PORT, gateway, operational, until
 
 SIM = Path(__file__).resolve().parents[2] / "sim"
 EXPERIMENT = file_of("press_fit")
-# A busy machine stalls a client for longer than the 500 ms after which an axis takes it for lost.
-PATIENT = "firmware.watchdog=5000"
-PATIENT_S = 10.0
+# A busy machine stalls a client for seconds, and an axis takes it for lost after 500 ms.
+PATIENT = "firmware.watchdog=60000"
+PATIENT_S = 20.0
 # The rim of the polishing example turns once in this time. Its model moves the surface for one
 # turn, and here for many, because nobody knows when a part is pressed. The motion is smaller, so
 # that a good part is good and a bad one bad wherever the turn begins.
@@ -163,9 +164,6 @@ def by(folder, *way):
 
 
 def ways(folder):
-    # A busy machine lets an answer wait for longer than the commands do.
-    for module, name in ((lcm_way, "GatewayLink"), (modbus_way, "ModbusLink")):
-        setattr(module, name, functools.partial(getattr(module, name), timeout_s=PATIENT_S))
     return {
         "can": by(folder / "can", "--can", "vcan0"),
         "gateway": by(folder / "gateway", "--axis", "1"),
@@ -184,7 +182,15 @@ def links(_folder):
     return found
 
 
+def be_patient():
+    """Clients wait for longer than those of a user, and so does the axis for them."""
+    can_way.HEARTBEAT_MS = 10_000
+    for module, name in ((lcm_way, "GatewayLink"), (modbus_way, "ModbusLink")):
+        setattr(module, name, functools.partial(getattr(module, name), timeout_s=PATIENT_S))
+
+
 def main(folder, session):
+    be_patient()
     found = {"parts": parts, "ways": ways, "links": links}[session](folder)
     (folder / "found.json").write_text(json.dumps(found))
 
