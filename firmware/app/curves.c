@@ -33,7 +33,6 @@ static void begin(fw_t *fw) {
 
 void curves_between(fw_t *fw, uint8_t first) {
   const cycle_t *cycle = &fw->drive.cycle;
-  cycle_correct(&fw->drive.cycle);
   if (fw->curve_cycle != fw->drive.signals.cycle_count) {
     begin(fw);
   }

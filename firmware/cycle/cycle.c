@@ -125,7 +125,6 @@ void cycle_init(cycle_t *cycle) {
   cycle->outputs = 0;
   cycle->written = 0;
   cycle->evaluated = 0;
-  cycle->corrected = 0;
   cycle->state = CYCLE_IDLE;
   cycle->phase = 0;
   cycle->outcome = CYCLE_BY_PROGRAM;
@@ -392,22 +391,15 @@ static void finish(cycle_t *cycle) {
   cycle->state = CYCLE_DONE;
 }
 
-void cycle_correct(cycle_t *cycle) {
-  for (; cycle->corrected != cycle->written; cycle->corrected = (uint8_t)(cycle->corrected + 1)) {
-    cycle_sample_t *next = &cycle->samples[cycle->corrected & (CYCLE_SAMPLES - 1)];
-    next->travel = depth_of(cycle->program, next->travel, next->force_q8);
-  }
-}
-
 void cycle_evaluate(cycle_t *cycle) {
   if (cycle->state == CYCLE_IDLE || cycle->state == CYCLE_DONE) {
     return;
   }
-  cycle_correct(cycle);
   const bool has_ended = cycle->state == CYCLE_ENDED;
   const cycle_element_t *elements = cycle_elements(cycle->program);
   while (cycle->evaluated != cycle->written) {
-    const cycle_sample_t *next = &cycle->samples[cycle->evaluated & (CYCLE_SAMPLES - 1)];
+    cycle_sample_t *next = &cycle->samples[cycle->evaluated & (CYCLE_SAMPLES - 1)];
+    next->travel = depth_of(cycle->program, next->travel, next->force_q8);
     for (uint8_t i = 0; i < cycle->program->elements; i++) {
       cycle_element_take(&elements[i], cycle_points(cycle->program), &cycle->elements[i], next);
     }

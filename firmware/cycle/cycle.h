@@ -86,7 +86,6 @@ typedef struct {
   cycle_sample_t samples[CYCLE_SAMPLES];
   uint8_t written; /* number of samples written and evaluated, modulo 256 */
   uint8_t evaluated;
-  uint8_t corrected;    /* number of samples whose travel is the depth, modulo 256 */
   uint8_t state;        /* CYCLE_IDLE to CYCLE_DONE */
   uint8_t phase;        /* the phase that runs, or the last one */
   uint8_t outcome;      /* CYCLE_BY_PROGRAM to CYCLE_SAMPLES_LOST */
@@ -128,11 +127,8 @@ void cycle_end(cycle_t *cycle, uint8_t outcome);
 /* Ends a running cycle as CYCLE_STOPPED. */
 void cycle_abort(cycle_t *cycle);
 
-/* Subtracts the deflection of the press from the travel of the samples that wait; the samples that
- * wait after cycle_correct() have the depth. cycle_evaluate() calls this function too. */
-void cycle_correct(cycle_t *cycle);
-
-/* Evaluates the samples that wait. At the end of the cycle the state becomes CYCLE_DONE. */
+/* Evaluates the samples that wait, whose travel becomes the depth. At the end of the cycle the
+ * state becomes CYCLE_DONE. */
 void cycle_evaluate(cycle_t *cycle);
 
 /* Returns the result of an element, 0 .. elements - 1 of the program. In a cycle that was stopped

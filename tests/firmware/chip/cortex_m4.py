@@ -41,7 +41,7 @@ CONFIG, INPUTS, OUTPUTS, FRAME, BYTES, BLACKBOX = (RAM + 0x4000 + 0x200 * i for 
 RECORDER_BYTES = 12288
 CURVE, CURVE_BYTES = RAM + 0x5000, 12000
 PROGRAMS = RAM + 0xB000, RAM + 0xC000  # room for two programs of a cycle
-OUTPUT_BYTES = 6  # of axis_outputs_t: dac_code, amp_enable, brake_release, dac_fine
+OUTPUT_BYTES = 8  # of axis_outputs_t: dac_code, amp_enable, brake_release, dac_fine, digital
 LOCAL = 3  # FW_SOURCE_LOCAL
 NODE = 5
 

@@ -45,24 +45,12 @@ def table(rng, points):
     return first, count
 
 
-def phase(rng, phases, position, points):
-    action = rng.choice(
-        [
-            MOVE_BY,
-            MOVE_TO_DEPTH,
-            APPROACH,
-            APPROACH,
-            PRESS,
-            PRESS,
-            WAIT,
-            FOLLOW,
-            FOLLOW,
-            TARE,
-            OUTPUT,
-        ]
-    )
+def phase(rng, phases, position, points, is_first):
+    action = rng.choice([*range(MOVE_BY, OUTPUT + 1), APPROACH, PRESS, FOLLOW])
     if rng.random() < 0.05:
         action = MOVE
+    if is_first and rng.random() < 0.3:  # before the axis has touched anything
+        action = TARE
     force = slope = target = speed = first = count = over_travel = on = 0
     if action in (PRESS, FOLLOW):
         slope = rng.choice([1, 10_000, 1_000_000])
@@ -133,7 +121,7 @@ def random_program(rng, position):
     compliance = rng.choice([0, 2, 3, 16])
     for i in range(compliance):
         points.append((5000 * (i - 1) - rng.randint(0, 4000), rng.randint(-3, 30)))
-    body = b"".join(phase(rng, phases, position, points) for _ in range(phases))
+    body = b"".join(phase(rng, phases, position, points, i == 0) for i in range(phases))
     body += b"".join(element(rng, kinds, points) for _ in range(elements))
     body += b"".join(struct.pack(POINT, *p) for p in points)
     size = struct.calcsize(HEADER) + len(body) + 4

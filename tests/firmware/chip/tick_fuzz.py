@@ -147,7 +147,8 @@ FIRST_MOTION = {
 EXCITED_MODES = (4, 10, -1)
 NATIVE_POSITION = -4
 CYCLE = -9
-CYCLE_TICKS = 500  # of a scenario in which the axis runs cycles
+CYCLE_TICKS = 1000  # of a scenario in which the axis runs cycles
+PARTS = 100  # after a reset the parts are counted anew
 PROFILE = ("profile_velocity_max", "profile_acceleration_max")
 # Values of a drive with a control loop of its own, in the scenarios that have one.
 FITTED_DRIVE = {
@@ -164,6 +165,8 @@ CYCLE_VALUES = {
     "force_zero_code": [0],
     "force_sign": [1],
     "contact_force": [512],
+    "cycle_lock_on_bad": [0, 0, 1],
+    "cycle_bad_in_row_max": [0, 0, 2],
     "force_tare": [0],
     "tare_band": [0, 65536, 65536],
     "position_limit_min": [-2147483648],
@@ -316,6 +319,8 @@ class Fuzz:
 
     def run_cycle(self, side):
         """Starts a cycle where none runs, on an axis that is switched on again where it is off."""
+        for number in range(1, PARTS):
+            self.set(side, "cycle_acknowledge", number)
         words = (0x0F, 0x1F) if side.outputs[2] else (0x00, 0x80, 0x06, 0x0F, 0x1F)
         for word in words:
             self.set(side, "controlword", word)
@@ -552,9 +557,9 @@ class Fuzz:
             self.start_scenario(side)
         self.tick_number += 1
         if self.cycles:
-            if self.tick_number % 100 == 0:
+            if self.tick_number % 250 == 0:
                 self.run_cycle(side)
-            if self.cycle_rng.random() < 0.02:
+            if self.cycle_rng.random() < 0.004:
                 self.command(side)
                 self.frames(side)
                 self.accidents(side)

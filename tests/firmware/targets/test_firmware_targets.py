@@ -284,6 +284,7 @@ class Outputs(ctypes.Structure):
         ("amp_enable", ctypes.c_uint8),
         ("brake_release", ctypes.c_uint8),
         ("dac_fine", ctypes.c_int16),
+        ("digital", ctypes.c_uint8),
     ]
 
 

@@ -747,24 +747,4 @@ TEST_F(Cycle, TheDepthIsTheTravelLessTheDeflection) {
   EXPECT_EQ(tick(), CYCLE_END) << "20 less 12 is 8";
 }
 
-// The curve of a part takes the samples before they are evaluated.
-TEST_F(Cycle, SamplesThatWaitAreCorrectedOnce) {
-  cycle_phase_t phase = wait_phase(CYCLE_END);
-  phase.force_max_q8 = CYCLE_FORCE_MAX_Q8;
-  phase.conditions[0].level = 90;
-  cycle_header_t header{};
-  header.compliance = 2;
-  begin(completed(header, {phase}, [](cycle_element_t &) {}, {{0, 0}, {1000, 10}}));
-  for (int i = 1; i <= 5; ++i) {
-    ++now_.tick;
-    move(20);
-    now_.force_q8 = 100 * i;
-    cycle_step(&cycle_, &now_);
-    if (i % 2 != 0) cycle_correct(&cycle_);
-  }
-  for (int i = 1; i <= 5; ++i) EXPECT_EQ(cycle_.samples[i - 1].travel, 20 * i - i);
-  cycle_evaluate(&cycle_);
-  for (int i = 1; i <= 5; ++i) EXPECT_EQ(cycle_.samples[i - 1].travel, 20 * i - i);
-}
-
 }  // namespace
