@@ -15,7 +15,8 @@ import pytest
 from cycle_examples import IDS, PARTS
 from cycle_session import EXPERIMENT, experiment, file_of
 from forceaxis import _core
-from forceaxis.cycles import live, part
+from forceaxis.cycles import live
+from forceaxis.cycles.part import run as run_part
 
 SESSION = Path(__file__).with_name("cycle_session.py")
 WAYS = ("can", "gateway", "modbus")
@@ -127,7 +128,7 @@ def test_each_way_reads_the_curve_of_its_part(ways, way):
     """By blocks over CAN, five points at a time over the others; all of them see the same press."""
     with (ways["folder"] / way / "curve.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
-    curve = part.run(EXPERIMENT).curve
+    curve = run_part(EXPERIMENT).curve
     assert 300 < len(rows) <= 1000
     names = [phase.name for phase in live.live_program(EXPERIMENT).program.phases]
     assert list(dict.fromkeys(row["phase"] for row in rows)) == [

@@ -170,6 +170,7 @@ VALUES = {
     "controlword": [6, 0],
     "force_bank": [0, 0],  # all banks are empty
     "cycle_program": [0, 0],  # there is no program
+    "cycle_acknowledge": [0, 0],  # and no part
     "modes_of_operation": [-2, 8],
     "mode": [0, 0],
     "force_sign": [-1, 1],
@@ -187,6 +188,7 @@ VALUES = {
 }
 COMMANDS = {
     "command_source",
+    "cycle_unlock",
     "store_parameters",
     "restore_defaults",
     "excitation_run",
@@ -353,6 +355,8 @@ def test_the_curve_of_a_cycle_is_read_in_parts(line, tmp_path):
         words = [w for (v,) in struct.iter_unpack("<I", piece) for w in (v >> 16, v & 0xFFFF)]
         assert line.libmodbus(16, 0x040F, at, *words) == []
     assert write("cycle_data_end", len(record)) == [] and write("cycle_program", 7) == []
+    stored = BY_NAME["cycle_store_state"].modbus
+    wait_for("the store", lambda: line.libmodbus(4, stored, 1) == [1])
     assert write("modes_of_operation", -9) == []
     for word in (6, 7, 15, 31):
         assert write("controlword", word) == []
