@@ -29,6 +29,7 @@ from forceaxis.cycles.part import ElementFigure, figure_of
 from forceaxis.cycles.record import CALIBRATION_DUE, LOST, MASTER_DUE, PartRecord
 from forceaxis.cycles.records import RecordFolder
 from forceaxis.errors import ParameterError
+from forceaxis.experiments.points import tidy
 
 SERIAL_WORDS = tuple(f"cycle_serial_{i}" for i in range(1, 5))
 SERIAL_BYTES = 4 * len(SERIAL_WORDS)
@@ -232,7 +233,7 @@ def read(axis: Drive, number: int, wanted: LiveProgram) -> PartRecord | None:
         program_number=wanted.number,
         phase=program.phases[found.cycle_result_phase].name,
         elements=[
-            figure_of(element, verdict, value * scale)
+            figure_of(element, verdict, tidy(value * scale))
             for element, verdict, value, scale in zip(
                 program.elements, verdicts, values, wanted.scales, strict=True
             )
