@@ -69,7 +69,7 @@ def ports(tmp_path_factory):
         changed(
             (port / "stm32f446.ld").read_text(),
             ("LENGTH = 128K\n", "LENGTH = 48K\n"),
-            ("program_bytes = 16K;", "program_bytes = 0;"),
+            ("program_bytes = 15K;", "program_bytes = 0;"),
             ("curve_bytes = 12000;", "curve_bytes = 0;"),
         )
     )
