@@ -11,6 +11,7 @@ import shutil
 import struct
 import subprocess
 import tempfile
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 
 import unicorn
@@ -33,8 +34,9 @@ FOLDERS = (
 )
 BOARD = board.read(ROOT / "firmware/port/stm32f4")
 # As tools/image builds what is flashed.
+IMAGE = SourceFileLoader("image", str(ROOT / "tools/image")).load_module()
 COMPILER = [BOARD.build.tools + "gcc", *BOARD.build.flags]
-FLAGS = ["-std=c11", "-O2", "-ffreestanding", "-ffp-contract=off", "-ffunction-sections"]
+FLAGS = ["-std=c11", "-ffreestanding", "-ffp-contract=off", "-ffunction-sections"]
 CODE, RAM, STACK_TOP, EXIT = 0x08000000, 0x20000000, 0x20010000, 0x0F000000
 FW, RECORDER = RAM, RAM + 0x8000
 CONFIG, INPUTS, OUTPUTS, FRAME, BYTES, BLACKBOX = (RAM + 0x4000 + 0x200 * i for i in range(6))
@@ -90,9 +92,10 @@ def build_image():
         " .data : { *(.data*) } .bss : { *(.bss*) *(COMMON) } }\n"
     )
     objects = []
-    for source in sources():
+    for source in [*sources(), ROOT / "firmware/port/memory.c"]:
         objects.append(folder / (source.parent.name + "_" + source.stem + ".o"))
-        run(*COMPILER, *FLAGS, f"-I{ROOT}", "-c", source, "-o", objects[-1])
+        optimised = IMAGE.optimisation(source)
+        run(*COMPILER, optimised, *FLAGS, f"-I{ROOT}", "-c", source, "-o", objects[-1])
     image = folder / "image.elf"
     options = ["-nostdlib", "-nostartfiles", "-static", "-Wl,--no-undefined", "-Wl,--no-warn-rwx"]
     run(*COMPILER, *options, f"-Wl,-T,{script},-e,0", *objects, "-o", image)

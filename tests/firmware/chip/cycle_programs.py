@@ -63,6 +63,7 @@ def phase(rng, phases, position, points, is_first):
     elif action not in (WAIT, OUTPUT):
         near = rng.choice([3, 300, 3000])
         target = rng.randint(-near, near) + (position if action in (MOVE, APPROACH) else 0)
+        target = max(-(2**31), min(2**31 - 1, target))
         speed = rng.choice([1, 1500, 15_000, 300_000])
     limits = (
         rng.choice([131_071, 131_071, 20_000]),
