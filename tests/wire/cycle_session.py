@@ -196,7 +196,7 @@ def links(_folder):
 
 def be_patient():
     """Clients wait for longer than those of a user, and so does the axis for them."""
-    can_way.HEARTBEAT_MS = 10_000
+    can_way.HEARTBEAT_MS = 5000
     for module, name in ((lcm_way, "GatewayLink"), (modbus_way, "ModbusLink")):
         setattr(module, name, functools.partial(getattr(module, name), timeout_s=PATIENT_S))
 
