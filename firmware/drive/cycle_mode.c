@@ -61,12 +61,13 @@ static int32_t base_of(const cia402_t *drive, const axis_t *axis, uint8_t action
   if (action == CYCLE_MOVE) {
     return 0;
   }
+  int32_t count = axis->signals.position;
   if (action == CYCLE_MOVE_TO_DEPTH) {
-    return cia402_user(drive, drive->cycle.zero_cnt);
+    count = drive->cycle.zero_cnt;
+  } else if (drive->tracking == CIA402_TRACKING_AXIS) {
+    count = fx_cnt_from_q32(drive->trajectory.position_q32);
   }
-  const bool tracks = drive->tracking == CIA402_TRACKING_AXIS;
-  return cia402_user(
-      drive, tracks ? fx_cnt_from_q32(drive->trajectory.position_q32) : axis->signals.position);
+  return cia402_user(drive, count);
 }
 
 /* Sets the smallest and the largest mean force that a tare may find: tare_band bounds the sum of
@@ -91,9 +92,9 @@ static bool begin_phase(cia402_t *drive, const axis_t *axis) {
   const cycle_phase_t *phase = cycle_phase(&drive->cycle);
   const cia402_mode_t *mode = mode_of(phase->action);
   const bool moves_to = mode == &moves || mode == &approaches;
-  const int64_t place = moves_to ? (int64_t)base_of(drive, axis, phase->action) + phase->target : 0;
-  const int32_t position = fx_saturate(place, INT32_MIN, INT32_MAX);
-  if (position != place) {
+  const int32_t base = moves_to ? base_of(drive, axis, phase->action) : 0;
+  const int32_t place = fx_sum_wrap(base, phase->target);
+  if ((place < base) != (phase->target < 0)) {
     cycle_end(&drive->cycle, CYCLE_OVER_TRAVEL);
     return false;
   }
@@ -107,7 +108,7 @@ static bool begin_phase(cia402_t *drive, const axis_t *axis) {
     cia402_end_mode(drive);
   }
   drive->mode = mode;
-  drive->setpoint = (cia402_setpoint_t){.position = position, .speed = phase->speed};
+  drive->setpoint = (cia402_setpoint_t){.position = place, .speed = phase->speed};
   drive->setpoint_active = moves_to ? 1 : 0;
   drive->setpoint_buffered = 0;
   drive->stopped_by_contact = 0;
