@@ -159,7 +159,19 @@ def by(folder, *way):
         early = cycle("start", EXPERIMENT, *way)
         loaded = cycle("load", EXPERIMENT, *way)
         part = cycle("start", EXPERIMENT, *way, "--curve", folder / "curve.csv")
-        return {"early": early, "loaded": loaded, "part": part}
+        found = {"early": early, "loaded": loaded, "part": part}
+        return found | (beside(folder) if "--axis" in way else {})
+
+
+def beside(folder):
+    """A part that the owner of the axis presses through the gateway, and what a command says that
+    records it over Modbus meanwhile."""
+    with Axis(lcm_way.GatewayLink(1)) as owner:
+        pressed = to_json(results.press(owner, live.live_program(EXPERIMENT), "B-1"))
+        to = ["--modbus", f"tcp://127.0.0.1:{PORT}", "--out", folder / "records"]
+        said = cycle("result", EXPERIMENT, *to)
+        left = owner.get("cycle_results_waiting", "command_source")
+    return {"beside": {"pressed": pressed, "recorded": said, "left": left}}
 
 
 def ways(folder):

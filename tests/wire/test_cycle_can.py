@@ -36,8 +36,8 @@ def ran(vcan, folder, session, seconds):
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory, vcan):
     found = ran(vcan, tmp_path_factory.mktemp("parts"), "parts", 200)
-    for name, part in found.items():
-        assert "failed" not in part, f"{name}: {part['failed']}"
+    for name, one in found.items():
+        assert "failed" not in one, f"{name}: {one['failed']}"
     return found
 
 
@@ -140,3 +140,16 @@ def test_each_way_reads_the_curve_of_its_part(ways, way):
     assert times[-1] == pytest.approx(len(curve.time_s) / 1500, abs=0.4)
     assert max(forces) == pytest.approx(curve.force_N.max(), rel=0.05)
     assert max(travels) == pytest.approx(curve.travel_m.max(), abs=2e-4)
+
+
+def test_a_result_is_recorded_beside_the_owner_of_the_axis(ways):
+    found = ways["gateway"]["beside"]
+    said, pressed = found["recorded"], found["pressed"]
+    assert said["status"] == 0, said["said"]
+    (record,) = said["result"]
+    assert (record["number"], record["serial"], record["state"]) == (2, "B-1", "good")
+    same = ("number", "power_up", "program_crc", "elements", "begin_tick", "parameters_crc")
+    assert {n: record[n] for n in same} == {n: pressed[n] for n in same}
+    assert found["left"] == {"cycle_results_waiting": 0, "command_source": "lcm"}
+    (file,) = (ways["folder"] / "gateway/records/parts").iterdir()
+    assert json.loads(file.read_text()) == record

@@ -173,7 +173,7 @@ def test_parts_are_pressed_and_recorded(tmp_path):
     picture = tmp_path / "statistics.png"
     done = cycle("statistics", out, "--plot", picture, "--page", tmp_path / "page.html")
     assert "parts        2: 1 good, 1 bad, 0 aborted\n" in done.stdout
-    assert "warning      the last 1 part not good\n" in done.stdout
+    assert "warning      the last part is not good\n" in done.stdout
     assert "Force over travel of the last parts" in (tmp_path / "page.html").read_text()
 
 

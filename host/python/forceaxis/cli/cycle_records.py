@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
+from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from forceaxis.cycles.records import RecordFolder
     from forceaxis.cycles.results import Silence
 
+RUNNING_PARTS = 1000  # parts in the statistics that `watch` prints
 SOURCE = click.argument("source", type=click.Path(path_type=Path))
 recorded = click.option(
     "--out", type=Folder(), help="Folder for the records: parts/*.json and parts.csv."
@@ -104,13 +106,13 @@ def start(
     wanted = cycles.live_program(experiment, (), program)
     with records.folder_or_none(out) as folder, owned(connection) as axis:
         record = results.press(axis, wanted, serial)
+        if folder is not None:
+            record = results.with_curve(axis, record, wanted)
+            folder.add(record)
         points = None
         if curve is not None or plot is not None:
             points = curves.read(axis, wanted)
             write_curve(points, record, wanted, curve, plot)
-        if folder is not None:
-            record = results.with_curve(axis, record, wanted)
-            folder.add(record)
         if as_json:
             print_json(record)
         else:
@@ -233,11 +235,12 @@ def watch(
 ) -> None:
     """Record every part of an axis that a PLC or another master commands, until Ctrl-C.
 
-    The command prints a line for each part, with the number of good parts up to now and the
-    smallest Cpk of the elements. It does not take the axis from its owner and moves nothing. Each
-    result is written to the folder and then acknowledged. If the axis has no power or the
-    connection fails, the command waits and connects again; results that the axis has lost in a
-    power cut are named by their numbers and recorded as lost. A folder that has parts is continued.
+    The command prints a line for each part, with the number of good parts and the smallest Cpk of
+    the elements over the parts of this command, at most the last 1000. It does not take the axis
+    from its owner and moves nothing. Each result is written to the folder and then acknowledged. If
+    the axis has no power or the connection fails, the command waits and connects again; results
+    that the axis has lost in a power cut are named by their numbers and recorded as lost. A folder
+    that has parts is continued.
 
     A part whose serial number is that of the master part has to be pressed and found good within
     each --master-every hours; otherwise the line and the record of every part have the note "master
@@ -258,20 +261,22 @@ def watch(
     reminders = results.Reminders(master_every, master_serial or "", due)
     with records.RecordFolder(out) as folder, errors(connection):
         reminders.resume(folder)
-        seen: list[PartRecord] = []
+        seen: deque[PartRecord] = deque(maxlen=RUNNING_PARTS)
+        count = 0
         with contextlib.suppress(KeyboardInterrupt):
             for event in results.watch(connection.link, wanted, folder, reminders):
                 if isinstance(event, results.Silence):
                     _say(event)
                     continue
                 seen.append(dataclasses.replace(event, curve=None))
-                found = capability.statistics(records.RecordedParts(str(out), seen))
+                found = capability.statistics(records.RecordedParts(str(out), list(seen)))
+                count += 1
                 if as_json:
                     print_json(event)
                 else:
                     running = cycle_text.running_text(found)
                     click.echo(f"{cycle_text.record_line(event)}; {running}")
-                if len(seen) == parts:
+                if count == parts:
                     break
         _finish(folder, parquet, as_json)
 

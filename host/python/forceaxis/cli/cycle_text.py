@@ -274,7 +274,8 @@ def statistics_rows(found: PartStatistics) -> Rows:
         share, interval = percent(found.good_share)
         rows.append(("good", f"{share}, {interval} (95 % interval), of the good and bad parts"))
     if found.bad_in_row:
-        rows.append(("warning", f"the last {counted(found.bad_in_row, 'part')} not good"))
+        last = "part is" if found.bad_in_row == 1 else f"{found.bad_in_row} parts are"
+        rows.append(("warning", f"the last {last} not good"))
     if found.other_programs:
         text = f"{counted(found.other_programs, 'part')} with another program, not in the table"
         rows.append(("left out", text))

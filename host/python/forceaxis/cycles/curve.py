@@ -104,7 +104,6 @@ def points(data: bytes, wanted: LiveProgram, thinned: int = 0) -> CurvePoints:
         travel_m=raw["travel"] * abs(encoder["per_code"]),
         force_N=(force_phase >> FORCE_BIT) * newtons,
         phase=force_phase % (1 << FORCE_BIT),
-        ended_by=np.zeros(len(raw), dtype=np.int64),  # not in the points
         thinned=thinned,
     )
 

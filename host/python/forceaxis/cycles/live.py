@@ -188,15 +188,16 @@ def wait_stored(axis: Drive) -> str:
 
 
 def select(axis: Drive, wanted: LiveProgram) -> None:
-    """Selects a program of the library of an axis that is owned, if none is selected, as after a
-    power-up. Raises Refused if the axis has another program selected, or does not have this one."""
+    """Selects a program of an axis that is owned, if another one or none is selected, as after a
+    power-up. Raises Refused if the axis does not have this program, and then changes nothing."""
     crc = axis.integer("cycle_program_crc")
-    if crc == 0:
+    if crc != wanted.crc:
+        before = axis.integer("cycle_program")
         with contextlib.suppress(Refused):  # the library has no program with this number
             axis.link.write({"cycle_program": wanted.number})
-            crc = axis.integer("cycle_program_crc")
-            if crc != wanted.crc:
-                axis.link.write({"cycle_program": 0})
+            if axis.integer("cycle_program_crc") == wanted.crc:
+                return
+            axis.link.write({"cycle_program": before})
     if crc != wanted.crc:
         has = "none" if crc == 0 else f"the CRC {crc:08X}"
         raise Refused(

@@ -124,6 +124,8 @@ def draw_curves(ax: Axes, curves: Curves) -> None:
         travel, force = (np.array([point[i] for point in curve]) for i in (1, 2))
         colour = GOOD_COLOUR if state == GOOD else BAD_COLOUR
         ax.plot(travel * MM, force, color=colour, linewidth=0.8, alpha=0.6)
+    last = max(max(point[1] for point in curve) for _, curve in curves) * MM
+    ax.set_xlim(-0.15 * max(last, 1e-3), 1.08 * max(last, 1e-3))  # as in the plot of a part
     ax.set_xlabel("travel, mm")
     ax.set_ylabel("force, N")
     ax.set_title(f"The last {len(curves)} curves", fontsize=8, loc="left", color=INK)

@@ -213,6 +213,27 @@ def test_results_that_a_power_cut_has_lost_are_named(store, wanted, folder):
     assert (found.parts, found.lost, found.good) == (3, 2, 1)
 
 
+def test_watch_names_lost_results_once(store, wanted, folder):
+    """Also if a second power cut comes before the axis has stored the acknowledgement."""
+    with Axis.sim(PRESS_FIT, store=store) as axis:
+        live.load(axis, wanted)
+        for _ in range(2):
+            results.press(axis, wanted)
+        axis.link.wait(700)
+    for expected in ([1, 2], []):
+        link = SimLink(PRESS_FIT, store=store)
+        assert link.read_one("cycle_lost_last") == 2
+        collector = results.Collector(Axis(link), wanted, folder)
+        assert [record.number for record in collector.lost()] == expected
+        link.close()
+    link = SimLink(PRESS_FIT, store=store)
+    with RecordFolder(folder.folder.with_name("other")) as other:
+        events = results.watch(lambda: link, wanted, other, results.Reminders())
+        lost = [next(events), next(events)]
+        events.close()
+    assert [(record.number, record.state) for record in lost] == [(1, "lost"), (2, "lost")]
+
+
 def test_another_axis_with_the_same_numbers_is_refused_and_keeps_its_results(
     tmp_path, wanted, folder
 ):
