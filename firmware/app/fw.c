@@ -187,12 +187,10 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
     case AXIS_OBJ_INCIDENT_COMMAND:
       return incident_command(fw, value);
     case AXIS_OBJ_CYCLE_PROGRAM_REMOVE:
-      return programs_remove(fw, (uint32_t)value);
     case AXIS_OBJ_CYCLE_DATA_END:
-      return programs_end_parts(fw, (uint32_t)value);
+      return programs_command(fw, object, (uint32_t)value);
     case AXIS_OBJ_CYCLE_UNLOCK:
-      results_unlock(fw);
-      return FW_OK;
+      return results_unlock(fw);
     default:
       return command_recorder(fw, value != 0);
   }

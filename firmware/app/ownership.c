@@ -71,11 +71,11 @@ static bool starts_axis(const fw_t *fw, uint16_t object, int32_t value) {
           (object == AXIS_OBJ_MODE && value != AXIS_MODE_DISABLED));
 }
 
-/* Returns true for an object that every source may write: it names the result that is read, or
- * acknowledges a result. */
+/* Returns true for an object that every source may write: it names the result or the points of the
+ * curve that are read, or acknowledges a result. */
 static bool is_open(uint16_t object) {
   return object == AXIS_OBJ_CYCLE_RESULT_NUMBER || object == AXIS_OBJ_CYCLE_RESULT_ELEMENT ||
-         object == AXIS_OBJ_CYCLE_ACKNOWLEDGE;
+         object == AXIS_OBJ_CYCLE_CURVE_FIRST || object == AXIS_OBJ_CYCLE_ACKNOWLEDGE;
 }
 
 int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {

@@ -157,7 +157,7 @@ static int refusal_of_change(const fw_t *fw) {
   return store_is_busy(&fw->store) ? FW_ERROR_BUSY : FW_OK;
 }
 
-int programs_remove(fw_t *fw, uint32_t number) {
+static int remove_program(fw_t *fw, uint32_t number) {
   const int refusal = refusal_of_change(fw);
   if (refusal != FW_OK) {
     return refusal;
@@ -190,7 +190,7 @@ static int accept(fw_t *fw, uint32_t size) {
   return FW_OK;
 }
 
-int programs_end_parts(fw_t *fw, uint32_t size) {
+static int end_parts(fw_t *fw, uint32_t size) {
   if (fw->library.staging == NULL) {
     return FW_ERROR_NO_MEMORY;
   }
@@ -199,6 +199,11 @@ int programs_end_parts(fw_t *fw, uint32_t size) {
   }
   fw->has_parts = 0;
   return accept(fw, size);
+}
+
+int programs_command(fw_t *fw, uint16_t object, uint32_t value) {
+  return (object == AXIS_OBJ_CYCLE_PROGRAM_REMOVE) ? remove_program(fw, value)
+                                                   : end_parts(fw, value);
 }
 
 uint32_t programs_download_most(const dictionary_t *objects) {

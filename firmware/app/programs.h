@@ -29,9 +29,8 @@ void programs_written(fw_t *fw, uint16_t object, int32_t previous, int32_t value
 /* Selects a program outside of the library, for fw_select_program(). */
 cycle_check_t programs_select(fw_t *fw, const cycle_header_t *program);
 
-/* Execute the commands cycle_program_remove and cycle_data_end. */
-int programs_remove(fw_t *fw, uint32_t number);
-int programs_end_parts(fw_t *fw, uint32_t size);
+/* Executes the command cycle_program_remove or cycle_data_end. */
+int programs_command(fw_t *fw, uint16_t object, uint32_t value);
 
 /* The functions of the dictionary for a download (firmware/objects/access.h). */
 uint32_t programs_download_most(const dictionary_t *objects);

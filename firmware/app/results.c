@@ -292,9 +292,10 @@ void results_written(fw_t *fw, uint16_t object, int32_t value) {
   }
 }
 
-void results_unlock(fw_t *fw) {
+int results_unlock(fw_t *fw) {
   fw->results.counts.bad_in_row = 0;
   fw->results.changed = 1;
   fw->results.urgent = 1;
   show_counts(fw);
+  return FW_OK;
 }

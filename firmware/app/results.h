@@ -29,8 +29,8 @@ void results_loaded(fw_t *fw);
 int results_check(const fw_t *fw, uint16_t object, int32_t value);
 void results_written(fw_t *fw, uint16_t object, int32_t value);
 
-/* Permits cycles again after too many bad parts in a row. */
-void results_unlock(fw_t *fw);
+/* Permits cycles again after too many bad parts in a row. Returns FW_OK. */
+int results_unlock(fw_t *fw);
 
 /* Call results_serve() between ticks while the axis has programs, after the samples of the cycle
  * were evaluated. `ended` means that the cycle has just ended. */

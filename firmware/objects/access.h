@@ -50,7 +50,7 @@ int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value
  *
  * FW_ERROR_LOCKED: another source owns the axis. Exceptions: any bus may write its own number to
  * command_source, the owner may write the number of canopen, and any bus may name a result of a
- * cycle and acknowledge it.
+ * cycle, or points of its curve, and acknowledge a result.
  * FW_ERROR_RANGE: the value is outside the range of the object; 0 where the table forbids 0;
  * position_min above position_max; a recorder channel or trigger that is no readable object;
  * recorder_arm without a channel, or with a pretrigger or length larger than the buffer; a mode of
