@@ -244,6 +244,19 @@ TEST_F(Curve, PhasesWithoutEndNeverFillTheMemory) {
   EXPECT_EQ(curve_.thinned, 255) << "and it counts no further";
 }
 
+// 8 (2^29 + 1) does not fit into 32 bits: a step that wrapped would be 8 counts.
+TEST_F(Curve, AStepThatIsDoubledDoesNotWrap) {
+  Samples samples;
+  for (int i = 1; i <= 25; ++i) samples.push_back({i, 0, 0, i % 2});
+  for (int i = 26; i <= 100; ++i) samples.push_back({i, 10 * i, 0, 1});
+  const Steps steps{(1 << 29) + 1, 0, 0};
+  Model model{8, steps, {}};
+  model.run(samples);
+  EXPECT_EQ(curve_of(samples, steps, 8), model.points);
+  EXPECT_EQ(curve_.thinned, model.thinned);
+  EXPECT_GE(curve_.thinned, 3);
+}
+
 TEST_F(Curve, OneSampleIsOnePoint) {
   const Samples one{{1, -5, 70, 15}};
   EXPECT_EQ(curve_of(one, {1, 1, 1}, 1000), one);
