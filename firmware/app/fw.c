@@ -168,6 +168,11 @@ static int command_recorder(fw_t *fw, bool arm) {
   return refusal;
 }
 
+static int command_cycles(fw_t *fw, uint16_t object, uint32_t value) {
+  return (object == AXIS_OBJ_CYCLE_UNLOCK) ? results_unlock(fw)
+                                           : programs_command(fw, object, value);
+}
+
 static int command(dictionary_t *objects, uint16_t object, int32_t value) {
   fw_t *fw = fw_of(objects);
   switch (object) {
@@ -186,13 +191,10 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
       return cia402_excite(&fw->drive, &fw->axis, value == AXIS_EXCITATION_RUN_START);
     case AXIS_OBJ_INCIDENT_COMMAND:
       return incident_command(fw, value);
-    case AXIS_OBJ_CYCLE_PROGRAM_REMOVE:
-    case AXIS_OBJ_CYCLE_DATA_END:
-      return programs_command(fw, object, (uint32_t)value);
-    case AXIS_OBJ_CYCLE_UNLOCK:
-      return results_unlock(fw);
-    default:
+    case AXIS_OBJ_RECORDER_ARM:
       return command_recorder(fw, value != 0);
+    default:
+      return command_cycles(fw, object, (uint32_t)value);
   }
 }
 
@@ -321,7 +323,7 @@ static void boot(fw_t *fw) {
 }
 
 void fw_init(fw_t *fw, const fw_config_t *config) {
-  fw->config = *config;
+  fx_copy_words(&fw->config, config, sizeof(fw->config));
   fw->live = 0;
   fw->on_serial = 0;
   fw->tare_is_written = 0;

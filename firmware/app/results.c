@@ -17,7 +17,9 @@ _Static_assert(AXIS_CYCLE_STATE_BAD == AXIS_CYCLE_STATE_GOOD + CYCLE_PART_BAD &&
 enum {
   BIT_READY = 1,
   BIT_BUSY = 2,
-  BIT_VERDICT = 4, /* good; then bad, aborted */
+  BIT_GOOD = 4,
+  BIT_BAD = 8,
+  BIT_ABORTED = 16,
   BIT_WAITING = 32,
   BIT_LOCKED = 64,
   BIT_FULL = 128
@@ -26,37 +28,37 @@ enum {
 static bool is_busy(const fw_t *fw) { return cycle_mode_is_busy(&fw->drive); }
 
 /* Returns the part that is shown. Its number is 0 if there is none. */
-static cycle_part_t shown_part(const fw_t *fw) {
+static const cycle_part_t *shown_part(const fw_t *fw) {
+  static const cycle_part_t none;
   const uint32_t number = fw->device.cycle_result_number;
   const cycle_part_t *part =
       (number == 0) ? &fw->results.last : cycle_results_find(&fw->results.waiting, number);
-  const cycle_part_t none = {0};
-  return (part == NULL) ? none : *part;
+  return (part == NULL) ? &none : part;
 }
 
 static void show_part(fw_t *fw) {
   device_signals_t *signals = &fw->device_signals;
-  const cycle_part_t part = shown_part(fw);
-  const bool exists = part.number != 0;
-  signals->cycle_result_part = part.number;
-  signals->cycle_result_power_up = part.power_up;
-  signals->cycle_result_program_crc = part.program_crc;
-  signals->cycle_result_bank_crc = part.bank_crc;
+  const cycle_part_t *part = shown_part(fw);
+  const bool exists = part->number != 0;
+  signals->cycle_result_part = part->number;
+  signals->cycle_result_power_up = part->power_up;
+  signals->cycle_result_program_crc = part->program_crc;
+  signals->cycle_result_bank_crc = part->bank_crc;
   signals->cycle_result_state =
-      exists ? (uint8_t)(AXIS_CYCLE_STATE_GOOD + part.verdict) : (uint8_t)AXIS_CYCLE_STATE_IDLE;
-  signals->cycle_result_outcome = part.outcome;
-  signals->cycle_result_phase = part.phase;
-  signals->cycle_result_begin = part.begin_tick;
-  signals->cycle_result_duration = part.ticks;
+      exists ? (uint8_t)(AXIS_CYCLE_STATE_GOOD + part->verdict) : (uint8_t)AXIS_CYCLE_STATE_IDLE;
+  signals->cycle_result_outcome = part->outcome;
+  signals->cycle_result_phase = part->phase;
+  signals->cycle_result_begin = part->begin_tick;
+  signals->cycle_result_duration = part->ticks;
   for (uint8_t i = 0; i < CYCLE_SERIAL_WORDS; i++) {
-    signals->cycle_result_serial[i] = part.serial[i];
+    signals->cycle_result_serial[i] = part->serial[i];
   }
   const uint8_t element = fw->device.cycle_result_element;
-  const bool has_element = exists && element < part.elements;
-  signals->cycle_result_value = has_element ? part.values[element] : 0;
-  signals->cycle_result_tick = has_element ? part.found_ticks[element] : 0;
-  signals->cycle_result_verdict =
-      has_element ? (uint8_t)(part.verdicts[element] + 1) : (uint8_t)AXIS_CYCLE_RESULT_VERDICT_NONE;
+  const bool has_element = exists && element < part->elements;
+  signals->cycle_result_value = has_element ? part->values[element] : 0;
+  signals->cycle_result_tick = has_element ? part->found_ticks[element] : 0;
+  signals->cycle_result_verdict = has_element ? (uint8_t)(part->verdicts[element] + 1)
+                                              : (uint8_t)AXIS_CYCLE_RESULT_VERDICT_NONE;
 }
 
 /* Returns the smallest number of a result that was not acknowledged, or 0. */
@@ -77,10 +79,48 @@ static void show_counts(fw_t *fw) {
   signals->cycle_bad_in_row = (uint16_t)counts->bad_in_row;
 }
 
+/* Makes a part one that does not exist. */
+static void clear_part(cycle_part_t *part) {
+  part->number = 0;
+  part->power_up = 0;
+  part->program_crc = 0;
+  part->bank_crc = 0;
+  part->begin_tick = 0;
+  part->ticks = 0;
+  part->elements = 0;
+  part->verdict = CYCLE_PART_GOOD;
+  part->outcome = CYCLE_BY_PROGRAM;
+  part->phase = 0;
+  for (uint8_t i = 0; i < CYCLE_SERIAL_WORDS; i++) {
+    part->serial[i] = 0;
+  }
+}
+
+static void clear(results_counts_t *counts) {
+  counts->power_up = 0;
+  counts->number = 0;
+  for (uint8_t i = 0; i < CYCLE_PART_VERDICTS; i++) {
+    counts->parts[i] = 0;
+  }
+  counts->oldest_waiting = 0;
+  counts->bad_in_row = 0;
+}
+
 void results_init(fw_t *fw) {
-  const results_t none = {0};
-  fw->results = none;
-  cycle_results_init(&fw->results.waiting, fw->config.result_memory, fw->config.result_bytes);
+  results_t *results = &fw->results;
+  cycle_results_init(&results->waiting, fw->config.result_memory, fw->config.result_bytes);
+  clear_part(&results->last);
+  clear(&results->counts);
+  clear(&results->stored);
+  results->given_tick = 0;
+  results->starts = 0;
+  results->changed = 0;
+  results->urgent = 0;
+  results->has_power_up = 0;
+  results->is_loaded = 0;
+  for (uint8_t i = 0; i < CYCLE_SERIAL_WORDS; i++) {
+    results->serial[i] = 0;
+  }
 }
 
 /* Takes the counts of the last power-up. */
@@ -147,7 +187,8 @@ static void show_bits(fw_t *fw) {
     bits = BIT_READY;
   }
   if (state >= AXIS_CYCLE_STATE_GOOD && state <= AXIS_CYCLE_STATE_ABORTED) {
-    bits |= (uint32_t)BIT_VERDICT << (state - AXIS_CYCLE_STATE_GOOD);
+    static const uint8_t verdicts[CYCLE_PART_VERDICTS] = {BIT_GOOD, BIT_BAD, BIT_ABORTED};
+    bits |= verdicts[state - AXIS_CYCLE_STATE_GOOD];
   }
   bits |= (fw->results.waiting.waiting != 0) ? BIT_WAITING : 0;
   bits |= (lock == AXIS_CYCLE_STATE_LOCKED) ? BIT_LOCKED : 0;
@@ -187,29 +228,27 @@ static void take_part(fw_t *fw) {
   const cycle_t *cycle = &fw->drive.cycle;
   const uint8_t verdict = verdict_of(cycle);
   count_part(&results->counts, verdict);
-  cycle_part_t part = {
-      .number = results->counts.number,
-      .power_up = results->counts.power_up,
-      .program_crc = cycle_program_crc(cycle->program),
-      .bank_crc = fw->drive.law_crc,
-      .begin_tick = cycle->begin_tick,
-      .ticks = cycle->last_tick - cycle->begin_tick,
-      .elements = cycle->program->elements,
-      .verdict = verdict,
-      .outcome = cycle->outcome,
-      .phase = (cycle->outcome == CYCLE_BY_PROGRAM) ? cycle->phase : cycle->failed_phase,
-  };
+  cycle_part_t *part = &results->last;
+  part->number = results->counts.number;
+  part->power_up = results->counts.power_up;
+  part->program_crc = cycle_program_crc(cycle->program);
+  part->bank_crc = fw->drive.law_crc;
+  part->begin_tick = cycle->begin_tick;
+  part->ticks = cycle->last_tick - cycle->begin_tick;
+  part->elements = cycle->program->elements;
+  part->verdict = verdict;
+  part->outcome = cycle->outcome;
+  part->phase = (cycle->outcome == CYCLE_BY_PROGRAM) ? cycle->phase : cycle->failed_phase;
   for (uint8_t i = 0; i < CYCLE_SERIAL_WORDS; i++) {
-    part.serial[i] = results->serial[i];
+    part->serial[i] = results->serial[i];
   }
-  for (uint8_t i = 0; i < part.elements; i++) {
+  for (uint8_t i = 0; i < part->elements; i++) {
     const cycle_element_result_t result = cycle_result(cycle, i);
-    part.values[i] = result.value;
-    part.found_ticks[i] = result.found_tick;
-    part.verdicts[i] = result.verdict;
+    part->values[i] = result.value;
+    part->found_ticks[i] = result.found_tick;
+    part->verdicts[i] = result.verdict;
   }
-  results->last = part;
-  cycle_results_add(&results->waiting, &part);
+  cycle_results_add(&results->waiting, part);
   results->changed = 1;
   results->urgent |= (verdict != CYCLE_PART_GOOD && is_locked(fw)) ? 1 : 0;
   show_counts(fw);
@@ -225,27 +264,32 @@ static void take_serial(fw_t *fw) {
   }
 }
 
+/* Returns true if the counts shall be written now. `is_given` means that a write of them failed. */
+static bool are_due(const fw_t *fw, bool is_given) {
+  const results_t *results = &fw->results;
+  const uint32_t age = fw->axis.signals.tick_count - results->given_tick;
+  const bool is_first = results->has_power_up == 0 && !is_given;
+  return is_first || results->urgent != 0 ||
+         (age >= RESULTS_STORE_TICKS && (is_given || results->changed != 0));
+}
+
 /* Gives the counts to the store when they shall be written. */
 static void give_counts(fw_t *fw) {
   results_t *results = &fw->results;
-  const uint8_t state = store_parts_state(&fw->store);
-  const bool is_writing = (fw->store.changed & (1u << STORE_COUNTS)) != 0;
-  if (fw->store.memory == NULL || store_is_busy(&fw->store) ||
-      (is_writing && state != STORE_PARTS_FAILED)) {
+  const bool has_failed = store_parts_state(&fw->store) == STORE_PARTS_FAILED;
+  const bool is_given = !store_part_is_stored(&fw->store, STORE_COUNTS);
+  if (fw->store.memory == NULL || store_is_busy(&fw->store) || (is_given && !has_failed)) {
     return;
   }
-  if (!is_writing && results->stored.power_up == results->counts.power_up) {
+  if (!is_given && results->stored.power_up == results->counts.power_up) {
     results->has_power_up = 1;
   }
-  const uint32_t now = fw->axis.signals.tick_count;
-  const bool is_due = now - results->given_tick >= RESULTS_STORE_TICKS;
-  const bool is_first = results->has_power_up == 0 && state != STORE_PARTS_FAILED;
-  if (is_first || results->urgent != 0 || (is_due && (is_writing || results->changed != 0))) {
-    results->stored = results->counts;
+  if (are_due(fw, is_given)) {
+    fx_copy_words(&results->stored, &results->counts, sizeof(results->stored));
     results->stored.oldest_waiting = oldest_waiting(fw);
     results->changed = 0;
     results->urgent = 0;
-    results->given_tick = now;
+    results->given_tick = fw->axis.signals.tick_count;
     const void *bytes = &results->stored;
     store_part_set(&fw->store, STORE_COUNTS, (store_part_t){bytes, STORE_COUNTS_BYTES}, true);
   }

@@ -60,20 +60,14 @@ const cycle_header_t *cycle_library_at(const cycle_library_t *library, uint8_t p
   return record_at(library, offset);
 }
 
-/* Copies `count` bytes, a multiple of 4, upwards. */
-static void copy(uint8_t *to, const uint8_t *from, uint32_t count) {
-  for (uint32_t i = 0; i < count; i += 4) {
-    fx_copy_4(&to[i], &from[i]);
-  }
-}
-
 bool cycle_library_remove(cycle_library_t *library, uint32_t number) {
   const uint32_t offset = place_of(library, number);
   if (offset == library->used) {
     return false;
   }
   const uint32_t size = record_at(library, offset)->size;
-  copy(&library->records[offset], &library->records[offset + size], library->used - offset - size);
+  fx_copy_words(&library->records[offset], &library->records[offset + size],
+                library->used - offset - size);
   library->used -= size;
   library->count = (uint8_t)(library->count - 1);
   return true;
@@ -104,7 +98,7 @@ cycle_check_t cycle_library_accept(cycle_library_t *library, uint32_t size) {
     return (cycle_check_t){CYCLE_NO_ROOM, 0};
   }
   (void)cycle_library_remove(library, program->number);
-  copy(&library->records[library->used], library->staging, size);
+  fx_copy_words(&library->records[library->used], library->staging, size);
   library->used += size;
   library->count = (uint8_t)(library->count + 1);
   return check;
@@ -115,14 +109,14 @@ uint32_t cycle_library_restore(cycle_library_t *library, uint32_t bytes) {
   while (bytes - offset >= sizeof(cycle_header_t)) {
     const cycle_header_t *program = record_at(library, offset);
     const uint32_t size = program->size;
-    if (size < sizeof(cycle_header_t) || size % 4 != 0 || size > bytes - offset) {
+    if (size < sizeof(cycle_header_t) || (size & 3u) != 0 || size > bytes - offset) {
       break;
     }
     const bool is_right = cycle_program_check(program, size).reason == CYCLE_ACCEPTED &&
                           program->number != 0 &&
                           cycle_library_find(library, program->number) == NULL;
     if (is_right) {
-      copy(&library->records[library->used], &library->records[offset], size);
+      fx_copy_words(&library->records[library->used], &library->records[offset], size);
       library->used += size;
       library->count = (uint8_t)(library->count + 1);
     }

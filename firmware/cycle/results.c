@@ -2,15 +2,19 @@
 
 #include <stddef.h>
 
+#include "firmware/fx/bytes.h"
+
 enum { ROOM_MAX = 255 };
 
 void cycle_results_init(cycle_results_t *results, void *memory, uint32_t bytes) {
-  const uint32_t room = (memory == NULL) ? 0 : bytes / (uint32_t)sizeof(cycle_part_t);
   results->parts = memory;
-  results->room = (uint8_t)((room < ROOM_MAX) ? room : ROOM_MAX);
+  results->room = 0;
   results->waiting = 0;
-  for (uint8_t i = 0; i < results->room; i++) {
-    results->parts[i].number = 0;
+  uint32_t left = (memory == NULL) ? 0 : bytes;
+  while (left >= sizeof(cycle_part_t) && results->room < ROOM_MAX) {
+    results->parts[results->room].number = 0;
+    results->room = (uint8_t)(results->room + 1);
+    left -= (uint32_t)sizeof(cycle_part_t);
   }
 }
 
@@ -27,7 +31,7 @@ static cycle_part_t *place_of(const cycle_results_t *results, uint32_t number) {
 void cycle_results_add(cycle_results_t *results, const cycle_part_t *part) {
   cycle_part_t *place = place_of(results, 0);
   if (place != NULL) {
-    *place = *part;
+    fx_copy_words(place, part, sizeof(*place));
     results->waiting = (uint8_t)(results->waiting + 1);
   }
 }

@@ -10,6 +10,14 @@ uint32_t fx_load_le(const uint8_t *from, uint8_t bytes) {
   return value;
 }
 
+void fx_copy_words(void *to, const void *from, uint32_t count) {
+  uint8_t *out = to;
+  const uint8_t *in = from;
+  for (uint32_t i = 0; i < count; i += 4) {
+    fx_copy_4(&out[i], &in[i]);
+  }
+}
+
 int32_t fx_sign_extend(uint32_t value, uint8_t bits) {
   const uint32_t sign = (uint32_t)1 << (bits - 1);
   return fx_s32_from_u32((value ^ sign) - sign);

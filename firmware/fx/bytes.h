@@ -55,6 +55,9 @@ static inline void fx_copy_4(uint8_t *to, const uint8_t *from) {
   to[3] = byte_3;
 }
 
+/* Copies `count` bytes, a multiple of 4, from the first to the last one. */
+void fx_copy_words(void *to, const void *from, uint32_t count);
+
 /* Returns the value that is stored in `bytes` (1, 2 or 4) bytes, least significant byte first. The
  * upper bits of the result are 0. */
 uint32_t fx_load_le(const uint8_t *from, uint8_t bytes);

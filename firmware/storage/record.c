@@ -167,20 +167,22 @@ static uint32_t survey(const store_memory_t *memory, uint32_t begin, record_sect
 }
 
 uint32_t record_survey(const store_memory_t *memory, record_sector_t sectors[2], record_t sets[2]) {
-  const record_t none = {.magic = RECORD_NONE};
   uint32_t highest = 0;
-  sets[0] = none;
-  sets[1] = none;
+  sets[0].magic = RECORD_NONE;
+  sets[1].magic = RECORD_NONE;
   for (uint32_t i = 0; i < 2; i++) {
     const uint32_t begin = i * memory->sector_bytes;
     const bool is_copy = record_word(memory, begin) == RECORD_COPY ||
                          is_single(memory, begin, begin + memory->sector_bytes);
-    sectors[i] = (record_sector_t){.programs = none,
-                                   .counts = none,
-                                   .tail = record_tail(memory, i),
-                                   .is_copy = is_copy ? 1 : 0,
-                                   .is_copied = record_is_copied(memory, i) ? 1 : 0};
-    const uint32_t sequence = survey(memory, begin, &sectors[i], sets);
+    record_sector_t *sector = &sectors[i];
+    sector->programs.magic = RECORD_NONE;
+    sector->counts.magic = RECORD_NONE;
+    sector->tail = record_tail(memory, i);
+    sector->has_set = 0;
+    sector->is_copy = is_copy ? 1 : 0;
+    sector->is_copied = record_is_copied(memory, i) ? 1 : 0;
+    sector->has_remains = 0;
+    const uint32_t sequence = survey(memory, begin, sector, sets);
     highest = (sequence > highest) ? sequence : highest;
   }
   return highest;

@@ -240,7 +240,7 @@ static uint32_t entries_end(const store_t *store) {
 
 /* Begins the next record of the job at an address. Without one the job has ended. */
 static void begin_item(store_t *store, uint32_t at, uint8_t item) {
-  while (item < ITEM_END && (store->items >> item & 1u) == 0) {
+  while (item < ITEM_END && (store->items & fx_bit(item)) == 0) {
     item = (uint8_t)(item + 1);
   }
   store->item = item;
@@ -255,9 +255,9 @@ static void begin_item(store_t *store, uint32_t at, uint8_t item) {
 
 /* The items of a sector that becomes the home of the store. A copy is marked at its begin. */
 static uint8_t items_of_sector(const store_t *store) {
-  uint32_t items = (1u << ITEM_SET) | ((store->job == JOB_PARTS) ? 1u << ITEM_COPY : 0);
+  uint32_t items = fx_bit(ITEM_SET) | ((store->job == JOB_PARTS) ? fx_bit(ITEM_COPY) : 0);
   for (uint32_t i = 0; i < STORE_PARTS; i++) {
-    items |= (store->parts[i].count != 0) ? 1u << (ITEM_PARTS + i) : 0;
+    items |= (store->parts[i].count != 0) ? fx_bit((uint8_t)(ITEM_PARTS + i)) : 0;
   }
   return (uint8_t)items;
 }
@@ -285,7 +285,7 @@ static void begin_copy(store_t *store) {
     return;
   }
   store->sector = (uint8_t)store->home;
-  store->items = 1u << ITEM_COPY;
+  store->items = (uint8_t)fx_bit(ITEM_COPY);
   begin_item(store, mark_of(store), 0);
 }
 
@@ -293,7 +293,7 @@ static void begin_copy(store_t *store) {
 static uint32_t bytes_of_job(const store_t *store) {
   uint32_t bytes = 0;
   for (uint8_t i = 0; i < ITEM_END; i++) {
-    bytes += ((store->items >> i & 1u) != 0) ? record_space(bytes_of_item(store, i)) : 0;
+    bytes += ((store->items & fx_bit(i)) != 0) ? record_space(bytes_of_item(store, i)) : 0;
   }
   return bytes;
 }
@@ -328,7 +328,7 @@ static int begin(store_t *store, uint8_t job) {
     return FW_ERROR_BUSY;
   }
   store_abandon(store);
-  begin_job(store, job, 1u << ITEM_SET);
+  begin_job(store, job, (uint8_t)fx_bit(ITEM_SET));
   return FW_OK;
 }
 
@@ -401,7 +401,7 @@ static uint8_t begin_parts(store_t *store) {
   store->items = items_of_sector(store);
   const bool may_move =
       store->may_move != 0 && bytes_of_job(store) <= store->memory->sector_bytes - RECORD_MARK;
-  store->items = (uint8_t)(store->changed << ITEM_PARTS);
+  store->items = store->changed;
   if (!may_move && bytes_of_job(store) > room_of(store)) {
     return AXIS_STORE_STATE_FAILED;
   }
@@ -548,7 +548,7 @@ static void end_item(store_t *store, uint32_t end) {
     return;
   }
   if (is_part(store->item) && is_home) {
-    store->changed = (uint8_t)(store->changed & ~(1u << (store->item - ITEM_PARTS)));
+    store->changed = (uint8_t)(store->changed & ~fx_bit(store->item));
   }
   if (store->item == ITEM_SET) {
     store->changed = is_home ? store->changed : 0;
@@ -633,7 +633,7 @@ void store_part_set(store_t *store, uint8_t part, store_part_t bytes, bool chang
   store_abandon(store);
   store->parts[part] = bytes;
   if (changed) {
-    store->changed = (uint8_t)(store->changed | 1u << part);
+    store->changed = (uint8_t)(store->changed | fx_bit((uint8_t)(ITEM_PARTS + part)));
     store->parts_failed = 0;
   }
 }
@@ -653,6 +653,10 @@ static bool lacks_room(const store_t *store) {
   bytes += record_space(
       (store->set == STORE_NOWHERE) ? 0 : record_word(store->memory, store->set + ENTRIES_WORD));
   return bytes <= store->memory->sector_bytes;
+}
+
+bool store_part_is_stored(const store_t *store, uint8_t part) {
+  return (store->changed & fx_bit((uint8_t)(ITEM_PARTS + part))) == 0;
 }
 
 uint8_t store_parts_state(const store_t *store) {

@@ -88,7 +88,7 @@ typedef struct {
   store_part_t parts[STORE_PARTS]; /* present bytes of the parts */
   uint32_t found[STORE_PARTS]; /* addresses of the stored bytes at the load, and their numbers */
   uint32_t found_bytes[STORE_PARTS];
-  uint8_t changed;      /* bits of the parts whose present bytes are not stored */
+  uint8_t changed;      /* bits of the records of parts whose present bytes are not stored */
   uint8_t parts_failed; /* 1 if the last write of parts failed */
   /* 1 if the other sector may be erased without a command: it has nothing that a user could miss */
   uint8_t may_move;
@@ -169,6 +169,9 @@ uint32_t store_programs_max(const store_t *store);
  * begins again. The bytes stay unchanged until the next call or store_abandon(). With `changed`
  * they shall be written. */
 void store_part_set(store_t *store, uint8_t part, store_part_t bytes, bool changed);
+
+/* Returns true if the present bytes of a part are stored. */
+bool store_part_is_stored(const store_t *store, uint8_t part);
 
 /* Returns the state of the work on the parts, STORE_PARTS_. */
 uint8_t store_parts_state(const store_t *store);

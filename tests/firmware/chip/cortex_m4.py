@@ -92,7 +92,7 @@ def build_image():
         " .data : { *(.data*) } .bss : { *(.bss*) *(COMMON) } }\n"
     )
     objects = []
-    for source in [*sources(), ROOT / "firmware/port/memory.c"]:
+    for source in sources():
         objects.append(folder / (source.parent.name + "_" + source.stem + ".o"))
         optimised = IMAGE.optimisation(source)
         run(*COMPILER, optimised, *FLAGS, f"-I{ROOT}", "-c", source, "-o", objects[-1])

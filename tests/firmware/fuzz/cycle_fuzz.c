@@ -26,7 +26,8 @@ static uint32_t complete(uint8_t *record, uint32_t bytes) {
   header.phases = (uint8_t)(1 + (header.phases + 2) % 3);
   header.elements = (uint8_t)(header.elements % 3);
   header.reserved = 0;
-  const uint32_t parts = (uint32_t)sizeof(header) + header.phases * (uint32_t)sizeof(cycle_phase_t) +
+  const uint32_t parts = (uint32_t)sizeof(header) +
+                         header.phases * (uint32_t)sizeof(cycle_phase_t) +
                          header.elements * (uint32_t)sizeof(cycle_element_t) + CRC_BYTES;
   if (parts > bytes) {
     return 0;

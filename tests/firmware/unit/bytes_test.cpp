@@ -193,4 +193,15 @@ TEST(FxBytes, Payloads) {
   }
 }
 
+TEST(Bytes, WordsAreCopiedUpwards) {
+  for (uint32_t count : {0u, 4u, 8u, 40u}) {
+    uint8_t bytes[64];
+    for (uint8_t i = 0; i < 64; ++i) bytes[i] = i;
+    fx_copy_words(&bytes[4], &bytes[12], count);  // the source may overlap behind the target
+    for (uint8_t i = 0; i < 64; ++i) {
+      EXPECT_EQ(bytes[i], i >= 4 && i < 4 + count ? i + 8 : i) << count;
+    }
+  }
+}
+
 }  // namespace
