@@ -26,7 +26,8 @@ static uint32_t complete(uint8_t *record, uint32_t bytes) {
   header.phases = (uint8_t)(1 + (header.phases + 2) % 3);
   header.elements = (uint8_t)(header.elements % 3);
   header.reserved = 0;
-  const uint32_t parts = (uint32_t)sizeof(header) + header.phases * (uint32_t)sizeof(cycle_phase_t) +
+  const uint32_t parts = (uint32_t)sizeof(header) +
+                         header.phases * (uint32_t)sizeof(cycle_phase_t) +
                          header.elements * (uint32_t)sizeof(cycle_element_t) + CRC_BYTES;
   if (parts > bytes) {
     return 0;
@@ -91,7 +92,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     }
     require(fx_within(cycle.demand_q8, CYCLE_TABLE_Y_MAX + 256) &&
             fx_within(cycle.offset_q8, BAND));
-    require(cycle.outputs <= CYCLE_OUTPUTS_ALL && fx_within(cycle.depth, CYCLE_TRAVEL_MAX));
+    require(cycle.outputs <= CYCLE_OUTPUTS_ALL &&
+            fx_within(cycle.depth, CYCLE_TRAVEL_MAX + CYCLE_TABLE_Y_MAX));
     require(cycle.ended_by <= CYCLE_CONDITIONS && cycle.phase < program->phases);
     if ((data[at] & 8) != 0) {
       cycle_evaluate(&cycle);
