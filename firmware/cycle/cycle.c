@@ -79,8 +79,9 @@ static int32_t deflection_at(const cycle_header_t *program, int32_t force_q8) {
              : cycle_table_at(cycle_points(program), program->compliance, force_q8);
 }
 
+/* Returns the depth of a travel, which exceeds CYCLE_TRAVEL_MAX by at most CYCLE_TABLE_Y_MAX. */
 static int32_t depth_of(const cycle_header_t *program, int32_t travel, int32_t force_q8) {
-  return fx_clamp(travel - deflection_at(program, force_q8), -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX);
+  return travel - deflection_at(program, force_q8);
 }
 
 /* Makes the place of a sample that of travel 0. */
@@ -186,7 +187,7 @@ static bool has_stiffness(const cycle_t *cycle, const cycle_condition_t *conditi
 static int32_t depth_now(cycle_t *cycle, const cycle_inputs_t *now) {
   if (cycle->has_depth == 0) {
     cycle->has_depth = 1;
-    cycle->depth = depth_of(cycle->program, travel_of(now, cycle->zero_cnt), force_of(cycle));
+    cycle->depth = depth_of(cycle->program, travel_of(now, cycle->zero_cnt), cycle->force_q8);
   }
   return cycle->depth;
 }
@@ -399,7 +400,8 @@ void cycle_evaluate(cycle_t *cycle) {
   const cycle_element_t *elements = cycle_elements(cycle->program);
   while (cycle->evaluated != cycle->written) {
     cycle_sample_t *next = &cycle->samples[cycle->evaluated & (CYCLE_SAMPLES - 1)];
-    next->travel = depth_of(cycle->program, next->travel, next->force_q8);
+    next->travel = fx_clamp(depth_of(cycle->program, next->travel, next->force_q8),
+                            -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX);
     for (uint8_t i = 0; i < cycle->program->elements; i++) {
       cycle_element_take(&elements[i], cycle_points(cycle->program), &cycle->elements[i], next);
     }

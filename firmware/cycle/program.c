@@ -111,11 +111,19 @@ static bool has_right_zero(const cycle_header_t *program) {
   }
 }
 
+/* The forces of the compliance are those that a sample may have. */
+static bool has_right_compliance(const cycle_header_t *program) {
+  const cycle_point_t *points = cycle_points(program);
+  const uint8_t count = program->compliance;
+  return count == 0 ||
+         (count <= program->points && count <= CYCLE_COMPLIANCE_MAX &&
+          cycle_table_is_valid(points, count) && fx_within(points[0].x, CYCLE_FORCE_MAX_Q8) &&
+          fx_within(points[count - 1].x, CYCLE_FORCE_MAX_Q8));
+}
+
 static bool has_right_header(const cycle_header_t *program) {
   return program->reserved == 0 && program->outputs_keep <= CYCLE_OUTPUTS_ALL &&
-         program->compliance <= program->points && program->compliance <= CYCLE_COMPLIANCE_MAX &&
-         (program->compliance == 0 ||
-          cycle_table_is_valid(cycle_points(program), program->compliance));
+         has_right_compliance(program);
 }
 
 static bool has_right_size(const cycle_header_t *program, uint32_t size) {

@@ -205,6 +205,8 @@ class Reader {
     if (!root_.has(force) && !root_.has(deflection)) return;
     header_.compliance =
         read_table(root_, force, scales_.q8_per_N, deflection, scales_.counts_per_m);
+    if (std::max(-points_.front().x, points_.back().x) > CYCLE_FORCE_MAX_Q8)
+      root_.fail(force, "expected forces within the range of the sensor; lower them");
     if (points_.size() > CYCLE_COMPLIANCE_MAX)
       root_.fail(force, "expected at most 16 points, got " + std::to_string(points_.size()) +
                             "; remove some");

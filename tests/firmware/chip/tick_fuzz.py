@@ -306,7 +306,7 @@ class Fuzz:
         """A program in half of the scenarios; in some of them the axis runs it several times."""
         rng = self.cycle_rng
         if rng.random() < 0.5:
-            answer = side.select_program(random_program(rng, int(self.position)))
+            answer = side.select_program(random_program(rng, signed(int(self.position))))
             assert answer in (0, CYCLE_BUSY), f"reason and part {divmod(answer, 256)[::-1]}"
         self.cycles = not self.calm and rng.random() < 0.08
         if not self.cycles:

@@ -92,7 +92,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     }
     require(fx_within(cycle.demand_q8, CYCLE_TABLE_Y_MAX + 256) &&
             fx_within(cycle.offset_q8, BAND));
-    require(cycle.outputs <= CYCLE_OUTPUTS_ALL && fx_within(cycle.depth, CYCLE_TRAVEL_MAX));
+    require(cycle.outputs <= CYCLE_OUTPUTS_ALL &&
+            fx_within(cycle.depth, CYCLE_TRAVEL_MAX + CYCLE_TABLE_Y_MAX));
     require(cycle.ended_by <= CYCLE_CONDITIONS && cycle.phase < program->phases);
     if ((data[at] & 8) != 0) {
       cycle_evaluate(&cycle);

@@ -193,6 +193,9 @@ TEST_F(Cycle, WrongFieldsOfTablesTaresAndOutputsAreRefused) {
   EXPECT_EQ(reason(wait, 17, 0, straight(20)), CYCLE_WRONG_HEADER);
   EXPECT_EQ(reason(wait, 2, 16), CYCLE_WRONG_HEADER) << "an output that does not exist";
   EXPECT_EQ(reason(wait, 2, 0, {{0, 0}, {9, 9000000}}), CYCLE_WRONG_HEADER) << "deflection";
+  EXPECT_EQ(reason(wait, 2, 0, {{-131071, 0}, {131071, 1}}), CYCLE_ACCEPTED);
+  EXPECT_EQ(reason(wait, 2, 0, {{0, 0}, {131072, 1}}), CYCLE_WRONG_HEADER);
+  EXPECT_EQ(reason(wait, 2, 0, {{-131072, 0}, {0, 1}}), CYCLE_WRONG_HEADER);
 }
 
 TEST_F(Cycle, StiffnessNeedsItsSectionAndNothingElseHasOne) {

@@ -338,6 +338,7 @@ MORE_MISTAKES = [
     ('["0 mm", "0.1 mm"]', '["0.1 mm", "0 mm"]', "compliance_deflection", "does not fall"),
     ('["0 mm", "0.1 mm"]', '["0 N", "1 N"]', "compliance_deflection[0]", "force"),
     ('["0 mm", "0.1 mm"]', '["0 m", "100 m"]', "compliance_deflection", "in counts"),
+    ('["0 N", "100 N"]', '["0 N", "2 kN"]', "compliance_force", "range of the sensor"),
     ('outputs_on = ["output_1", "output_2"]', "", "phase[0].outputs_on", "add one"),
     ('outputs_on = ["output_1", "output_2"]', 'outputs_on = ["out"]', "phase[0].outputs_on",
      "output_1, output_2"),
