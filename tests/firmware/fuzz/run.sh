@@ -19,7 +19,12 @@ flags=(-O1 -g -I. -Wall -Wextra -Werror -fno-omit-frame-pointer
 # Everything but the ports.
 mapfile -t firmware < <(find firmware -name '*.c' -not -path 'firmware/port/*' | sort)
 # Once for all fuzzers of it, and apart from the gateway's C++.
-(cd build/fuzz/objects && clang -std=c11 "${flags[@]}" -I../../.. -c "${firmware[@]/#/../../../}")
+# Two folders may have a file of the same name.
+rm -f build/fuzz/objects/*
+for f in "${firmware[@]}"; do
+  object=${f%.c}
+  clang -std=c11 "${flags[@]}" -c "$f" -o "build/fuzz/objects/${object//\//_}.o"
+done
 build() {
   if [ -e "tests/firmware/fuzz/$1.c" ]; then
     clang -std=c11 "${flags[@]}" "tests/firmware/fuzz/$1.c" build/fuzz/objects/*.o -o "$2"
