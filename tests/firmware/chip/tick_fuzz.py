@@ -147,7 +147,7 @@ FIRST_MOTION = {
 EXCITED_MODES = (4, 10, -1)
 NATIVE_POSITION = -4
 CYCLE = -9
-CYCLE_TICKS = 1000  # of a scenario in which the axis runs cycles
+CYCLE_TICKS = 500  # of a scenario in which the axis runs cycles
 PARTS = 100  # after a reset the parts are counted anew
 PROFILE = ("profile_velocity_max", "profile_acceleration_max")
 # Values of a drive with a control loop of its own, in the scenarios that have one.
