@@ -157,11 +157,15 @@ void results_loaded(fw_t *fw) {
   show_part(fw);
 }
 
+/* Returns true while a part that is not good was not acknowledged, also a lost one. */
+static bool has_failed(const fw_t *fw) {
+  return fw->device_signals.cycle_lost_first != 0 ||
+         cycle_results_have_failed(&fw->results.waiting);
+}
+
 static bool is_locked(const fw_t *fw) {
   const uint16_t most = fw->device.cycle_bad_in_row_max;
-  const bool has_failed =
-      cycle_results_have_failed(&fw->results.waiting) || fw->device_signals.cycle_lost_first != 0;
-  return (fw->device.cycle_lock_on_bad != 0 && has_failed) ||
+  return (fw->device.cycle_lock_on_bad != 0 && has_failed(fw)) ||
          (most != 0 && fw->results.counts.bad_in_row >= most);
 }
 

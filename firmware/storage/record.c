@@ -145,9 +145,10 @@ static uint32_t skip(const store_memory_t *memory, uint32_t at, uint32_t end, bo
 static uint32_t survey(const store_memory_t *memory, uint32_t begin, record_sector_t *sector,
                        record_t sets[2]) {
   const uint32_t end = begin + memory->sector_bytes;
+  const uint32_t last = begin + sector->tail;
   uint32_t sequence = 0;
   uint32_t at = begin;
-  while (at < end) {
+  while (at < last) {
     record_t record;
     const bool has_head = read_head(memory, at, end, &record);
     uint32_t bytes = 4;

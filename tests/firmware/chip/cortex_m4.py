@@ -42,6 +42,7 @@ FW, RECORDER = RAM, RAM + 0x8000
 CONFIG, INPUTS, OUTPUTS, FRAME, BYTES, BLACKBOX = (RAM + 0x4000 + 0x200 * i for i in range(6))
 RECORDER_BYTES = 12288
 CURVE, CURVE_BYTES = RAM + 0x5000, 12000
+RESULTS, RESULT_BYTES = RAM + 0xD000, 32 * 196  # 32 of cycle_part_t
 PROGRAMS = RAM + 0xB000, RAM + 0xC000  # room for two programs of a cycle
 OUTPUT_BYTES = 8  # of axis_outputs_t: dac_code, amp_enable, brake_release, dac_fine, digital
 LOCAL = 3  # FW_SOURCE_LOCAL
@@ -92,7 +93,7 @@ def build_image():
         " .data : { *(.data*) } .bss : { *(.bss*) *(COMMON) } }\n"
     )
     objects = []
-    for source in sources():
+    for source in [*sources(), ROOT / "firmware/port/memory.c"]:
         objects.append(folder / (source.parent.name + "_" + source.stem + ".o"))
         optimised = IMAGE.optimisation(source)
         run(*COMPILER, optimised, *FLAGS, f"-I{ROOT}", "-c", source, "-o", objects[-1])
@@ -183,8 +184,8 @@ class Chip:
         self.places, self.programs = {}, list(PROGRAMS)
         self.compiler = run(COMPILER[0], "--version").splitlines()[0]
         buses = struct.pack(
-            "<IIIIIIIIBB22xII", RECORDER, RECORDER_BYTES, BLACKBOX, 0, 0, 0, 0, 0, NODE, 1, CURVE,
-            CURVE_BYTES,
+            "<IIIIIIIIBB22xIIII", RECORDER, RECORDER_BYTES, BLACKBOX, 0, 0, 0, 0, 0, NODE, 1,
+            RESULTS, RESULT_BYTES, CURVE, CURVE_BYTES,
         )  # fmt: skip
         self.uc.mem_write(CONFIG, buses)
         self.call("fw_init", FW, CONFIG)
@@ -340,8 +341,10 @@ class Host:
         self.blackbox = ctypes.create_string_buffer(0x200)
         places = [ctypes.addressof(self.recorder), RECORDER_BYTES, ctypes.addressof(self.blackbox)]
         self.curve = ctypes.create_string_buffer(CURVE_BYTES)
-        curve = ctypes.addressof(self.curve), CURVE_BYTES
-        config = struct.pack("<QI4xQQQQIIBB46xQI4x", *places, 0, 0, 0, 0, 0, NODE, 1, *curve)
+        self.results = ctypes.create_string_buffer(RESULT_BYTES)
+        memories = (ctypes.addressof(self.results), RESULT_BYTES)
+        memories += (ctypes.addressof(self.curve), CURVE_BYTES)
+        config = struct.pack("<QI4xQQQQIIBB46xQI4xQI4x", *places, 0, 0, 0, 0, 0, NODE, 1, *memories)
         self.config = ctypes.create_string_buffer(config)
         self.lib.fw_init(self.fw, self.config)
         self.outputs = ctypes.create_string_buffer(OUTPUT_BYTES)
