@@ -11,6 +11,7 @@ import shutil
 import struct
 import subprocess
 import tempfile
+import types
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 
@@ -34,7 +35,9 @@ FOLDERS = (
 )
 BOARD = board.read(ROOT / "firmware/port/stm32f4")
 # As tools/image builds what is flashed.
-IMAGE = SourceFileLoader("image", str(ROOT / "tools/image")).load_module()
+LOADER = SourceFileLoader("image", str(ROOT / "tools/image"))
+IMAGE = types.ModuleType(LOADER.name)
+LOADER.exec_module(IMAGE)
 COMPILER = [BOARD.build.tools + "gcc", *BOARD.build.flags]
 FLAGS = ["-std=c11", "-ffreestanding", "-ffp-contract=off", "-ffunction-sections"]
 CODE, RAM, STACK_TOP, EXIT = 0x08000000, 0x20000000, 0x20010000, 0x0F000000
