@@ -4,6 +4,9 @@
 
 #include "firmware/fx/bytes.h"
 
+/* Linker scripts have this size. */
+_Static_assert(sizeof(cycle_part_t) == 188, "size of a result");
+
 enum { ROOM_MAX = 255 };
 
 void cycle_results_init(cycle_results_t *results, void *memory, uint32_t bytes) {

@@ -61,8 +61,9 @@ static int32_t wanted_force_q8(const cia402_t *drive) {
 }
 
 static int32_t bounded_force_q8(const cia402_t *drive, int32_t force_q8) {
-  return fx_clamp(force_q8, fx_scale(drive->force_bounds.least, 8),
-                  fx_scale(drive->force_bounds.most, 8));
+  const int32_t least_q8 = fx_scale(drive->force_bounds.least, 8);
+  const int32_t most_q8 = fx_scale(drive->force_bounds.most, 8);
+  return fx_clamp(force_q8, least_q8, most_q8);
 }
 
 /* Returns true during the time contact_loss_dwell after a contact loss. The force law then stays

@@ -43,6 +43,7 @@ HIGHEST = {
 }
 RECORDER_DATA = 0x2120
 PROGRAM_DATA, PROGRAM = (0x2435, 1), (0x2435, 2)  # the axis has no memory for programs
+ACKNOWLEDGE = (0x2438, 3)
 CURVE_DATA = (0x243B, 6)  # and none for a curve
 DUMMY_BITS = {1: 1, 2: 8, 3: 16, 4: 32, 5: 8, 6: 16, 7: 32}
 
@@ -1063,6 +1064,8 @@ class Node:
             if value & 0x7FFFF800 or restricted(value & 0x7FF):
                 raise Abort(0x06090030)
         elif (index, value) == (0x1019, 1):
+            raise Abort(0x06090030)
+        elif (index, sub) == ACKNOWLEDGE and value:  # no part was pressed
             raise Abort(0x06090030)
         elif index == 0x1016:
             if value >> 24:

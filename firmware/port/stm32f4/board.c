@@ -12,7 +12,8 @@ static uint8_t recorder_buffer[FW_RECORDER_BYTES] __attribute__((section(".noini
 static blackbox_t blackbox __attribute__((section(".noinit.blackbox")));
 /* Memory for programs of cycles, in the linker script. */
 extern uint32_t programs_begin[], programs_end[];
-static cycle_part_t results[FW_RESULTS];
+/* Memory for the results of parts, likewise. */
+extern uint32_t results_begin[], results_end[];
 /* Memory for the curve of a cycle, likewise. */
 extern uint32_t curve_begin[], curve_end[];
 static fw_config_t config;
@@ -38,8 +39,8 @@ const fw_config_t *port_config(void) {
   config.buses = 1;
   config.program_memory = programs_begin;
   config.program_bytes = (uint32_t)((uintptr_t)programs_end - (uintptr_t)programs_begin);
-  config.result_memory = results;
-  config.result_bytes = sizeof(results);
+  config.result_memory = results_begin;
+  config.result_bytes = (uint32_t)((uintptr_t)results_end - (uintptr_t)results_begin);
   config.curve_memory = curve_begin;
   config.curve_bytes = (uint32_t)((uintptr_t)curve_end - (uintptr_t)curve_begin);
   config.reset_cause = reset_cause();

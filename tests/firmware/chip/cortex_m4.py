@@ -6,13 +6,13 @@ Every instruction of a block that is entered counts, also one that its condition
 import atexit
 import ctypes
 import functools
+import importlib.machinery
+import importlib.util
 import re
 import shutil
 import struct
 import subprocess
 import tempfile
-import types
-from importlib.machinery import SourceFileLoader
 from pathlib import Path
 
 import unicorn
@@ -35,8 +35,8 @@ FOLDERS = (
 )
 BOARD = board.read(ROOT / "firmware/port/stm32f4")
 # As tools/image builds what is flashed.
-LOADER = SourceFileLoader("image", str(ROOT / "tools/image"))
-IMAGE = types.ModuleType(LOADER.name)
+LOADER = importlib.machinery.SourceFileLoader("image", str(ROOT / "tools/image"))
+IMAGE = importlib.util.module_from_spec(importlib.util.spec_from_loader("image", LOADER))
 LOADER.exec_module(IMAGE)
 COMPILER = [BOARD.build.tools + "gcc", *BOARD.build.flags]
 FLAGS = ["-std=c11", "-ffreestanding", "-ffp-contract=off", "-ffunction-sections"]
@@ -45,7 +45,7 @@ FW, RECORDER = RAM, RAM + 0x8000
 CONFIG, INPUTS, OUTPUTS, FRAME, BYTES, BLACKBOX = (RAM + 0x4000 + 0x200 * i for i in range(6))
 RECORDER_BYTES = 12288
 CURVE, CURVE_BYTES = RAM + 0x5000, 12000
-RESULTS, RESULT_BYTES = RAM + 0xD000, 32 * 196  # 32 of cycle_part_t
+RESULTS, RESULT_BYTES = RAM + 0xD000, 32 * 188  # 32 of cycle_part_t
 PROGRAMS = RAM + 0xB000, RAM + 0xC000  # room for two programs of a cycle
 OUTPUT_BYTES = 8  # of axis_outputs_t: dac_code, amp_enable, brake_release, dac_fine, digital
 LOCAL = 3  # FW_SOURCE_LOCAL

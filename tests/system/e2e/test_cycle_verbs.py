@@ -181,7 +181,10 @@ def test_a_part_that_a_plc_has_started_is_recorded_until_ctrl_c(tmp_path):
     """The commands of the experiment are the PLC."""
     words = [sys.executable, "-m", "forceaxis", "cycle", "watch", "press_fit", "--sim", "press_fit"]
     words += ["--out", tmp_path / "records", "--master-every", "8", "--master-serial", "M1"]
+    # A shell lets the programs that it starts in the background ignore the signal.
+    ignored = signal.signal(signal.SIGINT, signal.SIG_DFL)
     watch = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    signal.signal(signal.SIGINT, ignored)
     try:
         assert watch.stdout.readline() == "part 1: good, master due; 1 of 1 good\n"
     finally:
