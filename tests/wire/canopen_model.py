@@ -43,7 +43,8 @@ HIGHEST = {
 }
 RECORDER_DATA = 0x2120
 PROGRAM_DATA, PROGRAM = (0x2435, 1), (0x2435, 2)  # the axis has no memory for programs
-ACKNOWLEDGE = (0x2438, 3)
+ACKNOWLEDGE, UNLOCK = (0x2438, 3), (0x2439, 4)  # no part was pressed
+OPEN = {(0x2438, 2), (0x2436, 1), (0x243B, 7), ACKNOWLEDGE}  # every source may write these
 CURVE_DATA = (0x243B, 6)  # and none for a curve
 DUMMY_BITS = {1: 1, 2: 8, 3: 16, 4: 32, 5: 8, 6: 16, 7: 32}
 
@@ -964,8 +965,15 @@ class Node:
             if lowers(at, value):
                 self.must_stop = WORD_ACTS
             self.report_drive(True)
-        elif server != self.owner:
+        elif server != self.owner and at not in OPEN:
             raise Abort(0x08000021)
+        elif server != self.owner:
+            if at == ACKNOWLEDGE and value != 0:
+                raise Abort(0x06090030)
+            self.report_drive(False, stops=False)
+        elif at == UNLOCK:
+            self.silence = 0
+            self.report_drive(False, stops=False)
         elif o.kind == "command" and o.part in ("canopen", "device"):
             # Saving is refused for lack of memory only where the axis could be saved.
             refusals = [
@@ -983,7 +991,7 @@ class Node:
             is_rpdo = 0x1400 <= at[0] <= 0x1403 and at[1] in (1, 5)
             self.report_drive(at[0] == 0x1016 or is_rpdo, stops=False)
         elif o.part == "device" and at[0] not in DRIVE_BUS:
-            if at == PROGRAM and value != 0:
+            if at in (PROGRAM, ACKNOWLEDGE) and value != 0:
                 raise Abort(0x06090030)
             is_id = at != (0x230F, 0) or value <= 127 or value == 255
             if not is_id or (at == (0x2310, 0) and value not in KBIT_S):
@@ -1064,8 +1072,6 @@ class Node:
             if value & 0x7FFFF800 or restricted(value & 0x7FF):
                 raise Abort(0x06090030)
         elif (index, value) == (0x1019, 1):
-            raise Abort(0x06090030)
-        elif (index, sub) == ACKNOWLEDGE and value:  # no part was pressed
             raise Abort(0x06090030)
         elif index == 0x1016:
             if value >> 24:

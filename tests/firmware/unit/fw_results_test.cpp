@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstdio>
+#include <functional>
 #include <map>
 #include <random>
 #include <set>
@@ -50,8 +51,7 @@ class Results : public Fw {
   }
 
   // The program of one phase of ten ticks, whose element is good up to a force of 900/256 counts.
-  void Load() {
-    const Bytes record = cycle_record(7);
+  void Load(const Bytes &record = cycle_record(7)) {
     cycle_library_begin(&fw_.library);
     ASSERT_TRUE(
         cycle_library_append(&fw_.library, 0, record.data(), static_cast<uint32_t>(record.size())));
@@ -287,6 +287,73 @@ TEST_F(Results, AResetOfTheNodeKeepsResults) {
   Enable();
   ASSERT_EQ(Press(), AXIS_CYCLE_STATE_GOOD);
   EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_NUMBER), 3);
+}
+
+// Whatever ends a cycle from outside, from each source and from none, makes the part aborted; so it
+// is counted, and it waits for its acknowledgement.
+TEST_F(Results, EveryEndFromOutsideAbortsThePart) {
+  struct End {
+    std::string name;
+    std::function<void()> act;
+    int ticks = 3;
+  };
+  std::vector<End> ends{
+      {"start bit", [&] { Set(AXIS_OBJ_CONTROLWORD, 0x0F); }},
+      {"halt", [&] { Set(AXIS_OBJ_CONTROLWORD, 0x11F); }},
+      {"another mode", [&] { Set(AXIS_OBJ_MODES_OF_OPERATION, 1); }},
+      {"NMT stop",
+       [&] {
+         Send(0, {2, kNode});
+       }},
+      {"reset of communication",
+       [&] {
+         Send(0, {0x82, kNode});
+       }},
+      {"reset of the node",
+       [&] {
+         Send(0, {0x81, kNode});
+       }},
+      {"bus off", [&] { fw_can_bus(&fw_, CAN_BUS_OFF); }},
+      {"enable chain", [&] { inputs_.din = 0; }},
+      {"sensors", [&] { inputs_.sensor_valid = 0; }},
+      {"force", [&] { inputs_.adc_code[0] = 2047; }},
+      {"the same node id", [&] { Send(0x700 + kNode, {5}); }},
+      {"heartbeat", [] {}, TicksOf(20) + 3},  // of the master, which falls silent
+  };
+  for (Way way : kWays) {
+    const std::string of = " of source " + std::to_string(way);
+    for (int word : {0x00, 0x02, 0x06, 0x07}) {
+      ends.push_back({"controlword " + std::to_string(word) + of,
+                      [=, this] { Write(way, AXIS_OBJ_CONTROLWORD, word); }});
+    }
+    ends.push_back(
+        {"native mode" + of, [=, this] { Write(way, AXIS_OBJ_MODE, AXIS_MODE_DISABLED); }});
+  }
+  cycle_phase_t longer = wait_phase(CYCLE_END);
+  longer.conditions[0].level = 90;
+  const auto words = record_of({longer}, 7);
+  const auto *bytes = reinterpret_cast<const uint8_t *>(words.data());
+  const Bytes record{bytes, bytes + 4 * words.size()};
+  for (const End &end : ends) {
+    PowerUpWith(nullptr, FW_RESULTS);
+    Load(record);
+    Set(AXIS_OBJ_FORCE_MAX, 1000);
+    if (end.name == "heartbeat") WatchHeartbeat(20);
+    Enable();
+    Send(0x77F, {5});
+    ASSERT_TRUE(Start()) << end.name;
+    Tick(3);
+    ASSERT_EQ(Inner(AXIS_OBJ_CYCLE_STATE), AXIS_CYCLE_STATE_RUNNING) << end.name;
+    end.act();
+    Tick(end.ticks);
+    EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_PARTS_ABORTED), 1) << end.name;
+    EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_PARTS_GOOD), 0) << end.name;
+    EXPECT_EQ(Waiting(), 1) << end.name;
+    EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_RESULT_STATE), AXIS_CYCLE_STATE_ABORTED) << end.name;
+    Tick(200);
+    EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_NUMBER), 1) << end.name << ": no second part begins";
+  }
+  EXPECT_EQ(ends.size(), 12u + 5u * kWays.size());
 }
 
 // After a power cut the axis names the results that were lost, as far as the store knew them, and

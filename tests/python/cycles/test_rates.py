@@ -9,10 +9,12 @@ from forceaxis import InputError, _core
 from forceaxis.cycles import propose, rates
 from forceaxis.cycles.outcome import PartOutcome, outcome_of
 from forceaxis.experiments import runner
+from scipy import stats
 
 SIM = Path(__file__).resolve().parents[3] / "sim"
 PRESS_FIT = SIM / "experiments/press_fit.toml"
 GOOD, BAD = SIM / "parts/press_fit_good.toml", SIM / "parts/press_fit_bad.toml"
+SAMPLE = 200  # parts of each kind
 REQUEST = rates.RatesRequest(PRESS_FIT, GOOD, [BAD], parts=20, bad_parts=5, seed=1)
 
 
@@ -178,3 +180,45 @@ def test_the_press_fit_refuses_the_share_that_was_asked_for(tmp_path):
     assert 0.0035 < judged.good.refused.share < 0.0165
     assert [kind.passed.count for kind in judged.bad] == [b.passed.count for b in proposal.bad]
     assert judged.good.refused.low <= proposal.high and judged.good.refused.high >= proposal.low
+
+
+def shares(result):
+    """Each count of a result, by its row and column."""
+    found = {("good", "part"): result.good.refused, ("good", "limits"): result.good.limits}
+    found |= {("good", element.name): element.refused for element in result.good.elements}
+    for kind in result.bad:
+        found |= {(kind.name, "part"): kind.passed, (kind.name, "limits"): kind.limits}
+        found |= {(kind.name, element.name): element.passed for element in kind.elements}
+    return found
+
+
+def adjusted(values):
+    """The p values after Holm, in ascending order."""
+    rising = sorted(values)
+    products = [p * (len(rising) - i) for i, p in enumerate(rising)]
+    return [min(1.0, max(products[: i + 1])) for i in range(len(products))]
+
+
+@pytest.mark.long
+def test_another_sample_of_parts_has_the_same_rates():
+    """By exact tests of each count, and tests of the values of good parts; Holm over all rows."""
+    done = [
+        rates.rates(dataclasses.replace(REQUEST, parts=SAMPLE, bad_parts=SAMPLE, seed=seed))
+        for seed in (11, 12)
+    ]
+    first, second = (shares(one.result) for one in done)
+    assert len(first) == len(second) > 30
+    p_values = [
+        stats.fisher_exact(
+            [[share.count, share.of - share.count],
+             [second[row].count, second[row].of - second[row].count]]
+        ).pvalue
+        for row, share in first.items()
+    ]  # fmt: skip
+    for i in range(1, len(done[0].good.outcomes[0].values)):
+        mine, other = ([o.values[i] for o in one.good.outcomes] for one in done)
+        p_values.append(stats.ks_2samp(mine, other).pvalue)
+    assert adjusted(p_values)[0] > 0.05
+    # The same tests tell other parts.
+    shifted = [value * 1.01 for value in mine]
+    assert stats.ks_2samp(shifted, other).pvalue < 1e-6
