@@ -347,7 +347,7 @@ class Emulator:
         architecture, mode, model = target.processor
         self.uc = unicorn.Uc(architecture, mode)
         self.uc.ctl_set_cpu_model(model)
-        self.uc.mem_map(CODE_BASE, 0x20000)
+        self.uc.mem_map(CODE_BASE, 0x40000)
         self.uc.mem_write(CODE_BASE, self.code)
         self.uc.mem_map(RAM_BASE, 0x10000)
         self.uc.mem_map(EXIT, 0x1000)
@@ -355,7 +355,7 @@ class Emulator:
         self.count = 0
         self.visited = set()
         self.uc.hook_add(
-            unicorn.UC_HOOK_BLOCK, self.on_block, begin=CODE_BASE, end=CODE_BASE + 0x1FFFF
+            unicorn.UC_HOOK_BLOCK, self.on_block, begin=CODE_BASE, end=CODE_BASE + 0x3FFFF
         )
         at = self.symbols["probe_sizes"] - CODE_BASE
         self.state_bytes, self.axis = struct.unpack_from("<II", self.code, at)
