@@ -604,7 +604,7 @@ static bool take_step(store_t *store, const dictionary_t *objects) {
   }
 }
 
-static uint8_t tick(store_t *store, const dictionary_t *objects) {
+static uint8_t work(store_t *store, const dictionary_t *objects) {
   if (!take_step(store, objects)) {
     return give_up(store);
   }
@@ -615,7 +615,7 @@ static uint8_t tick(store_t *store, const dictionary_t *objects) {
 }
 
 uint8_t store_tick(store_t *store, const dictionary_t *objects) {
-  return store_is_busy(store) ? tick(store, objects) : AXIS_STORE_STATE_COUNT;
+  return store_is_busy(store) ? work(store, objects) : AXIS_STORE_STATE_COUNT;
 }
 
 void store_part_read(const store_t *store, uint8_t part, uint8_t *bytes) {
@@ -676,7 +676,7 @@ void store_parts_tick(store_t *store, const dictionary_t *objects) {
   if (store->step == STEP_IDLE) {
     state = begin_parts(store);
   } else {
-    state = tick(store, objects);
+    state = work(store, objects);
   }
   store->parts_failed = (state == AXIS_STORE_STATE_FAILED) ? 1 : 0;
 }
