@@ -437,7 +437,8 @@ def test_the_firmware_needs_no_more_stack_than_reported(tmp_path):
     }
     del indirect["firmware/port/stm32f4/flash.c"]
     lines = "\n".join(f'"{file}" = {json.dumps(names)}' for file, names in indirect.items())
-    text = reported(tmp_path, image, indirect=lines, ram_bytes=65536, recorder_bytes=32768)
+    sizes = {"flash_bytes": 131072, "ram_bytes": 65536, "recorder_bytes": 32768}
+    text = reported(tmp_path, image, indirect=lines, **sizes)
     deepest = {"thread": 0, "interrupt, level 1": 0}
     rng = random.Random(3)
     chip = Chip(image)
