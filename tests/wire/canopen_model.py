@@ -44,6 +44,7 @@ HIGHEST = {
 RECORDER_DATA = 0x2120
 PROGRAM_DATA, PROGRAM = (0x2435, 1), (0x2435, 2)  # the axis has no memory for programs
 ACKNOWLEDGE, UNLOCK = (0x2438, 3), (0x2439, 4)  # no part was pressed
+LOCK_ON_BAD = (0x2439, 1)  # the axis has no memory for results
 OPEN = {(0x2438, 2), (0x2436, 1), (0x243B, 7), ACKNOWLEDGE}  # every source may write these
 CURVE_DATA = (0x243B, 6)  # and none for a curve
 DUMMY_BITS = {1: 1, 2: 8, 3: 16, 4: 32, 5: 8, 6: 16, 7: 32}
@@ -993,6 +994,8 @@ class Node:
         elif o.part == "device" and at[0] not in DRIVE_BUS:
             if at in (PROGRAM, ACKNOWLEDGE) and value != 0:
                 raise Abort(0x06090030)
+            if at == LOCK_ON_BAD and value != 0:
+                raise Abort(0x06060000)
             is_id = at != (0x230F, 0) or value <= 127 or value == 255
             if not is_id or (at == (0x2310, 0) and value not in KBIT_S):
                 raise Abort(0x06090030)
