@@ -51,7 +51,9 @@ inline std::vector<std::uint32_t> completed(
   std::memcpy(bytes, &header, sizeof(header));
   std::memcpy(bytes + sizeof(header), phases.data(), phases.size() * sizeof(cycle_phase_t));
   std::memcpy(bytes + before, &element, sizeof(element));
-  std::memcpy(bytes + before + sizeof(element), points.data(), points.size() * sizeof(points[0]));
+  if (!points.empty()) {
+    std::memcpy(bytes + before + sizeof(element), points.data(), points.size() * sizeof(points[0]));
+  }
   words.back() = Crc32(bytes, header.size - 4u);
   return words;
 }

@@ -627,6 +627,10 @@ TEST_F(Cycle, ATareIsRefusedByNameAndTheReactionFollows) {
     EXPECT_EQ(cycle_.good, reacts ? 0 : 1);
     return int{cycle_.outcome};
   };
+  static const auto move = [](cycle_inputs_t &now, int by) {  // positions wrap
+    now.position =
+        static_cast<int32_t>(static_cast<uint32_t>(now.position) + static_cast<uint32_t>(by));
+  };
   EXPECT_EQ(outcome_of([](cycle_inputs_t &, int) {}, 0), CYCLE_BY_PROGRAM);
   EXPECT_EQ(outcome_of([](cycle_inputs_t &n, int) { n.force_q8 = 300; }, 300), CYCLE_BY_PROGRAM);
   EXPECT_EQ(outcome_of([](cycle_inputs_t &n, int) { n.force_q8 = 301; }, 300), CYCLE_TARE_BAND);
@@ -634,11 +638,11 @@ TEST_F(Cycle, ATareIsRefusedByNameAndTheReactionFollows) {
   EXPECT_EQ(outcome_of([](cycle_inputs_t &, int) {}, -1), CYCLE_TARE_BAND) << "no tare_band";
   EXPECT_EQ(outcome_of([](cycle_inputs_t &n, int i) { n.contact = i == 9; }, 0),
             CYCLE_TARE_CONTACT);
-  EXPECT_EQ(outcome_of([](cycle_inputs_t &n, int i) { n.position += i % 9 == 8 ? 3 : 0; }, 0),
+  EXPECT_EQ(outcome_of([](cycle_inputs_t &n, int i) { move(n, i % 9 == 8 ? 3 : 0); }, 0),
             CYCLE_TARE_MOVING);
-  EXPECT_EQ(outcome_of([](cycle_inputs_t &n, int i) { n.position += i % 2 == 0 ? 2 : -2; }, 0),
+  EXPECT_EQ(outcome_of([](cycle_inputs_t &n, int i) { move(n, i % 2 == 0 ? 2 : -2); }, 0),
             CYCLE_BY_PROGRAM);
-  EXPECT_EQ(outcome_of([](cycle_inputs_t &n, int i) { n.position += i < 20 ? 4 : 0; }, 0),
+  EXPECT_EQ(outcome_of([](cycle_inputs_t &n, int i) { move(n, i < 20 ? 4 : 0); }, 0),
             CYCLE_BY_PROGRAM)
       << "the mean begins at standstill";
   EXPECT_EQ(outcome_of([](cycle_inputs_t &n, int) { n.force_q8 = 1001; }, 9999), CYCLE_OVER_FORCE);
