@@ -25,8 +25,6 @@ enum {
   BIT_FULL = 128
 };
 
-static bool is_busy(const fw_t *fw) { return cycle_mode_is_busy(&fw->drive); }
-
 /* Returns the part that is shown. Its number is 0 if there is none. */
 static const cycle_part_t *shown_part(const fw_t *fw) {
   static const cycle_part_t none;
@@ -146,7 +144,7 @@ void results_loaded(fw_t *fw) {
   }
   /* The counts that are in the memory; they are copied whenever the store changes its sector. */
   const uint8_t *bytes = (const uint8_t *)(const void *)&fw->results.stored;
-  const bool exist = store_part_bytes(&fw->store, STORE_COUNTS) != 0;
+  const bool exist = store_part_bytes(&fw->store, STORE_COUNTS) == STORE_COUNTS_BYTES;
   if (exist) {
     store_part_read(&fw->store, STORE_COUNTS, (uint8_t *)(void *)&fw->results.stored);
   }
@@ -185,7 +183,7 @@ static void show_bits(fw_t *fw) {
   const uint8_t state = fw->drive.signals.cycle_state;
   const uint8_t lock = fw->drive.cycle_lock;
   uint32_t bits = 0;
-  if (is_busy(fw)) {
+  if (cycle_mode_is_busy(&fw->drive)) {
     bits = BIT_BUSY;
   } else if (cycle_mode_can_start(&fw->drive)) {
     bits = BIT_READY;

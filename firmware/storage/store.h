@@ -185,7 +185,8 @@ void store_abandon(store_t *store);
 
 /* Does one bounded step of the store: one erase, at most 16 bytes programmed, or 64 bytes read
  * back. Call store_tick() once in each tick. A save takes one tick for each stored parameter, some
- * 40 ticks more, and one tick for each 64 bytes of a sector that has to be erased. Returns
+ * 40 ticks more, and one tick for each 64 bytes of a sector that has to be erased; then also one
+ * tick for each 16 bytes of programs. Returns
  * AXIS_STORE_STATE_SAVING, _SAVED, _RESTORED or _FAILED, or AXIS_STORE_STATE_COUNT without work. */
 uint8_t store_tick(store_t *store, const dictionary_t *objects);
 

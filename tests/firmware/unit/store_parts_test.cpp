@@ -78,7 +78,7 @@ class Press {
     return programs;
   }
 
-  // A part that was pressed, without the motion: what the cycle of a program leaves.
+  // Whether the store lets a cycle start.
   bool MayStart() const {
     return fw_.library.count != 0 && fw_.drive.cycle_lock == AXIS_CYCLE_STATE_IDLE;
   }
@@ -332,6 +332,19 @@ TEST(StoreParts, AMemoryThatFailsIsReported) {
     axis.Settle();
     EXPECT_EQ(Press(flash.memory()).Programs().size(), 3u);
   }
+}
+
+// Counts of a later firmware can have another size. They are not read.
+TEST(StoreParts, CountsOfAnotherSizeAreLeftOut) {
+  Flash flash;
+  Bytes &bytes = flash.bytes();
+  const size_t set = PutRecord(bytes, 0, {RECORD_FORGOTTEN, AXIS_OBJECTS_HASH32, 1}, {});
+  PutRecord(bytes, (set + 15) / 16 * 16, {RECORD_COUNTS, 0, 2}, std::vector<uint32_t>(400, 7));
+  Press axis(flash.memory());
+  EXPECT_EQ(axis.fw().results.stored.power_up, 0u);
+  EXPECT_EQ(axis.fw().results.given_tick, 0u);
+  EXPECT_EQ(axis.Read(AXIS_OBJ_CYCLE_POWER_UP), 1);
+  EXPECT_EQ(axis.Read(AXIS_OBJ_CYCLE_NUMBER), 0);
 }
 
 }  // namespace
