@@ -1,11 +1,24 @@
 #include "host/run/cycle_result.hpp"
 
+#include <charconv>
 #include <iterator>
 
 #include "firmware/port/host/firmware.hpp"
 #include "host/run/objects.hpp"
 
 namespace forceaxis::host {
+namespace {
+
+// Returns the value rounded to 12 significant digits, as the Python package rounds the values that
+// it reads from an axis. So 4009 counts of 1 um are 0.004009 m in both.
+double rounded(double value) {
+  char text[32];
+  const auto end = std::to_chars(text, std::end(text), value, std::chars_format::general, 12).ptr;
+  std::from_chars(text, end, value);
+  return value;
+}
+
+}  // namespace
 
 bool cycle_is_done(std::int32_t state) {
   return state == AXIS_CYCLE_STATE_GOOD || state == AXIS_CYCLE_STATE_BAD ||
@@ -24,8 +37,8 @@ CycleResult cycle_result_of(const CycleProgram &program, const CycleValues &valu
     result.failed_phase = program.phases.at(*values.failed_phase);
   for (std::size_t i = 0; i < values.elements.size(); ++i) {
     const CycleValues::Element &element = values.elements[i];
-    result.figures.push_back({element.value * program.elements.at(i).per_value, element.tick,
-                              kVerdicts[element.verdict]});
+    result.figures.push_back({rounded(element.value * program.elements.at(i).per_value),
+                              element.tick, kVerdicts[element.verdict]});
   }
   return result;
 }

@@ -86,6 +86,7 @@ def nodes(folder, name, overrides=()):
     """The press of an example at node 1, with parameters of the part."""
     common = [str(machine(folder, name))]
     common += ["--link", "socketcan", "--endless", "--pace", "real", "--start-timeout", "20"]
+    common += ["--timeout", "60"]  # a stall of the machine is no suspension of a node
     common += [word for override in (*overrides, PATIENT) for word in ("--set", override)]
     running = [
         subprocess.Popen([link.program(node), *common, *more], stdout=subprocess.PIPE, text=True)
