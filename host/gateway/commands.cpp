@@ -201,6 +201,7 @@ Task<GatewayCommands::Answer> GatewayCommands::carry_out(const axis_command_t &c
   if (refusal) {
     answer.kind = axis_event_t::EVENT_REFUSED;
     answer.text = *refusal;
+    if (!axis_.present()) answer.code = canopen::kAbortTimeout;
     co_return answer;
   }
   switch (command.kind) {

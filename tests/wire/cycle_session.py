@@ -4,6 +4,9 @@ under tools/vcan with a folder and the name of a session. A press has a bus of i
   parts  good and bad parts of the five examples, over CAN
   ways   the press-fit by `forceaxis cycle` over CAN, through a gateway and over Modbus TCP
   links  the examples in lock-step, with the records of the link as CAN frames
+  killed the press-fit whose command, and whose axis, is killed while the bearing is pressed
+
+Behind `command`, it runs a command of forceaxis with the patience of these sessions.
 """
 
 import contextlib
@@ -26,7 +29,6 @@ from forceaxis.axis import modbus as modbus_way
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.can import CanLink
 from forceaxis.axis.drive import NEW_SETPOINT
-from forceaxis.axis.gateway import GatewayLink
 from forceaxis.axis.link import Refused
 from forceaxis.cycles import live, results
 from forceaxis.experiments import link
@@ -38,6 +40,7 @@ EXPERIMENT = file_of("press_fit")
 # A busy machine stalls a client for seconds, and an axis takes it for lost after 500 ms.
 PATIENT = "firmware.watchdog=60000"
 PATIENT_S = 20.0
+LOSES = "firmware.watchdog=5000"  # where an axis has to notice that a client was killed
 # The rim of the polishing example turns once in this time. Its model moves the surface for one
 # turn, and here for many, because nobody knows when a part is pressed. The motion is smaller, so
 # that a good part is good and a bad one bad wherever the turn begins.
@@ -82,20 +85,21 @@ def machine(folder, name):
 
 
 @contextlib.contextmanager
-def nodes(folder, name, overrides=()):
-    """The press of an example at node 1, with parameters of the part."""
+def nodes(folder, name, overrides=(PATIENT,), *own):
+    """The press of an example at node 1, with parameters of axis and part and options of
+    axis_node."""
     common = [str(machine(folder, name))]
     common += ["--link", "socketcan", "--endless", "--pace", "real", "--start-timeout", "20"]
     common += ["--timeout", "60"]  # a stall of the machine is no suspension of a node
-    common += [word for override in (*overrides, PATIENT) for word in ("--set", override)]
+    common += [word for override in overrides for word in ("--set", override)]
     running = [
         subprocess.Popen([link.program(node), *common, *more], stdout=subprocess.PIPE, text=True)
-        for node, more in (("axis_node", ["--can", "vcan0"]), ("plant_node", []))
+        for node, more in (("axis_node", ["--can", "vcan0", *own]), ("plant_node", []))
     ]
     try:
         for process in running:
             assert "ready" in process.stdout.readline()
-        yield
+        yield running
     finally:
         for process in running:
             process.send_signal(signal.SIGTERM)
@@ -137,7 +141,7 @@ def parts(folder):
     found = {}
     for key, (name, overrides) in zip(IDS, PARTS, strict=True):
         (folder / key).mkdir()
-        with nodes(folder / key, name, overrides):
+        with nodes(folder / key, name, (*overrides, PATIENT)):
             found[key] = pressed(name)
     return found
 
@@ -153,11 +157,7 @@ def by(folder, *way):
     folder.mkdir()
     with nodes(folder, "press_fit"), contextlib.ExitStack() as stack:
         if "--can" not in way:
-            supervisor = gateway("--axes", "1", "--watch-ms", "5000", heartbeat_ms=2000)
-            stack.callback(supervisor.wait)
-            stack.callback(supervisor.kill)
-            with GatewayLink(1).client as client:
-                until(lambda: operational(client), 20)
+            stack.enter_context(supervised())
         early = cycle("start", EXPERIMENT, *way)
         loaded = cycle("load", EXPERIMENT, *way)
         part = cycle("start", EXPERIMENT, *way, "--curve", folder / "curve.csv")
@@ -184,6 +184,103 @@ def ways(folder):
     }
 
 
+@contextlib.contextmanager
+def supervised():
+    """A gateway that is the master of node 1."""
+    supervisor = gateway("--axes", "1", "--watch-ms", "5000", heartbeat_ms=2000)
+    try:
+        wait_operational()
+        yield
+    finally:
+        supervisor.kill()
+        supervisor.wait()
+
+
+def wait_operational():
+    with lcm_way.GatewayLink(1).client as client:
+        assert until(lambda: operational(client), 60)
+
+
+def begun(*words):
+    """A command that runs beside this session."""
+    command = [sys.executable, __file__, "-", "command", "cycle", *map(str, words)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def ended(process):
+    out, err = process.communicate(timeout=60)
+    return {"status": process.returncode, "out": out, "said": err}
+
+
+def slow(folder):
+    """The program of the press-fit whose bearing stays pressed for 40 s."""
+    text = (SIM / "cycles/press_fit.toml").read_text()
+    text = text.replace('time_max = "2 s"', 'time_max = "50 s"').replace('"0.8 s"', '"40 s"')
+    (folder / "slow.toml").write_text(text)
+    return folder / "slow.toml"
+
+
+def presses():
+    """Waits until the axis presses the bearing, by Modbus beside the owner of the axis."""
+    phase = [p.name for p in live.live_program(EXPERIMENT).program.phases].index("seat")
+    reader = modbus_way.ModbusLink(f"tcp://127.0.0.1:{PORT}")
+    try:
+        assert until(lambda: reader.read_one("cycle_phase") == phase, 60)
+    finally:
+        reader.close()
+
+
+def command_killed(folder):
+    """What an axis and a record say of a part whose command was killed."""
+    program = slow(folder)
+    with nodes(folder, "press_fit", (LOSES,)), supervised():
+        cycle("load", EXPERIMENT, "--axis", "1", "--program", program)
+        command = begun("start", EXPERIMENT, "--axis", "1", "--program", program)
+        presses()
+        command.kill()
+        said = ended(command)
+        with contextlib.closing(lcm_way.GatewayLink(1)) as link_to:
+            axis = Axis(link_to)
+            is_over = until(lambda: axis.integer("cycle_results_waiting"), 60)
+            state = axis.get("cycle_state", "cycle_outcome")
+        records = cycle(
+            "result", EXPERIMENT, "--axis", "1", "--program", program, "--out", folder / "records"
+        )
+    return {"said": said, "over": is_over, "axis": state, "records": records}
+
+
+def axis_killed(folder):
+    """What commands say of a part whose axis was killed, and of the part after it."""
+    program, store = slow(folder), ("--store", folder / "store.bin")
+    way = ("--axis", "1", "--out", folder / "watched")
+    with contextlib.ExitStack() as stack:
+        with nodes(folder, "press_fit", (LOSES,), *store) as (axis, _):
+            stack.enter_context(supervised())
+            cycle("load", EXPERIMENT, "--axis", "1", "--program", program)
+            watching = begun("watch", EXPERIMENT, *way, "--program", program)
+            command = begun("start", EXPERIMENT, "--axis", "1", "--program", program)
+            presses()
+            axis.kill()
+            said = ended(command)
+        with nodes(folder, "press_fit", (LOSES,), *store):
+            wait_operational()
+            loaded = cycle("load", EXPERIMENT, "--axis", "1")
+            part = cycle("start", EXPERIMENT, "--axis", "1")
+            watched = until(lambda: list((folder / "watched/parts").glob("*.json")), 30)
+            watching.send_signal(signal.SIGINT)
+            watch = ended(watching)
+    records = [json.loads(file.read_text()) for file in watched or []]
+    return {"said": said, "loaded": loaded, "part": part, "watch": watch, "records": records}
+
+
+def killed(folder):
+    found = {}
+    for key, session in (("command", command_killed), ("axis", axis_killed)):
+        (folder / key).mkdir()
+        found[key] = session(folder / key)
+    return found
+
+
 def links(_folder):
     found = {}
     with link.AxisNode(link.LinkOptions("socketcan")) as node:
@@ -204,9 +301,14 @@ def be_patient():
 
 def main(folder, session):
     be_patient()
-    found = {"parts": parts, "ways": ways, "links": links}[session](folder)
+    found = {"parts": parts, "ways": ways, "links": links, "killed": killed}[session](folder)
     (folder / "found.json").write_text(json.dumps(found))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2])
+    if sys.argv[2] == "command":
+        be_patient()
+        sys.argv[:] = ["forceaxis", *sys.argv[3:]]
+        verbs.main()
+    else:
+        main(Path(sys.argv[1]), sys.argv[2])

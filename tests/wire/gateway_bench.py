@@ -17,7 +17,7 @@ from pathlib import Path
 
 from forceaxis import objects
 from forceaxis.axis import session as sessions
-from forceaxis.bus.client import AxisClient, Refused
+from forceaxis.bus.client import AxisClient, NoAnswer, Refused
 from forceaxis.bus.lcm import TABLE_HASH, Bus, decode, now_us
 from forceaxis.bus.messages import axis_command_t, axis_event_t, axis_state_t
 from forceaxis.objects import BY_NAME
@@ -556,7 +556,7 @@ def lost_axis(running, axis):
     found["modbus"] = Tcp().ask(1, struct.pack(">BHH", 4, 0, 1)).hex()
     try:
         axis.read("force")
-    except Refused as error:
+    except NoAnswer as error:
         found["command"] = str(error)
     return found
 

@@ -1,12 +1,13 @@
 """Programs are loaded into axes over SocketCAN, and parts are pressed in real time.
 
 They have the verdicts of the simulated parts, and their values. A gateway and Modbus TCP do the
-same. cycle_session.py has the sessions.
+same. Commands and axes are killed. cycle_session.py has the sessions.
 """
 
 import csv
 import json
 import re
+import signal
 import sys
 from pathlib import Path
 
@@ -51,6 +52,11 @@ def links(tmp_path_factory, vcan):
 def ways(tmp_path_factory, vcan):
     folder = tmp_path_factory.mktemp("ways")
     return ran(vcan, folder, "ways", 180) | {"folder": folder}
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory, vcan):
+    return ran(vcan, tmp_path_factory.mktemp("killed"), "killed", 240)
 
 
 def simulated(file, overrides, start_tick):
@@ -154,3 +160,31 @@ def test_a_result_is_recorded_beside_the_owner_of_the_axis(ways):
     assert found["left"] == {"cycle_results_waiting": 0, "command_source": "lcm"}
     (file,) = (ways["folder"] / "gateway/records/parts").iterdir()
     assert json.loads(file.read_text()) == record
+
+
+def test_a_part_whose_command_is_killed_is_aborted_and_stays_until_it_is_recorded(killed):
+    found = killed["command"]
+    assert found["said"]["status"] == -signal.SIGKILL and found["over"] == 1
+    assert found["axis"] == {"cycle_state": "aborted", "cycle_outcome": "stopped"}
+    assert found["records"]["status"] == 0, found["records"]["said"]
+    (record,) = found["records"]["result"]
+    assert (record["number"], record["state"], record["phase"]) == (1, "aborted", "seat")
+    assert {element["verdict"] for element in record["elements"]} <= {"aborted", "good"}
+
+
+def test_a_part_whose_axis_is_killed_is_never_good_and_the_recorder_waits_for_the_axis(killed):
+    """The axis loses its power while the bearing is pressed. The next part has the same number in
+    the next power-up."""
+    found = killed["axis"]
+    assert found["said"] == {
+        "status": 1, "out": "", "said": "forceaxis: axis 1 at the gateway: the axis is silent\n"
+    }  # fmt: skip
+    assert found["loaded"]["status"] == 0, found["loaded"]["said"]
+    assert found["part"]["status"] == 0, found["part"]["said"]
+    later = found["part"]["result"]
+    assert (later["power_up"], later["number"], later["state"]) == (2, 1, "good")
+    assert found["watch"]["status"] == 0
+    waits, again = found["watch"]["said"].splitlines()
+    assert waits.endswith("; waiting") and again.endswith("the axis answers again")
+    recorded = [(r["power_up"], r["number"], r["state"]) for r in found["records"]]
+    assert recorded == [(2, 1, "good")]

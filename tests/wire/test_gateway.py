@@ -276,7 +276,7 @@ def test_a_lost_axis_is_named_on_both_sides(of):
     assert text == f"heartbeat lost: no message from the node for {ms} ms"
     assert got["stale"] and got["age_grows"]
     assert got["modbus"] == "840b"  # the target does not respond
-    assert got["command"] == "the axis is silent"
+    assert got["command"] == "axis 1 at the gateway: the axis is silent"
 
 
 def test_another_object_table_is_named_and_nothing_is_written(of):

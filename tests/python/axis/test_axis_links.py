@@ -293,7 +293,7 @@ def test_gateway_read_waits_until_the_axis_is_set_up(monkeypatch, ready_s, answe
     if answers:
         assert link.read(["command_source"]) == {"command_source": 0}
     else:
-        with pytest.raises(Refused, match="not set up yet"):
+        with pytest.raises(NoAnswer, match="not set up yet"):
             link.read(["command_source"])
 
 

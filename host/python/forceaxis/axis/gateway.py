@@ -105,8 +105,10 @@ class GatewayLink(Link):
             try:
                 return command()
             except Refused as refusal:
-                if NOT_SET_UP_TEXT not in str(refusal) or time.monotonic() > end:
+                if NOT_SET_UP_TEXT not in str(refusal):
                     raise
+                if time.monotonic() > end:
+                    raise NoAnswer(f"{self.where}: {refusal}") from None
             time.sleep(RETRY_PERIOD_S)
 
     def release(self) -> None:

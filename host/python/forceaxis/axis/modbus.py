@@ -30,13 +30,14 @@ PARITIES = "EN"
 MOST_REGISTERS = 125  # largest number of registers in one request
 # Number of a text in Modbus function 43 / 14, for each CANopen index of the same text.
 IDENTIFICATION_OBJECTS = {DEVICE_NAME_INDEX: 4, VERSION_INDEX: 2}
+TARGET_NO_ANSWER = 11  # exception code "gateway target device failed to respond"
 EXCEPTIONS = {
     2: "there is no such register",
     3: "outside its range or at odds with another object",
     4: "not in this state of the axis, or another source owns it",
     6: "the store is at work",
     10: "the gateway has no axis of this unit",
-    11: "the axis does not answer its gateway",
+    TARGET_NO_ANSWER: "the axis does not answer its gateway",
 }
 
 
@@ -133,6 +134,8 @@ class ModbusLink(Link):
             raise NoAnswer(f"{self.where}: expected an answer about {what}, {error}") from None
         if answer.isError():
             code = answer.exception_code
+            if code == TARGET_NO_ANSWER:
+                raise NoAnswer(f"{self.where}: {what}: {EXCEPTIONS[code]}")
             raise Refused(f"{what}: {EXCEPTIONS.get(code, f'Modbus exception {code}')}")
         return answer
 

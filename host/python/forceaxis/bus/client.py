@@ -47,6 +47,7 @@ SILENCE_S = 1.0  # longest time in s between two state messages of an axis while
 
 T = TypeVar("T")
 Value = float | str  # engineering value, or the text of an enumeration
+SDO_TIMEOUT = 0x05040000  # SDO abort code of CiA 301: SDO protocol timed out
 ADDRESS = re.compile(r"0x[0-9a-fA-F]{1,4}(:[0-9]{1,3})?")
 
 
@@ -377,5 +378,8 @@ class AxisClient(Closable):
         )
 
 
-def _refusal(event: axis_event_t) -> Refused:
+def _refusal(event: axis_event_t) -> Refused | NoAnswer:
+    """Returns the error for a command that the gateway refused, or that its axis did not answer."""
+    if event.code == SDO_TIMEOUT:
+        return NoAnswer(f"axis {event.axis} at the gateway: {event.text}")
     return Refused(event.text, event.code, event)
