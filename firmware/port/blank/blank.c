@@ -1,11 +1,12 @@
 /* Code for a board without peripherals, from which the code for a new board can start. The sensors
  * of this axis are not valid, so the amplifier is never enabled. This file compiles for any target;
- * start.c has the parts that depend on the chip. ../README.md gives the order in which to write the
- * functions. */
+ * serial.c has the parts that depend on the chip. ../README.md gives the order in which to write
+ * the functions. */
 
 #include <stddef.h>
 
 #include "firmware/port/identity.h"
+#include "firmware/port/image.h"
 #include "firmware/port/port.h"
 
 static uint8_t recorder_buffer[FW_RECORDER_BYTES];
@@ -29,6 +30,12 @@ const fw_config_t *port_config(void) {
       .dac_bits = 12,
   };
   return &config;
+}
+
+_Noreturn void image_failed(void) {
+  /* A real board makes the outputs safe and resets the chip. */
+  for (;;) {
+  }
 }
 
 bool port_sample(axis_inputs_t *inputs) {

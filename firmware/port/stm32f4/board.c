@@ -4,18 +4,13 @@
 #include "firmware/port/stm32f4/board.h"
 
 #include "firmware/port/identity.h"
+#include "firmware/port/image.h"
 #include "firmware/port/port.h"
 #include "firmware/port/stm32f4/tick.h"
 
 /* Start-up does not clear this memory, so that an incident is kept over a reset. */
 static uint8_t recorder_buffer[FW_RECORDER_BYTES] __attribute__((section(".noinit.recorder")));
 static blackbox_t blackbox __attribute__((section(".noinit.blackbox")));
-/* Memory for programs of cycles, in the linker script. */
-extern uint32_t programs_begin[], programs_end[];
-/* Memory for the results of parts, likewise. */
-extern uint32_t results_begin[], results_end[];
-/* Memory for the curve of a cycle, likewise. */
-extern uint32_t curve_begin[], curve_end[];
 static fw_config_t config;
 
 void port_init(void) {
@@ -38,11 +33,11 @@ const fw_config_t *port_config(void) {
   config.dac_bits = 12; /* without a drive at the second CAN */
   config.buses = 1;
   config.program_memory = programs_begin;
-  config.program_bytes = (uint32_t)((uintptr_t)programs_end - (uintptr_t)programs_begin);
+  config.program_bytes = image_bytes(programs_begin, programs_end);
   config.result_memory = results_begin;
-  config.result_bytes = (uint32_t)((uintptr_t)results_end - (uintptr_t)results_begin);
+  config.result_bytes = image_bytes(results_begin, results_end);
   config.curve_memory = curve_begin;
-  config.curve_bytes = (uint32_t)((uintptr_t)curve_end - (uintptr_t)curve_begin);
+  config.curve_bytes = image_bytes(curve_begin, curve_end);
   config.reset_cause = reset_cause();
   config.core_fault = board_fault_before(config.reset_cause);
   return &config;

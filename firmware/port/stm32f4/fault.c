@@ -3,10 +3,8 @@
 
 #include <stddef.h>
 
+#include "firmware/port/image.h"
 #include "firmware/port/stm32f4/board.h"
-
-extern uint32_t stack_bottom[];
-extern uint32_t stack_top[];
 
 /* Data of a fault that are kept over a reset. Start-up does not clear these data. */
 typedef struct {

@@ -1,14 +1,13 @@
 /* Checks of the memories at start-up: compares the image in the flash with the CRC that tools/image
  * has appended, and tests the RAM. */
 
+#include "firmware/port/image.h"
 #include "firmware/port/stm32f4/board.h"
 
 extern const uint32_t vectors_begin[];
 extern const uint32_t vectors_end[];
 extern const uint32_t code_begin[];
 extern const uint32_t code_end[];
-extern uint32_t stack_bottom[];
-extern uint32_t ram_end[];
 
 /* Number of words at the end of the stack that protect.c protects from access. */
 enum { GUARD_WORDS = 8 };

@@ -1,8 +1,7 @@
 /* Memory protection: an access to memory outside its purpose causes a fault. */
 
+#include "firmware/port/image.h"
 #include "firmware/port/stm32f4/board.h"
-
-extern uint32_t stack_bottom[];
 
 typedef struct {
   uint32_t base;

@@ -1,36 +1,18 @@
 /* Interrupt vectors and start-up of the image. The linker script defines the external symbols. */
 
+#include "firmware/port/image.h"
 #include "firmware/port/stm32f4/board.h"
 #include "firmware/port/stm32f4/tick.h"
 
-extern uint32_t stack_top[];
-extern uint32_t data_begin[];
-extern uint32_t data_end[];
-extern const uint32_t data_load[];
-extern uint32_t bss_begin[];
-extern uint32_t bss_end[];
 extern const uint32_t vectors_begin[];
 
 int main(void);
 _Noreturn void reset(void);
 
-/* Returns the number of words between two symbols. The number is computed from addresses, because
- * these symbols are different objects in C. */
-static uint32_t words(const uint32_t *begin, const uint32_t *end) {
-  return ((uintptr_t)end - (uintptr_t)begin) / sizeof(uint32_t);
-}
-
 _Noreturn void reset(void) {
   SCB->VTOR = (uintptr_t)vectors_begin;
   SCB->CCR |= SCB_CCR_DIV_0_TRP;
-  const uint32_t data_words = words(data_begin, data_end);
-  for (uint32_t i = 0; i < data_words; i++) {
-    data_begin[i] = data_load[i];
-  }
-  const uint32_t bss_words = words(bss_begin, bss_end);
-  for (uint32_t i = 0; i < bss_words; i++) {
-    bss_begin[i] = 0;
-  }
+  image_start_memory();
   (void)main();
   board_fail();
   for (;;) {

@@ -1,13 +1,9 @@
 #ifndef FIRMWARE_PORT_STM32F4_TICK_H_
 #define FIRMWARE_PORT_STM32F4_TICK_H_
 
-#include <stdint.h>
+#include "firmware/port/tick.h"
 
 /* Number of processor cycles in a tick: exactly 168 MHz / 1500 Hz. */
 #define TICK_CYCLES UINT32_C(112000)
-
-void tick_start(void);
-void tick_interrupt(void);
-uint32_t tick_entries(void); /* number of tick interrupts since power-up */
 
 #endif

@@ -1,19 +1,23 @@
 """The description of a board, read from board.toml in the folder of the board: how the firmware
 image of the board is built, measured, emulated and flashed.
 
-Paths in board.toml are relative to this folder.
+Paths in board.toml are relative to this folder; a source that is not there is sought below
+firmware/port, so that a board elsewhere uses the parts that boards share.
 
     name            of `--link pil-NAME`
     image           of the files build/image/IMAGE.{elf,hex,bin}
     [build]         compiler: prefix of its tools, the system package it comes in, flags of the
                     processor; linker script; sources of every image
-    [released]      identity (firmware/port/identity.h) and sources of the image that is flashed
+    [released]      optional. Identity (firmware/port/identity.h) and sources of the image that is
+                    flashed; a board without this image exists only in an emulator
     [memory]        [address, bytes] of flash, stored parameters and RAM; bytes of each sector
-    [limits]        of the released image, and of one interrupt of the tick in instructions
-    [stack]         for tools/image_report, which explains it
+    [limits]        of the released image, and of one interrupt of the tick in instructions; where
+                    there is no such image, none
+    [stack]         for tools/image_report, which explains it; likewise
     [emulator]      optional. Identity and sources of the image for it; QEMU's program, the
-                    system package it comes in, machine, options of its clock; what each of its
-                    serial lines is: "", "modbus", or "can" (frames in records)
+                    system package it comes in, machine, options of a run in lock-step, such as its
+                    clock; what each of its serial lines is: "", "modbus", or "can" (frames in
+                    records)
     [probe]         optional. openocd's configuration, name of the probe, pattern of its
                     version as openocd prints it; the chip, its 12-bit identifier and where that is.
                     [probe.options], optional: what a flashing also sets, and reads back: a register
@@ -27,6 +31,7 @@ Programs of tools/ import this file without the package: only the standard libra
 """
 
 import dataclasses
+import re
 import tomllib
 import types
 import typing
@@ -114,7 +119,7 @@ class EmulatedImage:
     package: str
     machine: str
     serial_lines: list[str]
-    clock: list[str]
+    options: list[str]
 
 
 @dataclass(frozen=True)
@@ -169,10 +174,10 @@ class Board:
     name: str
     image: str
     build: Build
-    released: Released
+    released: Released | None
     memory: Memory
-    limits: Limits
-    stack: Stack
+    limits: Limits | None
+    stack: Stack | None
     emulator: EmulatedImage | None
     probe: Probe | None
     registers: Registers | None
@@ -258,6 +263,18 @@ def read(folder: Path | str) -> Board:
             f"{len(board.memory.flash)} bytes, the size of the flash memory"
         )
     return board
+
+
+def source(folder: Path, name: str) -> Path:
+    """Returns the path of a source that the board in `folder` names."""
+    path = folder / name
+    return path if path.is_file() else PORTS / name
+
+
+def shared_objects(out: Path, build: Build) -> Path:
+    """Returns the folder, below the folder `out` of images, with the object files that all boards
+    with the same compiler and processor share."""
+    return out / "objects" / re.sub(r"[^\w+.=-]+", "_", "_".join([build.tools, *build.flags]))
 
 
 def folders() -> list[Path]:

@@ -94,7 +94,7 @@ class Emulator:
             line = command(
                 board,
                 IMAGES / f"{board.image}-emulated.elf",
-                *emulated_image(board).clock,
+                *emulated_image(board).options,
                 arguments=["forceaxis", *map(str, names)],
             )
         except InputError:

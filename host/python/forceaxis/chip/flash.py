@@ -74,11 +74,14 @@ class Plan:
 def board_of(image: images.Image, identity: images.Identity) -> tuple[boards.Board, boards.Probe]:
     """Returns the board for which an image was built, and the debug probe of this board. Raises
     InputError."""
-    flashable = [(board, board.probe) for board in boards.known() if board.probe]
-    for board, probe in flashable:
-        if board.released.identity == identity.board:
-            return board, probe
-    names = ", ".join(board.released.identity for board, _ in flashable)
+    flashable = {
+        board.released.identity: (board, board.probe)
+        for board in boards.known()
+        if board.released and board.probe
+    }
+    if identity.board in flashable:
+        return flashable[identity.board]
+    names = ", ".join(flashable)
     raise InputError(
         f"{image.path}: expected an image for the board {names}, got an image for the board "
         f"{identity.board}"

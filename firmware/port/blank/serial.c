@@ -1,0 +1,43 @@
+/* The parts of the board `blank` that depend on the chip: tick and serial line. Vectors, start-up,
+ * lock and the timer of the core are those of every Cortex-M, in ../cortexm. */
+
+#include "firmware/port/port.h"
+#include "firmware/port/tick.h"
+
+typedef volatile uint32_t reg_t;
+
+/* The serial line is USART1 of the STM32F405. The code polls the USART and sets neither pins nor
+ * bit rate, because QEMU models neither of the two. The code for a real board has a ring buffer for
+ * each direction, which an interrupt fills or empties. */
+typedef struct {
+  reg_t SR;
+  reg_t DR;
+  reg_t BRR;
+  reg_t CR1;
+} usart_t;
+#define USART ((usart_t *)0x40011000)
+enum { USART_SR_RXNE = 0x20, USART_SR_TXE = 0x80, USART_CR1_ENABLED = 0x200C };
+
+/* On a board with a watchdog timer, port_start() also starts this timer. */
+void port_start(void) {
+  USART->CR1 = USART_CR1_ENABLED;
+  tick_start();
+}
+
+uint16_t port_serial_receive(uint8_t *bytes, uint16_t room) {
+  uint16_t count = 0;
+  while (count < room && (USART->SR & USART_SR_RXNE) != 0) {
+    bytes[count] = (uint8_t)USART->DR;
+    count++;
+  }
+  return count;
+}
+
+uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count) {
+  uint16_t taken = 0;
+  while (taken < count && (USART->SR & USART_SR_TXE) != 0) {
+    USART->DR = bytes[taken];
+    taken++;
+  }
+  return taken;
+}

@@ -1,0 +1,11 @@
+/* The request of a Cortex-M to the host: the instruction BKPT with the number 0xAB (ARM,
+ * "Semihosting for AArch32 and AArch64", 3.1). */
+
+#include "firmware/port/emulated/semihosting.h"
+
+int32_t semihosting_call(uint32_t operation, const void *argument) {
+  register uint32_t r0 __asm("r0") = operation;
+  register const void *r1 __asm("r1") = argument;
+  __asm volatile("bkpt 0xAB" : "+r"(r0) : "r"(r1) : "memory");
+  return (int32_t)r0;
+}

@@ -1,0 +1,40 @@
+/* The tick by SysTick, the timer in the core of most Cortex-M. The linker script of the board
+ * defines core_hz, the clock of the core in Hz. */
+
+#include "firmware/port/port.h"
+#include "firmware/port/tick.h"
+
+typedef volatile uint32_t reg_t;
+
+typedef struct {
+  reg_t CSR;
+  reg_t RVR;
+  reg_t CVR;
+} systick_t;
+#define SYSTICK ((systick_t *)0xE000E010)
+enum { SYSTICK_CLOCKED_BY_CORE_WITH_INTERRUPT = 7 };
+
+extern const uint8_t core_hz[]; /* the address is the number */
+
+static volatile uint32_t entries;
+static uint32_t fraction; /* of the next tick */
+
+/* Sets the length of the tick after the present one: a new reload value acts from the next reload
+ * on (ARMv7-M Architecture Reference Manual, B3.3). */
+static void set_next(void) {
+  SYSTICK->RVR = tick_counts((uint32_t)(uintptr_t)core_hz, &fraction) - 1;
+}
+
+void tick_start(void) {
+  set_next();
+  SYSTICK->CVR = 0;
+  SYSTICK->CSR = SYSTICK_CLOCKED_BY_CORE_WITH_INTERRUPT;
+}
+
+void tick_interrupt(void) {
+  entries++;
+  set_next();
+  port_tick();
+}
+
+uint32_t tick_entries(void) { return entries; }

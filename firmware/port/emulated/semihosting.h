@@ -1,0 +1,33 @@
+#ifndef FIRMWARE_PORT_EMULATED_SEMIHOSTING_H_
+#define FIRMWARE_PORT_EMULATED_SEMIHOSTING_H_
+
+/* Access to files of the host by the semihosting interface of ARM, which RISC-V also uses. Without
+ * a host that answers, a call causes a fault of the core. A released image does not contain this
+ * file. */
+
+#include <stdint.h>
+
+enum { SEMIHOSTING_READ = 1, SEMIHOSTING_WRITE = 5 };
+
+/* Requests an operation from the host and returns the host's result. The processor's folder
+ * implements this function, because each processor has an instruction of its own for the request:
+ * cortexm/semihosting_call.c, riscv32_virt/riscv32_virt.c. */
+int32_t semihosting_call(uint32_t operation, const void *argument);
+
+/* Reads the command line into `text` and ends it by 0. The text is empty if the command line is
+ * longer than `room`. */
+void semihosting_command_line(char *text, uint32_t room);
+
+/* Opens a file of the host. Returns a negative number if the file cannot be opened. */
+int32_t semihosting_open(const char *name, uint32_t mode);
+
+/* Read or write all `count` bytes, without a time-out. An error ends the program. */
+void semihosting_read(int32_t file, uint8_t *bytes, uint32_t count);
+void semihosting_write(int32_t file, const uint8_t *bytes, uint32_t count);
+
+/* End the program: semihosting_exit() with the exit status 0 of the emulator, semihosting_fail()
+ * with the exit status 1. */
+_Noreturn void semihosting_exit(void);
+_Noreturn void semihosting_fail(void);
+
+#endif

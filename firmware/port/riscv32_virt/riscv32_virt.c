@@ -1,0 +1,98 @@
+/* Start-up, trap, tick, lock and semihosting of QEMU's riscv32 `virt` in machine mode. Registers:
+ * RISC-V Privileged Architecture 1.12; timer: RISC-V ACLINT, at the addresses of QEMU's `virt`. */
+
+#include "firmware/port/emulated/semihosting.h"
+#include "firmware/port/image.h"
+#include "firmware/port/port.h"
+#include "firmware/port/tick.h"
+
+typedef volatile uint32_t reg_t;
+
+/* MTIMECMP of hart 0 and MTIME, low word first. */
+#define MTIMECMP ((reg_t *)0x02004000)
+#define MTIME ((reg_t *)0x0200BFF8)
+
+#define TIMER_HZ UINT32_C(10000000)
+
+#define CAUSE_MACHINE_TIMER UINT32_C(0x80000007)
+#define MSTATUS_MIE UINT32_C(0x8)
+#define MIE_MTIE UINT32_C(0x80)
+
+int main(void);
+void reset(void);
+void start(void);
+
+static volatile uint32_t entries;
+static uint64_t due;      /* count of the next tick */
+static uint32_t fraction; /* of the next tick */
+
+/* The first instructions of the image. A hart begins in machine mode with interrupts off. */
+__attribute__((naked, used, section(".vectors"))) void reset(void) {
+  __asm volatile(
+      "la sp, stack_top\n"
+      "j start\n");
+}
+
+/* Handler of every trap. A trap that is not the timer's is a fault of the program. */
+__attribute__((interrupt("machine"), aligned(4))) static void trap(void) {
+  uint32_t cause;
+  __asm volatile("csrr %0, mcause" : "=r"(cause));
+  if (cause != CAUSE_MACHINE_TIMER) {
+    image_failed();
+  }
+  tick_interrupt();
+}
+
+__attribute__((used)) void start(void) {
+  image_start_memory();
+  __asm volatile("csrw mtvec, %0" ::"r"(trap));
+  (void)main();
+  image_failed();
+}
+
+/* Sets the time of the next tick. The high word is written while the low word is all ones, so that
+ * no value between the old and the new one is below both. */
+static void set_next(void) {
+  due += tick_counts(TIMER_HZ, &fraction);
+  MTIMECMP[0] = UINT32_MAX;
+  MTIMECMP[1] = (uint32_t)(due >> 32);
+  MTIMECMP[0] = (uint32_t)due;
+}
+
+void tick_start(void) {
+  due = MTIME[0]; /* QEMU counts from 0 at power-up, so the high word is 0 */
+  set_next();
+  __asm volatile("csrs mie, %0" ::"r"(MIE_MTIE));
+  port_unlock();
+}
+
+void tick_interrupt(void) {
+  entries++;
+  set_next();
+  port_tick();
+}
+
+uint32_t tick_entries(void) { return entries; }
+
+void port_lock(void) { __asm volatile("csrc mstatus, %0" ::"r"(MSTATUS_MIE) : "memory"); }
+
+void port_unlock(void) { __asm volatile("csrs mstatus, %0" ::"r"(MSTATUS_MIE) : "memory"); }
+
+/* A request to the host is EBREAK between two shifts without effect, none of them compressed, and
+ * all in one page (RISC-V Semihosting, chapter 2). */
+__attribute__((aligned(16))) int32_t semihosting_call(uint32_t operation, const void *argument) {
+  register uint32_t a0 __asm("a0") = operation;
+  register const void *a1 __asm("a1") = argument;
+  __asm volatile(
+      ".option push\n"
+      ".option norvc\n"
+      ".balign 16\n"
+      "slli x0, x0, 0x1f\n"
+      "ebreak\n"
+      "srai x0, x0, 7\n"
+      ".option pop\n"
+      : "+r"(a0)
+      : "r"(a1)
+      : "memory");
+  return (int32_t)a0;
+}
