@@ -1,15 +1,28 @@
+import functools
 import subprocess
 
 import pytest
-from chip import ROOT, Chip, release
+from chip import BOARD, ROOT, Chip, release
+
+
+@functools.cache
+def build(folder):
+    done = subprocess.run(
+        [ROOT / "tools/image", "--emulated", folder], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.fixture(scope="session", autouse=True)
 def image():
-    done = subprocess.run(
-        [ROOT / "tools/image", "--emulated"], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    build(BOARD.folder)
+
+
+@pytest.fixture
+def emulated(request):
+    """The board that the test names, with its image for the emulator."""
+    build(request.param.folder)
+    return request.param
 
 
 @pytest.fixture

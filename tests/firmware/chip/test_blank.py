@@ -13,7 +13,7 @@ from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer
 from forceaxis.axis.modbus import ModbusLink
 
-BLANK = ROOT / "firmware/port/blank"
+PORTS = ROOT / "firmware/port"
 MACHINE = "netduinoplus2"
 NODE = 1
 
@@ -38,7 +38,7 @@ def image(board):
 def board(tmp_path_factory):
     """The board of the recipe in firmware/port/README.md, after its first step."""
     board = tmp_path_factory.mktemp("ports") / "lathe"
-    shutil.copytree(BLANK, board)
+    shutil.copytree(PORTS / "blank", board)
     changed(
         board / "board.toml",
         ('name = "blank"', 'name = "lathe"'),
@@ -89,12 +89,13 @@ def test_it_boots_and_ticks_with_sensors_that_are_never_valid(board):
         process.wait()
 
 
-KEEP_VECTORS = ("blank.ld", "    KEEP(*(.vectors))\n", "    *(.vectors)\n")
-KEEP_IDENTITY = ("blank.ld", "    KEEP(*(.forceaxis_identity))\n", "")
-KEEP_VERSION = ("blank.ld", "    KEEP(*(.version))\n", "")
-NOT_REPORTED = ("blank.c", ".software = identity_software", ".software = NULL")
-IN_RAM = ("blank.ld", "  .vectors : {\n    KEEP(*(.vectors))\n  } > FLASH", "  .vectors : {\n"
-          "    KEEP(*(.vectors))\n  } > RAM")  # fmt: skip
+SECTIONS, START, SYSTICK = "sections.ld", "cortexm/start.c", "cortexm/systick.c"  # of PORTS
+KEEP_VECTORS = (SECTIONS, "    KEEP(*(.vectors))\n", "    *(.vectors)\n")
+KEEP_IDENTITY = (SECTIONS, "    KEEP(*(.forceaxis_identity))\n", "")
+KEEP_VERSION = (SECTIONS, "    KEEP(*(.version))\n", "")
+NOT_REPORTED = ("blank/blank.c", ".software = identity_software", ".software = NULL")
+IN_RAM = (SECTIONS, "    KEEP(*(.vectors.interrupts))\n  } > FLASH",
+          "    KEEP(*(.vectors.interrupts))\n  } > RAM")  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -104,23 +105,28 @@ IN_RAM = ("blank.ld", "  .vectors : {\n    KEEP(*(.vectors))\n  } > FLASH", "  .
         ([IN_RAM], "blank.ld: .vectors: expected the vectors in the flash"),
         ([KEEP_IDENTITY], ".forceaxis_identity: expected the identity of the image in the flash"),
         ([KEEP_VERSION, NOT_REPORTED], ".version: expected the text of 100Ah in the flash"),
-        ([("start.c", "(void)main();\n", "\n")], "main: expected this function in the image"),
-        ([("start.c", "{ port_tick(); }", "{}")], "port_tick: expected this function in the image"),
+        ([(START, "(void)main();\n", "\n")], "main: expected this function in the image"),
+        ([(SYSTICK, "  port_tick();\n", "")], "port_tick: expected this function in the image"),
     ],
     ids=["vectors", "vectors in the RAM", "identity", "version", "start", "tick"],
 )
-def test_an_image_that_lacks_a_part_is_refused_in_one_line(board, changes, named):
-    before = {board / name: (board / name).read_text() for name, _, _ in changes}
-    images = {path: path.read_bytes() for path in (board.parent / "out").glob("forceaxis-*.[ehb]*")}
-    try:
-        for name, old, new in changes:
-            changed(board / name, (old, new))
-        done = image(board)
-        assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
-        assert named in done.stderr, done.stderr
-        # What was built before stays as it was; nothing is left half-made.
-        assert images == {p: p.read_bytes() for p in images}
-        assert not list((board.parent / "out").glob("*.new"))
-    finally:
-        for path, text in before.items():
-            path.write_text(text)
+def test_an_image_that_lacks_a_part_is_refused_in_one_line(board, changes, named, tmp_path):
+    """The board has a changed copy of a file that it shares with others."""
+    folder = tmp_path / board.name
+    shutil.copytree(board, folder)
+    for name, old, new in changes:
+        # A file of the board itself, or a source where tools/image finds it first.
+        copy = folder / name.removeprefix("blank/")
+        copy.parent.mkdir(exist_ok=True)
+        shutil.copy(PORTS / name, copy)
+        changed(copy, (old, new))
+        if name == SECTIONS:
+            changed(folder / "blank.ld", ("firmware/port/sections.ld", str(copy)))
+    shutil.copytree(board.parent / "out", tmp_path / "out")
+    images = {path: path.read_bytes() for path in (tmp_path / "out").glob("forceaxis-*.[ehb]*")}
+    done = image(folder)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    assert named in done.stderr, done.stderr
+    # What was built before stays as it was; nothing is left half-made.
+    assert len(images) == 3 and images == {p: p.read_bytes() for p in images}
+    assert not list((tmp_path / "out").glob("*.new"))

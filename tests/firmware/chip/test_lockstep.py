@@ -1,45 +1,61 @@
-"""The image on an emulated Cortex-M4 around the plant: the very trace of the run in process.
+"""The images of all emulated boards around the plant: the very trace of the run in process.
 
-Start-up, interrupt and firmware are those that are flashed; what QEMU has no model of is replaced
-(firmware/port/stm32f4/emulated). The interrupt runs at 1500 Hz of the chip's own clock.
+On the STM32F4 start-up, interrupt and firmware are those that are flashed; what QEMU has no model
+of is replaced (firmware/port/stm32f4/emulated). Each interrupt runs at 1500 Hz of the chip's own
+clock.
 """
 
 import os
 import signal
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 from chip import BOARD
-from cycle_examples import IDS, PARTS, expect_the_same, expect_the_same_objects, file_of
-from forceaxis import _core
+from cycle_examples import BAD, IDS, PARTS, expect_the_same, expect_the_same_objects, file_of
+from forceaxis import InputError, _core
+from forceaxis.chip import board as boards
 from forceaxis.chip import emulator as chip
 from forceaxis.experiments import link
 from forceaxis.paths import EXPERIMENTS
 from forceaxis.thesis import tables
 
 SIM = EXPERIMENTS.parent
+EMULATED_BOARDS = [board for board in boards.known() if board.emulator]
+BY_NAME = {board.name: board for board in EMULATED_BOARDS}
 CHIP = link.LinkOptions("pil-stm32")
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 
 
+def link_to(board):
+    return link.LinkOptions(f"{chip.LINK_PREFIX}{board.name}")
+
+
+# On which board each run is tried in tools/test: an STM32F405, the smallest chip and another
+# instruction set. All boards run all recorded experiments in tools/test --all.
+RUNS = [
+    ("contact.toml", [], "stm32"),
+    ("contact.toml", ["firmware.force_gain=10", "firmware.force_setpoint=15"], "microbit"),
+    ("position_step.toml", [], "microbit"),
+    ("strike.toml", [], "riscv32"),
+    ("hold_biquad.toml", [], "microbit"),
+    ("hold_biquad_12bit.toml", [], "riscv32"),
+    ("excite_in_contact.toml", [], "stm32"),
+]
+
+
 @pytest.mark.parametrize(
-    ("name", "overrides"),
-    [
-        ("contact.toml", []),
-        ("contact.toml", ["firmware.force_gain=10", "firmware.force_setpoint=15"]),
-        ("position_step.toml", []),
-        ("strike.toml", []),
-        ("hold_biquad.toml", []),
-        ("hold_biquad_12bit.toml", []),
-        ("excite_in_contact.toml", []),
-    ],
+    ("name", "overrides", "emulated"),
+    [(name, overrides, BY_NAME[board]) for name, overrides, board in RUNS],
+    indirect=["emulated"],
+    ids=lambda value: getattr(value, "name", None),
 )
-def test_the_trace_is_that_of_the_run_in_process(name, overrides):
+def test_the_trace_is_that_of_the_run_in_process(name, overrides, emulated):
     path = EXPERIMENTS / name
     here = _core.run(str(path), overrides)
-    result, report, *_ = link.run(CHIP, path, overrides)
+    result, report, *_ = link.run(link_to(emulated), path, overrides)
     assert report.same
     assert report.hashes.axis == here.trace_hash
     # Each interrupt did a tick, and no tick was done without one.
@@ -48,9 +64,42 @@ def test_the_trace_is_that_of_the_run_in_process(name, overrides):
     assert len(set(result.columns()["dac"])) > 5  # it was driven
 
 
-def expect_the_part_of_the_run_in_process(path, overrides):
+def recorded_hashes():
+    """{experiment: trace hash} of the table [expect] of each experiment that has one."""
+    for path in sorted(EXPERIMENTS.glob("*.toml")):
+        table = tomllib.loads(path.read_text())
+        if trace_hash := table.get("expect", {}).get("trace_hash"):
+            yield path, trace_hash
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("emulated", EMULATED_BOARDS, indirect=True, ids=lambda board: board.name)
+def test_every_recorded_experiment_has_its_trace_hash_on_every_board(emulated):
+    """A board without memory for programs refuses the experiments with a cycle, and no others."""
+    differ, refused = {}, []
+    for path, trace_hash in recorded_hashes():
+        try:
+            report = link.run_on_chip(link_to(emulated), path, [], trace=False).report
+        except InputError as error:
+            assert "expected a chip with memory for programs" in str(error)
+            refused.append(path.stem)
+            continue
+        if (report.hashes.axis, report.interrupts) != (trace_hash, report.ticks):
+            differ[path.stem] = report
+    assert not differ
+    assert refused == ([] if emulated.name != "microbit" else sorted(BAD))
+
+
+@pytest.mark.parametrize("emulated", [BY_NAME["microbit"]], indirect=True)
+def test_a_board_without_memory_for_programs_refuses_a_cycle_in_one_line(emulated):
+    with pytest.raises(InputError, match="expected a chip with memory for programs") as refused:
+        link.run_on_chip(link_to(emulated), file_of("press_fit"), [])
+    assert "\n" not in str(refused.value)
+
+
+def expect_the_part_of_the_run_in_process(path, overrides, chip_link=CHIP):
     here = _core.run(str(path), list(overrides))
-    result, report, _, cycle = link.run(CHIP, path, overrides)
+    result, report, _, cycle = link.run(chip_link, path, overrides)
     assert report.same
     expect_the_same(result, cycle, here)
     expect_the_same_objects(result, here)
@@ -59,17 +108,21 @@ def expect_the_part_of_the_run_in_process(path, overrides):
 
 
 @pytest.mark.parametrize(
-    ("name", "overrides"),
+    ("name", "overrides", "emulated"),
     [
-        pytest.param(*part, id=name, marks=() if name == "press_fit-good" else pytest.mark.long)
-        for part, name in zip(PARTS, IDS, strict=True)
+        ("press_fit", (), BY_NAME["riscv32"]),
+        *(pytest.param(*part, BY_NAME["stm32"], marks=pytest.mark.long) for part in PARTS),
     ],
+    indirect=["emulated"],
+    ids=["press_fit-good-riscv32", *IDS],
 )
-def test_a_part_is_pressed_and_evaluated_as_in_process(name, overrides):
+def test_a_part_is_pressed_and_evaluated_as_in_process(name, overrides, emulated):
     """Trace, verdict and values are the same, and each tick has the same state of the cycle. The
     main loop of the chip has completed each tick before the next one began, but for a few in which
     much happens: a tick of the emulator has 5,208 instructions, that of the chip 112,000 cycles."""
-    assert expect_the_part_of_the_run_in_process(file_of(name), overrides).late_ticks <= 5
+    link_to_it = link_to(emulated)
+    report = expect_the_part_of_the_run_in_process(file_of(name), overrides, link_to_it)
+    assert report.late_ticks <= 5
 
 
 PROGRAM = SIM / "cycles/press_fit.toml"

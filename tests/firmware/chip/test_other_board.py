@@ -32,6 +32,11 @@ def listed(names):
     )
 
 
+def absolute(names):
+    """These sources of BOARD, for a board in another folder."""
+    return str([str(board.source(BOARD.folder, name)) for name in names]).replace("'", '"')
+
+
 @pytest.fixture(scope="module")
 def ports(tmp_path_factory):
     """A folder of boards with one in it, whose peripherals are the emulator's; its images."""
@@ -54,12 +59,11 @@ def ports(tmp_path_factory):
             ("ram = [0x20000000, 0x20000]", "ram = [0x20000000, 0xC000]"),
             (f"flash_bytes = {BOARD.limits.flash_bytes}", "flash_bytes = 114688"),
             (f"ram_bytes = {BOARD.limits.ram_bytes}", "ram_bytes = 49152"),
-            (listed(BOARD.released.sources),
-             f'["{port}/emulated/io.c", "{port}/emulated/semihosting.c"]'),
-            ('"emulated/io.c", "emulated/semihosting.c"',
-             f'"{port}/emulated/io.c", "{port}/emulated/semihosting.c"'),
-            (listed(BOARD.build.sources),
-             str([f"{port}/{n}" for n in BOARD.build.sources]).replace("'", '"')),
+            *(
+                (listed(image.sources), absolute(BOARD.emulator.sources))
+                for image in (BOARD.released, BOARD.emulator)
+            ),
+            (listed(BOARD.build.sources), absolute(BOARD.build.sources)),
             ('"firmware/port/stm32f4/flash.c" = ["erase_from_ram"]\n', ""),
             ('["read_bytes", "program_bytes", "erase_sector"]', '["nothing"]'),
             ('["read_bytes"]', '["nothing"]'),
@@ -182,7 +186,7 @@ def test_what_is_missing_is_named_with_its_remedy(missing, tmp_path, monkeypatch
         remedy = "install the program with `apt install qemu-system-arm`"
     else:
         monkeypatch.setattr(emulator, "IMAGES", tmp_path)
-        remedy = "`tools/image --emulated` builds the image"
+        remedy = "firmware/port/stm32f4` builds the image"
     with pytest.raises(InputError) as refused:
         emulator.Emulator(BOARD)
     assert remedy in str(refused.value) and "\n" not in str(refused.value)

@@ -19,8 +19,9 @@ IMAGE = "build/image/forceaxis-stm32f446"
 @pytest.fixture(scope="module", autouse=True)
 def images():
     done = subprocess.run(
-        ["tools/image", "--emulated"], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+        ["tools/image", "--emulated", "firmware/port/stm32f4"],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
 
 

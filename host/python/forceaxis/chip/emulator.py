@@ -60,7 +60,7 @@ def command(
     if not image.is_file():
         raise InputError(
             f"{paths.display(image)}: expected a firmware image, got no such file; `tools/image "
-            "--emulated` builds the image"
+            f"--emulated {paths.display(board.folder)}` builds the image"
         )
     if shutil.which(emulator.program) is None:
         raise InputError(
