@@ -123,3 +123,20 @@ def test_a_stack_that_overflows_ends_the_program_and_does_not_lock_the_core_up(e
     line = emulator.command(emulated, image, *emulated.emulator.options, arguments=["forceaxis"])
     done = subprocess.run(line, stdin=subprocess.DEVNULL, capture_output=True, timeout=60)
     assert (done.returncode, done.stdout, done.stderr) == (1, b"", b"")
+
+
+@pytest.mark.parametrize(
+    ("command", "missing"),
+    [
+        (["tools/image", "firmware/port/microbit"], "[released]"),
+        (
+            ["tools/image_report", "--board", "firmware/port/microbit", "x.elf"],
+            "[limits] and [stack]",
+        ),
+    ],
+)
+def test_what_a_board_of_an_emulator_lacks_is_named_in_one_line(command, missing):
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    assert f"microbit/board.toml: expected {missing}" in done.stderr
+    assert "only in an emulator" in done.stderr
