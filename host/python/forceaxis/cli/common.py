@@ -418,8 +418,8 @@ def linked(command: Callback) -> Callback:
             metavar="inproc|lcm|socketcan|pil-BOARD",
             help="Run the firmware as a separate process, in lock-step with the plant over this "
             "link. inproc: in one process, but both sides compute the trace hash. pil-BOARD: the "
-            "image of a board on its emulator, such as pil-stm32 or pil-microbit. If the kernel has no CAN, socketcan runs in a "
-            "guest kernel (tools/vcan).",
+            "image of a board on its emulator, such as pil-stm32 or pil-microbit. If the kernel "
+            "has no CAN, socketcan runs in a guest kernel (tools/vcan).",
         ),
     ):
         command = option(command)
