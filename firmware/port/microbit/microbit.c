@@ -1,5 +1,5 @@
 /* The tick of the micro:bit. Its nRF51822 has no SysTick, so the tick is a compare event of TIMER0.
- * Registers: nRF51 Series Reference Manual 3.0, chapter 18. */
+ * Registers: nRF51 Series Reference Manual 3.0, TIMER. */
 
 #include "firmware/port/port.h"
 #include "firmware/port/tick.h"

@@ -79,7 +79,7 @@ void port_lock(void) { __asm volatile("csrc mstatus, %0" ::"r"(MSTATUS_MIE) : "m
 void port_unlock(void) { __asm volatile("csrs mstatus, %0" ::"r"(MSTATUS_MIE) : "memory"); }
 
 /* A request to the host is EBREAK between two shifts without effect, none of them compressed, and
- * all in one page (RISC-V Semihosting, chapter 2). */
+ * all in one page (RISC-V Semihosting, trap sequence). */
 __attribute__((aligned(16))) int32_t semihosting_call(uint32_t operation, const void *argument) {
   register uint32_t a0 __asm("a0") = operation;
   register const void *a1 __asm("a1") = argument;
