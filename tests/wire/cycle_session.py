@@ -17,6 +17,7 @@ import signal
 import subprocess
 import sys
 import traceback
+from dataclasses import replace
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
@@ -29,8 +30,9 @@ from forceaxis.axis import modbus as modbus_way
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.can import CanLink
 from forceaxis.axis.drive import NEW_SETPOINT
-from forceaxis.axis.link import Refused
+from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.cycles import live, results
+from forceaxis.cycles.records import RecordFolder
 from forceaxis.experiments import link
 from forceaxis.results import to_json
 from gateway_clients import PORT, gateway, operational, until
@@ -40,7 +42,7 @@ EXPERIMENT = file_of("press_fit")
 # A busy machine stalls a client for seconds, and an axis takes it for lost after 500 ms.
 PATIENT = "firmware.watchdog=60000"
 PATIENT_S = 20.0
-LOSES = "firmware.watchdog=5000"  # where an axis has to notice that a client was killed
+LOSES = "firmware.watchdog=20000"  # where an axis has to notice that a client was killed
 # The rim of the polishing example turns once in this time. Its model moves the surface for one
 # turn, and here for many, because nobody knows when a part is pressed. The motion is smaller, so
 # that a good part is good and a bad one bad wherever the turn begins.
@@ -166,14 +168,27 @@ def by(folder, *way):
 
 
 def beside(folder):
-    """A part that the owner of the axis presses through the gateway, and what a command says that
-    records it over Modbus meanwhile."""
+    """Two parts that the owner of the axis presses through the gateway, what a command says that
+    records the first of them over Modbus meanwhile, and what another says that records the second
+    and sets the bounds of the program from it and from 299 copies of the first."""
     with Axis(lcm_way.GatewayLink(1)) as owner:
         pressed = to_json(results.press(owner, live.live_program(EXPERIMENT), "B-1"))
         to = ["--modbus", f"tcp://127.0.0.1:{PORT}", "--out", folder / "records"]
         said = cycle("result", EXPERIMENT, *to)
         left = owner.get("cycle_results_waiting", "command_source")
-    return {"beside": {"pressed": pressed, "recorded": said, "left": left}}
+        results.press(owner, live.live_program(EXPERIMENT), "B-2")
+        copied(folder / "records", 298)
+        to = [*to[:2], "--parts", "300", "--propose", "2%", "-o", folder / "new.toml"]
+        taught = cycle("teach", EXPERIMENT, folder / "records", *to)
+    return {"beside": {"pressed": pressed, "recorded": said, "left": left, "taught": taught}}
+
+
+def copied(folder, copies):
+    """Adds copies of the only record of a folder, as of later parts."""
+    with RecordFolder(folder) as into:
+        (record,) = into.records()
+        for number in range(100, 100 + copies):
+            into.add(replace(record, number=number))
 
 
 def ways(folder):
@@ -187,7 +202,7 @@ def ways(folder):
 @contextlib.contextmanager
 def supervised():
     """A gateway that is the master of node 1."""
-    supervisor = gateway("--axes", "1", "--watch-ms", "5000", heartbeat_ms=2000)
+    supervisor = gateway("--axes", "1", "--watch-ms", "20000", heartbeat_ms=2000, sdo_ms=10_000)
     try:
         wait_operational()
         yield
@@ -198,7 +213,7 @@ def supervised():
 
 def wait_operational():
     with lcm_way.GatewayLink(1).client as client:
-        assert until(lambda: operational(client), 60)
+        assert until(lambda: operational(client), 150)
 
 
 def begun(*words):
@@ -208,26 +223,29 @@ def begun(*words):
 
 
 def ended(process):
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=150)
     return {"status": process.returncode, "out": out, "said": err}
 
 
 def slow(folder):
-    """The program of the press-fit whose bearing stays pressed for 40 s."""
+    """The program of the press-fit whose bearing stays pressed for 80 s."""
     text = (SIM / "cycles/press_fit.toml").read_text()
-    text = text.replace('time_max = "2 s"', 'time_max = "50 s"').replace('"0.8 s"', '"40 s"')
+    text = text.replace('time_max = "2 s"', 'time_max = "90 s"').replace('"0.8 s"', '"80 s"')
     (folder / "slow.toml").write_text(text)
     return folder / "slow.toml"
 
 
-def presses():
-    """Waits until the axis presses the bearing, by Modbus beside the owner of the axis."""
+def presses(command):
+    """Waits until a command presses the bearing, by Modbus beside the owner of the axis."""
     phase = [p.name for p in live.live_program(EXPERIMENT).program.phases].index("seat")
-    reader = modbus_way.ModbusLink(f"tcp://127.0.0.1:{PORT}")
-    try:
-        assert until(lambda: reader.read_one("cycle_phase") == phase, 60)
-    finally:
-        reader.close()
+
+    def is_pressed():
+        assert command.poll() is None, ended(command)
+        with contextlib.suppress(NoAnswer):
+            return reader.read_one("cycle_phase") == phase
+
+    with contextlib.closing(modbus_way.ModbusLink(f"tcp://127.0.0.1:{PORT}")) as reader:
+        assert until(is_pressed, 150)
 
 
 def command_killed(folder):
@@ -236,12 +254,12 @@ def command_killed(folder):
     with nodes(folder, "press_fit", (LOSES,)), supervised():
         cycle("load", EXPERIMENT, "--axis", "1", "--program", program)
         command = begun("start", EXPERIMENT, "--axis", "1", "--program", program)
-        presses()
+        presses(command)
         command.kill()
         said = ended(command)
         with contextlib.closing(lcm_way.GatewayLink(1)) as link_to:
             axis = Axis(link_to)
-            is_over = until(lambda: axis.integer("cycle_results_waiting"), 60)
+            is_over = until(lambda: axis.integer("cycle_results_waiting"), 150)
             state = axis.get("cycle_state", "cycle_outcome")
         records = cycle(
             "result", EXPERIMENT, "--axis", "1", "--program", program, "--out", folder / "records"
@@ -259,14 +277,14 @@ def axis_killed(folder):
             cycle("load", EXPERIMENT, "--axis", "1", "--program", program)
             watching = begun("watch", EXPERIMENT, *way, "--program", program)
             command = begun("start", EXPERIMENT, "--axis", "1", "--program", program)
-            presses()
+            presses(command)
             axis.kill()
             said = ended(command)
         with nodes(folder, "press_fit", (LOSES,), *store):
             wait_operational()
             loaded = cycle("load", EXPERIMENT, "--axis", "1")
             part = cycle("start", EXPERIMENT, "--axis", "1")
-            watched = until(lambda: list((folder / "watched/parts").glob("*.json")), 30)
+            watched = until(lambda: list((folder / "watched/parts").glob("*.json")), 150)
             watching.send_signal(signal.SIGINT)
             watch = ended(watching)
     records = [json.loads(file.read_text()) for file in watched or []]

@@ -119,10 +119,10 @@ def registers(client, start, count, kind="holding", unit=1):
 HEARTBEAT_MS = 300
 
 
-def gateway(*args, ready=True, port=PORT, heartbeat_ms=HEARTBEAT_MS):
+def gateway(*args, ready=True, port=PORT, heartbeat_ms=HEARTBEAT_MS, sdo_ms=3000):
     errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 - it lives as long as the program
     words = [link.program("gateway"), "--modbus-port", str(port), *args]
-    words += ["--heartbeat-ms", str(heartbeat_ms), "--sdo-timeout-ms", "3000"]
+    words += ["--heartbeat-ms", str(heartbeat_ms), "--sdo-timeout-ms", str(sdo_ms)]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=errors, text=True)
     process.errors = lambda: (errors.seek(0), errors.read())[1]
     if ready:

@@ -18,6 +18,7 @@ from cycle_session import EXPERIMENT, experiment, file_of
 from forceaxis import _core
 from forceaxis.cycles import live
 from forceaxis.cycles.part import run as run_part
+from forceaxis.cycles.records import RecordFolder
 
 SESSION = Path(__file__).with_name("cycle_session.py")
 WAYS = ("can", "gateway", "modbus")
@@ -56,7 +57,7 @@ def ways(tmp_path_factory, vcan):
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory, vcan):
-    return ran(vcan, tmp_path_factory.mktemp("killed"), "killed", 240)
+    return ran(vcan, tmp_path_factory.mktemp("killed"), "killed", 600)
 
 
 def simulated(file, overrides, start_tick):
@@ -158,8 +159,26 @@ def test_a_result_is_recorded_beside_the_owner_of_the_axis(ways):
     same = ("number", "power_up", "program_crc", "elements", "begin_tick", "parameters_crc")
     assert {n: record[n] for n in same} == {n: pressed[n] for n in same}
     assert found["left"] == {"cycle_results_waiting": 0, "command_source": "lcm"}
-    (file,) = (ways["folder"] / "gateway/records/parts").iterdir()
+    file = ways["folder"] / "gateway/records/parts/00000_0000000002.json"
     assert json.loads(file.read_text()) == record
+
+
+def test_the_bounds_are_taught_with_the_parts_of_an_axis(ways):
+    """Each new bound is a value of a part."""
+    said = ways["gateway"]["beside"]["taught"]
+    assert said["status"] == 0, said["said"]
+    folder = ways["folder"] / "gateway"
+    with RecordFolder(folder / "records") as records:
+        found = list(records.records())
+    assert (len(found), [record.serial for record in found].count("B-2")) == (300, 1)
+    bounds = {bound["name"]: (bound["least"], bound["most"]) for bound in said["result"]["bounds"]}
+    assert set(bounds) == {"shoulder", "work", "seating_force"}
+    for name, (least, most) in bounds.items():
+        values = {e.value for record in found for e in record.elements if e.name == name}
+        assert {least, most} <= values and least <= most
+    program = live.live_program(EXPERIMENT, program=folder / "new.toml").program
+    taught = {e.name: (e.least, e.most) for e in program.elements if e.name in bounds}
+    assert taught == bounds
 
 
 def test_a_part_whose_command_is_killed_is_aborted_and_stays_until_it_is_recorded(killed):
