@@ -62,8 +62,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     return 0;
   }
   const size_t rest = size - 2;
-  const size_t bytes =
-      sizeof(cycle_header_t) + ((size_t)data[0] | (size_t)data[1] << 8) % (rest - sizeof(cycle_header_t) + 1);
+  const size_t bytes = sizeof(cycle_header_t) + ((size_t)data[0] | (size_t)data[1] << 8) %
+                                                    (rest - sizeof(cycle_header_t) + 1);
   /* Of exactly this size, so that a sanitizer sees a byte that is read beyond it. */
   uint8_t *record = malloc(bytes);
   require(record != NULL);
