@@ -56,3 +56,13 @@ void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation) {
     }
   }
 }
+
+void fw_tick_times(fw_t *fw, uint16_t time_us, uint16_t late_us) {
+  device_signals_t *signals = &fw->device_signals;
+  if (time_us > signals->tick_time_max) {
+    signals->tick_time_max = time_us;
+  }
+  if (late_us > signals->tick_late_max) {
+    signals->tick_late_max = late_us;
+  }
+}

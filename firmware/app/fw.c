@@ -553,6 +553,7 @@ void fw_can_lost(fw_t *fw, uint16_t frames) {
 
 void fw_can_bus(fw_t *fw, uint8_t state) {
   canopen_bus(&fw->canopen, state);
+  fw->device_signals.can_state = fw->canopen.bus;
   take_requests(fw);
 }
 

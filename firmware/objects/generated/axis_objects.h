@@ -565,82 +565,85 @@ enum {
   AXIS_OBJ_CORE_FAULT_HFSR = 555,
   AXIS_OBJ_CORE_FAULT_BFAR = 556,
   AXIS_OBJ_TICK_DEVIATION = 557,
-  AXIS_OBJ_SYNC_COUNT = 558,
-  AXIS_OBJ_CYCLE_STATE = 559,
-  AXIS_OBJ_CYCLE_PHASE = 560,
-  AXIS_OBJ_CYCLE_OUTCOME = 561,
-  AXIS_OBJ_CYCLE_COUNT = 562,
-  AXIS_OBJ_CYCLE_OUTPUTS = 563,
-  AXIS_OBJ_CYCLE_ENDED_BY = 564,
-  AXIS_OBJ_CYCLE_PROGRAM = 565,
-  AXIS_OBJ_CYCLE_PROGRAM_COUNT = 566,
-  AXIS_OBJ_CYCLE_PROGRAM_CRC = 567,
-  AXIS_OBJ_CYCLE_PROGRAM_REFUSAL = 568,
-  AXIS_OBJ_CYCLE_PROGRAM_REFUSED_PART = 569,
-  AXIS_OBJ_CYCLE_PROGRAM_REMOVE = 570,
-  AXIS_OBJ_CYCLE_RESULT_ELEMENT = 571,
-  AXIS_OBJ_CYCLE_RESULT_VALUE = 572,
-  AXIS_OBJ_CYCLE_RESULT_VERDICT = 573,
-  AXIS_OBJ_CYCLE_RESULT_TICK = 574,
-  AXIS_OBJ_CYCLE_DATA_OFFSET = 575,
-  AXIS_OBJ_CYCLE_DATA_END = 576,
-  AXIS_OBJ_CYCLE_DATA_1 = 577,
-  AXIS_OBJ_CYCLE_DATA_2 = 578,
-  AXIS_OBJ_CYCLE_DATA_3 = 579,
-  AXIS_OBJ_CYCLE_DATA_4 = 580,
-  AXIS_OBJ_CYCLE_DATA_5 = 581,
-  AXIS_OBJ_CYCLE_DATA_6 = 582,
-  AXIS_OBJ_CYCLE_DATA_7 = 583,
-  AXIS_OBJ_CYCLE_DATA_8 = 584,
-  AXIS_OBJ_CYCLE_DATA_9 = 585,
-  AXIS_OBJ_CYCLE_DATA_10 = 586,
-  AXIS_OBJ_CYCLE_DATA_11 = 587,
-  AXIS_OBJ_CYCLE_DATA_12 = 588,
-  AXIS_OBJ_CYCLE_DATA_13 = 589,
-  AXIS_OBJ_CYCLE_DATA_14 = 590,
-  AXIS_OBJ_CYCLE_DATA_15 = 591,
-  AXIS_OBJ_CYCLE_DATA_16 = 592,
-  AXIS_OBJ_CYCLE_CURVE_STEP_TRAVEL = 593,
-  AXIS_OBJ_CYCLE_CURVE_STEP_FORCE = 594,
-  AXIS_OBJ_CYCLE_CURVE_STEP_TIME = 595,
-  AXIS_OBJ_CYCLE_CURVE_POINTS = 596,
-  AXIS_OBJ_CYCLE_CURVE_THINNED = 597,
-  AXIS_OBJ_CYCLE_CURVE_FIRST = 598,
-  AXIS_OBJ_CYCLE_RESULTS_WAITING = 599,
-  AXIS_OBJ_CYCLE_RESULT_NUMBER = 600,
-  AXIS_OBJ_CYCLE_ACKNOWLEDGE = 601,
-  AXIS_OBJ_CYCLE_BITS = 602,
-  AXIS_OBJ_CYCLE_NUMBER = 603,
-  AXIS_OBJ_CYCLE_POWER_UP = 604,
-  AXIS_OBJ_CYCLE_PARTS_GOOD = 605,
-  AXIS_OBJ_CYCLE_PARTS_BAD = 606,
-  AXIS_OBJ_CYCLE_PARTS_ABORTED = 607,
-  AXIS_OBJ_CYCLE_SERIAL_1 = 608,
-  AXIS_OBJ_CYCLE_SERIAL_2 = 609,
-  AXIS_OBJ_CYCLE_SERIAL_3 = 610,
-  AXIS_OBJ_CYCLE_SERIAL_4 = 611,
-  AXIS_OBJ_CYCLE_RESULT_PART = 612,
-  AXIS_OBJ_CYCLE_RESULT_POWER_UP = 613,
-  AXIS_OBJ_CYCLE_RESULT_PROGRAM_CRC = 614,
-  AXIS_OBJ_CYCLE_RESULT_BANK_CRC = 615,
-  AXIS_OBJ_CYCLE_RESULT_STATE = 616,
-  AXIS_OBJ_CYCLE_RESULT_OUTCOME = 617,
-  AXIS_OBJ_CYCLE_RESULT_PHASE = 618,
-  AXIS_OBJ_CYCLE_RESULT_BEGIN = 619,
-  AXIS_OBJ_CYCLE_RESULT_DURATION = 620,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_1 = 621,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_2 = 622,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_3 = 623,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_4 = 624,
-  AXIS_OBJ_CYCLE_LOST_FIRST = 625,
-  AXIS_OBJ_CYCLE_LOST_LAST = 626,
-  AXIS_OBJ_CYCLE_STORE_STATE = 627,
-  AXIS_OBJ_CYCLE_LOCK_ON_BAD = 628,
-  AXIS_OBJ_CYCLE_BAD_IN_ROW_MAX = 629,
-  AXIS_OBJ_CYCLE_PROGRAM_LOCK = 630,
-  AXIS_OBJ_CYCLE_UNLOCK = 631,
-  AXIS_OBJ_CYCLE_BAD_IN_ROW = 632,
-  AXIS_OBJ_COUNT = 633 /* one past the last number */
+  AXIS_OBJ_TICK_TIME_MAX = 558,
+  AXIS_OBJ_TICK_LATE_MAX = 559,
+  AXIS_OBJ_CAN_STATE = 560,
+  AXIS_OBJ_SYNC_COUNT = 561,
+  AXIS_OBJ_CYCLE_STATE = 562,
+  AXIS_OBJ_CYCLE_PHASE = 563,
+  AXIS_OBJ_CYCLE_OUTCOME = 564,
+  AXIS_OBJ_CYCLE_COUNT = 565,
+  AXIS_OBJ_CYCLE_OUTPUTS = 566,
+  AXIS_OBJ_CYCLE_ENDED_BY = 567,
+  AXIS_OBJ_CYCLE_PROGRAM = 568,
+  AXIS_OBJ_CYCLE_PROGRAM_COUNT = 569,
+  AXIS_OBJ_CYCLE_PROGRAM_CRC = 570,
+  AXIS_OBJ_CYCLE_PROGRAM_REFUSAL = 571,
+  AXIS_OBJ_CYCLE_PROGRAM_REFUSED_PART = 572,
+  AXIS_OBJ_CYCLE_PROGRAM_REMOVE = 573,
+  AXIS_OBJ_CYCLE_RESULT_ELEMENT = 574,
+  AXIS_OBJ_CYCLE_RESULT_VALUE = 575,
+  AXIS_OBJ_CYCLE_RESULT_VERDICT = 576,
+  AXIS_OBJ_CYCLE_RESULT_TICK = 577,
+  AXIS_OBJ_CYCLE_DATA_OFFSET = 578,
+  AXIS_OBJ_CYCLE_DATA_END = 579,
+  AXIS_OBJ_CYCLE_DATA_1 = 580,
+  AXIS_OBJ_CYCLE_DATA_2 = 581,
+  AXIS_OBJ_CYCLE_DATA_3 = 582,
+  AXIS_OBJ_CYCLE_DATA_4 = 583,
+  AXIS_OBJ_CYCLE_DATA_5 = 584,
+  AXIS_OBJ_CYCLE_DATA_6 = 585,
+  AXIS_OBJ_CYCLE_DATA_7 = 586,
+  AXIS_OBJ_CYCLE_DATA_8 = 587,
+  AXIS_OBJ_CYCLE_DATA_9 = 588,
+  AXIS_OBJ_CYCLE_DATA_10 = 589,
+  AXIS_OBJ_CYCLE_DATA_11 = 590,
+  AXIS_OBJ_CYCLE_DATA_12 = 591,
+  AXIS_OBJ_CYCLE_DATA_13 = 592,
+  AXIS_OBJ_CYCLE_DATA_14 = 593,
+  AXIS_OBJ_CYCLE_DATA_15 = 594,
+  AXIS_OBJ_CYCLE_DATA_16 = 595,
+  AXIS_OBJ_CYCLE_CURVE_STEP_TRAVEL = 596,
+  AXIS_OBJ_CYCLE_CURVE_STEP_FORCE = 597,
+  AXIS_OBJ_CYCLE_CURVE_STEP_TIME = 598,
+  AXIS_OBJ_CYCLE_CURVE_POINTS = 599,
+  AXIS_OBJ_CYCLE_CURVE_THINNED = 600,
+  AXIS_OBJ_CYCLE_CURVE_FIRST = 601,
+  AXIS_OBJ_CYCLE_RESULTS_WAITING = 602,
+  AXIS_OBJ_CYCLE_RESULT_NUMBER = 603,
+  AXIS_OBJ_CYCLE_ACKNOWLEDGE = 604,
+  AXIS_OBJ_CYCLE_BITS = 605,
+  AXIS_OBJ_CYCLE_NUMBER = 606,
+  AXIS_OBJ_CYCLE_POWER_UP = 607,
+  AXIS_OBJ_CYCLE_PARTS_GOOD = 608,
+  AXIS_OBJ_CYCLE_PARTS_BAD = 609,
+  AXIS_OBJ_CYCLE_PARTS_ABORTED = 610,
+  AXIS_OBJ_CYCLE_SERIAL_1 = 611,
+  AXIS_OBJ_CYCLE_SERIAL_2 = 612,
+  AXIS_OBJ_CYCLE_SERIAL_3 = 613,
+  AXIS_OBJ_CYCLE_SERIAL_4 = 614,
+  AXIS_OBJ_CYCLE_RESULT_PART = 615,
+  AXIS_OBJ_CYCLE_RESULT_POWER_UP = 616,
+  AXIS_OBJ_CYCLE_RESULT_PROGRAM_CRC = 617,
+  AXIS_OBJ_CYCLE_RESULT_BANK_CRC = 618,
+  AXIS_OBJ_CYCLE_RESULT_STATE = 619,
+  AXIS_OBJ_CYCLE_RESULT_OUTCOME = 620,
+  AXIS_OBJ_CYCLE_RESULT_PHASE = 621,
+  AXIS_OBJ_CYCLE_RESULT_BEGIN = 622,
+  AXIS_OBJ_CYCLE_RESULT_DURATION = 623,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_1 = 624,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_2 = 625,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_3 = 626,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_4 = 627,
+  AXIS_OBJ_CYCLE_LOST_FIRST = 628,
+  AXIS_OBJ_CYCLE_LOST_LAST = 629,
+  AXIS_OBJ_CYCLE_STORE_STATE = 630,
+  AXIS_OBJ_CYCLE_LOCK_ON_BAD = 631,
+  AXIS_OBJ_CYCLE_BAD_IN_ROW_MAX = 632,
+  AXIS_OBJ_CYCLE_PROGRAM_LOCK = 633,
+  AXIS_OBJ_CYCLE_UNLOCK = 634,
+  AXIS_OBJ_CYCLE_BAD_IN_ROW = 635,
+  AXIS_OBJ_COUNT = 636 /* one past the last number */
 };
 
 enum {
@@ -1096,6 +1099,13 @@ enum {
   AXIS_DRIVE_REASON_FRAMES_LOST = 24,
   AXIS_DRIVE_REASON_FRAMES_KEPT = 25,
   AXIS_DRIVE_REASON_COUNT = 26
+};
+
+enum {
+  AXIS_CAN_STATE_ACTIVE = 0,
+  AXIS_CAN_STATE_PASSIVE = 1,
+  AXIS_CAN_STATE_OFF = 2,
+  AXIS_CAN_STATE_COUNT = 3
 };
 
 enum {
@@ -1573,6 +1583,8 @@ typedef struct {
   uint16_t drive_error_code; /* last error code that the drive on the second CAN bus has sent; 0 means none [1] */
   uint16_t board_state; /* errors of the board as a sum of bits: 1 internal oscillator in use, 2 brown-out reset set to another voltage, 4 image damaged, 8 RAM failed, 16 supply voltage low, 32 ADC reference outside its band, 64 DAC output differs from its code, 128 pin amp_enable differs from its command, 256 tick length differs from the second clock, 512 tick length not compared yet, 1024 converter of the force without the expected identity and settings [1] */
   int16_t tick_deviation; /* relative change of the tick length since power-up, measured with a second clock [1/1000 1] */
+  uint16_t tick_time_max; /* longest time from the begin of a tick to its end since the last reset of the processor, measured by the board; 0 if the board does not measure it [us] */
+  uint16_t tick_late_max; /* longest time from the moment at which a tick was due to its begin since the last reset of the processor, measured by the board; ticks that did not run are counted in overruns and do not count here [us] */
   uint16_t cycle_curve_points; /* number of points of the curve of the cycle that runs, or of the last one [1] */
   uint16_t cycle_bits; /* state of the cycles in bits: 0 ready, 1 busy, 2 the last part is good, 3 bad, 4 aborted, 5 a result waits for its acknowledgement, 6 locked, 7 results full [1] */
   uint16_t cycle_bad_in_row; /* number of parts in a row that are not good [1] */
@@ -1583,6 +1595,7 @@ typedef struct {
   uint8_t incident_stored; /* state of the incident that is kept over a power cut. This is the first incident after power-up, at most one incident in 24 hours [enum] */
   uint8_t drive_reason; /* first failure of the drive on the second CAN bus since its last reset [enum] */
   uint8_t reset_cause; /* causes of the last reset of the processor as a sum of bits: 2 brown-out, 4 pin, 8 power-up, 16 software, 32 watchdog, 64 window watchdog, 128 low power; 0 means not known [1] */
+  uint8_t can_state; /* state of the CAN controller: active; passive, because many frames were not acknowledged or were damaged; off, because the controller has left the bus [enum] */
   uint8_t cycle_program_count; /* number of programs in the library [1] */
   uint8_t cycle_program_refusal; /* why the record of the last download was refused; busy: a cycle was running; no_room: the library is full; no_number: the number of the program is 0; wrong_zero: travel 0 is not defined rightly; wrong_header: the curve of compliance or the outputs to keep are wrong; locked: cycle_program_lock is on [enum] */
   uint8_t cycle_program_refused_part; /* number of the phase or the element for which the record of the last download was refused, from 0 [1] */
@@ -1598,8 +1611,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x9a81b7b3)
-#define AXIS_OBJECTS_HASH_TEXT "9a81b7b3"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0xb2197059)
+#define AXIS_OBJECTS_HASH_TEXT "b2197059"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1680,9 +1693,9 @@ extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
   AXIS_STORED_COUNT = 379,
-  AXIS_ADDRESSES_COUNT = 698,
+  AXIS_ADDRESSES_COUNT = 702,
   AXIS_HOLDING_COUNT = 209,
-  AXIS_INPUT_COUNT = 131
+  AXIS_INPUT_COUNT = 134
 };
 
 /* By index, then sub-index. */

@@ -228,6 +228,17 @@ static bool is_ready(uint64_t ticks) {
          ticks >= START_TICKS_MAX;
 }
 
+static uint64_t now_ns(void) {
+  struct timespec now;
+  (void)clock_gettime(CLOCK_MONOTONIC, &now);
+  return (uint64_t)now.tv_sec * NS_IN_S + (uint64_t)now.tv_nsec;
+}
+
+/* Returns the microseconds in `ns`, less than a tick, rounded up. */
+static uint16_t us_of(uint64_t ns) {
+  return (uint16_t)(((ns < NS_IN_TICK) ? ns : NS_IN_TICK) / 1000 + 1);
+}
+
 /* Sleeps until tick number `tick` is due. Returns by how many nanoseconds the thread is late. */
 static uint64_t wait_for(const struct timespec *start, uint64_t tick) {
   const uint64_t due_ns = (uint64_t)start->tv_nsec + tick * NS_IN_THREE_TICKS / 3;
@@ -235,10 +246,7 @@ static uint64_t wait_for(const struct timespec *start, uint64_t tick) {
                                .tv_nsec = (long)(due_ns % NS_IN_S)};
   while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL) == EINTR) {
   }
-  struct timespec now;
-  (void)clock_gettime(CLOCK_MONOTONIC, &now);
-  return (uint64_t)(now.tv_sec - due.tv_sec) * NS_IN_S + (uint64_t)now.tv_nsec -
-         (uint64_t)due.tv_nsec;
+  return now_ns() - ((uint64_t)due.tv_sec * NS_IN_S + (uint64_t)due.tv_nsec);
 }
 
 /* Stops the drive, and ends the process. */
@@ -275,7 +283,9 @@ static void *run_ticks(void *unused) {
     lateness.missed += late_ticks;
     port_lock();
     missed += (uint32_t)late_ticks;
+    const uint64_t begin_ns = now_ns();
     port_tick();
+    fw_tick_times(port_firmware(), us_of(now_ns() - begin_ns), us_of(late_ns % NS_IN_TICK));
     port_unlock();
     const uint64_t one = 1;
     (void)!write(wake, &one, sizeof(one));

@@ -10,7 +10,14 @@ enum { PIN_FORCE = 6, PIN_CURRENT = 7 };
  * 9 cycles of the core each, so that the wait executes few instructions. */
 enum { COUNTS_MAX = 5 * (CLOCK_APB1_HZ / 500000) };
 
-static uint32_t started;
+/* Counts after the begin of a tick in which the conversions of the tick cannot end: they take 320
+ * counts. */
+enum { COUNTS_MIN = 250 };
+
+/* The timer of the tick starts the injected group. */
+#define ON (ADC_CR2_ADON | ADC_CR2_JEXTEN_RISING | ADC_CR2_JEXTSEL_TIM4_TRGO)
+
+static uint32_t begun;
 
 /* Initialises the ADC. The injected group gives the two results of a tick in separate registers,
  * without DMA. The regular group makes single conversions of slow sources. */
@@ -28,15 +35,16 @@ void adc_init(void) {
   ADC1->SQR1 = 0; /* a group of one */
   /* A group of two conversions uses the last two of the four entries in JSQR. */
   ADC1->JSQR = ADC_JSQR_JL_2 | ADC_JSQR_JSQ3_6 | ADC_JSQR_JSQ4_7;
-  ADC1->CR2 = ADC_CR2_ADON;
+  ADC1->CR2 = ON;
 }
 
-/* Starts the conversions of a tick. The flags are cleared first, so that a result that was too late
- * for its tick is not used in the next tick. */
-void adc_start(void) {
-  ADC1->SR = 0;
-  ADC1->CR2 = ADC_CR2_ADON | ADC_CR2_JSWSTART;
-  started = TIM2->CNT;
+/* Clears a result that was too late for the last tick. The results of this tick are not there yet
+ * while the timer of the tick has few counts. */
+void adc_begin(void) {
+  begun = TIM2->CNT;
+  if (TIM4->CNT < COUNTS_MIN) {
+    ADC1->SR = 0;
+  }
 }
 
 static inline void pause(void) {
@@ -56,18 +64,19 @@ bool adc_read(uint16_t codes[2]) {
       return true;
     }
     pause();
-  } while (TIM2->CNT - started < COUNTS_MAX);
+  } while (TIM2->CNT - begun < COUNTS_MAX);
   return false;
 }
 
-/* Starts one conversion of the internal reference, or of pin PA4 if `of_reference` is false. */
+/* Starts one conversion of the internal reference, or of pin PA4 if `of_reference` is false. Clears
+ * the flags of the tick that ends. */
 void adc_start_one(bool of_reference) {
+  ADC1->SR = 0;
   ADC1->SQR3 = of_reference ? ADC_SQR3_SQ1_17 : ADC_SQR3_SQ1_4;
-  ADC1->CR2 = ADC_CR2_ADON | ADC_CR2_SWSTART;
+  ADC1->CR2 = ON | ADC_CR2_SWSTART;
 }
 
-/* Reads the result of adc_start_one(). Returns false if the conversion has not finished.
- * adc_start() clears the flag of this conversion. */
+/* Reads the result of adc_start_one(). Returns false if the conversion has not finished. */
 bool adc_read_one(uint16_t *code) {
   const bool done = (ADC1->SR & ADC_SR_EOC) != 0;
   *code = (uint16_t)ADC1->DR;

@@ -61,21 +61,23 @@ void dac_init(void);
 void dac_write(int16_t code);
 bool dac_is_zero(void); /* returns true if the present output of the DAC is mid-scale */
 
-/* encoder.c */
+/* encoder.c: encoder_read() reads the count at the begin of this tick. Returns false if the count
+ * was not captured since the last call. */
 void encoder_init(void);
-int32_t encoder_read(void);
+bool encoder_read(int32_t *count);
 
-/* adc.c: adc_start() starts the conversions of force and motor current, and adc_read() reads their
- * ADC codes. Returns false if the conversions have not finished within 5 us. */
+/* adc.c: the begin of each tick starts the conversions of force and motor current, and adc_read()
+ * reads their ADC codes. Returns false if the conversions have not finished within 5 us of
+ * adc_begin(), which is called first in the tick. */
 void adc_init(void);
-void adc_start(void);
+void adc_begin(void);
 bool adc_read(uint16_t codes[2]); /* codes of 12 bits */
 
 /* Starts one conversion of the internal reference, or of pin PA4 if of_reference is false. Call
  * this function between two ticks. */
 void adc_start_one(bool of_reference);
 /* Reads the result of adc_start_one(). Returns false if the conversion has not finished. Call this
- * function before adc_start(). */
+ * function before adc_read(). */
 bool adc_read_one(uint16_t *code);
 
 /* monitor.c: measures pin PA4 and the internal reference alternately, one of them after each tick.

@@ -2,7 +2,8 @@
 
 enum { PIN_A = 0, PIN_B = 1, FUNCTION_TIM5 = 2 };
 
-/* Initialises the counter of the encoder, which counts all four edges of both tracks in 32 bits. An
+/* Initialises the counter of the encoder. Timer 4 captures the count at the begin of each tick. The
+ * counter counts all four edges of both tracks in 32 bits. An
  * edge is counted after 8 equal samples at 84 MHz, 95 ns. */
 void encoder_init(void) {
   RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN;
@@ -12,9 +13,16 @@ void encoder_init(void) {
   pin_alternate(GPIOA, PIN_B, FUNCTION_TIM5, PIN_PULL_UP);
   TIM5->ARR = UINT32_MAX;
   TIM5->CCMR1 = TIM_CCMR1_CC1S_TI1 | TIM_CCMR1_IC1F_8 | TIM_CCMR1_CC2S_TI2 | TIM_CCMR1_IC2F_8;
-  TIM5->SMCR = TIM_SMCR_SMS_ENCODER;
+  TIM5->CCMR2 = TIM_CCMR2_CC3S_TRC;
+  TIM5->CCER = TIM_CCER_CC3E;
+  TIM5->SMCR = TIM_SMCR_TS_ITR2; /* not changed while the slave mode is on */
+  TIM5->SMCR = TIM_SMCR_TS_ITR2 | TIM_SMCR_SMS_ENCODER;
   TIM5->CNT = 0;
   TIM5->CR1 = TIM_CR1_CEN;
 }
 
-int32_t encoder_read(void) { return (int32_t)TIM5->CNT; }
+bool encoder_read(int32_t *count) {
+  const bool is_captured = (TIM5->SR & TIM_SR_CC3IF) != 0;
+  *count = (int32_t)TIM5->CCR3; /* clears the flag */
+  return is_captured;
+}

@@ -7,6 +7,7 @@
 static bool clock_is_right;
 static uint16_t found;   /* errors found at power-up, FW_BOARD_ bits */
 static int16_t dac_code; /* present code of the DAC */
+static bool is_captured; /* the encoder count of this tick was captured */
 
 void io_init(void) {
   RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN | RCC_AHB1ENR_GPIOBEN | RCC_AHB1ENR_GPIOCEN;
@@ -65,8 +66,8 @@ uint32_t io_serial_number(void) {
 
 bool port_sample(axis_inputs_t *inputs) {
   monitor_look();
-  adc_start();
-  inputs->encoder_cnt = encoder_read();
+  adc_begin();
+  is_captured = encoder_read(&inputs->encoder_cnt);
   inputs->din = pins_din();
   if (drive_bus_is_fitted()) {
     drive_bus_sample(inputs);
@@ -89,7 +90,7 @@ static uint16_t board_state(void) {
 void port_sense(axis_inputs_t *inputs) {
   fw_board(port_firmware(), board_state(), second_clock_permille());
   uint16_t codes[2] = {0, 0};
-  bool valid = adc_read(codes) && clock_is_right;
+  bool valid = adc_read(codes) && clock_is_right && is_captured;
   /* An ADC code has 12 bits. The axis uses the upper adc_bits of the code; if adc_bits is above 12,
    * zeros are appended. */
   const uint8_t bits = port_firmware()->axis.params.adc_bits;

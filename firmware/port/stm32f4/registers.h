@@ -56,6 +56,7 @@ typedef struct {
 #define RCC_AHB1ENR_CRCEN BIT(12)
 #define RCC_AHB1ENR_DMA1EN BIT(21)
 #define RCC_APB1ENR_TIM2EN BIT(0)
+#define RCC_APB1ENR_TIM4EN BIT(2)
 #define RCC_APB1ENR_TIM5EN BIT(3)
 #define RCC_APB1ENR_SPI2EN BIT(14)
 #define RCC_APB1ENR_USART2EN BIT(17)
@@ -233,7 +234,7 @@ typedef struct {
 #define EXTI_RTSR_TR16 BIT(16)
 #define EXTI_PR_PR16 BIT(16)
 
-/* Timers: timer 5 counts the encoder, timer 2 is the free-running counter. */
+/* Timers: timer 5 counts the encoder, timer 2 is the free-running counter, timer 4 is the tick. */
 
 typedef struct {
   reg_t CR1;
@@ -248,18 +249,34 @@ typedef struct {
   reg_t CNT;
   reg_t PSC;
   reg_t ARR;
+  reg_t unused_30;
+  reg_t CCR1;
+  reg_t CCR2;
+  reg_t CCR3;
 } tim_t;
 #define TIM2_BASE 0x40000000
 #define TIM2 ((tim_t *)TIM2_BASE)
+#define TIM4_BASE 0x40000800
+#define TIM4 ((tim_t *)TIM4_BASE)
 #define TIM5_BASE 0x40000C00
 #define TIM5 ((tim_t *)TIM5_BASE)
 
 #define TIM_CR1_CEN BIT(0)
+/* The trigger output is the update event, which is the overflow of the counter. */
+#define TIM_CR2_MMS_UPDATE FIELD(4, 3, 2)
 #define TIM_SMCR_SMS_ENCODER FIELD(0, 3, 3)
+/* The internal trigger 2 of timer 5 is the trigger output of timer 4. */
+#define TIM_SMCR_TS_ITR2 FIELD(4, 3, 2)
+#define TIM_DIER_UIE BIT(0)
+#define TIM_SR_UIF BIT(0)
+#define TIM_SR_CC3IF BIT(3)
 #define TIM_CCMR1_CC1S_TI1 FIELD(0, 2, 1)
 #define TIM_CCMR1_IC1F_8 FIELD(4, 4, 3)
 #define TIM_CCMR1_CC2S_TI2 FIELD(8, 2, 1)
 #define TIM_CCMR1_IC2F_8 FIELD(12, 4, 3)
+/* Channel 3 captures at the selected internal trigger. */
+#define TIM_CCMR2_CC3S_TRC FIELD(0, 2, 3)
+#define TIM_CCER_CC3E BIT(8)
 
 /* Analog-to-digital converter. */
 
@@ -295,7 +312,9 @@ typedef struct {
 #define ADC_CR1_SCAN BIT(8)
 #define ADC_CR1_RES_12 FIELD(24, 2, 0)
 #define ADC_CR2_ADON BIT(0)
-#define ADC_CR2_JSWSTART BIT(22)
+/* Each rising edge of the trigger output of timer 4 starts the injected group. */
+#define ADC_CR2_JEXTSEL_TIM4_TRGO FIELD(16, 4, 9)
+#define ADC_CR2_JEXTEN_RISING FIELD(20, 2, 1)
 #define ADC_CR2_SWSTART BIT(30)
 #define ADC_SMPR1_SMP17_480 FIELD(21, 3, 7)
 #define ADC_SMPR2_SMP4_480 FIELD(12, 3, 7)

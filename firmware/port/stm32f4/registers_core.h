@@ -46,7 +46,9 @@ typedef struct {
   reg_t IPR3;
   reg_t unused_410;
   reg_t IPR5;
-  reg_t unused_418[3];
+  reg_t unused_418;
+  reg_t IPR7;
+  reg_t unused_420;
   reg_t IPR9;
   reg_t IPR10;
   reg_t unused_42C[4];
@@ -61,6 +63,7 @@ enum {
   IRQ_EXTI3 = 9,
   IRQ_DMA1_Stream3 = 14,
   IRQ_CAN1_RX0 = 20,
+  IRQ_TIM4 = 30,
   IRQ_USART2 = 38,
   IRQ_EXTI15_10 = 40,
   IRQ_CAN2_TX = 63,

@@ -46,11 +46,12 @@ __attribute__((section(".vectors"), used)) static const vectors_t vectors = {
             HANDLER(11, board_fail),
             HANDLER(12, board_fail),
             HANDLER(14, board_fail),
-            HANDLER(EXCEPTION_SYSTICK, tick_interrupt),
+            HANDLER(EXCEPTION_SYSTICK, tick_interrupt), /* only the emulator */
             HANDLER(EXCEPTION_IRQ + IRQ_PVD, supply_interrupt),
             HANDLER(EXCEPTION_IRQ + IRQ_EXTI3, index_interrupt),
             HANDLER(EXCEPTION_IRQ + IRQ_DMA1_Stream3, spi_force_read_interrupt),
             HANDLER(EXCEPTION_IRQ + IRQ_CAN1_RX0, can_interrupt),
+            HANDLER(EXCEPTION_IRQ + IRQ_TIM4, tick_interrupt),
             HANDLER(EXCEPTION_IRQ + IRQ_USART2, serial_interrupt),
             HANDLER(EXCEPTION_IRQ + IRQ_EXTI15_10, spi_force_ready_interrupt),
             HANDLER(EXCEPTION_IRQ + IRQ_CAN2_TX, drive_bus_sent_interrupt),

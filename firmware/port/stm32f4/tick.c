@@ -1,45 +1,53 @@
 #include "firmware/port/stm32f4/tick.h"
 
+#include "firmware/fx/fx.h"
 #include "firmware/port/port.h"
 #include "firmware/port/stm32f4/board.h"
 
+/* 1/84 and 1/16 in Q16: clock_count() has 84 counts in 1 us, or 16 with the core at 16 MHz. */
+enum { US_Q16 = 781, US_INTERNAL_Q16 = 4096 };
+
 static volatile uint32_t entries;
-static uint32_t period; /* length of a tick in counts of clock_count() */
-static uint32_t due;    /* count at which the present tick was due, or a slightly smaller count */
+static int32_t us_q16;
+static uint32_t due; /* count at which the present tick was due, or a slightly smaller count */
 static uint32_t missed;
 static bool is_late;
 
 void tick_start(void) {
-  period = io_clock_is_right() ? TICK_CYCLES / 2 : TICK_CYCLES;
-  SYSTICK->RVR = TICK_CYCLES - 1;
-  SYSTICK->CVR = 0;
-  SCB->SHPR3 = FIELD(24, 8, PRIORITY_TICK);
+  us_q16 = io_clock_is_right() ? US_Q16 : US_INTERNAL_Q16;
   due = clock_count();
-  SYSTICK->CSR = SYSTICK_CSR_CLKSOURCE | SYSTICK_CSR_TICKINT | SYSTICK_CSR_ENABLE;
+  tick_timer_start();
 }
 
 uint32_t tick_entries(void) { return entries; }
 
 /* Adds the ticks that did not run to `missed`. A delayed interrupt occurs only once, even if
  * several ticks have passed. */
-static void count_missed(void) {
-  due += period;
-  const uint32_t behind = clock_count() - due;
-  if (behind >= period && behind <= INT32_MAX) {
-    const uint32_t ticks = behind / period;
+static void count_missed(uint32_t now) {
+  due += TICK_COUNTS;
+  const uint32_t behind = now - due;
+  if (behind >= TICK_COUNTS && behind <= INT32_MAX) {
+    const uint32_t ticks = behind / TICK_COUNTS;
     missed += ticks;
-    due += ticks * period;
+    due += ticks * TICK_COUNTS;
   }
 }
 
-/* Runs a tick. Reading CSR clears the flag: if the flag is set again at the end of the tick, the
- * next tick is late. */
+/* Converts counts of clock_count(), at most one tick, to us. */
+static uint16_t us_of(uint32_t counts) {
+  const uint32_t most = (counts < TICK_COUNTS) ? counts : TICK_COUNTS;
+  return (uint16_t)fx_round_q16((int32_t)most * us_q16);
+}
+
+/* Runs a tick. If the timer is due again at the end of the tick, the next tick is late. */
 void tick_interrupt(void) {
   entries++;
-  (void)SYSTICK->CSR;
-  count_missed();
+  tick_timer_take();
+  const uint32_t begin = clock_count();
+  count_missed(begin);
   port_tick();
-  if ((SYSTICK->CSR & SYSTICK_CSR_COUNTFLAG) != 0) {
+  fw_tick_times(port_firmware(), us_of(clock_count() - begin), us_of(begin - due));
+  if (tick_timer_is_due()) {
     is_late = true;
   }
 }

@@ -1,9 +1,18 @@
 #ifndef FIRMWARE_PORT_STM32F4_TICK_H_
 #define FIRMWARE_PORT_STM32F4_TICK_H_
 
+#include <stdbool.h>
+
 #include "firmware/port/tick.h"
 
-/* Number of processor cycles in a tick: exactly 168 MHz / 1500 Hz. */
-#define TICK_CYCLES UINT32_C(112000)
+/* Number of counts of clock_count() in a tick: exactly 84 MHz / 1500 Hz. */
+#define TICK_COUNTS UINT32_C(56000)
+
+/* The timer of the tick (tick_timer.c). tick_timer_start() starts the timer. Its interrupt calls
+ * tick_timer_take() first, which clears the request of this tick. tick_timer_is_due() then returns
+ * true if the next tick is due already. */
+void tick_timer_start(void);
+void tick_timer_take(void);
+bool tick_timer_is_due(void);
 
 #endif

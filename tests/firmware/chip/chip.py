@@ -26,7 +26,7 @@ LOCAL = 3  # FW_SOURCE_LOCAL
 PVD, INDEX, CAN_RX0, USART2, CAN2_TX, CAN2_RX0 = 1, 9, 20, 38, 63, 64
 DMA1_STREAM3, EXTI15_10 = 14, 40
 NMI, HARD_FAULT = 2, 3
-TICK = 15
+TICK = 30  # TIM4
 ENTRY_CYCLES = 12  # from the event to its handler
 REGISTERS = [getattr(arm_const, f"UC_ARM_REG_R{i}") for i in range(13)]
 STEPS_MAX = 40_000_000
@@ -227,19 +227,18 @@ class Chip:
                 return
         raise Stuck("an interrupt that does not end")
 
-    def tick(self, count=1, hung=False):
-        """Interrupts of the timer, with the other pending interrupts before each; after each
-        the main loop, unless it is hung; then what the bus carries in a tick."""
+    def tick(self, count=1, hung=False, late_cycles=0):
+        """Interrupts of the timer, with the other pending interrupts before each, so many cycles
+        late; after each the main loop, unless it is hung; then what the bus carries in a tick."""
         for _ in range(count):
             self.interrupts()
-            systick = self.board.systick
-            self.convert(self.board.time_s() + (systick.next - self.board.cycles) / 168e6)
-            assert systick[0x00] & 3 == 3, "the timer is off"
-            if not systick.pending:
-                systick.wrap()
-            systick.pending = False
-            self.board.advance(ENTRY_CYCLES)
-            self._call(self.vectors[TICK])
+            timer = self.board.tim4
+            self.convert(self.board.time_s() + (timer.next - self.board.cycles) / 168e6)
+            assert timer[0x00] & 1 and timer[0x0C] & 1, "the timer is off"
+            if not timer.pending():
+                timer.wrap()
+            self.board.advance(ENTRY_CYCLES + late_cycles)
+            self.interrupt(TICK)
             self.tick_steps = self.steps
             if not hung:
                 self.main()
@@ -267,10 +266,10 @@ class Chip:
 
     # The firmware's objects.
 
-    def write(self, name, value):
-        """As the port itself would; returns the refusal, 0 for none."""
+    def write(self, name, value, source=LOCAL):
+        """By a source, or as the port itself would; returns the refusal, 0 for none."""
         number = objects.BY_NAME[name].number
-        return self.call("dictionary_write", self.symbols["firmware"], LOCAL, number, value)
+        return self.call("dictionary_write", self.symbols["firmware"], source, number, value)
 
     def read(self, name):
         at = RAM + RAM_BYTES - 16

@@ -19,11 +19,11 @@ NEVER = 1 << 60
 GPIOA, GPIOB, GPIOC = 0x40020000, 0x40020400, 0x40020800
 CRC_UNIT, RTC, PWR, DBGMCU, MPU = 0x40023000, 0x40002800, 0x40007000, 0xE0042000, 0xE000ED90
 RCC, FLASH = 0x40023800, 0x40023C00
-TIM2, TIM5, ADC, DAC = 0x40000000, 0x40000C00, 0x40012000, 0x40007400
+TIM2, TIM4, TIM5, ADC, DAC = 0x40000000, 0x40000800, 0x40000C00, 0x40012000, 0x40007400
 SYSCFG, EXTI = 0x40013800, 0x40013C00
 CAN1, CAN2, USART2, IWDG = 0x40006400, 0x40006800, 0x40004400, 0x40003000
 DMA1, SPI2 = 0x40026000, 0x40003800
-SYSTICK, NVIC, SCB = 0xE000E010, 0xE000E100, 0xE000ED00
+NVIC, SCB = 0xE000E100, 0xE000ED00
 
 
 def bits(value, at, width=1):
@@ -428,9 +428,32 @@ class Exti(Peripheral):
 
 
 class Tim5(Peripheral):
-    """17.3.12: in encoder mode 3 the counter follows both edges of TI1 and TI2, up to ARR."""
+    """17.3.12: in encoder mode 3 the counter follows both edges of TI1 and TI2, up to ARR. 17.3.5,
+    17.4.8: a channel that is an input with IC3 mapped on TRC captures the counter at the internal
+    trigger that TS selects, 2 for timer 4 (table 97). 17.4.3: TS is changed only while SMS is 0."""
 
     reset: ClassVar = {0x2C: 0xFFFFFFFF}
+    ITR2, TRC, CC3IF, CC3OF = 2, 3, 1 << 3, 1 << 11
+
+    def write(self, offset, value):
+        if offset == 0x08 and bits(self[0x08], 0, 3) and bits(value ^ self[0x08], 4, 3):
+            self.board.mistakes.append("TS changed while the slave mode is on")
+        if offset == 0x1C and bits(self[0x20], 8) and bits(value ^ self[0x1C], 0, 2):
+            self.board.mistakes.append("CC3S changed while the channel is on")
+        self.registers[offset] = self[0x10] & value if offset == 0x10 else value
+
+    def read(self, offset):
+        if offset == 0x3C:
+            self.registers[0x10] = self[0x10] & ~self.CC3IF
+        return self[offset]
+
+    def trigger(self, number):
+        """The rising edge of an internal trigger."""
+        captures = bits(self[0x20], 8) and bits(self[0x1C], 0, 2) == self.TRC
+        if captures and bits(self[0x08], 4, 3) == number:
+            over = self.CC3OF if self[0x10] & self.CC3IF else 0
+            self.registers[0x10] = self[0x10] | self.CC3IF | over
+            self.registers[0x3C] = self[0x24]
 
     def turn(self, counts):
         port = self.board.gpioa
@@ -461,9 +484,57 @@ class Tim2(Peripheral):
         return int(count) % (self[0x2C] + 1)
 
 
+class Tim4(Peripheral):
+    """17.3: counts its clock, as timer 2, from 0 to ARR and again from 0. The overflow is the
+    update event: it sets UIF, requests an interrupt with UIE, and is the trigger output with MMS 2.
+    """
+
+    reset: ClassVar = {0x2C: 0xFFFF}
+    IRQ, JEXTSEL = 30, 9
+    next = NEVER  # cycle of the next overflow
+
+    def period(self):
+        """Cycles of the core between two overflows."""
+        rcc = self.board.rcc
+        clock = rcc.apb1_hz() * (1 if rcc.apb1_hz() == rcc.core_hz() else 2)
+        return (self[0x2C] + 1) * (self[0x28] + 1) * rcc.core_hz() / clock
+
+    def read(self, offset):
+        if offset == 0x24 and self.next != NEVER:
+            self.board.advance(4)
+            left = (self.next - self.board.cycles) / self.period()
+            return int((self[0x2C] + 1) * (1 - left))
+        return self[offset]
+
+    def write(self, offset, value):
+        if offset == 0x00 and value & 1 and not self[0x00] & 1:
+            self.next = self.board.cycles + self.period()
+        self.registers[offset] = self[0x10] & value if offset == 0x10 else value
+
+    def pending(self):
+        """True while the interrupt is requested."""
+        return bool(self[0x10] & self[0x0C] & 1)
+
+    def wrap(self):
+        """Time goes on to the next overflow."""
+        self.board.advance(self.next - self.board.cycles)
+
+    def reached(self, cycles):
+        while self.next <= cycles:
+            self.next += self.period()
+            self.registers[0x10] = self[0x10] | 1
+            if bits(self[0x04], 4, 3) == 2:
+                self.board.tim5.trigger(Tim5.ITR2)
+                self.board.adc.trigger(self.JEXTSEL)
+
+
 class Adc(Peripheral):
     """13: an injected group of JL + 1 conversions, the last places of JSQR, in scan mode. The
-    registers common to all converters lie at 0x300."""
+    registers common to all converters lie at 0x300. The sampling capacitor keeps the voltage of the
+    conversion before, and the source of a channel charges it through its resistance and that of the
+    switch during the sampling time (data sheet: at most 7 pF and 6 kOhm)."""
+
+    CAPACITANCE_F, SWITCH_OHM = 7e-12, 6e3
 
     SAMPLE_CYCLES = (3, 15, 28, 56, 84, 112, 144, 480)
     REFERENCE_V = 1.21
@@ -474,6 +545,9 @@ class Adc(Peripheral):
     def __init__(self, board):
         super().__init__(board)
         self.volts = {}  # channel: input
+        self.source_ohm = {}  # channel: resistance of its source
+        self.held = 0.0  # share of the supply at the sampling capacitor
+        self.shares = []  # shares of the injected group that is converted
         self.waiting = None  # reads until the conversion is done
         self.reads = 0
         self.conversions = 0
@@ -518,13 +592,21 @@ class Adc(Peripheral):
             self.volts.get(channel, 0.0) / SUPPLY_V if self.board.gpioa.mode(channel) == 3 else 0.0
         )
 
+    def sampled(self, channel):
+        """The share of the supply at the end of the sampling time of a channel."""
+        wanted = self.of_channel(channel)
+        time_constant_s = (self.source_ohm.get(channel, 0.0) + self.SWITCH_OHM) * self.CAPACITANCE_F
+        rest = math.exp(-self.sample_s(channel) / time_constant_s)
+        self.held = wanted + (self.held - wanted) * (rest if self.source_ohm else 0.0)
+        return self.held
+
     def read(self, offset):
         if offset in (0x00, 0x04):
             self.board.advance(self.READ_CYCLES)
         if offset == 0x4C:
             self.registers[0x00] = self[0x00] & ~2  # EOC goes with the result
         if offset == 0x00 and self.single is not None and self.board.cycles >= self.single_at:
-            share, self.single = self.of_channel(self.single), None
+            share, self.single = self.sampled(self.single), None
             self.registers[0x4C] = min(max(int(share * 4096), 0), 4095)
             self.registers[0x00] = self[0x00] | 2
         if offset == 0x00 and self.waiting is not None:
@@ -538,13 +620,6 @@ class Adc(Peripheral):
         if offset == 0x00:
             self.registers[0x00] = self[0x00] & value  # written 0 clears
             return
-        if offset == 0x08 and bits(value, 22):
-            value &= ~(1 << 22)
-            if bits(value, 0) and bits(self[0x08], 0):
-                self.waiting = self.ready_reads
-                self.conversions += 1
-            else:
-                self.board.mistakes.append("conversion started while the ADC was off")
         if offset == 0x08 and bits(value, 30):
             value &= ~(1 << 30)
             assert bits(self[0x2C], 20, 4) == 0, "a group of one"
@@ -553,13 +628,20 @@ class Adc(Peripheral):
             self.single_at = self.board.cycles + took * self.board.rcc.core_hz()
         self.registers[offset] = value
 
+    def trigger(self, number):
+        """13.3.10, table 70: with JEXTEN 1, the rising edge of the trigger JEXTSEL starts the
+        injected group. The inputs are sampled then."""
+        cr2 = self[0x08]
+        if bits(cr2, 0) and bits(cr2, 20, 2) == 1 and bits(cr2, 16, 4) == number:
+            self.waiting = self.ready_reads
+            self.conversions += 1
+            self.shares = [self.sampled(channel) for channel in self.group()]
+
     def finish(self):
         self.waiting = None
         width = 12 - 2 * bits(self[0x04], 24, 2)
-        for i, channel in enumerate(self.group()):
-            analog = self.board.gpioa.mode(channel) == 3  # channels 0..7 are PA0..PA7
-            volts = self.volts.get(channel, 0.0) if analog else 0.0
-            code = min(max(int(volts / SUPPLY_V * (1 << width)), 0), (1 << width) - 1)
+        for i, share in enumerate(self.shares):
+            code = min(max(int(share * (1 << width)), 0), (1 << width) - 1)
             self.registers[0x3C + 4 * i] = code
         self.registers[0x00] = self[0x00] | 1 << 2  # JEOC
 
@@ -618,6 +700,7 @@ class Can(Peripheral):
         self.rest_bits = 0.0
         self.dominant = False  # the bus is stuck
         self.busy = False  # others send without a gap
+        self.partner = True  # another node acknowledges
         self.answers_init = True
         self.aborted = 0  # frames
 
@@ -761,7 +844,13 @@ class Can(Peripheral):
             self.registers[0x0C] |= 8
 
     def transmit(self):
-        """Transmits all pending mailboxes."""
+        """Transmits all pending mailboxes. Without a partner a frame is repeated, and each attempt
+        adds 8 to the transmit error counter, which ends at 128: error passive (ISO 11898-1)."""
+        if not self.partner:
+            if self.requests and self.connected() and not self[0x18] & 4:
+                count = min(bits(self[0x18], 16, 8) + 8, 128)
+                self.registers[0x18] = count << 16 | (2 if count >= 128 else 0)
+            return
         while self.requests and self.connected() and not self[0x18] & 4:
             box = self.requests[0]
             if not self[0x00] & 4:  # without TXFP the lowest identifier first
@@ -934,35 +1023,6 @@ class Iwdg(Peripheral):
         return (reload + 1) * (4 << prescaler) / lsi_hz
 
 
-class Systick(Peripheral):
-    """ARMv7-M B3.3: however often it wraps, one interrupt is pending."""
-
-    size = 0x10
-    next = NEVER  # cycle of its next wrap
-    pending = False
-
-    def read(self, offset):
-        value = self[offset]
-        if offset == 0x00:
-            self.registers[0x00] = value & ~(1 << 16)  # COUNTFLAG is cleared by reading
-        return value
-
-    def write(self, offset, value):
-        self.registers[offset] = 0 if offset == 0x08 else value
-        if offset == 0x00 and value & 3 == 3:
-            self.next = self.board.cycles + self[0x04] + 1
-
-    def wrap(self):
-        """Time goes on to the next wrap."""
-        self.board.advance(self.next - self.board.cycles)
-
-    def reached(self, cycles):
-        while self.next <= cycles:
-            self.next += self[0x04] + 1
-            self.registers[0x00] = self[0x00] | 1 << 16
-            self.pending = True
-
-
 class Nvic(Peripheral):
     size = 0x400
 
@@ -1044,13 +1104,13 @@ class Board:
         self.gpiob = Gpio(self, "B", 0x00000280)
         self.gpioc = Gpio(self, "C", 0)
         self.syscfg, self.exti = Syscfg(self), Exti(self)
-        self.tim2, self.tim5 = Tim2(self), Tim5(self)
+        self.tim2, self.tim4, self.tim5 = Tim2(self), Tim4(self), Tim5(self)
         self.adc, self.dac = Adc(self), Dac(self)
         self.can, self.usart, self.iwdg = Can(self), Usart(self), Iwdg(self)
         self.can2 = Can(self, (5, 6), self.can)
         self.converter = None  # at SPI2: converters.py
         self.dma, self.spi = Dma(self), Spi(self)
-        self.systick, self.nvic, self.scb = Systick(self), Nvic(self), Scb(self)
+        self.nvic, self.scb = Nvic(self), Scb(self)
         self.pwr, self.rtc, self.crc = Pwr(self), Rtc(self), CrcUnit(self)
         self.dbgmcu, self.mpu = Peripheral(self), Mpu(self)
         self.places = [
@@ -1062,6 +1122,7 @@ class Board:
             (RCC, self.rcc, None),
             (FLASH, self.flash, None),
             (TIM2, self.tim2, (0x40, 0)),
+            (TIM4, self.tim4, (0x40, 2)),
             (TIM5, self.tim5, (0x40, 3)),
             (DAC, self.dac, (0x40, 29)),
             (CAN1, self.can, (0x40, 25)),
@@ -1071,7 +1132,6 @@ class Board:
             (DMA1, self.dma, (0x30, 21)),
             (ADC, self.adc, (0x44, 8)),
             (IWDG, self.iwdg, None),
-            (SYSTICK, self.systick, None),
             (NVIC, self.nvic, None),
             (MPU, self.mpu, None),
             (CRC_UNIT, self.crc, (0x30, 12)),
@@ -1086,7 +1146,7 @@ class Board:
         self.cycles += cycles
         self.seconds += cycles / self.rcc.core_hz()
         self.lsi_counts += cycles / self.rcc.core_hz() * self.rtc.lsi_hz
-        self.systick.reached(self.cycles)
+        self.tim4.reached(self.cycles)
 
     def time_s(self):
         return self.seconds

@@ -38,12 +38,14 @@ def test_clocks(chip):
 
 
 def test_the_tick_is_exactly_1500_hz(chip):
-    assert chip.board.rcc.core_hz() / (chip.board.systick[0x04] + 1) == 1500
-    assert chip.board.systick[0x00] & 7 == 7  # core clock, interrupt, on
+    assert chip.board.rcc.core_hz() / chip.board.tim4.period() == 1500
+    begin = chip.board.time_s()
+    chip.tick(15)
+    assert chip.board.time_s() - begin == pytest.approx(0.01, abs=2e-6)
 
 
 def test_buses_interrupt_the_tick_and_not_the_other_way_round(chip):
-    tick = chip.board.scb[0x20] >> 24
+    tick = chip.board.nvic.priority(30)
     assert chip.board.nvic.priority(20) < tick
     assert chip.board.nvic.priority(38) < tick
     # BASEPRI of port_lock() keeps the tick away and lets the buses in.
@@ -179,7 +181,7 @@ def test_every_vector_leads_somewhere(chip):
     assert [chip.vectors[i] for i in (2, 3, 4, 5, 6, 11, 12, 14)] == [fail] * 8
     assert chip.vectors[15] == chip.symbols["tick_interrupt"] | 1
     peripherals = {
-        16 + 1: "supply", 16 + 9: "index", 16 + 20: "can", 16 + 38: "serial",
+        16 + 1: "supply", 16 + 9: "index", 16 + 20: "can", 16 + 30: "tick", 16 + 38: "serial",
         16 + 63: "drive_bus_sent", 16 + 64: "drive_bus",
         16 + 14: "spi_force_read", 16 + 40: "spi_force_ready",
     }  # fmt: skip
@@ -375,6 +377,62 @@ def test_the_encoder_counts_both_ways(chip):
         assert chip.read("velocity") == counts
 
 
+@pytest.mark.parametrize("late_us", [0, 2, 30, 500])
+def test_encoder_and_inputs_are_those_at_the_begin_of_the_tick_however_late_it_runs(chip, late_us):
+    """TIM4 captures the count and starts the ADC; what changes before the interrupt runs is of the
+    next tick."""
+    board = chip.board
+    board.adc.volts = {6: 1.0, 7: 2.0}
+    board.tim5.turn(40)
+    original = board.advance
+
+    def advance(cycles):  # the first step after the overflow is that of the delay
+        original(cycles)
+        if board.tim4.pending():
+            board.advance = original
+            board.tim5.turn(1000)
+            board.adc.volts = {6: 3.0, 7: 3.0}
+
+    before = chip.read("position")
+    board.advance = advance
+    chip.tick(late_cycles=168 * late_us)
+    assert board.advance == original
+    assert chip.read("position") - before == 40
+    codes = [chip.read("force_raw"), chip.read("current_raw")]
+    assert codes == [int(v / SUPPLY_V * 256) for v in (1.0, 2.0)]
+    chip.tick()
+    assert chip.read("position") - before == 1040
+
+
+def test_a_count_that_was_not_captured_is_no_position(chip):
+    enable(chip, 300)
+    chip.tick(3)
+    chip.board.tim5.registers[0x20] = 0  # the channel is off
+    chip.tick()
+    assert chip.terminals() == OFF
+    assert chip.read("fault") == objects.BY_NAME["fault"].enum.index("sensor_invalid")
+
+
+@pytest.mark.parametrize("late_us", [0, 10, 50, 600])
+def test_the_latest_tick_and_the_longest_tick_are_objects(chip, late_us):
+    chip.tick(3)
+    assert chip.read("tick_late_max") <= 1
+    chip.tick(late_cycles=168 * late_us)
+    chip.tick(3)
+    assert late_us <= chip.read("tick_late_max") <= late_us + 1
+    board, read = chip.board, chip.board.tim5.read
+    board.adc.ready_reads = 1
+
+    def slow(offset):
+        board.advance(168 * 20)  # 20 us
+        board.tim5.read = read
+        return read(offset)
+
+    board.tim5.read = slow
+    chip.tick(2)
+    assert 20 <= chip.read("tick_time_max") <= 24
+
+
 def test_the_encoder_wraps(chip):
     """Through 2^31 and through 0, without a jump of the velocity."""
     for start in (0x7FFFFFF0, 0xFFFFFFF0):
@@ -421,7 +479,8 @@ def test_an_adc_that_is_never_ready_costs_less_than_5_us_and_the_sensors(chip):
     chip.tick()
     # A poll has seven reads of the ADC and one of the counter that ends it.
     poll_s = (7 * adc.READ_CYCLES + 4) / 168e6
-    assert adc.duration_s() < adc.reads * poll_s <= 5e-6 + poll_s
+    polls = adc.reads - 1  # the first read is that of the single conversion of the last tick
+    assert adc.duration_s() < polls * poll_s <= 5e-6 + poll_s
     assert chip.tick_steps - usual < 5e-6 * 168e6 + 600
     assert chip.terminals() == OFF
     assert chip.read("fault") == objects.BY_NAME["fault"].enum.index("sensor_invalid")
@@ -454,13 +513,12 @@ def test_a_missed_tick_is_counted(chip):
     original = tim5.read
 
     def read(offset):  # the next tick begins during this one
-        chip.board.systick.wrap()
+        tim5.read = original
+        chip.board.tim4.wrap()
         return original(offset)
 
     tim5.read = read
-    chip.tick()
-    tim5.read = original
-    chip.tick()
+    chip.tick(2)
     assert chip.read("overruns") == before + 1
     chip.tick(3)
     assert chip.read("overruns") == before + 1

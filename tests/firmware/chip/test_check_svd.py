@@ -65,7 +65,7 @@ CHANGES = {
         "<name>PLLN</name><bitOffset>6</bitOffset><bitWidth>8<",
         "RCC_PLLCFGR_PLLN_168: bits",
     ),
-    "name": ("<name>JSWSTART<", "<name>SWSTART<", "ADC_CR2_JSWSTART: bits"),
+    "name": ("<name>SWSTART<", "<name>START<", "ADC_CR2_SWSTART: bits"),
     "lacking": ("<name>RDERR<", "<name>OTHER<", "FLASH_SR_RDERR: bits"),
     "interrupt": ("<value>38<", "<value>39<", "IRQ_USART2: 38, in the SVD 39"),
     "peripheral": ("<name>IWDG<", "<name>WWDG<", "IWDG: the SVD has no such peripheral"),

@@ -186,7 +186,7 @@ class DrivePort(Port):
         """A tick, and the frames that it sends."""
         board = self.board.board
         board.converter.volts = (force_code - 2048) / 2048 * 5.0
-        self.board.convert(board.time_s() + (board.systick.next - board.cycles) / 168e6)
+        self.board.convert(board.time_s() + (board.tim4.next - board.cycles) / 168e6)
         self.tick()
         return frames_of(self.board, self.interrupts)
 

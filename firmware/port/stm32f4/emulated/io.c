@@ -16,7 +16,20 @@ void io_start(void) {} /* no drive and no converter */
 bool io_clock_is_right(void) { return true; }
 
 /* Returns the count without missed ticks, because the emulator never misses a tick. */
-uint32_t clock_count(void) { return tick_entries() * (TICK_CYCLES / 2); }
+uint32_t clock_count(void) { return tick_entries() * TICK_COUNTS; }
+
+/* The tick by the timer of the core, because timer 4 of the emulator has another clock. */
+void tick_timer_start(void) {
+  SYSTICK->RVR = 2 * TICK_COUNTS - 1;
+  SYSTICK->CVR = 0;
+  SCB->SHPR3 = FIELD(24, 8, PRIORITY_TICK);
+  SYSTICK->CSR = SYSTICK_CSR_CLKSOURCE | SYSTICK_CSR_TICKINT | SYSTICK_CSR_ENABLE;
+}
+
+/* Reading CSR clears the flag. */
+void tick_timer_take(void) { (void)SYSTICK->CSR; }
+
+bool tick_timer_is_due(void) { return (SYSTICK->CSR & SYSTICK_CSR_COUNTFLAG) != 0; }
 
 void io_make_safe(void) {}
 

@@ -71,6 +71,7 @@ GROUPS = {
         "log": "buses",
         "gateway": "buses",
         "flash": "flash",
+        "bringup": "bringup",
     },
     "The thesis": {"tables": "thesis", "check-thesis": "thesis", "session": "thesis"},
     "This program": {"bench": "bench", "completion": "completion"},

@@ -1,0 +1,563 @@
+"""Brings a board into operation without a motor. Each step asks a person to do something at the
+board, reads objects of the axis, and judges what was read. The steps are those of
+firmware/port/stm32f4/README.md.
+
+    protocol = bring_up(axis, Person(), BringupRequest())
+    protocol.passed                     # True if every step passed
+"""
+
+import datetime
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from forceaxis._core import InputError
+from forceaxis.axis import parameter_set
+from forceaxis.axis.axis import Axis
+from forceaxis.axis.link import COMMAND_SOURCES, DEVICE_NAME_INDEX, VERSION_INDEX, NoAnswer, Refused
+from forceaxis.bus.lcm import TABLE_HASH
+
+PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
+TICKS_PER_S = 1500
+# Longest tick in us that a board may need: 15 % of a tick. The model of core and flash memory gives
+# 55 us (docs/chip/instructions.md).
+TICK_TIME_MAX_US = 100
+# Longest delay in us of a tick. The main loop masks the tick for 40 us at most (port/main.c).
+TICK_LATE_MAX_US = 60
+RATE_TOLERANCE = 0.01  # relative deviation of the tick rate from the clock of this computer
+RATE_TIME_S = 4.0
+DEVIATION_MAX = 0.06  # relative change of the tick length against the second clock
+SETTLE_S = 2.0  # within this time a board has compared its clocks and joined a CAN bus
+SUPPLY_V, FULL_CODES = 3.3, 4096
+READINGS = 20
+# A reading may differ from the voltmeter by 2 % of the voltage and 20 mV.
+VOLTAGE_SHARE, VOLTAGE_MAX_V = 0.02, 0.02
+# A reading may follow the other input by this share of the change of its voltage.
+CROSSTALK_MAX = 0.01
+TURN_TOLERANCE = 0.05  # of a turn by hand
+# DAC codes of the step "outputs". The first ones find a motor that is still connected.
+CODES = (0, 50, -50, 500, 1000, 2000, -500, -1000, -2000)
+# While the step "outputs" lasts, a speed above this one in counts/tick is a fault of the axis, and
+# a motion of the encoder by more counts than this ends the step.
+SPEED_MAX, MOTION_MAX = 1, 3
+STAGE_CODES = (0, 2000, -2000)  # codes at which the voltage of the stage is asked for
+CODE_V = 20 / 4096  # of the +-10 V stage
+STAGE_MAX_V = 0.1
+RESET_TIMEOUT_S = 60.0
+
+RESET_CAUSES = {
+    2: "brown-out",
+    4: "reset pin",
+    8: "power-up",
+    16: "software",
+    32: "watchdog",
+    64: "window watchdog",
+    128: "low power",
+}
+WATCHDOG_RESET, POWER_RESET = 32, 8
+NOT_COMPARED = 512  # bit of board_state that is no error
+OUTPUT_ERRORS = {
+    64: "the voltage at PA4 differs from the DAC code: nothing may load PA4 or drive it",
+    128: "the level at PB0 differs from amp_enable: PB0 is shorted, or something drives it",
+}
+BOARD_ERRORS = {
+    1: "the 8 MHz of the ST-Link do not arrive at PH0, so the internal oscillator is in use: check "
+    "the solder bridges (UM1724)",
+    2: "the brown-out reset has another level: run `forceaxis flash` again, which sets level 3",
+    4: "the image in the flash memory is damaged: run `forceaxis flash` again",
+    8: "the RAM has failed: replace the chip",
+    16: "the supply voltage is below 2.9 V: check the supply at 3V3",
+    32: "the ADC reference is outside its band: the supply is not 3.3 V within 10 %",
+    **OUTPUT_ERRORS,
+    256: "the tick length differs from the second clock: replace the chip",
+    1024: "the converter of the force does not answer as expected: check SPI2 and "
+    "force_converter, which is adc without a converter",
+}
+CONTACTS = {
+    0: ("enable chain (PC0)", 1),
+    1: ("positive limit switch (PC1)", 0),
+    2: ("negative limit switch (PC2)", 0),
+}  # bit of digital_inputs: name, level with a closed contact
+CHANNELS = {"force": ("force_raw", "PA6", "PA7"), "current": ("current_raw", "PA7", "PA6")}
+
+
+class Operator(Protocol):
+    """The person at the board."""
+
+    def act(self, text: str) -> bool:
+        """Asks for an action and waits for its end. Returns False if the step is to be skipped."""
+
+    def number(self, text: str, unit: str) -> float | None:
+        """Asks for a number. Returns None if it is not known."""
+
+
+@dataclass(frozen=True)
+class BringupRequest:
+    """What is to be done: the names of the steps, or () for all of them."""
+
+    steps: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class BringupStep:
+    """One step: its verdict ("passed", "failed", "skipped"), what was found and, after a failure,
+    what to do, and the values that were read, with their units in their names."""
+
+    name: str
+    verdict: str
+    text: str
+    values: dict[str, float]
+
+
+@dataclass(frozen=True)
+class BringupProtocol:
+    """The protocol of a board: time (ISO 8601, UTC), connection, name, version and serial number
+    of the device, and the steps that were done."""
+
+    begun: str
+    where: str
+    device: str
+    version: str
+    serial_number: int | None
+    object_table: str
+    steps: list[BringupStep]
+
+    @property
+    def passed(self) -> bool:
+        """Returns True if every step of the bring-up was done and passed."""
+        done = {step.name for step in self.steps if step.verdict == PASSED}
+        return done == set(STEPS)
+
+
+class Skipped(Exception):
+    """The person at the board skips a step."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A board, the person at the board, and a clock in s."""
+
+    axis: Axis
+    operator: Operator
+    clock: Callable[[], float]
+
+    def act(self, text: str) -> None:
+        """Asks for an action. Raises Skipped."""
+        if not self.operator.act(text):
+            raise Skipped
+
+    def number(self, text: str, unit: str) -> float:
+        """Asks for a number that the step needs. Raises Skipped."""
+        found = self.operator.number(text, unit)
+        if found is None:
+            raise Skipped
+        return found
+
+    def board_state(self) -> int:
+        """Returns the bits of board_state after the board has compared its clocks."""
+        for _ in self.axis.link.polls(SETTLE_S):
+            state = self.axis.integer("board_state")
+            if not state & NOT_COMPARED:
+                break
+        return state
+
+    def mean_V(self, name: str) -> float:
+        """Returns the mean voltage in V at an input of the ADC, read with 12 bits."""
+        total = 0
+        for _ in range(READINGS):
+            total += self.axis.integer(name)
+            self.axis.link.wait(0.01)
+        return total / READINGS * SUPPLY_V / FULL_CODES
+
+
+def passed(text: str, **values: float) -> BringupStep:
+    return BringupStep("", PASSED, text, values)
+
+
+def failed(text: str, **values: float) -> BringupStep:
+    return BringupStep("", FAILED, text, values)
+
+
+def errors_of(state: int, known: dict[int, str]) -> str:
+    """Returns the texts of the errors in a board state, or an empty text."""
+    return "; ".join(text for bit, text in known.items() if state & bit)
+
+
+def causes_of(reset_cause: int) -> str:
+    """Returns the names of the causes of a reset."""
+    return ", ".join(text for bit, text in RESET_CAUSES.items() if reset_cause & bit) or "not known"
+
+
+def check_identity(bench: Bench) -> BringupStep:
+    """Compares the object table of the firmware with that of this program."""
+    found = bench.axis.integer("object_table_hash")
+    version = bench.axis.link.text(VERSION_INDEX) or ""
+    if found != TABLE_HASH:
+        return failed(
+            f"the firmware {version} has the object table {found:08x}, this program has "
+            f"{TABLE_HASH:08x}: flash an image of this version"
+        )
+    return passed(f"firmware {version}, object table {found:08x}")
+
+
+def check_reset(bench: Bench) -> BringupStep:
+    """Reads what reset the processor last."""
+    cause = bench.axis.integer("reset_cause")
+    text = f"the last reset was by: {causes_of(cause)}"
+    explained = cause & (4 | POWER_RESET) or cause == 0
+    if explained:
+        return passed(text, reset_cause=cause)
+    return failed(f"{text}; core_fault_pc and the incident say more", reset_cause=cause)
+
+
+def check_board(bench: Bench) -> BringupStep:
+    """Reads the errors that the board has found in itself."""
+    state = bench.board_state()
+    found = errors_of(state, BOARD_ERRORS)
+    if state & NOT_COMPARED:
+        found = found or "the second clock of the chip does not run: replace the chip"
+    if found:
+        return failed(found, board_state=state)
+    return passed("oscillator, supply, image, RAM, reference and outputs are right")
+
+
+def check_tick(bench: Bench) -> BringupStep:
+    """Compares the tick with the clock of this computer, and reads how long ticks last."""
+    axis, clock = bench.axis, bench.clock
+
+    def stamped() -> tuple[float, float, int]:
+        before = clock()
+        ticks = axis.integer("tick_count")
+        return before, clock(), ticks
+
+    begin, overruns = stamped(), axis.integer("overruns")
+    axis.link.wait(RATE_TIME_S)
+    end = stamped()
+    ticks = (end[2] - begin[2]) % 2**32
+    least, most = ticks / (end[1] - begin[0]), ticks / max(end[0] - begin[1], 1e-9)
+    deviation = axis.number("tick_deviation")
+    time_us, late_us = axis.integer("tick_time_max"), axis.integer("tick_late_max")
+    values = {
+        "rate_least_Hz": least,
+        "rate_most_Hz": most,
+        "tick_deviation": deviation,
+        "tick_time_max_us": float(time_us),
+        "tick_late_max_us": float(late_us),
+        "overruns": float(axis.integer("overruns") - overruns),
+    }
+    wanted = f"{TICKS_PER_S} ticks per second within {RATE_TOLERANCE:.0%}"
+    if least > TICKS_PER_S * (1 + RATE_TOLERANCE) or most < TICKS_PER_S * (1 - RATE_TOLERANCE):
+        text = f"expected {wanted}, got {least:.0f} to {most:.0f}: check the oscillator"
+    elif abs(deviation) > DEVIATION_MAX:
+        text = f"the tick length has changed by {deviation:.1%} against the second clock"
+    elif values["overruns"]:
+        text = (
+            f"{values['overruns']:.0f} ticks were late: the main loop or an interrupt is too long"
+        )
+    elif not 0 < time_us <= TICK_TIME_MAX_US:
+        text = (
+            f"expected a tick of at most {TICK_TIME_MAX_US} us, got {time_us} us: check the clock"
+        )
+    elif late_us > TICK_LATE_MAX_US:
+        text = f"expected a tick late by at most {TICK_LATE_MAX_US} us, got {late_us} us"
+    else:
+        return passed(f"ticks of at most {time_us} us, late by at most {late_us} us", **values)
+    return failed(text, **values)
+
+
+def error_at(axis: Axis, code: int, position: int) -> str:
+    """Puts out a DAC code for 0.1 s, with the axis enabled. Returns the errors of the outputs, or
+    an empty text. `position`: that of the axis at rest, in encoder counts."""
+    refusal = ""
+    try:
+        if code == 0:
+            axis.enable("open loop", open_loop_code=0)
+        axis.set(open_loop_code=code)
+        axis.link.wait(0.1)
+    except (Refused, NoAnswer) as error:
+        refusal = str(error)
+    found = errors_of(axis.integer("board_state"), OUTPUT_ERRORS)
+    fault = axis.get("fault")["fault"]
+    if abs(axis.integer("position") - position) > MOTION_MAX or fault == "overspeed":
+        return "the encoder moved: disconnect the motor"
+    return found or refusal or ("" if fault == "none" else f"the axis has the fault {fault}")
+
+
+def check_outputs(bench: Bench) -> BringupStep:
+    """Puts out DAC codes with the amplifier enabled, and lets the board read back PA4 and PB0."""
+    axis = bench.axis
+    bench.act(
+        "Disconnect the motor and the amplifier. Close the enable chain and both limit contacts. "
+        "Connect PA6 and PA7 to their sources, or to a voltage of 0.5 V to 2.8 V."
+    )
+    values: dict[str, float] = {}
+    found = errors_of(bench.board_state(), OUTPUT_ERRORS)
+    if found:
+        return failed(f"{found} (while the axis is disabled)")
+    axis.reset_fault()
+    # The first motion test would wait for a motion. Its place takes the bound of the speed.
+    before = axis.get("first_motion_test", "speed_max")
+    axis.set(first_motion_test="off", speed_max=SPEED_MAX)
+    position = axis.integer("position")
+    try:
+        for code in CODES:
+            found = error_at(axis, code, position)
+            if found:
+                return failed(f"{found} (at the DAC code {code})", dac_code=code)
+            if code in STAGE_CODES:
+                text = f"Voltage of the +-10 V stage at the DAC code {code}, if there is a stage"
+                volts = bench.operator.number(text, "V")
+                if volts is not None:
+                    values[f"stage_{code}_V"] = volts
+    finally:
+        axis.off()
+        axis.put_back(**before)
+    for code in STAGE_CODES:
+        volts = values.get(f"stage_{code}_V", code * CODE_V)
+        if abs(volts - code * CODE_V) > STAGE_MAX_V:
+            return failed(
+                f"expected {code * CODE_V:.2f} V at the DAC code {code}, got {volts:.2f} V: trim "
+                "offset and gain of the stage",
+                **values,
+            )
+    return passed("PA4 and PB0 follow their commands", **values)
+
+
+def check_channel(bench: Bench, channel: str) -> BringupStep:
+    """Compares an input of the ADC with a voltmeter, and with itself while the other input, which
+    the ADC converts before, has another voltage."""
+    axis = bench.axis
+    name, pin, other = CHANNELS[channel]
+    bits = axis.integer("adc_bits")
+    axis.set(adc_bits=12)
+    try:
+        wanted = bench.number(
+            f"Connect {pin} to the source of the {channel}, at 0.5 V to 2.8 V, and {other} to "
+            f"ground. Voltage at {pin} by a voltmeter",
+            "V",
+        )
+        low = bench.mean_V(name)
+        bench.act(f"Connect {other} to 3.3 V.")
+        high = bench.mean_V(name)
+    finally:
+        axis.put_back(adc_bits=bits)
+    crosstalk = (high - low) / SUPPLY_V
+    values = {"voltmeter_V": wanted, "reading_V": low, "crosstalk": crosstalk}
+    error = low - wanted
+    if abs(crosstalk) > CROSSTALK_MAX:
+        text = (
+            f"{pin} follows {other} by {crosstalk:.1%}: the source of the {channel} has more than "
+            "10 kOhm, so add a follower"
+        )
+    elif abs(error) > VOLTAGE_SHARE * abs(wanted) + VOLTAGE_MAX_V:
+        text = (
+            f"expected {wanted:.3f} V at {pin}, got {low:.3f} V: the source has more than 10 kOhm "
+            f"and needs a follower, or {pin} is not connected to the source"
+        )
+    else:
+        return passed(f"{low:.3f} V at {pin}, the voltmeter has {wanted:.3f} V", **values)
+    return failed(text, **values)
+
+
+def check_force(bench: Bench) -> BringupStep:
+    """Checks the input of the force sensor."""
+    return check_channel(bench, "force")
+
+
+def check_current(bench: Bench) -> BringupStep:
+    """Checks the input of the motor current."""
+    return check_channel(bench, "current")
+
+
+def check_encoder(bench: Bench) -> BringupStep:
+    """Counts a turn by hand."""
+    lines = bench.number("Lines of the encoder in one turn", "lines")
+    begin = bench.axis.integer("position")
+    bench.act("Turn the encoder by one turn in the direction of the workpiece, which is positive.")
+    counts = bench.axis.integer("position") - begin
+    counts = (counts + 2**31) % 2**32 - 2**31
+    wanted = 4 * lines
+    values = {"counts": counts, "counts_expected": wanted}
+    if abs(counts - wanted) <= TURN_TOLERANCE * wanted:
+        return passed(f"{counts} counts in a turn", **values)
+    if abs(counts + wanted) <= TURN_TOLERANCE * wanted:
+        text = "the encoder counts in the wrong direction: exchange A and B"
+    elif abs(counts) <= TURN_TOLERANCE * wanted:
+        text = f"{counts} counts in a turn: check the line receiver, its supply, and A and B"
+    else:
+        text = f"expected {wanted:.0f} counts in a turn, got {counts}: check A, B and the lines"
+    return failed(text, **values)
+
+
+def check_contacts(bench: Bench) -> BringupStep:
+    """Opens each contact alone."""
+    bench.act("Close the enable chain and both limit contacts.")
+    axis = bench.axis
+    closed = axis.integer("digital_inputs")
+    for bit, (name, level) in CONTACTS.items():
+        if closed >> bit & 1 != level:
+            return failed(f"the {name} reads as open: check its wire", digital_inputs=closed)
+    for bit, (name, _) in CONTACTS.items():
+        bench.act(f"Open the {name}.")
+        now = axis.integer("digital_inputs")
+        changed = (now ^ closed) & 0b111
+        if changed != 1 << bit:
+            what = ", ".join(CONTACTS[i][0] for i in CONTACTS if changed >> i & 1) or "no contact"
+            return failed(f"expected a change of the {name}, got {what}", digital_inputs=now)
+        bench.act(f"Close the {name} again.")
+    return passed("each contact is read by its own input")
+
+
+def can_state(bench: Bench, wanted: str) -> str:
+    """Returns the state of the CAN controller, as soon as it is the wanted one."""
+    for _ in bench.axis.link.polls(SETTLE_S):
+        state = str(bench.axis.get("can_state")["can_state"])
+        if state == wanted:
+            break
+    return state
+
+
+def check_can(bench: Bench) -> BringupStep:
+    """Reads if frames are acknowledged."""
+    bench.act("Connect the CAN bus: a second node that is on, and 120 Ohm at both ends.")
+    rate = bench.axis.integer("bit_rate")
+    state = can_state(bench, "active")
+    if state == "active":
+        return passed("frames are acknowledged", bit_rate_kbit_s=rate)
+    if state == "passive":
+        return failed(
+            "no other node acknowledges frames: check that a second node is on, that both have "
+            f"{rate} kbit/s, and the terminations"
+        )
+    return failed("the controller has left the bus: CAN_H and CAN_L are shorted or exchanged")
+
+
+def check_can_off(bench: Bench) -> BringupStep:
+    """Takes the bus away and gives it back."""
+    bench.act("Short CAN_H to CAN_L while a node sends, and leave them shorted.")
+    state = can_state(bench, "off")
+    if state != "off":
+        return failed(f"expected a controller that has left the bus, got {state}: no node has sent")
+    bench.act("Open CAN_H and CAN_L again.")
+    state = can_state(bench, "active")
+    if state != "active":
+        return failed(f"expected a controller that is back, got {state}: check the other node")
+    # A connection by CAN, as that of a gateway, has lost the axis with the bus.
+    link = bench.axis.link
+    if bench.axis.get("command_source")["command_source"] != COMMAND_SOURCES[link.source]:
+        link.acquire()
+    bench.axis.reset_fault()
+    return passed("the controller left the bus and is back")
+
+
+def wait_for_reset(bench: Bench) -> bool:
+    """Waits until the tick count has begun anew. Returns False if it does not."""
+    axis = bench.axis
+    before = axis.integer("tick_count")
+    for _ in axis.link.polls(RESET_TIMEOUT_S):
+        try:
+            now = axis.integer("tick_count")
+        except NoAnswer:
+            continue
+        if now < before:
+            return True
+        before = now
+    return False
+
+
+def check_watchdog(bench: Bench) -> BringupStep:
+    """Stops the core, so that the watchdog resets the processor."""
+    bench.act(
+        "Run in another terminal, with the motor disconnected: openocd -f board/st_nucleo_f4.cfg "
+        "-c init -c 'mww 0xE0042008 0' -c halt -c shutdown. Wait until it has ended."
+    )
+    return after_reset(bench, WATCHDOG_RESET, "watchdog", "the watchdog did not reset the core")
+
+
+def after_reset(bench: Bench, wanted: int, name: str, otherwise: str) -> BringupStep:
+    """Judges the cause of a reset that has just been caused."""
+    cause = bench.axis.integer("reset_cause")
+    if cause & wanted:
+        return passed(f"the last reset was by: {causes_of(cause)}", reset_cause=cause)
+    return failed(
+        f"expected a reset by {name}, got {causes_of(cause)}: {otherwise}", reset_cause=cause
+    )
+
+
+def check_store(bench: Bench) -> BringupStep:
+    """Stores the parameters, which have to be there after a power cut."""
+    axis = bench.axis
+    parameter_set.store(axis)
+    before = axis.integer("store_change_count")
+    bench.act("Take the supply off, count to five, and switch the supply on again.")
+    reset = after_reset(bench, POWER_RESET, "power-up", "the supply was not off for long enough")
+    if reset.verdict == FAILED:
+        return reset
+    state = str(axis.get("store_state")["store_state"])
+    changes = axis.integer("store_change_count")
+    if state != "loaded" or changes != before:
+        return failed(
+            f"expected the stored parameters after the power-up, got the state {state} of the "
+            "parameter store: replace the chip"
+        )
+    return passed("the parameters were stored and are back after the power-up")
+
+
+STEPS: dict[str, Callable[[Bench], BringupStep]] = {
+    "identity": check_identity,
+    "reset": check_reset,
+    "board": check_board,
+    "tick": check_tick,
+    "contacts": check_contacts,
+    "encoder": check_encoder,
+    "force": check_force,
+    "current": check_current,
+    "outputs": check_outputs,
+    "can": check_can,
+    "can-off": check_can_off,
+    "store": check_store,
+    "watchdog": check_watchdog,
+}
+
+
+def step_of(bench: Bench, name: str) -> BringupStep:
+    """Does one step. A step that the axis refuses has failed."""
+    try:
+        found = STEPS[name](bench)
+    except Skipped:
+        found = BringupStep("", SKIPPED, "skipped by the operator", {})
+    except (Refused, NoAnswer) as error:
+        found = failed(str(error))
+    return BringupStep(name, found.verdict, found.text, found.values)
+
+
+def bring_up(
+    axis: Axis,
+    operator: Operator,
+    request: BringupRequest = BringupRequest(),
+    clock: Callable[[], float] = time.monotonic,
+) -> Iterator[BringupProtocol]:
+    """Does the steps of a request in their order. Yields the protocol after each step, with the
+    steps done until then. `clock`: the time in s. The axis must be owned by this program. Raises
+    InputError for a step without this name, and NoAnswer if the axis does not answer at the
+    beginning."""
+    for name in request.steps:
+        if name not in STEPS:
+            raise InputError(f"{name}: expected a step of the bring-up: {', '.join(STEPS)}")
+    link = axis.link
+    serial = "serial_number"
+    protocol = BringupProtocol(
+        datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        link.where,
+        link.text(DEVICE_NAME_INDEX) or "",
+        link.text(VERSION_INDEX) or "",
+        axis.integer(serial) if link.reaches(serial) else None,
+        f"{axis.integer('object_table_hash'):08x}",
+        [],
+    )
+    bench = Bench(axis, operator, clock)
+    for name in STEPS:
+        if not request.steps or name in request.steps:
+            protocol.steps.append(step_of(bench, name))
+            yield protocol

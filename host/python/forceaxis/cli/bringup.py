@@ -1,0 +1,87 @@
+"""`forceaxis bringup`: brings a new board into operation, step by step."""
+
+import json
+import sys
+from pathlib import Path
+
+import click
+
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.chip import bringup as steps
+from forceaxis.cli.common import File, Verb, coloured
+from forceaxis.cli.live_options import AxisConnection, live, owned
+from forceaxis.results import to_json
+
+
+class Terminal:
+    """Asks the person at the terminal."""
+
+    def act(self, text: str) -> bool:
+        """Prints what is to be done. Returns False for the answer "s"."""
+        answer = click.prompt(
+            f"  {text}\n  Enter when it is done, s to skip the step",
+            default="",
+            show_default=False,
+            err=True,
+        )
+        return str(answer).strip().lower() != "s"
+
+    def number(self, text: str, unit: str) -> float | None:
+        """Asks for a number until the answer is a number or empty."""
+        while True:
+            answer = click.prompt(
+                f"  {text}, in {unit} (Enter if it is not known)",
+                default="",
+                show_default=False,
+                err=True,
+            )
+            if not str(answer).strip():
+                return None
+            try:
+                return float(answer)
+            except ValueError:
+                click.echo(f"  expected a number in {unit}, got {answer}", err=True)
+
+
+@click.command(
+    cls=Verb,
+    epilog="""forceaxis bringup --modbus /dev/ttyACM0 --out protocol.json
+    forceaxis bringup --modbus /dev/ttyACM0 --step encoder --step can""",
+)
+@live
+@click.option(
+    "--step",
+    "names",
+    multiple=True,
+    type=click.Choice(list(steps.STEPS)),
+    help="Do only this step. The option can be given several times.",
+)
+@click.option("--out", type=File(), help="Protocol as JSON, written after each step.")
+def bringup(connection: AxisConnection, names: tuple[str, ...], out: Path | None) -> None:
+    """Bring a new board into operation without a motor. The command asks for an action at the
+    board, reads the objects of the axis, judges each step, and writes a protocol.
+
+    The steps are: identity of the firmware, cause of the last reset, errors that the board finds in
+    itself, time of the tick, contacts, encoder, inputs of force and motor current, outputs, CAN,
+    CAN after a short circuit, parameters after a power cut, watchdog. They need a voltmeter. The
+    step "outputs" enables the axis and puts out DAC codes from -2000 to 2000, so motor and
+    amplifier have to be disconnected. Ctrl-C disables the axis.
+
+    The exit status is 0 if every step was done and passed, and 1 otherwise.
+    """
+    if not sys.stdin.isatty():
+        raise InputError(
+            "bringup: expected a terminal, because the command asks for actions at the board"
+        )
+    with owned(connection) as axis:
+        for protocol in steps.bring_up(axis, Terminal(), steps.BringupRequest(names)):
+            last = protocol.steps[-1]
+            click.echo(f"{coloured(last.verdict):8} {last.name}: {last.text}")
+            if out is not None:
+                paths.replace_text(out, json.dumps(to_json(protocol), indent=2) + "\n")
+    if not protocol.passed:
+        sys.exit(1)
+
+
+VERBS = (bringup,)
