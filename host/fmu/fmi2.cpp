@@ -33,11 +33,14 @@ Instance &instance_of(fmi2Component component) {
 
 void log(const Component &to, Status status, const std::string &text) {
   if (to.callbacks.logger == nullptr) return;
+  // The text is its own format, because some importers show the format alone.
+  std::string format;
+  for (const char letter : text) format += letter == '%' ? "%%" : std::string(1, letter);
   constexpr const char *kCategories[] = {"logAll", "logStatusWarning", "logStatusDiscard",
                                          "logStatusError"};
   to.callbacks.logger(to.callbacks.componentEnvironment, to.name.c_str(),
-                      static_cast<fmi2Status>(status), kCategories[static_cast<int>(status)], "%s",
-                      text.c_str());
+                      static_cast<fmi2Status>(status), kCategories[static_cast<int>(status)],
+                      format.c_str());
 }
 
 fmi2Status answer(Status status) { return static_cast<fmi2Status>(status); }
@@ -230,3 +233,19 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component, const fmi2StatusKind kind, fmi2Bo
 fmi2Status fmi2GetStringStatus(fmi2Component, const fmi2StatusKind, fmi2String *) {
   return fmi2Discard;
 }
+
+// Functions of model exchange, which some importers look up in each library.
+#define FORCEAXIS_NEVER(NAME, ...)                                          \
+  fmi2Status fmi2##NAME(fmi2Component c __VA_OPT__(, ) __VA_ARGS__) {       \
+    return refuse(c, "model exchange: the unit is for co-simulation only"); \
+  }
+FORCEAXIS_NEVER(EnterEventMode)
+FORCEAXIS_NEVER(NewDiscreteStates, fmi2EventInfo *)
+FORCEAXIS_NEVER(EnterContinuousTimeMode)
+FORCEAXIS_NEVER(CompletedIntegratorStep, fmi2Boolean, fmi2Boolean *, fmi2Boolean *)
+FORCEAXIS_NEVER(SetTime, fmi2Real)
+FORCEAXIS_NEVER(SetContinuousStates, const fmi2Real[], size_t)
+FORCEAXIS_NEVER(GetDerivatives, fmi2Real[], size_t)
+FORCEAXIS_NEVER(GetEventIndicators, fmi2Real[], size_t)
+FORCEAXIS_NEVER(GetContinuousStates, fmi2Real[], size_t)
+FORCEAXIS_NEVER(GetNominalsOfContinuousStates, fmi2Real[], size_t)

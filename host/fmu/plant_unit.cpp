@@ -45,7 +45,8 @@ constexpr std::size_t kInputs = 3;  // dac_code, amp_enable, brake_release
 
 class PlantUnit final : public Unit {
  public:
-  PlantUnit(const std::filesystem::path &path, std::span<const sim::Override> set)
+  PlantUnit(const std::filesystem::path &path, std::span<const sim::Override> set,
+            std::int32_t seed)
       : file_(path), set_(set.begin(), set.end()) {
     const sim::Model model = file_.model(set_);
     list_inputs(model);
@@ -57,7 +58,8 @@ class PlantUnit final : public Unit {
                             std::string(sim::unit_of(signal.dimension)),
                             "true signal of the model"});
     seed_ = variables_.size();
-    variables_.push_back({"seed", Type::int32, Role::fixed, "", "seed of the noise, not negative"});
+    variables_.push_back({"seed", Type::int32, Role::fixed, "", "seed of the noise, not negative",
+                          static_cast<double>(seed)});
     list_parameters(model);
     list_time();
     reset();
@@ -190,8 +192,8 @@ class PlantUnit final : public Unit {
 }  // namespace
 
 std::unique_ptr<Unit> plant_unit(const std::filesystem::path &model,
-                                 std::span<const sim::Override> set) {
-  return std::make_unique<PlantUnit>(model, set);
+                                 std::span<const sim::Override> set, std::int32_t seed) {
+  return std::make_unique<PlantUnit>(model, set, seed);
 }
 
 }  // namespace forceaxis::fmu

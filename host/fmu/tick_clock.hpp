@@ -17,8 +17,8 @@ struct StepRefused : std::runtime_error {
 
 class TickClock {
  public:
-  // Largest deviation of a step from a whole number of ticks, as a share of the step. A step that is
-  // cut to whole nanoseconds deviates by 1e-6.
+  // Largest deviation of a step from a whole number of ticks, as a share of the step. A step that
+  // is cut to whole nanoseconds deviates by 1e-6.
   static constexpr double kTolerance = 2e-6;
   static constexpr double kTicksMax = 1e9;  // largest number of ticks in one step
 

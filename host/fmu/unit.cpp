@@ -100,7 +100,10 @@ OpenedUnit open_unit(const std::filesystem::path &resources) {
   const std::string kind = reader.text("kind");
   if (kind == "firmware") return {read_firmware(reader), reader.text("token")};
   if (kind != "plant") reader.fail("kind");
-  return {plant_unit(resources / reader.text("model"), reader.overrides()), reader.text("token")};
+  const std::int64_t seed = reader.number(reader.table().get("seed"), "seed", 0, INT32_MAX);
+  return {plant_unit(resources / reader.text("model"), reader.overrides(),
+                     static_cast<std::int32_t>(seed)),
+          reader.text("token")};
 }
 
 }  // namespace forceaxis::fmu

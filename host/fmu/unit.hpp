@@ -85,7 +85,7 @@ struct OpenedUnit {
 
 // Creates the unit that the file unit.toml in the folder `resources` describes:
 //   kind = "plant" or "firmware", token
-//   plant:    model (file name), set (table of parameters with their values)
+//   plant:    model (file name), seed, set (table of parameters with their values)
 //   firmware: dac_bits, initial (array of [object, raw value]), at (array of [tick, object, raw
 //             value]), program (array of words of firmware/cycle/program.h, empty without program)
 // Throws sim::InputError.

@@ -50,6 +50,7 @@ def fmu() -> None:
 @fmu.command(
     cls=Verb,
     epilog="""forceaxis fmu plant laboratory --out plant.fmu
+    forceaxis fmu plant sim/experiments/contact.toml --out plant.fmu
     forceaxis fmu plant press/model.toml --set k_w="280 kN/m" --fmi 3.0 --out plant.fmu""",
 )
 @click.argument("model", type=Subject(paths.MODELS, as_path=True))
@@ -57,7 +58,7 @@ def fmu() -> None:
 def plant(model: Path, overrides: tuple[str, ...], version: str, out: Path, as_json: bool) -> None:
     """Write the plant of a model.
 
-    Inputs are dac_code, amp_enable and brake_release of the firmware and an impulse on each body;
+    MODEL can also be the path of an experiment: its model with its values and its seed. Inputs are dac_code, amp_enable and brake_release of the firmware and an impulse on each body;
     outputs are the codes of encoder, ADCs and switches, and all signals of the model in SI units.
     The parameters of the model can be set before the initialization, also the seed of the noise.
     """

@@ -130,7 +130,8 @@ def xml(version: Version, about: About, variables: Sequence[Variable]) -> bytes:
         write.variable(listed, reference, variable)
     write.structure(root, [i for i, v in enumerate(variables) if v.role == "output"])
     ET.indent(root)
-    return ET.tostring(root, encoding="UTF-8", xml_declaration=True) + b"\n"
+    text: bytes = ET.tostring(root, encoding="UTF-8", xml_declaration=True)
+    return text + b"\n"
 
 
 def _units(root: ET.Element, variables: Sequence[Variable]) -> None:

@@ -38,19 +38,27 @@ class Written:
 
 
 def write_plant(
-    model: Path, overrides: Mapping[str, float | str], version: Version, out: Path
+    source: Path, overrides: Mapping[str, float | str], version: Version, out: Path
 ) -> Written:
-    """Writes the unit of the plant of a model. `overrides` are new values of its parameters. Raises
-    InputError and OSError."""
-    content = toml.read(model)
+    """Writes the unit of the plant of a model, or of the model of an experiment with the values and
+    the seed of the experiment. `overrides` are new values of its parameters. Raises InputError and
+    OSError."""
+    model, values, seed = source, dict(overrides), 0
+    content = toml.read(source)
+    if "model" in content:
+        _core.inputs(source)  # raises InputError if the experiment has errors
+        model = source.parent / str(content["model"])
+        values = dict(content.get("set", {})) | values
+        seed = int(content.get("seed", 0))
+        content = toml.read(model)
     resources = {model.name: model.read_bytes()}
     shared = content.get("parameters_file")
     if isinstance(shared, str) and (model.parent / shared).is_file():
         resources[shared] = (model.parent / shared).read_bytes()
-    _core.Plant(model, dict(overrides))  # names the user's file in messages
-    facts = {"kind": "plant", "model": model.name, "set": dict(overrides)}
+    _core.Plant(model, values)  # raises InputError with the name of the user's file
+    facts = {"kind": "plant", "model": model.name, "seed": seed, "set": values}
     title = str(content.get("title", model.stem))
-    return _write(facts, resources, model, title, version, out)
+    return _write(facts, resources, source, title, version, out)
 
 
 def write_firmware(
