@@ -23,42 +23,35 @@ constexpr std::size_t kFirstObject = kInputCount + 3;  // after dac_code, amp_en
 // Largest value of an input that is no Boolean and no encoder count.
 double top_of(std::size_t input) { return input == kAdc0 || input == kAdc1 ? 65535.0 : 255.0; }
 
+// The bit of `din` that an input sets; 0 for an input that is no bit.
+std::uint8_t din_bit(std::size_t input) {
+  constexpr std::uint8_t kSwitches[] = {AXIS_DIN_LIMIT_POS, AXIS_DIN_LIMIT_NEG, AXIS_DIN_INDEX,
+                                        AXIS_DIN_HOME};
+  if (input == kEnable) return AXIS_DIN_ENABLE;
+  return input >= kLimitPos && input <= kHome ? kSwitches[input - kLimitPos] : 0;
+}
+
 void write_input(axis_inputs_t &inputs, std::size_t input, double value) {
-  const auto byte = static_cast<std::uint8_t>(value);
-  const auto set_din = [&](unsigned bit) {
+  if (const unsigned bit = din_bit(input)) {
     inputs.din = static_cast<std::uint8_t>(value != 0.0 ? inputs.din | bit : inputs.din & ~bit);
-  };
+    return;
+  }
   switch (input) {
     case kEncoder:
       inputs.encoder_cnt = static_cast<std::int32_t>(value);
       break;
     case kPositionAge:
-      inputs.position_age = byte;
+      inputs.position_age = static_cast<std::uint8_t>(value);
       break;
     case kAdc0:
     case kAdc1:
       inputs.adc_code[input == kAdc1 ? 1 : 0] = static_cast<std::uint16_t>(value);
       break;
     case kForceAge:
-      inputs.force_age = byte;
-      break;
-    case kLimitPos:
-      set_din(AXIS_DIN_LIMIT_POS);
-      break;
-    case kLimitNeg:
-      set_din(AXIS_DIN_LIMIT_NEG);
-      break;
-    case kIndexPulse:
-      set_din(AXIS_DIN_INDEX);
-      break;
-    case kHome:
-      set_din(AXIS_DIN_HOME);
+      inputs.force_age = static_cast<std::uint8_t>(value);
       break;
     case kDriveReport:
-      inputs.drive = byte;
-      break;
-    case kEnable:
-      set_din(AXIS_DIN_ENABLE);
+      inputs.drive = static_cast<std::uint8_t>(value);
       break;
     default:
       inputs.sensor_valid = value != 0.0;
@@ -232,25 +225,31 @@ class FirmwareUnit final : public Unit {
 
   void list_objects() {
     for (const axis_object_meta_t &meta : axis_objects_meta) {
-      const std::string part = meta.part;
+      const std::string_view part = meta.part;
       if (part == "canopen" || part == "device") continue;  // they concern buses and boards
-      Variable variable{part + "." + meta.name, Type::real, Role::output, meta.unit,
-                        meaning_of(meta)};
-      if (variable.unit == "1") variable.unit.clear();
-      if (meta.scale == 1.0)
-        variable.type = meta.size_bytes == 4 && !is_signed(meta) ? Type::uint32 : Type::int32;
-      const bool changes_in_run = meta.mappable == AXIS_MAPPABLE_BOTH ||
-                                  meta.object == AXIS_OBJ_MODE ||
-                                  std::string_view(meta.kind) == "command";
-      if (host::object_writable(meta.object)) {
-        variable.role = changes_in_run ? Role::input : Role::tunable;
-        variable.start = readable(meta) ? value_of(meta, raw(meta.object)) : 0.0;
-      }
       objects_.push_back(&meta);
-      variables_.push_back(std::move(variable));
+      variables_.push_back(variable_of(meta));
     }
   }
 
+  Variable variable_of(const axis_object_meta_t &meta) const {
+    Variable variable{std::string(meta.part) + "." + meta.name, Type::real, Role::output, meta.unit,
+                      meaning_of(meta)};
+    if (variable.unit == "1") variable.unit.clear();
+    if (meta.scale == 1.0)
+      variable.type = meta.size_bytes == 4 && !is_signed(meta) ? Type::uint32 : Type::int32;
+    if (host::object_writable(meta.object)) {
+      variable.role = changes_in_run(meta) ? Role::input : Role::tunable;
+      variable.start = readable(meta) ? value_of(meta, raw(meta.object)) : 0.0;
+    }
+    return variable;
+  }
+
+  // Targets and commands, which a client of a bus maps to PDOs or which have no value of their own.
+  static bool changes_in_run(const axis_object_meta_t &meta) {
+    return meta.mappable == AXIS_MAPPABLE_BOTH || meta.object == AXIS_OBJ_MODE ||
+           std::string_view(meta.kind) == "command";
+  }
   static bool readable(const axis_object_meta_t &meta) {
     return std::string_view(meta.access) != "wo";
   }

@@ -16,7 +16,7 @@ using sim::Plant;
 using sim::SensorCodes;
 
 double code_value(const SensorCodes &codes, std::size_t code) {
-  const auto is_active = [&](sim::SwitchBit bit) { return (codes.switches & bit) != 0; };
+  constexpr sim::SwitchBit kSwitches[] = {sim::kLimitPos, sim::kLimitNeg, sim::kIndex, sim::kHome};
   switch (code) {
     case kEncoder:
       return codes.encoder;
@@ -28,16 +28,10 @@ double code_value(const SensorCodes &codes, std::size_t code) {
       return codes.adc[1];
     case kForceAge:
       return codes.force_age;
-    case kLimitPos:
-      return is_active(sim::kLimitPos);
-    case kLimitNeg:
-      return is_active(sim::kLimitNeg);
-    case kIndexPulse:
-      return is_active(sim::kIndex);
-    case kHome:
-      return is_active(sim::kHome);
-    default:
+    case kDriveReport:
       return codes.drive;
+    default:
+      return (codes.switches & kSwitches[code - kLimitPos]) != 0;
   }
 }
 

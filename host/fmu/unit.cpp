@@ -13,7 +13,7 @@
 namespace forceaxis::fmu {
 namespace {
 
-// Reads the values of unit.toml. forceaxis has written the file, so a wrong value is damage.
+// Reads the values of forceaxis.unit. forceaxis has written the file, so a wrong value is damage.
 class Reader {
  public:
   explicit Reader(const std::filesystem::path &file)
@@ -96,7 +96,7 @@ std::unique_ptr<Unit> read_firmware(const Reader &reader) {
 }  // namespace
 
 OpenedUnit open_unit(const std::filesystem::path &resources) {
-  const Reader reader(resources / "unit.toml");
+  const Reader reader(resources / "forceaxis.unit");
   const std::string kind = reader.text("kind");
   if (kind == "firmware") return {read_firmware(reader), reader.text("token")};
   if (kind != "plant") reader.fail("kind");

@@ -83,7 +83,7 @@ struct OpenedUnit {
   std::string token;
 };
 
-// Creates the unit that the file unit.toml in the folder `resources` describes:
+// Creates the unit that the file forceaxis.unit in the folder `resources` describes:
 //   kind = "plant" or "firmware", token
 //   plant:    model (file name), seed, set (table of parameters with their values)
 //   firmware: dac_bits, initial (array of [object, raw value]), at (array of [tick, object, raw

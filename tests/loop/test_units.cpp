@@ -225,7 +225,7 @@ class Calls : public testing::Test {
     std::filesystem::create_directories(folder_);
     std::filesystem::copy_file(SIM_DIR "/models/axis_contact.toml", folder_ / "model.toml",
                                std::filesystem::copy_options::overwrite_existing);
-    std::ofstream(folder_ / "unit.toml")
+    std::ofstream(folder_ / "forceaxis.unit")
         << "kind = \"plant\"\ntoken = \"t\"\n"
            "model = \"model.toml\"\nseed = 0\nset = { m_w = 3.3 }\n";
   }
@@ -291,7 +291,7 @@ TEST_F(Calls, AFixedParameterIsFixedAfterTheInitialization) {
   const auto mass = static_cast<std::uint32_t>(place_of(*plain, "model.m_w"));
   double value = 0;
   EXPECT_EQ(unit->get(mass, of(Type::real), value), Status::ok);
-  EXPECT_EQ(value, 3.3);  // from `set` of unit.toml
+  EXPECT_EQ(value, 3.3);  // from `set` of forceaxis.unit
   EXPECT_EQ(unit->enter_initialization(), Status::ok);
   EXPECT_EQ(unit->set(mass, of(Type::real), 5), Status::ok);
   EXPECT_EQ(unit->exit_initialization(), Status::ok);
@@ -329,7 +329,7 @@ TEST_F(Calls, AStateBelongsToItsInstance) {
 
 TEST_F(Calls, FilesOfDifferentUnitsAreRefused) {
   EXPECT_THROW(Instance(folder_, "other", {}), sim::InputError);
-  std::ofstream(folder_ / "unit.toml")
+  std::ofstream(folder_ / "forceaxis.unit")
       << "kind = \"plant\"\ntoken = \"t\"\nmodel = 3\nseed = 0\nset = {}\n";
   EXPECT_THROW(Instance(folder_, "t", {}), sim::InputError);
   EXPECT_THROW(Instance(folder_ / "absent", "t", {}), sim::InputError);

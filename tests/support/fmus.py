@@ -1,7 +1,7 @@
 """Units in the simulators of others: fmpy and fmuloader step single units, libcosim steps a system.
 
-The loop of two units is: codes of the plant to the firmware, step of the firmware, its outputs to the
-plant, step of the plant.
+The loop of two units is: codes of the plant to the firmware, step of the firmware, its outputs to
+the plant, step of the plant.
 """
 
 import shutil

@@ -58,9 +58,11 @@ def fmu() -> None:
 def plant(model: Path, overrides: tuple[str, ...], version: str, out: Path, as_json: bool) -> None:
     """Write the plant of a model.
 
-    MODEL can also be the path of an experiment: its model with its values and its seed. Inputs are dac_code, amp_enable and brake_release of the firmware and an impulse on each body;
-    outputs are the codes of encoder, ADCs and switches, and all signals of the model in SI units.
-    The parameters of the model can be set before the initialization, also the seed of the noise.
+    MODEL can also be the path of an experiment: its model with its values and its seed, without its
+    events. Inputs are dac_code, amp_enable and brake_release of the firmware and an impulse on each
+    body; outputs are the codes of encoder, ADCs and switches, and all signals of the model in SI
+    units. The parameters of the model can be set before the initialization, also the seed of the
+    noise.
     """
     from forceaxis.fmu import unit
     from forceaxis.linear.system import overrides as values
@@ -97,7 +99,7 @@ def show(done: "Written", as_json: bool) -> None:
     """Print what was written."""
 
     def text() -> str:
-        of = f" of {done.source}" if done.source else ""
+        of = f" of {Path(done.source).name}" if done.source else ""
         return (
             f"unit         {done.kind}{of}, FMI {done.version}\n"
             f"variables    {done.inputs} inputs, {done.outputs} outputs, "

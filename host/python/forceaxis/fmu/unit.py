@@ -72,8 +72,15 @@ def write_firmware(
 
 
 def _writes(source: Path | None, overrides: Sequence[str]) -> dict[str, Any]:
-    if source is not None and "model" in toml.read(source):
-        return _core.fmu_writes(source, list(overrides))
+    if source is not None:
+        content = toml.read(source)
+        if "model" in content:
+            return _core.fmu_writes(source, list(overrides))
+        if "body" in content:
+            raise InputError(
+                f"{source}: expected an experiment or a parameter file, got a model; `forceaxis "
+                "fmu plant` takes a model"
+            )
     if overrides:
         raise InputError("--set: expected an experiment, whose values it replaces")
     values = parameter_file.read(source, NODE_ID).values if source is not None else {}
@@ -93,7 +100,7 @@ def _write(
 ) -> Written:
     library = LIBRARY.read_bytes()
     token = _token(version, facts, resources, library)
-    resources |= {"unit.toml": toml.write_text(facts | {"token": token}).encode()}
+    resources |= {"forceaxis.unit": toml.write_text(facts | {"token": token}).encode()}
     variables = _variables(resources)
     about = About(f"forceaxis {facts['kind']}", title, token)
     machine = platform.machine()
