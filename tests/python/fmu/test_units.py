@@ -8,7 +8,6 @@ import zipfile
 import fmpy.validation
 import fmus
 import pytest
-import verbs
 from forceaxis import _core, objects, paths
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.sim import SimLink
@@ -193,27 +192,6 @@ def test_a_firmware_without_a_file_has_its_defaults(tmp_path):
     with fmus.Fmpy(fmus.write("firmware", None, tmp_path / "firmware.fmu")) as firmware:
         for name in ("force_gain", "position_gain", "force_setpoint"):
             assert firmware.reals([f"axis.{name}"]) == [objects.default(name)]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["plant", "laboratory", "--set", "m_x=3"], "expected one of the parameters"),
-        (["plant", "laboratory", "--set", "m_w=-3"], "m_w"),
-        (["plant", "absent"], "expected a path ending in .toml"),
-        (["firmware", "contact", "--set", "firmware.force_gain=300"], "force_gain"),
-        (["firmware", "contact", "--set", "m_x=3"], "m_x"),
-        (["firmware", "--set", "firmware.force_gain=3"], "expected an experiment"),
-        (["firmware", paths.MODELS / "laboratory.toml"], "`forceaxis fmu plant` takes a model"),
-        (["plant", "laboratory", "--fmi", "1.0"], "1.0"),
-    ],
-)
-def test_an_error_is_one_line_and_writes_nothing(arguments, says, tmp_path):
-    done = verbs.forceaxis("fmu", *arguments, "--out", tmp_path / "unit.fmu")
-    assert done.returncode == 2 and done.stdout == ""
-    (line,) = done.stderr.splitlines()
-    assert says in line
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_files_of_two_units_are_not_mixed(written, tmp_path):
