@@ -36,6 +36,7 @@ class Named:
     """Access to the variables of a unit by name. `lines` has (status, text) of the logger."""
 
     def __init__(self, file):
+        self.file = file
         self.description = fmpy.read_model_description(file)
         self.two = self.description.fmiVersion == "2.0"
         self.token = self.description.guid or self.description.instantiationToken
@@ -71,9 +72,8 @@ class Named:
 class Fmpy(Named):
     """One instance of a unit in fmpy."""
 
-    def __init__(self, file):
-        super().__init__(file)
-        self.folder = fmpy.extract(file)
+    def __enter__(self):
+        self.folder = fmpy.extract(self.file)
         about = {
             "guid": self.token,
             "unzipDirectory": self.folder,
@@ -86,8 +86,6 @@ class Fmpy(Named):
         self.get_reals = self.unit.getReal if self.two else self.unit.getFloat64
         self.set_reals = self.unit.setReal if self.two else self.unit.setFloat64
         self.get_bools, self.set_bools = self.unit.getBoolean, self.unit.setBoolean
-
-    def __enter__(self):
         if self.two:
             callbacks = fmi2.fmi2CallbackFunctions()
             callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(

@@ -4,6 +4,7 @@ one line for each error, nothing half-written."""
 import re
 import subprocess
 import zipfile
+from pathlib import Path
 
 import fmpy.validation
 import fmus
@@ -94,10 +95,36 @@ def test_the_library_needs_only_the_libraries_of_c():
     )
     needed = set(re.findall(r"\[(\w[^\]]*\.so[^\]]*)\]", done.stdout))
     assert needed <= {"libc.so.6", "libm.so.6", "libgcc_s.so.1", "ld-linux-x86-64.so.2"}
-    exported = subprocess.run(
+
+
+def test_the_library_exports_the_functions_of_fmi_and_nothing_else():
+    done = subprocess.run(
         ["nm", "-D", "--defined-only", unit.LIBRARY], capture_output=True, text=True, check=True
-    ).stdout.splitlines()
-    assert exported and all(re.search(r" T fmi[23][A-Z]", line) for line in exported), exported
+    )
+    exported = {line.split(" T ")[-1] for line in done.stdout.splitlines()}
+    headers = Path(fmpy.__file__).parent / "c-code"
+    declared = {
+        name
+        for n in (2, 3)
+        for name in re.findall(
+            rf"^\s*FMI{n}_Export fmi{n}\w+TYPE\s+(fmi{n}\w+)\s*;",
+            (headers / f"fmi{n}Functions.h").read_text(),
+            re.MULTILINE,
+        )
+    }
+    assert len(declared) > 100
+    assert exported == declared
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_what_a_unit_cannot_do_is_one_line_of_the_logger(version, written):
+    with fmus.Fmpy(written["plant", version]) as one:
+        one.start()
+        state = one.state()
+        serialize = one.unit.serializeFMUstate if one.two else one.unit.serializeFMUState
+        with pytest.raises(fmpy.fmi1.FMICallException):
+            serialize(state)
+        assert one.lines == [(3, "state: the unit does not convert a state to bytes")]
 
 
 @pytest.mark.parametrize("which", EVERY)
