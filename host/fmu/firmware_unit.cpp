@@ -87,11 +87,8 @@ std::string meaning_of(const axis_object_meta_t &meta) {
 
 class FirmwareUnit final : public Unit {
  public:
-  FirmwareUnit(host::Experiment experiment, int dac_bits, std::vector<std::uint32_t> program)
-      : experiment_(std::move(experiment)),
-        dac_bits_(dac_bits),
-        program_(std::move(program)),
-        memory_(std::make_unique<Memory>()) {
+  explicit FirmwareUnit(FirmwareFacts facts)
+      : facts_(std::move(facts)), memory_(std::make_unique<Memory>()) {
     for (const Code &code : kCodes)
       variables_.push_back({code.name, code.type, Role::input, code.unit, code.meaning});
     variables_.push_back(
@@ -99,7 +96,7 @@ class FirmwareUnit final : public Unit {
     variables_.push_back({"sensor_valid", Type::boolean, Role::input, "",
                           "encoder count and ADC codes are valid", 1});
     variables_.push_back({"dac_code", Type::int32, Role::output, "code",
-                          "code of a DAC of " + std::to_string(dac_bits) + " bits"});
+                          "code of a DAC of " + std::to_string(facts_.dac_bits) + " bits"});
     variables_.push_back(
         {"amp_enable", Type::boolean, Role::output, "", "the amplifier is enabled"});
     variables_.push_back(
@@ -114,7 +111,7 @@ class FirmwareUnit final : public Unit {
     if (variable < kInputCount) return values_[variable];
     switch (variable - kInputCount) {
       case 0:
-        return axis_host_dac_code(&outputs_, dac_bits_);
+        return axis_host_dac_code(&outputs_, facts_.dac_bits);
       case 1:
         return outputs_.amp_enable;
       case 2:
@@ -196,7 +193,7 @@ class FirmwareUnit final : public Unit {
   void power_up() {
     *memory_ = {};
     fw_config_t config{};
-    config.dac_bits = static_cast<std::uint8_t>(dac_bits_);
+    config.dac_bits = static_cast<std::uint8_t>(facts_.dac_bits);
     config.recorder_buffer = memory_->recorder;
     config.recorder_bytes = sizeof(memory_->recorder);
     config.program_memory = memory_->programs;
@@ -209,16 +206,16 @@ class FirmwareUnit final : public Unit {
     // This write of an unchanged value starts the drive function, whose signals are variables.
     fw_object_write(&memory_->fw, FW_SOURCE_LOCAL, AXIS_OBJ_VELOCITY_THRESHOLD,
                     raw(AXIS_OBJ_VELOCITY_THRESHOLD));
-    if (!program_.empty()) select_program();
-    writes_.emplace(experiment_);
+    if (!facts_.program.empty()) select_program();
+    writes_.emplace(facts_.experiment);
     writes_->write_initial(writer());
   }
 
   void select_program() {
-    const auto bytes = static_cast<std::uint32_t>(4 * program_.size());
-    const cycle_check_t check = fw_select_program(&memory_->fw, program_.data(), bytes);
+    const auto bytes = static_cast<std::uint32_t>(4 * facts_.program.size());
+    const cycle_check_t check = fw_select_program(&memory_->fw, facts_.program.data(), bytes);
     if (check.reason != CYCLE_ACCEPTED)
-      throw sim::InputError(experiment_.file.string(), "program",
+      throw sim::InputError(facts_.experiment.file.string(), "program",
                             "expected a program that the firmware accepts, got reason " +
                                 std::to_string(check.reason));
   }
@@ -239,17 +236,14 @@ class FirmwareUnit final : public Unit {
     if (meta.scale == 1.0)
       variable.type = meta.size_bytes == 4 && !is_signed(meta) ? Type::uint32 : Type::int32;
     if (host::object_writable(meta.object)) {
-      variable.role = changes_in_run(meta) ? Role::input : Role::tunable;
+      const auto &inputs = facts_.inputs;
+      const bool is_input = std::find(inputs.begin(), inputs.end(), meta.object) != inputs.end();
+      variable.role = is_input ? Role::input : Role::tunable;
       variable.start = readable(meta) ? value_of(meta, raw(meta.object)) : 0.0;
     }
     return variable;
   }
 
-  // Targets and commands, which a client of a bus maps to PDOs or which have no value of their own.
-  static bool changes_in_run(const axis_object_meta_t &meta) {
-    return meta.mappable == AXIS_MAPPABLE_BOTH || meta.object == AXIS_OBJ_MODE ||
-           std::string_view(meta.kind) == "command";
-  }
   static bool readable(const axis_object_meta_t &meta) {
     return std::string_view(meta.access) != "wo";
   }
@@ -266,28 +260,37 @@ class FirmwareUnit final : public Unit {
     return readable(meta) ? value_of(meta, raw(meta.object)) : values_[variable];
   }
 
-  // Writes an object if the value differs from the value that was set last. So an importer may set
-  // an input at each communication point, although the firmware changes the object itself.
+  // Writes an object. Throws ValueRefused if the firmware refuses the write.
   void write(std::size_t variable, double value) {
-    if (value == values_[variable]) return;
     const axis_object_meta_t &meta = meta_of(variable);
-    const double nearest = std::round(value / meta.scale);
-    const bool is_command = !readable(meta) && value == 0.0;
-    if (!is_command) {
-      const auto refuse = [&](const std::string &reason) {
-        throw ValueRefused(variables_[variable].name + ": the firmware refuses " +
-                           sim::number_text(value) + ": " + reason);
-      };
+    const double number = std::round(value / meta.scale);
+    const auto refuse = [&](const std::string &reason) {
+      throw ValueRefused(variables_[variable].name + ": the firmware refuses " +
+                         sim::number_text(value) + ": " + reason);
+    };
+    if (is_new(variable, number)) {
       const auto low = static_cast<double>(meta.min), high = static_cast<double>(meta.max);
-      if (nearest < low || nearest > high)
+      if (number < low || number > high)
         refuse("expected a value from " + sim::number_text(low * meta.scale) + " to " +
                sim::number_text(high * meta.scale));
-      const auto word = static_cast<std::int32_t>(static_cast<std::int64_t>(nearest));
-      if (const int error = fw_object_write(&memory_->fw, FW_SOURCE_LOCAL, meta.object, word);
-          error != FW_OK)
-        refuse(host::refusal_text(error));
+      const int error =
+          fw_object_write(&memory_->fw, FW_SOURCE_LOCAL, meta.object,
+                          static_cast<std::int32_t>(static_cast<std::int64_t>(number)));
+      if (error != FW_OK) refuse(host::refusal_text(error));
     }
     values_[variable] = value;
+  }
+
+  // Returns true if the raw value `number` is to be written. A parameter is written unless the
+  // object has this value. An importer sets an input at each communication point: it is written if
+  // it has changed, so that the axis does not start again by itself after a fault, or if it is 0
+  // and the object is not, so that a stop always acts.
+  bool is_new(std::size_t variable, double number) const {
+    const axis_object_meta_t &meta = meta_of(variable);
+    const double present = readable(meta) ? std::round(read(variable) / meta.scale) : 0.0;
+    if (variables_[variable].role == Role::tunable) return number != present;
+    const double before = std::round(values_[variable] / meta.scale);
+    return number == 0.0 ? present != 0.0 : number != before;
   }
 
   host::ExperimentWrites::Write writer() {
@@ -296,9 +299,7 @@ class FirmwareUnit final : public Unit {
     };
   }
 
-  host::Experiment experiment_;
-  int dac_bits_;
-  std::vector<std::uint32_t> program_;
+  FirmwareFacts facts_;
   std::unique_ptr<Memory> memory_;
   std::vector<const axis_object_meta_t *> objects_;  // of the variables from kFirstObject on
   std::optional<host::ExperimentWrites> writes_;
@@ -310,9 +311,8 @@ class FirmwareUnit final : public Unit {
 
 }  // namespace
 
-std::unique_ptr<Unit> firmware_unit(host::Experiment experiment, int dac_bits,
-                                    std::vector<std::uint32_t> program) {
-  return std::make_unique<FirmwareUnit>(std::move(experiment), dac_bits, std::move(program));
+std::unique_ptr<Unit> firmware_unit(FirmwareFacts facts) {
+  return std::make_unique<FirmwareUnit>(std::move(facts));
 }
 
 }  // namespace forceaxis::fmu

@@ -50,11 +50,13 @@ class Reader {
   host::ObjectWrite write(const toml::node &row, std::size_t first, const char *key) const {
     const toml::array *places = row.as_array();
     if (places == nullptr || places->size() != first + 2) fail(key);
-    const auto object =
-        host::find_object(required(places->get(first)->value_exact<std::string>(), key));
+    const std::uint16_t object = this->object(*places->get(first), key);
     const std::int64_t raw =
         number(places->get(first + 1), key, std::numeric_limits<std::int32_t>::min(), UINT32_MAX);
-    return {required(object, key), static_cast<std::int32_t>(raw)};
+    return {object, static_cast<std::int32_t>(raw)};
+  }
+  std::uint16_t object(const toml::node &name, const char *key) const {
+    return required(host::find_object(required(name.value_exact<std::string>(), key)), key);
   }
   [[noreturn]] void fail(const char *key) const {
     throw sim::InputError(file_, key, "expected what `forceaxis fmu` writes; write the unit again");
@@ -75,22 +77,24 @@ class Reader {
 };
 
 std::unique_ptr<Unit> read_firmware(const Reader &reader) {
-  host::Experiment experiment;
-  experiment.file = reader.file();
+  FirmwareFacts facts;
+  facts.experiment.file = reader.file();
   for (const toml::node &row : reader.array("initial"))
-    experiment.initial.push_back(reader.write(row, 0, "initial"));
+    facts.experiment.initial.push_back(reader.write(row, 0, "initial"));
   for (const toml::node &row : reader.array("at")) {
     const host::ObjectWrite write = reader.write(row, 1, "at");
-    host::Action &action = experiment.actions.emplace_back();
+    host::Action &action = facts.experiment.actions.emplace_back();
     action.tick = reader.number(row.as_array()->get(0), "at", 0, host::kEndlessTicks);
     action.writes.push_back(write);
   }
-  std::vector<std::uint32_t> program;
   for (const toml::node &word : reader.array("program"))
-    program.push_back(static_cast<std::uint32_t>(reader.number(&word, "program", 0, UINT32_MAX)));
-  const std::int64_t bits = reader.number(reader.table().get("dac_bits"), "dac_bits",
-                                          AXIS_DAC_BITS_MIN, AXIS_DAC_BITS_MAX);
-  return firmware_unit(std::move(experiment), static_cast<int>(bits), std::move(program));
+    facts.program.push_back(
+        static_cast<std::uint32_t>(reader.number(&word, "program", 0, UINT32_MAX)));
+  for (const toml::node &name : reader.array("inputs"))
+    facts.inputs.push_back(reader.object(name, "inputs"));
+  facts.dac_bits = static_cast<int>(reader.number(reader.table().get("dac_bits"), "dac_bits",
+                                                  AXIS_DAC_BITS_MIN, AXIS_DAC_BITS_MAX));
+  return firmware_unit(std::move(facts));
 }
 
 }  // namespace

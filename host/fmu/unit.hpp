@@ -87,7 +87,8 @@ struct OpenedUnit {
 //   kind = "plant" or "firmware", token
 //   plant:    model (file name), seed, set (table of parameters with their values)
 //   firmware: dac_bits, initial (array of [object, raw value]), at (array of [tick, object, raw
-//             value]), program (array of words of firmware/cycle/program.h, empty without program)
+//             value]), program (array of words of firmware/cycle/program.h, empty without program),
+//             inputs (array of names of objects)
 // Throws sim::InputError.
 OpenedUnit open_unit(const std::filesystem::path &resources);
 

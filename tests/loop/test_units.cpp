@@ -8,6 +8,7 @@
 #include <map>
 #include <random>
 
+#include "firmware/objects/generated/axis_objects.h"
 #include "host/fmu/codes.hpp"
 #include "host/fmu/firmware_unit.hpp"
 #include "host/fmu/instance.hpp"
@@ -33,12 +34,13 @@ std::vector<sim::Override> set_of(const host::Experiment &experiment) {
 
 // The two units of an experiment, stepped in the order of forceaxis.
 struct Loop {
-  explicit Loop(const host::Experiment &experiment)
+  explicit Loop(const host::Experiment &experiment, std::vector<std::uint16_t> inputs = {})
       : plant(plant_unit(experiment.model->file, set_of(experiment),
                          static_cast<std::int32_t>(experiment.seed))),
         firmware(firmware_unit(
-            experiment, experiment.model->dac.bits,
-            experiment.cycle ? experiment.cycle->record : std::vector<std::uint32_t>{})) {
+            {experiment, experiment.model->dac.bits,
+             experiment.cycle ? experiment.cycle->record : std::vector<std::uint32_t>{},
+             std::move(inputs)})) {
     for (const Code &code : kCodes)
       codes.emplace_back(place_of(*plant, code.name), place_of(*firmware, code.name));
     for (const char *name : {"dac_code", "amp_enable", "brake_release"})
@@ -175,19 +177,45 @@ TEST(Units, AWriteThatTheFirmwareRefusesLeavesTheValue) {
 }
 
 // An importer sets all inputs at each communication point, although the firmware changes `mode`
-// after a fault. A value that did not change is not written again.
-TEST(Units, AnInputThatIsSetAgainIsNotWrittenAgain) {
-  Loop loop(load("contact", 1));
+// after a fault.
+TEST(Units, AnInputThatIsSetAgainStartsNothing) {
+  Loop loop(load("contact", 1), {AXIS_OBJ_MODE});
   Unit &firmware = *loop.firmware;
   const std::size_t mode = place_of(firmware, "axis.mode");
+  EXPECT_EQ(firmware.variables()[mode].role, Role::input);
   const double force = firmware.get(mode);
   loop.ticks(10);
   firmware.set(place_of(firmware, "enable"), 0);
   firmware.tick();
   EXPECT_NE(firmware.get(place_of(firmware, "axis.fault")), 0);
   ASSERT_EQ(firmware.get(mode), 0);
+  firmware.set(place_of(firmware, "enable"), 1);
+  firmware.set(place_of(firmware, "axis.fault_reset"), 1);
   firmware.set(mode, force);
+  firmware.tick();
+  EXPECT_EQ(firmware.get(place_of(firmware, "axis.fault")), 0);
   EXPECT_EQ(firmware.get(mode), 0);
+  firmware.set(mode, 0);
+  firmware.set(mode, force);
+  EXPECT_EQ(firmware.get(mode), force);
+}
+
+// The experiment starts the axis by itself, so the 0 that stops it is not a new value of the input.
+TEST(Units, AStopAlwaysActs) {
+  for (const bool is_input : {false, true}) {
+    std::vector<std::uint16_t> inputs;
+    if (is_input) inputs = {AXIS_OBJ_MODE, AXIS_OBJ_CONTROLWORD};
+    for (const char *stop : {"axis.mode", "drive.controlword"}) {
+      Loop loop(load("press_hold_retract", 3), inputs);
+      Unit &firmware = *loop.firmware;
+      const std::size_t enable = place_of(firmware, "amp_enable");
+      loop.ticks(1500);
+      ASSERT_EQ(firmware.get(enable), 1) << stop;
+      firmware.set(place_of(firmware, stop), 0);
+      loop.ticks(1500);
+      EXPECT_EQ(firmware.get(enable), 0) << stop << is_input;
+    }
+  }
 }
 
 TEST(TickClock, AStepIsAWholeNumberOfTicks) {

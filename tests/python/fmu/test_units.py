@@ -80,6 +80,25 @@ def test_signals_and_codes_have_their_units(written):
     assert {f"{o.part}.{o.name}" for o in parts} <= of_objects.keys()
 
 
+def test_an_object_can_be_an_input(tmp_path):
+    file = fmus.write(
+        "firmware", CONTACT, tmp_path / "unit.fmu", "2.0", "--input", "force_setpoint"
+    )
+    with fmus.Fmpy(file) as firmware:
+        by_name = {v.name: v for v in firmware.description.modelVariables}
+        one = by_name["axis.force_setpoint"]
+        assert (one.causality, one.variability, one.start) == ("input", "discrete", "30.0")
+        other = by_name["axis.force_gain"]
+        assert (other.causality, other.variability, other.start) == ("parameter", "tunable", "5.0")
+        firmware.start()
+        firmware.step(0)
+        (before,) = firmware.ints(["dac_code"])
+        firmware.put_reals(["axis.force_setpoint"], [40.0])
+        firmware.step(1)
+        # 10 counts more at a gain of 5 codes per count
+        assert firmware.ints(["dac_code"]) == [before + 50]
+
+
 def test_equal_units_have_equal_bytes(written, tmp_path):
     again = fmus.write("plant", KINDS["plant"], tmp_path / "again.fmu")
     assert again.read_bytes() == written["plant", "2.0"].read_bytes()

@@ -56,6 +56,8 @@ WRONG = [
     ("fmu plant contact.toml --fmi 1.0 --out u.fmu", "'--fmi'", "'2.0', '3.0'"),
     ("fmu firmware model.toml --out u.fmu", "got a model", "`forceaxis fmu plant` takes"),
     ("fmu firmware --set firmware.force_gain=3 --out u.fmu", "--set", "expected an experiment"),
+    ("fmu firmware --input force_gian --out u.fmu", "--input: force_gian", "mean force_gain"),
+    ("fmu firmware --input node_id --out u.fmu", "--input: node_id", "a writable object of"),
     ("fmu firmware bad.toml --out u.fmu", "bad.toml: line 1", "expected valid TOML"),
     ("sweep contact --grid m_w=1:2:3", "'--out'"),
     ("sweep contact --out maps", "expected at least one parameter to vary", "--bisect"),

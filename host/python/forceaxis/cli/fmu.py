@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, cast
 import click
 
 from forceaxis import paths
-from forceaxis.cli.common import Callback, File, Subject, Verb, Verbs, as_json, print_result
+from forceaxis.cli.common import (
+    Callback,
+    File,
+    Object,
+    Subject,
+    Verb,
+    Verbs,
+    as_json,
+    print_result,
+)
 from forceaxis.cli.common import set_option as set_values
 
 if TYPE_CHECKING:
@@ -74,12 +83,26 @@ def plant(model: Path, overrides: tuple[str, ...], version: str, out: Path, as_j
 @fmu.command(
     cls=Verb,
     epilog="""forceaxis fmu firmware contact --out firmware.fmu
-    forceaxis fmu firmware press/axis.toml --fmi 3.0 --out firmware.fmu""",
+    forceaxis fmu firmware press/axis.toml --input target_force --fmi 3.0 --out firmware.fmu""",
 )
 @click.argument("file", type=Subject(paths.EXPERIMENTS, as_path=True), required=False)
 @unit_options("As for run: a parameter or an object of the experiment. Repeatable.")
+@click.option(
+    "--input",
+    "inputs",
+    multiple=True,
+    type=Object(),
+    metavar="OBJECT",
+    help="Object that is an input, such as target_force, so that a signal can be connected to it. "
+    "Repeatable.",
+)
 def firmware(
-    file: Path | None, overrides: tuple[str, ...], version: str, out: Path, as_json: bool
+    file: Path | None,
+    overrides: tuple[str, ...],
+    inputs: tuple[str, ...],
+    version: str,
+    out: Path,
+    as_json: bool,
 ) -> None:
     """Write the firmware of an axis.
 
@@ -87,11 +110,12 @@ def firmware(
     file of `forceaxis axis params dump`; the table [measured] of such a file is not used. Without
     FILE the objects have their defaults. Inputs are the codes of encoder, ADCs and switches;
     outputs are dac_code, amp_enable and brake_release. The objects are variables PART.OBJECT, such
-    as axis.force_setpoint.
+    as axis.force_setpoint: signals are outputs, other objects are parameters that can be set at any
+    time.
     """
     from forceaxis.fmu import unit
 
-    done = unit.write_firmware(file, overrides, cast("Version", version), out)
+    done = unit.write_firmware(file, overrides, inputs, cast("Version", version), out)
     show(done, as_json)
 
 

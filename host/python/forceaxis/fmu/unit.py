@@ -13,8 +13,10 @@ from typing import Any
 from forceaxis import _core, objects, paths, toml
 from forceaxis._core import InputError
 from forceaxis.axis import parameter_file
+from forceaxis.errors import ParameterError
 from forceaxis.fmu import description
 from forceaxis.fmu.description import About, Variable, Version
+from forceaxis.words import suggestion
 
 LIBRARY = Path(_core.__file__).with_name(f"{description.LIBRARY}.so")
 LINUX_FOLDERS = {"2.0": {"x86_64": "linux64"}, "3.0": {}}  # others: MACHINE-linux
@@ -62,13 +64,30 @@ def write_plant(
 
 
 def write_firmware(
-    source: Path | None, overrides: Sequence[str], version: Version, out: Path
+    source: Path | None,
+    overrides: Sequence[str],
+    inputs: Sequence[str],
+    version: Version,
+    out: Path,
 ) -> Written:
     """Writes the unit of the firmware with the objects, events and program of an experiment, with
-    the parameters of a parameter file, or with its defaults. Raises InputError and OSError."""
-    facts = {"kind": "firmware"} | _writes(source, overrides)
+    the parameters of a parameter file, or with its defaults. `inputs` are names of objects that
+    are inputs of the unit. Raises InputError and OSError."""
+    for name in inputs:
+        _expect_input(name)
+    facts = {"kind": "firmware", "inputs": list(inputs)} | _writes(source, overrides)
     title = str(facts.pop("title"))
     return _write(facts, {}, source, title, version, out)
+
+
+def _expect_input(name: str) -> None:
+    writable = [o.name for o in objects.OBJECTS if "w" in o.access and o.part in PARTS]
+    if name not in writable:
+        raise ParameterError(
+            "input",
+            f"{name}: expected a writable object of the parts {', '.join(PARTS)}"
+            f"{suggestion(name, writable)}; `forceaxis objects` lists them",
+        )
 
 
 def _writes(source: Path | None, overrides: Sequence[str]) -> dict[str, Any]:
