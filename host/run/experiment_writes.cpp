@@ -4,8 +4,6 @@
 #include "host/run/objects.hpp"
 
 namespace forceaxis::host {
-namespace {
-
 const char *refusal_text(int error) {
   switch (error) {
     case FW_ERROR_RANGE:
@@ -17,8 +15,6 @@ const char *refusal_text(int error) {
       return "cannot be written";
   }
 }
-
-}  // namespace
 
 void ExperimentWrites::write_initial(const Write &write) const {
   std::vector<ObjectWrite> remaining = experiment_->initial;

@@ -18,6 +18,9 @@ struct Refusal {
   std::string reason;
 };
 
+// Returns a text for people about FW_ERROR_, the answer to a refused write.
+const char *refusal_text(int error);
+
 class ExperimentWrites {
  public:
   // Function that writes an object before a tick and returns FW_OK or FW_ERROR_.

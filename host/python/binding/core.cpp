@@ -464,6 +464,7 @@ PYBIND11_MODULE(_core, m) {
   add_cycle(m);
   add_drive402(m);
   add_excite(m);
+  add_fmu(m);
   add_link(m);
   add_live(m);
   add_objects(m);

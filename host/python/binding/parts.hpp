@@ -6,6 +6,7 @@ void add_bench(pybind11::module_ &m);     // bench.cpp
 void add_cycle(pybind11::module_ &m);     // cycle.cpp
 void add_drive402(pybind11::module_ &m);  // drive402.cpp
 void add_excite(pybind11::module_ &m);    // excite.cpp
+void add_fmu(pybind11::module_ &m);       // fmu.cpp
 void add_laws(pybind11::module_ &m);      // laws.cpp
 void add_linear(pybind11::module_ &m);    // linear.cpp
 void add_link(pybind11::module_ &m);      // link.cpp

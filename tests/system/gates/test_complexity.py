@@ -80,6 +80,11 @@ EXCEPTIONS = {
         "stepper: Stepper::step": 16,
         "stepper: Stepper::switch_to": 16,
     },
+    "a function of the standard FMI, which gives it its parameters": {
+        "fmi3: fmi3DoStep": 1,
+        "fmi3: fmi3InstantiateCoSimulation": 6,
+        "fmi3: fmi3InstantiateScheduledExecution": 1,
+    },
     "a function of Python, whose keywords are its parameters and whose threads are in it": {
         "bench: BenchCase::sweep": 14,
         "core: run_many": 19,

@@ -17,7 +17,7 @@ ORDER = (
     ("drawing",),
     ("bus", "chip", "linear"),
     ("experiments", "identify", "axis", "versions"),
-    ("cycles", "design", "thesis"),
+    ("cycles", "design", "fmu", "thesis"),
     ("bench", "commission"),
     ("pages",),
     ("cli",),

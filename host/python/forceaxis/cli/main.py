@@ -46,6 +46,7 @@ GROUPS = {
         "replay": "experiments",
         "report": "thesis",
         "objects": "objects",
+        "fmu": "fmu",
     },
     "Its force loop": {
         "limit": "loops",

@@ -1,0 +1,25 @@
+#pragma once
+// The firmware of an axis on no bus as a unit: codes of encoder and ADCs in, DAC code and enable
+// out, and the objects of its parts axis, law, recorder and drive as variables PART.OBJECT in the
+// units of the object table. Writable objects are tunable parameters, or inputs if they are asked
+// for.
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "host/fmu/unit.hpp"
+#include "host/run/experiment.hpp"
+
+namespace forceaxis::fmu {
+
+struct FirmwareFacts {
+  host::Experiment experiment;  // its writes: `initial` at once, `actions` before their ticks
+  int dac_bits = 12;
+  std::vector<std::uint32_t> program;  // words of firmware/cycle/program.h; empty without program
+  std::vector<std::uint16_t> inputs;   // objects (AXIS_OBJ_) that are inputs
+};
+
+// Powers up a firmware and makes the initial writes. Throws sim::InputError.
+std::unique_ptr<Unit> firmware_unit(FirmwareFacts facts);
+
+}  // namespace forceaxis::fmu

@@ -1,0 +1,193 @@
+#include "host/fmu/plant_unit.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <optional>
+
+#include "host/fmu/codes.hpp"
+#include "sim/hybrid/plant.hpp"
+#include "sim/model/text.hpp"
+
+namespace forceaxis::fmu {
+namespace {
+
+using sim::Plant;
+using sim::SensorCodes;
+
+double code_value(const SensorCodes &codes, std::size_t code) {
+  constexpr sim::SwitchBit kSwitches[] = {sim::kLimitPos, sim::kLimitNeg, sim::kIndex, sim::kHome};
+  switch (code) {
+    case kEncoder:
+      return codes.encoder;
+    case kPositionAge:
+      return codes.encoder_age;
+    case kAdc0:
+      return codes.adc[0];
+    case kAdc1:
+      return codes.adc[1];
+    case kForceAge:
+      return codes.force_age;
+    case kDriveReport:
+      return codes.drive;
+    default:
+      return (codes.switches & kSwitches[code - kLimitPos]) != 0;
+  }
+}
+
+constexpr std::size_t kInputs = 3;  // dac_code, amp_enable, brake_release
+
+class PlantUnit final : public Unit {
+ public:
+  PlantUnit(const std::filesystem::path &path, std::span<const sim::Override> set,
+            std::int32_t seed)
+      : file_(path), set_(set.begin(), set.end()) {
+    const sim::Model model = file_.model(set_);
+    list_inputs(model);
+    for (const Code &code : kCodes)
+      variables_.push_back({code.name, code.type, Role::output, code.unit, code.meaning});
+    first_signal_ = variables_.size();
+    for (const sim::SignalInfo &signal : model.signal_list())
+      variables_.push_back({signal.name, Type::real, Role::output,
+                            std::string(sim::unit_of(signal.dimension)),
+                            "true signal of the model"});
+    seed_ = variables_.size();
+    variables_.push_back({"seed", Type::int32, Role::fixed, "", "seed of the noise, not negative",
+                          static_cast<double>(seed)});
+    list_parameters(model);
+    list_time();
+    reset();
+  }
+
+  double get(std::size_t variable) override {
+    if (variable < first_code_ || variable >= seed_) return values_[variable];
+    build();
+    if (variable >= first_signal_) return plant_->signal_at(variable - first_signal_);
+    return code_value(codes_, variable - first_code_);
+  }
+
+  void set(std::size_t variable, double value) override {
+    if (variable == seed_ && value < 0)
+      throw ValueRefused("seed: expected a number from 0 to 2147483647, got " +
+                         sim::number_text(value));
+    const bool changes = values_[variable] != value;
+    values_[variable] = value;
+    if (changes && variables_[variable].role == Role::fixed) plant_.reset();
+  }
+
+  void initialise() override { build(); }
+
+  void tick() override {
+    const int code = static_cast<int>(values_[0]);
+    if (code < -top_ || code >= top_)
+      throw ValueRefused("dac_code: expected a code from " + std::to_string(-top_) + " to " +
+                         std::to_string(top_ - 1) + ", got " + std::to_string(code));
+    for (std::size_t i = 0; i < impulse_bodies_.size(); ++i) {
+      const double impulse = values_[kInputs + i];
+      if (impulse != 0.0) plant_->apply_impulse(impulse_bodies_[i], impulse);
+    }
+    plant_->step(code, values_[1] != 0.0, values_[2] != 0.0);
+    codes_ = plant_->codes();
+  }
+
+  void reset() override {
+    values_.resize(variables_.size());
+    for (std::size_t i = 0; i < variables_.size(); ++i) values_[i] = variables_[i].start;
+    plant_.reset();
+  }
+
+  std::unique_ptr<State> state() override {
+    auto copy = std::make_unique<Copy>();
+    copy->values = values_;
+    copy->plant = plant_;
+    copy->codes = codes_;
+    copy->top = top_;
+    return copy;
+  }
+  void restore(const State &state) override {
+    const Copy &copy = static_cast<const Copy &>(state);
+    values_ = copy.values;
+    if (copy.plant)
+      plant_.emplace(*copy.plant);
+    else
+      plant_.reset();
+    codes_ = copy.codes;
+    top_ = copy.top;
+  }
+
+ private:
+  struct Copy final : State {
+    std::vector<double> values;
+    std::optional<Plant> plant;
+    SensorCodes codes;
+    int top = 0;
+  };
+
+  void list_inputs(const sim::Model &model) {
+    variables_ = {
+        {"dac_code", Type::int32, Role::input, "code", "code of the DAC of the model"},
+        {"amp_enable", Type::boolean, Role::input, "", "output of the firmware: amplifier enabled"},
+        {"brake_release", Type::boolean, Role::input, "", "output of the firmware: brake released"},
+    };
+    for (const sim::Body &body : model.bodies) {
+      impulse_bodies_.push_back(body.name);
+      variables_.push_back({"impulse." + body.name, Type::real, Role::input, "N s",
+                            "impulse on the body at the begin of each tick of a step"});
+    }
+    first_code_ = variables_.size();
+  }
+
+  void list_parameters(const sim::Model &model) {
+    for (const sim::Parameter &parameter : model.parameters) {
+      if (!parameter.used) continue;
+      variables_.push_back({"model." + parameter.name, Type::real, Role::fixed, parameter.unit,
+                            parameter.source.empty()
+                                ? "parameter of the model"
+                                : "parameter of the model; " + parameter.source,
+                            parameter.value});
+    }
+  }
+
+  // Builds the plant with the present parameters. A parameter with its start value is not
+  // overridden, so that parameters which are computed from others follow them.
+  void build() {
+    if (plant_) return;
+    std::map<std::string, sim::Override> changed;
+    for (const sim::Override &own : set_) changed[own.parameter] = own;
+    constexpr std::size_t kPrefix = sizeof("model.") - 1;
+    for (std::size_t i = seed_ + 1; i < variables_.size(); ++i) {
+      if (variables_[i].role != Role::fixed || values_[i] == variables_[i].start) continue;
+      const std::string name = variables_[i].name.substr(kPrefix);
+      changed[name] = {name, values_[i]};
+    }
+    std::vector<sim::Override> overrides;
+    for (const auto &[name, override] : changed) overrides.push_back(override);
+    auto model = std::make_shared<const sim::Model>(file_.model(overrides));
+    top_ = 1 << (model->dac.bits - 1);
+    const auto seed = static_cast<std::uint64_t>(values_[seed_]);
+    plant_.emplace(std::move(model), sim::PlantOptions{.listed_events = 0, .seed = seed});
+    codes_ = plant_->codes();
+  }
+
+  sim::ModelFile file_;
+  std::vector<sim::Override> set_;
+  std::vector<std::string> impulse_bodies_;
+  std::size_t first_code_ = 0;
+  std::size_t first_signal_ = 0;
+  std::size_t seed_ = 0;        // variable of the seed; the parameters of the model follow it
+  std::vector<double> values_;  // of inputs and parameters
+  std::optional<Plant> plant_;  // empty until a value of it is needed
+  // Codes of this tick. Plant::codes() is called once in each tick, because it reads the index
+  // pulse.
+  SensorCodes codes_;
+  int top_ = 0;  // number of codes of the DAC from 0 on
+};
+
+}  // namespace
+
+std::unique_ptr<Unit> plant_unit(const std::filesystem::path &model,
+                                 std::span<const sim::Override> set, std::int32_t seed) {
+  return std::make_unique<PlantUnit>(model, set, seed);
+}
+
+}  // namespace forceaxis::fmu

@@ -1,0 +1,1 @@
+"""Co-simulation units (FMUs) of plants and firmware, for the simulators of others."""

@@ -1,0 +1,166 @@
+"""Writes the co-simulation unit (FMU) of a plant or of a firmware: a ZIP file of the description,
+the compiled library and the resources from which the library makes the unit."""
+
+import hashlib
+import platform
+import tempfile
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from forceaxis import _core, objects, paths, toml
+from forceaxis._core import InputError
+from forceaxis.axis import parameter_file
+from forceaxis.errors import ParameterError
+from forceaxis.fmu import description
+from forceaxis.fmu.description import About, Variable, Version
+from forceaxis.words import suggestion
+
+LIBRARY = Path(_core.__file__).with_name(f"{description.LIBRARY}.so")
+LINUX_FOLDERS = {"2.0": {"x86_64": "linux64"}, "3.0": {}}  # others: MACHINE-linux
+# Objects that a unit has; the others concern buses and boards.
+PARTS = ("axis", "law", "recorder", "drive")
+NODE_ID = 1  # of a unit, which is on no bus
+WRITTEN = (1980, 1, 1, 0, 0, 0)  # date of all files, so that equal units have equal bytes
+
+
+@dataclass(frozen=True)
+class Written:
+    """A unit that was written."""
+
+    file: Path
+    version: str  # of FMI
+    kind: str  # "plant" or "firmware"
+    source: str  # model, experiment or parameter file; "" for a firmware with its defaults
+    inputs: int
+    outputs: int
+    parameters: int
+
+
+def write_plant(
+    source: Path, overrides: Mapping[str, float | str], version: Version, out: Path
+) -> Written:
+    """Writes the unit of the plant of a model, or of the model of an experiment with the values and
+    the seed of the experiment. `overrides` are new values of its parameters. Raises InputError and
+    OSError."""
+    model, values, seed = source, dict(overrides), 0
+    content = toml.read(source)
+    if "model" in content:
+        _core.inputs(source)  # raises InputError if the experiment has errors
+        model = source.parent / str(content["model"])
+        values = dict(content.get("set", {})) | values
+        seed = int(content.get("seed", 0))
+        content = toml.read(model)
+    resources = {model.name: model.read_bytes()}
+    shared = content.get("parameters_file")
+    if isinstance(shared, str) and (model.parent / shared).is_file():
+        resources[shared] = (model.parent / shared).read_bytes()
+    _core.Plant(model, values)  # raises InputError with the name of the user's file
+    facts = {"kind": "plant", "model": model.name, "seed": seed, "set": values}
+    title = str(content.get("title", model.stem))
+    return _write(facts, resources, source, title, version, out)
+
+
+def write_firmware(
+    source: Path | None,
+    overrides: Sequence[str],
+    inputs: Sequence[str],
+    version: Version,
+    out: Path,
+) -> Written:
+    """Writes the unit of the firmware with the objects, events and program of an experiment, with
+    the parameters of a parameter file, or with its defaults. `inputs` are names of objects that
+    are inputs of the unit. Raises InputError and OSError."""
+    for name in inputs:
+        _expect_input(name)
+    facts = {"kind": "firmware", "inputs": list(inputs)} | _writes(source, overrides)
+    title = str(facts.pop("title"))
+    return _write(facts, {}, source, title, version, out)
+
+
+def _expect_input(name: str) -> None:
+    writable = [o.name for o in objects.OBJECTS if "w" in o.access and o.part in PARTS]
+    if name not in writable:
+        raise ParameterError(
+            "input",
+            f"{name}: expected a writable object of the parts {', '.join(PARTS)}"
+            f"{suggestion(name, writable)}; `forceaxis objects` lists them",
+        )
+
+
+def _writes(source: Path | None, overrides: Sequence[str]) -> dict[str, Any]:
+    if source is not None:
+        content = toml.read(source)
+        if "model" in content:
+            return _core.fmu_writes(source, list(overrides))
+        if "body" in content:
+            raise InputError(
+                f"{source}: expected an experiment or a parameter file, got a model; `forceaxis "
+                "fmu plant` takes a model"
+            )
+    if overrides:
+        raise InputError("--set: expected an experiment, whose values it replaces")
+    values = parameter_file.read(source, NODE_ID).values if source is not None else {}
+    initial = [(n, raw) for n, raw in values.items() if objects.BY_NAME[n].part in PARTS]
+    bits = values.get("dac_bits", objects.BY_NAME["dac_bits"].default)
+    title = "firmware with its defaults" if source is None else source.name
+    return {"title": title, "dac_bits": bits, "initial": initial, "at": [], "program": []}
+
+
+def _write(
+    facts: dict[str, Any],
+    resources: dict[str, bytes],
+    source: Path | None,
+    title: str,
+    version: Version,
+    out: Path,
+) -> Written:
+    library = LIBRARY.read_bytes()
+    token = _token(version, facts, resources, library)
+    resources |= {"forceaxis.unit": toml.write_text(facts | {"token": token}).encode()}
+    variables = _variables(resources)
+    about = About(f"forceaxis {facts['kind']}", title, token)
+    machine = platform.machine()
+    folder = LINUX_FOLDERS[version].get(machine, f"{machine}-linux")
+    files = {
+        "modelDescription.xml": description.xml(version, about, variables),
+        f"binaries/{folder}/{LIBRARY.name}": library,
+        **{f"resources/{name}": content for name, content in sorted(resources.items())},
+    }
+    with (
+        paths.replacing(out.parent, out.name) as (new,),
+        zipfile.ZipFile(new, "w", zipfile.ZIP_DEFLATED) as archive,
+    ):
+        for name, content in files.items():
+            entry = zipfile.ZipInfo(name, WRITTEN)
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, content, zipfile.ZIP_DEFLATED)
+    counted = [v.causality for v in variables]
+    return Written(
+        out,
+        version,
+        facts["kind"],
+        "" if source is None else str(source),
+        counted.count("input"),
+        counted.count("output"),
+        counted.count("parameter"),
+    )
+
+
+def _token(
+    version: Version, facts: Mapping[str, Any], resources: Mapping[str, bytes], library: bytes
+) -> str:
+    """Returns a hash of everything that a unit consists of."""
+    content = [version.encode(), toml.write_text(facts).encode(), library]
+    content += [part for name, data in sorted(resources.items()) for part in (name.encode(), data)]
+    return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in content)).hexdigest()
+
+
+def _variables(resources: Mapping[str, bytes]) -> list[Variable]:
+    """Returns the variables of the unit that the library makes from these resources."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in resources.items():
+            (Path(folder) / name).write_bytes(content)
+        return [Variable(**v) for v in _core.fmu_variables(folder)]
