@@ -7,8 +7,8 @@ import pytest
 from chip import Chip
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import COMMAND_SOURCES, Link, Refused, unsigned
-from forceaxis.chip import bringup
-from forceaxis.chip.bringup import FAILED, PASSED, SKIPPED, BringupRequest, bring_up
+from forceaxis.commission import bringup
+from forceaxis.commission.bringup import FAILED, PASSED, SKIPPED, BringupRequest, bring_up
 from forceaxis.results import from_json, to_json
 
 FORCE, CURRENT = 6, 7  # channels of the ADC

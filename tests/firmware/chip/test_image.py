@@ -11,7 +11,9 @@ from forceaxis.chip import emulator
 
 # What QEMU has no model of.
 REPLACED = {
-    "tick_timer_start", "tick_timer_take", "tick_timer_is_due",
+    "tick_timer_start",
+    "tick_timer_take",
+    "tick_timer_is_due",
     *("io_init", "io_make_safe", "io_node_id", "io_serial_number", "io_clock_is_right"),
     *(
         "port_sample",

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from forceaxis.chip import bringup
+from forceaxis.commission import bringup
 
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 

@@ -8,9 +8,9 @@ import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.chip import bringup as steps
 from forceaxis.cli.common import File, Verb, coloured
 from forceaxis.cli.live_options import AxisConnection, live, owned
+from forceaxis.commission import bringup as steps
 from forceaxis.results import to_json
 
 
@@ -60,12 +60,12 @@ class Terminal:
 @click.option("--out", type=File(), help="Protocol as JSON, written after each step.")
 def bringup(connection: AxisConnection, names: tuple[str, ...], out: Path | None) -> None:
     """Bring a new board into operation without a motor. The command asks for an action at the
-    board, reads the objects of the axis, judges each step, and writes a protocol.
+    board, reads the objects of the axis, checks each step, and writes a protocol.
 
     The steps are: identity of the firmware, cause of the last reset, errors that the board finds in
     itself, time of the tick, contacts, encoder, inputs of force and motor current, outputs, CAN,
     CAN after a short circuit, parameters after a power cut, watchdog. They need a voltmeter. The
-    step "outputs" enables the axis and puts out DAC codes from -2000 to 2000, so motor and
+    step "outputs" enables the axis and outputs DAC codes from -2000 to 2000, so motor and
     amplifier have to be disconnected. Ctrl-C disables the axis.
 
     The exit status is 0 if every step was done and passed, and 1 otherwise.

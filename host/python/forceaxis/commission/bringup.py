@@ -1,5 +1,5 @@
 """Brings a board into operation without a motor. Each step asks a person to do something at the
-board, reads objects of the axis, and judges what was read. The steps are those of
+board, reads objects of the axis, and checks what was read. The steps are those of
 firmware/port/stm32f4/README.md.
 
     protocol = bring_up(axis, Person(), BringupRequest())
@@ -267,7 +267,7 @@ def check_tick(bench: Bench) -> BringupStep:
 
 
 def error_at(axis: Axis, code: int, position: int) -> str:
-    """Puts out a DAC code for 0.1 s, with the axis enabled. Returns the errors of the outputs, or
+    """Outputs a DAC code for 0.1 s, with the axis enabled. Returns the errors of the outputs, or
     an empty text. `position`: that of the axis at rest, in encoder counts."""
     refusal = ""
     try:
@@ -285,7 +285,7 @@ def error_at(axis: Axis, code: int, position: int) -> str:
 
 
 def check_outputs(bench: Bench) -> BringupStep:
-    """Puts out DAC codes with the amplifier enabled, and lets the board read back PA4 and PB0."""
+    """Outputs DAC codes with the amplifier enabled, and lets the board read back PA4 and PB0."""
     axis = bench.axis
     bench.act(
         "Disconnect the motor and the amplifier. Close the enable chain and both limit contacts. "
@@ -476,7 +476,7 @@ def check_watchdog(bench: Bench) -> BringupStep:
 
 
 def after_reset(bench: Bench, wanted: int, name: str, otherwise: str) -> BringupStep:
-    """Judges the cause of a reset that has just been caused."""
+    """Checks the cause of a reset that has just been caused."""
     cause = bench.axis.integer("reset_cause")
     if cause & wanted:
         return passed(f"the last reset was by: {causes_of(cause)}", reset_cause=cause)
