@@ -249,7 +249,8 @@ TEST(TickClock, PointsAreRoundedFarFromTheStart) {
 class Calls : public testing::Test {
  protected:
   void SetUp() override {
-    folder_ = std::filesystem::path(testing::TempDir()) / "units";
+    const auto *test = testing::UnitTest::GetInstance()->current_test_info();
+    folder_ = std::filesystem::path(testing::TempDir()) / ("units_" + std::string(test->name()));
     std::filesystem::create_directories(folder_);
     std::filesystem::copy_file(SIM_DIR "/models/axis_contact.toml", folder_ / "model.toml",
                                std::filesystem::copy_options::overwrite_existing);
