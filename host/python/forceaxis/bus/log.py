@@ -1,21 +1,23 @@
-"""Writes, reads and summarises log files of LCM messages in the format of lcm-logger.
+"""Writes, reads and summarises log files of LCM messages, in the format of lcm-logger or as MCAP.
 
 The reader of liblcm stops at the first damaged byte without a message. This reader continues at the
 next entry and reports the number of skipped bytes.
 """
 
+import importlib.util
 import struct
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple, Protocol
 
 import numpy as np
 
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.bus.lcm import Gaps, Undecodable, channel_of, decode, type_of
+from forceaxis.errors import ParameterError
 
 SYNC_MARK = 0xEDA1DA01
 SYNC_BYTES = struct.pack(">I", SYNC_MARK)
@@ -23,6 +25,8 @@ SYNC_BYTES = struct.pack(">I", SYNC_MARK)
 # size in bytes of the channel's name, size in bytes of the data
 HEADER = struct.Struct(">IqqII")
 LONGEST_CHANNEL, LONGEST_DATA = 255, 1 << 28
+LOG, MCAP = ".log", ".mcap"  # suffixes of the two formats
+MCAP_MAGIC = b"\x89MCAP0\r\n"
 
 
 class LogEntry(NamedTuple):
@@ -31,6 +35,72 @@ class LogEntry(NamedTuple):
     wall_us: int
     channel: str
     data: bytes
+
+
+class RecordingReader(Protocol):
+    """Iterates over the messages of a recording. After the iteration, `count` is the number of
+    messages, and `damage` describes in one text line what was skipped, or is None."""
+
+    path: Path
+    count: int
+
+    def __iter__(self) -> Iterator[LogEntry]: ...
+
+    @property
+    def damage(self) -> str | None: ...
+
+
+class RecordingWriter(Protocol):
+    """Writes messages to a new recording."""
+
+    path: Path
+    count: int
+
+    def write(self, channel: str, data: bytes, wall_us: int) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def reader_of(path: Path) -> RecordingReader:
+    """Returns a reader of a recording, in the format that the begin of the file has. Raises
+    InputError, also if MCAP needs a package that is not installed."""
+    try:
+        with path.open("rb") as file:
+            is_mcap = file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
+    except OSError:
+        return LogReader(path)  # which says why it cannot read the file
+    if not is_mcap:
+        return LogReader(path)
+    expect_mcap(path)
+    from forceaxis.bus.mcap_file import McapReader
+
+    return McapReader(path)
+
+
+def writer_of(path: Path, stream: BinaryIO | None = None) -> RecordingWriter:
+    """Returns a writer of a new recording, in the format of the suffix of `path`: MCAP for .mcap,
+    else the format of lcm-logger. With a `stream`, the writer writes there. Raises InputError."""
+    if path.suffix != MCAP:
+        return LogWriter(path, stream)
+    expect_mcap(path)
+    from forceaxis.bus.mcap_file import McapWriter
+
+    return McapWriter(path, stream)
+
+
+def expect_suffix(path: Path, parameter: str) -> None:
+    """Raises ParameterError if the suffix of `path` is that of no recording."""
+    if path.suffix not in (LOG, MCAP):
+        raise ParameterError(parameter, f"{path}: expected a file ending in {MCAP} or {LOG}")
+
+
+def expect_mcap(path: Path) -> None:
+    """Raises InputError if the package that reads and writes MCAP is not installed."""
+    if importlib.util.find_spec("mcap") is None:
+        raise InputError(
+            f"{paths.display(path)}: expected the package mcap; install mcap with `pip install "
+            "'forceaxis[mcap]'`"
+        )
 
 
 @dataclass(frozen=True)
@@ -90,20 +160,26 @@ class _ChannelCount:
         )
 
 
+def new_file(path: Path) -> BinaryIO:
+    """Creates a file, and opens it for writing. Raises InputError if the file exists, OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        return path.open("xb")
+    except FileExistsError:
+        raise InputError(
+            f"{paths.display(path)}: expected the name of a new file, but this file already "
+            "exists; choose another name"
+        ) from None
+
+
 class LogWriter:
     """Writes a log that lcm-logplayer and other LCM tools can read. The writer flushes the file
-    twice a second, so that few messages are lost if the process is killed."""
+    twice a second, so that few messages are lost if the process is killed. Without a `stream`, the
+    writer creates the file. Raises InputError if the file exists."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, stream: BinaryIO | None = None) -> None:
         self.path, self.count = path, 0
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            self._file = path.open("xb")
-        except FileExistsError:
-            raise InputError(
-                f"{paths.display(path)}: expected the name of a new file, but this file already "
-                "exists; choose another name"
-            ) from None
+        self._file = new_file(path) if stream is None else stream
         self._flushed = time.monotonic()
 
     def write(self, channel: str, data: bytes, wall_us: int) -> None:
@@ -195,13 +271,13 @@ def _why(error: Exception) -> str:
     return getattr(error, "strerror", None) or str(error)
 
 
-def expect_messages(reader: LogReader) -> None:
+def expect_messages(reader: RecordingReader) -> None:
     """Raises InputError if a log contains no message."""
     if not reader.count:
         raise no_messages(reader)
 
 
-def no_messages(reader: LogReader) -> InputError:
+def no_messages(reader: RecordingReader) -> InputError:
     """Returns the error for a log that contains no message."""
     return InputError(
         f"{paths.display(reader.path)}: expected an LCM log with at least one message, got a log "
@@ -211,7 +287,7 @@ def no_messages(reader: LogReader) -> InputError:
 
 def info(path: Path) -> LogSummary:
     """Returns the summary of a log: channels, counts, time span and lost messages."""
-    reader, counts = LogReader(path), dict[str, _ChannelCount]()
+    reader, counts = reader_of(path), dict[str, _ChannelCount]()
     for entry in reader:
         seen = counts.setdefault(entry.channel, _ChannelCount(entry.wall_us))
         seen.count += 1
@@ -236,6 +312,30 @@ def info(path: Path) -> LogSummary:
         damage=reader.damage,
         channels={name: counts[name].summary() for name in sorted(counts, key=_order)},
     )
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """Result of the conversion of a recording to another format."""
+
+    file: Path
+    target: Path
+    messages: int
+    damage: str | None  # what was not read of a damaged recording
+
+
+def convert(path: Path, target: Path) -> Conversion:
+    """Writes a recording in the format of the suffix of `target`, complete or not at all. Raises
+    InputError, OSError."""
+    expect_suffix(target, "target")
+    reader = reader_of(path)
+    with paths.replacing(target.parent, target.name) as (file,), file.open("wb") as stream:
+        writer = writer_of(target, stream)
+        for entry in reader:
+            writer.write(entry.channel, entry.data, entry.wall_us)
+        expect_messages(reader)
+        writer.close()
+    return Conversion(path, target, reader.count, reader.damage)
 
 
 def _order(channel: str) -> tuple[bool, int, str]:

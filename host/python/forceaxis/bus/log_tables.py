@@ -1,4 +1,4 @@
-"""Exports the messages of an LCM log as tables in CSV and NPZ files."""
+"""Exports the messages of a recording of LCM messages as tables in CSV and NPZ files."""
 
 import csv
 from array import array
@@ -16,7 +16,7 @@ from forceaxis._core import TICKS_PER_SECOND
 from forceaxis.bus import state_names
 from forceaxis.bus.capture_assembly import Assembly, fits, unit_of
 from forceaxis.bus.lcm import NOT_AVAILABLE, Gaps, Undecodable, channel_of, decode, type_of
-from forceaxis.bus.log import LogEntry, LogReader, expect_messages
+from forceaxis.bus.log import LogEntry, expect_messages, reader_of
 from forceaxis.bus.messages import (
     axis_capture_t,
     axis_command_t,
@@ -163,7 +163,7 @@ class _Exporter:
 
 def export(path: Path, out: Path, kinds: Sequence[str] = ("csv", "npz")) -> ExportSummary:
     """Writes all tables of a log to the folder `out`."""
-    reader, exporter = LogReader(path), _Exporter()
+    reader, exporter = reader_of(path), _Exporter()
     for entry in reader:
         exporter.take(entry)
     expect_messages(reader)
@@ -204,7 +204,7 @@ def message_row(message: Message, wall_us: int) -> Row:
         row.update(state_words(message))
     if isinstance(message, axis_state_t | sim_clock_t):
         for name, raw in zip(message.more_name, message.more_value, strict=True):
-            row[column_name(name)] = _engineering(name, raw)
+            row[column_name(name)] = engineering(name, raw)
     if isinstance(message, axis_command_t | axis_event_t):
         pairs = zip(message.object, message.value, strict=True)
         row |= {"items_raw": "; ".join(f"{name}={raw}" for name, raw in pairs)}
@@ -238,7 +238,7 @@ def state_words(state: axis_state_t) -> dict[str, str]:
 
 def truth_rows(message: sim_truth_t) -> Iterator[Row]:
     """Returns the samples of a sim_truth_t message as rows in SI units."""
-    names = [_with_unit(n, u) for n, u in zip(message.signal, message.unit, strict=True)]
+    names = [with_unit(n, u) for n, u in zip(message.signal, message.unit, strict=True)]
     for i, values in enumerate(message.value):
         tick = message.first_tick + i * message.decimation
         row: Row = {"tick": tick, "time_s": tick / TICKS_PER_SECOND}
@@ -262,17 +262,17 @@ def column_name(name: str) -> str:
     The name does not change if the object has no unit or if the name already ends with the unit,
     such as dac_code.
     """
-    return _with_unit(name, unit_of(name))
+    return with_unit(name, unit_of(name))
 
 
-def _with_unit(name: str, unit: str) -> str:
+def with_unit(name: str, unit: str) -> str:
     word = unit.replace("/", "_per_").replace("^", "").replace(" ", "_")
     if unit in ("", "1") or name.endswith(f"_{word}"):
         return name
     return f"{name}_{word}"
 
 
-def _engineering(name: str, raw: int) -> float | None:
+def engineering(name: str, raw: int) -> float | None:
     if raw == NOT_AVAILABLE:
         return None
     known = BY_NAME.get(name)
