@@ -9,6 +9,7 @@ import re
 import signal
 import struct
 import subprocess
+import sys
 import time
 from functools import partial
 
@@ -31,7 +32,7 @@ from live_bus import (  # noqa: F401
 
 EXPERIMENT = ROOT / "sim/experiments/contact.toml"
 NODES = ROOT / "build/release/host"
-SESSION_S = 4
+SESSION_S = 3
 MESSAGE_DATA = 0x01
 
 
@@ -196,8 +197,8 @@ def test_a_live_session_has_no_gap_and_the_bytes_of_the_log(url, tmp_path):
     assert set(client.messages) == set(topics)
     assert client.info["capabilities"] == []
 
-    # Every message after the subscription to its topic, byte for byte as in the log of the command;
-    # the log of lcm-logger has nothing else, but perhaps another copy of a record that was repeated.
+    # Every message after the subscription to its topic, byte for byte as in the log of the command.
+    # That of lcm-logger has nothing else, but perhaps another copy of a record that was repeated.
     for channel, topic in zip(channels, shown, strict=True):
         own, other = (
             [entry.data for entry in logs.LogReader(file) if entry.channel == channel]
@@ -307,7 +308,7 @@ def test_a_recording_is_served_too(url, tmp_path):
     done = forceaxis("run", EXPERIMENT, "--set", "experiment.duration_s=2", "--record", record)
     assert done.returncode == 0, done.stderr
     process = subprocess.Popen(
-        [FORCEAXIS, "monitor", "--foxglove", "--port", "0", "--replay", record],
+        [FORCEAXIS, "monitor", "--foxglove", "--port", "0", "--replay", record, "--speed", "10"],
         stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:
@@ -336,6 +337,11 @@ def _last_tick(client):
 )
 def test_bad_usage_is_one_line_and_status_2(arguments, words):
     refused(forceaxis("monitor", *arguments), *words)
+
+
+def test_without_the_package_one_line_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    refused(forceaxis("monitor", "--foxglove"), "pip install 'forceaxis[foxglove]'")
 
 
 def test_a_port_in_use_is_refused(url):

@@ -51,7 +51,9 @@ def mapping(kind, pdos, found):
     lines = [f"  {kind}:"]
     for number, indices in enumerate(pdos, 1):
         lines.append(f"    {number}:")
-        lines.append(f'      {{enabled: true, cob_id: "auto", transmission: {EVERY_SYNC}, mapping: [')
+        lines.append(
+            f'      {{enabled: true, cob_id: "auto", transmission: {EVERY_SYNC}, mapping: ['
+        )
         for index in indices:
             at = found.get((index, 0))
             if not at or not at.entry["mappable"]:

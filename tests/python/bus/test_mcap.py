@@ -86,7 +86,9 @@ def test_the_recording_of_a_run_is_its_trace(run):
 
 
 def test_the_same_run_gives_the_same_file(run, tmp_path):
-    forceaxis("run", EXPERIMENT, "--set", "experiment.duration_s=2", "--record", tmp_path / "r.mcap")
+    forceaxis(
+        "run", EXPERIMENT, "--set", "experiment.duration_s=2", "--record", tmp_path / "r.mcap"
+    )
     assert (tmp_path / "r.mcap").read_bytes() == (run / "run.mcap").read_bytes()
 
 

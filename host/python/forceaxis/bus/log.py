@@ -4,7 +4,6 @@ The reader of liblcm stops at the first damaged byte without a message. This rea
 next entry and reports the number of skipped bytes.
 """
 
-import importlib.util
 import struct
 import time
 from collections.abc import Iterator
@@ -17,7 +16,7 @@ import numpy as np
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.bus.lcm import Gaps, Undecodable, channel_of, decode, type_of
-from forceaxis.errors import ParameterError
+from forceaxis.errors import ParameterError, expect_package
 
 SYNC_MARK = 0xEDA1DA01
 SYNC_BYTES = struct.pack(">I", SYNC_MARK)
@@ -71,7 +70,7 @@ def reader_of(path: Path) -> RecordingReader:
         return LogReader(path)  # which says why it cannot read the file
     if not is_mcap:
         return LogReader(path)
-    expect_mcap(path)
+    expect_package(paths.display(path), "mcap", "mcap", "mcap")
     from forceaxis.bus.mcap_file import McapReader
 
     return McapReader(path)
@@ -82,7 +81,7 @@ def writer_of(path: Path, stream: BinaryIO | None = None) -> RecordingWriter:
     else the format of lcm-logger. With a `stream`, the writer writes there. Raises InputError."""
     if path.suffix != MCAP:
         return LogWriter(path, stream)
-    expect_mcap(path)
+    expect_package(paths.display(path), "mcap", "mcap", "mcap")
     from forceaxis.bus.mcap_file import McapWriter
 
     return McapWriter(path, stream)
@@ -92,15 +91,6 @@ def expect_suffix(path: Path, parameter: str) -> None:
     """Raises ParameterError if the suffix of `path` is that of no recording."""
     if path.suffix not in (LOG, MCAP):
         raise ParameterError(parameter, f"{path}: expected a file ending in {MCAP} or {LOG}")
-
-
-def expect_mcap(path: Path) -> None:
-    """Raises InputError if the package that reads and writes MCAP is not installed."""
-    if importlib.util.find_spec("mcap") is None:
-        raise InputError(
-            f"{paths.display(path)}: expected the package mcap; install mcap with `pip install "
-            "'forceaxis[mcap]'`"
-        )
 
 
 @dataclass(frozen=True)

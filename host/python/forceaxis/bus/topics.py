@@ -274,7 +274,9 @@ class Topics:
         known = self._samples.get(channel)
         if known is None or known[0] != signals:
             is_truth = isinstance(block, sim_truth_t)
-            units = list(block.unit) if is_truth else [unit_of(name) or "1" for name in signals]
+            units = [unit_of(name) or "1" for name in signals]
+            if isinstance(block, sim_truth_t):
+                units = list(block.unit)
             names = [with_unit(n, u) for n, u in zip(signals, units, strict=True)]
             title = f"forceaxis.{'truth' if is_truth else 'capture'}_sample"
             schema = json_schema(

@@ -23,6 +23,7 @@ from forceaxis.cli.common import (
     print_result,
     show,
 )
+from forceaxis.errors import expect_package
 
 if TYPE_CHECKING:
     from forceaxis.bus.monitor_state import Watch
@@ -200,13 +201,9 @@ def serve(settings: "MonitorSettings", host: str, port: int) -> NoReturn:
     status is 128 plus the number of the signal."""
     from forceaxis.bus.sources import AddressError
 
-    try:
-        from forceaxis.bus import monitor_web
-    except ImportError:
-        raise InputError(
-            "--web: expected the package textual-serve; install textual-serve with `pip install "
-            "'forceaxis[web]'`"
-        ) from None
+    expect_package("--web", "textual_serve", "textual-serve", "web")
+    from forceaxis.bus import monitor_web
+
     ready = lambda url: show([("monitor", url)])  # noqa: E731
     try:
         sys.exit(128 + monitor_web.serve(settings, host, port, ready))
@@ -221,13 +218,8 @@ def serve_foxglove(
     128 plus the number of the signal."""
     from forceaxis.bus.sources import AddressError
 
-    try:
-        from forceaxis.bus import foxglove_server
-    except ImportError:
-        raise InputError(
-            "--foxglove: expected the package foxglove-sdk; install foxglove-sdk with `pip install "
-            "'forceaxis[foxglove]'`"
-        ) from None
+    expect_package("--foxglove", "foxglove", "foxglove-sdk", "foxglove")
+    from forceaxis.bus import foxglove_server
 
     def ready(url: str) -> None:
         show([("foxglove", url), ("layout", paths.quoted(foxglove_server.LAYOUT))])
