@@ -16,6 +16,7 @@ from functools import partial
 import aiohttp
 import pytest
 from forceaxis.bus import log as logs
+from forceaxis.bus import recordings
 from forceaxis.bus.foxglove_server import LAYOUT
 from forceaxis.bus.lcm import Bus, decode
 from forceaxis.bus.messages import sim_clock_t, sim_truth_t
@@ -186,7 +187,7 @@ def test_a_live_session_has_no_gap_and_the_bytes_of_the_log(url, tmp_path):
     for name in "abcd":
         (tmp_path / name).mkdir()
         client, record, log = live_session(url, tmp_path / name)
-        if all(one.lost == 0 for one in logs.info(record).channels.values()):
+        if all(one.lost == 0 for one in recordings.info(record).channels.values()):
             break
     else:
         raise AssertionError("UDP has lost datagrams in each of four sessions")

@@ -47,17 +47,19 @@ axis_1:
 
 
 def mapping(kind, pdos, found):
-    """The lines of the PDOs of one direction."""
+    """The lines of the PDOs of one direction, without objects that the table does not have."""
     lines = [f"  {kind}:"]
     for number, indices in enumerate(pdos, 1):
+        objects = {index: found[index, 0] for index in indices if (index, 0) in found}
+        if not objects:
+            continue
         lines.append(f"    {number}:")
         lines.append(
             f'      {{enabled: true, cob_id: "auto", transmission: {EVERY_SYNC}, mapping: ['
         )
-        for index in indices:
-            at = found.get((index, 0))
-            if not at or not at.entry["mappable"]:
-                fail(f"object at {index:#x}", "mappable", "expected an object that a PDO carries")
+        for index, at in objects.items():
+            if not at.entry["mappable"]:
+                fail(f"object {at.name}", "mappable", "expected an object that a PDO may carry")
             lines.append(f"        {{index: 0x{index:04X}, sub_index: 0}},  # {at.name}")
         lines.append("      ]}")
     return lines

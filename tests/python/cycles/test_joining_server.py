@@ -1,5 +1,5 @@
-"""`forceaxis cycle serve`: records as joining results of OPC 40450-1, read and watched by the client
-of node-opcua."""
+"""`forceaxis cycle serve`: records as joining results of OPC 40450-1, read and watched by the
+client of node-opcua."""
 
 import asyncio
 import contextlib

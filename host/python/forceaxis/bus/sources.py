@@ -10,7 +10,7 @@ from typing import Protocol
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.bus.lcm import Bus, default_url, now_us
-from forceaxis.bus.log import RecordingWriter, no_messages, reader_of, writer_of
+from forceaxis.bus.recordings import RecordingWriter, no_messages, reader_of, writer_of
 
 
 class AddressError(InputError):

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 from forceaxis._core import TICKS_PER_SECOND
 from forceaxis.bus.capture_assembly import fits, unit_of
 from forceaxis.bus.lcm import NOT_AVAILABLE, Gaps, Undecodable, channel_of, decode, type_of
-from forceaxis.bus.log_tables import column_name, engineering, message_row, with_unit
+from forceaxis.bus.message_rows import column_name, engineering, message_row, with_unit
 from forceaxis.bus.messages import axis_capture_t, axis_state_t, sim_truth_t
 from forceaxis.bus.monitor_state import AxisWatch
 from forceaxis.bus.wire import Message

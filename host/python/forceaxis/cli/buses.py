@@ -279,10 +279,10 @@ def info(log_path: Path, as_json: bool) -> None:
 
     A log that is damaged or incomplete is read as far as possible; one line names what was skipped.
     """
-    from forceaxis.bus import log as logs
+    from forceaxis.bus import recordings
     from forceaxis.cli.buses_text import log_text
 
-    summary = logs.info(log_path)
+    summary = recordings.info(log_path)
     print_result(summary, as_json, lambda: log_text(summary))
     report_damage(summary.damage)
 
@@ -334,9 +334,9 @@ def convert(log_path: Path, target: Path, as_json: bool) -> None:
     the same messages as JSON for viewers, with the unit of each number in the schema; the samples
     of a block become one message each, with tick and time_s.
     """
-    from forceaxis.bus import log as logs
+    from forceaxis.bus import recordings
 
-    done = logs.convert(log_path, target)
+    done = recordings.convert(log_path, target)
     print_result(done, as_json, lambda: f"{paths.quoted(target)}: {done.messages} messages")
     report_damage(done.damage)
 

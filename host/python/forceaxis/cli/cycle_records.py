@@ -424,8 +424,8 @@ def statistics(
     deviation, Cp, Cpk and a run chart.
 
     SOURCE is a folder with records, as `cycle start`, `cycle result` and `cycle watch` write it
-    with --out, its file parts.jsonl, the folder of `cycle rates`, or a table parts.csv of either. Of
-    simulated parts only the good ones count.
+    with --out, its file parts.jsonl, the folder of `cycle rates`, or a table parts.csv of either.
+    Of simulated parts only the good ones count.
 
     With the standard deviation s (n - 1) of all values, Cp is (most - least) / 6 s, and Cpk is the
     distance of the mean to the nearer bound / 3 s; an element with one bound has no Cp. Other texts

@@ -92,10 +92,10 @@ def run(
     is 0 for every verdict. With --link the firmware is a separate process; the exit status is 1 if
     the two processes compute different trace hashes or one of them does not answer.
     """
-    from forceaxis.bus import log as recordings
-
     over = link_of(kind, lcm_url, link_can, inject)
     if record:
+        from forceaxis.bus import recordings
+
         recordings.expect_suffix(record, "record")
     with waiting(f"running {paths.display(experiment)}"):
         done = runs.run(experiment, overrides, over)

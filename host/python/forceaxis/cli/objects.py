@@ -113,8 +113,8 @@ def objects_(pattern: str, as_json: bool, **files: Path | None) -> None:
     wanted = {kind: path for kind, path in files.items() if path}
     if wanted and pattern:
         raise click.UsageError(
-            f"{pattern}: expected no pattern together with {', '.join(FILE_OPTIONS)}, because these "
-            "files describe all objects"
+            f"{pattern}: expected no pattern together with {', '.join(FILE_OPTIONS)}, because "
+            "these files describe all objects"
         )
     if len({path.resolve() for path in wanted.values()}) < len(wanted):
         raise click.UsageError(

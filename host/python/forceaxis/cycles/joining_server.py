@@ -1,14 +1,14 @@
-"""An OPC UA server of joining results (OPC 40450-1, Industrial Joining Technologies): the records of
-a folder, read-only.
+"""An OPC UA server of joining results (OPC 40450-1, Industrial Joining Technologies): the records
+of a folder, read-only.
 
     Objects/Machines/AXIS                     JoiningSystemType
       ResultManagement                        JoiningSystemResultManagementType
         Results/00003_0000000017              JoiningSystemResultType, one for each part
         GetLatestResult, GetResultById
 
-A new record becomes a new result, with the event JoiningSystemResultReadyEventType. The server reads
-the folder alone and has no connection to the axis. Clients can read and subscribe; they can neither
-write nor add nodes.
+A new record becomes a new result, with the event JoiningSystemResultReadyEventType. The server
+reads the folder alone and has no connection to the axis. Clients can read and subscribe; they can
+neither write nor add nodes.
 
 The type definitions are the nodesets of the OPC Foundation. They are not part of this program; the
 npm package node-opcua-nodesets has them.

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from forceaxis import paths
-from forceaxis.bus.log import LogEntry, writer_of
+from forceaxis.bus.log import LogEntry
 from forceaxis.bus.messages import sim_truth_t
+from forceaxis.bus.recordings import writer_of
 from forceaxis.experiments.run import Run
 from forceaxis.objects import BY_NAME
 
