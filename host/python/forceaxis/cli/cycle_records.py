@@ -485,9 +485,10 @@ def serve(folder: Path, host: str, port: int, nodesets: Path | None) -> None:
     """Serve the records of a folder as joining results over OPC UA (OPC 40450-1), read-only.
 
     FOLDER has records, as `cycle start`, `cycle result` and `cycle watch` write it with --out. Each
-    part is a result below ResultManagement/Results: its elements with value, bounds, unit and
-    verdict, its curve as a trace, and serial number, program and times as meta data. A record that
-    is added later becomes a result at once, and the server sends the event that a result is ready.
+    of the last 200 parts is a result below ResultManagement/Results: its elements with value,
+    bounds, unit and verdict, its curve as a trace, and serial number, program and times as meta
+    data. A record that is added later becomes a result at once, and the server sends the event that
+    a result is ready.
     The command reads only the folder; it has no connection to the axis. Clients need no password,
     so use --host only in a network whose members may see the results. SIGINT or SIGTERM ends it.
     """

@@ -21,6 +21,7 @@ import math
 import signal
 import socket
 import sys
+import time
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -65,8 +66,9 @@ UNIT_CODES = {
 }  # fmt: skip
 CEFACT = "http://www.opcfoundation.org/UA/units/un/cefact"
 SIMULATED = "the simulated axis"  # begin of the connection of a simulated axis (axis/sim.py)
-RESULTS_MOST = 1000  # newest parts that are results; the folder keeps all
+RESULTS_MOST = 200  # newest parts that are results; the folder keeps all
 POLL_S = 0.5  # between two looks into the folder
+SETTLED_NS = 1_000_000_000  # after a change, far longer than the resolution of a file's time
 COMPLETED, STATE_ABORTED, STATE_FAILED = 1, 3, 4  # ResultState of OPC 40001-101
 NO_HANDLE, NO_ERROR, UNKNOWN_RESULT = 0, 0, 1
 # Services that would change the server.
@@ -246,6 +248,7 @@ class JoiningServer:
         self._nodes: dict[str, Node] = {}  # of the results, in the order of the parts
         self._values: dict[str, Structure] = {}
         self._own = 0
+        self._read_ns = 0  # time of the last change of the folder, if it has been read since
 
     async def open(self, nodesets: Path) -> None:
         """Loads the types, and adds the nodes of the axis. Raises InputError."""
@@ -341,7 +344,14 @@ class JoiningServer:
 
     async def update(self) -> None:
         """Adds the records that are new in the folder as results. A record that cannot be read is
-        read again next time. The oldest results beyond RESULTS_MOST are removed."""
+        read again when the folder has changed. The oldest results beyond RESULTS_MOST are
+        removed."""
+        changed_ns = (self._folder / PARTS).stat().st_mtime_ns
+        if changed_ns == self._read_ns:
+            return
+        # Two changes may have the same time, so a folder that has just changed is read again.
+        is_settled = time.time_ns() - changed_ns > SETTLED_NS
+        self._read_ns = changed_ns if is_settled else 0
         for key, file in list(files_of(self._folder).items())[-RESULTS_MOST:]:
             if key in self._known:
                 continue
