@@ -51,6 +51,7 @@ OTHER_FILES = {
     # Files that are generated for other programs.
     "objects/generated/forceaxis.eds",
     "objects/generated/forceaxis.dbc",
+    "objects/generated/forceaxis-bus.yml",
     "objects/generated/forceaxis-modbus.csv",
 }
 HOST_ONLY = "objects/generated/axis_objects_meta.h"

@@ -9,6 +9,7 @@ Reads firmware/objects/axis_objects.toml, and what 0.1.0 stored in released/ bes
   firmware/objects/generated/axis_objects_meta.h   host, Python: names, units, scales, texts, hash
   firmware/objects/generated/forceaxis.eds         for CANopen masters, CiA 306
   firmware/objects/generated/forceaxis.dbc         the default PDOs of nodes 1 to 6
+  firmware/objects/generated/forceaxis-bus.yml     a bus with one axis, for ros2_canopen
   firmware/objects/generated/forceaxis-modbus.csv  registers and bits
   docs/objects/                                    the manual's pages
 
@@ -20,7 +21,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from objects import c, dbc, eds, manual, modbus
+from objects import c, dbc, eds, manual, modbus, ros2
 from objects.table import TABLE, TableError, load_table
 
 
@@ -28,7 +29,7 @@ def generate(root):
     """{path below the root: text} of every generated file."""
     table = load_table(root / TABLE)
     files = {}
-    for output in (c, eds, dbc, modbus, manual):
+    for output in (c, eds, dbc, ros2, modbus, manual):
         files |= output.generate(table)
     return files
 

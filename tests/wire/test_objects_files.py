@@ -235,6 +235,41 @@ def test_dcfchk_accepts_the_data_sheet(node):
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+def test_dcfgen_makes_the_files_of_a_master_for_ros2_canopen(tmp_path):
+    """Each write that it gives to the axis is of an object that a master may write, in range."""
+    for name in ("forceaxis.eds", "forceaxis-bus.yml"):
+        shutil.copyfile(GENERATED / name, tmp_path / name)
+    done = subprocess.run(
+        [BIN / "dcfgen", "-v", "-r", "forceaxis-bus.yml"],
+        capture_output=True, text=True, check=False, cwd=tmp_path,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "master.dcf").exists() and (tmp_path / "axis_1.bin").exists()
+    line = r"^axis_1: writing (\d) bytes to 0x(\w+)/(\d+): ((?:\w\w ?)+)$"
+    writes = re.findall(line, done.stdout, re.MULTILINE)
+    assert len(writes) == done.stdout.count("axis_1: writing") > 30
+    values = {}
+    for size, index, sub, data in writes:
+        at = int(index, 16), int(sub)
+        name, o, _ = AT[at]
+        number, bits, _, _ = DATA_TYPES[o["type"]]
+        value = int.from_bytes(bytes.fromhex(data), "little")
+        low, high = range_of(o)
+        assert o["access"] == "rw" and 8 * int(size) == bits and number, name
+        assert low <= value <= high, name
+        values[at] = value
+    # CiA 301: the axis (node 1) watches the heartbeat of node 127 for three of its 100 ms.
+    assert values[0x1016, 1] == 127 << 16 | 300 and values[0x1017, 0] == 100
+    # CiA 402: what the driver of ros2_canopen needs is mapped, each object once.
+    mappings = [
+        at for at in values if at[0] in range(0x1600, 0x1604) or at[0] in range(0x1A00, 0x1A04)
+    ]
+    mapped = [values[at] >> 16 for at in mappings if 0 < at[1] <= values[at[0], 0]]
+    assert sorted(mapped) == [0x6040, 0x6041, 0x6060, 0x6061, 0x6064, 0x606C, 0x6071, 0x6077,
+                              0x607A, 0x60FF]  # fmt: skip
+    assert values[0x1800, 1] == 0x181 and values[0x1400, 1] == 0x201
+
+
 def test_dcfchk_would_object(tmp_path):
     """The check above can fail: one limit beyond its type."""
     broken = tmp_path / "broken.eds"
@@ -676,7 +711,8 @@ def forceaxis(*arguments):
 
 
 def test_the_verb_writes_the_files(tmp_path):
-    names = {"eds": "forceaxis.eds", "dbc": "forceaxis.dbc", "modbus": "forceaxis-modbus.csv"}
+    names = {"eds": "forceaxis.eds", "dbc": "forceaxis.dbc", "ros2": "forceaxis-bus.yml",
+             "modbus": "forceaxis-modbus.csv"}  # fmt: skip
     options = [text for kind in names for text in (f"--{kind}", tmp_path / kind)]
     done = forceaxis("objects", *options, "--json")
     assert done.returncode == 0, done.stderr

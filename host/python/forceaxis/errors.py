@@ -1,6 +1,8 @@
 """Errors of the library, with one exception type for each error that a caller has to
 distinguish."""
 
+import importlib.util
+
 from forceaxis._core import InputError
 
 
@@ -19,3 +21,13 @@ class ParameterError(InputError):
     def __reduce__(self) -> tuple[type["ParameterError"], tuple[str, str]]:
         # Without this method, an error in a worker process could not reach this process.
         return type(self), (self.parameter, self.text)
+
+
+def expect_package(where: str, module: str, package: str, extra: str) -> None:
+    """Raises InputError, with `where`, if the `module` of a `package` is not installed. `extra` is
+    the optional part of forceaxis that installs the package."""
+    if importlib.util.find_spec(module) is None:
+        raise InputError(
+            f"{where}: expected the package {package}; install {package} with `pip install "
+            f"'forceaxis[{extra}]'`"
+        )

@@ -290,3 +290,24 @@ def test_of_simulated_parts_the_good_ones_are_read(tmp_path):
     found = records.read_parts(tmp_path)
     assert (len(found.records), found.left_out) == (1, 1)
     assert found.records[0].elements == [ElementFigure("a", "", "good", 0.5, "N", 0.1, None)]
+
+
+def test_json_lines_are_all_records_and_are_read_again(tmp_path):
+    with RecordFolder(tmp_path / "records") as folder:
+        folder.add(part(2, curve=[(0.0, 0.0, 1.5)]))
+        folder.add(part(1))
+        lines = folder.write_lines()
+        written = list(folder.records())
+    texts = lines.read_text(encoding="utf-8").splitlines()
+    assert [from_json(PartRecord, json.loads(text)) for text in texts] == written
+    assert [one.number for one in written] == [1, 2] and written[1].curve
+    parts = records.read_parts(lines)
+    assert parts.records == written
+    assert [one.number for one in records.read_parts(lines, last=1).records] == [2]
+
+
+def test_a_wrong_line_of_json_is_refused(tmp_path):
+    file = tmp_path / "parts.jsonl"
+    file.write_text(json.dumps(to_json(part(1))) + "\n{\n")
+    with pytest.raises(InputError, match=r"parts\.jsonl: line 2: expected the record of a part"):
+        records.read_parts(file)

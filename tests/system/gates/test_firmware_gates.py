@@ -23,6 +23,7 @@ GENERATED = (
     "firmware/objects/generated/axis_objects_meta.h",
     "firmware/objects/generated/forceaxis.eds",
     "firmware/objects/generated/forceaxis.dbc",
+    "firmware/objects/generated/forceaxis-bus.yml",
     "firmware/objects/generated/forceaxis-modbus.csv",
     "docs/objects/modbus.md",
     "docs/objects/objects.md",

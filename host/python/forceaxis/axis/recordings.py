@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from forceaxis import paths
 from forceaxis.axis.link import Recording
-from forceaxis.bus.log_tables import column_name
+from forceaxis.bus.message_rows import column_name
 
 FILES = ("capture.csv", "capture.npz", "capture.png")
 

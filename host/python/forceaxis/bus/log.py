@@ -1,4 +1,4 @@
-"""Writes, reads and summarises log files of LCM messages in the format of lcm-logger.
+"""Writes and reads log files of LCM messages in the format of lcm-logger.
 
 The reader of liblcm stops at the first damaged byte without a message. This reader continues at the
 next entry and reports the number of skipped bytes.
@@ -7,15 +7,13 @@ next entry and reports the number of skipped bytes.
 import struct
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.bus.lcm import Gaps, Undecodable, channel_of, decode, type_of
 
 SYNC_MARK = 0xEDA1DA01
 SYNC_BYTES = struct.pack(">I", SYNC_MARK)
@@ -33,77 +31,26 @@ class LogEntry(NamedTuple):
     data: bytes
 
 
-@dataclass(frozen=True)
-class ChannelSummary:
-    """Counts and message rate of one channel of a log. The numbers of lost and repeated messages
-    are None for a channel of a different program."""
-
-    type: str | None
-    count: int
-    bytes: int
-    span_s: float
-    rate_per_s: float | None
-    lost: int | None
-    doubled: int | None
-    runs: int | None
-    undecodable: int
-
-
-@dataclass(frozen=True)
-class LogSummary:
-    """Summary of a log, the result of `forceaxis log info --json`."""
-
-    file: Path
-    messages: int
-    span_s: float
-    start_wall_us: int
-    damage: str | None
-    channels: dict[str, ChannelSummary]  # channels sorted by axis and name
-
-
-@dataclass
-class _ChannelCount:
-    """Message counts of one channel, updated while a log is read."""
-
-    first_us: int
-    last_us: int = 0
-    type: str | None = None
-    count: int = 0
-    bytes: int = 0
-    undecodable: int = 0
-    gaps: Gaps = field(default_factory=Gaps)
-
-    def summary(self) -> ChannelSummary:
-        """Returns the message counts as a result."""
-        span_s = (self.last_us - self.first_us) / 1e6
-        ours = self.type is not None
-        return ChannelSummary(
-            type=self.type,
-            count=self.count,
-            bytes=self.bytes,
-            span_s=span_s,
-            rate_per_s=(self.count - 1) / span_s if span_s > 0 else None,
-            lost=self.gaps.lost if ours else None,
-            doubled=self.gaps.doubled if ours else None,
-            runs=self.gaps.restarts + 1 if ours else None,
-            undecodable=self.undecodable,
-        )
+def new_file(path: Path) -> BinaryIO:
+    """Creates a file, and opens it for writing. Raises InputError if the file exists, OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        return path.open("xb")
+    except FileExistsError:
+        raise InputError(
+            f"{paths.display(path)}: expected the name of a new file, but this file already "
+            "exists; choose another name"
+        ) from None
 
 
 class LogWriter:
     """Writes a log that lcm-logplayer and other LCM tools can read. The writer flushes the file
-    twice a second, so that few messages are lost if the process is killed."""
+    twice a second, so that few messages are lost if the process is killed. Without a `stream`, the
+    writer creates the file. Raises InputError if the file exists."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, stream: BinaryIO | None = None) -> None:
         self.path, self.count = path, 0
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            self._file = path.open("xb")
-        except FileExistsError:
-            raise InputError(
-                f"{paths.display(path)}: expected the name of a new file, but this file already "
-                "exists; choose another name"
-            ) from None
+        self._file = new_file(path) if stream is None else stream
         self._flushed = time.monotonic()
 
     def write(self, channel: str, data: bytes, wall_us: int) -> None:
@@ -193,51 +140,3 @@ def _find(data: memoryview, start: int, stop: int) -> int:
 
 def _why(error: Exception) -> str:
     return getattr(error, "strerror", None) or str(error)
-
-
-def expect_messages(reader: LogReader) -> None:
-    """Raises InputError if a log contains no message."""
-    if not reader.count:
-        raise no_messages(reader)
-
-
-def no_messages(reader: LogReader) -> InputError:
-    """Returns the error for a log that contains no message."""
-    return InputError(
-        f"{paths.display(reader.path)}: expected an LCM log with at least one message, got a log "
-        "without messages; choose another file"
-    )
-
-
-def info(path: Path) -> LogSummary:
-    """Returns the summary of a log: channels, counts, time span and lost messages."""
-    reader, counts = LogReader(path), dict[str, _ChannelCount]()
-    for entry in reader:
-        seen = counts.setdefault(entry.channel, _ChannelCount(entry.wall_us))
-        seen.count += 1
-        seen.bytes += len(entry.data)
-        seen.last_us = entry.wall_us
-        if carried := type_of(entry.channel, entry.data):
-            seen.type = carried.__name__
-            try:
-                message = decode(entry.channel, entry.data)
-            except Undecodable:
-                seen.undecodable += 1
-            else:
-                seen.gaps.take(message.run_id, message.seq)
-    expect_messages(reader)
-    first_us = min(seen.first_us for seen in counts.values())
-    last_us = max(seen.last_us for seen in counts.values())
-    return LogSummary(
-        file=path,
-        messages=reader.count,
-        span_s=(last_us - first_us) / 1e6,
-        start_wall_us=first_us,
-        damage=reader.damage,
-        channels={name: counts[name].summary() for name in sorted(counts, key=_order)},
-    )
-
-
-def _order(channel: str) -> tuple[bool, int, str]:
-    axis, kind = channel_of(channel)
-    return (kind is None, axis or 99, channel)

@@ -1,4 +1,4 @@
-"""Exports the messages of an LCM log as tables in CSV and NPZ files."""
+"""Exports the messages of a recording of LCM messages as tables in CSV and NPZ files."""
 
 import csv
 from array import array
@@ -13,22 +13,16 @@ from numpy.typing import NDArray
 
 from forceaxis import paths
 from forceaxis._core import TICKS_PER_SECOND
-from forceaxis.bus import state_names
-from forceaxis.bus.capture_assembly import Assembly, fits, unit_of
+from forceaxis.bus.capture_assembly import Assembly, fits
 from forceaxis.bus.lcm import NOT_AVAILABLE, Gaps, Undecodable, channel_of, decode, type_of
-from forceaxis.bus.log import LogEntry, LogReader, expect_messages
+from forceaxis.bus.log import LogEntry
+from forceaxis.bus.message_rows import Row, column_name, message_row, with_unit
 from forceaxis.bus.messages import (
     axis_capture_t,
-    axis_command_t,
-    axis_event_t,
-    axis_state_t,
-    sim_clock_t,
     sim_truth_t,
 )
-from forceaxis.bus.wire import Message
-from forceaxis.objects import BY_NAME
+from forceaxis.bus.recordings import expect_messages, reader_of
 
-Row = dict[str, int | float | str | None]
 Table = dict[str, NDArray[Any]]
 # values of a column: an array of integers or doubles, or a list of texts
 Column = MutableSequence[Any]
@@ -163,7 +157,7 @@ class _Exporter:
 
 def export(path: Path, out: Path, kinds: Sequence[str] = ("csv", "npz")) -> ExportSummary:
     """Writes all tables of a log to the folder `out`."""
-    reader, exporter = LogReader(path), _Exporter()
+    reader, exporter = reader_of(path), _Exporter()
     for entry in reader:
         exporter.take(entry)
     expect_messages(reader)
@@ -187,58 +181,9 @@ def export(path: Path, out: Path, kinds: Sequence[str] = ("csv", "npz")) -> Expo
     )
 
 
-def message_row(message: Message, wall_us: int) -> Row:
-    """Returns the fields of a message as a row of a table.
-
-    Names of columns contain the unit. After the fields, the row contains further objects of the
-    message by name, and texts for fields with numbered states.
-    """
-    row: Row = {"received_wall_us": wall_us}
-    for name, kind in zip(message.__slots__, message.__dimensions__, strict=True):
-        value = getattr(message, name)
-        if kind is None and not name.startswith("num_"):
-            named = {"utime": "utime_us", "wall_utime": "wall_utime_us"}.get(name, name)
-            value = int(value) if isinstance(value, bool) else value
-            row[named] = None if value == NOT_AVAILABLE else value
-    if isinstance(message, axis_state_t):
-        row.update(state_words(message))
-    if isinstance(message, axis_state_t | sim_clock_t):
-        for name, raw in zip(message.more_name, message.more_value, strict=True):
-            row[column_name(name)] = _engineering(name, raw)
-    if isinstance(message, axis_command_t | axis_event_t):
-        pairs = zip(message.object, message.value, strict=True)
-        row |= {"items_raw": "; ".join(f"{name}={raw}" for name, raw in pairs)}
-    if isinstance(message, axis_command_t | axis_capture_t | sim_truth_t):
-        row |= {"signals": "; ".join(message.signal)}
-    if isinstance(message, axis_event_t):
-        row |= {"kind_text": event_word(message.kind)}
-    return row
-
-
-def event_word(kind: int) -> str:
-    """Returns the kind of an event as text, such as "heartbeat lost" for EVENT_HEARTBEAT_LOST."""
-    for name, value in vars(axis_event_t).items():
-        if name.startswith("EVENT_") and value == kind:
-            return name.removeprefix("EVENT_").lower().replace("_", " ")
-    return f"event {kind}"
-
-
-def state_words(state: axis_state_t) -> dict[str, str]:
-    """Returns state, modes, fault and limit of an axis as texts, with "" for a value that is not
-    available."""
-    texts = {
-        "drive_state": (state.statusword, state_names.drive_state),
-        "mode_text": (state.mode_display, state_names.mode),
-        "native_mode_text": (state.native_mode, lambda n: state_names.enum("active_mode", n)),
-        "fault_text": (state.fault, lambda n: state_names.enum("fault", n)),
-        "limit_text": (state.limit_reason, lambda n: state_names.enum("limit_reason", n)),
-    }
-    return {k: "" if raw == NOT_AVAILABLE else words(raw) for k, (raw, words) in texts.items()}
-
-
 def truth_rows(message: sim_truth_t) -> Iterator[Row]:
     """Returns the samples of a sim_truth_t message as rows in SI units."""
-    names = [_with_unit(n, u) for n, u in zip(message.signal, message.unit, strict=True)]
+    names = [with_unit(n, u) for n, u in zip(message.signal, message.unit, strict=True)]
     for i, values in enumerate(message.value):
         tick = message.first_tick + i * message.decimation
         row: Row = {"tick": tick, "time_s": tick / TICKS_PER_SECOND}
@@ -254,29 +199,6 @@ def capture_columns(held: Assembly) -> Table:
     for name in held.signals:
         columns[column_name(name)] = held.values(name)
     return columns
-
-
-def column_name(name: str) -> str:
-    """Returns the name of an object with its unit, such as force_count or velocity_count_per_tick.
-
-    The name does not change if the object has no unit or if the name already ends with the unit,
-    such as dac_code.
-    """
-    return _with_unit(name, unit_of(name))
-
-
-def _with_unit(name: str, unit: str) -> str:
-    word = unit.replace("/", "_per_").replace("^", "").replace(" ", "_")
-    if unit in ("", "1") or name.endswith(f"_{word}"):
-        return name
-    return f"{name}_{word}"
-
-
-def _engineering(name: str, raw: int) -> float | None:
-    if raw == NOT_AVAILABLE:
-        return None
-    known = BY_NAME.get(name)
-    return raw * known.scale if known and known.scale != 1 else raw
 
 
 def write_csv(path: Path, columns: Table) -> None:

@@ -21,8 +21,7 @@ from aiohttp import web
 from textual_serve import server as textual_server
 from textual_serve.app_service import AppService
 
-from forceaxis._core import InputError
-from forceaxis.bus.sources import MonitorSettings
+from forceaxis.bus.sources import AddressError, MonitorSettings
 from forceaxis.results import from_json, to_json
 
 PAGE = Path(__file__).with_name("monitor.html")
@@ -36,10 +35,6 @@ POLICY = (
 
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
-
-
-class AddressError(InputError):
-    """Error: the server cannot listen at the given address and port."""
 
 
 def is_loopback(host: str) -> bool:
@@ -164,11 +159,7 @@ def serve(settings: MonitorSettings, host: str, port: int, ready: Callable[[str]
     try:
         return asyncio.run(MonitorServer(settings, host, port).run(ready))
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise AddressError(
-            f"expected an address of this machine and a free port, got: {reason}; choose another "
-            "address or port"
-        ) from None
+        raise AddressError(error.strerror or str(error)) from None
 
 
 def main() -> None:

@@ -5,12 +5,28 @@ import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.bus.lcm import Bus, default_url, now_us
-from forceaxis.bus.log import LogReader, LogWriter, no_messages
-from forceaxis.bus.monitor_state import Watch
+from forceaxis.bus.recordings import RecordingWriter, no_messages, reader_of, writer_of
+
+
+class AddressError(InputError):
+    """Error: a server cannot listen at the given address and port."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(
+            f"expected an address of this machine and a free port, got: {reason}; choose another "
+            "address or port"
+        )
+
+
+class Receiver(Protocol):
+    """Receives each message of a source: channel, data, and time of reception in us since 1970."""
+
+    def take(self, channel: str, data: bytes, wall_us: int) -> None: ...
 
 
 class LiveSource:
@@ -19,13 +35,15 @@ class LiveSource:
 
     replayed = ended = False
 
-    def __init__(self, watch: Watch, url: str | None = None, axis: int | None = None) -> None:
+    def __init__(self, watch: Receiver, url: str | None = None, axis: int | None = None) -> None:
         self.watch, self.url = watch, url or default_url()
-        self.writer: LogWriter | None = None
+        self.writer: RecordingWriter | None = None
         self.unwritten: str | None = None  # text of the error that ended a recording
         self._lock = threading.Lock()
         which = "[0-9]+" if axis is None else str(axis)
-        channels = f"(AXIS_{which}_(STATE|EVENT|CAPTURE|COMMAND)|SIM_(CLOCK|TRUTH))"
+        # LINK_INPUTS and LINK_OUTPUTS are the records of each tick of a run in lock-step.
+        kinds = "STATE|EVENT|CAPTURE|COMMAND|LINK_INPUTS|LINK_OUTPUTS"
+        channels = f"(AXIS_{which}_({kinds})|SIM_(CLOCK|TRUTH))"
         self._bus = Bus(self.url, self._take, channels)
 
     @property
@@ -52,12 +70,12 @@ class LiveSource:
 
     def record(self, path: Path) -> None:
         """Starts to record the messages in a new file. Raises InputError if the file exists."""
-        writer = LogWriter(path)
+        writer = writer_of(path)
         with self._lock:
             self.writer, self.unwritten = writer, None
 
-    def stop_recording(self) -> LogWriter | None:
-        """Ends the recording and returns the LogWriter. Returns None if no recording is active."""
+    def stop_recording(self) -> RecordingWriter | None:
+        """Ends the recording and returns its writer. Returns None if no recording is active."""
         with self._lock:
             writer, self.writer = self.writer, None
         if writer:
@@ -77,13 +95,13 @@ class ReplaySource:
     original message rate. If `speed` is None, there is no waiting time between messages."""
 
     replayed = True
-    writer: LogWriter | None = None
+    writer: RecordingWriter | None = None
 
     def __init__(
-        self, watch: Watch, path: Path, speed: float | None = 1.0, axis: int | None = None
+        self, watch: Receiver, path: Path, speed: float | None = 1.0, axis: int | None = None
     ) -> None:
         self.watch, self.path, self.speed = watch, path, speed
-        self.reader = LogReader(path)
+        self.reader = reader_of(path)
         first = next(iter(self.reader), None)
         if first is None:
             raise no_messages(self.reader)
@@ -121,7 +139,7 @@ class ReplaySource:
             "expected a live bus to record, got the replay of a log; copy this log instead"
         )
 
-    def stop_recording(self) -> LogWriter | None:
+    def stop_recording(self) -> RecordingWriter | None:
         """Returns None, because a replay cannot be recorded."""
         return None
 
@@ -172,7 +190,7 @@ class MonitorSettings:
     replay: Path | None
     mm_per_count: float | None
 
-    def source(self, watch: Watch) -> Source:
+    def source(self, watch: Receiver) -> Source:
         """Returns the source of the messages, which passes each message to `watch`. Raises
         InputError."""
         if self.replay:

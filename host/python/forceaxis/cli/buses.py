@@ -18,17 +18,20 @@ from forceaxis.cli.common import (
     Verb,
     Verbs,
     as_json,
+    given,
     print_json,
     print_result,
     show,
 )
+from forceaxis.errors import expect_package
 
 if TYPE_CHECKING:
     from forceaxis.bus.monitor_state import Watch
     from forceaxis.bus.sources import MonitorSettings, Source
 
+LOOPBACK, WEB_PORT, FOXGLOVE_PORT = "127.0.0.1", 8780, 8765
 log_file = click.argument(
-    "log_path", metavar="FILE.log", type=click.Path(dir_okay=False, path_type=Path)
+    "log_path", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path)
 )
 
 
@@ -39,19 +42,24 @@ log_file = click.argument(
     forceaxis monitor --replay out/axis2.log --speed 4
     # the same screen in a browser, read-only
     forceaxis monitor --web --port 8780
+    # the same values for Foxglove, read-only
+    forceaxis monitor --foxglove --record axes.mcap
     # one snapshot for a script
     forceaxis monitor --once --json""",
 )
 @click.option("--url", help="LCM bus. Default: LCM_DEFAULT_URL, else that of liblcm, this machine.")
 @click.option("--axis", type=click.IntRange(1, 127), help="Show only this axis. Default: all.")
 @click.option(
-    "--record", type=File(), metavar="FILE.log", help="Record all messages into a new file."
+    "--record",
+    type=File(),
+    metavar="FILE",
+    help="Record all messages into a new file: MCAP if its name ends in .mcap, else an LCM log.",
 )
 @click.option(
     "--replay",
     type=click.Path(dir_okay=False, path_type=Path),
-    metavar="FILE.log",
-    help="Show a log of this program or of lcm-logger instead of a bus.",
+    metavar="FILE",
+    help="Show a recording of this program or a log of lcm-logger instead of a bus.",
 )
 @click.option(
     "--speed", type=Positive(0.01, 1000), help="Speed of --replay. Default: 1, real time."
@@ -74,9 +82,18 @@ log_file = click.argument(
     help="Model whose encoder converts positions to mm, for axes without user units (6092h).",
 )
 @click.option("--web", is_flag=True, help="Serve the screen to web browsers, read-only.")
-@click.option("--host", metavar="ADDRESS", help="For --web. Default: 127.0.0.1, this machine.")
 @click.option(
-    "--port", type=click.IntRange(0, 65535), help="For --web. Default: 8780; 0: any free port."
+    "--foxglove", is_flag=True, help="Serve topics to Foxglove over a WebSocket, read-only."
+)
+@click.option(
+    "--host",
+    metavar="ADDRESS",
+    help="For --web and --foxglove. Default: 127.0.0.1, this machine.",
+)
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    help="For --web and --foxglove. Default: 8780 and 8765; 0: any free port.",
 )
 @as_json
 def monitor(
@@ -90,6 +107,7 @@ def monitor(
     codes: bool,
     model: str | None,
     web: bool,
+    foxglove: bool,
     host: str | None,
     port: int | None,
     as_json: bool,
@@ -103,30 +121,20 @@ def monitor(
     Keys: f freezes the display, r records into a new log in this folder, c shows a capture, u
     changes between units and counts, arrows or 1 to 9 select the axis, + and - change the time
     span, q quits. With --once the exit status is 1 if no state was received.
+
+    --foxglove publishes each channel as JSON, /axis_1/state for AXIS_1_STATE, with the unit of each
+    number in the schema, and each simulated or recorded sample as a message of its own. The topic
+    /lcm/AXIS_1_STATE carries the bytes of the same messages. The command prints the address, and
+    the file of a layout for axis 1. SIGINT or SIGTERM ends it.
     """
-    if replay and (record or url):
-        raise click.UsageError(
-            "--replay: expected neither --url nor --record together with this option; remove one "
-            "of the options"
-        )
-    if speed and not replay:
-        raise click.UsageError(
-            "--speed: expected --replay together with this option; add --replay or remove --speed"
-        )
-    if as_json and not once:
-        raise click.UsageError(
-            "--json: expected --once together with this option; add --once or remove --json"
-        )
-    if web and (once or record):
-        raise click.UsageError(
-            "--web: expected neither --once nor --record together with this option; remove one of "
-            "the options"
-        )
-    if not web and (host is not None or port is not None):
-        raise click.UsageError(
-            "--host, --port: expected --web together with these options; add --web"
-        )
-    if not once and not web and not (sys.stdin.isatty() and sys.stdout.isatty()):
+    is_server, has_address = web or foxglove, host is not None or port is not None
+    expect_without("--replay", replay and (record or url), "neither --url nor --record")
+    expect_without("--web", web and (once or record), "neither --once nor --record")
+    expect_without("--foxglove", foxglove and (once or web), "neither --once nor --web")
+    expect_with("--speed", speed and not replay, "--replay")
+    expect_with("--json", as_json and not once, "--once")
+    expect_with("--host, --port", has_address and not is_server, "--web or --foxglove")
+    if not once and not is_server and not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise click.UsageError(
             "expected a terminal, got none; use --once, or --once --json, in a script"
         )
@@ -135,6 +143,8 @@ def monitor(
 
     mm_per_count = encoder_mm(model) if model else None
     settings = MonitorSettings(url, axis, speed or 1.0, codes, replay, mm_per_count)
+    if foxglove:
+        serve_foxglove(settings, given(host, LOOPBACK), given(port, FOXGLOVE_PORT), record)
     watch = Watch(mm_per_count)
     source = settings.source(watch)
     try:
@@ -153,7 +163,24 @@ def monitor(
     if writer:
         click.echo(f"{paths.display(writer.path)}: {writer.count} messages")
     if web:
-        serve(settings, host or "127.0.0.1", 8780 if port is None else port)
+        serve(settings, given(host, LOOPBACK), given(port, WEB_PORT))
+
+
+def expect_without(option: str, wrong: object, others: str) -> None:
+    """Raise UsageError if `wrong` is true, because `option` excludes other options."""
+    if wrong:
+        raise click.UsageError(
+            f"{option}: expected {others} together with this option; remove one of the options"
+        )
+
+
+def expect_with(options: str, wrong: object, other: str) -> None:
+    """Raise UsageError if `wrong` is true, because `options` need another option."""
+    if wrong:
+        first = other.partition(" ")[0]
+        raise click.UsageError(
+            f"{options}: expected {other} together with this; add {first} or remove {options}"
+        )
 
 
 def encoder_mm(model: str) -> float:
@@ -172,17 +199,34 @@ def encoder_mm(model: str) -> float:
 def serve(settings: "MonitorSettings", host: str, port: int) -> NoReturn:
     """Serve the monitor to web browsers until a signal such as SIGTERM ends the program. The exit
     status is 128 plus the number of the signal."""
-    try:
-        from forceaxis.bus import monitor_web
-    except ImportError:
-        raise InputError(
-            "--web: expected the package textual-serve; install textual-serve with `pip install "
-            "'forceaxis[web]'`"
-        ) from None
+    from forceaxis.bus.sources import AddressError
+
+    expect_package("--web", "textual_serve", "textual-serve", "web")
+    from forceaxis.bus import monitor_web
+
     ready = lambda url: show([("monitor", url)])  # noqa: E731
     try:
         sys.exit(128 + monitor_web.serve(settings, host, port, ready))
-    except monitor_web.AddressError as error:
+    except AddressError as error:
+        raise InputError(f"--host {host} --port {port}: {error}") from None
+
+
+def serve_foxglove(
+    settings: "MonitorSettings", host: str, port: int, record: Path | None
+) -> NoReturn:
+    """Serve topics to Foxglove until a signal such as SIGTERM ends the program. The exit status is
+    128 plus the number of the signal."""
+    from forceaxis.bus.sources import AddressError
+
+    expect_package("--foxglove", "foxglove", "foxglove-sdk", "foxglove")
+    from forceaxis.bus import foxglove_server
+
+    def ready(url: str) -> None:
+        show([("foxglove", url), ("layout", paths.quoted(foxglove_server.LAYOUT))])
+
+    try:
+        sys.exit(128 + foxglove_server.serve(settings, host, port, record, ready))
+    except AddressError as error:
         raise InputError(f"--host {host} --port {port}: {error}") from None
 
 
@@ -214,13 +258,15 @@ def snapshot(
 @click.group(
     cls=Verbs,
     epilog="""forceaxis log info out/axis2.log
-    forceaxis log export out/axis2.log --out out/axis2""",
+    forceaxis log export out/axis2.log --out out/axis2
+    forceaxis log convert out/axis2.log out/axis2.mcap""",
 )
 def log() -> None:
-    """Show the contents of recorded logs of LCM messages, or export the messages as tables.
+    """Show the contents of recordings of LCM messages, export the messages as tables, or convert
+    a recording to MCAP and back.
 
-    A log may come from `forceaxis monitor --record` or from lcm-logger, and may have further
-    channels.
+    A recording is an LCM log or an MCAP file. It may come from `forceaxis monitor --record`, `run
+    --record` or lcm-logger, and may have further channels.
     """
 
 
@@ -233,10 +279,10 @@ def info(log_path: Path, as_json: bool) -> None:
 
     A log that is damaged or incomplete is read as far as possible; one line names what was skipped.
     """
-    from forceaxis.bus import log as logs
+    from forceaxis.bus import recordings
     from forceaxis.cli.buses_text import log_text
 
-    summary = logs.info(log_path)
+    summary = recordings.info(log_path)
     print_result(summary, as_json, lambda: log_text(summary))
     report_damage(summary.damage)
 
@@ -270,6 +316,29 @@ def export(log_path: Path, out: Path, csv: bool, npz: bool, as_json: bool) -> No
         )
     print_result(summary, as_json, lambda: export_text(summary), out)
     report_damage(summary.damage)
+
+
+@log.command(
+    epilog="""forceaxis log convert out/axis2.log out/axis2.mcap
+    forceaxis log convert out/axis2.mcap out/axis2.log"""
+)
+@log_file
+@click.argument("target", type=File())
+@as_json
+def convert(log_path: Path, target: Path, as_json: bool) -> None:
+    """Convert a recording: TARGET is an MCAP file if its name ends in .mcap, an LCM log if it ends
+    in .log. An existing file is replaced.
+
+    An MCAP file has two topics for each channel. /lcm/AXIS_1_STATE has the bytes of the messages,
+    so a recording that is converted back has the same messages at the same times. /axis_1/state has
+    the same messages as JSON for viewers, with the unit of each number in the schema; the samples
+    of a block become one message each, with tick and time_s.
+    """
+    from forceaxis.bus import recordings
+
+    done = recordings.convert(log_path, target)
+    print_result(done, as_json, lambda: f"{paths.quoted(target)}: {done.messages} messages")
+    report_damage(done.damage)
 
 
 def report_damage(damage: str | None) -> None:

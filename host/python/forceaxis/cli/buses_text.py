@@ -2,9 +2,9 @@
 
 import time
 
-from forceaxis.bus.log import LogSummary
 from forceaxis.bus.log_tables import ExportSummary
 from forceaxis.bus.monitor_state import AxisSnapshot, Snapshot
+from forceaxis.bus.recordings import LogSummary
 from forceaxis.cli.common import aligned
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
+import sys
 from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.cli.common import File, Folder, Positive, as_json, print_json, show
+from forceaxis.cli.common import Callback, File, Folder, Positive, as_json, print_json, show
 from forceaxis.cli.cycle import EXPERIMENT, cycle, expect_picture, program_option, rate
 from forceaxis.cli.live_options import (
     CONNECTIONS,
@@ -24,7 +25,7 @@ from forceaxis.cli.live_options import (
     options,
     owned,
 )
-from forceaxis.errors import ParameterError
+from forceaxis.errors import ParameterError, expect_package
 from forceaxis.results import to_json
 from forceaxis.words import counted
 
@@ -40,9 +41,18 @@ SOURCE = click.argument("source", type=click.Path(path_type=Path))
 recorded = click.option(
     "--out", type=Folder(), help="Folder for the records: parts/*.json and parts.csv."
 )
-parquet = click.option(
-    "--parquet", is_flag=True, help="Write parts.parquet too, at the end of the command."
-)
+
+
+def tables(verb: Callback) -> Callback:
+    """Add the options for further files with all records to a command."""
+    verb = click.option(
+        "--jsonl",
+        is_flag=True,
+        help="Write parts.jsonl too, at the end of the command: a record with its curve a line.",
+    )(verb)
+    return click.option(
+        "--parquet", is_flag=True, help="Write parts.parquet too, at the end of the command."
+    )(verb)
 
 
 @cycle.command(
@@ -65,7 +75,7 @@ parquet = click.option(
 )
 @click.option("--serial", default="", metavar="TEXT", help="Serial number of the part, 16 bytes.")
 @recorded
-@parquet
+@tables
 @live
 @as_json
 def start(
@@ -77,6 +87,7 @@ def start(
     serial: str,
     out: Path | None,
     parquet: bool,
+    jsonl: bool,
     as_json: bool,
 ) -> None:
     """Press one part: start a cycle with the program that `cycle load` has loaded, wait for its
@@ -101,7 +112,7 @@ def start(
     expect_picture(plot)
     if curve is not None and curve.suffix != ".csv":
         raise ParameterError("curve", f"{curve}: expected a file ending in .csv")
-    _expect_out(parquet, out)
+    _expect_out(parquet, jsonl, out)
     results.serial_words(serial)
     wanted = cycles.live_program(experiment, (), program)
     with records.folder_or_none(out) as folder, owned(connection) as axis:
@@ -119,7 +130,7 @@ def start(
             files = [file for file in (curve, plot) if file is not None]
             show([*cycle_text.record_rows(record), *cycle_text.curve_rows(points, files)])
         results.acknowledge(axis, record.number)
-        _finish(folder, parquet, as_json)
+        _finish(folder, parquet, jsonl, as_json)
 
 
 def write_curve(
@@ -151,7 +162,7 @@ def write_curve(
 @EXPERIMENT
 @program_option
 @recorded
-@parquet
+@tables
 @click.option(
     "--acknowledge", is_flag=True, help="Acknowledge the printed results. --out always does."
 )
@@ -163,6 +174,7 @@ def result(
     program: Path | None,
     out: Path | None,
     parquet: bool,
+    jsonl: bool,
     acknowledge: bool,
     as_json: bool,
 ) -> None:
@@ -177,7 +189,7 @@ def result(
     from forceaxis.cycles import live as cycles
     from forceaxis.cycles import records, results
 
-    _expect_out(parquet, out)
+    _expect_out(parquet, jsonl, out)
     wanted = cycles.live_program(experiment, (), program)
     with records.folder_or_none(out) as folder, connected(connection) as axis:
         collector = results.Collector(axis, wanted, folder)
@@ -190,7 +202,7 @@ def result(
         if acknowledge and folder is None:
             for record in found:
                 results.acknowledge(axis, record.number)
-        _finish(folder, parquet, as_json)
+        _finish(folder, parquet, jsonl, as_json)
 
 
 @cycle.command(
@@ -204,7 +216,7 @@ def result(
 @click.option(
     "--out", type=Folder(), required=True, help="Folder for the records: parts/*.json, parts.csv."
 )
-@parquet
+@tables
 @click.option("--parts", type=click.IntRange(1), help="End after this number of parts.")
 @click.option(
     "--master-every",
@@ -227,6 +239,7 @@ def watch(
     program: Path | None,
     out: Path,
     parquet: bool,
+    jsonl: bool,
     parts: int | None,
     master_every: float | None,
     master_serial: str | None,
@@ -278,7 +291,7 @@ def watch(
                     click.echo(f"{cycle_text.record_line(event)}; {running}")
                 if count == parts:
                     break
-        _finish(folder, parquet, as_json)
+        _finish(folder, parquet, jsonl, as_json)
 
 
 @cycle.command(
@@ -363,18 +376,21 @@ def _say(event: Silence) -> None:
     click.echo(f"forceaxis: warning: {said}", err=True)
 
 
-def _expect_out(parquet: bool, out: Path | None) -> None:
-    """Raise InputError for --parquet without --out."""
-    if parquet and out is None:
-        raise InputError("--parquet: expected --out FOLDER together with this option; add --out")
+def _expect_out(parquet: bool, jsonl: bool, out: Path | None) -> None:
+    """Raise InputError for --parquet or --jsonl without --out."""
+    if (parquet or jsonl) and out is None:
+        option = "--parquet" if parquet else "--jsonl"
+        raise InputError(f"{option}: expected --out FOLDER together with this option; add --out")
 
 
-def _finish(folder: RecordFolder | None, parquet: bool, as_json: bool) -> None:
-    """Write the table in Parquet, and print the name of the folder."""
+def _finish(folder: RecordFolder | None, parquet: bool, jsonl: bool, as_json: bool) -> None:
+    """Write further files with all records, and print the name of the folder."""
     if folder is None:
         return
     if parquet:
         folder.write_parquet()
+    if jsonl:
+        folder.write_lines()
     if not as_json:
         show([("files", paths.quoted(folder.folder))])
 
@@ -408,8 +424,8 @@ def statistics(
     deviation, Cp, Cpk and a run chart.
 
     SOURCE is a folder with records, as `cycle start`, `cycle result` and `cycle watch` write it
-    with --out, the folder of `cycle rates`, or a table parts.csv of either. Of simulated parts only
-    the good ones count.
+    with --out, its file parts.jsonl, the folder of `cycle rates`, or a table parts.csv of either.
+    Of simulated parts only the good ones count.
 
     With the standard deviation s (n - 1) of all values, Cp is (most - least) / 6 s, and Cpk is the
     distance of the mean to the nearer bound / 3 s; an element with one bound has no Cp. Other texts
@@ -444,3 +460,48 @@ def statistics(
         return
     show(cycle_text.statistics_rows(found))
     show([("files", paths.quoted(file)) for file in (plot, page) if file is not None])
+
+
+@cycle.command(
+    epilog="""forceaxis cycle serve records
+    forceaxis cycle serve records --host 0.0.0.0 --port 4840""",
+)
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address of this machine.")
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=4840,
+    show_default=True,
+    help="TCP port; 0: any free port.",
+)
+@click.option(
+    "--nodesets",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder of the nodesets of the npm package node-opcua-nodesets. Default: the one of this "
+    "Python environment.",
+)
+def serve(folder: Path, host: str, port: int, nodesets: Path | None) -> None:
+    """Serve the records of a folder as joining results over OPC UA (OPC 40450-1), read-only.
+
+    FOLDER has records, as `cycle start`, `cycle result` and `cycle watch` write it with --out. Each
+    of the last 200 parts is a result below ResultManagement/Results: its elements with value,
+    bounds, unit and verdict, its curve as a trace, and serial number, program and times as meta
+    data. A record that is added later becomes a result at once, and the server sends the event that
+    a result is ready.
+    The command reads only the folder; it has no connection to the axis. Clients need no password,
+    so use --host only in a network whose members may see the results. SIGINT or SIGTERM ends it.
+    """
+    from forceaxis.bus.sources import AddressError
+
+    expect_package("cycle serve", "asyncua", "asyncua", "opcua")
+    from forceaxis.cycles import joining_server
+
+    def ready(url: str) -> None:
+        show([("server", url)])
+
+    chosen = nodesets or joining_server.NODESETS
+    try:
+        sys.exit(128 + joining_server.serve(folder, chosen, host, port, ready))
+    except AddressError as error:
+        raise InputError(f"--host {host} --port {port}: {error}") from None

@@ -47,6 +47,7 @@ codes_option = click.option(
     cls=Verb,
     epilog="""forceaxis run sim/experiments/contact.toml --set firmware.force_gain=7 --out out/g7
     forceaxis run sim/experiments/contact.toml --set b_w=363 --json
+    forceaxis run sim/experiments/contact.toml --record out/contact.mcap
     forceaxis run sim/experiments/contact.toml --link lcm""",
 )
 @click.argument("experiment", type=Subject(paths.EXPERIMENTS, as_path=True))
@@ -60,6 +61,11 @@ codes_option = click.option(
     type=Folder(),
     help="Folder for trace.csv, trace.npz, events.csv, plot.png, plot.svg and result.json.",
 )
+@click.option(
+    "--record",
+    type=File(),
+    help="Write the trace as a recording too: FILE.mcap for viewers, FILE.log of LCM messages.",
+)
 @codes_option
 @linked
 @as_json
@@ -67,6 +73,7 @@ def run(
     experiment: Path,
     overrides: tuple[str, ...],
     out: Path | None,
+    record: Path | None,
     codes: bool,
     kind: str | None,
     lcm_url: str,
@@ -86,14 +93,22 @@ def run(
     the two processes compute different trace hashes or one of them does not answer.
     """
     over = link_of(kind, lcm_url, link_can, inject)
+    if record:
+        from forceaxis.bus import recordings
+
+        recordings.expect_suffix(record, "record")
     with waiting(f"running {paths.display(experiment)}"):
         done = runs.run(experiment, overrides, over)
         if out:
             trace.write(done, out, codes)
+        if record:
+            from forceaxis.experiments import recording
+
+            recording.write(done, record)
     if as_json:
         print_json(done.summary)
     else:
-        files = [("files", paths.quoted(out))] if out else []
+        files = [("files", paths.quoted(file)) for file in (out, record) if file]
         show([*summaries.rows(done.result, done.overrides), *files])
     if done.result.link:
         link.expect_same(done.result.link)

@@ -17,8 +17,10 @@ DETAIL_COLUMNS = 80
 FILES = {
     "eds": ("forceaxis.eds", "CANopen data sheet (CiA 306)"),
     "dbc": ("forceaxis.dbc", "default PDOs of nodes 1 to 6, as a DBC"),
+    "ros2": ("forceaxis-bus.yml", "bus description of ros2_canopen, with one axis, as YAML"),
     "modbus": ("forceaxis-modbus.csv", "Modbus registers and bits, CSV"),
 }
+FILE_OPTIONS = [f"--{kind}" for kind in FILES]
 
 
 def file_options(verb: Callback) -> Callback:
@@ -91,7 +93,8 @@ def details(o: objects.AxisObject) -> Iterator[str]:
     name="objects",
     cls=Verb,
     epilog="forceaxis objects force\nforceaxis objects force_gain\n"
-    "forceaxis objects --eds forceaxis.eds --dbc forceaxis.dbc",
+    "forceaxis objects --eds forceaxis.eds --dbc forceaxis.dbc\n"
+    "forceaxis objects --eds forceaxis.eds --ros2 forceaxis-bus.yml",
 )
 @click.argument("pattern", default="")
 @file_options
@@ -110,13 +113,13 @@ def objects_(pattern: str, as_json: bool, **files: Path | None) -> None:
     wanted = {kind: path for kind, path in files.items() if path}
     if wanted and pattern:
         raise click.UsageError(
-            f"{pattern}: expected no pattern together with --eds, --dbc or --modbus, because "
+            f"{pattern}: expected no pattern together with {', '.join(FILE_OPTIONS)}, because "
             "these files describe all objects"
         )
     if len({path.resolve() for path in wanted.values()}) < len(wanted):
         raise click.UsageError(
-            "--eds, --dbc, --modbus: expected a different file for each option, got the same file "
-            "twice"
+            f"{', '.join(FILE_OPTIONS)}: expected a different file for each option, got the same "
+            "file twice"
         )
     for kind, path in wanted.items():
         shutil.copyfile(paths.OBJECT_FILES / FILES[kind][0], path)

@@ -4,6 +4,7 @@
       parts/00003_0000000017.json    power-up 3 of the axis, part 17
       parts.csv                      one row for each part
       parts.parquet                  the same, if it was asked for
+      parts.jsonl                    all records with their curves, a line each, if asked for
 
 The JSON files are the records. A file is written completely or not at all, and it is on the disk
 when add() returns, so that the axis may then forget the result. The tables follow from the files: a
@@ -32,7 +33,7 @@ from forceaxis.cycles.record import (
 )
 from forceaxis.results import from_json, to_json
 
-PARTS, TABLE, PARQUET = "parts", "parts.csv", "parts.parquet"
+PARTS, TABLE, PARQUET, LINES = "parts", "parts.csv", "parts.parquet", "parts.jsonl"
 NAME = re.compile(r"(\d+)_(\d+)\.json")
 GROUP, GOOD_PARTS = "group", "good parts"  # column and value of the table of `cycle rates`
 Key = tuple[int, int]
@@ -55,7 +56,7 @@ def read_record(file: Path) -> PartRecord:
     return from_json(PartRecord, table, paths.display(file))
 
 
-def _files(folder: Path) -> dict[Key, Path]:
+def files_of(folder: Path) -> dict[Key, Path]:
     """Returns the files of all parts of a folder, in the order in which the parts were pressed."""
     named = ((NAME.fullmatch(f.name), f) for f in (folder / PARTS).glob("*.json"))
     found = {(int(name[1]), int(name[2])): file for name, file in named if name}
@@ -104,7 +105,7 @@ class RecordFolder:
             rest.unlink()
         for path in (self.folder.parent, self.folder):
             _synced(path)
-        self._files = _files(self.folder)
+        self._files = files_of(self.folder)
         self._columns = self._read_columns()
         if self._columns is None:
             self._write_table()
@@ -172,6 +173,16 @@ class RecordFolder:
             pyarrow.parquet.write_table(table, file)
         return self.folder / PARQUET
 
+    def write_lines(self) -> Path:
+        """Writes the records of all parts as JSON lines, and returns the path of the file."""
+        with (
+            paths.replacing(self.folder, LINES) as (file,),
+            file.open("w", encoding="utf-8") as stream,
+        ):
+            for record in self.records():
+                stream.write(json.dumps(to_json(record), allow_nan=False) + "\n")
+        return self.folder / LINES
+
     def _read_columns(self) -> list[str] | None:
         """Returns the columns of the table, or None if the table has not exactly one complete row
         for each file."""
@@ -227,17 +238,36 @@ class RecordedParts:
 
 
 def read_parts(source: Path, last: int | None = None) -> RecordedParts:
-    """Returns the parts of a folder with records, of a folder of `cycle rates`, or of a table of
-    either of them; only the `last` ones if it is given. Raises InputError."""
+    """Returns the parts of a folder with records, of its file parts.jsonl, of a folder of `cycle
+    rates`, or of a table of either of them; only the `last` ones if it is given. Raises
+    InputError."""
     if (source / PARTS).is_dir():
-        files = list(_files(source).values())
+        files = list(files_of(source).values())
         records = [read_record(file) for file in files[-last if last else 0 :]]
+        return _expect_parts(RecordedParts(paths.display(source), records))
+    if source.suffix == ".jsonl":
+        records = list(_read_lines(source))[-last if last else 0 :]
         return _expect_parts(RecordedParts(paths.display(source), records))
     table = source / TABLE if source.is_dir() else source
     found = _read_table(table)
     return _expect_parts(
         RecordedParts(found.source, found.records[-last if last else 0 :], found.left_out)
     )
+
+
+def _read_lines(file: Path) -> Iterator[PartRecord]:
+    """Yields the records of a file of JSON lines. Raises InputError."""
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except (OSError, ValueError):
+        raise InputError(f"{paths.display(file)}: expected records as JSON lines") from None
+    for i, line in enumerate(lines, 1):
+        where = f"{paths.display(file)}: line {i}"
+        try:
+            table = json.loads(line)
+        except ValueError:
+            raise InputError(f"{where}: expected the record of a part as JSON") from None
+        yield from_json(PartRecord, table, where)
 
 
 def _expect_parts(found: RecordedParts) -> RecordedParts:

@@ -1,0 +1,124 @@
+"""Recordings of LCM messages as MCAP files, with the topics of `forceaxis.bus.topics`.
+
+Viewers read the JSON topics. This program reads the bytes of the messages, so that a recording is
+the same in both formats.
+"""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.records import Channel, Chunk, McapRecord
+from mcap.records import Message as McapMessage
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import Writer
+
+from forceaxis import paths
+from forceaxis.bus.log import LogEntry, new_file
+from forceaxis.bus.topics import LCM, NS_PER_US, RAW, Topic, Topics
+
+PROFILE = "forceaxis"
+# A killed program loses the messages of one chunk.
+CHUNK_BYTES = 1 << 18
+RECORD_MOST_BYTES = 1 << 28  # longer records are damage
+
+
+class McapWriter:
+    """Writes LCM messages to a new MCAP file, in the place of a LogWriter. Raises InputError if the
+    file exists."""
+
+    def __init__(self, path: Path, stream: BinaryIO | None = None) -> None:
+        self.path, self.count = path, 0
+        self._topics = Topics()
+        self._channels: dict[Topic, int] = {}
+        self._schemas: dict[tuple[str, bytes], int] = {}
+        self._file = new_file(path) if stream is None else stream
+        self._flushed = time.monotonic()
+        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES)
+        self._writer.start(profile=PROFILE, library="forceaxis")
+
+    def write(self, channel: str, data: bytes, wall_us: int) -> None:
+        """Adds one LCM message, received at `wall_us` in us since 1970. Raises OSError."""
+        for message in self._topics.of(channel, data, wall_us):
+            self._writer.add_message(
+                self._channel(message.topic), message.time_ns, message.data, message.time_ns
+            )
+        self.count += 1
+        if (now := time.monotonic()) > self._flushed + 0.5:
+            self._file.flush()
+            self._flushed = now
+
+    def _channel(self, topic: Topic) -> int:
+        """Returns the number of the MCAP channel of a topic, which is registered at its first
+        message."""
+        if topic not in self._channels:
+            schema = 0
+            if topic.schema_name:
+                key = topic.schema_name, topic.schema
+                if key not in self._schemas:
+                    self._schemas[key] = self._writer.register_schema(
+                        topic.schema_name, topic.schema_encoding, topic.schema
+                    )
+                schema = self._schemas[key]
+            self._channels[topic] = self._writer.register_channel(
+                topic.name, topic.encoding, schema
+            )
+        return self._channels[topic]
+
+    def close(self) -> None:
+        """Writes the index and closes the file. Raises OSError."""
+        try:
+            self._writer.finish()
+        finally:
+            self._file.close()
+
+
+class McapReader:
+    """Iterates over the LCM messages of an MCAP file, in the place of a LogReader. After the
+    iteration, `damage` says in one text line whether the file is damaged or cut off, else None.
+    Raises InputError."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.count = path, 0
+        self._reason: str | None = None
+
+    def __iter__(self) -> Iterator[LogEntry]:
+        self.count, self._reason = 0, None
+        channels: dict[int, str] = {}
+        with self.path.open("rb") as stream:
+            for record in self._records(stream):
+                if isinstance(record, Channel) and record.message_encoding == LCM:
+                    channels[record.id] = record.topic.removeprefix(RAW)
+                if isinstance(record, McapMessage) and record.channel_id in channels:
+                    self.count += 1
+                    channel = channels[record.channel_id]
+                    yield LogEntry(record.log_time // NS_PER_US, channel, record.data)
+
+    def _records(self, stream: BinaryIO) -> Iterator[McapRecord]:
+        """Yields the records of a file, without those of damaged chunks and those after damage
+        elsewhere. The packages that decompress have exceptions of their own."""
+        reader = StreamReader(stream, emit_chunks=True, record_size_limit=RECORD_MOST_BYTES)
+        records = reader.records
+        while True:
+            try:
+                record = next(records)
+                inner = [record]
+                if isinstance(record, Chunk):
+                    inner = breakup_chunk(record, validate_crc=True)
+            except StopIteration:
+                return
+            except Exception as error:
+                self._reason = " ".join(str(error).split()) or "the end is missing"
+                inner = []
+            yield from inner
+
+    @property
+    def damage(self) -> str | None:
+        """Returns one text line about the damage of the file, or None."""
+        if self._reason is None:
+            return None
+        return (
+            f"{paths.display(self.path)}: is damaged or cut off ({self._reason}), "
+            f"{self.count} messages saved"
+        )
