@@ -239,7 +239,7 @@ WRONG = [
     ("flash x.csv", "x.csv", "expected a file ending in .elf, .hex or .bin"),
     ("flash x.csv --address 99999999999", "'--address'", "32 bits"),
     ("bringup --sim contact", "expected a terminal"),
-    ("bringup", "expected a terminal"),
+    ("bringup", "expected exactly one connection"),
     ("bringup --sim contact --step all", "'--step'"),
     ("tables --fit --link lcm", "expected --fit without --link"),
     ("check-thesis now", "(now)", "forceaxis check-thesis --help"),
