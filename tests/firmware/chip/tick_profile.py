@@ -45,6 +45,11 @@ CYCLES_PER_INSTRUCTION = 2.6
 TICK_CYCLES = 112_000
 
 
+def cycles(instructions):
+    """The cycles of the core, by the model."""
+    return round(instructions * CYCLES_PER_INSTRUCTION)
+
+
 class Worst:
     """The longest call of one kind, and its instructions by function."""
 
@@ -282,9 +287,10 @@ class Profile:
         """Lines of text: the interrupt as a time."""
         words = []
         for count in (self.interrupt, LIMITS.interrupt_instructions):
-            cycles = CYCLES_PER_INSTRUCTION * count
-            share = 100 * cycles / TICK_CYCLES
-            words.append(f"{cycles:.0f} cycles, {cycles / 168:.0f} us, {share:.1f} % of a tick")
+            share = 100 * cycles(count) / TICK_CYCLES
+            words.append(
+                f"{cycles(count)} cycles, {cycles(count) / 168:.0f} us, {share:.1f} % of a tick"
+            )
         return [
             f"At {CYCLES_PER_INSTRUCTION} cycles an instruction, wait states and buses included,",
             f"at most {words[0]}; the limit is {words[1]}.",
@@ -302,18 +308,20 @@ class Profile:
             f"Cortex-M4, {self.chip.compiler}, -O2,",
             f"{self.ticks:,} fuzzed ticks (seed {self.seed}): random modes, parameters, mappings,",
             "PDO, SYNC, NMT, SDO and Modbus traffic, eight recorder channels, broken sensors and",
-            "masters. Instructions that a condition skips count.",
+            "masters. Instructions that a condition skips count. The cycles are those of a model",
+            f"of core, flash accelerator and buses, {CYCLES_PER_INSTRUCTION} for an instruction.",
+            "On a board, `tick_time_max` has the time of a tick.",
             "",
             "## fw_prepare(), fw_control() and fw_report()",
             "",
-            "| mode of operation | ticks | median | 99 % | at most |",
-            "| --- | ---: | ---: | ---: | ---: |",
+            "| mode of operation | ticks | median | 99 % | at most | cycles |",
+            "| --- | ---: | ---: | ---: | ---: | ---: |",
         ]
         order = [*MODE_NAMES, OFF]
         for mode in sorted(self.modes, key=order.index):
             w = self.modes[mode]
             name = OFF if mode == OFF else f"{mode} ({MODE_NAMES[mode]})"
-            figures = [len(w.counts), w.percentile(50), w.percentile(99), w.count]
+            figures = [len(w.counts), w.percentile(50), w.percentile(99), w.count, cycles(w.count)]
             lines.append(f"| {name} | " + " | ".join(map(str, figures)) + " |")
         lines += [
             "",
@@ -333,33 +341,54 @@ class Profile:
             "",
             "## The whole interrupt",
             "",
-            "| what | at most | limit |",
-            "| --- | ---: | ---: |",
-            f"| fw_prepare(), fw_control() and fw_report() | {self.worst.count} | |",
-            f"| the port: entry, inputs, {ADC_POLLS} polls of the ADC, outputs, watchdog, exit |"
-            f" {self.port.total} | |",
-            "| the same with a drive at the second CAN and a converter at SPI2, without their"
-            f" interrupts | {self.drive.total} | |",
-            f"| together, with an amplifier for +-10 V | {self.worst.count + self.port.total} | |",
-            f"| together | {self.interrupt} | {LIMITS.interrupt_instructions} |",
-            f"| fw_control() | {self.control} | |",
-            "| the port from the last reading of the ADC to the DAC |"
-            f" {max(self.port.from_adc_to_dac, self.drive.from_adc_to_dac)} | |",
-            f"| ADC read to DAC write | {self.from_adc_to_dac} |"
-            f" {LIMITS.adc_to_dac_instructions} |",
+            "| what | at most | limit | cycles |",
+            "| --- | ---: | ---: | ---: |",
+            *(
+                f"| {what} | {count} | {limit} | {cycles(count)} |"
+                for what, count, limit in self.interrupt_rows()
+            ),
             "",
             *self.in_cycles(),
             "",
             "## After it, before the next one",
             "",
-            "| what | at most |",
-            "| --- | ---: |",
-            f"| fw_between() | {self.between.count} |",
-            f"| fw_between() with elements of a cycle, 16 at most | {self.evaluation.count} |",
-            f"| fw_between() that makes up for a tick | {self.late.count} |",
-            f"| fw_between() with a reset, no memory | {self.resets.count} |",
-            *(f"| {kind} | {count} |" for kind, count in sorted(self.frames.items())),
-            f"| interrupt of a frame from or to a drive | {self.drive.frame} |",
+            "| what | at most | cycles |",
+            "| --- | ---: | ---: |",
+            *(f"| {what} | {count} | {cycles(count)} |" for what, count in self.between_rows()),
             "",
         ]
         return "\n".join(lines)
+
+    def interrupt_rows(self):
+        """What, its instructions, and their limit, for the table of the interrupt."""
+        adc_to_dac = max(self.port.from_adc_to_dac, self.drive.from_adc_to_dac)
+        return [
+            ("fw_prepare(), fw_control() and fw_report()", self.worst.count, ""),
+            (
+                f"the port: entry, inputs, {ADC_POLLS} polls of the ADC, outputs, watchdog, exit",
+                self.port.total,
+                "",
+            ),
+            (
+                "the same with a drive at the second CAN and a converter at SPI2, without their "
+                "interrupts",
+                self.drive.total,
+                "",
+            ),
+            ("together, with an amplifier for +-10 V", self.worst.count + self.port.total, ""),
+            ("together", self.interrupt, LIMITS.interrupt_instructions),
+            ("fw_control()", self.control, ""),
+            ("the port from the last reading of the ADC to the DAC", adc_to_dac, ""),
+            ("ADC read to DAC write", self.from_adc_to_dac, LIMITS.adc_to_dac_instructions),
+        ]
+
+    def between_rows(self):
+        """What, and its instructions, for the table of the time between two ticks."""
+        return [
+            ("fw_between()", self.between.count),
+            ("fw_between() with elements of a cycle, 16 at most", self.evaluation.count),
+            ("fw_between() that makes up for a tick", self.late.count),
+            ("fw_between() with a reset, no memory", self.resets.count),
+            *sorted(self.frames.items()),
+            ("interrupt of a frame from or to a drive", self.drive.frame),
+        ]
