@@ -756,11 +756,13 @@ std::optional<VelocityGains> velocity_gains(double mass_kg, double bandwidth, do
     const VelocityGains at = gains(w);
     const double p = current_bandwidth - 2.0 * damping_ratio * w;
     const double top = at.k_velocity * current_bandwidth / mass_kg;
-    const double up = std::hypot(top * bandwidth, top / at.integral_time);
+    // Squares of the magnitudes: std::hypot has other last digits in other versions of libm.
+    const auto squared = [](double re, double im) { return re * re + im * im; };
+    const double up = squared(top * bandwidth, top / at.integral_time);
     const double down =
-        std::hypot(w * w - bandwidth * bandwidth, 2.0 * damping_ratio * w * bandwidth) *
-        std::hypot(bandwidth, p);
-    return up >= std::sqrt(0.5) * down;
+        squared(w * w - bandwidth * bandwidth, 2.0 * damping_ratio * w * bandwidth) *
+        squared(bandwidth, p);
+    return 2.0 * up >= down;
   };
   double low = 0.0;
   double high = current_bandwidth / (2.0 * damping_ratio);

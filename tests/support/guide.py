@@ -6,7 +6,8 @@ A fenced block of a page is, by its language,
   text      lines that the commands above it have printed, in this order
   yaml      shown only
 A toml or python block with a title is written to the file of that name instead.
-A line `<!-- needs: WHAT -->` before a block says what a test does not have: it is not run.
+A line `<!-- needs: WHAT -->` before a block says what a test does not have: it is not run, but
+what needs `sources` is run, except from a wheel.
 A line `<!-- within: 5 % -->` before a block of text says that a search or a fit found its numbers,
 so that they depend on the processor: they may differ by that, words may not. `<!-- within: 5 % or
 0.1 -->` is for numbers near zero too, which may differ by 0.1.
@@ -90,8 +91,10 @@ def blocks(page):
     ]
 
 
-def environment():
-    programs = [Path(sys.executable).parent, ROOT / "build/release/host", ROOT / "tools"]
+def environment(wheel=None):
+    """`wheel`: the Python of an environment with an installed wheel, instead of this checkout."""
+    programs = [Path(wheel or sys.executable).parent]
+    programs += [] if wheel else [ROOT / "build/release/host", ROOT / "tools"]
     return os.environ | {
         "PATH": ":".join(map(str, [*programs, os.environ["PATH"]])),
         "COLUMNS": "120",
@@ -111,14 +114,19 @@ def missing(block, printed):
     )
 
 
-def play(page, folder):
-    """Runs a page in `folder`: (what it says and what the commands before it printed) pairs."""
-    for name in ("sim", "examples", "tools", "build"):
-        (folder / name).symlink_to(ROOT / name)
+def play(page, folder, wheel=None):
+    """Runs a page in `folder`: (what it says and what the commands before it printed) pairs.
+    `wheel`: the Python of an environment with an installed wheel, instead of this checkout."""
+    if wheel:
+        copy = [wheel.parent / "forceaxis", "examples", folder]
+        subprocess.run(copy, env=environment(wheel), stdout=subprocess.DEVNULL, check=True)
+    else:
+        for name in ("sim", "examples", "tools", "build"):
+            (folder / name).symlink_to(ROOT / name)
     printed, claims = "", []
     after_text = True
     for block in blocks(page):
-        if block.needs:
+        if block.needs and (wheel or block.needs != "sources"):
             continue
         if block.kind == "text":
             claims.append((block, printed))
@@ -130,13 +138,13 @@ def play(page, folder):
             printed = "" if after_text else printed
             after_text = False
             typed = (
-                [[sys.executable, "-c", block.text]]
+                [[wheel or sys.executable, "-c", block.text]]
                 if block.kind == "python"
                 else [["bash", "-c", command] for command in block.commands()]
             )
             for command in typed:
                 done = subprocess.run(
-                    command, cwd=folder, env=environment(), capture_output=True, text=True
+                    command, cwd=folder, env=environment(wheel), capture_output=True, text=True
                 )
                 assert done.returncode == 0, (command, done.stdout, done.stderr)
                 printed += done.stdout

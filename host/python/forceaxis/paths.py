@@ -1,5 +1,5 @@
-"""Folders of models and experiments (sim/ of the checkout, or the copy in an installed wheel), and
-functions that write files."""
+"""Where the files of this package are, in a checkout and in an installed wheel, and functions that
+write files."""
 
 import contextlib
 import errno
@@ -9,17 +9,25 @@ import signal
 from collections.abc import Iterator
 from pathlib import Path
 
-_package = Path(__file__).resolve().parent
-_checkout = _package.parents[2] / "sim"
+_PACKAGE = Path(__file__).resolve().parent
+_CHECKOUT = _PACKAGE.parents[2]
 
-SIM = _checkout if (_checkout / "experiments").is_dir() else _package / "sim"
+# The folder of all files that are no Python modules. A wheel has the same tree as a checkout.
+ROOT = _CHECKOUT if (_CHECKOUT / "sim/experiments").is_dir() else _PACKAGE / "data"
+
+SIM = ROOT / "sim"
 EXPERIMENTS = SIM / "experiments"
 MODELS = SIM / "models"
 MEASUREMENTS = SIM / "measurements"
 
 # Generated files for other programs: data sheet, DBC, table of Modbus registers.
-_generated = _package.parents[2] / "firmware/objects/generated"
-OBJECT_FILES = _generated if _generated.is_dir() else _package / "objects_files"
+OBJECT_FILES = ROOT / "firmware/objects/generated"
+
+PORTS = ROOT / "firmware/port"  # a folder for each board
+IMAGES = ROOT / "build/image"  # images of the firmware
+# Programs that commands start: axis_linux, axis_node, plant_node, gateway, vcan.
+PROGRAMS = (ROOT / "build/release/host", ROOT / "tools")
+LIBRARIES = ROOT / "build/lib"  # shared libraries that a wheel brings along; not in a checkout
 
 
 def display(path: Path | str) -> str:

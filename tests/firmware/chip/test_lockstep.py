@@ -15,15 +15,14 @@ from pathlib import Path
 import pytest
 from chip import BOARD
 from cycle_examples import BAD, IDS, PARTS, expect_the_same, expect_the_same_objects, file_of
-from forceaxis import InputError, _core
+from forceaxis import InputError, _core, paths
 from forceaxis.chip import board as boards
 from forceaxis.chip import emulator as chip
 from forceaxis.experiments import link
-from forceaxis.paths import EXPERIMENTS
 from forceaxis.thesis import tables
 
-SIM = EXPERIMENTS.parent
-EMULATED_BOARDS = [board for board in boards.known() if board.emulator]
+SIM = paths.EXPERIMENTS.parent
+EMULATED_BOARDS = [board for board in boards.known(paths.PORTS) if board.emulator]
 BY_NAME = {board.name: board for board in EMULATED_BOARDS}
 CHIP = link.LinkOptions("pil-stm32")
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
@@ -53,7 +52,7 @@ RUNS = [
     ids=lambda value: getattr(value, "name", None),
 )
 def test_the_trace_is_that_of_the_run_in_process(name, overrides, emulated):
-    path = EXPERIMENTS / name
+    path = paths.EXPERIMENTS / name
     here = _core.run(str(path), overrides)
     result, report, *_ = link.run(link_to(emulated), path, overrides)
     assert report.same
@@ -66,7 +65,7 @@ def test_the_trace_is_that_of_the_run_in_process(name, overrides, emulated):
 
 def recorded_hashes():
     """{experiment: trace hash} of the table [expect] of each experiment that has one."""
-    for path in sorted(EXPERIMENTS.glob("*.toml")):
+    for path in sorted(paths.EXPERIMENTS.glob("*.toml")):
         table = tomllib.loads(path.read_text())
         if trace_hash := table.get("expect", {}).get("trace_hash"):
             yield path, trace_hash
@@ -179,12 +178,14 @@ def test_a_chip_that_ends_is_reported(tmp_path):
         os.kill(emulator.process.pid, signal.SIGKILL)
         emulator.process.wait()
         with pytest.raises(_core.TransportError, match=r"emulated chip: (ended|no response)"):
-            _core.run_on_chip(str(EXPERIMENTS / "contact.toml"), [], *emulator.pipes, timeout_s=0.5)
+            _core.run_on_chip(
+                str(paths.EXPERIMENTS / "contact.toml"), [], *emulator.pipes, timeout_s=0.5
+            )
 
 
 def test_the_verb_says_where_the_firmware_was():
     done = subprocess.run(
-        [FORCEAXIS, "run", EXPERIMENTS / "contact.toml", "--link", "pil-stm32"],
+        [FORCEAXIS, "run", paths.EXPERIMENTS / "contact.toml", "--link", "pil-stm32"],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -7,8 +7,8 @@ import sys
 
 import pytest
 from chip import BOARD, ROOT
-from forceaxis import InputError
-from forceaxis.chip import board, emulator, flash
+from forceaxis import InputError, paths
+from forceaxis.chip import emulator, flash
 from forceaxis.experiments import link
 from forceaxis.paths import EXPERIMENTS
 
@@ -89,7 +89,7 @@ def ports(tmp_path_factory):
 @pytest.fixture
 def known(ports, monkeypatch):
     """Sets the folder in which the package looks for boards."""
-    monkeypatch.setattr(board, "PORTS", ports)
+    monkeypatch.setattr(paths, "PORTS", ports)
     return ports
 
 
@@ -127,14 +127,14 @@ def test_it_is_flashed_as_its_own_and_not_as_another(known):
 def test_its_link_follows_from_its_name(known, monkeypatch):
     assert emulator.links() == ("pil-press",)
     assert emulator.board_of("pil-press").image == "forceaxis-press"
-    monkeypatch.setattr(emulator, "IMAGES", known / "out")
+    monkeypatch.setattr(paths, "IMAGES", known / "out")
     with emulator.Emulator(emulator.board_of("pil-press")) as chip:
         assert chip.process.poll() is None
 
 
 def test_without_memory_for_programs_no_cycle_is_run_on_it(known, monkeypatch):
     """Its linker script gives programs no memory; what needs none runs."""
-    monkeypatch.setattr(emulator, "IMAGES", known / "out")
+    monkeypatch.setattr(paths, "IMAGES", known / "out")
     board_of_it = link.LinkOptions("pil-press")
     with pytest.raises(InputError, match="cycle: expected a chip with memory for programs") as no:
         link.run_on_chip(board_of_it, EXPERIMENTS / "press_fit.toml", [])
@@ -185,7 +185,7 @@ def test_what_is_missing_is_named_with_its_remedy(missing, tmp_path, monkeypatch
         monkeypatch.setenv("PATH", str(tmp_path))
         remedy = "install the program with `apt install qemu-system-arm`"
     else:
-        monkeypatch.setattr(emulator, "IMAGES", tmp_path)
+        monkeypatch.setattr(paths, "IMAGES", tmp_path)
         remedy = "firmware/port/stm32f4` builds the image"
     with pytest.raises(InputError) as refused:
         emulator.Emulator(BOARD)

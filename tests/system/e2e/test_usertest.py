@@ -676,7 +676,6 @@ def test_the_ci_example_does_what_it_says(tmp_path):
 BROUGHT_BY = {
     "CLI11": "libcli11-dev",
     "Eigen3": "libeigen3-dev",
-    "OpenSSL": "libssl-dev",
     "lcm": "liblcm-dev",
     "lcm-gen": "liblcm-bin",
     "modbus": "libmodbus-dev",

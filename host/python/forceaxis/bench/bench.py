@@ -172,7 +172,7 @@ class Peers:
     built in a checkout."""
 
     def __init__(self) -> None:
-        path = paths.SIM.parent / "build" / "release" / "tests" / "bench" / "bench_peers.so"
+        path = paths.ROOT / "build" / "release" / "tests" / "bench" / "bench_peers.so"
         self.missing: dict[str, str] = {}
         self._library: ctypes.CDLL | None = None
         try:

@@ -85,7 +85,7 @@ def raw_rate(kind: str, where: str) -> float:
     """Returns the message exchanges per second between two programs without firmware and plant.
     Raises link.LinkError."""
     name = "link_pingpong_" + ("lcm" if kind == "lcm" else "can")
-    program = paths.SIM.parent / "build" / "release" / "tests" / "bench" / name
+    program = paths.ROOT / "build" / "release" / "tests" / "bench" / name
     if not program.is_file():
         raise link.LinkError(
             f"{paths.display(program)}: expected this program, got no such file; `tools/setup "

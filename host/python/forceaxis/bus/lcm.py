@@ -2,6 +2,7 @@
 messages."""
 
 import abc
+import ctypes
 import os
 import re
 import secrets
@@ -13,9 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Self, TypeVar
 
-import lcm
-
-from forceaxis import objects
+from forceaxis import objects, paths
 from forceaxis._core import InputError
 from forceaxis.bus import messages
 from forceaxis.bus.messages import (
@@ -29,6 +28,16 @@ from forceaxis.bus.messages import (
 from forceaxis.bus.wire import Message, expect_whole
 from forceaxis.errors import ParameterError
 from forceaxis.words import printable
+
+try:
+    import lcm
+except ImportError:
+    # The package lcm needs GLib of the system. A wheel of forceaxis brings GLib along.
+    glib = paths.LIBRARIES / "libglib-2.0.so.0"
+    if not glib.is_file():
+        raise
+    ctypes.CDLL(str(glib))
+    import lcm
 
 NOT_AVAILABLE = axis_state_t.NOT_AVAILABLE
 TABLE_HASH = int(objects.OBJECTS_HASH[:8], 16)

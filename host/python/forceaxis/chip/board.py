@@ -51,9 +51,6 @@ if typing.TYPE_CHECKING:
 D = typing.TypeVar("D", bound="DataclassInstance")
 
 BOARD_FILE = "board.toml"
-_package = Path(__file__).resolve().parents[1]
-_checkout = _package.parents[2] / "firmware/port"
-PORTS = _checkout if _checkout.is_dir() else _package / "port"
 
 
 @dataclass(frozen=True)
@@ -265,10 +262,11 @@ def read(folder: Path | str) -> Board:
     return board
 
 
-def source(folder: Path, name: str) -> Path:
-    """Returns the path of a source that the board in `folder` names."""
+def source(ports: Path, folder: Path, name: str) -> Path:
+    """Returns the path of a source that the board in `folder` names. `ports` is the folder with the
+    parts that boards share."""
     path = folder / name
-    return path if path.is_file() else PORTS / name
+    return path if path.is_file() else ports / name
 
 
 def shared_objects(out: Path, build: Build) -> Path:
@@ -277,16 +275,16 @@ def shared_objects(out: Path, build: Build) -> Path:
     return out / "objects" / re.sub(r"[^\w+.=-]+", "_", "_".join([build.tools, *build.flags]))
 
 
-def folders() -> list[Path]:
-    """Returns the folders of all known boards."""
-    return sorted(path.parent for path in PORTS.glob(f"*/{BOARD_FILE}"))
+def folders(ports: Path) -> list[Path]:
+    """Returns the folders of all boards. `ports` is the folder of these folders."""
+    return sorted(path.parent for path in ports.glob(f"*/{BOARD_FILE}"))
 
 
-def known() -> list[Board]:
-    """Returns all boards with a correct board.toml. The program tools/image reports the errors of
-    the other boards."""
+def known(ports: Path) -> list[Board]:
+    """Returns all boards in the folder `ports` with a correct board.toml. The program tools/image
+    reports the errors of the other boards."""
     boards = []
-    for folder in folders():
+    for folder in folders(ports):
         try:
             boards.append(read(folder))
         except BoardError:

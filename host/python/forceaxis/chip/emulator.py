@@ -17,17 +17,16 @@ from forceaxis._core import InputError
 from forceaxis.chip import board as boards
 
 LINK_PREFIX = "pil-"  # pil: "processor in the loop"
-IMAGES = Path(__file__).resolve().parents[4] / "build/image"
 
 
 def links() -> tuple[str, ...]:
     """Returns the names of the links to the boards that have an emulator."""
-    return tuple(LINK_PREFIX + board.name for board in boards.known() if board.emulator)
+    return tuple(LINK_PREFIX + board.name for board in boards.known(paths.PORTS) if board.emulator)
 
 
 def board_of(link: str) -> boards.Board:
     """Returns the board to which a link name such as "pil-NAME" belongs."""
-    (board,) = [b for b in boards.known() if b.emulator and LINK_PREFIX + b.name == link]
+    (board,) = [b for b in boards.known(paths.PORTS) if b.emulator and LINK_PREFIX + b.name == link]
     return board
 
 
@@ -93,7 +92,7 @@ class Emulator:
         try:
             line = command(
                 board,
-                IMAGES / f"{board.image}-emulated.elf",
+                paths.IMAGES / f"{board.image}-emulated.elf",
                 *emulated_image(board).options,
                 arguments=["forceaxis", *map(str, names)],
             )

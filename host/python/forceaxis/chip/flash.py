@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from forceaxis import objects
+from forceaxis import objects, paths
 from forceaxis._core import InputError
 from forceaxis.chip import board as boards
 from forceaxis.chip import image as images
@@ -76,7 +76,7 @@ def board_of(image: images.Image, identity: images.Identity) -> tuple[boards.Boa
     InputError."""
     flashable = {
         board.released.identity: (board, board.probe)
-        for board in boards.known()
+        for board in boards.known(paths.PORTS)
         if board.released and board.probe
     }
     if identity.board in flashable:

@@ -47,6 +47,7 @@ GROUPS = {
         "report": "thesis",
         "objects": "objects",
         "fmu": "fmu",
+        "examples": "examples",
     },
     "Its force loop": {
         "limit": "loops",

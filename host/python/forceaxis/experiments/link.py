@@ -37,7 +37,6 @@ from forceaxis.words import option_words
 
 CHIPS = chip.links()
 KINDS = ("inproc", "lcm", "socketcan", *CHIPS)
-_CHECKOUT = Path(__file__).resolve().parents[4]
 _IN_VCAN = "FORCEAXIS_VCAN"  # set by tools/vcan
 
 
@@ -75,12 +74,7 @@ class LinkedRun(NamedTuple):
 def program(name: str) -> str:
     """Returns the path of a program of forceaxis, such as "axis_node". Raises LinkError if the
     program was not built."""
-    places = [
-        _CHECKOUT / "build" / "release" / "host" / name,
-        _CHECKOUT / "build" / name,
-        _CHECKOUT / "tools" / name,
-        Path(_core.__file__).parent / "bin" / name,
-    ]
+    places = [folder / name for folder in paths.PROGRAMS]
     for place in places:
         if place.is_file() and os.access(place, os.X_OK):
             return str(place)

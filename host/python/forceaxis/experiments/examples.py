@@ -1,0 +1,62 @@
+"""Copies the files that come with the package, so that a user can read and change them: models,
+experiments, cycles, example programs, images of the firmware."""
+
+import shutil
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from forceaxis import paths
+from forceaxis._core import InputError
+
+# Patterns of the files, relative to paths.ROOT, with what they are.
+FILES = {
+    "sim/*/*.toml": "models, experiments, cycles, parts, measurements",
+    "sim/*/*.json": "records of the thesis",
+    "examples/*.py": "programs in Python",
+    "tools/vcan": "runs a command with virtual CAN buses",
+    "build/image/*.elf": "images of the firmware",
+    "build/image/*.hex": "images of the firmware",
+    "build/image/*.bin": "images of the firmware",
+}
+
+
+@dataclass(frozen=True)
+class CopiedExamples:
+    """The result of `forceaxis examples`: the folder, and the number of files in each of its
+    folders."""
+
+    folder: str
+    files: dict[str, int]
+
+
+def copy(folder: Path) -> CopiedExamples:
+    """Copies the files into a folder, which need not exist, with the paths that they have in a
+    checkout. Raises InputError if the folder already has a file or folder of one of the names, and
+    OSError. In both cases the folder is unchanged."""
+    names = sorted({pattern.split("/")[0] for pattern in FILES})
+    for name in names:
+        if (folder / name).exists():
+            raise InputError(
+                f"{paths.display(folder / name)}: expected no file or folder of this name; choose "
+                "another folder, or remove it"
+            )
+    is_new = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    counts: dict[str, int] = {}
+    try:
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".examples.") as temporary:
+            for pattern in FILES:
+                for source in sorted(paths.ROOT.glob(pattern)):
+                    name = source.relative_to(paths.ROOT)
+                    target = Path(temporary) / name
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copy(source, target)
+                    counts[name.parent.as_posix()] = counts.get(name.parent.as_posix(), 0) + 1
+            for made in sorted(Path(temporary).iterdir()):
+                made.rename(folder / made.name)
+    except OSError:
+        if is_new:
+            folder.rmdir()
+        raise
+    return CopiedExamples(paths.display(folder), counts)
