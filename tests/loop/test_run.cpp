@@ -1,6 +1,8 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <string>
 
 #include "firmware/objects/generated/axis_objects.h"
 #include "host/run/firmware_side.hpp"
@@ -18,10 +20,30 @@ RunResult run_with(const std::string &file, std::vector<std::string> overrides) 
   return run(load_experiment(file, overrides));
 }
 
-TEST(Sha256, KnownAnswer) {
-  Sha256 hash;  // FIPS 180-2, B.1
-  hash.update("abc", 3);
-  EXPECT_EQ(hash.hex(), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+// Adds `text` in parts of `part` bytes.
+std::string sha256(const std::string &text, std::size_t part) {
+  Sha256 hash;
+  for (std::size_t at = 0; at < text.size(); at += part)
+    hash.update(text.data() + at, std::min(part, text.size() - at));
+  return hash.hex();
+}
+
+TEST(Sha256, KnownAnswers) {
+  const std::string two_blocks = "abcdbcdecdefdefgefghfghighijhijkijkljklmklmnlmnomnopnopq";
+  for (const std::size_t part : {1, 3, 63, 64, 65, 127, 200, 1 << 20}) {  // FIPS 180-2, B.1 to B.3
+    EXPECT_EQ(sha256("abc", part),
+              "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+    EXPECT_EQ(sha256(two_blocks, part),
+              "248d6a61d20638b8e5c026930c3e6039a33ce45964ff2167f6ecedd419db06c1");
+    EXPECT_EQ(sha256(std::string(1'000'000, 'a'), part),
+              "cdc76e5c9914fb9281a1c7e284d73e67f1809a48a497200e046d39ccc7112cd0");
+  }
+  // The end of the data beside a block, by sha256sum.
+  EXPECT_EQ(sha256("", 1), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+  EXPECT_EQ(sha256(std::string(55, 'a'), 9),
+            "9f4390f8d30c2dd92ec9f095b65e2b9ae9b0a925a5258e241c9f1e910f734318");
+  EXPECT_EQ(sha256(std::string(64, 'a'), 9),
+            "ffe054fe7ae0cb6dc65c3af9b61d5209f439851db43d0ba5997337df154668eb");
 }
 
 TEST(Run, TwiceGivesTheSameHashAndAnotherGainAnother) {
