@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tarfile
 import time
 import zipfile
 from pathlib import Path
@@ -130,6 +131,17 @@ def test_another_folder_gives_the_same_bytes(release, tmp_path):
     assert set(others) == set(release)
     differing = [n for n, file in release.items() if file.read_bytes() != others[n]]
     assert differing == []
+
+
+@pytest.mark.long
+def test_the_source_archive_has_every_file(release):
+    (name,) = (n for n in release if n.endswith(".tar.gz"))
+    with tarfile.open(release[name]) as archive:
+        found = {m.name.partition("/")[2] for m in archive.getmembers() if not m.isdir()}
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert found - {"PKG-INFO"} == set(listed.stdout.splitlines())
 
 
 @pytest.mark.long

@@ -21,6 +21,8 @@ WRONG = [
     ("rnu contact", "'rnu'", "'run'"),
     ("--verson", "'--version'"),
     ("run", "'EXPERIMENT'", "forceaxis run --help"),
+    ("examples", "'FOLDER'", "forceaxis examples --help"),
+    ("examples bad.toml", "bad.toml", "forceaxis examples --help"),
     ("run contct", "contct", "did you mean contact?"),
     ("run contcat.toml", "contcat.toml", "did you mean contact.toml?"),
     ("run contact extra", "(extra)", "forceaxis run --help"),

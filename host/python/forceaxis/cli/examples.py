@@ -12,7 +12,7 @@ from forceaxis.experiments import examples
     name="examples",
     cls=Verb,
     epilog="""forceaxis examples lab
-    cd lab && forceaxis run sim/experiments/contact.toml""",
+    forceaxis run lab/sim/experiments/contact.toml""",
 )
 @click.argument("folder", type=Folder())
 @as_json

@@ -48,11 +48,10 @@ def copy(folder: Path) -> CopiedExamples:
         with tempfile.TemporaryDirectory(dir=folder, prefix=".examples.") as temporary:
             for pattern in FILES:
                 for source in sorted(paths.ROOT.glob(pattern)):
-                    name = source.relative_to(paths.ROOT)
-                    target = Path(temporary) / name
-                    target.parent.mkdir(parents=True, exist_ok=True)
-                    shutil.copy(source, target)
-                    counts[name.parent.as_posix()] = counts.get(name.parent.as_posix(), 0) + 1
+                    place = source.parent.relative_to(paths.ROOT)
+                    (Path(temporary) / place).mkdir(parents=True, exist_ok=True)
+                    shutil.copy(source, Path(temporary) / place)
+                    counts[str(place)] = counts.get(str(place), 0) + 1
             for made in sorted(Path(temporary).iterdir()):
                 made.rename(folder / made.name)
     except OSError:
