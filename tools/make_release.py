@@ -126,7 +126,7 @@ def build() -> None:
     """Brings programs, module and images up to date. Raises Failed."""
     if not (BUILD / "CMakeCache.txt").is_file():
         python = f"-DPython_EXECUTABLE={sys.executable}"
-        run("cmake", "--preset", "release", "-DFORCEAXIS_TESTS=OFF", python)
+        run("cmake", "--preset", "release", python)
     run("cmake", "--build", BUILD, "--target", "_core", *PROGRAMS)
     run(sys.executable, ROOT / "tools/image", "--emulated")
 

@@ -138,9 +138,8 @@ def test_the_source_archive_has_every_file(release):
     (name,) = (n for n in release if n.endswith(".tar.gz"))
     with tarfile.open(release[name]) as archive:
         found = {m.name.partition("/")[2] for m in archive.getmembers() if not m.isdir()}
-    listed = subprocess.run(
-        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
-    )
+    files = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(files, cwd=ROOT, capture_output=True, text=True, check=True)
     assert found - {"PKG-INFO"} == set(listed.stdout.splitlines())
 
 
