@@ -71,7 +71,9 @@ def row(described):
 
 
 def table():
-    boards = sorted(board.known(), key=lambda b: (b.released is None, len(b.memory.ram), b.name))
+    boards = sorted(
+        board.known(PORTS), key=lambda b: (b.released is None, len(b.memory.ram), b.name)
+    )
     shared = {
         "`port`, its own files": ("every board", files_of(PORTS, "*")),
         "`port/cortexm`": ("a Cortex-M", files_of(PORTS / "cortexm")),
@@ -89,14 +91,14 @@ def test_the_table_of_the_boards_is_fresh():
 
 def test_every_folder_with_a_description_is_a_board_that_can_be_read():
     """known() leaves out a board with an error, which would also leave it out of the tests."""
-    assert [described.folder for described in board.known()] == board.folders()
-    names = [described.name for described in board.known()]
-    assert len(set(names)) == len(names) == len({b.image for b in board.known()})
+    assert [described.folder for described in board.known(PORTS)] == board.folders(PORTS)
+    names = [described.name for described in board.known(PORTS)]
+    assert len(set(names)) == len(names) == len({b.image for b in board.known(PORTS)})
 
 
 CORTEX_M = [
     described
-    for described in board.known()
+    for described in board.known(PORTS)
     if described.emulator and "cortexm/start.c" in described.build.sources
 ]
 

@@ -8,7 +8,7 @@ import sys
 import pytest
 from chip import BOARD, ROOT
 from forceaxis import InputError, paths
-from forceaxis.chip import emulator, flash
+from forceaxis.chip import board, emulator, flash
 from forceaxis.experiments import link
 from forceaxis.paths import EXPERIMENTS
 
@@ -34,7 +34,9 @@ def listed(names):
 
 def absolute(names):
     """These sources of BOARD, for a board in another folder."""
-    return str([str(board.source(BOARD.folder, name)) for name in names]).replace("'", '"')
+    return str([str(board.source(paths.PORTS, BOARD.folder, name)) for name in names]).replace(
+        "'", '"'
+    )
 
 
 @pytest.fixture(scope="module")
