@@ -38,7 +38,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = ROOT / "build/release"
 IMAGES = ROOT / "build/image"
-VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+VERSION = PYPROJECT["project"]["version"]
+TARGETS = PYPROJECT["tool"]["scikit-build"]["build"]["targets"]
 PROGRAMS = ("axis_linux", "axis_node", "plant_node", "gateway")
 POLICY = f"manylinux_2_34_{platform.machine()}"
 EPOCH_WITHOUT_GIT = 315532800  # 1980-01-01, the first time that a zip file can have
@@ -58,13 +60,14 @@ SHARED = {
 GLIB = "libglib-2.0.so.0"
 # Libraries of the compiler, which every machine has: auditwheel checks their versions.
 SYSTEM = re.compile(r"lib(c|m|stdc\+\+|gcc_s)\.so\.\d|ld-linux.*|linux-vdso.*")
-# Packages of Debian whose code is compiled into the programs.
+# Packages whose code is compiled in. The library of FMUs contains the C++ library.
 COMPILED_IN = {
     "libcli11-dev": "BSD-3-Clause",
     "libeigen3-dev": "MPL-2.0",
+    "libstdc++": "GPL-3.0-or-later WITH GCC-exception-3.1",
     "libtomlplusplus-dev": "MIT",
 }
-PYBIND11_LICENCE = "BSD-3-Clause"
+COMPILED_IN_FROM_PYPI = {"fmpy": "BSD-2-Clause", "pybind11": "BSD-3-Clause"}
 COMMON_LICENCE = re.compile(r"/usr/share/common-licenses/([A-Za-z0-9.-]*[A-Za-z0-9])")
 
 
@@ -127,7 +130,7 @@ def build() -> None:
     if not (BUILD / "CMakeCache.txt").is_file():
         python = f"-DPython_EXECUTABLE={sys.executable}"
         run("cmake", "--preset", "release", python)
-    run("cmake", "--build", BUILD, "--target", "_core", *PROGRAMS)
+    run("cmake", "--build", BUILD, "--target", *TARGETS)
     run(sys.executable, ROOT / "tools/image", "--emulated")
 
 
@@ -178,16 +181,17 @@ def bundle(package: Path, elves: Sequence[Path]) -> dict[str, Path]:
         libraries[name] = copy
         run(tool("patchelf"), "--set-soname", copy.name, copy)
     for elf in (*elves, *libraries.values()):
-        for name in needed(elf):
-            if name in libraries:
-                run(tool("patchelf"), "--replace-needed", name, libraries[name].name, elf)
-        origin = "$ORIGIN/" + os.path.relpath(folder, elf.parent)
-        run(tool("patchelf"), "--set-rpath", origin, elf)
+        names = [name for name in needed(elf) if name in libraries]
+        for name in names:
+            run(tool("patchelf"), "--replace-needed", name, libraries[name].name, elf)
+        if names:
+            origin = "$ORIGIN/" + os.path.relpath(folder, elf.parent)
+            run(tool("patchelf"), "--set-rpath", origin, elf)
     # The package lcm needs GLib by the name that it has on the system. This library has that name
     # and refers to the copy; forceaxis.bus.lcm loads it where the system has no GLib.
-    names = ("-Wl,-soname," + GLIB, "-Wl,-rpath,$ORIGIN", "-Wl,--no-as-needed")
-    stand_in = (*names, libraries[GLIB], "-s", "-o", folder / GLIB)
-    run("cc", "-shared", "-nostdlib", "-x", "c", "/dev/null", "-x", "none", *stand_in)
+    options = ("-Wl,-soname," + GLIB, "-Wl,-rpath,$ORIGIN", "-Wl,--no-as-needed", "-s")
+    empty = ("-shared", "-nostdlib", "-x", "c", "/dev/null", "-x", "none")
+    run("cc", *empty, *options, libraries[GLIB], "-o", folder / GLIB)
     return libraries
 
 
@@ -210,6 +214,14 @@ def debian_part(package: str, licence: str, file: Path | None = None) -> Part:
     return Part(package, version, licence, purl, texts, file)
 
 
+def pypi_part(package: str, licence: str) -> Part:
+    """Returns what is known of an installed package of PyPI."""
+    found = metadata.distribution(package)
+    files = [f for f in found.files or [] if f.parent.name == "licenses"]
+    texts = tuple(Path(str(file.locate())) for file in files)
+    return Part(package, found.version, licence, f"pkg:pypi/{package}@{found.version}", texts)
+
+
 def owner(file: Path) -> str:
     """Returns the package of Debian that a file belongs to. Raises Failed."""
     return run("dpkg", "-S", file.resolve()).split(":")[0]
@@ -221,11 +233,10 @@ def parts(libraries: dict[str, Path]) -> list[Part]:
     for name, copy in libraries.items():
         system = needed_libraries([BUILD / "host" / p for p in PROGRAMS])[name]
         found.append(debian_part(owner(system), SHARED[name], copy))
-    found += [debian_part(package, licence) for package, licence in COMPILED_IN.items()]
-    pybind11 = metadata.distribution("pybind11")
-    texts = [Path(str(f.locate())) for f in pybind11.files or [] if f.name == "LICENSE"]
-    purl = f"pkg:pypi/pybind11@{pybind11.version}"
-    found.append(Part("pybind11", pybind11.version, PYBIND11_LICENCE, purl, tuple(texts)))
+    runtime = owner(Path(run("c++", "-print-file-name=libstdc++.a").strip()))
+    for package, licence in COMPILED_IN.items():
+        found.append(debian_part(runtime if package == "libstdc++" else package, licence))
+    found += [pypi_part(*entry) for entry in COMPILED_IN_FROM_PYPI.items()]
     return sorted(found, key=lambda part: part.name)
 
 
@@ -349,7 +360,7 @@ def make_wheel(out: Path, work: Path, when: int) -> tuple[Path, list[Part]]:
     for image in (*released, *emulated):
         shutil.copyfile(image, package / "data/build/image" / image.name)
     programs = [package / "data/build/release/host" / name for name in PROGRAMS]
-    libraries = bundle(package, [*package.glob("_core.*.so"), *programs])
+    libraries = bundle(package, [*sorted(package.glob("*.so")), *programs])
     inside = parts(libraries)
     write_licences(info / "licenses", inside)
     write_materials(info / "sboms/forceaxis.cdx.json", inside, [], when)
