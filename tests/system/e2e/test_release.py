@@ -199,14 +199,18 @@ forceaxis run contact --link pil-stm32 || echo "status $?"
 """
 
 
+# What the pages of the guide use besides. fmpy names a CMake among its needs (tools/setup).
+USED_BY_PAGES = ("pytest", "lark", "lxml")
+
+
 @pytest.fixture(scope="module")
 def wheels(wheel, tmp_path_factory):
     """A folder with the wheel and those that it requires, in the versions of requirements.txt."""
     folder = tmp_path_factory.mktemp("wheels")
-    command = ["-m", "pip", "download", "--quiet", "--only-binary=:all:", "--dest", folder]
-    subprocess.run(
-        [sys.executable, *command, "-c", ROOT / "requirements.txt", wheel, "pytest"], check=True
-    )
+    command = [sys.executable, "-m", "pip", "download", "--quiet", "--only-binary=:all:"]
+    command += ["--dest", folder, "-c", ROOT / "requirements.txt"]
+    subprocess.run([*command, wheel, *USED_BY_PAGES], check=True)
+    subprocess.run([*command, "--no-deps", "fmpy"], check=True)
     return folder
 
 
@@ -235,8 +239,9 @@ def python(wheels, tmp_path_factory):
     """The Python of an environment that has the wheel, on this machine."""
     folder = tmp_path_factory.mktemp("venv")
     subprocess.run(["/usr/bin/python3", "-m", "venv", folder], check=True)
-    install = ["install", "--quiet", "--no-index", "--find-links", wheels, "forceaxis", "pytest"]
-    subprocess.run([folder / "bin/pip", *install], check=True)
+    install = [folder / "bin/pip", "install", "--quiet", "--no-index", "--find-links", wheels]
+    subprocess.run([*install, "forceaxis", *USED_BY_PAGES], check=True)
+    subprocess.run([*install, "--no-deps", "fmpy"], check=True)
     return folder / "bin/python"
 
 
