@@ -201,6 +201,7 @@ forceaxis run contact --link pil-stm32 || echo "status $?"
 
 # What the pages of the guide use besides. fmpy names a CMake among its needs (tools/setup).
 USED_BY_PAGES = ("pytest", "lark", "lxml")
+EXTRAS = "[can,foxglove,mcap,modbus,opcua]"
 
 
 @pytest.fixture(scope="module")
@@ -209,7 +210,8 @@ def wheels(wheel, tmp_path_factory):
     folder = tmp_path_factory.mktemp("wheels")
     command = [sys.executable, "-m", "pip", "download", "--quiet", "--only-binary=:all:"]
     command += ["--dest", folder, "-c", ROOT / "requirements.txt"]
-    subprocess.run([*command, wheel, *USED_BY_PAGES], check=True)
+    with_extras = f"forceaxis{EXTRAS} @ {wheel.as_uri()}"
+    subprocess.run([*command, with_extras, *USED_BY_PAGES], check=True)
     subprocess.run([*command, "--no-deps", "fmpy"], check=True)
     return folder
 
@@ -240,7 +242,7 @@ def python(wheels, tmp_path_factory):
     folder = tmp_path_factory.mktemp("venv")
     subprocess.run(["/usr/bin/python3", "-m", "venv", folder], check=True)
     install = [folder / "bin/pip", "install", "--quiet", "--no-index", "--find-links", wheels]
-    subprocess.run([*install, "forceaxis", *USED_BY_PAGES], check=True)
+    subprocess.run([*install, f"forceaxis{EXTRAS}", *USED_BY_PAGES], check=True)
     subprocess.run([*install, "--no-deps", "fmpy"], check=True)
     return folder / "bin/python"
 
