@@ -287,9 +287,9 @@ void fw_overrun(fw_t *fw, uint32_t missed);
  * detected errors until the axis has no fault. */
 void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation);
 
-/* Accepts the time that a tick took and by how much it began late, in us. tick_time_max and
- * tick_late_max keep the greatest ones. Call fw_tick_times() after the tick and before another
- * function of the firmware. */
+/* Accepts the time that a tick took and by how much it began late, in us, or the greatest ones of
+ * several ticks. tick_time_max and tick_late_max keep the greatest ones. Call fw_tick_times()
+ * between two ticks. */
 void fw_tick_times(fw_t *fw, uint16_t time_us, uint16_t late_us);
 
 /* The code for the board reads and writes objects with these functions, which return what

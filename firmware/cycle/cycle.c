@@ -34,7 +34,9 @@ static void begin_tare(cycle_t *cycle, const cycle_inputs_t *now) {
 /* Begins FOLLOW, TARE or OUTPUT. */
 static void begin_action(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
   if (phase->action == CYCLE_FOLLOW) {
-    follow(cycle, phase, now);
+    const cycle_point_t *last = &cycle_points(cycle->program)[phase->first + phase->points - 1];
+    cycle->demand_q8 = cycle->first_q8[cycle->phase];
+    cycle->target = (last->x <= 0) ? CYCLE_TARGET_BY_DRIVE : CYCLE_TARGET_OPEN;
   } else {
     cycle->target = (phase->action == CYCLE_OUTPUT) ? CYCLE_TARGET_MET : CYCLE_TARGET_OPEN;
     begin_tare(cycle, now);
@@ -134,6 +136,17 @@ void cycle_init(cycle_t *cycle) {
   cycle->incomplete = 0;
   cycle->last_tick = 0;
   cycle->good = 0;
+}
+
+void cycle_select(cycle_t *cycle, const cycle_header_t *program) {
+  cycle_init(cycle);
+  for (uint8_t i = 0; program != NULL && i < program->phases; i++) {
+    const cycle_phase_t *phase = &cycle_phases(program)[i];
+    cycle->first_q8[i] =
+        (phase->action == CYCLE_FOLLOW)
+            ? cycle_table_at(&cycle_points(program)[phase->first], phase->points, 0)
+            : 0;
+  }
 }
 
 void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inputs_t *now,

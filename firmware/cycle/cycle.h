@@ -81,6 +81,8 @@ typedef struct {
   int32_t section_force_q8;
   int32_t section_change_q8;
   int32_t section_travel;
+  /* FOLLOW: demand_q8 at the begin of each phase, which cycle_select() computes */
+  int32_t first_q8[CYCLE_PHASES_MAX];
   uint16_t taken[CYCLE_PHASES_MAX][CYCLE_CONDITIONS]; /* how often each condition was taken */
   cycle_element_state_t elements[CYCLE_ELEMENTS_MAX];
   cycle_sample_t samples[CYCLE_SAMPLES];
@@ -105,8 +107,11 @@ typedef struct {
 /* Sets the state at power-up: no cycle has run. */
 void cycle_init(cycle_t *cycle);
 
-/* Starts a cycle with a program that was checked. The program must not change until the cycle is
- * done. reference_cnt is the position of travel 0 for CYCLE_ZERO_POSITION. */
+/* Prepares cycles with a program that was checked, or none with NULL, in the state of power-up. */
+void cycle_select(cycle_t *cycle, const cycle_header_t *program);
+
+/* Starts a cycle with the selected program. The program must not change until the cycle is done.
+ * reference_cnt is the position of travel 0 for CYCLE_ZERO_POSITION. */
 void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inputs_t *now,
                  int32_t reference_cnt);
 

@@ -153,7 +153,7 @@ bool cycle_mode_select(cia402_t *drive, const cycle_header_t *program) {
     return false;
   }
   drive->program = program;
-  cycle_init(&drive->cycle);
+  cycle_select(&drive->cycle, program);
   drive->cycle_refusal = AXIS_CYCLE_STATE_IDLE;
   return true;
 }

@@ -1,5 +1,7 @@
 #include "firmware/drive/position_modes.h"
 
+#include <stddef.h>
+
 #include "firmware/drive/motion.h"
 #include "firmware/drive/state.h"
 #include "firmware/drive/units.h"
@@ -48,7 +50,9 @@ static void end_setpoint(cia402_t *drive) {
   }
 }
 
-static void pursue_setpoint(cia402_t *drive) {
+/* Moves the trajectory by one tick towards the set-point. `known` is the distance to it, or NULL.
+ */
+static void pursue_setpoint(cia402_t *drive, const motion_distance_t *known) {
   const trajectory_limits_t limits =
       cia402_limits(drive, cia402_speed_q16(drive, drive->setpoint.speed));
   profile_t *trajectory = &drive->trajectory;
@@ -64,7 +68,7 @@ static void pursue_setpoint(cia402_t *drive) {
     return;
   }
   const int32_t place = motion_within_limits(drive, drive->setpoint.position);
-  motion_distance_t distance = motion_distance_to(drive, place);
+  motion_distance_t distance = (known != NULL) ? *known : motion_distance_to(drive, place);
   if (drive->setpoint_buffered != 0 &&
       (drive->params.controlword & CIA402_CW_CHANGE_ON_SETPOINT) != 0) {
     const motion_distance_t to_buffered =
@@ -86,22 +90,25 @@ static void pursue_setpoint(cia402_t *drive) {
 }
 
 /* Ends a guarded move when the axis touches the workpiece in the direction of motion. The axis
- * stops at its present position, not at the position of the trajectory, which is ahead. */
-static void guard_move(cia402_t *drive, const axis_t *axis) {
+ * stops at its present position, not at the position of the trajectory, which is ahead. Returns
+ * true if `distance` is that from the trajectory to the set-point, which need not be computed
+ * again. */
+static bool guard_move(cia402_t *drive, const axis_t *axis, motion_distance_t *distance) {
   if ((drive->setpoint_active == 0 && motion_has_place(drive)) || drive->signals.contact == 0) {
-    return;
+    return false;
   }
-  const motion_distance_t distance =
-      motion_distance_from(drive, motion_followed(drive)->position_q32,
-                           motion_within_limits(drive, drive->setpoint.position));
-  const bool pressing = distance.negative == (axis->signals.force < 0);
-  if (pressing && distance.magnitude_q16 != 0) {
+  *distance = motion_distance_from(drive, motion_followed(drive)->position_q32,
+                                   motion_within_limits(drive, drive->setpoint.position));
+  const bool pressing = distance->negative == (axis->signals.force < 0);
+  if (pressing && distance->magnitude_q16 != 0) {
     profile_set(&drive->trajectory, axis->signals.position);
     shaper_clear(&drive->motion_shaper);
     drive->setpoint_active = 0;
     drive->setpoint_buffered = 0;
     drive->stopped_by_contact = 1;
+    return false;
   }
+  return motion_has_place(drive);
 }
 
 /* Limits a speed in user units and converts the speed to the direction of the encoder. */
@@ -164,13 +171,14 @@ void position_cyclic(cia402_t *drive, axis_t *axis) {
 }
 
 void position_guarded_move(cia402_t *drive, axis_t *axis) {
-  guard_move(drive, axis);
-  pursue_setpoint(drive);
+  motion_distance_t distance;
+  const bool is_known = guard_move(drive, axis, &distance);
+  pursue_setpoint(drive, is_known ? &distance : NULL);
 }
 
 void position_profile(cia402_t *drive, axis_t *axis) {
   (void)axis;
-  pursue_setpoint(drive);
+  pursue_setpoint(drive, NULL);
 }
 
 void position_profile_velocity(cia402_t *drive, axis_t *axis) {

@@ -23,7 +23,7 @@ void cia402_init(cia402_t *drive) {
   shaper_clear(&drive->motion_shaper);
   drive->homing = (cia402_homing_t){0};
   drive->homed = 0;
-  cycle_init(&drive->cycle);
+  cycle_select(&drive->cycle, NULL);
   drive->program = NULL;
   drive->cycle_refusal = AXIS_CYCLE_STATE_IDLE;
   drive->cycle_offset_q8 = 0;

@@ -9,6 +9,8 @@ enum { US_Q16 = 781, US_INTERNAL_Q16 = 4096 };
 
 static volatile uint32_t entries;
 static int32_t us_q16;
+static uint32_t longest; /* longest tick, and greatest delay of a tick, in counts */
+static uint32_t latest;
 static uint32_t due; /* count at which the present tick was due, or a slightly smaller count */
 static uint32_t missed;
 static bool is_late;
@@ -45,14 +47,17 @@ void tick_interrupt(void) {
   tick_timer_take();
   const uint32_t begin = clock_count();
   count_missed(begin);
+  latest = (begin - due > latest) ? begin - due : latest;
   port_tick();
-  fw_tick_times(port_firmware(), us_of(clock_count() - begin), us_of(begin - due));
+  const uint32_t length = clock_count() - begin;
+  longest = (length > longest) ? length : longest;
   if (tick_timer_is_due()) {
     is_late = true;
   }
 }
 
 bool port_overran(uint32_t *ticks) {
+  fw_tick_times(port_firmware(), us_of(longest), us_of(latest));
   const bool result = is_late || missed != 0;
   *ticks = missed;
   missed = 0;

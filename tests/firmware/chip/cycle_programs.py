@@ -114,15 +114,46 @@ def element(rng, kinds, points):
     return struct.pack(ELEMENT, kind, over_time, 0xFFFF, of_force, *sides, *bounds)
 
 
+def short_phase(rng, position, points, number, phases):
+    """APPROACH and FOLLOW in turn. The fourth condition of APPROACH is met as soon as travel 0 is
+    found, so that three conditions, the compliance and the begin of FOLLOW are in one tick."""
+    next_phase = (number + 1) % phases
+    limits = 131_071, 2**30 - 1, 2**32 - 1
+    if number % 2 == 0:
+        first, over_travel = (0, 0), 0
+        action, slope, speed = APPROACH, 0, rng.choice([1500, 15_000, 300_000])
+        target = max(-(2**31), min(2**31 - 1, position + rng.randint(-3000, 3000)))
+        conditions = [
+            rng.choice([(STIFFNESS_ABOVE, 0, 0, 2**30), (DEPTH_ABOVE, 0, 0, 30_000)])
+            for _ in range(3)
+        ]
+        conditions.append((DEPTH_BELOW, next_phase, rng.choice([0, 3]), 30_000))
+    else:
+        first, over_travel = table(rng, points), rng.randint(0, 1)
+        action, slope, speed, target = FOLLOW, rng.choice([1, 10_000, 1_000_000]), 0, 0
+        conditions = [(TIME, next_phase, 0, rng.choice([3, 40]))] + 3 * [(0, 0, 0, 0)]
+    measures = any(when == STIFFNESS_ABOVE for when, *_ in conditions)
+    more = (8 if measures else 0, *first, over_travel, rng.randint(1, OUTPUTS), 0)
+    fields = (action, END, 0, slope, target, speed, *limits, *more)
+    records = (struct.pack(CONDITION, *fields) for fields in conditions)
+    return struct.pack(PHASE, *fields) + b"".join(records)
+
+
 def random_program(rng, position):
     """The record of a program around a position in counts."""
+    is_short = rng.random() < 0.25
     phases, elements = rng.choice([1, 3, 6, PHASES_MAX]), rng.choice([0, 3, ELEMENTS_MAX])
+    if is_short:
+        phases = 8
     # The longest evaluation is that of sixteen elements of one kind.
     kinds, points = rng.choice([range(8), [rng.randrange(8)]]), []
-    compliance = rng.choice([0, 2, 3, 16])
+    compliance = 16 if is_short else rng.choice([0, 2, 3, 16])
     for i in range(compliance):
         points.append((5000 * (i - 1) - rng.randint(0, 4000), rng.randint(-3, 30)))
-    body = b"".join(phase(rng, phases, position, points, i == 0) for i in range(phases))
+    if is_short:
+        body = b"".join(short_phase(rng, position, points, i, phases) for i in range(phases))
+    else:
+        body = b"".join(phase(rng, phases, position, points, i == 0) for i in range(phases))
     body += b"".join(element(rng, kinds, points) for _ in range(elements))
     body += b"".join(struct.pack(POINT, *p) for p in points)
     size = struct.calcsize(HEADER) + len(body) + 4

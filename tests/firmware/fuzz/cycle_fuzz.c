@@ -76,7 +76,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
   const void *aligned = record;
   const cycle_header_t *program = (const cycle_header_t *)aligned;
   cycle_t cycle;
-  cycle_init(&cycle);
+  cycle_select(&cycle, program);
   cycle_inputs_t now = {.tick = 5};
   cycle_start(&cycle, program, &now, 0);
   int aborted = 0;

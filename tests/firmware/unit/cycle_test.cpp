@@ -29,6 +29,7 @@ class Cycle : public ::testing::Test {
     now_ = {};
     now_.tick = 0xFFFFFFF0u;  // the number of the tick wraps
     now_.position = INT32_MAX - 20;
+    cycle_select(&cycle_, reinterpret_cast<const cycle_header_t *>(words_.data()));
     cycle_start(&cycle_, reinterpret_cast<const cycle_header_t *>(words_.data()), &now_,
                 reference_);
   }

@@ -55,7 +55,9 @@ class Terminal:
     "names",
     multiple=True,
     type=click.Choice(list(steps.STEPS)),
-    help="Do only this step. The option can be given several times.",
+    metavar="STEP",
+    help=f"Do only this step, one of {', '.join(steps.STEPS)}. The option can be given several "
+    "times.",
 )
 @click.option("--out", type=File(), help="Protocol as JSON, written after each step.")
 def bringup(connection: AxisConnection, names: tuple[str, ...], out: Path | None) -> None:
