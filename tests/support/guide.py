@@ -121,7 +121,7 @@ def play(page, folder, wheel=None):
         copy = [wheel.parent / "forceaxis", "examples", folder]
         subprocess.run(copy, env=environment(wheel), stdout=subprocess.DEVNULL, check=True)
     else:
-        for name in ("sim", "examples", "tools", "build"):
+        for name in ("sim", "examples", "tools", "build", "firmware"):
             (folder / name).symlink_to(ROOT / name)
     printed, claims = "", []
     after_text = True
