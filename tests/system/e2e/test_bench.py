@@ -63,7 +63,7 @@ def test_a_case_and_a_tool_alone():
 
 
 def test_without_a_checkout_it_times_itself_and_says_what_is_missing(monkeypatch, tmp_path):
-    monkeypatch.setattr(paths, "SIM", tmp_path / "sim")
+    monkeypatch.setattr(paths, "ROOT", tmp_path)
     rows, missing = bench.cases(["A"], ("forceaxis", "odeint"), 1, lambda: None)
     assert [r.tool for r in rows] == ["forceaxis"]
     assert rows[0].force_error_N is None

@@ -67,7 +67,7 @@ def test_the_peak_is_that_of_the_process_and_not_of_its_parent():
 def test_without_the_library_of_peers_only_forceaxis_is_measured(monkeypatch, tmp_path):
     plan = growth.GrowthPlan(bodies=(2,), frequencies_Hz=(), runs=())
     with monkeypatch.context() as patched:
-        patched.setattr(paths, "SIM", tmp_path / "sim")
+        patched.setattr(paths, "ROOT", tmp_path)
         alone = growth.run(plan, 1)
     assert [p.tool for p in alone.points] == ["forceaxis"]
     assert "bench_peers.so not found" in alone.missing["odeint"]
