@@ -21,8 +21,8 @@ class axis_event_t(object):
     """ answer: command done; items are those written or read """
     EVENT_REFUSED = 2
     """
-    answer: text says why; code is the SDO abort code (0 where none); the last item is the one
-    refused, those before it are done
+    answer: text says why; code is the SDO abort code (0 where none; 05040000h: the axis is silent);
+    the last item is the one refused, those before it are done
     """
     EVENT_EMCY = 3
     """
