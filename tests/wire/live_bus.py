@@ -81,3 +81,19 @@ def until(condition, seconds=8.0):
     while not (held := condition()) and time.monotonic() < end:
         time.sleep(0.02)
     return held
+
+
+@contextmanager
+def ended_by(process, number):
+    """Ends a server with pipes by a signal, and in any case after 10 s."""
+    try:
+        yield
+    finally:
+        process.send_signal(number)
+        try:
+            process.wait(10)
+        finally:
+            process.kill()
+            process.wait()
+            process.stdout.close()
+            process.stderr.close()

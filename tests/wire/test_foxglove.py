@@ -23,6 +23,7 @@ from forceaxis.bus.messages import sim_clock_t, sim_truth_t
 from live_bus import (  # noqa: F401
     FORCEAXIS,
     ROOT,
+    ended_by,
     forceaxis,
     gateway,
     namespace,
@@ -44,21 +45,12 @@ def served(url, *words):
         [FORCEAXIS, "monitor", "--foxglove", "--port", "0", "--url", url, *words],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    try:
+    with ended_by(process, signal.SIGTERM):
         line = process.stdout.readline()
         found = re.fullmatch(r"foxglove {5}(ws://127\.0\.0\.1:\d+)\n", line)
         assert found, line + process.stderr.read()
         assert process.stdout.readline().startswith("layout ")
         yield process, found[1]
-    finally:
-        process.send_signal(signal.SIGTERM)
-        try:
-            process.wait(10)
-        finally:
-            process.kill()
-            process.wait()
-            process.stdout.close()
-            process.stderr.close()
 
 
 @contextlib.contextmanager

@@ -22,6 +22,7 @@ from forceaxis.bus.monitor_web import PAGES_MAX
 from live_bus import (  # noqa: F401
     FORCEAXIS,
     ROOT,
+    ended_by,
     forceaxis,
     gateway,
     namespace,
@@ -38,20 +39,11 @@ def served(url, folder, *words):
         [FORCEAXIS, "monitor", "--web", "--port", "0", "--url", url, *words],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
     )  # fmt: skip
-    try:
+    with ended_by(process, signal.SIGINT):
         line = process.stdout.readline()
         found = re.fullmatch(r"monitor {6}(http://127\.0\.0\.1:\d+)\n", line)
         assert found, line + process.stderr.read()
         yield process, found[1]
-    finally:
-        process.send_signal(signal.SIGINT)
-        try:
-            process.wait(10)
-        finally:
-            process.kill()
-            process.wait()
-            process.stdout.close()
-            process.stderr.close()
 
 
 def screens(process):

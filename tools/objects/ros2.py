@@ -13,7 +13,7 @@ HEAD = """\
 # SHA-256 {digest}
 # A bus with one axis, for ros2_canopen. forceaxis.eds lies beside this file. Check and compile it:
 #   dcfgen -r forceaxis-bus.yml
-# More axes: copy the block axis_1 with another name and node_id.
+# To add an axis, copy the block axis_1 and change its name and its node_id.
 
 options:
   dcf_path: "@BUS_CONFIG_PATH@"

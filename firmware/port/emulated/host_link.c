@@ -65,10 +65,10 @@ static void read_object(const uint8_t *record) {
   answer((uint32_t)refusal, (uint32_t)value);
 }
 
-/* Serves the records of the host up to that of the tick, which the function returns in `record`. In
- * lock-step the last tick has to be complete before, as it is in process, so that the results do
- * not depend on the time that the main loop takes. Writes of the host prolong an interrupt; until
- * the main loop has caught up with them, no tick counts as late. */
+/* Serves the records of the host up to the record of the next tick, which is returned in `record`.
+ * If the host waits for each tick, the previous tick is completed first, as in process, so that the
+ * results do not depend on the speed of the main loop. Writes of the host prolong an interrupt;
+ * until the main loop has caught up with them, no tick counts as late. */
 static void serve_host(uint8_t *record) {
   static bool is_behind;
   const bool is_late = port_firmware()->ticks_alone != 0;

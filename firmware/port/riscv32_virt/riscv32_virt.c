@@ -50,8 +50,8 @@ __attribute__((used)) void start(void) {
   image_failed();
 }
 
-/* Sets the time of the next tick. The high word is written while the low word is all ones, so that
- * no value between the old and the new one is below both. */
+/* Sets the time of the next tick. The compare value has 64 bits and is written in two halves. The
+ * low half is set to its maximum first, so that no intermediate value requests an interrupt. */
 static void set_next(void) {
   due += tick_counts(TIMER_HZ, &fraction);
   MTIMECMP[0] = UINT32_MAX;

@@ -267,7 +267,7 @@ class Chip:
     # The firmware's objects.
 
     def write(self, name, value, source=LOCAL):
-        """By a source, or as the port itself would; returns the refusal, 0 for none."""
+        """Writes an object as `source` does. Returns the firmware's error code, 0 for none."""
         number = objects.BY_NAME[name].number
         return self.call("dictionary_write", self.symbols["firmware"], source, number, value)
 

@@ -15,11 +15,17 @@ from typing import Protocol
 from forceaxis._core import InputError
 from forceaxis.axis import parameter_set
 from forceaxis.axis.axis import Axis
-from forceaxis.axis.link import COMMAND_SOURCES, DEVICE_NAME_INDEX, VERSION_INDEX, NoAnswer, Refused
+from forceaxis.axis.link import (
+    COMMAND_SOURCES,
+    DEVICE_NAME_INDEX,
+    TICKS_PER_S,
+    VERSION_INDEX,
+    NoAnswer,
+    Refused,
+)
 from forceaxis.bus.lcm import TABLE_HASH
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
-TICKS_PER_S = 1500
 # Longest tick in us that a board may need: 15 % of a tick. The model of core and flash memory gives
 # 55 us (docs/chip/instructions.md).
 TICK_TIME_MAX_US = 100
@@ -44,7 +50,6 @@ SPEED_MAX, MOTION_MAX = 1, 3
 STAGE_CODES = (0, 2000, -2000)  # codes at which the voltage of the stage is asked for
 CODE_V = 20 / 4096  # of the +-10 V stage
 STAGE_MAX_V = 0.1
-RESET_TIMEOUT_S = 60.0
 
 RESET_CAUSES = {
     2: "brown-out",
@@ -172,10 +177,12 @@ class Bench:
 
 
 def passed(text: str, **values: float) -> BringupStep:
+    """Returns a step that has passed. step_of() adds its name."""
     return BringupStep("", PASSED, text, values)
 
 
 def failed(text: str, **values: float) -> BringupStep:
+    """Returns a step that has failed. step_of() adds its name."""
     return BringupStep("", FAILED, text, values)
 
 
@@ -449,21 +456,6 @@ def check_can_off(bench: Bench) -> BringupStep:
         link.acquire()
     bench.axis.reset_fault()
     return passed("the controller left the bus and is back")
-
-
-def wait_for_reset(bench: Bench) -> bool:
-    """Waits until the tick count has begun anew. Returns False if it does not."""
-    axis = bench.axis
-    before = axis.integer("tick_count")
-    for _ in axis.link.polls(RESET_TIMEOUT_S):
-        try:
-            now = axis.integer("tick_count")
-        except NoAnswer:
-            continue
-        if now < before:
-            return True
-        before = now
-    return False
 
 
 def check_watchdog(bench: Bench) -> BringupStep:
