@@ -10,6 +10,7 @@ import ctypes
 import ipaddress
 import json
 import logging
+import os
 import shlex
 import signal
 import sys
@@ -63,13 +64,18 @@ class Screen(AppService):
     async def stop(self) -> None:
         """Asks the process to end, and terminates the process after QUIT_TIMEOUT_S, because a
         process that is still starting ignores the request."""
+        process = self._process
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(super().stop(), QUIT_TIMEOUT_S)
-        if (process := self._process) is None:
+            async with asyncio.timeout(QUIT_TIMEOUT_S):
+                await super().stop()
+                if process is not None:
+                    await process.wait()
+        if process is None:
             return
         if process.returncode is None:
-            with contextlib.suppress(ProcessLookupError):  # the process may already have ended
-                process.terminate()
+            # not process.terminate(), which may collect the exit status before asyncio does
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(process.pid, signal.SIGTERM)
         await process.wait()
 
 
