@@ -114,12 +114,12 @@ static void store_sample(recorder_t *recorder, const void *base) {
   const recorder_channel_t *channel = recorder->channels;
   /* Four bytes are copied for each value, and the next value overwrites the surplus bytes. This
    * needs fewer instructions than a test of the width of each value. */
-  const recorder_channel_t *end = channel + recorder->wide_count;
-  for (; channel != end; channel++) {
+  for (uint32_t left = recorder->wide_count; left != 0; left--) {
     fx_copy_4(to, (const uint8_t *)base + channel->offset);
     to += channel->bytes;
+    channel++;
   }
-  end = &recorder->channels[recorder->channel_count];
+  const recorder_channel_t *end = &recorder->channels[recorder->channel_count];
   for (; channel != end; channel++) {
     const uint8_t *at = (const uint8_t *)base + channel->offset;
     const uint32_t bytes = channel->bytes;

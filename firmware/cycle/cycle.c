@@ -8,11 +8,17 @@ static int32_t within_force(int32_t force_q8) {
   return fx_clamp(force_q8, -CYCLE_FORCE_MAX_Q8, CYCLE_FORCE_MAX_Q8);
 }
 
-/* The force less the offset of the program, in the range of a sample. */
-static int32_t force_of(const cycle_t *cycle) { return within_force(cycle->force_q8); }
+/* Takes the force less the offset of the program, in the range of a sample. */
+static void take_force(cycle_t *cycle, const cycle_inputs_t *now) {
+  cycle->force_q8 = within_force(fx_diff_wrap(now->force_q8, cycle->offset_q8));
+}
+
+static int32_t within_travel(int32_t travel) {
+  return fx_clamp(travel, -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX);
+}
 
 static int32_t travel_of(const cycle_inputs_t *now, int32_t from_cnt) {
-  return fx_clamp(fx_diff_wrap(now->position, from_cnt), -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX);
+  return within_travel(fx_diff_wrap(now->position, from_cnt));
 }
 
 /* Sets the target of FOLLOW for the next tick. */
@@ -48,7 +54,7 @@ static void begin_phase(cycle_t *cycle, uint8_t number, const cycle_inputs_t *no
   cycle->phase_ticks = 0;
   cycle->start_cnt = now->position;
   cycle->section_cnt = now->position;
-  cycle->section_force_q8 = force_of(cycle);
+  cycle->section_force_q8 = cycle->force_q8;
   cycle->section_travel = 0;
   const cycle_phase_t *phase = cycle_phase(cycle);
   cycle->outputs = (uint8_t)((cycle->outputs | phase->outputs_on) & (uint8_t)~phase->outputs_off);
@@ -88,7 +94,7 @@ static int32_t depth_of(const cycle_header_t *program, int32_t travel, int32_t f
 
 /* Makes the place of a sample that of travel 0. */
 static void set_zero(cycle_t *cycle, const cycle_inputs_t *now) {
-  cycle->zero_cnt = fx_diff_wrap(now->position, deflection_at(cycle->program, force_of(cycle)));
+  cycle->zero_cnt = fx_diff_wrap(now->position, deflection_at(cycle->program, cycle->force_q8));
   cycle->depth = 0;
   cycle->has_depth = 1;
 }
@@ -160,7 +166,7 @@ void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inpu
   cycle->begin_tick = now->tick;
   cycle->zeroed = (program->zero == CYCLE_ZERO_POSITION) ? 1 : 0;
   cycle->zero_cnt = reference_cnt;
-  cycle->force_q8 = now->force_q8;
+  take_force(cycle, now);
   if (cycle->zeroed == 0) {
     set_zero(cycle, now);
   }
@@ -176,23 +182,20 @@ static void sample(cycle_t *cycle, const cycle_inputs_t *now) {
   }
   cycle->samples[cycle->written & (CYCLE_SAMPLES - 1)] =
       (cycle_sample_t){.tick = now->tick,
-                       .travel = travel_of(now, cycle->zero_cnt),
-                       .force_q8 = force_of(cycle),
+                       .travel = fx_diff_wrap(now->position, cycle->zero_cnt),
+                       .force_q8 = cycle->force_q8,
                        .phase = cycle->phase,
                        .zeroed = cycle->zeroed};
   cycle->written = (uint8_t)(cycle->written + 1);
 }
 
-/* Conditions of the stiffness. With a section in the negative direction both changes have the other
- * sign. */
+/* Conditions of the stiffness. */
 static bool has_stiffness(const cycle_t *cycle, const cycle_condition_t *condition) {
-  const int32_t travel = cycle->section_travel;
-  if (travel == 0) {
+  if (cycle->section_travel == 0) {
     return false;
   }
-  const int32_t sign = (travel > 0) ? 1 : -1;
-  const int64_t change = (int64_t)(sign * cycle->section_change_q8) * 65536;
-  const int64_t bound = (int64_t)condition->level * (sign * travel);
+  const int64_t change = (int64_t)cycle->section_change_q8 * 65536;
+  const int64_t bound = (int64_t)condition->level * cycle->section_travel;
   return (condition->when == CYCLE_STIFFNESS_ABOVE) ? change >= bound : change <= bound;
 }
 
@@ -277,7 +280,7 @@ static uint8_t measure_tare(cycle_t *cycle, const cycle_phase_t *phase, const cy
     return CYCLE_TARE_BAND;
   }
   cycle->offset_q8 = mean;
-  cycle->force_q8 = fx_diff_wrap(now->force_q8, mean);
+  take_force(cycle, now);
   cycle->target = CYCLE_TARGET_MET;
   cycle->tared = 1;
   return CYCLE_BY_PROGRAM;
@@ -325,24 +328,26 @@ static bool is_at_zero(const cycle_t *cycle, const cycle_inputs_t *now) {
   return (level > 0) ? cycle->force_q8 >= level : cycle->force_q8 <= level;
 }
 
-/* Ends the section of stiffness_travel if it is complete, and begins the next one. */
+/* Ends the section of stiffness_travel if it is complete, and begins the next one. The changes over
+ * a section in the negative direction both get the other sign. */
 static void measure_stiffness(cycle_t *cycle, uint32_t section, const cycle_inputs_t *now) {
   const int32_t travel = travel_of(now, cycle->section_cnt);
   if (fx_magnitude(travel) >= section) {
-    cycle->section_change_q8 = force_of(cycle) - cycle->section_force_q8;
-    cycle->section_travel = travel;
+    const int32_t change = cycle->force_q8 - cycle->section_force_q8;
+    cycle->section_change_q8 = (travel < 0) ? -change : change;
+    cycle->section_travel = (travel < 0) ? -travel : travel;
     cycle->section_cnt = now->position;
-    cycle->section_force_q8 = force_of(cycle);
+    cycle->section_force_q8 = cycle->force_q8;
   }
 }
 
 /* Goes on by the first condition of the phase that is met. Returns false if none is met. */
 static bool take_condition(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
+  uint16_t *taken = cycle->taken[cycle->phase];
   for (uint8_t i = 0; i < CYCLE_CONDITIONS; i++) {
     const cycle_condition_t *condition = &phase->conditions[i];
-    uint16_t *taken = &cycle->taken[cycle->phase][i];
-    if ((condition->count == 0 || *taken < condition->count) && is_met(cycle, condition, now)) {
-      *taken = (uint16_t)(*taken + (condition->count != 0));
+    if ((condition->count == 0 || taken[i] < condition->count) && is_met(cycle, condition, now)) {
+      taken[i] = (uint16_t)(taken[i] + (condition->count != 0));
       cycle->ended_by = (uint8_t)(i + 1);
       go_on(cycle, condition->next, now);
       return true;
@@ -352,7 +357,7 @@ static bool take_condition(cycle_t *cycle, const cycle_phase_t *phase, const cyc
 }
 
 bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now) {
-  cycle->force_q8 = fx_diff_wrap(now->force_q8, cycle->offset_q8);
+  take_force(cycle, now);
   cycle->has_depth = 0;
   if (cycle->zeroed == 0 && is_at_zero(cycle, now)) {
     cycle->zeroed = 1;
@@ -413,8 +418,8 @@ void cycle_evaluate(cycle_t *cycle) {
   const cycle_element_t *elements = cycle_elements(cycle->program);
   while (cycle->evaluated != cycle->written) {
     cycle_sample_t *next = &cycle->samples[cycle->evaluated & (CYCLE_SAMPLES - 1)];
-    next->travel = fx_clamp(depth_of(cycle->program, next->travel, next->force_q8),
-                            -CYCLE_TRAVEL_MAX, CYCLE_TRAVEL_MAX);
+    next->travel =
+        within_travel(depth_of(cycle->program, within_travel(next->travel), next->force_q8));
     for (uint8_t i = 0; i < cycle->program->elements; i++) {
       cycle_element_take(&elements[i], cycle_points(cycle->program), &cycle->elements[i], next);
     }

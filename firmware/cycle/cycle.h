@@ -62,7 +62,7 @@ typedef struct {
   int32_t start_cnt;             /* position at the start of the phase */
   int32_t zero_cnt;              /* position of travel 0: the start, until it is found */
   int32_t begin_cnt;             /* zero_cnt at the start of the cycle */
-  int32_t force_q8;              /* force of the last sample, less offset_q8 */
+  int32_t force_q8;              /* force of the last sample, less offset_q8, in its range */
   int32_t depth;                 /* depth of the last sample, if has_depth is 1 */
   /* PRESS, FOLLOW: target of the demanded force for the next tick, in 1/256 per mille of
    * rated_force, without the offset */
@@ -76,7 +76,8 @@ typedef struct {
   int32_t tare_sum;
   uint16_t tare_ticks;
   /* Begin of the section of stiffness_travel that is not complete yet, and the changes over the
-   * last complete one; section_travel is 0 if there is none yet. */
+   * last complete one, with the sign that makes section_travel positive; section_travel is 0 if
+   * there is none yet. */
   int32_t section_cnt;
   int32_t section_force_q8;
   int32_t section_change_q8;

@@ -18,18 +18,16 @@ bool cycle_table_is_valid(const cycle_point_t *points, uint8_t count) {
                                               CYCLE_TABLE_X_MAX, CYCLE_TABLE_Y_MAX);
 }
 
-uint8_t cycle_line_at(const cycle_point_t *points, uint8_t count, int32_t x) {
-  uint8_t low = 0;
-  uint8_t high = (uint8_t)(count - 1);
-  while (high - low > 1) {
-    const uint8_t middle = (uint8_t)fx_half((uint32_t)low + high);
-    if (points[middle].x <= x) {
-      low = middle;
-    } else {
-      high = middle;
+uint32_t cycle_line_at(const cycle_point_t *points, uint32_t count, int32_t x) {
+  uint32_t line = 0;
+  for (uint32_t lines = count - 1; lines > 1;) {
+    const uint32_t half = fx_half(lines);
+    lines -= half;
+    if (points[line + half].x <= x) {
+      line += half;
     }
   }
-  return low;
+  return line;
 }
 
 int32_t cycle_table_at(const cycle_point_t *points, uint8_t count, int32_t x) {

@@ -26,7 +26,7 @@ bool cycle_points_are_valid(const cycle_point_t *points, uint8_t count, int32_t 
 bool cycle_table_is_valid(const cycle_point_t *points, uint8_t count);
 
 /* Returns the index of the point at which the line of the curve for x begins. */
-uint8_t cycle_line_at(const cycle_point_t *points, uint8_t count, int32_t x);
+uint32_t cycle_line_at(const cycle_point_t *points, uint32_t count, int32_t x);
 
 /* Returns y of a table at x, rounded half up; before the first point the first y, after the last
  * point the last y. At most some 110 instructions on a Cortex-M4. */

@@ -50,6 +50,16 @@ static void end_setpoint(cia402_t *drive) {
   }
 }
 
+/* Makes the place of the trajectory the set-point that is reached. The stored position stays the
+ * value that the client wrote if this value is the same place: a conversion from the count would
+ * round the value, and in relative moves the rounding errors would accumulate. */
+static void keep_place(cia402_t *drive) {
+  const int32_t count = fx_cnt_from_q32(drive->trajectory.position_q32);
+  if (cia402_encoder(drive, drive->setpoint.position) != count) {
+    drive->setpoint.position = cia402_user(drive, count);
+  }
+}
+
 /* Moves the trajectory by one tick towards the set-point. `known` is the distance to it, or NULL.
  */
 static void pursue_setpoint(cia402_t *drive, const motion_distance_t *known) {
@@ -58,13 +68,7 @@ static void pursue_setpoint(cia402_t *drive, const motion_distance_t *known) {
   profile_t *trajectory = &drive->trajectory;
   if (drive->setpoint_active == 0) {
     trajectory_ramp(trajectory, 0, &limits);
-    /* The stored position of a reached set-point is the value that the client wrote. A conversion
-     * from the count would round this value, and in relative moves the rounding errors would
-     * accumulate. */
-    const int32_t count = fx_cnt_from_q32(trajectory->position_q32);
-    if (cia402_encoder(drive, drive->setpoint.position) != count) {
-      drive->setpoint.position = cia402_user(drive, count);
-    }
+    keep_place(drive);
     return;
   }
   const int32_t place = motion_within_limits(drive, drive->setpoint.position);
@@ -89,26 +93,15 @@ static void pursue_setpoint(cia402_t *drive, const motion_distance_t *known) {
   }
 }
 
-/* Ends a guarded move when the axis touches the workpiece in the direction of motion. The axis
- * stops at its present position, not at the position of the trajectory, which is ahead. Returns
- * true if `distance` is that from the trajectory to the set-point, which need not be computed
- * again. */
-static bool guard_move(cia402_t *drive, const axis_t *axis, motion_distance_t *distance) {
-  if ((drive->setpoint_active == 0 && motion_has_place(drive)) || drive->signals.contact == 0) {
-    return false;
-  }
-  *distance = motion_distance_from(drive, motion_followed(drive)->position_q32,
-                                   motion_within_limits(drive, drive->setpoint.position));
-  const bool pressing = distance->negative == (axis->signals.force < 0);
-  if (pressing && distance->magnitude_q16 != 0) {
-    profile_set(&drive->trajectory, axis->signals.position);
-    shaper_clear(&drive->motion_shaper);
-    drive->setpoint_active = 0;
-    drive->setpoint_buffered = 0;
-    drive->stopped_by_contact = 1;
-    return false;
-  }
-  return motion_has_place(drive);
+/* Ends a guarded move. The axis stops at its present position, not at the position of the
+ * trajectory, which is ahead. */
+static void stop_by_contact(cia402_t *drive, const axis_t *axis) {
+  profile_set(&drive->trajectory, axis->signals.position);
+  shaper_clear(&drive->motion_shaper);
+  drive->setpoint_active = 0;
+  drive->setpoint_buffered = 0;
+  drive->stopped_by_contact = 1;
+  keep_place(drive);
 }
 
 /* Limits a speed in user units and converts the speed to the direction of the encoder. */
@@ -171,9 +164,20 @@ void position_cyclic(cia402_t *drive, axis_t *axis) {
 }
 
 void position_guarded_move(cia402_t *drive, axis_t *axis) {
-  motion_distance_t distance;
-  const bool is_known = guard_move(drive, axis, &distance);
-  pursue_setpoint(drive, is_known ? &distance : NULL);
+  if ((drive->setpoint_active == 0 && motion_has_place(drive)) || drive->signals.contact == 0) {
+    pursue_setpoint(drive, NULL);
+    return;
+  }
+  const motion_distance_t distance =
+      motion_distance_from(drive, motion_followed(drive)->position_q32,
+                           motion_within_limits(drive, drive->setpoint.position));
+  const bool pressing = distance.negative == (axis->signals.force < 0);
+  if (pressing && distance.magnitude_q16 != 0) {
+    stop_by_contact(drive, axis);
+    return;
+  }
+  /* The distance from the trajectory is known if the axis follows the trajectory itself. */
+  pursue_setpoint(drive, motion_has_place(drive) ? &distance : NULL);
 }
 
 void position_profile(cia402_t *drive, axis_t *axis) {

@@ -155,21 +155,6 @@ int32_t fx_interpolate(int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t x
                : fx_s32_from_u32((uint32_t)y0 + quotient);
 }
 
-/* The product is computed in two digits of 12 bits, so that no number has more than 32 bits: `high`
- * is below 2^31, and the last sum is below 8192 length. The quotient of a line that falls is
- * subtracted, so half of it is rounded down. */
-int32_t fx_interpolate_short(int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t x) {
-  const uint32_t length = (uint32_t)(x1 - x0);
-  const uint32_t part = (uint32_t)(x - x0);
-  const bool falls = y1 < y0;
-  const uint32_t size = fx_magnitude(y1 - y0);
-  const uint32_t high = (size >> 12) * part;
-  const uint32_t half = (length - (falls ? 1 : 0)) >> 1;
-  const uint32_t low = ((high % length) << 12) + (size & 4095) * part + half;
-  const int32_t change = (int32_t)(((high / length) << 12) + low / length);
-  return falls ? y0 - change : y0 + change;
-}
-
 /* The sum is raised by 2^17 n, so that it is not negative; it is then at most 2^18 n, below 2^32.
  */
 int32_t fx_mean_half_up(int32_t sum, uint32_t n) {

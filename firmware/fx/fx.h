@@ -344,9 +344,23 @@ enum { FX_ROUND_DOWN = 0, FX_ROUND_UP = 1, FX_ROUND_HALF_UP = 2 };
  * overflow. */
 int32_t fx_interpolate(int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t x, uint8_t rounding);
 
-/* Returns the same as fx_interpolate() with FX_ROUND_HALF_UP in some 30 instructions: x0 <= x <=
+/* Returns the same as fx_interpolate() with FX_ROUND_HALF_UP in some 25 instructions: x0 <= x <=
  * x1, x1 - x0 is 1 to 2^19-1, and |y1 - y0| < 2^24. */
-int32_t fx_interpolate_short(int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t x);
+static inline int32_t fx_interpolate_short(int32_t x0, int32_t y0, int32_t x1, int32_t y1,
+                                           int32_t x) {
+  const uint32_t length = (uint32_t)(x1 - x0);
+  const uint32_t part = (uint32_t)(x - x0);
+  const bool falls = y1 < y0;
+  const uint32_t size = fx_magnitude(y1 - y0);
+  /* The product is computed in two digits of 12 bits, so that no number has more than 32 bits:
+   * `high` is below 2^31, and the last sum is below 8192 length. The quotient of a line that falls
+   * is subtracted, so half of it is rounded down. */
+  const uint32_t high = (size >> 12) * part;
+  const uint32_t half = (length - (falls ? 1 : 0)) >> 1;
+  const uint32_t low = ((high % length) << 12) + (size & 4095) * part + half;
+  const int32_t change = (int32_t)(((high / length) << 12) + low / length);
+  return falls ? y0 - change : y0 + change;
+}
 
 /* floor(n / 2). */
 static inline uint16_t fx_half(uint32_t n) { return (uint16_t)(n >> 1); }

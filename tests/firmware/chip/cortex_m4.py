@@ -265,12 +265,13 @@ class Chip:
     # What a port does.
 
     def interrupt(self, inputs):
-        """A tick, counted as one; `control_count` is from inputs to outputs."""
+        """A tick, counted as one; `prepare_count` and `control_count` are before the ADC codes are
+        read, and from inputs to outputs."""
         self.uc.mem_write(INPUTS, inputs)
         self.call("fw_prepare", FW)
-        before = self.count
+        self.prepare_count = self.count
         self.call("fw_control", FW, INPUTS, OUTPUTS, goes_on=True)
-        self.control_count = self.count - before
+        self.control_count = self.count - self.prepare_count
         self.call("fw_report", FW, goes_on=True)
         self.outputs = bytes(self.uc.mem_read(OUTPUTS, OUTPUT_BYTES))
         return self.outputs

@@ -139,9 +139,10 @@ def short_phase(rng, position, points, number, phases):
     return struct.pack(PHASE, *fields) + b"".join(records)
 
 
-def random_program(rng, position):
-    """The record of a program around a position in counts."""
-    is_short = rng.random() < 0.25
+def random_program(rng, position, short_share=0.25):
+    """The record of a program around a position in counts; `short_share`: of the programs with
+    phases of short_phase()."""
+    is_short = rng.random() < short_share
     phases, elements = rng.choice([1, 3, 6, PHASES_MAX]), rng.choice([0, 3, ELEMENTS_MAX])
     if is_short:
         phases = 8

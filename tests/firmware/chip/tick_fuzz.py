@@ -208,6 +208,10 @@ class Fuzz:
     """One run: `step` plays a tick to a side (or several, which must answer alike) and reports
     the events to `watch`."""
 
+    # Shares of the scenarios with a new program and with cycles, and of the programs with phases of
+    # short_phase().
+    program_share, cycle_share, short_share = 0.5, 0.08, 0.25
+
     def __init__(self, objects, seed):
         self.objects = objects
         self.rng = random.Random(seed)
@@ -303,12 +307,13 @@ class Fuzz:
         self.scenario_end = self.tick_number + (FIRST_MOTION_TICKS if self.calm else SCENARIO_TICKS)
 
     def start_cycles(self, side):
-        """A program in half of the scenarios; in some of them the axis runs it several times."""
+        """A program in some scenarios; in some of them the axis runs it several times."""
         rng = self.cycle_rng
-        if rng.random() < 0.5:
-            answer = side.select_program(random_program(rng, signed(int(self.position))))
+        if rng.random() < self.program_share:
+            program = random_program(rng, signed(int(self.position)), self.short_share)
+            answer = side.select_program(program)
             assert answer in (0, CYCLE_BUSY), f"reason and part {divmod(answer, 256)[::-1]}"
-        self.cycles = not self.calm and rng.random() < 0.08
+        self.cycles = not self.calm and rng.random() < self.cycle_share
         if not self.cycles:
             return
         self.scenario_end = self.tick_number + CYCLE_TICKS
@@ -575,3 +580,9 @@ class Fuzz:
             self.set(side, "excitation_run", int(self.excite_rng.random() < 0.9))
         self.sense(side.outputs, inputs)
         self.report_drive(side.outputs, inputs)
+
+
+class CycleFuzz(Fuzz):
+    """Cycles in each scenario, with programs whose phases end in the ticks that have most to do."""
+
+    program_share = cycle_share = short_share = 1.0

@@ -8,11 +8,13 @@ from converters import Ads1256
 from cortex_m4 import Chip, Code, Inputs, run
 from drive_bench import FORCE, LAW, SETTINGS, bench, frames_of, stored
 from forceaxis.objects import BY_NAME
-from tick_fuzz import CYCLE, Fuzz
+from tick_fuzz import CYCLE, CycleFuzz, Fuzz
 from unicorn import UC_HOOK_CODE
 
 SEED = 6
 TICKS = 100_000
+# Besides, with cycles alone: of ten seeds the seed with the longest tick.
+TICKS_OF_CYCLES, SEED_OF_CYCLES = 40_000, 4
 CAN_MAILBOXES = 3  # of a bxCAN: frames that can be sent in one tick
 LATE = 0.002  # share of the ticks after which fw_between() is late
 ENABLED = 4  # AXIS_DRIVE_STATE_
@@ -39,10 +41,11 @@ OFF = "not enabled, stopping"
 RESET = ("power_up", "canopen_init")
 # The timer starts the conversions of both channels, which take 3.81 us, 640 cycles of the core. The
 # entry of the interrupt takes 12 cycles, and each instruction before the first poll takes a cycle
-# at least; test_budget.py counts them. A poll has eight reads of 6 cycles at least.
-CONVERSION_CYCLES, ENTRY_CYCLES, POLL_CYCLES = 640, 12, 48
-BEFORE_THE_POLLS = 320
-ADC_POLLS = 1 + math.ceil((CONVERSION_CYCLES - ENTRY_CYCLES - BEFORE_THE_POLLS) / POLL_CYCLES)
+# at least. A poll has eight reads of 6 cycles at least, four other instructions, and a branch that
+# is taken, of 2 cycles at least.
+CONVERSION_CYCLES, ENTRY_CYCLES, POLL_CYCLES = 640, 12, 54
+# Instructions from the reading of the flag of the ADC to that of CR1, which only a poll reads.
+FLAG_TO_CR1 = 4
 LIMITS = released.BOARD.limits
 # By a model of core, flash accelerator and buses over 40,000 fuzzed ticks; only a board shows it.
 CYCLES_PER_INSTRUCTION = 2.6
@@ -75,8 +78,8 @@ class Worst:
 class Watched:
     """The chip, with the calls between two ticks counted by kind."""
 
-    def __init__(self, chip):
-        self.chip, self.frames = chip, Counter()
+    def __init__(self, chip, frames):
+        self.chip, self.frames = chip, frames
 
     @property
     def outputs(self):
@@ -115,16 +118,19 @@ class Port:
     at most, of ticks that are off, go on, are on and go off."""
 
     CALLS = ("fw_prepare", "fw_control", "fw_report")
-    LAST_INPUT, OUTPUT = 0x40, 0x08  # JDR2 of the ADC, DHR12R1 of the DAC
+    # CR1 and JDR2 of the ADC, DHR12R1 of the DAC
+    POLLED, LAST_INPUT, OUTPUT = 0x04, 0x40, 0x08
 
-    def __init__(self, flash=None):
-        """`flash`: the stored parameters."""
+    def __init__(self, flash=None, polls=1):
+        """`flash`: the stored parameters; `polls`: of the ADC in each tick."""
         run(released.ROOT / "tools/image")
         self.owner = Code(released.IMAGE).owner
         self.board = released.Chip(flash)
-        self.board.board.adc.ready_reads = ADC_POLLS
+        self.board.board.adc.ready_reads = 1 + polls  # monitor_look() reads the flags too
         self.starts = {self.board.symbols[name] & ~1 for name in self.CALLS}
         self.total = self.from_adc_to_dac = 0
+        self.before_polls = math.inf  # fewest instructions before a poll that finds no result
+        self.notice(self.board.board.adc, "read", self.POLLED, self.polled)
         self.notice(self.board.board.adc, "read", self.LAST_INPUT, self.sample_taken)
         self.notice(self.board.board.dac, "write", self.OUTPUT, self.output_written)
         self.count, self.inside, self.sampled = 0, False, None
@@ -141,6 +147,9 @@ class Port:
             return original(offset, *value)
 
         setattr(peripheral, access, noticed)
+
+    def polled(self):
+        self.before_polls = min(self.before_polls, self.count - FLAG_TO_CR1)
 
     def sample_taken(self):
         self.sampled = self.count
@@ -218,18 +227,31 @@ class Profile:
         self.ticks, self.seed = ticks, seed
         self.modes = defaultdict(Worst)
         self.between, self.late, self.evaluation = Worst(), Worst(), Worst()
-        self.run()
         self.port, self.drive = Port(), DrivePort()
-
-    def run(self):
-        state = BY_NAME["drive_state"].number
-        display = BY_NAME["modes_of_operation_display"].number
-        chip, side = self.chip, Watched(self.chip)
-        fuzz, inputs = Fuzz(BY_NAME, self.seed), Inputs(0, (0, 0), 1, 1)
-        resets = [chip.code.names.index(name) for name in RESET]
-        waiting = False
+        waiting = Port(polls=2)
+        self.poll, self.before_polls = waiting.total - self.port.total, waiting.before_polls
+        self.waited = self.longest = 0
         self.resets, self.axis, self.banked = Worst(), Worst(), Worst()
         self.control = 0
+        self.frames = Counter()
+        self.run(self.chip, Fuzz(BY_NAME, self.seed), self.ticks)
+        chip = Chip()
+        self.run(chip, CycleFuzz(BY_NAME, SEED_OF_CYCLES), TICKS_OF_CYCLES)
+        self.executed = self.chip.executed() | chip.executed()
+
+    def polled(self, prepare):
+        """Instructions of the polls of the ADC that find no result, in a tick in which fw_prepare()
+        has `prepare` instructions."""
+        left = CONVERSION_CYCLES - ENTRY_CYCLES - self.before_polls - prepare
+        return self.poll * max(0, math.ceil(left / POLL_CYCLES))
+
+    def run(self, chip, fuzz, ticks):
+        state = BY_NAME["drive_state"].number
+        display = BY_NAME["modes_of_operation_display"].number
+        side = Watched(chip, self.frames)
+        inputs = Inputs(0, (0, 0), 1, 1)
+        resets = [chip.code.names.index(name) for name in RESET]
+        waiting = False
         axis = sorted(chip.code.names.index(n) for n in chip.code.reachable("axis_tick"))
         # In a force mode the drive makes the waveform, not axis_tick().
         drive = chip.code.names.index("contact_excitation_prepare")
@@ -237,12 +259,15 @@ class Profile:
         excited = [n for n in axis if n != waveform]
         law = chip.code.names.index("force_law_step")
         evaluates = chip.code.names.index("cycle_element_take")
-        for _ in range(self.ticks):
+        for _ in range(ticks):
             fuzz.step(side, inputs)
             chip.interrupt(bytes(inputs))
             worst = self.banked if chip.shares_of[law + 1] else self.axis
             worst.take(chip, excited if chip.shares_of[drive + 1] else axis)
             self.control = max(self.control, chip.control_count)
+            waited = self.polled(chip.prepare_count)
+            self.waited = max(self.waited, waited)
+            self.longest = max(self.longest, chip.count + waited)
             mode = chip.byte(display)
             mode = mode - 256 if mode > 127 else mode
             enabled = chip.byte(state) == ENABLED
@@ -261,7 +286,6 @@ class Profile:
             for _ in range(CAN_MAILBOXES):
                 if chip.transmit() is None:
                     break
-        self.frames = side.frames
 
     @property
     def worst(self):
@@ -269,7 +293,7 @@ class Profile:
 
     @property
     def interrupt(self):
-        return self.worst.count + max(self.port.total, self.drive.total)
+        return self.longest + max(self.port.total, self.drive.total)
 
     @property
     def from_adc_to_dac(self):
@@ -277,7 +301,7 @@ class Profile:
 
     def coverage(self, *roots):
         """(executed, all) instructions of what functions can come to, and those missed by name."""
-        code, executed = self.chip.code, self.chip.executed()
+        code, executed = self.chip.code, self.executed
         missed, total = {}, 0
         for name in sorted(code.reachable(*roots)):
             addresses = code.instructions[name]
@@ -310,7 +334,8 @@ class Profile:
             "do not edit.",
             "",
             f"Cortex-M4, {self.chip.compiler}, -O2,",
-            f"{self.ticks:,} fuzzed ticks (seed {self.seed}): random modes, parameters, mappings,",
+            f"{self.ticks:,} fuzzed ticks (seed {self.seed}), and {TICKS_OF_CYCLES:,} with cycles",
+            f"of short phases (seed {SEED_OF_CYCLES}): random modes, parameters, mappings,",
             "PDO, SYNC, NMT, SDO and Modbus traffic, eight recorder channels, broken sensors and",
             "masters. Instructions that a condition skips count. The cycles are those of a model",
             f"of core, flash accelerator and buses, {CYCLES_PER_INSTRUCTION} for an instruction.",
@@ -369,7 +394,12 @@ class Profile:
         return [
             ("fw_prepare(), fw_control() and fw_report()", self.worst.count, ""),
             (
-                f"the port: entry, inputs, {ADC_POLLS} polls of the ADC, outputs, watchdog, exit",
+                "polls of the ADC until the conversions end, the fewer the longer fw_prepare() is",
+                self.waited,
+                "",
+            ),
+            (
+                "the port: entry, inputs, last poll of the ADC, outputs, watchdog, exit",
                 self.port.total,
                 "",
             ),
@@ -379,8 +409,12 @@ class Profile:
                 self.drive.total,
                 "",
             ),
-            ("together, with an amplifier for +-10 V", self.worst.count + self.port.total, ""),
-            ("together", self.interrupt, LIMITS.interrupt_instructions),
+            (
+                "the longest tick, with an amplifier for +-10 V",
+                self.longest + self.port.total,
+                "",
+            ),
+            ("the longest tick", self.interrupt, LIMITS.interrupt_instructions),
             ("fw_control()", self.control, ""),
             ("the port from the last reading of the ADC to the DAC", adc_to_dac, ""),
             ("ADC read to DAC write", self.from_adc_to_dac, LIMITS.adc_to_dac_instructions),
