@@ -16,6 +16,7 @@ ORDER = (
     ("objects", "toml", "results", "errors"),
     ("drawing",),
     ("bus", "chip", "linear"),
+    ("recordings",),
     ("experiments", "identify", "axis", "versions"),
     ("cycles", "design", "fmu", "thesis"),
     ("bench", "commission"),

@@ -1,0 +1,239 @@
+"""Recordings of signals: the types, and the file in which a recording is kept.
+
+A file is an NPZ archive (a ZIP of NumPy arrays) NAME.npz with
+
+    recording.toml      the header, a TOML text; `unzip -p NAME.npz recording.toml` prints it
+    <signal>.npy        values of a signal in the SI unit of the header, float64 (n,)
+    time_<clock>.npy    times of the samples in s, float64 (n,), for all signals with this
+                        `clock`
+
+The header has `format`, `title`, a table [source] of the file that was imported, and a table
+[[signal]] for each signal with the fields of SignalHeader.
+
+    recording = read("touch.npz")
+    force = recording["force"]
+    force.time_s, force.values          # NumPy arrays; the unit of the values is force.unit
+"""
+
+import dataclasses
+import io
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forceaxis import paths, toml
+from forceaxis._core import InputError
+from forceaxis.results import JsonObject, from_json, to_json
+
+Floats: TypeAlias = NDArray[np.float64]
+
+FORMAT = 1  # version of the file
+HEADER = "recording.toml"
+SUFFIX = ".npz"
+
+#: {name of a signal with a fixed meaning: its unit}. A name that ends in _command is what the
+#: controller of the machine gave to the drive, a name that ends in _setpoint is what the controller
+#: was asked for. Other names are kept without a meaning.
+UNITS = {
+    "force": "N",
+    "position": "m",
+    "speed": "m/s",
+    "current": "A",
+    "torque": "N m",
+    "code": "count",  # DAC code of the firmware, -2048 to 2047
+    "voltage_command": "V",
+    "speed_command": "m/s",
+    "force_command": "N",
+    "force_setpoint": "N",
+    "position_setpoint": "m",
+}
+
+
+@dataclass(frozen=True)
+class SignalFinding:
+    """Something that a person should know about a stretch of one signal."""
+
+    kind: str  #: "gap", "jump", "saturation" or "constant"
+    from_s: float  #: time of the first sample of the stretch
+    to_s: float  #: time of the last sample of the stretch
+    samples: int  #: number of samples in the stretch; of a gap, the number of missing samples
+    text: str  #: one sentence
+
+
+@dataclass(frozen=True)
+class SignalHeader:
+    """What the header of a recording says about one signal.
+
+    values = sign * factor * (value in the source), in `unit`. A value was true `delay_s` before its
+    time (a filter or a bus makes a signal late).
+    """
+
+    name: str
+    unit: str  #: SI unit of `values`, or "1"
+    column: str  #: name in the source
+    source_unit: str  #: unit in the source
+    factor: float  #: `unit` per source unit, > 0
+    sign: int  #: 1 or -1
+    rate_hz: float  #: median rate of the samples
+    delay_s: float = 0.0
+    clock: str = "0"  #: name of the time base
+    findings: tuple[SignalFinding, ...] = ()
+
+    @property
+    def header(self) -> "SignalHeader":
+        """Returns these fields without the samples of a RecordedSignal."""
+        names = [f.name for f in dataclasses.fields(SignalHeader)]
+        return SignalHeader(**{name: getattr(self, name) for name in names})
+
+
+@dataclass(frozen=True)
+class RecordedSignal(SignalHeader):
+    """One signal of a recording, with its samples."""
+
+    #: times of the source in s, ascending, (n,)
+    time_s: Floats = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
+    #: values in `unit`, (n,)
+    values: Floats = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
+
+    @property
+    def true_time_s(self) -> Floats:
+        """Returns the times in s at which the values were true, (n,)."""
+        return self.time_s - self.delay_s
+
+
+@dataclass(frozen=True)
+class RecordingSource:
+    """The file from which a recording was imported."""
+
+    file: str  #: name without its folder
+    kind: str  #: kind of the file, such as "CSV" or "MCAP"
+    sha256: str
+    bytes: int
+    #: columns of the source that the recording does not have
+    not_imported: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class SignalRecording:
+    """Signals over the time that were recorded together."""
+
+    title: str
+    source: RecordingSource
+    signals: tuple[RecordedSignal, ...]
+
+    def __getitem__(self, name: str) -> RecordedSignal:
+        """Returns the signal with this name. Raises KeyError."""
+        for signal in self.signals:
+            if signal.name == name:
+                return signal
+        raise KeyError(name)
+
+    def __contains__(self, name: str) -> bool:
+        return any(signal.name == name for signal in self.signals)
+
+    def __iter__(self) -> Iterator[RecordedSignal]:
+        return iter(self.signals)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Returns the names of all signals."""
+        return tuple(signal.name for signal in self.signals)
+
+    def sampled(self, name: str, at_s: Floats) -> Floats:
+        """Returns a signal, interpolated between its samples, at the true times `at_s` in s, (n,).
+        The first and the last value continue outside the recording. Raises KeyError."""
+        signal = self[name]
+        return np.asarray(np.interp(at_s, signal.true_time_s, signal.values))
+
+    def held(self, name: str, at_s: Floats) -> Floats:
+        """Returns the last value of a signal at or before each of the true times `at_s` in s, (n,),
+        as a converter holds it. Raises KeyError."""
+        signal = self[name]
+        last = np.searchsorted(signal.true_time_s, at_s + 1e-9, side="right") - 1
+        return np.asarray(signal.values[np.clip(last, 0, None)])
+
+
+def with_suffix(path: Path) -> Path:
+    """Returns the path of a recording for a name with or without the suffix."""
+    return path if path.suffix == SUFFIX else path.with_name(path.name + SUFFIX)
+
+
+def _header(recording: SignalRecording) -> str:
+    source = to_json(recording.source)
+    parts = [
+        f"format = {FORMAT}\ntitle = {toml.value_text(recording.title)}\n\n[source]\n",
+        toml.write_text(source),
+    ]
+    for signal in recording.signals:
+        parts += ["\n[[signal]]\n", toml.write_text(to_json(signal.header))]
+    return "".join(parts)
+
+
+def write(recording: SignalRecording, path: Path) -> Path:
+    """Writes a recording to `path`, to which the suffix is added if it is missing, and returns the
+    path of the file. The file is written complete or not at all. Raises OSError."""
+    path = with_suffix(path)
+    with (
+        paths.replacing(path.parent, path.name) as (file,),
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
+    ):
+        # A fixed date, so that the same recording gives the same bytes.
+        archive.writestr(zipfile.ZipInfo(HEADER), _header(recording), zipfile.ZIP_DEFLATED)
+        written: dict[str, Floats] = {}
+        for signal in recording.signals:
+            written[f"time_{signal.clock}"] = signal.time_s
+            written[signal.name] = signal.values
+        for name, values in written.items():
+            array = io.BytesIO()
+            np.save(array, np.asarray(values, dtype=np.float64))
+            info = zipfile.ZipInfo(f"{name}.npy")
+            archive.writestr(info, array.getvalue(), zipfile.ZIP_DEFLATED)
+    return path
+
+
+def is_recording(path: Path | str) -> bool:
+    """Returns True if a file is a ZIP archive with the header of a recording."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return HEADER in archive.namelist()
+    except (OSError, zipfile.BadZipFile):
+        return False
+
+
+def read(path: Path | str) -> SignalRecording:
+    """Reads the file of a recording. Raises InputError with the file and what was expected."""
+    file = Path(path)
+    where = paths.display(file)
+    wrong = f"{where}: expected a recording that `forceaxis recording import` has written"
+    try:
+        with zipfile.ZipFile(file) as archive:
+            header = toml.read_text(archive.read(HEADER).decode())
+            signals = tuple(
+                _signal(archive, table, f"{where}: signal {number}")
+                for number, table in enumerate(header["signal"])
+            )
+    except FileNotFoundError:
+        raise InputError(f"{where}: expected a readable file, got none") from None
+    except (OSError, zipfile.BadZipFile, KeyError, ValueError, EOFError, TypeError) as error:
+        raise InputError(f"{wrong}, got: {error}; import the data again") from None
+    if header.get("format") != FORMAT:
+        raise InputError(f"{wrong} in format {FORMAT}, got format {header.get('format')}")
+    source = from_json(RecordingSource, header.get("source", {}), f"{where}: source")
+    return SignalRecording(str(header.get("title", "")), source, signals)
+
+
+def _signal(archive: zipfile.ZipFile, table: JsonObject, where: str) -> RecordedSignal:
+    arrays = []
+    for name in (f"time_{table['clock']}", str(table["name"])):
+        with archive.open(f"{name}.npy") as file:
+            arrays.append(np.asarray(np.load(io.BytesIO(file.read()), allow_pickle=False)))
+    time_s, values = arrays
+    if time_s.ndim != 1 or time_s.shape != values.shape or not np.isfinite(time_s).all():
+        raise ValueError(f"{table['name']}: {time_s.shape} times and {values.shape} values")
+    header = from_json(SignalHeader, table, where)
+    return RecordedSignal(**vars(header), time_s=time_s, values=values)

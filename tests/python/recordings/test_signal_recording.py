@@ -1,0 +1,89 @@
+"""The file of a recording: what is written is read, and other files are refused in one line."""
+
+import zipfile
+
+import numpy as np
+import pytest
+from forceaxis._core import InputError
+from forceaxis.recordings import signal_recording
+from forceaxis.recordings.signal_recording import (
+    RecordedSignal,
+    RecordingSource,
+    SignalFinding,
+    SignalRecording,
+)
+
+pytestmark = pytest.mark.quick
+FINDING = SignalFinding("gap", 0.1, 0.3, 2, 'samples are "missing"')
+TIME_S = np.array([0.0, 0.1, 0.3])
+
+
+def recording():
+    force = RecordedSignal(
+        "force", "N", "Fz", "kN", 1e3, -1, 10.0, 0.01, "0", (FINDING,), TIME_S,
+        np.array([0.0, np.nan, -1 / 3]),
+    )  # fmt: skip
+    code = RecordedSignal(
+        "code", "count", "dac", "count", 1.0, 1, 10.0, 0.0, "0", (), TIME_S, np.array([0.0, 4, 9])
+    )
+    source = RecordingSource("a.csv", "CSV", "0" * 64, 12, ("other",))
+    return SignalRecording('Press "7", 3 µm', source, (force, code))
+
+
+def test_a_recording_is_read_as_it_was_written(tmp_path):
+    given = recording()
+    path = signal_recording.write(given, tmp_path / "new/touch")
+    assert path == tmp_path / "new/touch.npz"
+    read = signal_recording.read(path)
+    assert read == given  # all but the arrays
+    for before, after in zip(given, read, strict=True):
+        np.testing.assert_array_equal(before.time_s, after.time_s)
+        np.testing.assert_array_equal(before.values, after.values)
+    again = signal_recording.write(read, tmp_path / "again")
+    assert again.read_bytes() == path.read_bytes()
+    with np.load(path) as plain:  # NumPy alone
+        np.testing.assert_array_equal(plain["time_0"], TIME_S)
+
+
+def test_values_are_those_of_the_time_at_which_they_were_true(tmp_path):
+    given = recording()
+    # The force is 10 ms late: its samples were true at -0.01, 0.09 and 0.29 s.
+    assert given.held("code", np.array([0.0999, 0.1, 0.2, 5.0, -1.0])).tolist() == [0, 4, 4, 9, 0]
+    assert given.sampled("code", np.array([0.05, 0.2])).tolist() == [2.0, 6.5]
+    assert given["force"].true_time_s.tolist() == pytest.approx([-0.01, 0.09, 0.29])
+    assert given.names == ("force", "code")
+    assert "position" not in given
+
+
+def broken(tmp_path, name, content):
+    path = tmp_path / "broken.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr(name, content)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.npy", b""),
+        ("recording.toml", "format = 1\n"),
+        ("recording.toml", "format = "),
+        ("recording.toml", 'format = 1\n[[signal]]\nname = "force"\nclock = "0"\n'),
+    ],
+)
+def test_another_file_is_refused_in_one_line(tmp_path, name, content):
+    path = broken(tmp_path, name, content)
+    with pytest.raises(InputError, match="expected") as refused:
+        signal_recording.read(path)
+    assert str(path) in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_file_that_is_missing_or_cut_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"none\.npz: expected a readable file, got none"):
+        signal_recording.read(tmp_path / "none.npz")
+    path = signal_recording.write(recording(), tmp_path / "cut")
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(InputError, match="expected a recording that"):
+        signal_recording.read(path)
+    assert not signal_recording.is_recording(path)
