@@ -21,7 +21,7 @@ from forceaxis.bus.messages import (
     axis_capture_t,
     sim_truth_t,
 )
-from forceaxis.bus.recordings import expect_messages, reader_of
+from forceaxis.bus.recordings import RecordingReader, expect_messages, reader_of
 
 Table = dict[str, NDArray[Any]]
 # values of a column: an array of integers or doubles, or a list of texts
@@ -155,11 +155,24 @@ class _Exporter:
         return named
 
 
-def export(path: Path, out: Path, kinds: Sequence[str] = ("csv", "npz")) -> ExportSummary:
-    """Writes all tables of a log to the folder `out`."""
-    reader, exporter = reader_of(path), _Exporter()
+def _read(reader: RecordingReader) -> _Exporter:
+    exporter = _Exporter()
     for entry in reader:
         exporter.take(entry)
+    return exporter
+
+
+def tables_of(reader: RecordingReader) -> tuple[dict[str, Table], list[str], str | None]:
+    """Returns all tables of a log as {name: table}, the names of channels of other programs, and
+    one line about the damage of the log or None."""
+    exporter = _read(reader)
+    return exporter.named(), sorted(exporter.others), reader.damage
+
+
+def export(path: Path, out: Path, kinds: Sequence[str] = ("csv", "npz")) -> ExportSummary:
+    """Writes all tables of a log to the folder `out`."""
+    reader = reader_of(path)
+    exporter = _read(reader)
     expect_messages(reader)
     written = []
     for name, columns in sorted(exporter.named().items()):

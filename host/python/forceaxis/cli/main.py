@@ -44,6 +44,7 @@ GROUPS = {
         "cycle": "cycle",
         "test": "experiments",
         "replay": "experiments",
+        "recording": "recording",
         "report": "thesis",
         "objects": "objects",
         "fmu": "fmu",

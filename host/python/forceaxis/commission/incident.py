@@ -24,6 +24,7 @@ from forceaxis.axis.link import NoAnswer, Recording, Refused
 from forceaxis.axis.values import object_names
 from forceaxis.bus.client import from_raw
 from forceaxis.objects import BY_NAME, OBJECTS, OBJECTS_HASH
+from forceaxis.recordings.source import ArraySource
 from forceaxis.results import from_json
 
 if TYPE_CHECKING:
@@ -284,6 +285,21 @@ def load(path: Path) -> Incident:
             "from the axis again"
         )
     return incident
+
+
+def source_of(incident: Incident, path: Path) -> ArraySource:
+    """Returns the signals of an incident in `path` as a source of a recording: force and demand in
+    N, travel in encoder counts, the DAC code, and the raw samples."""
+    demand_N = incident.column("force_demand") * incident.force.rated_force * 1e-6
+    raw = {name: incident.column(name) for name in incident.recording.signals}
+    table = {
+        "time_s": incident.recording.time_s,
+        "force_N": incident.force_N,
+        "force_demand_N": demand_N,
+        "travel_count": incident.travel,
+        **raw,
+    }
+    return ArraySource(path, "incident", table)
 
 
 def missing(incident: Incident) -> list[str]:

@@ -1,0 +1,172 @@
+"""`forceaxis recording`: import files of other programs as recordings, and show recordings."""
+
+from pathlib import Path
+
+import click
+
+from forceaxis.cli.common import File, Verbs, aligned, as_json, print_json, print_result
+from forceaxis.recordings import signal_recording
+from forceaxis.recordings.importing import Imported, ImportRequest, import_source
+from forceaxis.recordings.signal_recording import RecordedSignal, SignalRecording
+from forceaxis.recordings.source import Source, read_source
+from forceaxis.results import JsonObject, to_json
+from forceaxis.words import counted
+
+SHOWN_FINDINGS = 8  # of one kind and signal
+
+readable = click.Path(dir_okay=False, path_type=Path)
+
+
+@click.group(cls=Verbs)
+def recording() -> None:
+    """Import recordings of a real machine from files of other programs, for `forceaxis compare` and
+    `forceaxis identify contact`."""
+
+
+def source_of(file: Path, separator: str | None) -> Source:
+    """Return the source in a file of any kind that is known."""
+    from forceaxis.commission import incident
+
+    if incident.is_incident(file):
+        return incident.source_of(incident.load(file), file)
+    return read_source(file, separator)
+
+
+@recording.command(
+    name="import",
+    epilog="""forceaxis recording import scope.csv --map force=Fz:N,position=pos:mm --out touch
+    forceaxis recording import robot.csv --map force=-F_N --delay force=2ms --out robot
+    forceaxis recording import out/incident/incident.json \\
+    --map force=force_N,code=dac_code --out fault""",
+)
+@click.argument("file", type=readable)
+@click.option(
+    "--map", "maps", multiple=True, required=True, metavar="SIGNAL=[-]COLUMN[:UNIT],...",
+    help="Signals to import. COLUMN is a name in FILE or the number of a column from 1; - changes "
+    "the sign. UNIT is a unit, or the size of a count such as 0.5um. Default: the unit in FILE. "
+    "Repeatable.",
+)  # fmt: skip
+@click.option("--time", metavar="COLUMN[:UNIT]", help="Column of the times. Default: by its name.")
+@click.option("--rate", type=float, help="Rate of the samples in Hz, for a FILE without times.")
+@click.option(
+    "--delay", "delays", multiple=True, metavar="SIGNAL=TIME",
+    help="Time by which a filter or a bus makes a signal late, such as force=2ms. Repeatable.",
+)  # fmt: skip
+@click.option("--separator", help="Character between the columns of CSV. Default: found.")
+@click.option("--title", default="", help="Title of the recording. Default: the name of FILE.")
+@click.option("--out", type=File(), required=True, help="File of the recording, NAME or NAME.npz.")
+@as_json
+def import_(
+    file: Path,
+    maps: tuple[str, ...],
+    time: str | None,
+    rate: float | None,
+    delays: tuple[str, ...],
+    separator: str | None,
+    title: str,
+    out: Path,
+    as_json: bool,
+) -> None:
+    """Import the signals of a recording from FILE: CSV of any dialect (also exports of TwinCAT
+    Scope and STM Studio), NPZ, Parquet, MCAP, an LCM log, a recording of the axis' own recorder, or
+    an incident.
+
+    SIGNAL is a name of small letters. These names have a meaning for other commands: force,
+    position, speed, current, torque, code (DAC code of the firmware), voltage_command,
+    speed_command, force_command, force_setpoint, position_setpoint. The result has SI units and
+    keeps source, unit, sign, rate and delay of each signal. The command reports gaps, jumps,
+    saturation and constant stretches.
+    """
+    source = source_of(file, separator)
+    pairs = dict(text.partition("=")[::2] for text in delays)
+    texts = [text for given in maps for text in given.split(",") if text]
+    done = import_source(source, file, ImportRequest(texts, time, rate, pairs, title))
+    written = signal_recording.write(done.recording, out)
+    if as_json:
+        print_json({**summary(done.recording), "notes": list(done.notes), "file": str(written)})
+    else:
+        print_result(done.recording, False, lambda: text_of(done), written)
+
+
+@recording.command(epilog="forceaxis recording info touch.npz")
+@click.argument("file", type=readable)
+@as_json
+def info(file: Path, as_json: bool) -> None:
+    """Show the signals of a recording, where they come from, and their gaps, jumps, saturation and
+    constant stretches."""
+    found = signal_recording.read(file)
+    if as_json:
+        print_json(summary(found))
+    else:
+        print_result(found, False, lambda: text_of(Imported(found, ())))
+
+
+def summary(found: SignalRecording) -> JsonObject:
+    """Return the header of a recording, with the number and the range of the samples."""
+    signals: list[JsonObject] = [
+        {
+            **to_json(signal.header),
+            "samples": len(signal.values),
+            "from_s": float(signal.time_s[0]),
+            "to_s": float(signal.time_s[-1]),
+            "min": float(signal.values.min()),
+            "max": float(signal.values.max()),
+        }
+        for signal in found
+    ]
+    return {"title": found.title, "source": to_json(found.source), "signals": signals}
+
+
+def text_of(done: Imported) -> str:
+    """Return the table of the signals and a text line for each finding."""
+    found = done.recording
+    head = ("signal", "unit", "samples", "rate Hz", "from s", "to s", "min", "max", "delay s", "of")
+    rows = [head, *(_row(signal) for signal in found)]
+    lines = [
+        f"recording    {found.title}",
+        f"source       {found.source.file}, {found.source.kind}",
+        *aligned(rows, (0, 1, 9)),
+    ]
+    lines += [f"note         {note}" for note in done.notes]
+    for signal in found:
+        lines += findings_of(signal)
+    if rest := found.source.not_imported:
+        few = ", ".join(rest[:8]) + (f" and {len(rest) - 8} more" if len(rest) > 8 else "")
+        lines.append(f"not imported {few}")
+    return "\n".join(lines)
+
+
+def _row(signal: RecordedSignal) -> tuple[str, ...]:
+    sign = "-" if signal.sign < 0 else ""
+    return (
+        signal.name,
+        signal.unit,
+        str(len(signal.values)),
+        f"{signal.rate_hz:.6g}",
+        f"{signal.time_s[0]:.6g}",
+        f"{signal.time_s[-1]:.6g}",
+        f"{signal.values.min():.5g}",
+        f"{signal.values.max():.5g}",
+        f"{signal.delay_s:g}",
+        f"{sign}{signal.column}, {signal.source_unit}",
+    )
+
+
+def findings_of(signal: RecordedSignal) -> list[str]:
+    """Return a text line for each finding of a signal, with the number of those that are left
+    out."""
+    lines, left = [], dict[str, int]()
+    for finding in signal.findings:
+        count = left[finding.kind] = left.get(finding.kind, 0) + 1
+        if count <= SHOWN_FINDINGS:
+            lines.append(
+                f"{finding.kind:12} {signal.name}, {finding.from_s:.6g} to {finding.to_s:.6g} s: "
+                f"{finding.text}"
+            )
+    more = {kind: count - SHOWN_FINDINGS for kind, count in left.items() if count > SHOWN_FINDINGS}
+    return lines + [
+        f"{kind:12} {signal.name}: {counted(count, 'more stretch')}" for kind, count in more.items()
+    ]
+
+
+VERBS = (recording,)

@@ -1,0 +1,296 @@
+"""CSV files of any dialect as sources of recordings.
+
+The dialect is found by the numbers of the file: the character between the columns, the decimal
+comma, the lines before the first row of numbers, and the units in these lines. An export of
+TwinCAT Scope has lines `SymbolName`, `Unit` and so on, and a column of times in ms before each
+group of columns.
+"""
+
+import datetime
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.recordings.source import Source, SourceColumn, expect_finite
+from forceaxis.recordings.units import is_unit, split_name
+
+SEPARATORS = ("\t", ";", ",", "|", " ")
+SEPARATOR_NAMES = {"\t": "tab", " ": "blank"}
+# A number with a decimal point, or with a decimal comma.
+POINT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?$")
+COMMA = re.compile(r"[-+]?(\d+,?\d*|,\d+)([eEdD][-+]?\d+)?$")
+MISSING = ("", "nan", "-nan", "null", "none", "na", "n/a", "-", "---", "#n/a")
+PROBED_LINES = 400  # lines from which the dialect is found
+SCOPE_ROWS = ("SymbolName", "Name", "Unit", "SampleTime[ms]", "Data-Type")
+SCOPE_END = "EOF"
+SHOWN = 40  # characters of a wrong text in a message
+
+
+@dataclass(frozen=True)
+class CsvDialect:
+    """How the rows of a CSV file are written."""
+
+    separator: str
+    decimal: str  # "." or ","
+    first: int  # index of the first line with numbers
+    width: int  # number of columns
+
+    def cells(self, line: str) -> list[str]:
+        """Returns the texts of the fields of a line."""
+        return _without_end(split(line, self.separator), self.width)
+
+
+def split(line: str, separator: str) -> list[str]:
+    """Returns the fields of a line without blanks and quotes around them."""
+    if separator == " ":
+        return line.split()
+    if '"' not in line:
+        return [cell.strip() for cell in line.split(separator)]
+    pattern = rf'(?:^|{re.escape(separator)})\s*("(?:[^"]|"")*"|[^{re.escape(separator)}]*)'
+    return [cell.strip().strip('"').replace('""', '"') for cell in re.findall(pattern, line)]
+
+
+def is_number(text: str, decimal: str) -> bool:
+    """Returns True if a text is a number with this decimal sign, or a date and time."""
+    return bool((POINT if decimal == "." else COMMA).match(text)) or instant(text) is not None
+
+
+def instant(text: str) -> float | None:
+    """Returns a date with a time, or a time of the day, in s; None for another text."""
+    if ":" not in text:
+        return None
+    try:
+        if len(text) > 15 and text[4] == "-":
+            at = datetime.datetime.fromisoformat(text.replace("Z", "+00:00"))
+            zone = at.tzinfo or datetime.UTC
+            return at.replace(tzinfo=zone).timestamp()
+        clock = datetime.time.fromisoformat(text)
+    except ValueError:
+        return None
+    return 3600.0 * clock.hour + 60 * clock.minute + clock.second + clock.microsecond * 1e-6
+
+
+def _value(text: str, decimal: str) -> float | None:
+    """Returns the number in a field, NaN for an empty field, or None for another text."""
+    if text.casefold() in MISSING:
+        return float("nan")
+    if (POINT if decimal == "." else COMMA).match(text):
+        return float(text.replace(",", ".").replace("d", "e").replace("D", "e"))
+    return instant(text)
+
+
+def _without_end(cells: list[str], width: int) -> list[str]:
+    """Returns the fields of a line without the empty fields after a separator at its end."""
+    while len(cells) > max(width, 1) and not cells[-1]:
+        cells.pop()
+    return cells
+
+
+def _numbers_in(cells: list[str], decimal: str) -> int:
+    """Returns the number of numbers in the fields of a line, or 0 if another field has a text."""
+    good = sum(is_number(cell, decimal) for cell in cells)
+    missing = sum(cell.casefold() in MISSING for cell in cells)
+    return good if good + missing == len(cells) else 0
+
+
+def _run(lines: list[str], separator: str, decimal: str) -> tuple[int, int]:
+    """Returns (numbers, columns) of the longest block of lines with the same number of fields that
+    are all numbers or empty."""
+    best = (0, 0)
+    width, numbers = 0, 0
+    for line in lines:
+        cells = _without_end(split(line, separator), width)
+        found = _numbers_in(cells, decimal)
+        if not found or len(cells) != width:
+            width, numbers = len(cells), 0
+        numbers += found
+        best = max(best, (numbers, width))
+    return best
+
+
+def dialect_of(lines: list[str], where: str, separator: str | None = None) -> CsvDialect:
+    """Returns the dialect of a CSV file from its lines. Raises InputError."""
+    probed = lines[:PROBED_LINES]
+    found = [
+        (*_run(probed, mark, decimal), mark, decimal)
+        for mark in ([separator] if separator else SEPARATORS)
+        for decimal in (".", ",")
+        if mark != decimal
+    ]
+    # The most numbers; of equal ones that with the most columns, then the first of the list.
+    numbers, width, mark, decimal = max(found, key=lambda one: one[:2])
+    if numbers < 2:
+        raise InputError(
+            f"{where}: expected rows of numbers within the first {PROBED_LINES} lines, got none; "
+            "export the data as CSV"
+        )
+    # The first row may be above the longest block: a wrong row between them is an error.
+    first = next(
+        index
+        for index, line in enumerate(probed)
+        if len(cells := _without_end(split(line, mark), width)) == width
+        and _numbers_in(cells, decimal)
+    )
+    header = split(lines[first - 1], mark) if first else []
+    if mark == "," and decimal == "." and header and width == 2 * len(header) > 2:
+        raise InputError(
+            f"{where}: line {first + 1}: expected {len(header)} columns as in the line above, got "
+            f"{width}; decimal commas need another separator than commas, export with semicolons"
+        )
+    return CsvDialect(mark, decimal, first, width)
+
+
+@dataclass(frozen=True)
+class _Header:
+    """Names and units of the columns, and the index of the time column of each column."""
+
+    names: list[str]
+    units: list[str | None]
+    times: list[int | None]
+    kind: str
+    ends: tuple[str, ...] = field(default=())
+
+
+def _scope_header(rows: dict[str, list[str]]) -> _Header:
+    """Returns the header of an export of TwinCAT Scope from its rows {key: fields}."""
+    texts = rows.get("SymbolName") or rows["Name"]
+    key = "SymbolName" if "SymbolName" in rows else "Name"
+    units = rows.get("Unit", [])
+    found = _Header([], [], [], "TwinCAT Scope", (SCOPE_END,))
+    time = 0
+    for place, text in enumerate(texts):
+        is_time = text == key or place == 0
+        time = place if is_time else time
+        group = "" if time == 0 else f" of {texts[time + 1] if time + 1 < len(texts) else place}"
+        unit = units[place].strip("()[] ") if place < len(units) else ""
+        found.names.append(f"time{group}" if is_time else text)
+        found.units.append("ms" if is_time else (unit if unit not in ("", "None") else None))
+        found.times.append(None if is_time else time)
+    return found
+
+
+def _header(lines: list[str], dialect: CsvDialect, where: str) -> _Header:
+    """Returns the header of a CSV file from the lines before the numbers."""
+    above = [dialect.cells(line.lstrip("#% ")) for line in lines[: dialect.first]]
+    rows: dict[str, list[str]] = {}
+    for cells in above:
+        if cells and cells[0] in SCOPE_ROWS and len(cells) == dialect.width:
+            rows.setdefault(cells[0], cells)
+            # The first `Name` names the file; that of the channels repeats the word.
+            if cells[0] == "Name" and cells.count("Name") > rows["Name"].count("Name"):
+                rows["Name"] = cells
+    if "SampleTime[ms]" in rows or "Data-Type" in rows:
+        return _scope_header(rows)
+    wide = [cells for cells in above if len(cells) == dialect.width and any(cells)]
+    while wide and all(_value(cell, dialect.decimal) is not None for cell in wide[-1]):
+        wide.pop()
+    if not wide:
+        return _Header(
+            [f"column {place + 1}" for place in range(dialect.width)],
+            [None] * dialect.width, [None] * dialect.width, "CSV",
+        )  # fmt: skip
+    texts, units = wide[-1], None
+    if len(wide) > 1 and all(is_unit(text.strip("[]()")) for text in texts):
+        texts, units = wide[-2], [text.strip("[]() ") for text in wide[-1]]
+    names, given = [], []
+    for place, text in enumerate(texts):
+        name, unit = split_name(text)
+        names.append(name or f"column {place + 1}")
+        given.append(units[place] if units else unit)
+    # A name that occurs twice gets the number of its column.
+    names = [f"{n} {i + 1}" if names.count(n) > 1 else n for i, n in enumerate(names)]
+    return _Header(names, given, [None] * dialect.width, "CSV")
+
+
+class CsvSource(Source):
+    """A CSV file. The fields of a column are read as numbers when the column is asked for, so that
+    other columns may have texts."""
+
+    def __init__(self, path: Path, separator: str | None = None) -> None:
+        self.where = paths.display(path)
+        self._lines = _text(path, self.where).splitlines()
+        self._dialect = dialect_of(self._lines, self.where, separator)
+        self._header = _header(self._lines, self._dialect, self.where)
+        decimal = " with decimal commas" if self._dialect.decimal == "," else ""
+        self.kind = self._header.kind + decimal
+        self._rows, self._numbers = self._split_rows()
+
+    def _split_rows(self) -> tuple[list[list[str]], list[int]]:
+        """Returns the fields of all rows and the numbers of their lines. Raises InputError for a
+        row with another number of fields."""
+        rows, numbers = [], []
+        first, width = self._dialect.first, self._dialect.width
+        for number, line in enumerate(self._lines[first:], first + 1):
+            cells = self._dialect.cells(line)
+            if not any(cells):
+                continue
+            if cells[0] in self._header.ends:
+                break
+            if self._header.ends and len(cells) < width:  # a slower group has ended
+                cells += [""] * (width - len(cells))
+            if len(cells) != width:
+                mark = SEPARATOR_NAMES.get(self._dialect.separator, self._dialect.separator)
+                cut = ", perhaps because the file was cut off" * (number == len(self._lines))
+                raise InputError(
+                    f"{self.where}: line {number}: expected {width} fields as in line {first + 1}, "
+                    f"separated by {mark!r}, got {len(cells)}{cut}; correct or remove this line"
+                )
+            rows.append(cells)
+            numbers.append(number)
+        return rows, numbers
+
+    def names(self) -> list[str]:
+        return self._header.names
+
+    def time_name(self) -> str | None:
+        return super().time_name() if self._header.kind == "CSV" else self._header.names[0]
+
+    def column(self, name: str) -> SourceColumn:
+        place = self._header.names.index(name)
+        values, decimal = np.empty(len(self._rows)), self._dialect.decimal
+        for index, row in enumerate(self._rows):
+            value = _value(row[place], decimal)
+            if value is None:
+                hint = "a decimal point" if decimal == "." else "a decimal comma"
+                text = row[place]
+                shown = text if len(text) <= SHOWN else text[:SHOWN] + "..."
+                raise InputError(
+                    f"{self.where}: line {self._numbers[index]}, {name}: expected a number with "
+                    f"{hint} as in line {self._dialect.first + 1}, got {shown!r}; correct this "
+                    "field, or leave it empty for a missing sample"
+                )
+            values[index] = value
+        time = self._header.times[place]
+        return expect_finite(
+            self.where,
+            SourceColumn(
+                name, self._header.units[place], values, self._numbers,
+                None if time is None else self._header.names[time],
+            ),
+        )  # fmt: skip
+
+
+def _text(path: Path, where: str) -> str:
+    """Returns the text of a file in UTF-8, in UTF-16 with a byte order mark, or in Windows-1252.
+    Raises InputError."""
+    data = path.read_bytes()
+    encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
+    try:
+        text = data.decode(encoding)
+    except UnicodeDecodeError:
+        if encoding == "utf-16":
+            raise InputError(
+                f"{where}: expected text in UTF-16 as its first bytes say, got other bytes; the "
+                "file may be cut off; export it again"
+            ) from None
+        text = data.decode("cp1252", errors="replace")
+    if "\0" in text:
+        line = text[: text.index("\0")].count("\n") + 1
+        raise InputError(
+            f"{where}: line {line}: expected text, got a byte 0; the file is damaged or no CSV"
+        )
+    return text

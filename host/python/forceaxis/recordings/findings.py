@@ -1,0 +1,117 @@
+"""Finds stretches of a signal that a person should know about: gaps, jumps, saturation and constant
+stretches."""
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forceaxis.recordings.signal_recording import Floats, SignalFinding
+from forceaxis.words import counted
+
+GAP_PERIODS = 1.6  # a longer distance of two samples is a gap
+# A jump is a step between two samples that is larger than each of the steps around it by this
+# factor, and a share of the whole range at least.
+JUMP_FACTOR, JUMP_SHARE, JUMP_NEIGHBOURS = 12.0, 0.05, 4
+SATURATED_SAMPLES = 3  # successive samples at the largest or the smallest value
+# A signal that reaches its largest value with a step of this many quanta does not settle there.
+SATURATED_QUANTA = 3.0
+CONSTANT_SAMPLES, CONSTANT_FACTOR = 25, 12  # samples; multiple of the usual length
+STATE_ENDINGS = ("_setpoint", "_command", "code")  # signals that are constant between steps
+
+
+def find(name: str, time_s: Floats, values: Floats) -> tuple[SignalFinding, ...]:
+    """Returns the findings of a signal with the samples `values` (n,) at the times `time_s` (n,) in
+    s. A set-point or a command may jump and stay constant."""
+    found = list(gaps(time_s))
+    if len(values) > 2 * JUMP_NEIGHBOURS:
+        found += saturations(time_s, values)
+        if not name.endswith(STATE_ENDINGS):
+            found += jumps(time_s, values)
+            found += constants(time_s, values)
+    return tuple(sorted(found, key=lambda one: one.from_s))
+
+
+def gaps(time_s: Floats) -> Iterator[SignalFinding]:
+    """Yields the places at which samples are missing."""
+    if len(time_s) < 3:
+        return
+    steps = np.diff(time_s)
+    period = float(np.median(steps))
+    for i in np.flatnonzero(steps > GAP_PERIODS * period):
+        missing = max(1, round(float(steps[i]) / period) - 1)
+        yield SignalFinding(
+            "gap", float(time_s[i]), float(time_s[i + 1]), missing,
+            f"no sample for {steps[i]:.4g} s, {counted(missing, 'sample')} missing",
+        )  # fmt: skip
+
+
+def jumps(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
+    """Yields single steps that are much larger than the steps before and after them, as a lost
+    count or a changed zero makes them. The rise of a contact force has large steps beside it."""
+    steps = np.abs(np.diff(values))
+    wide = JUMP_NEIGHBOURS
+    around = np.pad(steps, wide, mode="edge")
+    near = [around[k : k + len(steps)] for k in range(2 * wide + 1) if k != wide]
+    largest = np.max(near, axis=0)
+    quantum = quantum_of(values)
+    is_jump = steps > np.maximum(JUMP_FACTOR * np.maximum(largest, quantum), 1e-300)
+    is_jump &= steps > JUMP_SHARE * np.ptp(values)
+    for i in np.flatnonzero(is_jump):
+        yield SignalFinding(
+            "jump", float(time_s[i]), float(time_s[i + 1]), 2,
+            f"one step from {values[i]:.6g} to {values[i + 1]:.6g}",
+        )  # fmt: skip
+
+
+def saturations(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
+    """Yields stretches at the largest or smallest value which the signal enters or leaves with a
+    steep step, as at the end of the range of a converter."""
+    quantum = quantum_of(values)
+    steps = np.abs(np.diff(values, prepend=values[0], append=values[-1]))
+    for end in (float(values.max()), float(values.min())):
+        for a, b in _runs(values == end):
+            steep = max(steps[a], steps[b]) >= SATURATED_QUANTA * quantum
+            # A signal that is at rest at one end of its range, as a force before the contact, is
+            # left but not entered.
+            inside = a > 0 and b < len(values) and min(steps[a], steps[b]) > 1.5 * quantum
+            if b - a >= SATURATED_SAMPLES and steep and inside:
+                yield SignalFinding(
+                    "saturation", float(time_s[a]), float(time_s[b - 1]), b - a,
+                    f"{b - a} samples at {end:.6g}, an end of the range",
+                )  # fmt: skip
+
+
+def constants(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
+    """Yields long stretches of one value in a signal that otherwise changes, as a sensor that has
+    failed gives them."""
+    lengths = _equal_runs(values)
+    usual = float(np.median([b - a for a, b in lengths]))
+    least = max(CONSTANT_SAMPLES, CONSTANT_FACTOR * usual)
+    for a, b in lengths:
+        if b - a >= least:
+            yield SignalFinding(
+                "constant", float(time_s[a]), float(time_s[b - 1]), b - a,
+                f"{b - a} samples of {values[a]:.6g}",
+            )  # fmt: skip
+
+
+def quantum_of(values: Floats) -> float:
+    """Returns the smallest difference of two values of a signal other than 0, or 0."""
+    steps = np.diff(np.unique(values))
+    steps = steps[steps > 1e-9 * max(float(np.abs(values).max()), 1e-300)]
+    return float(steps.min()) if len(steps) else 0.0
+
+
+def _runs(inside: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Returns the index ranges (begin, end) in which an array is True."""
+    turns = np.flatnonzero(np.diff(inside.astype(np.int8), prepend=0, append=0))
+    return [(int(a), int(b)) for a, b in turns.reshape(-1, 2)]
+
+
+def _equal_runs(values: Floats) -> list[tuple[int, int]]:
+    """Returns the index ranges (begin, end) of successive equal values."""
+    turns = np.flatnonzero(np.diff(values)) + 1
+    bounds = [0, *turns.tolist(), len(values)]
+    return list(itertools.pairwise(bounds))

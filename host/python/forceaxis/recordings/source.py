@@ -1,0 +1,281 @@
+"""Sources of recordings: files of other programs as columns of numbers with their times."""
+
+import abc
+import json
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.bus import log_tables
+from forceaxis.bus.message_rows import Row
+from forceaxis.bus.recordings import MCAP_MAGIC, reader_of
+from forceaxis.errors import expect_package
+from forceaxis.recordings.signal_recording import Floats, is_recording
+from forceaxis.recordings.units import split_name
+from forceaxis.words import suggestion
+
+Table: TypeAlias = Mapping[str, NDArray[np.generic]]
+
+LARGEST_NUMBER = 1e100  # larger numbers are damage
+# Names of a column with the times, in small letters, in the order in which they are looked for.
+TIME_NAMES = ("time_s", "t_s", "time", "t", "zeit", "timestamp", "tick", "time_ms", "t_ms")
+LCM_MARK = b"\xed\xa1\xda\x01"
+
+
+@dataclass(frozen=True)
+class SourceColumn:
+    """One column of a source. `lines` are the places of its values in the file, for messages."""
+
+    name: str
+    unit: str | None  # that the source gives
+    values: Floats = field(repr=False)  # NaN: no value
+    lines: Sequence[int] = field(repr=False, default=())
+    time_column: str | None = None  # that belongs to it, or None for that of the source
+
+    def place(self, sample: int) -> str:
+        """Returns the place of a sample in words, such as "line 7, Fz"."""
+        if len(self.lines):
+            return f"line {self.lines[sample]}, {self.name}"
+        return f"{self.name}, sample {sample}"
+
+
+class Source(abc.ABC):
+    """A file that is a source of recordings. `where` is the file in messages, `kind` what it is in
+    words."""
+
+    where: str
+    kind: str
+
+    @abc.abstractmethod
+    def names(self) -> list[str]:
+        """Returns the names of the columns, without their units."""
+
+    @abc.abstractmethod
+    def column(self, name: str) -> SourceColumn:
+        """Returns the column with a name of names(). Raises InputError."""
+
+    def find(self, text: str, parameter: str) -> str:
+        """Returns the name of the column that a user means by a name, by the end of a name after
+        "/" or ".", or by the number of the column from 1. Raises InputError."""
+        known = self.names()
+        if text in known:
+            return text
+        small = text.casefold()
+        alike = [n for n in known if n.casefold() == small or split_name(n)[0].casefold() == small]
+        ends = [n for n in known if n.casefold().endswith(("/" + small, "." + small))]
+        for found in (alike, ends):
+            if len(found) == 1:
+                return found[0]
+            if found:
+                raise InputError(
+                    f"{parameter}: expected the name of one column of {self.where}, got {text}, "
+                    f"which is {', '.join(found)}; write one of these names"
+                )
+        if text.isdigit() and 1 <= int(text) <= len(known):
+            return known[int(text) - 1]
+        few = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
+        raise InputError(
+            f"{parameter}: expected a column of {self.where} ({few or 'none'}), got {text}"
+            f"{suggestion(text, known) or '; write one of these names'}"
+        )
+
+    def time_name(self) -> str | None:
+        """Returns the name of the column with the times, or None if no name is that of a time."""
+        known = {split_name(name)[0].casefold(): name for name in reversed(self.names())}
+        known |= {name.casefold(): name for name in reversed(self.names())}
+        return next((known[name] for name in TIME_NAMES if name in known), None)
+
+
+class ArraySource(Source):
+    """A source of arrays, such as NPZ, Parquet or messages. `times` is {column: name of the column
+    of its times}."""
+
+    def __init__(
+        self, path: Path, kind: str, table: Table, times: Mapping[str, str] | None = None,
+        units: Mapping[str, str] | None = None,
+    ) -> None:  # fmt: skip
+        self.where, self.kind = paths.display(path), kind
+        self._table, self._times, self._units = table, times or {}, units or {}
+
+    def names(self) -> list[str]:
+        return list(self._table)
+
+    def column(self, name: str) -> SourceColumn:
+        given = np.asarray(self._table[name])
+        if given.ndim != 1 or given.dtype.kind not in "iufbM":
+            raise InputError(
+                f"{self.where}: {name}: expected an array of numbers in one dimension, got "
+                f"{given.dtype} in the shape {given.shape}; choose another column"
+            )
+        if given.dtype.kind == "M":
+            given = (given - given[0]) / np.timedelta64(1, "ns") * 1e-9
+        values = given.astype(np.float64)
+        unit = self._units.get(name) or split_name(name.rpartition("/")[2])[1]
+        found = SourceColumn(name, unit, values, (), self._times.get(name))
+        return expect_finite(self.where, found)
+
+
+def expect_finite(where: str, column: SourceColumn) -> SourceColumn:
+    """Returns the column. Raises InputError for a number that is infinite or too large."""
+    wrong = np.flatnonzero(np.abs(column.values) > LARGEST_NUMBER)
+    if len(wrong):
+        at = int(wrong[0])
+        raise InputError(
+            f"{where}: {column.place(at)}: expected a number below {LARGEST_NUMBER:g}, got "
+            f"{column.values[at]:g}; correct or remove this sample"
+        )
+    return column
+
+
+def read_source(path: Path, separator: str | None = None) -> Source:
+    """Returns the source in a file, by the content of the file. `separator` is the character
+    between the columns of a CSV file, or None to find it. Raises InputError, OSError."""
+    from forceaxis.recordings.csv_source import CsvSource
+
+    where = paths.display(path)
+    with path.open("rb") as file:
+        start = file.read(64)
+    if not start:
+        raise InputError(f"{where}: expected a file with data, got an empty file; record again")
+    if is_recording(path):
+        raise InputError(
+            f"{where}: expected a file of another program, got a recording that is imported "
+            "already; use it as it is"
+        )
+    for mark, read in READERS:
+        if start.startswith(mark):
+            return read(path)
+    if b"\0" in start and not start.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise InputError(
+            f"{where}: expected CSV, NPZ, Parquet, MCAP, an LCM log or an incident, got other "
+            "binary data; export the data as one of these kinds"
+        )
+    return CsvSource(path, separator)
+
+
+def read_npz(path: Path) -> Source:
+    """Returns the arrays of an NPZ file. Raises InputError."""
+    where = paths.display(path)
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            table = {name: np.asarray(arrays[name]) for name in arrays.files}
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"{where}: expected an NPZ file with arrays of numbers, got: {_first_line(error)}; "
+            "write the arrays with numpy.savez"
+        ) from None
+    return ArraySource(path, "NPZ", table)
+
+
+def read_parquet(path: Path) -> Source:
+    """Returns the columns of a Parquet file. Raises InputError."""
+    import pyarrow
+    from pyarrow import parquet
+
+    where = paths.display(path)
+    try:
+        found = parquet.read_table(path)
+        table = {
+            name: found.column(name).to_numpy()
+            for name in dict.fromkeys(found.column_names)
+            if found.column_names.count(name) == 1
+        }
+    except (pyarrow.ArrowException, OSError) as error:
+        raise InputError(
+            f"{where}: expected a Parquet file, got: {_first_line(error)}; export the data again"
+        ) from None
+    units = {
+        field.name: field.metadata[b"unit"].decode()
+        for field in found.schema
+        if field.metadata and b"unit" in field.metadata
+    }
+    return ArraySource(path, "Parquet", table, units=units)
+
+
+def read_messages(path: Path) -> Source:
+    """Returns the messages of an LCM log, or of an MCAP file with the messages of forceaxis or with
+    messages in JSON, as columns CHANNEL/field. Raises InputError."""
+    with path.open("rb") as file:
+        is_mcap = file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
+    kind = "MCAP" if is_mcap else "LCM log"
+    tables, others, damage = log_tables.tables_of(reader_of(path))
+    if not tables and is_mcap:
+        tables, others, damage = _json_tables(path)
+    where = paths.display(path)
+    if damage:
+        raise InputError(
+            f"{damage}; expected a complete file; `forceaxis log convert` writes a file of the "
+            "messages that are complete"
+        )
+    if not tables:
+        raise InputError(
+            f"{where}: expected messages of forceaxis{' or in JSON' * is_mcap}, got "
+            + (f"only those of {', '.join(others)}" if others else "no message")
+            + "; export the data as CSV or Parquet"
+        )
+    found, times = {}, {}
+    for channel, columns in tables.items():
+        time = next((n for n in (*TIME_NAMES, "utime_us", "received_wall_us") if n in columns), "")
+        for name, values in columns.items():
+            if values.dtype.kind in "iufb":
+                found[f"{channel}/{name}"] = values
+                times[f"{channel}/{name}"] = f"{channel}/{time}"
+    return ArraySource(path, kind, found, times)
+
+
+def _json_tables(path: Path) -> tuple[dict[str, log_tables.Table], list[str], str | None]:
+    """Returns the numbers in the JSON messages of an MCAP file as {topic: {field: values}}, the
+    topics in other encodings, and one line about damage or None."""
+    expect_package(paths.display(path), "mcap", "mcap", "mcap")
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+
+    rows: dict[str, log_tables.Columns] = {}
+    others: dict[str, None] = {}
+    try:
+        with path.open("rb") as file:
+            for _, channel, message in make_reader(file).iter_messages():
+                if channel.message_encoding != "json":
+                    others[f"{channel.topic} ({channel.message_encoding or 'no encoding'})"] = None
+                    continue
+                row: Row = dict(_numbers("", json.loads(message.data)))
+                row["time_s"] = message.log_time * 1e-9
+                rows.setdefault(channel.topic, log_tables.Columns()).add(row)
+    except (McapError, ValueError, EOFError) as error:
+        return {}, [], f"{paths.display(path)}: {_first_line(error)}"
+    return {topic: table.arrays() for topic, table in rows.items()}, list(others), None
+
+
+def _numbers(prefix: str, value: object) -> list[tuple[str, float]]:
+    """Returns the numbers in a JSON value with their names, such as ("wrench.force.z", 1.5)."""
+    if isinstance(value, bool | int | float):
+        return [(prefix or "value", float(value))]
+    items: Sequence[tuple[object, object]] = []
+    if isinstance(value, dict):
+        items = list(value.items())
+    elif isinstance(value, list):
+        items = list(enumerate(value))
+    return [
+        pair
+        for key, inner in items
+        for pair in _numbers(f"{prefix}.{key}" if prefix else str(key), inner)
+    ]
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
+READERS: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
+    (b"PK", read_npz),
+    (b"PAR1", read_parquet),
+    (MCAP_MAGIC, read_messages),
+    (LCM_MARK, read_messages),
+)

@@ -1,0 +1,64 @@
+"""Units of the columns of a source: their size in SI units, and the unit that a name ends in."""
+
+import re
+
+from forceaxis import _core
+from forceaxis.recordings.signal_recording import UNITS
+
+# SI units of signals whose name has no fixed meaning.
+SI_UNITS = (
+    *dict.fromkeys(UNITS.values()),
+    *("s", "Hz", "rad/s", "kg", "m/s^2", "N/s", "N/m", "ohm", "1"),
+)
+NO_UNIT = ("", "-", "1", "none", "None", "raw", "LSB", "codes", "counts", "inc")
+IN_BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
+# Units that a name may end in after "_". Longer names of one letter would be part of a name.
+ENDINGS = {
+    **{unit: unit for unit in ("s", "ms", "us", "ns", "N", "kN", "mN", "mm", "um", "m", "mV")},
+    **{unit: unit for unit in ("V", "A", "mA", "Nm", "Hz", "count")},
+    **{f"{length}_per_s": f"{length}/s" for length in ("m", "mm", "um")},
+}
+
+
+def plain(unit: str) -> str:
+    """Returns the spelling of a unit that `quantity_in` knows, for other usual spellings."""
+    unit = unit.strip().replace("µ", "u").replace("μ", "u").replace("²", "^2").replace("·", " ")
+    return {"Nm": "N m", "sec": "s", "msec": "ms", "m/s2": "m/s^2", "Newton": "N"}.get(unit, unit)
+
+
+def factor_of(unit: str, wanted: str) -> float | None:
+    """Returns the size of a unit in the SI unit `wanted`, or None if the unit does not measure that
+    quantity. The unit may be a quantity such as "0.5 um", which is the size of one count."""
+    if wanted in ("1", "count") and unit.strip() in (*NO_UNIT, "count"):
+        return 1.0
+    text = plain(unit)
+    size = _core.quantity_in(text if text[:1].isdigit() else f"1 {text}", wanted)
+    return size if size and size > 0 else None
+
+
+def si_unit_of(unit: str) -> tuple[str, float] | None:
+    """Returns (SI unit, factor) of a unit, or None for an unknown unit. A column without a unit is
+    a number in "1"."""
+    if unit.strip() in NO_UNIT:
+        return "1", 1.0
+    for wanted in SI_UNITS:
+        if factor := factor_of(unit, wanted):
+            return wanted, factor
+    return None
+
+
+def is_unit(text: str) -> bool:
+    """Returns True if a text is a unit or says that a column has none."""
+    return si_unit_of(text) is not None or text.strip() in ("%", "bar", "degC", "°C", "rpm")
+
+
+def split_name(header: str) -> tuple[str, str | None]:
+    """Returns (name, unit) of the text above a column: "Fz [N]", "Fz (N)" or "Fz_N". The unit is
+    None if the text has none."""
+    text = header.strip().strip('"').strip()
+    if found := IN_BRACKETS.match(text):
+        return found["name"].strip(), found["unit"].strip()
+    for ending, unit in sorted(ENDINGS.items(), key=lambda one: -len(one[0])):
+        if text.endswith(f"_{ending}"):
+            return text, unit
+    return text, None
