@@ -451,6 +451,12 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   root.one("firmware", [&](Section &section) {
     experiment.initial = read_objects(section, *experiment.model, {});
   });
+  if (experiment.model->machine_controller &&
+      (written(experiment, AXIS_OBJ_MODE).value_or(0) != 0 ||
+       written(experiment, AXIS_OBJ_MODES_OF_OPERATION).value_or(0) != 0))
+    root.fail("firmware",
+              "expected no mode of operation, because the model has a [machine_controller] that "
+              "commands the drive in place of the firmware; remove the mode");
   experiment.cycle = program_of(root, contents_->file.parent_path(), experiment);
   match_dac(root, experiment);
   check_adcs(root, experiment);

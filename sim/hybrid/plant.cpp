@@ -85,6 +85,12 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
   if (const auto &drive = description.drive;
       drive && (drive->enable_ticks || !drive->bus.immediate()))
     bus_ = DriveBus(drive->bus, drive->enable_ticks);
+  if (const auto &controller = description.machine_controller) {
+    machine_law_.emplace(*controller, 1.0 / stepper_.cache().rate_hz());
+    const auto place = std::find(signal_names_->begin(), signal_names_->end(), controller->signal);
+    if (place != signal_names_->end())
+      machine_signal_ = static_cast<std::size_t>(place - signal_names_->begin());
+  }
   if (audit_) initial_energy_ = total_energy();
 }
 
@@ -169,6 +175,10 @@ double Plant::volts(int dac_code) const {
 }
 
 void Plant::step(int dac_code, bool amp_enable, bool brake_release) {
+  if (machine_law_) {
+    step_volts(machine_law_->volts(tick(), signal_at(machine_signal_)), true);
+    return;
+  }
   if (bus_.fitted()) {
     codes();  // the drive measures its encoder also in a tick in which nobody reads it
     const DriveBus::Frame frame = bus_.act(tick(), {dac_code, amp_enable});

@@ -27,6 +27,7 @@
 #include <vector>
 
 #include "sim/hybrid/drive_bus.hpp"
+#include "sim/hybrid/machine_law.hpp"
 #include "sim/hybrid/sampled_sensor.hpp"
 #include "sim/hybrid/sinc_filter.hpp"
 #include "sim/hybrid/stepper.hpp"
@@ -112,7 +113,8 @@ class Plant {
   /// Simulates one step. The third argument is the output brake_release of the firmware, which
   /// releases and engages the brakes of the model. If the model has a bus (DriveBus), code and
   /// amp_enable are those of the firmware, which the drive applies later. brake_release and the
-  /// switches are not on the bus.
+  /// switches are not on the bus. If the model has a controller of the machine, that controller
+  /// commands the drive, with brakes released, and the arguments have no effect.
   void step(int dac_code, bool amp_enable, bool brake_release);
   /// Returns the voltage in V, with offset and noise, that the DAC outputs for a code in this tick.
   double volts(int dac_code) const;
@@ -245,8 +247,10 @@ class Plant {
   // fields have just been stored one by one. The processor has to wait for such stores.
   SensorCodes codes_;
   // Row that gives the position of the encoder from the states, if a port is one of its ends. It is
-  // the last member, so that the others keep their places in the lines of the cache.
+  // behind the others, so that they keep their places in the lines of the cache.
   std::vector<double> encoder_row_;
+  std::optional<MachineLaw> machine_law_;
+  std::size_t machine_signal_ = 0;  // index of the force that the controller measures
 };
 
 }  // namespace forceaxis::sim

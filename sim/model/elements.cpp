@@ -28,9 +28,11 @@ class Elements {
     read_externals();
     read_drive();
     read_sensors();
+    read_machine_controller();
   }
 
  private:
+  std::size_t signal(Section &section, const std::vector<SignalInfo> &signals) const;
   void claim(Section &section, const std::string &key, const std::string &name);
   std::string claim_name(Section &section);
   template <class Link>
@@ -47,6 +49,7 @@ class Elements {
   void read_drive();
   void read_switches(Section &section);
   void read_sensors();
+  void read_machine_controller();
 
   Section &root_;
   Model &model_;
@@ -682,6 +685,91 @@ void read_slow_errors(Section &section, Dimension unit, Adc &adc) {
     adc.drift = Drift{*final, section.number("drift_time")};
 }
 
+// Returns the index of the signal that the key `signal` names.
+std::size_t Elements::signal(Section &section, const std::vector<SignalInfo> &signals) const {
+  std::vector<std::string> names;
+  for (const SignalInfo &known : signals) names.push_back(known.name);
+  const std::string name = section.text("signal", "a signal's name");
+  const auto found = std::find(names.begin(), names.end(), name);
+  if (found == names.end())
+    section.fail("signal", "expected one of " + joined(names) + ", got " + in_quotes(name) +
+                               suggestion(name, names) + "; name a signal of this model");
+  return static_cast<std::size_t>(found - names.begin());
+}
+
+// Returns the voltage of the drive for a command of 1 m/s, or of 1 N for a `force`. The drive must
+// follow such commands.
+double volts_per_command(Section &section, const Drive &drive, bool force) {
+  if (const auto *first = std::get_if<FirstOrderDrive>(&drive.type); first && !force)
+    return 1.0 / first->velocity_per_volt;
+  if (const auto *velocity = std::get_if<VelocityDrive>(&drive.type); velocity && !force)
+    return 1.0 / velocity->velocity_per_volt;
+  if (const auto *stepper = std::get_if<StepperDrive>(&drive.type); stepper && !force)
+    return 1.0 / stepper->velocity_per_volt;
+  if (const auto *perfect = std::get_if<PerfectDrive>(&drive.type); perfect && force)
+    return 1.0 / perfect->force_per_volt;
+  if (const auto *torque = std::get_if<TorqueDrive>(&drive.type); torque && force)
+    return 1.0 / (torque->current_per_volt * torque->motor.force_per_amp);
+  section.fail("law", std::string("expected a drive that follows ") +
+                          (force ? "a force (perfect, torque)"
+                                 : "a velocity (first_order, velocity, stepper)") +
+                          ", got another type; change drive.type");
+}
+
+MachineTable read_machine_table(Section &section, bool *force) {
+  MachineTable table;
+  one_of(section, "speeds", "forces", "the commands of the table");
+  *force = section.has("forces");
+  const char *key = *force ? "forces" : "speeds";
+  table.times = section.rising("times");
+  table.values = section.numbers(key);
+  table.interpolated = section.flag("interpolated");
+  if (table.times.size() < 2)
+    section.fail("times", "expected at least two times, got " + std::to_string(table.times.size()) +
+                              "; add times");
+  if (table.values.size() != table.times.size())
+    section.fail(key, "expected " + std::to_string(table.times.size()) +
+                          " values, one for each of the times, got " +
+                          std::to_string(table.values.size()) + "; add or remove values");
+  return table;
+}
+
+void Elements::read_machine_controller() {
+  const std::vector<SignalInfo> signals = model_.signal_list();
+  root_.one("machine_controller", [&](Section &section) {
+    if (!model_.drive) section.fail("law", "expected a model with a drive, got none; add [drive]");
+    if (model_.drive->enable_ticks || !model_.drive->bus.immediate())
+      section.fail("law",
+                   "expected a drive without bus and enable_ticks, which are those of the "
+                   "firmware; remove these keys of [drive]");
+    MachineController controller;
+    const std::size_t law = section.choice("law", "choose a law");
+    section.add(*section.format().added[law]);
+    controller.cycle_ticks = section.integer("cycle_ticks");
+    bool force = false;
+    if (law == 0) {
+      controller.law = read_machine_table(section, &force);
+    } else {
+      const SignalInfo &measured = signals[signal(section, signals)];
+      if (measured.dimension != Dimension::force)
+        section.fail("signal", "expected a force in N, got " + in_quotes(measured.name) +
+                                   "; name the force that the controller measures");
+      controller.signal = measured.name;
+      controller.setpoint = section.number("setpoint");
+      controller.speed_max = section.number("speed_max");
+      controller.filter = section.optional_number("filter");
+      controller.delay_ticks = section.integer("delay_ticks");
+      const double damping = section.number("damping");
+      if (law == 1)
+        controller.law = MachineAdmittance{section.number("mass"), damping};
+      else
+        controller.law = MachineForcePi{damping, section.optional_number("integral_time")};
+    }
+    controller.volts_per_command = volts_per_command(section, *model_.drive, force);
+    model_.machine_controller = controller;
+  });
+}
+
 void Elements::read_sensors() {
   root_.one("encoder", [&](Section &section) {
     Encoder encoder;
@@ -701,16 +789,10 @@ void Elements::read_sensors() {
     if (model_.adc[channel])
       section.fail("channel", "expected a channel not used before, got " + std::to_string(channel) +
                                   " again; there are channels 0 and 1");
-    std::vector<std::string> names;
-    for (const SignalInfo &signal : signals) names.push_back(signal.name);
     Adc adc;
-    adc.signal = section.text("signal", "a signal's name");
-    const auto found = std::find(names.begin(), names.end(), adc.signal);
-    if (found == names.end())
-      section.fail("signal", "expected one of " + joined(names) + ", got " + in_quotes(adc.signal) +
-                                 suggestion(adc.signal, names) + "; name a signal of this model");
-    const SignalInfo &signal = signals[static_cast<std::size_t>(found - names.begin())];
-    const Dimension unit = signal.dimension;
+    const SignalInfo &measured = signals[signal(section, signals)];
+    adc.signal = measured.name;
+    const Dimension unit = measured.dimension;
     read_slow_errors(section, unit, adc);
     adc.sensor_limit = section.optional_value("sensor_limit", unit, Sign::positive);
     adc.filter = section.optional_number("filter");

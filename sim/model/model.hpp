@@ -392,6 +392,47 @@ struct Drive {
   }
 };
 
+/// Commands of a controller of the machine over the time.
+struct MachineTable {
+  std::vector<double> times;   ///< in s since tick 0 in ascending order, >= 0, at least two
+  std::vector<double> values;  ///< command in m/s or N; constant before and after the times
+  bool interpolated = false;   ///< false: a value is held until the next time
+};
+
+/// Virtual mass and damping of an admittance.
+struct MachineAdmittance {
+  double mass = 0.0;     ///< in kg, > 0
+  double damping = 0.0;  ///< in N s/m, >= 0
+};
+
+/// A PI controller of the force whose output is a velocity.
+struct MachineForcePi {
+  double damping = 0.0;                 ///< in N s/m, > 0
+  std::optional<double> integral_time;  ///< in s, > 0; empty: q = 0
+};
+
+/// A controller that belongs to the machine, in place of the firmware: a model of somebody else's
+/// controller, of which no more than this law is known. In the first tick of each cycle it gives
+/// the drive a command, which the drive holds for the cycle: a velocity, or a force for a table of
+/// forces. f is its set-point less the measured force, v its command, T the cycle:
+///   table        v is the value of a table at the time of the tick
+///   admittance   mass v' = f - damping v
+///   force_pi     v = f / damping + q,    q' = f / (damping integral_time)
+/// Each law is exact for a force that is constant in a cycle. |v| is at most speed_max, at which
+/// the admittance stops and q is held. The measured force is the signal, through a first-order low
+/// pass and delay_ticks late.
+struct MachineController {
+  std::variant<MachineTable, MachineAdmittance, MachineForcePi> law;
+  double volts_per_command = 0.0;  ///< voltage of the drive for a command of 1 m/s or 1 N
+  int cycle_ticks = 1;
+  // Only of an admittance and of force_pi:
+  std::string signal;            ///< force that the controller measures
+  double setpoint = 0.0;         ///< in N
+  double speed_max = 0.0;        ///< in m/s, > 0
+  std::optional<double> filter;  ///< corner frequency of the low pass in rad/s, > 0
+  int delay_ticks = 0;           ///< 0..30
+};
+
 /// An encoder that measures the position of a body relative to a reference, for example relative to
 /// a moving base.
 struct Encoder {
@@ -526,6 +567,7 @@ struct Model {
   std::vector<Cogging> coggings;
   std::vector<External> externals;
   std::optional<Drive> drive;
+  std::optional<MachineController> machine_controller;
   std::optional<Encoder> encoder;
   Switches switches;
   std::array<std::optional<Adc>, 2> adc;

@@ -432,6 +432,94 @@ constexpr KeyFormat kDriveKeys[] = {
                      "amplifier for +-10 V."),
 };
 
+constexpr KeyFormat kMachineTableKeys[] = {
+    numbers("times", D::time, S::not_negative, "", "Times since tick 0, ascending, at least two."),
+    numbers("speeds", D::velocity, S::any, "forces must be given",
+            "Velocity that the controller commands at each time, for a drive that follows a "
+            "velocity."),
+    numbers("forces", D::force, S::any, "speeds must be given",
+            "Force that the controller commands at each time, for a drive that follows a force."),
+    other("interpolated", "flag", "false",
+          "Whether the command of a tick lies on the line between two times; otherwise a value is "
+          "held until the next time."),
+};
+constexpr TableFormat kMachineTable{
+    "Commands that are given as a table over the time, such as those of a recording.",
+    kMachineTableKeys,
+    false,
+    "law = \"table\"",
+    {}};
+
+// The keys of a controller that measures a force.
+constexpr KeyFormat kMachineSignal =
+    other("signal", "signal", "", "Force signal of the model that the controller measures.");
+constexpr KeyFormat kMachineSetpoint =
+    needed("setpoint", D::force, S::any, "Set-point of the force.");
+constexpr KeyFormat kMachineSpeed =
+    needed("speed_max", D::velocity, S::positive,
+           "Largest velocity that the controller commands; without contact it approaches with it.");
+constexpr KeyFormat kMachineFilter =
+    optional("filter", D::rate, S::positive, "no filter",
+             "Corner frequency of a first-order low pass of the measured force.");
+constexpr KeyFormat kMachineDelay =
+    integer("delay_ticks", 0, 30, 0.0, "Ticks by which the measured force is late.");
+
+constexpr KeyFormat kAdmittanceKeys[] = {
+    kMachineSignal,
+    kMachineSetpoint,
+    kMachineSpeed,
+    needed("mass", D::mass, S::positive, "Virtual mass of the admittance."),
+    number("damping", D::damping, S::not_negative, 0.0, "Virtual damping of the admittance."),
+    kMachineFilter,
+    kMachineDelay,
+};
+constexpr TableFormat kAdmittance{
+    "An admittance: the velocity v of a virtual mass, mass v' = f - damping v, where f is the "
+    "set-point less the measured force. At speed_max it stops to accelerate.",
+    kAdmittanceKeys,
+    false,
+    "law = \"admittance\"",
+    {}};
+
+constexpr KeyFormat kForcePiKeys[] = {
+    kMachineSignal,
+    kMachineSetpoint,
+    kMachineSpeed,
+    needed("damping", D::damping, S::positive,
+           "Force error for which the proportional part commands 1 m/s."),
+    optional("integral_time", D::time, S::positive, "no integral",
+             "Time in which the integral grows by the proportional part. At speed_max the "
+             "integral is held."),
+    kMachineFilter,
+    kMachineDelay,
+};
+constexpr TableFormat kForcePi{
+    "A PI controller of the force whose output is a velocity: v = f / damping + q, q' = f / "
+    "(damping integral_time), where f is the set-point less the measured force.",
+    kForcePiKeys,
+    false,
+    "law = \"force_pi\"",
+    {}};
+
+constexpr KeyFormat kMachineKeys[] = {
+    other("law", "table, admittance, force_pi", "",
+          "Law of the controller. It adds the keys below."),
+    integer("cycle_ticks", 1, 300, 1.0,
+            "Cycle of the controller in ticks of 1/1500 s: it gives a new command in the first "
+            "tick of a cycle."),
+};
+constexpr const TableFormat *kMachineLaws[] = {&kMachineTable, &kAdmittance, &kForcePi};
+constexpr TableFormat kMachineController{
+    "A controller that belongs to the machine, such as that of a robot or a press: a model of "
+    "somebody else's controller, of which no more than this law is known. It commands the drive in "
+    "place of the firmware, whose DAC code has no effect; an experiment on the model selects no "
+    "mode of operation. Linear analysis leaves it out. MachineController in sim/model/model.hpp "
+    "has the equations.",
+    kMachineKeys,
+    false,
+    {},
+    kMachineLaws};
+
 constexpr KeyFormat kEncoderKeys[] = {
     other("body", "body", "", "The body whose position the encoder measures."),
     other("reference", "body or ground", "ground",
@@ -560,6 +648,7 @@ constexpr KeyFormat kModelKeys[] = {
     table("cogging", kCogging, true),
     table("external", kExternal, true),
     table("drive", kDrive),
+    table("machine_controller", kMachineController),
     table("encoder", kEncoder),
     table("switches", kSwitches),
     table("adc", kAdc, true),

@@ -7,9 +7,12 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include <algorithm>
 #include <map>
 #include <memory>
+#include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "host/python/binding/energy.hpp"
@@ -42,6 +45,41 @@ py::array_t<double> signals(const Plant &plant) {
   py::array_t<double> values(static_cast<py::ssize_t>(plant.signal_names().size()));
   plant.signals({values.mutable_data(), plant.signal_names().size()});
   return values;
+}
+
+// Simulates one tick for each command. Returns the codes (encoder, adc0, adc1) and the signals
+// `names` at the start of each tick, before its command acts. The commands are DAC codes, or
+// voltages if `volts` is true. If the model has a controller of the machine, the commands have no
+// effect.
+py::tuple follow(Plant &plant, const py::array_t<double, py::array::c_style> &commands, bool volts,
+                 const std::vector<std::string> &names) {
+  std::vector<std::size_t> places;
+  const std::vector<std::string> &known = plant.signal_names();
+  for (const std::string &name : names) {
+    const auto place = std::find(known.begin(), known.end(), name);
+    if (place == known.end()) throw std::invalid_argument("no signal named " + name);
+    places.push_back(static_cast<std::size_t>(place - known.begin()));
+  }
+  const auto ticks = static_cast<std::size_t>(commands.size());
+  py::array_t<std::int64_t> codes({ticks, std::size_t{3}});
+  py::array_t<double> signals({ticks, places.size()});
+  const double *const command = commands.data();
+  std::int64_t *code = codes.mutable_data();
+  double *signal = signals.mutable_data();
+  const py::gil_scoped_release release;
+  for (std::size_t k = 0; k < ticks; ++k) {
+    const SensorCodes &now = plant.codes();
+    *code++ = now.encoder;
+    *code++ = now.adc[0];
+    *code++ = now.adc[1];
+    for (const std::size_t place : places) *signal++ = plant.signal_at(place);
+    if (volts && !plant.model().machine_controller)
+      plant.step_volts(command[k], true);
+    else
+      plant.step(static_cast<int>(command[k]), true);
+  }
+  const py::gil_scoped_acquire acquire;
+  return py::make_tuple(std::move(codes), std::move(signals));
 }
 
 py::list events(const Plant &plant) {
@@ -78,6 +116,13 @@ void add_plant(py::module_ &m) {
       .def("step_volts", py::overload_cast<double, bool>(&Plant::step_volts), py::arg("volts"),
            py::arg("enable") = true,
            "Simulates one tick with a constant command of the drive in V in place of a DAC code.")
+      .def("follow", &follow, py::arg("commands"), py::arg("volts") = false,
+           py::arg("signals") = std::vector<std::string>{},
+           "Simulates one tick for each of the `commands` (n,), DAC codes or with `volts` V. "
+           "Returns "
+           "the codes (n, 3) of encoder, adc0 and adc1 and the `signals` (n, m) at the start of "
+           "each "
+           "tick.")
       .def("apply_impulse", &Plant::apply_impulse, py::arg("body"), py::arg("impulse_N_s"),
            "Adds impulse / mass to the velocity of a body at this instant.")
       .def("codes", &codes, "Returns the codes (encoder, adc0, adc1) at this instant.")

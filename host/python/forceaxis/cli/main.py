@@ -45,6 +45,7 @@ GROUPS = {
         "test": "experiments",
         "replay": "experiments",
         "recording": "recording",
+        "compare": "compare",
         "report": "thesis",
         "objects": "objects",
         "fmu": "fmu",

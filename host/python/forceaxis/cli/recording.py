@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from forceaxis.cli.common import File, Verbs, aligned, as_json, print_json, print_result
+from forceaxis.cli.common import Verbs, aligned, as_json, print_json, print_result
 from forceaxis.recordings import signal_recording
 from forceaxis.recordings.importing import Imported, ImportRequest, import_source
 from forceaxis.recordings.signal_recording import RecordedSignal, SignalRecording
@@ -54,7 +54,12 @@ def source_of(file: Path, separator: str | None) -> Source:
 )  # fmt: skip
 @click.option("--separator", help="Character between the columns of CSV. Default: found.")
 @click.option("--title", default="", help="Title of the recording. Default: the name of FILE.")
-@click.option("--out", type=File(), required=True, help="File of the recording, NAME or NAME.npz.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="File of the recording, NAME or NAME.npz.",
+)
 @as_json
 def import_(
     file: Path,

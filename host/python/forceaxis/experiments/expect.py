@@ -165,6 +165,20 @@ FORMAT = (
                 ">= 0",
             ),
             FormatKey(
+                "recording",
+                "file name or list of file names",
+                "none",
+                "Recordings of the real machine (`forceaxis recording import`), relative to this "
+                "file. Each is compared as `forceaxis compare` does, and the test fails if a "
+                "figure is outside its band.",
+            ),
+            FormatKey(
+                "recording_over",
+                "list of texts",
+                "none",
+                'Uncertainty of parameters for these bands, as `--over`: ["k_w=10%", "b_w=5..20"].',
+            ),
+            FormatKey(
                 "band",
                 "number or { absolute = ... }",
                 "0.05",
@@ -208,7 +222,7 @@ KEYS, NUMBER_KEYS = ([key.key for key in table.keys] for table in FORMAT)
 # Texts for results that are not numbers: the signal does not settle, or the signal has no step.
 TEXT_RESULTS = {"settle_s": "never", "overshoot": "undefined"}
 # Keys that define the evaluation of `signal`; all other keys are compared with the run.
-EVALUATION_KEYS = ("signal", "from_s", "final_s", "band")
+EVALUATION_KEYS = ("signal", "from_s", "final_s", "band", "recording", "recording_over")
 LARGEST_NUMBER = 1e18
 
 
@@ -265,6 +279,8 @@ class Expectation:
     band: float  # half of the settling band
     # True: the band is in the unit of `signal`; False: the band is a fraction of the step
     band_is_absolute: bool
+    recordings: tuple[Path, ...] = ()  # of the real machine
+    recording_over: tuple[str, ...] = ()  # uncertainty of parameters for their bands
 
 
 @dataclass(frozen=True)
@@ -290,12 +306,15 @@ class ExpectationCheck:
     obtained: Obtained
     unit: str = ""  # of a number
     why: str = ""  # reason for the verdict of the run
+    agrees: bool | None = None  # of a figure of a recording that is missing
 
     @property
     def passed(self) -> bool:
         """True if the obtained value agrees with the expected value."""
         if isinstance(self.expected, Number) and isinstance(self.obtained, float):
             return self.expected.low <= self.obtained <= self.expected.high
+        if self.agrees is not None:
+            return self.agrees
         return self.expected == self.obtained or bool(self.warning)
 
     @property
@@ -447,7 +466,18 @@ def read(file: str | Path, table: ExpectTable, has_verdict: bool) -> Expectation
         final_s=None if final_s is None else reader.number("final_s", final_s, 0.0),
         band=reader.number("band", band, 0.0),
         band_is_absolute=absolute,
+        recordings=tuple(Path(file).parent / name for name in _texts(reader, table, "recording")),
+        recording_over=_texts(reader, table, "recording_over"),
     )
+
+
+def _texts(reader: Reader, table: ExpectTable, key: str) -> tuple[str, ...]:
+    """Returns the texts of a key, which is a text or a list of texts. Raises InputError."""
+    given = table.get(key, [])
+    texts = given if isinstance(given, list) else [given]
+    if not all(isinstance(text, str) and text for text in texts):
+        reader.fail(key, "expected a text or a list of texts")
+    return tuple(texts)
 
 
 def _check_texts(reader: Reader, table: ExpectTable, has_verdict: bool) -> None:
@@ -549,7 +579,36 @@ def examine(file: str | Path, overrides: Sequence[str] = ()) -> Examined:
         )
         for key, value in expect.wanted.items()
     ]
+    checks += recording_checks(file, expect, overrides)
     return Examined(done, expect, measured, checks)
+
+
+def recording_checks(
+    file: Path, expect: Expectation, overrides: Sequence[str] = ()
+) -> list[ExpectationCheck]:
+    """Returns a check for each figure of the recordings of [expect]. Raises InputError,
+    SimulationError."""
+    if not expect.recordings:
+        return []
+    # These modules load much that a test without recordings does not need.
+    from forceaxis.experiments import compare
+    from forceaxis.experiments.prediction import PredictionRequest
+
+    request = PredictionRequest(file, expect.recording_over, overrides)
+    checks = []
+    for path in expect.recordings:
+        for figure in compare.compare(request, path).result.figures:
+            is_number = figure.low is not None and figure.high is not None
+            checks.append(
+                ExpectationCheck(
+                    f"{path.name}: {figure.figure}",
+                    Number(figure.low or 0.0, figure.high or 0.0) if is_number else "never",
+                    "never" if figure.measured is None else figure.measured,
+                    figure.unit,
+                    agrees=figure.agrees,
+                )
+            )
+    return checks
 
 
 # Units of the columns of the trace that contain codes.

@@ -212,7 +212,7 @@ def write_update(outcome: RegressionOutcome, examined: expect.Examined) -> None:
     outcome.checks = [
         expect.ExpectationCheck(k, v, examined.measured.values[k])
         for k, v in expected.wanted.items()
-    ]
+    ] + [c for c in examined.checks if c.agrees is not None]
     outcome.status = "updated" if all(c.passed for c in outcome.checks) else "failed"
     outcome.message = ""
 

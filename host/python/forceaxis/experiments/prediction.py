@@ -1,0 +1,338 @@
+"""Predictions for a recording: runs of an experiment that are fed as the recording was made, with
+parameters and noise sampled at random."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from forceaxis import _core, paths, toml
+from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
+from forceaxis.experiments.inputs import Inputs, read_inputs
+from forceaxis.experiments.run_result import Converter
+from forceaxis.linear import settings
+from forceaxis.linear.plant_facts import PlantFacts
+from forceaxis.linear.plant_set import Range, ranges_of
+from forceaxis.linear.system import facts
+from forceaxis.recordings.signal_recording import Floats, SignalRecording
+from forceaxis.recordings.touch import ForceLevel, touch_of
+from forceaxis.words import suggestion
+
+TICK_S = 1 / _core.TICKS_PER_SECOND
+LONGEST_S = 600.0
+SETPOINTS_MAX = 500  # changes of a recorded set-point
+DEFAULT_GAP = "gap"  # parameter that moves the first contact, if the model has it
+FAR_M = 1.0  # added to the gap for a run without contact
+
+# Signals that are inputs of a run, in the order in which they are looked for.
+INPUTS = ("code", "voltage_command", "speed_command", "force_command", "force_setpoint")
+
+Member = Mapping[str, float]  # values of parameters in SI units
+Columns = Mapping[str, Floats]
+
+
+@dataclass(frozen=True)
+class PredictionRequest:
+    """What is predicted, beside the recording. The names of the fields are those of the options."""
+
+    experiment: Path
+    over: Sequence[str] = ()
+    overrides: Sequence[str] = ()
+    input: str | None = None  # of INPUTS, "law" for the law of the experiment, None: found
+    gap: str | None = None  # parameter that moves the first contact
+    samples: int = 40
+    seed: int = 1
+
+
+@dataclass(frozen=True)
+class SignalModel:
+    """How a signal of a recording is computed from the columns of a run."""
+
+    name: str
+    unit: str
+    column: str
+    factor: float = 1.0
+    zero: float = 0.0  # in the column
+
+    def of(self, columns: Columns) -> Floats:
+        """Returns the values of the signal in `unit`, (ticks,)."""
+        return np.asarray((columns[self.column].astype(float) - self.zero) * self.factor)
+
+
+@dataclass
+class Predictor:
+    """Runs of an experiment for one recording."""
+
+    request: PredictionRequest
+    recording: SignalRecording
+    inputs: Inputs
+    plant: PlantFacts
+    ranges: dict[str, Range]
+    input: str
+    signals: tuple[SignalModel, ...]
+    gap: str | None
+    notes: list[str] = field(default_factory=list)
+    # shift of the recorded set-points in s, once the first contact is known in both
+    setpoint_shift_s: float = 0.0
+    _commands: Floats | None = None
+    _text: str | None = None
+
+    @classmethod
+    def of(cls, request: PredictionRequest, recording: SignalRecording) -> "Predictor":
+        """Reads experiment and model, and finds the input and the signals that can be compared.
+        Raises InputError, ParameterError."""
+        inputs = read_inputs(request.experiment, request.overrides)
+        model = settings.of(
+            str(request.experiment), _override_values(request.overrides), plant=True
+        )
+        plant = facts(model.model, model.overrides)
+        ranges = ranges_of(model.model, request.over, model.overrides) if request.over else {}
+        made = cls(
+            request, recording, inputs, plant, ranges,
+            _input_of(request, recording), (), None,
+        )  # fmt: skip
+        made._expect_input()
+        made.gap = made._gap_parameter()
+        made.signals = made._signals()
+        return made
+
+    @property
+    def is_fed(self) -> bool:
+        """Returns True if the recorded commands drive the plant, without the firmware."""
+        return self.input in INPUTS[:4]
+
+    def _parameter_values(self) -> dict[str, float | str]:
+        table = toml.read(self.request.experiment)
+        given = {text.partition("=")[0] for text in self.request.overrides}
+        named = set(table.get("set", {})) | given
+        return {n: p.value for n, p in self.inputs.parameters.items() if n in named}
+
+    def _expect_input(self) -> None:
+        drive = self.plant.drive
+        wanted = {"speed_command": "velocity_per_volt", "force_command": "force_per_volt"}
+        key = wanted.get(self.input)
+        has = drive is not None and (
+            key in drive.values or (self.input == "force_command" and "k_force" in drive.values)
+            if key
+            else True
+        )
+        if not has:
+            raise InputError(
+                f"{self._where}: expected a drive that follows {self.input.partition('_')[0]} "
+                f"commands for the recorded {self.input}, got "
+                f"{drive.type if drive else 'no drive'}; change the drive, or use "
+                "`input` law"
+            )
+
+    @property
+    def _where(self) -> str:
+        return paths.display(self.inputs.model)
+
+    def _gap_parameter(self) -> str | None:
+        name = self.request.gap
+        known = self.inputs.parameters
+        if name is None:
+            is_gap = DEFAULT_GAP in known and known[DEFAULT_GAP].unit == "m"
+            return DEFAULT_GAP if is_gap and self.inputs.contacts else None
+        if name not in known or known[name].unit != "m":
+            raise ParameterError(
+                "gap", f"expected a length among the parameters of the model, got {name}"
+                f"{suggestion(name, known)}"
+            )  # fmt: skip
+        return name
+
+    def _signals(self) -> tuple[SignalModel, ...]:
+        found = []
+        for signal in self.recording:
+            model = self._signal(signal.name)
+            if model is not None:
+                found.append(model)
+            elif signal.name not in INPUTS:
+                self.notes.append(f"{signal.name} is not compared: the model has no such signal")
+        if not any(model.name == "force" for model in found):
+            raise InputError(
+                f"{self.recording.source.file}: expected a recording with the signal force and a "
+                "model that measures it, got " + ", ".join(self.recording.names)
+            )
+        return tuple(found)
+
+    def _signal(self, name: str) -> SignalModel | None:
+        """Returns the model of a signal, or None if it is an input or unknown."""
+        converters = self.inputs.converters
+        if name == "force":
+            return self._force(converters.get("adc0"))
+        if name == "position" and (encoder := converters.get("encoder")):
+            return SignalModel(name, "m", "encoder", encoder.per_code, encoder.zero)
+        if name == "speed" and self.plant.drive:
+            return SignalModel(name, "m/s", f"{self.plant.drive.body}.velocity")
+        if name == "current" and self.plant.drive and self.plant.drive.type != "perfect":
+            return SignalModel(name, "A", "drive.current")
+        if "." in name:
+            return SignalModel(name, self.recording[name].unit, name)
+        return None
+
+    def _force(self, converter: Converter | None) -> SignalModel | None:
+        if converter and converter.unit == "N":
+            return SignalModel("force", "N", "adc0", converter.per_code, converter.zero)
+        if self.inputs.contacts:
+            return SignalModel("force", "N", f"{self.inputs.contacts[0]}.force")
+        return None
+
+    def members(self) -> list[dict[str, float]]:
+        """Returns values of the parameters in the ranges, sampled at random, one for each run."""
+        rng = np.random.default_rng(self.request.seed)
+        return [
+            {name: float(rng.uniform(low, high)) for name, (_, low, high) in self.ranges.items()}
+            for _ in range(self.request.samples)
+        ]
+
+    def run(self, member: Member, seed: int) -> Columns:
+        """Returns the columns of a run with `tick` and everything that the signals need. Raises
+        SimulationError, InputError."""
+        columns = self._fed(member, seed) if self.is_fed else self._controlled(member, seed)
+        return columns
+
+    def _fed(self, member: Member, seed: int) -> Columns:
+        commands, is_volts = self._command_of_ticks()
+        names = [m.column for m in self.signals if "." in m.column]
+        names += [f"{c}.deflection" for c in self.inputs.contacts[:1]]
+        plant = _core.Plant(
+            str(self.inputs.model), {**self._parameter_values(), **member}, seed=seed
+        )
+        try:
+            codes, signals = plant.follow(commands, is_volts, names)
+        except ValueError as error:
+            raise InputError(f"{self._where}: expected signals of the model, {error}") from None
+        columns = dict(zip(("encoder", "adc0", "adc1"), codes.T, strict=True))
+        return columns | dict(zip(names, signals.T, strict=True))
+
+    def _command_of_ticks(self) -> tuple[Floats, bool]:
+        """Returns the command in each tick from the first sample of the recording on, (ticks,), and
+        whether it is a voltage."""
+        if self._commands is None:
+            signal = self.recording[self.input]
+            lasts_s = min(float(np.ptp(signal.time_s)), LONGEST_S)
+            ticks = np.arange(math.floor(lasts_s / TICK_S) + 1, dtype=np.float64)
+            at_s: Floats = self.start_s + ticks * TICK_S
+            self._commands = self.recording.held(self.input, at_s) * self._per_command()
+            if self.input == "code":
+                self._commands = np.clip(np.round(self._commands), -2048, 2047)
+        return self._commands, self.input != "code"
+
+    @property
+    def start_s(self) -> float:
+        """Returns the time of tick 0 of a fed run in the recording, in s."""
+        return float(self.recording[self.input].true_time_s[0]) if self.is_fed else 0.0
+
+    def _per_command(self) -> float:
+        """Returns the voltage of the drive for a recorded command of 1."""
+        if self.input in ("code", "voltage_command") or self.plant.drive is None:
+            return 1.0
+        values = self.plant.drive.values
+        if self.input == "speed_command":
+            return 1 / values["velocity_per_volt"]
+        if "force_per_volt" in values:
+            return 1 / values["force_per_volt"]
+        return 1 / (values["current_per_volt"] * values["k_force"])
+
+    def _controlled(self, member: Member, seed: int) -> Columns:
+        texts = [
+            *self.request.overrides,
+            *(f"{name}={value!r}" for name, value in member.items()),
+            f"experiment.seed={seed}",
+        ]
+        result = _core.run(str(self.request.experiment), texts, text=self._with_setpoints())
+        return {"tick": result.tick, **result.columns()}
+
+    def _with_setpoints(self) -> str | None:
+        """Returns the text of the experiment with the changes of the recorded set-point."""
+        if self.input != "force_setpoint":
+            return None
+        signal = self.recording["force_setpoint"]
+        turns = np.append(0, np.flatnonzero(np.diff(signal.values)) + 1)
+        if len(turns) > SETPOINTS_MAX:
+            raise InputError(
+                f"{self.recording.source.file}: expected at most {SETPOINTS_MAX} changes of "
+                f"force_setpoint, got {len(turns)}; give them in the experiment and use `input` law"
+            )
+        duration_s = float(toml.read(self.request.experiment)["duration_s"])
+        lines = [self.request.experiment.read_text(encoding="utf-8")]
+        for turn in turns.tolist():
+            at_s = max(0.0, float(signal.true_time_s[turn]) + self.setpoint_shift_s)
+            if at_s <= duration_s:
+                value = float(signal.values[turn])
+                lines.append(
+                    f'[[at]]\ntime_s = {at_s!r}\nfirmware = {{ force_setpoint = "{value!r} N" }}\n'
+                )
+        return "\n".join(lines)
+
+    def force(self) -> SignalModel:
+        """Returns the model of the force."""
+        return next(model for model in self.signals if model.name == "force")
+
+    def touch_s(self, columns: Columns, level: ForceLevel) -> float | None:
+        """Returns the time of the first contact of a run in s since tick 0, by the level of the
+        recorded force, or None."""
+        force = self.force().of(columns)
+        time_s: Floats = np.arange(len(force), dtype=np.float64) * TICK_S
+        return touch_of(time_s, force, ForceLevel(0.0, level.noise, level.contact))
+
+    def with_gap(self, member: Member, touch_s: float, level: ForceLevel) -> dict[str, float]:
+        """Returns a member with the gap at which a fed run makes contact `touch_s` after tick 0.
+        Without such a parameter the member itself is returned. Raises InputError."""
+        if self.gap is None or not self.is_fed:
+            return dict(member)
+        own = self.inputs.parameters[self.gap].value
+        contact = f"{self.inputs.contacts[0]}.deflection"
+        free = self.run({**member, self.gap: own + FAR_M}, 0)[contact]
+        moved = float(free[0]) - float(self.run({**member, self.gap: own}, 0)[contact][0])
+        if not math.isclose(moved, -FAR_M, rel_tol=1e-6):
+            raise ParameterError(
+                "gap", f"{self.gap}: expected a parameter that moves the contact "
+                f"{self.inputs.contacts[0]} by its own value, got one that moves it by {moved:g}"
+            )  # fmt: skip
+        tick = min(max(round(touch_s / TICK_S), 1), len(free) - 2)
+        gap = own + FAR_M + float(np.interp(touch_s / TICK_S, np.arange(len(free)), free))
+        speed = float(free[tick + 1] - free[tick - 1]) / (2 * TICK_S)
+        if not speed > 0:
+            raise InputError(
+                f"{self.recording.source.file}: expected a recorded {self.input} that moves the "
+                "model towards the workpiece at the first contact, got one that does not; import "
+                "it with the other sign, or give `input`"
+            )
+        for _ in range(2):
+            found = self.touch_s(self.run({**member, self.gap: gap}, 0), level)
+            if found is not None:
+                gap += speed * (touch_s - found)
+        return {**member, self.gap: gap}
+
+
+def _override_values(texts: Sequence[str]) -> dict[str, float | str]:
+    """Returns the overrides of parameters and of the firmware as {name: value}."""
+    values: dict[str, float | str] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        if "." in name and not name.startswith("firmware."):
+            continue
+        try:
+            values[name] = float(value)
+        except ValueError:
+            values[name] = value
+    return values
+
+
+def _input_of(request: PredictionRequest, recording: SignalRecording) -> str:
+    """Returns the signal that is the input of the run, or "law"."""
+    if request.input is None:
+        return next((name for name in INPUTS if name in recording), "law")
+    if request.input not in (*INPUTS, "law"):
+        raise ParameterError("input", f"expected one of law, {', '.join(INPUTS)}")
+    if request.input != "law" and request.input not in recording:
+        raise ParameterError(
+            "input", f"expected a signal of the recording ({', '.join(recording.names)}) or law, "
+            f"got {request.input}"
+        )  # fmt: skip
+    return request.input

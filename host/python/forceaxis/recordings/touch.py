@@ -1,0 +1,140 @@
+"""The first contact in a force signal: its instant, and figures of the contact that follows.
+
+The same functions evaluate measured and predicted signals, so that both have the same definitions.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from forceaxis._core import InputError
+from forceaxis.recordings.findings import quantum_of
+from forceaxis.recordings.signal_recording import Floats
+
+LEAST_BEFORE = 8  # samples before the first contact
+# The force of a contact is above the noise before it by this number of standard deviations, above
+# this share of the largest force, and above this number of quanta.
+NOISE_FACTOR, PEAK_SHARE, QUANTA = 6.0, 0.02, 1.5
+LOST_SHARE = 0.5  # of that level, below which the contact is lost
+HELD_SHARE, HELD_LEAST = 0.2, 10  # part of the signal at its end whose mean is the held force
+SETTLED_SHARE = 0.05  # of the held force
+IMPULSE_S = 0.025
+CONTACTS = 3  # number of contacts whose beginnings and ends are figures
+
+
+@dataclass(frozen=True)
+class ForceLevel:
+    """Zero and noise of a force before the first contact, and the level that is a contact, in the
+    unit of the force."""
+
+    zero: float
+    noise: float  # standard deviation
+    contact: float  # above the zero
+
+
+@dataclass(frozen=True)
+class ContactFigures:
+    """Figures of a contact. Times are in s after the first contact, forces above the zero. None
+    means that the contact has no such figure."""
+
+    peak_N: float
+    impulse_N_s: float  # of the first 25 ms
+    bounces: int  # contact losses
+    starts_s: tuple[float, ...]  # of the second contact, the third, ...
+    ends_s: tuple[float, ...]  # of the first contact, the second, ...
+    settling_s: float | None
+    held_N: float
+
+
+def level_of(force: Floats, where: str) -> ForceLevel:
+    """Returns zero, noise and level of contact of a force (n,). Raises InputError if there is no
+    contact, or too little before the contact."""
+    head = force[: max(LEAST_BEFORE, len(force) // 50)]
+    zero = float(np.median(head))
+    largest = float(np.max(force - zero, initial=0.0))
+    quantum = quantum_of(force)
+    rough = 1.4826 * float(np.median(np.abs(head - zero)))
+    level = max(NOISE_FACTOR * rough, PEAK_SHARE * largest, QUANTA * quantum)
+    first = _first_above(force - zero, level)
+    if first is None:
+        raise InputError(
+            f"{where}: expected the rise of a contact force, positive in compression, got at most "
+            f"{largest:.4g} N above {zero:.4g} N; import the force with the other sign, or record "
+            "a contact"
+        )
+    before = force[: max(0, first - 2)]
+    if len(before) < LEAST_BEFORE:
+        raise InputError(
+            f"{where}: expected at least {LEAST_BEFORE} samples before the first contact, got "
+            f"{len(before)}; begin the recording earlier"
+        )
+    zero, noise = float(before.mean()), float(before.std())
+    contact = max(NOISE_FACTOR * noise, PEAK_SHARE * largest, QUANTA * quantum)
+    return ForceLevel(zero, noise, contact)
+
+
+def touch_of(time_s: Floats, force: Floats, level: ForceLevel) -> float | None:
+    """Returns the time in s at which a force (n,) rises through the level of contact for the first
+    time, or None."""
+    above = force - level.zero
+    first = _first_above(above, level.contact)
+    return None if first is None else _crossing(time_s, above, first, level.contact)
+
+
+def _first_above(above: Floats, level: float) -> int | None:
+    """Returns the index of the first of two successive values above a level."""
+    is_above = above > level
+    places = np.flatnonzero(is_above[:-1] & is_above[1:])
+    return int(places[0]) if len(places) else None
+
+
+def _crossing(time_s: Floats, values: Floats, index: int, level: float) -> float:
+    """Returns the time at which the line from the value before `index` crosses a level."""
+    if index == 0:
+        return float(time_s[0])
+    low, high = float(values[index - 1]), float(values[index])
+    share = (level - low) / (high - low) if high != low else 1.0
+    return float(time_s[index - 1] + min(max(share, 0.0), 1.0) * np.diff(time_s)[index - 1])
+
+
+def figures_of(time_s: Floats, force: Floats, level: ForceLevel) -> ContactFigures:
+    """Returns the figures of a contact from the force (n,) at the times `time_s` (n,) in s after
+    the first contact. Values at negative times are not evaluated."""
+    inside = time_s >= 0
+    time_s, above = time_s[inside], force[inside] - level.zero
+    starts, ends = _contacts(time_s, above, level)
+    begin = time_s <= IMPULSE_S
+    held_from = max(0, min(len(above) - HELD_LEAST, math.floor((1 - HELD_SHARE) * len(above))))
+    held = float(above[held_from:].mean())
+    width = max(SETTLED_SHARE * abs(held), 3 * level.noise)
+    outside = np.flatnonzero(np.abs(above - held) > width)
+    last = int(outside[-1]) if len(outside) else -1
+    settled = last < held_from
+    return ContactFigures(
+        peak_N=float(above.max()),
+        impulse_N_s=float(np.trapezoid(above[begin], time_s[begin])),
+        bounces=len(ends),
+        starts_s=starts,
+        ends_s=ends,
+        settling_s=(float(time_s[last + 1]) if last >= 0 else 0.0) if settled else None,
+        held_N=held,
+    )
+
+
+def _contacts(
+    time_s: Floats, above: Floats, level: ForceLevel
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Returns the times at which contact is made again, and at which contact is lost."""
+    starts: list[float] = []
+    ends: list[float] = []
+    pressed = True
+    low, high = LOST_SHARE * level.contact, level.contact
+    for index in range(1, len(above) - 1):
+        if pressed and above[index] < low and above[index + 1] < low:
+            ends.append(_crossing(time_s, above, index, low))
+            pressed = False
+        elif not pressed and above[index] > high and above[index + 1] > high:
+            starts.append(_crossing(time_s, above, index, high))
+            pressed = True
+    return tuple(starts), tuple(ends)
