@@ -1,5 +1,6 @@
 """The file of a recording: what is written is read, and other files are refused in one line."""
 
+import dataclasses
 import zipfile
 
 import numpy as np
@@ -53,6 +54,15 @@ def test_values_are_those_of_the_time_at_which_they_were_true(tmp_path):
     assert given["force"].true_time_s.tolist() == pytest.approx([-0.01, 0.09, 0.29])
     assert given.names == ("force", "code")
     assert "position" not in given
+
+
+def test_two_signals_of_one_clock_have_the_same_times(tmp_path):
+    force, code = recording()
+    late = dataclasses.replace(code, time_s=TIME_S + 0.02)
+    both = SignalRecording("a", recording().source, (force, late))
+    with pytest.raises(ValueError, match="code: expected the times of the clock 0"):
+        signal_recording.write(both, tmp_path / "a")
+    assert not list(tmp_path.iterdir())
 
 
 def broken(tmp_path, name, content):

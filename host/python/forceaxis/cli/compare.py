@@ -23,7 +23,7 @@ from forceaxis.experiments.prediction import INPUTS, PredictionRequest
 from forceaxis.words import plain
 
 if TYPE_CHECKING:
-    from forceaxis.experiments.compare import ComparedFigure, Comparison
+    from forceaxis.experiments.compare import ComparedFigure, RecordingComparison
 
 
 @click.command(
@@ -109,7 +109,7 @@ def compare(
         sys.exit(1)
 
 
-def text_of(result: "Comparison") -> str:
+def text_of(result: "RecordingComparison") -> str:
     """Return the table of a comparison, with the verdict in the first text line."""
     outside = [one.figure for one in result.figures if not one.agrees]
     verdict = "agrees" if result.agrees else f"differs in {', '.join(outside)}"

@@ -60,7 +60,7 @@ class ComparedFigure:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class RecordingComparison:
     """The comparison of one recording with an experiment, as `forceaxis compare --json` prints
     it."""
 
@@ -104,7 +104,7 @@ class ComparedSignal:
 class ComparedRecording:
     """The result of a comparison, and the signals for its picture."""
 
-    result: Comparison
+    result: RecordingComparison
     signals: tuple[ComparedSignal, ...]
 
 
@@ -249,7 +249,7 @@ def _compared(measured: _Measured, runs: Sequence[_Run], grid: Floats) -> Compar
         )
         figures.append(_residual(signals[-1], series, quantum))
     judged = _with_bands(figures)
-    result = Comparison(
+    result = RecordingComparison(
         recording=measured.where, title=recording.title,
         experiment=paths.display(request.experiment),
         agrees=all(one.agrees for one in judged), input=predictor.input,

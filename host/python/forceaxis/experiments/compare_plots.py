@@ -28,18 +28,12 @@ def figure(compared: ComparedRecording) -> Figure:
     for place, signal in enumerate(signals):
         _draw(rows[2 * place, 0], rows[2 * place + 1, 0], signal)
     result = compared.result
-    verdict = (
-        "agrees"
-        if result.agrees
-        else "differs: " + ", ".join(one.figure for one in result.figures if not one.agrees)
-    )
+    outside = sum(not one.agrees for one in result.figures)
+    verdict = f"{outside} of {len(result.figures)} figures differ" if outside else "agrees"
     rows[0, 0].set_title(
         f"{result.title} and {result.experiment}: {verdict}",
-        fontsize=9,
-        loc="left",
-        color=drawing.INK,
-        parse_math=False,
-    )
+        fontsize=9, loc="left", color=drawing.INK, parse_math=False,
+    )  # fmt: skip
     rows[-1, 0].set_xlabel("time from the first contact, s")
     drawing.legend(made, rows[0, 0].get_legend_handles_labels()[0], loc="outside lower center",
                    ncols=3)  # fmt: skip

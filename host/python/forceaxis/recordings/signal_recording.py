@@ -176,19 +176,22 @@ def _header(recording: SignalRecording) -> str:
 
 def write(recording: SignalRecording, path: Path) -> Path:
     """Writes a recording to `path`, to which the suffix is added if it is missing, and returns the
-    path of the file. The file is written complete or not at all. Raises OSError."""
+    path of the file. The file is written complete or not at all. Raises OSError, and ValueError if
+    signals with the same clock have different times."""
     path = with_suffix(path)
+    arrays: dict[str, Floats] = {}
+    for signal in recording.signals:
+        time = f"time_{signal.clock}"
+        if not np.array_equal(arrays.setdefault(time, signal.time_s), signal.time_s):
+            raise ValueError(f"{signal.name}: expected the times of the clock {signal.clock}")
+        arrays[signal.name] = signal.values
     with (
         paths.replacing(path.parent, path.name) as (file,),
         zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
     ):
         # A fixed date, so that the same recording gives the same bytes.
         archive.writestr(zipfile.ZipInfo(HEADER), _header(recording), zipfile.ZIP_DEFLATED)
-        written: dict[str, Floats] = {}
-        for signal in recording.signals:
-            written[f"time_{signal.clock}"] = signal.time_s
-            written[signal.name] = signal.values
-        for name, values in written.items():
+        for name, values in arrays.items():
             array = io.BytesIO()
             np.save(array, np.asarray(values, dtype=np.float64))
             info = zipfile.ZipInfo(f"{name}.npy")

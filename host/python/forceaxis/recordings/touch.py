@@ -16,6 +16,7 @@ LEAST_BEFORE = 8  # samples before the first contact
 # The force of a contact is above the noise before it by this number of standard deviations, above
 # this share of the largest force, and above this number of quanta.
 NOISE_FACTOR, PEAK_SHARE, QUANTA = 6.0, 0.02, 1.5
+COARSE_SHARE = 0.5  # largest level for quanta, as a share of the largest force
 LOST_SHARE = 0.5  # of that level, below which the contact is lost
 HELD_SHARE, HELD_LEAST = 0.2, 10  # part of the signal at its end whose mean is the held force
 SETTLED_SHARE = 0.05  # of the held force
@@ -53,9 +54,10 @@ def level_of(force: Floats, where: str) -> ForceLevel:
     head = force[: max(LEAST_BEFORE, len(force) // 50)]
     zero = float(np.median(head))
     largest = float(np.max(force - zero, initial=0.0))
-    quantum = quantum_of(force)
+    # The levels of a converter that has few of them may be far apart.
+    steps = min(QUANTA * quantum_of(force), COARSE_SHARE * largest)
     rough = 1.4826 * float(np.median(np.abs(head - zero)))
-    level = max(NOISE_FACTOR * rough, PEAK_SHARE * largest, QUANTA * quantum)
+    level = max(NOISE_FACTOR * rough, PEAK_SHARE * largest, steps)
     first = _first_above(force - zero, level)
     if first is None:
         raise InputError(
@@ -70,7 +72,7 @@ def level_of(force: Floats, where: str) -> ForceLevel:
             f"{len(before)}; begin the recording earlier"
         )
     zero, noise = float(before.mean()), float(before.std())
-    contact = max(NOISE_FACTOR * noise, PEAK_SHARE * largest, QUANTA * quantum)
+    contact = max(NOISE_FACTOR * noise, PEAK_SHARE * largest, steps)
     return ForceLevel(zero, noise, contact)
 
 
