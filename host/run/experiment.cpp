@@ -356,6 +356,18 @@ std::string hash_inputs(const std::filesystem::path &file, const sim::Model &mod
   return hash.hex();
 }
 
+// Refuses a mode of operation beside a controller of the machine.
+void expect_no_mode(Section &root, const Experiment &experiment) {
+  const auto selected = [&](std::uint16_t object) {
+    return written(experiment, object).value_or(0) != 0;
+  };
+  if (experiment.model->machine_controller &&
+      (selected(AXIS_OBJ_MODE) || selected(AXIS_OBJ_MODES_OF_OPERATION)))
+    root.fail("firmware",
+              "expected no mode of operation, because the model has a [machine_controller] that "
+              "commands the drive in place of the firmware; remove the mode");
+}
+
 }  // namespace
 
 struct ExperimentFile::Variant {
@@ -451,12 +463,7 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   root.one("firmware", [&](Section &section) {
     experiment.initial = read_objects(section, *experiment.model, {});
   });
-  if (experiment.model->machine_controller &&
-      (written(experiment, AXIS_OBJ_MODE).value_or(0) != 0 ||
-       written(experiment, AXIS_OBJ_MODES_OF_OPERATION).value_or(0) != 0))
-    root.fail("firmware",
-              "expected no mode of operation, because the model has a [machine_controller] that "
-              "commands the drive in place of the firmware; remove the mode");
+  expect_no_mode(root, experiment);
   experiment.cycle = program_of(root, contents_->file.parent_path(), experiment);
   match_dac(root, experiment);
   check_adcs(root, experiment);

@@ -19,7 +19,7 @@ from forceaxis.cli.common import (
     print_json,
     set_option,
 )
-from forceaxis.experiments.prediction import INPUTS, PredictionRequest
+from forceaxis.recordings.signal_recording import INPUTS
 from forceaxis.words import plain
 
 if TYPE_CHECKING:
@@ -91,6 +91,7 @@ def compare(
     its band.
     """
     from forceaxis.experiments import compare as comparing
+    from forceaxis.experiments.prediction import PredictionRequest
 
     request = PredictionRequest(experiment, over, overrides, input, gap, samples, seed)
     compared = [comparing.compare(request, file, span_s) for file in recordings]

@@ -7,8 +7,9 @@ import click
 from forceaxis.cli.common import Verbs, aligned, as_json, print_json, print_result
 from forceaxis.recordings import signal_recording
 from forceaxis.recordings.importing import Imported, ImportRequest, import_source
+from forceaxis.recordings.reading import read_source
 from forceaxis.recordings.signal_recording import RecordedSignal, SignalRecording
-from forceaxis.recordings.source import Source, read_source
+from forceaxis.recordings.source import Source
 from forceaxis.results import JsonObject, to_json
 from forceaxis.words import counted
 

@@ -31,7 +31,7 @@ def figure(compared: ComparedRecording) -> Figure:
     outside = sum(not one.agrees for one in result.figures)
     verdict = f"{outside} of {len(result.figures)} figures differ" if outside else "agrees"
     rows[0, 0].set_title(
-        f"{result.title} and {result.experiment}: {verdict}",
+        f"{result.title} and {drawing.name_of(result.experiment)}: {verdict}",
         fontsize=9, loc="left", color=drawing.INK, parse_math=False,
     )  # fmt: skip
     rows[-1, 0].set_xlabel("time from the first contact, s")

@@ -17,7 +17,12 @@ from forceaxis.linear import settings
 from forceaxis.linear.plant_facts import PlantFacts
 from forceaxis.linear.plant_set import Range, ranges_of
 from forceaxis.linear.system import facts
-from forceaxis.recordings.signal_recording import Floats, SignalRecording
+from forceaxis.recordings.signal_recording import (
+    COMMANDS,
+    INPUTS,
+    Floats,
+    SignalRecording,
+)
 from forceaxis.recordings.touch import ForceLevel, touch_of
 from forceaxis.words import suggestion
 
@@ -26,9 +31,6 @@ LONGEST_S = 600.0
 SETPOINTS_MAX = 500  # changes of a recorded set-point
 DEFAULT_GAP = "gap"  # parameter that moves the first contact, if the model has it
 FAR_M = 1.0  # added to the gap for a run without contact
-
-# Signals that are inputs of a run, in the order in which they are looked for.
-INPUTS = ("code", "voltage_command", "speed_command", "force_command", "force_setpoint")
 
 Member = Mapping[str, float]  # values of parameters in SI units
 Columns = Mapping[str, Floats]
@@ -102,7 +104,7 @@ class Predictor:
     @property
     def is_fed(self) -> bool:
         """Returns True if the recorded commands drive the plant, without the firmware."""
-        return self.input in INPUTS[:4]
+        return self.input in COMMANDS
 
     def _parameter_values(self) -> dict[str, float | str]:
         table = toml.read(self.request.experiment)

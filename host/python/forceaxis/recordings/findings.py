@@ -87,7 +87,8 @@ def constants(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
     """Yields long stretches of one value in a signal that otherwise changes, as a sensor that has
     failed gives them."""
     lengths = _equal_runs(values)
-    usual = float(np.median([b - a for a, b in lengths]))
+    # Of half of the samples the run is at most this long: a position at rest is constant as usual.
+    usual = float(np.median(np.repeat([b - a for a, b in lengths], [b - a for a, b in lengths])))
     least = max(CONSTANT_SAMPLES, CONSTANT_FACTOR * usual)
     for a, b in lengths:
         if b - a >= least:

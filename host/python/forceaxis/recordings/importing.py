@@ -113,10 +113,11 @@ def import_source(source: Source, path: Path, request: ImportRequest) -> Importe
         if clock == len(clocks):
             clocks.append(time_s)
         values = values * (one.sign * factor)
+        rate_hz = float(f"{1 / np.median(np.diff(time_s)):.9g}")  # without the errors of rounding
         signals.append(
             RecordedSignal(
                 one.name, unit, column.name, source_unit, factor, one.sign,
-                float(1 / np.median(np.diff(time_s))), delays.get(one.name, 0.0), str(clock),
+                rate_hz, delays.get(one.name, 0.0), str(clock),
                 findings.find(one.name, time_s, values), time_s, values,
             )
         )  # fmt: skip

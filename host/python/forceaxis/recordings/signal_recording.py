@@ -2,7 +2,7 @@
 
 A file is an NPZ archive (a ZIP of NumPy arrays) NAME.npz with
 
-    recording.toml      the header, a TOML text; `unzip -p NAME.npz recording.toml` prints it
+    recording.toml      the header, a TOML text
     <signal>.npy        values of a signal in the SI unit of the header, float64 (n,)
     time_<clock>.npy    times of the samples in s, float64 (n,), for all signals with this
                         `clock`
@@ -18,10 +18,10 @@ The header has `format`, `title`, a table [source] of the file that was imported
 import dataclasses
 import io
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,11 @@ UNITS = {
     "force_setpoint": "N",
     "position_setpoint": "m",
 }
+
+#: Signals that can drive a plant in place of the firmware, in the order of their preference.
+COMMANDS = ("code", "voltage_command", "speed_command", "force_command")
+#: Signals that can be the input of a run.
+INPUTS = (*COMMANDS, "force_setpoint")
 
 
 @dataclass(frozen=True)
@@ -163,14 +168,21 @@ def with_suffix(path: Path) -> Path:
     return path if path.suffix == SUFFIX else path.with_name(path.name + SUFFIX)
 
 
+def _table(values: Mapping[str, Any]) -> str:
+    return "".join(f"{key} = {toml.value_text(value)}\n" for key, value in values.items())
+
+
 def _header(recording: SignalRecording) -> str:
-    source = to_json(recording.source)
     parts = [
         f"format = {FORMAT}\ntitle = {toml.value_text(recording.title)}\n\n[source]\n",
-        toml.write_text(source),
+        _table(to_json(recording.source)),
     ]
     for signal in recording.signals:
-        parts += ["\n[[signal]]\n", toml.write_text(to_json(signal.header))]
+        plain = to_json(dataclasses.replace(signal.header, findings=()))
+        del plain["findings"]
+        parts += ["\n[[signal]]\n", _table(plain)]
+        for finding in signal.findings:
+            parts += ["\n[[signal.findings]]\n", _table(to_json(finding))]
     return "".join(parts)
 
 

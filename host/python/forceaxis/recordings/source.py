@@ -3,7 +3,7 @@
 import abc
 import json
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias
@@ -17,7 +17,7 @@ from forceaxis.bus import log_tables
 from forceaxis.bus.message_rows import Row
 from forceaxis.bus.recordings import MCAP_MAGIC, reader_of
 from forceaxis.errors import expect_package
-from forceaxis.recordings.signal_recording import Floats, is_recording
+from forceaxis.recordings.signal_recording import Floats
 from forceaxis.recordings.units import split_name
 from forceaxis.words import suggestion
 
@@ -26,7 +26,6 @@ Table: TypeAlias = Mapping[str, NDArray[np.generic]]
 LARGEST_NUMBER = 1e100  # larger numbers are damage
 # Names of a column with the times, in small letters, in the order in which they are looked for.
 TIME_NAMES = ("time_s", "t_s", "time", "t", "zeit", "timestamp", "tick", "time_ms", "t_ms")
-LCM_MARK = b"\xed\xa1\xda\x01"
 
 
 @dataclass(frozen=True)
@@ -132,32 +131,6 @@ def expect_finite(where: str, column: SourceColumn) -> SourceColumn:
             f"{column.values[at]:g}; correct or remove this sample"
         )
     return column
-
-
-def read_source(path: Path, separator: str | None = None) -> Source:
-    """Returns the source in a file, by the content of the file. `separator` is the character
-    between the columns of a CSV file, or None to find it. Raises InputError, OSError."""
-    from forceaxis.recordings.csv_source import CsvSource
-
-    where = paths.display(path)
-    with path.open("rb") as file:
-        start = file.read(64)
-    if not start:
-        raise InputError(f"{where}: expected a file with data, got an empty file; record again")
-    if is_recording(path):
-        raise InputError(
-            f"{where}: expected a file of another program, got a recording that is imported "
-            "already; use it as it is"
-        )
-    for mark, read in READERS:
-        if start.startswith(mark):
-            return read(path)
-    if b"\0" in start and not start.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise InputError(
-            f"{where}: expected CSV, NPZ, Parquet, MCAP, an LCM log or an incident, got other "
-            "binary data; export the data as one of these kinds"
-        )
-    return CsvSource(path, separator)
 
 
 def read_npz(path: Path) -> Source:
@@ -271,11 +244,3 @@ def _numbers(prefix: str, value: object) -> list[tuple[str, float]]:
 
 def _first_line(error: BaseException) -> str:
     return str(error).splitlines()[0] if str(error) else type(error).__name__
-
-
-READERS: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
-    (b"PK", read_npz),
-    (b"PAR1", read_parquet),
-    (MCAP_MAGIC, read_messages),
-    (LCM_MARK, read_messages),
-)

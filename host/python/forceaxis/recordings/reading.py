@@ -1,0 +1,45 @@
+"""Reads a file of another program as a source of recordings, by the content of the file."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.bus.recordings import MCAP_MAGIC
+from forceaxis.recordings.csv_source import CsvSource
+from forceaxis.recordings.signal_recording import is_recording
+from forceaxis.recordings.source import Source, read_messages, read_npz, read_parquet
+
+LCM_MARK = b"\xed\xa1\xda\x01"  # of the first entry of an LCM log
+
+# first bytes of a file: reader of the file
+READERS: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
+    (b"PK", read_npz),
+    (b"PAR1", read_parquet),
+    (MCAP_MAGIC, read_messages),
+    (LCM_MARK, read_messages),
+)
+
+
+def read_source(path: Path, separator: str | None = None) -> Source:
+    """Returns the source in a file, by the content of the file. `separator` is the character
+    between the columns of a CSV file, or None to find it. Raises InputError, OSError."""
+    where = paths.display(path)
+    with path.open("rb") as file:
+        start = file.read(64)
+    if not start:
+        raise InputError(f"{where}: expected a file with data, got an empty file; record again")
+    if is_recording(path):
+        raise InputError(
+            f"{where}: expected a file of another program, got a recording that is imported "
+            "already; use it as it is"
+        )
+    for mark, read in READERS:
+        if start.startswith(mark):
+            return read(path)
+    if b"\0" in start and not start.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise InputError(
+            f"{where}: expected CSV, NPZ, Parquet, MCAP, an LCM log or an incident, got other "
+            "binary data; export the data as one of these kinds"
+        )
+    return CsvSource(path, separator)
