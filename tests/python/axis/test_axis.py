@@ -22,6 +22,7 @@ from forceaxis.bus.keeper import WatchdogKeeper
 from forceaxis.cli import live_options
 from forceaxis.cli.axis import table_of
 from forceaxis.objects import BY_NAME, OBJECTS_HASH
+from forceaxis.recordings import signal_recording
 from verbs import forceaxis
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -394,6 +395,16 @@ def test_capture_of_a_touch_with_its_files(tmp_path):
     assert rows[0] == "time_s,force_count,position_count" and len(rows) == 91
     assert np.load(tmp_path / "held/capture.npz")["time_s"][1] == pytest.approx(3 / 1500)
     assert (tmp_path / "held/capture.png").read_bytes().startswith(b"\x89PNG")
+    for suffix in ("csv", "npz"):  # both files of the axis' own recorder become a recording
+        made = forceaxis(
+            "recording", "import", tmp_path / f"held/capture.{suffix}", "--out", tmp_path / suffix,
+            "--map", "force=force_count:2.5N,position=position_count:6.35um",
+        )  # fmt: skip
+        assert made.returncode == 0, made.stderr
+        recording = signal_recording.read(tmp_path / f"{suffix}.npz")
+        captured = np.load(tmp_path / "held/capture.npz")
+        np.testing.assert_allclose(recording["force"].values, captured["force_count"] * 2.5)
+        assert recording["force"].rate_hz == pytest.approx(500)
 
 
 def test_a_trigger_that_does_not_fire_is_said():

@@ -5,12 +5,14 @@ import json
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from forceaxis._core import InputError
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import Refused
 from forceaxis.axis.sim import SimLink
 from forceaxis.commission import incident, incident_text
+from forceaxis.recordings import signal_recording
 from protections import ENABLE, NEAR, PROTECTIONS, experiment, pressing
 from verbs import forceaxis
 
@@ -193,6 +195,22 @@ def test_the_file_is_the_incident(tmp_path):
     kept.write_text(json.dumps(content))
     with pytest.raises(InputError, match="expected an incident file of version 1, got version 2"):
         incident.load(kept)
+
+
+def test_an_incident_becomes_a_recording(tmp_path):
+    found = incident.fetch(at_end_of(tmp_path, BY_NAME["force too large"].provoked))
+    incident.write(found, tmp_path, incident.figure(found))
+    done = forceaxis(
+        "recording", "import", tmp_path / "incident.json", "--out", tmp_path / "fault",
+        "--map", "force=force_N,code=dac_code,position=travel_count:6.35um",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    recording = signal_recording.read(tmp_path / "fault.npz")
+    assert recording.source.kind == "incident"
+    np.testing.assert_allclose(recording["force"].values, found.force_N)
+    np.testing.assert_allclose(recording["force"].time_s * 1e3, found.time_ms, atol=1e-9)
+    np.testing.assert_allclose(recording["position"].values, found.travel * 6.35e-6)
+    assert (recording["code"].values == found.column("dac_code")).all()
 
 
 def test_a_replay_names_what_an_incident_lacks(tmp_path):

@@ -202,6 +202,11 @@ def _runs(measured: _Measured) -> list[_Run]:
     if without:
         measured.notes.append(f"{without} of {request.samples} runs make no contact")
     late_s = float(np.median([begin for _, begin in runs])) - touch_s
+    for finding in predictor.recording["force"].findings:
+        if finding.kind != "constant" and finding.to_s >= measured.touch_s:
+            measured.notes.append(
+                f"{finding.kind} of the force at {finding.from_s:.6g} s: {finding.text}"
+            )
     if predictor.is_fed and abs(late_s) > SAME_TICKS * TICK_S:
         measured.notes.append(
             f"the model makes contact {abs(late_s):.3g} s {'after' if late_s > 0 else 'before'} "
