@@ -49,8 +49,8 @@ py::array_t<double> signals(const Plant &plant) {
 
 // Simulates one tick for each command. Returns the codes (encoder, adc0, adc1) and the signals
 // `names` at the start of each tick, before its command acts. The commands are DAC codes, or
-// voltages if `volts` is true. If the model has a controller of the machine, the commands have no
-// effect.
+// voltages if `volts` is true. If the model has a controller of the machine, voltages act in its
+// place, and codes have no effect.
 py::tuple follow(Plant &plant, const py::array_t<double, py::array::c_style> &commands, bool volts,
                  const std::vector<std::string> &names) {
   std::vector<std::size_t> places;
@@ -73,7 +73,7 @@ py::tuple follow(Plant &plant, const py::array_t<double, py::array::c_style> &co
     *code++ = now.adc[0];
     *code++ = now.adc[1];
     for (const std::size_t place : places) *signal++ = plant.signal_at(place);
-    if (volts && !plant.model().machine_controller)
+    if (volts)
       plant.step_volts(command[k], true);
     else
       plant.step(static_cast<int>(command[k]), true);

@@ -1,6 +1,7 @@
 """Comparison of recordings with predictions: a machine that is as the model says agrees, a machine
 of another stiffness or structure does not, and the figures are those of their definitions."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -9,7 +10,7 @@ from forceaxis import _core
 from forceaxis._core import InputError
 from forceaxis.experiments import compare, compare_plots
 from forceaxis.experiments.prediction import PredictionRequest
-from forceaxis.recordings import signal_recording, touch
+from forceaxis.recordings import findings, signal_recording, touch
 from forceaxis.recordings.signal_recording import RecordedSignal, RecordingSource, SignalRecording
 from forceaxis.recordings.touch import ForceLevel
 from verbs import forceaxis
@@ -203,6 +204,44 @@ def test_a_machine_whose_speed_is_recorded(experiment, rate_hz):
     assert result.agrees, result.figures
     assert result.gap_m == pytest.approx(2.2e-3, abs=20e-6)
     assert not compared(experiment, file, overrides=["k_w=95e3"]).result.agrees
+
+
+def test_a_controller_of_the_machine_is_the_law_until_its_command_is_recorded(experiment):
+    model = experiment.parent / "model.toml"
+    controller = '[machine_controller]\nlaw = "force_pi"\nsignal = "part.force"\nsetpoint = 25.0\n'
+    controller += "speed_max = 0.02\ndamping = 900.0\nintegral_time = 0.05\n"
+    model.write_text(model.read_text() + controller)
+    head = EXPERIMENT.partition("[firmware]")[0]
+    experiment.write_text(head + "[firmware]\nadc_bits = 12\n")
+    time_s, columns = machine(experiment, "gap=1.3e-3")
+    signals = [
+        signal("force", "N", time_s, force_of(columns)),
+        signal("speed_command", "m/s", time_s, columns["drive.command"] * 0.02),
+        signal("force_setpoint", "N", time_s, np.full(len(time_s), 99.0)),
+    ]
+    file = recorded(experiment.parent / "pi", *signals)
+    law = compared(experiment, file, input="law", overrides=["gap=1.3e-3"]).result
+    assert law.agrees, law.figures
+    # The command of a tick is a signal only after the tick, so it is recorded one tick late.
+    late = dataclasses.replace(signals[1], delay_s=TICK_S)
+    fed = compared(experiment, recorded(experiment.parent / "fed", signals[0], late)).result
+    assert (fed.input, fed.agrees) == ("speed_command", True), fed.figures
+    found = compared(experiment, recorded(experiment.parent / "two", signals[0], signals[2])).result
+    assert found.input == "law"
+    assert "force_setpoint are no input" in found.notes[0]
+    with pytest.raises(InputError, match="input: expected one of law, voltage_command"):
+        compared(experiment, file, input="force_setpoint")
+
+
+def test_gaps_of_the_recorded_force_are_noted(experiment):
+    time_s, columns = machine(experiment)
+    kept = (time_s < 0.3) | (time_s > 0.32)
+    force, time_s = force_of(columns)[kept], time_s[kept]
+    own = dataclasses.replace(
+        signal("force", "N", time_s, force), findings=findings.find("force", time_s, force)
+    )
+    notes = compared(experiment, recorded(experiment.parent / "gap", own)).result.notes
+    assert any("gap of the force at 0.299" in note for note in notes), notes
 
 
 def test_the_figures_are_those_of_their_definitions():

@@ -40,6 +40,7 @@ CONFIDENCE = 0.95  # of all bands of a recording together
 SAMPLES = (8, 2000)  # fewest and most runs
 BEFORE_S = 0.05  # time before the first contact that is compared and drawn
 LEAST_SPAN_S = 0.02
+AFTER_S = 0.05  # time for which a run lasts longer than it is compared
 POINT_BAND = 1.96  # standard deviations of the band of a single sample
 SAME_TICKS = 2  # largest distance of two first contacts that are at the same time
 LEAST_SHARE = 0.5  # of the runs that must have a figure, so that it is expected
@@ -154,6 +155,8 @@ def compare(
     level = level_of(force.values, f"{where}: force")
     touch_s = touch_of(force.true_time_s, force.values, level)
     assert touch_s is not None  # level_of() has found a contact
+    if span_s is not None:
+        predictor.until_s = touch_s + span_s + AFTER_S
     measured = _Measured(where, predictor, touch_s, level)
     runs = _runs(measured)
     lasts_s = min(
@@ -183,10 +186,12 @@ def _runs(measured: _Measured) -> list[_Run]:
     runs: list[_Run] = []
     without = 0
     for seed, member in progress.each(
-        list(enumerate(predictor.members(), request.seed)), "runs", request.samples
+        list(enumerate(predictor.members(nominal, measured.level), request.seed)),
+        "runs",
+        request.samples,
     ):
         own = predictor.with_gap(member, touch_s, measured.level)
-        if predictor.gap in own and measured.gap_m is None:
+        if predictor.is_fed and predictor.gap in own and measured.gap_m is None:
             measured.gap_m = own[predictor.gap]
         columns = predictor.run(own, seed)
         found = predictor.touch_s(columns, measured.level)

@@ -29,6 +29,7 @@ from forceaxis.words import suggestion
 TICK_S = 1 / _core.TICKS_PER_SECOND
 LONGEST_S = 600.0
 SETPOINTS_MAX = 500  # changes of a recorded set-point
+OF_FIRMWARE = ("code", "force_setpoint")  # inputs that only the firmware has
 DEFAULT_GAP = "gap"  # parameter that moves the first contact, if the model has it
 FAR_M = 1.0  # added to the gap for a run without contact
 
@@ -73,14 +74,14 @@ class Predictor:
     inputs: Inputs
     plant: PlantFacts
     ranges: dict[str, Range]
-    input: str
-    signals: tuple[SignalModel, ...]
-    gap: str | None
+    input: str = "law"
+    signals: tuple[SignalModel, ...] = ()
+    gap: str | None = None
     notes: list[str] = field(default_factory=list)
+    until_s: float = math.inf  # time of the recording at which a fed run may end
     # shift of the recorded set-points in s, once the first contact is known in both
     setpoint_shift_s: float = 0.0
     _commands: Floats | None = None
-    _text: str | None = None
 
     @classmethod
     def of(cls, request: PredictionRequest, recording: SignalRecording) -> "Predictor":
@@ -92,11 +93,9 @@ class Predictor:
         )
         plant = facts(model.model, model.overrides)
         ranges = ranges_of(model.model, request.over, model.overrides) if request.over else {}
-        made = cls(
-            request, recording, inputs, plant, ranges,
-            _input_of(request, recording), (), None,
-        )  # fmt: skip
-        made._expect_input()
+        made = cls(request, recording, inputs, plant, ranges)
+        made.input = made._input()
+        made._expect_drive()
         made.gap = made._gap_parameter()
         made.signals = made._signals()
         return made
@@ -112,7 +111,33 @@ class Predictor:
         named = set(table.get("set", {})) | given
         return {n: p.value for n, p in self.inputs.parameters.items() if n in named}
 
-    def _expect_input(self) -> None:
+    def _input(self) -> str:
+        """Returns the signal that is the input of the runs, or "law". The controller of a machine
+        has neither the codes nor the set-point of the firmware."""
+        wanted, recording = self.request.input, self.recording
+        own = "machine_controller" in toml.read(self.inputs.model)
+        allowed = [n for n in INPUTS if not (own and n in OF_FIRMWARE)]
+        if wanted is None:
+            found = next((name for name in allowed if name in recording), "law")
+            if own and any(name in recording for name in OF_FIRMWARE):
+                self.notes.append(
+                    f"code and force_setpoint are no input, because {self._where} has a "
+                    "[machine_controller]"
+                )
+            return found
+        if wanted not in (*allowed, "law"):
+            raise ParameterError(
+                "input", f"expected one of law, {', '.join(allowed)}, got {wanted}"
+                + " with a [machine_controller]" * own
+            )  # fmt: skip
+        if wanted != "law" and wanted not in recording:
+            raise ParameterError(
+                "input", f"expected a signal of the recording ({', '.join(recording.names)}) or "
+                f"law, got {wanted}"
+            )  # fmt: skip
+        return wanted
+
+    def _expect_drive(self) -> None:
         drive = self.plant.drive
         wanted = {"speed_command": "velocity_per_volt", "force_command": "force_per_volt"}
         key = wanted.get(self.input)
@@ -183,19 +208,28 @@ class Predictor:
             return SignalModel("force", "N", f"{self.inputs.contacts[0]}.force")
         return None
 
-    def members(self) -> list[dict[str, float]]:
-        """Returns values of the parameters in the ranges, sampled at random, one for each run."""
+    def members(self, nominal: Columns, level: ForceLevel) -> list[dict[str, float]]:
+        """Returns values of the parameters in the ranges, sampled at random, one for each run. A
+        controller meets the workpiece at any instant of a tick, so without a recorded command the
+        gap is sampled over the travel of a tick."""
         rng = np.random.default_rng(self.request.seed)
+        ranges = {name: (low, high) for name, (_, low, high) in self.ranges.items()}
+        touch_s = self.touch_s(nominal, level)
+        if self.gap and self.gap not in ranges and not self.is_fed and touch_s is not None:
+            own = self.inputs.parameters[self.gap].value
+            deflection = nominal[f"{self.inputs.contacts[0]}.deflection"]
+            tick = max(1, round(touch_s / TICK_S))
+            travel = abs(float(deflection[tick] - deflection[tick - 1])) / 2
+            ranges[self.gap] = (own - travel, own + travel)
         return [
-            {name: float(rng.uniform(low, high)) for name, (_, low, high) in self.ranges.items()}
+            {name: float(rng.uniform(low, high)) for name, (low, high) in ranges.items()}
             for _ in range(self.request.samples)
         ]
 
     def run(self, member: Member, seed: int) -> Columns:
         """Returns the columns of a run with `tick` and everything that the signals need. Raises
         SimulationError, InputError."""
-        columns = self._fed(member, seed) if self.is_fed else self._controlled(member, seed)
-        return columns
+        return self._fed(member, seed) if self.is_fed else self._controlled(member, seed)
 
     def _fed(self, member: Member, seed: int) -> Columns:
         commands, is_volts = self._command_of_ticks()
@@ -216,7 +250,7 @@ class Predictor:
         whether it is a voltage."""
         if self._commands is None:
             signal = self.recording[self.input]
-            lasts_s = min(float(np.ptp(signal.time_s)), LONGEST_S)
+            lasts_s = min(float(np.ptp(signal.time_s)), LONGEST_S, self.until_s - self.start_s)
             ticks = np.arange(math.floor(lasts_s / TICK_S) + 1, dtype=np.float64)
             at_s: Floats = self.start_s + ticks * TICK_S
             self._commands = self.recording.held(self.input, at_s) * self._per_command()
@@ -242,7 +276,7 @@ class Predictor:
 
     def _controlled(self, member: Member, seed: int) -> Columns:
         texts = [
-            *self.request.overrides,
+            *(text for text in self.request.overrides if text.partition("=")[0] not in member),
             *(f"{name}={value!r}" for name, value in member.items()),
             f"experiment.seed={seed}",
         ]
@@ -324,17 +358,3 @@ def _override_values(texts: Sequence[str]) -> dict[str, float | str]:
         except ValueError:
             values[name] = value
     return values
-
-
-def _input_of(request: PredictionRequest, recording: SignalRecording) -> str:
-    """Returns the signal that is the input of the run, or "law"."""
-    if request.input is None:
-        return next((name for name in INPUTS if name in recording), "law")
-    if request.input not in (*INPUTS, "law"):
-        raise ParameterError("input", f"expected one of law, {', '.join(INPUTS)}")
-    if request.input != "law" and request.input not in recording:
-        raise ParameterError(
-            "input", f"expected a signal of the recording ({', '.join(recording.names)}) or law, "
-            f"got {request.input}"
-        )  # fmt: skip
-    return request.input
