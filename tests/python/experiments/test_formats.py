@@ -194,6 +194,14 @@ supply_limit = 60
     "damping = 50\nsegments = 16\n",
 }
 
+# Controllers of the machine, on a drive that follows a velocity.
+SENSED = 'signal = "tip.force"\nsetpoint = 50\nspeed_max = 0.1\nfilter = 500\ndelay_ticks = 2\n'
+CONTROLLERS = {
+    "table": "times = [0, 1]\nspeeds = [0, 0.1]\ninterpolated = true\n",
+    "admittance": f"mass = 8\ndamping = 100\n{SENSED}",
+    "force_pi": f"damping = 100\nintegral_time = 0.1\n{SENSED}",
+}
+
 EXPERIMENT = """
 title = "everything"
 figure = "0"
@@ -243,6 +251,13 @@ fault = "none"
 
 
 def model_with(drive):
+    """The model with a type of drive, or with the law of a controller of the machine."""
+    if drive in CONTROLLERS:
+        model = model_with("first_order")
+        del model["drive"]["enable_ticks"]
+        own = tomllib.loads(CONTROLLERS[drive])
+        model["machine_controller"] = {"law": drive, "cycle_ticks": 3} | own
+        return model
     model = tomllib.loads(MODEL)
     model["drive"] |= {"type": drive} | tomllib.loads(DRIVES[drive])
     return model
@@ -281,8 +296,8 @@ def refusal(folder, model, experiment):
 def formats():
     """(name, format, drive) of each table with keys of its own."""
     for found in _core.model_format():
-        types = [found["when"].split('"')[1]] if found["when"] else list(DRIVES)[:1]
-        yield "model", found, types[0]
+        first = "table" if found["path"] == "machine_controller" else next(iter(DRIVES))
+        yield "model", found, found["when"].split('"')[1] if found["when"] else first
     for found in _core.experiment_format():
         yield "experiment", found, "dc_motor"
 
@@ -292,8 +307,15 @@ def test_the_text_with_everything_is_accepted(tmp_path, drive):
     assert refusal(tmp_path, model_with(drive), experiment()) is None
 
 
+@pytest.mark.parametrize("law", CONTROLLERS)
+def test_a_controller_of_the_machine_with_everything_is_accepted(tmp_path, law):
+    refusal(tmp_path, model_with(law), experiment())  # writes the files
+    assert _core.Plant(str(tmp_path / "model.toml")).tick == 0
+
+
 # Keys that another key excludes.
 INSTEAD_OF = {
+    "forces": ("speeds",),
     "loads": ("breaks",),
     "k_force": ("k_torque", "r_trans"),
     "k_velocity": ("bandwidth", "damping_ratio", "tuned_mass"),
@@ -346,7 +368,7 @@ def test_no_key_is_read_that_the_reference_has_not(tmp_path):
         listed = said.partition("expected one of the keys ")[2].partition(", got ")[0].split(", ")
         common = keys[name, found["path"]][""] if found["when"] else []
         due = common + keys[name, found["path"]][found["when"]]
-        if (name, found["path"], found["when"]) == ("model", "drive", ""):
+        if name == "model" and found["path"] in ("drive", "machine_controller") and not common:
             assert listed[: len(due)] == due  # and those of its type
         else:
             assert listed == due, said

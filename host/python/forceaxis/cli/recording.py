@@ -18,7 +18,11 @@ SHOWN_FINDINGS = 8  # of one kind and signal
 readable = click.Path(dir_okay=False, path_type=Path)
 
 
-@click.group(cls=Verbs)
+@click.group(
+    cls=Verbs,
+    epilog="""forceaxis recording import scope.csv --map force=Fz:N,code=dac --out touch
+    forceaxis recording info touch.npz""",
+)
 def recording() -> None:
     """Import recordings of a real machine from files of other programs, for `forceaxis compare` and
     `forceaxis identify contact`."""

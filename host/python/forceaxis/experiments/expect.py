@@ -473,9 +473,10 @@ def read(file: str | Path, table: ExpectTable, has_verdict: bool) -> Expectation
 
 def _texts(reader: Reader, table: ExpectTable, key: str) -> tuple[str, ...]:
     """Returns the texts of a key, which is a text or a list of texts. Raises InputError."""
-    given = table.get(key, [])
-    texts = given if isinstance(given, list) else [given]
-    if not all(isinstance(text, str) and text for text in texts):
+    if key not in table:
+        return ()
+    texts = table[key] if isinstance(table[key], list) else [table[key]]
+    if not (texts and all(isinstance(text, str) and text for text in texts)):
         reader.fail(key, "expected a text or a list of texts")
     return tuple(texts)
 
