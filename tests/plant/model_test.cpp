@@ -136,7 +136,7 @@ TEST(ModelRefuses, UnknownKeysAnywhere) {
       {"weight",
        "expected one of the keys title, shows, parameters_file, parameters, body, structure, "
        "spring, damper, contact, backlash, stop, friction, brake, gravity, cogging, "
-       "external, drive, encoder, "
+       "external, drive, machine_controller, encoder, "
        "switches, adc, dac, got \"weight\"; remove or "
        "rename this key"});
   expect_refusal(with(kAxis, "mass =", "mess = 1\nmass ="),
