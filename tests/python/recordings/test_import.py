@@ -178,6 +178,28 @@ def test_rate_delay_and_sign_are_kept(tmp_path):
     assert "-column 1, kN" in printed
 
 
+@pytest.mark.parametrize(("unit", "factor"), [("us", 1e6), ("ms", 1e3), ("s", 1)])
+def test_times_of_a_calendar_keep_their_digits(tmp_path, unit, factor):
+    """Times in s since 1970 would have steps of 0.24 us."""
+    start_s = 1_760_000_000
+    times = [f"{round((start_s + t) * factor, 6):.6f}" for t in TIME_S.tolist()]
+    lines = [f"{t},{f:.2f},{p:.4f}" for t, f, p in zip(times, FORCE_N, POSITION_MM, strict=True)]
+    text = "\n".join([f"time ({unit}),F_N,p_mm", *lines])
+    recording, printed = imported(tmp_path, text, "F_N,p_mm")
+    assert recording.source.origin_s == start_s
+    np.testing.assert_allclose(recording["force"].time_s, TIME_S, atol=5e-7)
+    assert f"0 s is {start_s} s of the source" in printed
+
+
+def test_the_column_of_the_times_may_be_given(tmp_path):
+    text = "a,b,F_N,p_mm\n" + rows("{t:.3f}e3,1,{f:.2f},{p:.4f}")
+    for time in ("a:ms", "1:ms"):
+        expect_touch(imported(tmp_path, text, "F_N,p_mm", "--time", time)[0])
+    text = text.replace("a,b", "a (ms),b")
+    for time in ("a", "1"):
+        expect_touch(imported(tmp_path, text, "F_N,p_mm", "--time", time)[0])
+
+
 def test_what_was_not_imported_and_an_unequal_unit_are_reported(tmp_path):
     text = "t_s,F [N],pos [mm],temp\n" + rows("{t:.3f},{f:.2f},{p:.4f},20")
     recording, printed = imported(tmp_path, text, "F:kN,pos")
@@ -294,6 +316,7 @@ WRONG = {
                            r"line 22, t_s: expected a time after 0.019 s, got 0.002 s"),
     "times that stand still": (changed(22, "0.019,1,3"), GOOD,
                                r"line 22, t_s: expected a time after 0.019 s, got 0.019 s"),
+    "a value without a time": (changed(22, ",1,3"), GOOD, r"line 22, t_s: expected a time beside"),
     "no column of times": (TOUCH.replace("t_s", "x"), GOOD,
                            r"expected a column of times, got x, F_N, pos_mm; write --time"),
     "times without a unit": (TOUCH.replace("t_s", "t"), GOOD,

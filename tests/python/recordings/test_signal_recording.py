@@ -27,7 +27,7 @@ def recording():
     code = RecordedSignal(
         "code", "count", "dac", "count", 1.0, 1, 10.0, 0.0, "0", (), TIME_S, np.array([0.0, 4, 9])
     )
-    source = RecordingSource("a.csv", "CSV", "0" * 64, 12, ("other",))
+    source = RecordingSource("a.csv", "CSV", "0" * 64, 12, 1.7e9, ("other",))
     return SignalRecording('Press "7", 3 µm', source, (force, code))
 
 

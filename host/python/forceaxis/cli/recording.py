@@ -134,7 +134,10 @@ def text_of(done: Imported) -> str:
     rows = [head, *(_row(signal) for signal in found)]
     lines = [
         f"recording    {found.title}",
-        f"source       {found.source.file}, {found.source.kind}",
+        f"source       {found.source.file}, {found.source.kind}"
+        + (
+            f"; 0 s is {found.source.origin_s:.0f} s of the source" if found.source.origin_s else ""
+        ),
         *aligned(rows, (0, 1, 9)),
     ]
     lines += [f"note         {note}" for note in done.notes]

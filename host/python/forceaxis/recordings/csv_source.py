@@ -15,6 +15,7 @@ import numpy as np
 
 from forceaxis import paths
 from forceaxis._core import InputError
+from forceaxis.recordings.signal_recording import Floats
 from forceaxis.recordings.source import Source, SourceColumn, expect_finite
 from forceaxis.recordings.units import is_unit, split_name
 
@@ -23,6 +24,7 @@ SEPARATOR_NAMES = {"\t": "tab", " ": "blank"}
 # A number with a decimal point, or with a decimal comma.
 POINT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?$")
 COMMA = re.compile(r"[-+]?(\d+,?\d*|,\d+)([eEdD][-+]?\d+)?$")
+PLAIN = re.compile(r"[-+.0-9eE]*")
 MISSING = ("", "nan", "-nan", "null", "none", "na", "n/a", "-", "---", "#n/a")
 PROBED_LINES = 400  # lines from which the dialect is found
 SCOPE_ROWS = ("SymbolName", "Name", "Unit", "SampleTime[ms]", "Data-Type")
@@ -249,21 +251,26 @@ class CsvSource(Source):
     def time_name(self) -> str | None:
         return super().time_name() if self._header.kind == "CSV" else self._header.names[0]
 
+    def _number(self, name: str, index: int, text: str) -> float:
+        """Returns the number in a field, NaN for an empty one. Raises InputError."""
+        decimal = self._dialect.decimal
+        value = _value(text, decimal)
+        if value is not None:
+            return value
+        hint = "a decimal point" if decimal == "." else "a decimal comma"
+        shown = text if len(text) <= SHOWN else text[:SHOWN] + "..."
+        raise InputError(
+            f"{self.where}: line {self._numbers[index]}, {name}: expected a number with {hint} as "
+            f"in line {self._dialect.first + 1}, got {shown!r}; correct this field, or leave it "
+            "empty for a missing sample"
+        )
+
     def column(self, name: str) -> SourceColumn:
         place = self._header.names.index(name)
-        values, decimal = np.empty(len(self._rows)), self._dialect.decimal
-        for index, row in enumerate(self._rows):
-            value = _value(row[place], decimal)
-            if value is None:
-                hint = "a decimal point" if decimal == "." else "a decimal comma"
-                text = row[place]
-                shown = text if len(text) <= SHOWN else text[:SHOWN] + "..."
-                raise InputError(
-                    f"{self.where}: line {self._numbers[index]}, {name}: expected a number with "
-                    f"{hint} as in line {self._dialect.first + 1}, got {shown!r}; correct this "
-                    "field, or leave it empty for a missing sample"
-                )
-            values[index] = value
+        texts = [row[place] for row in self._rows]
+        values = _quick(texts)
+        if values is None:
+            values = np.array([self._number(name, i, text) for i, text in enumerate(texts)])
         time = self._header.times[place]
         return expect_finite(
             self.where,
@@ -272,6 +279,17 @@ class CsvSource(Source):
                 None if time is None else self._header.names[time],
             ),
         )  # fmt: skip
+
+
+def _quick(texts: list[str]) -> Floats | None:
+    """Returns the numbers in fields that have nothing but digits, signs and points; otherwise
+    None."""
+    if PLAIN.fullmatch("".join(texts)) is None:
+        return None
+    try:
+        return np.array(texts, dtype=np.float64)
+    except ValueError:
+        return None
 
 
 def _text(path: Path, where: str) -> str:

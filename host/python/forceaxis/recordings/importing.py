@@ -27,6 +27,7 @@ NAME = re.compile(r"[a-z][a-z0-9_.]*$")
 LEAST_SAMPLES = 8
 DELAY_MAX_S = 1.0
 RATE_MAX_HZ = 10e6
+LARGE_TIME_S = 1e5  # times that begin later are those of a calendar
 
 
 @dataclass(frozen=True)
@@ -125,7 +126,7 @@ def import_source(source: Source, path: Path, request: ImportRequest) -> Importe
     rest = tuple(name for name in source.names() if name not in used)
     data = path.read_bytes()
     about = RecordingSource(
-        path.name, source.kind, hashlib.sha256(data).hexdigest(), len(data), rest
+        path.name, source.kind, hashlib.sha256(data).hexdigest(), len(data), times.origin_s, rest
     )
     return Imported(
         SignalRecording(request.title or path.stem, about, tuple(signals)), tuple(notes)
@@ -188,6 +189,7 @@ class _Times:
         self._source, self._request = source, request
         self._known: dict[str, tuple[Floats, SourceColumn]] = {}
         self.used: set[str] = set()
+        self.origin_s = 0.0
         if request.time is not None and request.rate is not None:
             raise ParameterError("rate", "expected either a column of times or a rate, got both")
         if request.rate is not None and not 0 < request.rate <= RATE_MAX_HZ:
@@ -208,8 +210,13 @@ class _Times:
                 f"{self._source.where}: {column.name}: expected {len(time_s)} values as "
                 f"{times.name} has, got {len(column.values)}; choose another column of times"
             )
-        has_value &= ~np.isnan(time_s)
         places = np.flatnonzero(has_value)
+        without = np.flatnonzero(has_value & np.isnan(time_s))
+        if len(without):
+            raise InputError(
+                f"{self._source.where}: {times.place(int(without[0]))}: expected a time beside the "
+                f"value of {column.name}, got none; add the time or remove the sample"
+            )
         time_s, values = time_s[places], column.values[places]
         repeated = np.append(False, (np.diff(time_s) == 0) & (np.diff(values) == 0))
         time_s, values, places = time_s[~repeated], values[~repeated], places[~repeated]
@@ -223,13 +230,19 @@ class _Times:
             )
         return time_s, values
 
+    def _wanted(self) -> tuple[str | None, str | None]:
+        """Returns the column and the unit that the request gives for the times."""
+        text = self._request.time
+        if text is None:
+            return None, None
+        head, colon, unit = text.rpartition(":")
+        if not colon or text in self._source.names():
+            head, unit = text, ""
+        return self._source.find(head, "--time"), unit or None
+
     def _name(self, column: SourceColumn) -> str:
         source = self._source
-        if self._request.time is not None:
-            text = self._request.time
-            head, colon, _ = text.rpartition(":")
-            return source.find(head if colon and text not in source.names() else text, "--time")
-        name = column.time_column or source.time_name()
+        name = self._wanted()[0] or column.time_column or source.time_name()
         if name is None or name not in source.names():
             raise InputError(
                 f"{source.where}: expected a column of times, got {', '.join(source.names()[:12])};"
@@ -240,18 +253,20 @@ class _Times:
     def _column(self, name: str) -> tuple[Floats, SourceColumn]:
         if name not in self._known:
             column = self._source.column(name)
-            unit = column.unit
-            if self._request.time and self._request.time not in self._source.names():
-                unit = self._request.time.rpartition(":")[2] or unit
+            unit = self._wanted()[1] or column.unit
+            factor = factor_of(unit, "s") if unit else None
             if name.rpartition("/")[2] == "tick" and not unit:
-                factor: float | None = 1 / _core.TICKS_PER_SECOND
-            else:
-                factor = factor_of(unit or "", "s") if unit else None
+                factor = 1 / _core.TICKS_PER_SECOND
             if factor is None:
                 raise InputError(
                     f"{self._source.where}: {name}: expected the unit of the times, got "
                     f"{unit or 'none'}; write --time {name}:ms, or :s, :us"
                 )
             self.used.add(name)
-            self._known[name] = column.values * factor, column
+            known = column.values[~np.isnan(column.values)]
+            begin_s = float(known[0]) * factor if len(known) else 0.0
+            if not self._known and abs(begin_s) > LARGE_TIME_S:
+                self.origin_s = float(np.floor(begin_s))
+            # Subtracted before the conversion, so that times of the day keep their digits.
+            self._known[name] = (column.values - self.origin_s / factor) * factor, column
         return self._known[name]

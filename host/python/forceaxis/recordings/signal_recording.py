@@ -119,6 +119,8 @@ class RecordingSource:
     kind: str  #: kind of the file, such as "CSV" or "MCAP"
     sha256: str
     bytes: int
+    #: time of the source in s that is 0 in the recording: 0, or a whole number for times of the day
+    origin_s: float = 0.0
     #: columns of the source that the recording does not have
     not_imported: tuple[str, ...] = ()
 
