@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <map>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -47,12 +48,15 @@ py::array_t<double> signals(const Plant &plant) {
   return values;
 }
 
+using Commands = py::array_t<double, py::array::c_style>;
+using Flags = py::array_t<bool, py::array::c_style>;
+
 // Simulates one tick for each command. Returns the codes (encoder, adc0, adc1) and the signals
 // `names` at the start of each tick, before its command acts. The commands are DAC codes, or
 // voltages if `volts` is true. If the model has a controller of the machine, voltages act in its
-// place, and codes have no effect.
-py::tuple follow(Plant &plant, const py::array_t<double, py::array::c_style> &commands, bool volts,
-                 const std::vector<std::string> &names) {
+// place, and codes have no effect. `enabled` says in which ticks the drive is enabled.
+py::tuple follow(Plant &plant, const Commands &commands, bool volts,
+                 const std::vector<std::string> &names, const std::optional<Flags> &enabled) {
   std::vector<std::size_t> places;
   const std::vector<std::string> &known = plant.signal_names();
   for (const std::string &name : names) {
@@ -61,9 +65,12 @@ py::tuple follow(Plant &plant, const py::array_t<double, py::array::c_style> &co
     places.push_back(static_cast<std::size_t>(place - known.begin()));
   }
   const auto ticks = static_cast<std::size_t>(commands.size());
+  if (enabled && enabled->size() != commands.size())
+    throw std::invalid_argument("enabled: expected one flag for each command");
   py::array_t<std::int64_t> codes({ticks, std::size_t{3}});
   py::array_t<double> signals({ticks, places.size()});
   const double *const command = commands.data();
+  const bool *const flag = enabled ? enabled->data() : nullptr;
   std::int64_t *code = codes.mutable_data();
   double *signal = signals.mutable_data();
   const py::gil_scoped_release release;
@@ -73,10 +80,11 @@ py::tuple follow(Plant &plant, const py::array_t<double, py::array::c_style> &co
     *code++ = now.adc[0];
     *code++ = now.adc[1];
     for (const std::size_t place : places) *signal++ = plant.signal_at(place);
+    const bool enable = flag == nullptr || flag[k];
     if (volts)
-      plant.step_volts(command[k], true);
+      plant.step_volts(command[k], enable);
     else
-      plant.step(static_cast<int>(command[k]), true);
+      plant.step(static_cast<int>(command[k]), enable);
   }
   const py::gil_scoped_acquire acquire;
   return py::make_tuple(std::move(codes), std::move(signals));
@@ -117,7 +125,7 @@ void add_plant(py::module_ &m) {
            py::arg("enable") = true,
            "Simulates one tick with a constant command of the drive in V in place of a DAC code.")
       .def("follow", &follow, py::arg("commands"), py::arg("volts") = false,
-           py::arg("signals") = std::vector<std::string>{},
+           py::arg("signals") = std::vector<std::string>{}, py::arg("enabled") = py::none(),
            "Simulates one tick for each of the `commands` (n,), DAC codes or with `volts` V. "
            "Returns "
            "the codes (n, 3) of encoder, adc0 and adc1 and the `signals` (n, m) at the start of "

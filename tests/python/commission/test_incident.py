@@ -198,11 +198,14 @@ def test_the_file_is_the_incident(tmp_path):
 
 
 def test_an_incident_becomes_a_recording(tmp_path):
-    found = incident.fetch(at_end_of(tmp_path, BY_NAME["force too large"].provoked))
-    incident.write(found, tmp_path, incident.figure(found))
+    sets = ("firmware.mode=force", "firmware.force_gain=5", "firmware.force_max=30")
+    options = [word for text in sets for word in ("--set", text)]
+    done = forceaxis("incident", "--sim", CONTACT, *options, "--wait", "5", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = incident.load(tmp_path / "incident.json")
     done = forceaxis(
         "recording", "import", tmp_path / "incident.json", "--out", tmp_path / "fault",
-        "--map", "force=force_N,code=dac_code,position=travel_count:6.35um",
+        "--map", "force=force_N,code=dac_code,position=travel_count:6.35um,enabled=enabled",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     recording = signal_recording.read(tmp_path / "fault.npz")
@@ -211,6 +214,12 @@ def test_an_incident_becomes_a_recording(tmp_path):
     np.testing.assert_allclose(recording["force"].time_s * 1e3, found.time_ms, atol=1e-9)
     np.testing.assert_allclose(recording["position"].values, found.travel * 6.35e-6)
     assert (recording["code"].values == found.column("dac_code")).all()
+    # Fed with codes and enable, the plant makes the contact and the bounce after the fault again.
+    done = forceaxis("compare", CONTACT, tmp_path / "fault.npz", "--samples", "8", "--json")
+    figures = {one["figure"]: one for one in json.loads(done.stdout)[0]["figures"]}
+    assert figures["residual of force"]["measured"] < 1.25  # half of a count
+    assert figures["residual of position"]["measured"] < 4 * 6.35e-6
+    assert figures["loss 1"]["agrees"]
 
 
 def test_a_replay_names_what_an_incident_lacks(tmp_path):

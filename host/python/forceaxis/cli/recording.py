@@ -42,7 +42,7 @@ def source_of(file: Path, separator: str | None) -> Source:
     epilog="""forceaxis recording import scope.csv --map force=Fz:N,position=pos:mm --out touch
     forceaxis recording import robot.csv --map force=-F_N --delay force=2ms --out robot
     forceaxis recording import out/incident/incident.json \\
-    --map force=force_N,code=dac_code --out fault""",
+    --map force=force_N,code=dac_code,enabled=enabled --out fault""",
 )
 @click.argument("file", type=readable)
 @click.option(
@@ -82,7 +82,7 @@ def import_(
     an incident.
 
     SIGNAL is a name of small letters. These names have a meaning for other commands: force,
-    position, speed, current, torque, code (DAC code of the firmware), voltage_command,
+    position, speed, current, torque, code (DAC code of the firmware), enabled, voltage_command,
     speed_command, force_command, force_setpoint, position_setpoint. The result has SI units and
     keeps source, unit, sign, rate and delay of each signal. The command reports gaps, jumps,
     saturation and constant stretches.

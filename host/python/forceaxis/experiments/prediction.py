@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from forceaxis import _core, paths, toml
 from forceaxis._core import InputError
@@ -177,7 +178,7 @@ class Predictor:
             model = self._signal(signal.name)
             if model is not None:
                 found.append(model)
-            elif signal.name not in INPUTS:
+            elif signal.name not in (*INPUTS, "enabled", "position_setpoint"):
                 self.notes.append(f"{signal.name} is not compared: the model has no such signal")
         if not any(model.name == "force" for model in found):
             raise InputError(
@@ -239,11 +240,19 @@ class Predictor:
             str(self.inputs.model), {**self._parameter_values(), **member}, seed=seed
         )
         try:
-            codes, signals = plant.follow(commands, is_volts, names)
+            codes, signals = plant.follow(commands, is_volts, names, self._enabled(len(commands)))
         except ValueError as error:
             raise InputError(f"{self._where}: expected signals of the model, {error}") from None
         columns = dict(zip(("encoder", "adc0", "adc1"), codes.T, strict=True))
         return columns | dict(zip(names, signals.T, strict=True))
+
+    def _enabled(self, ticks: int) -> NDArray[np.bool_] | None:
+        """Returns whether the recorded drive is enabled in each tick, or None if that is not
+        recorded."""
+        if "enabled" not in self.recording:
+            return None
+        at_s: Floats = self.start_s + np.arange(ticks, dtype=np.float64) * TICK_S
+        return np.asarray(self.recording.held("enabled", at_s) > 0.5)
 
     def _command_of_ticks(self) -> tuple[Floats, bool]:
         """Returns the command in each tick from the first sample of the recording on, (ticks,), and

@@ -18,18 +18,22 @@ SATURATED_SAMPLES = 3  # successive samples at the largest or the smallest value
 # A signal that reaches its largest value with a step of this many quanta does not settle there.
 SATURATED_QUANTA = 3.0
 CONSTANT_SAMPLES, CONSTANT_FACTOR = 25, 12  # samples; multiple of the usual length
-STATE_ENDINGS = ("_setpoint", "_command", "code")  # signals that are constant between steps
+STATE_ENDINGS = (
+    "_setpoint",
+    "_command",
+    "code",
+    "enabled",
+)  # signals that are constant between steps
 
 
 def find(name: str, time_s: Floats, values: Floats) -> tuple[SignalFinding, ...]:
     """Returns the findings of a signal with the samples `values` (n,) at the times `time_s` (n,) in
     s. A set-point or a command may jump and stay constant."""
     found = list(gaps(time_s))
-    if len(values) > 2 * JUMP_NEIGHBOURS:
+    if len(values) > 2 * JUMP_NEIGHBOURS and not name.endswith(STATE_ENDINGS):
         found += saturations(time_s, values)
-        if not name.endswith(STATE_ENDINGS):
-            found += jumps(time_s, values)
-            found += constants(time_s, values)
+        found += jumps(time_s, values)
+        found += constants(time_s, values)
     return tuple(sorted(found, key=lambda one: one.from_s))
 
 

@@ -155,7 +155,7 @@ def _unit_of(
     given = one.unit if one.unit is not None else column.unit
     wanted = UNITS.get(one.name)
     where = f"{source.where}: {column.name}"
-    if given is None and wanted not in ("count", None):
+    if given is None and wanted not in ("count", "1", None):
         raise InputError(
             f"{where}: expected the unit of this column, the source gives none; write "
             f"--map {one.name}={one.column}:UNIT, such as :{wanted}"
@@ -172,8 +172,8 @@ def _unit_of(
             f"{where}: expected {what}, got {given!r}; write another unit in "
             f"--map {one.name}={one.column}:UNIT, also as the size of a count, such as 0.5um"
         )
-    if column.unit is not None and one.unit is not None:
-        size = factor_of(column.unit, found[0])
+    if column.unit not in (None, "count") and one.unit is not None:
+        size = factor_of(column.unit or "", found[0])
         if size is None or abs(size - found[1]) > 1e-9 * found[1]:
             notes.append(
                 f"{one.name}: the source gives the unit {column.unit!r} for {column.name}, which "

@@ -46,6 +46,7 @@ UNITS = {
     "current": "A",
     "torque": "N m",
     "code": "count",  # DAC code of the firmware, -2048 to 2047
+    "enabled": "1",  # 1 while the drive is enabled, else 0
     "voltage_command": "V",
     "speed_command": "m/s",
     "force_command": "N",
