@@ -215,7 +215,9 @@ def test_an_incident_becomes_a_recording(tmp_path):
     np.testing.assert_allclose(recording["position"].values, found.travel * 6.35e-6)
     assert (recording["code"].values == found.column("dac_code")).all()
     # Fed with codes and enable, the plant makes the contact and the bounce after the fault again.
-    done = forceaxis("compare", CONTACT, tmp_path / "fault.npz", "--samples", "8", "--json")
+    done = forceaxis(
+        "compare", CONTACT, tmp_path / "fault.npz", "--gap", "approach", "--samples", "8", "--json"
+    )
     figures = {one["figure"]: one for one in json.loads(done.stdout)[0]["figures"]}
     assert figures["residual of force"]["measured"] < 1.25  # half of a count
     assert figures["residual of position"]["measured"] < 4 * 6.35e-6

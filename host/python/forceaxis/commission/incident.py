@@ -43,9 +43,9 @@ INCIDENT_STATES = ("incident", "incident_kept")
 # longest time in s until the axis has completed the recording of an incident and the CRC
 COMPLETE_TIMEOUT_S = 5.0
 FULL_SCALE_BITS = 8  # number of ADC bits to which force counts refer
-# Bits of the statusword that give the state of CiA 402, their value in the state operation enabled,
-# and the bit of a fault.
-STATE_BITS, OPERATION_ENABLED, FAULT_BIT = 0x6F, 0x27, 0x08
+# Bits of the statusword that give the state of CiA 402, and their value in the state operation
+# enabled.
+STATE_BITS, OPERATION_ENABLED = 0x6F, 0x27
 NEAR_MS = 100  # time in ms before and after the error that the second column of the plot shows
 
 
@@ -290,12 +290,9 @@ def load(path: Path) -> Incident:
     return incident
 
 
-def _enabled(statusword: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Returns 1 for each tick in which the drive is enabled, else 0, (n,). A fault disables the
-    drive in its tick, and the statusword of the next tick reports the fault."""
-    fault_follows = np.append(statusword[1:] & FAULT_BIT, 0) != 0
-    on = (statusword & STATE_BITS) == OPERATION_ENABLED
-    return np.asarray((on & ~fault_follows).astype(np.int64))
+def is_enabled(statusword: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Returns True for each tick in the state operation enabled, (n,)."""
+    return np.asarray((statusword & STATE_BITS) == OPERATION_ENABLED)
 
 
 def source_of(incident: Incident, path: Path) -> ArraySource:
@@ -308,7 +305,7 @@ def source_of(incident: Incident, path: Path) -> ArraySource:
         "force_N": incident.force_N,
         "force_demand_N": demand_N,
         "travel_count": incident.travel,
-        "enabled": _enabled(incident.column("statusword")),
+        "enabled": is_enabled(incident.column("statusword")).astype(np.int64),
         **raw,
     }
     return ArraySource(path, "incident", table)
@@ -317,8 +314,7 @@ def source_of(incident: Incident, path: Path) -> ArraySource:
 def missing(incident: Incident) -> list[str]:
     """Returns the names of the quantities that a replay of an incident needs in addition to the
     samples of the incident."""
-    before = incident.column("statusword")[: incident.recording.trigger_sample]
-    enabled = (before & STATE_BITS) == OPERATION_ENABLED
+    enabled = is_enabled(incident.column("statusword")[: incident.recording.trigger_sample])
     lacks = ["the targets and controlwords that were written", "current_raw", "sensor_valid"]
     if len(enabled) and enabled[0]:
         lacks.append(

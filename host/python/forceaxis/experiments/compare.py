@@ -244,6 +244,7 @@ def _compared(measured: _Measured, runs: Sequence[_Run], grid: Floats) -> Compar
         name, source = model.name, recording[model.name]
         values = recording.sampled(name, grid + measured.touch_s)
         quantum = quantum_of(source.values)
+        floor = quantum / 2
         series = _series(model, runs, grid)
         if name == "force":
             values = values - level.zero
@@ -252,12 +253,14 @@ def _compared(measured: _Measured, runs: Sequence[_Run], grid: Floats) -> Compar
             figures = _contact_figures(grid, values, series, own, quantum) + figures
         elif name == "position":  # the zero of the machine is another one than that of the model
             values = values - np.interp(0.0, grid, values)
+            # The instant of the first contact, at which both are 0, is known to half a sample.
+            floor += 0.5 * float(np.max(np.abs(np.diff(values[abs(grid) <= 3 * TICK_S]))))
         middle = np.median(series, axis=0)
-        spread = POINT_BAND * series.std(axis=0) + 0.5 * quantum
+        spread = POINT_BAND * series.std(axis=0) + floor
         signals.append(
             ComparedSignal(name, model.unit, grid, values, middle, middle - spread, middle + spread)
         )
-        figures.append(_residual(signals[-1], series, quantum))
+        figures.append(_residual(signals[-1], series, floor))
     judged = _with_bands(figures)
     result = RecordingComparison(
         recording=measured.where, title=recording.title,
@@ -326,7 +329,7 @@ def _contact_figures(
     ]
 
 
-def _residual(signal: ComparedSignal, series: Floats, quantum: float) -> _Figure:
+def _residual(signal: ComparedSignal, series: Floats, floor: float) -> _Figure:
     """Returns the rms difference of a signal from the median of the runs after the first
     contact."""
     after = signal.time_s >= 0
@@ -336,7 +339,7 @@ def _residual(signal: ComparedSignal, series: Floats, quantum: float) -> _Figure
 
     runs = [rms(one) for one in series]
     text = f"residual of {signal.name}"
-    return _Figure(text, signal.unit, rms(signal.measured), runs, quantum / 2, has_low=False)
+    return _Figure(text, signal.unit, rms(signal.measured), runs, floor, has_low=False)
 
 
 def _share(values: Sequence[float | None]) -> float:
