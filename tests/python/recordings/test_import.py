@@ -3,13 +3,16 @@ odd files are refused in one line with their place, while nothing is written."""
 
 import io
 import json
+import random
 import re
 
 import numpy as np
 import pyarrow
 import pytest
+from forceaxis._core import InputError
 from forceaxis.bus.log import LogWriter
-from forceaxis.recordings import findings, signal_recording
+from forceaxis.recordings import findings, importing, signal_recording
+from forceaxis.recordings.reading import read_source
 from mcap.writer import Writer
 from pyarrow import parquet
 from verbs import forceaxis
@@ -374,6 +377,48 @@ def test_a_wrong_file_is_refused_in_one_line_and_nothing_is_written(tmp_path, ca
     assert re.search(r"\bwrong\b|--\w", done.stderr)  # the file or the option
     assert "; " in done.stderr or "such as" in done.stderr or "expected" in done.stderr
     assert not out.parent.exists()
+
+
+def damaged(rng, data):
+    """`data` with one to four faults: other bytes, missing bytes, more separators, or a cut end."""
+    d = bytearray(data)
+    for _ in range(rng.randint(1, 4)):
+        at, kind = rng.randrange(len(d) + 1), rng.random()
+        if kind < 0.4 and d:
+            d[at % len(d)] = rng.randrange(256)
+        elif kind < 0.6:
+            del d[at : at + rng.randint(1, 30)]
+        elif kind < 0.85:
+            d[at:at] = rng.choice([b"\n", b",", b";", b"\t", b"nan", b'"', b"1e999", b"\0", b":"])
+        else:
+            d = d[:at]
+    return bytes(d)
+
+
+def test_damaged_files_are_imported_whole_or_refused(tmp_path):
+    """Whatever is damaged: one line, or signals of finite values at ascending times."""
+    packed = io.BytesIO()
+    table = {"t_s": TIME_S, "F_N": FORCE_N, "pos_mm": POSITION_MM}
+    parquet.write_table(pyarrow.table(table), packed)
+    sources = [(content, columns) for content, columns in DIALECTS.values()]
+    sources += [(content, "F_N,pos_mm") for content in (packed.getvalue(), npz(**table))]
+    rng, file, done = random.Random(3), tmp_path / "damaged", {"whole": 0, "refused": 0}
+    for _ in range(400):
+        content, columns = rng.choice(sources)
+        content = content if isinstance(content, bytes) else content.encode()
+        file.write_bytes(damaged(rng, content))
+        maps = [f"{n}={c}" for n, c in zip(("force", "position"), columns.split(","), strict=True)]
+        try:
+            made = importing.import_source(read_source(file), file, importing.ImportRequest(maps))
+        except InputError as error:
+            done["refused"] += 1
+            assert "\n" not in str(error)
+            continue
+        done["whole"] += 1
+        for one in made.recording:
+            assert np.isfinite(one.values).all()
+            assert (np.diff(one.time_s) > 0).all()
+    assert min(done.values()) > 10, done
 
 
 def test_there_are_thirty_wrong_files():

@@ -185,7 +185,7 @@ def _header(lines: list[str], dialect: CsvDialect, where: str) -> _Header:
             # The first `Name` names the file; that of the channels repeats the word.
             if cells[0] == "Name" and cells.count("Name") > rows["Name"].count("Name"):
                 rows["Name"] = cells
-    if "SampleTime[ms]" in rows or "Data-Type" in rows:
+    if ("SampleTime[ms]" in rows or "Data-Type" in rows) and {"Name", "SymbolName"} & set(rows):
         return _scope_header(rows)
     wide = [cells for cells in above if len(cells) == dialect.width and any(cells)]
     while wide and all(_value(cell, dialect.decimal) is not None for cell in wide[-1]):

@@ -18,6 +18,7 @@ The header has `format`, `title`, a table [source] of the file that was imported
 import dataclasses
 import io
 import zipfile
+import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,6 +34,11 @@ from forceaxis.results import JsonObject, from_json, to_json
 Floats: TypeAlias = NDArray[np.float64]
 
 FORMAT = 1  # version of the file
+# errors of a damaged file
+DAMAGE = (
+    *(OSError, KeyError, ValueError, EOFError, TypeError, RuntimeError),
+    *(zipfile.BadZipFile, zlib.error),
+)
 HEADER = "recording.toml"
 SUFFIX = ".npz"
 
@@ -219,7 +225,7 @@ def is_recording(path: Path | str) -> bool:
     try:
         with zipfile.ZipFile(path) as archive:
             return HEADER in archive.namelist()
-    except (OSError, zipfile.BadZipFile):
+    except (OSError, zipfile.BadZipFile, NotImplementedError):
         return False
 
 
@@ -237,7 +243,7 @@ def read(path: Path | str) -> SignalRecording:
             )
     except FileNotFoundError:
         raise InputError(f"{where}: expected a readable file, got none") from None
-    except (OSError, zipfile.BadZipFile, KeyError, ValueError, EOFError, TypeError) as error:
+    except DAMAGE as error:
         raise InputError(f"{wrong}, got: {error}; import the data again") from None
     if header.get("format") != FORMAT:
         raise InputError(f"{wrong} in format {FORMAT}, got format {header.get('format')}")

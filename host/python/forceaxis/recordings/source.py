@@ -3,6 +3,7 @@
 import abc
 import json
 import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +24,8 @@ from forceaxis.words import suggestion
 
 Table: TypeAlias = Mapping[str, NDArray[np.generic]]
 
+# errors of a damaged ZIP archive or array
+NPZ_ERRORS = (ValueError, OSError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
 LARGEST_NUMBER = 1e100  # larger numbers are damage
 # Names of a column with the times, in small letters, in the order in which they are looked for.
 TIME_NAMES = ("time_s", "t_s", "time", "t", "zeit", "timestamp", "tick", "time_ms", "t_ms")
@@ -139,7 +142,7 @@ def read_npz(path: Path) -> Source:
     try:
         with np.load(path, allow_pickle=False) as arrays:
             table = {name: np.asarray(arrays[name]) for name in arrays.files}
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+    except NPZ_ERRORS as error:
         raise InputError(
             f"{where}: expected an NPZ file with arrays of numbers, got: {_first_line(error)}; "
             "write the arrays with numpy.savez"
@@ -207,7 +210,6 @@ def _json_tables(path: Path) -> tuple[dict[str, log_tables.Table], list[str], st
     """Returns the numbers in the JSON messages of an MCAP file as {topic: {field: values}}, the
     topics in other encodings, and one line about damage or None."""
     expect_package(paths.display(path), "mcap", "mcap", "mcap")
-    from mcap.exceptions import McapError
     from mcap.reader import make_reader
 
     rows: dict[str, log_tables.Columns] = {}
@@ -221,7 +223,7 @@ def _json_tables(path: Path) -> tuple[dict[str, log_tables.Table], list[str], st
                 row: Row = dict(_numbers("", json.loads(message.data)))
                 row["time_s"] = message.log_time * 1e-9
                 rows.setdefault(channel.topic, log_tables.Columns()).add(row)
-    except (McapError, ValueError, EOFError) as error:
+    except Exception as error:  # the packages that decompress have exceptions of their own
         return {}, [], f"{paths.display(path)}: {_first_line(error)}"
     return {topic: table.arrays() for topic, table in rows.items()}, list(others), None
 
