@@ -334,6 +334,7 @@ WRONG = {
                                  r"F_N: expected a unit of force, such as N, got 'mm'"),
     "an unknown unit": (TOUCH, ("--map", "force=F_N:lbf"), r"--map: .*expected a unit such as N"),
     "a wrong name": (TOUCH, ("--map", "Force=F_N"), r"--map: Force: expected a name of small"),
+    "the name of the times": (TOUCH, ("--map", "time_0=F_N"), r"--map: time_0: expected a name"),
     "no equals sign": (TOUCH, ("--map", "F_N"), r"--map: F_N: expected SIGNAL=COLUMN:UNIT"),
     "one signal twice": (TOUCH, ("--map", "force=F_N,force=pos_mm:N"),
                          r"--map: force: expected each signal once"),

@@ -64,10 +64,11 @@ def parse_map(text: str, source: Source) -> SignalMap:
     name, equals, rest = text.partition("=")
     if not (equals and rest.strip("-")):
         raise ParameterError("map", f"{text}: expected SIGNAL=COLUMN:UNIT, such as force=Fz:N")
-    if not NAME.match(name):
+    if not NAME.match(name) or name.startswith("time_"):  # the file has times of that name
         raise ParameterError(
-            "map", f"{name}: expected a name of small letters, digits, _ and ., such as force"
-        )
+            "map", f"{name}: expected a name of small letters, digits, _ and ., such as force, "
+            "without time_ at its begin"
+        )  # fmt: skip
     known = source.names()
     head, colon, unit = rest.rpartition(":")
     if rest in known or not colon:
