@@ -108,6 +108,29 @@ def test_a_touch_is_the_same_in_every_dialect(tmp_path, dialect):
         assert recording.source.kind == "TwinCAT Scope with decimal commas"
 
 
+def test_a_scope_with_little_header(tmp_path):
+    """Names alone, with commas and decimal points; and one channel in a file of two columns."""
+    text = "Name,Force,Name,Pos\n" + rows("{t:.3f}e3,{f:.2f},{t:.3f}e3,{p:.4f}")
+    expect_touch(imported(tmp_path, text, "Force:N,Pos:mm")[0])
+    text = "Name,Force,Pos\n" + rows("{t:.3f}e3,{f:.2f},{p:.4f}")
+    expect_touch(imported(tmp_path, text, "Force:N,Pos:mm")[0])
+    head = "Name\tC:\\a.svdx\nFile\tC:\\a.csv\n\nName\tForce\nSampleTime[ms]\t1\n\n"
+    (tmp_path / "one.csv").write_text(head + rows("{t:.3f}e3\t{f:.2f}", ","))
+    done = forceaxis(
+        "recording",
+        "import",
+        tmp_path / "one.csv",
+        "--map",
+        "force=Force:N",
+        "--out",
+        tmp_path / "a",
+    )
+    assert done.returncode == 0, done.stderr
+    force = signal_recording.read(tmp_path / "a.npz")["force"]
+    np.testing.assert_allclose(force.values, FORCE_N)
+    np.testing.assert_allclose(force.time_s, TIME_S, atol=1e-12)
+
+
 def test_groups_of_a_scope_have_their_own_times(tmp_path):
     """A group of 2 ms beside one of 1 ms: its rows end early, and each group has its own clock."""
     lines = rows("{t:.3f}e3\t{f:.2f}").splitlines()
@@ -404,7 +427,7 @@ def test_damaged_files_are_imported_whole_or_refused(tmp_path):
     sources = [(content, columns) for content, columns in DIALECTS.values()]
     sources += [(content, "F_N,pos_mm") for content in (packed.getvalue(), npz(**table))]
     rng, file, done = random.Random(3), tmp_path / "damaged", {"whole": 0, "refused": 0}
-    for _ in range(400):
+    for _ in range(200):
         content, columns = rng.choice(sources)
         content = content if isinstance(content, bytes) else content.encode()
         file.write_bytes(damaged(rng, content))
@@ -419,7 +442,7 @@ def test_damaged_files_are_imported_whole_or_refused(tmp_path):
         for one in made.recording:
             assert np.isfinite(one.values).all()
             assert (np.diff(one.time_s) > 0).all()
-    assert min(done.values()) > 10, done
+    assert min(done.values()) > 4, done
 
 
 def test_there_are_thirty_wrong_files():

@@ -181,11 +181,8 @@ def _header(lines: list[str], dialect: CsvDialect, where: str) -> _Header:
     rows: dict[str, list[str]] = {}
     for cells in above:
         if cells and cells[0] in SCOPE_ROWS and len(cells) == dialect.width:
-            rows.setdefault(cells[0], cells)
-            # The first `Name` names the file; that of the channels repeats the word.
-            if cells[0] == "Name" and cells.count("Name") > rows["Name"].count("Name"):
-                rows["Name"] = cells
-    if ("SampleTime[ms]" in rows or "Data-Type" in rows) and {"Name", "SymbolName"} & set(rows):
+            rows[cells[0]] = cells  # of two rows `Name` the first names the file
+    if {"Name", "SymbolName"} & set(rows):
         return _scope_header(rows)
     wide = [cells for cells in above if len(cells) == dialect.width and any(cells)]
     while wide and all(_value(cell, dialect.decimal) is not None for cell in wide[-1]):
