@@ -20,7 +20,8 @@ axis_objects_meta.h of the host, with every folder below them:
   spelling     no trigraph, digraph or computed include, which could hide code from the other rules
 Everywhere in firmware, sim and host:
   layering     firmware includes firmware only and sim sim only; a project header is included in
-               quotes, from the root ("firmware/...", "sim/...", "host/..."), without ".."
+               quotes, from the root ("firmware/...", "sim/...", "host/..."), without ".."; a port
+               includes the chip.h of its board by that name
   circle       no file reaches itself by includes, and in those folders of firmware/ none by
                includes and calls; but in drive and app, whose files share the structure of one
                header, no module (NAME.h with NAME.c) reaches itself by includes either
@@ -43,6 +44,8 @@ FOLDERS = (
 # All files of these folders use one structure, cia402_t or fw_t, which drive.h and fw.h define.
 ONE_STRUCTURE = ("drive", "app")
 PORTS = "port"  # may include all of firmware, the library of the compiler and conditionals
+# The header of a board with an STM32 that the shared files include by its name alone (tools/image).
+CHIP_HEADER = "chip.h"
 # The other folders of firmware/.
 OTHER_FILES = {
     "CMakeLists.txt",
@@ -322,6 +325,8 @@ def check_includes(root, findings):
                     continue  # a header of the system or of a library
                 elif kind == "<":
                     findings.add(path, line, "layering", f"expected quotes around {header}")
+                elif header == CHIP_HEADER and path.is_relative_to(root / "firmware" / PORTS):
+                    continue
                 elif ".." in Path(header).parts or not header.startswith(ROOTS[part]):
                     findings.add(
                         path,

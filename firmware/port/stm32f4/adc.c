@@ -1,4 +1,4 @@
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/board.h"
 
 /* Channels of the ADC: channel 6 measures the force on pin PA6, and channel 7 the motor current on
  * PA7. Channel 4 measures pin PA4, which the DAC drives. */
@@ -22,9 +22,7 @@ static uint32_t begun;
 /* Initialises the ADC. The injected group gives the two results of a tick in separate registers,
  * without DMA. The regular group makes single conversions of slow sources. */
 void adc_init(void) {
-  RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN;
-  RCC->APB2ENR |= RCC_APB2ENR_ADC1EN;
-  (void)RCC->APB2ENR;
+  set_bits(&RCC->APB2ENR, RCC_APB2ENR_ADC1EN);
   pin_mode(GPIOA, PIN_FORCE, PIN_ANALOG, PIN_PULL_NONE);
   pin_mode(GPIOA, PIN_CURRENT, PIN_ANALOG, PIN_PULL_NONE);
   ADC_COMMON->CCR = ADC_CCR_ADCPRE_4 | ADC_CCR_TSVREFE;

@@ -1,4 +1,4 @@
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/board.h"
 
 /* Settings of the PLL. The input of the PLL is 2 MHz: the 8 MHz of the ST-Link divided by 4 or,
  * without this clock, the 16 MHz of the internal oscillator divided by 8. The PLL multiplies by 168
@@ -95,13 +95,10 @@ bool clock_start(void) {
 
 bool clock_is_external(void) { return is_external; }
 
-/* Starts the free-running counter. The counter has twice the clock frequency of APB1 if APB1 is
- * divided. */
-void clock_counter_start(void) {
-  RCC->APB1ENR |= RCC_APB1ENR_TIM2EN;
-  (void)RCC->APB1ENR;
-  TIM2->ARR = UINT32_MAX;
-  TIM2->CR1 = TIM_CR1_CEN;
+/* Returns the causes of the last reset and clears their flags, which otherwise remain over further
+ * resets. */
+uint8_t reset_cause(void) {
+  const uint8_t cause = (uint8_t)(RCC->CSR >> 24);
+  RCC->CSR |= RCC_CSR_RMVF;
+  return (uint8_t)(cause & ~1u);
 }
-
-uint32_t clock_count(void) { return TIM2->CNT; }

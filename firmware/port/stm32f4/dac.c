@@ -1,4 +1,4 @@
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/board.h"
 
 enum { MID_SCALE = 2048, PIN = 4 };
 
@@ -8,9 +8,7 @@ enum { MID_SCALE = 2048, PIN = 4 };
  * set to analog before the DAC drives it, and the DAC is set to mid-scale before it is enabled.
  * Without a trigger a DAC code is output one cycle of APB1 after it is written. */
 void dac_init(void) {
-  RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN;
-  RCC->APB1ENR |= RCC_APB1ENR_DACEN;
-  (void)RCC->APB1ENR; /* a peripheral can be used two cycles after its clock is enabled */
+  set_bits(&RCC->APB1ENR, RCC_APB1ENR_DACEN);
   DAC->DHR12R1 = MID_SCALE;
   pin_mode(GPIOA, PIN, PIN_ANALOG, PIN_PULL_NONE);
   DAC->CR = DAC_CR_BOFF1 | DAC_CR_EN1;

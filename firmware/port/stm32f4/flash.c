@@ -1,7 +1,7 @@
 #include <stddef.h>
 
 #include "firmware/port/port.h"
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/board.h"
 
 /* Two adjacent sectors of the flash, which the linker script keeps free of code. */
 typedef struct {

@@ -9,8 +9,22 @@
  * <PERIPHERAL>_<REGISTER>_<FIELD> is the mask of a field. With _<VALUE> appended, the name is one
  * value of the field. */
 
-#include "firmware/port/stm32f4/registers_bits.h"
-#include "firmware/port/stm32f4/registers_core.h"
+#include "firmware/port/stm32/registers_bits.h"
+#include "firmware/port/stm32/registers_core.h"
+
+/* Interrupts. */
+
+enum {
+  IRQ_PVD = 1,
+  IRQ_EXTI3 = 9,
+  IRQ_DMA1_Stream3 = 14,
+  IRQ_CAN1_RX0 = 20,
+  IRQ_TIM4 = 30,
+  IRQ_USART2 = 38,
+  IRQ_EXTI15_10 = 40,
+  IRQ_CAN2_TX = 63,
+  IRQ_CAN2_RX0 = 64
+};
 
 /* Reset and clock control. */
 

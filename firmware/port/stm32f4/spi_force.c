@@ -3,8 +3,8 @@
 
 #include "firmware/port/converter.h"
 #include "firmware/port/port.h"
-#include "firmware/port/stm32f4/barrier.h"
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/barrier.h"
+#include "firmware/port/stm32/board.h"
 
 /* SPI2 has its pins on port B. Chip select and READY are on port C; READY is low while a reading is
  * ready. The pin DOUT/RDY of the AD7193 must be connected to both MISO and READY. */

@@ -2,7 +2,7 @@
  * the outputs off, before the brown-out reset at 2.7 V. Reading the flash with five wait states and
  * programming it by words require at least 2.7 V. */
 
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/board.h"
 
 static volatile bool is_low;
 

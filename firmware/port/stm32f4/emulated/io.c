@@ -6,8 +6,8 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/port/emulated/host_link.h"
 #include "firmware/port/port.h"
-#include "firmware/port/stm32f4/board.h"
-#include "firmware/port/stm32f4/tick.h"
+#include "firmware/port/stm32/board.h"
+#include "firmware/port/stm32/tick.h"
 
 void io_init(void) { host_link_open(); }
 

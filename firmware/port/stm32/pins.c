@@ -1,13 +1,13 @@
 #include "firmware/core/axis.h"
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/board.h"
 
 /* Pin numbers of the outputs on port B. A pull-down resistor of the board keeps each output low
  * while the chip is in reset. */
 enum { AMP_ENABLE = 0, BRAKE_RELEASE = 1 };
 
-/* Pin numbers of the digital outputs 1 to 4 on port A. A pull-down resistor of the board keeps each
- * output low while the chip is in reset. */
-enum { DIGITAL_FIRST = 8, DIGITALS = 4 };
+/* Number of digital outputs: pins of DIGITAL_PORT, from DIGITAL_FIRST on. A pull-down resistor of
+ * the board keeps each output low while the chip is in reset. */
+enum { DIGITALS = 4 };
 
 /* Pin number of an option of the board on port C. If this pin is connected to ground, amp_enable is
  * a square wave of 750 Hz while the axis is enabled. The square wave is for a charge pump or a
@@ -64,7 +64,7 @@ void pins_write(bool amp_enable, bool brake_release) {
 
 void pins_write_digital(uint8_t levels) {
   /* A bit that BSRR sets and clears at the same time is set. */
-  GPIOA->BSRR = MASK(DIGITAL_FIRST + 16, DIGITALS) | FIELD(DIGITAL_FIRST, DIGITALS, levels);
+  DIGITAL_PORT->BSRR = MASK(DIGITAL_FIRST + 16, DIGITALS) | FIELD(DIGITAL_FIRST, DIGITALS, levels);
 }
 
 /* Returns true if the pin amp_enable has the level that was output. The level is read from the pin,
@@ -74,12 +74,11 @@ bool pins_enable_is_right(void) { return ((GPIOB->IDR & BIT(AMP_ENABLE)) != 0) =
 /* Initialises the interrupt of the index input. An index pulse is shorter than a tick, so its edge
  * must cause an interrupt. */
 static void index_init(void) {
-  RCC->APB2ENR |= RCC_APB2ENR_SYSCFGEN;
-  (void)RCC->APB2ENR;
+  set_bits(CLOCK_OF_SYSCFG);
   SYSCFG->EXTICR1 = (SYSCFG->EXTICR1 & ~SYSCFG_EXTICR1_EXTI3) | SYSCFG_EXTICR1_EXTI3_PC;
-  EXTI->RTSR |= EXTI_RTSR_TR3;
-  EXTI->PR = EXTI_PR_PR3;
-  EXTI->IMR |= EXTI_IMR_MR3;
+  LINES_RISING |= LINE_OF_INDEX;
+  LINES_PENDING = LINE_OF_INDEX;
+  LINES_ENABLED |= LINE_OF_INDEX;
   NVIC->IPR2 = FIELD(8, 8, PRIORITY_BUS);
   NVIC->ISER0 = BIT(IRQ_EXTI3);
 }
@@ -87,13 +86,13 @@ static void index_init(void) {
 /* Detects an index pulse. A true index pulse lasts as long as A and B are both high, so the index
  * input is still high here. A noise spike has already ended. */
 void index_interrupt(void) {
-  EXTI->PR = EXTI_PR_PR3; /* writing 1 clears it */
+  LINES_PENDING = LINE_OF_INDEX; /* writing 1 clears it */
   if ((GPIOA->IDR & TRACKS) == TRACKS && (GPIOC->IDR & BIT(INDEX)) != 0) {
     index_seen = true;
   }
   edges++;
   if (edges >= EDGES_MAX) {
-    EXTI->IMR &= ~EXTI_IMR_MR3;
+    LINES_ENABLED &= ~LINE_OF_INDEX;
   }
 }
 
@@ -101,7 +100,7 @@ static bool index_was_seen(void) {
   const bool seen = index_seen;
   index_seen = false;
   if (edges >= EDGES_MAX) {
-    EXTI->IMR |= EXTI_IMR_MR3;
+    LINES_ENABLED |= LINE_OF_INDEX;
   }
   edges = 0;
   return seen;
@@ -113,7 +112,7 @@ void pins_init(void) {
   pin_mode(GPIOB, BRAKE_RELEASE, PIN_OUTPUT, PIN_PULL_NONE);
   pins_write_digital(0);
   for (uint8_t i = 0; i < DIGITALS; i++) {
-    pin_mode(GPIOA, (uint8_t)(DIGITAL_FIRST + i), PIN_OUTPUT, PIN_PULL_NONE);
+    pin_mode(DIGITAL_PORT, (uint8_t)(DIGITAL_FIRST + i), PIN_OUTPUT, PIN_PULL_NONE);
   }
   for (uint8_t pin = ENABLE; pin <= INDEX; pin++) {
     pin_mode(GPIOC, pin, PIN_INPUT, PIN_PULL_DOWN);

@@ -1,7 +1,7 @@
 /* Measures the output of the DAC and the reference of the ADC. Between two ticks one conversion is
  * made, alternately of pin PA4 and of the internal reference. */
 
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/board.h"
 
 /* Largest difference in codes between the DAC code and the ADC code of pin PA4. By the data sheet,
  * DAC and ADC each have an error of at most 1 % of their range (offset 12, gain 20, linearity 7
@@ -34,11 +34,18 @@ static bool differs(int32_t value, int32_t wanted, int32_t most) {
   return value - wanted > most || wanted - value > most;
 }
 
+/* Returns the ADC code of the pin for a DAC code; an output buffer does not reach the ends of the
+ * range. */
+static int32_t reachable(int32_t code) {
+  const int32_t above = (code < DAC_REACH_MIN) ? DAC_REACH_MIN : code;
+  return (above > DAC_REACH_MAX) ? DAC_REACH_MAX : above;
+}
+
 /* Reads the calibration of the internal reference. Call this function only with the correct clock:
  * an emulator without the clocks also lacks the calibration, and reading the calibration would
  * cause a fault. */
 void monitor_init(void) {
-  const int32_t code = *(const volatile uint16_t *)VREFINT_CAL_BASE;
+  const int32_t code = reference_at_3_3_v(*(const volatile uint16_t *)VREFINT_CAL_BASE);
   if (code >= CALIBRATION_MIN && code <= CALIBRATION_MAX) {
     nominal = code;
   }
@@ -64,7 +71,8 @@ void monitor_look(void) {
      * permitted supply voltage is 3.3 V +-10 %. */
     reference_wrong = next(reference_wrong, !has_code || differs(code, nominal, nominal / 10));
   } else {
-    dac_wrong = next(dac_wrong, !has_code || differs(code, MID_SCALE + expected, DAC_MAX));
+    dac_wrong =
+        next(dac_wrong, !has_code || differs(code, reachable(MID_SCALE + expected), DAC_MAX));
   }
 }
 

@@ -2,7 +2,7 @@
 
 #include "firmware/fx/bytes.h"
 #include "firmware/port/port.h"
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/board.h"
 
 static bool clock_is_right;
 static uint16_t found;   /* errors found at power-up, FW_BOARD_ bits */
@@ -10,8 +10,7 @@ static int16_t dac_code; /* present code of the DAC */
 static bool is_captured; /* the encoder count of this tick was captured */
 
 void io_init(void) {
-  RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN | RCC_AHB1ENR_GPIOBEN | RCC_AHB1ENR_GPIOCEN;
-  (void)RCC->AHB1ENR;
+  set_bits(CLOCK_OF_PORTS);
   dac_init();
   pins_init();
   watchdog_start();

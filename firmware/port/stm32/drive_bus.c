@@ -1,13 +1,11 @@
-/* Connects a CiA 402 drive on CAN2 to the axis. The drive replaces the DAC and the encoder.
- * firmware/port/bus_drive.h converts between the axis and the drive. */
+/* Connects a CiA 402 drive on the second CAN to the axis. The drive replaces the DAC and the
+ * encoder. firmware/port/bus_drive.h converts between the axis and the drive. */
 
 #include "firmware/port/bus_drive.h"
 #include "firmware/port/port.h"
-#include "firmware/port/stm32f4/barrier.h"
-#include "firmware/port/stm32f4/board.h"
-#include "firmware/port/stm32f4/can.h"
-
-enum { PIN_RX = 5, PIN_TX = 6, FUNCTION_CAN2 = 9 };
+#include "firmware/port/stm32/barrier.h"
+#include "firmware/port/stm32/board.h"
+#include "firmware/port/stm32/can.h"
 
 /* Number of frames that can wait for an empty mailbox, a power of 2. In a cycle the master sends at
  * most 6 frames: SYNC, RPDO, a heartbeat, a quick stop and an SDO request in each of two ticks. */
@@ -37,16 +35,8 @@ void drive_bus_start(const device_params_t *params) {
     line.reported = CAN_BUS_OFF;
     return;
   }
-  RCC->APB1ENR |= RCC_APB1ENR_CAN2EN;
-  (void)RCC->APB1ENR;
-  pin_alternate(GPIOB, PIN_RX, FUNCTION_CAN2, PIN_PULL_UP);
-  pin_alternate(GPIOB, PIN_TX, FUNCTION_CAN2, PIN_PULL_NONE);
-  pin_speed(GPIOB, PIN_TX, PIN_SPEED_MEDIUM);
-  NVIC->IPR15 = FIELD(24, 8, PRIORITY_BUS);
-  NVIC->IPR16 = FIELD(0, 8, PRIORITY_BUS);
-  NVIC->ISER1 = BIT(IRQ_CAN2_TX - 32);
-  NVIC->ISER2 = BIT(IRQ_CAN2_RX0 - 64);
-  can_line_start(&line, CAN2, CAN_IER_TMEIE | CAN_IER_FMPIE0, params->drive_bit_rate);
+  can_controller_connect_drive();
+  can_line_start(&line, CAN_OF_DRIVE, true, params->drive_bit_rate);
 }
 
 bool drive_bus_is_fitted(void) { return is_fitted; }
@@ -70,13 +60,13 @@ void drive_bus_sample(axis_inputs_t *inputs) {
 static void send(const can_frame_t *frame) {
   if ((uint8_t)(waiting_in - waiting_out) >= WAITING) {
     is_stuck = true;
-    NVIC->ISPR1 = BIT(IRQ_CAN2_TX - 32);
+    request_sent_interrupt();
     return;
   }
   waiting[waiting_in % WAITING] = *frame;
   BARRIER();
   waiting_in++;
-  NVIC->ISPR1 = BIT(IRQ_CAN2_TX - 32);
+  request_sent_interrupt();
 }
 
 void drive_bus_act(const axis_outputs_t *outputs) {
@@ -98,10 +88,10 @@ void drive_bus_interrupt(void) { can_line_take(&line); }
 /* Writes waiting frames into empty mailboxes. Frames that wait while the controller is off the bus,
  * or behind frames that nobody acknowledges, are too old when the bus works again. */
 void drive_bus_sent_interrupt(void) {
-  line.registers->TSR = CAN_TSR_RQCP0 | CAN_TSR_RQCP1 | CAN_TSR_RQCP2; /* writing 1 clears */
+  can_controller_note_sent(&line);
   if (is_stuck || line.state != CAN_LINE_RUNNING) {
     is_stuck = false;
-    can_line_abort(&line);
+    can_controller_abort(&line);
     waiting_out = waiting_in;
     return;
   }

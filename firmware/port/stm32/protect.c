@@ -1,7 +1,7 @@
 /* Memory protection: an access to memory outside its purpose causes a fault. */
 
 #include "firmware/port/image.h"
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/board.h"
 
 typedef struct {
   uint32_t base;
@@ -15,13 +15,8 @@ static const region_t regions[] = {
     {0x00000000, MPU_RASR_AP_NONE | MPU_RASR_XN | MPU_RASR_SIZE(27) | MPU_RASR_ENABLE},
     /* Flash: reading and executing only. */
     {0x08000000, MPU_RASR_AP_READ | MPU_RASR_C | MPU_RASR_SIZE(19) | MPU_RASR_ENABLE},
-    /* Parameter store in the flash: reading and programming. It is eighths 2 to 5 of the first 64
-     * KiB. */
-    {0x08000000, MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SRD(0xC3) |
-                     MPU_RASR_SIZE(16) | MPU_RASR_ENABLE},
-    /* Archive of incidents in the flash: reading and programming. */
-    {0x08040000,
-     MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SIZE(18) | MPU_RASR_ENABLE},
+    /* Memories of parameters and incidents in the flash: reading and programming. */
+    REGIONS_OF_STORAGE,
     /* Bottom of the RAM: no access, because a stack that is too large grows into this region. */
     {0x20000000, MPU_RASR_AP_NONE | MPU_RASR_XN | MPU_RASR_SIZE(5) | MPU_RASR_ENABLE},
 };

@@ -1,12 +1,12 @@
 /* Functions that are the same in the released image and the emulated image, except for the
  * peripherals. */
 
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/board.h"
 
 #include "firmware/port/identity.h"
 #include "firmware/port/image.h"
 #include "firmware/port/port.h"
-#include "firmware/port/stm32f4/tick.h"
+#include "firmware/port/stm32/tick.h"
 
 /* Start-up does not clear this memory, so that an incident is kept over a reset. */
 static uint8_t recorder_buffer[FW_RECORDER_BYTES] __attribute__((section(".noinit.recorder")));
@@ -25,7 +25,7 @@ const fw_config_t *port_config(void) {
   config.blackbox = &blackbox;
   config.memory = flash_memory();
   config.archive = flash_archive();
-  config.hardware = "stm32f446";
+  config.hardware = CHIP_HARDWARE;
   config.software = identity_software;
   config.serial_number = io_serial_number();
   config.node_id = (io_node_id() == 0) ? FW_NODE_ID_BY_LSS : io_node_id();

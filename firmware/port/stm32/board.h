@@ -1,15 +1,16 @@
-#ifndef FIRMWARE_PORT_STM32F4_BOARD_H_
-#define FIRMWARE_PORT_STM32F4_BOARD_H_
+#ifndef FIRMWARE_PORT_STM32_BOARD_H_
+#define FIRMWARE_PORT_STM32_BOARD_H_
 
-/* The parts of the code for this board, one file each. In the emulator, emulated/io.c replaces the
- * parts whose peripherals the emulator does not model; start-up, serial line, tick and board.c are
- * the same. */
+/* The parts of the code for a board with an STM32, one file each. What is the same in all chips is
+ * in this folder; the folder of the board has the other parts, and chip.h, which names what differs
+ * in the registers. In the emulator, emulated/io.c of the STM32F4 replaces the parts whose
+ * peripherals the emulator does not model; start-up, serial line, tick and board.c are the same. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "chip.h"
 #include "firmware/app/fw.h"
-#include "firmware/port/stm32f4/registers.h"
 #include "firmware/storage/store.h"
 
 /* Priorities of interrupts; a lower number is a higher priority. Interrupts that only move a byte
@@ -17,21 +18,28 @@
  * voltage falls may interrupt all others. */
 enum { PRIORITY_SUPPLY = 0x00, PRIORITY_BUS = 0x40, PRIORITY_TICK = 0x80 };
 
+/* Sets bits of a register, for example the clock of a peripheral, and reads the register back: a
+ * peripheral can be used two cycles after its clock is enabled. */
+static inline void set_bits(reg_t *reg, uint32_t bits) {
+  *reg |= bits;
+  (void)*reg;
+}
+
 /* Clock frequencies in Hz: CLOCK_APB1_HZ of the peripherals CAN and serial line, CLOCK_HSI_HZ of
  * the internal oscillator. Without the PLL the core and these peripherals run from the internal
  * oscillator. */
 #define CLOCK_APB1_HZ UINT32_C(42000000)
 #define CLOCK_HSI_HZ UINT32_C(16000000)
 
-/* clock.c: sets the core to 168 MHz, from the 8 MHz clock of the ST-Link or else from the internal
+/* clock.c: sets the core to 168 MHz, from the external clock of the board or else from the internal
  * oscillator. Returns false if the PLL did not start. Then the core remains at 16 MHz, the sensors
  * are reported as not valid, and CAN remains off because its bit timing would be wrong. */
 bool clock_start(void);
 bool clock_is_external(void);
 
-/* clock.c or emulated/io.c: a counter of 32 bits that also runs during sleep and while interrupts
- * are off. The counter has half the rate of the core, or the rate of the core if the PLL is off. It
- * does not count before clock_counter_start(). */
+/* tick_timer.c or emulated/io.c: a counter of 32 bits that also runs during sleep and while
+ * interrupts are off. The counter has half the rate of the core, or the rate of the core if the PLL
+ * is off. It does not count before clock_counter_start(). */
 void clock_counter_start(void);
 uint32_t clock_count(void);
 
@@ -115,17 +123,17 @@ void protect_start(void);
 /* can.c: set of supported bit rates for fw_config_t. The rate 800 kbit/s (index 1) is missing,
  * because the clock of the CAN controller is no multiple of this rate. */
 #define CAN_RATES (BIT(0) | BIT(2) | BIT(3) | BIT(4) | BIT(6) | BIT(7) | BIT(8))
-void can_init(bool clock_is_right); /* also sets the filters of CAN2 */
+void can_init(bool clock_is_right);
 
 /* Interrupt handlers of can.c and serial.c. The handler of the tick is in tick.h. */
 void can_interrupt(void);
 void serial_interrupt(void);
 
-/* drive_bus.c connects a CiA 402 drive on CAN2. drive_bus_start() does nothing if drive_node_id is
- * 0. drive_bus_sample() sets the inputs that the drive has sent since the last tick; the second ADC
- * code is the torque in per mille of the rated torque, and 32768 is the torque 0 with adc_bits 16.
- * drive_bus_act() sends the command of this tick. The two interrupt handlers run for a received and
- * for a sent frame. */
+/* drive_bus.c connects a CiA 402 drive on the second CAN. drive_bus_start() does nothing if
+ * drive_node_id is 0. drive_bus_sample() sets the inputs that the drive has sent since the last
+ * tick; the second ADC code is the torque in per mille of the rated torque, and 32768 is the torque
+ * 0 with adc_bits 16. drive_bus_act() sends the command of this tick. The two interrupt handlers
+ * run for a received and for a sent frame. */
 void drive_bus_start(const device_params_t *params);
 bool drive_bus_is_fitted(void);
 void drive_bus_sample(axis_inputs_t *inputs);
@@ -133,9 +141,10 @@ void drive_bus_act(const axis_outputs_t *outputs);
 void drive_bus_interrupt(void);
 void drive_bus_sent_interrupt(void);
 
-/* spi_force.c: a converter of the force on SPI2 (firmware/port/converter.h). spi_force_start()
+/* spi_force.c: a converter of the force on SPI (firmware/port/converter.h). spi_force_start()
  * configures it, within 12 ms, if force_converter of the parameters is not adc; it returns false if
- * the converter does not answer, or answers with another identity or other settings.
+ * the converter does not answer, or answers with another identity or other settings, or if the
+ * board has no connection for a converter.
  * spi_force_sample() gives ADC code and age of the last reading, and returns false if a reading
  * since the last call had an error. The interrupts are those of a conversion and of its reading. */
 bool spi_force_start(const device_params_t *params);
@@ -155,7 +164,9 @@ const store_memory_t *flash_archive(void);
 /* watchdog.c */
 void watchdog_start(void); /* starts the watchdog with its longest time */
 void watchdog_arm(void);   /* sets the time to 20 ms */
-/* returns the causes of the last reset, a set of FW_RESET_; call it once */
+
+/* clock.c or emulated/io.c: returns the causes of the last reset, a set of FW_RESET_; call it
+ * once. */
 uint8_t reset_cause(void);
 
 /* io.c, or emulated/io.c */

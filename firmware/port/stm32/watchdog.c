@@ -1,5 +1,5 @@
 #include "firmware/port/port.h"
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/board.h"
 
 /* Reload value for a watchdog time of 20 ms: 40 counts of 32 kHz / 16. The oscillator may have 17
  * to 47 kHz, so the time is between 14 and 38 ms. */
@@ -30,14 +30,6 @@ void watchdog_arm(void) {
     }
   }
   IWDG->KR = IWDG_KEY_FEED;
-}
-
-/* Returns the causes of the last reset and clears their flags, which otherwise remain over further
- * resets. */
-uint8_t reset_cause(void) {
-  const uint8_t cause = (uint8_t)(RCC->CSR >> 24);
-  RCC->CSR |= RCC_CSR_RMVF;
-  return (uint8_t)(cause & ~1u);
 }
 
 void port_feed_watchdog(void) { IWDG->KR = IWDG_KEY_FEED; }

@@ -1,12 +1,8 @@
 #include "firmware/port/port.h"
-#include "firmware/port/stm32f4/barrier.h"
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/barrier.h"
+#include "firmware/port/stm32/board.h"
 
 enum { PIN_TX = 2, PIN_RX = 3, FUNCTION_USART2 = 7, BAUD = MODBUS_BAUD_DEFAULT };
-
-/* Pin number of the driver enable of an RS-485 transceiver on port B. The pin is high from the
- * first bit to the last bit of a transmission. */
-enum { PIN_DRIVE = 12 };
 
 /* Size of each ring buffer in bytes, a power of 2. The input buffer has room for the bytes that
  * arrive in 20 ms while the main loop is delayed. The output buffer has room for one frame. */
@@ -24,16 +20,15 @@ static ring_t to_send;
 /* Format of a character: 8 data bits and even parity. The register counts the parity bit as a ninth
  * data bit. */
 #define LINE \
-  (USART_CR1_UE | USART_CR1_M | USART_CR1_PCE | USART_CR1_TE | USART_CR1_RE | USART_CR1_RXNEIE)
+  (USART_CR1_UE | SERIAL_NINE_BITS | USART_CR1_PCE | USART_CR1_TE | USART_CR1_RE | USART_CR1_RXNEIE)
 
 static uint16_t used(const ring_t *ring) { return (uint16_t)(ring->in - ring->out); }
 
 void serial_init(uint32_t clock_hz) {
-  RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN | RCC_AHB1ENR_GPIOBEN;
-  RCC->APB1ENR |= RCC_APB1ENR_USART2EN;
-  (void)RCC->APB1ENR;
-  GPIOB->BSRR = BIT(PIN_DRIVE + 16);
-  pin_mode(GPIOB, PIN_DRIVE, PIN_OUTPUT, PIN_PULL_NONE);
+  set_bits(CLOCK_OF_PORTS);
+  set_bits(CLOCK_OF_USART2);
+  GPIOB->BSRR = BIT(PIN_RS485 + 16);
+  pin_mode(GPIOB, PIN_RS485, PIN_OUTPUT, PIN_PULL_NONE);
   pin_alternate(GPIOA, PIN_TX, FUNCTION_USART2, PIN_PULL_UP);
   pin_alternate(GPIOA, PIN_RX, FUNCTION_USART2, PIN_PULL_UP);
   USART2->BRR = (clock_hz + BAUD / 2) / BAUD;
@@ -43,31 +38,30 @@ void serial_init(uint32_t clock_hz) {
 }
 
 void serial_interrupt(void) {
-  const uint32_t status = USART2->SR;
-  /* Reading the byte also clears an overrun. A damaged byte is accepted here, because the CRC of
-   * the frame detects it. */
-  if ((status & (USART_SR_RXNE | USART_SR_ORE)) != 0) {
-    const uint8_t byte = (uint8_t)USART2->DR;
-    if ((status & USART_SR_RXNE) != 0 && used(&received) < RING) {
+  const uint32_t status = SERIAL_STATUS;
+  /* A damaged byte is accepted here, because the CRC of the frame detects it. */
+  if ((status & (SERIAL_RECEIVED | SERIAL_OVERRUN)) != 0) {
+    const uint8_t byte = serial_take();
+    if ((status & SERIAL_RECEIVED) != 0 && used(&received) < RING) {
       received.bytes[received.in % RING] = byte;
       BARRIER();
       received.in++;
     }
   }
   const uint32_t control = USART2->CR1;
-  if ((control & USART_CR1_TXEIE) != 0 && (status & USART_SR_TXE) != 0) {
+  if ((control & USART_CR1_TXEIE) != 0 && (status & SERIAL_HAS_ROOM) != 0) {
     if (used(&to_send) > 0) {
-      USART2->DR = to_send.bytes[to_send.out % RING];
+      SERIAL_OUT = to_send.bytes[to_send.out % RING];
       to_send.out++;
     } else {
       USART2->CR1 = LINE | USART_CR1_TCIE;
     }
-  } else if ((control & USART_CR1_TCIE) != 0 && (status & USART_SR_TC) != 0) {
+  } else if ((control & USART_CR1_TCIE) != 0 && (status & SERIAL_SENT) != 0) {
     /* The interrupted main loop may have added bytes to the ring buffer. */
     if (used(&to_send) > 0) {
       USART2->CR1 = LINE | USART_CR1_TXEIE;
     } else {
-      GPIOB->BSRR = BIT(PIN_DRIVE + 16);
+      GPIOB->BSRR = BIT(PIN_RS485 + 16);
       USART2->CR1 = LINE;
     }
   }
@@ -94,7 +88,7 @@ uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count) {
     taken++;
   }
   if (taken > 0) {
-    GPIOB->BSRR = BIT(PIN_DRIVE);
+    GPIOB->BSRR = BIT(PIN_RS485);
     /* The interrupt clears the driver enable after the last byte is sent. */
     USART2->CR1 = LINE | USART_CR1_TXEIE;
   }

@@ -1,4 +1,4 @@
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/board.h"
 
 enum { PIN_A = 0, PIN_B = 1, FUNCTION_TIM5 = 2 };
 
@@ -6,17 +6,15 @@ enum { PIN_A = 0, PIN_B = 1, FUNCTION_TIM5 = 2 };
  * counter counts all four edges of both tracks in 32 bits. An
  * edge is counted after 8 equal samples at 84 MHz, 95 ns. */
 void encoder_init(void) {
-  RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN;
-  RCC->APB1ENR |= RCC_APB1ENR_TIM5EN;
-  (void)RCC->APB1ENR;
+  set_bits(CLOCK_OF_TIM5);
   pin_alternate(GPIOA, PIN_A, FUNCTION_TIM5, PIN_PULL_UP);
   pin_alternate(GPIOA, PIN_B, FUNCTION_TIM5, PIN_PULL_UP);
   TIM5->ARR = UINT32_MAX;
   TIM5->CCMR1 = TIM_CCMR1_CC1S_TI1 | TIM_CCMR1_IC1F_8 | TIM_CCMR1_CC2S_TI2 | TIM_CCMR1_IC2F_8;
   TIM5->CCMR2 = TIM_CCMR2_CC3S_TRC;
   TIM5->CCER = TIM_CCER_CC3E;
-  TIM5->SMCR = TIM_SMCR_TS_ITR2; /* not changed while the slave mode is on */
-  TIM5->SMCR = TIM_SMCR_TS_ITR2 | TIM_SMCR_SMS_ENCODER;
+  TIM5->SMCR = TRIGGER_OF_TICK; /* not changed while the slave mode is on */
+  TIM5->SMCR = TRIGGER_OF_TICK | TIM_SMCR_SMS_ENCODER;
   TIM5->CNT = 0;
   TIM5->CR1 = TIM_CR1_CEN;
 }

@@ -1,5 +1,5 @@
-#ifndef FIRMWARE_PORT_STM32F4_TICK_H_
-#define FIRMWARE_PORT_STM32F4_TICK_H_
+#ifndef FIRMWARE_PORT_STM32_TICK_H_
+#define FIRMWARE_PORT_STM32_TICK_H_
 
 #include <stdbool.h>
 

@@ -1,8 +1,8 @@
 /* Interrupt vectors and start-up of the image. The linker script defines the external symbols. */
 
 #include "firmware/port/image.h"
-#include "firmware/port/stm32f4/board.h"
-#include "firmware/port/stm32f4/tick.h"
+#include "firmware/port/stm32/board.h"
+#include "firmware/port/stm32/tick.h"
 
 extern const uint32_t vectors_begin[];
 
@@ -27,7 +27,7 @@ enum { EXCEPTION_SYSTICK = 15, EXCEPTION_IRQ = 16 };
  * enabled; if this interrupt occurs, the core has a fault. */
 typedef struct {
   uint32_t *stack;
-  handler_t handlers[EXCEPTION_IRQ + IRQ_CAN2_RX0];
+  handler_t handlers[EXCEPTION_IRQ + IRQ_LAST];
 } vectors_t;
 
 #define HANDLER(exception, handler) [(exception)-1] = (handler)
@@ -37,7 +37,7 @@ __attribute__((section(".vectors"), used)) static const vectors_t vectors = {
     .handlers =
         {
             HANDLER(1, reset),
-            HANDLER(2, board_fail), /* NMI */
+            HANDLER(2, CHIP_NMI),
             /* hard fault, and all faults that have no enabled handler of their own */
             HANDLER(3, board_fail),
             HANDLER(4, board_fail),
@@ -47,14 +47,6 @@ __attribute__((section(".vectors"), used)) static const vectors_t vectors = {
             HANDLER(12, board_fail),
             HANDLER(14, board_fail),
             HANDLER(EXCEPTION_SYSTICK, tick_interrupt), /* only the emulator */
-            HANDLER(EXCEPTION_IRQ + IRQ_PVD, supply_interrupt),
-            HANDLER(EXCEPTION_IRQ + IRQ_EXTI3, index_interrupt),
-            HANDLER(EXCEPTION_IRQ + IRQ_DMA1_Stream3, spi_force_read_interrupt),
-            HANDLER(EXCEPTION_IRQ + IRQ_CAN1_RX0, can_interrupt),
-            HANDLER(EXCEPTION_IRQ + IRQ_TIM4, tick_interrupt),
-            HANDLER(EXCEPTION_IRQ + IRQ_USART2, serial_interrupt),
-            HANDLER(EXCEPTION_IRQ + IRQ_EXTI15_10, spi_force_ready_interrupt),
-            HANDLER(EXCEPTION_IRQ + IRQ_CAN2_TX, drive_bus_sent_interrupt),
-            HANDLER(EXCEPTION_IRQ + IRQ_CAN2_RX0, drive_bus_interrupt),
+            CHIP_INTERRUPTS,
         },
 };

@@ -4,7 +4,7 @@
 #include <stddef.h>
 
 #include "firmware/port/image.h"
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/board.h"
 
 /* Data of a fault that are kept over a reset. Start-up does not clear these data. */
 typedef struct {

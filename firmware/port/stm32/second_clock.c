@@ -1,11 +1,11 @@
 /* Compares the length of the tick with the slow oscillator of the watchdog, which is independent of
- * all other clocks of the chip. The rate of the slow oscillator is between 17 and 47 kHz. At
- * power-up this rate is measured with the internal oscillator, whose 16 MHz have an error of at
- * most 4 %. Afterwards the length of the tick is measured with the slow oscillator. The real-time
- * clock counts the cycles of the slow oscillator. */
+ * all other clocks of the chip. The rate of the slow oscillator is between 17 and 47 kHz (LSI of
+ * the chip). At power-up this rate is measured with the internal oscillator, whose 16 MHz have an
+ * error of at most 4 %. Afterwards the length of the tick is measured with the slow oscillator. The
+ * real-time clock counts the cycles of the slow oscillator. */
 
-#include "firmware/port/stm32f4/board.h"
-#include "firmware/port/stm32f4/tick.h"
+#include "firmware/port/stm32/board.h"
+#include "firmware/port/stm32/tick.h"
 
 /* Number of counts of the slow oscillator over which its rate is measured: 0.4 to 1.2 ms, with an
  * error of 5 %. */
@@ -45,8 +45,7 @@ static bool counter_start(void) {
   if (!becomes(&RCC->CSR, RCC_CSR_LSIRDY, RCC_CSR_LSIRDY)) {
     return false;
   }
-  PWR->CR |= PWR_CR_DBP;
-  (void)PWR->CR; /* wait until the backup domain can be written */
+  set_bits(ACCESS_OF_BACKUP); /* the backup domain can be written after the read */
   /* The clock source can be selected only once. A reset of the backup domain permits a new
    * selection. */
   if ((RCC->BDCR & RCC_BDCR_RTCSEL) != RCC_BDCR_RTCSEL_LSI) {
@@ -58,12 +57,13 @@ static bool counter_start(void) {
   RTC->WPR = RTC_KEY1;
   RTC->WPR = RTC_KEY2;
   RTC->CR |= RTC_CR_BYPSHAD;
-  RTC->ISR |= RTC_ISR_INIT;
-  const bool done = becomes(&RTC->ISR, RTC_ISR_INITF, RTC_ISR_INITF);
+  RTC_INITIALISATION |= RTC_INITIALISATION_INIT;
+  const bool done =
+      becomes(&RTC_INITIALISATION, RTC_INITIALISATION_INITF, RTC_INITIALISATION_INITF);
   /* written twice, because the two fields must be written one after the other */
   RTC->PRER = RTC_PRER_PREDIV_S;
   RTC->PRER = RTC_PRER_PREDIV_S;
-  RTC->ISR &= ~RTC_ISR_INIT;
+  RTC_INITIALISATION &= ~RTC_INITIALISATION_INIT;
   RTC->WPR = RTC_KEY_NONE;
   return done;
 }
@@ -83,8 +83,7 @@ static bool await_count(void) {
 /* Measures the rate of the slow oscillator. At this time the core and clock_count() run from the
  * internal oscillator. */
 void second_clock_start(void) {
-  RCC->APB1ENR |= RCC_APB1ENR_PWREN;
-  (void)RCC->APB1ENR;
+  set_bits(CLOCK_OF_RTC);
   if (!counter_start() || !await_count()) {
     return;
   }

@@ -1,8 +1,8 @@
-#include "firmware/port/stm32f4/tick.h"
+#include "firmware/port/stm32/tick.h"
 
 #include "firmware/fx/fx.h"
 #include "firmware/port/port.h"
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/board.h"
 
 /* 1/84 and 1/16 in Q16: clock_count() has 84 counts in 1 us, or 16 with the core at 16 MHz. */
 enum { US_Q16 = 781, US_INTERNAL_Q16 = 4096 };

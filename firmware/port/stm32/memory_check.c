@@ -2,7 +2,7 @@
  * has appended, and tests the RAM. */
 
 #include "firmware/port/image.h"
-#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32/board.h"
 
 extern const uint32_t vectors_begin[];
 extern const uint32_t vectors_end[];
@@ -31,9 +31,8 @@ static void take(const uint32_t *at, const uint32_t *end) {
 }
 
 bool image_is_whole(void) {
-  RCC->AHB1ENR |= RCC_AHB1ENR_CRCEN;
-  (void)RCC->AHB1ENR;
-  CRC->CR = CRC_CR_CR;
+  set_bits(CLOCK_OF_CRC);
+  CRC->CR = CRC_RESTART;
   take(vectors_begin, vectors_end);
   take(code_begin, code_end);
   return CRC->DR == image_crc;

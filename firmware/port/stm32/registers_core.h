@@ -1,9 +1,9 @@
-#ifndef FIRMWARE_PORT_STM32F4_REGISTERS_CORE_H_
-#define FIRMWARE_PORT_STM32F4_REGISTERS_CORE_H_
+#ifndef FIRMWARE_PORT_STM32_REGISTERS_CORE_H_
+#define FIRMWARE_PORT_STM32_REGISTERS_CORE_H_
 
-/* Registers of the core. registers.h has the registers of the chip. */
+/* Registers of the core and of its debug part. The registers.h of a chip has all others. */
 
-#include "firmware/port/stm32f4/registers_bits.h"
+#include "firmware/port/stm32/registers_bits.h"
 
 /* Debug register DBGMCU: selects the peripherals that stop when a debugger stops the core. Only a
  * power-up resets this register. */
@@ -39,7 +39,8 @@ typedef struct {
   reg_t unused_10C[61];
   reg_t ISPR0;
   reg_t ISPR1;
-  reg_t unused_208[126];
+  reg_t ISPR2;
+  reg_t unused_20C[125];
   reg_t IPR0;
   reg_t unused_404;
   reg_t IPR2;
@@ -54,21 +55,11 @@ typedef struct {
   reg_t unused_42C[4];
   reg_t IPR15;
   reg_t IPR16;
+  reg_t unused_444[4];
+  reg_t IPR21;
 } nvic_t;
 #define NVIC_BASE 0xE000E000
 #define NVIC ((nvic_t *)NVIC_BASE)
-
-enum {
-  IRQ_PVD = 1,
-  IRQ_EXTI3 = 9,
-  IRQ_DMA1_Stream3 = 14,
-  IRQ_CAN1_RX0 = 20,
-  IRQ_TIM4 = 30,
-  IRQ_USART2 = 38,
-  IRQ_EXTI15_10 = 40,
-  IRQ_CAN2_TX = 63,
-  IRQ_CAN2_RX0 = 64
-};
 
 typedef struct {
   reg_t CPUID;

@@ -1,0 +1,93 @@
+#ifndef FIRMWARE_PORT_STM32_CAN_H_
+#define FIRMWARE_PORT_STM32_CAN_H_
+
+/* One of the two CAN controllers of the chip with its buffer of received frames. can.c has the bus
+ * of the axis, drive_bus.c the bus of a drive. */
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "chip.h"
+#include "firmware/canopen/can.h"
+
+/* Number of frames in the ring buffer, a power of 2. At most 14 frames arrive between two ticks:
+ * the shortest frames at 1 Mbit/s. */
+enum { CAN_LINE_RING = 32 };
+
+typedef struct {
+  can_controller_t *registers;
+  bool reports_sent; /* a frame that was sent causes an interrupt */
+  can_frame_t ring[CAN_LINE_RING];
+  volatile uint8_t ring_in;  /* index in `ring` that only the interrupt writes */
+  volatile uint8_t ring_out; /* index in `ring` that only the reader writes */
+  /* number of frames for which the ring buffer had no room; written by the interrupt */
+  volatile uint16_t dropped;
+  uint16_t dropped_reported;
+  enum { CAN_LINE_STOPPED, CAN_LINE_ENTERING, CAN_LINE_JOINING, CAN_LINE_RUNNING } state;
+  uint32_t waited_ticks;
+  /* number of ticks in which the node was error passive and could send no frame */
+  uint16_t stalled_ticks;
+  uint16_t kbit_s;
+  uint8_t reported; /* CAN_BUS_ */
+} can_line_t;
+
+/* Requests the initialisation of a controller that is connected; can_line_bus() continues the
+ * initialisation in each tick. A line that was not started neither sends nor receives. With
+ * `reports_sent` a frame that was sent causes an interrupt. */
+void can_line_start(can_line_t *line, can_controller_t *registers, bool reports_sent,
+                    uint16_t kbit_s);
+
+/* Returns the state of the bus (CAN_BUS_). Call this function once in each tick. */
+uint8_t can_line_bus(can_line_t *line);
+
+/* Sets the bit rate; a new bit rate aborts waiting frames, and the node joins the bus again. */
+void can_line_rate(can_line_t *line, uint16_t kbit_s);
+
+/* Returns the number of frames lost since the last call. */
+uint16_t can_line_lost(can_line_t *line);
+
+/* Moves all received frames to the ring buffer; the interrupt of a received frame
+ * calls it. */
+void can_line_take(can_line_t *line);
+bool can_line_receive(can_line_t *line, can_frame_t *frame);
+
+/* Gives a frame to the controller. Returns false if it has no room; true also for a frame that
+ * is given up because nobody has acknowledged a frame for 100 ms. */
+bool can_line_send(can_line_t *line, const can_frame_t *frame);
+
+/* The controller, implemented by bxcan.c or fdcan.c in the folder of the board.
+ *
+ * can_controller_connect_axis() and can_controller_connect_drive() start the clock of a controller
+ * and connect its pins and interrupts; the first one also makes both accept every frame with an
+ * 11-bit identifier. */
+void can_controller_connect_axis(void);
+void can_controller_connect_drive(void);
+
+/* Joining the bus: can_controller_enter() requests the initialisation, in which
+ * can_controller_join() sets bit timing and interrupts and requests its end. The controller has
+ * joined the bus when it is neither in initialisation nor bus off. */
+void can_controller_enter(can_line_t *line);
+bool can_controller_has_entered(const can_line_t *line);
+void can_controller_join(can_line_t *line);
+bool can_controller_has_joined(const can_line_t *line);
+
+/* Returns the state of the bus by the error counters of the controller, CAN_BUS_. */
+uint8_t can_controller_bus(const can_line_t *line);
+
+/* Frames that wait to be sent: whether there is none, giving up all of them, and one more. Returns
+ * false if there is no room. */
+bool can_controller_is_empty(const can_line_t *line);
+void can_controller_abort(can_line_t *line);
+bool can_controller_send(can_line_t *line, const can_frame_t *frame);
+
+/* Takes the oldest received frame from the controller, and writes it to *frame unless `frame` is
+ * NULL. Returns false if there is no frame; the interrupt comes again with the next one. */
+bool can_controller_take(can_line_t *line, can_frame_t *frame);
+
+/* Returns true if the controller has lost a received frame since the last call. */
+bool can_controller_lost(can_line_t *line);
+
+/* Ends the request of the interrupt of a sent frame. */
+void can_controller_note_sent(can_line_t *line);
+
+#endif

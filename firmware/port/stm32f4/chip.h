@@ -1,0 +1,95 @@
+#ifndef FIRMWARE_PORT_STM32F4_CHIP_H_
+#define FIRMWARE_PORT_STM32F4_CHIP_H_
+
+/* What the files of ../stm32 need to know of this chip: how its registers differ from those of
+ * other chips, and which pins the board uses for what. */
+
+#include "firmware/port/stm32f4/registers.h"
+
+#define CHIP_HARDWARE "stm32f446"
+
+/* Clocks of peripherals and other enables, for set_bits(). */
+#define CLOCK_OF_PORTS \
+  &RCC->AHB1ENR, RCC_AHB1ENR_GPIOAEN | RCC_AHB1ENR_GPIOBEN | RCC_AHB1ENR_GPIOCEN
+#define CLOCK_OF_CRC &RCC->AHB1ENR, RCC_AHB1ENR_CRCEN
+#define CLOCK_OF_TIM2 &RCC->APB1ENR, RCC_APB1ENR_TIM2EN
+#define CLOCK_OF_TIM4 &RCC->APB1ENR, RCC_APB1ENR_TIM4EN
+#define CLOCK_OF_TIM5 &RCC->APB1ENR, RCC_APB1ENR_TIM5EN
+#define CLOCK_OF_USART2 &RCC->APB1ENR, RCC_APB1ENR_USART2EN
+#define CLOCK_OF_RTC &RCC->APB1ENR, RCC_APB1ENR_PWREN
+#define CLOCK_OF_SYSCFG &RCC->APB2ENR, RCC_APB2ENR_SYSCFGEN
+#define ACCESS_OF_BACKUP &PWR->CR, PWR_CR_DBP
+
+/* Lines of the external interrupts. */
+#define LINES_ENABLED EXTI->IMR
+#define LINES_RISING EXTI->RTSR
+#define LINES_PENDING EXTI->PR
+#define LINE_OF_INDEX EXTI_IMR_MR3
+
+/* The internal trigger of timer 5 that is the trigger output of timer 4. */
+#define TRIGGER_OF_TICK TIM_SMCR_TS_ITR2
+
+/* The register that starts the initialisation of the real-time clock. */
+#define RTC_INITIALISATION RTC->ISR
+#define RTC_INITIALISATION_INIT RTC_ISR_INIT
+#define RTC_INITIALISATION_INITF RTC_ISR_INITF
+
+/* Sets the CRC unit to its initial value. */
+#define CRC_RESTART CRC_CR_CR
+
+/* The serial line. */
+#define SERIAL_STATUS USART2->SR
+#define SERIAL_OUT USART2->DR
+#define SERIAL_OVERRUN USART_SR_ORE
+#define SERIAL_RECEIVED USART_SR_RXNE
+#define SERIAL_SENT USART_SR_TC
+#define SERIAL_HAS_ROOM USART_SR_TXE
+#define SERIAL_NINE_BITS USART_CR1_M
+
+/* Returns the received byte. Reading the byte also clears an overrun. */
+static inline uint8_t serial_take(void) { return (uint8_t)USART2->DR; }
+
+/* Pin number of the driver enable of an RS-485 transceiver on port B. The pin is high from the
+ * first bit to the last bit of a transmission. */
+enum { PIN_RS485 = 12 };
+
+/* Digital outputs 1 to 4 are pins PA8 to PA11. */
+#define DIGITAL_PORT GPIOA
+enum { DIGITAL_FIRST = 8 };
+
+/* Without its output buffer the DAC reaches both ends of its range. */
+enum { DAC_REACH_MIN = 0, DAC_REACH_MAX = 4095 };
+
+/* The code of the internal reference is stored for a supply of 3.3 V. */
+static inline int32_t reference_at_3_3_v(int32_t stored_code) { return stored_code; }
+
+/* Memories of the flash that may be programmed, for protect.c: the parameter store is eighths 2 to
+ * 5 of the first 64 KiB, the archive of incidents the second half of the flash. */
+#define REGIONS_OF_STORAGE                                                                         \
+  {0x08000000, MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SRD(0xC3) |                 \
+                   MPU_RASR_SIZE(16) | MPU_RASR_ENABLE},                                           \
+  {                                                                                                \
+    0x08040000, MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SIZE(18) | MPU_RASR_ENABLE \
+  }
+
+/* The CAN controllers. The interrupt of frames that were sent can be requested by the program. */
+typedef can_t can_controller_t;
+#define CAN_OF_AXIS CAN1
+#define CAN_OF_DRIVE CAN2
+static inline void request_sent_interrupt(void) { NVIC->ISPR1 = BIT(IRQ_CAN2_TX - 32); }
+
+/* Handlers of startup.c. */
+enum { IRQ_LAST = IRQ_CAN2_RX0 };
+#define CHIP_NMI board_fail /* the clock security system */
+#define CHIP_INTERRUPTS                                                    \
+  HANDLER(EXCEPTION_IRQ + IRQ_PVD, supply_interrupt),                      \
+      HANDLER(EXCEPTION_IRQ + IRQ_EXTI3, index_interrupt),                 \
+      HANDLER(EXCEPTION_IRQ + IRQ_DMA1_Stream3, spi_force_read_interrupt), \
+      HANDLER(EXCEPTION_IRQ + IRQ_CAN1_RX0, can_interrupt),                \
+      HANDLER(EXCEPTION_IRQ + IRQ_TIM4, tick_interrupt),                   \
+      HANDLER(EXCEPTION_IRQ + IRQ_USART2, serial_interrupt),               \
+      HANDLER(EXCEPTION_IRQ + IRQ_EXTI15_10, spi_force_ready_interrupt),   \
+      HANDLER(EXCEPTION_IRQ + IRQ_CAN2_TX, drive_bus_sent_interrupt),      \
+      HANDLER(EXCEPTION_IRQ + IRQ_CAN2_RX0, drive_bus_interrupt)
+
+#endif

@@ -1,0 +1,124 @@
+#include "firmware/port/stm32/board.h"
+
+/* Pin numbers of the force and of the motor current on port A: channels 3 and 4 of ADC2. Channel 17
+ * of ADC2 measures pin PA4, which the DAC drives, and channel 18 of ADC1 the internal reference. */
+enum { PIN_FORCE = 6, PIN_CURRENT = 7 };
+
+/* COUNTS_MAX limits the wait for a result to 5 us, 420 counts of the free-running counter. Two
+ * conversions together take 2 x (47.5 + 12.5) cycles of 42 MHz, 2.9 us; 47.5 sampling cycles are
+ * enough for a source resistance of 2.2 kOhm. Each poll makes eight reads over the bus, so that the
+ * wait executes few instructions. */
+enum { COUNTS_MAX = 5 * (CLOCK_APB1_HZ / 500000) };
+
+/* Counts after the begin of a tick in which the conversions of the tick cannot end: they take 240
+ * counts. */
+enum { COUNTS_MIN = 190 };
+
+/* The voltage regulator of an ADC needs 20 us, and a calibration takes 116 cycles of its clock,
+ * 4 MHz before the PLL is on. POLLS_MAX: a poll takes at least 6 cycles of a core with 168 MHz. */
+enum { REGULATOR_COUNTS = 20 * (CLOCK_APB1_HZ / 500000), POLLS_MAX = 4000 };
+
+static uint32_t begun;
+static const adc_t *single; /* the converter of the conversion between two ticks */
+
+static bool becomes(const reg_t *reg, uint32_t mask, uint32_t wanted) {
+  for (uint32_t polls = 0; polls < POLLS_MAX; polls++) {
+    if ((*reg & mask) == wanted) {
+      return true;
+    }
+  }
+  return false;
+}
+
+/* Waits for at least `counts` counts of the free-running counter. */
+static void await_counts(uint32_t counts) {
+  const uint32_t begin = clock_count();
+  while (clock_count() - begin < counts) {
+  }
+}
+
+/* Calibrates a converter and switches it on. The register CR has the bits DEEPPWD after a reset. If
+ * the converter does not respond in time, its conversions never end, so the sensors are reported as
+ * not valid. */
+static void converter_start(adc_t *adc) {
+  adc->CR = 0; /* ends the deep power-down */
+  adc->CR = ADC_CR_ADVREGEN;
+  await_counts(REGULATOR_COUNTS);
+  adc->CR = ADC_CR_ADVREGEN | ADC_CR_ADCAL;
+  if (!becomes(&adc->CR, ADC_CR_ADCAL, 0)) {
+    return;
+  }
+  await_counts(REGULATOR_COUNTS); /* at least four cycles of the converter's clock */
+  adc->ISR = ADC_ISR_ADRDY;
+  adc->CR = ADC_CR_ADVREGEN | ADC_CR_ADEN;
+  (void)becomes(&adc->ISR, ADC_ISR_ADRDY, ADC_ISR_ADRDY);
+}
+
+/* Initialises the converters. The injected group of ADC2 gives the two results of a tick in
+ * separate registers, without DMA; the timer of the tick starts this group. Regular groups make
+ * single conversions of slow sources. The clock of the converters is that of the bus divided by 4,
+ * 42 MHz, so that the trigger is not delayed by a random part of a cycle. */
+void adc_init(void) {
+  set_bits(&RCC->AHB2ENR, RCC_AHB2ENR_ADC12EN);
+  pin_mode(GPIOA, PIN_FORCE, PIN_ANALOG, PIN_PULL_NONE);
+  pin_mode(GPIOA, PIN_CURRENT, PIN_ANALOG, PIN_PULL_NONE);
+  ADC12_COMMON->CCR = ADC_CCR_CKMODE_HCLK_4 | ADC_CCR_VREFEN;
+  converter_start(ADC1);
+  converter_start(ADC2);
+  ADC1->SMPR2 = ADC_SMPR2_SMP18_640;
+  ADC1->SQR1 = ADC_SQR1_SQ1_18; /* a group of one */
+  ADC2->CFGR = ADC_CFGR_JQDIS;
+  ADC2->SMPR1 = ADC_SMPR1_SMP3_47 | ADC_SMPR1_SMP4_47;
+  ADC2->SMPR2 = ADC_SMPR2_SMP17_640;
+  ADC2->SQR1 = ADC_SQR1_SQ1_17;
+  ADC2->JSQR = ADC_JSQR_JL_2 | ADC_JSQR_JEXTSEL_TIM4_TRGO | ADC_JSQR_JEXTEN_RISING |
+               ADC_JSQR_JSQ1_3 | ADC_JSQR_JSQ2_4;
+  ADC2->CR = ADC_CR_ADVREGEN | ADC_CR_JADSTART;
+}
+
+/* Clears a result that was too late for the last tick. The results of this tick are not there yet
+ * while the timer of the tick has few counts. */
+void adc_begin(void) {
+  begun = TIM2->CNT;
+  if (TIM4->CNT < COUNTS_MIN) {
+    ADC2->ISR = ADC_ISR_JEOC | ADC_ISR_JEOS;
+  }
+}
+
+static inline void pause(void) {
+  (void)ADC2->CR;
+  (void)ADC2->CR;
+  (void)ADC2->CR;
+  (void)ADC2->CR;
+  (void)ADC2->CR;
+  (void)ADC2->CR;
+}
+
+bool adc_read(uint16_t codes[2]) {
+  do {
+    if ((ADC2->ISR & ADC_ISR_JEOS) != 0) {
+      codes[0] = (uint16_t)ADC2->JDR1;
+      codes[1] = (uint16_t)ADC2->JDR2;
+      return true;
+    }
+    pause();
+  } while (TIM2->CNT - begun < COUNTS_MAX);
+  return false;
+}
+
+/* Starts one conversion of the internal reference, or of pin PA4 if `of_reference` is false. Clears
+ * the flags of the tick that ends. Writing 0 to a start bit has no effect. */
+void adc_start_one(bool of_reference) {
+  adc_t *adc = of_reference ? ADC1 : ADC2;
+  ADC2->ISR = ADC_ISR_JEOC | ADC_ISR_JEOS;
+  adc->ISR = ADC_ISR_EOC | ADC_ISR_EOS;
+  adc->CR = ADC_CR_ADVREGEN | ADC_CR_ADSTART;
+  single = adc;
+}
+
+/* Reads the result of adc_start_one(). Returns false if the conversion has not finished. */
+bool adc_read_one(uint16_t *code) {
+  const bool done = (single->ISR & ADC_ISR_EOC) != 0;
+  *code = (uint16_t)single->DR;
+  return done;
+}

@@ -1,0 +1,94 @@
+#ifndef FIRMWARE_PORT_STM32G4_CHIP_H_
+#define FIRMWARE_PORT_STM32G4_CHIP_H_
+
+/* What the files of ../stm32 need to know of this chip: how its registers differ from those of
+ * other chips, and which pins the board uses for what. */
+
+#include "firmware/port/stm32g4/registers.h"
+
+#define CHIP_HARDWARE "stm32g474"
+
+/* Clocks of peripherals and other enables, for set_bits(). */
+#define CLOCK_OF_PORTS \
+  &RCC->AHB2ENR, RCC_AHB2ENR_GPIOAEN | RCC_AHB2ENR_GPIOBEN | RCC_AHB2ENR_GPIOCEN
+#define CLOCK_OF_CRC &RCC->AHB1ENR, RCC_AHB1ENR_CRCEN
+#define CLOCK_OF_TIM2 &RCC->APB1ENR1, RCC_APB1ENR1_TIM2EN
+#define CLOCK_OF_TIM4 &RCC->APB1ENR1, RCC_APB1ENR1_TIM4EN
+#define CLOCK_OF_TIM5 &RCC->APB1ENR1, RCC_APB1ENR1_TIM5EN
+#define CLOCK_OF_USART2 &RCC->APB1ENR1, RCC_APB1ENR1_USART2EN
+#define CLOCK_OF_RTC &RCC->APB1ENR1, RCC_APB1ENR1_PWREN | RCC_APB1ENR1_RTCAPBEN
+#define CLOCK_OF_SYSCFG &RCC->APB2ENR, RCC_APB2ENR_SYSCFGEN
+#define ACCESS_OF_BACKUP &PWR->CR1, PWR_CR1_DBP
+
+/* Lines of the external interrupts. */
+#define LINES_ENABLED EXTI->IMR1
+#define LINES_RISING EXTI->RTSR1
+#define LINES_PENDING EXTI->PR1
+#define LINE_OF_INDEX EXTI_IMR1_IM3
+
+/* The internal trigger of timer 5 that is the trigger output of timer 4. */
+#define TRIGGER_OF_TICK TIM_SMCR_TS_ITR3
+
+/* The register that starts the initialisation of the real-time clock. */
+#define RTC_INITIALISATION RTC->ICSR
+#define RTC_INITIALISATION_INIT RTC_ICSR_INIT
+#define RTC_INITIALISATION_INITF RTC_ICSR_INITF
+
+/* Sets the CRC unit to its initial value. */
+#define CRC_RESTART CRC_CR_RESET
+
+/* The serial line. */
+#define SERIAL_STATUS USART2->ISR
+#define SERIAL_OUT USART2->TDR
+#define SERIAL_OVERRUN USART_ISR_ORE
+#define SERIAL_RECEIVED USART_ISR_RXNE
+#define SERIAL_SENT USART_ISR_TC
+#define SERIAL_HAS_ROOM USART_ISR_TXE
+#define SERIAL_NINE_BITS USART_CR1_M0
+
+/* Returns the received byte, and clears an overrun. */
+static inline uint8_t serial_take(void) {
+  USART2->ICR = USART_ICR_ORECF;
+  return (uint8_t)USART2->RDR;
+}
+
+/* Pin number of the driver enable of an RS-485 transceiver on port B. The pin is high from the
+ * first bit to the last bit of a transmission. */
+enum { PIN_RS485 = 10 };
+
+/* Digital outputs 1 to 4 are pins PB12 to PB15. */
+#define DIGITAL_PORT GPIOB
+enum { DIGITAL_FIRST = 12 };
+
+/* The output buffer of the DAC reaches 0.2 V to 3.1 V of 3.3 V. */
+enum { DAC_REACH_MIN = 248, DAC_REACH_MAX = 3848 };
+
+/* The code of the internal reference is stored for a supply of 3.0 V. */
+static inline int32_t reference_at_3_3_v(int32_t stored_code) { return stored_code * 10 / 11; }
+
+/* The memory of the flash that may be programmed, for protect.c: bank 2. */
+#define REGIONS_OF_STORAGE \
+  { 0x08040000, MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SIZE(18) | MPU_RASR_ENABLE }
+
+/* The CAN controllers. The interrupt of frames that were sent can be requested by the program. */
+typedef fdcan_t can_controller_t;
+#define CAN_OF_AXIS FDCAN1
+#define CAN_OF_DRIVE FDCAN2
+static inline void request_sent_interrupt(void) { NVIC->ISPR2 = BIT(IRQ_FDCAN2_IT1 - 64); }
+
+/* flash.c: handler of the NMI, which the clock security system and the flash request. */
+void flash_nmi(void);
+
+/* Handlers of startup.c. */
+enum { IRQ_LAST = IRQ_FDCAN2_IT1 };
+#define CHIP_NMI flash_nmi
+#define CHIP_INTERRUPTS                                             \
+  HANDLER(EXCEPTION_IRQ + IRQ_PVD_PVM, supply_interrupt),           \
+      HANDLER(EXCEPTION_IRQ + IRQ_EXTI3, index_interrupt),          \
+      HANDLER(EXCEPTION_IRQ + IRQ_FDCAN1_IT0, can_interrupt),       \
+      HANDLER(EXCEPTION_IRQ + IRQ_TIM4, tick_interrupt),            \
+      HANDLER(EXCEPTION_IRQ + IRQ_USART2, serial_interrupt),        \
+      HANDLER(EXCEPTION_IRQ + IRQ_FDCAN2_IT0, drive_bus_interrupt), \
+      HANDLER(EXCEPTION_IRQ + IRQ_FDCAN2_IT1, drive_bus_sent_interrupt)
+
+#endif

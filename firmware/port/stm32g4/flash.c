@@ -1,0 +1,192 @@
+/* Parameter store and archive of incidents in bank 2 of the flash. The program is in bank 1, which
+ * can be read while bank 2 is erased or programmed.
+ *
+ * The flash is programmed by double words with error correction, and a double word only once after
+ * an erase. The store programs words (store_memory_t), so each word has a double word of its own,
+ * whose second half stays erased, and a sector of the store takes twice its size. */
+
+#include <stddef.h>
+
+#include "firmware/port/port.h"
+#include "firmware/port/stm32/barrier.h"
+#include "firmware/port/stm32/board.h"
+
+/* Two adjacent sectors: number of the first page in bank 2, and pages of a sector. */
+typedef struct {
+  uint32_t first_page;
+  uint32_t pages;
+} sectors_t;
+
+static const sectors_t store = {0, 16};
+static const sectors_t archive = {32, 48};
+
+#define BANK_2 UINT32_C(0x08040000)
+enum { PAGE_BYTES = 2048 };
+
+static const sectors_t *sectors_of(const void *context) { return context; }
+
+#define ERRORS                                                                               \
+  (FLASH_SR_OPERR | FLASH_SR_PROGERR | FLASH_SR_WRPERR | FLASH_SR_PGAERR | FLASH_SR_SIZERR | \
+   FLASH_SR_PGSERR | FLASH_SR_MISERR | FLASH_SR_FASTERR | FLASH_SR_RDERR | FLASH_SR_OPTVERR)
+
+/* Largest number of polls of the erase of a page, and number of loops in a poll, which takes about
+ * 1000 cycles of the core, 6 us. The erase of a page takes 22 ms, at most 25 ms. */
+enum { ERASE_POLLS_MAX = 8400, ERASE_POLL_LOOPS = 50 };
+
+static volatile bool is_damaged; /* the last read was of a double word with two wrong bits */
+
+/* Continues after the read of a double word in bank 2 with two wrong bits, as a power cut while it
+ * is programmed or erased can leave it. Such an error in the program is one of the core. */
+__attribute__((used)) static void note_damage(void) {
+  if ((FLASH->ECCR & (FLASH_ECCR_BK_ECC | FLASH_ECCR_SYSF_ECC)) != FLASH_ECCR_BK_ECC) {
+    board_fail();
+  }
+  FLASH->ECCR = FLASH_ECCR_ECCD; /* writing 1 clears it */
+  is_damaged = true;
+}
+
+/* Handles the NMI: of the error correction if its flag is set, else of the clock security system.
+ * The present stack may be invalid, so board_fail() is entered without its use. */
+__attribute__((naked)) void flash_nmi(void) {
+  __asm volatile(
+      "movw r0, #0x2018\n" /* FLASH_ECCR */
+      "movt r0, #0x4002\n"
+      "ldr r0, [r0]\n"
+      "cmp r0, #0\n" /* bit 31 is FLASH_ECCR_ECCD */
+      "blt note_damage\n"
+      "b board_fail\n");
+}
+
+/* Waits until the flash is ready. If the flash never becomes ready, the watchdog resets the chip;
+ * the drive is disabled and the outputs are off at this time. */
+static void await_ready(void) {
+  while ((FLASH->SR & FLASH_SR_BSY) != 0) {
+  }
+}
+
+static void unlock(void) {
+  await_ready();
+  if ((FLASH->CR & FLASH_CR_LOCK) != 0) {
+    FLASH->KEYR = FLASH_KEY1;
+    FLASH->KEYR = FLASH_KEY2;
+  }
+  /* Writing 1 clears an error bit of SR. With an error bit nothing can be programmed. */
+  FLASH->SR = ERRORS;
+}
+
+static void lock(void) {
+  await_ready();
+  FLASH->CR = FLASH_CR_LOCK;
+}
+
+static uint32_t place_of(const sectors_t *sectors, uint32_t address) {
+  return BANK_2 + sectors->first_page * PAGE_BYTES + 2 * address;
+}
+
+/* Reads a word. A damaged word reads 0, which is neither blank nor part of a complete record. */
+static uint32_t read_word(const sectors_t *sectors, uint32_t address) {
+  is_damaged = false;
+  BARRIER();
+  const uint32_t word = *(const volatile uint32_t *)place_of(sectors, address);
+  __asm volatile("dsb\nisb" ::: "memory"); /* the NMI comes before the next instruction */
+  return is_damaged ? 0 : word;
+}
+
+/* Reads without the data cache, which would read neighbouring double words as well, so that an
+ * error could not be attributed to one of them. */
+static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
+  const uint32_t access = FLASH->ACR;
+  FLASH->ACR = access & ~FLASH_ACR_DCEN;
+  uint32_t i = 0;
+  while (i < count) {
+    const uint32_t at = address + i;
+    const uint32_t word = read_word(sectors_of(context), at & ~UINT32_C(3));
+    for (uint32_t byte = at & 3u; byte < 4 && i < count; byte++) {
+      bytes[i] = (uint8_t)(word >> (8 * byte));
+      i++;
+    }
+  }
+  FLASH->ACR = access;
+}
+
+/* Programs a double word, within 125 us. A word of ones is left erased. */
+static bool program_word(uint32_t place, uint32_t word) {
+  if (word == UINT32_MAX) {
+    return true;
+  }
+  ((volatile uint32_t *)place)[0] = word;
+  __asm volatile("isb" ::: "memory");
+  ((volatile uint32_t *)place)[1] = UINT32_MAX;
+  __asm volatile("dsb" ::: "memory");
+  await_ready();
+  return (FLASH->SR & ERRORS) == 0;
+}
+
+static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes, uint32_t count) {
+  bool done = true;
+  unlock();
+  FLASH->CR = FLASH_CR_PG;
+  for (uint32_t i = 0; i < count && done; i += 4) {
+    const uint32_t word = (uint32_t)bytes[i] | (uint32_t)bytes[i + 1] << 8 |
+                          (uint32_t)bytes[i + 2] << 16 | (uint32_t)bytes[i + 3] << 24;
+    done = program_word(place_of(sectors_of(context), address + i), word);
+  }
+  lock();
+  return done;
+}
+
+/* Erases a page of bank 2, and feeds the watchdog instead of the ticks, which are masked. */
+static bool erase_page(uint32_t page) {
+  const uint32_t control = FLASH_CR_PER | FLASH_CR_BKER | FLASH_CR_PNB(page);
+  bool done = false;
+  FLASH->CR = control;
+  FLASH->CR = control | FLASH_CR_STRT;
+  __asm volatile("dsb" ::: "memory");
+  for (uint32_t polls = 0; polls < ERASE_POLLS_MAX && !done; polls++) {
+    done = (FLASH->SR & FLASH_SR_BSY) == 0;
+    IWDG->KR = IWDG_KEY_FEED;
+    for (uint32_t i = 0; i < ERASE_POLL_LOOPS && !done; i++) {
+      __asm volatile(".rept 16; nop; .endr");
+    }
+  }
+  return done && (FLASH->SR & ERRORS) == 0;
+}
+
+static bool erase_sector(void *context, uint8_t sector) {
+  const sectors_t *sectors = sectors_of(context);
+  const uint32_t first = sectors->first_page + sector * sectors->pages;
+  bool done = true;
+  unlock();
+  for (uint32_t page = first; page < first + sectors->pages && done; page++) {
+    done = erase_page(page);
+  }
+  lock();
+  return done;
+}
+
+/* Returns true if pages and banks are those of this file. */
+static bool has_two_banks(void) {
+  return (FLASH->OPTR & (FLASH_OPTR_DBANK | FLASH_OPTR_BFB2)) == FLASH_OPTR_DBANK;
+}
+
+static store_memory_t memory_of(const sectors_t *sectors) {
+  return (store_memory_t){
+      .context = (void *)(uintptr_t)sectors,
+      .sector_bytes = sectors->pages * PAGE_BYTES / 2,
+      .read = read_bytes,
+      .program = program_bytes,
+      .erase = erase_sector,
+  };
+}
+
+const store_memory_t *flash_memory(void) {
+  static store_memory_t memory;
+  memory = memory_of(&store);
+  return has_two_banks() ? &memory : NULL;
+}
+
+const store_memory_t *flash_archive(void) {
+  static store_memory_t memory;
+  memory = memory_of(&archive);
+  return has_two_banks() ? &memory : NULL;
+}

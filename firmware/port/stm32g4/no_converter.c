@@ -1,0 +1,15 @@
+/* This board has no connection for a converter of the force on SPI. */
+
+#include "firmware/port/stm32/board.h"
+
+/* Returns false if the parameters select a converter. */
+bool spi_force_start(const device_params_t *params) {
+  return params->force_converter == AXIS_FORCE_CONVERTER_ADC;
+}
+
+bool spi_force_is_fitted(void) { return false; }
+
+bool spi_force_sample(axis_inputs_t *inputs) {
+  (void)inputs;
+  return false;
+}

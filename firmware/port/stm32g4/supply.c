@@ -1,0 +1,41 @@
+/* Monitors the supply voltage. Below 2.9 V the voltage detector causes an interrupt that switches
+ * the outputs off, before the brown-out reset at 2.8 V. */
+
+#include "firmware/port/stm32/board.h"
+
+static volatile bool is_low;
+
+void supply_init(void) {
+  set_bits(&RCC->APB1ENR1, RCC_APB1ENR1_PWREN);
+  PWR->CR3 |= PWR_CR3_UCPD1_DBDIS;
+  PWR->CR2 = (PWR->CR2 & ~PWR_CR2_PLS) | PWR_CR2_PLS_6;
+  PWR->CR2 |= PWR_CR2_PVDE;
+  EXTI->RTSR1 |= EXTI_RTSR1_RT16; /* the detector's output rises when the supply falls */
+  EXTI->PR1 = EXTI_PR1_PIF16;
+  EXTI->IMR1 |= EXTI_IMR1_IM16;
+  NVIC->IPR0 = FIELD(8, 8, PRIORITY_SUPPLY);
+  NVIC->ISER0 = BIT(IRQ_PVD_PVM);
+}
+
+/* Switches the outputs off. The interrupted tick may be about to output a DAC code, so port_act()
+ * checks supply_is_low() after its output. */
+void supply_interrupt(void) {
+  EXTI->PR1 = EXTI_PR1_PIF16;
+  is_low = true;
+  io_make_safe();
+}
+
+bool supply_is_low(void) { return is_low; }
+
+/* Updates the state of the supply; call this function once in each tick. After an interrupt the
+ * supply remains low until the detector reports a sufficient voltage. */
+void supply_look(void) { is_low = (PWR->SR2 & PWR_SR2_PVDO) != 0; }
+
+/* Returns true if the option bytes set the brown-out reset to the required level, and the chip
+ * starts from the first of two banks of the flash whatever the level of pin PB8. A new chip has
+ * other option bytes. */
+bool supply_resets_in_time(void) {
+  const uint32_t mask = FLASH_OPTR_BOR_LEV | FLASH_OPTR_BFB2 | FLASH_OPTR_DBANK |
+                        FLASH_OPTR_nSWBOOT0 | FLASH_OPTR_nBOOT0;
+  return (FLASH->OPTR & mask) == (FLASH_OPTR_BOR_LEV_4 | FLASH_OPTR_DBANK | FLASH_OPTR_nBOOT0);
+}
