@@ -4,6 +4,7 @@ import functools
 import struct
 import subprocess
 from pathlib import Path
+from typing import ClassVar
 
 import unicorn
 from forceaxis import objects
@@ -64,33 +65,42 @@ def symbols(path):
 
 
 class Chip:
-    """A chip out of reset. `store`: the stored sectors of its flash, 32 KiB. `steps` counts
+    """A chip out of reset. `store`: the bytes of the stored sectors of its flash. `steps` counts
     instructions, without `ram_counts` only those in the flash. Unless `checked`, the CRC of the
     image is taken for right, to save its 22,000 words of every boot."""
 
+    models: ClassVar = Board
+    image = IMAGE
+    store: ClassVar = (STORE, STORE_BYTES)
+    uid, reference = UID, (REFERENCE_AT, REFERENCE_CODE)
+    buses: ClassVar = ((0x40000000, 0x30000), (0xE000E000, 0x1000), (0xE0042000, 0x1000))
+    vector_count = 81
+
     def __init__(self, store=None, ram_counts=True, checked=False):
-        self.board = Board()
+        self.board = self.models()
+        self.board.instructions = lambda: self.steps
         self.board.read_memory = lambda at, count: bytes(self.uc.mem_read(at, count))
         self.board.write_memory = lambda at, data: self.uc.mem_write(at, data)
         self.board.gpioc.wires = {4: 0}  # the strap of node id 1
-        self.symbols = symbols(IMAGE)
+        self.symbols = symbols(self.image)
         if store is not None:
             self.board.flash.bytes[:] = store
         self.uc = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
         self.uc.ctl_set_cpu_model(arm_const.UC_CPU_ARM_CORTEX_M4)
         self.code = bytearray(b"\xff" * FLASH_BYTES)
-        for address, data in segments(IMAGE):
+        for address, data in segments(self.image):
             self.code[address - FLASH : address - FLASH + len(data)] = data
         read_only = unicorn.UC_PROT_READ | unicorn.UC_PROT_EXEC
-        for begin, end in ((FLASH, STORE), (STORE + STORE_BYTES, FLASH + FLASH_BYTES)):
+        stored, stored_bytes = self.store
+        for begin, end in ((FLASH, stored), (stored + stored_bytes, FLASH + FLASH_BYTES)):
             self.uc.mem_map(begin, end - begin, read_only)
             self.uc.mem_write(begin, bytes(self.code[begin - FLASH : end - FLASH]))
-        self.uc.mmio_map(STORE, STORE_BYTES, self._read_store, None, self._write_store, None)
+        self.uc.mmio_map(stored, stored_bytes, self._read_store, None, self._write_store, None)
         self.uc.mem_map(RAM, RAM_BYTES)
         self.uc.mem_write(RAM, b"\xa5" * RAM_BYTES)
-        self.uc.mem_map(UID & ~0xFFF, 0x1000, unicorn.UC_PROT_READ)
-        self.uc.mem_write(UID, struct.pack("<3I", *UID_WORDS))
-        self.uc.mem_write(REFERENCE_AT, struct.pack("<H", REFERENCE_CODE))
+        self.uc.mem_map(self.uid & ~0xFFF, 0x1000, unicorn.UC_PROT_READ)
+        self.uc.mem_write(self.uid, struct.pack("<3I", *UID_WORDS))
+        self.uc.mem_write(self.reference[0], struct.pack("<H", self.reference[1]))
         self.uc.mem_map(EXIT & ~0xFFF, 0x1000, read_only)
         self.steps, self.steps_max = 0, STEPS_MAX
         self.watch = None  # called with address and bytes of each block that is executed
@@ -99,10 +109,10 @@ class Chip:
         self.uc.hook_add(unicorn.UC_HOOK_BLOCK, self._on_block, None, *counted)
         if not checked:
             self.uc.mem_write(self.symbols["image_is_whole"], b"\x01\x20\x70\x47")  # true
-        for base, size in ((0x40000000, 0x30000), (0xE000E000, 0x1000), (0xE0042000, 0x1000)):
+        for base, size in self.buses:
             self.uc.mmio_map(base, size, self._read, base, self._write, base)
         stack, self.entry = struct.unpack_from("<II", self.code)
-        self.vectors = struct.unpack_from("<81I", self.code)
+        self.vectors = struct.unpack_from(f"<{self.vector_count}I", self.code)
         self.uc.reg_write(arm_const.UC_ARM_REG_SP, stack)
         self.idle = self.symbols["port_idle"]
         # The loader's copy of the data, so that every boot starts as at power-up.
@@ -125,7 +135,7 @@ class Chip:
         self._guard(self.board.write, base + offset, size, value)
 
     def _read_store(self, _uc, offset, size, _data):
-        return int.from_bytes(self.board.flash.bytes[offset : offset + size], "little")
+        return self._guard(self.board.flash.read_stored, offset, size)
 
     def _write_store(self, _uc, offset, size, value, _data):
         self._guard(self.board.flash.program, offset, size, value)
@@ -143,6 +153,12 @@ class Chip:
     def _run(self, address, until):
         self.steps, self.limit, self.problem = 0, self.steps_max, None
         self.uc.emu_start(address | 1, until)
+        while self.board.flash.nmi and self.problem is None:
+            self.board.flash.nmi = False
+            at, steps = self.uc.reg_read(arm_const.UC_ARM_REG_PC), self.steps
+            self._call(self.vectors[NMI])
+            self.steps += steps
+            self.uc.emu_start(at | 1, until)
         if self.problem is not None:
             raise self.problem
         if self.steps > self.limit:
@@ -204,27 +220,28 @@ class Chip:
         assert self.board.nvic.enabled(irq)
         self._call(self.vectors[16 + irq])
 
+    def requested(self):
+        """The interrupt of the highest priority that a peripheral requests, or None."""
+        board = self.board
+        requests = (
+            (PVD, lambda: board.exti.interrupt(16)),
+            (INDEX, lambda: board.exti.interrupt(3)),
+            (CAN_RX0, board.can.interrupt),
+            (USART2, board.usart.interrupt),
+            (EXTI15_10, lambda: board.exti.interrupt(12)),
+            (DMA1_STREAM3, board.dma.interrupt),
+            (CAN2_RX0, board.can2.interrupt),
+            (CAN2_TX, lambda: board.nvic.take(CAN2_TX) or board.can2.sent_interrupt()),
+        )
+        return next((irq for irq, is_requested in requests if is_requested()), None)
+
     def interrupts(self):
         """Serves the interrupts that peripherals request, until none is pending."""
         for _ in range(2000):
-            if self.board.exti.interrupt(16):
-                self.interrupt(PVD)
-            elif self.board.exti.interrupt(3):
-                self.interrupt(INDEX)
-            elif self.board.can.interrupt():
-                self.interrupt(CAN_RX0)
-            elif self.board.usart.interrupt():
-                self.interrupt(USART2)
-            elif self.board.exti.interrupt(12):
-                self.interrupt(EXTI15_10)
-            elif self.board.dma.interrupt():
-                self.interrupt(DMA1_STREAM3)
-            elif self.board.can2.interrupt():
-                self.interrupt(CAN2_RX0)
-            elif self.board.nvic.take(CAN2_TX) or self.board.can2.sent_interrupt():
-                self.interrupt(CAN2_TX)
-            else:
+            irq = self.requested()
+            if irq is None:
                 return
+            self.interrupt(irq)
         raise Stuck("an interrupt that does not end")
 
     def tick(self, count=1, hung=False, late_cycles=0):

@@ -181,6 +181,7 @@ class Rtc(Peripheral):
     the prescalers in initialisation; SSR is read past its shadow with BYPSHAD alone."""
 
     reset: ClassVar = {0x0C: 0x07, 0x10: 0x007F00FF}
+    CONTROL, COUNT, BACKUP, LSI = 0x08, 0x28, 0x70, 0x74  # CR, SSR; RCC_BDCR, RCC_CSR
     lsi_hz = 32e3
     open = False
     keys: ClassVar[list[int]] = []
@@ -201,13 +202,15 @@ class Rtc(Peripheral):
         self.registers[offset] = value
 
     def read(self, offset):
-        if offset != 0x28:
+        if offset != self.COUNT:
             return self[offset]
         self.board.advance(6)
         rcc = self.board.rcc
-        if not bits(rcc[0x70], 15) or bits(rcc[0x70], 8, 2) != 2 or not bits(rcc[0x74], 0):
+        if not bits(rcc[self.BACKUP], 15) or bits(rcc[self.BACKUP], 8, 2) != 2:
             return 0
-        if not bits(self[0x08], 5) or bits(self[0x0C], 6):
+        if not bits(rcc[self.LSI], 0):
+            return 0
+        if not bits(self[self.CONTROL], 5) or bits(self[0x0C], 6):
             return 0
         divider = bits(self[0x10], 16, 7) + 1
         count = int(self.board.lsi_counts / divider)
@@ -263,6 +266,7 @@ class Flash(Peripheral):
     }  # BOR_LEV 0: as `forceaxis flash` sets it
     busy_reads = READS_UNTIL_READY
     prepared = None  # CR as it stood when STRT was written
+    nmi = False  # never requested by this flash
 
     def __init__(self, board):
         super().__init__(board)
@@ -280,6 +284,9 @@ class Flash(Peripheral):
 
     def error(self, bit):
         self.registers[0x0C] = self[0x0C] | 1 << bit
+
+    def read_stored(self, offset, size):
+        return int.from_bytes(self.bytes[offset : offset + size], "little")
 
     def read(self, offset):
         if offset == 0x0C:
@@ -433,7 +440,7 @@ class Tim5(Peripheral):
     trigger that TS selects, 2 for timer 4 (table 97). 17.4.3: TS is changed only while SMS is 0."""
 
     reset: ClassVar = {0x2C: 0xFFFFFFFF}
-    ITR2, TRC, CC3IF, CC3OF = 2, 3, 1 << 3, 1 << 11
+    TRC, CC3IF, CC3OF = 3, 1 << 3, 1 << 11
 
     def write(self, offset, value):
         if offset == 0x08 and bits(self[0x08], 0, 3) and bits(value ^ self[0x08], 4, 3):
@@ -491,6 +498,7 @@ class Tim4(Peripheral):
 
     reset: ClassVar = {0x2C: 0xFFFF}
     IRQ, JEXTSEL = 30, 9
+    TRIGGER = 2  # internal trigger of timer 5
     next = NEVER  # cycle of the next overflow
 
     def period(self):
@@ -524,7 +532,7 @@ class Tim4(Peripheral):
             self.next += self.period()
             self.registers[0x10] = self[0x10] | 1
             if bits(self[0x04], 4, 3) == 2:
-                self.board.tim5.trigger(Tim5.ITR2)
+                self.board.tim5.trigger(self.TRIGGER)
                 self.board.adc.trigger(self.JEXTSEL)
 
 
