@@ -66,10 +66,13 @@ void adc_init(void) {
   converter_start(ADC1);
   converter_start(ADC2);
   ADC1->SMPR2 = ADC_SMPR2_SMP18_640;
-  ADC1->SQR1 = ADC_SQR1_SQ1_18; /* a group of one */
   ADC2->CFGR = ADC_CFGR_JQDIS;
   ADC2->SMPR1 = ADC_SMPR1_SMP3_47 | ADC_SMPR1_SMP4_47;
   ADC2->SMPR2 = ADC_SMPR2_SMP17_640;
+  if ((ADC1->CR & ADC2->CR & ADC_CR_ADEN) == 0) {
+    return;
+  }
+  ADC1->SQR1 = ADC_SQR1_SQ1_18; /* groups of one */
   ADC2->SQR1 = ADC_SQR1_SQ1_17;
   ADC2->JSQR = ADC_JSQR_JL_2 | ADC_JSQR_JEXTSEL_TIM4_TRGO | ADC_JSQR_JEXTEN_RISING |
                ADC_JSQR_JSQ1_3 | ADC_JSQR_JSQ2_4;
@@ -112,7 +115,9 @@ void adc_start_one(bool of_reference) {
   adc_t *adc = of_reference ? ADC1 : ADC2;
   ADC2->ISR = ADC_ISR_JEOC | ADC_ISR_JEOS;
   adc->ISR = ADC_ISR_EOC | ADC_ISR_EOS;
-  adc->CR = ADC_CR_ADVREGEN | ADC_CR_ADSTART;
+  if ((adc->CR & ADC_CR_ADEN) != 0) {
+    adc->CR = ADC_CR_ADVREGEN | ADC_CR_ADSTART;
+  }
   single = adc;
 }
 

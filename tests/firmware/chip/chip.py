@@ -145,7 +145,7 @@ class Chip:
         self.steps += size // 2
         if self.watch is not None:
             self.watch(address, size)
-        if address == self.idle or self.steps > self.limit:
+        if address == self.idle or self.steps > self.limit or self.board.flash.nmi:
             self.uc.emu_stop()
 
     # Running.

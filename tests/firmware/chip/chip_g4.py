@@ -25,10 +25,6 @@ class Chip(chip.Chip):
     )  # fmt: skip
     vector_count = 104
 
-    def __init__(self, store=None, ram_counts=True, checked=False):
-        super().__init__(store, ram_counts, checked)
-        self.board.stop = self.uc.emu_stop
-
     def requested(self):
         board = self.board
         requests = (

@@ -261,7 +261,6 @@ class Flash(Peripheral):
             place = offset & ~7
             self.registers[0x18] = 1 << 31 | 1 << 21 | place
             self.nmi = True
-            self.board.stop()
         return int.from_bytes(self.bytes[offset : offset + size], "little")
 
     def read(self, offset):
@@ -399,7 +398,7 @@ class Adc(Peripheral):
         mode = bits(self.board.adc_common[0x08], 16, 2)
         assert mode in (2, 3), "a clock of the bus"
         clock = self.board.rcc.core_hz() / (2 if mode == 2 else 4)
-        assert clock <= 60e6
+        assert clock <= 60e6 or self.board.rcc.hse_hz != 24e6
         return clock
 
     def sample_s(self, channel):
@@ -481,7 +480,7 @@ class Adc(Peripheral):
             self.registers[0x00] |= 1
         if value & 0xC and not self.is_on():
             board.mistakes.append("ADC started while off")
-        if value & 4:
+        if value & 4 and self.is_on():
             assert bits(self[0x30], 0, 4) == 0 and bits(self[0x0C], 10, 2) == 0, "a group of one"
             self.single = bits(self[0x30], 6, 5)
             took = self.sample_s(self.single) + 12.5 / self.clock_hz()
@@ -504,8 +503,8 @@ class Adc(Peripheral):
 
 
 class Dac(peripherals.Dac):
-    """22.4: MODE1 is written while the channel is off; 0 is the output buffer at the pin, which does
-    not reach the outer 0.2 V (data sheet); HFSEL is for the rate of the bus."""
+    """22.4: MODE1 is written while the channel is off; 0 is the output buffer at the pin, which
+    does not reach the outer 0.2 V (data sheet); HFSEL is for the rate of the bus."""
 
     def write(self, offset, value):
         if offset == 0x3C and bits(self[0x00], 0):
@@ -771,7 +770,7 @@ class Board(peripherals.Board):
         self.supply_v = SUPPLY_V
         self.lsi_counts = 0.0
         self.trail = []  # (amplifier, brake, volts) whenever one of them changes
-        self.stop = self.instructions = lambda: 0
+        self.instructions = lambda: 0
         self.rcc, self.flash = Rcc(self), Flash(self)
         self.gpioa = Gpio(self, "A", 0xABFFFFFF)
         self.gpiob = Gpio(self, "B", 0xFFFFFEBF)
