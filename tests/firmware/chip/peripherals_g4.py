@@ -125,9 +125,9 @@ class Rcc(Peripheral):
                 board.mistakes.append("switched to the PLL without half the rate")
             if board.flash[0x00] & 15 < 4:
                 board.mistakes.append("168 MHz with too few wait states")
-        if not was_slow and bits(value, 0, 2) == 3 and bits(self[0x08], 4, 4) == 8:
-            if board.instructions() - self.halved_at < 84:
-                board.mistakes.append("half the rate for less than 1 us")
+        was_halved = not was_slow and bits(value, 0, 2) == 3 and bits(self[0x08], 4, 4) == 8
+        if was_halved and board.instructions() - self.halved_at < 84:
+            board.mistakes.append("half the rate for less than 1 us")
         return value & ~0xC | self[0x08] & 0xC
 
     def backup(self, value):
@@ -293,7 +293,7 @@ class Flash(Peripheral):
             self.registers[offset] = value
 
     def control(self, value):
-        """3.3.5: a write while BSY is set stalls the bus. 3.3.6: PER with BKER and PNB, then STRT."""
+        """3.3.5: a write while BSY is set stalls the bus. 3.3.6: PER, BKER, PNB, then STRT."""
         if self.is_busy():
             self.board.mistakes.append("FLASH_CR written while the flash is busy")
         if bits(self[0x14], 31):
@@ -361,8 +361,8 @@ class Flash(Peripheral):
 
 
 class Tim4(peripherals.Tim4):
-    """Its trigger output is trigger 5 of the injected groups of ADC1 and ADC2 (21.4.18, table of the
-    triggers), and internal trigger 3 of timer 5 (30.4, table of the internal triggers)."""
+    """Its trigger output is trigger 5 of the injected groups of ADC1 and ADC2 (21.4.18, table of
+    the triggers), and internal trigger 3 of timer 5 (30.4, table of the internal triggers)."""
 
     JEXTSEL, TRIGGER = 5, 3
 

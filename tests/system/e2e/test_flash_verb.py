@@ -16,6 +16,8 @@ from pathlib import Path
 
 import pytest
 from forceaxis import objects
+from forceaxis.chip import board as boards
+from forceaxis.chip import flash
 
 ROOT = Path(__file__).resolve().parents[3]
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
@@ -249,6 +251,42 @@ def test_the_option_bytes_are_set_by_openocd_s_own_tcl(before):
     written = re.search(r"^options ([0-9a-f]{8})", text, re.M)
     assert int(written.group(1), 16) & ~2 == wanted, text
     assert ("40023c14=" in text.split("options", 1)[1]) == bool(level & 0xC), text
+
+
+# RM0440 3.3.5, 3.4.2, 3.7: a flash that opens by KEYR, then its options by OPTKEYR; OPTSTRT writes
+# OPTR, which is in force after OBL_LAUNCH, with a reset of the chip.
+CHIP_G4 = """
+set options %s; set held %s; set keys {}; set trail {}
+proc mrw {at} {
+  if {$at == 0x40022020} { return $::options }
+  return [expr {$at == 0x40022014 ? 0xc0000000 : 0}]
+}
+proc mww {at value} {
+  lappend ::trail [format "%%x=%%x" $at $value]
+  if {$at == 0x40022008 || $at == 0x4002200c} { lappend ::keys $value; return }
+  if {$::keys ne [list 0x45670123 0xcdef89ab 0x08192a3b 0x4c5d6e7f]} { error locked }
+  if {$at == 0x40022020} { set ::options $value }
+  if {$at == 0x40022014 && $value & 0x20000} { set ::held $::options }
+  if {$at == 0x40022014 && $value & 0x8000000} { set ::options $::held; error reset }
+}
+proc reset {how} { lappend ::trail reset }
+proc sleep {ms} {}
+"""
+
+
+@pytest.mark.parametrize("before", [0xFFEFF8AA, 0xFBEFF8AA, 0xFBEFFCAA, 0xFFFFFCAA, 0xFB8FFCAA])
+def test_the_option_bytes_of_the_stm32g474_are_written_and_loaded(before):
+    """Brown-out reset at level 4, two banks, started from bank 1 by nBOOT0; all other bits stay."""
+    options = boards.read(ROOT / "firmware/port/stm32g4").probe.options
+    steps = [word for step in flash.options_steps(options) for word in ("-c", step)]
+    done = run("openocd", "-c", CHIP_G4 % (hex(before), hex(before)), *steps,
+               "-c", "echo $trail; shutdown")  # fmt: skip
+    text = done.stdout + done.stderr
+    mask = 7 << 8 | 1 << 20 | 1 << 22 | 1 << 26 | 1 << 27
+    wanted = before & ~mask | 4 << 8 | 1 << 22 | 1 << 27
+    written = re.search(r"^options ([0-9a-f]{8})", text, re.M)
+    assert int(written.group(1), 16) == wanted, text
+    assert ("reset" in text.split("options ", 1)[1]) == (wanted != before), text
 
 
 def test_hex_and_json(bench, elf):

@@ -22,10 +22,12 @@ firmware/port, so that a board elsewhere uses the parts that boards share.
                     version as openocd prints it; the chip, its 12-bit identifier and where that is.
                     [probe.options], optional: what a flashing also sets, and reads back: a register
                     whose bits `mask` become `value`, opened by `keys`, `start` and `lock` bits of
-                    its own, ready when the bits `busy` of another one are 0
-    [registers]     optional. For tools/check_svd: header, PyPI package and devices of the
+                    its own, ready when the bits `busy` of another one are 0. Optional: keys that
+                    are written first, to open the flash; another register with the bits `start`
+                    and `lock`; its bit `load`, which makes the value effective and resets the chip
+    [registers]     optional. For tools/check_svd: header, PyPI package or crate and devices of the
                     vendor's files, peripherals that they lack, names that differ, fields that
-                    the files lack though the manual has them
+                    the files lack though the manual has them, and those of which both differ
 
 Programs of tools/ import this file without the package: only the standard library is used.
 """
@@ -133,6 +135,10 @@ class ProbeOptions:
     lock: int
     busy_address: int
     busy: int
+    flash_keys_address: int | None
+    flash_keys: list[int] | None
+    control_address: int | None
+    load: int | None
 
 
 @dataclass(frozen=True)
@@ -162,6 +168,7 @@ class Registers:
     prefixes: dict[str, str]
     split: dict[str, str]
     lacking: list[str] | None
+    disputed: list[str] | None
 
 
 @dataclass(frozen=True)

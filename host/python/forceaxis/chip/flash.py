@@ -226,18 +226,26 @@ def options_steps(options: boards.ProbeOptions) -> list[str]:
     """Returns the openocd commands that correct wrong option bytes and print the register of the
     option bytes.
 
-    The commands write the keys, the new value and a start bit, wait until the chip is not busy, and
-    lock the register again.
+    The commands write the keys, the new value and a start bit, and wait until the chip is not busy.
+    Then they lock the register again, or load the new value, which resets the chip.
     """
     at, held = f"{options.address:#x}", f"[mrw {options.address:#x}]"
-    wanted, ours = f"{options.value:#x}", f"{options.mask | options.start | options.lock:#x}"
+    control = options.control_address or options.address
+    bits = options.start | options.lock if control == options.address else 0
+    wanted, ours = f"{options.value:#x}", f"{options.mask | bits:#x}"
+    opening = [(options.flash_keys_address, key) for key in options.flash_keys or []]
+    opening += [(options.keys_address, key) for key in options.keys]
     writes = [
-        *(f"mww {options.keys_address:#x} {key:#010x}" for key in options.keys),
+        *(f"mww {address:#x} {key:#010x}" for address, key in opening),
         f"mww {at} [expr {{({held} & ~{ours}) | {wanted}}}]",
-        f"mww {at} [expr {{{held} | {options.start:#x}}}]",
+        f"mww {control:#x} [expr {{[mrw {control:#x}] | {options.start:#x}}}]",
         f"while {{[mrw {options.busy_address:#x}] & {options.busy:#x}}} {{}}",
-        f"mww {at} [expr {{{held} | {options.lock:#x}}}]",
     ]
+    if options.load is None:
+        writes += [f"mww {control:#x} [expr {{[mrw {control:#x}] | {options.lock:#x}}}]"]
+    else:
+        # The reset may end this write with an error.
+        writes += [f"catch {{mww {control:#x} {options.load:#x}}}", "sleep 100", "reset init"]
     return [
         f"if {{({held} & {options.mask:#x}) != {wanted}}} {{{'; '.join(writes)}}}",
         f"echo [format {{options %08x}} {held}]",
