@@ -55,6 +55,7 @@ class Rcc(Peripheral):
     follows HSEON where there is a clock at the pin and HSEBYP says that it is one."""
 
     reset: ClassVar = {0x00: 0x83, 0x04: 0x24003010, 0x30: 0}
+    CAUSES = 0x74  # of the last reset: RCC_CSR
     lock_reads = READS_UNTIL_READY
     reads = 0
     switches = True

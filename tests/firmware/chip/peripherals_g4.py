@@ -50,6 +50,7 @@ class Rcc(Peripheral):
     follows HSEON after the start of the crystal, which HSEBYP prevents."""
 
     reset: ClassVar = {0x00: 0x500, 0x08: 0x5, 0x0C: 0x1000}
+    CAUSES = 0x94  # of the last reset: RCC_CSR
     READ_CYCLES = 6
     lock_reads = READS_UNTIL_READY
     reads = 0

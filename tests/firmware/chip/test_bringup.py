@@ -105,7 +105,7 @@ class Person:
     def restart(self, causes):
         before = self.link.chip
         self.link.chip = Chip(store=bytes(before.board.flash.bytes))
-        self.board.rcc.registers[0x74] = causes
+        self.board.rcc.registers[self.board.rcc.CAUSES] = causes
         self.link.chip.close_contacts()
         self.link.chip.boot()
         self.link.chip.tick(4)
@@ -125,7 +125,7 @@ class Person:
 def new_board(prepare=lambda board: None):
     """A chip with a drive's worth of nothing: contacts, a node id, and a partner on the CAN bus."""
     chip = Chip()
-    chip.board.rcc.registers[0x74] = POWER_UP
+    chip.board.rcc.registers[chip.board.rcc.CAUSES] = POWER_UP
     prepare(chip.board)
     chip.close_contacts()
     chip.boot()

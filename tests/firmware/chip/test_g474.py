@@ -11,6 +11,7 @@ import zlib
 import pytest
 import test_board
 import test_board_watch
+import test_bringup
 import test_buses
 import test_flash
 from chip import NMI, PVD, RAM, UID_WORDS, Stuck, release, segments
@@ -89,7 +90,7 @@ def image_of_this_board():
 
 @pytest.fixture(autouse=True)
 def of_this_chip(monkeypatch):
-    for module in SHARED:
+    for module in (*SHARED, test_bringup):
         monkeypatch.setattr(module, "Chip", Chip)
 
 
@@ -617,7 +618,8 @@ PROGERR, WRPERR, PGAERR, SIZERR, PGSERR, RDERR = 3, 4, 5, 6, 7, 14
 
 def most_long(first, *others):
     """Parameters of which only the first one runs without `--all`."""
-    return [first, *(pytest.param(value, marks=pytest.mark.long) for value in others)]
+    rows = [value if isinstance(value, tuple) else (value,) for value in others]
+    return [first, *(pytest.param(*row, marks=pytest.mark.long) for row in rows)]
 
 
 @pytest.mark.parametrize("bit", most_long(PROGERR, WRPERR, PGAERR, SIZERR, PGSERR, RDERR))
@@ -702,3 +704,46 @@ def test_a_damaged_double_word_of_the_program_is_a_fault_of_the_core(chip):
     chip.board.flash.registers[0x18] = 1 << 31 | 0x1230  # bank 1
     handle(chip, NMI)
     assert chip.terminals() == OFF and chip.board.scb.reset_asked
+
+
+# Bring-up.
+
+
+def prepared(what):
+    def prepare(board):
+        if what == "options":
+            board.flash.registers[0x20] = 0xFFEFF8AA
+        elif what == "crystal":
+            board.rcc.hse_hz = None
+        elif what == "enable":
+            board.gpiob.shorts[0] = 1
+        elif what == "output":
+            board.dac.stuck_v = 1.0
+        elif what == "partner":
+            board.can.partner = False
+
+    return prepare
+
+
+@pytest.mark.long
+def test_a_board_that_is_right_passes_every_step_of_the_bring_up(monkeypatch):
+    monkeypatch.setattr(test_bringup.bringup, "RATE_TIME_S", 0.2)
+    monkeypatch.setattr(test_bringup.bringup, "READINGS", 5)
+    protocol = test_bringup.brought_up(test_bringup.new_board())
+    assert [(s.name, s.text) for s in protocol.steps if s.verdict != test_bringup.PASSED] == []
+    assert protocol.passed
+
+
+@pytest.mark.parametrize(
+    "step, what, words",
+    most_long(
+        ("board", "options", ["option bytes", "`forceaxis flash`"]),
+        ("board", "crystal", ["24 MHz", "PF0"]), ("outputs", "enable", ["PB0"]),
+        ("outputs", "output", ["PA4"]), ("can", "partner", ["acknowledges"]),
+    ),
+)  # fmt: skip
+def test_a_fault_of_this_board_is_named_by_its_step(step, what, words):
+    board = test_bringup.new_board(prepared(what))
+    (found,) = test_bringup.brought_up(board, (step,)).steps
+    assert found.verdict == test_bringup.FAILED
+    assert all(word in found.text for word in words), found.text

@@ -34,7 +34,7 @@ COMMAND_SOURCES = BY_NAME["command_source"].enum
 # sensor.
 FORCE_SCALE_TOLERANCE = 0.1
 # CANopen indices of two texts: name of the device, version of the firmware of the device.
-DEVICE_NAME_INDEX, VERSION_INDEX = 0x1008, 0x100A
+DEVICE_NAME_INDEX, HARDWARE_INDEX, VERSION_INDEX = 0x1008, 0x1009, 0x100A
 
 
 # Text for the user for each error code FW_ERROR_ of the firmware.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NoReturn
 from forceaxis.axis.link import (
     COMMAND_SOURCES,
     DEVICE_NAME_INDEX,
+    HARDWARE_INDEX,
     VERSION_INDEX,
     Link,
     NoAnswer,
@@ -29,7 +30,7 @@ BAUD_RATE = 115_200  # baud rate, the default of the firmware, for 8 data bits a
 PARITIES = "EN"
 MOST_REGISTERS = 125  # largest number of registers in one request
 # Number of a text in Modbus function 43 / 14, for each CANopen index of the same text.
-IDENTIFICATION_OBJECTS = {DEVICE_NAME_INDEX: 4, VERSION_INDEX: 2}
+IDENTIFICATION_OBJECTS = {DEVICE_NAME_INDEX: 4, HARDWARE_INDEX: 5, VERSION_INDEX: 2}
 TARGET_NO_ANSWER = 11  # exception code "gateway target device failed to respond"
 EXCEPTIONS = {
     2: "there is no such register",

@@ -1,6 +1,6 @@
 """Brings a board into operation without a motor. Each step asks a person to do something at the
-board, reads objects of the axis, and checks what was read. The steps are those of
-firmware/port/stm32f4/README.md.
+board, reads objects of the axis, and checks what was read. The steps are those of the README.md
+of the board, in firmware/port/stm32f4 and firmware/port/stm32g4.
 
     protocol = bring_up(axis, Person(), BringupRequest())
     protocol.passed                     # True if every step passed
@@ -18,6 +18,7 @@ from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import (
     COMMAND_SOURCES,
     DEVICE_NAME_INDEX,
+    HARDWARE_INDEX,
     TICKS_PER_S,
     VERSION_INDEX,
     NoAnswer,
@@ -43,11 +44,10 @@ VOLTAGE_SHARE, VOLTAGE_MAX_V = 0.02, 0.02
 CROSSTALK_MAX = 0.01
 TURN_TOLERANCE = 0.05  # of a turn by hand
 # DAC codes of the step "outputs". The first ones find a motor that is still connected.
-CODES = (0, 50, -50, 500, 1000, 2000, -500, -1000, -2000)
+CODES = (0, 50, -50, 500, 1000, 1700, 2000, -500, -1000, -1700, -2000)
 # While the step "outputs" lasts, a speed above this one in counts/tick is a fault of the axis, and
 # a motion of the encoder by more counts than this ends the step.
 SPEED_MAX, MOTION_MAX = 1, 3
-STAGE_CODES = (0, 2000, -2000)  # codes at which the voltage of the stage is asked for
 CODE_V = 20 / 4096  # of the +-10 V stage
 STAGE_MAX_V = 0.1
 
@@ -67,17 +67,56 @@ OUTPUT_ERRORS = {
     128: "the level at PB0 differs from amp_enable: PB0 is shorted, or something drives it",
 }
 BOARD_ERRORS = {
-    1: "the 8 MHz of the ST-Link do not arrive at PH0, so the internal oscillator is in use: check "
-    "the solder bridges (UM1724)",
-    2: "the brown-out reset has another level: run `forceaxis flash` again, which sets level 3",
     4: "the image in the flash memory is damaged: run `forceaxis flash` again",
     8: "the RAM has failed: replace the chip",
     16: "the supply voltage is below 2.9 V: check the supply at 3V3",
     32: "the ADC reference is outside its band: the supply is not 3.3 V within 10 %",
     **OUTPUT_ERRORS,
     256: "the tick length differs from the second clock: replace the chip",
-    1024: "the converter of the force does not answer as expected: check SPI2 and "
-    "force_converter, which is adc without a converter",
+}
+
+
+@dataclass(frozen=True)
+class BoardFacts:
+    """What a step has to know of a board. `errors`: texts of the bits of board_state that mean
+    something else on each board. `stage_codes`: DAC codes at which the voltage of the stage is
+    asked for. `source_ohm`: largest resistance of a source at an input of the ADC."""
+
+    errors: dict[int, str]
+    openocd_config: str
+    stage_codes: tuple[int, ...]
+    source_ohm: int
+
+
+# By the text of 1009h; a board without an entry is taken for the first one.
+BOARDS = {
+    "stm32f446": BoardFacts(
+        errors={
+            1: "the 8 MHz of the ST-Link do not arrive at PH0, so the internal oscillator is in "
+            "use: check the solder bridges (UM1724)",
+            2: "the brown-out reset has another level: run `forceaxis flash` again, which sets "
+            "level 3",
+            1024: "the converter of the force does not answer as expected: check SPI2 and "
+            "force_converter, which is adc without a converter",
+        },
+        openocd_config="board/st_nucleo_f4.cfg",
+        stage_codes=(0, 2000, -2000),
+        source_ohm=10_000,
+    ),
+    "stm32g474": BoardFacts(
+        errors={
+            1: "the crystal of 24 MHz at PF0 and PF1 does not start, so the internal oscillator is "
+            "in use: check the crystal and its solder bridges (UM2505)",
+            2: "the option bytes for brown-out reset and start have other values: run `forceaxis "
+            "flash` again, which sets them",
+            1024: "this board has no connection for a converter of the force: set force_converter "
+            "to adc, save, and reset the board",
+        },
+        openocd_config="board/st_nucleo_g4.cfg",
+        # The output buffer of the DAC ends at 8.79 V of the stage, code 1799.
+        stage_codes=(0, 1700, -1700),
+        source_ohm=2_000,
+    ),
 }
 CONTACTS = {
     0: ("enable chain (PC0)", 1),
@@ -146,6 +185,12 @@ class Bench:
     axis: Axis
     operator: Operator
     clock: Callable[[], float]
+
+    @property
+    def facts(self) -> BoardFacts:
+        """Returns the facts about the board, which says its name itself."""
+        first = next(iter(BOARDS.values()))
+        return BOARDS.get(self.axis.link.text(HARDWARE_INDEX) or "", first)
 
     def act(self, text: str) -> None:
         """Asks for an action. Raises Skipped."""
@@ -221,7 +266,7 @@ def check_reset(bench: Bench) -> BringupStep:
 def check_board(bench: Bench) -> BringupStep:
     """Reads the errors that the board has found in itself."""
     state = bench.board_state()
-    found = errors_of(state, BOARD_ERRORS)
+    found = errors_of(state, BOARD_ERRORS | bench.facts.errors)
     if state & NOT_COMPARED:
         found = found or "the second clock of the chip does not run: replace the chip"
     if found:
@@ -312,7 +357,7 @@ def check_outputs(bench: Bench) -> BringupStep:
             found = error_at(axis, code, position)
             if found:
                 return failed(f"{found} (at the DAC code {code})", dac_code=code)
-            if code in STAGE_CODES:
+            if code in bench.facts.stage_codes:
                 text = f"Voltage of the +-10 V stage at the DAC code {code}, if there is a stage"
                 volts = bench.operator.number(text, "V")
                 if volts is not None:
@@ -320,7 +365,7 @@ def check_outputs(bench: Bench) -> BringupStep:
     finally:
         axis.off()
         axis.put_back(**before)
-    for code in STAGE_CODES:
+    for code in bench.facts.stage_codes:
         volts = values.get(f"stage_{code}_V", code * CODE_V)
         if abs(volts - code * CODE_V) > STAGE_MAX_V:
             return failed(
@@ -352,15 +397,16 @@ def check_channel(bench: Bench, channel: str) -> BringupStep:
     crosstalk = (high - low) / SUPPLY_V
     values = {"voltmeter_V": wanted, "reading_V": low, "crosstalk": crosstalk}
     error = low - wanted
+    kilohms = bench.facts.source_ohm / 1000
     if abs(crosstalk) > CROSSTALK_MAX:
         text = (
             f"{pin} follows {other} by {crosstalk:.1%}: the source of the {channel} has more than "
-            "10 kOhm, so add a follower"
+            f"{kilohms:g} kOhm, so add a follower"
         )
     elif abs(error) > VOLTAGE_SHARE * abs(wanted) + VOLTAGE_MAX_V:
         text = (
-            f"expected {wanted:.3f} V at {pin}, got {low:.3f} V: the source has more than 10 kOhm "
-            f"and needs a follower, or {pin} is not connected to the source"
+            f"expected {wanted:.3f} V at {pin}, got {low:.3f} V: the source has more than "
+            f"{kilohms:g} kOhm and needs a follower, or {pin} is not connected to the source"
         )
     else:
         return passed(f"{low:.3f} V at {pin}, the voltmeter has {wanted:.3f} V", **values)
@@ -461,8 +507,9 @@ def check_can_off(bench: Bench) -> BringupStep:
 def check_watchdog(bench: Bench) -> BringupStep:
     """Stops the core, so that the watchdog resets the processor."""
     bench.act(
-        "Run in another terminal, with the motor disconnected: openocd -f board/st_nucleo_f4.cfg "
-        "-c init -c 'mww 0xE0042008 0' -c halt -c shutdown. Wait until it has ended."
+        "Run in another terminal, with the motor disconnected: openocd -f "
+        f"{bench.facts.openocd_config} -c init -c 'mww 0xE0042008 0' -c halt -c shutdown. "
+        "Wait until it has ended."
     )
     return after_reset(bench, WATCHDOG_RESET, "watchdog", "the watchdog did not reset the core")
 
