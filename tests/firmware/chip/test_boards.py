@@ -57,7 +57,8 @@ def row(described):
     files = files_of(described.folder)
     script = (described.folder / described.build.script).read_text()
     sizes = {name: size_of(script, name) for name in SIZES}
-    if any("recorder_buffer[FW_RECORDER_BYTES]" in path.read_text() for path in files):
+    shared = [board.source(PORTS, described.folder, name) for name in described.build.sources]
+    if any("recorder_buffer[FW_RECORDER_BYTES]" in path.read_text() for path in shared):
         header = (ROOT / "firmware/app/fw.h").read_text()
         sizes["recorder_buffer"] = int(re.search(r"FW_RECORDER_BYTES (\d+)", header)[1])
     processor = re.search(r"-m(?:cpu|arch)=([\w-]+)", " ".join(described.build.flags))[1]
@@ -77,6 +78,7 @@ def table():
     shared = {
         "`port`, its own files": ("every board", files_of(PORTS, "*")),
         "`port/cortexm`": ("a Cortex-M", files_of(PORTS / "cortexm")),
+        "`port/stm32`": ("a board with an STM32", files_of(PORTS / "stm32")),
         "`port/emulated`": ("a board of an emulator", files_of(PORTS / "emulated")),
     }
     rows = [f"| {name} | {use} | {count(files)}\n" for name, (use, files) in shared.items()]
