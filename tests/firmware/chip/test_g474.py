@@ -86,6 +86,12 @@ globals().update(
 )
 
 
+def most_long(first, *others):
+    """Parameters of which only the first one runs without `--all`."""
+    rows = [value if isinstance(value, tuple) else (value,) for value in others]
+    return [first, *(pytest.param(*row, marks=pytest.mark.long) for row in rows)]
+
+
 @pytest.fixture(scope="module", autouse=True)
 def image_of_this_board():
     build(BOARD.folder)
@@ -132,7 +138,7 @@ def test_the_crystal_is_the_clock_by_way_of_range_1_boost_and_is_watched(chip):
     assert chip.board.mistakes == []
 
 
-@pytest.mark.parametrize("never", ["pll", "switch", "regulator"])
+@pytest.mark.parametrize("never", most_long("regulator", "pll", "switch"))
 def test_without_its_clock_the_axis_stays_off(never):
     chip = Chip()
     if never == "pll":
@@ -207,7 +213,7 @@ def test_the_boot_is_done_10_ms_after_the_crystal_runs():
 
 
 @pytest.mark.parametrize(
-    "share, lsi_hz", [(0.5, 29.5e3), (0.75, 34e3), (1.35, 32e3), (2.0, 29.5e3)]
+    "share, lsi_hz", most_long((0.75, 34e3), (0.5, 29.5e3), (1.35, 32e3), (2.0, 29.5e3))
 )
 def test_a_tick_that_becomes_slow_or_fast_is_off_in_20_ms(share, lsi_hz):
     chip = Chip()
@@ -230,7 +236,7 @@ OPTIONS = {  # RM0440 3.4.1: what a field of FLASH_OPTR must not be
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.parametrize("name", most_long(*OPTIONS))
 def test_option_bytes_are_read_back_at_power_up(name):
     at, mask, value = OPTIONS[name]
     chip = Chip()
@@ -323,7 +329,7 @@ def test_every_vector_leads_somewhere(chip):
     assert all(chip.vectors[i] == 0 for i in set(range(1, 104)) - used)
 
 
-@pytest.mark.parametrize("place", ["vectors", "code", "check"])
+@pytest.mark.parametrize("place", most_long("code", "vectors", "check"))
 def test_one_wrong_bit_of_the_image_is_found_at_power_up(place):
     chip = Chip(checked=True)
     end = chip.symbols["code_end"]
@@ -386,7 +392,7 @@ def test_the_dac_is_set_up_while_it_is_off_and_stands_at_mid_scale_before_it_is_
     assert order.index(0x3C) < on and (0x08, 2048) in seen[:on]
 
 
-@pytest.mark.parametrize("code", [-2048, -1800, -1, 0, 700, 1799, 1801, 2047])
+@pytest.mark.parametrize("code", most_long(2047, -2048, -1800, -1, 0, 700, 1799, 1801))
 def test_the_dac_within_the_reach_of_its_buffer_is_no_fault(chip, code):
     """0.2 V to 3.1 V at the pin, 8.79 V at the stage."""
     enable(chip, code)
@@ -436,6 +442,7 @@ def test_a_converter_whose_calibration_does_not_end_never_blocks(which):
     assert chip.board.mistakes == []
 
 
+@pytest.mark.long
 def test_a_converter_of_the_force_that_this_board_lacks_is_not_replaced(chip):
     kind = objects.BY_NAME["force_converter"].enum.index("ads1256")
     assert chip.write("force_converter", kind) == 0
@@ -460,7 +467,7 @@ def test_bit_timing(chip):
     assert chip.board.gpioa[0x08] >> 24 & 3 >= 1  # edges of PA12
 
 
-@pytest.mark.parametrize("kbit_s", [1000, 500, 250, 125, 50, 20, 10])
+@pytest.mark.parametrize("kbit_s", most_long(10, 1000, 500, 250, 125, 50, 20))
 def test_every_bit_rate_has_its_timing(chip, kbit_s):
     chip.call("port_can_rate", kbit_s)
     test_buses.polls_until(chip, test_buses.ACTIVE, 20)
@@ -537,6 +544,7 @@ def test_bus_off_stops_the_axis_and_is_recovered_after_129_times_11_bits(chip):
     assert chip.board.mistakes == []
 
 
+@pytest.mark.long
 def test_a_controller_that_does_not_answer_never_blocks_a_tick():
     chip = Chip()
     chip.board.can.answers_init = False
@@ -619,13 +627,8 @@ def test_the_watchdog_is_fed_in_an_erase_and_the_buses_go_on(chip):
 PROGERR, WRPERR, PGAERR, SIZERR, PGSERR, RDERR = 3, 4, 5, 6, 7, 14
 
 
-def most_long(first, *others):
-    """Parameters of which only the first one runs without `--all`."""
-    rows = [value if isinstance(value, tuple) else (value,) for value in others]
-    return [first, *(pytest.param(*row, marks=pytest.mark.long) for row in rows)]
-
-
-@pytest.mark.parametrize("bit", most_long(PROGERR, WRPERR, PGAERR, SIZERR, PGSERR, RDERR))
+@pytest.mark.long
+@pytest.mark.parametrize("bit", [PROGERR, WRPERR, PGAERR, SIZERR, PGSERR, RDERR])
 def test_a_write_error_is_reported_and_the_old_set_stays(chip, bit):
     assert save(chip, 500) == "saved"
     chip.board.flash.fail = bit
