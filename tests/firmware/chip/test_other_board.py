@@ -71,6 +71,7 @@ def ports(tmp_path_factory):
             ('["read_bytes"]', '["nothing"]'),
         )
     )  # fmt: skip
+    (folder / "chip.h").write_text('#include "firmware/port/stm32f4/chip.h"\n')
     (folder / "press.ld").write_text(
         changed(
             (port / "stm32f446.ld").read_text(),
