@@ -436,7 +436,8 @@ def test_openocd_is_missing(bench, elf, tmp_path):
         ({"stack": 0x2001FFFE}, "with a stack pointer in"),
         (
             {"board": "emulated"},
-            "expected an image for the board nucleo-f446re, got an image for the board emulated",
+            "expected an image for the board nucleo-f446re, nucleo-g474re, got an image "
+            "for the board emulated",
         ),
         (
             {"kept": ".none"},
