@@ -19,6 +19,21 @@ void port_init(void) {
   serial_init(io_clock_is_right() ? CLOCK_APB1_HZ : CLOCK_HSI_HZ);
 }
 
+/* Returns the slots, or NULL if the image was started without a trailer. */
+static const fw_slots_t *find_slots(void) {
+  static fw_slots_t slots;
+  slots = (fw_slots_t){
+      .memory = flash_slots(),
+      .address = {BOARD_SLOT_A, BOARD_SLOT_B},
+      .board = identity.board,
+      .restart = board_restart,
+      .running = ((uintptr_t)vectors_begin == BOARD_SLOT_A) ? 0 : 1,
+  };
+  return (slots.memory != NULL && slots_trailer(vectors_begin, BOARD_SLOT_BYTES)->magic == SLOT_MAGIC)
+             ? &slots
+             : NULL;
+}
+
 const fw_config_t *port_config(void) {
   config.recorder_buffer = recorder_buffer;
   config.recorder_bytes = sizeof(recorder_buffer);
@@ -39,7 +54,8 @@ const fw_config_t *port_config(void) {
   config.curve_memory = curve_begin;
   config.curve_bytes = image_bytes(curve_begin, curve_end);
   config.reset_cause = reset_cause();
-  config.core_fault = board_fault_before(config.reset_cause);
+  config.core_fault = board_fault_before(&config.reset_cause);
+  config.slots = find_slots();
   return &config;
 }
 

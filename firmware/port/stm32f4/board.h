@@ -147,10 +147,23 @@ void spi_force_read_interrupt(void);
 /* serial.c */
 void serial_init(uint32_t clock_hz);
 
-/* flash.c: memory of the parameter store and memory of the archive of incidents; NULL if the board
- * has no such memory. */
+/* flash.c: memories of the parameter store, of the archive of incidents and of the slots for images;
+ * NULL if the board has no such memory. */
 const store_memory_t *flash_memory(void);
 const store_memory_t *flash_archive(void);
+const store_memory_t *flash_slots(void);
+
+/* Begins and size of the slots in the flash. The linker script has the same addresses. */
+#define BOARD_SLOT_A UINT32_C(0x08020000)
+#define BOARD_SLOT_B UINT32_C(0x08040000)
+enum { BOARD_SLOT_BYTES = 0x20000 };
+
+/* Begin of the slot for which the image is linked. */
+extern const uint32_t vectors_begin[];
+
+/* Restarts the chip after a command. The outputs are off. The next start does not report this
+ * reset. */
+_Noreturn void board_restart(void);
 
 /* watchdog.c */
 void watchdog_start(void); /* starts the watchdog with its longest time */
@@ -170,8 +183,9 @@ uint32_t io_serial_number(void);
 
 /* fault.c: board_fail() switches the outputs off and resets the chip when the program cannot
  * continue; it also handles the faults of the core. After the reset, board_fault_before() returns
- * the kept data of the fault, or NULL if there was no fault. Call board_fault_before() once. */
+ * the kept data of the fault, or NULL if there was no fault, and removes a reset by
+ * board_restart() from the causes. Call board_fault_before() once. */
 void board_fail(void);
-const fw_core_fault_t *board_fault_before(uint8_t reset_cause);
+const fw_core_fault_t *board_fault_before(uint8_t *reset_cause);
 
 #endif

@@ -20,18 +20,32 @@ static const region_t regions[] = {
     {0x08000000, MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SRD(0xC3) |
                      MPU_RASR_SIZE(16) | MPU_RASR_ENABLE},
     /* Archive of incidents in the flash: reading and programming. */
-    {0x08040000,
-     MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SIZE(18) | MPU_RASR_ENABLE},
+    {0x08010000,
+     MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SIZE(16) | MPU_RASR_ENABLE},
+    {0x08060000,
+     MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SIZE(17) | MPU_RASR_ENABLE},
     /* Bottom of the RAM: no access, because a stack that is too large grows into this region. */
     {0x20000000, MPU_RASR_AP_NONE | MPU_RASR_XN | MPU_RASR_SIZE(5) | MPU_RASR_ENABLE},
 };
 
+enum { REGIONS = sizeof(regions) / sizeof(regions[0]) };
+
+static void set_region(uint32_t number, uint32_t base, uint32_t attributes) {
+  MPU->RNR = number;
+  MPU->RBAR = base;
+  MPU->RASR = attributes;
+}
+
+/* The slot that does not run and the trailer of the running slot may be programmed. */
 void protect_start(void) {
-  for (uint32_t i = 0; i < sizeof(regions) / sizeof(regions[0]); i++) {
-    MPU->RNR = i;
-    MPU->RBAR = regions[i].base;
-    MPU->RASR = regions[i].attributes;
+  const uint32_t running = (uintptr_t)vectors_begin;
+  for (uint32_t i = 0; i < REGIONS; i++) {
+    set_region(i, regions[i].base, regions[i].attributes);
   }
+  set_region(REGIONS, running ^ BOARD_SLOT_A ^ BOARD_SLOT_B,
+             MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SIZE(17) | MPU_RASR_ENABLE);
+  set_region(REGIONS + 1, running + BOARD_SLOT_BYTES - SLOT_TRAILER_BYTES,
+             MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SIZE(6) | MPU_RASR_ENABLE);
   MPU->CTRL = MPU_CTRL_ENABLE | MPU_CTRL_PRIVDEFENA;
   __asm volatile("dsb\nisb" ::: "memory");
 }

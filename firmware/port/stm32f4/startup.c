@@ -4,8 +4,6 @@
 #include "firmware/port/stm32f4/board.h"
 #include "firmware/port/stm32f4/tick.h"
 
-extern const uint32_t vectors_begin[];
-
 int main(void);
 _Noreturn void reset(void);
 

@@ -7,9 +7,18 @@
 #include "firmware/port/emulated/host_link.h"
 #include "firmware/port/port.h"
 #include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32f4/emulated/flash.h"
 #include "firmware/port/stm32f4/tick.h"
 
-void io_init(void) { host_link_open(); }
+static int32_t flash_file; /* negative without a file */
+
+#define STORE_BEGIN UINT32_C(0x08004000)
+enum { STORE_SECTOR_BYTES = 0x4000 };
+
+void io_init(void) {
+  host_link_open();
+  flash_file = flash_file_open();
+}
 
 void io_start(void) {} /* no drive and no converter */
 
@@ -37,9 +46,50 @@ uint8_t io_node_id(void) { return 1; }
 
 uint32_t io_serial_number(void) { return 0; }
 
-const store_memory_t *flash_memory(void) { return NULL; }
+/* Memories in the file of the flash (flash.h); there are none without this file. */
+
+/* A memory of two sectors, of which the second one follows the first one. */
+static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
+  flash_file_read(flash_file, (uint32_t)(uintptr_t)context + address, bytes, count);
+}
+
+static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes, uint32_t count) {
+  flash_file_program(flash_file, (uint32_t)(uintptr_t)context + address, bytes, count);
+  return true;
+}
+
+static uint32_t bytes_of(const void *context) {
+  return ((uintptr_t)context == BOARD_SLOT_A) ? BOARD_SLOT_BYTES : STORE_SECTOR_BYTES;
+}
+
+static bool erase_sector(void *context, uint8_t sector) {
+  const uint32_t bytes = bytes_of(context);
+  flash_file_erase(flash_file, (uint32_t)(uintptr_t)context + sector * bytes, bytes);
+  return true;
+}
+
+static store_memory_t memory_at(uint32_t begin) {
+  void *context = (void *)(uintptr_t)begin;
+  return (store_memory_t){.context = context,
+                          .sector_bytes = bytes_of(context),
+                          .read = read_bytes,
+                          .program = program_bytes,
+                          .erase = erase_sector};
+}
+
+const store_memory_t *flash_memory(void) {
+  static store_memory_t memory;
+  memory = memory_at(STORE_BEGIN);
+  return (flash_file < 0) ? NULL : &memory;
+}
 
 const store_memory_t *flash_archive(void) { return NULL; }
+
+const store_memory_t *flash_slots(void) {
+  static store_memory_t memory;
+  memory = memory_at(BOARD_SLOT_A);
+  return (flash_file < 0) ? NULL : &memory;
+}
 
 void watchdog_arm(void) {}
 
