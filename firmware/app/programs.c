@@ -122,6 +122,17 @@ int programs_check(const fw_t *fw, uint16_t object, int32_t value) {
   return (is_part(object) && is_downloading(fw, CANOPEN_SDOS)) ? FW_ERROR_BUSY : FW_OK;
 }
 
+/* Begins a record with this first word, or continues an update whose offset has passed 65535. */
+static void begin_parts(fw_t *fw, uint32_t first) {
+  const bool continues =
+      update_is_receiving(fw) && fw->update.received != 0 && (fw->update.received & 0xFFFFu) == 0;
+  if (first == UPDATE_MAGIC) {
+    (void)update_begin(fw, 0);
+  } else if (!continues) {
+    update_abandon(fw);
+  }
+}
+
 /* Takes a part of a record, or its offset. A part that does not follow the others is dropped; the
  * end of the record is then refused, because too few bytes are staged. */
 static void take_part(fw_t *fw, uint16_t object, uint32_t value) {
@@ -131,10 +142,8 @@ static void take_part(fw_t *fw, uint16_t object, uint32_t value) {
     uint8_t bytes[4];
     fx_store_le(bytes, value, 4);
     const uint32_t place = fw->device.cycle_data_offset + 4u * (object - AXIS_OBJ_CYCLE_DATA_1);
-    if (place == 0 && value == UPDATE_MAGIC) {
-      (void)update_begin(fw, 0);
-    } else if (place == 0) {
-      update_abandon(fw);
+    if (place == 0) {
+      begin_parts(fw, value);
     }
     if (update_is_receiving(fw)) {
       update_part(fw, (uint16_t)place, bytes);

@@ -24,7 +24,7 @@ enum {
   UPDATE_SILENCE_TICKS = 7500,  /* 5 s, as an SDO transfer waits */
   UPDATE_RESTART_TICKS = 150,   /* 100 ms from the command until the chip restarts */
   UPDATE_CONFIRM_TICKS = 15000, /* 10 s without an overrun, before an image may be confirmed */
-  UPDATE_BYTES_MAX = UPDATE_HEAD_BYTES + SLOT_IMAGE_BYTES_MAX
+  UPDATE_BYTES_MAX = (int)UPDATE_HEAD_BYTES + (int)SLOT_IMAGE_BYTES_MAX
 };
 
 /* First word of a head. */

@@ -14,9 +14,12 @@ from unicorn import arm_const
 ROOT = Path(__file__).resolve().parents[3]
 BOARD = board.read(ROOT / "firmware/port/stm32f4")
 IMAGE = ROOT / f"build/image/{BOARD.image}.elf"
+IMAGES = IMAGE, IMAGE.with_name(f"{IMAGE.stem}-b.elf")  # for both slots
 EMULATED = IMAGE.with_name(f"{BOARD.image}-emulated.elf")
 FLASH, FLASH_BYTES = 0x08000000, 512 * 1024
 STORE, STORE_BYTES = 0x08004000, 2 * 16384
+SLOTS, SLOT_BYTES = BOARD.slots.addresses, BOARD.slots.bytes
+PAGE = 0x1000  # of the emulator; the trailer of the running slot has one of its own
 RAM, RAM_BYTES = 0x20000000, 128 * 1024
 EXIT = 0x00000F00  # where a handler returns to
 UID, UID_WORDS = 0x1FFF7A10, (0x00350027, 0x33365110, 0x31323736)
@@ -66,26 +69,45 @@ def symbols(path):
 class Chip:
     """A chip out of reset. `store`: the stored sectors of its flash, 32 KiB. `steps` counts
     instructions, without `ram_counts` only those in the flash. Unless `checked`, the CRC of the
-    image is taken for right, to save its 22,000 words of every boot."""
+    image is taken for right, to save its 22,000 words of every boot. `slot`: number of the slot that
+    the loader has started; `slots`: the bytes of both slots, by default those of an image that a
+    debug probe has written to slot A."""
 
-    def __init__(self, store=None, ram_counts=True, checked=False):
+    def __init__(self, store=None, ram_counts=True, checked=False, slot=0, slots=None):
         self.board = Board()
         self.board.read_memory = lambda at, count: bytes(self.uc.mem_read(at, count))
         self.board.write_memory = lambda at, data: self.uc.mem_write(at, data)
         self.board.gpioc.wires = {4: 0}  # the strap of node id 1
-        self.symbols = symbols(IMAGE)
+        self.symbols = symbols(IMAGES[slot])
         if store is not None:
             self.board.flash.bytes[:] = store
         self.uc = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
         self.uc.ctl_set_cpu_model(arm_const.UC_CPU_ARM_CORTEX_M4)
         self.code = bytearray(b"\xff" * FLASH_BYTES)
-        for address, data in segments(IMAGE):
+        for address, data in segments(IMAGES[slot]):
             self.code[address - FLASH : address - FLASH + len(data)] = data
+        flash, begin = self.board.flash, SLOTS[0] - FLASH
+        flash.other = 6 - slot
+        if slots is not None:
+            self.code[begin : begin + 2 * SLOT_BYTES] = slots
+        flash.slots[:] = self.code[begin : begin + 2 * SLOT_BYTES]
         read_only = unicorn.UC_PROT_READ | unicorn.UC_PROT_EXEC
-        for begin, end in ((FLASH, STORE), (STORE + STORE_BYTES, FLASH + FLASH_BYTES)):
+        running = range(SLOTS[slot], SLOTS[slot] + SLOT_BYTES - PAGE)
+        last = SLOTS[1] + SLOT_BYTES
+        for begin, end in (
+            (FLASH, STORE),
+            (STORE + STORE_BYTES, SLOTS[0]),
+            (running.start, running.stop),
+            (last, FLASH + FLASH_BYTES),
+        ):
             self.uc.mem_map(begin, end - begin, read_only)
             self.uc.mem_write(begin, bytes(self.code[begin - FLASH : end - FLASH]))
         self.uc.mmio_map(STORE, STORE_BYTES, self._read_store, None, self._write_store, None)
+        for begin, end in ((SLOTS[0], running.start), (running.stop, last)):
+            if end > begin:
+                self.uc.mmio_map(
+                    begin, end - begin, self._read_slots, begin, self._write_slots, begin
+                )
         self.uc.mem_map(RAM, RAM_BYTES)
         self.uc.mem_write(RAM, b"\xa5" * RAM_BYTES)
         self.uc.mem_map(UID & ~0xFFF, 0x1000, unicorn.UC_PROT_READ)
@@ -101,8 +123,8 @@ class Chip:
             self.uc.mem_write(self.symbols["image_is_whole"], b"\x01\x20\x70\x47")  # true
         for base, size in ((0x40000000, 0x30000), (0xE000E000, 0x1000), (0xE0042000, 0x1000)):
             self.uc.mmio_map(base, size, self._read, base, self._write, base)
-        stack, self.entry = struct.unpack_from("<II", self.code)
-        self.vectors = struct.unpack_from("<81I", self.code)
+        stack, self.entry = struct.unpack_from("<II", self.code, running.start - FLASH)
+        self.vectors = struct.unpack_from("<81I", self.code, running.start - FLASH)
         self.uc.reg_write(arm_const.UC_ARM_REG_SP, stack)
         self.idle = self.symbols["port_idle"]
         # The loader's copy of the data, so that every boot starts as at power-up.
@@ -129,6 +151,13 @@ class Chip:
 
     def _write_store(self, _uc, offset, size, value, _data):
         self._guard(self.board.flash.program, offset, size, value)
+
+    def _read_slots(self, _uc, offset, size, begin):
+        at = begin + offset - SLOTS[0]
+        return int.from_bytes(self.board.flash.slots[at : at + size], "little")
+
+    def _write_slots(self, _uc, offset, size, value, begin):
+        self._guard(self.board.flash.program_slot, begin + offset - SLOTS[0], size, value)
 
     def _on_block(self, _uc, address, size, _data):
         # At most that many: an instruction has two bytes or four.

@@ -3,6 +3,7 @@ object table."""
 
 import logging
 import re
+import struct
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, NoReturn
@@ -27,6 +28,7 @@ TCP_URL = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL_URL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
 BAUD_RATE = 115_200  # baud rate, the default of the firmware, for 8 data bits and even parity
 PARITIES = "EN"
+PART_BYTES = 64  # of cycle_data_1 to _16; also the head of an update
 MOST_REGISTERS = 125  # largest number of registers in one request
 # Number of a text in Modbus function 43 / 14, for each CANopen index of the same text.
 IDENTIFICATION_OBJECTS = {DEVICE_NAME_INDEX: 4, VERSION_INDEX: 2}
@@ -227,6 +229,22 @@ class ModbusLink(Link):
                 self._write(name, raw)
                 if name == "modbus_word_order":
                     self._low_first = bool(raw)
+
+    def download_update(self, data: bytes, written: Callable[[int], None]) -> None:
+        """Writes the update in parts: one request for each cycle_data_offset with 16 words behind
+        it. The axis erases the slot in the request with the head of the update."""
+        first = BY_NAME["cycle_data_offset"].modbus
+        write = self.client.write_registers
+        for at in range(0, len(data), PART_BYTES):
+            registers = [at & 0xFFFF]
+            for low, high in struct.iter_unpack("<HH", data[at : at + PART_BYTES]):
+                registers += [low, high] if self._word_order() else [high, low]
+            self._ask(
+                "the update", lambda r=registers: write(first, r, device_id=self._unit)
+            )
+            if at == 0 and not self._read("program_flash_status") & 1:
+                raise Refused("the update was refused")
+            written(at)
 
     def acquire(self) -> None:
         self._write("command_source", self.source)
