@@ -271,6 +271,9 @@ class Flash(Peripheral):
         self.bytes = bytearray(b"\xff" * 2 * self.SECTOR)
         self.slots = bytearray(b"\xff" * 2 * self.SLOT)
         self.other = 6  # sector of the slot that does not run
+        # Words of the trailer of the running slot that may be programmed: `confirmed`; by the
+        # loader, the tries.
+        self.words_of_trailer = {16}
         self.keys = []
         self.busy = 0
         self.erase_s = 0.0
@@ -345,9 +348,9 @@ class Flash(Peripheral):
     def program_slot(self, at, size, value):
         """Programs bytes of the slots: of the one that does not run, or the word that confirms the
         image that runs."""
-        confirmed = (0 if self.other == 6 else self.SLOT) + self.SLOT - 48
+        trailer = (0 if self.other == 6 else self.SLOT) + self.SLOT - 64
         is_other = at // self.SLOT == self.other - 5
-        assert is_other or at == confirmed, f"programmed {self.SLOTS + at:#x} of the running slot"
+        assert is_other or at - trailer in self.words_of_trailer, f"programmed {self.SLOTS + at:#x} of the running slot"
         self.program(at, size, value, self.slots, 5 + at // self.SLOT)
 
     def program(self, at, size, value, memory=None, sector=None):

@@ -101,7 +101,7 @@ void port_feed_watchdog(void) {}
 
 /* CAN in the emulator: a serial line transmits each frame as 12 bytes. */
 
-enum { FRAME_BYTES = 12 };
+enum { FRAME_BYTES = 12, POLLS_MAX = 500 };
 
 void can_interrupt(void) {} /* never enabled */
 
@@ -117,10 +117,17 @@ bool port_can_receive(can_frame_t *frame) {
   static uint8_t bytes[FRAME_BYTES];
   static uint8_t count;
   USART3->CR1 = USART_CR1_UE | USART_CR1_TE | USART_CR1_RE;
-  while (count < FRAME_BYTES && (USART3->SR & USART_SR_RXNE) != 0) {
-    bytes[count] = (uint8_t)USART3->DR;
-    count++;
+  static bool has_more;
+  /* QEMU gives the next byte soon after the one before was read. */
+  for (uint32_t polls = (has_more || count > 0) ? POLLS_MAX : 1; count < FRAME_BYTES && polls > 0;
+       polls--) {
+    if ((USART3->SR & USART_SR_RXNE) != 0) {
+      bytes[count] = (uint8_t)USART3->DR;
+      count++;
+      polls = POLLS_MAX;
+    }
   }
+  has_more = count == FRAME_BYTES;
   if (count < FRAME_BYTES) {
     return false;
   }
