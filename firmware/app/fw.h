@@ -153,7 +153,7 @@ typedef struct {
   /* memory for the curve of a cycle, which begins at a multiple of 4 and must outlive the firmware;
    * NULL: there is no curve */
   void *curve_memory;
-  uint32_t curve_bytes; /* FW_CURVE_BYTES on the host */
+  uint32_t curve_bytes;    /* FW_CURVE_BYTES on the host */
   const fw_slots_t *slots; /* NULL: the firmware cannot be updated in operation */
 } fw_config_t;
 
@@ -175,11 +175,11 @@ enum { UPDATE_HEAD_BYTES = sizeof(update_head_t) };
 
 typedef struct {
   update_head_t head;
-  uint32_t size;     /* announced number of bytes, 0: none */
-  uint32_t received; /* number of bytes */
-  uint32_t crc;      /* of the bytes of the image that were programmed */
-  uint32_t tick;     /* tick of the last bytes */
-  uint32_t sequence; /* of the running image */
+  uint32_t size;         /* announced number of bytes, 0: none */
+  uint32_t received;     /* number of bytes */
+  uint32_t crc;          /* of the bytes of the image that were programmed */
+  uint32_t tick;         /* tick of the last bytes */
+  uint32_t sequence;     /* of the running image */
   uint32_t overrun_tick; /* tick of the last overrun */
   uint8_t word[4];       /* bytes of the word that is not complete */
   uint8_t is_receiving;

@@ -80,8 +80,7 @@ int update_begin(fw_t *fw, uint32_t size) {
   if (fw->update.restart_ticks != 0) {
     return FW_ERROR_BUSY;
   }
-  const int refusal =
-      ownership_permit(&fw->objects, FW_SOURCE_LOCAL, AXIS_OBJ_PROGRAM_CONTROL, 0);
+  const int refusal = ownership_permit(&fw->objects, FW_SOURCE_LOCAL, AXIS_OBJ_PROGRAM_CONTROL, 0);
   if (refusal != FW_OK) {
     return refusal;
   }

@@ -235,9 +235,8 @@ uint32_t sdo_close(const sdo_request_t *request) {
     return code;
   }
   return (server->what == AXIS_ADDRESS_DOWNLOAD)
-             ? abort_of_download(
-                   dictionary_download_end(request->objects, request->number, server->index,
-                                           server->offset))
+             ? abort_of_download(dictionary_download_end(request->objects, request->number,
+                                                         server->index, server->offset))
              : write_value(request);
 }
 

@@ -107,8 +107,9 @@ uint32_t dictionary_domain_read(const dictionary_t *objects, uint16_t index, uin
 /* An AXIS_ADDRESS_DOWNLOAD entry is the program of a cycle or an update of the firmware.
  * dictionary_download_most() returns the largest size of a download in bytes, or 0 if the board has
  * no memory for it. A download begins, with the size that the client has announced or 0, stages its
- * bytes from offset 0 on, and ends; only its end changes the axis. These functions return FW_OK, FW_ERROR_LOCKED, FW_ERROR_STATE, FW_ERROR_BUSY while another download is in
- * progress, FW_ERROR_RANGE if the bytes are refused, and FW_ERROR_NO_MEMORY if they have no room.
+ * bytes from offset 0 on, and ends; only its end changes the axis. These functions return FW_OK,
+ * FW_ERROR_LOCKED, FW_ERROR_STATE, FW_ERROR_BUSY while another download is in progress,
+ * FW_ERROR_RANGE if the bytes are refused, and FW_ERROR_NO_MEMORY if they have no room.
  */
 uint32_t dictionary_download_most(const dictionary_t *objects, uint16_t index);
 int dictionary_download_begin(dictionary_t *objects, uint8_t source, uint16_t index, uint32_t size);

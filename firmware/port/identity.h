@@ -38,8 +38,8 @@ extern const identity_t identity;
 
 #define IDENTITY_SECTION ".forceaxis_identity"
 
-/* Defines the variable `identity` with the identity of the image. `board_text` and `git_text` are string literals of at most 16 characters; a
- * longer literal does not compile with -Werror. */
+/* Defines the variable `identity` with the identity of the image. `board_text` and `git_text` are
+ * string literals of at most 16 characters; a longer literal does not compile with -Werror. */
 #define IDENTITY_DEFINE(board_text, git_text)                                                \
   __attribute__((section(IDENTITY_SECTION), used, aligned(4))) const identity_t identity = { \
       .magic = {'F', 'A', 'X', 'I'},                                                         \

@@ -23,9 +23,9 @@ uint32_t slots_next_try(const slot_trailer_t *trailer) {
 
 /* Returns true if an image with this trailer may be started, provided that its CRC is right. */
 static bool may_start(const slot_trailer_t *trailer, uint32_t slot_bytes) {
-  const bool is_length =
-      trailer->length >= LENGTH_MIN && (trailer->length & 3u) == 0 &&
-      trailer->length <= SLOT_IMAGE_BYTES_MAX && trailer->length <= slot_bytes - SLOT_TRAILER_BYTES;
+  const bool is_length = trailer->length >= LENGTH_MIN && (trailer->length & 3u) == 0 &&
+                         trailer->length <= SLOT_IMAGE_BYTES_MAX &&
+                         trailer->length <= slot_bytes - SLOT_TRAILER_BYTES;
   const bool is_permitted =
       trailer->confirmed == SLOT_PROGRAMMED || slots_next_try(trailer) < SLOT_TRIES;
   return trailer->magic == SLOT_MAGIC && is_length && is_permitted;

@@ -26,11 +26,11 @@ enum {
 #define SLOT_BLANK UINT32_MAX
 
 typedef struct {
-  uint32_t magic;     /* SLOT_MAGIC */
-  uint32_t length;    /* of the image, in bytes; a multiple of 4 */
-  uint32_t crc;       /* CRC-32 of the image */
-  uint32_t sequence;  /* the image with the highest number is the newest */
-  uint32_t confirmed; /* SLOT_PROGRAMMED: the image is confirmed */
+  uint32_t magic;             /* SLOT_MAGIC */
+  uint32_t length;            /* of the image, in bytes; a multiple of 4 */
+  uint32_t crc;               /* CRC-32 of the image */
+  uint32_t sequence;          /* the image with the highest number is the newest */
+  uint32_t confirmed;         /* SLOT_PROGRAMMED: the image is confirmed */
   uint32_t tries[SLOT_TRIES]; /* SLOT_BLANK: this try was not used yet */
   uint32_t unused[7];
 } slot_trailer_t;

@@ -29,7 +29,8 @@ static const fw_slots_t *find_slots(void) {
       .restart = board_restart,
       .running = ((uintptr_t)vectors_begin == BOARD_SLOT_A) ? 0 : 1,
   };
-  return (slots.memory != NULL && slots_trailer(vectors_begin, BOARD_SLOT_BYTES)->magic == SLOT_MAGIC)
+  return (slots.memory != NULL &&
+          slots_trailer(vectors_begin, BOARD_SLOT_BYTES)->magic == SLOT_MAGIC)
              ? &slots
              : NULL;
 }

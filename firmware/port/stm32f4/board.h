@@ -147,8 +147,8 @@ void spi_force_read_interrupt(void);
 /* serial.c */
 void serial_init(uint32_t clock_hz);
 
-/* flash.c: memories of the parameter store, of the archive of incidents and of the slots for images;
- * NULL if the board has no such memory. */
+/* flash.c: memories of the parameter store, of the archive of incidents and of the slots for
+ * images; NULL if the board has no such memory. */
 const store_memory_t *flash_memory(void);
 const store_memory_t *flash_archive(void);
 const store_memory_t *flash_slots(void);

@@ -1,6 +1,6 @@
-/* The loader, a program of its own at the begin of the flash. A reset starts it; it starts the image
- * that slots_choose() selects. It has no variables, uses no interrupts and no clock but that of the
- * reset, and it never erases. */
+/* The loader, a program of its own at the begin of the flash. A reset starts it; it starts the
+ * image that slots_choose() selects. It has no variables, uses no interrupts and no clock but that
+ * of the reset, and it never erases. */
 
 #include "firmware/port/stm32f4/loader.h"
 

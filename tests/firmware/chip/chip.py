@@ -69,9 +69,9 @@ def symbols(path):
 class Chip:
     """A chip out of reset. `store`: the stored sectors of its flash, 32 KiB. `steps` counts
     instructions, without `ram_counts` only those in the flash. Unless `checked`, the CRC of the
-    image is taken for right, to save its 22,000 words of every boot. `slot`: number of the slot that
-    the loader has started; `slots`: the bytes of both slots, by default those of an image that a
-    debug probe has written to slot A."""
+    image is taken for right, to save its 22,000 words of every boot. `slot`: number of the slot
+    that the loader has started; `slots`: the bytes of both slots, by default those of an image that
+    a debug probe has written to slot A."""
 
     def __init__(self, store=None, ram_counts=True, checked=False, slot=0, slots=None):
         self.board = Board()

@@ -350,7 +350,9 @@ class Flash(Peripheral):
         image that runs."""
         trailer = (0 if self.other == 6 else self.SLOT) + self.SLOT - 64
         is_other = at // self.SLOT == self.other - 5
-        assert is_other or at - trailer in self.words_of_trailer, f"programmed {self.SLOTS + at:#x} of the running slot"
+        assert is_other or at - trailer in self.words_of_trailer, (
+            f"programmed {self.SLOTS + at:#x} of the running slot"
+        )
         self.program(at, size, value, self.slots, 5 + at // self.SLOT)
 
     def program(self, at, size, value, memory=None, sector=None):

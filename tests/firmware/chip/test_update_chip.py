@@ -98,8 +98,8 @@ def test_what_is_wrong_leaves_the_slot_untouched(chip, change, reason):
 
 
 def test_a_restart_is_a_reset_that_nobody_has_to_explain(chip):
-    """100 ms after its answer. The next start finds the software reset in RCC_CSR, and the word that
-    the command has left in the RAM: no emergency, no fault of the core."""
+    """100 ms after its answer. The next start finds the software reset in RCC_CSR, and the word
+    that the command has left in the RAM: no emergency, no fault of the core."""
     assert chip.write("program_control", 1) == 0
     chip.tick(140)
     assert not chip.board.scb.reset_asked

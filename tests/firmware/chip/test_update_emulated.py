@@ -76,12 +76,15 @@ def test_over_modbus_from_slot_to_slot(tmp_path):
         assert chip.flash == before
         done = forceaxis(*bus, path)
         assert done.returncode == 0, done.stdout + done.stderr
-        assert "updated to version" in done.stdout + done.stderr and "in slot b; confirmed" in done.stdout + done.stderr
+        assert (
+            "updated to version" in done.stdout + done.stderr
+            and "in slot b; confirmed" in done.stdout + done.stderr
+        )
         assert chip.flash[STORE] == before[STORE]
         assert chip.slot(0) == before[0x20000:0x40000] and chip.starts == 2
         image = newer()[1].image
         assert chip.slot(1)[: len(image)] == image
-        magic, length, crc, sequence, confirmed, first_try, *rest = chip.trailer(1)
+        _, length, crc, sequence, confirmed, first_try, *rest = chip.trailer(1)
         assert (length, crc, sequence) == (len(image), newer()[1].crc, 2)
         assert confirmed == first_try == 0 and set(rest) == {update_file.BLANK}
         with connected(chip) as axis:

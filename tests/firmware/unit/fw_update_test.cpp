@@ -33,7 +33,8 @@ bool restarted = false;
 class SlotFlash {
  public:
   explicit SlotFlash(uint32_t slot_bytes)
-      : bytes_(slot_bytes), words_(2 * slot_bytes / 4, kBlank),
+      : bytes_(slot_bytes),
+        words_(2 * slot_bytes / 4, kBlank),
         memory_{this, slot_bytes, &SlotFlash::Read, &SlotFlash::Program, &SlotFlash::Erase} {}
   SlotFlash(const SlotFlash &) = delete;
   SlotFlash &operator=(const SlotFlash &) = delete;
@@ -202,7 +203,10 @@ class Update : public Fw {
 
   void PowerUpChip(const fw_core_fault_t *fault = nullptr) {
     fw_ = fw_t{};
-    slots_ = {flash_->memory(), {kAddress[0], kAddress[1]}, kBoard, [] { restarted = true; },
+    slots_ = {flash_->memory(),
+              {kAddress[0], kAddress[1]},
+              kBoard,
+              [] { restarted = true; },
               flash_->running};
     fw_config_t config = NodeConfig();
     config.slots = &slots_;
@@ -432,7 +436,8 @@ TEST_F(Update, TheAxisCannotBeEnabledMeanwhile) {
   Tick(3);
   ASSERT_TRUE(Inner(AXIS_OBJ_ACTIVE_MODE) != AXIS_MODE_DISABLED);
   const int64_t before = flash_->steps;
-  EXPECT_NE(dictionary_download_append(&fw_.objects, FW_SOURCE_CANOPEN, 70, &update[70], 70), FW_OK);
+  EXPECT_NE(dictionary_download_append(&fw_.objects, FW_SOURCE_CANOPEN, 70, &update[70], 70),
+            FW_OK);
   EXPECT_EQ(flash_->steps, before);
 }
 
@@ -556,8 +561,7 @@ TEST_F(Update, TwoHundredCutsAtRandomOfWholeImages) {
   for (int cut = 0; cut < 200; ++cut) {
     flash_->PowerFor(-1, 0);
     const int other = 1 - flash_->running;
-    const Bytes before =
-        flash_->image(flash_->running, flash_->trailer(flash_->running).length);
+    const Bytes before = flash_->image(flash_->running, flash_->trailer(flash_->running).length);
     const Bytes image = RandomImage(4 * (2 + random() % (SLOT_IMAGE_BYTES_MAX / 4 - 1)), random());
     Head head;
     head.address = kAddress[other];

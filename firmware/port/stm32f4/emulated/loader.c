@@ -1,8 +1,9 @@
 /* What the loader needs of the emulated chip. */
 
+#include "firmware/port/stm32f4/loader.h"
+
 #include "firmware/fx/bytes.h"
 #include "firmware/port/stm32f4/emulated/flash.h"
-#include "firmware/port/stm32f4/loader.h"
 
 bool loader_program(uint32_t address, uint32_t word) {
   uint8_t bytes[4];

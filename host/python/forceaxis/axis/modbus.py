@@ -6,6 +6,7 @@ import re
 import struct
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, NoReturn
 
 from forceaxis.axis.link import (
@@ -239,9 +240,7 @@ class ModbusLink(Link):
             registers = [at & 0xFFFF]
             for low, high in struct.iter_unpack("<HH", data[at : at + PART_BYTES]):
                 registers += [low, high] if self._word_order() else [high, low]
-            self._ask(
-                "the update", lambda r=registers: write(first, r, device_id=self._unit)
-            )
+            self._ask("the update", partial(write, first, registers, device_id=self._unit))
             if at == 0 and not self._read("program_flash_status") & 1:
                 raise Refused("the update was refused")
             written(at)

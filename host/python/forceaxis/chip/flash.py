@@ -160,8 +160,8 @@ def expect_trailer(image: images.Image, board: boards.Board) -> None:
     at = slots.addresses[0] + slots.bytes - update_file.TRAILER.size
     if image.word(at) != update_file.TRAILER_MAGIC:
         raise InputError(
-            f"{image.path}: expected the loader, an image and its trailer at {at:#010x}, got a file "
-            f"without this trailer; use the file {board.image}.hex that tools/image has built"
+            f"{image.path}: expected the loader, an image and its trailer at {at:#010x}, got a "
+            f"file without this trailer; use the file {board.image}.hex that tools/image has built"
         )
 
 

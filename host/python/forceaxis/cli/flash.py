@@ -15,7 +15,6 @@ from forceaxis._core import InputError
 from forceaxis.chip import flash, update_file
 from forceaxis.cli.common import Verb, as_json, fail, print_result
 from forceaxis.cli.live_options import errors
-from forceaxis.errors import ParameterError
 
 if TYPE_CHECKING:
     from forceaxis.axis.link import Link
@@ -23,6 +22,21 @@ if TYPE_CHECKING:
 
 # The erase of a slot takes up to 2 s, in which the axis does not answer.
 ANSWER_MAX_S = 5.0
+
+
+UPDATE_SUFFIX = ".update"
+
+
+@dataclass(frozen=True)
+class UpdateSummary:
+    """What `forceaxis flash --dry-run --json` prints about an update file."""
+
+    file: Path
+    version: str
+    table_hash: str
+    board: str
+    addresses: list[str]  # of the slots, for which the images are linked
+    sizes: list[int]  # of the images in bytes
 
 
 @dataclass(frozen=True)
@@ -74,13 +88,16 @@ class Address(click.ParamType[int]):
     "--serial", default="", help="Serial number of the debug probe, if there are several."
 )
 @click.option("--yes", is_flag=True, help="Do not ask for consent.")
-@click.option("--dry-run", is_flag=True, help="Write nothing; print the command of openocd.")
+@click.option(
+    "--dry-run",
+    is_flag=True,
+    help="Write nothing; print the command of openocd, or what an update contains.",
+)
 @click.option("--can", metavar="INTERFACE", help="CAN interface, for an update over the bus.")
 @click.option(
     "--modbus",
     metavar="URL",
-    help="Modbus connection, for an update over the bus: /dev/ttyUSB0[:BAUD] or "
-    "tcp://HOST[:PORT].",
+    help="Modbus connection, for an update over the bus: /dev/ttyUSB0[:BAUD] or tcp://HOST[:PORT].",
 )
 @click.option(
     "--node",
@@ -120,15 +137,26 @@ def flash_(
     are kept. Several axes are updated one after the other; the command stops at the first one that
     fails.
 
-    With a debug probe the program openocd writes the image. The command prints the contents of the file and the flash sectors that they occupy, asks for
-    consent, writes, verifies and resets the chip. The stored parameters are kept. Switch the power
-    of the drive off first: the chip controls no output while it is written. The exit status is 1 if
-    there is no probe, if the chip is a different one, or if writing or verifying fails. It is 2 if
-    the file is not an image of this firmware for a known board.
+    With a debug probe the program openocd writes the image. The command prints the contents of the
+    file and the flash sectors that they occupy, asks for consent, writes, verifies and resets the
+    chip. The stored parameters are kept. Switch the power of the drive off first: the chip controls
+    no output while it is written. The exit status is 1 if there is no probe, if the chip is a
+    different one, or if writing or verifying fails. It is 2 if the file is not an image of this
+    firmware for a known board.
     """
-    if can is not None or modbus is not None:
-        expect_only_bus_options(can, modbus, address, erase_parameters, serial, dry_run)
-        update_fleet(file, connections(can, modbus, nodes or (1,)), new_table, as_json)
+    over_bus = can is not None or modbus is not None
+    if over_bus or file.suffix == UPDATE_SUFFIX:
+        expect_only_bus_options(can, modbus, address, erase_parameters, serial)
+        records = update_records(file)
+        if dry_run:
+            show_update(file, records, as_json)
+            return
+        if not over_bus:
+            raise InputError(
+                f"{file}: expected --can or --modbus, because an update is written over a bus; a "
+                "debug probe writes the .hex file"
+            )
+        update_fleet(records, connections(can, modbus, nodes or (1,)), new_table, as_json)
         return
     if nodes or new_table:
         raise InputError("--node, --new-table: expected --can or --modbus together with them")
@@ -161,15 +189,14 @@ def expect_only_bus_options(
     address: int | None,
     erase_parameters: bool,
     serial: str,
-    dry_run: bool,
 ) -> None:
     """Raise InputError for options that an update over a bus does not have."""
     if can is not None and modbus is not None:
         raise InputError("--can, --modbus: expected only one of both")
-    if address is not None or erase_parameters or serial or dry_run:
+    if address is not None or erase_parameters or serial:
         raise InputError(
-            "--address, --erase-parameters, --serial, --dry-run: expected without --can and "
-            "--modbus, because they belong to a debug probe"
+            "--address, --erase-parameters, --serial: expected none of them for an update over a "
+            "bus, because they belong to a debug probe"
         )
 
 
@@ -186,17 +213,44 @@ def connections(
     return [functools.partial(ModbusLink, modbus or "", node, ANSWER_MAX_S) for node in nodes]
 
 
+def update_records(file: Path) -> list[update_file.UpdateRecord]:
+    """Return the images of an update file. Raise InputError if it is not one."""
+    try:
+        return update_file.read(file)
+    except update_file.UpdateFileError as error:
+        raise InputError(str(error)) from None
+
+
+def show_update(file: Path, records: list[update_file.UpdateRecord], as_json: bool) -> None:
+    """Print what an update file contains."""
+    first = records[0]
+    found = UpdateSummary(
+        file, first.version, f"{first.table:08x}", first.board,
+        [f"{one.address:#010x}" for one in records], [len(one.image) for one in records],
+    )  # fmt: skip
+    rows = (
+        ("file", f"{found.file}"),
+        ("version", found.version),
+        ("objects", found.table_hash),
+        ("board", found.board),
+        *(
+            ("image", f"{size} bytes for the slot at {address}")
+            for address, size in zip(found.addresses, found.sizes, strict=True)
+        ),
+    )
+    print_result(found, as_json, lambda: "\n".join(f"{name:12} {value}" for name, value in rows))
+
+
 def update_fleet(
-    file: Path, axes: list[Callable[[], "Link"]], new_table: bool, as_json: bool
+    records: list[update_file.UpdateRecord],
+    axes: list[Callable[[], "Link"]],
+    new_table: bool,
+    as_json: bool,
 ) -> None:
     """Update axes over their bus, one after the other, and print what happened. The exit status is
     1 after the first axis that fails."""
     from forceaxis.axis.update import UpdateFailedError, update
 
-    try:
-        records = update_file.read(file)
-    except update_file.UpdateFileError as error:
-        raise ParameterError("file", str(error)) from None
     done: list[UpdateResult] = []
     with errors():
         for connect in axes:
