@@ -79,6 +79,14 @@ static bool is_open(uint16_t object) {
          object == AXIS_OBJ_CYCLE_CURVE_FIRST || object == AXIS_OBJ_CYCLE_ACKNOWLEDGE;
 }
 
+/* Returns true if the work on the flash does not permit a write now. A saved parameter set must
+ * contain the values that all parameters had at the same moment, so stored parameters cannot change
+ * during a save. */
+static bool is_prevented(const fw_t *fw, const axis_object_t *entry, bool starts) {
+  return (store_is_busy(&fw->store) && (entry->stored != 0 || starts)) ||
+         (update_is_busy(fw) && starts);
+}
+
 int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
   const fw_t *fw = fw_of_const(objects);
   const axis_object_t *entry = &axis_objects[object];
@@ -95,13 +103,7 @@ int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t objec
   if (refusal != FW_OK) {
     return refusal;
   }
-  /* A saved parameter set must contain the values that all parameters had at the same moment, so
-   * stored parameters cannot change during a save. */
-  if ((store_is_busy(&fw->store) && (entry->stored != 0 || starts_axis(fw, object, value))) ||
-      (update_is_busy(fw) && starts_axis(fw, object, value))) {
-    return FW_ERROR_BUSY;
-  }
-  return FW_OK;
+  return is_prevented(fw, entry, starts_axis(fw, object, value)) ? FW_ERROR_BUSY : FW_OK;
 }
 
 /* A value of stopped_by is the number of the source that stopped the axis, plus 1; 0 means that no
