@@ -29,7 +29,7 @@ def refused(done, text):
 @contextlib.contextmanager
 def connected(chip):
     """The axis, also just after a start of the chip."""
-    end = time.monotonic() + 20
+    end = time.monotonic() + 60
     while True:
         try:
             axis = Axis(chip.connect())
@@ -42,6 +42,8 @@ def connected(chip):
         yield axis
     finally:
         axis.close()
+        if chip.modbus:
+            time.sleep(1.5)  # QEMU looks once a second at the other end of its serial line
 
 
 def stored(axis):

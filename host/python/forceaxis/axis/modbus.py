@@ -1,6 +1,7 @@
 """Access to an axis over Modbus, RTU or the TCP server of a gateway, with the registers of the
 object table."""
 
+import contextlib
 import logging
 import re
 import struct
@@ -30,6 +31,7 @@ SERIAL_URL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
 BAUD_RATE = 115_200  # baud rate, the default of the firmware, for 8 data bits and even parity
 PARITIES = "EN"
 PART_BYTES = 64  # of cycle_data_1 to _16; also the head of an update
+PART_TRIES = 3  # of a request whose answer is lost; the axis leaves out what it has already
 MOST_REGISTERS = 125  # largest number of registers in one request
 # Number of a text in Modbus function 43 / 14, for each CANopen index of the same text.
 IDENTIFICATION_OBJECTS = {DEVICE_NAME_INDEX: 4, VERSION_INDEX: 2}
@@ -142,6 +144,14 @@ class ModbusLink(Link):
             raise Refused(f"{what}: {EXCEPTIONS.get(code, f'Modbus exception {code}')}")
         return answer
 
+    def _ask_again(self, what: str, ask: "Callable[[], ModbusPDU]") -> None:
+        """Sends a request that may be repeated, PART_TRIES times. Raises Refused, NoAnswer."""
+        for _ in range(PART_TRIES - 1):
+            with contextlib.suppress(NoAnswer):
+                self._ask(what, ask)
+                return
+        self._ask(what, ask)
+
     def reaches(self, name: str) -> bool:
         return BY_NAME[name].modbus >= 0
 
@@ -240,7 +250,7 @@ class ModbusLink(Link):
             registers = [at & 0xFFFF]
             for low, high in struct.iter_unpack("<HH", data[at : at + PART_BYTES]):
                 registers += [low, high] if self._word_order() else [high, low]
-            self._ask("the update", partial(write, first, registers, device_id=self._unit))
+            self._ask_again("the update", partial(write, first, registers, device_id=self._unit))
             if at == 0 and not self._read("program_flash_status") & 1:
                 raise Refused("the update was refused")
             written(at)
