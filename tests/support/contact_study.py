@@ -52,7 +52,7 @@ def sensors(bits, noise=0.06, offset=0.0):
 def model_text(machine, read, noise=0.0):
     """Returns the model of a data sheet, with the elements that the machine has."""
     table = [
-        f'{name} = {{ value = {getattr(machine, field)!r}, unit = "{unit}", source = "data sheet" }}'
+        f'{name} = {{ value = {getattr(machine, field)!r}, unit = "{unit}", source = "sheet" }}'
         for name, (field, unit, _) in PARAMETERS.items()
         if getattr(machine, field)
     ]
@@ -109,7 +109,11 @@ range = "10 V"
 
 def recording(one):
     """Returns a touch-down as a recording."""
-    signals = [("code", "count", one.codes), ("force", "N", one.force_N), ("position", "m", one.position_m)]
+    signals = [
+        ("code", "count", one.codes),
+        ("force", "N", one.force_N),
+        ("position", "m", one.position_m),
+    ]
     return SignalRecording(
         "touch-down",
         RecordingSource("touch.csv", "CSV", "0", 1),
@@ -166,7 +170,8 @@ def order_of(folder, sheet, read, touches, names=FITTED, noise=0.0):
         for i, one in enumerate(touches, 1)
     ]
     given = tuple(
-        f"{name}={getattr(sheet, PARAMETERS[name][0])!r}+-{100 * PARAMETERS[name][2]}%" for name in names
+        f"{name}={getattr(sheet, PARAMETERS[name][0])!r}+-{100 * PARAMETERS[name][2]}%"
+        for name in names
     )
     return ContactOrder(str(model), files, names, given, seed=1, threads=2)
 
@@ -174,7 +179,9 @@ def order_of(folder, sheet, read, touches, names=FITTED, noise=0.0):
 def identified(seed, folder):
     """Identifies the machine with this seed, and returns what was found beside the truth."""
     machine, read, gain = drawn(seed)
-    order = order_of(Path(folder), sheet_of(machine, FITTED, seed), read, touched(machine, read, seed, gain))
+    order = order_of(
+        Path(folder), sheet_of(machine, FITTED, seed), read, touched(machine, read, seed, gain)
+    )
     found = contact_fit.identify(order).result
     row = {"seed": seed, "bits": read.bits, "p": found.p_value, "parameters": {}}
     row["r_hat"] = found.convergence and found.convergence.r_hat
@@ -236,10 +243,12 @@ def foreseen(seed, folder):
             machine, read, [seed, 50 + i], speed=speed, force=force, gain=own, ticks=ticks
         )
         true = figures(unseen.force_N)
-        every = np.array([
-            figures(predicted(order, values, read, (speed, force, own), 100 * i + n))
-            for n, values in enumerate(draws)
-        ])
+        every = np.array(
+            [
+                figures(predicted(order, values, read, (speed, force, own), 100 * i + n))
+                for n, values in enumerate(draws)
+            ]
+        )
         middle = np.median(every, axis=0)
         low, high = every.min(axis=0), every.max(axis=0)
         rows.append((
@@ -261,7 +270,9 @@ def lacking(name, seed, folder):
     machine = plain.but(**change)
     read = sensors(12 if seed % 2 else 8)
     names = ("m_w", "k_w", "b_w", "k_s", "b_r")
-    order = order_of(Path(folder), sheet_of(plain, names, seed), read, touched(machine, read, seed, 0.03), names)
+    order = order_of(
+        Path(folder), sheet_of(plain, names, seed), read, touched(machine, read, seed, 0.03), names
+    )
     found = contact_fit.identify(order).result
     return found.p_value, [one.name for one in found.elements]
 
@@ -272,7 +283,8 @@ def rank(seed, folder):
     rng = np.random.default_rng([38, seed])
     sheet, read = Machine(b_w=80.0, f_c=4.0, lag_rad_s=1500.0), sensors(12 if seed % 2 else 8)
     true = {
-        name: getattr(sheet, PARAMETERS[name][0]) * math.exp(PARAMETERS[name][2] * rng.standard_normal())
+        name: getattr(sheet, PARAMETERS[name][0])
+        * math.exp(PARAMETERS[name][2] * rng.standard_normal())
         for name in FITTED
     }
     order = order_of(Path(folder), sheet, read, [], noise=read.noise)

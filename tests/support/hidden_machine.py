@@ -1,5 +1,5 @@
-"""A machine that touches a workpiece, simulated by a program of its own: a Runge-Kutta method with a
-fixed step in plain Python, which shares no code with the simulator of the project. A force law of
+"""A machine that touches a workpiece, simulated by a program of its own: a Runge-Kutta method with
+a fixed step in plain Python, which shares no code with the simulator of the project. A force law of
 its own presses, and the DAC codes that the law has put out are recorded with force and position."""
 
 import math
@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 TICK_S = 1 / 1500
+GAP_M = 0.002  # distance of the workpiece at the start
 PARTS = 16  # steps of the method in a tick
 DAC_VOLTS_PER_CODE = 20 / 4096
 
@@ -156,11 +157,11 @@ class _State:
         self.y = new
 
 
-def touch(machine, sensors, seed, *, gap_m=0.002, speed=0.03, force=40.0, gain=0.02, ticks=400):
+def touch(machine, sensors, seed, *, speed=0.03, force=40.0, gain=0.02, ticks=400):
     """Simulates one touch-down: approach at `speed` in m/s, then a law that presses with `force` in
     N by a speed proportional to the error, `gain` in V/N."""
     rng = np.random.default_rng(seed)
-    state = _State(machine, gap_m)
+    state = _State(machine, GAP_M)
     codes, read, place, true = [], [], [], []
     home = rng.uniform(-0.5, 0.5) / sensors.scale
     limit = speed / machine.speed_per_volt

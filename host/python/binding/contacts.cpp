@@ -67,8 +67,8 @@ class Contacts {
       throw std::invalid_argument(
           "expected values (rows, parameters) and starts (rows, contacts, 3)");
     const auto rows = static_cast<std::size_t>(values.shape(0));
-    py::array_t<double> result({values.shape(0), static_cast<py::ssize_t>(kSignals),
-                                static_cast<py::ssize_t>(steps_)});
+    py::array_t<double> result(
+        {values.shape(0), static_cast<py::ssize_t>(kSignals), static_cast<py::ssize_t>(steps_)});
     double *out = result.mutable_data();
     const double *parameters = values.data();
     const double *start = starts.data();
@@ -93,8 +93,8 @@ class Contacts {
     try {
       Overrides overrides = held_;
       for (std::size_t i = 0; i < fitted_.size(); ++i) overrides[fitted_[i]] = parameters[i];
-      const auto cache =
-          std::make_shared<ModeCache>(std::make_shared<const Model>(load(file_, overrides)), parts_);
+      const auto cache = std::make_shared<ModeCache>(
+          std::make_shared<const Model>(load(file_, overrides)), parts_);
       std::size_t first = 0;
       for (const std::vector<double> &volts : volts_) {
         contact(cache, volts, start, out + first);
@@ -111,8 +111,8 @@ class Contacts {
     std::vector<BodyStart> bodies;
     for (const auto &body : cache->model().bodies) {
       const bool moves = moved_[bodies.size()];
-      bodies.push_back({body.position + (moves ? start[0] : 0.0),
-                        body.velocity + (moves ? start[1] : 0.0)});
+      bodies.push_back(
+          {body.position + (moves ? start[0] : 0.0), body.velocity + (moves ? start[1] : 0.0)});
     }
     Plant plant(cache, {.listed_events = 0, .starts = std::move(bodies)});
     for (std::size_t k = 0; k < volts.size(); ++k) {

@@ -24,7 +24,7 @@ from forceaxis.cli.common import (
 from forceaxis.words import plain
 
 if TYPE_CHECKING:
-    from forceaxis.commission.contact_fit import ContactFit
+    from forceaxis.commission.contact_results import ContactFit
 
 STRETCHES_SHOWN = 3
 NO_COMMAND = (
@@ -49,22 +49,22 @@ def rows_of(found: ContactFit) -> list[str]:
         lines.append(f"warning      {NO_COMMAND}")
     verdict = "the model explains the recordings"
     if found.rejected:
-        verdict = "the model is rejected: it does not explain the recordings, so the values are wrong"
+        verdict = "the model is rejected: it does not explain the recordings"
     elif found.p_value < 0.05:
         verdict = "the model hardly explains the recordings"
     lines.append(f"model        p = {found.p_value:.2g}: {verdict}")
     if found.p_value < 0.05:
         lines += [
-            f"             {one.touch}, {one.signal}: off by {one.worst_deviations:.3g} deviations at "
-            f"{one.worst_s:.4g} s, p = {one.p:.2g}"
+            f"{'':12} {one.touch}, {one.signal}: off by {one.worst_deviations:.3g} deviations "
+            f"at {one.worst_s:.4g} s, p = {one.p:.2g}"
             for one in found.stretches[:STRETCHES_SHOWN]
         ]
         lines += element_rows(found)
     if found.convergence:
         run = found.convergence
         lines.append(
-            f"sampling     {run.chains} chains of {run.walkers} walkers and {run.steps} steps, R-hat "
-            f"{run.r_hat:.3f}, {run.effective_samples:.0f} effective samples, "
+            f"sampling     {run.chains} chains of {run.walkers} walkers and {run.steps} steps, "
+            f"R-hat {run.r_hat:.3f}, {run.effective_samples:.0f} effective samples, "
             f"{run.evaluations} simulations" + ("" if run.reached else ": not converged")
         )
     return lines
@@ -78,8 +78,8 @@ def element_rows(found: ContactFit) -> list[str]:
     for number, one in enumerate(found.elements, 1):
         values = ", ".join(f"{name} = {plain(value, 4)}" for name, value in one.values.items())
         lines.append(
-            f"{'lacks' if number == 1 else '':12} {number}. {one.name}: {one.text} ({values}), then "
-            f"p = {one.p:.2g}"
+            f"{'lacks' if number == 1 else '':12} {number}. {one.name}: {one.text} ({values}), "
+            f"then p = {one.p:.2g}"
         )
     lines += ["add          " + found.elements[0].toml.replace("\n", "\n" + 13 * " ")]
     return lines
@@ -108,7 +108,9 @@ def element_rows(found: ContactFit) -> list[str]:
     "the workpiece and other parameters. Repeatable.",
 )  # fmt: skip
 @set_option("Parameter of MODEL that is not identified.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the sampler.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the sampler."
+)
 @click.option("--out", type=Folder(), help="Folder for posterior.json and two pictures.")
 @threads
 @as_json
@@ -123,7 +125,8 @@ def contact(
     threads: int | None,
     as_json: bool,
 ) -> None:
-    """Identify parameters of the model MODEL from recordings of touch-downs, with their uncertainty.
+    """Identify parameters of the model MODEL from recordings of touch-downs, with their
+    uncertainty.
 
     RECORDING is a file of `forceaxis recording import` with the force and, if they were recorded,
     the command and the position. It begins out of contact and holds one touch-down. The plant of
@@ -131,10 +134,10 @@ def contact(
 
     The result is a posterior: samples of plants that explain all recordings and what was known
     before. `limit`, `design`, `sweep`, `cycle rates` and `tune` take out/posterior.json in place of
-    a range of --over. A parameter whose deviation is more than a third of that of its prior is named
-    as not told. A p value says whether the model explains the recordings; below 0.05 the command
-    names the stretches that do not fit, and ranks elements that the model may lack. Below 0.001 the
-    model is rejected: no posterior is written, and the exit status is 1.
+    a range of --over. A parameter whose deviation is more than a third of that of its prior is
+    named as not told. A p value says whether the model explains the recordings; below 0.05 the
+    command names the stretches that do not fit, and ranks elements that the model may lack. Below
+    0.001 the model is rejected: no posterior is written, and the exit status is 1.
     """
     from forceaxis import linear
     from forceaxis.commission import contact_fit

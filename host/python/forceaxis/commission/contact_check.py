@@ -34,16 +34,17 @@ class StretchCheck:
 
 @dataclass(frozen=True)
 class ModelCheck:
-    """The test of a model. `p`: probability of residuals at least as large in any signal if the model
-    is right. `stretches`: the tests of each signal in each touch-down, the worst first."""
+    """The test of a model. `p`: probability of residuals at least as large in any signal if the
+    model is right. `stretches`: the tests of each signal in each touch-down, the worst first."""
 
     p: float
     stretches: tuple[StretchCheck, ...]
 
 
 def _tail(blocks: Floats, fitted: float, free: int) -> float:
-    """Returns the probability that the sum of squares of blocks is at least as large. `fitted`: number
-    of numbers that were fitted to them; `free`: number of samples from which the noise was found."""
+    """Returns the probability that the sum of squares of blocks is at least as large. `fitted`:
+    number of numbers that were fitted to them; `free`: number of samples from which the noise was
+    found."""
     degrees = max(len(blocks) - fitted, 1.0)
     total = float(np.sum(blocks**2))
     if free > 0:
@@ -52,7 +53,8 @@ def _tail(blocks: Floats, fitted: float, free: int) -> float:
 
 
 def blocks_of(residuals: Floats, spread: Floats, length: int) -> Floats:
-    """Returns the means of blocks of residuals, weighted by their accuracy, in standard deviations."""
+    """Returns the means of blocks of residuals, weighted by their accuracy, in standard
+    deviations."""
     ends = np.arange(0, len(residuals), length)
     sums = np.add.reduceat(residuals / spread, ends)
     return np.asarray(sums / np.sqrt(np.add.reduceat(spread**-2, ends)))
@@ -62,7 +64,10 @@ def check(problem: ContactProblem, point: Floats) -> ModelCheck:
     """Tests the plant at the mode of the posterior."""
     predicted = problem.predict(point[None])
     stretches, found = [], []
-    signals = {"force": (problem.force, predicted.force), "position": (problem.position, predicted.position)}
+    signals = {
+        "force": (problem.force, predicted.force),
+        "position": (problem.position, predicted.position),
+    }
     used = len(problem.force.values) + len(problem.position.values)
     for signal, (joined, rows) in signals.items():
         if not joined.parts:
@@ -79,7 +84,9 @@ def check(problem: ContactProblem, point: Floats) -> ModelCheck:
             for length, blocks in own.items():
                 every[length].append(blocks)
             tails = [_tail(b, share, count) for b in own.values()]
-            stretches.append(_stretch(problem, signal, joined, touch, own, min(1.0, min(tails) * len(BLOCKS))))
+            stretches.append(
+                _stretch(problem, signal, joined, touch, own, min(1.0, min(tails) * len(BLOCKS)))
+            )
         share = problem.size * len(residuals) / used
         found += [_tail(np.concatenate(b), share, free) for b in every.values()]
     return ModelCheck(
@@ -88,7 +95,12 @@ def check(problem: ContactProblem, point: Floats) -> ModelCheck:
 
 
 def _stretch(
-    problem: ContactProblem, signal: str, joined: Joined, touch: int, blocks: dict[int, Floats], p: float
+    problem: ContactProblem,
+    signal: str,
+    joined: Joined,
+    touch: int,
+    blocks: dict[int, Floats],
+    p: float,
 ) -> StretchCheck:
     length, worst = max(
         ((length, int(np.argmax(np.abs(b)))) for length, b in blocks.items()),

@@ -24,13 +24,17 @@ LEAST_NOISE_STEPS = 0.12
 # Share of the largest force above which the workpiece is touched, and samples that are looked at
 # before the touch to find the noise.
 TOUCHED_SHARE, FREE_SAMPLES_MIN = 0.1, 8
+LONG_STRETCH = 20  # samples
+HELD_SAMPLES = 100  # largest number of samples of a held force that are used
 PERIODS = 4  # longest period in samples after which rounding errors are taken to repeat
 GRID_TOLERANCE = 1e-2  # largest distance of a rounded value from its grid, in steps
+GRID_ERROR = 1e-7  # largest error of a value in a file, relative to the range of all values
 # A contact without a recorded command is followed so long before its touch, and at most so long
-# after it: until the first maximum of the force, because the unknown command changes with the force.
-BEFORE_S, AFTER_S = 0.01, 0.1
+# after it: until the first maximum of the force, because the unknown command changes with the
+# force.
+BEFORE_S, AFTER_S, RUN_UP_S = 0.01, 0.1, 0.05
 SPEED_SHARE = 0.3  # deviation of an unknown speed or command, relative to its value
-MOVING_STEPS = 0.5  # speed in steps of the encoder between samples above which an axis moves
+MOVING_STEPS = 1.0  # speed in steps of the encoder per tick above which an axis moves at first
 COMMANDS = ("code", "voltage_command", "speed_command", "force_command")
 
 
@@ -59,25 +63,33 @@ class Samples:
         """Returns the standard deviation with which each sample counts, (n,).
 
         The rounding errors of a signal that stands, or moves by a simple fraction of a step from
-        sample to sample, repeat, unless noise moves the signal between codes. The mean of m such errors has the variance repeated + rest / m, where
-        repeated = step^2 / (2 pi^2) exp(-4 pi^2 noise^2 / step^2), the first harmonic of the error
-        of a rounding (Wannamaker et al., IEEE Trans. Signal Processing 48, 2000). So each of the m
-        samples counts with m times the repeated variance.
+        sample to sample, repeat, unless noise moves the signal between codes. The mean of m such
+        errors has the variance r + rest / m with r = step^2 / (2 pi^2) exp(-4 pi^2 noise^2 /
+        step^2), the first harmonic of the error of a rounding (Wannamaker et al., IEEE Trans.
+        Signal Processing 48, 2000). So each of the m samples counts with m times the variance r.
         """
         every = self.spread**2
         if self.step == 0.0:
             return np.full(len(self.values), math.sqrt(every))
-        repeated = self.step**2 / (2 * math.pi**2) * math.exp(
-            -((2 * math.pi * self.noise / self.step) ** 2)
+        repeated = (
+            self.step**2
+            / (2 * math.pi**2)
+            * math.exp(-((2 * math.pi * self.noise / self.step) ** 2))
         )
         return np.asarray(np.sqrt(every - repeated + repeated * self._dwell()))
 
     def _dwell(self) -> Floats:
         """Returns for each sample the number of samples around it with the same rounding error,
         (n,). The changes of the code repeat there, after `period` samples; the mean error of a
-        period is smaller by this number."""
-        changes = np.diff(np.round(self.values / self.step))
-        dwell = np.ones(len(self.values))
+        period is smaller by this number. A long stretch with only two codes, such as a held force,
+        also counts as one error, because the phase of a small motion to the codes hardly changes.
+        """
+        codes = np.round(self.values / self.step)
+        changes = np.diff(codes)
+        dwell = np.ones(len(codes))
+        for first, last in _stretches(codes):
+            if last - first >= LONG_STRETCH:
+                dwell[first:last] = last - first
         for period in range(1, min(PERIODS, len(changes) - 1) + 1):
             equal = changes[period:] == changes[:-period]
             ends = np.flatnonzero(np.diff(np.concatenate([[False], equal, [False]])))
@@ -87,13 +99,25 @@ class Samples:
                 dwell[stretch] = np.maximum(dwell[stretch], length)
         return dwell
 
+
+def _stretches(codes: Floats) -> list[tuple[int, int]]:
+    """Returns (first sample, end) of stretches in which all codes differ by at most 1."""
+    found, first, low, high = [], 0, codes[0], codes[0]
+    for i, code in enumerate(codes.tolist()):
+        low, high = min(low, code), max(high, code)
+        if high - low > 1:
+            found.append((first, i))
+            first, low, high = i, code, code
+    return [*found, (first, len(codes))]
+
+
 @dataclass(frozen=True)
 class TouchDown:
     """One touch-down. `volts`: command of the drive in V for each step of the plant, (n,).
     `onset`: step at which the force begins. `position` is None if it was not recorded. `travel`:
-    distance in m from the start to the onset. `speed`: at the start in m/s, and its deviation; 0 for
-    an axis that stands. `held`: constant command in V of a touch-down without a recorded command,
-    and its deviation."""
+    distance in m from the start to the onset. `speed`: at the start in m/s, and its deviation; 0
+    for an axis that stands. `held`: constant command in V of a touch-down without a recorded
+    command, and its deviation."""
 
     name: str
     volts: Floats
@@ -117,6 +141,17 @@ class TouchDown:
         )  # fmt: skip
 
 
+def _without_rest(touch: TouchDown) -> TouchDown:
+    """Returns a touch-down without the end at which its force stays within two codes: that many
+    samples say no more than a few."""
+    if touch.force.step == 0.0:
+        return touch
+    first, end = _stretches(np.round(touch.force.values / touch.force.step))[-1]
+    if end - first <= HELD_SAMPLES:
+        return touch
+    return touch.until(int(touch.force.at[first + HELD_SAMPLES]) + 1)
+
+
 @dataclass(frozen=True)
 class ContactData:
     """The touch-downs of recordings. `parts`: number of steps of the plant in a tick. `commanded`:
@@ -138,19 +173,24 @@ def grid_of(values: Floats) -> float:
     different = np.unique(values)
     if len(different) < 2:
         return 0.0
-    gaps = np.diff(different)
-    step = float(gaps[gaps > 1e-9 * np.ptp(different)].min())
-    if np.ptp(different) / step > 2**24:
+    span = float(np.ptp(different))
+    step = 0.0
+    for gap in np.diff(different).tolist():  # the greatest common divisor, by Euclid
+        rest = gap
+        while rest > GRID_ERROR * span:
+            step, rest = rest, math.fmod(step, rest) if step else 0.0
+            rest = min(rest, abs(step - rest))
+    if step < 100 * GRID_ERROR * span:
         return 0.0
     # The smallest distance has the rounding error of two values, the whole range only that of one.
-    step = float(np.ptp(different) / round(float(np.ptp(different)) / step))
+    step = span / round(span / step)
     off = (different - different[0]) / step
     return step if np.all(np.abs(off - np.round(off)) < GRID_TOLERANCE) else 0.0
 
 
 def noise_of(values: Floats, step: float) -> tuple[float, int]:
-    """Returns the rms noise before rounding of values at a constant signal, and the number of values
-    from which it was found. Constant codes leave the noise unknown: the number is then 0."""
+    """Returns the rms noise before rounding of values at a constant signal, and the number of
+    values from which it was found. Constant codes leave the noise unknown: the number is then 0."""
     if step == 0.0:
         return float(np.std(values, ddof=1)), len(values) - 1
     variance = float(np.var(values, ddof=1))
@@ -191,13 +231,17 @@ def touch_downs(
     Raises InputError."""
     commanded = [any(c in recording for c in COMMANDS) for _, recording in recordings]
     rate = max(_signal(name, recording, "force").rate_hz for name, recording in recordings)
-    parts = next((p for p in (1, 2, 4, PARTS_MAX) if rate <= p * TICKS_PER_SECOND * 1.01), PARTS_MAX)
+    parts = next(
+        (p for p in (1, 2, 4, PARTS_MAX) if rate <= p * TICKS_PER_SECOND * 1.01), PARTS_MAX
+    )
     if not all(commanded):
         # The force rises quickly and its samples are not at ticks.
         parts = max(parts, 4)
     reader = _Reader(model, held, parts)
     touches = [
-        reader.read(name, recording) if all(commanded) else reader.shot(name, recording)
+        _without_rest(reader.read(name, recording))
+        if all(commanded)
+        else reader.shot(name, recording)
         for name, recording in recordings
     ]
     return ContactData(tuple(touches), parts, all(commanded))
@@ -239,6 +283,9 @@ class _Reader:
         values = signal.values[inside]
         step = grid_of(signal.values)
         noise, count, seen = LEAST_NOISE_STEPS * step, 0, 0.0
+        if step == 0.0 and len(values) > 2:
+            # The second differences of a smooth signal are those of its noise.
+            noise = float(np.std(np.diff(values, 2))) / math.sqrt(6) + 1e-9 * float(np.ptp(values))
         if free > 1:
             (noise, count), seen = noise_of(values[:free], step), float(np.std(values[:free]))
         at = (signal.true_time_s[inside] - begin_s) * self.rate
@@ -267,8 +314,8 @@ class _Reader:
             return TouchDown(name, volts, onset, begun, None, travel)
         position = self.samples(recording["position"], first, last, 0)
         touched = np.interp(onset, position.at, position.values)
-        speed = self._speed(position, 0.0, 8 * self.parts)
-        moves = abs(speed) > MOVING_STEPS * position.step * self.rate / 8
+        speed = self._speed(position, 0.0, 2.0 * self.parts)
+        moves = abs(speed) > MOVING_STEPS * position.step * TICKS_PER_SECOND
         return TouchDown(
             name, volts, onset, begun, position, float(touched - position.values[0]),
             (speed, SPEED_SHARE * abs(speed)) if moves else (0.0, 0.0),
@@ -289,10 +336,14 @@ class _Reader:
         begun = replace(
             self.samples(force, begin, end, 0), noise=quiet.noise, free=quiet.free, seen=quiet.seen
         )
-        steps = int((end - begin) * self.rate + 1e-6) + 2
+        # The plant begins earlier with the same command, so that its drive has settled at `begin`.
+        ahead = round(RUN_UP_S * self.rate)
+        begun = replace(begun, at=begun.at + ahead)
+        steps = int((end - begin) * self.rate + 1e-6) + 2 + ahead
         if "position" in recording:
             position = self.samples(recording["position"], begin, end, 0)
             speed = self._speed(position, 0.0, (touch_s - begin) * self.rate)
+            position = replace(position, at=position.at + ahead)
         elif "speed" in recording:
             position, speed = None, float(recording.sampled("speed", np.array([begin]))[0])
         else:
@@ -301,9 +352,9 @@ class _Reader:
                 f"{', '.join(recording.names)}; without them no parameter can be found"
             )
         held = speed / self.speed_per_volt if math.isfinite(self.speed_per_volt) else 0.0
+        onset = (touch_s - begin) * self.rate + ahead
         return TouchDown(
-            name, np.zeros(steps), (touch_s - begin) * self.rate, begun, position,
-            speed * (touch_s - begin), (speed, SPEED_SHARE * abs(speed)),
+            name, np.zeros(steps), onset, begun, position, speed * onset / self.rate, (speed, 0.0),
             (held, SPEED_SHARE * abs(held)),
         )  # fmt: skip
 

@@ -1,5 +1,5 @@
-"""Elements that a model may lack, tried against recorded touch-downs: a contact that stiffens or has
-hysteresis, the lag of the force sensor, backlash of the drive, and dry friction.
+"""Elements that a model may lack, tried against recorded touch-downs: a contact that stiffens or
+has hysteresis, the lag of the force sensor, backlash of the drive, and dry friction.
 
 Each element is added to the model with unknown constants that are fitted together with all others.
 The rank is the decrease of chi-square, less ln n for each further constant (Schwarz, The Annals of
@@ -8,7 +8,7 @@ Statistics 6, 1978), where n is the number of samples.
 
 import math
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,14 +26,18 @@ from forceaxis.commission.known import WORKPIECE_SPREAD, Prior
 from forceaxis.design import model_file
 from forceaxis.linear import working
 
+# Stiffness of a closed backlash, relative to the contact, and its damping relative to that which
+# belongs to stiffness and mass: so hard that their values do not matter.
+PLAY_STIFFNESS, PLAY_DAMPING = 50.0, 0.5
+
 Document = tomlkit.TOMLDocument
 
 
 @dataclass(frozen=True)
 class TriedElement:
-    """An element that was added to a model. `gain`: decrease of chi-square, less the penalty for its
-    constants. `p`: p value of the model with the element. `values`: the constants of the element in
-    SI units. `toml`: what to add to the model."""
+    """An element that was added to a model. `gain`: decrease of chi-square, less the penalty for
+    its constants. `p`: p value of the model with the element. `values`: the constants of the
+    element in SI units. `toml`: what to add to the model."""
 
     name: str
     text: str
@@ -47,14 +51,14 @@ class TriedElement:
 class Element:
     """An element to try. add(document): adds the element, whose constants are parameters of the
     model. `starts`: sets of start values {constant: SI value}, from which fits begin. `units`: of
-    the constants. `drops`: parameter of the model that the element replaces."""
+    the constants. `drops`: parameters of the model that the element replaces."""
 
     name: str
     text: str
     add: Callable[[Document], None]
     starts: tuple[dict[str, float], ...]
     units: dict[str, str]
-    drops: str | None = None
+    drops: tuple[str, ...] = ()
 
 
 class _Scales:
@@ -70,100 +74,124 @@ class _Scales:
         self.overlap_m = self.force_N / self.stiffness
         self.body = facts.required_drive.body
         self.body_kg = facts.masses_kg.get(self.body, 1.0)
-        self.has_lag = "filter" in _adc(model_file.document(problem.model))
-        self.frictions = tables.frictions
-        self.play_m = self.overlap_m / 4
+        document = model_file.document(problem.model)
+        self.contact_keys = set(_named(document, "contact", self.contact.name))
+        self.has_lag = "filter" in _adc(document)
+        self.has_backlash, self.has_friction = bool(tables.backlashes), bool(tables.frictions)
+        body = tables.body(self.body)
+        self.body_mass = body.mass if body else None
 
 
 def _adc(document: Document) -> Any:
-    return next(table for table in document["adc"] if table["channel"] == 0)  # type: ignore[union-attr]
+    return next(table for table in document["adc"] if table["channel"] == 0)
+
+
+def _named(document: Document, kind: str, name: str) -> Any:
+    return next(table for table in document[kind] if table["name"] == name)
 
 
 def _append(document: Document, kind: str, values: Mapping[str, Any]) -> None:
     document.setdefault(kind, tomlkit.aot()).append(tomlkit.item(dict(values)))
 
 
-def _elements(scales: _Scales) -> Iterator[Element]:
-    """Yields the elements that the model does not have."""
-    contact, overlap = scales.contact, scales.overlap_m
+def _stiffening(scales: _Scales) -> Element | None:
+    contact = scales.contact
+    if contact.stiffness is None:  # a curve already
+        return None
 
-    if contact.stiffness is not None:
+    def add(document: Document) -> None:
+        table = _named(document, "contact", contact.name)
+        table["stiffness"] = [contact.stiffness, "core_stiffness"]
+        table["breaks"] = ["core_overlap"]
 
-        def stiffens(document: Document) -> None:
-            for table in document["contact"]:  # type: ignore[union-attr]
-                if table["name"] == contact.name:
-                    table["stiffness"] = [contact.stiffness, "core_stiffness"]
-                    table["breaks"] = ["core_overlap"]
+    starts = tuple(
+        {"core_stiffness": scales.stiffness * 2, "core_overlap": scales.overlap_m * share}
+        for share in (0.6, 0.3, 0.15)
+    )
+    units = {"core_stiffness": "N/m", "core_overlap": "m"}
+    text = "the contact is stiffer above an overlap"
+    return Element("stiffening contact", text, add, starts, units)
 
-        yield Element(
-            "stiffening contact", "the contact is stiffer above an overlap", stiffens,
-            tuple(
-                {"core_stiffness": scales.stiffness * 2, "core_overlap": overlap * share}
-                for share in (0.6, 0.3, 0.15)
-            ),
-            {"core_stiffness": "N/m", "core_overlap": "m"},
-        )  # fmt: skip
 
-    def slips(document: Document) -> None:
-        for table in document["contact"]:  # type: ignore[union-attr]
-            if table["name"] == contact.name:
-                table.pop("damping", None)
-                table["hysteresis_stiffness"] = "slip_stiffness"
-                table["hysteresis_force"] = "slip_force"
+def _hysteresis(scales: _Scales) -> Element | None:
+    contact = scales.contact
+    if "hysteresis_stiffness" in scales.contact_keys or contact.stiffness is None:
+        return None
 
-    yield Element(
-        "hysteresis", "the contact loses energy in each cycle, whatever its speed", slips,
-        tuple(
-            {"slip_stiffness": scales.stiffness * k, "slip_force": scales.force_N * f}
-            for k, f in ((0.2, 0.03), (0.5, 0.1))
-        ),
-        {"slip_stiffness": "N/m", "slip_force": "N"},
-        contact.damping if isinstance(contact.damping, str) else None,
-    )  # fmt: skip
-    if not scales.has_lag:
+    def add(document: Document) -> None:
+        table = _named(document, "contact", contact.name)
+        table.pop("damping", None)
+        table["hysteresis_stiffness"] = "slip_stiffness"
+        table["hysteresis_force"] = "slip_force"
 
-        def lags(document: Document) -> None:
-            _adc(document)["filter"] = "sensor_filter"
+    starts = tuple(
+        {"slip_stiffness": scales.stiffness * k, "slip_force": scales.force_N * f}
+        for k, f in ((0.2, 0.03), (0.5, 0.1))
+    )
+    units = {"slip_stiffness": "N/m", "slip_force": "N"}
+    text = "the contact loses energy in each cycle, whatever its speed"
+    drops = contact.damping if isinstance(contact.damping, str) else None
+    return Element("hysteresis", text, add, starts, units, (drops,) if drops else ())
 
-        yield Element(
-            "sensor lag", "the force sensor has a low pass", lags,
-            ({"sensor_filter": 5000.0}, {"sensor_filter": 1200.0}), {"sensor_filter": "rad/s"},
-        )  # fmt: skip
 
-    def plays(document: Document) -> None:
-        body = next(t for t in document["body"] if t["name"] == scales.body)  # type: ignore[union-attr]
+def _lag(scales: _Scales) -> Element | None:
+    if scales.has_lag:
+        return None
+
+    def add(document: Document) -> None:
+        _adc(document)["filter"] = "sensor_filter"
+
+    starts = ({"sensor_filter": 5000.0}, {"sensor_filter": 1200.0})
+    text = "the force sensor has a low pass"
+    return Element("sensor lag", text, add, starts, {"sensor_filter": "rad/s"})
+
+
+def _backlash(scales: _Scales) -> Element | None:
+    if scales.has_backlash:
+        return None
+
+    def add(document: Document) -> None:
+        body = _named(document, "body", scales.body)
         rotor = dict(body.unwrap()) | {"name": "drive_side", "mass": "drive_side_mass"}
         body["mass"] = "load_side_mass"
         _append(document, "body", rotor)
+        stiffness = PLAY_STIFFNESS * scales.stiffness
+        damping = PLAY_DAMPING * math.sqrt(scales.stiffness * scales.body_kg)
         _append(document, "backlash", {
             "name": "play", "between": ["drive_side", scales.body], "width": "play_width",
-            "stiffness": 50 * scales.stiffness, "damping": 0.5 * math.sqrt(scales.stiffness * scales.body_kg),
+            "stiffness": stiffness, "damping": damping,
         })  # fmt: skip
         for table in ("drive", "encoder"):
             if document.get(table, {}).get("body") == scales.body:
-                document[table]["body"] = "drive_side"  # type: ignore[index]
+                document[table]["body"] = "drive_side"
 
-    yield Element(
-        "backlash", "the drive has backlash", plays,
-        tuple(
-            {"play_width": scales.play_m * w, "drive_side_mass": scales.body_kg * m,
-             "load_side_mass": scales.body_kg * (1 - m)}
-            for w, m in ((0.3, 0.3), (1.0, 0.3), (1.0, 0.6))
-        ),
-        {"play_width": "m", "drive_side_mass": "kg", "load_side_mass": "kg"},
+    starts = tuple(
+        {"play_width": scales.overlap_m / 4 * width, "drive_side_mass": scales.body_kg * share,
+         "load_side_mass": scales.body_kg * (1 - share)}
+        for width, share in ((0.3, 0.3), (1.0, 0.3), (1.0, 0.6))
     )  # fmt: skip
-    if not scales.frictions:
+    units = {"play_width": "m", "drive_side_mass": "kg", "load_side_mass": "kg"}
+    drops = (scales.body_mass,) if isinstance(scales.body_mass, str) else ()
+    return Element("backlash", "the drive has backlash", add, starts, units, drops)
 
-        def rubs(document: Document) -> None:
-            _append(document, "friction", {
-                "name": "guide_friction", "between": [scales.body, "ground"], "coulomb": "coulomb",
-            })  # fmt: skip
 
-        yield Element(
-            "friction", "the guide has dry friction", rubs,
-            ({"coulomb": 0.02 * scales.force_N}, {"coulomb": 0.1 * scales.force_N}),
-            {"coulomb": "N"},
-        )  # fmt: skip
+def _friction(scales: _Scales) -> Element | None:
+    if scales.has_friction:
+        return None
+
+    def add(document: Document) -> None:
+        _append(document, "friction", {
+            "name": "guide_friction", "between": [scales.body, "ground"], "coulomb": "coulomb",
+        })  # fmt: skip
+
+    starts = tuple({"coulomb": scales.force_N * share} for share in (0.02, 0.1))
+    return Element("friction", "the guide has dry friction", add, starts, {"coulomb": "N"})
+
+
+def _elements(scales: _Scales) -> list[Element]:
+    """Returns the elements that the model does not have."""
+    makers = (_stiffening, _hysteresis, _lag, _backlash, _friction)
+    return [element for make in makers if (element := make(scales)) is not None]
 
 
 def _model(problem: ContactProblem, element: Element, start: Mapping[str, float]) -> str:
@@ -190,13 +218,15 @@ def _unused(text: str, path: Path) -> str:
     return tomlkit.dumps(document)
 
 
-def tried(problem: ContactProblem, best: Floats, cost: float, seed: int) -> tuple[TriedElement, ...]:
+def tried(
+    problem: ContactProblem, best: Floats, cost: float, seed: int
+) -> tuple[TriedElement, ...]:
     """Adds each element to the model and fits all constants. Returns the elements whose decrease of
     chi-square exceeds their penalty, the best first. `best`, `cost`: of the model without them."""
     found = []
     scales = _Scales(problem, best)
     with tempfile.TemporaryDirectory() as folder:
-        for element in progress.each(list(_elements(scales)), "elements"):
+        for element in progress.each(_elements(scales), "elements"):
             one = _fitted(problem, best, cost, element, Path(folder) / "model.toml")
             if one is not None and one.gain > 0:
                 found.append(one)
@@ -207,10 +237,7 @@ def _fitted(
     problem: ContactProblem, best: Floats, cost: float, element: Element, path: Path
 ) -> TriedElement | None:
     """Returns the element with its constants, or None if no start leads to a plant."""
-    names = [name for name in problem.names if name != element.drops]
-    if element.name == "backlash":
-        mass = model_file.read(problem.model).body(linear.facts(str(problem.model)).required_drive.body)
-        names = [name for name in names if mass is None or name != mass.mass]
+    names = [name for name in problem.names if name not in element.drops]
     kept = [i for i, name in enumerate(problem.names) if name in names]
     results = []
     for start in element.starts:

@@ -1,7 +1,7 @@
 """Identification of the parameters of a model from recorded touch-downs.
 
-    found = identify(ContactOrder("press/model.toml", [Path("touch_1.npz")], ("m_w", "k_w")))
-    found.parameters["k_w"].interval, found.p_value, found.posterior
+found = identify(ContactOrder("press/model.toml", [Path("touch_1.npz")], ("m_w", "k_w")))
+found.parameters["k_w"].interval, found.p_value, found.posterior
 """
 
 import hashlib
@@ -17,17 +17,22 @@ from forceaxis import linear, paths, progress
 from forceaxis._core import InputError
 from forceaxis.commission import contact_check, contact_data, contact_elements, contact_sampler
 from forceaxis.commission import contact_search as searching
-from forceaxis.commission.contact_check import StretchCheck
 from forceaxis.commission.contact_data import ContactData, Floats
 from forceaxis.commission.contact_elements import TriedElement
 from forceaxis.commission.contact_likelihood import ContactProblem
+from forceaxis.commission.contact_results import (
+    ContactFit,
+    ContactParameter,
+    ContactRecording,
+    Identified,
+)
 from forceaxis.commission.contact_sampler import Convergence, Sampled
 from forceaxis.commission.known import WORKPIECE_SPREAD, Prior, priors
 from forceaxis.linear import posterior as posterior_file
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.posterior import Posterior
 from forceaxis.recordings import signal_recording
-from forceaxis.results import json_field, to_json
+from forceaxis.results import to_json
 
 # A parameter is told by the recordings if its deviation is at most this part of the prior's.
 TOLD_SHARE = 1 / 3
@@ -48,65 +53,6 @@ class ContactOrder:
     held: Overrides = field(default_factory=dict)
     seed: int = 0
     threads: int = 1
-
-
-@dataclass(frozen=True)
-class ContactParameter:
-    """A parameter with its prior and posterior. `value`: the most likely value; `interval`: 95 %;
-    `deviation`, `prior_deviation`: of the logarithm. `told`: True if the recordings tell it."""
-
-    unit: str
-    value: float
-    interval: tuple[float, float]
-    deviation: float
-    prior: float
-    prior_deviation: float
-    told: bool
-
-
-@dataclass(frozen=True)
-class ContactRecording:
-    """A recording of which a touch-down was used."""
-
-    name: str
-    file: str
-    sha256: str
-    samples: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class ContactFit:
-    """The result of identify(). `rejected`: True if the model does not explain the recordings (p
-    below 0.001): then `parameters` have no meaning, and there are no convergence and posterior.
-    `elements`: elements that the model may lack, the best first; they are tried for p below 0.05.
-    """
-
-    model: str
-    recordings: tuple[ContactRecording, ...]
-    commanded: bool
-    parameters: dict[str, ContactParameter]
-    untold: tuple[str, ...]
-    p_value: float
-    rejected: bool
-    stretches: tuple[StretchCheck, ...]
-    elements: tuple[TriedElement, ...]
-    convergence: Convergence | None
-    posterior: Posterior | None = json_field(omit_none=True)
-
-    @property
-    def set_options(self) -> str:
-        """Returns the most likely values as options of a command."""
-        return " ".join(f"--set {name}={p.value:.6g}" for name, p in self.parameters.items())
-
-
-@dataclass(frozen=True)
-class Identified:
-    """The result with what its pictures need: the problem, its best point, and the samples."""
-
-    result: ContactFit
-    problem: ContactProblem
-    best: Floats
-    sampled: Sampled | None
 
 
 def prior_of(order: ContactOrder) -> dict[str, Prior]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from forceaxis import _core, linear
 from forceaxis._core import InputError
@@ -20,6 +21,7 @@ from forceaxis.commission.known import Prior
 from forceaxis.design import model_file
 from forceaxis.linear.plant_facts import Overrides
 
+LOG_MAX = 300.0  # largest logarithm of a parameter
 WORST_RESIDUAL = 1e5  # of a plant that cannot be simulated, in standard deviations
 PLACE_DEVIATION_M = 1e-3  # prior deviation of the place of the axis from that of the first guess
 ZERO_SHARE = 0.01  # prior deviation of the zero of the force, as a share of the recorded range
@@ -46,7 +48,7 @@ class Predicted:
 
     force: Floats
     position: Floats
-    valid: Floats
+    valid: NDArray[np.bool_]
 
 
 def moved_bodies(model: str | Path) -> list[str]:
@@ -62,8 +64,8 @@ def moved_bodies(model: str | Path) -> list[str]:
 
 
 def gap_of(model: str | Path, held: Overrides) -> float:
-    """Returns the distance in m that the axis of a model moves from its start to its contact. Raises
-    InputError for a model without a contact."""
+    """Returns the distance in m that the axis of a model moves from its start to its contact.
+    Raises InputError for a model without a contact."""
     contacts = model_file.read(model).contacts
     if not contacts:
         raise InputError(f"{model}: contact: expected a model with a contact, got none")
@@ -132,17 +134,18 @@ class ContactProblem:
                     found.append(Unknown(kind, i, mean, deviation))
         return found
 
-    def number(self, kind: str, touch: int, points: Floats) -> Floats:
-        """Returns an unknown in SI units for n points, (n,); 0 if the problem does not have it."""
+    def number(self, kind: str, touch: int, points: Floats, known: float = 0.0) -> Floats:
+        """Returns an unknown in SI units for n points, (n,); `known` if the problem does not have
+        it."""
         for i, unknown in enumerate(self.unknowns):
             if (unknown.kind, unknown.touch) == (kind, touch):
                 scaled = points[:, len(self.names) + i]
                 return np.asarray(unknown.mean + unknown.deviation * scaled)
-        return np.zeros(len(points))
+        return np.full(len(points), known)
 
     def values(self, points: Floats) -> Floats:
         """Returns the parameters of the model in SI units for n points, (n, parameters)."""
-        return np.exp(points[:, : len(self.names)])
+        return np.exp(np.clip(points[:, : len(self.names)], -LOG_MAX, LOG_MAX))
 
     def predict(self, points: Floats) -> Predicted:
         """Simulates all touch-downs for n points."""
@@ -150,11 +153,11 @@ class ContactProblem:
         starts = np.zeros((len(points), count, START_VALUES))
         for i in range(count):
             starts[:, i, 0] = self.number("place", i, points)
-            starts[:, i, 1] = self.number("speed", i, points)
+            starts[:, i, 1] = self.number("speed", i, points, self.data.touches[i].speed[0])
             starts[:, i, 2] = self.number("volts", i, points)
         rows = self.simulate(self.values(points), starts)
         self.calls += len(points)
-        valid = np.isfinite(rows).all(axis=(1, 2))
+        valid = np.asarray(np.isfinite(rows).all(axis=(1, 2)))
         rows = np.where(valid[:, None, None], rows, 0.0)
         force = self.force.at(rows[:, 0]) + self.number("zero", -1, points)[:, None]
         place = self.position.at(rows[:, 1])
@@ -184,7 +187,8 @@ class ContactProblem:
 
     def residuals(self, points: Floats) -> Floats:
         """Returns residuals of force, position and prior in standard deviations for n points:
-        (n, all). Half of their sum of squares is the negative logarithm of the posterior density."""
+        (n, all). Half of their sum of squares is the negative logarithm of the posterior
+        density."""
         predicted = self.predict(points)
         parts = [
             self.force.scaled(predicted.force),

@@ -1,25 +1,23 @@
-"""Pictures of parameters that were identified from touch-downs: the posterior by pairs of parameters,
-and the measured touch-downs beside those of the model."""
-
-from typing import TYPE_CHECKING
+"""Pictures of parameters that were identified from touch-downs: the posterior by pairs of
+parameters, and the measured touch-downs beside those of the model."""
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
+from forceaxis.commission.contact_results import Identified
 from forceaxis.drawing import COLORS, FAINT, GOT, INK, legend, name_of, style
 from forceaxis.words import plain
-
-if TYPE_CHECKING:
-    from forceaxis.commission.contact_fit import Identified
 
 DRAWN = 1500  # number of samples in a picture
 BAND_PLANTS = 40  # number of plants from which a band is drawn
 
 
-def pairs(found: "Identified") -> Figure:
-    """Returns the picture of the posterior: the density of each parameter with that of its prior, and
-    samples of each pair of parameters."""
+def pairs(found: Identified) -> Figure:
+    """Returns the picture of the posterior: the density of each parameter with that of its prior,
+    and samples of each pair of parameters."""
     result, problem = found.result, found.problem
     assert result.posterior is not None
     names, table = result.posterior.names, result.posterior.table
@@ -29,7 +27,7 @@ def pairs(found: "Identified") -> Figure:
     )
     shown = table[np.linspace(0, len(table) - 1, min(DRAWN, len(table))).astype(int)]
     for i, row in enumerate(names):
-        for j, column in enumerate(names):
+        for j in range(size):
             ax = every[i][j]
             if j > i:
                 ax.set_axis_off()
@@ -50,9 +48,9 @@ def pairs(found: "Identified") -> Figure:
                 ax.set_title(f"{row}, {unit}" if unit else row, fontsize=8, parse_math=False)
             else:
                 ax.plot(shown[:, j], shown[:, i], ".", color=INK, markersize=1, alpha=0.4)
-            ax.xaxis.set_major_locator(plt.MaxNLocator(2))
+            ax.xaxis.set_major_locator(MaxNLocator(2))
             if i != j:
-                ax.yaxis.set_major_locator(plt.MaxNLocator(3))
+                ax.yaxis.set_major_locator(MaxNLocator(3))
             for axis in (ax.xaxis, ax.yaxis):
                 axis.set_major_formatter(lambda value, _: plain(value, 4))
             ax.tick_params(labelsize=7)
@@ -61,8 +59,8 @@ def pairs(found: "Identified") -> Figure:
             if j > 0 or i == j:
                 ax.tick_params(labelleft=False)
     handles = [
-        plt.Line2D([], [], color=INK, linewidth=4, alpha=0.6, label="posterior"),
-        plt.Line2D([], [], color=GOT, label="prior"),
+        Line2D([], [], color=INK, linewidth=4, alpha=0.6, label="posterior"),
+        Line2D([], [], color=GOT, label="prior"),
     ]
     legend(figure, handles, loc="upper right")
     figure.suptitle(f"{name_of(result.model)}: posterior of the parameters", fontsize=9)
@@ -70,7 +68,7 @@ def pairs(found: "Identified") -> Figure:
     return figure
 
 
-def contacts(found: "Identified") -> Figure:
+def contacts(found: Identified) -> Figure:
     """Returns the picture of all touch-downs: measured force, force of the model, and residuals in
     standard deviations of the noise."""
     problem = found.problem
@@ -92,7 +90,9 @@ def contacts(found: "Identified") -> Figure:
         if len(points) > 1:
             low, high = np.quantile(own, (0.025, 0.975), axis=0)
             upper.fill_between(ms, low, high, color=GOT, alpha=0.3, linewidth=0, label="95 % band")
-        upper.plot(ms, problem.force.values[begin:end], ".", color=INK, markersize=2.5, label="measured")
+        upper.plot(
+            ms, problem.force.values[begin:end], ".", color=INK, markersize=2.5, label="measured"
+        )
         upper.plot(ms, own[0], color=GOT, linewidth=0.9, label="model")
         lower.plot(ms, residuals[begin:end], color=COLORS[2], linewidth=0.7)
         lower.axhline(0, color=FAINT, linewidth=0.6)

@@ -1,9 +1,10 @@
 """Samples of the posterior of touch-downs, by the ensemble sampler emcee (Foreman-Mackey et al.,
 Publications of the Astronomical Society of the Pacific 125, 2013).
 
-Each chain is an ensemble of walkers. Half of the moves draw all walkers anew from Student's t around
-the optimum, and the sampler accepts or refuses each: where the posterior is close to normal, samples
-are then nearly independent. The other moves (stretch, differences) are right for any posterior.
+Each chain is an ensemble of walkers. Half of the moves draw all walkers anew from Student's t
+around the optimum, and the sampler accepts or refuses each: where the posterior is close to normal,
+samples are then nearly independent. The other moves (stretch, differences) are right for any
+posterior.
 """
 
 from collections.abc import Callable
@@ -60,7 +61,7 @@ class Drawn:
     def set(self, centre: Floats, covariance: Floats) -> None:
         """Changes the distribution."""
         self.centre: Floats = centre
-        self.root: Floats = np.linalg.cholesky(covariance)
+        self.root: Floats = np.asarray(np.linalg.cholesky(covariance), dtype=float)
 
     def draw(self, count: int, random: np.random.RandomState) -> Floats:
         """Returns points of the distribution, (count, size)."""

@@ -21,9 +21,9 @@ BEND = 30.0
 
 
 def derivatives(problem: ContactProblem, point: Floats) -> tuple[Floats, Floats]:
-    """Returns the residuals at a point and their derivatives by its numbers, (all,) and (all, size).
-    An unknown of one touch-down changes nothing in the others, so one simulation serves the same
-    unknown of all touch-downs."""
+    """Returns the residuals at a point and their derivatives by its numbers, (all,) and (all,
+    size). An unknown of one touch-down changes nothing in the others, so one simulation serves the
+    same unknown of all touch-downs."""
     names, kinds = len(problem.names), sorted({u.kind for u in problem.unknowns})
     groups = [[i] for i in range(names)]
     groups += [
@@ -64,9 +64,7 @@ def descend(
         slope = matrix.T @ (weight * residuals)
         diagonal = np.diag(np.diag(square) + problem.spread**-2)
         tried = damping * DAMPINGS
-        points = np.array(
-            [point - np.linalg.solve(square + d * diagonal, slope) for d in tried]
-        )
+        points = np.array([point - np.linalg.solve(square + d * diagonal, slope) for d in tried])
         costs = _cost(problem.residuals(points), bend)
         best = int(np.argmin(costs))
         if costs[best] >= cost:

@@ -161,8 +161,8 @@ def random_points(axes: Sequence[SweepParameter], count: int | None, seed: int) 
 def posterior_points(
     file: str, count: int | None, seed: int
 ) -> tuple[list[SweepParameter], list[Point]]:
-    """Returns the swept parameters of the file of a posterior, with their 95 % intervals, and points
-    that are drawn from it. Raises ParameterError or InputError."""
+    """Returns the swept parameters of the file of a posterior, with their 95 % intervals, and
+    points that are drawn from it. Raises ParameterError or InputError."""
     if not count or not 1 <= count <= MOST_POINTS:
         raise ParameterError("count", f"expected a number of points of `over`, 1 to {MOST_POINTS}")
     found = posterior.read(file)

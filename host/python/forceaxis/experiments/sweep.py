@@ -119,7 +119,8 @@ def plan(request: SweepRequest) -> SweepPlan:
         )
     if not axes and not searches:
         raise ParameterError(
-            "grid", "expected at least one parameter to vary, in `grid`, `random`, `over` or `bisect`"
+            "grid",
+            "expected at least one parameter to vary, in `grid`, `random`, `over` or `bisect`",
         )
     drawn = request.random or request.over
     if request.refine and (searches or drawn or len(axes) > 2):

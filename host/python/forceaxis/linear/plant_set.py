@@ -106,8 +106,8 @@ def ranges_of(
         if name not in known:
             raise ParameterError(
                 "over",
-                f"{span if isinstance(span, str) else name}: expected a parameter of the model, one "
-                f"of {', '.join(sorted(known))}{suggestion(name, known)}",
+                f"{span if isinstance(span, str) else name}: expected a parameter of the model, "
+                f"one of {', '.join(sorted(known))}{suggestion(name, known)}",
             )
         if name in ranges:
             raise ParameterError(
@@ -137,8 +137,8 @@ def _spans(over: Iterable[str], known: Iterable[str]) -> Iterator[tuple[str, str
 def set_of(
     model: str | Path, over: Iterable[str], overrides: Overrides | None = None
 ) -> tuple[dict[str, Range], tuple[dict[str, float], ...]]:
-    """Returns the ranges as ranges_of(), without those of a posterior, and the plants {parameter: SI
-    value} that stand for 95 % of the posterior, ({},) without one. Raises ParameterError or
+    """Returns the ranges as ranges_of(), without those of a posterior, and the plants {parameter:
+    SI value} that stand for 95 % of the posterior, ({},) without one. Raises ParameterError or
     InputError."""
     texts = [part for given in over for part in given.split(",")]
     files = [text for text in texts if posterior.is_posterior(text)]

@@ -216,8 +216,8 @@ class LoopSet:
 
 
 def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None = None) -> LoopSet:
-    """Returns the set of force loops that a request specifies. `ranges`: texts NAME=RANGE, or the file of a posterior, as in
-    `plant_set.set_of`.
+    """Returns the set of force loops that a request specifies. `ranges`: texts NAME=RANGE, or the
+    file of a posterior, as in `plant_set.set_of`.
 
     modes: "visited" (the modes of a run of the experiment), "all", "nominal" (that of the request).
     None: nominal if the request has states, otherwise visited for an experiment and all for a
