@@ -125,11 +125,11 @@ def contact(
     threads: int | None,
     as_json: bool,
 ) -> None:
-    """Identify parameters of the model MODEL from recordings of touch-downs, with their
+    """Identify parameters of the model MODEL from recordings of first contacts, with their
     uncertainty.
 
     RECORDING is a file of `forceaxis recording import` with the force and, if they were recorded,
-    the command and the position. It begins out of contact and holds one touch-down. The plant of
+    the command and the position. It begins out of contact and holds one first contact. The plant of
     MODEL is fed the recorded command, so any controller may have made the recording.
 
     The result is a posterior: samples of plants that explain all recordings and what was known

@@ -69,7 +69,7 @@ def identify() -> None:
 
     decrement, split, tach and motor are the procedures of the thesis (4.1.2, 4.4, 5.2.1). fit
     determines parameters of a model from a frequency response of `forceaxis measure`, contact from
-    recordings of touch-downs.
+    recordings of first contacts.
     """
 
 

@@ -365,7 +365,7 @@ class _Reader:
             free = onset_of(force.values[used])
         except ValueError as error:
             raise InputError(
-                f"{name}: force: expected a touch-down that begins out of contact, got {error}; "
+                f"{name}: force: expected a recording that begins out of contact, got {error}; "
                 "cut the recording so that it begins before the touch"
             ) from None
         return float((force.true_time_s[used][free] - first) * self.rate), free
