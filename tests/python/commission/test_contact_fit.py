@@ -11,8 +11,15 @@ import pytest
 import verbs
 from forceaxis import _core
 from forceaxis._core import InputError
-from forceaxis.commission import contact_check, contact_data, contact_fit, contact_search
+from forceaxis.commission import (
+    contact_check,
+    contact_data,
+    contact_fit,
+    contact_sampler,
+    contact_search,
+)
 from forceaxis.commission.contact_likelihood import ContactProblem
+from forceaxis.commission.contact_sampler import Drawn
 from forceaxis.linear import plant_set, posterior
 from forceaxis.recordings import signal_recording
 
@@ -81,6 +88,29 @@ def test_intervals_hold_the_truth_and_chains_agree(identified):
         width = one.interval[1] - one.interval[0]
         assert one.interval[0] - 0.5 * width < truth < one.interval[1] + 0.5 * width
         assert one.deviation < one.prior_deviation / 20 and width < 0.1 * truth
+
+
+def test_an_interrupted_sampler_continues_with_the_same_samples(identified, tmp_path):
+    """Interrupted after its first block, it makes fewer simulations and the same samples."""
+    found, _ = identified
+    problem, best = found.problem, found.best
+    start = Drawn(best, contact_search.covariance(problem, best))
+
+    class Stop(Exception):
+        pass
+
+    def stop(_):
+        raise Stop
+
+    file = tmp_path / "chains.npz"
+    with pytest.raises(Stop):
+        contact_sampler.sample(problem, start, 1, stop, file)
+    before = problem.calls
+    again = contact_sampler.sample(problem, start, 1, file=file)
+    walkers = again.convergence.walkers * again.convergence.chains
+    steps = again.convergence.steps - contact_sampler.BLOCK
+    assert problem.calls - before <= walkers * (steps + 1)
+    np.testing.assert_array_equal(again.points, found.sampled.points)
 
 
 def test_the_file_is_a_set_of_plants(identified):

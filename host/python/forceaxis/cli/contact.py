@@ -144,7 +144,7 @@ def contact(
 
     order = contact_fit.ContactOrder(
         model, recordings, tuple(n for text in fitted for n in text.split(",")), tuple(given),
-        linear.overrides(overrides), seed, threads or os.cpu_count() or 1,
+        linear.overrides(overrides), seed, threads or os.cpu_count() or 1, out,
     )  # fmt: skip
     found = contact_fit.identify(order)
     if out:

@@ -26,7 +26,7 @@ from forceaxis.commission.contact_results import (
     ContactRecording,
     Identified,
 )
-from forceaxis.commission.contact_sampler import Convergence, Sampled
+from forceaxis.commission.contact_sampler import Convergence, Drawn, Sampled
 from forceaxis.commission.known import WORKPIECE_SPREAD, Prior, priors
 from forceaxis.linear import posterior as posterior_file
 from forceaxis.linear.plant_facts import Overrides
@@ -37,6 +37,7 @@ from forceaxis.results import to_json
 # A parameter is told by the recordings if its deviation is at most this part of the prior's.
 TOLD_SHARE = 1 / 3
 DOUBTED_BELOW, REJECTED_BELOW = 0.05, 1e-3  # of the p value
+CHAINS_FILE = "chains.npz"
 FILES = ("posterior.json", "pairs.png", "contacts.png")
 
 
@@ -53,6 +54,8 @@ class ContactOrder:
     held: Overrides = field(default_factory=dict)
     seed: int = 0
     threads: int = 1
+    #: folder that keeps the chains, so that an interrupted identification continues; None: none
+    out: Path | None = None
 
 
 def prior_of(order: ContactOrder) -> dict[str, Prior]:
@@ -106,7 +109,7 @@ def identify(order: ContactOrder) -> Identified:
     sampled = None
     spread = np.sqrt(np.diag(searching.covariance(problem, best)))
     if not rejected:
-        sampled = _sampled(problem, best, order.seed)
+        sampled = _sampled(problem, best, order)
         spread = np.std(sampled.points, axis=0)
     result = ContactFit(
         model=paths.display(path),
@@ -124,8 +127,11 @@ def identify(order: ContactOrder) -> Identified:
     return Identified(result, problem, best, sampled)
 
 
-def _sampled(problem: ContactProblem, best: Floats, seed: int) -> Sampled:
-    covariance = searching.covariance(problem, best)
+def _sampled(problem: ContactProblem, best: Floats, order: ContactOrder) -> Sampled:
+    start = Drawn(best, searching.covariance(problem, best))
+    file = order.out / CHAINS_FILE if order.out else None
+    if file:
+        file.parent.mkdir(parents=True, exist_ok=True)
     with progress.phase("sampling the posterior"):
         before = progress.shown
 
@@ -135,7 +141,7 @@ def _sampled(problem: ContactProblem, best: Floats, seed: int) -> Sampled:
                 f"{now.effective_samples:.0f} effective samples"
             )
 
-        return contact_sampler.sample(problem, best, covariance, seed, tell)
+        return contact_sampler.sample(problem, start, order.seed, tell, file)
 
 
 def _parameters(

@@ -6,6 +6,7 @@ count the encoder was off (`count`), and without a recorded command the speed at
 command. The zero of the force sensor is one further unknown.
 """
 
+import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -114,6 +115,16 @@ class ContactProblem:
     def size(self) -> int:
         """Returns the number of numbers of a point."""
         return len(self.centre)
+
+    def key(self, seed: int) -> str:
+        """Returns a hash of everything on which samples of the posterior depend."""
+        text = [self.model.read_text(encoding="utf-8"), repr(self.priors), repr(self.held), seed]
+        known = hashlib.sha256(repr([_core.SIMULATOR_HASH, *text]).encode())
+        for touch in self.data.touches:
+            known.update(np.ascontiguousarray(touch.volts).tobytes())
+        for joined in (self.force, self.position):
+            known.update(joined.values.tobytes() + joined.spread.tobytes())
+        return known.hexdigest()
 
     def shorter(self, steps_after: int) -> "ContactProblem":
         """Returns the problem of each touch-down until `steps_after` steps after its onset."""

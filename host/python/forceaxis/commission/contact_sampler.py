@@ -7,13 +7,16 @@ samples are then nearly independent. The other moves (stretch, differences) are 
 posterior.
 """
 
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import emcee
 import numpy as np
 from scipy import linalg
 
+from forceaxis import paths
 from forceaxis.commission.contact_data import Floats
 from forceaxis.commission.contact_likelihood import ContactProblem
 
@@ -99,10 +102,12 @@ def effective(chain: Floats) -> float:
 
 
 class _Chain:
-    """One ensemble of walkers."""
+    """One ensemble of walkers. The random numbers of a block depend only on seed, chain and block,
+    so a chain that continues from a file gives the same samples."""
 
-    def __init__(self, problem: ContactProblem, drawn: Drawn, seed: int) -> None:
+    def __init__(self, problem: ContactProblem, drawn: Drawn, seed: int, number: int) -> None:
         self.drawn, self.walkers = drawn, 2 * problem.size + 2
+        self.seed, self.number, self.blocks = seed, number, 0
         moves = [
             (emcee.moves.MHMove(drawn.propose), 0.5),
             (emcee.moves.StretchMove(), 0.25),
@@ -111,61 +116,122 @@ class _Chain:
         self.sampler = emcee.EnsembleSampler(
             self.walkers, problem.size, problem.posterior_log, moves=moves, vectorize=True
         )
-        random = np.random.RandomState(seed)
-        self.sampler.random_state = random.get_state()
-        self.state = emcee.State(drawn.draw(self.walkers, random))
+        self.state = emcee.State(drawn.draw(self.walkers, self._random()))
+        size = problem.size
+        self.points: Floats = np.zeros((0, self.walkers, size))  # (steps, walkers, size)
+        self.logs: Floats = np.zeros((0, self.walkers))
+        self.accepted = 0.0  # sum of the shares of accepted moves of all kept blocks
+
+    def _random(self) -> np.random.RandomState:
+        return np.random.RandomState([self.seed, self.number, self.blocks])
 
     def run(self) -> None:
         """Continues the chain by a block."""
+        self.blocks += 1
+        self.sampler.reset()
+        self.state.random_state = self._random().get_state()
         self.state = self.sampler.run_mcmc(self.state, BLOCK, skip_initial_state_check=True)
+        self.points = np.concatenate([self.points, self.sampler.get_chain()])
+        self.logs = np.concatenate([self.logs, self.sampler.get_log_prob()])
+        self.accepted += float(np.mean(self.sampler.acceptance_fraction))
 
-    @property
-    def points(self) -> Floats:
-        """Returns the points, (steps, walkers, size)."""
-        return np.asarray(self.sampler.get_chain())
+    def tuned(self, centre: Floats, covariance: Floats) -> None:
+        """Forgets what was sampled, and draws walkers anew from another distribution."""
+        self.drawn.set(centre, covariance)
+        self.points, self.logs, self.accepted = self.points[:0], self.logs[:0], 0.0
+
+    def arrays(self) -> dict[str, Floats]:
+        """Returns what a file keeps of the chain."""
+        return {
+            "points": self.points, "logs": self.logs, "coords": self.state.coords,
+            "log_prob": self.state.log_prob, "centre": self.drawn.centre, "root": self.drawn.root,
+            "counts": np.array([self.blocks, self.accepted]),
+        }  # fmt: skip
+
+    def restore(self, kept: dict[str, Floats]) -> None:
+        """Continues from the arrays of a file."""
+        self.points, self.logs = kept["points"], kept["logs"]
+        self.state = emcee.State(kept["coords"], log_prob=kept["log_prob"])
+        self.drawn.centre, self.drawn.root = kept["centre"], kept["root"]
+        self.blocks, self.accepted = int(kept["counts"][0]), float(kept["counts"][1])
+
+
+def _save(file: Path | None, key: str, chains: list[_Chain]) -> None:
+    """Writes the chains to a file, complete or not at all."""
+    if file is None:
+        return
+    arrays = {f"{name}_{c.number}": array for c in chains for name, array in c.arrays().items()}
+    with paths.replacing(file.parent, file.name) as (new,), new.open("wb") as stream:
+        np.savez(stream, key=np.array(key), **arrays)  # type: ignore[arg-type]
+
+
+def _load(file: Path | None, key: str, chains: list[_Chain]) -> bool:
+    """Continues from the chains of a file. Returns False if there is none with this key."""
+    if file is None or not file.exists():
+        return False
+    try:
+        with np.load(file, allow_pickle=False) as kept:
+            if str(kept["key"]) != key:
+                return False
+            for chain in chains:
+                names = chain.arrays()
+                chain.restore({name: kept[f"{name}_{chain.number}"] for name in names})
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        return False
+    return True
 
 
 def sample(
     problem: ContactProblem,
-    best: Floats,
-    covariance: Floats,
+    start: Drawn,
     seed: int,
     progressed: Callable[[Convergence], None] = lambda _: None,
+    file: Path | None = None,
 ) -> Sampled:
-    """Returns samples of the posterior. `best`, `covariance`: its mode, and a normal distribution
-    there. The same seed gives the same samples."""
-    drawn = [Drawn(best, covariance) for _ in range(CHAINS)]
-    chains = [_Chain(problem, one, CHAINS * seed + i) for i, one in enumerate(drawn)]
+    """Returns samples of the posterior. `start`: a distribution around its mode. The same seed
+    gives the same samples. `file` keeps the chains after each block, so that an interrupted call
+    continues where it was; None: nothing is kept."""
+    chains = [
+        _Chain(problem, Drawn(start.centre, start.root @ start.root.T), seed, i)
+        for i in range(CHAINS)
+    ]
+    key = problem.key(seed)
+    if not _load(file, key, chains):
+        _tune(problem, chains)
+    found = _convergence(problem, chains) if len(chains[0].points) else None
+    while (found is None or not found.reached) and chains[0].blocks < BLOCKS_MAX:
+        for chain in chains:
+            chain.run()
+        _save(file, key, chains)
+        found = _convergence(problem, chains)
+        progressed(found)
+    assert found is not None
+    points = np.concatenate([c.points.reshape(-1, problem.size) for c in chains])
+    logs = np.concatenate([c.logs.ravel() for c in chains])
+    kept = np.linspace(0, len(points) - 1, min(KEPT_MAX, len(points))).astype(int)
+    return Sampled(points[kept], logs[kept], found)
+
+
+def _tune(problem: ContactProblem, chains: list[_Chain]) -> None:
+    """Lets the walkers find the posterior, and adapts the distribution from which they are
+    drawn."""
     for _ in range(TUNING_BLOCKS):
         for chain in chains:
             chain.run()
         every = np.concatenate([c.points[BLOCK // 2 :].reshape(-1, problem.size) for c in chains])
         for chain in chains:
-            chain.sampler.reset()
-            chain.drawn.set(every.mean(axis=0), np.cov(every.T))
-    found = None
-    for _ in range(BLOCKS_MAX):
-        for chain in chains:
-            chain.run()
-        found = _convergence(problem, chains)
-        progressed(found)
-        if found.reached:
-            break
-    assert found is not None
-    points = np.concatenate([c.points.reshape(-1, problem.size) for c in chains])
-    logs = np.concatenate([c.sampler.get_log_prob().ravel() for c in chains])
-    kept = np.linspace(0, len(points) - 1, min(KEPT_MAX, len(points))).astype(int)
-    return Sampled(points[kept], logs[kept], found)
+            chain.tuned(every.mean(axis=0), np.cov(every.T))
 
 
 def _convergence(problem: ContactProblem, chains: list[_Chain]) -> Convergence:
     parts = [chain.points for chain in chains]
     agreed = r_hat(np.stack([p.reshape(-1, problem.size) for p in parts]))
     samples = sum(effective(p) for p in parts)
+    kept = len(parts[0]) // BLOCK
     return Convergence(
         r_hat=agreed,
         effective_samples=samples,
-        accepted=float(np.mean([c.sampler.acceptance_fraction for c in chains])),
+        accepted=sum(c.accepted for c in chains) / (kept * len(chains)),
         chains=len(chains),
         walkers=chains[0].walkers,
         steps=len(parts[0]),
