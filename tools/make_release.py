@@ -7,6 +7,7 @@ FOLDER (by default build/dist) then has:
   forceaxis-VERSION-cp311-cp311-manylinux_2_34_x86_64.whl   for the Python that runs this program
   forceaxis-VERSION.tar.gz                                  sources
   IMAGE.elf, .hex, .bin                                     of each board that can be flashed
+  IMAGE.update, IMAGE-loader.bin                            of each board with slots
   forceaxis-VERSION.cdx.json                                what is inside, in CycloneDX 1.6
   SHA256SUMS
 
@@ -140,6 +141,8 @@ def board_images() -> tuple[list[Path], list[Path]]:
     for board in boards.known(ROOT / "firmware/port"):
         if board.released and board.probe:
             released += [IMAGES / f"{board.image}.{kind}" for kind in ("elf", "hex", "bin")]
+            if board.slots is not None:
+                released += [IMAGES / f"{board.image}{end}" for end in (".update", "-loader.bin")]
         if board.emulator:
             emulated.append(IMAGES / f"{board.image}-emulated.elf")
     return released, emulated
@@ -264,7 +267,7 @@ def component(part: Part) -> dict[str, object]:
 
 
 def file_component(path: Path) -> dict[str, object]:
-    kind = "firmware" if path.suffix in (".elf", ".hex", ".bin") else "file"
+    kind = "firmware" if path.suffix in (".elf", ".hex", ".bin", ".update") else "file"
     return {
         "type": kind,
         "bom-ref": path.name,

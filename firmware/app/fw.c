@@ -13,6 +13,7 @@
 #include "firmware/app/reports.h"
 #include "firmware/app/results.h"
 #include "firmware/app/sensing.h"
+#include "firmware/app/update.h"
 #include "firmware/drive/cycle_mode.h"
 #include "firmware/drive/state.h"
 #include "firmware/fx/bytes.h"
@@ -168,7 +169,10 @@ static int command_recorder(fw_t *fw, bool arm) {
   return refusal;
 }
 
-static int command_cycles(fw_t *fw, uint16_t object, uint32_t value) {
+static int command_other(fw_t *fw, uint16_t object, uint32_t value) {
+  if (object == AXIS_OBJ_PROGRAM_CONTROL) {
+    return update_command(fw, value);
+  }
   return (object == AXIS_OBJ_CYCLE_UNLOCK) ? results_unlock(fw)
                                            : programs_command(fw, object, value);
 }
@@ -194,7 +198,7 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
     case AXIS_OBJ_RECORDER_ARM:
       return command_recorder(fw, value != 0);
     default:
-      return command_cycles(fw, object, (uint32_t)value);
+      return command_other(fw, object, (uint32_t)value);
   }
 }
 
@@ -310,6 +314,7 @@ static void power_up(fw_t *fw) {
   for (uint8_t i = 0; i < STORE_CHANGES; i++) {
     fw->device_signals.store_change[i] = fw->store.changes[i];
   }
+  update_show(fw);
 }
 
 /* Starts the CANopen node. Sends the emergency message store_failed, unless the store is empty or
@@ -332,6 +337,7 @@ void fw_init(fw_t *fw, const fw_config_t *config) {
   board_show_reset(fw);
   store_init(&fw->store, config->memory);
   results_init(fw);
+  update_init(fw);
   power_up(fw);
   const uint16_t error = board_reset_error(config);
   /* After a brown-out reset the black box keeps no incident, because the low supply voltage may
@@ -402,6 +408,7 @@ static void execute_reset(fw_t *fw) {
     boot(fw);
   } else {
     const bool loaded = lss_settings_reset_communication(fw);
+    update_show(fw);
     canopen_start(&fw->canopen, &fw->objects);
     if (!loaded) {
       fw->device_signals.store_state = AXIS_STORE_STATE_FAILED;
@@ -530,6 +537,7 @@ void fw_between(fw_t *fw) {
   sensing_serve(fw);
   serve_store(fw);
   serve_cycle(fw);
+  update_serve(fw);
 }
 
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
@@ -573,6 +581,7 @@ void fw_overrun(fw_t *fw, uint32_t missed) {
   const uint32_t count = (missed == 0) ? 1 : missed;
   count_up(&fw->device_signals.overruns, (count > UINT16_MAX) ? UINT16_MAX : (uint16_t)count);
   fw->axis.signals.tick_count += missed;
+  fw->update.overrun_tick = fw->axis.signals.tick_count;
   if (fw->config.buses != 0) {
     if (missed != 0) {
       canopen_missed(&fw->canopen, missed);

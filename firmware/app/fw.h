@@ -21,6 +21,7 @@
 #include "firmware/modbus/server.h"
 #include "firmware/objects/dictionary.h"
 #include "firmware/storage/archive.h"
+#include "firmware/storage/slots.h"
 #include "firmware/storage/store.h"
 
 /* Size of the recorder buffer in bytes, on the host and by default on a board. The buffer has room
@@ -86,6 +87,15 @@ enum {
   FW_BOARD_CONVERTER = 1024
 };
 
+/* The two slots of a board whose firmware can be updated in operation (update.h). */
+typedef struct {
+  const store_memory_t *memory; /* one sector for each slot */
+  uint32_t address[SLOTS];      /* for which the image of each slot is linked */
+  const char *board;            /* name of the board in an update, 16 bytes, filled with zeros */
+  void (*restart)(void);        /* restarts the chip through its loader; does not return */
+  uint8_t running;              /* slot of the running image, which has a trailer */
+} fw_slots_t;
+
 /* Largest number of ticks between two calls of fw_between(): 15 ticks are 10 ms. */
 enum { FW_BETWEEN_TICKS_MAX = 15 };
 
@@ -143,8 +153,38 @@ typedef struct {
   /* memory for the curve of a cycle, which begins at a multiple of 4 and must outlive the firmware;
    * NULL: there is no curve */
   void *curve_memory;
-  uint32_t curve_bytes; /* FW_CURVE_BYTES on the host */
+  uint32_t curve_bytes;    /* FW_CURVE_BYTES on the host */
+  const fw_slots_t *slots; /* NULL: the firmware cannot be updated in operation */
 } fw_config_t;
+
+/* The head of an update, in front of the image; numbers are little-endian. */
+typedef struct {
+  uint32_t magic;          /* UPDATE_MAGIC */
+  uint32_t address;        /* for which the image is linked */
+  uint32_t length;         /* of the image, in bytes; a multiple of 4 */
+  uint32_t crc;            /* CRC-32 of the image */
+  uint32_t table;          /* AXIS_OBJECTS_HASH32 of the image */
+  uint32_t replaced_table; /* AXIS_OBJECTS_HASH32 of the axis that may take the update */
+  char board[16];          /* as in identity.h */
+  char version[16];
+  uint32_t unused;
+  uint32_t head_crc; /* CRC-32 of the bytes before */
+} update_head_t;
+
+enum { UPDATE_HEAD_BYTES = sizeof(update_head_t) };
+
+typedef struct {
+  update_head_t head;
+  uint32_t size;         /* announced number of bytes, 0: none */
+  uint32_t received;     /* number of bytes */
+  uint32_t crc;          /* of the bytes of the image that were programmed */
+  uint32_t tick;         /* tick of the last bytes */
+  uint32_t sequence;     /* of the running image */
+  uint32_t overrun_tick; /* tick of the last overrun */
+  uint8_t word[4];       /* bytes of the word that is not complete */
+  uint8_t is_receiving;
+  uint8_t restart_ticks; /* ticks until the restart, 0: none */
+} update_t;
 
 /* Counts that the parameter store keeps (results.h). */
 typedef struct {
@@ -182,6 +222,7 @@ typedef struct {
   cycle_library_t library;
   results_t results;
   cycle_curve_t curve;
+  update_t update;
   device_params_t device;
   device_signals_t device_signals;
   fw_config_t config;

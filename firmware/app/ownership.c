@@ -1,5 +1,6 @@
 #include "firmware/app/ownership.h"
 
+#include "firmware/app/update.h"
 #include "firmware/drive/state.h"
 
 /* Returns true if the drive has power. The signal active_mode belongs to the last tick, so the
@@ -64,7 +65,7 @@ static bool is_writable(const fw_t *fw, const axis_object_t *entry) {
 }
 
 /* Returns true if this write would start the axis. Programming the flash can stall the processor,
- * so the axis must not start while the parameter store is working. */
+ * so the axis must not start while the parameter store is working or an update is written. */
 static bool starts_axis(const fw_t *fw, uint16_t object, int32_t value) {
   return !cia402_is_powered(fw->drive.signals.drive_state) &&
          ((object == AXIS_OBJ_CONTROLWORD && cia402_enables((uint16_t)value)) ||
@@ -76,6 +77,14 @@ static bool starts_axis(const fw_t *fw, uint16_t object, int32_t value) {
 static bool is_open(uint16_t object) {
   return object == AXIS_OBJ_CYCLE_RESULT_NUMBER || object == AXIS_OBJ_CYCLE_RESULT_ELEMENT ||
          object == AXIS_OBJ_CYCLE_CURVE_FIRST || object == AXIS_OBJ_CYCLE_ACKNOWLEDGE;
+}
+
+/* Returns true if the work on the flash does not permit a write now. A saved parameter set must
+ * contain the values that all parameters had at the same moment, so stored parameters cannot change
+ * during a save. */
+static bool is_prevented(const fw_t *fw, const axis_object_t *entry, bool starts) {
+  return (store_is_busy(&fw->store) && (entry->stored != 0 || starts)) ||
+         (update_is_busy(fw) && starts);
 }
 
 int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
@@ -94,12 +103,7 @@ int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t objec
   if (refusal != FW_OK) {
     return refusal;
   }
-  /* A saved parameter set must contain the values that all parameters had at the same moment, so
-   * stored parameters cannot change during a save. */
-  if (store_is_busy(&fw->store) && (entry->stored != 0 || starts_axis(fw, object, value))) {
-    return FW_ERROR_BUSY;
-  }
-  return FW_OK;
+  return is_prevented(fw, entry, starts_axis(fw, object, value)) ? FW_ERROR_BUSY : FW_OK;
 }
 
 /* A value of stopped_by is the number of the source that stopped the axis, plus 1; 0 means that no

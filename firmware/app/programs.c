@@ -3,6 +3,7 @@
 #include <stddef.h>
 
 #include "firmware/app/ownership.h"
+#include "firmware/app/update.h"
 #include "firmware/canopen/sdo.h"
 #include "firmware/drive/cycle_mode.h"
 #include "firmware/drive/modes.h"
@@ -10,7 +11,10 @@
 
 _Static_assert(AXIS_CYCLE_PROGRAM_REFUSAL_COUNT == (int)CYCLE_REASONS, "reasons for a refusal");
 
-enum { DATA_WORDS = AXIS_OBJ_CYCLE_DATA_16 - AXIS_OBJ_CYCLE_DATA_1 + 1 };
+enum {
+  DATA_WORDS = AXIS_OBJ_CYCLE_DATA_16 - AXIS_OBJ_CYCLE_DATA_1 + 1,
+  OFFSET_MAX = CYCLE_PROGRAM_BYTES_MAX - 4
+};
 
 /* Shows the library and the selected program. */
 static void show_programs(fw_t *fw) {
@@ -112,7 +116,21 @@ int programs_check(const fw_t *fw, uint16_t object, int32_t value) {
   if (object == AXIS_OBJ_CYCLE_PROGRAM) {
     return check_selection(fw, (uint32_t)value);
   }
+  if (object == AXIS_OBJ_CYCLE_DATA_OFFSET && value > OFFSET_MAX && !update_is_receiving(fw)) {
+    return FW_ERROR_RANGE;
+  }
   return (is_part(object) && is_downloading(fw, CANOPEN_SDOS)) ? FW_ERROR_BUSY : FW_OK;
+}
+
+/* Begins a record with this first word, or continues an update whose offset has passed 65535. */
+static void begin_parts(fw_t *fw, uint32_t first) {
+  const bool continues =
+      update_is_receiving(fw) && fw->update.received != 0 && (fw->update.received & 0xFFFFu) == 0;
+  if (first == UPDATE_MAGIC) {
+    (void)update_begin(fw, 0);
+  } else if (!continues) {
+    update_abandon(fw);
+  }
 }
 
 /* Takes a part of a record, or its offset. A part that does not follow the others is dropped; the
@@ -124,7 +142,14 @@ static void take_part(fw_t *fw, uint16_t object, uint32_t value) {
     uint8_t bytes[4];
     fx_store_le(bytes, value, 4);
     const uint32_t place = fw->device.cycle_data_offset + 4u * (object - AXIS_OBJ_CYCLE_DATA_1);
-    (void)cycle_library_append(&fw->library, place, bytes, sizeof(bytes));
+    if (place == 0) {
+      begin_parts(fw, value);
+    }
+    if (update_is_receiving(fw)) {
+      update_part(fw, (uint16_t)place, bytes);
+    } else {
+      (void)cycle_library_append(&fw->library, place, bytes, sizeof(bytes));
+    }
   } else if (value == 0) {
     cycle_library_begin(&fw->library);
   }
@@ -206,8 +231,12 @@ int programs_command(fw_t *fw, uint16_t object, uint32_t value) {
                                                    : end_parts(fw, value);
 }
 
-uint32_t programs_download_most(const dictionary_t *objects) {
-  return (fw_of_const(objects)->library.staging == NULL) ? 0 : CYCLE_PROGRAM_BYTES_MAX;
+uint32_t programs_download_most(const dictionary_t *objects, uint16_t index) {
+  const fw_t *fw = fw_of_const(objects);
+  if (index == DICTIONARY_UPDATE) {
+    return (fw->config.slots == NULL) ? 0 : UPDATE_BYTES_MAX;
+  }
+  return (fw->library.staging == NULL) ? 0 : CYCLE_PROGRAM_BYTES_MAX;
 }
 
 /* A download needs the same permission as the removal of a program. */
@@ -215,7 +244,7 @@ static int refusal_of(const dictionary_t *objects, uint8_t source) {
   return ownership_permit(objects, source, AXIS_OBJ_CYCLE_PROGRAM_REMOVE, 1);
 }
 
-int programs_download_begin(dictionary_t *objects, uint8_t source) {
+int programs_download_begin(dictionary_t *objects, uint8_t source, uint16_t index, uint32_t size) {
   fw_t *fw = fw_of(objects);
   const int refusal = refusal_of(objects, source);
   if (refusal != FW_OK) {
@@ -225,17 +254,28 @@ int programs_download_begin(dictionary_t *objects, uint8_t source) {
     return FW_ERROR_BUSY;
   }
   fw->has_parts = 0;
+  if (index == DICTIONARY_UPDATE) {
+    return update_begin(fw, size);
+  }
+  update_abandon(fw);
   cycle_library_begin(&fw->library);
   return FW_OK;
 }
 
 int programs_download_append(dictionary_t *objects, uint32_t offset, const uint8_t *bytes,
                              uint32_t count) {
-  const bool is_staged = cycle_library_append(&fw_of(objects)->library, offset, bytes, count);
+  fw_t *fw = fw_of(objects);
+  if (fw->update.is_receiving != 0) {
+    return update_append(fw, bytes, count);
+  }
+  const bool is_staged = cycle_library_append(&fw->library, offset, bytes, count);
   return is_staged ? FW_OK : FW_ERROR_RANGE;
 }
 
-int programs_download_end(dictionary_t *objects, uint8_t source, uint32_t size) {
+int programs_download_end(dictionary_t *objects, uint8_t source, uint16_t index, uint32_t size) {
   const int refusal = refusal_of(objects, source);
-  return (refusal != FW_OK) ? refusal : accept(fw_of(objects), size);
+  if (refusal != FW_OK) {
+    return refusal;
+  }
+  return (index == DICTIONARY_UPDATE) ? update_end(fw_of(objects)) : accept(fw_of(objects), size);
 }

@@ -32,11 +32,13 @@ cycle_check_t programs_select(fw_t *fw, const cycle_header_t *program);
 /* Executes the command cycle_program_remove or cycle_data_end. */
 int programs_command(fw_t *fw, uint16_t object, uint32_t value);
 
-/* The functions of the dictionary for a download (firmware/objects/access.h). */
-uint32_t programs_download_most(const dictionary_t *objects);
-int programs_download_begin(dictionary_t *objects, uint8_t source);
+/* The functions of the dictionary for a download (firmware/objects/access.h). An update of the
+ * firmware (update.h) uses the same transfers; its bytes go to the flash and not into the staging
+ * area. */
+uint32_t programs_download_most(const dictionary_t *objects, uint16_t index);
+int programs_download_begin(dictionary_t *objects, uint8_t source, uint16_t index, uint32_t size);
 int programs_download_append(dictionary_t *objects, uint32_t offset, const uint8_t *bytes,
                              uint32_t count);
-int programs_download_end(dictionary_t *objects, uint8_t source, uint32_t size);
+int programs_download_end(dictionary_t *objects, uint8_t source, uint16_t index, uint32_t size);
 
 #endif

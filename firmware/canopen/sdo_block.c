@@ -29,6 +29,18 @@ enum { SEQUENCE = 0x7F, LAST = 0x80 };
  * value. */
 enum { VALUE_BLOCK = 1 };
 
+/* Number of segments in a block of a download to the flash. The head of an update (64 bytes) is
+ * complete with the last segment of the first block, because a segment is taken when the next one
+ * arrives: the client waits while the flash is erased, and no segment is lost. */
+enum { FLASH_BLOCK = 11 };
+
+static uint8_t block_of_download(const sdo_server_t *server) {
+  if (server->what == AXIS_ADDRESS_OBJECT) {
+    return VALUE_BLOCK;
+  }
+  return (server->index == DICTIONARY_UPDATE) ? FLASH_BLOCK : SDO_BLOCK_MOST;
+}
+
 static uint8_t command_of(uint8_t command) { return (uint8_t)fx_field(command, 0, 2); }
 
 static bool is_block_size(uint8_t size) { return size >= 1 && size <= SDO_BLOCK_MOST; }
@@ -198,7 +210,7 @@ static void begin_download(const sdo_request_t *request) {
     return;
   }
   server->state = SDO_BLOCK_AWAITED;
-  server->block_size = (server->what == AXIS_ADDRESS_OBJECT) ? VALUE_BLOCK : SDO_BLOCK_MOST;
+  server->block_size = block_of_download(server);
   server->sequence = 0;
   server->held = 0;
   server->crc = 0;

@@ -235,21 +235,23 @@ uint32_t sdo_close(const sdo_request_t *request) {
     return code;
   }
   return (server->what == AXIS_ADDRESS_DOWNLOAD)
-             ? abort_of_download(
-                   dictionary_download_end(request->objects, request->number, server->offset))
+             ? abort_of_download(dictionary_download_end(request->objects, request->number,
+                                                         server->index, server->offset))
              : write_value(request);
 }
 
 /* Returns 0, or an abort code if a download of `size` bytes that is no value cannot begin. */
-static uint32_t refuse_bytes(const sdo_request_t *request, bool sized, uint32_t size) {
-  const uint32_t most = dictionary_download_most(request->objects);
+static uint32_t refuse_bytes(const sdo_request_t *request, uint16_t index, bool sized,
+                             uint32_t size) {
+  const uint32_t most = dictionary_download_most(request->objects, index);
   if (most == 0) {
     return SDO_ABORT_MEMORY;
   }
   if (sized && size > most) {
     return SDO_ABORT_TOO_LONG;
   }
-  return abort_of_download(dictionary_download_begin(request->objects, request->number));
+  return abort_of_download(
+      dictionary_download_begin(request->objects, request->number, index, sized ? size : 0));
 }
 
 /* Returns 0, or an abort code if a download of `size` bytes to `address` is not permitted. */
@@ -259,7 +261,7 @@ static uint32_t refuse_download(const sdo_request_t *request, const axis_address
     return has_index(sdo_index(request->data)) ? SDO_ABORT_NO_SUB : SDO_ABORT_NO_OBJECT;
   }
   if (address->what == AXIS_ADDRESS_DOWNLOAD) {
-    return refuse_bytes(request, sized, size);
+    return refuse_bytes(request, address->index, sized, size);
   }
   /* The access is checked before the length, so that a write to a read-only object has the same
    * abort code for every length. */
@@ -282,7 +284,7 @@ uint32_t sdo_open_download(const sdo_request_t *request, bool sized, uint32_t si
     const bool is_value = address->what == AXIS_ADDRESS_OBJECT;
     server->limit = is_value ? value_bytes(axis_objects[address->value].type)
                     : sized  ? size
-                             : dictionary_download_most(request->objects);
+                             : dictionary_download_most(request->objects, address->index);
     server->what = address->what;
     server->index = address->index;
     server->sub = address->sub;

@@ -94,6 +94,9 @@ const char *dictionary_text(const dictionary_t *objects, uint16_t index);
  * describes. */
 enum { DICTIONARY_RECORDING = 0x2120, DICTIONARY_CURVE = 0x243B };
 
+/* CANopen index of the AXIS_ADDRESS_DOWNLOAD entry whose bytes go to the flash as they come. */
+enum { DICTIONARY_UPDATE = 0x1F50 };
+
 /* dictionary_domain_size() returns the size of a domain in bytes, FW_ERROR_NO_DATA if it is empty,
  * or FW_ERROR_STATE while it cannot be read. dictionary_domain_read() reads up to `count` bytes
  * from `offset` and returns the number of these bytes. */
@@ -101,16 +104,17 @@ int32_t dictionary_domain_size(const dictionary_t *objects, uint16_t index);
 uint32_t dictionary_domain_read(const dictionary_t *objects, uint16_t index, uint32_t offset,
                                 uint8_t *bytes, uint32_t count);
 
-/* The AXIS_ADDRESS_DOWNLOAD entry is the program of a cycle. dictionary_download_most() returns the
- * largest size of a download in bytes, or 0 if the board has no memory for it. A download begins,
- * stages its bytes from offset 0 on, and ends; only its end changes the axis. These functions
- * return FW_OK, FW_ERROR_LOCKED, FW_ERROR_STATE, FW_ERROR_BUSY while another download is in
- * progress, FW_ERROR_RANGE if the bytes are refused, and FW_ERROR_NO_MEMORY if they have no room.
+/* An AXIS_ADDRESS_DOWNLOAD entry is the program of a cycle or an update of the firmware.
+ * dictionary_download_most() returns the largest size of a download in bytes, or 0 if the board has
+ * no memory for it. A download begins, with the size that the client has announced or 0, stages its
+ * bytes from offset 0 on, and ends; only its end changes the axis. These functions return FW_OK,
+ * FW_ERROR_LOCKED, FW_ERROR_STATE, FW_ERROR_BUSY while another download is in progress,
+ * FW_ERROR_RANGE if the bytes are refused, and FW_ERROR_NO_MEMORY if they have no room.
  */
-uint32_t dictionary_download_most(const dictionary_t *objects);
-int dictionary_download_begin(dictionary_t *objects, uint8_t source);
+uint32_t dictionary_download_most(const dictionary_t *objects, uint16_t index);
+int dictionary_download_begin(dictionary_t *objects, uint8_t source, uint16_t index, uint32_t size);
 int dictionary_download_append(dictionary_t *objects, uint8_t source, uint32_t offset,
                                const uint8_t *bytes, uint32_t count);
-int dictionary_download_end(dictionary_t *objects, uint8_t source, uint32_t size);
+int dictionary_download_end(dictionary_t *objects, uint8_t source, uint16_t index, uint32_t size);
 
 #endif

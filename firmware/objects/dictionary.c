@@ -158,8 +158,8 @@ uint32_t dictionary_domain_read(const dictionary_t *objects, uint16_t index, uin
   return objects->owner->domain_read(objects, index, offset, bytes, count);
 }
 
-uint32_t dictionary_download_most(const dictionary_t *objects) {
-  return objects->owner->download_most(objects);
+uint32_t dictionary_download_most(const dictionary_t *objects, uint16_t index) {
+  return objects->owner->download_most(objects, index);
 }
 
 /* Bytes that are taken keep the owner of the axis, as other accepted writes do. */
@@ -170,8 +170,9 @@ static int taken(dictionary_t *objects, uint8_t source, int result) {
   return result;
 }
 
-int dictionary_download_begin(dictionary_t *objects, uint8_t source) {
-  return taken(objects, source, objects->owner->download_begin(objects, source));
+int dictionary_download_begin(dictionary_t *objects, uint8_t source, uint16_t index,
+                              uint32_t size) {
+  return taken(objects, source, objects->owner->download_begin(objects, source, index, size));
 }
 
 int dictionary_download_append(dictionary_t *objects, uint8_t source, uint32_t offset,
@@ -179,6 +180,6 @@ int dictionary_download_append(dictionary_t *objects, uint8_t source, uint32_t o
   return taken(objects, source, objects->owner->download_append(objects, offset, bytes, count));
 }
 
-int dictionary_download_end(dictionary_t *objects, uint8_t source, uint32_t size) {
-  return taken(objects, source, objects->owner->download_end(objects, source, size));
+int dictionary_download_end(dictionary_t *objects, uint8_t source, uint16_t index, uint32_t size) {
+  return taken(objects, source, objects->owner->download_end(objects, source, index, size));
 }

@@ -38,11 +38,11 @@ typedef struct {
   uint32_t (*domain_read)(const dictionary_t *objects, uint16_t index, uint32_t offset,
                           uint8_t *bytes, uint32_t count);
   /* Functions that dictionary_download_most() and the functions after it call. */
-  uint32_t (*download_most)(const dictionary_t *objects);
-  int (*download_begin)(dictionary_t *objects, uint8_t source);
+  uint32_t (*download_most)(const dictionary_t *objects, uint16_t index);
+  int (*download_begin)(dictionary_t *objects, uint8_t source, uint16_t index, uint32_t size);
   int (*download_append)(dictionary_t *objects, uint32_t offset, const uint8_t *bytes,
                          uint32_t count);
-  int (*download_end)(dictionary_t *objects, uint8_t source, uint32_t size);
+  int (*download_end)(dictionary_t *objects, uint8_t source, uint16_t index, uint32_t size);
 } dictionary_owner_t;
 
 /* The object dictionary must be the first member of the structure that contains the values. Offsets

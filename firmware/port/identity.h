@@ -33,13 +33,14 @@ _Static_assert(sizeof(identity_t) == 60, "read by other programs");
  * tools/image defines this text in the section .version, which the linker script places. */
 extern const char identity_software[];
 
+/* The identity of the image, for the code for the board. */
+extern const identity_t identity;
+
 #define IDENTITY_SECTION ".forceaxis_identity"
 
-/* Defines the variable `identity` with the identity of the image. The code for the board may also
- * use this variable. `board_text` and `git_text` are string literals of at most 16 characters; a
- * longer literal does not compile with -Werror. */
+/* Defines the variable `identity` with the identity of the image. `board_text` and `git_text` are
+ * string literals of at most 16 characters; a longer literal does not compile with -Werror. */
 #define IDENTITY_DEFINE(board_text, git_text)                                                \
-  extern const identity_t identity;                                                          \
   __attribute__((section(IDENTITY_SECTION), used, aligned(4))) const identity_t identity = { \
       .magic = {'F', 'A', 'X', 'I'},                                                         \
       .size = sizeof(identity_t),                                                            \

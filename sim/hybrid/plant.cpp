@@ -54,13 +54,23 @@ double deviate(std::uint64_t seed, std::uint64_t channel, std::int64_t tick) {
   return static_cast<double>(2 * sum - 12 * 0xFFFF) * 0x1p-17;
 }
 
+// Returns the starts of the bodies as pairs of position and velocity, as Stepper expects them.
+std::vector<double> start_of(const PlantOptions &options) {
+  std::vector<double> values;
+  for (const BodyStart &start : options.starts) {
+    values.push_back(start.position);
+    values.push_back(start.velocity);
+  }
+  return values;
+}
+
 }  // namespace
 
 Plant::Plant(std::shared_ptr<const Model> model, PlantOptions options)
     : Plant(std::make_shared<ModeCache>(std::move(model)), options) {}
 
 Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
-    : stepper_(std::move(cache), options.audit, options.listed_events),
+    : stepper_(std::move(cache), options.audit, options.listed_events, start_of(options)),
       seed_(options.seed),
       audit_(options.audit),
       edge_margin_(std::numeric_limits<double>::infinity()) {
@@ -261,8 +271,7 @@ const SensorCodes &Plant::codes() {
   const double *value = stepper_.sensors();
   SensorCodes &codes = codes_;
   if (has_encoder_) {
-    double place = stepper_.z()[encoder_state_];
-    if (reference_state_) place = relative_place();
+    const double place = encoder_place();
     const double y = place * encoder_scale_ + 0.5;
     if (!(kernel::magnitude(y) < kFar))
       throw SimulationError(
@@ -290,6 +299,11 @@ const SensorCodes &Plant::codes() {
     if (channel == 0) codes.force_age = newest.age_ticks;
   }
   return codes;
+}
+
+double Plant::reading(std::size_t channel) {
+  const double limit = converters_[channel].limit;
+  return std::clamp(stepper_.sensors()[channel], -limit, limit);
 }
 
 // Returns the code of a reading, and updates the edge margin. `sample` is the number of the sample,

@@ -35,12 +35,21 @@
 
 namespace forceaxis::sim {
 
+/// Where a body is at tick 0, and how fast.
+struct BodyStart {
+  double position = 0.0;  ///< in m
+  double velocity = 0.0;  ///< in m/s
+};
+
 struct PlantOptions {
   /// true: the plant computes its energy balance, which about doubles the computing time of a tick.
   bool audit = false;
   /// Number of events that events() lists. Further events are counted but not listed.
   std::size_t listed_events = 4096;
   std::uint64_t seed = 0;  ///< seed of the random noise of ADCs and DAC
+  /// Start of each body in place of that of the model, in the order of Model::bodies; empty: as in
+  /// the model. Plants with different starts may share a ModeCache.
+  std::vector<BodyStart> starts = {};
 };
 
 /// The codes of encoder and ADCs that the firmware reads. The code is 0 if the model does not have
@@ -143,6 +152,15 @@ class Plant {
   /// Returns the codes of encoder and ADCs at this instant, and updates edge_margin(). The
   /// reference is valid until the next call.
   const SensorCodes &codes();
+  /// Returns the value that an ADC would convert at this instant, in the unit of its signal: with
+  /// filter, creep, drift and limits, but without noise, rounding and the instants of a converter
+  /// that samples at a rate of its own. The model must have the ADC, without a sinc filter.
+  double reading(std::size_t channel);
+  /// Returns the position in m that the encoder measures, without rounding. The model must have an
+  /// encoder.
+  double encoder_place() const {
+    return reference_state_ ? relative_place() : stepper_.z()[encoder_state_];
+  }
   /// Smallest distance so far, in LSB, between a converted value and the nearest value at which the
   /// code changes. The distance is at most 0.5 unless a converter saturates, and infinite before
   /// the first call of codes().

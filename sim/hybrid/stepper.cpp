@@ -37,7 +37,8 @@ double smaller(double a, double b) { return a < b ? a : b; }
 
 }  // namespace
 
-Stepper::Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t listed_events)
+Stepper::Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t listed_events,
+                 const std::vector<double> &start)
     : cache_(std::move(cache)),
       audit_(audit),
       energy_(cache_->network()),
@@ -45,6 +46,11 @@ Stepper::Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t liste
       recent_(kRecentModes) {
   const Network &net = network();
   z_ = net.initial();
+  for (std::size_t i = 0; i < start.size() / 2; ++i) {
+    const auto &coordinate = net.coordinates()[i];
+    z_[static_cast<std::size_t>(coordinate.position)] = start[2 * i];
+    z_[static_cast<std::size_t>(coordinate.velocity)] = start[2 * i + 1];
+  }
   z_.push_back(1.0);
   z_.push_back(0.0);
   for (const Network::Switch &s : net.switches())

@@ -27,8 +27,10 @@ struct SwitchEvent {
 /// run in another thread. step() allocates memory only for a new mode or a new event.
 class Stepper {
  public:
-  /// `listed_events` is the number of events that events() lists. All events are counted.
-  Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t listed_events);
+  /// `listed_events` is the number of events that events() lists. All events are counted. `start`
+  /// has position in m and velocity in m/s of each body at tick 0, or nothing: those of the model.
+  Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t listed_events,
+          const std::vector<double> &start = {});
 
   /// Simulates one tick with a constant command in V. `release` is the command for the brakes,
   /// which act after their release or engage time. Throws SimulationError, or InputError for a mode

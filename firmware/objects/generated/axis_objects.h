@@ -643,7 +643,14 @@ enum {
   AXIS_OBJ_CYCLE_PROGRAM_LOCK = 633,
   AXIS_OBJ_CYCLE_UNLOCK = 634,
   AXIS_OBJ_CYCLE_BAD_IN_ROW = 635,
-  AXIS_OBJ_COUNT = 636 /* one past the last number */
+  AXIS_OBJ_PROGRAM_CONTROL = 636,
+  AXIS_OBJ_PROGRAM_CRC_1 = 637,
+  AXIS_OBJ_PROGRAM_CRC_2 = 638,
+  AXIS_OBJ_PROGRAM_FLASH_STATUS = 639,
+  AXIS_OBJ_PROGRAM_REFUSAL = 640,
+  AXIS_OBJ_PROGRAM_STATE = 641,
+  AXIS_OBJ_PROGRAM_SLOT = 642,
+  AXIS_OBJ_COUNT = 643 /* one past the last number */
 };
 
 enum {
@@ -1187,6 +1194,43 @@ enum {
 };
 
 enum {
+  AXIS_PROGRAM_CONTROL_STOP = 0,
+  AXIS_PROGRAM_CONTROL_START = 1,
+  AXIS_PROGRAM_CONTROL_RESET = 2,
+  AXIS_PROGRAM_CONTROL_CLEAR = 3,
+  AXIS_PROGRAM_CONTROL_CONFIRM = 128,
+  AXIS_PROGRAM_CONTROL_LEAST = 0,
+  AXIS_PROGRAM_CONTROL_GREATEST = 128
+};
+
+enum {
+  AXIS_PROGRAM_REFUSAL_NONE = 0,
+  AXIS_PROGRAM_REFUSAL_NO_UPDATE = 1,
+  AXIS_PROGRAM_REFUSAL_OTHER_BOARD = 2,
+  AXIS_PROGRAM_REFUSAL_OTHER_TABLE = 3,
+  AXIS_PROGRAM_REFUSAL_OTHER_LINK = 4,
+  AXIS_PROGRAM_REFUSAL_WRONG_LENGTH = 5,
+  AXIS_PROGRAM_REFUSAL_NOT_CONFIRMED = 6,
+  AXIS_PROGRAM_REFUSAL_WRONG_CRC = 7,
+  AXIS_PROGRAM_REFUSAL_FLASH_FAILED = 8,
+  AXIS_PROGRAM_REFUSAL_COUNT = 9
+};
+
+enum {
+  AXIS_PROGRAM_STATE_NO_SLOTS = 0,
+  AXIS_PROGRAM_STATE_CONFIRMED = 1,
+  AXIS_PROGRAM_STATE_TRIAL = 2,
+  AXIS_PROGRAM_STATE_COUNT = 3
+};
+
+enum {
+  AXIS_PROGRAM_SLOT_NONE = 0,
+  AXIS_PROGRAM_SLOT_A = 1,
+  AXIS_PROGRAM_SLOT_B = 2,
+  AXIS_PROGRAM_SLOT_COUNT = 3
+};
+
+enum {
   AXIS_COIL_ENABLE = 0,
   AXIS_COIL_FAULT_RESET = 1,
   AXIS_COIL_HALT = 2,
@@ -1507,6 +1551,8 @@ typedef struct {
   uint32_t serial_number; /* serial number of the device, from the code for the board [1] */
   uint32_t sdo_server_receive; /* COB-ID of SDO requests of a CANopen master to the axis [1] */
   uint32_t sdo_server_transmit; /* COB-ID of SDO answers of the axis to a CANopen master [1] */
+  uint32_t program_crc[2]; /* CRC-32 of the image that runs, and of the complete image in the other slot; 0 without such an image [1] */
+  uint32_t program_flash_status; /* bit 0: a download is in progress; bits 1 to 7: error of the last download by CiA 302-3, which program_refusal names [1] */
   uint16_t sync_count; /* number of SYNC messages that were received [1] */
   uint8_t error_register; /* error register as bits: bit 0 any error, bit 1 current, bit 4 communication, bit 5 profile, bit 7 manufacturer-specific [1] */
   uint8_t nmt_state; /* NMT state of the CANopen node [1] */
@@ -1517,7 +1563,7 @@ typedef struct {
   uint32_t drive_target_den; /* DAC code for which drive_target_num is the target of the drive; acts after the next power-up [code] */
   uint32_t drive_target_max; /* largest magnitude of the target in units of the drive, at most 32767 for torque; acts after the next power-up [1] */
   uint32_t cycle_program; /* number of the selected program of the library; 0 means none; not while a cycle runs [1] */
-  uint32_t cycle_data[16]; /* 4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve [1] */
+  uint32_t cycle_data[16]; /* 4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve [1] */
   uint32_t cycle_curve_step_travel; /* change of the travel from one point of the curve of a cycle to the next; the first of the three steps that is reached makes a point; 0 means that travel makes none; acts from the next cycle on [count] */
   uint32_t cycle_curve_step_force; /* change of the measured force from one point of the curve of a cycle to the next; 0 means that force makes none; acts from the next cycle on [1/256 count] */
   uint32_t cycle_result_number; /* number of the part whose result is shown, also by cycle_result_element; 0: the last part [1] */
@@ -1526,7 +1572,7 @@ typedef struct {
   uint16_t watchdog; /* longest time between two writes of an owner other than canopen; after a longer time the axis has lost its owner [ms] */
   uint16_t stored_bit_rate; /* CAN bit rate that the axis uses after the next reset of the node; must be a rate of CiA 301 that the code for the board supports [kbit/s] */
   uint16_t drive_bit_rate; /* bit rate of the bus of the drive, a rate of CiA 301 that the board supports; acts after the next power-up [kbit/s] */
-  uint16_t cycle_data_offset; /* offset in bytes of cycle_data_1 in the record; 0 begins a new record [1] */
+  uint16_t cycle_data_offset; /* offset in bytes of cycle_data_1 in the record, at most 4092; 0 begins a new record; for an update of the firmware the offset modulo 65536 [1] */
   uint16_t cycle_curve_step_time; /* time from one point of the curve of a cycle to the next; 0 means that time makes none; acts from the next cycle on [tick] */
   uint16_t cycle_curve_first; /* a write shows five points of the curve from this number on, the first one is 0, in cycle_data: three words for a point as in cycle_curve_data, 0 without a point; not while a cycle runs [1] */
   uint16_t cycle_bad_in_row_max; /* after this number of parts in a row that are not good no cycle starts until cycle_unlock; 0 means off [1] */
@@ -1606,13 +1652,16 @@ typedef struct {
   uint8_t cycle_result_outcome; /* how the cycle of the part that is shown ended, as cycle_outcome [enum] */
   uint8_t cycle_result_phase; /* last phase of the part that is shown, or the phase in which a limit was exceeded or the cycle was stopped, from 0 [1] */
   uint8_t cycle_store_state; /* whether programs and counts are stored; waiting: until the axis is disabled; failed: the last write failed, or parameters must be saved or restored first [enum] */
+  uint8_t program_refusal; /* reason for which the last update was refused; the first six reasons leave the slot unchanged [enum] */
+  uint8_t program_state; /* state of the image that runs; trial: it is not confirmed yet, and the image before it returns after four restarts [enum] */
+  uint8_t program_slot; /* slot of the image that runs [enum] */
 } device_signals_t;
 
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0xb2197059)
-#define AXIS_OBJECTS_HASH_TEXT "b2197059"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x511e01b0)
+#define AXIS_OBJECTS_HASH_TEXT "511e01b0"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1693,9 +1742,9 @@ extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
   AXIS_STORED_COUNT = 379,
-  AXIS_ADDRESSES_COUNT = 702,
-  AXIS_HOLDING_COUNT = 209,
-  AXIS_INPUT_COUNT = 134
+  AXIS_ADDRESSES_COUNT = 715,
+  AXIS_HOLDING_COUNT = 210,
+  AXIS_INPUT_COUNT = 140
 };
 
 /* By index, then sub-index. */

@@ -33,8 +33,8 @@ typedef struct {
   const char *quantity;   /* force or encoder: of what a count is a step */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "b219705982349ed79c5c198b08841b9c0045b8227404cdeafb97c53f7925402f"
-#define AXIS_OBJECTS_META_COUNT 635
+#define AXIS_OBJECTS_HASH "511e01b0e993dd0556d59ecb6649ef87902c4be2330ee8d0886c8866676aacc1"
+#define AXIS_OBJECTS_META_COUNT 642
 
 /* Entry i describes object number i + 1. */
 static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
@@ -1192,41 +1192,41 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(7), INT64_C(0), "ro", "any", "none,good,below,above,wrong_side,again,not_reached,aborted", 0x2436, 3, 990, 0, "Cycle result verdict", 0, 1, ""},
     {577, 4, "cycle_result_tick", "signal", "device", "tick_count of the sample that gave the value; 0 without a value", "u32", "tick",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2436, 4, 992, 0, "Cycle result tick", 0, 1, ""},
-    {578, 2, "cycle_data_offset", "parameter", "device", "offset in bytes of cycle_data_1 in the record; 0 begins a new record", "u16", "1",
-     1.0, INT64_C(0), INT64_C(4092), INT64_C(0), "rw", "any", "", 0x2437, 1, 1039, 0, "Cycle data offset", 0, 0, ""},
+    {578, 2, "cycle_data_offset", "parameter", "device", "offset in bytes of cycle_data_1 in the record, at most 4092; 0 begins a new record; for an update of the firmware the offset modulo 65536", "u16", "1",
+     1.0, INT64_C(0), INT64_C(65532), INT64_C(0), "rw", "any", "", 0x2437, 1, 1039, 0, "Cycle data offset", 0, 0, ""},
     {579, 2, "cycle_data_end", "command", "device", "ends a record with this number of bytes, as a complete download of cycle_program_data; only while the axis is disabled; a read gives 0", "u16", "1",
      1.0, INT64_C(1), INT64_C(4096), INT64_C(0), "rw", "disabled", "", 0x2437, 2, 1029, 0, "Cycle data end", 0, 0, ""},
-    {580, 4, "cycle_data_1", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
+    {580, 4, "cycle_data_1", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 3, 1040, 0, "Cycle data 1", 0, 0, ""},
-    {581, 4, "cycle_data_2", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
+    {581, 4, "cycle_data_2", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 4, 1042, 0, "Cycle data 2", 0, 0, ""},
-    {582, 4, "cycle_data_3", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
+    {582, 4, "cycle_data_3", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 5, 1044, 0, "Cycle data 3", 0, 0, ""},
-    {583, 4, "cycle_data_4", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
+    {583, 4, "cycle_data_4", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 6, 1046, 0, "Cycle data 4", 0, 0, ""},
-    {584, 4, "cycle_data_5", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
+    {584, 4, "cycle_data_5", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 7, 1048, 0, "Cycle data 5", 0, 0, ""},
-    {585, 4, "cycle_data_6", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
+    {585, 4, "cycle_data_6", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 8, 1050, 0, "Cycle data 6", 0, 0, ""},
-    {586, 4, "cycle_data_7", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
+    {586, 4, "cycle_data_7", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 9, 1052, 0, "Cycle data 7", 0, 0, ""},
-    {587, 4, "cycle_data_8", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
+    {587, 4, "cycle_data_8", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 10, 1054, 0, "Cycle data 8", 0, 0, ""},
-    {588, 4, "cycle_data_9", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
+    {588, 4, "cycle_data_9", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 11, 1056, 0, "Cycle data 9", 0, 0, ""},
-    {589, 4, "cycle_data_10", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
+    {589, 4, "cycle_data_10", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 12, 1058, 0, "Cycle data 10", 0, 0, ""},
-    {590, 4, "cycle_data_11", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
+    {590, 4, "cycle_data_11", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 13, 1060, 0, "Cycle data 11", 0, 0, ""},
-    {591, 4, "cycle_data_12", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
+    {591, 4, "cycle_data_12", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 14, 1062, 0, "Cycle data 12", 0, 0, ""},
-    {592, 4, "cycle_data_13", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
+    {592, 4, "cycle_data_13", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 15, 1064, 0, "Cycle data 13", 0, 0, ""},
-    {593, 4, "cycle_data_14", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
+    {593, 4, "cycle_data_14", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 16, 1066, 0, "Cycle data 14", 0, 0, ""},
-    {594, 4, "cycle_data_15", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
+    {594, 4, "cycle_data_15", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 17, 1068, 0, "Cycle data 15", 0, 0, ""},
-    {595, 4, "cycle_data_16", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; after a write of cycle_curve_first, points of the curve", "u32", "1",
+    {595, 4, "cycle_data_16", "parameter", "device", "4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2437, 18, 1070, 0, "Cycle data 16", 0, 0, ""},
     {596, 4, "cycle_curve_step_travel", "parameter", "device", "change of the travel from one point of the curve of a cycle to the next; the first of the three steps that is reached makes a point; 0 means that travel makes none; acts from the next cycle on", "u32", "count",
      1.0, INT64_C(0), INT64_C(1073741823), INT64_C(25), "rw", "any", "", 0x243B, 1, 1088, 1, "Cycle curve step travel", 0, 0, "encoder"},
@@ -1308,6 +1308,20 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(1), INT64_C(1), INT64_C(0), "rw", "any", "", 0x2439, 4, 1171, 0, "Cycle unlock", 0, 0, ""},
     {635, 2, "cycle_bad_in_row", "signal", "device", "number of parts in a row that are not good", "u16", "1",
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x2439, 5, 1193, 0, "Cycle bad in row", 0, 1, ""},
+    {636, 1, "program_control", "command", "canopen", "start and reset restart the chip with the newest image; confirm keeps the running image after 10 s without an overrun, if no fault of the core has reset the chip and the parameters were loaded; stop and clear do nothing, because a download stops and clears by itself; a read gives start", "u8", "1",
+     1.0, INT64_C(0), INT64_C(128), INT64_C(1), "rw", "disabled", "", 0x1F51, 1, 1030, 0, "Program control", 0, 0, ""},
+    {637, 4, "program_crc_1", "signal", "canopen", "CRC-32 of the image that runs, and of the complete image in the other slot; 0 without such an image", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x1F56, 1, 946, 0, "Program software identification 1", 0, 0, ""},
+    {638, 4, "program_crc_2", "signal", "canopen", "CRC-32 of the image that runs, and of the complete image in the other slot; 0 without such an image", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x1F56, 2, 948, 0, "Program software identification 2", 0, 0, ""},
+    {639, 4, "program_flash_status", "signal", "canopen", "bit 0: a download is in progress; bits 1 to 7: error of the last download by CiA 302-3, which program_refusal names", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x1F57, 1, 950, 0, "Flash status identification", 0, 0, ""},
+    {640, 1, "program_refusal", "signal", "device", "reason for which the last update was refused; the first six reasons leave the slot unchanged", "u8", "1",
+     1.0, INT64_C(0), INT64_C(8), INT64_C(0), "ro", "any", "none,no_update,other_board,other_table,other_link,wrong_length,not_confirmed,wrong_crc,flash_failed", 0x244F, 1, 952, 0, "Program refusal", 0, 0, ""},
+    {641, 1, "program_state", "signal", "device", "state of the image that runs; trial: it is not confirmed yet, and the image before it returns after four restarts", "u8", "1",
+     1.0, INT64_C(0), INT64_C(2), INT64_C(0), "ro", "any", "no_slots,confirmed,trial", 0x244F, 2, 953, 0, "Program state", 0, 0, ""},
+    {642, 1, "program_slot", "signal", "device", "slot of the image that runs", "u8", "1",
+     1.0, INT64_C(0), INT64_C(2), INT64_C(0), "ro", "any", "none,a,b", 0x244F, 3, 954, 0, "Program slot", 0, 0, ""},
 };
 
 /* Names of single raw values, of objects that are no enum. */
@@ -1317,7 +1331,7 @@ typedef struct {
   const char *text; /* snake case */
 } axis_value_text_t;
 
-#define AXIS_VALUE_TEXTS_COUNT 161
+#define AXIS_VALUE_TEXTS_COUNT 166
 static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {
     {191, 0, "none"},
     {191, 20736, "supply_wrong"},
@@ -1480,6 +1494,11 @@ static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {
     {535, 3, "load"},
     {539, 9, "velocity"},
     {539, 10, "torque"},
+    {636, 0, "stop"},
+    {636, 1, "start"},
+    {636, 2, "reset"},
+    {636, 3, "clear"},
+    {636, 128, "confirm"},
 };
 
 /* Stored objects of version 0.1.0 at whose addresses there is none any more. */

@@ -4,6 +4,7 @@ enum {
   SYS_OPEN = 0x01,
   SYS_WRITE = 0x05,
   SYS_READ = 0x06,
+  SYS_SEEK = 0x0A,
   SYS_GET_CMDLINE = 0x15,
   SYS_EXIT = 0x18
 };
@@ -31,6 +32,13 @@ void semihosting_command_line(char *text, uint32_t room) {
 int32_t semihosting_open(const char *name, uint32_t mode) {
   const uint32_t block[3] = {(uint32_t)(uintptr_t)name, mode, length_of(name)};
   return semihosting_call(SYS_OPEN, block);
+}
+
+void semihosting_seek(int32_t file, uint32_t offset) {
+  const uint32_t block[2] = {(uint32_t)file, offset};
+  if (semihosting_call(SYS_SEEK, block) != 0) {
+    semihosting_exit();
+  }
 }
 
 /* Reads `count` bytes from a file of the host. Each call of SYS_READ returns the number of bytes

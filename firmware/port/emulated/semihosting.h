@@ -7,7 +7,8 @@
 
 #include <stdint.h>
 
-enum { SEMIHOSTING_READ = 1, SEMIHOSTING_WRITE = 5 };
+/* Modes of semihosting_open(): read, write, read and change. */
+enum { SEMIHOSTING_READ = 1, SEMIHOSTING_WRITE = 5, SEMIHOSTING_CHANGE = 3 };
 
 /* Requests an operation from the host and returns the host's result. The processor's folder
  * implements this function, because each processor has an instruction of its own for the request:
@@ -20,6 +21,9 @@ void semihosting_command_line(char *text, uint32_t room);
 
 /* Opens a file of the host. Returns a negative number if the file cannot be opened. */
 int32_t semihosting_open(const char *name, uint32_t mode);
+
+/* Sets the place in a file at which the next bytes are read or written. */
+void semihosting_seek(int32_t file, uint32_t offset);
 
 /* Read or write all `count` bytes, without a time-out. An error ends the program. */
 void semihosting_read(int32_t file, uint8_t *bytes, uint32_t count);

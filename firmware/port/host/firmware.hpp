@@ -9,6 +9,7 @@
 
 extern "C" {
 #include "firmware/app/fw.h"
+#include "firmware/app/update.h"
 #include "firmware/canopen/can.h"
 #include "firmware/canopen/lss.h"
 #include "firmware/canopen/node.h"
@@ -31,6 +32,7 @@ extern "C" {
 #include "firmware/objects/generated/axis_objects.h"
 #include "firmware/objects/value.h"
 #include "firmware/port/host/axis_host.h"
+#include "firmware/storage/slots.h"
 #include "firmware/storage/store.h"
 }
 

@@ -39,7 +39,8 @@ const fw_config_t *port_config(void) {
   config.curve_memory = curve_begin;
   config.curve_bytes = image_bytes(curve_begin, curve_end);
   config.reset_cause = reset_cause();
-  config.core_fault = board_fault_before(config.reset_cause);
+  config.core_fault = board_fault_before(&config.reset_cause);
+  config.slots = board_slots();
   return &config;
 }
 

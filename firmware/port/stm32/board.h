@@ -120,6 +120,11 @@ bool ram_is_right(void);
  * core. */
 void protect_start(void);
 
+/* protect.c: sets a region of the memory protection. memories.c: sets the regions of the flash that
+ * may be programmed, from number `first` on; they have priority over the region of the flash. */
+void protect_region(uint32_t number, uint32_t base, uint32_t attributes);
+void protect_flash(uint32_t first);
+
 /* can.c: set of supported bit rates for fw_config_t. The rate 800 kbit/s (index 1) is missing,
  * because the clock of the CAN controller is no multiple of this rate. */
 #define CAN_RATES (BIT(0) | BIT(2) | BIT(3) | BIT(4) | BIT(6) | BIT(7) | BIT(8))
@@ -156,10 +161,21 @@ void spi_force_read_interrupt(void);
 /* serial.c */
 void serial_init(uint32_t clock_hz);
 
-/* flash.c: memory of the parameter store and memory of the archive of incidents; NULL if the board
- * has no such memory. */
+/* flash.c: memories of the parameter store and of the archive of incidents; NULL if the board has
+ * no such memory. */
 const store_memory_t *flash_memory(void);
 const store_memory_t *flash_archive(void);
+
+/* memories.c: returns the slots for images, or NULL if the board has none or the image was started
+ * without a trailer. */
+const fw_slots_t *board_slots(void);
+
+/* Begin of the image, which the linker script defines. */
+extern const uint32_t vectors_begin[];
+
+/* Restarts the chip after a command. The outputs are off. The next start does not report this
+ * reset. */
+_Noreturn void board_restart(void);
 
 /* watchdog.c */
 void watchdog_start(void); /* starts the watchdog with its longest time */
@@ -181,8 +197,9 @@ uint32_t io_serial_number(void);
 
 /* fault.c: board_fail() switches the outputs off and resets the chip when the program cannot
  * continue; it also handles the faults of the core. After the reset, board_fault_before() returns
- * the kept data of the fault, or NULL if there was no fault. Call board_fault_before() once. */
+ * the kept data of the fault, or NULL if there was no fault, and removes a reset by
+ * board_restart() from the causes. Call board_fault_before() once. */
 void board_fail(void);
-const fw_core_fault_t *board_fault_before(uint8_t reset_cause);
+const fw_core_fault_t *board_fault_before(uint8_t *reset_cause);
 
 #endif

@@ -36,10 +36,6 @@ uint8_t io_node_id(void) { return 1; }
 
 uint32_t io_serial_number(void) { return 0; }
 
-const store_memory_t *flash_memory(void) { return NULL; }
-
-const store_memory_t *flash_archive(void) { return NULL; }
-
 void watchdog_arm(void) {}
 
 uint8_t reset_cause(void) { return 0; }

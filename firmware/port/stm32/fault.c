@@ -15,8 +15,17 @@ typedef struct {
 static kept_t kept __attribute__((section(".noinit.core_fault")));
 
 #define KEPT_MAGIC UINT32_C(0x4B434F46)
+/* Value of `magic` after board_restart(). */
+#define RESTART_MAGIC UINT32_C(0x4B525453)
 
 enum { FRAME_WORDS = 8, FRAME_LR = 5, FRAME_PC = 6 };
+
+_Noreturn static void reset_chip(void) {
+  __asm volatile("dsb" ::: "memory");
+  SCB->AIRCR = SCB_AIRCR_VECTKEY | SCB_AIRCR_SYSRESETREQ;
+  for (;;) {
+  }
+}
 
 /* Saves the data of a fault and resets the chip. The function runs on a new stack and does not rely
  * on the state of the interrupted program. `sp` is the address at which the core has saved its
@@ -36,10 +45,12 @@ __attribute__((noreturn, used)) void board_failed(uint32_t sp) {
   kept.words.hfsr = SCB->HFSR;
   kept.words.bfar = SCB->BFAR;
   kept.magic = KEPT_MAGIC;
-  __asm volatile("dsb" ::: "memory");
-  SCB->AIRCR = SCB_AIRCR_VECTKEY | SCB_AIRCR_SYSRESETREQ;
-  for (;;) {
-  }
+  reset_chip();
+}
+
+_Noreturn void board_restart(void) {
+  kept.magic = RESTART_MAGIC;
+  reset_chip();
 }
 
 /* Enters board_failed() with a new stack. The present stack may be invalid: a push would then lock
@@ -55,9 +66,14 @@ __attribute__((naked)) void board_fail(void) {
 }
 
 /* Returns the kept data of a fault, or NULL. After a power-up the contents of the memory are
- * arbitrary: only before a reset by software can data of a fault have been saved. */
-const fw_core_fault_t *board_fault_before(uint8_t reset_cause) {
-  const bool is_kept = kept.magic == KEPT_MAGIC && (reset_cause & FW_RESET_SOFTWARE) != 0;
+ * arbitrary: only before a reset by software can data of a fault have been saved. A reset after a
+ * command is no cause to report. */
+const fw_core_fault_t *board_fault_before(uint8_t *reset_cause) {
+  const bool is_software = (*reset_cause & FW_RESET_SOFTWARE) != 0;
+  const bool is_kept = kept.magic == KEPT_MAGIC && is_software;
+  if (kept.magic == RESTART_MAGIC && is_software) {
+    *reset_cause = (uint8_t)(*reset_cause & ~FW_RESET_SOFTWARE);
+  }
   kept.magic = 0;
   return is_kept ? &kept.words : NULL;
 }

@@ -4,7 +4,6 @@
 #include "firmware/port/image.h"
 #include "firmware/port/stm32/board.h"
 
-extern const uint32_t vectors_begin[];
 extern const uint32_t vectors_end[];
 extern const uint32_t code_begin[];
 extern const uint32_t code_end[];

@@ -1,6 +1,5 @@
 /* Memory protection: an access to memory outside its purpose causes a fault. */
 
-#include "firmware/port/image.h"
 #include "firmware/port/stm32/board.h"
 
 typedef struct {
@@ -15,18 +14,23 @@ static const region_t regions[] = {
     {0x00000000, MPU_RASR_AP_NONE | MPU_RASR_XN | MPU_RASR_SIZE(27) | MPU_RASR_ENABLE},
     /* Flash: reading and executing only. */
     {0x08000000, MPU_RASR_AP_READ | MPU_RASR_C | MPU_RASR_SIZE(19) | MPU_RASR_ENABLE},
-    /* Memories of parameters and incidents in the flash: reading and programming. */
-    REGIONS_OF_STORAGE,
     /* Bottom of the RAM: no access, because a stack that is too large grows into this region. */
     {0x20000000, MPU_RASR_AP_NONE | MPU_RASR_XN | MPU_RASR_SIZE(5) | MPU_RASR_ENABLE},
 };
 
+enum { REGIONS = sizeof(regions) / sizeof(regions[0]) };
+
+void protect_region(uint32_t number, uint32_t base, uint32_t attributes) {
+  MPU->RNR = number;
+  MPU->RBAR = base;
+  MPU->RASR = attributes;
+}
+
 void protect_start(void) {
-  for (uint32_t i = 0; i < sizeof(regions) / sizeof(regions[0]); i++) {
-    MPU->RNR = i;
-    MPU->RBAR = regions[i].base;
-    MPU->RASR = regions[i].attributes;
+  for (uint32_t i = 0; i < REGIONS; i++) {
+    protect_region(i, regions[i].base, regions[i].attributes);
   }
+  protect_flash(REGIONS);
   MPU->CTRL = MPU_CTRL_ENABLE | MPU_CTRL_PRIVDEFENA;
   __asm volatile("dsb\nisb" ::: "memory");
 }

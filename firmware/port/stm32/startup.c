@@ -4,8 +4,6 @@
 #include "firmware/port/stm32/board.h"
 #include "firmware/port/stm32/tick.h"
 
-extern const uint32_t vectors_begin[];
-
 int main(void);
 _Noreturn void reset(void);
 

@@ -5,6 +5,7 @@
  * other chips, and which pins the board uses for what. */
 
 #include "firmware/port/stm32f4/registers.h"
+#include "firmware/storage/record.h"
 
 #define CHIP_HARDWARE "stm32f446"
 
@@ -63,14 +64,14 @@ enum { DAC_REACH_MIN = 0, DAC_REACH_MAX = 4095 };
 /* The code of the internal reference is stored for a supply of 3.3 V. */
 static inline int32_t reference_at_3_3_v(int32_t stored_code) { return stored_code; }
 
-/* Memories of the flash that may be programmed, for protect.c: the parameter store is eighths 2 to
- * 5 of the first 64 KiB, the archive of incidents the second half of the flash. */
-#define REGIONS_OF_STORAGE                                                                         \
-  {0x08000000, MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SRD(0xC3) |                 \
-                   MPU_RASR_SIZE(16) | MPU_RASR_ENABLE},                                           \
-  {                                                                                                \
-    0x08040000, MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SIZE(18) | MPU_RASR_ENABLE \
-  }
+/* Begins and size of the slots for images in the flash. The linker script has the same addresses.
+ */
+#define BOARD_SLOT_A UINT32_C(0x08020000)
+#define BOARD_SLOT_B UINT32_C(0x08040000)
+enum { BOARD_SLOT_BYTES = 0x20000 };
+
+/* flash.c: memory of the slots; NULL if there is none. */
+const store_memory_t *flash_slots(void);
 
 /* The CAN controllers. The interrupt of frames that were sent can be requested by the program. */
 typedef can_t can_controller_t;

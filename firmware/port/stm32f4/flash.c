@@ -3,16 +3,28 @@
 #include "firmware/port/port.h"
 #include "firmware/port/stm32/board.h"
 
-/* Two adjacent sectors of the flash, which the linker script keeps free of code. */
+/* Two sectors of the flash, which the linker script keeps free of code. */
 typedef struct {
-  uint32_t base;
+  uint32_t bytes; /* used bytes of each sector */
+  uint32_t base[2];
   uint32_t erase[2]; /* FLASH_CR_SNB_ */
 } sectors_t;
 
-static const sectors_t store = {UINT32_C(0x08004000), {FLASH_CR_SNB_1, FLASH_CR_SNB_2}};
-static const sectors_t archive = {UINT32_C(0x08040000), {FLASH_CR_SNB_6, FLASH_CR_SNB_7}};
+static const sectors_t store = {
+    0x4000, {UINT32_C(0x08004000), UINT32_C(0x08008000)}, {FLASH_CR_SNB_1, FLASH_CR_SNB_2}};
+static const sectors_t archive = {
+    0x10000, {UINT32_C(0x08010000), UINT32_C(0x08060000)}, {FLASH_CR_SNB_4, FLASH_CR_SNB_7}};
+static const sectors_t slots = {
+    BOARD_SLOT_BYTES, {BOARD_SLOT_A, BOARD_SLOT_B}, {FLASH_CR_SNB_5, FLASH_CR_SNB_6}};
 
 static const sectors_t *sectors_of(const void *context) { return context; }
+
+/* Returns the place in the flash of an address of two sectors. */
+static uint32_t place_of(const void *context, uint32_t address) {
+  const sectors_t *sectors = sectors_of(context);
+  return (address < sectors->bytes) ? sectors->base[0] + address
+                                    : sectors->base[1] + (address - sectors->bytes);
+}
 
 #define ERRORS                                                                              \
   (FLASH_SR_OPERR | FLASH_SR_WRPERR | FLASH_SR_PGAERR | FLASH_SR_PGPERR | FLASH_SR_PGSERR | \
@@ -52,17 +64,17 @@ static void unpack(uint8_t *bytes, uint32_t word) {
 }
 
 static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
-  const uint32_t base = sectors_of(context)->base;
+  address = place_of(context, address);
   /* Most reads are complete words at aligned addresses, so a word is read at a time. */
   while (count >= 4 && (address & 3u) == 0) {
-    const uint32_t word = *(const volatile uint32_t *)(base + address);
+    const uint32_t word = *(const volatile uint32_t *)address;
     unpack(bytes, word);
     address += 4;
     bytes += 4;
     count -= 4;
   }
   for (uint32_t i = 0; i < count; i++) {
-    bytes[i] = *(const volatile uint8_t *)(base + address + i);
+    bytes[i] = *(const volatile uint8_t *)(address + i);
   }
 }
 
@@ -74,14 +86,14 @@ static bool program_word(uint32_t address, uint32_t word) {
 }
 
 static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes, uint32_t count) {
-  const uint32_t base = sectors_of(context)->base;
+  const uint32_t place = place_of(context, address);
   bool done = true;
   unlock();
   FLASH->CR = FLASH_CR_PSIZE_32 | FLASH_CR_PG;
   for (uint32_t i = 0; i < count && done; i += 4) {
     const uint32_t word = (uint32_t)bytes[i] | (uint32_t)bytes[i + 1] << 8 |
                           (uint32_t)bytes[i + 2] << 16 | (uint32_t)bytes[i + 3] << 24;
-    done = program_word(base + address + i, word);
+    done = program_word(place + i, word);
   }
   lock();
   return done;
@@ -131,10 +143,10 @@ static bool erase_sector(void *context, uint8_t sector) {
   return done;
 }
 
-static store_memory_t memory_of(const sectors_t *sectors, uint32_t sector_bytes) {
+static store_memory_t memory_of(const sectors_t *sectors) {
   return (store_memory_t){
       .context = (void *)(uintptr_t)sectors,
-      .sector_bytes = sector_bytes,
+      .sector_bytes = sectors->bytes,
       .read = read_bytes,
       .program = program_bytes,
       .erase = erase_sector,
@@ -143,12 +155,18 @@ static store_memory_t memory_of(const sectors_t *sectors, uint32_t sector_bytes)
 
 const store_memory_t *flash_memory(void) {
   static store_memory_t memory;
-  memory = memory_of(&store, 16384);
+  memory = memory_of(&store);
   return &memory;
 }
 
 const store_memory_t *flash_archive(void) {
   static store_memory_t memory;
-  memory = memory_of(&archive, 131072);
+  memory = memory_of(&archive);
+  return &memory;
+}
+
+const store_memory_t *flash_slots(void) {
+  static store_memory_t memory;
+  memory = memory_of(&slots);
   return &memory;
 }

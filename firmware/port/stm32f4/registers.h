@@ -174,6 +174,8 @@ typedef struct {
 #define FLASH_CR_SER BIT(1)
 #define FLASH_CR_SNB_1 FIELD(3, 4, 1)
 #define FLASH_CR_SNB_2 FIELD(3, 4, 2)
+#define FLASH_CR_SNB_4 FIELD(3, 4, 4)
+#define FLASH_CR_SNB_5 FIELD(3, 4, 5)
 #define FLASH_CR_SNB_6 FIELD(3, 4, 6)
 #define FLASH_CR_SNB_7 FIELD(3, 4, 7)
 #define FLASH_CR_PSIZE_32 FIELD(8, 2, 2)

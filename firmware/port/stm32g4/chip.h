@@ -66,10 +66,6 @@ enum { DAC_REACH_MIN = 248, DAC_REACH_MAX = 3848 };
 /* The code of the internal reference is stored for a supply of 3.0 V. */
 static inline int32_t reference_at_3_3_v(int32_t stored_code) { return stored_code * 10 / 11; }
 
-/* The memory of the flash that may be programmed, for protect.c: bank 2. */
-#define REGIONS_OF_STORAGE \
-  { 0x08040000, MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SIZE(18) | MPU_RASR_ENABLE }
-
 /* The CAN controllers. The interrupt of frames that were sent can be requested by the program. */
 typedef fdcan_t can_controller_t;
 #define CAN_OF_AXIS FDCAN1

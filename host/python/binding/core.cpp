@@ -461,6 +461,7 @@ PYBIND11_MODULE(_core, m) {
   add_laws(m);
   add_linear(m);
   add_bench(m);
+  add_contacts(m);
   add_cycle(m);
   add_drive402(m);
   add_excite(m);

@@ -3,6 +3,7 @@
 #include <pybind11/pybind11.h>
 
 void add_bench(pybind11::module_ &m);     // bench.cpp
+void add_contacts(pybind11::module_ &m);  // contacts.cpp
 void add_cycle(pybind11::module_ &m);     // cycle.cpp
 void add_drive402(pybind11::module_ &m);  // drive402.cpp
 void add_excite(pybind11::module_ &m);    // excite.cpp

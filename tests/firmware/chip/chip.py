@@ -15,9 +15,12 @@ from unicorn import arm_const
 ROOT = Path(__file__).resolve().parents[3]
 BOARD = board.read(ROOT / "firmware/port/stm32f4")
 IMAGE = ROOT / f"build/image/{BOARD.image}.elf"
+IMAGES = IMAGE, IMAGE.with_name(f"{IMAGE.stem}-b.elf")  # for both slots
 EMULATED = IMAGE.with_name(f"{BOARD.image}-emulated.elf")
 FLASH, FLASH_BYTES = 0x08000000, 512 * 1024
 STORE, STORE_BYTES = 0x08004000, 2 * 16384
+SLOTS, SLOT_BYTES = BOARD.slots.addresses, BOARD.slots.bytes
+PAGE = 0x1000  # of the emulator; the trailer of the running slot has one of its own
 RAM, RAM_BYTES = 0x20000000, 128 * 1024
 EXIT = 0x00000F00  # where a handler returns to
 UID, UID_WORDS = 0x1FFF7A10, (0x00350027, 0x33365110, 0x31323736)
@@ -29,6 +32,7 @@ DMA1_STREAM3, EXTI15_10 = 14, 40
 NMI, HARD_FAULT = 2, 3
 TICK = 30  # TIM4
 ENTRY_CYCLES = 12  # from the event to its handler
+READ_ONLY = unicorn.UC_PROT_READ | unicorn.UC_PROT_EXEC
 REGISTERS = [getattr(arm_const, f"UC_ARM_REG_R{i}") for i in range(13)]
 STEPS_MAX = 40_000_000
 
@@ -67,41 +71,39 @@ def symbols(path):
 class Chip:
     """A chip out of reset. `store`: the bytes of the stored sectors of its flash. `steps` counts
     instructions, without `ram_counts` only those in the flash. Unless `checked`, the CRC of the
-    image is taken for right, to save its 22,000 words of every boot."""
+    image is taken for right, to save its 22,000 words of every boot. `slot`: number of the slot
+    that the loader has started; `slots`: the bytes of both slots, by default those of an image that
+    a debug probe has written to slot A."""
 
     models: ClassVar = Board
-    image = IMAGE
+    images: ClassVar = IMAGES
     store: ClassVar = (STORE, STORE_BYTES)
+    slots_of_board: ClassVar = SLOTS
     uid, reference = UID, (REFERENCE_AT, REFERENCE_CODE)
     buses: ClassVar = ((0x40000000, 0x30000), (0xE000E000, 0x1000), (0xE0042000, 0x1000))
     vector_count = 81
 
-    def __init__(self, store=None, ram_counts=True, checked=False):
+    def __init__(self, store=None, ram_counts=True, checked=False, slot=0, slots=None):
         self.board = self.models()
         self.board.instructions = lambda: self.steps
         self.board.read_memory = lambda at, count: bytes(self.uc.mem_read(at, count))
         self.board.write_memory = lambda at, data: self.uc.mem_write(at, data)
         self.board.gpioc.wires = {4: 0}  # the strap of node id 1
-        self.symbols = symbols(self.image)
+        self.symbols = symbols(self.images[slot])
         if store is not None:
             self.board.flash.bytes[:] = store
         self.uc = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
         self.uc.ctl_set_cpu_model(arm_const.UC_CPU_ARM_CORTEX_M4)
         self.code = bytearray(b"\xff" * FLASH_BYTES)
-        for address, data in segments(self.image):
+        for address, data in segments(self.images[slot]):
             self.code[address - FLASH : address - FLASH + len(data)] = data
-        read_only = unicorn.UC_PROT_READ | unicorn.UC_PROT_EXEC
-        stored, stored_bytes = self.store
-        for begin, end in ((FLASH, stored), (stored + stored_bytes, FLASH + FLASH_BYTES)):
-            self.uc.mem_map(begin, end - begin, read_only)
-            self.uc.mem_write(begin, bytes(self.code[begin - FLASH : end - FLASH]))
-        self.uc.mmio_map(stored, stored_bytes, self._read_store, None, self._write_store, None)
+        self._map_flash(slot, slots)
         self.uc.mem_map(RAM, RAM_BYTES)
         self.uc.mem_write(RAM, b"\xa5" * RAM_BYTES)
         self.uc.mem_map(self.uid & ~0xFFF, 0x1000, unicorn.UC_PROT_READ)
         self.uc.mem_write(self.uid, struct.pack("<3I", *UID_WORDS))
         self.uc.mem_write(self.reference[0], struct.pack("<H", self.reference[1]))
-        self.uc.mem_map(EXIT & ~0xFFF, 0x1000, read_only)
+        self.uc.mem_map(EXIT & ~0xFFF, 0x1000, READ_ONLY)
         self.steps, self.steps_max = 0, STEPS_MAX
         self.watch = None  # called with address and bytes of each block that is executed
         self.problem = None
@@ -111,12 +113,47 @@ class Chip:
             self.uc.mem_write(self.symbols["image_is_whole"], b"\x01\x20\x70\x47")  # true
         for base, size in self.buses:
             self.uc.mmio_map(base, size, self._read, base, self._write, base)
-        stack, self.entry = struct.unpack_from("<II", self.code)
-        self.vectors = struct.unpack_from(f"<{self.vector_count}I", self.code)
+        stack, self.entry = struct.unpack_from("<II", self.code, self.vectors_at - FLASH)
+        self.vectors = struct.unpack_from(
+            f"<{self.vector_count}I", self.code, self.vectors_at - FLASH
+        )
         self.uc.reg_write(arm_const.UC_ARM_REG_SP, stack)
         self.idle = self.symbols["port_idle"]
         # The loader's copy of the data, so that every boot starts as at power-up.
         self.boot_steps = None
+
+    def _map_flash(self, slot, slots):
+        """Maps the flash: what may be programmed is a model, the rest is read only."""
+        stored, stored_bytes = self.store
+        self.uc.mmio_map(stored, stored_bytes, self._read_store, None, self._write_store, None)
+        self.vectors_at = self.slots_of_board[slot] if self.slots_of_board else FLASH
+        programmable = [range(stored, stored + stored_bytes)]
+        if self.slots_of_board:
+            programmable += self._map_slots(slot, slots)
+        at = FLASH
+        for part in sorted(programmable, key=lambda part: part.start):
+            self._map_read_only(at, part.start)
+            at = part.stop
+        self._map_read_only(at, FLASH + FLASH_BYTES)
+
+    def _map_read_only(self, begin, end):
+        if end > begin:
+            self.uc.mem_map(begin, end - begin, READ_ONLY)
+            self.uc.mem_write(begin, bytes(self.code[begin - FLASH : end - FLASH]))
+
+    def _map_slots(self, slot, slots):
+        """Maps the slot that does not run and the last page of the other one; returns both."""
+        flash, first = self.board.flash, SLOTS[0] - FLASH
+        flash.other = 6 - slot
+        if slots is not None:
+            self.code[first : first + 2 * SLOT_BYTES] = slots
+        flash.slots[:] = self.code[first : first + 2 * SLOT_BYTES]
+        end, other = SLOTS[slot] + SLOT_BYTES, SLOTS[1 - slot]
+        parts = [range(end - PAGE, end), range(other, other + SLOT_BYTES)]
+        for begin in (part.start for part in parts):
+            size = PAGE if begin == end - PAGE else SLOT_BYTES
+            self.uc.mmio_map(begin, size, self._read_slots, begin, self._write_slots, begin)
+        return parts
 
     # Peripherals: an exception in a callback must not be lost in C code.
 
@@ -139,6 +176,13 @@ class Chip:
 
     def _write_store(self, _uc, offset, size, value, _data):
         self._guard(self.board.flash.program, offset, size, value)
+
+    def _read_slots(self, _uc, offset, size, begin):
+        at = begin + offset - SLOTS[0]
+        return int.from_bytes(self.board.flash.slots[at : at + size], "little")
+
+    def _write_slots(self, _uc, offset, size, value, begin):
+        self._guard(self.board.flash.program_slot, begin + offset - SLOTS[0], size, value)
 
     def _on_block(self, _uc, address, size, _data):
         # At most that many: an instruction has two bytes or four.

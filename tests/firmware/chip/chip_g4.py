@@ -16,7 +16,8 @@ class Chip(chip.Chip):
     """A chip out of reset."""
 
     models: ClassVar = peripherals_g4.Board
-    image = IMAGE
+    images: ClassVar = (IMAGE,)
+    slots_of_board: ClassVar = ()
     store: ClassVar = (0x08040000, 0x10000)
     uid, reference = 0x1FFF7590, (0x1FFF75AA, 1655)  # VREFINT_CAL: 1.212 V at 3.0 V
     buses: ClassVar = (

@@ -257,9 +257,11 @@ class Stalled(Exception):
 
 
 class Flash(Peripheral):
-    """3.8, and the two sectors that the firmware may write, 16 KiB each from 0x08004000."""
+    """3.8, and the sectors that the firmware may write: 1 and 2 with the parameters, 16 KiB each
+    from 0x08004000, and of the slots, sectors 5 and 6, the one that does not run."""
 
     BASE, SECTOR = 0x08004000, 0x4000
+    SLOTS, SLOT = 0x08020000, 0x20000
     POLL_CYCLES = 20_000  # of an erase that takes its time
     reset: ClassVar = {
         0x10: 0x80000000,
@@ -272,6 +274,11 @@ class Flash(Peripheral):
     def __init__(self, board):
         super().__init__(board)
         self.bytes = bytearray(b"\xff" * 2 * self.SECTOR)
+        self.slots = bytearray(b"\xff" * 2 * self.SLOT)
+        self.other = 6  # sector of the slot that does not run
+        # Words of the trailer of the running slot that may be programmed: `confirmed`; by the
+        # loader, the tries.
+        self.words_of_trailer = {16}
         self.keys = []
         self.busy = 0
         self.erase_s = 0.0
@@ -331,7 +338,8 @@ class Flash(Peripheral):
             self.registers[offset] = value
 
     def erase(self, sector_erase, mass_erase, number):
-        assert sector_erase and not mass_erase and number in (1, 2), "erased what is not the store"
+        assert sector_erase and not mass_erase, "erased everything"
+        assert number in (1, 2, self.other), "erased what is neither the store nor the other slot"
         self.busy, self.polled_idle = self.busy_reads, False
         self.erased_at = self.board.cycles + round(self.erase_s * self.board.rcc.core_hz())
         if number in self.protected:
@@ -339,11 +347,23 @@ class Flash(Peripheral):
         elif self.fail is not None:
             self.error(self.fail)
         else:
-            at = (number - 1) * self.SECTOR
-            self.bytes[at : at + self.SECTOR] = b"\xff" * self.SECTOR
+            is_slot = number == self.other
+            memory, size = (self.slots, self.SLOT) if is_slot else (self.bytes, self.SECTOR)
+            at = (number - (5 if is_slot else 1)) * size
+            memory[at : at + size] = b"\xff" * size
             self.erased.append(number)
 
-    def program(self, at, size, value):
+    def program_slot(self, at, size, value):
+        """Programs bytes of the slots: of the one that does not run, or the word that confirms the
+        image that runs."""
+        trailer = (0 if self.other == 6 else self.SLOT) + self.SLOT - 64
+        is_other = at // self.SLOT == self.other - 5
+        assert is_other or at - trailer in self.words_of_trailer, (
+            f"programmed {self.SLOTS + at:#x} of the running slot"
+        )
+        self.program(at, size, value, self.slots, 5 + at // self.SLOT)
+
+    def program(self, at, size, value, memory=None, sector=None):
         control = self[0x10]
         if bits(control, 31) or not bits(control, 0) or self.busy > 0:
             self.error(7)  # PGSERR
@@ -352,13 +372,14 @@ class Flash(Peripheral):
             self.error(6)  # PGPERR
             return
         self.busy, self.polled_idle = self.busy_reads, False
-        if 1 + at // self.SECTOR in self.protected:
+        memory, sector = memory or self.bytes, sector or 1 + at // self.SECTOR
+        if sector in self.protected:
             self.error(4)  # WRPERR
         elif self.fail is not None:
             self.error(self.fail)
         else:
             for i, byte in enumerate(value.to_bytes(size, "little")):
-                self.bytes[at + i] &= byte
+                memory[at + i] &= byte
             self.words += 1
 
 

@@ -6,7 +6,7 @@ import subprocess
 import zlib
 
 import pytest
-from chip import BOARD, IMAGE, ROOT, Chip, release
+from chip import BOARD, FLASH, IMAGE, ROOT, SLOTS, Chip, release
 from forceaxis import objects
 from peripherals import NEVER, SUPPLY_V
 
@@ -145,9 +145,10 @@ def test_version_hash_and_source_are_in_the_image_and_read_back(chip):
     assert text.split()[1] == objects.OBJECTS_HASH[:8]
     assert len(text) <= 30  # the part that a Modbus client reads
     # At a fixed place, so that programs find it in an image file.
-    assert chip.code[0x200 : 0x200 + len(text) + 1] == text.encode() + b"\0"
+    at = SLOTS[0] - FLASH + 0x200
+    assert chip.code[at : at + len(text) + 1] == text.encode() + b"\0"
     binary = IMAGE.with_suffix(".bin").read_bytes()
-    assert binary[0x200 : 0x200 + len(text)] == text.encode()
+    assert binary[at : at + len(text)] == text.encode()
     assert chip.text(0x1009) == "stm32f446"
 
 
@@ -162,9 +163,11 @@ def test_the_image_leaves_the_store_and_the_ram_it_may_not_have():
             continue
         if vma >= 0x20000000:
             used += size
-        if name not in (".bss", ".noinit", ".stack"):
+        if name == ".loader":
+            assert lma + size <= 0x08004000
+        elif name not in (".bss", ".noinit", ".stack", ".slot_trailer"):
             flash += size
-            assert lma + size <= 0x08004000 or lma >= 0x0800C000
+            assert lma >= SLOTS[0] and lma + size <= SLOTS[0] + BOARD.limits.flash_bytes
     print(f"\nflash {flash} bytes, RAM {used} bytes")
     assert flash <= BOARD.limits.flash_bytes
     assert used <= BOARD.limits.ram_bytes
@@ -172,7 +175,8 @@ def test_the_image_leaves_the_store_and_the_ram_it_may_not_have():
 
 def test_the_stack_is_where_it_cannot_reach_variables(chip):
     assert chip.symbols["stack_bottom"] == 0x20000000
-    assert struct.unpack_from("<I", chip.code)[0] == chip.symbols["stack_top"]
+    (stack,) = struct.unpack_from("<I", chip.code, SLOTS[0] - FLASH)
+    assert stack == chip.symbols["stack_top"]
     assert chip.symbols["stack_top"] % 8 == 0
 
 

@@ -4,7 +4,22 @@ off within the stated time, on models that follow the manual."""
 import struct
 
 import pytest
-from chip import FLASH, HARD_FAULT, IMAGE, NMI, PVD, RAM, Chip, release, segments
+from chip import (
+    BOARD,
+    FLASH,
+    HARD_FAULT,
+    IMAGE,
+    NMI,
+    PVD,
+    RAM,
+    SLOT_BYTES,
+    SLOTS,
+    STORE,
+    STORE_BYTES,
+    Chip,
+    release,
+    segments,
+)
 from forceaxis import objects
 from peripherals import CRC_TABLE
 from test_board import LSB_V, OFF, enable
@@ -381,14 +396,15 @@ def test_the_crc_is_that_of_the_manual_s_unit():
     big_endian = b"".join(held[i : i + 4][::-1] for i in range(0, len(held), 4))
     assert chip.code[at["code_end"] - FLASH :][:4] == crc(big_endian).to_bytes(4, "little")
     # All of the image is within, but the check itself.
-    flashed = sum(len(data) for _, data in segments(IMAGE))
+    image = range(SLOTS[0], SLOTS[0] + BOARD.limits.flash_bytes)
+    flashed = sum(len(data) for address, data in segments(IMAGE) if address in image)
     assert len(held) <= flashed + 16 and flashed - 4 <= len(held)
 
 
 @pytest.mark.parametrize("place", ["vectors", "code", "check"])
 def test_one_wrong_bit_of_the_image_is_found_at_power_up(place):
     chip = Chip(checked=True)
-    at = {"vectors": FLASH + 0x1F0, "code": chip.symbols["code_end"] - 5,
+    at = {"vectors": SLOTS[0] + 0x1F0, "code": chip.symbols["code_end"] - 5,
           "check": chip.symbols["code_end"]}[place]  # fmt: skip
     (byte,) = chip.uc.mem_read(at, 1)
     chip.uc.mem_write(at, bytes([byte ^ 0x10]))
@@ -450,9 +466,14 @@ def test_the_regions_of_the_memory_protection(chip):
     mpu, at = chip.board.mpu, chip.symbols
     for address in (0, 4, 0x1000, 0x07FFFFFC):
         assert mpu.rights(address) == (False, False, False)
-    for address in (FLASH, at["vectors_end"], at["code_begin"], at["code_end"], FLASH + 0x3FFFC):
+    end = SLOTS[0] + SLOT_BYTES
+    loader_and_reserve = (FLASH, STORE - 4, STORE + STORE_BYTES, 0x0800FFFC)
+    image = (at["vectors_begin"], at["code_begin"], at["code_end"], end - 68)
+    for address in (*loader_and_reserve, *image):
         assert mpu.rights(address) == (True, False, True)
-    for address in (0x08004000, 0x0800BFFC, 0x08040000, 0x0807FFFC):
+    archive = (0x08010000, 0x0801FFFC, 0x08060000, 0x0807FFFC)
+    slots = (end - 64, end - 4, SLOTS[1], SLOTS[1] + SLOT_BYTES - 4)
+    for address in (STORE, STORE + STORE_BYTES - 4, *archive, *slots):
         assert mpu.rights(address) == (True, True, False)
     for address in (RAM, RAM + 28):
         assert mpu.rights(address) == (False, False, False)

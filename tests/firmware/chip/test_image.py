@@ -6,8 +6,8 @@ import subprocess
 import time
 
 import pytest
-from chip import BOARD, EMULATED, IMAGE, ROOT, segments
-from forceaxis.chip import emulator
+from chip import BOARD, EMULATED, IMAGE, ROOT, SLOT_BYTES, SLOTS, segments
+from forceaxis.chip import emulator, update_file
 
 # What QEMU has no model of.
 REPLACED = {
@@ -22,6 +22,8 @@ REPLACED = {
         "port_idle",
         "flash_memory",
         "flash_archive",
+        "flash_slots",
+        *("read_bytes", "program_bytes", "erase_sector"),
         "watchdog_arm",
         "supply_interrupt",
         "can_interrupt",
@@ -152,17 +154,17 @@ def test_a_stack_that_overflows_resets_the_core_and_does_not_lock_it_up(tmp_path
     """The image with 16 bytes of stack: the first pushes fall below the RAM, the push of the fault
     itself too. A handler that pushes as well is QEMU's "Lockup: can't escalate 3 to HardFault"."""
     image, log = tmp_path / "image.elf", tmp_path / "log"
-    content = bytearray(EMULATED.read_bytes())
-    (top,) = struct.unpack("<I", segments(EMULATED)[0][1][:4])
-    at = content.find(struct.pack("<I", top) + segments(EMULATED)[0][1][4:8])
-    struct.pack_into("<I", content, at, 0x20000010)
-    image.write_bytes(content)
+    parts = dict(segments(EMULATED))
+    before, trailer = parts[SLOTS[0]], parts[SLOTS[0] + SLOT_BYTES - 64]
+    after = struct.pack("<I", 0x20000010) + before[4:]
+    content = EMULATED.read_bytes().replace(before, after)
+    image.write_bytes(content.replace(trailer, update_file.trailer(after)))
     process = qemu(image, "-icount", "shift=3,sleep=off", "-d", "int", "-D", str(log))
     try:
         until(
             lambda: (
                 process.poll() is not None
-                or (log.exists() and log.read_bytes().count(b"Loaded reset SP 0x20000010") > 3)
+                or (log.exists() and log.read_bytes().count(b"Loaded reset SP 0x20001000") > 3)
             ),
             "no reset",
         )

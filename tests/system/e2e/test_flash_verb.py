@@ -34,17 +34,19 @@ typedef struct { const uint32_t *stack; void (*reset)(void); } vectors_t;
 __attribute__((section(".vectors"), used)) static const vectors_t vectors = {&top_of_stack, reset};
 __attribute__((section(".code"), used)) static const uint8_t table[3000] = {1};
 __attribute__((section(".more"), used)) static const uint8_t more[4] = {1};
+__attribute__((section(".trailer"), used)) static const uint32_t trailer[16] = {%(trailer)s};
 """
 # Sectors 1 and 2 lie between the two segments, as in a port's image.
 LINK = """
 ENTRY(reset)
-PHDRS { first PT_LOAD; second PT_LOAD; }
+PHDRS { first PT_LOAD; second PT_LOAD; third PT_LOAD; }
 top_of_stack = %(stack)#x;
 SECTIONS {
   .vectors %(flash)#x : { KEEP(*(.vectors)) } :first
   .forceaxis_identity : { KEEP(*(%(kept)s)) } :first
   .text %(code)#x : { *(.text*) KEEP(*(.code)) } :second
   .more %(more)#x : { KEEP(*(.more)) } :second
+  .trailer 0x0803FFC0 : { KEEP(*(.trailer)) } :third
   /DISCARD/ : { *(.comment) *(.ARM.attributes) *(.forceaxis_identity) }
 }
 """
@@ -54,6 +56,7 @@ LAYOUT = {
     "code": 0x0800C000,
     "more": 0x0800D000,
     "stack": 0x20020000,
+    "trailer": "0x31544146",
     "kept": ".forceaxis_identity",
 }
 
@@ -196,6 +199,8 @@ OPTIONS = [
     *("-c", "init", "-c", "reset init"),
     *("-c", SET, "-c", "echo [format {options %08x} [mrw 0x40023c14]]"),
 ]
+# A newer image in the other slot would run instead of the one that is written.
+OTHER_SLOT = ["-c", "flash erase_address 0x08040000 0x20000"]
 PROBE = [*BOARD, "-c", "init", "-c", "echo [format {device %08x} [mrw 0xe0042000]]"]
 
 
@@ -205,7 +210,7 @@ def test_an_image_is_shown_written_and_verified(bench, elf):
     assert done.stderr == ""
     shown = dict(line.split(None, 1) for line in done.stdout.splitlines())
     assert shown["file"] == str(elf)
-    assert shown["sectors"] == "0 (0x08000000), 3 (0x0800c000)"
+    assert shown["sectors"] == "0 (0x08000000), 3 (0x0800c000), 5 (0x08020000), 6 (0x08040000)"
     assert shown["version"] == "0.1.0"
     assert shown["git"] == "ab12cd34ef56+"
     assert shown["objects"] == HASH
@@ -221,7 +226,7 @@ def test_an_image_is_shown_written_and_verified(bench, elf):
     assert size == sum(sizes) and size >= 8 + 60 + 3000 + 4
     assert bench.calls() == [
         [*PROBE, "-c", "shutdown"],
-        [*BOARD, *OPTIONS, "-c", f"program {{{elf}}} verify reset exit"],
+        [*BOARD, *OPTIONS, *OTHER_SLOT, "-c", f"program {{{elf}}} verify reset exit"],
     ]
     assert shown["options"].startswith("brown-out reset at level 3")
 
@@ -294,10 +299,11 @@ def test_hex_and_json(bench, elf):
     done = bench.flash(path, "--yes", "--json")
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
-    assert report["sectors"] == [0, 3] and report["table_hash"] == HASH
+    assert report["sectors"] == [0, 3, 5, 6] and report["table_hash"] == HASH
     assert report["warning"] is None
     assert report["command"] == ["openocd", *bench.calls()[-1]]
-    assert bench.calls()[-1] == [*BOARD, *OPTIONS, "-c", f"program {{{path}}} verify reset exit"]
+    program = ["-c", f"program {{{path}}} verify reset exit"]
+    assert bench.calls()[-1] == [*BOARD, *OPTIONS, *OTHER_SLOT, *program]
 
 
 def test_bin_covers_the_parameters(bench, elf):
@@ -309,14 +315,15 @@ def test_bin_covers_the_parameters(bench, elf):
     assert "parameters   erased" in done.stdout
     assert "1 (parameters, 0x08004000), 2 (parameters, 0x08008000), 3 (0x0800c000)" in done.stdout
     assert bench.calls()[-1] == [
-        *BOARD, *OPTIONS, "-c", "flash erase_address 0x08004000 0x8000",
+        *BOARD, *OPTIONS, "-c", "flash erase_address 0x08004000 0x8000", *OTHER_SLOT,
         "-c", f"program {{{path}}} verify reset exit 0x08000000",
     ]  # fmt: skip
 
 
-def test_a_short_bin_leaves_them(bench, tmp_path):
+def test_a_short_bin_is_no_image_that_the_loader_starts(bench, tmp_path):
     path = converted(linked(tmp_path, code=0x08000400, more=0x08001400), "bin")
-    assert bench.flash(path, "--yes", "--address", "0x08000000").returncode == 0
+    path.write_bytes(path.read_bytes()[:0x2000])
+    refused(bench.flash(path, "--yes", "--address", "0x08000000"), 2, "its trailer at 0x0803ffc0")
     refused(
         bench.flash(path, "--yes", "--address", "0x0800c000"),
         2,
@@ -330,7 +337,7 @@ def test_a_short_bin_leaves_them(bench, tmp_path):
 
 def test_erasing_parameters_that_the_image_leaves_out(bench, elf):
     done = bench.flash(elf, "--dry-run", "--erase-parameters", "--json")
-    assert json.loads(done.stdout)["sectors"] == [0, 1, 2, 3]
+    assert json.loads(done.stdout)["sectors"] == [0, 1, 2, 3, 5, 6]
 
 
 def test_dry_run_prints_the_command_quoted(bench, elf, tmp_path):
@@ -341,7 +348,7 @@ def test_dry_run_prints_the_command_quoted(bench, elf, tmp_path):
     last = done.stdout.splitlines()[-1]
     assert bench.calls() == []
     words = [
-        "openocd", *BOARD, "-c", "adapter serial 066EFF", *OPTIONS,
+        "openocd", *BOARD, "-c", "adapter serial 066EFF", *OPTIONS, *OTHER_SLOT,
         "-c", f"program {{{path.name}}} verify reset exit",
     ]  # fmt: skip
     assert shlex.split(last) == words
@@ -418,9 +425,10 @@ def test_openocd_is_missing(bench, elf, tmp_path):
             "vector table at 0x08000000, got a file without bytes",
         ),
         (
-            {"more": 0x08080000},
-            "expected only addresses of the flash memory, 0x08000000.*0x0800c000..0x0808000",
+            {"more": 0x08080000, "code": 0x0807F000},
+            "expected only addresses of the flash memory, 0x08000000.*0x0807f000..0x0808000",
         ),
+        ({"trailer": "0"}, "expected the loader, an image and its trailer at 0x0803ffc0"),
         (
             {"more": 0x07FFFC00, "code": 0x07FFF000},
             "expected only addresses.*got bytes for 0x07fff000",
@@ -452,7 +460,7 @@ def test_images_that_do_not_fit(bench, tmp_path, changes, text):
 
 def test_up_to_the_parameters_and_across_them(bench, tmp_path):
     path = linked(tmp_path, code=0x08000100, more=0x08003FFC)
-    assert "sectors      0 (0x08000000)\n" in bench.flash(path, "--yes").stdout
+    assert "sectors      0 (0x08000000), 5 (0x08020000)" in bench.flash(path, "--yes").stdout
     # One segment around a gap: a linker fills it.
     path = linked(tmp_path, code=0x08000100, more=0x0800C000)
     refused(bench.flash(path, "--yes"), 2, "--erase-parameters: expected")

@@ -6,10 +6,62 @@
 #include "firmware/port/port.h"
 #include "firmware/port/stm32/board.h"
 #include "firmware/port/stm32/tick.h"
+#include "firmware/port/stm32f4/emulated/flash.h"
+
+/* Memories in the file of the flash (flash.h); there are none without this file. */
+
+static int32_t flash_file; /* negative without a file; flash_memory() opens it */
+
+#define STORE_BEGIN UINT32_C(0x08004000)
+enum { STORE_SECTOR_BYTES = 0x4000 };
+
+/* A memory of two sectors, of which the second one follows the first one. */
+static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
+  flash_file_read(flash_file, (uint32_t)(uintptr_t)context + address, bytes, count);
+}
+
+static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes, uint32_t count) {
+  flash_file_program(flash_file, (uint32_t)(uintptr_t)context + address, bytes, count);
+  return true;
+}
+
+static uint32_t bytes_of(const void *context) {
+  return ((uintptr_t)context == BOARD_SLOT_A) ? BOARD_SLOT_BYTES : STORE_SECTOR_BYTES;
+}
+
+static bool erase_sector(void *context, uint8_t sector) {
+  const uint32_t bytes = bytes_of(context);
+  flash_file_erase(flash_file, (uint32_t)(uintptr_t)context + sector * bytes, bytes);
+  return true;
+}
+
+static store_memory_t memory_at(uint32_t begin) {
+  void *context = (void *)(uintptr_t)begin;
+  return (store_memory_t){.context = context,
+                          .sector_bytes = bytes_of(context),
+                          .read = read_bytes,
+                          .program = program_bytes,
+                          .erase = erase_sector};
+}
+
+const store_memory_t *flash_memory(void) {
+  static store_memory_t memory;
+  flash_file = flash_file_open();
+  memory = memory_at(STORE_BEGIN);
+  return (flash_file < 0) ? NULL : &memory;
+}
+
+const store_memory_t *flash_archive(void) { return NULL; }
+
+const store_memory_t *flash_slots(void) {
+  static store_memory_t memory;
+  memory = memory_at(BOARD_SLOT_A);
+  return (flash_file < 0) ? NULL : &memory;
+}
 
 /* CAN in the emulator: a serial line transmits each frame as 12 bytes. */
 
-enum { FRAME_BYTES = 12 };
+enum { FRAME_BYTES = 12, POLLS_MAX = 500 };
 
 void spi_force_ready_interrupt(void) {} /* never enabled */
 
@@ -19,10 +71,17 @@ bool port_can_receive(can_frame_t *frame) {
   static uint8_t bytes[FRAME_BYTES];
   static uint8_t count;
   USART3->CR1 = USART_CR1_UE | USART_CR1_TE | USART_CR1_RE;
-  while (count < FRAME_BYTES && (USART3->SR & USART_SR_RXNE) != 0) {
-    bytes[count] = (uint8_t)USART3->DR;
-    count++;
+  static bool has_more;
+  /* QEMU gives the next byte soon after the one before was read. */
+  for (uint32_t polls = (has_more || count > 0) ? POLLS_MAX : 1; count < FRAME_BYTES && polls > 0;
+       polls--) {
+    if ((USART3->SR & USART_SR_RXNE) != 0) {
+      bytes[count] = (uint8_t)USART3->DR;
+      count++;
+      polls = POLLS_MAX;
+    }
   }
+  has_more = count == FRAME_BYTES;
   if (count < FRAME_BYTES) {
     return false;
   }

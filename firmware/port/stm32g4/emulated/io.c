@@ -1,10 +1,16 @@
 /* This chip in an emulator of another STM32 with the same processor and the same memories: buses
  * are missing, and ../../stm32/emulated.c replaces the other peripherals. */
 
+#include <stddef.h>
+
 #include "firmware/port/emulated/host_link.h"
 #include "firmware/port/port.h"
 #include "firmware/port/stm32/board.h"
 #include "firmware/port/stm32/tick.h"
+
+const store_memory_t *flash_memory(void) { return NULL; }
+
+const store_memory_t *flash_archive(void) { return NULL; }
 
 void flash_nmi(void) { board_fail(); }
 

@@ -3,12 +3,13 @@ monitored heartbeat."""
 
 import contextlib
 import errno
+import io
 import logging
 import math
 import struct
 import threading
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import BinaryIO
 
 import numpy as np
@@ -58,7 +59,8 @@ HEARTBEAT_MS = 1000
 HEARTBEAT_ENTRIES = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
 STORING = ("store_all", "store_parameters")
 # CANopen addresses of the domains.
-RECORDER_DATA, CYCLE_CURVE_DATA = (0x2120, 0), (0x243B, 6)
+RECORDER_DATA, CYCLE_CURVE_DATA, PROGRAM_DATA = (0x2120, 0), (0x243B, 6), (0x1F50, 1)
+SEGMENT_BYTES = 7  # of an SDO transfer
 # Largest sizes of an SDO transfer in bytes: of a name, and of a recording (30 KiB in the firmware)
 # or a curve (12 KB). At this size, the program aborts the transfer of a node that sends segments
 # without end.
@@ -337,6 +339,21 @@ class CanLink(RecorderLink):
             self._sdo.open(index, sub, "rb", buffering=0, block_transfer=True) as stream,
         ):
             return self._whole(stream, what, MOST_DOMAIN_BYTES)
+
+    def download_update(self, data: bytes, written: Callable[[int], None]) -> None:
+        with self._asking("the update"):
+            stream = self._sdo.open(
+                *PROGRAM_DATA, "wb", buffering=0, size=len(data), block_transfer=True
+            )
+            try:
+                for at in range(0, len(data), SEGMENT_BYTES):
+                    stream.write(data[at : at + SEGMENT_BYTES])
+                    if at % (100 * SEGMENT_BYTES) == 0:
+                        written(at)
+                stream.close()
+            finally:
+                # The end of a transfer that was aborted is not sent.
+                io.RawIOBase.close(stream)
 
     def close(self) -> None:
         self._end_keeper()

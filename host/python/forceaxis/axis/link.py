@@ -9,7 +9,7 @@ Each kind of connection is a module of this package: sim, gateway, can, modbus.
 import abc
 import contextlib
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -140,6 +140,11 @@ class Link(abc.ABC):
         if this connection transmits no domains; then cycle_curve_first shows points in cycle_data.
         Raises Refused, NoAnswer."""
         return None
+
+    def download_update(self, data: bytes, written: Callable[[int], None]) -> None:
+        """Writes an update of the firmware (object program_data). `written` is called with the
+        number of bytes that the axis has. Raises Refused, NoAnswer."""
+        raise Refused(f"{self.where}: an update needs a connection over CAN or Modbus")
 
     @abc.abstractmethod
     def write(self, values: Mapping[str, int]) -> None:

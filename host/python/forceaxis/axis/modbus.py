@@ -1,10 +1,13 @@
 """Access to an axis over Modbus, RTU or the TCP server of a gateway, with the registers of the
 object table."""
 
+import contextlib
 import logging
 import re
+import struct
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, NoReturn
 
 from forceaxis.axis.link import (
@@ -28,6 +31,8 @@ TCP_URL = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL_URL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
 BAUD_RATE = 115_200  # baud rate, the default of the firmware, for 8 data bits and even parity
 PARITIES = "EN"
+PART_BYTES = 64  # of cycle_data_1 to _16; also the head of an update
+PART_TRIES = 3  # of a request whose answer is lost; the axis leaves out what it has already
 MOST_REGISTERS = 125  # largest number of registers in one request
 # Number of a text in Modbus function 43 / 14, for each CANopen index of the same text.
 IDENTIFICATION_OBJECTS = {DEVICE_NAME_INDEX: 4, HARDWARE_INDEX: 5, VERSION_INDEX: 2}
@@ -140,6 +145,14 @@ class ModbusLink(Link):
             raise Refused(f"{what}: {EXCEPTIONS.get(code, f'Modbus exception {code}')}")
         return answer
 
+    def _ask_again(self, what: str, ask: "Callable[[], ModbusPDU]") -> None:
+        """Sends a request that may be repeated, PART_TRIES times. Raises Refused, NoAnswer."""
+        for _ in range(PART_TRIES - 1):
+            with contextlib.suppress(NoAnswer):
+                self._ask(what, ask)
+                return
+        self._ask(what, ask)
+
     def reaches(self, name: str) -> bool:
         return BY_NAME[name].modbus >= 0
 
@@ -228,6 +241,20 @@ class ModbusLink(Link):
                 self._write(name, raw)
                 if name == "modbus_word_order":
                     self._low_first = bool(raw)
+
+    def download_update(self, data: bytes, written: Callable[[int], None]) -> None:
+        """Writes the update in parts: one request for each cycle_data_offset with 16 words behind
+        it. The axis erases the slot in the request with the head of the update."""
+        first = BY_NAME["cycle_data_offset"].modbus
+        write = self.client.write_registers
+        for at in range(0, len(data), PART_BYTES):
+            registers = [at & 0xFFFF]
+            for low, high in struct.iter_unpack("<HH", data[at : at + PART_BYTES]):
+                registers += [low, high] if self._word_order() else [high, low]
+            self._ask_again("the update", partial(write, first, registers, device_id=self._unit))
+            if at == 0 and not self._read("program_flash_status") & 1:
+                raise Refused("the update was refused")
+            written(at)
 
     def acquire(self) -> None:
         self._write("command_source", self.source)

@@ -11,6 +11,9 @@ firmware/port, so that a board elsewhere uses the parts that boards share.
     [released]      optional. Identity (firmware/port/identity.h) and sources of the image that is
                     flashed; a board without this image exists only in an emulator
     [memory]        [address, bytes] of flash, stored parameters and RAM; bytes of each sector
+    [slots]         optional. Addresses and bytes of two slots of the flash for an image, and the
+                    loader that chooses one of them: linker script, and sources of every loader, of
+                    the released one and of the one for the emulator
     [limits]        of the released image, and of one interrupt of the tick in instructions; where
                     there is no such image, none
     [stack]         for tools/image_report, which explains it; likewise
@@ -83,6 +86,18 @@ class Memory:
     sectors: list[int]
     parameters: range  # addresses of the parameter store in the flash memory
     ram: range
+
+
+@dataclass(frozen=True)
+class Slots:
+    """The two slots of the flash memory for images of the firmware, and their loader."""
+
+    addresses: list[int]
+    bytes: int
+    script: str
+    sources: list[str]
+    released: list[str]
+    emulated: list[str]
 
 
 @dataclass(frozen=True)
@@ -180,6 +195,7 @@ class Board:
     build: Build
     released: Released | None
     memory: Memory
+    slots: Slots | None
     limits: Limits | None
     stack: Stack | None
     emulator: EmulatedImage | None

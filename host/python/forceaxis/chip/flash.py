@@ -12,6 +12,7 @@ from forceaxis import objects, paths
 from forceaxis._core import InputError
 from forceaxis.chip import board as boards
 from forceaxis.chip import image as images
+from forceaxis.chip import update_file
 from forceaxis.errors import ParameterError
 from forceaxis.results import json_field
 
@@ -122,6 +123,7 @@ def plan(
             f"{span(ram)} and a reset address within the image, got {stack:#010x} and "
             f"{reset:#010x}"
         )
+    expect_trailer(image, board)
     if not erase_parameters and any(overlaps(s, parameters) for s in image.segments):
         hint = "; a .hex or .elf may leave them out" if image.kind == "bin" else ""
         raise ParameterError(
@@ -144,8 +146,23 @@ def plan(
         for n, sector in enumerate(sectors_of(board))
         if any(overlaps(s, sector) for s in image.segments)
         or (erase_parameters and sector.start in parameters)
+        or (board.slots is not None and sector.start == board.slots.addresses[1])
     ]
     return Plan(board, probe, image, identity, sectors, erase_parameters, serial)
+
+
+def expect_trailer(image: images.Image, board: boards.Board) -> None:
+    """Raises InputError for an image that the loader of a board with slots would not start: it has
+    no trailer in the first slot."""
+    slots = board.slots
+    if slots is None:
+        return
+    at = slots.addresses[0] + slots.bytes - update_file.TRAILER.size
+    if image.word(at) != update_file.TRAILER_MAGIC:
+        raise InputError(
+            f"{image.path}: expected the loader, an image and its trailer at {at:#010x}, got a "
+            f"file without this trailer; use the file {board.image}.hex that tools/image has built"
+        )
 
 
 def sectors_of(board: boards.Board) -> list[range]:
@@ -209,13 +226,17 @@ def command(plan: Plan) -> list[str]:
     and resets the chip."""
     steps = []
     options = plan.probe.options
-    if options or plan.erase_parameters:
+    slots = plan.board.slots
+    if options or plan.erase_parameters or slots:
         steps += ["init", "reset init"]
     if options:
         steps += options_steps(options)
     if plan.erase_parameters:
         parameters = plan.board.memory.parameters
         steps.append(f"flash erase_address {parameters.start:#010x} {len(parameters):#x}")
+    if slots:
+        # A newer image in the other slot would be started instead of this one.
+        steps.append(f"flash erase_address {slots.addresses[1]:#010x} {slots.bytes:#x}")
     where = f" {plan.image.address:#010x}" if plan.image.kind == "bin" else ""
     steps.append(f"program {{{plan.image.path}}} verify reset exit{where}")
     words = [word for step in steps for word in ("-c", step)]

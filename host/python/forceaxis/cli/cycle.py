@@ -152,6 +152,11 @@ def rate(context: click.Context, option: click.Parameter, text: str | None) -> f
 @program_option
 @set_option("As for run; the same value for all parts.")
 @click.option(
+    "--over",
+    metavar="POSTERIOR.json",
+    help="Draw the press of each part from a posterior of `forceaxis identify contact`.",
+)
+@click.option(
     "--propose",
     metavar="RATE",
     callback=rate,
@@ -180,6 +185,7 @@ def rates(
     seed: int,
     program: Path | None,
     overrides: tuple[str, ...],
+    over: str | None,
     propose: float | None,
     write: Path | None,
     out: Path | None,
@@ -208,7 +214,7 @@ def rates(
     if (propose is None) != (write is None):
         raise InputError("--propose: expected both --propose RATE and -o FILE, or neither; add one")
     request = computing.RatesRequest(
-        experiment, good, bad, parts, bad_parts, seed, program, overrides
+        experiment, good, bad, parts, bad_parts, seed, program, overrides, over
     )
     if propose is not None:
         proposing.check(request.read_program(), parts, propose)

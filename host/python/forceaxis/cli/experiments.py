@@ -222,6 +222,12 @@ def named(
     callback=named,
     help="Sample --count points, uniform in the value or in its logarithm.",
 )
+@click.option(
+    "--over",
+    metavar="POSTERIOR.json",
+    help="Draw --count plants from a posterior of `forceaxis identify contact`, and print the "
+    "probability that a contact bounces.",
+)
 @click.option("--count", type=int, help="Number of random points.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random points.")
 @click.option(
@@ -259,6 +265,7 @@ def sweep(
     experiment: Path,
     grid: dict[str, str],
     random: dict[str, str],
+    over: str | None,
     count: int | None,
     seed: int,
     bisect: dict[str, str],
@@ -283,7 +290,9 @@ def sweep(
     from forceaxis.cli import sweep_text
     from forceaxis.experiments import sweep as sweeps
 
-    request = sweeps.SweepRequest(experiment, grid, random, count, seed, bisect, overrides, refine)
+    request = sweeps.SweepRequest(
+        experiment, grid, random, count, seed, bisect, overrides, over, refine
+    )  # fmt: skip
     done = sweeps.sweep(request, out, threads, scheduler)
     if as_json:
         print_json(done.summary)

@@ -1,14 +1,49 @@
-"""`forceaxis flash`: write an image of the firmware to the flash memory of a board."""
+"""`forceaxis flash`: write an image of the firmware to the flash memory of a board, through a debug
+probe or over the bus of the axis."""
 
+import functools
 import shlex
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from forceaxis._core import InputError
-from forceaxis.chip import flash
-from forceaxis.cli.common import Verb, as_json, print_result
+from forceaxis.chip import flash, update_file
+from forceaxis.cli.common import Verb, as_json, fail, print_result
+from forceaxis.cli.live_options import errors
+
+if TYPE_CHECKING:
+    from forceaxis.axis.link import Link
+    from forceaxis.axis.update import UpdateResult
+
+# The erase of a slot takes up to 2 s, in which the axis does not answer.
+ANSWER_MAX_S = 5.0
+
+
+UPDATE_SUFFIX = ".update"
+
+
+@dataclass(frozen=True)
+class UpdateSummary:
+    """What `forceaxis flash --dry-run --json` prints about an update file."""
+
+    file: Path
+    version: str
+    table_hash: str
+    board: str
+    addresses: list[str]  # of the slots, for which the images are linked
+    sizes: list[int]  # of the images in bytes
+
+
+@dataclass(frozen=True)
+class FleetSummary:
+    """The result that `forceaxis flash --json` prints for axes on a bus."""
+
+    axes: list["UpdateResult"]
 
 
 class Address(click.ParamType[int]):
@@ -34,7 +69,9 @@ class Address(click.ParamType[int]):
     name="flash",
     cls=Verb,
     epilog="""forceaxis flash build/image/forceaxis-stm32f446.hex
-    forceaxis flash build/image/forceaxis-stm32f446.elf --dry-run""",
+    forceaxis flash build/image/forceaxis-stm32f446.elf --dry-run
+    forceaxis flash --can can0 --node 1 --node 2 build/image/forceaxis-stm32f446.update
+    forceaxis flash --modbus /dev/ttyUSB0 build/image/forceaxis-stm32f446.update""",
 )
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option(
@@ -51,7 +88,30 @@ class Address(click.ParamType[int]):
     "--serial", default="", help="Serial number of the debug probe, if there are several."
 )
 @click.option("--yes", is_flag=True, help="Do not ask for consent.")
-@click.option("--dry-run", is_flag=True, help="Write nothing; print the command of openocd.")
+@click.option(
+    "--dry-run",
+    is_flag=True,
+    help="Write nothing; print the command of openocd, or what an update contains.",
+)
+@click.option("--can", metavar="INTERFACE", help="CAN interface, for an update over the bus.")
+@click.option(
+    "--modbus",
+    metavar="URL",
+    help="Modbus connection, for an update over the bus: /dev/ttyUSB0[:BAUD] or tcp://HOST[:PORT].",
+)
+@click.option(
+    "--node",
+    "nodes",
+    type=click.IntRange(1, 127),
+    multiple=True,
+    help="Node id with --can, unit with --modbus. Default: 1. The option can be given several "
+    "times: the axes are updated one after the other.",
+)
+@click.option(
+    "--new-table",
+    is_flag=True,
+    help="Permit an update with another object table than that of the axis.",
+)
 @as_json
 def flash_(
     file: Path,
@@ -60,17 +120,46 @@ def flash_(
     serial: str,
     yes: bool,
     dry_run: bool,
+    can: str | None,
+    modbus: str | None,
+    nodes: tuple[int, ...],
+    new_table: bool,
     as_json: bool,
 ) -> None:
-    """Write a firmware image (.elf, .hex, .bin) to the flash memory of a board. The program openocd
-    writes the image through a debug probe.
+    """Write a firmware image (.elf, .hex, .bin) to the flash memory of a board through a debug
+    probe, or update the firmware of axes over their bus (.update).
 
-    The command prints the contents of the file and the flash sectors that they occupy, asks for
-    consent, writes, verifies and resets the chip. The stored parameters are kept. Switch the power
-    of the drive off first: the chip controls no output while it is written. The exit status is 1 if
-    there is no probe, if the chip is a different one, or if writing or verifying fails. It is 2 if
-    the file is not an image of this firmware for a known board.
+    Over CAN or Modbus the command writes the slot that does not run, restarts the axis, and
+    confirms the new image after ten seconds. An axis that is enabled or owned by another client,
+    and an update for another board, object table or slot, is refused before anything is erased,
+    with exit status 2. An image that hangs, or is not confirmed, is taken back: after at most four
+    restarts the axis runs its previous image, and the exit status is 1. Parameters and incidents
+    are kept. Several axes are updated one after the other; the command stops at the first one that
+    fails.
+
+    With a debug probe the program openocd writes the image. The command prints the contents of the
+    file and the flash sectors that they occupy, asks for consent, writes, verifies and resets the
+    chip. The stored parameters are kept. Switch the power of the drive off first: the chip controls
+    no output while it is written. The exit status is 1 if there is no probe, if the chip is a
+    different one, or if writing or verifying fails. It is 2 if the file is not an image of this
+    firmware for a known board.
     """
+    over_bus = can is not None or modbus is not None
+    if over_bus or file.suffix == UPDATE_SUFFIX:
+        expect_only_bus_options(can, modbus, address, erase_parameters, serial)
+        records = update_records(file)
+        if dry_run:
+            show_update(file, records, as_json)
+            return
+        if not over_bus:
+            raise InputError(
+                f"{file}: expected --can or --modbus, because an update is written over a bus; a "
+                "debug probe writes the .hex file"
+            )
+        update_fleet(records, connections(can, modbus, nodes or (1,)), new_table, as_json)
+        return
+    if nodes or new_table:
+        raise InputError("--node, --new-table: expected --can or --modbus together with them")
     plan = flash.plan(file, address, erase_parameters, serial)
     if dry_run:
         show(plan, as_json)
@@ -92,6 +181,98 @@ def flash_(
     flash.write(plan)
     text = "written      verified; the chip was reset and runs the image, the axis is disabled"
     print_result(flash.summary(plan, probe, chip), as_json, lambda: text)
+
+
+def expect_only_bus_options(
+    can: str | None,
+    modbus: str | None,
+    address: int | None,
+    erase_parameters: bool,
+    serial: str,
+) -> None:
+    """Raise InputError for options that an update over a bus does not have."""
+    if can is not None and modbus is not None:
+        raise InputError("--can, --modbus: expected only one of both")
+    if address is not None or erase_parameters or serial:
+        raise InputError(
+            "--address, --erase-parameters, --serial: expected none of them for an update over a "
+            "bus, because they belong to a debug probe"
+        )
+
+
+def connections(
+    can: str | None, modbus: str | None, nodes: tuple[int, ...]
+) -> list[Callable[[], "Link"]]:
+    """Return a function for each axis that connects to the axis."""
+    if can is not None:
+        from forceaxis.axis.can import CanLink
+
+        return [functools.partial(CanLink, can, node, timeout_s=ANSWER_MAX_S) for node in nodes]
+    from forceaxis.axis.modbus import ModbusLink
+
+    return [functools.partial(ModbusLink, modbus or "", node, ANSWER_MAX_S) for node in nodes]
+
+
+def update_records(file: Path) -> list[update_file.UpdateRecord]:
+    """Return the images of an update file. Raise InputError if it is not one."""
+    try:
+        return update_file.read(file)
+    except update_file.UpdateFileError as error:
+        raise InputError(str(error)) from None
+
+
+def show_update(file: Path, records: list[update_file.UpdateRecord], as_json: bool) -> None:
+    """Print what an update file contains."""
+    first = records[0]
+    found = UpdateSummary(
+        file, first.version, f"{first.table:08x}", first.board,
+        [f"{one.address:#010x}" for one in records], [len(one.image) for one in records],
+    )  # fmt: skip
+    rows = (
+        ("file", f"{found.file}"),
+        ("version", found.version),
+        ("objects", found.table_hash),
+        ("board", found.board),
+        *(
+            ("image", f"{size} bytes for the slot at {address}")
+            for address, size in zip(found.addresses, found.sizes, strict=True)
+        ),
+    )
+    print_result(found, as_json, lambda: "\n".join(f"{name:12} {value}" for name, value in rows))
+
+
+def update_fleet(
+    records: list[update_file.UpdateRecord],
+    axes: list[Callable[[], "Link"]],
+    new_table: bool,
+    as_json: bool,
+) -> None:
+    """Update axes over their bus, one after the other, and print what happened. The exit status is
+    1 after the first axis that fails."""
+    from forceaxis.axis.update import UpdateFailedError, update
+
+    done: list[UpdateResult] = []
+    with errors():
+        for connect in axes:
+            try:
+                found = update(connect, records, new_table)
+            except UpdateFailedError as error:
+                fail(str(error), status=1)
+            done.append(found)
+            if not as_json:
+                click.echo(result_text(found))
+    if as_json:
+        print_result(FleetSummary(done), as_json, lambda: "")
+
+
+def result_text(found: "UpdateResult") -> str:
+    """Return a line about one axis."""
+    if found.outcome == "unchanged":
+        return f"{found.axis}: unchanged, it runs version {found.version} in slot {found.slot}"
+    return (
+        f"{found.axis}: updated to version {found.version}, object table {found.table}, in slot "
+        f"{found.slot}; confirmed, the axis is disabled"
+    )
 
 
 def show(plan: flash.Plan, as_json: bool, quiet: bool = False) -> None:

@@ -25,6 +25,7 @@ from forceaxis.cli.common import (
     print_result,
     set_option,
 )
+from forceaxis.cli.contact import contact
 
 if TYPE_CHECKING:
     from forceaxis.identify.procedures import Estimate, EstimateWithInterval
@@ -67,8 +68,12 @@ def identify() -> None:
     confidence intervals.
 
     decrement, split, tach and motor are the procedures of the thesis (4.1.2, 4.4, 5.2.1). fit
-    determines parameters of a model from a frequency response of `forceaxis measure`.
+    determines parameters of a model from a frequency response of `forceaxis measure`, contact from
+    recordings of first contacts.
     """
+
+
+identify.add_command(contact)
 
 
 def show(result: Convertible, as_json: bool, rows: Iterable[tuple[str, str | Estimate]]) -> None:

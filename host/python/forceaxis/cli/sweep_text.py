@@ -24,6 +24,13 @@ def rows(done: Sweep) -> list[summary.Row]:
     elif any(counts.of(verdict) for verdict in VERDICTS):
         shown = [v for v in VERDICTS if counts.of(v) or v in VERDICTS[:2]]
         lines.append(("verdict", ", ".join(f"{counts.of(v)} {WORDS[v]}" for v in shown)))
+    if found := result.bounces:
+        share = 100 * found.lost / found.runs if found.runs else 0.0
+        lines.append((
+            "bounces",
+            f"{found.lost} of {found.runs} contacts: {share:.3g} %, "
+            f"95 % from {100 * found.low:.3g} % to {100 * found.high:.3g} %",
+        ))  # fmt: skip
     lines += [("warning", text) for text in result.warnings]
     lines += [("alone", isolated_text(point)) for point in result.alone[:SHOWN_POINTS]]
     if result.refined and not result.alone:

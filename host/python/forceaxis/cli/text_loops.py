@@ -164,6 +164,8 @@ def _set_lines(analysed: AnalysedSet) -> list[str]:
     """Return the text lines about a set of plants: the ranges of the parameters, and the
     combinations of element states."""
     spans = [f"{n} {r.low:.6g}..{r.high:.6g}" for n, r in analysed.over.ranges.items()]
+    if analysed.over.plants is not None:
+        spans.append(f"{analysed.over.plants} plants that stand for 95 % of the posterior")
     modes = [Member({}, m).label() for m in analysed.over.modes]
     # the text line describes the nominal element states, which are the first combination
     if analysed.loop.working:

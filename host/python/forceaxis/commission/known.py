@@ -12,11 +12,14 @@ from forceaxis import linear
 from forceaxis.design import model_file
 from forceaxis.design.model_file import Given, ModelLink
 from forceaxis.errors import ParameterError
-from forceaxis.linear import plant_set, working
+from forceaxis.linear import plant_set, posterior, working
+from forceaxis.linear.posterior import Posterior
 
 # Standard deviations of the logarithms of values that are known before the measurement.
 MASS_SPREAD, DRIVE_SPREAD, STIFFNESS_SPREAD = 0.05, 0.05, 0.2
 DAMPING_SPREAD, WORKPIECE_SPREAD = math.log(2), math.log(5)
+# Least deviation of a prior that was a posterior: a machine changes a little from day to day.
+POSTERIOR_SPREAD_MIN = 0.01
 # Time step in s and number of time steps of a step response.
 # The step response reaches its peak within a few time constants.
 STEP_S, STEP_COUNT = 1e-5, 300
@@ -52,7 +55,7 @@ def priors(
 ) -> dict[str, Prior]:  # fmt: skip
     """Returns {parameter: Prior} of a model. Masses and constants of the drive and of the contact
     have the accuracy of a data sheet. The workpiece and the parameters in `over` are nearly
-    unknown.
+    unknown, unless `over` names the file of a posterior, which then is the prior of its parameters.
 
     given: texts NAME=VALUE (as accurate as a mass) or NAME=VALUE+-PERCENT%. Raises InputError.
     """
@@ -74,9 +77,14 @@ def priors(
     for constant in (drive.k_torque, drive.k_preamp_cmd, drive.k_preamp_fdbk, drive.a_preamp_fdbk,
                      drive.k_amp):  # fmt: skip
         add(constant, DRIVE_SPREAD)
-    for name in plant_set.ranges_of(model, over, overrides):
+    texts = [part for text in over for part in text.split(",")]
+    files = [text for text in texts if posterior.is_posterior(text)]
+    for name in plant_set.ranges_of(model, [t for t in texts if t not in files], overrides):
         add(name, WORKPIECE_SPREAD)
     found = {name: Prior(known[name].value, spread) for name, spread in spreads.items()}
+    for file in files:
+        plant_set.ranges_of(model, [file], overrides)  # checks the names
+        found |= _of_posterior(posterior.read(file))
     for text in given:
         name, _, value = text.partition("=")
         value, _, percent = value.partition("+-")
@@ -93,6 +101,15 @@ def priors(
             )
         found[name] = prior
     return found
+
+
+def _of_posterior(known: Posterior) -> dict[str, Prior]:
+    """Returns the parameters of a posterior as priors."""
+    deviations = np.std(np.log(known.table), axis=0)
+    return {
+        name: Prior(best, max(float(deviation), POSTERIOR_SPREAD_MIN))
+        for name, best, deviation in zip(known.names, known.best, deviations, strict=True)
+    }
 
 
 def _drive_limits(

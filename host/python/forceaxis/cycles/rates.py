@@ -21,6 +21,7 @@ from forceaxis.cycles.statistics import Share, share
 from forceaxis.errors import ParameterError
 from forceaxis.experiments.inputs import read_inputs
 from forceaxis.experiments.runner import RunSite, identity_of, runner_at
+from forceaxis.linear import posterior
 from forceaxis.results import json_field, to_json
 from forceaxis.words import counted, option_words
 
@@ -41,6 +42,7 @@ class RatesRequest:
     seed: int = 0
     program: Path | None = None  # instead of the program of the experiment
     overrides: Sequence[str] = ()
+    over: str | None = None  # file of a posterior, from which the press of each part is drawn
 
     @property
     def all_overrides(self) -> list[str]:
@@ -68,6 +70,7 @@ class RatesRequest:
             seed=self.seed,
             program=None if self.program is None else paths.display(self.program),
             set=list(self.overrides),
+            over=self.over,
             out=None if out is None else paths.display(out),
             scheduler=scheduler,
         )
@@ -202,6 +205,9 @@ def rates(
     started = time.monotonic()
     site, what = RunSite(out, threads, scheduler), "computation of rates"
     every = [part.values for group in groups for part in group.parts]
+    if request.over:
+        presses = posterior.read(request.over).draws(len(every), request.seed)
+        every = [press | part for press, part in zip(presses, every, strict=True)]
     with (
         runner_at(site, experiment, overrides, identity, PartOutcome, outcome_of, what) as runner,
         progress.phase(counted(len(every), "part")),

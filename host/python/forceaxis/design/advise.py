@@ -53,7 +53,7 @@ from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_facts import Overrides
-from forceaxis.linear.plant_set import PlantSet, ranges_of
+from forceaxis.linear.plant_set import PlantSet, set_of
 from forceaxis.linear.stability import Limit, Loop
 from forceaxis.results import json_field
 
@@ -414,8 +414,8 @@ class _Over:
         """Returns the search of control laws for the set of plants with a change of the design."""
         model = str(self.design.changed_model(change))
         overrides = self.design.overrides | dict(change.overrides)
-        ranges = ranges_of(model, self.over, overrides)
-        plants = PlantSet(model, overrides, ranges, self.modes)
+        ranges, together = set_of(model, self.over, overrides)
+        plants = PlantSet(model, overrides, ranges, self.modes, together)
         return ShortSearch(plants, goal or self.goal, random)
 
     def figures(self, change: Change = NO_CHANGE) -> FiguresOverSet | None:

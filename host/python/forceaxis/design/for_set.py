@@ -27,7 +27,7 @@ from forceaxis.linear import over as sets
 from forceaxis.linear import settings
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
-from forceaxis.linear.plant_set import Member, PlantSet, ranges_of
+from forceaxis.linear.plant_set import Member, PlantSet, set_of
 
 # control law with which the visited modes are found: share of the critical gain of P, integral rate
 PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0
@@ -69,7 +69,7 @@ def plant_set(bench: ContactBench, order: DesignOrder) -> PlantSet:
     simulation has a small gain, and integral action so that the force reaches the set-points.
     """
     plant = bench.design
-    ranges = ranges_of(plant.model, order.over, plant.overrides)
+    ranges, together = set_of(plant.model, order.over, plant.overrides)
     if order.modes == "all":
         modes = slopes(plant.model, plant.overrides, plant.states)
     else:
@@ -77,7 +77,10 @@ def plant_set(bench: ContactBench, order: DesignOrder) -> PlantSet:
         limit = loop.limit().stable_to
         gain = PROBE_SHARE * loop.firmware_gain(limit) if limit else 1.0
         modes = visited(bench, Bank(min(max(gain, 1 / 256), 255.0), PROBE_RAD_PER_S), ())
-    return PlantSet(str(plant.model), plant.overrides, ranges, modes, order.together)
+    return PlantSet(
+        str(plant.model), plant.overrides, ranges, modes,
+        order.together if order.together != ({},) else together,
+    )  # fmt: skip
 
 
 def visited(

@@ -7,7 +7,7 @@ from forceaxis.design import model_file
 from forceaxis.linear import over as margins
 from forceaxis.linear import system as linear
 from forceaxis.linear.plant_facts import Overrides
-from forceaxis.linear.plant_set import PlantSet, ranges_of
+from forceaxis.linear.plant_set import PlantSet, set_of
 from forceaxis.linear.working import States
 
 # tolerance of a workpiece whose values come from a data sheet or from a test without contact
@@ -65,4 +65,5 @@ def plant_set(
     overrides = dict(overrides or {})
     over = workpiece(model, overrides) if over is None else over
     modes = slopes(model, overrides, fixed) if modes is None else modes
-    return PlantSet(str(model), overrides, ranges_of(model, over, overrides), modes or ({},))
+    ranges, together = set_of(model, over, overrides)
+    return PlantSet(str(model), overrides, ranges, modes or ({},), together)

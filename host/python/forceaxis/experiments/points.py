@@ -13,6 +13,7 @@ from forceaxis import objects
 from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
 from forceaxis.experiments.inputs import Inputs, read_inputs
+from forceaxis.linear import posterior
 from forceaxis.words import suggestion
 
 MOST_POINTS = 1_000_000
@@ -155,6 +156,19 @@ def random_points(axes: Sequence[SweepParameter], count: int | None, seed: int) 
         return axis.at((int.from_bytes(digest[:8], "big") >> 11) / 2**53)
 
     return [tuple(draw(a, i) for a in axes) for i in range(count)]
+
+
+def posterior_points(
+    file: str, count: int | None, seed: int
+) -> tuple[list[SweepParameter], list[Point]]:
+    """Returns the swept parameters of the file of a posterior, with their 95 % intervals, and
+    points that are drawn from it. Raises ParameterError or InputError."""
+    if not count or not 1 <= count <= MOST_POINTS:
+        raise ParameterError("count", f"expected a number of points of `over`, 1 to {MOST_POINTS}")
+    found = posterior.read(file)
+    axes = [SweepParameter(name, *found.interval(name)) for name in found.names]
+    drawn = found.draws(count, seed)
+    return axes, [tuple(tidy(values[axis.name]) for axis in axes) for values in drawn]
 
 
 def check_names(

@@ -30,6 +30,7 @@ from forceaxis.experiments.points import (
     grid_axes,
     grid_points,
     parse,
+    posterior_points,
     random_axes,
     random_points,
     unit_of,
@@ -47,6 +48,7 @@ from forceaxis.experiments.sweep_result import (
     SweepCounts,
     SweepPlan,
     SweepResult,
+    bounces,
 )
 from forceaxis.experiments.verdicts import VERDICTS, stability
 from forceaxis.words import counted, option_words
@@ -68,6 +70,8 @@ class SweepRequest:
     seed: int = 0  # of the random points
     bisect: Mapping[str, str] = field(default_factory=dict)  # name -> "FROM:TO:TOLERANCE"
     overrides: Sequence[str] = ()  # texts NAME=VALUE that apply to all points of the sweep
+    # file of a posterior from which `count` points are drawn, in place of `random`
+    over: str | None = None
     refine: bool = False  # True if the points around each isolated point are run too
 
     def command(self, out: Path | None, scheduler: str | None) -> str:
@@ -81,8 +85,9 @@ class SweepRequest:
             grid=grid,
             random=[f"{name}={text}" for name, text in self.random.items()],
             bisect=[f"{name}={text}" for name, text in self.bisect.items()],
-            count=self.count if self.random else None,
-            seed=self.seed if self.random else None,
+            over=self.over,
+            count=self.count if self.random or self.over else None,
+            seed=self.seed if self.random or self.over else None,
             set=list(self.overrides),
             out=None if out is None else paths.display(out),
             refine=self.refine,
@@ -95,7 +100,11 @@ def plan(request: SweepRequest) -> SweepPlan:
     """Returns the points of a request. Raises ParameterError."""
     if request.grid and request.random:
         raise ParameterError("random", "expected either `grid` or `random`, got both")
-    if request.random:
+    if request.over and (request.grid or request.random):
+        raise ParameterError("over", "expected either a posterior or `grid` or `random`, got both")
+    if request.over:
+        axes, points = posterior_points(request.over, request.count, request.seed)
+    elif request.random:
         axes = random_axes(request.random)
         points = random_points(axes, request.count, request.seed)
     else:
@@ -110,9 +119,11 @@ def plan(request: SweepRequest) -> SweepPlan:
         )
     if not axes and not searches:
         raise ParameterError(
-            "grid", "expected at least one parameter to vary, in `grid`, `random` or `bisect`"
+            "grid",
+            "expected at least one parameter to vary, in `grid`, `random`, `over` or `bisect`",
         )
-    if request.refine and (searches or request.random or len(axes) > 2):
+    drawn = request.random or request.over
+    if request.refine and (searches or drawn or len(axes) > 2):
         raise ParameterError(
             "refine", "expected a `grid` of one or two parameters, without `bisect`"
         )
@@ -166,7 +177,7 @@ def sweep(
             found = boundaries(runner, rows, search)
         else:
             outcomes = runner(rows)
-        if not (search or request.random):
+        if not (search or request.random or request.over):
             single = isolated.find(axes, [stability(outcome.verdict) for outcome in outcomes])
         if request.refine and single:
             near = [p for i in single for p in isolated.around(axes, planned.points[i])]
@@ -195,7 +206,8 @@ def sweep(
         warnings=warnings(outcomes),
         refined=request.refine,
         alone=[isolated_point(planned, i, outcomes[i].verdict, closer) for i in single],
-        seed=request.seed if request.random else None,
+        seed=request.seed if request.random or request.over else None,
+        bounces=bounces(outcomes) if request.over and not search else None,
         **identity,
         objects_hash=objects.OBJECTS_HASH,
         where=scheduler or counted(threads, "thread"),

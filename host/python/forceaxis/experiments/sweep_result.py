@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
+from scipy import special
 
 from forceaxis.experiments.points import Point, SweepParameter, tidy
 from forceaxis.experiments.run_result import Columns, Converters
@@ -188,6 +189,26 @@ class IsolatedPoint:
 
 
 @dataclass(frozen=True)
+class Bounces:
+    """How many of the runs lost contact, and the probability that a contact bounces with its 95 %
+    interval (Clopper and Pearson)."""
+
+    runs: int
+    lost: int
+    low: float
+    high: float
+
+
+def bounces(outcomes: Sequence[PointOutcome]) -> Bounces:
+    """Returns how many of the runs that came into contact lost it."""
+    touched = [one for one in outcomes if not one.error and one.first_contact_s is not None]
+    runs, lost = len(touched), sum(bool(one.contact_losses_run) for one in touched)
+    low = float(special.betaincinv(lost, runs - lost + 1, 0.025)) if lost else 0.0
+    high = float(special.betaincinv(lost + 1, runs - lost, 0.975)) if lost < runs else 1.0
+    return Bounces(runs, lost, low, high)
+
+
+@dataclass(frozen=True)
 class SweepResult:
     """Summary of a sweep, without the results of the single points."""
 
@@ -207,6 +228,8 @@ class SweepResult:
     where: str  # number of threads that executed the runs, or address of the Dask scheduler
     seconds: float
     command: str  # command line that repeats the sweep
+    # of a sweep over a posterior
+    bounces: Bounces | None = json_field(omit_none=True)
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,12 @@ all plants, with one delay of the loop or several."""
 import itertools
 import math
 import random
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from forceaxis.errors import ParameterError
+from forceaxis.linear import posterior
 from forceaxis.linear import system as linear
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_facts import Overrides
@@ -96,17 +97,17 @@ def ranges_of(
     model: str | Path, over: Iterable[str], overrides: Overrides | None = None
 ) -> dict[str, Range]:
     """Returns nominal, low and high value of each parameter in SI units, from texts NAME=PERCENT%
-    or NAME=LOW..HIGH. A text may contain several ranges with commas between the ranges. Raises
-    ParameterError for an unknown parameter or a wrong range."""
+    or NAME=LOW..HIGH. A text may contain several ranges with commas between the ranges, or name the
+    file of a posterior, which gives the most likely values and the 95 % intervals. Raises
+    ParameterError for an unknown parameter or a wrong range, InputError for a wrong file."""
     known = linear.facts(model, overrides).parameters
     ranges: dict[str, Range] = {}
-    for text in (part for given in over for part in given.split(",")):
-        name, _, span = text.partition("=")
+    for name, span in _spans(over, known):
         if name not in known:
             raise ParameterError(
                 "over",
-                f"{text}: expected a parameter of the model, one of "
-                f"{', '.join(sorted(known))}{suggestion(name, known)}",
+                f"{span if isinstance(span, str) else name}: expected a parameter of the model, "
+                f"one of {', '.join(sorted(known))}{suggestion(name, known)}",
             )
         if name in ranges:
             raise ParameterError(
@@ -114,10 +115,40 @@ def ranges_of(
                 f"{name}: expected each parameter once, got this parameter twice; remove one",
             )
         nominal = known[name].value
-        ranges[name] = (nominal, *_span(text, span, nominal))
+        if isinstance(span, str):
+            span = (nominal, *_span(span, span.partition("=")[2], nominal))
+        ranges[name] = span
     if len(ranges) > RANGES_MAX:
         raise ParameterError("over", f"expected at most {RANGES_MAX} parameters, got {len(ranges)}")
     return ranges
+
+
+def _spans(over: Iterable[str], known: Iterable[str]) -> Iterator[tuple[str, str | Range]]:
+    """Yields (parameter, text of its range, or the range that a posterior gives)."""
+    for text in (part for given in over for part in given.split(",")):
+        if not posterior.is_posterior(text):
+            yield text.partition("=")[0], text
+            continue
+        found = posterior.read(text)
+        for name, best in zip(found.names, found.best, strict=True):
+            yield name, (best, *found.interval(name))
+
+
+def set_of(
+    model: str | Path, over: Iterable[str], overrides: Overrides | None = None
+) -> tuple[dict[str, Range], tuple[dict[str, float], ...]]:
+    """Returns the ranges as ranges_of(), without those of a posterior, and the plants {parameter:
+    SI value} that stand for 95 % of the posterior, ({},) without one. Raises ParameterError or
+    InputError."""
+    texts = [part for given in over for part in given.split(",")]
+    files = [text for text in texts if posterior.is_posterior(text)]
+    ranges = ranges_of(model, texts, overrides)
+    if len(files) > 1:
+        raise ParameterError("over", f"expected at most one posterior, got {len(files)}")
+    if not files:
+        return ranges, ({},)
+    found = posterior.read(files[0])
+    return {n: r for n, r in ranges.items() if n not in found.names}, found.plants()
 
 
 def _span(text: str, span: str, nominal: float) -> tuple[float, float]:

@@ -53,11 +53,13 @@ class RangeEntry:
 @dataclass(frozen=True)
 class SetEntry:
     """Description of a set of plants for the JSON output: ranges of parameters, combinations of
-    element states as {element: state}, and delays of the loops."""
+    element states as {element: state}, and delays of the loops. `plants`: number of plants that
+    stand for 95 % of a posterior, None without a posterior."""
 
     ranges: dict[str, RangeEntry]
     modes: list[dict[str, str]]
     timings: tuple[str, ...]
+    plants: int | None = json_field(omit_none=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,8 +216,8 @@ class LoopSet:
 
 
 def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None = None) -> LoopSet:
-    """Returns the set of force loops that a request specifies. `ranges`: texts NAME=RANGE as in
-    `plant_set.ranges_of`.
+    """Returns the set of force loops that a request specifies. `ranges`: texts NAME=RANGE, or the
+    file of a posterior, as in `plant_set.set_of`.
 
     modes: "visited" (the modes of a run of the experiment), "all", "nominal" (that of the request).
     None: nominal if the request has states, otherwise visited for an experiment and all for a
@@ -223,13 +225,13 @@ def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None
     """
     own = request.settings()
     spec = request.spec(own)
-    spans = plant_set.ranges_of(own.model, ranges, own.overrides)
+    spans, together = plant_set.set_of(own.model, ranges, own.overrides)
     states = _modes_of(request, own, modes)
     gain, force_gain = request.gain, request.firmware_gain
     if not request.has_gain:
         force_gain = spec.bank.force_gain if spec.bank else own.force_gain
     timings = BOTH_TIMINGS if request.timing == "both" else (spec.timing,)
-    plants = plant_set.PlantSet(own.model, own.overrides, spans, states)
+    plants = plant_set.PlantSet(own.model, own.overrides, spans, states, together)
     found = LoopSet(plants, timings, spec, gain, force_gain)
     one_gain(found.nominal(), gain, force_gain)  # Raises ParameterError if a gain is out of range.
     return found
@@ -271,6 +273,7 @@ def _analysed(found: LoopSet) -> AnalysedSet:
             {name: RangeEntry(*span) for name, span in found.plants.ranges.items()},
             list(found.plants.modes),
             found.timings,
+            len(found.plants.together) if found.plants.together != ({},) else None,
         ),
     )
 

@@ -1,0 +1,74 @@
+#ifndef FIRMWARE_APP_UPDATE_H_
+#define FIRMWARE_APP_UPDATE_H_
+
+/* Update of the firmware in operation: a client writes an image to the slot that does not run
+ * (storage/slots.h), restarts the chip, and confirms the new image.
+ *
+ * An update is a head (update_head_t) and the image. The head is checked as soon as it is complete:
+ * an update for another board, another object table or the other slot is refused, and the slot is
+ * unchanged. Then the slot is erased, which takes up to 2 s, and the image is programmed as it
+ * comes, word by word, and read back. The trailer is programmed when the CRC of the whole image was
+ * right. The bytes come as the download program_data, or as parts (cycle_data), in a time without
+ * enabled axis: an update begins only while the axis is disabled, and the axis cannot be enabled
+ * before the update ends, or UPDATE_SILENCE_TICKS after its last byte.
+ *
+ * Only a confirmed image takes an update, because the update overwrites the image that would return
+ * in its place. */
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/app/fw.h"
+
+enum {
+  UPDATE_SILENCE_TICKS = 7500,  /* 5 s, as an SDO transfer waits */
+  UPDATE_RESTART_TICKS = 150,   /* 100 ms from the command until the chip restarts */
+  UPDATE_CONFIRM_TICKS = 15000, /* 10 s without an overrun, before an image may be confirmed */
+  UPDATE_BYTES_MAX = (int)UPDATE_HEAD_BYTES + (int)SLOT_IMAGE_BYTES_MAX
+};
+
+/* First word of a head. */
+#define UPDATE_MAGIC UINT32_C(0x55584146) /* "FAXU" */
+
+/* update_init() sets the state at power-up. update_show() shows the images after a reset of the
+ * node or of its communication. */
+void update_init(fw_t *fw);
+void update_show(fw_t *fw);
+
+/* Begins an update. `size` is the number of its bytes if the client has announced it, otherwise 0.
+ * Returns FW_OK, FW_ERROR_NO_MEMORY without slots, FW_ERROR_BUSY before a restart, FW_ERROR_STATE
+ * if the axis is enabled or the running image is not confirmed. */
+int update_begin(fw_t *fw, uint32_t size);
+
+/* Takes the next bytes of the update. Returns FW_OK; FW_ERROR_STATE if no update is in progress;
+ * FW_ERROR_RANGE if the update is refused, and FW_ERROR_NO_DATA if the flash fails: the update has
+ * then ended, and program_refusal has the reason. */
+int update_append(fw_t *fw, const uint8_t *bytes, uint32_t count);
+
+/* Takes 4 bytes at an offset modulo 65536. Bytes that came before are left out, so that a request
+ * may be repeated; bytes after a gap are dropped. */
+void update_part(fw_t *fw, uint16_t offset, const uint8_t bytes[4]);
+
+/* Returns FW_OK if the last update is complete. Ends an update that is not. */
+int update_end(fw_t *fw);
+
+/* Ends an update in progress, because another download begins. */
+static inline void update_abandon(fw_t *fw) { fw->update.is_receiving = 0; }
+
+/* Executes the command program_control. */
+int update_command(fw_t *fw, uint32_t value);
+
+/* Call update_serve() between two ticks. Restarts the chip after the command. */
+void update_serve(fw_t *fw);
+
+static inline bool update_is_receiving(const fw_t *fw) {
+  return fw->update.is_receiving != 0 &&
+         fw->axis.signals.tick_count - fw->update.tick < UPDATE_SILENCE_TICKS;
+}
+
+/* Returns true while the axis must not be enabled. */
+static inline bool update_is_busy(const fw_t *fw) {
+  return fw->update.restart_ticks != 0 || update_is_receiving(fw);
+}
+
+#endif

@@ -1,0 +1,66 @@
+/* The loader, a program of its own at the begin of the flash. A reset starts it; it starts the
+ * image that slots_choose() selects. It has no variables, uses no interrupts and no clock but that
+ * of the reset, and it never erases. */
+
+#include "firmware/port/stm32f4/loader.h"
+
+#include <stddef.h>
+
+#include "firmware/storage/slots.h"
+
+extern uint32_t stack_top[];
+
+_Noreturn void loader_start(void);
+
+/* Starts the program whose vectors are at the begin of a slot: takes its stack and jumps to its
+ * start-up. */
+__attribute__((naked, noreturn)) static void start(const uint32_t *vectors) {
+  (void)vectors;
+  __asm volatile(
+      "ldr r1, [r0]\n"
+      "msr msp, r1\n"
+      "ldr r1, [r0, #4]\n"
+      "bx r1\n");
+}
+
+/* Returns true if the image in the slot may be started now. An image that is not confirmed uses one
+ * of its tries, and is not started if the flash does not take this. */
+static bool use_try(uint32_t slot) {
+  const uint32_t *begin = (const uint32_t *)(uintptr_t)slot;
+  const slot_trailer_t *trailer = slots_trailer(begin, BOARD_SLOT_BYTES);
+  if (trailer->confirmed == SLOT_PROGRAMMED) {
+    return true;
+  }
+  const uint32_t number = slots_next_try(trailer);
+  return loader_program((uint32_t)(uintptr_t)&trailer->tries[number], SLOT_PROGRAMMED);
+}
+
+_Noreturn void loader_start(void) {
+  static const uint32_t places[SLOTS] = {BOARD_SLOT_A, BOARD_SLOT_B};
+  const uint32_t *const slots[SLOTS] = {(const uint32_t *)(uintptr_t)places[0],
+                                        (const uint32_t *)(uintptr_t)places[1]};
+  uint8_t without = 0;
+  uint8_t slot = slots_choose(slots, BOARD_SLOT_BYTES, without);
+  while (slot != SLOTS_NONE) {
+    if (use_try(places[slot])) {
+      loader_watch();
+      start(slots[slot]);
+    }
+    without = (uint8_t)(without | 1u << slot);
+    slot = slots_choose(slots, BOARD_SLOT_BYTES, without);
+  }
+  loader_make_safe();
+  for (;;) {
+    __asm volatile("wfi");
+  }
+}
+
+typedef void (*handler_t)(void);
+
+enum { EXCEPTIONS = 15 };
+
+/* A fault of the core in the loader locks the core up: the pins stay as the reset has left them. */
+__attribute__((section(".vectors"), used)) static const struct {
+  uint32_t *stack;
+  handler_t handlers[EXCEPTIONS];
+} vectors = {.stack = stack_top, .handlers = {loader_start}};

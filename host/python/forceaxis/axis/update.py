@@ -1,0 +1,224 @@
+"""Update of the firmware of one axis over its bus: writes the slot that does not run, restarts the
+axis, and confirms the new image after ten seconds."""
+
+import contextlib
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from forceaxis import progress
+from forceaxis._core import InputError
+from forceaxis.axis.axis import Axis, OwnerObjects
+from forceaxis.axis.link import COMMAND_SOURCES, VERSION_INDEX, Link, NoAnswer, Refused
+from forceaxis.bus.state_names import POWERED
+from forceaxis.chip.update_file import UpdateRecord
+
+# Values of program_control (CiA 302-3; confirm is specific to forceaxis).
+START, CONFIRM = 1, 128
+# Longest time in s until a restarted axis answers: four starts of an image that hangs, each ended
+# by the watchdog, and one of the image before it.
+RESTART_MAX_S = 20.0
+POLL_S = 0.25
+# Time in s without an overrun before an axis takes a confirmation, and how long this program asks.
+CONFIRM_S, CONFIRM_MAX_S = 10.0, 20.0
+REFUSALS = {
+    "no_update": "expected an update of forceaxis, got another file",
+    "other_board": "expected an update for the board of the axis, got an update for another board",
+    "other_table": "expected an update with the object table of the axis, got another table",
+    "other_link": "expected an image that is linked for the slot that does not run, got another "
+    "one",
+    "wrong_length": "expected the number of bytes that the head of the update states, got another "
+    "number; the file is not complete",
+    "not_confirmed": "expected an axis whose running image is confirmed; restart it until the "
+    "image before returns, or confirm the image",
+    "wrong_crc": "expected the CRC that the head of the update states, got another one; write it "
+    "again",
+    "flash_failed": "expected the flash memory to keep what was programmed, got other bytes; the "
+    "axis continues with its present image",
+}
+
+
+@dataclass(frozen=True)
+class ProgramObjects:
+    """The images in the slots of an axis. The CRCs are those of the image that runs and of the
+    image in the other slot."""
+
+    program_slot: str
+    program_state: str
+    program_crc_1: int
+    program_crc_2: int
+
+
+@dataclass(frozen=True)
+class RefusalObjects:
+    """The reason for which an axis has refused an update."""
+
+    program_refusal: str
+
+
+@dataclass(frozen=True)
+class HealthObjects:
+    """What prevents the confirmation of an image."""
+
+    overruns: int
+    core_fault_pc: int
+    store_state: str
+
+
+@dataclass(frozen=True)
+class UpdateResult:
+    """What an update did. `outcome` is "updated", or "unchanged" if the axis ran this image
+    already. `version` and `table` are those of the image, `previous` is the text that the axis gave
+    as its version before."""
+
+    axis: str
+    outcome: str
+    slot: str
+    version: str
+    table: str
+    previous: str | None
+
+
+class UpdateFailedError(Exception):
+    """Error: the axis does not run the new image. The exit status of the command is 1."""
+
+
+def update(
+    connect: Callable[[], Link], records: Sequence[UpdateRecord], new_table: bool = False
+) -> UpdateResult:
+    """Updates one axis. `connect` returns a new connection to the axis, as often as it is called.
+    `records` are the images for both slots; `new_table` permits an image with another object table
+    than that of the axis.
+
+    Raises InputError before anything is erased, if the axis may not be updated now or the update is
+    not for this axis; Refused or UpdateFailedError if the update fails, and then the axis runs its
+    previous image or returns to it; NoAnswer.
+    """
+    with contextlib.ExitStack() as stack:
+        axis = Axis(connect())
+        stack.callback(axis.close)
+        where, before = axis.link.where, axis.link.text(VERSION_INDEX)
+        found = _expect_updatable(axis)
+        running, record = _records(found, records)
+        facts = record.version, f"{record.table:08x}", before
+        if found.program_crc_1 == running.crc:
+            return UpdateResult(where, "unchanged", found.program_slot, *facts)
+        table = axis.integer("object_table_hash")
+        if record.table != table and not new_table:
+            raise InputError(
+                f"{where}: expected an update with the object table {table:08x} of the axis, got "
+                f"{record.table:08x}; use --new-table after reading what changes"
+            )
+        axis.acquire()
+        _write(axis, record.download(table if new_table else record.table))
+        axis.link.write({"program_control": START})
+    return _confirmed(connect, record, UpdateResult(where, "updated", "", *facts))
+
+
+def _expect_updatable(axis: Axis) -> ProgramObjects:
+    """Returns the images of an axis that is disabled, owned by nobody else, and runs a confirmed
+    image. Raises InputError."""
+    where, now = axis.link.where, axis.record(OwnerObjects)
+    if now.state in POWERED:
+        raise InputError(f"{where}: expected a disabled axis, it is {now.state}; disable it first")
+    if now.command_source not in (COMMAND_SOURCES[0], COMMAND_SOURCES[axis.link.source]):
+        raise InputError(
+            f"{where}: expected an axis that no other client owns, its owner is "
+            f"{now.command_source}; end that client first"
+        )
+    try:
+        found = axis.record(ProgramObjects)
+    except Refused:
+        raise InputError(
+            f"{where}: expected an axis whose firmware can be updated over a bus, it has no object "
+            "program_slot; use a debug probe"
+        ) from None
+    if found.program_state == "no_slots":
+        raise InputError(
+            f"{where}: expected a board with two slots for images, this one has none; use a debug "
+            "probe"
+        )
+    if found.program_state != "confirmed":
+        raise InputError(f"{where}: {REFUSALS['not_confirmed']}")
+    return found
+
+
+def _records(
+    found: ProgramObjects, records: Sequence[UpdateRecord]
+) -> tuple[UpdateRecord, UpdateRecord]:
+    """Returns the records for the slot that runs and for the other slot; slot a is the lower
+    one."""
+    ordered = sorted(records, key=lambda one: one.address)
+    return (ordered[0], ordered[1]) if found.program_slot == "a" else (ordered[1], ordered[0])
+
+
+def _write(axis: Axis, data: bytes) -> None:
+    where = axis.link.where
+    try:
+        with progress.bar(f"writing {where}", len(data)) as shown:
+            axis.link.download_update(data, lambda count: shown(count, len(data)))
+    except Refused as error:
+        reason = axis.record(RefusalObjects).program_refusal
+        raise InputError(f"{where}: {REFUSALS.get(reason, str(error))}") from None
+    reason = axis.record(RefusalObjects).program_refusal
+    if reason != "none":
+        raise InputError(f"{where}: {REFUSALS[reason]}")
+
+
+def _confirmed(
+    connect: Callable[[], Link], record: UpdateRecord, result: UpdateResult
+) -> UpdateResult:
+    """Waits for the restarted axis, and confirms its image."""
+    with contextlib.ExitStack() as stack:
+        axis, found = _restarted(connect, result.axis)
+        stack.callback(axis.close)
+        if found.program_crc_1 != record.crc:
+            raise UpdateFailedError(
+                f"{result.axis}: expected the new image to run, but the axis has returned to its "
+                "previous image"
+            )
+        with progress.phase("confirming the image"):
+            axis.acquire()
+            axis.link.wait(CONFIRM_S)
+            _confirm(axis)
+        return UpdateResult(
+            result.axis, result.outcome, found.program_slot, result.version, result.table,
+            result.previous,
+        )  # fmt: skip
+
+
+def _restarted(connect: Callable[[], Link], where: str) -> tuple[Axis, ProgramObjects]:
+    end = time.monotonic() + RESTART_MAX_S
+    with progress.phase("restarting the axis"):
+        time.sleep(4 * POLL_S)  # until then the axis still answers
+        while True:
+            axis = None
+            try:
+                axis = Axis(connect())
+                return axis, axis.record(ProgramObjects)
+            except (NoAnswer, Refused):
+                if axis is not None:
+                    axis.close()
+            if time.monotonic() > end:
+                raise NoAnswer(
+                    f"{where}: expected an answer within {RESTART_MAX_S:g} s after the restart; "
+                    "the axis returns to its previous image at the next resets"
+                )
+            time.sleep(POLL_S)
+
+
+def _confirm(axis: Axis) -> None:
+    for passed in axis.link.polls(CONFIRM_MAX_S):
+        try:
+            axis.link.write({"program_control": CONFIRM})
+            return
+        except Refused:
+            if passed > CONFIRM_MAX_S - 2 * POLL_S:
+                break
+            axis.link.wait(POLL_S)
+    health = axis.record(HealthObjects)
+    raise UpdateFailedError(
+        f"{axis.link.where}: the axis does not take the confirmation of its new image "
+        f"({health.overruns} overruns, fault of the core at {health.core_fault_pc:#x}, store "
+        f"{health.store_state}); four restarts bring the previous image back"
+    )

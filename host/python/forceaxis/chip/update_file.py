@@ -1,0 +1,119 @@
+"""The update file of a board: the images of the firmware for both slots, each behind its head
+(firmware/app/fw.h: update_head_t).
+
+The file has 64 bytes {"FAXF", version 1, offset and size of both records, SHA-256 of everything
+behind these 64 bytes}, then two records. A record is a head and an image. An axis takes the record
+for its slot that does not run.
+
+Programs of tools/ import this file without the package: only the standard library is used.
+"""
+
+import hashlib
+import struct
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+FILE_MAGIC, FILE_VERSION = b"FAXF", 1
+FILE_HEAD = struct.Struct("<4sI4I32s8x")
+HEAD = struct.Struct("<4s5I16s16sII")
+HEAD_MAGIC = b"FAXU"
+HEAD_CRC_OFFSET = HEAD.size - 4
+TRAILER = struct.Struct("<16I")  # firmware/storage/slots.h
+TRAILER_MAGIC, BLANK = 0x31544146, 0xFFFFFFFF
+
+
+class UpdateFileError(ValueError):
+    """Error: a file is not an update file. The text of the error has one line."""
+
+
+@dataclass(frozen=True)
+class UpdateRecord:
+    """One image of an update file, and what its head says about it. `table` is the hash of the
+    object table, `address` the begin of the slot for which the image is linked."""
+
+    address: int
+    crc: int
+    table: int
+    board: str
+    version: str
+    image: bytes
+
+    def download(self, replaced_table: int) -> bytes:
+        """Returns the bytes for an axis with the object table `replaced_table`: head and image."""
+        head = HEAD.pack(
+            HEAD_MAGIC, self.address, len(self.image), self.crc, self.table, replaced_table,
+            self.board.encode(), self.version.encode(), BLANK, 0,
+        )  # fmt: skip
+        return head[:HEAD_CRC_OFFSET] + _word(zlib.crc32(head[:HEAD_CRC_OFFSET])) + self.image
+
+
+def record(address: int, image: bytes, table: int, board: str, version: str) -> UpdateRecord:
+    """Returns the record of an image that is linked for the slot at `address`."""
+    return UpdateRecord(address, zlib.crc32(image), table, board, version, image)
+
+
+def trailer(image: bytes) -> bytes:
+    """Returns the trailer of a confirmed image that a debug probe writes: the first one of its
+    chip."""
+    words = [TRAILER_MAGIC, len(image), zlib.crc32(image), 1, 0]
+    return TRAILER.pack(*words, *[BLANK] * (16 - len(words)))
+
+
+def write(records: Sequence[UpdateRecord]) -> bytes:
+    """Returns the bytes of the update file with two records."""
+    parts = [one.download(one.table) for one in records]
+    body = b"".join(parts)
+    first, second = (len(part) for part in parts)
+    places = FILE_HEAD.size, first, FILE_HEAD.size + first, second
+    return FILE_HEAD.pack(FILE_MAGIC, FILE_VERSION, *places, hashlib.sha256(body).digest()) + body
+
+
+def read(path: Path) -> list[UpdateRecord]:
+    """Returns both records of an update file. Raises UpdateFileError if the file is not an update
+    file or is damaged."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise UpdateFileError(f"{path}: expected an update file, got: {error.strerror}") from None
+    if len(data) < FILE_HEAD.size or data[:4] != FILE_MAGIC:
+        raise UpdateFileError(
+            f"{path}: expected an update file, such as build/image/forceaxis-stm32f446.update; "
+            "tools/image writes it"
+        )
+    _, version, *places, digest = FILE_HEAD.unpack_from(data)
+    if version != FILE_VERSION:
+        raise UpdateFileError(
+            f"{path}: expected an update file of version {FILE_VERSION}, got version {version}; "
+            "use the package of this file"
+        )
+    end = max(places[0] + places[1], places[2] + places[3])
+    if len(data) < end:
+        raise UpdateFileError(
+            f"{path}: expected {end} bytes, got {len(data)} bytes; the file is not complete"
+        )
+    if hashlib.sha256(data[FILE_HEAD.size :]).digest() != digest:
+        raise UpdateFileError(
+            f"{path}: expected the SHA-256 that the file states, got another one; the file is "
+            "damaged"
+        )
+    return [_record(path, data[at : at + size]) for at, size in (places[:2], places[2:])]
+
+
+def _word(value: int) -> bytes:
+    return value.to_bytes(4, "little")
+
+
+def _record(path: Path, data: bytes) -> UpdateRecord:
+    if len(data) < HEAD.size or data[:4] != HEAD_MAGIC:
+        raise UpdateFileError(f"{path}: expected the head of an image, got other bytes")
+    _, address, length, crc, table, _, board, version, _, _ = HEAD.unpack_from(data)
+    image = data[HEAD.size :]
+    if length != len(image) or zlib.crc32(image) != crc:
+        raise UpdateFileError(f"{path}: expected an image of {length} bytes with a right CRC")
+    return UpdateRecord(address, crc, table, _text(board), _text(version), image)
+
+
+def _text(field: bytes) -> str:
+    return field.split(b"\0")[0].decode("ascii", errors="replace")

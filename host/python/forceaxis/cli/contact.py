@@ -1,0 +1,154 @@
+"""The command `forceaxis identify contact`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from forceaxis import paths
+from forceaxis.cli.common import (
+    Folder,
+    Parameter,
+    Slow,
+    Subject,
+    aligned,
+    as_json,
+    print_result,
+    set_option,
+    threads,
+)
+from forceaxis.words import plain
+
+if TYPE_CHECKING:
+    from forceaxis.commission.contact_results import ContactFit
+
+STRETCHES_SHOWN = 3
+NO_COMMAND = (
+    "no command was recorded: speed and command of each contact are unknown, and only the stretch "
+    "until the first maximum of the force is used; map the command with `forceaxis recording "
+    "import --map code=COLUMN` (or voltage_command, speed_command, force_command)"
+)
+
+
+def rows_of(found: ContactFit) -> list[str]:
+    """Return the text lines about an identification from contacts."""
+    table = [["parameter", "value", "95 % from", "to", "unit", "of the prior's deviation", ""]]
+    for name, one in found.parameters.items():
+        share = one.deviation / one.prior_deviation
+        ends = ["-", "-"] if found.rejected else [plain(end, 5) for end in one.interval]
+        table.append(
+            [name, plain(one.value, 5), *ends, one.unit, f"{100 * share:.2g} %",
+             "" if one.told or found.rejected else "not told by the recordings"]
+        )  # fmt: skip
+    lines = aligned(table, (0, 4, 6))
+    if not found.commanded:
+        lines.append(f"warning      {NO_COMMAND}")
+    verdict = "the model explains the recordings"
+    if found.rejected:
+        verdict = "the model is rejected: it does not explain the recordings"
+    elif found.p_value < 0.05:
+        verdict = "the model hardly explains the recordings"
+    lines.append(f"model        p = {found.p_value:.2g}: {verdict}")
+    if found.p_value < 0.05:
+        lines += [
+            f"{'':12} {one.touch}, {one.signal}: off by {one.worst_deviations:.3g} deviations "
+            f"at {one.worst_s:.4g} s, p = {one.p:.2g}"
+            for one in found.stretches[:STRETCHES_SHOWN]
+        ]
+        lines += element_rows(found)
+    if found.convergence:
+        run = found.convergence
+        lines.append(
+            f"sampling     {run.chains} chains of {run.walkers} walkers and {run.steps} steps, "
+            f"R-hat {run.r_hat:.3f}, {run.effective_samples:.0f} effective samples, "
+            f"{run.evaluations} simulations" + ("" if run.reached else ": not converged")
+        )
+    return lines
+
+
+def element_rows(found: ContactFit) -> list[str]:
+    """Return the text lines about the elements that the model may lack."""
+    if not found.elements:
+        return ["lacks        none of the elements that were tried explains the rest"]
+    lines = []
+    for number, one in enumerate(found.elements, 1):
+        values = ", ".join(f"{name} = {plain(value, 4)}" for name, value in one.values.items())
+        lines.append(
+            f"{'lacks' if number == 1 else '':12} {number}. {one.name}: {one.text} ({values}), "
+            f"then p = {one.p:.2g}"
+        )
+    lines += ["add          " + found.elements[0].toml.replace("\n", "\n" + 13 * " ")]
+    return lines
+
+
+@click.command(
+    cls=Slow,
+    epilog="""forceaxis recording import touch.csv --map code=dac --map force=Fz:N \\
+    --map position=pos:mm --out touch
+    forceaxis identify contact press/model.toml touch.npz --fit m_w,k_w,b_w --out out/press
+    forceaxis limit press/contact.toml --over out/press/posterior.json""",
+)
+@click.argument("model", type=Subject(paths.MODELS))
+@click.argument(
+    "recordings", nargs=-1, required=True, metavar="RECORDING...",
+    type=click.Path(dir_okay=False, path_type=Path),
+)  # fmt: skip
+@click.option(
+    "--fit", "fitted", multiple=True, required=True, type=Parameter(), metavar="NAME,...",
+    help="Parameters to identify, with commas between them. Repeatable.",
+)  # fmt: skip
+@click.option(
+    "--prior", "given", multiple=True, type=Parameter(), metavar="NAME=VALUE+-PERCENT%",
+    help="What is known of a parameter, with its standard deviation. Default: the value of MODEL, "
+    "with 5 % for masses and drive, 20 % for stiffnesses, a factor of 2 for dampings and of 5 for "
+    "the workpiece and other parameters. Repeatable.",
+)  # fmt: skip
+@set_option("Parameter of MODEL that is not identified.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the sampler."
+)
+@click.option("--out", type=Folder(), help="Folder for posterior.json and two pictures.")
+@threads
+@as_json
+def contact(
+    model: str,
+    recordings: tuple[Path, ...],
+    fitted: Sequence[str],
+    given: Sequence[str],
+    overrides: Sequence[str],
+    seed: int,
+    out: Path | None,
+    threads: int | None,
+    as_json: bool,
+) -> None:
+    """Identify parameters of the model MODEL from recordings of first contacts, with their
+    uncertainty.
+
+    RECORDING is a file of `forceaxis recording import` with the force and, if they were recorded,
+    the command and the position. It begins out of contact and holds one first contact. The plant of
+    MODEL is fed the recorded command, so any controller may have made the recording.
+
+    The result is a posterior: samples of plants that explain all recordings and what was known
+    before. `limit`, `design`, `sweep`, `cycle rates` and `tune` take out/posterior.json in place of
+    a range of --over. A parameter whose deviation is more than a third of that of its prior is
+    named as not told. A p value says whether the model explains the recordings; below 0.05 the
+    command names the stretches that do not fit, and ranks elements that the model may lack. Below
+    0.001 the model is rejected: no posterior is written, and the exit status is 1.
+    """
+    from forceaxis import linear
+    from forceaxis.commission import contact_fit
+
+    order = contact_fit.ContactOrder(
+        model, recordings, tuple(n for text in fitted for n in text.split(",")), tuple(given),
+        linear.overrides(overrides), seed, threads or os.cpu_count() or 1, out,
+    )  # fmt: skip
+    found = contact_fit.identify(order)
+    if out:
+        contact_fit.write(found, out)
+    print_result(found.result, as_json, lambda: "\n".join(rows_of(found.result)), out)
+    if found.result.rejected:
+        click.get_current_context().exit(1)

@@ -1,0 +1,116 @@
+"""Tests whether a fitted model explains recorded touch-downs.
+
+The residuals of each signal are added in blocks of several lengths. If noise alone makes them, the
+sum of squares of the blocks has a chi-square distribution, or F where the noise was found from
+samples before the touch. Errors of a model last for many samples, so long blocks find them although
+single residuals are small. The smallest probability of all tests is multiplied by their number
+(Bonferroni), so a right model is refused at most as often as stated.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from forceaxis.commission.contact_data import Floats
+from forceaxis.commission.contact_likelihood import ContactProblem, Joined
+
+BLOCKS = (1, 4, 16)  # lengths of blocks in samples
+
+
+@dataclass(frozen=True)
+class StretchCheck:
+    """The test of one signal in one touch-down. `p`: probability of residuals at least as large if
+    the model is right. `worst_s`: time in s after the start of the touch-down of the block that is
+    farthest from the model, and `worst_deviations` its distance."""
+
+    touch: str
+    signal: str
+    p: float
+    rms_deviations: float
+    worst_s: float
+    worst_deviations: float
+
+
+@dataclass(frozen=True)
+class ModelCheck:
+    """The test of a model. `p`: probability of residuals at least as large in any signal if the
+    model is right. `stretches`: the tests of each signal in each touch-down, the worst first."""
+
+    p: float
+    stretches: tuple[StretchCheck, ...]
+
+
+def _tail(blocks: Floats, fitted: float, free: int) -> float:
+    """Returns the probability that the sum of squares of blocks is at least as large. `fitted`:
+    number of numbers that were fitted to them; `free`: number of samples from which the noise was
+    found."""
+    degrees = max(len(blocks) - fitted, 1.0)
+    total = float(np.sum(blocks**2))
+    if free > 0:
+        return float(special.fdtrc(degrees, free, total / degrees))
+    return float(special.chdtrc(degrees, total))
+
+
+def blocks_of(residuals: Floats, spread: Floats, length: int) -> Floats:
+    """Returns the means of blocks of residuals, weighted by their accuracy, in standard
+    deviations."""
+    ends = np.arange(0, len(residuals), length)
+    sums = np.add.reduceat(residuals / spread, ends)
+    return np.asarray(sums / np.sqrt(np.add.reduceat(spread**-2, ends)))
+
+
+def check(problem: ContactProblem, point: Floats) -> ModelCheck:
+    """Tests the plant at the mode of the posterior."""
+    predicted = problem.predict(point[None])
+    stretches, found = [], []
+    signals = {
+        "force": (problem.force, predicted.force),
+        "position": (problem.position, predicted.position),
+    }
+    used = len(problem.force.values) + len(problem.position.values)
+    for signal, (joined, rows) in signals.items():
+        if not joined.parts:
+            continue
+        residuals = joined.scaled(rows)[0]
+        every: dict[int, list[Floats]] = {length: [] for length in BLOCKS}
+        free = sum(joined.free)
+        for (touch, begin, end), count in zip(joined.parts, joined.free, strict=True):
+            share = problem.size * (end - begin) / used
+            own = {
+                length: blocks_of(residuals[begin:end], joined.spread[begin:end], length)
+                for length in BLOCKS
+            }
+            for length, blocks in own.items():
+                every[length].append(blocks)
+            tails = [_tail(b, share, count) for b in own.values()]
+            stretches.append(
+                _stretch(problem, signal, joined, touch, own, min(1.0, min(tails) * len(BLOCKS)))
+            )
+        share = problem.size * len(residuals) / used
+        found += [_tail(np.concatenate(b), share, free) for b in every.values()]
+    return ModelCheck(
+        min(1.0, min(found) * len(found)), tuple(sorted(stretches, key=lambda one: one.p))
+    )
+
+
+def _stretch(
+    problem: ContactProblem,
+    signal: str,
+    joined: Joined,
+    touch: int,
+    blocks: dict[int, Floats],
+    p: float,
+) -> StretchCheck:
+    length, worst = max(
+        ((length, int(np.argmax(np.abs(b)))) for length, b in blocks.items()),
+        key=lambda one: abs(blocks[one[0]][one[1]]),
+    )
+    data = problem.data.touches[touch]
+    samples = data.force if signal == "force" else data.position
+    assert samples is not None
+    at = samples.at[min(worst * length + length // 2, len(samples.at) - 1)]
+    return StretchCheck(
+        data.name, signal, p, float(np.sqrt(np.mean(blocks[1] ** 2))),
+        float(at / problem.data.rate_hz), float(abs(blocks[length][worst])),
+    )  # fmt: skip

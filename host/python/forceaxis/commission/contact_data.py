@@ -1,0 +1,379 @@
+"""Touch-downs of a machine in the form in which a model is fitted to them: the command in steps of
+the plant, and samples of force and position at instants of these steps."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, special
+
+from forceaxis import linear
+from forceaxis._core import TICKS_PER_SECOND, InputError
+from forceaxis.commission import known
+from forceaxis.linear.plant_facts import Overrides
+from forceaxis.recordings.signal_recording import RecordedSignal, SignalRecording
+
+Floats: TypeAlias = NDArray[np.float64]
+
+PARTS_MAX = 8  # largest number of steps of the plant in a tick
+# Part of a step of the values that a recording without visible noise may have as noise.
+LEAST_NOISE_STEPS = 0.12
+# Share of the largest force above which the workpiece is touched, and samples that are looked at
+# before the touch to find the noise.
+TOUCHED_SHARE, FREE_SAMPLES_MIN = 0.1, 8
+LONG_STRETCH = 20  # samples
+HELD_SAMPLES = 100  # largest number of samples of a held force that are used
+PERIODS = 4  # longest period in samples after which rounding errors are taken to repeat
+GRID_TOLERANCE = 1e-2  # largest distance of a rounded value from its grid, in steps
+GRID_ERROR = 1e-7  # largest error of a value in a file, relative to the range of all values
+# A contact without a recorded command is followed so long before its touch, and at most so long
+# after it: until the first maximum of the force, because the unknown command changes with the
+# force.
+BEFORE_S, AFTER_S, RUN_UP_S = 0.01, 0.1, 0.05
+SPEED_SHARE = 0.3  # deviation of an unknown speed or command, relative to its value
+MOVING_STEPS = 1.0  # speed in steps of the encoder per tick above which an axis moves at first
+COMMANDS = ("code", "voltage_command", "speed_command", "force_command")
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples of one signal in one touch-down. `at`: their instants in steps of the plant, (n,);
+    `values`: in SI units, (n,). `step`: distance between two values that the converter can give, or
+    0 for values without rounding. `noise`: rms noise in SI units before rounding. `free`: number of
+    samples from which the noise was found, 0 if the noise was assumed. `seen`: rms of these samples
+    with their rounding; near the edge of a code it is larger than that of a moving signal."""
+
+    at: Floats
+    values: Floats
+    step: float
+    noise: float
+    free: int
+    seen: float = 0.0
+
+    @property
+    def spread(self) -> float:
+        """Returns the standard deviation of noise and rounding together."""
+        return max(math.hypot(self.noise, self.step / math.sqrt(12)), self.seen)
+
+    @property
+    def deviations(self) -> Floats:
+        """Returns the standard deviation with which each sample counts, (n,).
+
+        The rounding errors of a signal that stands, or moves by a simple fraction of a step from
+        sample to sample, repeat, unless noise moves the signal between codes. The mean of m such
+        errors has the variance r + rest / m with r = step^2 / (2 pi^2) exp(-4 pi^2 noise^2 /
+        step^2), the first harmonic of the error of a rounding (Wannamaker et al., IEEE Trans.
+        Signal Processing 48, 2000). So each of the m samples counts with m times the variance r.
+        """
+        every = self.spread**2
+        if self.step == 0.0:
+            return np.full(len(self.values), math.sqrt(every))
+        repeated = (
+            self.step**2
+            / (2 * math.pi**2)
+            * math.exp(-((2 * math.pi * self.noise / self.step) ** 2))
+        )
+        return np.asarray(np.sqrt(every - repeated + repeated * self._dwell()))
+
+    def _dwell(self) -> Floats:
+        """Returns for each sample the number of samples around it with the same rounding error,
+        (n,). The changes of the code repeat there, after `period` samples; the mean error of a
+        period is smaller by this number. A long stretch with only two codes, such as a held force,
+        also counts as one error, because the phase of a small motion to the codes hardly changes.
+        """
+        codes = np.round(self.values / self.step)
+        changes = np.diff(codes)
+        dwell = np.ones(len(codes))
+        for first, last in _stretches(codes):
+            if last - first >= LONG_STRETCH:
+                dwell[first:last] = last - first
+        for period in range(1, min(PERIODS, len(changes) - 1) + 1):
+            equal = changes[period:] == changes[:-period]
+            ends = np.flatnonzero(np.diff(np.concatenate([[False], equal, [False]])))
+            for first, last in ends.reshape(-1, 2):
+                stretch = slice(first, last + period + 1)
+                length = (last - first + period) / period**2
+                dwell[stretch] = np.maximum(dwell[stretch], length)
+        return dwell
+
+
+def _stretches(codes: Floats) -> list[tuple[int, int]]:
+    """Returns (first sample, end) of stretches in which all codes differ by at most 1."""
+    found, first, low, high = [], 0, codes[0], codes[0]
+    for i, code in enumerate(codes.tolist()):
+        low, high = min(low, code), max(high, code)
+        if high - low > 1:
+            found.append((first, i))
+            first, low, high = i, code, code
+    return [*found, (first, len(codes))]
+
+
+@dataclass(frozen=True)
+class TouchDown:
+    """One touch-down. `volts`: command of the drive in V for each step of the plant, (n,).
+    `onset`: step at which the force begins. `position` is None if it was not recorded. `travel`:
+    distance in m from the start to the onset. `speed`: at the start in m/s, and its deviation; 0
+    for an axis that stands. `held`: constant command in V of a touch-down without a recorded
+    command, and its deviation."""
+
+    name: str
+    volts: Floats
+    onset: float
+    force: Samples
+    position: Samples | None
+    travel: float = 0.0
+    speed: tuple[float, float] = (0.0, 0.0)
+    held: tuple[float, float] = (0.0, 0.0)
+
+    def until(self, steps: int) -> "TouchDown":
+        """Returns the first `steps` steps of the touch-down."""
+
+        def first(samples: Samples) -> Samples:
+            early = samples.at <= steps - 1
+            return replace(samples, at=samples.at[early], values=samples.values[early])
+
+        return replace(
+            self, volts=self.volts[:steps], force=first(self.force),
+            position=None if self.position is None else first(self.position),
+        )  # fmt: skip
+
+
+def _without_rest(touch: TouchDown) -> TouchDown:
+    """Returns a touch-down without the end at which its force stays within two codes: that many
+    samples say no more than a few."""
+    if touch.force.step == 0.0:
+        return touch
+    first, end = _stretches(np.round(touch.force.values / touch.force.step))[-1]
+    if end - first <= HELD_SAMPLES:
+        return touch
+    return touch.until(int(touch.force.at[first + HELD_SAMPLES]) + 1)
+
+
+@dataclass(frozen=True)
+class ContactData:
+    """The touch-downs of recordings. `parts`: number of steps of the plant in a tick. `commanded`:
+    False if no command was recorded, so that speed and command of each contact are unknown."""
+
+    touches: tuple[TouchDown, ...]
+    parts: int = 1
+    commanded: bool = True
+
+    @property
+    def rate_hz(self) -> float:
+        """Returns the number of steps of the plant in a second."""
+        return float(TICKS_PER_SECOND * self.parts)
+
+
+def grid_of(values: Floats) -> float:
+    """Returns the distance between the values that a converter can give, or 0 if the values are not
+    rounded to multiples of one distance."""
+    different = np.unique(values)
+    if len(different) < 2:
+        return 0.0
+    span = float(np.ptp(different))
+    step = 0.0
+    for gap in np.diff(different).tolist():  # the greatest common divisor, by Euclid
+        rest = gap
+        while rest > GRID_ERROR * span:
+            step, rest = rest, math.fmod(step, rest) if step else 0.0
+            rest = min(rest, abs(step - rest))
+    if step < 100 * GRID_ERROR * span:
+        return 0.0
+    # The smallest distance has the rounding error of two values, the whole range only that of one.
+    step = span / round(span / step)
+    off = (different - different[0]) / step
+    return step if np.all(np.abs(off - np.round(off)) < GRID_TOLERANCE) else 0.0
+
+
+def noise_of(values: Floats, step: float) -> tuple[float, int]:
+    """Returns the rms noise before rounding of values at a constant signal, and the number of
+    values from which it was found. Constant codes leave the noise unknown: the number is then 0."""
+    if step == 0.0:
+        return float(np.std(values, ddof=1)), len(values) - 1
+    variance = float(np.var(values, ddof=1))
+    if variance == 0.0:
+        return LEAST_NOISE_STEPS * step, 0
+    mean = float(np.mean(values))
+
+    def cost(x: Floats) -> float:
+        low = (values - step / 2 - mean - x[1] * step) / (step * math.exp(x[0]))
+        share = special.ndtr(low + math.exp(-x[0])) - special.ndtr(low)
+        return -float(np.sum(np.log(np.maximum(share, 1e-300))))
+
+    start = math.log(max(math.sqrt(variance) / step, 0.3))
+    found = optimize.minimize(cost, [start, 0.0], method="Nelder-Mead")
+    noise = step * math.exp(float(found.x[0]))
+    return max(noise, LEAST_NOISE_STEPS * step), len(values) - 1
+
+
+def onset_of(force: Floats) -> int:
+    """Returns the index of the sample at which a recorded force has begun to rise. Raises
+    ValueError if the force never rises."""
+    free = float(np.median(force[: max(FREE_SAMPLES_MIN, len(force) // 50)]))
+    high = float(force.max()) - free
+    above = np.flatnonzero(force - free > TOUCHED_SHARE * high)
+    if high <= 0 or not len(above) or above[0] < FREE_SAMPLES_MIN:
+        raise ValueError("no force that begins at 0 and rises")
+    first = int(above[0])
+    spread = float(np.std(force[: first // 2])) or 0.0
+    quiet = np.flatnonzero(force[:first] - free <= 3 * spread + 1e-12 * high)
+    return int(quiet[-1]) if len(quiet) else first
+
+
+def touch_downs(
+    model: str, recordings: Sequence[tuple[str, SignalRecording]], held: Overrides
+) -> ContactData:
+    """Returns the touch-downs of recordings, (name, recording). Each begins out of contact. A
+    recording without any of the signals COMMANDS gives only the stretch around its first contact.
+    Raises InputError."""
+    commanded = [any(c in recording for c in COMMANDS) for _, recording in recordings]
+    rate = max(_signal(name, recording, "force").rate_hz for name, recording in recordings)
+    parts = next(
+        (p for p in (1, 2, 4, PARTS_MAX) if rate <= p * TICKS_PER_SECOND * 1.01), PARTS_MAX
+    )
+    if not all(commanded):
+        # The force rises quickly and its samples are not at ticks.
+        parts = max(parts, 4)
+    reader = _Reader(model, held, parts)
+    touches = [
+        _without_rest(reader.read(name, recording))
+        if all(commanded)
+        else reader.shot(name, recording)
+        for name, recording in recordings
+    ]
+    return ContactData(tuple(touches), parts, all(commanded))
+
+
+def _signal(name: str, recording: SignalRecording, signal: str) -> RecordedSignal:
+    try:
+        return recording[signal]
+    except KeyError:
+        raise InputError(
+            f"{name}: expected a recording with the signal {signal}, got "
+            f"{', '.join(recording.names)}; import it with --map {signal}=COLUMN"
+        ) from None
+
+
+class _Reader:
+    """Makes touch-downs for one model."""
+
+    def __init__(self, model: str, held: Overrides, parts: int) -> None:
+        self.facts = linear.facts(model, held)
+        self.parts, self.rate = parts, float(TICKS_PER_SECOND * parts)
+        encoder = self.facts.required_encoder
+        #: speed of the axis in m/s for each volt of the command, out of contact
+        self.speed_per_volt = (
+            known.code_rate(model, held) / self.facts.volts_per_code / encoder.scale
+        )
+        drive = self.facts.required_drive.values
+        self.volts_per = {
+            "code": self.facts.volts_per_code,
+            "voltage_command": 1.0,
+            "speed_command": 1 / drive.get("velocity_per_volt", self.speed_per_volt),
+            "force_command": 1 / drive.get("force_per_volt", math.nan),
+        }
+
+    def samples(self, signal: RecordedSignal, begin_s: float, end_s: float, free: int) -> Samples:
+        """Returns the samples of a signal from begin_s to end_s. `free`: number of samples before
+        the touch, from which the noise is found, or 0 for a signal without noise."""
+        inside = (signal.true_time_s >= begin_s - 1e-9) & (signal.true_time_s <= end_s + 1e-9)
+        values = signal.values[inside]
+        step = grid_of(signal.values)
+        noise, count, seen = LEAST_NOISE_STEPS * step, 0, 0.0
+        if step == 0.0 and len(values) > 2:
+            # The second differences of a smooth signal are those of its noise.
+            noise = float(np.std(np.diff(values, 2))) / math.sqrt(6) + 1e-9 * float(np.ptp(values))
+        if free > 1:
+            (noise, count), seen = noise_of(values[:free], step), float(np.std(values[:free]))
+        at = (signal.true_time_s[inside] - begin_s) * self.rate
+        near = np.round(at)
+        at = np.where(np.abs(at - near) < 1e-3, near, at)
+        return Samples(at, values, step, noise, count, seen)
+
+    def read(self, name: str, recording: SignalRecording) -> TouchDown:
+        """Returns the touch-down of a recording with a command."""
+        force = _signal(name, recording, "force")
+        command = next(c for c in COMMANDS if c in recording)
+        first = max(s.true_time_s[0] for s in recording if s.name in ("force", "position", command))
+        last = min(s.true_time_s[-1] for s in recording if s.name in ("force", "position"))
+        steps = int((last - first) * self.rate + 1e-6) + 1
+        times = first + np.arange(steps) / self.rate
+        volts = recording.held(command, times) * self.volts_per[command]
+        if not np.isfinite(volts).all():
+            raise InputError(
+                f"{name}: {command}: expected a command that the drive of the model takes; map the "
+                "command of the drive as voltage_command"
+            )
+        onset, free = self._onset(name, force, first)
+        begun = self.samples(force, first, last, free)
+        if "position" not in recording:
+            travel = float(np.sum(volts[: int(onset)])) / self.rate * self.speed_per_volt
+            return TouchDown(name, volts, onset, begun, None, travel)
+        position = self.samples(recording["position"], first, last, 0)
+        touched = np.interp(onset, position.at, position.values)
+        speed = self._speed(position, 0.0, 2.0 * self.parts)
+        moves = abs(speed) > MOVING_STEPS * position.step * TICKS_PER_SECOND
+        return TouchDown(
+            name, volts, onset, begun, position, float(touched - position.values[0]),
+            (speed, SPEED_SHARE * abs(speed)) if moves else (0.0, 0.0),
+        )  # fmt: skip
+
+    def shot(self, name: str, recording: SignalRecording) -> TouchDown:
+        """Returns the stretch around the first contact of a recording without a command."""
+        force = _signal(name, recording, "force")
+        onset, free = self._onset(name, force, force.true_time_s[0])
+        touch_s = force.true_time_s[0] + onset / self.rate
+        begin = max(touch_s - BEFORE_S, force.true_time_s[0])
+        after = (force.true_time_s > touch_s) & (force.true_time_s < touch_s + AFTER_S)
+        values = force.values[after]
+        falls = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:]))
+        high = [i + 1 for i in falls if values[i + 1] > 0.3 * values.max()]
+        end = float(force.true_time_s[after][high[0] if high else -1])
+        quiet = self.samples(force, force.true_time_s[0], end, free)
+        begun = replace(
+            self.samples(force, begin, end, 0), noise=quiet.noise, free=quiet.free, seen=quiet.seen
+        )
+        # The plant begins earlier with the same command, so that its drive has settled at `begin`.
+        ahead = round(RUN_UP_S * self.rate)
+        begun = replace(begun, at=begun.at + ahead)
+        steps = int((end - begin) * self.rate + 1e-6) + 2 + ahead
+        if "position" in recording:
+            position = self.samples(recording["position"], begin, end, 0)
+            speed = self._speed(position, 0.0, (touch_s - begin) * self.rate)
+            position = replace(position, at=position.at + ahead)
+        elif "speed" in recording:
+            position, speed = None, float(recording.sampled("speed", np.array([begin]))[0])
+        else:
+            raise InputError(
+                f"{name}: expected a command, a position or a speed beside the force, got "
+                f"{', '.join(recording.names)}; without them no parameter can be found"
+            )
+        held = speed / self.speed_per_volt if math.isfinite(self.speed_per_volt) else 0.0
+        onset = (touch_s - begin) * self.rate + ahead
+        return TouchDown(
+            name, np.zeros(steps), onset, begun, position, speed * onset / self.rate, (speed, 0.0),
+            (held, SPEED_SHARE * abs(held)),
+        )  # fmt: skip
+
+    def _onset(self, name: str, force: RecordedSignal, first: float) -> tuple[float, int]:
+        """Returns the step at which the force begins, and the number of samples before it."""
+        used = force.true_time_s >= first - 1e-9
+        try:
+            free = onset_of(force.values[used])
+        except ValueError as error:
+            raise InputError(
+                f"{name}: force: expected a recording that begins out of contact, got {error}; "
+                "cut the recording so that it begins before the touch"
+            ) from None
+        return float((force.true_time_s[used][free] - first) * self.rate), free
+
+    def _speed(self, position: Samples, begin: float, end: float) -> float:
+        """Returns the speed in m/s between two steps."""
+        used = (position.at >= begin) & (position.at <= end)
+        if np.count_nonzero(used) < 2:
+            return 0.0
+        slope = np.polyfit(position.at[used], position.values[used], 1)[0]
+        return float(slope) * self.rate

@@ -1,0 +1,277 @@
+"""Elements that a model may lack, tried against recorded touch-downs: a contact that stiffens or
+has hysteresis, the lag of the force sensor, backlash of the drive, and dry friction.
+
+Each element is added to the model with unknown constants that are fitted together with all others.
+The rank is the decrease of chi-square, less ln n for each further constant (Schwarz, The Annals of
+Statistics 6, 1978), where n is the number of samples.
+"""
+
+import math
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+
+from forceaxis import linear, progress
+from forceaxis._core import InputError
+from forceaxis.commission import contact_check
+from forceaxis.commission import contact_search as searching
+from forceaxis.commission.contact_data import Floats
+from forceaxis.commission.contact_likelihood import ContactProblem
+from forceaxis.commission.known import WORKPIECE_SPREAD, Prior
+from forceaxis.design import model_file
+from forceaxis.linear import working
+
+# Stiffness of a closed backlash, relative to the contact, and its damping relative to that which
+# belongs to stiffness and mass: so hard that their values do not matter.
+PLAY_STIFFNESS, PLAY_DAMPING = 50.0, 0.5
+
+Document = tomlkit.TOMLDocument
+
+
+@dataclass(frozen=True)
+class TriedElement:
+    """An element that was added to a model. `gain`: decrease of chi-square, less the penalty for
+    its constants. `p`: p value of the model with the element. `values`: the constants of the
+    element in SI units. `toml`: what to add to the model."""
+
+    name: str
+    text: str
+    gain: float
+    p: float
+    values: dict[str, float]
+    toml: str
+
+
+@dataclass(frozen=True)
+class Element:
+    """An element to try. add(document): adds the element, whose constants are parameters of the
+    model. `starts`: sets of start values {constant: SI value}, from which fits begin. `units`: of
+    the constants. `drops`: parameters of the model that the element replaces."""
+
+    name: str
+    text: str
+    add: Callable[[Document], None]
+    starts: tuple[dict[str, float], ...]
+    units: dict[str, str]
+    drops: tuple[str, ...] = ()
+
+
+class _Scales:
+    """Force, stiffness and drive of a model and its recordings, from which start values follow."""
+
+    def __init__(self, problem: ContactProblem, best: Floats) -> None:
+        values = dict(zip(problem.names, np.exp(best[: len(problem.names)]).tolist(), strict=True))
+        facts = linear.facts(str(problem.model), {**problem.held, **values})
+        tables = model_file.read(problem.model)
+        self.contact = tables.contacts[0]
+        self.stiffness = working.number(self.contact.stiffness, facts.parameters) or 1e5
+        self.force_N = max(float(np.ptp(t.force.values)) for t in problem.data.touches)
+        self.overlap_m = self.force_N / self.stiffness
+        self.body = facts.required_drive.body
+        self.body_kg = facts.masses_kg.get(self.body, 1.0)
+        document = model_file.document(problem.model)
+        self.contact_keys = set(_named(document, "contact", self.contact.name))
+        self.has_lag = "filter" in _adc(document)
+        self.has_backlash, self.has_friction = bool(tables.backlashes), bool(tables.frictions)
+        body = tables.body(self.body)
+        self.body_mass = body.mass if body else None
+
+
+def _adc(document: Document) -> Any:
+    return next(table for table in document["adc"] if table["channel"] == 0)
+
+
+def _named(document: Document, kind: str, name: str) -> Any:
+    return next(table for table in document[kind] if table["name"] == name)
+
+
+def _append(document: Document, kind: str, values: Mapping[str, Any]) -> None:
+    document.setdefault(kind, tomlkit.aot()).append(tomlkit.item(dict(values)))
+
+
+def _stiffening(scales: _Scales) -> Element | None:
+    contact = scales.contact
+    if contact.stiffness is None:  # a curve already
+        return None
+
+    def add(document: Document) -> None:
+        table = _named(document, "contact", contact.name)
+        table["stiffness"] = [contact.stiffness, "core_stiffness"]
+        table["breaks"] = ["core_overlap"]
+
+    starts = tuple(
+        {"core_stiffness": scales.stiffness * 2, "core_overlap": scales.overlap_m * share}
+        for share in (0.6, 0.3, 0.15)
+    )
+    units = {"core_stiffness": "N/m", "core_overlap": "m"}
+    text = "the contact is stiffer above an overlap"
+    return Element("stiffening contact", text, add, starts, units)
+
+
+def _hysteresis(scales: _Scales) -> Element | None:
+    contact = scales.contact
+    if "hysteresis_stiffness" in scales.contact_keys or contact.stiffness is None:
+        return None
+
+    def add(document: Document) -> None:
+        table = _named(document, "contact", contact.name)
+        table.pop("damping", None)
+        table["hysteresis_stiffness"] = "slip_stiffness"
+        table["hysteresis_force"] = "slip_force"
+
+    starts = tuple(
+        {"slip_stiffness": scales.stiffness * k, "slip_force": scales.force_N * f}
+        for k, f in ((0.2, 0.03), (0.5, 0.1))
+    )
+    units = {"slip_stiffness": "N/m", "slip_force": "N"}
+    text = "the contact loses energy in each cycle, whatever its speed"
+    drops = contact.damping if isinstance(contact.damping, str) else None
+    return Element("hysteresis", text, add, starts, units, (drops,) if drops else ())
+
+
+def _lag(scales: _Scales) -> Element | None:
+    if scales.has_lag:
+        return None
+
+    def add(document: Document) -> None:
+        _adc(document)["filter"] = "sensor_filter"
+
+    starts = ({"sensor_filter": 5000.0}, {"sensor_filter": 1200.0})
+    text = "the force sensor has a low pass"
+    return Element("sensor lag", text, add, starts, {"sensor_filter": "rad/s"})
+
+
+def _backlash(scales: _Scales) -> Element | None:
+    if scales.has_backlash:
+        return None
+
+    def add(document: Document) -> None:
+        body = _named(document, "body", scales.body)
+        rotor = dict(body.unwrap()) | {"name": "drive_side", "mass": "drive_side_mass"}
+        body["mass"] = "load_side_mass"
+        _append(document, "body", rotor)
+        stiffness = PLAY_STIFFNESS * scales.stiffness
+        damping = PLAY_DAMPING * math.sqrt(scales.stiffness * scales.body_kg)
+        _append(document, "backlash", {
+            "name": "play", "between": ["drive_side", scales.body], "width": "play_width",
+            "stiffness": stiffness, "damping": damping,
+        })  # fmt: skip
+        for table in ("drive", "encoder"):
+            if document.get(table, {}).get("body") == scales.body:
+                document[table]["body"] = "drive_side"
+
+    starts = tuple(
+        {"play_width": scales.overlap_m / 4 * width, "drive_side_mass": scales.body_kg * share,
+         "load_side_mass": scales.body_kg * (1 - share)}
+        for width, share in ((0.3, 0.3), (1.0, 0.3), (1.0, 0.6))
+    )  # fmt: skip
+    units = {"play_width": "m", "drive_side_mass": "kg", "load_side_mass": "kg"}
+    drops = (scales.body_mass,) if isinstance(scales.body_mass, str) else ()
+    return Element("backlash", "the drive has backlash", add, starts, units, drops)
+
+
+def _friction(scales: _Scales) -> Element | None:
+    if scales.has_friction:
+        return None
+
+    def add(document: Document) -> None:
+        _append(document, "friction", {
+            "name": "guide_friction", "between": [scales.body, "ground"], "coulomb": "coulomb",
+        })  # fmt: skip
+
+    starts = tuple({"coulomb": scales.force_N * share} for share in (0.02, 0.1))
+    return Element("friction", "the guide has dry friction", add, starts, {"coulomb": "N"})
+
+
+def _elements(scales: _Scales) -> list[Element]:
+    """Returns the elements that the model does not have."""
+    makers = (_stiffening, _hysteresis, _lag, _backlash, _friction)
+    return [element for make in makers if (element := make(scales)) is not None]
+
+
+def _model(problem: ContactProblem, element: Element, start: Mapping[str, float]) -> str:
+    """Returns the text of the model with an element."""
+    document = model_file.document(problem.model)
+    element.add(document)
+    table = document.setdefault("parameters", tomlkit.table())
+    for name, value in start.items():
+        table[name] = {"value": value, "unit": element.units[name], "source": "to be identified"}
+    return tomlkit.dumps(document)
+
+
+def _unused(text: str, path: Path) -> str:
+    """Returns the text of a model in which parameters that no element uses any more are marked."""
+    document = tomlkit.parse(text)
+    for name, table in list(document.get("parameters", {}).items()):
+        path.write_text(tomlkit.dumps(document))
+        try:
+            linear.facts(str(path))
+            break
+        except InputError as error:
+            if f"parameters.{name}" in str(error) and not isinstance(table, float):
+                table["documentation"] = True
+    return tomlkit.dumps(document)
+
+
+def tried(
+    problem: ContactProblem, best: Floats, cost: float, seed: int
+) -> tuple[TriedElement, ...]:
+    """Adds each element to the model and fits all constants. Returns the elements whose decrease of
+    chi-square exceeds their penalty, the best first. `best`, `cost`: of the model without them."""
+    found = []
+    scales = _Scales(problem, best)
+    with tempfile.TemporaryDirectory() as folder:
+        for element in progress.each(_elements(scales), "elements"):
+            one = _fitted(problem, best, cost, element, Path(folder) / "model.toml")
+            if one is not None and one.gain > 0:
+                found.append(one)
+    return tuple(sorted(found, key=lambda one: -one.gain))
+
+
+def _fitted(
+    problem: ContactProblem, best: Floats, cost: float, element: Element, path: Path
+) -> TriedElement | None:
+    """Returns the element with its constants, or None if no start leads to a plant."""
+    names = [name for name in problem.names if name not in element.drops]
+    kept = [i for i, name in enumerate(problem.names) if name in names]
+    results = []
+    for start in element.starts:
+        path.write_text(_unused(_model(problem, element, start), path))
+        own = {name: Prior(value, WORKPIECE_SPREAD) for name, value in start.items()}
+        held = {n: v for n, v in problem.held.items() if n in linear.facts(str(path)).parameters}
+        wider = ContactProblem(
+            path, problem.data, {n: problem.priors[n] for n in names} | own, held, problem.threads
+        )
+        point = np.concatenate([
+            best[kept], [math.log(p.value) for p in own.values()], best[len(problem.names) :],
+        ])  # fmt: skip
+        results.append((*searching.lengthened(wider, point), wider))
+    point, least, wider = min(results, key=lambda one: one[1])
+    size = len(problem.force.values) + len(problem.position.values)
+    gain = 2 * (cost - least) - (wider.size - problem.size) * math.log(size)
+    values = dict(zip(wider.names, np.exp(point[: len(wider.names)]).tolist(), strict=True))
+    own_values = {name: values[name] for name in element.units}
+    return TriedElement(
+        element.name, element.text, float(gain), contact_check.check(wider, point).p, own_values,
+        _lines(problem, element, own_values),
+    )  # fmt: skip
+
+
+def _lines(problem: ContactProblem, element: Element, values: Mapping[str, float]) -> str:
+    """Returns the lines of the model with the element that the model does not have."""
+    before = tomlkit.dumps(model_file.document(problem.model)).splitlines()
+    rounded = {name: float(f"{value:.4g}") for name, value in values.items()}
+    after = _model(problem, element, rounded).splitlines()
+    left = list(before)
+    new = []
+    for line in after:
+        if line in left:
+            left.remove(line)
+        elif line.strip():
+            new.append(line)
+    return "\n".join(new)

@@ -1,0 +1,187 @@
+"""Identification of the parameters of a model from recorded touch-downs.
+
+found = identify(ContactOrder("press/model.toml", [Path("touch_1.npz")], ("m_w", "k_w")))
+found.parameters["k_w"].interval, found.p_value, found.posterior
+"""
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from forceaxis import linear, paths, progress
+from forceaxis._core import InputError
+from forceaxis.commission import contact_check, contact_data, contact_elements, contact_sampler
+from forceaxis.commission import contact_search as searching
+from forceaxis.commission.contact_data import ContactData, Floats
+from forceaxis.commission.contact_elements import TriedElement
+from forceaxis.commission.contact_likelihood import ContactProblem
+from forceaxis.commission.contact_results import (
+    ContactFit,
+    ContactParameter,
+    ContactRecording,
+    Identified,
+)
+from forceaxis.commission.contact_sampler import Convergence, Drawn, Sampled
+from forceaxis.commission.known import WORKPIECE_SPREAD, Prior, priors
+from forceaxis.linear import posterior as posterior_file
+from forceaxis.linear.plant_facts import Overrides
+from forceaxis.linear.posterior import Posterior
+from forceaxis.recordings import signal_recording
+from forceaxis.results import to_json
+
+# A parameter is told by the recordings if its deviation is at most this part of the prior's.
+TOLD_SHARE = 1 / 3
+DOUBTED_BELOW, REJECTED_BELOW = 0.05, 1e-3  # of the p value
+CHAINS_FILE = "chains.npz"
+FILES = ("posterior.json", "pairs.png", "contacts.png")
+
+
+@dataclass(frozen=True)
+class ContactOrder:
+    """What to identify: a model, recordings of touch-downs, and names of parameters. `given`: texts
+    NAME=VALUE+-PERCENT% of priors. `held`: other parameters of the model. `threads`: for the
+    simulation."""
+
+    model: str
+    recordings: Sequence[Path]
+    names: Sequence[str]
+    given: Sequence[str] = ()
+    held: Overrides = field(default_factory=dict)
+    seed: int = 0
+    threads: int = 1
+    #: folder that keeps the chains, so that an interrupted identification continues; None: none
+    out: Path | None = None
+
+
+def prior_of(order: ContactOrder) -> dict[str, Prior]:
+    """Returns the priors of the fitted parameters: those of data sheets, a factor of 5 for a
+    parameter of no kind that has one. Raises InputError."""
+    facts = linear.facts(order.model, order.held)
+    own = priors(order.model, (), order.given, order.held)
+    found = {}
+    for name in order.names:
+        if name not in facts.parameters or facts.parameters[name].value <= 0:
+            raise InputError(
+                f"--fit: {name}: expected a parameter of the model above 0, one of "
+                f"{', '.join(sorted(n for n, p in facts.parameters.items() if p.value > 0))}"
+            )
+        if name in order.held:
+            raise InputError(
+                f"--set: {name}: expected a parameter that is not fitted, got a fitted parameter; "
+                "give its prior with --prior"
+            )
+        found[name] = own.get(name, Prior(facts.parameters[name].value, WORKPIECE_SPREAD))
+    return found
+
+
+def read_recordings(order: ContactOrder) -> tuple[ContactData, tuple[ContactRecording, ...]]:
+    """Reads the recordings of an order. Raises InputError."""
+    read = [(path.stem, signal_recording.read(path)) for path in order.recordings]
+    data = contact_data.touch_downs(order.model, read, order.held)
+    rows = tuple(
+        ContactRecording(
+            touch.name, paths.display(path), hashlib.sha256(path.read_bytes()).hexdigest(),
+            len(touch.force.at),
+        )
+        for path, touch in zip(order.recordings, data.touches, strict=True)
+    )  # fmt: skip
+    return data, rows
+
+
+def identify(order: ContactOrder) -> Identified:
+    """Identifies the parameters of an order. Raises InputError."""
+    path = linear.find_model(order.model)
+    order = ContactOrder(**{**vars(order), "model": str(path)})
+    data, recordings = read_recordings(order)
+    problem = ContactProblem(path, data, prior_of(order), order.held, order.threads)
+    with progress.phase("searching the most likely plant"):
+        best, cost = searching.search(problem, order.seed)
+    checked = contact_check.check(problem, best)
+    rejected = checked.p < REJECTED_BELOW
+    elements: tuple[TriedElement, ...] = ()
+    if checked.p < DOUBTED_BELOW:
+        elements = contact_elements.tried(problem, best, cost, order.seed)
+    sampled = None
+    spread = np.sqrt(np.diag(searching.covariance(problem, best)))
+    if not rejected:
+        sampled = _sampled(problem, best, order)
+        spread = np.std(sampled.points, axis=0)
+    result = ContactFit(
+        model=paths.display(path),
+        recordings=recordings,
+        commanded=data.commanded,
+        parameters=(found := _parameters(problem, best, spread, sampled)),
+        untold=tuple(name for name, one in found.items() if not one.told),
+        p_value=checked.p,
+        rejected=rejected,
+        stretches=checked.stretches,
+        elements=elements,
+        convergence=sampled.convergence if sampled else None,
+        posterior=_posterior(problem, best, sampled) if sampled else None,
+    )
+    return Identified(result, problem, best, sampled)
+
+
+def _sampled(problem: ContactProblem, best: Floats, order: ContactOrder) -> Sampled:
+    start = Drawn(best, searching.covariance(problem, best))
+    file = order.out / CHAINS_FILE if order.out else None
+    if file:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    with progress.phase("sampling the posterior"):
+        before = progress.shown
+
+        def tell(now: Convergence) -> None:
+            progress.shown = (
+                f"{before}, {now.evaluations} simulations, R-hat {now.r_hat:.3f}, "
+                f"{now.effective_samples:.0f} effective samples"
+            )
+
+        return contact_sampler.sample(problem, start, order.seed, tell, file)
+
+
+def _parameters(
+    problem: ContactProblem, best: Floats, spread: Floats, sampled: Sampled | None
+) -> dict[str, ContactParameter]:
+    facts = linear.facts(str(problem.model), problem.held)
+    found = {}
+    for i, (name, prior) in enumerate(problem.priors.items()):
+        if sampled:
+            low, high = np.quantile(sampled.points[:, i], (posterior_file.LOW, posterior_file.HIGH))
+        else:
+            low, high = best[i] - 1.96 * spread[i], best[i] + 1.96 * spread[i]
+        found[name] = ContactParameter(
+            facts.parameters[name].unit, math.exp(best[i]), (math.exp(low), math.exp(high)),
+            float(spread[i]), prior.value, prior.spread,
+            bool(spread[i] <= TOLD_SHARE * prior.spread),
+        )  # fmt: skip
+    return found
+
+
+def _posterior(problem: ContactProblem, best: Floats, sampled: Sampled) -> Posterior:
+    count = len(problem.names)
+    samples = np.exp(sampled.points[:, :count])
+    return Posterior(
+        posterior_file.FORMAT,
+        problem.names,
+        tuple(np.exp(best[:count]).tolist()),
+        tuple(tuple(row) for row in samples.tolist()),
+        tuple(sampled.logs.tolist()),
+    )
+
+
+def write(found: Identified, out: Path) -> None:
+    """Writes FILES to the folder `out`, all or none."""
+    from forceaxis import drawing
+    from forceaxis.commission import contact_plots
+
+    names = FILES if found.sampled else (FILES[0], FILES[2])
+    with paths.replacing(out, *names) as (summary, *pictures):
+        summary.write_text(json.dumps(to_json(found.result), indent=1) + "\n")
+        if found.sampled:
+            drawing.save(contact_plots.pairs(found), pictures[0], "png")
+        drawing.save(contact_plots.contacts(found), pictures[-1], "png")

@@ -1,0 +1,258 @@
+"""Likelihood of recorded touch-downs for many plants at once.
+
+The plant is fed the recorded command, so it needs no law. Besides the fitted parameters each
+touch-down has unknowns of its own: where the axis stood before it (`place`), by which part of a
+count the encoder was off (`count`), and without a recorded command the speed at the start and the
+command. The zero of the force sensor is one further unknown.
+"""
+
+import hashlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forceaxis import _core, linear
+from forceaxis._core import InputError
+from forceaxis.commission.contact_data import ContactData, Floats, Samples
+from forceaxis.commission.known import Prior
+from forceaxis.design import model_file
+from forceaxis.linear.plant_facts import Overrides
+
+LOG_MAX = 300.0  # largest logarithm of a parameter
+WORST_RESIDUAL = 1e5  # of a plant that cannot be simulated, in standard deviations
+PLACE_DEVIATION_M = 1e-3  # prior deviation of the place of the axis from that of the first guess
+ZERO_SHARE = 0.01  # prior deviation of the zero of the force, as a share of the recorded range
+START_VALUES = 3  # values in the starts of _core.Contacts: shift in m, speed in m/s, volts
+# simulate(values, starts): readings and places of _core.Contacts.run
+Simulate = Callable[[Floats, Floats], Floats]
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A number that is fitted besides the parameters of the model, with a normal prior. `kind`:
+    "zero", "place", "count", "speed" or "volts"; `touch`: number of the touch-down, -1 for all."""
+
+    kind: str
+    touch: int
+    mean: float
+    deviation: float
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """Signals of all touch-downs for n points: force in N and position in m at the instants of the
+    recorded samples, (n, samples of all touch-downs). `valid`: False where no plant exists, (n,)"""
+
+    force: Floats
+    position: Floats
+    valid: NDArray[np.bool_]
+
+
+def moved_bodies(model: str | Path) -> list[str]:
+    """Returns the bodies that move with the drive while the contacts are open."""
+    tables = model_file.read(model)
+    moved = {linear.facts(model).required_drive.body}
+    links = (*tables.springs, *tables.dampers, *tables.backlashes)
+    while more := {
+        end for link in links if moved & set(link.between) for end in link.between
+    } - moved - {"ground"}:  # fmt: skip
+        moved |= more
+    return sorted(name for name in moved if name)
+
+
+def gap_of(model: str | Path, held: Overrides) -> float:
+    """Returns the distance in m that the axis of a model moves from its start to its contact.
+    Raises InputError for a model without a contact."""
+    contacts = model_file.read(model).contacts
+    if not contacts:
+        raise InputError(f"{model}: contact: expected a model with a contact, got none")
+    plant = _core.Plant(str(model), dict(held))
+    return min(-float(plant.signal(f"{contact.name}.deflection")) for contact in contacts)
+
+
+class ContactProblem:
+    """Recorded touch-downs, and the plants that may have made them.
+
+    A point is a vector: the logarithms of the parameters in the order of `priors`, then each of the
+    `unknowns` as the distance from its mean in deviations. `priors` of the parameters are normal in
+    the logarithm.
+    """
+
+    def __init__(
+        self,
+        model: str | Path,
+        data: ContactData,
+        priors: dict[str, Prior],
+        held: Overrides,
+        threads: int = 1,
+    ) -> None:
+        self.model, self.data, self.priors = Path(model), data, priors
+        self.held, self.threads = held, threads
+        gap = gap_of(self.model, held)
+        self.places = np.array([gap - touch.travel for touch in data.touches])
+        self.names = tuple(priors)
+        self.unknowns = self._unknowns()
+        self.centre = np.array(
+            [math.log(p.value) for p in priors.values()] + [0.0] * len(self.unknowns)
+        )
+        self.spread = np.array([p.spread for p in priors.values()] + [1.0] * len(self.unknowns))
+        simulated = _core.Contacts(
+            str(self.model), dict(held), list(priors), moved_bodies(self.model),
+            [touch.volts for touch in data.touches], data.parts,
+        )  # fmt: skip
+        self.simulate: Simulate = lambda values, starts: simulated.run(values, starts, threads)
+        self.force = Joined([t.force for t in data.touches], [len(t.volts) for t in data.touches])
+        self.position = Joined(
+            [t.position for t in data.touches], [len(t.volts) for t in data.touches]
+        )
+        self.calls = 0
+
+    @property
+    def size(self) -> int:
+        """Returns the number of numbers of a point."""
+        return len(self.centre)
+
+    def key(self, seed: int) -> str:
+        """Returns a hash of everything on which samples of the posterior depend."""
+        text = [self.model.read_text(encoding="utf-8"), repr(self.priors), repr(self.held), seed]
+        known = hashlib.sha256(repr([_core.SIMULATOR_HASH, *text]).encode())
+        for touch in self.data.touches:
+            known.update(np.ascontiguousarray(touch.volts).tobytes())
+        for joined in (self.force, self.position):
+            known.update(joined.values.tobytes() + joined.spread.tobytes())
+        return known.hexdigest()
+
+    def shorter(self, steps_after: int) -> "ContactProblem":
+        """Returns the problem of each touch-down until `steps_after` steps after its onset."""
+        touches = tuple(t.until(int(t.onset) + steps_after) for t in self.data.touches)
+        data = replace(self.data, touches=touches)
+        return ContactProblem(self.model, data, self.priors, self.held, self.threads)
+
+    def _unknowns(self) -> list[Unknown]:
+        touches = self.data.touches
+        top = max(float(np.ptp(t.force.values)) for t in touches)
+        found = [Unknown("zero", -1, 0.0, max(touches[0].force.step, ZERO_SHARE * top))]
+        for i, touch in enumerate(touches):
+            found.append(Unknown("place", i, float(self.places[i]), PLACE_DEVIATION_M))
+            if touch.position is not None:
+                found.append(Unknown("count", i, 0.0, touch.position.spread))
+            for kind, (mean, deviation) in (("speed", touch.speed), ("volts", touch.held)):
+                if deviation > 0:
+                    found.append(Unknown(kind, i, mean, deviation))
+        return found
+
+    def number(self, kind: str, touch: int, points: Floats, known: float = 0.0) -> Floats:
+        """Returns an unknown in SI units for n points, (n,); `known` if the problem does not have
+        it."""
+        for i, unknown in enumerate(self.unknowns):
+            if (unknown.kind, unknown.touch) == (kind, touch):
+                scaled = points[:, len(self.names) + i]
+                return np.asarray(unknown.mean + unknown.deviation * scaled)
+        return np.full(len(points), known)
+
+    def values(self, points: Floats) -> Floats:
+        """Returns the parameters of the model in SI units for n points, (n, parameters)."""
+        return np.exp(np.clip(points[:, : len(self.names)], -LOG_MAX, LOG_MAX))
+
+    def predict(self, points: Floats) -> Predicted:
+        """Simulates all touch-downs for n points."""
+        count = len(self.data.touches)
+        starts = np.zeros((len(points), count, START_VALUES))
+        for i in range(count):
+            starts[:, i, 0] = self.number("place", i, points)
+            starts[:, i, 1] = self.number("speed", i, points, self.data.touches[i].speed[0])
+            starts[:, i, 2] = self.number("volts", i, points)
+        rows = self.simulate(self.values(points), starts)
+        self.calls += len(points)
+        valid = np.asarray(np.isfinite(rows).all(axis=(1, 2)))
+        rows = np.where(valid[:, None, None], rows, 0.0)
+        force = self.force.at(rows[:, 0]) + self.number("zero", -1, points)[:, None]
+        place = self.position.at(rows[:, 1])
+        for i, begin, end in self.position.parts:
+            touch = self.data.touches[i]
+            start = rows[:, 1, self.position.first_row[i]]
+            assert touch.position is not None
+            moved = touch.position.values[0] - start + self.number("count", i, points)
+            place[:, begin:end] += moved[:, None]
+        return Predicted(force, place, valid)
+
+    def posterior_log(self, points: Floats) -> Floats:
+        """Returns the logarithm of the posterior density of n points, up to a constant, (n,)."""
+        return np.asarray(-0.5 * np.sum(self.residuals(points) ** 2, axis=1))
+
+    def residuals_of(self, touch: int, number: int) -> Floats:
+        """Returns which of the residuals belong to a touch-down or to the prior of a number of the
+        point, (all,)."""
+        own = np.arange(self.size) == number
+        masks = []
+        for joined in (self.force, self.position):
+            mask = np.zeros(len(joined.values), dtype=bool)
+            for i, begin, end in joined.parts:
+                mask[begin:end] = touch in (i, -1)
+            masks.append(mask)
+        return np.concatenate([*masks, own])
+
+    def residuals(self, points: Floats) -> Floats:
+        """Returns residuals of force, position and prior in standard deviations for n points:
+        (n, all). Half of their sum of squares is the negative logarithm of the posterior
+        density."""
+        predicted = self.predict(points)
+        parts = [
+            self.force.scaled(predicted.force),
+            self.position.scaled(predicted.position),
+            (self.centre - points) / self.spread,
+        ]
+        found = np.concatenate(parts, axis=1)
+        found[~predicted.valid] = WORST_RESIDUAL
+        return found
+
+
+class Joined:
+    """The samples of one signal in all touch-downs, one after the other. `parts`: (touch-down,
+    first sample, end) of each touch-down that has the signal. `free`: number of samples from which
+    the noise of each was found."""
+
+    def __init__(self, each: list[Samples | None], steps: list[int]) -> None:
+        first = np.concatenate([[0], np.cumsum(steps)]).astype(int)
+        self.parts: list[tuple[int, int, int]] = []
+        self.first_row: dict[int, int] = {}
+        self.free: list[int] = []
+        rows, values, spread = [], [], []
+        end = 0
+        for i, samples in enumerate(each):
+            if samples is None:
+                continue
+            size = len(samples.at)
+            self.free.append(samples.free)
+            self.parts.append((i, end, end + size))
+            end += size
+            at = np.clip(samples.at, 0, steps[i] - 1)
+            self.first_row[i] = int(first[i] + round(float(at[0])))
+            rows.append(first[i] + at)
+            values.append(samples.values)
+            spread.append(samples.deviations)
+
+        def joined(parts: list[Floats]) -> Floats:
+            return np.concatenate(parts) if parts else np.zeros(0)
+
+        at = joined(rows)
+        self.low = np.floor(at + 1e-9).astype(int)
+        self.share = np.clip(at - self.low, 0.0, 1.0)
+        self.on_rows = bool(np.all(self.share < 1e-6))
+        self.high = self.low if self.on_rows else np.minimum(self.low + 1, first[-1] - 1)
+        self.values, self.spread = joined(values), joined(spread)
+
+    def at(self, rows: Floats) -> Floats:
+        """Returns the signal at the instants of the samples from its values at all steps."""
+        if self.on_rows:
+            return np.asarray(rows[:, self.low])
+        low = rows[:, self.low]
+        return np.asarray(low + self.share * (rows[:, self.high] - low))
+
+    def scaled(self, predicted: Floats) -> Floats:
+        """Returns residuals in standard deviations."""
+        return np.asarray((self.values - predicted) / self.spread)

@@ -1,0 +1,70 @@
+"""Results of the identification of parameters from recorded touch-downs."""
+
+from dataclasses import dataclass
+
+from forceaxis.commission.contact_check import StretchCheck
+from forceaxis.commission.contact_data import Floats
+from forceaxis.commission.contact_elements import TriedElement
+from forceaxis.commission.contact_likelihood import ContactProblem
+from forceaxis.commission.contact_sampler import Convergence, Sampled
+from forceaxis.linear.posterior import Posterior
+from forceaxis.results import json_field
+
+
+@dataclass(frozen=True)
+class ContactParameter:
+    """A parameter with its prior and posterior. `value`: the most likely value; `interval`: 95 %;
+    `deviation`, `prior_deviation`: of the logarithm. `told`: True if the recordings tell it."""
+
+    unit: str
+    value: float
+    interval: tuple[float, float]
+    deviation: float
+    prior: float
+    prior_deviation: float
+    told: bool
+
+
+@dataclass(frozen=True)
+class ContactRecording:
+    """A recording of which a touch-down was used."""
+
+    name: str
+    file: str
+    sha256: str
+    samples: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactFit:
+    """The result of identify(). `rejected`: True if the model does not explain the recordings (p
+    below 0.001): then `parameters` have no meaning, and there are no convergence and posterior.
+    `elements`: elements that the model may lack, the best first; they are tried for p below 0.05.
+    """
+
+    model: str
+    recordings: tuple[ContactRecording, ...]
+    commanded: bool
+    parameters: dict[str, ContactParameter]
+    untold: tuple[str, ...]
+    p_value: float
+    rejected: bool
+    stretches: tuple[StretchCheck, ...]
+    elements: tuple[TriedElement, ...]
+    convergence: Convergence | None
+    posterior: Posterior | None = json_field(omit_none=True)
+
+    @property
+    def set_options(self) -> str:
+        """Returns the most likely values as options of a command."""
+        return " ".join(f"--set {name}={p.value:.6g}" for name, p in self.parameters.items())
+
+
+@dataclass(frozen=True)
+class Identified:
+    """The result with what its pictures need: the problem, its best point, and the samples."""
+
+    result: ContactFit
+    problem: ContactProblem
+    best: Floats
+    sampled: Sampled | None

@@ -1,0 +1,240 @@
+"""Samples of the posterior of touch-downs, by the ensemble sampler emcee (Foreman-Mackey et al.,
+Publications of the Astronomical Society of the Pacific 125, 2013).
+
+Each chain is an ensemble of walkers. Half of the moves draw all walkers anew from Student's t
+around the optimum, and the sampler accepts or refuses each: where the posterior is close to normal,
+samples are then nearly independent. The other moves (stretch, differences) are right for any
+posterior.
+"""
+
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import emcee
+import numpy as np
+from scipy import linalg
+
+from forceaxis import paths
+from forceaxis.commission.contact_data import Floats
+from forceaxis.commission.contact_likelihood import ContactProblem
+
+CHAINS = 4
+T_DEGREES = 6.0  # degrees of freedom of Student's t from which walkers are drawn anew
+BLOCK = 20  # steps after which the convergence is computed
+TUNING_BLOCKS = 2  # blocks that are not kept; the drawn distribution follows the walkers after each
+BLOCKS_MAX = 30
+R_HAT_MAX, SAMPLES_MIN = 1.02, 1000.0
+KEPT_MAX = 4000  # largest number of samples in a result
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """How well the chains agree. `r_hat` is the largest and `effective_samples` the smallest of all
+    numbers of the point. `accepted`: share of accepted moves. `steps`: of each chain, without
+    tuning. `evaluations`: simulations of all touch-downs, with search and tuning."""
+
+    r_hat: float
+    effective_samples: float
+    accepted: float
+    chains: int
+    walkers: int
+    steps: int
+    evaluations: int
+    reached: bool
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """Points of the posterior, (samples, size), the logarithms of their densities up to a constant,
+    (samples,), and the convergence."""
+
+    points: Floats
+    logs: Floats
+    convergence: Convergence
+
+
+class Drawn:
+    """Student's t with many dimensions around a centre, as a proposal of emcee."""
+
+    def __init__(self, centre: Floats, covariance: Floats) -> None:
+        self.set(centre, covariance)
+
+    def set(self, centre: Floats, covariance: Floats) -> None:
+        """Changes the distribution."""
+        self.centre: Floats = centre
+        self.root: Floats = np.asarray(np.linalg.cholesky(covariance), dtype=float)
+
+    def draw(self, count: int, random: np.random.RandomState) -> Floats:
+        """Returns points of the distribution, (count, size)."""
+        normal = random.standard_normal(size=(count, len(self.centre)))
+        wide = np.sqrt(T_DEGREES / random.chisquare(T_DEGREES, size=count))
+        return np.asarray(self.centre + wide[:, None] * (normal @ self.root.T))
+
+    def log(self, points: Floats) -> Floats:
+        """Returns the logarithm of the density of points up to a constant, (count,)."""
+        z = linalg.solve_triangular(self.root, (points - self.centre).T, lower=True)
+        power = -0.5 * (T_DEGREES + len(self.centre))
+        return np.asarray(power * np.log1p(np.sum(z**2, axis=0) / T_DEGREES))
+
+    def propose(self, points: Floats, random: np.random.RandomState) -> tuple[Floats, Floats]:
+        """Returns new points, and the logarithms of the factors by which the move is not
+        symmetrical, as emcee.moves.MHMove expects."""
+        new = self.draw(len(points), random)
+        return new, self.log(points) - self.log(new)
+
+
+def r_hat(chains: Floats) -> float:
+    """Returns the largest split R-hat of chains, (chains, samples, size)."""
+    half = chains.shape[1] // 2
+    parts = np.concatenate([chains[:, :half], chains[:, half : 2 * half]])
+    within = np.mean(np.var(parts, axis=1, ddof=1), axis=0)
+    between = half * np.var(np.mean(parts, axis=1), axis=0, ddof=1)
+    return float(np.sqrt(np.max((half - 1) / half + between / (half * within))))
+
+
+def effective(chain: Floats) -> float:
+    """Returns the smallest effective number of samples of a chain, (steps, walkers, size)."""
+    with np.errstate(divide="ignore", invalid="ignore"):  # of a walker that has not moved
+        tau = np.nan_to_num(emcee.autocorr.integrated_time(chain, tol=0, quiet=True), nan=np.inf)
+    return float(chain.shape[0] * chain.shape[1] / np.max(np.maximum(tau, 1.0)))
+
+
+class _Chain:
+    """One ensemble of walkers. The random numbers of a block depend only on seed, chain and block,
+    so a chain that continues from a file gives the same samples."""
+
+    def __init__(self, problem: ContactProblem, drawn: Drawn, seed: int, number: int) -> None:
+        self.drawn, self.walkers = drawn, 2 * problem.size + 2
+        self.seed, self.number, self.blocks = seed, number, 0
+        moves = [
+            (emcee.moves.MHMove(drawn.propose), 0.5),
+            (emcee.moves.StretchMove(), 0.25),
+            (emcee.moves.DEMove(), 0.25),
+        ]
+        self.sampler = emcee.EnsembleSampler(
+            self.walkers, problem.size, problem.posterior_log, moves=moves, vectorize=True
+        )
+        self.state = emcee.State(drawn.draw(self.walkers, self._random()))
+        size = problem.size
+        self.points: Floats = np.zeros((0, self.walkers, size))  # (steps, walkers, size)
+        self.logs: Floats = np.zeros((0, self.walkers))
+        self.accepted = 0.0  # sum of the shares of accepted moves of all kept blocks
+
+    def _random(self) -> np.random.RandomState:
+        return np.random.RandomState([self.seed, self.number, self.blocks])
+
+    def run(self) -> None:
+        """Continues the chain by a block."""
+        self.blocks += 1
+        self.sampler.reset()
+        self.state.random_state = self._random().get_state()
+        self.state = self.sampler.run_mcmc(self.state, BLOCK, skip_initial_state_check=True)
+        self.points = np.concatenate([self.points, self.sampler.get_chain()])
+        self.logs = np.concatenate([self.logs, self.sampler.get_log_prob()])
+        self.accepted += float(np.mean(self.sampler.acceptance_fraction))
+
+    def tuned(self, centre: Floats, covariance: Floats) -> None:
+        """Forgets what was sampled, and draws walkers anew from another distribution."""
+        self.drawn.set(centre, covariance)
+        self.points, self.logs, self.accepted = self.points[:0], self.logs[:0], 0.0
+
+    def arrays(self) -> dict[str, Floats]:
+        """Returns what a file keeps of the chain."""
+        return {
+            "points": self.points, "logs": self.logs, "coords": self.state.coords,
+            "log_prob": self.state.log_prob, "centre": self.drawn.centre, "root": self.drawn.root,
+            "counts": np.array([self.blocks, self.accepted]),
+        }  # fmt: skip
+
+    def restore(self, kept: dict[str, Floats]) -> None:
+        """Continues from the arrays of a file."""
+        self.points, self.logs = kept["points"], kept["logs"]
+        self.state = emcee.State(kept["coords"], log_prob=kept["log_prob"])
+        self.drawn.centre, self.drawn.root = kept["centre"], kept["root"]
+        self.blocks, self.accepted = int(kept["counts"][0]), float(kept["counts"][1])
+
+
+def _save(file: Path | None, key: str, chains: list[_Chain]) -> None:
+    """Writes the chains to a file, complete or not at all."""
+    if file is None:
+        return
+    arrays = {f"{name}_{c.number}": array for c in chains for name, array in c.arrays().items()}
+    with paths.replacing(file.parent, file.name) as (new,), new.open("wb") as stream:
+        np.savez(stream, key=np.array(key), **arrays)  # type: ignore[arg-type]
+
+
+def _load(file: Path | None, key: str, chains: list[_Chain]) -> bool:
+    """Continues from the chains of a file. Returns False if there is none with this key."""
+    if file is None or not file.exists():
+        return False
+    try:
+        with np.load(file, allow_pickle=False) as kept:
+            if str(kept["key"]) != key:
+                return False
+            for chain in chains:
+                names = chain.arrays()
+                chain.restore({name: kept[f"{name}_{chain.number}"] for name in names})
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        return False
+    return True
+
+
+def sample(
+    problem: ContactProblem,
+    start: Drawn,
+    seed: int,
+    progressed: Callable[[Convergence], None] = lambda _: None,
+    file: Path | None = None,
+) -> Sampled:
+    """Returns samples of the posterior. `start`: a distribution around its mode. The same seed
+    gives the same samples. `file` keeps the chains after each block, so that an interrupted call
+    continues where it was; None: nothing is kept."""
+    chains = [
+        _Chain(problem, Drawn(start.centre, start.root @ start.root.T), seed, i)
+        for i in range(CHAINS)
+    ]
+    key = problem.key(seed)
+    if not _load(file, key, chains):
+        _tune(problem, chains)
+    found = _convergence(problem, chains) if len(chains[0].points) else None
+    while (found is None or not found.reached) and chains[0].blocks < BLOCKS_MAX:
+        for chain in chains:
+            chain.run()
+        _save(file, key, chains)
+        found = _convergence(problem, chains)
+        progressed(found)
+    assert found is not None
+    points = np.concatenate([c.points.reshape(-1, problem.size) for c in chains])
+    logs = np.concatenate([c.logs.ravel() for c in chains])
+    kept = np.linspace(0, len(points) - 1, min(KEPT_MAX, len(points))).astype(int)
+    return Sampled(points[kept], logs[kept], found)
+
+
+def _tune(problem: ContactProblem, chains: list[_Chain]) -> None:
+    """Lets the walkers find the posterior, and adapts the distribution from which they are
+    drawn."""
+    for _ in range(TUNING_BLOCKS):
+        for chain in chains:
+            chain.run()
+        every = np.concatenate([c.points[BLOCK // 2 :].reshape(-1, problem.size) for c in chains])
+        for chain in chains:
+            chain.tuned(every.mean(axis=0), np.cov(every.T))
+
+
+def _convergence(problem: ContactProblem, chains: list[_Chain]) -> Convergence:
+    parts = [chain.points for chain in chains]
+    agreed = r_hat(np.stack([p.reshape(-1, problem.size) for p in parts]))
+    samples = sum(effective(p) for p in parts)
+    kept = len(parts[0]) // BLOCK
+    return Convergence(
+        r_hat=agreed,
+        effective_samples=samples,
+        accepted=sum(c.accepted for c in chains) / (kept * len(chains)),
+        chains=len(chains),
+        walkers=chains[0].walkers,
+        steps=len(parts[0]),
+        evaluations=problem.calls,
+        reached=agreed <= R_HAT_MAX and samples >= SAMPLES_MIN,
+    )

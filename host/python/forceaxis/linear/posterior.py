@@ -1,0 +1,88 @@
+"""A posterior of the parameters of a model as a set of plants: joint samples of parameters that
+`forceaxis identify contact` has written, in place of ranges of the parameters."""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.results import JsonObject, from_json
+
+FORMAT = "forceaxis posterior 1"
+SUFFIX = ".json"
+HELD_SHARE = 0.95  # part of the posterior that a set holds
+PLANTS = 40  # largest number of plants of a set
+LOW, HIGH = 0.025, 0.975  # ends of an interval that holds 95 %
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Samples of parameters. `format`: FORMAT. `names`: (p,) parameters of the model. `best`: (p,)
+    most likely values in SI units. `samples`: (n, p) in SI units. `log_density`: (n,) logarithm of
+    the density of each sample up to a constant."""
+
+    format: str
+    names: tuple[str, ...]
+    best: tuple[float, ...]
+    samples: tuple[tuple[float, ...], ...]
+    log_density: tuple[float, ...]
+
+    @cached_property
+    def table(self) -> NDArray[np.float64]:
+        """Returns the samples, (n, p)."""
+        return np.array(self.samples, dtype=float).reshape(-1, len(self.names))
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """Returns the 95 % interval of a parameter."""
+        low, high = np.quantile(self.table[:, self.names.index(name)], (LOW, HIGH))
+        return float(low), float(high)
+
+    def values(self, index: int) -> dict[str, float]:
+        """Returns {parameter: value} of a sample."""
+        return dict(zip(self.names, self.table[index].tolist(), strict=True))
+
+    def plants(self) -> tuple[dict[str, float], ...]:
+        """Returns plants {parameter: value} that stand for 95 % of the posterior, the most likely
+        first: the samples of highest density, among them those with the smallest and the largest
+        value of each parameter."""
+        order = np.argsort(self.log_density)[::-1]
+        held = order[: max(1, int(np.ceil(HELD_SHARE * len(order))))]
+        inside = self.table[held]
+        chosen = [int(i) for i in (*inside.argmin(axis=0), *inside.argmax(axis=0))]
+        spread = np.linspace(0, len(held) - 1, max(2, PLANTS - len(chosen))).astype(int)
+        numbers = dict.fromkeys(int(held[i]) for i in (*chosen, *spread))
+        best = dict(zip(self.names, self.best, strict=True))
+        return (best, *(self.values(i) for i in numbers))
+
+    def draws(self, count: int, seed: int) -> list[dict[str, float]]:
+        """Returns plants that are drawn from the posterior, without repetition while there are
+        enough samples."""
+        rng = np.random.default_rng(seed)
+        chosen = rng.choice(len(self.table), count, replace=count > len(self.table))
+        return [self.values(int(i)) for i in chosen]
+
+
+def is_posterior(text: str) -> bool:
+    """Returns True if a text in place of a range NAME=RANGE names the file of a posterior."""
+    return "=" not in text and text.endswith(SUFFIX)
+
+
+def read(path: str | Path) -> Posterior:
+    """Reads the posterior of a file. Raises InputError."""
+    where = paths.display(Path(path))
+    wrong = f"{where}: expected a posterior.json of `forceaxis identify contact --out`"
+    try:
+        table: JsonObject = json.loads(Path(path).read_text(encoding="utf-8"))["posterior"]
+        own = from_json(Posterior, table, where)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{wrong}, got {error!r}; give another file") from None
+    if own.format != FORMAT or not own.samples:
+        raise InputError(f"{wrong} with samples in the format {FORMAT!r}; identify again")
+    return own

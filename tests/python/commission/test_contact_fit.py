@@ -1,0 +1,267 @@
+"""Parameters from recorded touch-downs of a machine that another program simulates."""
+
+import dataclasses
+import json
+import math
+
+import contact_study as study
+import hidden_machine
+import numpy as np
+import pytest
+import verbs
+from forceaxis import _core
+from forceaxis._core import InputError
+from forceaxis.commission import (
+    contact_check,
+    contact_data,
+    contact_fit,
+    contact_sampler,
+    contact_search,
+)
+from forceaxis.commission.contact_likelihood import ContactProblem
+from forceaxis.commission.contact_sampler import Drawn
+from forceaxis.linear import plant_set, posterior
+from forceaxis.recordings import signal_recording
+
+MACHINE = hidden_machine.Machine(f_c=4.0, lag_rad_s=1500.0, b_w=80.0)
+
+
+def json_of(*arguments):
+    """Returns what a command prints as JSON."""
+    done = verbs.forceaxis(*arguments, "--json")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def identified(tmp_path_factory):
+    """One machine with two parameters, from one touch-down of 12 bits."""
+    folder = tmp_path_factory.mktemp("machine")
+    read = study.sensors(12, offset=0.2)
+    names = ("m_w", "k_w")
+    touches = study.touched(MACHINE, read, 3, 0.03, ((0.06, 60.0),))
+    order = study.order_of(folder, study.sheet_of(MACHINE, names, 3), read, touches, names)
+    found = contact_fit.identify(order)
+    contact_fit.write(found, folder / "out")
+    return found, folder
+
+
+@pytest.mark.parametrize("change", [{}, {"f_c": 4.0}, {"lag_rad_s": 1500.0}, {"b_s": 0.0}])
+def test_two_programs_simulate_the_same_contact(tmp_path, change):
+    """The other program has a fixed step, so it agrees to what its step allows."""
+    machine = hidden_machine.Machine(b_w=80.0).but(**change)
+    read = hidden_machine.Sensors(1e-3, 18, 0.0, 1e9)
+    one = hidden_machine.touch(machine, read, 1, speed=0.04, force=40.0, gain=0.03, ticks=200)
+    (tmp_path / "model.toml").write_text(study.model_text(machine, study.sensors(16)))
+    volts = one.codes * hidden_machine.DAC_VOLTS_PER_CODE
+    contacts = _core.Contacts(str(tmp_path / "model.toml"), {}, ["k_w"], ["stage"], [volts])
+    force, place = contacts.run(np.array([[machine.k_w]]), np.zeros((1, 1, 3)))[0]
+    assert max(one.force_N) > 10
+    assert np.max(np.abs(force - one.force_N)) < 3e-3
+    assert np.max(np.abs(place - one.position_m)) < 3e-9
+
+
+def test_rows_of_a_batch_do_not_depend_on_threads_and_wrong_plants_are_nan(tmp_path):
+    (tmp_path / "model.toml").write_text(study.model_text(MACHINE, study.sensors(12)))
+    contacts = _core.Contacts(
+        str(tmp_path / "model.toml"), {}, ["k_w"], ["stage"], [np.full(150, 2.0), np.full(90, 1.5)]
+    )
+    values = np.array([[4e5], [-1.0], [5e5], [4e5]])
+    starts = np.zeros((4, 2, 3))
+    starts[3, 1, 0] = 1e-4  # the second contact of the last row begins nearer
+    one, two = contacts.run(values, starts, 1), contacts.run(values, starts, 2)
+    assert one.shape == (4, 2, 240)
+    np.testing.assert_array_equal(one, two)
+    assert np.isnan(one[1]).all() and np.isfinite(one[[0, 2, 3]]).all()
+    np.testing.assert_array_equal(one[0, :, :150], one[3, :, :150])
+    assert one[3, 1, 150] == pytest.approx(one[0, 1, 150] + 1e-4, abs=1e-12)
+
+
+def test_intervals_hold_the_truth_and_chains_agree(identified):
+    found, _ = identified
+    result = found.result
+    assert result.p_value > 0.01 and not result.rejected and not result.elements
+    assert result.untold == () and result.convergence.reached
+    for name in ("m_w", "k_w"):
+        one = result.parameters[name]
+        truth = getattr(MACHINE, name)
+        width = one.interval[1] - one.interval[0]
+        assert one.interval[0] - 0.5 * width < truth < one.interval[1] + 0.5 * width
+        assert one.deviation < one.prior_deviation / 20 and width < 0.1 * truth
+
+
+def test_an_interrupted_sampler_continues_with_the_same_samples(identified, tmp_path):
+    """Interrupted after its first block, it makes fewer simulations and the same samples."""
+    found, _ = identified
+    problem, best = found.problem, found.best
+    start = Drawn(best, contact_search.covariance(problem, best))
+
+    class Stop(Exception):
+        pass
+
+    def stop(_):
+        raise Stop
+
+    file = tmp_path / "chains.npz"
+    with pytest.raises(Stop):
+        contact_sampler.sample(problem, start, 1, stop, file)
+    before = problem.calls
+    again = contact_sampler.sample(problem, start, 1, file=file)
+    walkers = again.convergence.walkers * again.convergence.chains
+    steps = again.convergence.steps - contact_sampler.BLOCK
+    assert problem.calls - before <= walkers * (steps + 1)
+    np.testing.assert_array_equal(again.points, found.sampled.points)
+
+
+def test_the_file_is_a_set_of_plants(identified):
+    found, folder = identified
+    file = folder / "out/posterior.json"
+    read = posterior.read(file)
+    assert read == found.result.posterior
+    best = found.result.parameters
+    ranges = plant_set.ranges_of(str(folder / "model.toml"), [str(file)])
+    assert ranges["k_w"][0] == pytest.approx(best["k_w"].value)
+    assert ranges["k_w"][1:] == pytest.approx(best["k_w"].interval, rel=0.02)
+    ranges, plants = plant_set.set_of(str(folder / "model.toml"), [f"{file},b_w=30%"])
+    assert list(ranges) == ["b_w"] and plants[0]["k_w"] == pytest.approx(best["k_w"].value)
+    # Masses and stiffnesses of the samples belong together, as those of the posterior do.
+    m, k = np.array([[p["m_w"], p["k_w"]] for p in plants]).T
+    assert np.corrcoef(m, k)[0, 1] == pytest.approx(np.corrcoef(read.table.T)[0, 1], abs=0.25)
+    assert (folder / "out/pairs.png").stat().st_size > 10_000
+    assert (folder / "out/contacts.png").stat().st_size > 10_000
+
+
+def test_limit_and_sweep_take_the_posterior(identified, tmp_path):
+    _, folder = identified
+    file = folder / "out/posterior.json"
+    experiment = folder / "contact.toml"
+    experiment.write_text(
+        'title = "contact"\nmodel = "model.toml"\nduration_s = 1.0\n'
+        '[firmware]\nmode = "force"\nadc_bits = 12\nforce_zero_code = 2048\nforce_scale = 800000\n'
+        'force_gain = 4.0\nforce_setpoint = "30 N"\n'
+        "[verdict]\nwindow_s = 0.2\ncontact_held = true\n"
+    )
+    limit = json_of("limit", experiment, "--over", file)
+    assert limit["over"]["plants"] > 10 and limit["over"]["ranges"] == {}
+    assert limit["critical_gain"] <= limit["nominal"]["critical_gain"]
+    sweep = tmp_path / "sweep"
+    swept = json_of("sweep", experiment, "--over", file, "--count", 12, "--out", sweep)
+    bounces = swept["bounces"]
+    assert bounces["runs"] == 12 and 0 <= bounces["low"] <= bounces["high"] <= 1
+    assert bounces["low"] <= bounces["lost"] / 12 <= bounces["high"]
+
+
+@pytest.mark.long
+def test_what_no_recording_tells_keeps_its_prior(tmp_path):
+    """A touch-down tells nothing about the stiffness of a stop that is never met."""
+    read = study.sensors(12)
+    names = ("k_w", "stop_stiffness")
+    touches = study.touched(MACHINE, read, 5, 0.03, ((0.06, 40.0),))
+    order = study.order_of(tmp_path, MACHINE.but(k_w=5e5), read, touches, ("k_w",))
+    text = (tmp_path / "model.toml").read_text()
+    text = text.replace(
+        "[parameters]", '[parameters]\nstop_stiffness = { value = 1e6, unit = "N/m", source = "?" }'
+    )
+    text += '[[stop]]\nname = "end"\nbetween = ["stage", "ground"]\nstiffness = "stop_stiffness"\n'
+    (tmp_path / "model.toml").write_text(text + "low = -0.1\nhigh = 0.1\n")
+    found = contact_fit.identify(
+        contact_fit.ContactOrder(order.model, order.recordings, names, order.given)
+    ).result
+    assert found.untold == ("stop_stiffness",)
+    stop = found.parameters["stop_stiffness"]
+    assert stop.deviation == pytest.approx(stop.prior_deviation, rel=0.15)
+
+
+def problem_of(folder, machine, sheet, names, seed=4):
+    read = study.sensors(12)
+    order = study.order_of(folder, sheet, read, study.touched(machine, read, seed, 0.03), names)
+    data, _ = contact_fit.read_recordings(order)
+    return ContactProblem(order.model, data, contact_fit.prior_of(order), {}, 2)
+
+
+@pytest.mark.long
+def test_a_model_without_the_lag_of_the_sensor_is_refused_and_the_lag_is_named(tmp_path):
+    machine = hidden_machine.Machine(b_w=80.0, lag_rad_s=1500.0)
+    sheet = hidden_machine.Machine(b_w=80.0)
+    order_names = ("m_w", "k_w", "b_w")
+    problem = problem_of(tmp_path, machine, sheet, order_names)
+    best, cost = contact_search.search(problem, 1)
+    assert contact_check.check(problem, best).p < 1e-3
+    from forceaxis.commission import contact_elements
+
+    elements = contact_elements.tried(problem, best, cost, 1)
+    assert elements[0].name == "sensor lag" and elements[0].p > 0.01
+    assert elements[0].values["sensor_filter"] == pytest.approx(1500, rel=0.1)
+    assert 'filter = "sensor_filter"' in elements[0].toml
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("force_N", [1000.0, 60.0])
+def test_a_recording_without_a_command_gives_its_first_contact_and_says_so(tmp_path, force_N):
+    """With a far set-point the speed stays at its limit while the sensor reads, so the command is
+    constant, as is assumed; at 60 N the law changes it, and the model is refused."""
+    machine = hidden_machine.Machine(b_w=80.0)
+    read = study.sensors(12)
+    contacts = tuple((speed, force_N) for speed in (0.03, 0.04, 0.06))
+    touches = study.touched(machine, read, 6, 0.03, contacts)
+    order = study.order_of(tmp_path, machine, read, touches, ("k_w",))
+    for file in order.recordings:
+        whole = signal_recording.read(file)
+        end = int(np.argmax(whole["force"].values > 90)) or None
+        signals = tuple(
+            dataclasses.replace(s, time_s=s.time_s[:end], values=s.values[:end])
+            for s in whole.signals
+            if s.name != "code"
+        )
+        signal_recording.write(
+            signal_recording.SignalRecording(whole.title, whole.source, signals), file
+        )
+    found = contact_fit.identify(order).result
+    assert not found.commanded
+    low, high = found.parameters["k_w"].interval
+    assert found.p_value < 0.05 if force_N < 100 else low < machine.k_w < high
+
+
+def test_rounding_errors_of_a_signal_that_stands_count_once():
+    """100 values of one code say no more about the signal than one."""
+
+    def deviation(values, step, noise):
+        at = np.arange(len(values), dtype=float)
+        samples = contact_data.Samples(at, np.asarray(values, dtype=float), step, noise, 0)
+        return 1 / math.sqrt(np.sum(samples.deviations**-2.0))
+
+    still, moving = np.zeros(100), np.cumsum(np.tile([2.0, 3.0, 3.0, 5.0, 4.0, 7.0, 1.0], 15)[:100])
+    assert deviation(still, 1.0, 0.05) > 0.2
+    assert deviation(moving, 1.0, 0.05) == pytest.approx(0.29 / 10, rel=0.1)
+    assert deviation(still, 1.0, 1.0) < 0.12  # noise moves the signal through the codes
+
+
+@pytest.mark.parametrize(
+    ("signals", "expected"),
+    [
+        (("code", "position"), "signal force"),
+        (("force",), "command, a position or a speed"),
+    ],
+)
+def test_a_recording_that_cannot_be_used_is_one_line(tmp_path, signals, expected):
+    read = study.sensors(12)
+    order = study.order_of(
+        tmp_path, MACHINE, read, study.touched(MACHINE, read, 1, 0.03, ((0.06, 40.0),)), ("k_w",)
+    )
+    whole = signal_recording.read(order.recordings[0])
+    kept = tuple(s for s in whole.signals if s.name in signals)
+    signal_recording.write(
+        signal_recording.SignalRecording(whole.title, whole.source, kept), order.recordings[0]
+    )
+    with pytest.raises(InputError) as error:
+        contact_fit.identify(order)
+    assert expected in str(error.value) and "\n" not in str(error.value)
+
+
+def test_wrong_files_of_a_posterior_are_one_line(tmp_path):
+    wrong = tmp_path / "posterior.json"
+    for text in ("", "{}", '{"posterior": {"names": []}}', "[1]"):
+        wrong.write_text(text)
+        with pytest.raises(InputError, match=r"posterior\.json: ") as error:
+            posterior.read(wrong)
+        assert "\n" not in str(error.value)
