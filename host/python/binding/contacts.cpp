@@ -76,9 +76,10 @@ class Contacts {
       const py::gil_scoped_release release;
       std::atomic<std::size_t> next{0};
       const auto work = [&] {
+        Known known;
         for (std::size_t i; (i = next++) < rows;)
           row(parameters + i * fitted_.size(), start + i * volts_.size() * kStartValues,
-              out + i * kSignals * steps_);
+              out + i * kSignals * steps_, known);
       };
       std::vector<std::thread> pool;
       for (unsigned i = 1; i < std::min<std::size_t>(threads, rows); ++i) pool.emplace_back(work);
@@ -89,15 +90,25 @@ class Contacts {
   }
 
  private:
-  void row(const double *parameters, const double *start, double *out) const {
+  // The plant of the latest row. Rows that differ only in their starts share it.
+  struct Known {
+    std::vector<double> parameters;
+    std::shared_ptr<ModeCache> plant;
+  };
+
+  void row(const double *parameters, const double *start, double *out, Known &known) const {
     try {
-      Overrides overrides = held_;
-      for (std::size_t i = 0; i < fitted_.size(); ++i) overrides[fitted_[i]] = parameters[i];
-      const auto cache = std::make_shared<ModeCache>(
-          std::make_shared<const Model>(load(file_, overrides)), parts_);
+      const std::vector<double> values(parameters, parameters + fitted_.size());
+      if (!known.plant || values != known.parameters) {
+        Overrides overrides = held_;
+        for (std::size_t i = 0; i < fitted_.size(); ++i) overrides[fitted_[i]] = values[i];
+        known.plant = std::make_shared<ModeCache>(
+            std::make_shared<const Model>(load(file_, overrides)), parts_);
+        known.parameters = values;
+      }
       std::size_t first = 0;
       for (const std::vector<double> &volts : volts_) {
-        contact(cache, volts, start, out + first);
+        contact(known.plant, volts, start, out + first);
         first += volts.size();
         start += kStartValues;
       }

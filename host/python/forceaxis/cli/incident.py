@@ -1,19 +1,40 @@
 """`forceaxis incident`: read and explain the recording of an error that an axis has stored."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from forceaxis.cli.common import Folder, Positive, Verb, as_json, print_result
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.cli.common import (
+    Folder,
+    Positive,
+    Slow,
+    Subject,
+    aligned,
+    as_json,
+    done_waiting,
+    print_result,
+)
 from forceaxis.cli.live_options import AxisConnection, connected, live
+from forceaxis.words import plain
+
+if TYPE_CHECKING:
+    from forceaxis.commission.incident import Incident
+    from forceaxis.commission.incident_explain import CauseChange, Explanation
 
 
 @click.command(
-    cls=Verb,
+    cls=Slow,
     epilog="""forceaxis incident --axis 1 --out out/incident
     forceaxis incident --can can0 --node 3 --clear
     forceaxis incident --sim sim/experiments/contact.toml --set firmware.mode=force \\
-        --set firmware.force_gain=5 --set firmware.force_max=30 --wait 5""",
+        --set firmware.force_gain=5 --set firmware.force_max=30 --wait 5
+    forceaxis incident --file out/incident/incident.json --explain press/model.toml \\
+        --posterior out/press/posterior.json --out out/why""",
 )
 @live
 @click.option("--out", type=Folder(), help="Folder for incident.json and incident.png.")
@@ -26,6 +47,20 @@ from forceaxis.cli.live_options import AxisConnection, connected, live
 @click.option(
     "--counts-per-mm", type=Positive(1e-6, 1e9), help="Encoder counts per mm; the text then has mm."
 )
+@click.option(
+    "--file", type=click.Path(dir_okay=False, path_type=Path), metavar="INCIDENT.json",
+    help="Incident that was stored with --out, in place of an axis.",
+)  # fmt: skip
+@click.option(
+    "--explain", "model", type=Subject(paths.MODELS), metavar="MODEL",
+    help="Model of the released machine: find the change of plant, sensor or command that "
+    "reproduces the recorded second. --set gives its parameters.",
+)  # fmt: skip
+@click.option(
+    "--posterior", type=click.Path(dir_okay=False, path_type=Path),
+    help="posterior.json of `forceaxis identify contact` for the released machine. Default: each "
+    "parameter of MODEL within at most 5 %.",
+)  # fmt: skip
 @as_json
 def incident(
     connection: AxisConnection,
@@ -33,6 +68,9 @@ def incident(
     clear: bool,
     wait_s: float | None,
     counts_per_mm: float | None,
+    file: Path | None,
+    model: str | None,
+    posterior: Path | None,
     as_json: bool,
 ) -> None:
     """Explain why an axis has stopped with a fault: read the signals of the last second before the
@@ -42,10 +80,41 @@ def incident(
     recording is started. The first incident since power-up is also kept over a power cut, at most
     one in 24 hours. The exit status is 1 if there is no incident. The command owns the axis
     while it reads, so the axis has to be disabled, as it is after a fault.
+
+    With --explain, the plant of MODEL is fed the recorded codes, and causes are tried: a changed
+    gain, zero or lag of the force sensor, another stiffness or place of the workpiece, friction,
+    backlash, another gain of the drive, an encoder with another scale or a slip, or the command
+    alone. They are ranked by the fit to force and position. The folder of --out then has
+    explanation.json, a picture, and experiment.toml, which repeats the fault.
     """
+    if posterior and not model:
+        raise InputError("--posterior: expected --explain MODEL beside a posterior, got none")
+    done = _read(connection, clear, wait_s, file)
+    if model:
+        _explain(done, model, posterior, connection, out, as_json)
+        return
     from forceaxis.commission import incident as incidents
     from forceaxis.commission import incident_text
 
+    lines = incident_text.tell(done, counts_per_mm)
+    if out:
+        incidents.write(done, out, incidents.figure(done, counts_per_mm))
+    story = incident_text.IncidentStory.of(done, tuple(lines[1:]))
+    print_result(story, as_json, lambda: f"{done.where}: " + "\n  ".join(lines), out)
+
+
+def _read(
+    connection: AxisConnection, clear: bool, wait_s: float | None, file: Path | None
+) -> Incident:
+    """Return the incident of a file or of an axis."""
+    from forceaxis.commission import incident as incidents
+
+    if file:
+        if clear or wait_s:
+            raise InputError(
+                "--file: expected an axis for --clear and --wait, got a file; remove --file"
+            )
+        return incidents.load(file)
     with connected(connection) as axis:
         if wait_s:
             incidents.wait(axis, wait_s)
@@ -53,11 +122,63 @@ def incident(
         done = incidents.fetch(axis)
         if clear:
             incidents.clear(axis)
-    lines = incident_text.tell(done, counts_per_mm)
+    return done
+
+
+def _explain(
+    done: Incident, model: str, posterior: Path | None, connection: AxisConnection,
+    out: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Explain an incident, and write the files of the explanation."""
+    from forceaxis import linear
+    from forceaxis.commission import incident_explain
+
+    own = [text for text in connection.overrides if not text.startswith("firmware.")]
+    held = linear.overrides(own)
+    found = incident_explain.explain(done, incident_explain.ExplainOrder(model, posterior, held))
     if out:
-        incidents.write(done, out, incidents.figure(done, counts_per_mm))
-    story = incident_text.IncidentStory.of(done, tuple(lines[1:]))
-    print_result(story, as_json, lambda: f"{done.where}: " + "\n  ".join(lines), out)
+        incident_explain.write(found, out)
+    done_waiting()
+    print_result(found.result, as_json, lambda: "\n".join(rows_of(found.result)), out)
+
+
+def rows_of(found: Explanation) -> list[str]:
+    """Return the lines of an explanation: what happened, and the table of the causes."""
+    touch = f"touch {-1e3 * found.touch_s:.4g} ms before it" if found.touch_s else "no touch"
+    best = found.causes[0]
+    lines = [
+        f"incident     {found.where}: {found.fault.replace('_', ' ')}, {touch}, at "
+        f"{1e3 * found.speed_m_per_s:.3g} mm/s, up to {found.peak_N:.4g} N",
+        f"compared     {found.ticks} ticks with {found.model}"
+        + (f" and {found.posterior}" if found.posterior else ""),
+    ]
+    if found.explained:
+        lines.append(f"cause        {best.name}: {best.text}")
+    else:
+        lines.append(
+            f"cause        none of those tried explains the recorded second; the nearest is "
+            f"{best.name}: {best.text}"
+        )
+    table = [("cause", "change", "95 %", "below best", "p", "verdict")]
+    for one in found.causes:
+        changes = [_change(change) for change in one.changes] or [("", "")]
+        shown = f"{one.below:.1f}" if one.below < 1e4 else f"{one.below:.2g}"
+        table.append((one.name, *changes[0], shown, f"{one.p:.2g}", one.verdict))
+        table += [("", *more, "", "", "") for more in changes[1:]]
+    lines += aligned(table, (0, 1, 2, 5))
+    repeats = {
+        True: "experiment.toml of --out repeats the fault",
+        False: "experiment.toml of --out does not have the same fault",
+        None: "none: the incident does not tell the command of this mode of operation",
+    }
+    return [*lines, f"experiment   {repeats[found.repeats]}"]
+
+
+def _change(change: CauseChange) -> tuple[str, str]:
+    unit = f" {change.unit}" if change.unit and change.unit != "1" else ""
+    released = "" if not change.released else f", released {plain(change.released, 4)}"
+    low, high = (plain(value, 4) for value in change.interval)
+    return f"{change.name} = {plain(change.value, 4)}{unit}{released}", f"{low} to {high}"
 
 
 VERBS = (incident,)

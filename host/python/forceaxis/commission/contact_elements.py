@@ -61,7 +61,7 @@ class Element:
     drops: tuple[str, ...] = ()
 
 
-class _Scales:
+class Scales:
     """Force, stiffness and drive of a model and its recordings, from which start values follow."""
 
     def __init__(self, problem: ContactProblem, best: Floats) -> None:
@@ -94,7 +94,7 @@ def _append(document: Document, kind: str, values: Mapping[str, Any]) -> None:
     document.setdefault(kind, tomlkit.aot()).append(tomlkit.item(dict(values)))
 
 
-def _stiffening(scales: _Scales) -> Element | None:
+def _stiffening(scales: Scales) -> Element | None:
     contact = scales.contact
     if contact.stiffness is None:  # a curve already
         return None
@@ -113,7 +113,7 @@ def _stiffening(scales: _Scales) -> Element | None:
     return Element("stiffening contact", text, add, starts, units)
 
 
-def _hysteresis(scales: _Scales) -> Element | None:
+def _hysteresis(scales: Scales) -> Element | None:
     contact = scales.contact
     if "hysteresis_stiffness" in scales.contact_keys or contact.stiffness is None:
         return None
@@ -134,7 +134,7 @@ def _hysteresis(scales: _Scales) -> Element | None:
     return Element("hysteresis", text, add, starts, units, (drops,) if drops else ())
 
 
-def _lag(scales: _Scales) -> Element | None:
+def lag(scales: Scales) -> Element | None:
     if scales.has_lag:
         return None
 
@@ -146,7 +146,7 @@ def _lag(scales: _Scales) -> Element | None:
     return Element("sensor lag", text, add, starts, {"sensor_filter": "rad/s"})
 
 
-def _backlash(scales: _Scales) -> Element | None:
+def backlash(scales: Scales) -> Element | None:
     if scales.has_backlash:
         return None
 
@@ -175,7 +175,7 @@ def _backlash(scales: _Scales) -> Element | None:
     return Element("backlash", "the drive has backlash", add, starts, units, drops)
 
 
-def _friction(scales: _Scales) -> Element | None:
+def friction(scales: Scales) -> Element | None:
     if scales.has_friction:
         return None
 
@@ -188,13 +188,13 @@ def _friction(scales: _Scales) -> Element | None:
     return Element("friction", "the guide has dry friction", add, starts, {"coulomb": "N"})
 
 
-def _elements(scales: _Scales) -> list[Element]:
+def _elements(scales: Scales) -> list[Element]:
     """Returns the elements that the model does not have."""
-    makers = (_stiffening, _hysteresis, _lag, _backlash, _friction)
+    makers = (_stiffening, _hysteresis, lag, backlash, friction)
     return [element for make in makers if (element := make(scales)) is not None]
 
 
-def _model(problem: ContactProblem, element: Element, start: Mapping[str, float]) -> str:
+def model_text(problem: ContactProblem, element: Element, start: Mapping[str, float]) -> str:
     """Returns the text of the model with an element."""
     document = model_file.document(problem.model)
     element.add(document)
@@ -204,7 +204,7 @@ def _model(problem: ContactProblem, element: Element, start: Mapping[str, float]
     return tomlkit.dumps(document)
 
 
-def _unused(text: str, path: Path) -> str:
+def without_unused(text: str, path: Path) -> str:
     """Returns the text of a model in which parameters that no element uses any more are marked."""
     document = tomlkit.parse(text)
     for name, table in list(document.get("parameters", {}).items()):
@@ -224,7 +224,7 @@ def tried(
     """Adds each element to the model and fits all constants. Returns the elements whose decrease of
     chi-square exceeds their penalty, the best first. `best`, `cost`: of the model without them."""
     found = []
-    scales = _Scales(problem, best)
+    scales = Scales(problem, best)
     with tempfile.TemporaryDirectory() as folder:
         for element in progress.each(_elements(scales), "elements"):
             one = _fitted(problem, best, cost, element, Path(folder) / "model.toml")
@@ -241,7 +241,7 @@ def _fitted(
     kept = [i for i, name in enumerate(problem.names) if name in names]
     results = []
     for start in element.starts:
-        path.write_text(_unused(_model(problem, element, start), path))
+        path.write_text(without_unused(model_text(problem, element, start), path))
         own = {name: Prior(value, WORKPIECE_SPREAD) for name, value in start.items()}
         held = {n: v for n, v in problem.held.items() if n in linear.facts(str(path)).parameters}
         wider = ContactProblem(
@@ -266,7 +266,7 @@ def _lines(problem: ContactProblem, element: Element, values: Mapping[str, float
     """Returns the lines of the model with the element that the model does not have."""
     before = tomlkit.dumps(model_file.document(problem.model)).splitlines()
     rounded = {name: float(f"{value:.4g}") for name, value in values.items()}
-    after = _model(problem, element, rounded).splitlines()
+    after = model_text(problem, element, rounded).splitlines()
     left = list(before)
     new = []
     for line in after:

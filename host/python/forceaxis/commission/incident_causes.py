@@ -1,0 +1,299 @@
+"""Causes that may have made an incident: changes of the sensors, as further unknowns of the
+likelihood, and changes of the plant, as elements of the model."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+
+from forceaxis import linear
+from forceaxis.commission import contact_elements, incident_problem
+from forceaxis.commission import contact_search as searching
+from forceaxis.commission.contact_data import Floats
+from forceaxis.commission.contact_elements import Element
+from forceaxis.commission.contact_likelihood import Unknown, gap_of
+from forceaxis.commission.incident import Incident
+from forceaxis.commission.incident_problem import IncidentProblem, Slack
+from forceaxis.commission.known import POSTERIOR_SPREAD_MIN, WORKPIECE_SPREAD, Prior, priors
+from forceaxis.design import model_file
+from forceaxis.linear import posterior, working
+from forceaxis.linear.plant_facts import Overrides
+
+# Largest deviation of the logarithm of a parameter of a machine that was released without a
+# posterior: the machine has been as its model says.
+RELEASED_SPREAD = 0.05
+ITERATIONS, BEND = 12, 30.0
+FORCE_MIN_N = 1.0  # least force from which the start values of a change of the plant follow
+# Prior deviations of a gain, of the scale of the encoder and of the place of the workpiece.
+GAIN_DEVIATION, SCALE_DEVIATION, PLACE_DEVIATION_M = 0.5, 0.3, 5e-3
+COMMAND = "command"
+CHANGED = "changed_"  # prefix of a parameter of the model with a cause
+# Key of [drive] to which the force or the speed of each type of drive is proportional.
+DRIVE_KEYS = {
+    "dc_motor": "k_preamp_cmd", "first_order": "velocity_per_volt", "perfect": "force_per_volt",
+    "torque": "current_per_volt", "velocity": "velocity_per_volt",
+}  # fmt: skip
+UNITS = {
+    "stiffness": "N/m", "k_preamp_cmd": "1", "velocity_per_volt": "m/s/V",
+    "force_per_volt": "N/V", "current_per_volt": "A/V",
+}  # fmt: skip
+
+Document = tomlkit.TOMLDocument
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A cause to try. `unknowns`: changed numbers of the sensors; `starts`: start values of them in
+    deviations. `element`: change of the plant. `released`: {number: value of the released machine}.
+    `slip_at`: step at which the encoder slips. `count`: number of fitted numbers."""
+
+    name: str
+    text: str
+    count: int
+    unknowns: tuple[Unknown, ...] = ()
+    starts: tuple[float, ...] = ()
+    element: Element | None = None
+    released: Mapping[str, float] = field(default_factory=dict)
+    slip_at: float = 0.0
+
+
+@dataclass(frozen=True)
+class FittedCause:
+    """A cause, the problem in which it was fitted, the most likely point, its cost, and the text of
+    the model with the cause, "" for the released model."""
+
+    cause: Cause
+    problem: IncidentProblem
+    point: Floats
+    cost: float
+    model_text: str = ""
+
+    def values(self) -> dict[str, float]:
+        """Returns the numbers of the cause in SI units, by name."""
+        found = dict(zip(self.problem.names, np.exp(self.point).tolist(), strict=False))
+        for unknown in self.cause.unknowns:
+            found[unknown.kind] = float(self._number(unknown, self.point))
+        return found
+
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """Returns the 95 % intervals of the numbers of the cause."""
+        half = 1.96 * np.sqrt(np.diag(searching.covariance(self.problem, self.point)))
+        found = {}
+        for i, name in enumerate(self.problem.names):
+            low, high = np.exp([self.point[i] - half[i], self.point[i] + half[i]])
+            found[name] = (float(low), float(high))
+        for unknown in self.cause.unknowns:
+            own = len(self.problem.names) + self.problem.unknowns.index(unknown)
+            value, wide = self._number(unknown, self.point), unknown.deviation * half[own]
+            found[unknown.kind] = (float(value - wide), float(value + wide))
+        return found
+
+    def _number(self, unknown: Unknown, point: Floats) -> float:
+        own = len(self.problem.names) + self.problem.unknowns.index(unknown)
+        return float(unknown.mean + unknown.deviation * point[own])
+
+
+def descended(problem: IncidentProblem, point: Floats) -> tuple[Floats, float]:
+    """Returns the most likely point near a point, and its cost."""
+    point, _ = searching.descend(problem, point, ITERATIONS, BEND)
+    return searching.descend(problem, point, ITERATIONS)
+
+
+def _named(document: Document, kind: str, name: str) -> Any:
+    if not name:
+        return document[kind]
+    return next(table for table in document[kind] if table["name"] == name)
+
+
+class Released:
+    """The released machine in the recorded second, and the causes that can change it.
+
+    `names`: parameters that were released with an uncertainty. Raises InputError.
+    """
+
+    def __init__(
+        self, model: str, incident: Incident, held: Overrides, released: Path | None = None
+    ) -> None:
+        self.path = linear.find_model(model)
+        self.held = held
+        self.data = incident_problem.data_of(incident, self.path, held)
+        self.facts = linear.facts(str(self.path), held)
+        self.names, self.slack, self.centre = self._slack(released)
+        self.problem = self.changed(Cause(COMMAND, "", 0), self.path)
+        text = "plant and sensors are as released; what was commanded made the fault"
+        self.fit = FittedCause(
+            Cause(COMMAND, text, 0), self.problem, *descended(self.problem, self.problem.centre)
+        )
+
+    def _slack(self, released: Path | None) -> tuple[tuple[str, ...], Slack, dict[str, float]]:
+        """Returns the names of the uncertain parameters, how they change the second, and their
+        most likely values."""
+        if released is None:
+            known = priors(self.path, (), (), self.held)
+            own = {n: p for n, p in known.items() if n not in self.held}
+            inverse = np.diag([min(p.spread, RELEASED_SPREAD) ** -2 for p in own.values()])
+        else:
+            read = posterior.read(released)
+            own = {n: p for n, p in priors(self.path, [str(released)], (), self.held).items()
+                   if n in read.names}  # fmt: skip
+            own = {n: own[n] for n in read.names}
+            inverse = np.linalg.inv(log_covariance(read.table))
+        free = IncidentProblem(self.path, self.data, own, self.held)
+        count = len(free.force.values) + len(free.position.values)
+        _, matrix = searching.derivatives(free, free.centre)
+        centre = {name: prior.value for name, prior in own.items()}
+        self.held = {**self.held, **centre}
+        return tuple(own), Slack(matrix[:count, : len(own)], inverse), centre
+
+    def changed(
+        self, cause: Cause, path: Path, own: dict[str, Prior] | None = None
+    ) -> IncidentProblem:
+        """Returns the problem of a cause with the model of a file. `own`: priors of its numbers."""
+        drops = cause.element.drops if cause.element else ()
+        held = {name: value for name, value in self.held.items() if name not in drops}
+        return IncidentProblem(
+            path, self.data, own or {}, held, cause.unknowns, cause.slip_at, self.slack
+        )
+
+    def fitted(self, cause: Cause, folder: Path) -> FittedCause:
+        """Returns a cause with its most likely numbers, from the best of its starts. `folder`: for
+        the file of a model."""
+        if cause.element is None:
+            problem = self.changed(cause, self.path)
+            points = [self._begun(problem, (start,)) for start in cause.starts]
+            costs = np.sum(problem.residuals(np.array(points)) ** 2, axis=1)
+            return FittedCause(cause, problem, *descended(problem, points[int(np.argmin(costs))]))
+        path = folder / "model.toml"
+        begun: list[tuple[float, int, IncidentProblem, Floats, str]] = []
+        for start in cause.element.starts:
+            text = contact_elements.model_text(self.problem, cause.element, start)
+            text = contact_elements.without_unused(text, path)
+            path.write_text(text)
+            own = {name: Prior(value, WORKPIECE_SPREAD) for name, value in start.items()}
+            problem = self.changed(cause, path, own)
+            point = self._begun(problem, ())
+            cost = float(np.sum(problem.residuals(point[None]) ** 2))
+            begun.append((cost, len(begun), problem, point, text))
+        _, _, problem, point, text = min(begun, key=lambda one: one[:2])
+        path.write_text(text)
+        return FittedCause(cause, problem, *descended(problem, point), text)
+
+    def _begun(self, problem: IncidentProblem, start: tuple[float, ...]) -> Floats:
+        """Returns the point at which a fit begins: that of the released machine with `start`."""
+        point = problem.centre.copy()
+        known = dict(zip(self.problem.unknowns, self.fit.point.tolist(), strict=True))
+        for i, unknown in enumerate(problem.unknowns, len(problem.names)):
+            point[i] = known.get(unknown, 0.0)
+        if start:
+            point[len(point) - len(start) :] = start
+        return point
+
+    def parameters(self, fit: FittedCause) -> dict[str, float]:
+        """Returns the uncertain parameters of the released machine that belong to a fit."""
+        logs = fit.problem.slack_logs(fit.problem.residuals(fit.point[None]))[0]
+        return {name: self.centre[name] * float(np.exp(log))
+                for name, log in zip(self.names, logs, strict=True)}  # fmt: skip
+
+    def causes(self) -> list[Cause]:
+        """Returns the causes to try, besides that of a command."""
+        scales = contact_elements.Scales(self.problem, self.fit.point)
+        expected = self.problem.predict(self.fit.point[None]).force
+        scales.force_N = max(scales.force_N, float(np.ptp(expected)), FORCE_MIN_N)
+        scales.overlap_m = scales.force_N / scales.stiffness
+        found = [
+            _sensor("sensor gain", "the gain of the force sensor is off",
+                    Unknown("gain", -1, 1.0, GAIN_DEVIATION), (-0.8, 0.8, 2.0)),
+            _sensor("sensor offset", "the zero of the force sensor is off",
+                    Unknown("offset", -1, 0.0, scales.force_N), (0.0,)),
+            self._place(),
+            _sensor("encoder scale", "the encoder has another scale",
+                    Unknown("scale", -1, 1.0, SCALE_DEVIATION), (-0.7, 0.7)),
+            self._slip(), *self._stiffness(), *self._drive(),
+        ]  # fmt: skip
+        for make in (contact_elements.lag, contact_elements.backlash, contact_elements.friction):
+            element = make(scales)
+            if element is not None:
+                count = len(element.units)
+                found.append(Cause(element.name, element.text, count, element=element))
+        return found
+
+    def _place(self) -> Cause:
+        """Returns the cause of a workpiece elsewhere. A start is the place of the touch, or for a
+        second without a touch the farthest place that was reached."""
+        touch, known = self.data.touches[0], float(self.problem.places[0])
+        assert touch.position is not None
+        reached = float(np.interp(touch.onset, touch.position.at, touch.position.values))
+        travel = reached - incident_problem.start_place(self.path, self.held)
+        off = (gap_of(self.path, self.held) - travel) / PLACE_DEVIATION_M
+        return _sensor(
+            "workpiece place", "the workpiece is nearer or farther, or the axis is homed elsewhere",
+            Unknown("place", 0, known, PLACE_DEVIATION_M), (off, off - 0.05),
+        )  # fmt: skip
+
+    def _slip(self) -> Cause:
+        """Returns the cause of an encoder that loses counts at one instant: the sample at which one
+        step explains the residuals of the position best."""
+        problem = self.problem
+        predicted = problem.predict(self.fit.point[None])
+        weight = problem.position.spread**-2
+        residual = (problem.position.values - predicted.position[0]) * weight
+        sums = np.cumsum(residual[::-1])[::-1]
+        steps = sums / np.cumsum(weight[::-1])[::-1]
+        at = int(np.argmax((sums * steps)[1:])) + 1
+        deviation = max(abs(float(steps[at])), 10 * float(problem.position.spread[at]))
+        cause = _sensor(
+            "encoder slip", "the encoder jumps by counts at one instant",
+            Unknown("slip", -1, 0.0, deviation), (float(steps[at]) / deviation,),
+        )  # fmt: skip
+        return replace(cause, slip_at=float(problem.position.low[at]), count=2)
+
+    def _stiffness(self) -> list[Cause]:
+        """Returns the cause of a workpiece with another stiffness: that of the spring behind the
+        contact, or of the contact itself."""
+        tables = model_file.read(self.path)
+        behind = [s for s in tables.springs if tables.workpiece and tables.workpiece in s.between]
+        kind, name = ("spring", behind[0].name) if behind else ("contact", tables.contacts[0].name)
+        text = "the workpiece is stiffer or softer"
+        return self._key("workpiece stiffness", text, (kind, name, "stiffness"), (2.0, 0.5))
+
+    def _drive(self) -> list[Cause]:
+        key = DRIVE_KEYS.get(model_file.read(self.path).drive.type, "")
+        return self._key("drive gain", "the drive has another gain", ("drive", "", key), (0.7, 1.4))
+
+    def _key(
+        self, cause: str, text: str, where: tuple[str, str, str], factors: tuple[float, ...]
+    ) -> list[Cause]:
+        """Returns the cause of another value of a key (kind, name, key) of the model, or none for
+        a key without one value above 0."""
+        kind, name, key = where
+        given = _named(model_file.document(self.path), kind, name).get(key)
+        known = linear.facts(str(self.path), self.held).parameters
+        value = None if given is None or isinstance(given, list) else working.number(given, known)
+        if value is None or value <= 0:
+            return []
+        is_parameter = isinstance(given, str) and given in known
+        number = f"{CHANGED}{given if is_parameter else key}"
+        unit = known[given].unit if is_parameter else UNITS[key]
+
+        def add(document: Document) -> None:
+            _named(document, kind, name)[key] = number
+
+        released = float(value)
+        starts = tuple({number: released * factor} for factor in factors)
+        drops = (str(given),) if is_parameter else ()
+        element = Element(cause, text, add, starts, {number: unit}, drops)
+        return [Cause(cause, text, 1, element=element, released={number: released})]
+
+
+def _sensor(name: str, text: str, unknown: Unknown, starts: tuple[float, ...]) -> Cause:
+    return Cause(name, text, 1, (unknown,), starts, released={unknown.kind: unknown.mean})
+
+
+def log_covariance(samples: Floats) -> Floats:
+    """Returns the covariance of the logarithms of samples (n, k), (k, k), with the least deviation
+    that a machine has from day to day."""
+    found = np.atleast_2d(np.cov(np.log(samples), rowvar=False))
+    return np.asarray(found + POSTERIOR_SPREAD_MIN**2 * np.eye(len(found)))

@@ -1,0 +1,217 @@
+"""Explains an incident: which change of plant, sensor or command reproduces the second before the
+fault best.
+
+found = explain(incident, ExplainOrder("press/model.toml"))
+found.result.causes[0].name, found.result.causes[0].changes
+
+The plant is fed the recorded codes. Each cause has up to three numbers, which are fitted together
+with the parameters of the released machine, within their uncertainty. The rank is the decrease of
+chi-square, less ln n for each number of the cause, where n is the number of samples (Schwarz, The
+Annals of Statistics 6, 1978). In contrast to the evidence of Laplace it needs no prior of the size
+of a change, which nobody knows.
+"""
+
+import json
+import math
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from forceaxis import paths, progress
+from forceaxis._core import TICKS_PER_SECOND
+from forceaxis.commission import contact_check, incident_repeat
+from forceaxis.commission.contact_fit import REJECTED_BELOW
+from forceaxis.commission.incident import Incident
+from forceaxis.commission.incident_causes import CHANGED, FittedCause, Released
+from forceaxis.linear.plant_facts import Overrides
+from forceaxis.results import to_json
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# A cause whose rank is at most so much below that of the best one is possible: a factor of 150 in
+# the probability (Kass and Raftery, J. American Statistical Association 90, 1995).
+POSSIBLE_BELOW = 10.0
+SPEED_TICKS = 15  # before the touch, from which its speed is found
+UNITS = {"gain": "", "offset": "N", "place": "m", "scale": "", "slip": "m"}
+FILES = ("explanation.json", "explanation.png", "model.toml", "experiment.toml")
+
+
+@dataclass(frozen=True)
+class CauseChange:
+    """A number that a cause changes, in SI units: the most likely value with its 95 % interval.
+    `released`: the value of the released machine, or None where it has no such number."""
+
+    name: str
+    unit: str
+    value: float
+    interval: tuple[float, float]
+    released: float | None
+
+
+@dataclass(frozen=True)
+class TriedCause:
+    """A cause with its changes. `gain`: decrease of chi-square against the released machine, less
+    the penalty. `below`: how much less that is than that of the best cause. `p`: p value of the
+    recorded second. `verdict`: "explains", "possible", "incomplete" or "ruled out"."""
+
+    name: str
+    text: str
+    changes: tuple[CauseChange, ...]
+    gain: float
+    below: float
+    p: float
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """The causes of an incident, the most likely first. `ticks`: number of ticks that were
+    compared. `touch_s`: time of the touch before the fault, or None without a touch, and the speed
+    of the axis then, or at the fault. `explained`: False if no cause reproduces the recorded second
+    (p below 0.001). `repeats`: True if the experiment with the best cause has the same fault, None
+    without an experiment."""
+
+    where: str
+    fault: str
+    model: str
+    posterior: str | None
+    ticks: int
+    touch_s: float | None
+    speed_m_per_s: float
+    peak_N: float
+    explained: bool
+    repeats: bool | None
+    causes: tuple[TriedCause, ...]
+
+
+@dataclass(frozen=True)
+class ExplainOrder:
+    """What explains an incident: the model of the released machine with overrides, and optionally
+    the file of its posterior."""
+
+    model: str
+    posterior: Path | None = None
+    held: Overrides = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Explained:
+    """The explanation with what its picture needs: the fits of the causes, the best first, and of
+    the released machine. `files`: {name: text} of the model and the experiment that repeat it."""
+
+    result: Explanation
+    fits: tuple[FittedCause, ...]
+    released: Released
+    files: Mapping[str, str]
+
+
+def explain(incident: Incident, order: ExplainOrder) -> Explained:
+    """Explains an incident. Raises InputError."""
+    released = Released(order.model, incident, order.held, order.posterior)
+    fits = [released.fit]
+    with tempfile.TemporaryDirectory() as folder:
+        for number, cause in enumerate(progress.each(released.causes(), "causes")):
+            own = Path(folder) / str(number)
+            own.mkdir()
+            fits.append(released.fitted(cause, own))
+        size = len(released.problem.force.values) + len(released.problem.position.values)
+
+        def gain(fit: FittedCause) -> float:
+            return 2 * (released.fit.cost - fit.cost) - fit.cause.count * math.log(size)
+
+        fits.sort(key=lambda fit: -gain(fit))
+        best = gain(fits[0])
+        causes = tuple(_tried(fit, gain(fit), best) for fit in fits)
+        files = incident_repeat.files(incident, released, fits[0])
+        repeats = incident_repeat.repeats(incident, files) if files else None
+    touch = released.data.touches[0]
+    touched = touch.onset < len(touch.force.values) - 1
+    used = slice(max(0, int(touch.onset) - SPEED_TICKS), int(touch.onset) + 1)
+    assert touch.position is not None
+    speed = np.polyfit(touch.position.at[used], touch.position.values[used], 1)[0]
+    result = Explanation(
+        where=incident.where,
+        fault=incident.fault,
+        model=paths.display(released.path),
+        posterior=paths.display(order.posterior) if order.posterior else None,
+        ticks=len(touch.force.values),
+        touch_s=(touch.onset - len(touch.force.values) + 1) / TICKS_PER_SECOND if touched else None,
+        speed_m_per_s=float(speed) * TICKS_PER_SECOND,
+        peak_N=float(touch.force.values.max()),
+        explained=causes[0].p >= REJECTED_BELOW,
+        repeats=repeats,
+        causes=causes,
+    )
+    return Explained(result, tuple(fits), released, files)
+
+
+def _tried(fit: FittedCause, gain: float, best: float) -> TriedCause:
+    p = contact_check.check(fit.problem, fit.point).p
+    values, intervals = fit.values(), fit.intervals()
+    units = dict(fit.cause.element.units) if fit.cause.element else UNITS
+    changes = tuple(
+        CauseChange(
+            name.removeprefix(CHANGED), units[name], value, intervals[name], fit.cause.released.get(name)
+        )
+        for name, value in values.items()
+    )  # fmt: skip
+    below = best - gain
+    if below > POSSIBLE_BELOW:
+        verdict = "ruled out"
+    elif p < REJECTED_BELOW:
+        verdict = "incomplete"
+    else:
+        verdict = "explains" if below == 0 else "possible"
+    return TriedCause(fit.cause.name, fit.cause.text, changes, gain, below, p, verdict)
+
+
+def figure(found: Explained) -> "Figure":
+    """Returns the picture of the recorded second: force and position over the time from the fault,
+    measured, of the released machine and with the best cause, and the residuals of both."""
+    import matplotlib.pyplot as plt
+
+    from forceaxis.drawing import FAINT, GOT, INK, legend, style
+
+    made, rows = plt.subplots(
+        2, 2, sharex=True, figsize=(9, 5), height_ratios=(2, 1), layout="constrained"
+    )
+    best, base = found.fits[0], found.released.fit
+    parts = (("force, N", "force", 1.0), ("position, mm", "position", 1e3))
+    for column, (label, signal, scale) in enumerate(parts):
+        upper, lower = rows[0][column], rows[1][column]
+        joined = getattr(best.problem, signal)
+        ms = 1e3 * (joined.low - joined.low[-1]) / TICKS_PER_SECOND
+        upper.plot(ms, scale * joined.values, ".", color=INK, markersize=2.5, label="measured")
+        shown = [(best, GOT, best.cause.name)]
+        if base is not best:
+            shown.insert(0, (base, FAINT, "released machine"))
+        for fit, color, name in shown:
+            predicted = getattr(fit.problem.predict(fit.point[None]), signal)
+            upper.plot(ms, scale * predicted[0], color=color, linewidth=1.0, label=name)
+            lower.plot(ms, joined.scaled(predicted)[0], color=color, linewidth=0.7)
+        lower.axhline(0, color=FAINT, linewidth=0.6)
+        upper.set_ylabel(label, fontsize=8)
+        lower.set_ylabel("residual,\nstandard deviations", fontsize=8)
+        lower.set_xlabel("time from the fault, ms", fontsize=8)
+        style(upper)
+        style(lower)
+    legend(rows[0][0], loc="upper left")
+    made.suptitle(
+        f"{found.result.fault.replace('_', ' ')}: {best.cause.text}", fontsize=9, parse_math=False
+    )
+    plt.close(made)
+    return made
+
+
+def write(found: Explained, folder: Path) -> None:
+    """Writes FILES to a folder, all or none; without an experiment only the first two."""
+    with paths.replacing(folder, *FILES[:2], *found.files) as (summary, picture, *texts):
+        summary.write_text(json.dumps(to_json(found.result), indent=1) + "\n")
+        figure(found).savefig(picture, format="png", dpi=120)
+        for file, text in zip(texts, found.files.values(), strict=True):
+            file.write_text(text)

@@ -1,0 +1,200 @@
+"""The recorded second before a fault as a touch-down whose plant or sensors may have changed.
+
+The plant is fed the recorded codes. A change of the plant is an element of the model, a change of a
+sensor is a further unknown, so the likelihood is that of `contact_likelihood`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forceaxis import _core, linear
+from forceaxis._core import TICKS_PER_SECOND, InputError
+from forceaxis.commission import contact_data
+from forceaxis.commission.contact_data import SPEED_SHARE, ContactData, Floats, Samples, TouchDown
+from forceaxis.commission.contact_likelihood import (
+    START_VALUES,
+    ContactProblem,
+    Predicted,
+    Unknown,
+    gap_of,
+)
+from forceaxis.commission.incident import Incident
+from forceaxis.commission.known import Prior
+from forceaxis.linear.plant_facts import Overrides
+
+# Accuracy in m with which the place of an axis is known that is homed as its model says.
+PLACE_KNOWN_M = 2e-5
+# Force above which the workpiece is touched, in deviations of the force out of contact and in steps
+# of its converter.
+TOUCH_DEVIATIONS, TOUCH_STEPS = 6.0, 2.0
+FREE_TICKS_MIN = 10  # ticks out of contact with which a recorded second has to begin
+REST_TICKS = 4  # first ticks from which the speed at the start is found
+
+
+@dataclass(frozen=True)
+class Slack:
+    """How the parameters of the released machine, each within its uncertainty, change the residuals
+    of the recorded second. `matrix`: derivatives of the residuals by the logarithms of k
+    parameters, (residuals, k); `inverse`: inverse covariance of the logarithms, (k, k)."""
+
+    matrix: Floats
+    inverse: Floats
+
+    def fitted(self, residuals: Floats) -> Floats:
+        """Returns the logarithms of the k parameters that fit n rows of residuals best, relative to
+        the released ones, (n, k)."""
+        square = self.matrix.T @ self.matrix + self.inverse
+        return np.asarray(-np.linalg.solve(square, self.matrix.T @ residuals.T).T)
+
+
+class IncidentProblem(ContactProblem):
+    """The second before a fault with the plants and sensors that may have made it. `extra`: further
+    unknowns, of the kinds "gain" and "offset" of the force, "place" (in place of the known one),
+    "scale" and "slip" of the encoder. `slip_at`: step of the plant at which the encoder slips.
+    `slack`: parameters that are released with an uncertainty, of which the best are taken to first
+    order for each point, so that no plant has to be simulated for them."""
+
+    def __init__(
+        self,
+        model: str | Path,
+        data: ContactData,
+        priors: dict[str, Prior],
+        held: Overrides,
+        extra: Sequence[Unknown] = (),
+        slip_at: float = 0.0,
+        slack: Slack | None = None,
+    ) -> None:
+        self.extra, self.slip_at, self.slack = tuple(extra), slip_at, slack
+        super().__init__(model, data, priors, held)
+        every = self.simulate
+
+        def different(values: Floats, starts: Floats) -> Floats:
+            # The unknowns of the sensors change neither plant nor start.
+            rows = np.concatenate([values, starts.reshape(len(starts), -1)], axis=1)
+            _, first, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+            return np.asarray(every(values[first], starts[first])[same.reshape(-1)])
+
+        self.simulate = different
+
+    def _unknowns(self) -> list[Unknown]:
+        kinds = {unknown.kind for unknown in self.extra}
+        found = [
+            replace(unknown, deviation=PLACE_KNOWN_M) if unknown.kind == "place" else unknown
+            for unknown in super()._unknowns()
+            if unknown.kind not in kinds
+        ]
+        return [*found, *self.extra]
+
+    def changed(self, kind: str, points: Floats, same: float) -> Floats:
+        """Returns a changed number of a sensor for n points, (n,), or `same` without a change."""
+        if any(unknown.kind == kind for unknown in self.extra):
+            return self.number(kind, -1, points)
+        return np.full(len(points), same)
+
+    def number(self, kind: str, touch: int, points: Floats) -> Floats:
+        """Returns an unknown in SI units for n points, (n,). An encoder with another scale also
+        tells another place of the axis at the start."""
+        found = super().number(kind, touch, points)
+        position = self.data.touches[0].position
+        if kind != "place" or position is None:
+            return found
+        scale = self.changed("scale", points, 1.0)
+        return np.asarray(found + float(position.values[0]) * (1 / scale - 1))
+
+    def predict(self, points: Floats) -> Predicted:
+        """Simulates the second for n points, and changes what the sensors tell of it."""
+        found = super().predict(points)
+        force = found.force * self.changed("gain", points, 1.0)[:, None]
+        force = force + self.changed("offset", points, 0.0)[:, None]
+        place = found.position
+        for touch, begin, end in self.position.parts:
+            samples = self.data.touches[touch].position
+            assert samples is not None
+            first = place[:, begin : begin + 1]
+            moved = (place[:, begin:end] - first) * self.changed("scale", points, 1.0)[:, None]
+            slipped = np.where(samples.at >= self.slip_at, 1.0, 0.0)
+            place[:, begin:end] = (
+                first + moved + self.changed("slip", points, 0.0)[:, None] * slipped
+            )
+        if self.slack is None:
+            return Predicted(force, place, found.valid)
+        moved = self.slack.fitted(self._compared(force, place)) @ self.slack.matrix.T
+        cut = force.shape[1]
+        return Predicted(
+            force - moved[:, :cut] * self.force.spread,
+            place - moved[:, cut:] * self.position.spread,
+            found.valid,
+        )
+
+    def _compared(self, force: Floats, place: Floats) -> Floats:
+        return np.concatenate([self.force.scaled(force), self.position.scaled(place)], axis=1)
+
+    def residuals(self, points: Floats) -> Floats:
+        """Returns residuals of force, position, prior and released parameters in standard
+        deviations for n points, (n, all)."""
+        found = super().residuals(points)
+        if self.slack is None:
+            return found
+        root = np.linalg.cholesky(self.slack.inverse)
+        return np.concatenate([found, self.slack_logs(found) @ root], axis=1)
+
+    def slack_logs(self, residuals: Floats) -> Floats:
+        """Returns the logarithms of the released parameters, relative to the released ones, that
+        belong to n rows of residuals(), (n, k). At the best ones d, J' r + K d = 0."""
+        assert self.slack is not None
+        matrix, inverse = self.slack.matrix, self.slack.inverse
+        return np.asarray(-np.linalg.solve(inverse, matrix.T @ residuals[:, : len(matrix)].T).T)
+
+    def residuals_of(self, touch: int, number: int) -> NDArray[np.bool_]:
+        """Returns that all residuals belong to the only touch-down, (1,)."""
+        return np.ones(1, dtype=bool)
+
+
+def start_place(model: str | Path, held: Overrides) -> float:
+    """Returns the position in m that the encoder of a model has at its start."""
+    simulated = _core.Contacts(str(model), dict(held), [], [], [np.zeros(1)], 1)
+    rows = simulated.run(np.zeros((1, 0)), np.zeros((1, 1, START_VALUES)))
+    return float(rows[0, 1, 0])
+
+
+def data_of(incident: Incident, model: str | Path, held: Overrides) -> ContactData:
+    """Returns the ticks of an incident until its fault, for the simulation of a model. Raises
+    InputError for a recording that begins in contact."""
+    facts = linear.facts(str(model), held)
+    used = slice(0, incident.recording.trigger_sample + 1)
+    ticks = np.arange(incident.recording.trigger_sample + 1, dtype=float)
+    force_N = incident.force_N[used]
+    step = incident.force.count_N * 2.0 ** (8 - incident.force.adc_bits)
+    quiet = force_N[:FREE_TICKS_MIN]
+    limit = max(TOUCH_DEVIATIONS * float(np.std(quiet)), TOUCH_STEPS * step)
+    touching = incident.force.contact_force * incident.force.count_N + limit
+    if len(force_N) < FREE_TICKS_MIN or float(quiet.max()) > touching:
+        raise InputError(
+            f"{incident.where}: expected a recorded second that begins out of contact, got "
+            f"{len(force_N)} ticks with a force of {force_N[0]:.3g} N in the first one; only a "
+            "fault after a touch or without one can be explained"
+        )
+    touched = np.flatnonzero(np.abs(force_N - float(np.median(quiet))) > limit)
+    onset = int(touched[0]) if len(touched) else len(force_N) - 1
+    noise, count = contact_data.noise_of(force_N[:onset], step)
+    force = Samples(ticks, force_N, step, noise, count, float(np.std(force_N[:onset])))
+    scale = facts.required_encoder.scale
+    counts = incident.column("position")[used].astype(float)
+    position = Samples(
+        ticks, counts / scale, abs(1 / scale), contact_data.LEAST_NOISE_STEPS * abs(1 / scale), 0
+    )
+    shift = float(position.values[0]) - start_place(model, held)
+    early = position.values[:REST_TICKS]
+    speed = float(np.polyfit(position.at[: len(early)], early, 1)[0]) * TICKS_PER_SECOND
+    slowest = position.step * TICKS_PER_SECOND / REST_TICKS
+    if abs(speed) <= slowest:
+        speed = 0.0
+    touch = TouchDown(
+        "incident", incident.column("dac_code")[used] * facts.volts_per_code, float(onset), force,
+        position, gap_of(model, held) - shift, (speed, max(SPEED_SHARE * abs(speed), slowest)),
+    )  # fmt: skip
+    return ContactData((touch,))

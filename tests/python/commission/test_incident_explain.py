@@ -1,0 +1,103 @@
+"""`forceaxis incident --explain`: causes that are hidden from what explains the incident."""
+
+import dataclasses
+import json
+
+import incident_study
+import numpy as np
+import pytest
+from forceaxis._core import InputError
+from forceaxis.commission import incident
+from forceaxis.commission.incident_explain import ExplainOrder, explain
+from forceaxis.experiments.experiment import Experiment
+from verbs import forceaxis
+
+LEAST_OF_TWELVE = 9
+ORDER = ExplainOrder(incident_study.MODEL)
+
+
+@pytest.fixture(scope="module")
+def stiff(tmp_path_factory):
+    """The incident of a workpiece that is twice as stiff, in a file."""
+    folder = tmp_path_factory.mktemp("stiff")
+    found = incident_study.provoked(folder, incident_study.TWELVE["stiff workpiece"])
+    incident.write(found, folder / "fault", incident.figure(found))
+    return folder / "fault/incident.json"
+
+
+def test_a_stiff_workpiece_is_found_and_repeated(tmp_path, stiff):
+    done = forceaxis(
+        "incident", "--file", stiff, "--explain", "laboratory", "--out", tmp_path / "why", "--json"
+    )
+    told = json.loads(done.stdout)
+    best, second = told["causes"][:2]
+    assert (best["name"], best["verdict"], told["explained"]) == (
+        "workpiece stiffness", "explains", True,
+    )  # fmt: skip
+    change = best["changes"][0]
+    low, high = change["interval"]
+    assert low < 825e3 < high and change["released"] == pytest.approx(412700)
+    assert second["below"] > 10
+    again = Experiment.load(tmp_path / "why/experiment.toml").run()
+    assert (again.fault, told["fault"], told["repeats"]) == ("force_max", "force_max", True)
+    assert (tmp_path / "why/explanation.png").stat().st_size > 10_000
+    text = forceaxis("incident", "--file", stiff, "--explain", "laboratory").stdout
+    assert "cause        workpiece stiffness: the workpiece is stiffer or softer" in text
+
+
+def test_an_encoder_that_slips_is_found(tmp_path):
+    found = incident_study.provoked(tmp_path, incident_study.TWELVE["encoder slip"])
+    result = explain(found, ORDER).result
+    assert (result.causes[0].name, result.fault) == ("encoder slip", "overspeed")
+    assert result.causes[0].changes[0].value == pytest.approx(-0.5e-3, rel=0.05)
+    assert result.touch_s is None and result.repeats
+
+
+def test_a_second_that_no_cause_explains_is_said(stiff):
+    """A force of another machine: the recorded one backwards in time."""
+    known = incident.load(stiff)
+    raw = known.recording.raw.copy()
+    force = known.recording.signals.index("force_raw")
+    end = known.recording.trigger_sample
+    bumps = 20 * (np.sin(np.arange(end - 20) / 3) > 0.5)
+    raw[20:end, force] = bumps
+    other = dataclasses.replace(known, recording=dataclasses.replace(known.recording, raw=raw))
+    result = explain(other, ORDER).result
+    assert not result.explained
+    assert all(one.verdict in ("incomplete", "ruled out") for one in result.causes)
+
+
+def test_a_second_that_begins_in_contact_is_refused(stiff):
+    known = incident.load(stiff)
+    raw = known.recording.raw.copy()
+    raw[:, known.recording.signals.index("force_raw")] += 20
+    other = dataclasses.replace(known, recording=dataclasses.replace(known.recording, raw=raw))
+    with pytest.raises(InputError, match="begins out of contact"):
+        explain(other, ORDER)
+
+
+def test_a_posterior_without_its_model_is_refused(stiff, tmp_path):
+    done = forceaxis("incident", "--file", stiff, "--posterior", tmp_path / "p.json")
+    assert done.returncode == 2 and "--explain MODEL" in done.stderr
+
+
+@pytest.mark.parametrize("name", incident_study.TWELVE)
+def test_a_released_machine_has_no_such_fault(tmp_path, name):
+    hidden = incident_study.TWELVE[name]
+    if hidden.cause == "command":
+        pytest.skip("here the firmware of the incident is the cause")
+    same = dataclasses.replace(hidden, change=None, events="")
+    run = Experiment.load(incident_study.experiment(tmp_path, same)).run()
+    assert run.fault == "none"
+
+
+@pytest.mark.long
+def test_twelve_hidden_causes(tmp_path):
+    right = []
+    for name, hidden in incident_study.TWELVE.items():
+        folder = tmp_path / name.replace(" ", "_")
+        folder.mkdir()
+        result = explain(incident_study.provoked(folder, hidden), ORDER).result
+        if result.causes[0].name == hidden.cause:
+            right.append(name)
+    assert len(right) >= LEAST_OF_TWELVE, right
