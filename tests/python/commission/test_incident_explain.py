@@ -41,8 +41,6 @@ def test_a_stiff_workpiece_is_found_and_repeated(tmp_path, stiff):
     again = Experiment.load(tmp_path / "why/experiment.toml").run()
     assert (again.fault, told["fault"], told["repeats"]) == ("force_max", "force_max", True)
     assert (tmp_path / "why/explanation.png").stat().st_size > 10_000
-    text = forceaxis("incident", "--file", stiff, "--explain", "laboratory").stdout
-    assert "cause        workpiece stiffness: the workpiece is stiffer or softer" in text
 
 
 def test_an_encoder_that_slips_is_found(tmp_path):
@@ -53,6 +51,7 @@ def test_an_encoder_that_slips_is_found(tmp_path):
     assert result.touch_s is None and result.repeats
 
 
+@pytest.mark.long
 def test_a_second_that_no_cause_explains_is_said(stiff):
     """A force of another machine: the recorded one backwards in time."""
     known = incident.load(stiff)

@@ -19,7 +19,7 @@ from forceaxis.cli.common import (
     done_waiting,
     print_result,
 )
-from forceaxis.cli.live_options import AxisConnection, connected, live
+from forceaxis.cli.live_options import AxisConnection, connected, options
 from forceaxis.words import plain
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     forceaxis incident --file out/incident/incident.json --explain press/model.toml \\
         --posterior out/press/posterior.json --out out/why""",
 )
-@live
+@options
 @click.option("--out", type=Folder(), help="Folder for incident.json and incident.png.")
 @click.option(
     "--clear", is_flag=True, help="Delete the incident, so that the black box records again."
@@ -110,11 +110,12 @@ def _read(
     from forceaxis.commission import incident as incidents
 
     if file:
-        if clear or wait_s:
+        if clear or wait_s or connection != AxisConnection(overrides=connection.overrides):
             raise InputError(
-                "--file: expected an axis for --clear and --wait, got a file; remove --file"
+                "--file: expected no axis and neither --wait nor --clear beside a stored incident"
             )
         return incidents.load(file)
+    connection.expect_one()
     with connected(connection) as axis:
         if wait_s:
             incidents.wait(axis, wait_s)
@@ -133,7 +134,7 @@ def _explain(
     from forceaxis import linear
     from forceaxis.commission import incident_explain
 
-    own = [text for text in connection.overrides if not text.startswith("firmware.")]
+    own = [text for text in connection.overrides if "." not in text.split("=")[0]]
     held = linear.overrides(own)
     found = incident_explain.explain(done, incident_explain.ExplainOrder(model, posterior, held))
     if out:
