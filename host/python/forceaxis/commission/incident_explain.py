@@ -154,9 +154,10 @@ def _tried(fit: FittedCause, gain: float, best: float) -> TriedCause:
     p = contact_check.check(fit.problem, fit.point).p
     values, intervals = fit.values(), fit.intervals()
     units = dict(fit.cause.element.units) if fit.cause.element else UNITS
+    known = fit.cause.released
     changes = tuple(
         CauseChange(
-            name.removeprefix(CHANGED), units[name], value, intervals[name], fit.cause.released.get(name)
+            name.removeprefix(CHANGED), units[name], value, intervals[name], known.get(name)
         )
         for name, value in values.items()
     )  # fmt: skip

@@ -1,0 +1,94 @@
+"""`forceaxis axis health`: compare an axis with its release."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from forceaxis import paths
+from forceaxis.cli.axis import axis
+from forceaxis.cli.common import (
+    Slow,
+    Subject,
+    aligned,
+    as_json,
+    coloured,
+    done_waiting,
+    print_result,
+    set_option,
+)
+from forceaxis.words import plain
+
+if TYPE_CHECKING:
+    from forceaxis.commission.health import Health
+
+
+@axis.command(
+    cls=Slow,
+    epilog="""forceaxis axis health press/model.toml today.npz --released out/press/posterior.json
+    forceaxis axis health press/model.toml out/today/30N --released out/release/30N --json""",
+)
+@click.argument("model", type=Subject(paths.MODELS))
+@click.argument("today", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--released", required=True, type=click.Path(path_type=Path), metavar="FILE",
+    help="posterior.json of `forceaxis identify contact`, or a folder of `forceaxis measure`.",
+)  # fmt: skip
+@click.option(
+    "--level", type=click.FloatRange(1e-6, 0.5), default=0.05, show_default=True,
+    help="Largest probability with which an unchanged machine is refused.",
+)  # fmt: skip
+@set_option("Parameter of MODEL.")
+@as_json
+def health(
+    model: str,
+    today: tuple[Path, ...],
+    released: Path,
+    level: float,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Compare what is measured TODAY with what was measured at the release of the axis, and name
+    the parameter that has moved.
+
+    TODAY is one or more recordings of touch-downs (`forceaxis recording import`) beside a
+    posterior, or a folder of `forceaxis measure` beside such a folder, measured with the same
+    options. MODEL says which parameters can have moved. A change below 1 % counts as none. The exit
+    status is 0 for a healthy axis and 1 for drift, for cron and CI.
+    """
+    from forceaxis import linear
+    from forceaxis.commission import health as comparing
+
+    order = comparing.HealthOrder(model, today, released, linear.overrides(overrides), level)
+    found = comparing.health(order)
+    done_waiting()
+    print_result(found, as_json, lambda: "\n".join(rows_of(found)))
+    if not found.healthy:
+        sys.exit(1)
+
+
+def rows_of(found: Health) -> list[str]:
+    """Return the lines of a health check: the verdict, and the table of the parameters."""
+    if found.healthy:
+        verdict = coloured("healthy", "passed")
+    elif found.moved:
+        verdict = coloured("drift", "failed") + f": {', '.join(found.moved)} moved"
+    else:
+        verdict = coloured("drift", "failed") + ": no single parameter explains the change"
+    lines = [
+        f"health       {verdict}",
+        f"p value      {found.p_value:.3g}, drift below {found.level:g}; apart from the parameters "
+        f"{found.other_p:.3g}",
+    ]
+    if found.alike:
+        lines.append(f"or           {', '.join(found.alike)}: a change explains nearly as much")
+    table = [("parameter", "change", "95 %", "p", "")]
+    for name, one in found.parameters.items():
+        low, high = one.interval
+        row = (f"x {plain(one.change, 4)}", f"{plain(low, 4)} to {plain(high, 4)}", f"{one.p:.2g}")
+        state = "moved" if name in found.moved else ""
+        table.append((name, *row, state) if one.told else (name, "not told", "", "", ""))
+    return [*lines, *aligned(table, (0, 1, 2, 4))]

@@ -1,0 +1,364 @@
+"""Health of an axis: whether what is measured today still is what was measured at its release, and
+which parameter has moved if not.
+
+found = health(HealthOrder("press/model.toml", [Path("today.npz")], Path("posterior.json")))
+found.healthy, found.p_value, found.moved
+
+The change of each parameter alone is tested by its score. The tests of all parameters, and one that
+finds changes of any other kind, are corrected together (Holm, Scandinavian Journal of Statistics 6,
+1979), so that an unchanged machine is refused at most as often as stated.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, special
+
+from forceaxis import linear, paths
+from forceaxis._core import InputError
+from forceaxis.commission import contact_check, contact_data, known
+from forceaxis.commission import contact_search as searching
+from forceaxis.commission.contact_data import Floats
+from forceaxis.commission.contact_likelihood import ContactProblem
+from forceaxis.commission.incident_causes import log_covariance
+from forceaxis.commission.joint_fit import Responses
+from forceaxis.commission.known import WORKPIECE_SPREAD, Prior
+from forceaxis.identify.fit import read_response
+from forceaxis.identify.measurement import Measurement
+from forceaxis.linear import posterior
+from forceaxis.linear.plant_facts import Overrides
+from forceaxis.recordings import signal_recording
+
+LEVEL = 0.05
+# A parameter is told by the measurement of today if so large a change of its logarithm is seen.
+TOLD_CHANGE = 0.5
+# Twice the logarithm of the likelihood below the best parameter, up to which another one explains
+# the change nearly as well.
+ALIKE_BELOW = 6.0
+CHANGE_MAX_LOG = math.log(5)  # largest change of a parameter that is searched
+ITERATIONS = 12  # evaluations of a fit
+STARTS_LOG = (0.0, -0.05, 0.05, -0.1, 0.1, -0.2, 0.2, -0.4, 0.4)
+# Largest number of parameters that are named, and smallest share of the chi-square of the first one
+# that a further one has to explain.
+MOVED_MAX, SHARE_MIN = 3, 0.02
+LEAST_SHARE = 1e-6  # of the information on a parameter that other parameters leave
+STEP_LOG = 1e-4
+# Increase of the variance of a sum over neighbouring frequencies by the window "hann", which
+# correlates errors by 2/3 and 1/6: 1 + 2 (2/3 + 1/6).
+HANN_FACTOR = 8 / 3
+
+
+@dataclass(frozen=True)
+class HealthOrder:
+    """What to compare: the model of the machine, the measurements of today, and the release.
+
+    `today`: recordings of touch-downs, or one folder of `forceaxis measure`; `released`: the
+    posterior of `forceaxis identify contact`, or a folder of `forceaxis measure`. `level`: largest
+    probability of refusing an unchanged machine.
+    """
+
+    model: str
+    today: Sequence[Path]
+    released: Path
+    held: Overrides = field(default_factory=dict)
+    level: float = LEVEL
+
+
+@dataclass(frozen=True)
+class ParameterHealth:
+    """The test of one parameter. `change`: factor by which it has changed if it alone has changed,
+    with its 95 % interval. `p`: probability of such a change of an unchanged machine, corrected for
+    the number of tests. `told`: False if today's measurement does not tell the parameter."""
+
+    change: float
+    interval: tuple[float, float]
+    p: float
+    told: bool
+
+
+@dataclass(frozen=True)
+class Health:
+    """The health of an axis. `kind`: "touch-down" or "response". `p_value`: probability of a change
+    at least as large of an unchanged machine. `moved`: parameters that have moved, the clearest
+    first; `alike`: others whose change explains the measurement nearly as well as that of the first
+    one. `other_p`: p value of what remains after their change, corrected as well."""
+
+    kind: str
+    model: str
+    today: tuple[str, ...]
+    released: str
+    level: float
+    healthy: bool
+    p_value: float
+    moved: tuple[str, ...]
+    alike: tuple[str, ...]
+    other_p: float
+    parameters: dict[str, ParameterHealth]
+
+
+@dataclass(frozen=True)
+class _Tests:
+    """Tests of k parameters: the changes of their logarithms, one parameter at a time, with their
+    deviations, and the decrease of chi-square by each, (k,) each. A machine changes a little from
+    day to day, so that the `deviation` has a least value."""
+
+    size: Floats
+    deviation: Floats
+    gain: Floats
+
+    @property
+    def p(self) -> Floats:
+        """Returns the probability of so large a change of an unchanged machine, (k,)."""
+        score = np.minimum(self.gain, (self.size / self.deviation) ** 2)
+        return np.asarray(special.chdtrc(1, np.maximum(score, 0.0)))
+
+    @property
+    def told(self) -> NDArray[np.bool_]:
+        """Returns which parameters the measurement of today tells, (k,)."""
+        return np.asarray(TOLD_CHANGE / self.deviation > special.ndtri(0.975))
+
+
+class _Change(Protocol):
+    """What the measurement of today says about changes of parameters."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Returns the names of the k parameters."""
+
+    def tests(self, chosen: Sequence[int]) -> _Tests:
+        """Returns the tests of each parameter beside changes of the `chosen` ones."""
+
+    def other_p(self, chosen: Sequence[int]) -> float:
+        """Returns the p value of what changes of the `chosen` parameters leave."""
+
+
+def health(order: HealthOrder) -> Health:
+    """Compares the measurements of today with the release. Raises InputError."""
+    is_posterior = order.released.suffix == posterior.SUFFIX
+    change: _Change = _of_touch_downs(order) if is_posterior else _of_responses(order)
+    alone = change.tests(())
+    tests = int(np.count_nonzero(alone.told)) + 1
+    chosen = _moved(change, order.level / tests)
+    raw = alone.p
+    adjusted = _holm([*raw[alone.told], change.other_p(chosen)])
+    corrected = np.ones(len(raw))
+    corrected[alone.told] = adjusted[:-1]
+    parameters = {}
+    for i, name in enumerate(change.names):
+        half = 1.96 * alone.deviation[i]
+        low, high = (math.exp(min(alone.size[i] + side, 700.0)) for side in (-half, half))
+        parameters[name] = ParameterHealth(
+            math.exp(alone.size[i]), (low, high), float(corrected[i]), bool(alone.told[i])
+        )
+    p_value = float(min(adjusted))
+    return Health(
+        "touch-down" if is_posterior else "response",
+        paths.display(linear.find_model(order.model)),
+        tuple(paths.display(path) for path in order.today), paths.display(order.released),
+        order.level, p_value >= order.level, p_value, tuple(change.names[i] for i in chosen),
+        tuple(
+            name for i, name in enumerate(change.names)
+            if chosen and i not in chosen and alone.told[i]
+            and alone.gain[i] > alone.gain[chosen[0]] - ALIKE_BELOW
+        ),
+        float(adjusted[-1]), parameters,
+    )  # fmt: skip
+
+
+def _holm(values: Sequence[float]) -> Floats:
+    """Returns p values that are corrected for their number (Holm), in the same order."""
+    order = np.argsort(values)
+    steps = np.array([(len(values) - i) * values[at] for i, at in enumerate(order)])
+    found = np.empty(len(values))
+    found[order] = np.minimum(1.0, np.maximum.accumulate(steps))
+    return found
+
+
+def _moved(change: _Change, level: float) -> list[int]:
+    """Returns the parameters that have moved: one after the other the parameter whose change
+    explains most of what the changes before it leave, as long as it explains a good part."""
+    chosen: list[int] = []
+    first = 0.0
+    while len(chosen) < MOVED_MAX:
+        tests = change.tests(chosen)
+        gain = np.where(tests.told, tests.gain, 0.0)
+        gain[chosen] = 0.0
+        best = int(np.argmax(gain))
+        first = first or float(gain[best])
+        if tests.p[best] > level or gain[best] < SHARE_MIN * first:
+            break
+        chosen.append(best)
+    return chosen
+
+
+@dataclass(frozen=True)
+class _LinearChange:
+    """A change as a normal likelihood: `slope` is its derivative at no change, (k,), `information`
+    the negative second one, (k, k). `p`: p value of the measurement of today alone."""
+
+    names: tuple[str, ...]
+    slope: Floats
+    information: Floats
+    p: float
+
+    def tests(self, chosen: Sequence[int]) -> _Tests:
+        slope, own = self.slope, np.diag(self.information)
+        if chosen:
+            rows = self.information[:, chosen]
+            inner = np.linalg.inv(self.information[np.ix_(chosen, chosen)])
+            slope = slope - rows @ inner @ slope[chosen]
+            own = own - np.einsum("ij,jk,ik->i", rows, inner, rows)
+        own = np.maximum(own, LEAST_SHARE * np.diag(self.information) + 1e-300)
+        return _Tests(slope / own, 1 / np.sqrt(own), slope**2 / own)
+
+    def other_p(self, chosen: Sequence[int]) -> float:
+        return self.p
+
+
+class _ResponseChange:
+    """A change between two frequency responses. A change of parameters multiplies the released
+    response by the ratio of two responses of the model, so an error of the model that is the same
+    on both days does not count."""
+
+    def __init__(self, today: Measurement, released: Measurement, priors: dict[str, Prior]) -> None:
+        self.today, self.released = today, released
+        self.responses = Responses(released.model, priors, [released])
+        self.centre = self.responses.centre
+        self.exact = self.responses.predictions(self.centre)[0]
+        self.spread = np.sqrt((_variance(today) + _variance(released)) / 2)
+        self.names = tuple(priors)
+        self.known: dict[tuple[int, ...], tuple[Floats, float]] = {}
+
+    def residuals(self, chosen: Sequence[int], logs: Floats) -> Floats:
+        """Returns the residuals of real and imaginary part in deviations, (2 n,)."""
+        at = self.centre.copy()
+        at[list(chosen)] += logs
+        ratio = self.responses.predictions(at)[0] / self.exact
+        left = (self.today.response - self.released.response * ratio) / self.spread
+        return np.concatenate([left.real, left.imag])
+
+    def fitted(self, chosen: Sequence[int]) -> tuple[Floats, float]:
+        """Returns the most likely logarithms of the `chosen` parameters, and chi-square."""
+        key = tuple(chosen)
+        if key not in self.known:
+            before = self.fitted(key[:-1])[0] if key else np.zeros(0)
+            starts = [np.append(before, start) for start in STARTS_LOG] if key else [before]
+            start = min(starts, key=lambda logs: float(np.sum(self.residuals(key, logs) ** 2)))
+            if key:
+                found = optimize.least_squares(
+                    lambda logs: self.residuals(key, logs),
+                    start,
+                    bounds=(-CHANGE_MAX_LOG, CHANGE_MAX_LOG),
+                    max_nfev=ITERATIONS,
+                )
+                start = found.x
+            self.known[key] = start, float(np.sum(self.residuals(key, start) ** 2))
+        return self.known[key]
+
+    def tests(self, chosen: Sequence[int]) -> _Tests:
+        before = self.fitted(chosen)[1]
+        size, deviation = np.zeros(len(self.names)), np.full(len(self.names), np.inf)
+        gain = np.zeros(len(self.names))
+        for i in range(len(self.names)):
+            if i in chosen:
+                continue
+            logs, after = self.fitted([*chosen, i])
+            moved = logs + STEP_LOG * (np.arange(len(logs)) == len(logs) - 1)
+            slope = self.residuals([*chosen, i], moved) - self.residuals([*chosen, i], logs)
+            information = float(np.sum((slope / STEP_LOG) ** 2))
+            if information < 1e-12:
+                continue
+            size[i] = logs[-1]
+            deviation[i] = math.hypot(information**-0.5, known.POSTERIOR_SPREAD_MIN)
+            gain[i] = before - after
+        return _Tests(size, deviation, gain)
+
+    def other_p(self, chosen: Sequence[int]) -> float:
+        chi2 = self.fitted(chosen)[1]
+        return float(special.chdtrc(2 * len(self.today.response), chi2))
+
+
+def _of_touch_downs(order: HealthOrder) -> _LinearChange:
+    """Returns the change from a released posterior to the touch-downs of today, by a normal
+    approximation of both."""
+    model = str(linear.find_model(order.model))
+    read = posterior.read(order.released)
+    facts = linear.facts(model, order.held)
+    if unknown := [name for name in read.names if name not in facts.parameters]:
+        raise InputError(
+            f"{paths.display(order.released)}: expected parameters of {order.model}, got "
+            f"{', '.join(unknown)}; give the model that was identified"
+        )
+    logs = np.log(read.table)
+    centre = logs.mean(axis=0)
+    recordings = [(path.stem, signal_recording.read(path)) for path in order.today]
+    spreads = known.priors(model, (), (), order.held)
+    priors = {
+        name: Prior(math.exp(value), spreads.get(name, Prior(1.0, WORKPIECE_SPREAD)).spread)
+        for name, value in zip(read.names, centre.tolist(), strict=True)
+    }
+    held = {name: value for name, value in order.held.items() if name not in priors}
+    data = contact_data.touch_downs(model, recordings, {**held, **_values(priors)})
+    problem = ContactProblem(model, data, priors, held)
+    point, _ = searching.lengthened(problem, problem.centre)
+    _, matrix = searching.derivatives(problem, point)
+    size = len(priors)
+    square = matrix.T @ matrix - np.diag(
+        np.concatenate([problem.spread[:size] ** -2, np.zeros(problem.size - size)])
+    )
+    across = square[:size, size:]
+    today = square[:size, :size] - across @ np.linalg.solve(square[size:, size:], across.T)
+    off = point[:size] - centre
+    # The likelihood of today has its maximum beside the mode, where the prior has a slope.
+    pulled = today @ off + off / problem.spread[:size] ** 2
+    joint = np.eye(size) + today @ log_covariance(read.table)
+    information = np.linalg.solve(joint, today)
+    return _LinearChange(
+        read.names, np.linalg.solve(joint, pulled), (information + information.T) / 2,
+        contact_check.check(problem, point).p,
+    )  # fmt: skip
+
+
+def _values(priors: dict[str, Prior]) -> dict[str, float]:
+    return {name: prior.value for name, prior in priors.items()}
+
+
+def _of_responses(order: HealthOrder) -> _ResponseChange:
+    """Returns the change from a released frequency response to that of today."""
+    model = str(linear.find_model(order.model))
+    if len(order.today) != 1:
+        raise InputError(
+            f"expected one frequency response of today beside {paths.display(order.released)}, got "
+            f"{len(order.today)}"
+        )
+    today = read_response(order.today[0], model, order.held)
+    released = read_response(order.released, model, order.held)
+    _expect_same(today, released, order)
+    priors = known.priors(model, (), (), order.held)
+    own = {name: prior for name, prior in priors.items() if name not in order.held}
+    return _ResponseChange(today, released, own)
+
+
+def _variance(measured: Measurement) -> Floats:
+    """Returns the variance of a response, enlarged for tests with sums over frequencies: the
+    variance itself was estimated from few residuals, and a window correlates neighbours."""
+    factor = HANN_FACTOR if measured.window == "hann" else 1.0
+    return np.asarray(measured.variance * factor * measured.dof / max(measured.dof - 2, 0.5))
+
+
+def _expect_same(today: Measurement, released: Measurement, order: HealthOrder) -> None:
+    """Raises InputError for two responses that cannot be compared."""
+    same = len(today.frequency_hz) == len(released.frequency_hz) and np.allclose(
+        today.frequency_hz, released.frequency_hz
+    )
+    signals = [(m.input, m.output, m.free) for m in (today, released)]
+    if not same or signals[0] != signals[1]:
+        raise InputError(
+            f"{paths.display(order.today[0])}: expected a response with signals and frequencies of "
+            f"{paths.display(order.released)}; measure with the same options"
+        )

@@ -1,0 +1,138 @@
+"""`forceaxis axis health`: an unchanged machine is healthy, a changed parameter is named."""
+
+import json
+import math
+
+import contact_study
+import numpy as np
+import pytest
+from forceaxis import linear
+from forceaxis.commission import contact_fit
+from forceaxis.commission.health import HealthOrder, health
+from forceaxis.identify import result
+from forceaxis.linear import posterior
+from forceaxis.results import to_json
+from verbs import forceaxis
+
+MODEL = "fig3_12"
+RESPONSE = {
+    "inject": "codes", "output": "adc0", "level": 60, "resolution_hz": 1.0, "band_hz": [1, 100],
+}  # fmt: skip
+# Parameters of bodies, springs, dampers and the drive, each 20 % higher.
+CHANGED = (
+    "m_r1", "m_r2", "m_w", "k_w", "k_rf", "k_s", "b_w", "b_r", "k_torque", "k_preamp_cmd",
+)  # fmt: skip
+HIGHER = 1.2
+
+
+def measured(folder, seed, **plant):
+    """Measures a response of the plant with changed parameters into a folder."""
+    result.write(result.run(MODEL, RESPONSE | {"seed": seed}, plant), folder, draw=False)
+    return folder
+
+
+def higher(name):
+    return {name: HIGHER * linear.facts(MODEL).parameters[name].value}
+
+
+def touched_today(folder, machine, read, seed, gain):
+    """Returns the recordings of three touch-downs of a machine."""
+    touches = contact_study.touched(machine, read, seed, gain)
+    return contact_study.order_of(folder, machine, read, touches).recordings
+
+
+def posterior_of(file, machine):
+    """Writes a posterior around a machine, with 2 % of each parameter."""
+    best = np.array(
+        [getattr(machine, contact_study.PARAMETERS[name][0]) for name in contact_study.FITTED]
+    )
+    off = np.random.default_rng(1).standard_normal((400, len(best)))
+    off -= off.mean(axis=0)
+    known = posterior.Posterior(
+        posterior.FORMAT, contact_study.FITTED, tuple(best.tolist()),
+        tuple(map(tuple, (best * np.exp(0.02 * off)).tolist())), (0.0,) * len(off),
+    )  # fmt: skip
+    file.write_text(json.dumps({"posterior": to_json(known)}))
+    return file
+
+
+def test_an_unchanged_response_is_healthy_and_a_stiffer_workpiece_is_drift(tmp_path):
+    released = measured(tmp_path / "released", 1)
+    same = forceaxis(
+        "axis", "health", MODEL, measured(tmp_path / "same", 2), "--released", released
+    )
+    assert same.returncode == 0 and "health       healthy" in same.stdout
+    today = measured(tmp_path / "today", 3, **higher("k_w"))
+    done = forceaxis("axis", "health", MODEL, today, "--released", released, "--json")
+    found = json.loads(done.stdout)
+    assert done.returncode == 1 and not found["healthy"]
+    assert found["moved"] == ["k_w"]
+    low, high = found["parameters"]["k_w"]["interval"]
+    assert low < HIGHER < high
+
+
+def test_a_touch_down_is_held_against_a_posterior(tmp_path):
+    machine, read, gain = contact_study.drawn(1)
+    released = posterior_of(tmp_path / "posterior.json", machine)
+    model = tmp_path / "same/model.toml"
+    files = touched_today(tmp_path / "same", machine, read, 900, gain)
+    assert health(HealthOrder(str(model), files, released)).healthy
+    files = touched_today(tmp_path / "today", machine.but(k_w=1.2 * machine.k_w), read, 901, gain)
+    found = health(HealthOrder(str(model), files, released))
+    assert (found.healthy, found.moved) == (False, ("k_w",))
+
+
+@pytest.mark.parametrize(
+    ("today", "text"),
+    [
+        ("other", "measure with the same options"),
+        ("none", "expected a CSV file or a file response.npz"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(tmp_path, today, text):
+    released = measured(tmp_path / "released", 1)
+    other = RESPONSE | {"seed": 2, "output": "encoder"}
+    result.write(result.run(MODEL, other), tmp_path / "other", draw=False)
+    done = forceaxis("axis", "health", MODEL, tmp_path / today, "--released", released)
+    assert done.returncode == 2 and text in done.stderr
+
+
+@pytest.mark.long
+def test_responses_of_twenty_unchanged_and_ten_changed_machines(tmp_path):
+    def judged(number, name=""):
+        released = measured(tmp_path / f"released_{number}", 1000 + number)
+        today = measured(
+            tmp_path / f"today_{number}", 2000 + number, **(higher(name) if name else {})
+        )
+        return health(HealthOrder(MODEL, [today], released))
+
+    assert sum(judged(i).healthy for i in range(20)) >= 19
+    named = [name for i, name in enumerate(CHANGED, 20) if judged(i, name).moved[:1] == (name,)]
+    assert len(named) >= 9, named
+
+
+@pytest.mark.long
+def test_touch_downs_of_twenty_unchanged_and_ten_changed_machines(tmp_path):
+    """The release is the posterior of three recorded touch-downs."""
+    machine, read, gain = contact_study.drawn(1)
+    touches = contact_study.touched(machine, read, 1, gain)
+    order = contact_study.order_of(tmp_path / "released", machine, read, touches)
+    contact_fit.write(contact_fit.identify(order), tmp_path / "out")
+
+    def judged(number, changed):
+        files = touched_today(tmp_path / str(number), changed, read, 5000 + number, gain)
+        return health(HealthOrder(order.model, files, tmp_path / "out/posterior.json"))
+
+    assert sum(judged(i, machine).healthy for i in range(20)) >= 19
+    named = []
+    for name in contact_study.FITTED:
+        field = contact_study.PARAMETERS[name][0]
+        for factor in (HIGHER, 1 / HIGHER):
+            number = f"{name}_{factor:.2f}"
+            changed = machine.but(**{field: factor * getattr(machine, field)})
+            found = judged(100 + len(named), changed)
+            if found.moved[:1] == (name,):
+                one = found.parameters[name]
+                assert math.isclose(one.change, factor, rel_tol=0.1), number
+                named.append(number)
+    assert len(named) >= 9, named
