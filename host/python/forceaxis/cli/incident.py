@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 @click.option(
     "--explain", "model", type=Subject(paths.MODELS), metavar="MODEL",
     help="Model of the released machine: find the change of plant, sensor or command that "
-    "reproduces the recorded second. --set gives its parameters.",
+    "reproduces the recorded second. Beside --file, --set gives its parameters.",
 )  # fmt: skip
 @click.option(
     "--posterior", type=click.Path(dir_okay=False, path_type=Path),
@@ -134,8 +134,8 @@ def _explain(
     from forceaxis import linear
     from forceaxis.commission import incident_explain
 
-    own = [text for text in connection.overrides if "." not in text.split("=")[0]]
-    held = linear.overrides(own)
+    # With --sim, --set changes the axis, and the released machine stays as MODEL says.
+    held = {} if connection.sim else linear.overrides(connection.overrides)
     found = incident_explain.explain(done, incident_explain.ExplainOrder(model, posterior, held))
     if out:
         incident_explain.write(found, out)

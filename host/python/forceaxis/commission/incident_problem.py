@@ -95,10 +95,10 @@ class IncidentProblem(ContactProblem):
             return self.number(kind, -1, points)
         return np.full(len(points), same)
 
-    def number(self, kind: str, touch: int, points: Floats) -> Floats:
+    def number(self, kind: str, touch: int, points: Floats, known: float = 0.0) -> Floats:
         """Returns an unknown in SI units for n points, (n,). An encoder with another scale also
         tells another place of the axis at the start."""
-        found = super().number(kind, touch, points)
+        found = super().number(kind, touch, points, known)
         position = self.data.touches[0].position
         if kind != "place" or position is None:
             return found
