@@ -54,7 +54,7 @@ def health(
     """Compare what is measured TODAY with what was measured at the release of the axis, and name
     the parameter that has moved.
 
-    TODAY is one or more recordings of touch-downs (`forceaxis recording import`) beside a
+    TODAY is one or more recordings of first contacts (`forceaxis recording import`) beside a
     posterior, or a folder of `forceaxis measure` beside such a folder, measured with the same
     options. MODEL says which parameters can have moved. A change below 1 % counts as none. The exit
     status is 0 for a healthy axis and 1 for drift, for cron and CI.

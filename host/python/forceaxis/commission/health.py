@@ -83,7 +83,7 @@ class ParameterHealth:
 
 @dataclass(frozen=True)
 class Health:
-    """The health of an axis. `kind`: "touch-down" or "response". `p_value`: probability of a change
+    """The health of an axis. `kind`: "contact" or "response". `p_value`: probability of a change
     at least as large of an unchanged machine. `moved`: parameters that have moved, the clearest
     first; `alike`: others whose change explains the measurement nearly as well as that of the first
     one. `other_p`: p value of what remains after their change, corrected as well."""
@@ -157,7 +157,7 @@ def health(order: HealthOrder) -> Health:
         )
     p_value = float(min(adjusted))
     return Health(
-        "touch-down" if is_posterior else "response",
+        "contact" if is_posterior else "response",
         paths.display(linear.find_model(order.model)),
         tuple(paths.display(path) for path in order.today), paths.display(order.released),
         order.level, p_value >= order.level, p_value, tuple(change.names[i] for i in chosen),

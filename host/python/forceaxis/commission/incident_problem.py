@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from forceaxis import _core, linear
 from forceaxis._core import TICKS_PER_SECOND, InputError
@@ -149,9 +148,9 @@ class IncidentProblem(ContactProblem):
         matrix, inverse = self.slack.matrix, self.slack.inverse
         return np.asarray(-np.linalg.solve(inverse, matrix.T @ residuals[:, : len(matrix)].T).T)
 
-    def residuals_of(self, touch: int, number: int) -> NDArray[np.bool_]:
+    def residuals_of(self, touch: int, number: int) -> Floats:
         """Returns that all residuals belong to the only touch-down, (1,)."""
-        return np.ones(1, dtype=bool)
+        return np.ones(1)
 
 
 def start_place(model: str | Path, held: Overrides) -> float:
@@ -194,7 +193,8 @@ def data_of(incident: Incident, model: str | Path, held: Overrides) -> ContactDa
     if abs(speed) <= slowest:
         speed = 0.0
     touch = TouchDown(
-        "incident", incident.column("dac_code")[used] * facts.volts_per_code, float(onset), force,
+        "incident", np.asarray(incident.column("dac_code")[used] * float(facts.volts_per_code)),
+        float(onset), force,
         position, gap_of(model, held) - shift, (speed, max(SPEED_SHARE * abs(speed), slowest)),
     )  # fmt: skip
     return ContactData((touch,))
