@@ -53,7 +53,12 @@ def provoked(folder, hidden):
     link = SimLink(
         experiment(folder, hidden), [f"firmware.mode={(CONTACT | (hidden.firmware or {}))['mode']}"]
     )
-    link.axis.step(round(hidden.seconds * 1500))
+    return incident_of(link, hidden.seconds)
+
+
+def incident_of(link, seconds):
+    """Returns the incident of a simulated axis after a time."""
+    link.axis.step(round(seconds * 1500))
     axis = Axis(link)
     axis.acquire()
     return incident.fetch(axis)

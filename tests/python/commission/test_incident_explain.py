@@ -5,8 +5,10 @@ import json
 
 import incident_study
 import numpy as np
+import protections
 import pytest
 from forceaxis._core import InputError
+from forceaxis.axis.sim import SimLink
 from forceaxis.commission import incident
 from forceaxis.commission.incident_explain import ExplainOrder, explain
 from forceaxis.experiments.experiment import Experiment
@@ -88,6 +90,20 @@ def test_a_released_machine_has_no_such_fault(tmp_path, name):
     same = dataclasses.replace(hidden, change=None, events="")
     run = Experiment.load(incident_study.experiment(tmp_path, same)).run()
     assert run.fault == "none"
+
+
+@pytest.mark.long
+def test_a_second_that_begins_on_the_way_in_mode_4(tmp_path):
+    """The approach lasts longer than the second that the black box keeps."""
+    speed = "approach_velocity_max = '6 mm/s'"
+    slow = protections.pressing("force_max = 22", k_f=7.0, approach=speed)
+    sets = "approach = '8 mm'\nk_w = 1e6"
+    file = tmp_path / "slow.toml"
+    file.write_text(protections.experiment(slow, protections.ENABLE, sets=sets, duration_s=4.0))
+    result = explain(incident_study.incident_of(SimLink(file), 4.0), ORDER).result
+    assert (result.causes[0].name, result.fault) == ("workpiece stiffness", "force_max")
+    assert (result.ticks, result.repeats) == (1501, True)
+    assert result.speed_m_per_s == pytest.approx(6e-3, rel=0.05)
 
 
 @pytest.mark.long

@@ -23,7 +23,9 @@ from forceaxis.results import JsonObject
 
 MODEL, EXPERIMENT = "model.toml", "experiment.toml"
 LONGER = 1.5  # duration of the experiment, relative to the recorded time before the fault
-ENABLE_S = ((0.0, 6), (0.002, 7), (0.004, 15))  # times and controlwords that enable the axis
+# Times and controlwords that enable the axis, and that which starts a move of profile position.
+ENABLE_S = ((0.0, 6), (0.002, 7), (0.004, 15))
+START_S = (0.006, 31)
 # Mass and damping of the scale of an encoder that slips: it moves within a tick.
 SCALE_KG, SCALE_N_S_PER_M = 1e-3, 10.0
 
@@ -52,7 +54,8 @@ def files(incident: Incident, released: Released, fit: FittedCause) -> dict[str,
         "firmware": _parameters(incident) | command,
     }
     if "modes_of_operation" in command:
-        enable = [{"time_s": t, "firmware": {"controlword": w}} for t, w in ENABLE_S]
+        words = (*ENABLE_S, START_S) if "target_position" in command else ENABLE_S
+        enable = [{"time_s": t, "firmware": {"controlword": w}} for t, w in words]
         events = [*enable, *events]
     if events:
         table["at"] = events
@@ -78,7 +81,7 @@ def repeats(incident: Incident, texts: Mapping[str, str]) -> bool:
 def _parameters(incident: Incident) -> JsonObject:
     """Returns the parameters of the axis that differ from their defaults."""
     return {
-        name: from_raw(name, raw)
+        name: raw if BY_NAME[name].values else from_raw(name, raw)
         for name, raw in incident.parameters.items()
         if name == "force_scale"
         or (BY_NAME[name].stored and raw != BY_NAME[name].default and not BY_NAME[name].node_id)
@@ -87,17 +90,18 @@ def _parameters(incident: Incident) -> JsonObject:
 
 def _command(incident: Incident) -> JsonObject:
     """Returns the objects of [firmware] that command the axis as before the fault."""
-    mode = from_raw("modes_of_operation", incident.parameters["modes_of_operation"])
+    number = incident.parameters["modes_of_operation"]
+    mode = from_raw("modes_of_operation", number)
     used = slice(0, incident.recording.trigger_sample)
     if mode == "force_counts":
         setpoint = from_raw("force_setpoint", incident.parameters["force_setpoint"])
         return {"mode": "force", "force_setpoint": setpoint}
     if mode == "force":
         target = int(np.max(incident.column("force_demand")[used], initial=0))
-        return {"modes_of_operation": mode, "target_force": target}
+        return {"modes_of_operation": number, "target_force": target}
     if mode == "profile_position":
         end = int(incident.column("profile_position")[used][-1])
-        return {"modes_of_operation": mode, "target_position": end}
+        return {"modes_of_operation": number, "target_position": end}
     return {}
 
 
