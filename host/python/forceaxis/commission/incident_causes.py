@@ -181,6 +181,32 @@ class Released:
         path.write_text(text)
         return FittedCause(cause, problem, *descended(problem, point), text)
 
+    def again(self, fit: FittedCause) -> FittedCause:
+        """Returns a fit that begins at another one, with the changes that the released parameters
+        make in the plant of its cause instead of the released plant."""
+        old = fit.problem
+        free = {name: Prior(value, 1.0) for name, value in self.centre.items()}
+        drops = fit.cause.element.drops if fit.cause.element else ()
+        free = {name: one for name, one in free.items() if name not in drops}
+        held = {name: value for name, value in old.held.items() if name not in free}
+        wide = IncidentProblem(
+            old.model, self.data, old.priors | free, held, fit.cause.unknowns, fit.cause.slip_at
+        )
+        own = len(old.names)
+        point = np.concatenate([
+            fit.point[:own], np.log([one.value for one in free.values()]), fit.point[own:],
+        ])  # fmt: skip
+        _, matrix = searching.derivatives(wide, point)
+        slack = np.zeros_like(self.slack.matrix)
+        for i, name in enumerate(free, own):
+            slack[:, self.names.index(name)] = matrix[: len(slack), i]
+        problem = IncidentProblem(
+            old.model, self.data, old.priors, old.held, fit.cause.unknowns, fit.cause.slip_at,
+            Slack(slack, self.slack.inverse),
+        )  # fmt: skip
+        point, cost = descended(problem, fit.point)
+        return replace(fit, problem=problem, point=point, cost=cost)
+
     def _begun(self, problem: IncidentProblem, start: tuple[float, ...]) -> Floats:
         """Returns the point at which a fit begins: that of the released machine with `start`."""
         point = problem.centre.copy()

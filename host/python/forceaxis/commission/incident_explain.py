@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 # A cause whose rank is at most so much below that of the best one is possible: a factor of 150 in
 # the probability (Kass and Raftery, J. American Statistical Association 90, 1995).
 POSSIBLE_BELOW = 10.0
+# Causes whose rank is at most so much below that of the best one are fitted once more, with
+# derivatives of their own plant.
+AGAIN_BELOW = 50.0
 SPEED_TICKS = 15  # before the touch, from which its speed is found
 UNITS = {"gain": "", "offset": "N", "place": "m", "scale": "", "slip": "m"}
 FILES = ("explanation.json", "explanation.png", "model.toml", "experiment.toml")
@@ -125,6 +128,10 @@ def explain(incident: Incident, order: ExplainOrder) -> Explained:
             return 2 * (released.fit.cost - fit.cost) - fit.cause.count * math.log(size)
 
         fits.sort(key=lambda fit: -gain(fit))
+        near = [fit for fit in fits if gain(fit) > gain(fits[0]) - AGAIN_BELOW]
+        if len(near) > 1:
+            fits[: len(near)] = [released.again(fit) for fit in near]
+            fits.sort(key=lambda fit: -gain(fit))
         best = gain(fits[0])
         causes = tuple(_tried(fit, gain(fit), best) for fit in fits)
         files = incident_repeat.files(incident, released, fits[0])
