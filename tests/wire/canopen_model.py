@@ -34,15 +34,17 @@ MOVES = {FRAME_IN, TICK, LOST, BUS, REPLACED}
 BYTES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4}
 AT = {(o.index, o.sub): o for o in OBJECTS if o.index > 0}
 BY_NUMBER = {o.number: o for o in OBJECTS}
-INDICES = {index for index, _ in AT} | {0x1008, 0x1009, 0x100A, 0x2120}
+INDICES = {index for index, _ in AT} | {0x1008, 0x1009, 0x100A, 0x1F50, 0x2120}
 # Sub-index 0 of arrays and records: the highest sub-index.
 HIGHEST = {
     index: max(sub for i, sub in AT if i == index)
     for index in {i for i, sub in AT if sub > 0}
     if (index, 0) not in AT
-}
+} | {0x1F50: 1}
 RECORDER_DATA = 0x2120
+PARTS_OFFSET, PROGRAM_BYTES = (0x2437, 1), 4096
 PROGRAM_DATA, PROGRAM = (0x2435, 1), (0x2435, 2)  # the axis has no memory for programs
+DOWNLOADED = {PROGRAM_DATA, (0x1F50, 1)}  # and no slots for the firmware
 ACKNOWLEDGE, UNLOCK = (0x2438, 3), (0x2439, 4)  # no part was pressed
 LOCK_ON_BAD = (0x2439, 1)  # the axis has no memory for results
 OPEN = {(0x2438, 2), (0x2436, 1), (0x243B, 7), ACKNOWLEDGE}  # every source may write these
@@ -660,12 +662,12 @@ class Node:
 
     @staticmethod
     def find(index, sub):
-        """The object at an address; PROGRAM_DATA; or None for a text, another domain or a highest
-        sub-index."""
+        """The object at an address; an address of DOWNLOADED; or None for a text, another domain or
+        a highest sub-index."""
         if (index, sub) in AT:
             return AT[index, sub]
-        if (index, sub) == PROGRAM_DATA:
-            return PROGRAM_DATA
+        if (index, sub) in DOWNLOADED:
+            return index, sub
         if (sub == 0 and index in INDICES) or (index, sub) == CURVE_DATA:
             return None
         raise Abort(0x06090011 if index in INDICES else 0x06020000)
@@ -681,7 +683,7 @@ class Node:
     def to_write(self, index, sub):
         """The object at an address, if it can be written."""
         o = self.find(index, sub)
-        if o == PROGRAM_DATA:
+        if isinstance(o, tuple):
             raise Abort(0x05040005)
         if o is None or o.access == "ro":
             raise Abort(0x06010002)
@@ -690,7 +692,7 @@ class Node:
     def to_read(self, index, sub):
         """The object at an address as find, if it can be read."""
         o = self.find(index, sub)
-        if o == PROGRAM_DATA or (o is not None and o.access == "wo"):
+        if isinstance(o, tuple) or (o is not None and o.access == "wo"):
             raise Abort(0x06010001)
         return o
 
@@ -994,6 +996,8 @@ class Node:
         elif o.part == "device" and at[0] not in DRIVE_BUS:
             if at in (PROGRAM, ACKNOWLEDGE) and value != 0:
                 raise Abort(0x06090030)
+            if at == PARTS_OFFSET and value > PROGRAM_BYTES - 4:
+                raise Abort(0x06090030)
             if at == LOCK_ON_BAD and value != 0:
                 raise Abort(0x06060000)
             is_id = at != (0x230F, 0) or value <= 127 or value == 255
@@ -1138,7 +1142,7 @@ class Node:
         except Abort:
             raise Abort(0x06020000) from None
         forbidden = "wo" if transmit else "ro"
-        is_object = o is not None and o != PROGRAM_DATA
+        is_object = o is not None and not isinstance(o, tuple)
         permitted = is_object and o.mappable in ((1, 2) if transmit else (1,))
         if not permitted or o.access == forbidden or bits != 8 * BYTES[o.type]:
             raise Abort(0x06040041)

@@ -54,7 +54,12 @@ def elements():
 
 ELEMENTS = list(elements())
 AT = {(index, sub): (name, o, i) for name, o, i, index, sub in ELEMENTS}
-INDICES_WITH_SUBS = {index for index, sub in AT if sub}
+SPECIALS = {(s["index"], s.get("sub", 0)): s for s in CONTENT["special"]}
+INDICES_WITH_SUBS = {index for index, sub in [*AT, *SPECIALS] if sub}
+
+
+def highest_of(index):
+    return max(sub for i, sub in [*AT, *SPECIALS] if i == index)
 
 
 def default_of(o, i):
@@ -122,22 +127,21 @@ def test_every_object_of_the_table_is_in_the_data_sheet(sheet):
 
 
 def test_the_data_sheet_has_nothing_else(sheet):
-    specials = {(s["index"], s.get("sub", 0)): s for s in CONTENT["special"]}
     listed = []
     for kind in ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects"):
         count = int(sheet[kind]["SupportedObjects"])
         assert len(sheet[kind]) == count + 1
         listed += [int(sheet[kind][str(i)], 0) for i in range(1, count + 1)]
     assert len(listed) == len(set(listed))
-    assert set(listed) == {index for index, _ in [*AT, *specials]}
+    assert set(listed) == {index for index, _ in [*AT, *SPECIALS]}
     for name in sheet.sections():
         match = re.fullmatch(r"([0-9A-F]{4})(?:sub([0-9A-F]+))?", name)
         if not match:
             continue
         index, sub = int(match[1], 16), int(match[2] or "0", 16)
         assert index in listed
-        if (index, sub) in specials and (sub > 0 or match[2] is None):
-            special = specials[index, sub]
+        if (index, sub) in SPECIALS and (sub > 0 or match[2] is None):
+            special = SPECIALS[index, sub]
             domain = special["type"] == "domain"
             assert sheet[name]["AccessType"] == special.get("access", "ro")
             assert int(sheet[name]["DataType"], 0) == (0x0F if domain else 0x09)
@@ -150,7 +154,7 @@ def test_the_data_sheet_has_nothing_else(sheet):
             # Only the number of sub-indices is not in the table.
             assert sub == 0
             assert sheet[name]["AccessType"] == "const"
-            assert int(sheet[name]["DefaultValue"]) == max(s for i, s in AT if i == index)
+            assert int(sheet[name]["DefaultValue"]) == highest_of(index)
 
 
 def test_the_lists_of_the_data_sheet_follow_the_ranges_of_cia_301(sheet):
@@ -680,7 +684,7 @@ def test_the_firmware_has_the_same_addresses(tmp_path):
 
     addresses = {(index, sub): (0, number_of[name]) for (index, sub), (name, *_) in AT.items()}
     for index in INDICES_WITH_SUBS:
-        addresses.setdefault((index, 0), (1, max(s for i, s in AT if i == index)))
+        addresses.setdefault((index, 0), (1, highest_of(index)))
     for special in CONTENT["special"]:
         is_domain, is_read = special["type"] == "domain", special.get("access", "ro") == "ro"
         what = (3 if is_read else 4) if is_domain else 2
