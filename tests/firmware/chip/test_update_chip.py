@@ -1,6 +1,7 @@
 """The update and the loader as the released images do them, in front of the model of the flash:
 which sectors they erase, which words they program, and what the loader starts."""
 
+import functools
 import random
 import struct
 from dataclasses import replace
@@ -11,13 +12,22 @@ from forceaxis import objects
 from forceaxis.chip import update_file
 from unicorn import arm_const
 
-RECORDS = update_file.read(IMAGE.with_suffix(".update"))
-TABLE = RECORDS[0].table
 REQUEST, ANSWER = 0x601, 0x581
 TRAILER = slice(SLOT_BYTES - 64, SLOT_BYTES)
 BLANK = update_file.BLANK
 ERASED = b"\xff" * SLOT_BYTES
 SOFTWARE_RESET = 1 << 28 | 1 << 26  # RCC_CSR: SFTRSTF, PINRSTF
+
+
+@functools.cache
+def records():
+    """The images for both slots, of the update file that tools/image has built."""
+    return update_file.read(IMAGE.with_suffix(".update"))
+
+
+def table():
+    """The object table that an update has to name."""
+    return records()[0].table
 
 
 def trailer(record, sequence, confirmed=0, tries=()):
@@ -63,11 +73,11 @@ def blocks(chip, data, size):
 
 def test_the_other_slot_is_erased_and_programmed_as_the_manual_says(chip):
     """Erase with the head, from the RAM with the watchdog fed; words as they come, read back."""
-    flash, record = chip.board.flash, RECORDS[1]
+    flash, record = chip.board.flash, records()[1]
     flash.busy_reads = 500
     feeds, store = chip.board.iwdg.feeds, bytes(flash.bytes)
     running = bytes(flash.slots[:SLOT_BYTES])
-    data = record.download(TABLE)
+    data = record.download(table())
     blocks(chip, data, 770)
     written = 770 - 64 - 7 - 3  # a segment is held until the next one, and words are complete
     other = bytes(flash.slots[SLOT_BYTES:])
@@ -83,14 +93,14 @@ def test_the_other_slot_is_erased_and_programmed_as_the_manual_says(chip):
 @pytest.mark.parametrize(
     "change, reason",
     [
-        (lambda r: replace(r, board="nucleo-g474re").download(TABLE), "other_board"),
-        (lambda r: replace(r, address=SLOTS[0]).download(TABLE), "other_link"),
+        (lambda r: replace(r, board="nucleo-g474re").download(table()), "other_board"),
+        (lambda r: replace(r, address=SLOTS[0]).download(table()), "other_link"),
         (lambda r: r.download(1), "other_table"),
-        (lambda r: r.download(TABLE)[:-8], "wrong_length"),
+        (lambda r: r.download(table())[:-8], "wrong_length"),
     ],
 )
 def test_what_is_wrong_leaves_the_slot_untouched(chip, change, reason):
-    data = change(RECORDS[1])
+    data = change(records()[1])
     before = bytes(chip.board.flash.slots)
     assert blocks(chip, data, 154)[0] == 0x80
     assert objects.BY_NAME["program_refusal"].enum[chip.read("program_refusal")] == reason
@@ -122,7 +132,7 @@ def test_no_sequence_of_commands_programs_the_loader_or_the_parameters(chip, see
     confirms the running image (Flash.program_slot, Flash.erase)."""
     dice, flash = random.Random(seed), chip.board.flash
     store, running = bytes(flash.bytes), bytes(flash.slots[:SLOT_BYTES])
-    data = RECORDS[1].download(TABLE)
+    data = records()[1].download(table())
     parts = [f"cycle_data_{n}" for n in range(1, 17)]
     for _ in range(60):
         match dice.randrange(6):
@@ -179,7 +189,7 @@ def start(slots, number):
 def test_the_loader_starts_the_newest_image_and_uses_one_try():
     """The incident and the data of a fault, which are in the RAM over a reset, are kept: the
     loader has only the stack of the image."""
-    slots = slot(RECORDS[0], 3) + slot(RECORDS[1], 4, BLANK)
+    slots = slot(records()[0], 3) + slot(records()[1], 4, BLANK)
     before = bytearray(slots)
     chip = start(slots, 1)
     tries = SLOT_BYTES + SLOT_BYTES - 64 + 20
@@ -189,18 +199,18 @@ def test_the_loader_starts_the_newest_image_and_uses_one_try():
     assert chip.board.iwdg.started
     assert bytes(chip.uc.mem_read(0x20001000, 0x1F000)) == b"\xa5" * 0x1F000
     # Confirmed: nothing is programmed.
-    slots = slot(RECORDS[0], 3) + slot(RECORDS[1], 4)
+    slots = slot(records()[0], 3) + slot(records()[1], 4)
     assert bytes(start(slots, 1).board.flash.slots) == slots
 
 
 @pytest.mark.parametrize("damage", ["tries", "crc", "magic"])
 def test_the_loader_returns_to_the_image_before(damage):
-    newer = bytearray(slot(RECORDS[1], 4, BLANK, [0, 0, 0, 0] if damage == "tries" else []))
+    newer = bytearray(slot(records()[1], 4, BLANK, [0, 0, 0, 0] if damage == "tries" else []))
     if damage == "crc":
         newer[1000] ^= 4
     if damage == "magic":
         newer[SLOT_BYTES - 64] &= 0xF0
-    slots = slot(RECORDS[0], 3) + bytes(newer)
+    slots = slot(records()[0], 3) + bytes(newer)
     assert bytes(start(slots, 0).board.flash.slots) == slots
 
 
@@ -215,7 +225,7 @@ def test_without_an_image_the_outputs_are_low_and_the_watchdog_is_off():
 
 def test_the_image_in_slot_b_is_the_same_firmware():
     """Both links, in place: the one in slot B runs its ticks, and shows its slot."""
-    chip = release(Chip(slot=1, slots=slot(RECORDS[0], 3) + slot(RECORDS[1], 4, BLANK, [0])))
+    chip = release(Chip(slot=1, slots=slot(records()[0], 3) + slot(records()[1], 4, BLANK, [0])))
     chip.tick(5)
     assert chip.read("fault") == 0
     shown = objects.BY_NAME["program_slot"].enum[chip.read("program_slot")]
