@@ -11,10 +11,7 @@
 
 _Static_assert(AXIS_CYCLE_PROGRAM_REFUSAL_COUNT == (int)CYCLE_REASONS, "reasons for a refusal");
 
-enum {
-  DATA_WORDS = AXIS_OBJ_CYCLE_DATA_16 - AXIS_OBJ_CYCLE_DATA_1 + 1,
-  OFFSET_MAX = CYCLE_PROGRAM_BYTES_MAX - 4
-};
+enum { DATA_WORDS = AXIS_OBJ_CYCLE_DATA_16 - AXIS_OBJ_CYCLE_DATA_1 + 1 };
 
 /* Shows the library and the selected program. */
 static void show_programs(fw_t *fw) {
@@ -115,9 +112,6 @@ static bool is_part(uint16_t object) {
 int programs_check(const fw_t *fw, uint16_t object, int32_t value) {
   if (object == AXIS_OBJ_CYCLE_PROGRAM) {
     return check_selection(fw, (uint32_t)value);
-  }
-  if (object == AXIS_OBJ_CYCLE_DATA_OFFSET && value > OFFSET_MAX && !update_is_receiving(fw)) {
-    return FW_ERROR_RANGE;
   }
   return (is_part(object) && is_downloading(fw, CANOPEN_SDOS)) ? FW_ERROR_BUSY : FW_OK;
 }

@@ -42,7 +42,6 @@ HIGHEST = {
     if (index, 0) not in AT
 } | {0x1F50: 1}
 RECORDER_DATA = 0x2120
-PARTS_OFFSET, PROGRAM_BYTES = (0x2437, 1), 4096
 PROGRAM_DATA, PROGRAM = (0x2435, 1), (0x2435, 2)  # the axis has no memory for programs
 DOWNLOADED = {PROGRAM_DATA, (0x1F50, 1)}  # and no slots for the firmware
 ACKNOWLEDGE, UNLOCK = (0x2438, 3), (0x2439, 4)  # no part was pressed
@@ -995,8 +994,6 @@ class Node:
             self.report_drive(at[0] == 0x1016 or is_rpdo, stops=False)
         elif o.part == "device" and at[0] not in DRIVE_BUS:
             if at in (PROGRAM, ACKNOWLEDGE) and value != 0:
-                raise Abort(0x06090030)
-            if at == PARTS_OFFSET and value > PROGRAM_BYTES - 4:
                 raise Abort(0x06090030)
             if at == LOCK_ON_BAD and value != 0:
                 raise Abort(0x06060000)

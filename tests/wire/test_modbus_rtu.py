@@ -196,6 +196,7 @@ COMMANDS = {
     "calibrate",
     "cycle_program_remove",
     "cycle_data_end",
+    "program_control",
 }
 
 

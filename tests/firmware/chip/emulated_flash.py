@@ -1,7 +1,6 @@
 """An emulated chip whose flash is a file: loader, slots, parameters. Each reset ends QEMU, which
 starts again with what is in the file then, as a chip does with its flash."""
 
-import contextlib
 import dataclasses
 import re
 import struct
@@ -101,7 +100,9 @@ class EmulatedFlash:
                 stderr=subprocess.STDOUT,
             )  # fmt: skip
             if self.modbus:
-                found = re.search(r"redirected to (\S+)", self.process.stdout.readline())
+                # Warnings of the emulator may come before this line.
+                told = (re.search(r"redirected to (\S+)", text) for text in self.process.stdout)
+                found = next(match for match in told if match)
                 self.tty.unlink(missing_ok=True)
                 self.tty.symlink_to(found[1])
             self.starts += 1
@@ -124,9 +125,9 @@ class EmulatedFlash:
 
     def connect(self):
         """A new connection to the axis."""
-        if self.modbus:
-            with contextlib.suppress(OSError):
+        try:
+            if self.modbus:
                 return ModbusLink(str(self.tty), 1, ANSWER_S)
-        with contextlib.suppress(OSError):
             return CanLink("tunnel", 1, bus=tunnel.SerialBus(self.socket), timeout_s=ANSWER_S)
-        raise NoAnswer("the emulated chip restarts")
+        except OSError as error:
+            raise NoAnswer(f"the emulated chip restarts: {error}") from None

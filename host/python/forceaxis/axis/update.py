@@ -95,7 +95,7 @@ def update(
     previous image or returns to it; NoAnswer.
     """
     with contextlib.ExitStack() as stack:
-        axis = Axis(connect())
+        axis = _axis_at(connect())
         stack.callback(axis.close)
         where, before = axis.link.where, axis.link.text(VERSION_INDEX)
         found = _expect_updatable(axis)
@@ -187,6 +187,16 @@ def _confirmed(
         )  # fmt: skip
 
 
+def _axis_at(link: Link) -> Axis:
+    """Returns the axis at a connection, which is ended if the axis does not answer: a connection
+    that stays open locks a serial device."""
+    try:
+        return Axis(link)
+    except BaseException:
+        link.close()
+        raise
+
+
 def _restarted(connect: Callable[[], Link], where: str) -> tuple[Axis, ProgramObjects]:
     end = time.monotonic() + RESTART_MAX_S
     with progress.phase("restarting the axis"):
@@ -194,7 +204,7 @@ def _restarted(connect: Callable[[], Link], where: str) -> tuple[Axis, ProgramOb
         while True:
             axis = None
             try:
-                axis = Axis(connect())
+                axis = _axis_at(connect())
                 return axis, axis.record(ProgramObjects)
             except (NoAnswer, Refused):
                 if axis is not None:
