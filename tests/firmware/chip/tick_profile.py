@@ -235,9 +235,9 @@ class Profile:
         self.control = 0
         self.frames = Counter()
         self.run(self.chip, Fuzz(BY_NAME, self.seed), self.ticks)
-        chip = Chip()
-        self.run(chip, CycleFuzz(BY_NAME, SEED_OF_CYCLES), TICKS_OF_CYCLES)
-        self.executed = self.chip.executed() | chip.executed()
+        self.busy_chip = Chip()  # kept, because the emulator still calls its counter
+        self.run(self.busy_chip, CycleFuzz(BY_NAME, SEED_OF_CYCLES), TICKS_OF_CYCLES)
+        self.executed = self.chip.executed() | self.busy_chip.executed()
 
     def polled(self, prepare):
         """Instructions of the polls of the ADC that find no result, in a tick in which fw_prepare()
