@@ -82,11 +82,13 @@ def test_a_posterior_without_its_model_is_refused(stiff, tmp_path):
     assert done.returncode == 2 and "--explain MODEL" in done.stderr
 
 
-@pytest.mark.parametrize("name", incident_study.TWELVE)
+@pytest.mark.parametrize(
+    # With the cause "command" the firmware of the incident is the cause, not the machine.
+    "name",
+    [name for name, one in incident_study.TWELVE.items() if one.cause != "command"],
+)
 def test_a_released_machine_has_no_such_fault(tmp_path, name):
     hidden = incident_study.TWELVE[name]
-    if hidden.cause == "command":
-        pytest.skip("here the firmware of the incident is the cause")
     same = dataclasses.replace(hidden, change=None, events="")
     run = Experiment.load(incident_study.experiment(tmp_path, same)).run()
     assert run.fault == "none"
