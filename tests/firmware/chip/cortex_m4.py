@@ -349,7 +349,8 @@ class Host:
         memories = (ctypes.addressof(self.results), RESULT_BYTES)
         memories += (ctypes.addressof(self.curve), CURVE_BYTES)
         config = struct.pack("<QI4xQQQQIIBB46xQI4xQI4x", *places, 0, 0, 0, 0, 0, NODE, 1, *memories)
-        self.config = ctypes.create_string_buffer(config)
+        # What the configuration does not name is 0, as behind CONFIG of the chip.
+        self.config = ctypes.create_string_buffer(config, 0x200)
         self.lib.fw_init(self.fw, self.config)
         self.outputs = ctypes.create_string_buffer(OUTPUT_BYTES)
         self.value = ctypes.c_int32()
