@@ -36,7 +36,7 @@ ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
 # A scheduling class that runs only on an idle CPU and is interrupted at once. With nice alone, a
 # process would keep the CPU to the end of its time slice.
 IDLE = ("chrt", "--idle", "0")
-FUZZ_S, FUZZ_ALL_S = 4, 80
+FUZZ_S, FUZZ_ALL_S = 4, 40
 SECOND_S = 420  # in which the second tries of a stage have to end
 
 
@@ -174,11 +174,11 @@ def check_promises(tally):
     tally.count("promises", begin, len(rows), len(lines))
 
 
-def beside(tally):
+def beside(tally, stage, expression, fuzz_s):
     """What runs beside the tests of real buses, in the time that those leave: one process, where a
     compiler would be one on every core and make them late."""
-    fuzz(tally, FUZZ_S, IDLE)
-    pytest(tally, "beside", "beside and not long", prefix=IDLE)
+    fuzz(tally, fuzz_s, IDLE)
+    pytest(tally, stage, expression, prefix=IDLE)
 
 
 @contextlib.contextmanager
@@ -212,15 +212,16 @@ def main(arguments):
         return tally.end()
     ctest(tally, "release", "-j2")
     pytest(tally, "parallel", "not alone and not beside and not long", *PARALLEL)
-    with meanwhile(tally, lambda: beside(tally)):
+    with meanwhile(tally, lambda: beside(tally, "beside", "beside and not long", FUZZ_S)):
         pytest(tally, "alone", "alone and not long", twice=True)
     if arguments == ["--all"]:
         # Tests compare the traces of these builds with those of the release build.
         build(tally, "debug-plain", "trace_hash")
         build(tally, "debug", "ctest_programs")
         ctest(tally, "debug", "-j2")
-        pytest(tally, "long", "long and not alone", *PARALLEL)
-        with meanwhile(tally, lambda: fuzz(tally, FUZZ_ALL_S, IDLE)):
+        pytest(tally, "long", "long and not alone and not beside", *PARALLEL)
+        work = (tally, "long-beside", "long and beside", FUZZ_ALL_S)
+        with meanwhile(tally, lambda: beside(*work)):
             pytest(tally, "long-alone", "long and alone", twice=True)
         check_promises(tally)
     return tally.end()

@@ -97,6 +97,7 @@ def test_what_cannot_be_compared_is_refused(tmp_path, today, text):
     assert done.returncode == 2 and text in done.stderr
 
 
+@pytest.mark.beside
 @pytest.mark.long
 def test_responses_of_twenty_unchanged_and_ten_changed_machines(tmp_path):
     def judged(number, name=""):
@@ -111,6 +112,7 @@ def test_responses_of_twenty_unchanged_and_ten_changed_machines(tmp_path):
     assert len(named) >= 9, named
 
 
+@pytest.mark.beside
 @pytest.mark.long
 def test_touch_downs_of_twenty_unchanged_and_ten_changed_machines(tmp_path):
     """The release is the posterior of three recorded touch-downs."""

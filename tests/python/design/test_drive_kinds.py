@@ -3,7 +3,7 @@
 import drive_kinds
 import pytest
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.beside, pytest.mark.long]
 
 
 @pytest.mark.parametrize("name", drive_kinds.KINDS)
