@@ -15,15 +15,13 @@ from forceaxis._core import TICKS_PER_SECOND, InputError
 from forceaxis.commission import known
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.recordings.signal_recording import RecordedSignal, SignalRecording
+from forceaxis.recordings.touch import level_of, onset_of
 
 Floats: TypeAlias = NDArray[np.float64]
 
 PARTS_MAX = 8  # largest number of steps of the plant in a tick
 # Part of a step of the values that a recording without visible noise may have as noise.
 LEAST_NOISE_STEPS = 0.12
-# Share of the largest force above which the workpiece is touched, and samples that are looked at
-# before the touch to find the noise.
-TOUCHED_SHARE, FREE_SAMPLES_MIN = 0.1, 8
 LONG_STRETCH = 20  # samples
 HELD_SAMPLES = 100  # largest number of samples of a held force that are used
 PERIODS = 4  # longest period in samples after which rounding errors are taken to repeat
@@ -209,20 +207,6 @@ def noise_of(values: Floats, step: float) -> tuple[float, int]:
     return max(noise, LEAST_NOISE_STEPS * step), len(values) - 1
 
 
-def onset_of(force: Floats) -> int:
-    """Returns the index of the sample at which a recorded force has begun to rise. Raises
-    ValueError if the force never rises."""
-    free = float(np.median(force[: max(FREE_SAMPLES_MIN, len(force) // 50)]))
-    high = float(force.max()) - free
-    above = np.flatnonzero(force - free > TOUCHED_SHARE * high)
-    if high <= 0 or not len(above) or above[0] < FREE_SAMPLES_MIN:
-        raise ValueError("no force that begins at 0 and rises")
-    first = int(above[0])
-    spread = float(np.std(force[: first // 2])) or 0.0
-    quiet = np.flatnonzero(force[:first] - free <= 3 * spread + 1e-12 * high)
-    return int(quiet[-1]) if len(quiet) else first
-
-
 def touch_downs(
     model: str, recordings: Sequence[tuple[str, SignalRecording]], held: Overrides
 ) -> ContactData:
@@ -361,13 +345,8 @@ class _Reader:
     def _onset(self, name: str, force: RecordedSignal, first: float) -> tuple[float, int]:
         """Returns the step at which the force begins, and the number of samples before it."""
         used = force.true_time_s >= first - 1e-9
-        try:
-            free = onset_of(force.values[used])
-        except ValueError as error:
-            raise InputError(
-                f"{name}: force: expected a recording that begins out of contact, got {error}; "
-                "cut the recording so that it begins before the touch"
-            ) from None
+        values = force.values[used]
+        free = onset_of(values, level_of(values, f"{name}: force"))
         return float((force.true_time_s[used][free] - first) * self.rate), free
 
     def _speed(self, position: Samples, begin: float, end: float) -> float:

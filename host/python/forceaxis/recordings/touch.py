@@ -1,4 +1,5 @@
-"""The first contact in a force signal: its instant, and figures of the contact that follows.
+"""The first contact in a force signal: its instant, the sample at which the force begins to rise,
+and figures of the contact that follows.
 
 The same functions evaluate measured and predicted signals, so that both have the same definitions.
 """
@@ -17,6 +18,9 @@ LEAST_BEFORE = 8  # samples before the first contact
 # this share of the largest force, and above this number of quanta.
 NOISE_FACTOR, PEAK_SHARE, QUANTA = 6.0, 0.02, 1.5
 COARSE_SHARE = 0.5  # largest level for quanta, as a share of the largest force
+# The force begins to rise after the last sample within this number of standard deviations of zero,
+# before the force first exceeds this share of its largest value.
+QUIET_FACTOR, RISEN_SHARE = 3.0, 0.1
 LOST_SHARE = 0.5  # of that level, below which the contact is lost
 HELD_SHARE, HELD_LEAST = 0.2, 10  # part of the signal at its end whose mean is the held force
 SETTLED_SHARE = 0.05  # of the held force
@@ -82,6 +86,16 @@ def touch_of(time_s: Floats, force: Floats, level: ForceLevel) -> float | None:
     above = force - level.zero
     first = _first_above(above, level.contact)
     return None if first is None else _crossing(time_s, above, first, level.contact)
+
+
+def onset_of(force: Floats, level: ForceLevel) -> int:
+    """Returns the index of the last sample before a force (n,) begins to rise for the first time.
+    It is before touch_of(), the instant at which the force has risen to the level of contact."""
+    above = force - level.zero
+    largest = float(above.max())
+    first = int(np.argmax(above > RISEN_SHARE * largest))
+    quiet = np.flatnonzero(above[:first] <= QUIET_FACTOR * level.noise + 1e-12 * largest)
+    return int(quiet[-1]) if len(quiet) else first
 
 
 def _first_above(above: Floats, level: float) -> int | None:
