@@ -90,6 +90,39 @@ def test_intervals_hold_the_truth_and_chains_agree(identified):
         assert one.deviation < one.prior_deviation / 20 and width < 0.1 * truth
 
 
+def test_two_first_contacts_of_one_recording_count_as_those_of_two_files(tmp_path):
+    """Approach, force, retreat, rest of half a second, and all of it again at another speed."""
+    read, names = study.sensors(12, offset=0.2), ("m_w", "k_w")
+    contacts = ((0.06, 60.0), (0.04, 40.0))
+    back, rest = (0.03, -1e4, 90), (0.0, 0.0, 700)  # speed in m/s, force in N, ticks
+    each = [(*contacts[0], 305), back, rest, (*contacts[1], 330)]
+    one = hidden_machine.phases(MACHINE, read, 3, 0.03, each)
+    found = []
+    for touches in ([one], study.touched(MACHINE, read, 3, 0.03, contacts)):
+        folder = tmp_path / str(len(touches))
+        order = study.order_of(folder, study.sheet_of(MACHINE, names, 3), read, touches, names)
+        data, recordings = contact_fit.read_recordings(order)
+        assert len(data.touches) == 2
+        assert sum(row.contacts for row in recordings) == 2
+        problem = ContactProblem(order.model, data, contact_fit.prior_of(order), {})
+        point, _ = contact_search.lengthened(problem, problem.centre)
+        assert contact_check.check(problem, point).p > 0.01
+        spread = np.sqrt(np.diag(contact_search.covariance(problem, point)))
+        found.append((np.exp(point[:2]), spread[:2]))
+    for values, spread in found:
+        assert np.all(np.abs(np.log(values / (MACHINE.m_w, MACHINE.k_w))) < 4 * spread)
+    assert found[0][1] == pytest.approx(found[1][1], rel=0.3)
+
+
+def test_a_contact_that_follows_soon_belongs_to_the_touch_down_before_it(tmp_path):
+    read = study.sensors(12)
+    each = [(0.06, 40.0, 200), (0.03, -1e4, 90), (0.06, 40.0, 200)]
+    one = hidden_machine.phases(MACHINE, read, 3, 0.03, each)
+    order = study.order_of(tmp_path, MACHINE, read, [one], ("k_w",))
+    data, _ = contact_fit.read_recordings(order)
+    assert [len(touch.volts) for touch in data.touches] == [len(one.codes)]
+
+
 def test_an_interrupted_sampler_continues_with_the_same_samples(identified, tmp_path):
     """Interrupted after its first block, it makes fewer simulations and the same samples."""
     found, _ = identified

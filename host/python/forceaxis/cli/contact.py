@@ -44,7 +44,11 @@ def rows_of(found: ContactFit) -> list[str]:
             [name, plain(one.value, 5), *ends, one.unit, f"{100 * share:.2g} %",
              "" if one.told or found.rejected else "not told by the recordings"]
         )  # fmt: skip
-    lines = aligned(table, (0, 4, 6))
+    lines = [
+        f"recording    {one.file}: {one.contacts} first contacts, each with a place of its own"
+        for one in found.recordings
+        if one.contacts > 1
+    ] + aligned(table, (0, 4, 6))
     if not found.commanded:
         lines.append(f"warning      {NO_COMMAND}")
     verdict = "the model explains the recordings"
@@ -129,8 +133,9 @@ def contact(
     uncertainty.
 
     RECORDING is a file of `forceaxis recording import` with the force and, if they were recorded,
-    the command and the position. It begins out of contact and holds one first contact. The plant of
-    MODEL is fed the recorded command, so any controller may have made the recording.
+    the command and the position. It begins out of contact. After at least 0.5 s out of contact, a
+    further contact gets a place of its own. The plant of MODEL is fed the recorded command, so any
+    controller may have made the recording.
 
     The result is a posterior: samples of plants that explain all recordings and what was known
     before. `limit`, `design`, `compare`, `sweep`, `cycle rates` and `tune` take out/posterior.json

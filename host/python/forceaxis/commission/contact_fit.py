@@ -83,12 +83,15 @@ def read_recordings(order: ContactOrder) -> tuple[ContactData, tuple[ContactReco
     """Reads the recordings of an order. Raises InputError."""
     read = [(path.stem, signal_recording.read(path)) for path in order.recordings]
     data = contact_data.touch_downs(order.model, read, order.held)
+    samples = [
+        [len(t.force.at) for t in data.touches if t.recording == i] for i in range(len(read))
+    ]
     rows = tuple(
         ContactRecording(
-            touch.name, paths.display(path), hashlib.sha256(path.read_bytes()).hexdigest(),
-            len(touch.force.at),
+            path.stem, paths.display(path), hashlib.sha256(path.read_bytes()).hexdigest(),
+            sum(own), len(own),
         )
-        for path, touch in zip(order.recordings, data.touches, strict=True)
+        for path, own in zip(order.recordings, samples, strict=True)
     )  # fmt: skip
     return data, rows
 

@@ -27,12 +27,13 @@ class ContactParameter:
 
 @dataclass(frozen=True)
 class ContactRecording:
-    """A recording of which a touch-down was used."""
+    """A recording of which `contacts` touch-downs were used."""
 
     name: str
     file: str
     sha256: str
     samples: int
+    contacts: int
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -119,7 +119,7 @@ def figures_of(time_s: Floats, force: Floats, level: ForceLevel) -> ContactFigur
     the first contact. Values at negative times are not evaluated."""
     inside = time_s >= 0
     time_s, above = time_s[inside], force[inside] - level.zero
-    starts, ends = _contacts(time_s, above, level)
+    starts, ends = contacts_of(time_s, above, level)
     begin = time_s <= IMPULSE_S
     held_from = max(0, min(len(above) - HELD_LEAST, math.floor((1 - HELD_SHARE) * len(above))))
     held = float(above[held_from:].mean())
@@ -138,10 +138,11 @@ def figures_of(time_s: Floats, force: Floats, level: ForceLevel) -> ContactFigur
     )
 
 
-def _contacts(
+def contacts_of(
     time_s: Floats, above: Floats, level: ForceLevel
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Returns the times at which contact is made again, and at which contact is lost."""
+    """Returns the times at which contact is made again, and at which contact is lost, of a force
+    above its zero (n,) that begins in contact."""
     starts: list[float] = []
     ends: list[float] = []
     pressed = True
