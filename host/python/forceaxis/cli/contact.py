@@ -49,6 +49,12 @@ def rows_of(found: ContactFit) -> list[str]:
         for one in found.recordings
         if one.contacts > 1
     ] + aligned(table, (0, 4, 6))
+    lines += [
+        f"secant       stiffness of {one.contact} up to {plain(one.force_N, 3)} N: "
+        f"{plain(one.value, 5)} N/m, 95 % from {plain(one.interval[0], 5)} to "
+        f"{plain(one.interval[1], 5)}"
+        for one in found.secants
+    ]
     if not found.commanded:
         lines.append(f"warning      {NO_COMMAND}")
     verdict = "the model explains the recordings"

@@ -15,7 +15,13 @@ import numpy as np
 
 from forceaxis import linear, paths, progress
 from forceaxis._core import InputError
-from forceaxis.commission import contact_check, contact_data, contact_elements, contact_sampler
+from forceaxis.commission import (
+    contact_check,
+    contact_data,
+    contact_elements,
+    contact_sampler,
+    contact_secant,
+)
 from forceaxis.commission import contact_search as searching
 from forceaxis.commission.contact_data import ContactData, Floats
 from forceaxis.commission.contact_elements import TriedElement
@@ -119,6 +125,7 @@ def identify(order: ContactOrder) -> Identified:
         recordings=recordings,
         commanded=data.commanded,
         parameters=(found := _parameters(problem, best, spread, sampled)),
+        secants=contact_secant.secants_of(problem, best, sampled.points) if sampled else (),
         untold=tuple(name for name, one in found.items() if not one.told),
         p_value=checked.p,
         rejected=rejected,
