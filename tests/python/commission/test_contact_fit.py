@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import contact_study as study
+import dask_cluster
 import hidden_machine
 import numpy as np
 import pytest
@@ -23,6 +24,8 @@ from forceaxis.commission import (
 )
 from forceaxis.commission.contact_likelihood import ContactProblem
 from forceaxis.commission.contact_sampler import Drawn
+from forceaxis.commission.contact_workers import ContactsOrder, run_rows
+from forceaxis.experiments.workers import WorkerDiffers, Workers
 from forceaxis.linear import plant_set, posterior
 from forceaxis.recordings import signal_recording
 from forceaxis.words import plain
@@ -148,6 +151,33 @@ def test_an_interrupted_sampler_continues_with_the_same_samples(identified, tmp_
     steps = again.convergence.steps - contact_sampler.BLOCK
     assert problem.calls - before <= walkers * (steps + 1)
     np.testing.assert_array_equal(again.points, found.sampled.points)
+
+
+@pytest.mark.long
+def test_two_workers_of_a_cluster_give_the_same_samples(identified, tmp_path, monkeypatch):
+    """A short stretch and few blocks: what a worker simulates is the same to the bit."""
+    monkeypatch.setattr(contact_sampler, "BLOCKS_MAX", contact_sampler.TUNING_BLOCKS + 1)
+    monkeypatch.setattr(contact_sampler, "BLOCK", 6)
+    found, _ = identified
+    given = found.problem.model, found.problem.data, found.problem.priors, found.problem.held
+
+    def searched_and_sampled(site):
+        problem = ContactProblem(*given, site).shorter(60)
+        point, _ = contact_search.descend(problem, found.best, 5)
+        start = Drawn(point, contact_search.covariance(problem, point))
+        return contact_sampler.sample(problem, start, 1)
+
+    with dask_cluster.started(tmp_path) as (address, _), Workers(address) as workers:
+        there = searched_and_sampled(workers)
+    here = searched_and_sampled(2)
+    np.testing.assert_array_equal(there.points, here.points)
+    assert there.convergence == here.convergence
+
+
+def test_a_worker_with_another_simulator_says_so():
+    order = ContactsOrder("", {}, (), (), (), 1)
+    with pytest.raises(WorkerDiffers, match="simulator_hash: expected 000000000000, got"):
+        run_rows(order, "0" * 64, np.zeros((1, 0)), np.zeros((1, 0, 3)))
 
 
 def test_the_file_is_a_set_of_plants(identified):

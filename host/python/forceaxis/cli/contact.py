@@ -123,6 +123,12 @@ def element_rows(found: ContactFit) -> list[str]:
 )
 @click.option("--out", type=Folder(), help="Folder for posterior.json and two pictures.")
 @threads
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Simulate on the workers of this Dask scheduler, as for sweep. Each batch of simulations "
+    "takes some 20 ms more, so this helps for models that are slow to simulate.",
+)
 @as_json
 def contact(
     model: str,
@@ -133,6 +139,7 @@ def contact(
     seed: int,
     out: Path | None,
     threads: int | None,
+    scheduler: str | None,
     as_json: bool,
 ) -> None:
     """Identify parameters of the model MODEL from recordings of first contacts, with their
@@ -156,6 +163,7 @@ def contact(
     order = contact_fit.ContactOrder(
         model, recordings, tuple(n for text in fitted for n in text.split(",")), tuple(given),
         linear.overrides(overrides), seed, threads or os.cpu_count() or 1, out,
+        scheduler,
     )  # fmt: skip
     found = contact_fit.identify(order)
     if out:

@@ -34,6 +34,7 @@ from forceaxis.commission.contact_results import (
 )
 from forceaxis.commission.contact_sampler import Convergence, Drawn, Sampled
 from forceaxis.commission.known import WORKPIECE_SPREAD, Prior, priors
+from forceaxis.experiments.workers import Workers
 from forceaxis.linear import posterior as posterior_file
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.posterior import Posterior
@@ -51,7 +52,7 @@ FILES = ("posterior.json", "pairs.png", "contacts.png")
 class ContactOrder:
     """What to identify: a model, recordings of touch-downs, and names of parameters. `given`: texts
     NAME=VALUE+-PERCENT% of priors. `held`: other parameters of the model. `threads`: for the
-    simulation."""
+    simulation. `scheduler`: address of a Dask scheduler whose workers then simulate."""
 
     model: str
     recordings: Sequence[Path]
@@ -62,6 +63,7 @@ class ContactOrder:
     threads: int = 1
     #: folder that keeps the chains, so that an interrupted identification continues; None: none
     out: Path | None = None
+    scheduler: str | None = None
 
 
 def prior_of(order: ContactOrder) -> dict[str, Prior]:
@@ -103,11 +105,19 @@ def read_recordings(order: ContactOrder) -> tuple[ContactData, tuple[ContactReco
 
 
 def identify(order: ContactOrder) -> Identified:
-    """Identifies the parameters of an order. Raises InputError."""
+    """Identifies the parameters of an order. The result does not depend on threads or scheduler.
+    Raises InputError, ParameterError, SimulationError."""
+    if order.scheduler is None:
+        return _identified(order, order.threads)
+    with Workers(order.scheduler) as workers:
+        return _identified(order, workers)
+
+
+def _identified(order: ContactOrder, site: int | Workers) -> Identified:
     path = linear.find_model(order.model)
     order = ContactOrder(**{**vars(order), "model": str(path)})
     data, recordings = read_recordings(order)
-    problem = ContactProblem(path, data, prior_of(order), order.held, order.threads)
+    problem = ContactProblem(path, data, prior_of(order), order.held, site)
     with progress.phase("searching the most likely plant"):
         best, cost = searching.search(problem, order.seed)
     checked = contact_check.check(problem, best)
