@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import math
-from pathlib import Path
 
 import contact_study as study
 import dask_cluster
@@ -13,7 +12,6 @@ import pytest
 import verbs
 from forceaxis import _core
 from forceaxis._core import InputError
-from forceaxis.cli.contact import rows_of
 from forceaxis.commission import (
     contact_check,
     contact_data,
@@ -28,7 +26,6 @@ from forceaxis.commission.contact_workers import ContactsOrder, run_rows
 from forceaxis.experiments.workers import WorkerDiffers, Workers
 from forceaxis.linear import plant_set, posterior
 from forceaxis.recordings import signal_recording
-from forceaxis.words import plain
 
 MACHINE = hidden_machine.Machine(f_c=4.0, lag_rad_s=1500.0, b_w=80.0)
 
@@ -225,33 +222,6 @@ def test_the_overlap_at_a_force_follows_the_curve_of_the_contact(are_loads):
     for force, overlap in ((30.0, 0.15), (10.0, 0.1), (5.0, 0.05)):
         found = contact_secant.overlap_of(force, stiffness, breaks, are_loads=are_loads)
         assert found == pytest.approx([overlap])
-
-
-@pytest.mark.long
-def test_the_secant_of_a_stiffening_contact_is_within_its_interval(tmp_path):
-    machine = hidden_machine.Machine(b_w=80.0, k_core=3e5, core_gap=6e-5)
-    read, names = study.sensors(12), ("k_s", "k_2", "d_2")
-    touches = study.touched(machine, read, 4, 0.03, ((0.04, 60.0),))
-    order = study.order_of(tmp_path, machine, read, touches, ("k_s",))
-    text = Path(order.model).read_text().replace(
-        'stiffness = "k_s"', 'stiffness = ["k_s", "k_2"]\nbreaks = ["d_2"]'
-    )  # fmt: skip
-    rows = '[parameters]\nk_2 = { value = 4e5, unit = "N/m", source = "?" }\n'
-    rows += 'd_2 = { value = 5e-5, unit = "m", source = "?" }'
-    Path(order.model).write_text(text.replace("[parameters]", rows))
-    given = ("k_s=2.3e5+-50%", "k_2=4e5+-50%", "d_2=5e-5+-50%")
-    found = contact_fit.identify(
-        contact_fit.ContactOrder(order.model, order.recordings, names, given, seed=1)
-    ).result
-    (secant,) = found.secants
-    assert secant.contact == "sensor"
-    assert secant.force_N == pytest.approx(touches[0].force_N.max(), abs=0.3)
-    low, high = secant.interval
-    # The curve of the machine: k_s, and k_core besides from core_gap on.
-    overlap = (secant.force_N + machine.k_core * machine.core_gap) / (machine.k_s + machine.k_core)
-    assert low < secant.force_N / overlap < high
-    assert high - low < 0.05 * secant.value
-    assert f"stiffness of sensor up to {plain(secant.force_N, 3)} N" in "\n".join(rows_of(found))
 
 
 @pytest.mark.long
