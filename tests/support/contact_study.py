@@ -277,6 +277,32 @@ def lacking(name, seed, folder):
     return found.p_value, [one.name for one in found.elements]
 
 
+def stiffening(seed, folder):
+    """Identifies a machine whose contact stiffens, with a model that has two stiffnesses, all three
+    constants of the contact wrong. Returns what was found, and the true secant stiffness in N/m at
+    the largest recorded force."""
+    rng = np.random.default_rng([39, seed])
+    core, gap, *errors = (
+        value * math.exp(0.3 * rng.standard_normal()) for value in (3e5, 6e-5, 2e5, 4e5, 6e-5)
+    )
+    machine, read = Machine(b_w=80.0, k_core=core, core_gap=gap), sensors(12 if seed % 2 else 8)
+    order = order_of(Path(folder), machine, read, touched(machine, read, seed, 0.03), ("k_w",))
+    model = Path(order.model)
+    rows = '[parameters]\nk_2 = { value = 4e5, unit = "N/m", source = "sheet" }\n'
+    rows += 'd_2 = { value = 6e-5, unit = "m", source = "sheet" }'
+    text = model.read_text().replace("[parameters]", rows)
+    curve = 'stiffness = ["k_s", "k_2"]\nbreaks = ["d_2"]'
+    model.write_text(text.replace('stiffness = "k_s"', curve))
+    names = ("k_s", "k_2", "d_2")
+    given = [f"{name}={value!r}+-50%" for name, value in zip(names, errors, strict=True)]
+    found = contact_fit.identify(
+        ContactOrder(order.model, order.recordings, names, given, seed=1, threads=2)
+    ).result
+    force_N = found.secants[0].force_N
+    overlap = min(force_N / machine.k_s, (force_N + core * gap) / (machine.k_s + core))
+    return found, force_N / overlap
+
+
 def rank(seed, folder):
     """Draws a plant of the project from the prior, simulates its touch-downs by the project's own
     stepper, and returns the rank of each true parameter among 99 samples of its posterior."""

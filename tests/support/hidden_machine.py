@@ -2,6 +2,7 @@
 a fixed step in plain Python, which shares no code with the simulator of the project. A force law of
 its own presses, and the DAC codes that the law has put out are recorded with force and position."""
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 
@@ -160,12 +161,17 @@ class _State:
 def touch(machine, sensors, seed, *, speed=0.03, force=40.0, gain=0.02, ticks=400):
     """Simulates one touch-down: approach at `speed` in m/s, then a law that presses with `force` in
     N by a speed proportional to the error, `gain` in V/N."""
+    return phases(machine, sensors, seed, gain, [(speed, force, ticks)])
+
+
+def phases(machine, sensors, seed, gain, each):
+    """Simulates phases of the law one after the other: (speed, force, ticks) of each."""
     rng = np.random.default_rng(seed)
     state = _State(machine, GAP_M)
     codes, read, place, true = [], [], [], []
     home = rng.uniform(-0.5, 0.5) / sensors.scale
-    limit = speed / machine.speed_per_volt
-    for _ in range(ticks):
+    laws = [[(speed / machine.speed_per_volt, force)] * ticks for speed, force, ticks in each]
+    for limit, force in itertools.chain(*laws):
         y = state.y
         spring, damping = state.contact(y)
         reading = (y[5] if machine.lag_rad_s else spring) + sensors.offset

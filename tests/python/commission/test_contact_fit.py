@@ -5,6 +5,7 @@ import json
 import math
 
 import contact_study as study
+import dask_cluster
 import hidden_machine
 import numpy as np
 import pytest
@@ -17,9 +18,12 @@ from forceaxis.commission import (
     contact_fit,
     contact_sampler,
     contact_search,
+    contact_secant,
 )
 from forceaxis.commission.contact_likelihood import ContactProblem
 from forceaxis.commission.contact_sampler import Drawn
+from forceaxis.commission.contact_workers import ContactsOrder, run_rows
+from forceaxis.experiments.workers import WorkerDiffers, Workers
 from forceaxis.linear import plant_set, posterior
 from forceaxis.recordings import signal_recording
 
@@ -90,6 +94,39 @@ def test_intervals_hold_the_truth_and_chains_agree(identified):
         assert one.deviation < one.prior_deviation / 20 and width < 0.1 * truth
 
 
+def test_two_first_contacts_of_one_recording_count_as_those_of_two_files(tmp_path):
+    """Approach, force, retreat, rest of half a second, and all of it again at another speed."""
+    read, names = study.sensors(12, offset=0.2), ("m_w", "k_w")
+    contacts = ((0.06, 60.0), (0.04, 40.0))
+    back, rest = (0.03, -1e4, 90), (0.0, 0.0, 700)  # speed in m/s, force in N, ticks
+    each = [(*contacts[0], 305), back, rest, (*contacts[1], 330)]
+    one = hidden_machine.phases(MACHINE, read, 3, 0.03, each)
+    found = []
+    for touches in ([one], study.touched(MACHINE, read, 3, 0.03, contacts)):
+        folder = tmp_path / str(len(touches))
+        order = study.order_of(folder, study.sheet_of(MACHINE, names, 3), read, touches, names)
+        data, recordings = contact_fit.read_recordings(order)
+        assert len(data.touches) == 2
+        assert sum(row.contacts for row in recordings) == 2
+        problem = ContactProblem(order.model, data, contact_fit.prior_of(order), {})
+        point, _ = contact_search.lengthened(problem, problem.centre)
+        assert contact_check.check(problem, point).p > 0.01
+        spread = np.sqrt(np.diag(contact_search.covariance(problem, point)))
+        found.append((np.exp(point[:2]), spread[:2]))
+    for values, spread in found:
+        assert np.all(np.abs(np.log(values / (MACHINE.m_w, MACHINE.k_w))) < 4 * spread)
+    assert found[0][1] == pytest.approx(found[1][1], rel=0.3)
+
+
+def test_a_contact_that_follows_soon_belongs_to_the_touch_down_before_it(tmp_path):
+    read = study.sensors(12)
+    each = [(0.06, 40.0, 200), (0.03, -1e4, 90), (0.06, 40.0, 200)]
+    one = hidden_machine.phases(MACHINE, read, 3, 0.03, each)
+    order = study.order_of(tmp_path, MACHINE, read, [one], ("k_w",))
+    data, _ = contact_fit.read_recordings(order)
+    assert [len(touch.volts) for touch in data.touches] == [len(one.codes)]
+
+
 def test_an_interrupted_sampler_continues_with_the_same_samples(identified, tmp_path):
     """Interrupted after its first block, it makes fewer simulations and the same samples."""
     found, _ = identified
@@ -111,6 +148,33 @@ def test_an_interrupted_sampler_continues_with_the_same_samples(identified, tmp_
     steps = again.convergence.steps - contact_sampler.BLOCK
     assert problem.calls - before <= walkers * (steps + 1)
     np.testing.assert_array_equal(again.points, found.sampled.points)
+
+
+@pytest.mark.long
+def test_two_workers_of_a_cluster_give_the_same_samples(identified, tmp_path, monkeypatch):
+    """A short stretch and few blocks: what a worker simulates is the same to the bit."""
+    monkeypatch.setattr(contact_sampler, "BLOCKS_MAX", contact_sampler.TUNING_BLOCKS + 1)
+    monkeypatch.setattr(contact_sampler, "BLOCK", 6)
+    found, _ = identified
+    given = found.problem.model, found.problem.data, found.problem.priors, found.problem.held
+
+    def searched_and_sampled(site):
+        problem = ContactProblem(*given, site).shorter(60)
+        point, _ = contact_search.descend(problem, found.best, 5)
+        start = Drawn(point, contact_search.covariance(problem, point))
+        return contact_sampler.sample(problem, start, 1)
+
+    with dask_cluster.started(tmp_path) as (address, _), Workers(address) as workers:
+        there = searched_and_sampled(workers)
+    here = searched_and_sampled(2)
+    np.testing.assert_array_equal(there.points, here.points)
+    assert there.convergence == here.convergence
+
+
+def test_a_worker_with_another_simulator_says_so():
+    order = ContactsOrder("", {}, (), (), (), 1)
+    with pytest.raises(WorkerDiffers, match="simulator_hash: expected 000000000000, got"):
+        run_rows(order, "0" * 64, np.zeros((1, 0)), np.zeros((1, 0, 3)))
 
 
 def test_the_file_is_a_set_of_plants(identified):
@@ -149,6 +213,15 @@ def test_limit_and_sweep_take_the_posterior(identified, tmp_path):
     bounces = swept["bounces"]
     assert bounces["runs"] == 12 and 0 <= bounces["low"] <= bounces["high"] <= 1
     assert bounces["low"] <= bounces["lost"] / 12 <= bounces["high"]
+
+
+@pytest.mark.parametrize("are_loads", [False, True])
+def test_the_overlap_at_a_force_follows_the_curve_of_the_contact(are_loads):
+    """100 N/m up to 0.1 m, then 400 N/m: 10 N at the break, 30 N at 0.15 m, 5 N at 0.05 m."""
+    stiffness, breaks = np.array([[100.0], [400.0]]), np.array([[10.0 if are_loads else 0.1]])
+    for force, overlap in ((30.0, 0.15), (10.0, 0.1), (5.0, 0.05)):
+        found = contact_secant.overlap_of(force, stiffness, breaks, are_loads=are_loads)
+        assert found == pytest.approx([overlap])
 
 
 @pytest.mark.long

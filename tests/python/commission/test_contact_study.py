@@ -7,6 +7,9 @@ import os
 import contact_study as study
 import numpy as np
 import pytest
+from forceaxis.cli.contact import rows_of
+from forceaxis.results import to_json
+from forceaxis.words import plain
 
 pytestmark = [pytest.mark.beside, pytest.mark.long]
 
@@ -49,6 +52,20 @@ def test_wrong_models_are_refused_and_the_right_element_is_the_first(tmp_path):
     first = [bool(found) and found[0] == name for name, _, found in rows]
     assert sum(refused) >= 0.9 * len(rows), rows
     assert sum(first) >= 0.7 * len(rows), rows
+
+
+def test_the_secant_of_a_stiffening_contact_is_within_its_interval(tmp_path):
+    rows = []
+    for seed in range(MACHINES) if MACHINES else (1,):
+        found, truth = study.stiffening(seed, tmp_path / str(seed))
+        (secant,) = found.secants
+        rows.append({"p": found.p_value, "truth": truth, **to_json(secant)})
+        text = f"secant       stiffness of sensor up to {plain(secant.force_N, 3)} N: "
+        assert text in "\n".join(rows_of(found))
+    keep("stiffening", rows)
+    inside = [row["interval"][0] <= row["truth"] <= row["interval"][1] for row in rows]
+    assert sum(inside) >= 0.8 * len(rows), rows
+    assert all(np.ptp(row["interval"]) < 0.1 * row["truth"] for row in rows), rows
 
 
 def test_unseen_contacts_are_predicted(tmp_path):

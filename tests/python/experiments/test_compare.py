@@ -10,9 +10,11 @@ from forceaxis import _core
 from forceaxis._core import InputError
 from forceaxis.experiments import compare, compare_plots
 from forceaxis.experiments.prediction import PredictionRequest
+from forceaxis.linear import posterior
 from forceaxis.recordings import findings, signal_recording, touch
 from forceaxis.recordings.signal_recording import RecordedSignal, RecordingSource, SignalRecording
 from forceaxis.recordings.touch import ForceLevel
+from forceaxis.results import to_json
 from verbs import forceaxis
 
 TICK_S = 1 / 1500
@@ -50,6 +52,17 @@ per_count = 0.05
 zero_code = 2048
 bits = 12
 noise = 0.2
+"""
+PLATE = """
+k_p = { value = 80e3, unit = "N/m", source = "data sheet" }
+[[body]]
+name = "plate"
+mass = 0.2
+[[spring]]
+name = "support"
+between = ["plate", "ground"]
+stiffness = "k_p"
+damping = 30.0
 """
 EXPERIMENT = """
 title = "A touch"
@@ -151,6 +164,42 @@ def test_a_machine_of_another_stiffness_differs_until_the_uncertainty_says_so(ex
     wide = compared(experiment, file, over=["k_w=40%"], samples=24).result
     assert wide.agrees, wide.figures
     assert compared(experiment, file, overrides=["k_w=100e3"]).result.agrees
+
+
+def posterior_of(file, values):
+    """Writes a posterior with these samples (n,) of each parameter."""
+    samples = tuple(zip(*(column.tolist() for column in values.values()), strict=True))
+    best = tuple(float(np.median(column)) for column in values.values())
+    logs = tuple([0.0] * len(samples))
+    found = posterior.Posterior(posterior.FORMAT, tuple(values), best, samples, logs)
+    file.write_text(json.dumps({"posterior": to_json(found)}))
+    return str(file)
+
+
+def test_a_posterior_gives_the_bands_of_its_joint_samples(experiment):
+    """The force tells the stiffness of tool and support in series, not that of each: joint samples
+    with one stiffness of both give a narrow band, the same values in another order a wide one."""
+    model = experiment.parent / "model.toml"
+    text = MODEL.replace("[[body]]", PLATE + "[[body]]", 1)
+    model.write_text(text.replace('name = "part"\nbetween = ["tool", "ground"]',
+                                  'name = "part"\nbetween = ["tool", "plate"]'))  # fmt: skip
+    file = codes_recording(experiment)
+    share = 0.6 * np.random.default_rng(3).uniform(-1, 1, 400)
+    one = posterior_of(
+        experiment.parent / "joint.json", {"k_w": 80e3 / (1 + share), "k_p": 80e3 / (1 - share)}
+    )
+    two = posterior_of(
+        experiment.parent / "any.json", {"k_w": 80e3 / (1 + share), "k_p": 80e3 / (1 - share[::-1])}
+    )
+    joint, apart = (
+        compared(experiment, file, span_s=0.2, over=[over], samples=40).result
+        for over in (one, two)
+    )
+    assert joint.agrees and apart.agrees, joint.figures
+    impulse = [by_name(result)["impulse of 25 ms"] for result in (joint, apart)]
+    narrow, wide = (figure.high - figure.low for figure in impulse)
+    assert narrow < 0.6 * wide
+    assert compared(experiment, file, span_s=0.1, over=[f"{one},m=5%"]).result.agrees
 
 
 def test_without_a_recorded_command_the_law_of_the_firmware_is_the_input(experiment):
@@ -367,6 +416,10 @@ def test_an_experiment_carries_its_recordings(experiment):
     assert experiment.read_text() == before  # a recording is a demand, no recorded result
     text = 'recording = ["codes.npz"]\nrecording_over = ["k_w=40%"]\n'
     experiment.write_text(plain + "[set]\nk_w = 100e3\n[expect]\n" + text)
+    assert forceaxis("test", experiment).returncode == 0
+    share = np.exp(0.2 * np.random.default_rng(4).standard_normal(400))
+    posterior_of(experiment.parent / "fit.json", {"k_w": 80e3 * share})
+    experiment.write_text(plain + "[expect]\n" + text.replace("k_w=40%", "fit.json"))
     assert forceaxis("test", experiment).returncode == 0
     experiment.write_text(plain + "[expect]\nrecording = 3\n")
     wrong = forceaxis("test", experiment)

@@ -38,7 +38,8 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @click.option(
     "--over", multiple=True, metavar="NAME=PERCENT%,...",
-    help="Uncertainty of parameters of the model, NAME=PERCENT% or NAME=LOW..HIGH. Repeatable.",
+    help="Uncertainty of parameters of the model, NAME=PERCENT% or NAME=LOW..HIGH, or "
+    "posterior.json of `forceaxis identify contact`. Repeatable.",
 )  # fmt: skip
 @click.option(
     "--input", metavar="|".join((*INPUTS, "law")),

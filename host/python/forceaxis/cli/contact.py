@@ -44,7 +44,17 @@ def rows_of(found: ContactFit) -> list[str]:
             [name, plain(one.value, 5), *ends, one.unit, f"{100 * share:.2g} %",
              "" if one.told or found.rejected else "not told by the recordings"]
         )  # fmt: skip
-    lines = aligned(table, (0, 4, 6))
+    lines = [
+        f"recording    {one.file}: {one.contacts} first contacts, each with a place of its own"
+        for one in found.recordings
+        if one.contacts > 1
+    ] + aligned(table, (0, 4, 6))
+    lines += [
+        f"secant       stiffness of {one.contact} up to {plain(one.force_N, 3)} N: "
+        f"{plain(one.value, 5)} N/m, 95 % from {plain(one.interval[0], 5)} to "
+        f"{plain(one.interval[1], 5)}"
+        for one in found.secants
+    ]
     if not found.commanded:
         lines.append(f"warning      {NO_COMMAND}")
     verdict = "the model explains the recordings"
@@ -113,6 +123,12 @@ def element_rows(found: ContactFit) -> list[str]:
 )
 @click.option("--out", type=Folder(), help="Folder for posterior.json and two pictures.")
 @threads
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Simulate on the workers of this Dask scheduler, as for sweep. Each batch of simulations "
+    "takes some 20 ms more, so this helps for models that are slow to simulate.",
+)
 @as_json
 def contact(
     model: str,
@@ -123,21 +139,23 @@ def contact(
     seed: int,
     out: Path | None,
     threads: int | None,
+    scheduler: str | None,
     as_json: bool,
 ) -> None:
     """Identify parameters of the model MODEL from recordings of first contacts, with their
     uncertainty.
 
     RECORDING is a file of `forceaxis recording import` with the force and, if they were recorded,
-    the command and the position. It begins out of contact and holds one first contact. The plant of
-    MODEL is fed the recorded command, so any controller may have made the recording.
+    the command and the position. It begins out of contact. After at least 0.5 s out of contact, a
+    further contact gets a place of its own. The plant of MODEL is fed the recorded command, so any
+    controller may have made the recording.
 
     The result is a posterior: samples of plants that explain all recordings and what was known
-    before. `limit`, `design`, `sweep`, `cycle rates` and `tune` take out/posterior.json in place of
-    a range of --over. A parameter whose deviation is more than a third of that of its prior is
-    named as not told. A p value says whether the model explains the recordings; below 0.05 the
-    command names the stretches that do not fit, and ranks elements that the model may lack. Below
-    0.001 the model is rejected: no posterior is written, and the exit status is 1.
+    before. `limit`, `design`, `compare`, `sweep`, `cycle rates` and `tune` take out/posterior.json
+    in place of a range of --over. A parameter whose deviation is more than a third of that of its
+    prior is named as not told. A p value says whether the model explains the recordings; below 0.05
+    the command names the stretches that do not fit, and ranks elements that the model may lack.
+    Below 0.001 the model is rejected: no posterior is written, and the exit status is 1.
     """
     from forceaxis import linear
     from forceaxis.commission import contact_fit
@@ -145,6 +163,7 @@ def contact(
     order = contact_fit.ContactOrder(
         model, recordings, tuple(n for text in fitted for n in text.split(",")), tuple(given),
         linear.overrides(overrides), seed, threads or os.cpu_count() or 1, out,
+        scheduler,
     )  # fmt: skip
     found = contact_fit.identify(order)
     if out:

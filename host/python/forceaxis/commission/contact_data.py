@@ -4,6 +4,7 @@ the plant, and samples of force and position at instants of these steps."""
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -15,15 +16,13 @@ from forceaxis._core import TICKS_PER_SECOND, InputError
 from forceaxis.commission import known
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.recordings.signal_recording import RecordedSignal, SignalRecording
+from forceaxis.recordings.touch import RISEN_SHARE, contacts_of, level_of, onset_of
 
 Floats: TypeAlias = NDArray[np.float64]
 
 PARTS_MAX = 8  # largest number of steps of the plant in a tick
 # Part of a step of the values that a recording without visible noise may have as noise.
 LEAST_NOISE_STEPS = 0.12
-# Share of the largest force above which the workpiece is touched, and samples that are looked at
-# before the touch to find the noise.
-TOUCHED_SHARE, FREE_SAMPLES_MIN = 0.1, 8
 LONG_STRETCH = 20  # samples
 HELD_SAMPLES = 100  # largest number of samples of a held force that are used
 PERIODS = 4  # longest period in samples after which rounding errors are taken to repeat
@@ -33,6 +32,9 @@ GRID_ERROR = 1e-7  # largest error of a value in a file, relative to the range o
 # after it: until the first maximum of the force, because the unknown command changes with the
 # force.
 BEFORE_S, AFTER_S, RUN_UP_S = 0.01, 0.1, 0.05
+# Touch-downs of one recording are simulated one by one if the contact is open for so long between
+# them that the workpiece comes to rest; the later one begins at least so long before its contact.
+OPEN_S, AHEAD_S = 0.5, 0.1
 SPEED_SHARE = 0.3  # deviation of an unknown speed or command, relative to its value
 MOVING_STEPS = 1.0  # speed in steps of the encoder per tick above which an axis moves at first
 COMMANDS = ("code", "voltage_command", "speed_command", "force_command")
@@ -117,7 +119,7 @@ class TouchDown:
     `onset`: step at which the force begins. `position` is None if it was not recorded. `travel`:
     distance in m from the start to the onset. `speed`: at the start in m/s, and its deviation; 0
     for an axis that stands. `held`: constant command in V of a touch-down without a recorded
-    command, and its deviation."""
+    command, and its deviation. `recording`: number of its recording."""
 
     name: str
     volts: Floats
@@ -127,17 +129,18 @@ class TouchDown:
     travel: float = 0.0
     speed: tuple[float, float] = (0.0, 0.0)
     held: tuple[float, float] = (0.0, 0.0)
+    recording: int = 0
 
-    def until(self, steps: int) -> "TouchDown":
-        """Returns the first `steps` steps of the touch-down."""
+    def until(self, steps: int, begin: int = 0) -> "TouchDown":
+        """Returns the first `steps` steps of the touch-down, with its samples from `begin` on."""
 
-        def first(samples: Samples) -> Samples:
-            early = samples.at <= steps - 1
-            return replace(samples, at=samples.at[early], values=samples.values[early])
+        def part(samples: Samples) -> Samples:
+            kept = (samples.at >= begin) & (samples.at <= steps - 1)
+            return replace(samples, at=samples.at[kept], values=samples.values[kept])
 
         return replace(
-            self, volts=self.volts[:steps], force=first(self.force),
-            position=None if self.position is None else first(self.position),
+            self, volts=self.volts[:steps], force=part(self.force),
+            position=None if self.position is None else part(self.position),
         )  # fmt: skip
 
 
@@ -209,26 +212,52 @@ def noise_of(values: Floats, step: float) -> tuple[float, int]:
     return max(noise, LEAST_NOISE_STEPS * step), len(values) - 1
 
 
-def onset_of(force: Floats) -> int:
-    """Returns the index of the sample at which a recorded force has begun to rise. Raises
-    ValueError if the force never rises."""
-    free = float(np.median(force[: max(FREE_SAMPLES_MIN, len(force) // 50)]))
-    high = float(force.max()) - free
-    above = np.flatnonzero(force - free > TOUCHED_SHARE * high)
-    if high <= 0 or not len(above) or above[0] < FREE_SAMPLES_MIN:
-        raise ValueError("no force that begins at 0 and rises")
-    first = int(above[0])
-    spread = float(np.std(force[: first // 2])) or 0.0
-    quiet = np.flatnonzero(force[:first] - free <= 3 * spread + 1e-12 * high)
-    return int(quiet[-1]) if len(quiet) else first
+def cuts_of(name: str, recording: SignalRecording) -> list[float]:
+    """Returns the times in s between the touch-downs of a recording: those at which the axis is
+    farthest from the workpiece, or the middle of a stretch out of contact if no position was
+    recorded. A contact that follows sooner than OPEN_S belongs to the touch-down before it.
+    Raises InputError."""
+    force = _signal(name, recording, "force")
+    level = level_of(force.values, f"{name}: force")
+    above = force.values - level.zero
+    level = replace(level, contact=max(level.contact, RISEN_SHARE * float(above.max())))
+    first = int(np.argmax(above > level.contact))
+    starts, ends = contacts_of(force.true_time_s[first:], above[first:], level)
+    cuts = []
+    for end, start in zip(ends, starts, strict=False):
+        if start - end < OPEN_S:
+            continue
+        cut = (end + start) / 2
+        if "position" in recording:
+            position = recording["position"]
+            inside = (position.true_time_s >= end) & (position.true_time_s <= start)
+            times, moved = position.true_time_s[inside], position.values[inside]
+            toward = math.copysign(1.0, moved[-1] - moved[0])
+            farthest = toward * moved
+            cut = times[np.flatnonzero(farthest == farthest.min())[-1]]
+        cuts.append(float(min(cut, start - AHEAD_S)))
+    return cuts
+
+
+def _cut(recording: SignalRecording, begin_s: float, end_s: float) -> SignalRecording:
+    """Returns a recording whose force and position are from begin_s to end_s. A command keeps its
+    earlier samples, because the last one before begin_s may still act."""
+
+    def part(signal: RecordedSignal) -> RecordedSignal:
+        if signal.name not in ("force", "position"):
+            return signal
+        kept = (signal.true_time_s >= begin_s) & (signal.true_time_s < end_s)
+        return replace(signal, time_s=signal.time_s[kept], values=signal.values[kept])
+
+    return replace(recording, signals=tuple(part(signal) for signal in recording))
 
 
 def touch_downs(
     model: str, recordings: Sequence[tuple[str, SignalRecording]], held: Overrides
 ) -> ContactData:
-    """Returns the touch-downs of recordings, (name, recording). Each begins out of contact. A
-    recording without any of the signals COMMANDS gives only the stretch around its first contact.
-    Raises InputError."""
+    """Returns the touch-downs of recordings, (name, recording). Each recording begins out of
+    contact and is divided into its touch-downs. A recording without any of the signals COMMANDS
+    gives only the stretch around each first contact. Raises InputError."""
     commanded = [any(c in recording for c in COMMANDS) for _, recording in recordings]
     rate = max(_signal(name, recording, "force").rate_hz for name, recording in recordings)
     parts = next(
@@ -238,12 +267,19 @@ def touch_downs(
         # The force rises quickly and its samples are not at ticks.
         parts = max(parts, 4)
     reader = _Reader(model, held, parts)
-    touches = [
-        _without_rest(reader.read(name, recording))
-        if all(commanded)
-        else reader.shot(name, recording)
-        for name, recording in recordings
-    ]
+    touches = []
+    for number, (name, recording) in enumerate(recordings):
+        ends = [-math.inf, *cuts_of(name, recording), math.inf]
+        for i, (begin_s, end_s) in enumerate(pairwise(ends), 1):
+            own = name if len(ends) == 2 else f"{name}, contact {i}"
+            part = _cut(recording, begin_s, end_s)
+            if all(commanded):
+                touch = _without_rest(reader.read(own, part))
+                if i > 1:  # The drive is not at rest at the cut, so it follows its command first.
+                    touch = touch.until(len(touch.volts), round(RUN_UP_S * reader.rate))
+            else:
+                touch = reader.shot(own, part)
+            touches.append(replace(touch, recording=number))
     return ContactData(tuple(touches), parts, all(commanded))
 
 
@@ -361,13 +397,8 @@ class _Reader:
     def _onset(self, name: str, force: RecordedSignal, first: float) -> tuple[float, int]:
         """Returns the step at which the force begins, and the number of samples before it."""
         used = force.true_time_s >= first - 1e-9
-        try:
-            free = onset_of(force.values[used])
-        except ValueError as error:
-            raise InputError(
-                f"{name}: force: expected a recording that begins out of contact, got {error}; "
-                "cut the recording so that it begins before the touch"
-            ) from None
+        values = force.values[used]
+        free = onset_of(values, level_of(values, f"{name}: force"))
         return float((force.true_time_s[used][free] - first) * self.rate), free
 
     def _speed(self, position: Samples, begin: float, end: float) -> float:

@@ -245,7 +245,7 @@ def _fitted(
         own = {name: Prior(value, WORKPIECE_SPREAD) for name, value in start.items()}
         held = {n: v for n, v in problem.held.items() if n in linear.facts(str(path)).parameters}
         wider = ContactProblem(
-            path, problem.data, {n: problem.priors[n] for n in names} | own, held, problem.threads
+            path, problem.data, {n: problem.priors[n] for n in names} | own, held, problem.site
         )
         point = np.concatenate([
             best[kept], [math.log(p.value) for p in own.values()], best[len(problem.names) :],

@@ -15,7 +15,13 @@ import numpy as np
 
 from forceaxis import linear, paths, progress
 from forceaxis._core import InputError
-from forceaxis.commission import contact_check, contact_data, contact_elements, contact_sampler
+from forceaxis.commission import (
+    contact_check,
+    contact_data,
+    contact_elements,
+    contact_sampler,
+    contact_secant,
+)
 from forceaxis.commission import contact_search as searching
 from forceaxis.commission.contact_data import ContactData, Floats
 from forceaxis.commission.contact_elements import TriedElement
@@ -28,6 +34,7 @@ from forceaxis.commission.contact_results import (
 )
 from forceaxis.commission.contact_sampler import Convergence, Drawn, Sampled
 from forceaxis.commission.known import WORKPIECE_SPREAD, Prior, priors
+from forceaxis.experiments.workers import Workers
 from forceaxis.linear import posterior as posterior_file
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.posterior import Posterior
@@ -45,7 +52,7 @@ FILES = ("posterior.json", "pairs.png", "contacts.png")
 class ContactOrder:
     """What to identify: a model, recordings of touch-downs, and names of parameters. `given`: texts
     NAME=VALUE+-PERCENT% of priors. `held`: other parameters of the model. `threads`: for the
-    simulation."""
+    simulation. `scheduler`: address of a Dask scheduler whose workers then simulate."""
 
     model: str
     recordings: Sequence[Path]
@@ -56,6 +63,7 @@ class ContactOrder:
     threads: int = 1
     #: folder that keeps the chains, so that an interrupted identification continues; None: none
     out: Path | None = None
+    scheduler: str | None = None
 
 
 def prior_of(order: ContactOrder) -> dict[str, Prior]:
@@ -83,22 +91,33 @@ def read_recordings(order: ContactOrder) -> tuple[ContactData, tuple[ContactReco
     """Reads the recordings of an order. Raises InputError."""
     read = [(path.stem, signal_recording.read(path)) for path in order.recordings]
     data = contact_data.touch_downs(order.model, read, order.held)
+    samples = [
+        [len(t.force.at) for t in data.touches if t.recording == i] for i in range(len(read))
+    ]
     rows = tuple(
         ContactRecording(
-            touch.name, paths.display(path), hashlib.sha256(path.read_bytes()).hexdigest(),
-            len(touch.force.at),
+            path.stem, paths.display(path), hashlib.sha256(path.read_bytes()).hexdigest(),
+            sum(own), len(own),
         )
-        for path, touch in zip(order.recordings, data.touches, strict=True)
+        for path, own in zip(order.recordings, samples, strict=True)
     )  # fmt: skip
     return data, rows
 
 
 def identify(order: ContactOrder) -> Identified:
-    """Identifies the parameters of an order. Raises InputError."""
+    """Identifies the parameters of an order. The result does not depend on threads or scheduler.
+    Raises InputError, ParameterError, SimulationError."""
+    if order.scheduler is None:
+        return _identified(order, order.threads)
+    with Workers(order.scheduler) as workers:
+        return _identified(order, workers)
+
+
+def _identified(order: ContactOrder, site: int | Workers) -> Identified:
     path = linear.find_model(order.model)
     order = ContactOrder(**{**vars(order), "model": str(path)})
     data, recordings = read_recordings(order)
-    problem = ContactProblem(path, data, prior_of(order), order.held, order.threads)
+    problem = ContactProblem(path, data, prior_of(order), order.held, site)
     with progress.phase("searching the most likely plant"):
         best, cost = searching.search(problem, order.seed)
     checked = contact_check.check(problem, best)
@@ -116,6 +135,7 @@ def identify(order: ContactOrder) -> Identified:
         recordings=recordings,
         commanded=data.commanded,
         parameters=(found := _parameters(problem, best, spread, sampled)),
+        secants=contact_secant.secants_of(problem, best, sampled.points) if sampled else (),
         untold=tuple(name for name, one in found.items() if not one.told),
         p_value=checked.p,
         rejected=rejected,

@@ -8,18 +8,22 @@ command. The zero of the force sensor is one further unknown.
 
 import hashlib
 import math
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import tomlkit
 from numpy.typing import NDArray
 
 from forceaxis import _core, linear
 from forceaxis._core import InputError
 from forceaxis.commission.contact_data import ContactData, Floats, Samples
+from forceaxis.commission.contact_workers import ContactsOrder, ContactWorkers
 from forceaxis.commission.known import Prior
 from forceaxis.design import model_file
+from forceaxis.experiments.workers import Workers
 from forceaxis.linear.plant_facts import Overrides
 
 LOG_MAX = 300.0  # largest logarithm of a parameter
@@ -74,12 +78,20 @@ def gap_of(model: str | Path, held: Overrides) -> float:
     return min(-float(plant.signal(f"{contact.name}.deflection")) for contact in contacts)
 
 
+def _simulation(model: Path, order: ContactsOrder, site: int | Workers) -> Simulate:
+    here = order.on(model)  # also refuses a wrong model before there is any work
+    if isinstance(site, Workers):
+        return ContactWorkers(site, order)
+    return lambda values, starts: here.run(values, starts, site)
+
+
 class ContactProblem:
     """Recorded touch-downs, and the plants that may have made them.
 
     A point is a vector: the logarithms of the parameters in the order of `priors`, then each of the
     `unknowns` as the distance from its mean in deviations. `priors` of the parameters are normal in
-    the logarithm.
+    the logarithm. `site`: number of threads that simulate, or workers of a Dask scheduler; the
+    result does not depend on it.
     """
 
     def __init__(
@@ -88,10 +100,10 @@ class ContactProblem:
         data: ContactData,
         priors: dict[str, Prior],
         held: Overrides,
-        threads: int = 1,
+        site: int | Workers = 1,
     ) -> None:
         self.model, self.data, self.priors = Path(model), data, priors
-        self.held, self.threads = held, threads
+        self.held, self.site = held, site
         gap = gap_of(self.model, held)
         self.places = np.array([gap - touch.travel for touch in data.touches])
         self.names = tuple(priors)
@@ -100,16 +112,17 @@ class ContactProblem:
             [math.log(p.value) for p in priors.values()] + [0.0] * len(self.unknowns)
         )
         self.spread = np.array([p.spread for p in priors.values()] + [1.0] * len(self.unknowns))
-        simulated = _core.Contacts(
-            str(self.model), dict(held), list(priors), moved_bodies(self.model),
-            [touch.volts for touch in data.touches], data.parts,
+        order = ContactsOrder(
+            tomlkit.dumps(model_file.document(self.model)), held, tuple(priors),
+            tuple(moved_bodies(self.model)), tuple(touch.volts for touch in data.touches),
+            data.parts,
         )  # fmt: skip
-        self.simulate: Simulate = lambda values, starts: simulated.run(values, starts, threads)
+        self.simulate = _simulation(self.model, order, site)
         self.force = Joined([t.force for t in data.touches], [len(t.volts) for t in data.touches])
         self.position = Joined(
             [t.position for t in data.touches], [len(t.volts) for t in data.touches]
         )
-        self.calls = 0
+        self.calls, self.counting = 0, threading.Lock()
 
     @property
     def size(self) -> int:
@@ -130,7 +143,7 @@ class ContactProblem:
         """Returns the problem of each touch-down until `steps_after` steps after its onset."""
         touches = tuple(t.until(int(t.onset) + steps_after) for t in self.data.touches)
         data = replace(self.data, touches=touches)
-        return ContactProblem(self.model, data, self.priors, self.held, self.threads)
+        return ContactProblem(self.model, data, self.priors, self.held, self.site)
 
     def _unknowns(self) -> list[Unknown]:
         touches = self.data.touches
@@ -167,7 +180,8 @@ class ContactProblem:
             starts[:, i, 1] = self.number("speed", i, points, self.data.touches[i].speed[0])
             starts[:, i, 2] = self.number("volts", i, points)
         rows = self.simulate(self.values(points), starts)
-        self.calls += len(points)
+        with self.counting:
+            self.calls += len(points)
         valid = np.asarray(np.isfinite(rows).all(axis=(1, 2)))
         rows = np.where(valid[:, None, None], rows, 0.0)
         force = self.force.at(rows[:, 0]) + self.number("zero", -1, points)[:, None]

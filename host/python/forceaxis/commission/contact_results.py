@@ -7,6 +7,7 @@ from forceaxis.commission.contact_data import Floats
 from forceaxis.commission.contact_elements import TriedElement
 from forceaxis.commission.contact_likelihood import ContactProblem
 from forceaxis.commission.contact_sampler import Convergence, Sampled
+from forceaxis.commission.contact_secant import SecantStiffness
 from forceaxis.linear.posterior import Posterior
 from forceaxis.results import json_field
 
@@ -27,18 +28,20 @@ class ContactParameter:
 
 @dataclass(frozen=True)
 class ContactRecording:
-    """A recording of which a touch-down was used."""
+    """A recording of which `contacts` touch-downs were used."""
 
     name: str
     file: str
     sha256: str
     samples: int
+    contacts: int
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactFit:
     """The result of identify(). `rejected`: True if the model does not explain the recordings (p
-    below 0.001): then `parameters` have no meaning, and there are no convergence and posterior.
+    below 0.001): then `parameters` have no meaning, and there are no secants, convergence and
+    posterior.
     `elements`: elements that the model may lack, the best first; they are tried for p below 0.05.
     """
 
@@ -46,6 +49,7 @@ class ContactFit:
     recordings: tuple[ContactRecording, ...]
     commanded: bool
     parameters: dict[str, ContactParameter]
+    secants: tuple[SecantStiffness, ...]
     untold: tuple[str, ...]
     p_value: float
     rejected: bool

@@ -9,6 +9,7 @@ posterior.
 
 import zipfile
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from scipy import linalg
 from forceaxis import paths
 from forceaxis.commission.contact_data import Floats
 from forceaxis.commission.contact_likelihood import ContactProblem
+from forceaxis.experiments.workers import Workers
 
 CHAINS = 4
 T_DEGREES = 6.0  # degrees of freedom of Student's t from which walkers are drawn anew
@@ -200,8 +202,7 @@ def sample(
         _tune(problem, chains)
     found = _convergence(problem, chains) if len(chains[0].points) else None
     while (found is None or not found.reached) and chains[0].blocks < BLOCKS_MAX:
-        for chain in chains:
-            chain.run()
+        _run(problem, chains)
         _save(file, key, chains)
         found = _convergence(problem, chains)
         progressed(found)
@@ -212,12 +213,22 @@ def sample(
     return Sampled(points[kept], logs[kept], found)
 
 
+def _run(problem: ContactProblem, chains: list[_Chain]) -> None:
+    """Continues the chains by a block. On a cluster they run at the same time, because each waits
+    for its workers."""
+    if not isinstance(problem.site, Workers):
+        for chain in chains:
+            chain.run()
+        return
+    with ThreadPoolExecutor(len(chains)) as pool:
+        list(pool.map(_Chain.run, chains))
+
+
 def _tune(problem: ContactProblem, chains: list[_Chain]) -> None:
     """Lets the walkers find the posterior, and adapts the distribution from which they are
     drawn."""
     for _ in range(TUNING_BLOCKS):
-        for chain in chains:
-            chain.run()
+        _run(problem, chains)
         every = np.concatenate([c.points[BLOCK // 2 :].reshape(-1, problem.size) for c in chains])
         for chain in chains:
             chain.tuned(every.mean(axis=0), np.cov(every.T))

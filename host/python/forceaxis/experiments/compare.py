@@ -176,7 +176,7 @@ def _runs(measured: _Measured) -> list[_Run]:
     """Returns the runs with the parameters sampled at random. Raises InputError if a run does not
     make contact."""
     predictor, request = measured.predictor, measured.predictor.request
-    nominal = predictor.run({}, request.seed)
+    nominal = predictor.run(predictor.nominal, request.seed)
     if predictor.input == "force_setpoint":
         # The set-points of the recording act at the same times from the first contact on.
         found = predictor.touch_s(nominal, measured.level)

@@ -18,6 +18,7 @@ from forceaxis.experiments import run as runs
 from forceaxis.experiments.inputs import ExpectTable, read_inputs
 from forceaxis.experiments.run_result import RunResult
 from forceaxis.experiments.verdicts import NOT_STABLE, VERDICTS
+from forceaxis.linear import posterior
 from forceaxis.toml import TomlValue
 
 TEXT_KEYS = ("verdict", "fault", "cycle", "trace_hash")
@@ -176,7 +177,8 @@ FORMAT = (
                 "recording_over",
                 "list of texts",
                 "none",
-                'Uncertainty of parameters for these bands, as `--over`: ["k_w=10%", "b_w=5..20"].',
+                'Uncertainty of parameters for these bands, as `--over`: ["k_w=10%", "b_w=5..20"], '
+                'or ["posterior.json"], relative to this file.',
             ),
             FormatKey(
                 "band",
@@ -467,7 +469,11 @@ def read(file: str | Path, table: ExpectTable, has_verdict: bool) -> Expectation
         band=reader.number("band", band, 0.0),
         band_is_absolute=absolute,
         recordings=tuple(Path(file).parent / name for name in _texts(reader, table, "recording")),
-        recording_over=_texts(reader, table, "recording_over"),
+        recording_over=tuple(
+            str(Path(file).parent / part) if posterior.is_posterior(part) else part
+            for text in _texts(reader, table, "recording_over")
+            for part in text.split(",")
+        ),
     )
 
 

@@ -16,7 +16,8 @@ from forceaxis.experiments.inputs import Inputs, read_inputs
 from forceaxis.experiments.run_result import Converter
 from forceaxis.linear import settings
 from forceaxis.linear.plant_facts import PlantFacts
-from forceaxis.linear.plant_set import Range, ranges_of
+from forceaxis.linear.plant_set import Range, ranges_beside
+from forceaxis.linear.posterior import Posterior
 from forceaxis.linear.system import facts
 from forceaxis.recordings.signal_recording import (
     COMMANDS,
@@ -75,6 +76,7 @@ class Predictor:
     inputs: Inputs
     plant: PlantFacts
     ranges: dict[str, Range]
+    posterior: Posterior | None = None  # of further parameters
     input: str = "law"
     signals: tuple[SignalModel, ...] = ()
     gap: str | None = None
@@ -93,8 +95,8 @@ class Predictor:
             str(request.experiment), _override_values(request.overrides), plant=True
         )
         plant = facts(model.model, model.overrides)
-        ranges = ranges_of(model.model, request.over, model.overrides) if request.over else {}
-        made = cls(request, recording, inputs, plant, ranges)
+        own = ranges_beside(model.model, request.over, model.overrides) if request.over else ({},)
+        made = cls(request, recording, inputs, plant, *own)
         made.input = made._input()
         made._expect_drive()
         made.gap = made._gap_parameter()
@@ -209,22 +211,31 @@ class Predictor:
             return SignalModel("force", "N", f"{self.inputs.contacts[0]}.force")
         return None
 
+    @property
+    def nominal(self) -> dict[str, float]:
+        """Returns the most likely values of the parameters of the posterior."""
+        own = self.posterior
+        return dict(zip(own.names, own.best, strict=True)) if own else {}
+
     def members(self, nominal: Columns, level: ForceLevel) -> list[dict[str, float]]:
-        """Returns values of the parameters in the ranges, sampled at random, one for each run. A
-        controller meets the workpiece at any instant of a tick, so without a recorded command the
-        gap is sampled over the travel of a tick."""
+        """Returns values of the parameters, sampled at random, one for each run: in the ranges, and
+        joint samples of the posterior. A controller meets the workpiece at any instant of a tick,
+        so without a recorded command the gap is sampled over the travel of a tick."""
         rng = np.random.default_rng(self.request.seed)
         ranges = {name: (low, high) for name, (_, low, high) in self.ranges.items()}
         touch_s = self.touch_s(nominal, level)
-        if self.gap and self.gap not in ranges and not self.is_fed and touch_s is not None:
+        is_free = self.gap not in (*ranges, *self.nominal) and not self.is_fed
+        if self.gap and is_free and touch_s is not None:
             own = self.inputs.parameters[self.gap].value
             deflection = nominal[f"{self.inputs.contacts[0]}.deflection"]
             tick = max(1, round(touch_s / TICK_S))
             travel = abs(float(deflection[tick] - deflection[tick - 1])) / 2
             ranges[self.gap] = (own - travel, own + travel)
+        count = self.request.samples
+        joint = self.posterior.draws(count, self.request.seed) if self.posterior else [{}] * count
         return [
-            {name: float(rng.uniform(low, high)) for name, (low, high) in ranges.items()}
-            for _ in range(self.request.samples)
+            values | {name: float(rng.uniform(low, high)) for name, (low, high) in ranges.items()}
+            for values in joint
         ]
 
     def run(self, member: Member, seed: int) -> Columns:

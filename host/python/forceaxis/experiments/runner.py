@@ -12,18 +12,16 @@ import fcntl
 import hashlib
 import json
 import math
-import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any, ClassVar, Generic, NoReturn, Protocol, Self, TypeAlias, TypeVar
+from typing import IO, Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar
 
 from forceaxis import _core, progress
-from forceaxis._core import InputError, SimulationError
-from forceaxis.errors import ParameterError
+from forceaxis._core import InputError
 from forceaxis.experiments.inputs import read_inputs
 from forceaxis.experiments.sweep_result import Row
+from forceaxis.experiments.workers import WorkerDiffers, Workers
 from forceaxis.results import to_json
 
 Identity: TypeAlias = dict[str, str]  # name of a hash -> the hash
@@ -243,89 +241,25 @@ class Here:
         _core.run_many(every, self.threads, progressed, True, finished, self.experiments)
 
 
-class Cluster:
+class Cluster(Workers):
     """Executes runs on the workers of a Dask scheduler. The workers read the files of the
-    experiment by the same paths as this process. The runs of a lost worker are repeated on a
-    different worker.
-    """
+    experiment by the same paths as this process."""
 
     def __init__(
         self, address: str, experiment: Path, overrides: list[str], identity: Identity
     ) -> None:
-        try:
-            import distributed
-        except ImportError:
-            raise ParameterError(
-                "scheduler",
-                "expected the package distributed; install distributed with `pip install "
-                "'forceaxis[cluster]'`",
-            ) from None
-
-        def fail(error: str | Exception) -> NoReturn:
-            raise ParameterError(
-                "scheduler",
-                f"{address}: expected the address tcp://HOST:PORT of a running Dask scheduler; "
-                f"{error}",
-            ) from None
-
-        if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
-            fail("start one with `dask scheduler`")
-        self.distributed = distributed
-        self.address = address
+        super().__init__(address)
         self.work = (str(experiment.resolve()), overrides, identity)
-        try:
-            self.client = distributed.Client(address, timeout=10, set_as_default=False)
-        except (OSError, ValueError) as error:
-            fail(error)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.client.close()
 
     def __call__(self, jobs: Jobs, finished: Finished, progressed: Progressed) -> None:
-        cores = sum(self.client.nthreads().values())
-        if cores == 0:
-            raise ParameterError(
-                "scheduler",
-                f"{self.address}: expected a Dask scheduler with at least one worker, got "
-                "none; start workers with `dask worker`",
-            )
-        size = max(1, min(64, len(jobs) // (4 * cores)))
-        futures = {
-            self.client.submit(run_chunk, *self.work, jobs[i : i + size], pure=False): i
-            for i in range(0, len(jobs), size)
-        }
+        size = max(1, min(64, len(jobs) // (4 * self.cores())))
+        calls = [(*self.work, jobs[i : i + size]) for i in range(0, len(jobs), size)]
         done = 0
-        try:
-            for future in self.distributed.as_completed(futures, loop=self.client.loop):
-                start = futures[future]
-                for i, result in enumerate(future.result()):
-                    finished(start + i, result)
-                    done += 1
-                progressed(done, len(jobs))
-        except WorkerDiffers as error:
-            raise ParameterError("scheduler", f"{self.address}: {error}") from None
-        except (InputError, KeyboardInterrupt):
-            raise
-        except Exception as error:
-            raise SimulationError(
-                f"{self.address}: expected a result for each group of points, got: {error}; "
-                "repeat the command, which runs only the missing points"
-            ) from error
-        finally:
-            self.client.cancel(list(futures))
-
-
-class WorkerDiffers(Exception):
-    """Error: a worker has a different version of forceaxis, or different files, than this
-    process."""
+        for number, results in self.results(run_chunk, calls):
+            for i, result in enumerate(results):
+                finished(number * size + i, result)
+            done += len(results)
+            progressed(done, len(jobs))
 
 
 def run_chunk(

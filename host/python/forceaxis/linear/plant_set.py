@@ -134,21 +134,29 @@ def _spans(over: Iterable[str], known: Iterable[str]) -> Iterator[tuple[str, str
             yield name, (best, *found.interval(name))
 
 
-def set_of(
+def ranges_beside(
     model: str | Path, over: Iterable[str], overrides: Overrides | None = None
-) -> tuple[dict[str, Range], tuple[dict[str, float], ...]]:
-    """Returns the ranges as ranges_of(), without those of a posterior, and the plants {parameter:
-    SI value} that stand for 95 % of the posterior, ({},) without one. Raises ParameterError or
-    InputError."""
+) -> tuple[dict[str, Range], posterior.Posterior | None]:
+    """Returns the ranges as ranges_of(), without those of a posterior, and the posterior. Raises
+    ParameterError or InputError."""
     texts = [part for given in over for part in given.split(",")]
     files = [text for text in texts if posterior.is_posterior(text)]
     ranges = ranges_of(model, texts, overrides)
     if len(files) > 1:
         raise ParameterError("over", f"expected at most one posterior, got {len(files)}")
     if not files:
-        return ranges, ({},)
+        return ranges, None
     found = posterior.read(files[0])
-    return {n: r for n, r in ranges.items() if n not in found.names}, found.plants()
+    return {n: r for n, r in ranges.items() if n not in found.names}, found
+
+
+def set_of(
+    model: str | Path, over: Iterable[str], overrides: Overrides | None = None
+) -> tuple[dict[str, Range], tuple[dict[str, float], ...]]:
+    """Returns the ranges as ranges_beside(), and the plants {parameter: SI value} that stand for
+    95 % of the posterior, ({},) without one. Raises ParameterError or InputError."""
+    ranges, found = ranges_beside(model, over, overrides)
+    return ranges, found.plants() if found else ({},)
 
 
 def _span(text: str, span: str, nominal: float) -> tuple[float, float]:

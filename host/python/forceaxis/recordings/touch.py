@@ -1,4 +1,5 @@
-"""The first contact in a force signal: its instant, and figures of the contact that follows.
+"""The first contact in a force signal: its instant, the sample at which the force begins to rise,
+and figures of the contact that follows.
 
 The same functions evaluate measured and predicted signals, so that both have the same definitions.
 """
@@ -17,6 +18,9 @@ LEAST_BEFORE = 8  # samples before the first contact
 # this share of the largest force, and above this number of quanta.
 NOISE_FACTOR, PEAK_SHARE, QUANTA = 6.0, 0.02, 1.5
 COARSE_SHARE = 0.5  # largest level for quanta, as a share of the largest force
+# The force begins to rise after the last sample within this number of standard deviations of zero,
+# before the force first exceeds this share of its largest value.
+QUIET_FACTOR, RISEN_SHARE = 3.0, 0.1
 LOST_SHARE = 0.5  # of that level, below which the contact is lost
 HELD_SHARE, HELD_LEAST = 0.2, 10  # part of the signal at its end whose mean is the held force
 SETTLED_SHARE = 0.05  # of the held force
@@ -84,6 +88,16 @@ def touch_of(time_s: Floats, force: Floats, level: ForceLevel) -> float | None:
     return None if first is None else _crossing(time_s, above, first, level.contact)
 
 
+def onset_of(force: Floats, level: ForceLevel) -> int:
+    """Returns the index of the last sample before a force (n,) begins to rise for the first time.
+    It is before touch_of(), the instant at which the force has risen to the level of contact."""
+    above = force - level.zero
+    largest = float(above.max())
+    first = int(np.argmax(above > RISEN_SHARE * largest))
+    quiet = np.flatnonzero(above[:first] <= QUIET_FACTOR * level.noise + 1e-12 * largest)
+    return int(quiet[-1]) if len(quiet) else first
+
+
 def _first_above(above: Floats, level: float) -> int | None:
     """Returns the index of the first of two successive values above a level."""
     is_above = above > level
@@ -105,7 +119,7 @@ def figures_of(time_s: Floats, force: Floats, level: ForceLevel) -> ContactFigur
     the first contact. Values at negative times are not evaluated."""
     inside = time_s >= 0
     time_s, above = time_s[inside], force[inside] - level.zero
-    starts, ends = _contacts(time_s, above, level)
+    starts, ends = contacts_of(time_s, above, level)
     begin = time_s <= IMPULSE_S
     held_from = max(0, min(len(above) - HELD_LEAST, math.floor((1 - HELD_SHARE) * len(above))))
     held = float(above[held_from:].mean())
@@ -124,10 +138,11 @@ def figures_of(time_s: Floats, force: Floats, level: ForceLevel) -> ContactFigur
     )
 
 
-def _contacts(
+def contacts_of(
     time_s: Floats, above: Floats, level: ForceLevel
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Returns the times at which contact is made again, and at which contact is lost."""
+    """Returns the times at which contact is made again, and at which contact is lost, of a force
+    above its zero (n,) that begins in contact."""
     starts: list[float] = []
     ends: list[float] = []
     pressed = True
