@@ -128,6 +128,7 @@ def test_loops_have_their_digits(name, timing, law):
     has_its_digits(name, timing, law, modes=MOVES.get(name))
 
 
+@pytest.mark.beside
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "timing", "law"), [c for c in CASES if c not in QUICK])
 def test_every_loop_has_its_digits(name, timing, law):
@@ -229,6 +230,7 @@ def test_drawn_data_sheets_have_their_digits(tmp_path):
     drawn_loops(tmp_path, 28, 1)
 
 
+@pytest.mark.beside
 @pytest.mark.long
 def test_thirty_drawn_data_sheets_have_their_digits(tmp_path):
     drawn_loops(tmp_path, 29, 30)
@@ -271,11 +273,13 @@ def test_the_sharpest_loops_have_the_same_digits_under_every_kernel():
     under_kernels(["fig4_19", "fig4_14", "full_axis", "laboratory"])
 
 
+@pytest.mark.beside
 @pytest.mark.long
 def test_all_loops_have_the_same_digits_under_every_kernel():
     under_kernels([name for name in MODELS if name not in MOVES])
 
 
+@pytest.mark.beside
 @pytest.mark.long
 @pytest.mark.parametrize("kernel", kernels.executed())
 def test_what_computes_digits_passes_under_every_kernel(kernel):
