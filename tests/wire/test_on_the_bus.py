@@ -1,10 +1,19 @@
 """The pages of docs/guide on a virtual CAN bus, typed as printed there, in one guest."""
 
+import json
 import re
 import shlex
 
+import drawn_axes
 import guide
 import pytest
+from forceaxis import linear
+
+# The workpiece of the axis, which the model of the page does not have.
+TRUTH = {"k_w": 5e5, "m_w": 5.0}
+FORCES_N, FORCE_MAX_N = (30.0, 100.0), 200.0
+MOVES = ("check", "free", "measure", "write", "verify", "store")
+AXIS_S = 360  # twice what `tune` needs of the axis' time, because a busy machine answers late
 
 
 def typed(page, folder, vcan, seconds):
@@ -54,6 +63,22 @@ def test_an_axis_is_tuned_on_the_bus(tmp_path, vcan):
     hashes = re.findall(r"^(?:trace|axis) hash +(\w+)$", run, re.MULTILINE)
     assert len(hashes) == 2 and len(set(hashes)) == 1
     assert "DEVICE" in (tmp_path / "axis.eds").read_text().upper()
+    judge_the_law(tmp_path)
+
+
+def judge_the_law(folder):
+    """The law that was found from outside holds on the true axis, and all bounds held."""
+    model = folder / "press/model.toml"
+    parameters = linear.facts(model).parameters
+    assert all(abs(parameters[name].value / value - 1) > 0.15 for name, value in TRUTH.items())
+    steps = {name: json.loads((folder / f"tuned/{name}.json").read_text()) for name in MOVES}
+    assert 0 < sum(step["axis_seconds"] for step in steps.values()) < AXIS_S
+    plant = json.loads((folder / "plant.json").read_text().partition("\n")[2])
+    assert max(FORCES_N) * 0.9 < plant["axes"][0]["peak_force_N"] < FORCE_MAX_N
+    row = drawn_axes.judged(model, TRUTH, folder / "tuned", FORCES_N)
+    designed = json.loads((folder / "tuned/design.json").read_text())["result"]
+    assert abs(row["Ms"] - designed["worst"]["Ms"]) <= 0.3
+    assert row["stable"] and max(map(abs, row["static_error_percent"])) <= 1.0
 
 
 @pytest.mark.long
