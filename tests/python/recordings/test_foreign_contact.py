@@ -96,7 +96,7 @@ def test_a_fit_of_one_contact_predicts_a_faster_one(tmp_path, monkeypatch, capsy
     for speed, (time_s, force) in contacts.items():
         record(tmp_path / f"{speed}.csv", time_s, force, rng)
     run(monkeypatch, model, tmp_path / "0.1.csv", "--signal", "part.force", "--speed", 0.1,
-        "--predict", 0.25, "--against", tmp_path / "0.25.csv", "--judged", 1.2, "--starts", 1,
+        "--predict", 0.25, "--against", tmp_path / "0.25.csv", "--evaluated", 1.2, "--starts", 1,
         "--out", tmp_path / "out.png")  # fmt: skip
     lines = capsys.readouterr().out.splitlines()
     assert (tmp_path / "out.png").exists()
