@@ -57,7 +57,8 @@ def test_the_libraries_of_the_programs_are_known_with_their_licences():
 def test_examples_are_copied_into_a_folder_that_does_not_have_them(tmp_path):
     done = verbs.forceaxis("examples", tmp_path / "lab")
     assert done.returncode == 0, done.stderr
-    for name in ("sim/experiments/contact.toml", "examples/session.py", "tools/vcan"):
+    for name in ("sim/experiments/contact.toml", "examples/session.py",
+                 "examples/contact_flange.toml", "tools/vcan"):  # fmt: skip
         assert (tmp_path / "lab" / name).read_bytes() == (ROOT / name).read_bytes()
     run = verbs.forceaxis("run", "sim/experiments/contact.toml", "--json", cwd=tmp_path / "lab")
     assert json.loads(run.stdout)["verdict"] == "stable"

@@ -14,6 +14,7 @@ FILES = {
     "sim/*/*.toml": "models, experiments, cycles, parts, measurements",
     "sim/*/*.json": "records of the thesis",
     "examples/*.py": "programs in Python",
+    "examples/*.toml": "models for these programs",
     "tools/vcan": "runs a command with virtual CAN buses",
     "build/image/*.elf": "images of the firmware",
     "build/image/*.hex": "images of the firmware",
