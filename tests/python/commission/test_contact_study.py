@@ -81,7 +81,8 @@ def test_unseen_contacts_are_predicted(tmp_path):
 
 def test_ranks_of_the_truth_are_uniform(tmp_path):
     """Rank calibration (Talts et al. 2018): if priors and posteriors are right, the rank of a true
-    value among samples of its posterior is uniform."""
+    value among samples of its posterior is uniform. With 8 bits the errors of rounding are taken
+    too large, so that intervals may be wider than that, but not narrower."""
     rows = [study.rank(seed, tmp_path / str(seed)) for seed in range(RANKS)]
     keep("ranks", rows)
     ranks = [one for _, one in rows if one is not None]
@@ -90,8 +91,12 @@ def test_ranks_of_the_truth_are_uniform(tmp_path):
     assert outside <= max(1, 0.05 * len(ranks) * len(study.FITTED))
     if not MACHINES:
         return
+    coarse, fine = ([one for _, one in rows[first::2] if one is not None] for first in (0, 1))
     for name in study.FITTED:
-        counts = np.histogram([one[name] for one in ranks], 5, (0, SAMPLES + 1))[0]
-        expected = len(ranks) / 5
-        # the bound of 1 % of chi-square with 4 degrees of freedom; conservative for 8 bits
+        counts = np.histogram([one[name] for one in fine], 5, (0, SAMPLES + 1))[0]
+        expected = len(fine) / 5
+        # the bound of 1 % of chi-square with 4 degrees of freedom
         assert np.sum((counts - expected) ** 2 / expected) < 13.3, (name, counts)
+        at = np.array([one[name] for one in coarse])
+        assert np.mean((at >= 3) & (at <= 96)) >= 0.93, name  # 94 % of uniform ranks
+        assert abs(at.mean() - SAMPLES / 2) <= 15, name  # half a deviation of the posterior
