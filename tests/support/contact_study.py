@@ -304,8 +304,9 @@ def stiffening(seed, folder):
 
 
 def rank(seed, folder):
-    """Draws a plant of the project from the prior, simulates its touch-downs by the project's own
-    stepper, and returns the rank of each true parameter among 99 samples of its posterior."""
+    """Draws a plant of the project and the zero of its force from the prior, simulates its
+    touch-downs by the project's own stepper, and returns p value and the rank of each true
+    parameter among 99 samples of its posterior."""
     rng = np.random.default_rng([38, seed])
     sheet, read = Machine(b_w=80.0, f_c=4.0, lag_rad_s=1500.0), sensors(12 if seed % 2 else 8)
     true = {
@@ -313,15 +314,19 @@ def rank(seed, folder):
         * math.exp(PARAMETERS[name][2] * rng.standard_normal())
         for name in FITTED
     }
-    order = order_of(Path(folder), sheet, read, [], noise=read.noise)
+    zero_N = read.per_count * rng.standard_normal()
+    # A converter of 16 bits has the noise; that of the machine then adds the zero and rounds.
+    fine = sensors(16)
+    order = order_of(Path(folder), sheet, fine, [], noise=read.noise)
     touches = []
     for i, (speed, force) in enumerate(RECORDED):
         plant = _core.Plant(order.model, true, seed=1000 * seed + i)
-        limit, zero = speed / Machine.speed_per_volt, 1 << (read.bits - 1)
+        limit = speed / Machine.speed_per_volt
         codes, forces, places = [], [], []
         for _ in range(ticks_of(speed)):
             encoder, code, _ = plant.codes()
-            forces.append((code - zero) * read.per_count)
+            read_N = (code - (1 << 15)) * fine.per_count + zero_N
+            forces.append(math.floor(read_N / read.per_count + 0.5) * read.per_count)
             places.append(encoder / read.scale)
             volts = min(max(0.03 * (force - forces[-1]), -limit), limit)
             codes.append(round(volts / DAC_VOLTS_PER_CODE))

@@ -81,8 +81,8 @@ def test_unseen_contacts_are_predicted(tmp_path):
 
 def test_ranks_of_the_truth_are_uniform(tmp_path):
     """Rank calibration (Talts et al. 2018): if priors and posteriors are right, the rank of a true
-    value among samples of its posterior is uniform. With 8 bits the errors of rounding are taken
-    too large, so that intervals may be wider than that, but not narrower."""
+    value among samples of its posterior is uniform. With 8 bits, errors of rounding that repeat are
+    taken at their full size, so that intervals may be wider than that, but not narrower."""
     rows = [study.rank(seed, tmp_path / str(seed)) for seed in range(RANKS)]
     keep("ranks", rows)
     ranks = [one for _, one in rows if one is not None]
@@ -98,5 +98,5 @@ def test_ranks_of_the_truth_are_uniform(tmp_path):
         # the bound of 1 % of chi-square with 4 degrees of freedom
         assert np.sum((counts - expected) ** 2 / expected) < 13.3, (name, counts)
         at = np.array([one[name] for one in coarse])
-        assert np.mean((at >= 3) & (at <= 96)) >= 0.93, name  # 94 % of uniform ranks
+        assert np.mean((at >= 3) & (at <= 96)) >= 0.87, name  # of 0.94 +- 0.024 if uniform
         assert abs(at.mean() - SAMPLES / 2) <= 15, name  # half a deviation of the posterior
