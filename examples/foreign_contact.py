@@ -83,11 +83,11 @@ class Force:
         return Force(self.time_s[inside], self.force[inside])
 
     def figures(self, level: ForceLevel) -> ContactFigures:
-        """Returns the figures of the contact, of the force after the low pass."""
+        """Returns the figures of the contact, computed from the force after the low pass."""
         return touch.figures_of(self.time_s, self.smooth(), level)
 
     def aligned(self, level: ForceLevel) -> "Force":
-        """Returns the force with the time after the contact that the low-passed force shows."""
+        """Returns the force with time 0 where the force after the low pass exceeds the level."""
         touch_s = touch.touch_of(self.time_s, self.smooth(), level)
         return self if touch_s is None else Force(self.time_s - touch_s, self.force)
 
@@ -197,7 +197,8 @@ class Fit:
 
 
 def fits_of(machine: Machine, one: Recorded, speed: float, span_s: float, starts: int) -> list[Fit]:
-    """Returns the fits that are nearly as good as the best one, the best one first."""
+    """Returns the fits whose sum of squares is at most NEARLY_AS_GOOD times the smallest one,
+    ordered by it."""
     largest = float(one.force.force.max())
     smooth, ring, count = one.force.smooth(), one.force.ring(), len(machine.guesses)
 

@@ -283,7 +283,7 @@ def axis_killed(folder):
         with nodes(folder, "press_fit", (LOSES,), *store):
             wait_operational()
             loaded = cycle("load", EXPERIMENT, "--axis", "1")
-            # Not by `cycle start`, which acknowledges its result: `watch` may then be too late.
+            # `cycle start` would acknowledge the result, and `watch` could miss it.
             with Axis(lcm_way.GatewayLink(1)) as owner:
                 part = to_json(results.press(owner, live.live_program(EXPERIMENT)))
             watched = until(lambda: list((folder / "watched/parts").glob("*.json")), 150)

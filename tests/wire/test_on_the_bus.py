@@ -9,7 +9,7 @@ import guide
 import pytest
 from forceaxis import linear
 
-# The workpiece of the axis, which the model of the page does not have.
+# Parameters of the simulated axis that differ from the model of the page.
 TRUTH = {"k_w": 5e5, "m_w": 5.0}
 FORCES_N, FORCE_MAX_N = (30.0, 100.0), 200.0
 MOVES = ("check", "free", "measure", "write", "verify", "store")
@@ -63,10 +63,10 @@ def test_an_axis_is_tuned_on_the_bus(tmp_path, vcan):
     hashes = re.findall(r"^(?:trace|axis) hash +(\w+)$", run, re.MULTILINE)
     assert len(hashes) == 2 and len(set(hashes)) == 1
     assert "DEVICE" in (tmp_path / "axis.eds").read_text().upper()
-    judge_the_law(tmp_path)
+    expect_the_law_to_hold(tmp_path)
 
 
-def judge_the_law(folder):
+def expect_the_law_to_hold(folder):
     """The law that was found from outside holds on the true axis, and all bounds held."""
     model = folder / "press/model.toml"
     parameters = linear.facts(model).parameters

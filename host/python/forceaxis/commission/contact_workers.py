@@ -51,7 +51,9 @@ _kept: dict[str, tuple[tempfile.TemporaryDirectory[str], _core.Contacts]] = {}
 
 
 def run_rows(order: ContactsOrder, simulator_hash: str, values: Floats, starts: Floats) -> Floats:
-    """Simulates rows on a worker. Raises WorkerDiffers if the worker has another simulator."""
+    """Simulates the contacts of an order on a worker, as _core.Contacts.run() does. `values`:
+    (rows, parameters); `starts`: (rows, contacts, 3). Raises WorkerDiffers for another
+    simulator."""
     if simulator_hash != _core.SIMULATOR_HASH:
         raise WorkerDiffers(
             f"worker on {socket.gethostname()}: simulator_hash: expected {simulator_hash[:12]}, "
@@ -69,7 +71,7 @@ def run_rows(order: ContactsOrder, simulator_hash: str, values: Floats, starts: 
 
 
 class ContactWorkers:
-    """Simulates the rows of a batch on the workers, each row as _core.Contacts.run() does."""
+    """Simulates contacts for many values of the parameters at once, divided among the workers."""
 
     def __init__(self, workers: Workers, order: ContactsOrder) -> None:
         self.workers, self.order = workers, order

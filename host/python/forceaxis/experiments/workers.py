@@ -84,8 +84,8 @@ class Workers:
             raise
         except Exception as error:
             raise SimulationError(
-                f"{self.address}: expected a result for each group of points, got: {error}; "
-                "repeat the command, which runs only the missing points"
+                f"{self.address}: expected a result of each call on the workers, got: {error}; "
+                "repeat the command, which keeps what an earlier run has written"
             ) from error
         finally:
             self.client.cancel(list(futures))

@@ -18,8 +18,9 @@ LEAST_BEFORE = 8  # samples before the first contact
 # this share of the largest force, and above this number of quanta.
 NOISE_FACTOR, PEAK_SHARE, QUANTA = 6.0, 0.02, 1.5
 COARSE_SHARE = 0.5  # largest level for quanta, as a share of the largest force
-# The force begins to rise after the last sample within this number of standard deviations of zero,
-# before the force first exceeds this share of its largest value.
+# Two thresholds find the sample before the force rises: a factor of the standard deviation of the
+# noise, and a share of the largest force. The sample is the last one below the first threshold
+# before the force exceeds the second.
 QUIET_FACTOR, RISEN_SHARE = 3.0, 0.1
 LOST_SHARE = 0.5  # of that level, below which the contact is lost
 HELD_SHARE, HELD_LEAST = 0.2, 10  # part of the signal at its end whose mean is the held force
