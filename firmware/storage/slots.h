@@ -18,7 +18,7 @@ enum {
   SLOTS_NONE = 2, /* no slot has an image that may be started */
   SLOT_TRIES = 4,
   SLOT_TRAILER_BYTES = 64,
-  SLOT_IMAGE_BYTES_MAX = 120832 /* 118 KiB */
+  SLOT_IMAGE_BYTES_MAX = 130048 /* 127 KiB */
 };
 
 #define SLOT_MAGIC UINT32_C(0x31544146) /* "FAT1" */
