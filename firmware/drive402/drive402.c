@@ -1,5 +1,7 @@
 #include "firmware/drive402/drive402.h"
 
+#include <stddef.h>
+
 #include "firmware/drive402/drive402_cycle.h"
 #include "firmware/drive402/drive402_setup.h"
 #include "firmware/fx/bytes.h"
@@ -14,7 +16,7 @@ static void enter(drive402_t *master, uint8_t phase) {
   master->phase = phase;
   master->command_sent = 0;
   master->entry = 0;
-  master->sdo.state = DRIVE402_TRANSFER_IDLE;
+  master->sdo = (drive402_sdo_t){0};
   master->wait_ticks = 0;
 }
 
@@ -155,9 +157,13 @@ static void send_heartbeat(drive402_t *master) {
   }
 }
 
-/* A tick that waits for the boot-up message. */
+/* A tick that waits for the end of a stop, and then for the boot-up message. */
 static void reset_node(drive402_t *master) {
+  if (master->stop_ticks > 0) {
+    return;
+  }
   if (master->command_sent == 0) {
+    drive402_cycle_start(master);
     send_nmt(master, NMT_RESET_NODE);
   } else if (master->wait_ticks == 0) {
     drive402_fail(master, DRIVE402_BOOT_TIMEOUT);
@@ -171,14 +177,23 @@ static void configure(drive402_t *master) {
   }
 }
 
+/* Returns what a drive still lacks that was started. */
+static uint8_t start_reason(const drive402_t *master) {
+  if (master->sampled != 0) {
+    return DRIVE402_START_TIMEOUT;
+  }
+  return (master->other_length != 0) ? DRIVE402_TPDO_LENGTH : DRIVE402_NO_TPDO;
+}
+
 static void start_node(drive402_t *master) {
   if (master->command_sent == 0) {
     send_nmt(master, NMT_START);
   } else if (master->operational != 0 && master->sampled != 0) {
     enter(master, DRIVE402_RUNNING);
+    master->wait_ticks = fx_ticks_from_ms(master->config->wait_ms) + 1;
     master->read_ticks = 0;
   } else if (master->wait_ticks == 0) {
-    drive402_fail(master, DRIVE402_START_TIMEOUT);
+    drive402_fail(master, start_reason(master));
   }
 }
 
@@ -217,7 +232,8 @@ static void step(drive402_t *master) {
 /* Acts on a wish to reset. A failure that no tick has answered yet stays. */
 static void reset(drive402_t *master) {
   const bool in_place =
-      master->phase == DRIVE402_RUNNING && master->reason <= DRIVE402_RESET_IN_PLACE_LAST;
+      master->phase == DRIVE402_RUNNING && (master->reason <= DRIVE402_RESET_IN_PLACE_LAST ||
+                                            master->reason >= DRIVE402_RESET_IN_PLACE_AGAIN);
   if (master->failed_before == 0) {
     return;
   }
@@ -227,8 +243,8 @@ static void reset(drive402_t *master) {
   master->abort_code = 0;
   if (in_place) {
     master->resets_fault = 1;
+    master->wait_ticks = fx_ticks_from_ms(master->config->wait_ms) + 1;
   } else {
-    drive402_cycle_start(master);
     enter(master, DRIVE402_RESETTING);
   }
 }
@@ -248,7 +264,8 @@ void drive402_tick(drive402_t *master, const drive402_command_t *command) {
     reset(master);
   }
   master->reset_before = command->reset;
-  if (master->phase >= DRIVE402_STARTING) {
+  /* The cycle goes on until the node is reset. */
+  if (master->phase >= DRIVE402_STARTING || master->since_sync != DRIVE402_NO_SYNC) {
     drive402_cycle_tick(master, command);
   }
   master->failed_before = (master->reason != DRIVE402_NONE) ? 1 : 0;
@@ -273,3 +290,14 @@ static const char *const reason_texts[DRIVE402_REASON_COUNT] = {DRIVE402_REASONS
 const char *drive402_phase_text(uint8_t phase) { return phase_texts[phase]; }
 const char *drive402_state_text(uint8_t state) { return state_texts[state]; }
 const char *drive402_reason_text(uint8_t reason) { return reason_texts[reason]; }
+
+#define KEY_(name, key, what) [DRIVE402_BIT_##name] = key,
+static const char *const keys[DRIVE402_BIT_COUNT] = {DRIVE402_OBJECTS(KEY_)};
+
+const char *drive402_key(const drive402_feedback_t *feedback) {
+  if (feedback->failed_index == 0x1A00 && feedback->failed_sub == 3) {
+    return keys[DRIVE402_BIT_TORQUE];
+  }
+  const uint8_t bit = drive402_object_bit(feedback->failed_index, feedback->failed_sub);
+  return (bit < DRIVE402_DIFFERS_COUNT) ? keys[bit] : NULL;
+}

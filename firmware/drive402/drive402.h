@@ -15,35 +15,42 @@
  *     while (drive402_transmit(&master, &frame))  at most DRIVE402_FRAMES frames to send
  *
  * Start. The master resets the node of the drive, waits for its boot-up message, writes the list of
- * objects and reads back each one: heartbeats both ways, abort connection option, first RPDO
- * {6040h, target} and first TPDO {6041h, 6064h, 6077h} on every SYNC, period, mode. Then it starts
- * the node, and runs once the drive is operational and has sent a TPDO. It neither needs nor
- * changes other PDOs, and uses the predefined connection set of CiA 301.
+ * objects and reads back each one: no SYNC counter, heartbeats both ways, abort connection option,
+ * first RPDO {6040h, target} and first TPDO {6041h, 6064h, 6077h} on every SYNC, period, mode. What
+ * the drive refuses to write and has already is right. `without` leaves objects out, `differs` lets
+ * the drive keep other values. Then it starts the node, and runs once the drive is operational and
+ * has sent a TPDO. It neither needs nor changes other PDOs, and uses the predefined connection set
+ * of CiA 301.
  *
  * Cycle. In each bus cycle the master sends SYNC and RPDO. A cycle is a multiple of 2 ms, that is
  * of 3 ticks. A cycle without TPDO keeps the last values, whose age grows; after a second one in
- * succession the fault TPDO_MISSING acts. Doubled frames change nothing; the newest one counts. The
- * first frame after a missing one may be the missing one, so its age is counted from the earlier
- * SYNC. A drive that answers each SYNC after the next one is not noticed: give it a longer cycle.
+ * succession the fault TPDO_MISSING acts. Of two TPDOs in a cycle the newest one counts; in two
+ * cycles in succession they are the fault DOUBLED, as are two answers to two downloads. The first
+ * frame after a missing one may be the missing one, so its age is counted from the earlier SYNC. A
+ * drive that answers each SYNC after the next one is not noticed: give it a longer cycle.
  *
  * States. While `enable` is 1 and nothing has failed, the master brings the drive to operation
  * enabled, one transition in a cycle. The feedback reports `on`, and targets act, once the drive is
- * enabled and 6061h displays the mode; the master reads 6061h by SDO every 10 ms. Otherwise the
- * target is 0, in csp the position of the drive.
+ * enabled, bits 9 (remote) and 12 (follows its target) of the statusword are 1, and 6061h displays
+ * the mode; the master reads 6061h by SDO every 10 ms. Otherwise the target is 0, in csp the
+ * position of the drive. A drive that is not on after wait_ms fails with what is missing.
  *
  * Stop. If `enable` becomes 0 or something fails, the next frame commands quick stop and target 0.
- * It is sent in the same tick, also between two cycles. After quick_stop_ms the master disables
- * voltage. It accepts a stop in every state and keeps the cycle going after a failure. The drive
- * comes on again only from switch on disabled.
+ * It is sent in the same tick, also between two cycles. When the drive shows switch on disabled or
+ * fault, at the latest after quick_stop_ms, the master disables voltage. It accepts a stop in every
+ * state and keeps the cycle going after a failure. The drive comes on again only from switch on
+ * disabled.
  *
  * Emergency messages. The code of each one is kept. It is a failure if the error register in it
  * (1001h) is not 0; with the register 0 it is a warning. Code 0, the end of an error, is neither.
  *
  * Failures. The first reason since the last reset stays in the feedback, for SDO with its object
- * and abort code. Nothing is retried without `reset`. A fault of the drive (DRIVE_FAULT,
- * DRIVE_EMERGENCY, DRIVE_OFF) is reset in place by 6040h bit 7, and reported again if it remains
- * after wait_ms. After every other failure `reset` starts with the reset of the node. Without the
- * master's heartbeat the drive itself has to stop, by 1016h and 6007h.
+ * and abort code. Nothing is retried without `reset`, but an SDO request without an answer is,
+ * once. A fault of the drive (DRIVE_FAULT, DRIVE_EMERGENCY, DRIVE_OFF) is reset in place by 6040h
+ * bit 7, which is 1 until the fault has gone, at most for wait_ms; after it the fault is reported
+ * again. After NOT_REMOTE, NOT_ENABLED and TARGET_IGNORED nothing is to be reset. After every other
+ * failure `reset` starts with the reset of the node, once a stop has ended. Without the master's
+ * heartbeat the drive itself has to stop, by 1016h and 6007h.
  *
  * Cost of a tick: at most DRIVE402_FRAMES frames, no loop beyond the eight codings of a state, no
  * division. */
@@ -75,5 +82,9 @@ bool drive402_transmit(drive402_t *master, can_frame_t *frame);
 const char *drive402_phase_text(uint8_t phase);
 const char *drive402_state_text(uint8_t state);
 const char *drive402_reason_text(uint8_t reason);
+
+/* Returns what lacks_ or differs_ is in front of in the key of the settings that lets a drive go
+ * without the object that has failed, or keep its value; NULL if it has to have the object. */
+const char *drive402_key(const drive402_feedback_t *feedback);
 
 #endif

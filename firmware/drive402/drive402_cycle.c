@@ -4,19 +4,18 @@
 
 enum { SYNC_ID = 0x80, RPDO_ID = 0x200 };
 
-/* since_sync before the first SYNC, which no TPDO can have answered. */
-enum { NO_SYNC = UINT16_MAX };
-
 void drive402_cycle_start(drive402_t *master) {
-  master->since_sync = NO_SYNC;
+  master->since_sync = DRIVE402_NO_SYNC;
   master->age_ticks = UINT16_MAX;
   master->stop_ticks = 0;
   master->controlword = DRIVE402_DISABLE_VOLTAGE;
   master->statusword = 0;
   master->state = DRIVE402_NOT_READY;
   master->sampled = 0;
+  master->other_length = 0;
   master->tpdos = 0;
   master->missing = 0;
+  master->doubled = 0;
   master->mode_displayed = 0;
   master->was_on = 0;
   master->resets_fault = 0;
@@ -24,7 +23,11 @@ void drive402_cycle_start(drive402_t *master) {
 }
 
 void drive402_cycle_receive(drive402_t *master, const can_frame_t *frame) {
-  if (frame->length != 8 || master->since_sync == NO_SYNC) {
+  if (master->since_sync == DRIVE402_NO_SYNC) {
+    return;
+  }
+  if (frame->length != master->tpdo_bytes) {
+    master->other_length = 1;
     return;
   }
   /* The first of the frames that follow a missing one may be the missing one, late. */
@@ -32,7 +35,9 @@ void drive402_cycle_receive(drive402_t *master, const can_frame_t *frame) {
   master->age_ticks = (uint16_t)(master->since_sync + (late ? master->cycle_ticks : 0));
   master->statusword = (uint16_t)fx_load_le(frame->data, 2);
   master->position_cnt = fx_s32_from_u32(fx_load_le32(frame->data + 2));
-  master->torque = (int16_t)fx_sign_extend(fx_load_le(frame->data + 6, 2), 16);
+  if (master->tpdo_bytes == 8) {
+    master->torque = (int16_t)fx_sign_extend(fx_load_le(frame->data + 6, 2), 16);
+  }
   master->state = drive402_state_of(master->statusword);
   master->sampled = 1;
   if (master->tpdos < UINT8_MAX) {
@@ -40,8 +45,21 @@ void drive402_cycle_receive(drive402_t *master, const can_frame_t *frame) {
   }
 }
 
-/* Ends a cycle: counts the SYNCs that the drive has not answered. */
+/* Returns true if a cycle had more than one TPDO, none of which was a late one. A drive whose TPDO
+ * is not synchronous may send more. */
+static bool is_doubled(const drive402_t *master) {
+  return master->tpdos > 1 && master->missing == 0 && master->phase != DRIVE402_RESETTING &&
+         (master->config->without & DRIVE402_WITHOUT_TPDO_TYPE) == 0;
+}
+
+/* Ends a cycle: counts the SYNCs that the drive has not answered, and those that two nodes have.
+ * One TPDO too many may be a frame that a disturbed bus has doubled. */
 static void close_cycle(drive402_t *master) {
+  master->doubled = is_doubled(master) ? (uint8_t)(master->doubled + 1) : 0;
+  if (master->doubled == 2) {
+    master->doubled = 1;
+    drive402_fail(master, DRIVE402_DOUBLED);
+  }
   if (master->tpdos > 0 || master->phase != DRIVE402_RUNNING) {
     master->missing = 0;
   } else if (master->missing < 2) {
@@ -53,17 +71,30 @@ static void close_cycle(drive402_t *master) {
   }
 }
 
-/* Latches a fault or an unexpected stop that the newest statusword shows. */
+/* Returns why the drive is not on, or is no longer. */
+static uint8_t off_reason(const drive402_t *master) {
+  if ((~master->statusword & master->needed & DRIVE402_REMOTE) != 0) {
+    return DRIVE402_NOT_REMOTE;
+  }
+  if (master->state != DRIVE402_OPERATION_ENABLED) {
+    return (master->was_on != 0) ? DRIVE402_DRIVE_OFF : DRIVE402_NOT_ENABLED;
+  }
+  return (master->mode_displayed == 0) ? DRIVE402_MODE_LOST : DRIVE402_TARGET_IGNORED;
+}
+
+/* Latches a fault or an unexpected stop that the newest statusword shows, and the end of the wait
+ * for an enabled drive. */
 static void watch_state(drive402_t *master, bool enabled) {
   const bool faulted = master->state == DRIVE402_FAULT || master->state == DRIVE402_FAULT_REACTION;
-  if (!faulted) {
-    master->resets_fault = 0;
-    master->wait_ticks = 0;
-  } else if (master->resets_fault == 0 && master->wait_ticks == 0) {
+  const bool is_late = master->wait_ticks == 0;
+  if (faulted && (master->resets_fault == 0 || is_late)) {
     drive402_fail(master, DRIVE402_DRIVE_FAULT);
   }
-  if (enabled && master->was_on != 0 && master->state != DRIVE402_OPERATION_ENABLED) {
-    drive402_fail(master, DRIVE402_DRIVE_OFF);
+  if (enabled && (is_late || (master->was_on != 0 && !drive402_follows(master)))) {
+    drive402_fail(master, off_reason(master));
+  }
+  if (!faulted || master->reason != DRIVE402_NONE) {
+    master->resets_fault = 0;
   }
 }
 
@@ -80,13 +111,11 @@ static int32_t target_of(drive402_t *master, const drive402_command_t *command, 
   return fx_clamp(target, -most, most);
 }
 
-static uint16_t controlword_of(drive402_t *master, bool wanted) {
+static uint16_t controlword_of(const drive402_t *master, bool wanted) {
   if (master->stop_ticks > 0) {
     return DRIVE402_QUICK_STOP;
   }
   if (master->resets_fault != 0 && master->state == DRIVE402_FAULT) {
-    master->resets_fault = 0;
-    master->wait_ticks = fx_ticks_from_ms(master->config->wait_ms);
     return DRIVE402_FAULT_RESET;
   }
   return wanted ? drive402_step(master->state) : DRIVE402_DISABLE_VOLTAGE;
@@ -101,20 +130,33 @@ static void send_rpdo(drive402_t *master, uint16_t controlword, int32_t target) 
   master->controlword = controlword;
 }
 
+/* Starts a quick stop, or ends it as soon as the drive has left it by itself. */
+static void time_stop(drive402_t *master, bool stops) {
+  if (stops) {
+    master->stop_ticks = fx_ticks_from_ms(master->config->quick_stop_ms) + 1;
+  } else if (master->state == DRIVE402_SWITCH_ON_DISABLED || master->state == DRIVE402_FAULT) {
+    master->stop_ticks = 0;
+  }
+}
+
 /* Sends what this tick has to send, and returns whether targets act from it on. */
 static bool act(drive402_t *master, const drive402_command_t *command, bool begins) {
   const bool wanted =
       master->phase == DRIVE402_RUNNING && command->enable != 0 && master->reason == DRIVE402_NONE;
   const bool stops = master->controlword == DRIVE402_ENABLE_OPERATION && !wanted;
-  if (stops) {
-    master->stop_ticks = fx_ticks_from_ms(master->config->quick_stop_ms) + 1;
-  }
+  time_stop(master, stops);
   if (begins || stops) {
     const int32_t target = target_of(master, command, wanted);
     send_rpdo(master, controlword_of(master, wanted), target);
   }
+  const bool is_on = wanted && drive402_is_on(master);
+  /* The wait for the drive goes on while it is to come on, and begins after a stop. */
+  const bool is_waiting = wanted ? !is_on : master->resets_fault != 0;
+  if (master->phase == DRIVE402_RUNNING && (master->stop_ticks > 0 || !is_waiting)) {
+    master->wait_ticks = fx_ticks_from_ms(master->config->wait_ms) + 1;
+  }
   drive402_count_down(&master->stop_ticks);
-  return wanted && drive402_is_on(master);
+  return is_on;
 }
 
 void drive402_cycle_tick(drive402_t *master, const drive402_command_t *command) {

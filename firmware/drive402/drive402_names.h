@@ -23,9 +23,35 @@
   X(FAULT, "fault")                           \
   X(UNKNOWN, "a statusword that the standard does not define")
 
-/* Reasons of a failure. The first group refuses a configuration. After a reason of the second group
- * a reset resets the fault of the drive. After any other reason a reset starts again with a reset
- * of the node, because the configuration of the drive is no longer certain. */
+/* Objects that the master writes, of which a drive may lack some or keep a value of its own.
+ * X(name, key, what): lacks_<key> and differs_<key> are keys in the settings of axis_linux, and
+ * <what> follows "the drive has no". */
+#define DRIVE402_WRITTEN(X)                                                              \
+  X(SYNC_ID, "1005h", "object 1005h, the identifier of SYNC")                            \
+  X(SYNC_PERIOD, "1006h", "object 1006h, the period of SYNC")                            \
+  X(INTERPOLATION, "60C2h", "object 60C2h, the period of targets")                       \
+  X(ABORT_OPTION, "6007h", "object 6007h, the abort option")                             \
+  X(CONSUMER, "1016h", "object 1016h, by which it monitors the heartbeat of its master") \
+  X(PRODUCER, "1017h", "object 1017h, the period of its heartbeat")                      \
+  X(RPDO_MAPPING, "1600h", "mapping in 1600h and 1400h:1 that could be changed")         \
+  X(RPDO_TYPE, "1400h_2", "object 1400h:2, the transmission type of its RPDO")           \
+  X(TPDO_MAPPING, "1A00h", "mapping in 1A00h and 1800h:1 that could be changed")         \
+  X(TPDO_TYPE, "1800h_2", "object 1800h:2, the transmission type of its TPDO")           \
+  X(MODE, "6060h", "object 6060h, the mode of operation")
+
+/* All that a drive may lack; the number in the list is that of the bit in `without`, and up to MODE
+ * in `differs`. */
+#define DRIVE402_OBJECTS(X)                                                         \
+  DRIVE402_WRITTEN(X)                                                               \
+  X(TORQUE, "6077h", "object 6077h, the torque, for its TPDO")                      \
+  X(REQUEST_BIT, "1800h_bit_30", "bit 30 in 1800h:1, no answer to remote requests") \
+  X(REMOTE, "bit_9", "bit 9 in its statusword, remote")                             \
+  X(FOLLOWS, "bit_12", "bit 12 in its statusword, drive follows the command value")
+
+/* Reasons of a failure. The first group refuses a configuration. After a reason of the second and
+ * of the last group, which begins with NOT_REMOTE, a reset resets the fault of the drive. After any
+ * other reason a reset starts again with a reset of the node, because the configuration of the
+ * drive is no longer certain. */
 #define DRIVE402_REASONS(X)                                                                      \
   X(NONE, "nothing has failed")                                                                  \
   X(REFUSED_NODE, "node_id and own_node_id: expected two different numbers from 1 to 127")       \
@@ -39,23 +65,46 @@
     "times: expected heartbeat_ms from 1 and below heartbeat_timeout_ms, sdo_timeout_ms and "    \
     "wait_ms from 1")                                                                            \
   X(REFUSED_ENTRIES, "extra: expected entries of 1, 2 or 4 bytes")                               \
-  X(DRIVE_FAULT, "the statusword of the drive reports a fault")                                  \
-  X(DRIVE_EMERGENCY, "the drive has sent an emergency message")                                  \
+  X(DRIVE_FAULT, "the statusword of the drive reports a fault; its error code says which")       \
+  X(DRIVE_EMERGENCY, "the drive has sent an emergency message; its error code says why")         \
   X(DRIVE_OFF, "the drive has left operation enabled without a command")                         \
-  X(BOOT_TIMEOUT, "the drive has sent no boot-up message after the reset of its node")           \
-  X(SDO_TIMEOUT, "the drive has not answered an SDO request in time")                            \
+  X(BOOT_TIMEOUT,                                                                                \
+    "the drive has sent no boot-up message within wait_ms after the reset of its node: check "   \
+    "supply, wiring, bit rate and node id")                                                      \
+  X(SDO_TIMEOUT, "the drive has not answered an SDO request within twice sdo_timeout_ms")        \
   X(SDO_ABORTED, "the drive has aborted an SDO transfer")                                        \
-  X(SDO_UNEXPECTED, "the drive has answered an SDO request with another command or size")        \
+  X(SDO_UNEXPECTED, "the drive has answered an SDO request with another command or fewer bytes") \
   X(SDO_DIFFERS, "an object of the drive has another value than was written")                    \
-  X(START_TIMEOUT, "the drive sends no TPDO, or is not operational, after the command to start") \
-  X(TPDO_MISSING, "two TPDOs of the drive in succession are missing")                            \
-  X(HEARTBEAT_LOST, "the heartbeat of the drive is missing")                                     \
-  X(BOOTED, "the drive has started again without a command")                                     \
+  X(START_TIMEOUT,                                                                               \
+    "no heartbeat of the drive has said operational within wait_ms after the command to start: " \
+    "check 1017h")                                                                               \
+  X(TPDO_MISSING,                                                                                \
+    "two TPDOs of the drive in succession are missing: check the wiring, or give the bus a "     \
+    "longer cycle_ms")                                                                           \
+  X(HEARTBEAT_LOST,                                                                              \
+    "the heartbeat of the drive is missing: check the wiring, or set heartbeat_timeout_ms to "   \
+    "three times the period of the drive")                                                       \
+  X(BOOTED, "the drive has started again without a command: check its supply")                   \
   X(NOT_OPERATIONAL, "the drive has left the NMT state operational without a command")           \
-  X(MODE_LOST, "6061h of the enabled drive displays another mode")                               \
-  X(BUS_OFF, "the CAN controller is bus off")                                                    \
+  X(MODE_LOST, "6061h displays another mode than was written: the drive has to have this mode")  \
+  X(BUS_OFF, "the CAN controller is bus off: check wiring, termination and bit rate")            \
   X(FRAMES_LOST, "received frames were lost before the master saw them")                         \
-  X(FRAMES_KEPT, "frames of the last tick were not fetched for transmission")
+  X(FRAMES_KEPT, "frames of the last tick were not fetched for transmission")                    \
+  X(NO_TPDO,                                                                                     \
+    "the drive has sent no TPDO within wait_ms after the command to start: check that 1800h "    \
+    "and 1A00h act at once, and the node id")                                                    \
+  X(TPDO_LENGTH,                                                                                 \
+    "the TPDO of the drive has another length than 6041h, 6064h and 6077h: check 1A00h, or set " \
+    "lacks_6077h")                                                                               \
+  X(DOUBLED, "two nodes answer as the drive: give each drive on the bus a node id of its own")   \
+  X(NOT_REMOTE,                                                                                  \
+    "bit 9 of the statusword is 0: end the local control of the drive, or set lacks_bit_9")      \
+  X(NOT_ENABLED,                                                                                 \
+    "the drive has not come to operation enabled within wait_ms: check power, STO and enable "   \
+    "inputs")                                                                                    \
+  X(TARGET_IGNORED,                                                                              \
+    "bit 12 of the statusword is 0, so the enabled drive ignores its target: end its halt or "   \
+    "limit, or set lacks_bit_12")
 
 #define DRIVE402_NAME_(name, text) DRIVE402_##name,
 enum { DRIVE402_PHASES(DRIVE402_NAME_) DRIVE402_PHASE_COUNT };
@@ -63,9 +112,17 @@ enum { DRIVE402_STATES(DRIVE402_NAME_) DRIVE402_STATE_COUNT };
 enum { DRIVE402_REASONS(DRIVE402_NAME_) DRIVE402_REASON_COUNT };
 #undef DRIVE402_NAME_
 
+#define DRIVE402_BIT_(name, key, what) DRIVE402_BIT_##name,
+enum { DRIVE402_OBJECTS(DRIVE402_BIT_) DRIVE402_BIT_COUNT };
+#undef DRIVE402_BIT_
+
+/* Number of the bits of `differs`. */
+enum { DRIVE402_DIFFERS_COUNT = DRIVE402_BIT_TORQUE };
+
 enum {
   DRIVE402_REFUSED_LAST = DRIVE402_REFUSED_ENTRIES,
-  DRIVE402_RESET_IN_PLACE_LAST = DRIVE402_DRIVE_OFF
+  DRIVE402_RESET_IN_PLACE_LAST = DRIVE402_DRIVE_OFF,
+  DRIVE402_RESET_IN_PLACE_AGAIN = DRIVE402_NOT_REMOTE
 };
 
 #endif

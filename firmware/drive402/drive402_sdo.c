@@ -2,65 +2,123 @@
 
 #include "firmware/fx/bytes.h"
 
-/* Command bytes. The size of expedited data is 4 minus bits 2 and 3; both fit in one byte. */
+/* Command bytes. The upper three bits are the command. Of an expedited transfer with its size,
+ * bits 2 and 3 are 4 minus the number of bytes. */
 enum {
+  COMMAND = 0xE0,
   DOWNLOAD_REQUEST = 0x23,
   DOWNLOAD_ANSWER = 0x60,
   UPLOAD_REQUEST = 0x40,
-  UPLOAD_ANSWER = 0x43,
+  UPLOAD_ANSWER = 0x40,
+  SEGMENT_REQUEST = 0x60,
+  SEGMENT_ANSWER = 0x00,
   ABORT = 0x80
 };
 
-static uint8_t with_size(uint8_t command, uint8_t bytes) {
-  return (uint8_t)(command + 4 * (4 - bytes));
+/* Bits of UPLOAD_ANSWER, and of the answer with the first segment if it is the last one too. */
+enum { HAS_SIZE = 0x01, IS_EXPEDITED = 0x02, IS_LAST = 0x01, TOGGLE = 0x10 };
+
+void drive402_sdo_start(drive402_sdo_t *sdo, const drive402_entry_t *entry, bool writes) {
+  sdo->entry = *entry;
+  sdo->writes = writes ? 1 : 0;
+  sdo->state = DRIVE402_TRANSFER_ASKS;
+  sdo->is_repeated = 0;
+  sdo->is_segmented = 0;
+  if (writes) {
+    sdo->has_late_ack = 0;
+  }
 }
 
-static void start(drive402_sdo_t *sdo, const drive402_entry_t *entry, uint8_t data[8]) {
-  sdo->entry = *entry;
+void drive402_sdo_request(drive402_sdo_t *sdo, uint32_t ticks, uint8_t data[8]) {
+  const drive402_entry_t *entry = &sdo->entry;
+  const bool writes = sdo->writes != 0;
   sdo->state = DRIVE402_TRANSFER_WAITING;
+  sdo->ticks = ticks;
+  sdo->pause = DRIVE402_SDO_PAUSE;
+  data[0] = writes ? (uint8_t)(DOWNLOAD_REQUEST + 4 * (4 - entry->bytes)) : UPLOAD_REQUEST;
   fx_store_le(data + 1, entry->index, 2);
   data[3] = entry->sub;
   fx_store_le(data + 4, 0, 4);
+  if (writes) {
+    fx_store_le(data + 4, entry->value, entry->bytes);
+  } else if (sdo->is_segmented != 0) {
+    fx_store_le(data, SEGMENT_REQUEST, 4);
+  }
 }
 
-void drive402_sdo_write(drive402_sdo_t *sdo, const drive402_entry_t *entry, uint8_t data[8]) {
-  start(sdo, entry, data);
-  sdo->writes = 1;
-  data[0] = with_size(DOWNLOAD_REQUEST, entry->bytes);
-  fx_store_le(data + 4, entry->value, entry->bytes);
+/* Ends an upload with this value. */
+static void take_value(drive402_sdo_t *sdo, const uint8_t *value, uint32_t bytes) {
+  if (bytes < sdo->entry.bytes) {
+    sdo->state = DRIVE402_TRANSFER_UNEXPECTED;
+    return;
+  }
+  sdo->answer = fx_load_le(value, sdo->entry.bytes);
+  sdo->state = DRIVE402_TRANSFER_DONE;
 }
 
-void drive402_sdo_read(drive402_sdo_t *sdo, const drive402_entry_t *entry, uint8_t data[8]) {
-  start(sdo, entry, data);
-  sdo->writes = 0;
-  data[0] = UPLOAD_REQUEST;
+static void take_upload(drive402_sdo_t *sdo, const uint8_t *data) {
+  const bool has_size = (data[0] & HAS_SIZE) != 0;
+  if ((data[0] & COMMAND) != UPLOAD_ANSWER) {
+    sdo->state = DRIVE402_TRANSFER_UNEXPECTED;
+  } else if ((data[0] & IS_EXPEDITED) != 0) {
+    take_value(sdo, data + 4, has_size ? 4 - (data[0] >> 2 & 3u) : 4);
+  } else {
+    sdo->is_segmented = 1;
+    sdo->state = DRIVE402_TRANSFER_ASKS;
+  }
+}
+
+/* Takes the first segment, which has up to 7 bytes and no address. */
+static void take_segment(drive402_sdo_t *sdo, const uint8_t *data) {
+  const bool is_whole = (data[0] & (TOGGLE | IS_LAST)) == IS_LAST;
+  take_value(sdo, data + 1, is_whole ? 7 - (data[0] >> 1 & 7u) : 0);
 }
 
 void drive402_sdo_receive(drive402_sdo_t *sdo, const can_frame_t *frame) {
   const uint8_t *data = frame->data;
-  if (sdo->state != DRIVE402_TRANSFER_WAITING || frame->length != 8 ||
-      fx_load_le(data + 1, 2) != sdo->entry.index || data[3] != sdo->entry.sub) {
+  const bool waits = sdo->state == DRIVE402_TRANSFER_WAITING;
+  const bool writes = sdo->writes != 0;
+  if (frame->length != 8) {
     return;
   }
-  const uint8_t expected =
-      (sdo->writes != 0) ? (uint8_t)DOWNLOAD_ANSWER : with_size(UPLOAD_ANSWER, sdo->entry.bytes);
-  if (data[0] == ABORT) {
+  if (waits && sdo->is_segmented != 0 && (data[0] & COMMAND) == SEGMENT_ANSWER) {
+    take_segment(sdo, data);
+    return;
+  }
+  if (fx_load_le(data + 1, 2) != sdo->entry.index || data[3] != sdo->entry.sub) {
+    return;
+  }
+  const bool is_ack = data[0] == DOWNLOAD_ANSWER;
+  if (is_ack && !(waits && writes)) {
+    if (sdo->has_late_ack == 0 && sdo->doubled < UINT8_MAX) {
+      sdo->doubled++;
+    }
+  } else if (!waits) {
+    return;
+  } else if (data[0] == ABORT) {
     sdo->answer = fx_load_le32(data + 4);
     sdo->state = DRIVE402_TRANSFER_ABORTED;
-  } else if (data[0] == expected) {
-    sdo->answer = fx_load_le(data + 4, sdo->entry.bytes);
-    sdo->state = DRIVE402_TRANSFER_DONE;
+  } else if (writes) {
+    sdo->state = is_ack ? DRIVE402_TRANSFER_DONE : DRIVE402_TRANSFER_UNEXPECTED;
   } else {
-    sdo->state = DRIVE402_TRANSFER_UNEXPECTED;
+    take_upload(sdo, data);
   }
 }
 
-void drive402_sdo_tick(drive402_sdo_t *sdo) {
-  if (sdo->state != DRIVE402_TRANSFER_WAITING) {
-    return;
+bool drive402_sdo_tick(drive402_sdo_t *sdo) {
+  if (sdo->pause > 0) {
+    sdo->pause--;
   }
-  sdo->ticks--;
-  if (sdo->ticks == 0) {
-    sdo->state = DRIVE402_TRANSFER_TIMED_OUT;
+  if (sdo->state == DRIVE402_TRANSFER_WAITING) {
+    sdo->ticks--;
+    if (sdo->ticks == 0 && sdo->is_repeated != 0) {
+      sdo->state = DRIVE402_TRANSFER_TIMED_OUT;
+    } else if (sdo->ticks == 0) {
+      sdo->is_repeated = 1;
+      sdo->is_segmented = 0;
+      sdo->has_late_ack |= sdo->writes;
+      sdo->state = DRIVE402_TRANSFER_ASKS;
+    }
   }
+  return sdo->state == DRIVE402_TRANSFER_ASKS && sdo->pause == 0;
 }

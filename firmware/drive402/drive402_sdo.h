@@ -1,9 +1,14 @@
 #ifndef FIRMWARE_DRIVE402_DRIVE402_SDO_H_
 #define FIRMWARE_DRIVE402_DRIVE402_SDO_H_
 
-/* SDO client for expedited transfers of 1, 2 or 4 bytes, one at a time (CiA 301). An answer about
- * another object, or without a request, is ignored. */
+/* SDO client for objects of 1, 2 or 4 bytes, one transfer at a time (CiA 301). Downloads are
+ * expedited. The answer to an upload may be expedited with any size or none, or one segment; the
+ * lowest bytes count, and fewer bytes than those of the object are refused. A request without an
+ * answer is repeated once. Between two requests are at least DRIVE402_SDO_PAUSE ticks, because some
+ * drives lose frames that come closer than 3 ms. An answer about another object, or without a
+ * request, is ignored. */
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/canopen/can.h"
@@ -15,31 +20,41 @@ typedef struct {
   uint32_t value;
 } drive402_entry_t;
 
+enum { DRIVE402_SDO_PAUSE = 5 };
+
 enum {
   DRIVE402_TRANSFER_IDLE,
+  DRIVE402_TRANSFER_ASKS, /* a request is to be sent */
   DRIVE402_TRANSFER_WAITING,
   DRIVE402_TRANSFER_DONE,
   DRIVE402_TRANSFER_TIMED_OUT,
   DRIVE402_TRANSFER_ABORTED,   /* `answer` is the abort code */
-  DRIVE402_TRANSFER_UNEXPECTED /* the answer has another command or another size */
+  DRIVE402_TRANSFER_UNEXPECTED /* the answer has another command or fewer bytes */
 };
 
 typedef struct {
   drive402_entry_t entry; /* object of the transfer */
   uint32_t answer;        /* value that was read, or abort code */
-  uint32_t ticks;         /* until the transfer has timed out, at least 1 while it waits */
+  uint32_t ticks;         /* until the answer is missing, at least 1 while it waits */
   uint8_t writes;         /* 1: download, 0: upload */
   uint8_t state;          /* DRIVE402_TRANSFER_ */
+  uint8_t pause;          /* ticks until a request may be sent */
+  uint8_t is_repeated;    /* 1: the request was repeated */
+  uint8_t is_segmented;   /* 1: the upload waits for its segment */
+  uint8_t has_late_ack;   /* 1: the last download was repeated, so it may have a second answer */
+  uint8_t doubled;        /* number of second answers to downloads that were not repeated */
 } drive402_sdo_t;
 
-/* Starts a transfer: fills the 8 bytes of the request. */
-void drive402_sdo_write(drive402_sdo_t *sdo, const drive402_entry_t *entry, uint8_t data[8]);
-void drive402_sdo_read(drive402_sdo_t *sdo, const drive402_entry_t *entry, uint8_t data[8]);
+/* Starts a transfer. */
+void drive402_sdo_start(drive402_sdo_t *sdo, const drive402_entry_t *entry, bool writes);
+
+/* Counts a tick. Returns true if a request is to be sent in it. */
+bool drive402_sdo_tick(drive402_sdo_t *sdo);
+
+/* Fills the 8 bytes of this request, whose answer is missing after `ticks`. */
+void drive402_sdo_request(drive402_sdo_t *sdo, uint32_t ticks, uint8_t data[8]);
 
 /* Takes an answer of the server. */
 void drive402_sdo_receive(drive402_sdo_t *sdo, const can_frame_t *frame);
-
-/* Counts a tick of the wait for an answer. */
-void drive402_sdo_tick(drive402_sdo_t *sdo);
 
 #endif

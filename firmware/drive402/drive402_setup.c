@@ -9,7 +9,11 @@
 #define NO_REQUEST UINT32_C(0x40000000)
 
 enum { RPDO = 0x200, TPDO = 0x180, SDO_REQUEST = 0x600, SYNC = 0x80 };
-enum { ERROR_CODE = 0x603F, MODE_DISPLAY = 0x6061 };
+enum { COUNTER = 0x1019, ERROR_CODE = 0x603F, MODE_DISPLAY = 0x6061 };
+
+/* Number of downloads with two answers from which on there are two nodes. One may be a frame that a
+ * disturbed bus has doubled. */
+enum { DOUBLED_MAX = 2 };
 
 /* Ticks between the end of a read of MODE_DISPLAY or ERROR_CODE and the next one: 10 ms. */
 enum { READ_TICKS = 15 };
@@ -72,13 +76,49 @@ uint8_t drive402_setup_check(const drive402_config_t *config) {
   return check_target(config);
 }
 
+/* Objects of the bits of `without`. Sub-index ANY: each; the mappings have the COB-IDs too. */
+enum { ANY = 0xFF };
+static const struct {
+  uint16_t index;
+  uint8_t sub;
+} objects[DRIVE402_DIFFERS_COUNT] = {
+    [DRIVE402_BIT_SYNC_ID] = {0x1005, ANY},       [DRIVE402_BIT_SYNC_PERIOD] = {0x1006, ANY},
+    [DRIVE402_BIT_INTERPOLATION] = {0x60C2, ANY}, [DRIVE402_BIT_ABORT_OPTION] = {0x6007, ANY},
+    [DRIVE402_BIT_CONSUMER] = {0x1016, ANY},      [DRIVE402_BIT_PRODUCER] = {0x1017, ANY},
+    [DRIVE402_BIT_RPDO_MAPPING] = {0x1600, ANY},  [DRIVE402_BIT_RPDO_TYPE] = {0x1400, 2},
+    [DRIVE402_BIT_TPDO_MAPPING] = {0x1A00, ANY},  [DRIVE402_BIT_TPDO_TYPE] = {0x1800, 2},
+    [DRIVE402_BIT_MODE] = {0x6060, ANY},
+};
+
+uint8_t drive402_object_bit(uint16_t index, uint8_t sub) {
+  const bool is_cob_id = (index == 0x1400 || index == 0x1800) && sub == 1;
+  const uint16_t at = is_cob_id ? (uint16_t)(index + 0x200) : index;
+  uint8_t bit = 0;
+  while (bit < DRIVE402_DIFFERS_COUNT &&
+         (objects[bit].index != at || (objects[bit].sub != ANY && objects[bit].sub != sub))) {
+    bit++;
+  }
+  return bit;
+}
+
+static bool is_set(uint16_t bits, uint8_t bit) { return (bits >> bit & 1u) != 0; }
+
+/* Adds an entry, unless it is left out. A mapping that nobody can change is compared only. Whether
+ * 1006h takes 0 matters to 1019h alone. */
 static void add(drive402_t *master, uint16_t index, uint8_t sub, uint8_t bytes, uint32_t value) {
-  drive402_entry_t *entry = &master->entries[master->entry_count];
+  const drive402_config_t *config = master->config;
+  const uint8_t bit = drive402_object_bit(index, sub);
+  const bool is_mapping = bit == DRIVE402_BIT_RPDO_MAPPING || bit == DRIVE402_BIT_TPDO_MAPPING;
+  const bool has_bit = bit < DRIVE402_DIFFERS_COUNT;
+  const bool is_lacking = has_bit && is_set(config->without, bit);
+  const bool differs = (has_bit && is_set(config->differs, bit)) || (index == 0x1006 && value == 0);
+  if (is_lacking && (!is_mapping || differs)) {
+    return;
+  }
+  master->read_only |= (is_lacking ? UINT32_C(1) : 0) << master->entry_count;
+  master->uncompared |= (differs ? UINT32_C(1) : 0) << master->entry_count;
+  master->entries[master->entry_count] = (drive402_entry_t){index, sub, bytes, value};
   master->entry_count++;
-  entry->index = index;
-  entry->sub = sub;
-  entry->bytes = bytes;
-  entry->value = value;
 }
 
 /* Maps `count` objects to the first RPDO (1400h) or TPDO (1800h) in the order of CiA 301: the PDO
@@ -86,9 +126,14 @@ static void add(drive402_t *master, uint16_t index, uint8_t sub, uint8_t bytes, 
 static void add_pdo(drive402_t *master, uint16_t index, uint32_t cob_id, uint8_t type,
                     const uint32_t *mapped, uint8_t count) {
   const uint16_t mapping = (uint16_t)(index + 0x200);
-  add(master, index, 1, 4, cob_id | INVALID);
+  const bool is_fixed = is_set(master->config->without, drive402_object_bit(mapping, 0));
+  if (!is_fixed) {
+    add(master, index, 1, 4, cob_id | INVALID);
+  }
   add(master, index, 2, 1, type);
-  add(master, mapping, 0, 1, 0);
+  if (!is_fixed) {
+    add(master, mapping, 0, 1, 0);
+  }
   for (uint8_t i = 0; i < count; i++) {
     add(master, mapping, (uint8_t)(i + 1), 4, mapped[i]);
   }
@@ -107,34 +152,32 @@ static uint32_t target_object(uint8_t mode) {
   }
 }
 
-static bool has(const drive402_config_t *config, uint8_t without) {
-  return (config->without & without) == 0;
-}
-
 void drive402_setup_list(drive402_t *master) {
-  static const uint32_t transmitted[] = {UINT32_C(0x60410010), UINT32_C(0x60640020),
-                                         UINT32_C(0x60770010)};
   const drive402_config_t *config = master->config;
-  const uint32_t received[] = {UINT32_C(0x60400010), target_object(config->mode)};
   const uint32_t node_id = config->node_id;
-  if (has(config, DRIVE402_WITHOUT_SYNC_ID)) {
-    add(master, 0x1005, 0, 4, SYNC);
-  }
-  if (has(config, DRIVE402_WITHOUT_SYNC_PERIOD)) {
-    add(master, 0x1006, 0, 4, (uint32_t)config->cycle_ms * 1000);
-  }
-  add(master, 0x1016, 1, 4, (uint32_t)config->own_node_id * 0x10000 + config->heartbeat_timeout_ms);
+  const uint32_t received[2] = {UINT32_C(0x60400010), target_object(config->mode)};
+  const uint32_t transmitted[3] = {UINT32_C(0x60410010), UINT32_C(0x60640020),
+                                   UINT32_C(0x60770010)};
+  const bool has_torque = !is_set(config->without, DRIVE402_BIT_TORQUE);
+  const bool has_flag = !is_set(config->without, DRIVE402_BIT_REQUEST_BIT);
+  add(master, 0x1005, 0, 4, SYNC);
+  /* 1019h can be changed only while 1006h is 0 (CiA 301). A drive that stores neither has 0. */
+  add(master, 0x1006, 0, 4, 0);
+  add(master, COUNTER, 0, 1, 0);
+  add(master, 0x1006, 0, 4, (uint32_t)config->cycle_ms * 1000);
+  add(master, 0x1016, 1, 4, (uint32_t)config->own_node_id << 16 | config->heartbeat_timeout_ms);
   add(master, 0x1017, 0, 2, config->heartbeat_ms);
-  if (has(config, DRIVE402_WITHOUT_ABORT_OPTION)) {
-    add(master, 0x6007, 0, 2, (uint32_t)config->abort_option & 0xFFFFu);
-  }
+  add(master, 0x6007, 0, 2, (uint32_t)config->abort_option & 0xFFFFu);
   add_pdo(master, 0x1400, RPDO + node_id, config->rpdo_type, received, 2);
-  add_pdo(master, 0x1800, (TPDO + node_id) | NO_REQUEST, 1, transmitted, 3);
-  if (has(config, DRIVE402_WITHOUT_INTERPOLATION)) {
-    add(master, 0x60C2, 1, 1, config->cycle_ms);
-    add(master, 0x60C2, 2, 1, 0xFD); /* 10^-3 s */
-  }
+  add_pdo(master, 0x1800, (TPDO + node_id) | (has_flag ? NO_REQUEST : 0), 1, transmitted,
+          has_torque ? 3 : 2);
+  add(master, 0x60C2, 1, 1, config->cycle_ms);
+  add(master, 0x60C2, 2, 1, 0xFD); /* 10^-3 s */
   add(master, 0x6060, 0, 1, config->mode);
+  master->tpdo_bytes = has_torque ? 8 : 6;
+  master->needed =
+      (uint16_t)((is_set(config->without, DRIVE402_BIT_REMOTE) ? 0 : DRIVE402_REMOTE) |
+                 (is_set(config->without, DRIVE402_BIT_FOLLOWS) ? 0 : DRIVE402_FOLLOWS));
 }
 
 /* Returns why the transfer that has ended has failed, or DRIVE402_NONE. */
@@ -151,24 +194,30 @@ static uint8_t transfer_reason(const drive402_t *master) {
   }
 }
 
-/* Keeps the object of the present transfer with the reason of its failure. */
+/* Keeps the object of the present transfer with the reason of its failure. The abort code is that
+ * of the download, if it was refused. */
 static void fail(drive402_t *master, uint8_t reason) {
   if (master->reason == DRIVE402_NONE) {
     master->failed_index = master->sdo.entry.index;
     master->failed_sub = master->sdo.entry.sub;
-    master->abort_code = (reason == DRIVE402_SDO_ABORTED) ? master->sdo.answer : 0;
+    master->abort_code = master->refused;
+    if (reason == DRIVE402_SDO_ABORTED && master->refused == 0) {
+      master->abort_code = master->sdo.answer;
+    }
   }
   drive402_fail(master, reason);
 }
 
-static void request(drive402_t *master, const drive402_entry_t *entry, bool writes) {
-  can_frame_t *frame = drive402_frame(master, (uint16_t)(SDO_REQUEST + master->config->node_id), 8);
-  master->sdo.ticks = fx_ticks_from_ms(master->config->sdo_timeout_ms);
-  if (writes) {
-    drive402_sdo_write(&master->sdo, entry, frame->data);
-  } else {
-    drive402_sdo_read(&master->sdo, entry, frame->data);
+/* Sends a request that is due. Returns true until the transfer has ended. */
+static bool is_waiting(drive402_t *master) {
+  if (drive402_sdo_tick(&master->sdo)) {
+    can_frame_t *frame =
+        drive402_frame(master, (uint16_t)(SDO_REQUEST + master->config->node_id), 8);
+    drive402_sdo_request(&master->sdo, fx_ticks_from_ms(master->config->sdo_timeout_ms),
+                         frame->data);
   }
+  return master->sdo.state == DRIVE402_TRANSFER_ASKS ||
+         master->sdo.state == DRIVE402_TRANSFER_WAITING;
 }
 
 static const drive402_entry_t *entry_of(const drive402_t *master) {
@@ -177,46 +226,74 @@ static const drive402_entry_t *entry_of(const drive402_t *master) {
                                  : &master->entries[master->entry - extra];
 }
 
-/* The masked value of an entry, of which only its bytes count. */
+/* Returns the bit of the present entry; those of the configuration have none. */
+static bool is_marked(const drive402_t *master, uint32_t bits) {
+  const uint8_t extra = master->config->extra_count;
+  return master->entry >= extra && (bits >> (master->entry - extra) & 1u) != 0;
+}
+
+/* Returns true if an entry has the value that was read. Bit 30 of a COB-ID says what the drive does
+ * with remote requests, which nobody sends. */
 static bool is_same(const drive402_sdo_t *sdo) {
   uint8_t wanted[4] = {0, 0, 0, 0};
   fx_store_le(wanted, sdo->entry.value, sdo->entry.bytes);
-  return sdo->answer == fx_load_le(wanted, sdo->entry.bytes);
+  const uint32_t differs = sdo->answer ^ fx_load_le(wanted, sdo->entry.bytes);
+  const bool is_cob_id =
+      (sdo->entry.index == 0x1400 || sdo->entry.index == 0x1800) && sdo->entry.sub == 1;
+  return (is_cob_id ? differs & ~NO_REQUEST : differs) == 0;
 }
 
-/* Acts on a transfer that is done: reads back what was written, or goes on to the next entry. */
-static bool next_transfer(drive402_t *master) {
-  if (master->sdo.writes != 0) {
-    request(master, entry_of(master), false);
-    return false;
-  }
-  if (!is_same(&master->sdo)) {
-    fail(master, DRIVE402_SDO_DIFFERS);
-    return false;
-  }
-  master->sdo.state = DRIVE402_TRANSFER_IDLE;
-  master->entry++;
+/* Starts the transfer of the present entry. Returns true if there is none left. */
+static bool start_entry(drive402_t *master) {
+  master->refused = 0;
   if (master->entry >= (uint32_t)master->config->extra_count + master->entry_count) {
     return true;
   }
-  request(master, entry_of(master), true);
+  drive402_sdo_start(&master->sdo, entry_of(master), !is_marked(master, master->read_only));
   return false;
 }
 
-bool drive402_setup_tick(drive402_t *master) {
-  drive402_sdo_tick(&master->sdo);
-  switch (master->sdo.state) {
-    case DRIVE402_TRANSFER_IDLE:
-      request(master, entry_of(master), true);
-      return false;
-    case DRIVE402_TRANSFER_WAITING:
-      return false;
-    case DRIVE402_TRANSFER_DONE:
-      return next_transfer(master);
-    default:
-      fail(master, transfer_reason(master));
-      return false;
+/* Acts on a transfer with an answer: reads back what was written or refused, or goes on to the next
+ * entry. An object that has the value already need not be written. Returns true after the last one.
+ */
+static bool next_transfer(drive402_t *master) {
+  const bool is_aborted = master->sdo.state == DRIVE402_TRANSFER_ABORTED;
+  const bool is_compared = !is_marked(master, master->uncompared);
+  if (master->sdo.writes != 0 && is_compared) {
+    master->refused = is_aborted ? master->sdo.answer : 0;
+    drive402_sdo_start(&master->sdo, entry_of(master), false);
+    return false;
   }
+  /* A drive without 1019h counts no SYNC. */
+  if (is_compared && is_aborted && master->sdo.entry.index != COUNTER) {
+    fail(master, DRIVE402_SDO_ABORTED);
+    return false;
+  }
+  if (is_compared && !is_aborted && !is_same(&master->sdo)) {
+    fail(master, (master->refused != 0) ? DRIVE402_SDO_ABORTED : DRIVE402_SDO_DIFFERS);
+    return false;
+  }
+  master->entry++;
+  return start_entry(master);
+}
+
+bool drive402_setup_tick(drive402_t *master) {
+  bool is_done = false;
+  if (master->sdo.state == DRIVE402_TRANSFER_IDLE) {
+    is_done = start_entry(master);
+  }
+  if (is_waiting(master)) {
+    return is_done;
+  }
+  if (master->sdo.doubled >= DOUBLED_MAX) {
+    drive402_fail(master, DRIVE402_DOUBLED);
+  } else if (master->sdo.state == DRIVE402_TRANSFER_DONE ||
+             master->sdo.state == DRIVE402_TRANSFER_ABORTED) {
+    is_done = next_transfer(master);
+  } else {
+    fail(master, transfer_reason(master));
+  }
+  return is_done;
 }
 
 /* Acts on the end of a read. 603Fh is optional, so nothing depends on it. */
@@ -241,16 +318,13 @@ static void watched(drive402_t *master) {
 void drive402_setup_watch(drive402_t *master) {
   static const drive402_entry_t mode = {MODE_DISPLAY, 0, 1, 0};
   static const drive402_entry_t error = {ERROR_CODE, 0, 2, 0};
-  drive402_sdo_tick(&master->sdo);
-  if (master->sdo.state == DRIVE402_TRANSFER_WAITING) {
+  if (master->read_ticks == 0 && master->sdo.state == DRIVE402_TRANSFER_IDLE) {
+    drive402_sdo_start(&master->sdo, (master->state == DRIVE402_FAULT) ? &error : &mode, false);
+  }
+  if (is_waiting(master) || master->sdo.state == DRIVE402_TRANSFER_IDLE) {
     return;
   }
-  if (master->sdo.state != DRIVE402_TRANSFER_IDLE) {
-    watched(master);
-    master->sdo.state = DRIVE402_TRANSFER_IDLE;
-    master->read_ticks = READ_TICKS;
-  }
-  if (master->read_ticks == 0) {
-    request(master, (master->state == DRIVE402_FAULT) ? &error : &mode, false);
-  }
+  watched(master);
+  master->sdo.state = DRIVE402_TRANSFER_IDLE;
+  master->read_ticks = READ_TICKS;
 }

@@ -16,14 +16,11 @@
 /* Modes of operation (6060h). */
 enum { DRIVE402_CSP = 8, DRIVE402_CSV = 9, DRIVE402_CST = 10 };
 
-/* Bits of drive402_config_t.without: objects that this drive lacks, or lets nobody write, and that
- * are left out of the configuration. The drive then has to do the same by settings of its maker. */
-enum {
-  DRIVE402_WITHOUT_SYNC_ID = 1,       /* 1005h; its default is 80h */
-  DRIVE402_WITHOUT_SYNC_PERIOD = 2,   /* 1006h */
-  DRIVE402_WITHOUT_INTERPOLATION = 4, /* 60C2h */
-  DRIVE402_WITHOUT_ABORT_OPTION = 8   /* 6007h */
-};
+/* Bits of drive402_config_t.without: what this drive lacks, or lets nobody write, and what is left
+ * out (DRIVE402_OBJECTS). The drive then has to do the same by settings of its maker. */
+#define DRIVE402_WITHOUT_(name, key, what) DRIVE402_WITHOUT_##name = 1 << DRIVE402_BIT_##name,
+enum { DRIVE402_OBJECTS(DRIVE402_WITHOUT_) };
+#undef DRIVE402_WITHOUT_
 
 /* Largest drive402_config_t.scale_shift. */
 enum { DRIVE402_SHIFT_MAX = 16 };
@@ -41,19 +38,22 @@ typedef struct {
   int32_t target_max;
   uint16_t heartbeat_ms;         /* period of both heartbeats (1017h), from 1 */
   uint16_t heartbeat_timeout_ms; /* of both consumers (1016h), longer than heartbeat_ms */
-  uint16_t sdo_timeout_ms;       /* longest wait for an answer by SDO, from 1 */
-  /* longest wait for the boot-up message, for the first TPDO, and for the end of the state fault
-   * after a fault reset; from 1 */
+  uint16_t sdo_timeout_ms;       /* longest wait for an answer by SDO, from 1; there are two */
+  /* longest wait for the boot-up message, for the first TPDO, and until an enabled drive is on, a
+   * fault reset included; from 1 */
   uint16_t wait_ms;
-  uint16_t quick_stop_ms; /* how long quick stop is commanded before voltage is disabled */
-  int16_t abort_option;   /* 6007h: what the drive does without the master */
+  /* longest time for which quick stop is commanded before voltage is disabled; it ends when the
+   * drive shows switch on disabled or fault */
+  uint16_t quick_stop_ms;
+  int16_t abort_option; /* 6007h: what the drive does without the master */
+  uint16_t without;     /* DRIVE402_WITHOUT_ bits */
+  uint16_t differs;     /* the same bits below DRIVE402_DIFFERS_COUNT: written, not compared */
   uint8_t extra_count;
   uint8_t cycle_ms;    /* bus cycle, an even number 2..100: a multiple of 3 ticks */
   uint8_t mode;        /* DRIVE402_CSP, DRIVE402_CSV or DRIVE402_CST */
   uint8_t rpdo_type;   /* 1: a target acts at the next SYNC; 254, 255: on reception */
   uint8_t node_id;     /* of the drive, 1..127 */
   uint8_t own_node_id; /* of the master, 1..127 */
-  uint8_t without;     /* DRIVE402_WITHOUT_ bits */
   uint8_t scale_shift; /* number of fractional bits of the command's target, 0..16 */
 } drive402_config_t;
 
@@ -74,22 +74,26 @@ typedef struct {
   uint16_t statusword; /* 6041h */
   uint16_t error_code; /* last one that the drive has sent by EMCY or shown in 603Fh, or 0 */
   uint8_t fitted;      /* 1: the configuration was accepted, so that there has to be a drive */
-  uint8_t on;          /* 1: targets act: operation enabled, 6061h displays the mode, no fault */
-  uint8_t fault;       /* 1: something has failed, or the drive is in fault */
-  uint8_t limit;       /* 1: statusword bit 11, internal limit active */
-  uint8_t saturated;   /* 1: the last target was limited to target_max */
-  uint8_t phase;       /* DRIVE402_PHASES */
-  uint8_t state;       /* DRIVE402_STATES */
-  uint8_t reason;      /* DRIVE402_REASONS: the first failure since the last reset */
+  /* 1: targets act: operation enabled with bits 9 and 12, 6061h displays the mode, no fault */
+  uint8_t on;
+  uint8_t fault;     /* 1: something has failed, or the drive is in fault */
+  uint8_t limit;     /* 1: statusword bit 11, internal limit active */
+  uint8_t saturated; /* 1: the last target was limited to target_max */
+  uint8_t phase;     /* DRIVE402_PHASES */
+  uint8_t state;     /* DRIVE402_STATES */
+  uint8_t reason;    /* DRIVE402_REASONS: the first failure since the last reset */
   /* object whose SDO transfer has failed, else 0, and the abort code of the drive, else 0 */
   uint8_t failed_sub;
   uint16_t failed_index;
   uint32_t abort_code;
 } drive402_feedback_t;
 
+/* since_sync before the first SYNC, which no TPDO can have answered. */
+enum { DRIVE402_NO_SYNC = UINT16_MAX };
+
 /* Entries of the master's own configuration, and frames in a tick, at most: SYNC, RPDO, heartbeat,
  * and an NMT command or SDO request, but never both. */
-enum { DRIVE402_ENTRIES = 24, DRIVE402_FRAMES = 4 };
+enum { DRIVE402_ENTRIES = 25, DRIVE402_FRAMES = 4 };
 
 typedef struct {
   const drive402_config_t *config;
@@ -105,6 +109,9 @@ typedef struct {
   uint8_t failed_sub;
   uint16_t failed_index;
   uint32_t abort_code;
+  uint32_t refused;               /* abort code of the last download, or 0 */
+  uint32_t read_only;             /* bit n: own entry n is compared, but not written */
+  uint32_t uncompared;            /* bit n: own entry n is written, but not compared */
   uint32_t wait_ticks;            /* until a wait (wait_ms) ends */
   uint32_t own_heartbeat_ticks;   /* until the next heartbeat of the master */
   uint32_t drive_heartbeat_ticks; /* until the heartbeat of the drive is missing */
@@ -116,6 +123,7 @@ typedef struct {
   uint16_t statusword;
   uint16_t error_code;
   uint16_t controlword; /* last one that was sent */
+  uint16_t needed;      /* bits of the statusword without which targets do not act */
   int32_t position_cnt;
   int16_t torque;
   uint8_t state;
@@ -125,10 +133,13 @@ typedef struct {
   uint8_t operational;    /* 1: a heartbeat in this phase or later said operational */
   uint8_t sampled;        /* 1: a TPDO was received since the start of the node */
   uint8_t tpdos;          /* received since the last SYNC, at most 255 */
+  uint8_t tpdo_bytes;     /* length of a TPDO */
+  uint8_t other_length;   /* 1: a TPDO of another length was received since the start of the node */
   uint8_t missing;        /* SYNCs in succession that no TPDO has answered, at most 2 */
+  uint8_t doubled;        /* cycles in succession with more than one TPDO, at most 2 */
   uint8_t mode_displayed; /* 1: 6061h was the mode at the last read */
   uint8_t was_on;         /* 1: `on` in the last tick */
-  uint8_t resets_fault;   /* 1: the next controlword in the state fault resets the fault */
+  uint8_t resets_fault;   /* 1: controlwords in the state fault reset the fault */
   uint8_t saturated;
   uint8_t reset_before;  /* `reset` of the last command */
   uint8_t failed_before; /* 1: the cyclic frames of the last tick knew of a failure */
@@ -141,10 +152,16 @@ static inline void drive402_fail(drive402_t *master, uint8_t reason) {
   }
 }
 
+/* Returns true if the drive says that it is enabled, obeys and follows its target. */
+static inline bool drive402_follows(const drive402_t *master) {
+  return master->state == DRIVE402_OPERATION_ENABLED &&
+         (master->statusword & master->needed) == master->needed;
+}
+
 /* Returns true while targets act. */
 static inline bool drive402_is_on(const drive402_t *master) {
   return master->phase == DRIVE402_RUNNING && master->reason == DRIVE402_NONE &&
-         master->state == DRIVE402_OPERATION_ENABLED && master->mode_displayed != 0 &&
+         drive402_follows(master) && master->mode_displayed != 0 &&
          master->controlword == DRIVE402_ENABLE_OPERATION;
 }
 

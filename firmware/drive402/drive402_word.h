@@ -15,8 +15,9 @@ enum {
   DRIVE402_FAULT_RESET = 0x80
 };
 
-/* Bit 11 of the statusword: internal limit active. */
-enum { DRIVE402_LIMIT_ACTIVE = 0x0800 };
+/* Bits of the statusword: the drive obeys the controlword (9), internal limit active (11), and in a
+ * cyclic mode, the drive follows its target (12). */
+enum { DRIVE402_REMOTE = 0x0200, DRIVE402_LIMIT_ACTIVE = 0x0800, DRIVE402_FOLLOWS = 0x1000 };
 
 /* Returns the state (DRIVE402_STATES) that a statusword shows. */
 uint8_t drive402_state_of(uint16_t statusword);

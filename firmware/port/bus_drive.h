@@ -22,8 +22,8 @@ typedef struct {
   uint8_t was_enabled; /* amp_enable of the last tick */
 } bus_drive_t;
 
-/* Makes the configuration of the master from the parameters drive_ of the object table, with the
- * times of the Linux port. Returns false if drive_node_id is 0: there is no drive. */
+/* Makes the configuration of the master from the parameters drive_ of the object table. Returns
+ * false if drive_node_id is 0: there is no drive. */
 bool bus_drive_config(const device_params_t *params, drive402_config_t *config);
 
 /* Starts the master. *drive has to be all zeros, and *config to live as long as it. Returns

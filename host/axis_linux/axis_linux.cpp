@@ -30,6 +30,8 @@ Integer whole(sim::Section &section, const char *key) {
   return static_cast<Integer>(section.integer(key));
 }
 
+#define FORCEAXIS_KEY(name, key, what) key,
+
 void read_drive(sim::Section &section, Settings &settings) {
   drive402_config_t &drive = settings.config.drive;
   settings.drive = section.text("interface", kText);
@@ -52,13 +54,13 @@ void read_drive(sim::Section &section, Settings &settings) {
   drive.wait_ms = whole<std::uint16_t>(section, "wait_ms");
   drive.quick_stop_ms = whole<std::uint16_t>(section, "quick_stop_ms");
   drive.abort_option = whole<std::int16_t>(section, "abort_option");
-  const auto without = [&](const char *key, int bit) {
-    if (section.flag(key)) drive.without = static_cast<std::uint8_t>(drive.without | bit);
-  };
-  without("lacks_1005h", DRIVE402_WITHOUT_SYNC_ID);
-  without("lacks_1006h", DRIVE402_WITHOUT_SYNC_PERIOD);
-  without("lacks_60C2h", DRIVE402_WITHOUT_INTERPOLATION);
-  without("lacks_6007h", DRIVE402_WITHOUT_ABORT_OPTION);
+  constexpr const char *kKeys[] = {DRIVE402_OBJECTS(FORCEAXIS_KEY)};
+  for (unsigned bit = 0; bit < DRIVE402_BIT_COUNT; ++bit) {
+    const std::string key = kKeys[bit];
+    if (section.flag("lacks_" + key)) drive.without |= static_cast<std::uint16_t>(1U << bit);
+    if (bit < DRIVE402_DIFFERS_COUNT && section.flag("differs_" + key))
+      drive.differs |= static_cast<std::uint16_t>(1U << bit);
+  }
   section.each("object", [&](sim::Section &object) {
     const auto bytes = whole<std::uint8_t>(object, "bytes");
     if (bytes == 3) object.fail("bytes", "expected 1, 2 or 4, got 3");

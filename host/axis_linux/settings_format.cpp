@@ -1,5 +1,7 @@
 #include "host/axis_linux/settings_format.hpp"
 
+#include "firmware/drive402/drive402_names.h"
+
 namespace forceaxis::axis_linux {
 namespace {
 
@@ -21,6 +23,12 @@ constexpr TableFormat kObject{
     "the polarity (607Eh) or the quick stop option (605Ah).",
     kObjectKeys};
 
+// What a drive lacks, or may have with a value of its own.
+#define LACKS(name, key, what) other("lacks_" key, "flag", "false", "The drive has no " what "."),
+#define DIFFERS(name, key, what)         \
+  other("differs_" key, "flag", "false", \
+        "Is written, but not compared and may be refused: " what "."),
+
 constexpr KeyFormat kDriveKeys[] = {
     other("interface", "text", "", "CAN interface of the drive and the load cell, such as can1."),
     integer("node_id", 1, 127, {}, "CANopen node id of the drive."),
@@ -41,18 +49,20 @@ constexpr KeyFormat kDriveKeys[] = {
     integer("heartbeat_ms", 1, 65535, 50, "Period of both heartbeats in ms."),
     integer("heartbeat_timeout_ms", 1, 65535, 150,
             "Time in ms without a heartbeat after which drive and master stop."),
-    integer("sdo_timeout_ms", 1, 65535, 500, "Longest wait for an answer by SDO in ms."),
-    integer("wait_ms", 1, 65535, 3000,
-            "Longest wait in ms for the start of the drive, and for the end of a fault."),
-    integer("quick_stop_ms", 0, 65535, 100,
-            "Time in ms for which a quick stop is commanded before the voltage is disabled."),
+    integer("sdo_timeout_ms", 1, 65535, 1000,
+            "Longest wait for an answer by SDO in ms; a request without an answer is repeated "
+            "once."),
+    integer(
+        "wait_ms", 1, 65535, 5000,
+        "Longest wait in ms for the boot-up message of the drive, for its first TPDO, and until "
+        "it is on."),
+    integer(
+        "quick_stop_ms", 0, 65535, 1000,
+        "Longest time in ms for which a quick stop is commanded before the voltage is disabled. "
+        "It ends when the drive leaves the quick stop by itself."),
     integer("abort_option", -32768, 32767, 3,
             "What the drive does without the master (6007h); 3 is a quick stop."),
-    other("lacks_1005h", "flag", "false", "The drive has no object 1005h, the identifier of SYNC."),
-    other("lacks_1006h", "flag", "false", "The drive has no object 1006h, the period of SYNC."),
-    other("lacks_60C2h", "flag", "false", "The drive has no object 60C2h, the period of targets."),
-    other("lacks_6007h", "flag", "false", "The drive has no object 6007h, the abort option."),
-    table("object", kObject, true),
+    DRIVE402_OBJECTS(LACKS) DRIVE402_WRITTEN(DIFFERS) table("object", kObject, true),
 };
 constexpr TableFormat kDrive{"The CiA 402 drive.", kDriveKeys};
 

@@ -5,6 +5,7 @@
 #include <functional>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -75,6 +76,10 @@ class DriveNode {
         {{0x60C2, 2}, {0xFD, 1}},
         {{0x60FF, 0}, {0, 4}},
     };
+    for (const auto &[at, value] : at_reset) {
+      if (at.first == 0x1019) objects_[at] = {0, 1};
+      objects_.at(at).first = value;
+    }
     state = kSwitchOnDisabled;
     nmt = kPreOperational;
     consumer_ticks_ = -1;
@@ -135,16 +140,26 @@ class DriveNode {
 
   void Send(int id, const Bytes &data) { out.push_back({static_cast<uint16_t>(id), data}); }
 
-  uint16_t Statusword() const { return static_cast<uint16_t>(Coding(state) | extra_status); }
+  // With bit 12, by which an enabled drive says that it follows its target.
+  uint16_t Statusword() const {
+    const int follows = state == kOperationEnabled ? 0x1000 : 0;
+    return static_cast<uint16_t>((Coding(state) | extra_status | follows) & ~missing_status);
+  }
 
   State state;
   uint8_t nmt;
   bool dead = false;  // neither receives nor sends
   bool mute_heartbeat = false;
   bool mute_pdo = false;
-  bool fault_stays = false;           // a fault reset does nothing
-  uint16_t extra_status = 0x0200;     // bit 9, remote
-  std::optional<uint8_t> mode_shown;  // instead of the mode that is commanded
+  bool fault_stays = false;              // a fault reset does nothing
+  std::map<Address, uint32_t> at_reset;  // values that a reset gives, of 1019h too
+  std::set<Address> read_only;           // objects whose download is refused
+  bool stays_disabled = false;           // transition 2 does not come: no power
+  bool doubled = false;                  // TPDOs and answers to downloads come twice
+  bool short_pdo = false;                // its TPDOs lack a byte
+  uint16_t extra_status = 0x0200;        // bit 9, remote
+  uint16_t missing_status = 0;           // bits of the statusword that stay 0
+  std::optional<uint8_t> mode_shown;     // instead of the mode that is commanded
   std::vector<Frame> out;
   std::vector<Address> written;  // every object that was written, in this order
   // Replaces the answer to an SDO request; nullopt: no answer.
@@ -183,6 +198,7 @@ class DriveNode {
     const Bytes answer = request.size() == 8 ? Transfer(request) : Bytes{};
     const std::optional<Bytes> sent = answers ? answers(request, answer) : std::optional(answer);
     if (sent) Send(0x580 + id_, *sent);
+    if (sent && doubled && (*sent)[0] == 0x60) Send(0x580 + id_, *sent);
   }
 
   Bytes Transfer(const Bytes &request) {
@@ -197,6 +213,9 @@ class DriveNode {
       return Answer(static_cast<uint8_t>(0x43 | (4 - bytes) << 2), request, value);
     }
     if (request[0] != (0x23 | (4 - bytes) << 2)) return Answer(0x80, request, 0x06070010);
+    if (read_only.contains(at)) return Answer(0x80, request, 0x06010002);
+    // CiA 301: the counter of SYNC is changed only while 1006h is 0.
+    if (at.first == 0x1019 && Get(0x1006) != 0) return Answer(0x80, request, 0x08000022);
     const uint32_t value =
         request[4] | request[5] << 8 | request[6] << 16 | static_cast<uint32_t>(request[7]) << 24;
     // CiA 301: a mapping is changed only while the PDO does not exist and no object is mapped.
@@ -222,7 +241,9 @@ class DriveNode {
       data.insert(data.end(), bytes.begin(), bytes.end());
     }
     const uint32_t cob_id = Get(0x1800, 1);
-    if ((cob_id >> 31) == 0 && Get(0x1800, 2) == 1 && !mute_pdo) Send(cob_id & 0x7FF, data);
+    if (short_pdo && !data.empty()) data.pop_back();
+    const int copies = (cob_id >> 31) != 0 || Get(0x1800, 2) != 1 || mute_pdo ? 0 : doubled ? 2 : 1;
+    for (int i = 0; i < copies; ++i) Send(cob_id & 0x7FF, data);
   }
 
   void Apply(const Bytes &data) {
@@ -253,7 +274,7 @@ class DriveNode {
     const bool enable = (word & 0x0F) == 0x0F;
     switch (state) {
       case kSwitchOnDisabled:
-        if (shutdown) state = kReady;  // 2
+        if (shutdown && !stays_disabled) state = kReady;  // 2
         break;
       case kReady:
         if (switch_on) state = kSwitchedOn;                            // 3

@@ -33,12 +33,13 @@ OBJECTS = {
     0x60C2: {0: (od.UNSIGNED8, 2), 1: (od.UNSIGNED8, 1), 2: (od.INTEGER8, -3)},
     0x60FF: (od.INTEGER32, 0),
 }
-# Statuswords of the states, bit 9 (remote) set; x of the standard as 0.
+# Statuswords of the states, bit 9 (remote) set, and bit 12 where the drive follows its target; x of
+# the standard as 0.
 STATUS = {
     "switch on disabled": 0x240,
     "ready to switch on": 0x221,
     "switched on": 0x223,
-    "operation enabled": 0x227,
+    "operation enabled": 0x1227,
     "quick stop active": 0x207,
     "fault": 0x208,
 }

@@ -128,7 +128,7 @@ def crc_of(data):
 
 
 # Settings of the drive's bus and of the converter, which the board may refuse.
-DRIVE_BUS = range(0x2440, 0x2450)
+DRIVE_BUS = range(0x2440, 0x2451)
 
 
 def exactly(value):

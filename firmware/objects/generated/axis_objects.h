@@ -553,104 +553,113 @@ enum {
   AXIS_OBJ_DRIVE_TARGET_MAX = 543,
   AXIS_OBJ_DRIVE_TARGET_ACTS = 544,
   AXIS_OBJ_DRIVE_LACKS = 545,
-  AXIS_OBJ_FORCE_CONVERTER = 546,
-  AXIS_OBJ_FORCE_CONVERTER_GAIN = 547,
-  AXIS_OBJ_DRIVE_REASON = 548,
-  AXIS_OBJ_DRIVE_ERROR_CODE = 549,
-  AXIS_OBJ_RESET_CAUSE = 550,
-  AXIS_OBJ_BOARD_STATE = 551,
-  AXIS_OBJ_CORE_FAULT_PC = 552,
-  AXIS_OBJ_CORE_FAULT_LR = 553,
-  AXIS_OBJ_CORE_FAULT_CFSR = 554,
-  AXIS_OBJ_CORE_FAULT_HFSR = 555,
-  AXIS_OBJ_CORE_FAULT_BFAR = 556,
-  AXIS_OBJ_TICK_DEVIATION = 557,
-  AXIS_OBJ_TICK_TIME_MAX = 558,
-  AXIS_OBJ_TICK_LATE_MAX = 559,
-  AXIS_OBJ_CAN_STATE = 560,
-  AXIS_OBJ_SYNC_COUNT = 561,
-  AXIS_OBJ_CYCLE_STATE = 562,
-  AXIS_OBJ_CYCLE_PHASE = 563,
-  AXIS_OBJ_CYCLE_OUTCOME = 564,
-  AXIS_OBJ_CYCLE_COUNT = 565,
-  AXIS_OBJ_CYCLE_OUTPUTS = 566,
-  AXIS_OBJ_CYCLE_ENDED_BY = 567,
-  AXIS_OBJ_CYCLE_PROGRAM = 568,
-  AXIS_OBJ_CYCLE_PROGRAM_COUNT = 569,
-  AXIS_OBJ_CYCLE_PROGRAM_CRC = 570,
-  AXIS_OBJ_CYCLE_PROGRAM_REFUSAL = 571,
-  AXIS_OBJ_CYCLE_PROGRAM_REFUSED_PART = 572,
-  AXIS_OBJ_CYCLE_PROGRAM_REMOVE = 573,
-  AXIS_OBJ_CYCLE_RESULT_ELEMENT = 574,
-  AXIS_OBJ_CYCLE_RESULT_VALUE = 575,
-  AXIS_OBJ_CYCLE_RESULT_VERDICT = 576,
-  AXIS_OBJ_CYCLE_RESULT_TICK = 577,
-  AXIS_OBJ_CYCLE_DATA_OFFSET = 578,
-  AXIS_OBJ_CYCLE_DATA_END = 579,
-  AXIS_OBJ_CYCLE_DATA_1 = 580,
-  AXIS_OBJ_CYCLE_DATA_2 = 581,
-  AXIS_OBJ_CYCLE_DATA_3 = 582,
-  AXIS_OBJ_CYCLE_DATA_4 = 583,
-  AXIS_OBJ_CYCLE_DATA_5 = 584,
-  AXIS_OBJ_CYCLE_DATA_6 = 585,
-  AXIS_OBJ_CYCLE_DATA_7 = 586,
-  AXIS_OBJ_CYCLE_DATA_8 = 587,
-  AXIS_OBJ_CYCLE_DATA_9 = 588,
-  AXIS_OBJ_CYCLE_DATA_10 = 589,
-  AXIS_OBJ_CYCLE_DATA_11 = 590,
-  AXIS_OBJ_CYCLE_DATA_12 = 591,
-  AXIS_OBJ_CYCLE_DATA_13 = 592,
-  AXIS_OBJ_CYCLE_DATA_14 = 593,
-  AXIS_OBJ_CYCLE_DATA_15 = 594,
-  AXIS_OBJ_CYCLE_DATA_16 = 595,
-  AXIS_OBJ_CYCLE_CURVE_STEP_TRAVEL = 596,
-  AXIS_OBJ_CYCLE_CURVE_STEP_FORCE = 597,
-  AXIS_OBJ_CYCLE_CURVE_STEP_TIME = 598,
-  AXIS_OBJ_CYCLE_CURVE_POINTS = 599,
-  AXIS_OBJ_CYCLE_CURVE_THINNED = 600,
-  AXIS_OBJ_CYCLE_CURVE_FIRST = 601,
-  AXIS_OBJ_CYCLE_RESULTS_WAITING = 602,
-  AXIS_OBJ_CYCLE_RESULT_NUMBER = 603,
-  AXIS_OBJ_CYCLE_ACKNOWLEDGE = 604,
-  AXIS_OBJ_CYCLE_BITS = 605,
-  AXIS_OBJ_CYCLE_NUMBER = 606,
-  AXIS_OBJ_CYCLE_POWER_UP = 607,
-  AXIS_OBJ_CYCLE_PARTS_GOOD = 608,
-  AXIS_OBJ_CYCLE_PARTS_BAD = 609,
-  AXIS_OBJ_CYCLE_PARTS_ABORTED = 610,
-  AXIS_OBJ_CYCLE_SERIAL_1 = 611,
-  AXIS_OBJ_CYCLE_SERIAL_2 = 612,
-  AXIS_OBJ_CYCLE_SERIAL_3 = 613,
-  AXIS_OBJ_CYCLE_SERIAL_4 = 614,
-  AXIS_OBJ_CYCLE_RESULT_PART = 615,
-  AXIS_OBJ_CYCLE_RESULT_POWER_UP = 616,
-  AXIS_OBJ_CYCLE_RESULT_PROGRAM_CRC = 617,
-  AXIS_OBJ_CYCLE_RESULT_BANK_CRC = 618,
-  AXIS_OBJ_CYCLE_RESULT_STATE = 619,
-  AXIS_OBJ_CYCLE_RESULT_OUTCOME = 620,
-  AXIS_OBJ_CYCLE_RESULT_PHASE = 621,
-  AXIS_OBJ_CYCLE_RESULT_BEGIN = 622,
-  AXIS_OBJ_CYCLE_RESULT_DURATION = 623,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_1 = 624,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_2 = 625,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_3 = 626,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_4 = 627,
-  AXIS_OBJ_CYCLE_LOST_FIRST = 628,
-  AXIS_OBJ_CYCLE_LOST_LAST = 629,
-  AXIS_OBJ_CYCLE_STORE_STATE = 630,
-  AXIS_OBJ_CYCLE_LOCK_ON_BAD = 631,
-  AXIS_OBJ_CYCLE_BAD_IN_ROW_MAX = 632,
-  AXIS_OBJ_CYCLE_PROGRAM_LOCK = 633,
-  AXIS_OBJ_CYCLE_UNLOCK = 634,
-  AXIS_OBJ_CYCLE_BAD_IN_ROW = 635,
-  AXIS_OBJ_PROGRAM_CONTROL = 636,
-  AXIS_OBJ_PROGRAM_CRC_1 = 637,
-  AXIS_OBJ_PROGRAM_CRC_2 = 638,
-  AXIS_OBJ_PROGRAM_FLASH_STATUS = 639,
-  AXIS_OBJ_PROGRAM_REFUSAL = 640,
-  AXIS_OBJ_PROGRAM_STATE = 641,
-  AXIS_OBJ_PROGRAM_SLOT = 642,
-  AXIS_OBJ_COUNT = 643 /* one past the last number */
+  AXIS_OBJ_DRIVE_DIFFERS = 546,
+  AXIS_OBJ_DRIVE_WAIT = 547,
+  AXIS_OBJ_DRIVE_SDO_TIMEOUT = 548,
+  AXIS_OBJ_DRIVE_QUICK_STOP = 549,
+  AXIS_OBJ_DRIVE_HEARTBEAT = 550,
+  AXIS_OBJ_DRIVE_HEARTBEAT_TIMEOUT = 551,
+  AXIS_OBJ_DRIVE_ABORT_OPTION = 552,
+  AXIS_OBJ_FORCE_CONVERTER = 553,
+  AXIS_OBJ_FORCE_CONVERTER_GAIN = 554,
+  AXIS_OBJ_DRIVE_REASON = 555,
+  AXIS_OBJ_DRIVE_ERROR_CODE = 556,
+  AXIS_OBJ_DRIVE_FAILED_OBJECT = 557,
+  AXIS_OBJ_DRIVE_ABORT_CODE = 558,
+  AXIS_OBJ_RESET_CAUSE = 559,
+  AXIS_OBJ_BOARD_STATE = 560,
+  AXIS_OBJ_CORE_FAULT_PC = 561,
+  AXIS_OBJ_CORE_FAULT_LR = 562,
+  AXIS_OBJ_CORE_FAULT_CFSR = 563,
+  AXIS_OBJ_CORE_FAULT_HFSR = 564,
+  AXIS_OBJ_CORE_FAULT_BFAR = 565,
+  AXIS_OBJ_TICK_DEVIATION = 566,
+  AXIS_OBJ_TICK_TIME_MAX = 567,
+  AXIS_OBJ_TICK_LATE_MAX = 568,
+  AXIS_OBJ_CAN_STATE = 569,
+  AXIS_OBJ_SYNC_COUNT = 570,
+  AXIS_OBJ_CYCLE_STATE = 571,
+  AXIS_OBJ_CYCLE_PHASE = 572,
+  AXIS_OBJ_CYCLE_OUTCOME = 573,
+  AXIS_OBJ_CYCLE_COUNT = 574,
+  AXIS_OBJ_CYCLE_OUTPUTS = 575,
+  AXIS_OBJ_CYCLE_ENDED_BY = 576,
+  AXIS_OBJ_CYCLE_PROGRAM = 577,
+  AXIS_OBJ_CYCLE_PROGRAM_COUNT = 578,
+  AXIS_OBJ_CYCLE_PROGRAM_CRC = 579,
+  AXIS_OBJ_CYCLE_PROGRAM_REFUSAL = 580,
+  AXIS_OBJ_CYCLE_PROGRAM_REFUSED_PART = 581,
+  AXIS_OBJ_CYCLE_PROGRAM_REMOVE = 582,
+  AXIS_OBJ_CYCLE_RESULT_ELEMENT = 583,
+  AXIS_OBJ_CYCLE_RESULT_VALUE = 584,
+  AXIS_OBJ_CYCLE_RESULT_VERDICT = 585,
+  AXIS_OBJ_CYCLE_RESULT_TICK = 586,
+  AXIS_OBJ_CYCLE_DATA_OFFSET = 587,
+  AXIS_OBJ_CYCLE_DATA_END = 588,
+  AXIS_OBJ_CYCLE_DATA_1 = 589,
+  AXIS_OBJ_CYCLE_DATA_2 = 590,
+  AXIS_OBJ_CYCLE_DATA_3 = 591,
+  AXIS_OBJ_CYCLE_DATA_4 = 592,
+  AXIS_OBJ_CYCLE_DATA_5 = 593,
+  AXIS_OBJ_CYCLE_DATA_6 = 594,
+  AXIS_OBJ_CYCLE_DATA_7 = 595,
+  AXIS_OBJ_CYCLE_DATA_8 = 596,
+  AXIS_OBJ_CYCLE_DATA_9 = 597,
+  AXIS_OBJ_CYCLE_DATA_10 = 598,
+  AXIS_OBJ_CYCLE_DATA_11 = 599,
+  AXIS_OBJ_CYCLE_DATA_12 = 600,
+  AXIS_OBJ_CYCLE_DATA_13 = 601,
+  AXIS_OBJ_CYCLE_DATA_14 = 602,
+  AXIS_OBJ_CYCLE_DATA_15 = 603,
+  AXIS_OBJ_CYCLE_DATA_16 = 604,
+  AXIS_OBJ_CYCLE_CURVE_STEP_TRAVEL = 605,
+  AXIS_OBJ_CYCLE_CURVE_STEP_FORCE = 606,
+  AXIS_OBJ_CYCLE_CURVE_STEP_TIME = 607,
+  AXIS_OBJ_CYCLE_CURVE_POINTS = 608,
+  AXIS_OBJ_CYCLE_CURVE_THINNED = 609,
+  AXIS_OBJ_CYCLE_CURVE_FIRST = 610,
+  AXIS_OBJ_CYCLE_RESULTS_WAITING = 611,
+  AXIS_OBJ_CYCLE_RESULT_NUMBER = 612,
+  AXIS_OBJ_CYCLE_ACKNOWLEDGE = 613,
+  AXIS_OBJ_CYCLE_BITS = 614,
+  AXIS_OBJ_CYCLE_NUMBER = 615,
+  AXIS_OBJ_CYCLE_POWER_UP = 616,
+  AXIS_OBJ_CYCLE_PARTS_GOOD = 617,
+  AXIS_OBJ_CYCLE_PARTS_BAD = 618,
+  AXIS_OBJ_CYCLE_PARTS_ABORTED = 619,
+  AXIS_OBJ_CYCLE_SERIAL_1 = 620,
+  AXIS_OBJ_CYCLE_SERIAL_2 = 621,
+  AXIS_OBJ_CYCLE_SERIAL_3 = 622,
+  AXIS_OBJ_CYCLE_SERIAL_4 = 623,
+  AXIS_OBJ_CYCLE_RESULT_PART = 624,
+  AXIS_OBJ_CYCLE_RESULT_POWER_UP = 625,
+  AXIS_OBJ_CYCLE_RESULT_PROGRAM_CRC = 626,
+  AXIS_OBJ_CYCLE_RESULT_BANK_CRC = 627,
+  AXIS_OBJ_CYCLE_RESULT_STATE = 628,
+  AXIS_OBJ_CYCLE_RESULT_OUTCOME = 629,
+  AXIS_OBJ_CYCLE_RESULT_PHASE = 630,
+  AXIS_OBJ_CYCLE_RESULT_BEGIN = 631,
+  AXIS_OBJ_CYCLE_RESULT_DURATION = 632,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_1 = 633,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_2 = 634,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_3 = 635,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_4 = 636,
+  AXIS_OBJ_CYCLE_LOST_FIRST = 637,
+  AXIS_OBJ_CYCLE_LOST_LAST = 638,
+  AXIS_OBJ_CYCLE_STORE_STATE = 639,
+  AXIS_OBJ_CYCLE_LOCK_ON_BAD = 640,
+  AXIS_OBJ_CYCLE_BAD_IN_ROW_MAX = 641,
+  AXIS_OBJ_CYCLE_PROGRAM_LOCK = 642,
+  AXIS_OBJ_CYCLE_UNLOCK = 643,
+  AXIS_OBJ_CYCLE_BAD_IN_ROW = 644,
+  AXIS_OBJ_PROGRAM_CONTROL = 645,
+  AXIS_OBJ_PROGRAM_CRC_1 = 646,
+  AXIS_OBJ_PROGRAM_CRC_2 = 647,
+  AXIS_OBJ_PROGRAM_FLASH_STATUS = 648,
+  AXIS_OBJ_PROGRAM_REFUSAL = 649,
+  AXIS_OBJ_PROGRAM_STATE = 650,
+  AXIS_OBJ_PROGRAM_SLOT = 651,
+  AXIS_OBJ_COUNT = 652 /* one past the last number */
 };
 
 enum {
@@ -1105,7 +1114,13 @@ enum {
   AXIS_DRIVE_REASON_BUS_OFF = 23,
   AXIS_DRIVE_REASON_FRAMES_LOST = 24,
   AXIS_DRIVE_REASON_FRAMES_KEPT = 25,
-  AXIS_DRIVE_REASON_COUNT = 26
+  AXIS_DRIVE_REASON_NO_TPDO = 26,
+  AXIS_DRIVE_REASON_TPDO_LENGTH = 27,
+  AXIS_DRIVE_REASON_DOUBLED = 28,
+  AXIS_DRIVE_REASON_NOT_REMOTE = 29,
+  AXIS_DRIVE_REASON_NOT_ENABLED = 30,
+  AXIS_DRIVE_REASON_TARGET_IGNORED = 31,
+  AXIS_DRIVE_REASON_COUNT = 32
 };
 
 enum {
@@ -1572,6 +1587,14 @@ typedef struct {
   uint16_t watchdog; /* longest time between two writes of an owner other than canopen; after a longer time the axis has lost its owner [ms] */
   uint16_t stored_bit_rate; /* CAN bit rate that the axis uses after the next reset of the node; must be a rate of CiA 301 that the code for the board supports [kbit/s] */
   uint16_t drive_bit_rate; /* bit rate of the bus of the drive, a rate of CiA 301 that the board supports; acts after the next power-up [kbit/s] */
+  uint16_t drive_lacks; /* what the drive lacks and the master leaves out, as a sum: 1 1005h, 2 1006h, 4 60C2h, 8 6007h, 16 1016h, 32 1017h, 64 another mapping than the fixed one in 1600h, 128 1400h:2, 256 another mapping than the fixed one in 1A00h, 512 1800h:2, 1024 6060h, 2048 6077h, 4096 bit 30 of 1800h:1, 8192 bit 9 and 16384 bit 12 of the statusword; the drive must then do the same by its own settings; acts after the next power-up [1] */
+  uint16_t drive_differs; /* objects that the drive may read back with another value than the master has written, as a sum of the numbers 1 to 1024 of drive_lacks; acts after the next power-up [1] */
+  uint16_t drive_wait; /* longest wait for the boot-up message of the drive, for its first TPDO, and until it is on; acts after the next power-up [ms] */
+  uint16_t drive_sdo_timeout; /* longest wait for an answer of the drive by SDO; a request without an answer is repeated once; acts after the next power-up [ms] */
+  uint16_t drive_quick_stop; /* longest time for which a quick stop is commanded before the voltage is disabled; it ends when the drive leaves the quick stop by itself; acts after the next power-up [ms] */
+  uint16_t drive_heartbeat; /* period of the heartbeats of the drive and of its master, shorter than drive_heartbeat_timeout; acts after the next power-up [ms] */
+  uint16_t drive_heartbeat_timeout; /* time without a heartbeat after which the drive and its master stop; acts after the next power-up [ms] */
+  int16_t drive_abort_option; /* what the drive does without its master (6007h); 3 is a quick stop; acts after the next power-up [1] */
   uint16_t cycle_data_offset; /* offset in bytes of cycle_data_1 in the record, at most 4092; 0 begins a new record; for an update of the firmware the offset modulo 65536 [1] */
   uint16_t cycle_curve_step_time; /* time from one point of the curve of a cycle to the next; 0 means that time makes none; acts from the next cycle on [tick] */
   uint16_t cycle_curve_first; /* a write shows five points of the curve from this number on, the first one is 0, in cycle_data: three words for a point as in cycle_curve_data, 0 without a point; not while a cycle runs [1] */
@@ -1585,7 +1608,6 @@ typedef struct {
   uint8_t drive_mode; /* cyclic synchronous mode of the drive; acts after the next power-up [1] */
   uint8_t drive_cycle; /* cycle of the bus of the drive, a multiple of 2 ms, which are 3 ticks; acts after the next power-up [2 ms] */
   uint8_t drive_target_acts; /* when the drive applies a target, its transmission type of the RPDO: on reception (255), or at the next SYNC (1); acts after the next power-up [enum] */
-  uint8_t drive_lacks; /* objects that the drive lacks, as a sum: 1 1005h, 2 1006h, 4 60C2h, 8 6007h; the drive must then do the same by its own settings; acts after the next power-up [1] */
   uint8_t force_converter; /* converter of the force: the ADC of the board, or a converter of 24 bits on its SPI bus; acts after the next power-up [enum] */
   uint8_t force_converter_gain; /* amplification in the converter of 24 bits; the AD7193 lacks x2 and x4, the ADS1256 lacks x128; acts after the next power-up [enum] */
   uint8_t cycle_result_element; /* number of the element whose result is shown, from 0 [1] */
@@ -1598,6 +1620,8 @@ typedef struct {
   uint32_t store_change[8]; /* first parameter that store_change_count counts, as CANopen index times 256 plus sub-index; bit 24 is 1 if an earlier default was kept; 0 means none [1] */
   uint32_t incident_tick; /* value of tick_count at the incident; for an incident without a fault, value of tick_count at the last step of the main loop [tick] */
   uint32_t incident_crc; /* CRC-32 of the samples of the incident, in the order of recorder_data [1] */
+  uint32_t drive_failed_object; /* object of the drive whose SDO transfer was the reason of its failure, index times 256 plus sub-index; 0 means none [1] */
+  uint32_t drive_abort_code; /* abort code with which the drive has refused this transfer; 0 means none [1] */
   uint32_t core_fault_pc; /* program counter at the core fault or clock failure that reset the processor; 0 if the last reset had another cause [1] */
   uint32_t core_fault_lr; /* return address of the program at the core fault [1] */
   uint32_t core_fault_cfsr; /* register CFSR (fault status) of the core at the core fault [1] */
@@ -1660,8 +1684,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x511e01b0)
-#define AXIS_OBJECTS_HASH_TEXT "511e01b0"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x2531e0fa)
+#define AXIS_OBJECTS_HASH_TEXT "2531e0fa"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1741,10 +1765,10 @@ typedef struct {
 extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
-  AXIS_STORED_COUNT = 379,
-  AXIS_ADDRESSES_COUNT = 715,
-  AXIS_HOLDING_COUNT = 210,
-  AXIS_INPUT_COUNT = 140
+  AXIS_STORED_COUNT = 386,
+  AXIS_ADDRESSES_COUNT = 725,
+  AXIS_HOLDING_COUNT = 217,
+  AXIS_INPUT_COUNT = 142
 };
 
 /* By index, then sub-index. */

@@ -36,7 +36,7 @@ enum {
   AGE_MAX = 255,          /* largest age of an input in ticks */
   FRAMES_AT_ONCE = 64,    /* largest number of frames of the drive's bus in a tick */
   START_TICKS_MAX = 7500, /* longest wait for drive and force before the axis starts: 5 s */
-  STOP_TICKS = 300,       /* for which the drive is stopped before the process ends: 0.2 s */
+  STOP_TICKS = 300,       /* after a quick stop, before the process ends: 0.2 s */
   IDLE_MS = 2
 };
 
@@ -82,6 +82,16 @@ bool port_overran(uint32_t *count) {
 
 void port_feed_watchdog(void) {} /* the drive monitors the heartbeat of this process */
 
+/* Writes which key of the settings helps a drive whose object has failed. */
+static void report_key(const drive402_feedback_t *said) {
+  const char *key = drive402_key(said);
+  if (key != NULL && said->reason == DRIVE402_SDO_DIFFERS) {
+    (void)fprintf(stderr, "; set differs_%s = true if its own value is right", key);
+  } else if (key != NULL) {
+    (void)fprintf(stderr, "; set lacks_%s = true if it does the same by its own settings", key);
+  }
+}
+
 /* Writes why the drive has failed to standard error, once for each failure. */
 static void report_drive(void) {
   static uint8_t reported;
@@ -94,6 +104,7 @@ static void report_drive(void) {
     if (said.failed_index != 0) {
       (void)fprintf(stderr, ", object %04Xh:%u, abort code %08" PRIX32 "h", said.failed_index,
                     said.failed_sub, said.abort_code);
+      report_key(&said);
     }
     (void)fputc('\n', stderr);
   }
@@ -254,6 +265,7 @@ static void end(const struct timespec *start, uint64_t tick) {
   for (uint64_t last = tick + STOP_TICKS; tick <= last; tick++) {
     (void)wait_for(start, tick);
     stop_tick();
+    last += (drive.master.stop_ticks > 0) ? 1 : 0;
   }
   lateness_print(&lateness);
   exit(EXIT_SUCCESS);

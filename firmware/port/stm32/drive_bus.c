@@ -51,8 +51,11 @@ void drive_bus_sample(axis_inputs_t *inputs) {
   const drive402_feedback_t feedback = drive402_feedback(&drive.master);
   const uint8_t bits = port_firmware()->axis.params.adc_bits;
   inputs->adc_code[1] = (uint16_t)((uint32_t)(feedback.torque + TORQUE_MIDDLE) >> (16 - bits));
-  port_firmware()->device_signals.drive_reason = feedback.reason;
-  port_firmware()->device_signals.drive_error_code = feedback.error_code;
+  device_signals_t *signals = &port_firmware()->device_signals;
+  signals->drive_reason = feedback.reason;
+  signals->drive_error_code = feedback.error_code;
+  signals->drive_failed_object = (uint32_t)feedback.failed_index << 8 | feedback.failed_sub;
+  signals->drive_abort_code = feedback.abort_code;
 }
 
 /* Only the interrupt writes mailboxes. It is requested for each new frame, and comes again when a

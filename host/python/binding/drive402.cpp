@@ -57,6 +57,7 @@ class DriveMaster {
     read(settings, "node_id", config_.node_id);
     read(settings, "own_node_id", config_.own_node_id);
     read(settings, "without", config_.without);
+    read(settings, "differs", config_.differs);
     if (!settings.empty())
       throw std::invalid_argument(settings.begin()->first +
                                   ": expected a field of drive402_config_t");
@@ -109,6 +110,8 @@ class DriveMaster {
     said["failed_index"] = f.failed_index;
     said["failed_sub"] = f.failed_sub;
     said["abort_code"] = f.abort_code;
+    const char *key = drive402_key(&f);
+    said["key"] = key == nullptr ? "" : key;
     return said;
   }
 

@@ -48,10 +48,11 @@ static void tick(drive402_t *master, const drive402_command_t *command) {
     if (frame.id == 0x200 + DRIVE) {
       rpdos++;
       /* A reset that is asked for in this tick may permit what was not before. */
-      check_rpdo(
-          config, &frame,
-          command->enable != 0 && (before.reason == 0 || after.reason == 0 ||
-                                   (command->reset != 0 && before.reason <= DRIVE402_DRIVE_OFF)));
+      check_rpdo(config, &frame,
+                 command->enable != 0 &&
+                     (before.reason == 0 || after.reason == 0 ||
+                      (command->reset != 0 && (before.reason <= DRIVE402_DRIVE_OFF ||
+                                               before.reason >= DRIVE402_NOT_REMOTE))));
     } else {
       require(frame.id == 0x80 || frame.id == 0 || frame.id == 0x600 + DRIVE ||
               frame.id == 0x700 + MASTER);
@@ -78,9 +79,14 @@ static void answer(drive402_t *master) {
       0};
   if (sdo->writes == 0) {
     const uint32_t value = (sdo->entry.index == 0x6061) ? master->config->mode : sdo->entry.value;
-    data[0] = (uint8_t)(0x43 | (4 - sdo->entry.bytes) << 2);
+    int at = 4;
+    data[0] = ((value & 0x40) != 0) ? 0x41 : (uint8_t)(0x43 | (4 - sdo->entry.bytes) << 2);
+    if (sdo->is_segmented != 0) { /* the first segment, which is whole */
+      data[0] = 0x01;
+      at = 1;
+    }
     for (int i = 0; i < sdo->entry.bytes; i++) {
-      data[4 + i] = (uint8_t)(value >> (8 * i));
+      data[at + i] = (uint8_t)(value >> (8 * i));
     }
   }
   hand(master, 0x580 + DRIVE, data, 8);
@@ -93,6 +99,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
   static const uint16_t ids[8] = {0x000,         0x080 + DRIVE, 0x180 + DRIVE, 0x580 + DRIVE,
                                   0x700 + DRIVE, 0x180 + DRIVE, 0x700 + DRIVE, 0x200 + DRIVE};
   static const uint8_t status[8] = {0x40, 0x21, 0x23, 0x27, 0x07, 0x0F, 0x08, 0x00};
+  static const uint8_t high[4] = {0x12, 0x12, 0x02, 0x10}; /* bits 9 and 12 */
   drive402_t master = {0};
   drive402_command_t command = {0, 0, 0};
   if (size < 6) {
@@ -112,7 +119,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
       .rpdo_type = 255,
       .node_id = DRIVE,
       .own_node_id = MASTER,
-      .without = (uint8_t)(data[5] >> 4),
+      .without = (uint16_t)((data[5] >> 4) | (data[1] & 0x70) << 8),
+      .differs = (uint16_t)(data[1] & 7),
   };
   const uint8_t refused = drive402_init(&master, &config);
   require((refused == DRIVE402_NONE) ==
@@ -147,7 +155,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
       case 5: /* a drive that answers as it should */
         for (int i = 0; i < (data[1] & 127); i++) {
           static const uint8_t operational = 5;
-          const uint8_t tpdo[8] = {status[data[2] & 7], 2, data[3], data[4], 0, 0, 0, 0};
+          const uint8_t tpdo[8] = {
+              status[data[2] & 7], high[data[5] & 3], data[3], data[4], 0, 0, 0, 0};
           answer(&master);
           hand(&master, 0x700 + DRIVE, &operational, 1);
           hand(&master, 0x180 + DRIVE, tpdo, 8);

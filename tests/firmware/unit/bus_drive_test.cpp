@@ -100,7 +100,14 @@ TEST(BusDrive, ItsObjectsAreItsConfiguration) {
   params.drive_target_den = 2;
   params.drive_target_max = 1000;
   params.drive_target_acts = AXIS_DRIVE_TARGET_ACTS_AT_NEXT_SYNC;
-  params.drive_lacks = DRIVE402_WITHOUT_SYNC_PERIOD;
+  params.drive_lacks = DRIVE402_WITHOUT_SYNC_PERIOD | DRIVE402_WITHOUT_FOLLOWS;
+  params.drive_differs = DRIVE402_WITHOUT_MODE;
+  params.drive_wait = 65535;
+  params.drive_sdo_timeout = 700;
+  params.drive_quick_stop = 400;
+  params.drive_heartbeat = 100;
+  params.drive_heartbeat_timeout = 300;
+  params.drive_abort_option = -1;
   ASSERT_TRUE(bus_drive_config(&params, &config));
   EXPECT_EQ(config.node_id, 9);
   EXPECT_EQ(config.mode, DRIVE402_CST);
@@ -109,7 +116,14 @@ TEST(BusDrive, ItsObjectsAreItsConfiguration) {
   EXPECT_EQ(config.scale_den, 2u);
   EXPECT_EQ(config.target_max, 1000);
   EXPECT_EQ(config.rpdo_type, 1);
-  EXPECT_EQ(config.without, DRIVE402_WITHOUT_SYNC_PERIOD);
+  EXPECT_EQ(config.without, 0x4002);
+  EXPECT_EQ(config.differs, 0x0400);
+  EXPECT_EQ(config.wait_ms, 65535);
+  EXPECT_EQ(config.sdo_timeout_ms, 700);
+  EXPECT_EQ(config.quick_stop_ms, 400);
+  EXPECT_EQ(config.heartbeat_ms, 100);
+  EXPECT_EQ(config.heartbeat_timeout_ms, 300);
+  EXPECT_EQ(config.abort_option, -1);
   EXPECT_EQ(config.scale_shift, 4) << "the drive gets the fraction of the code";
   for (const int node : {1, 126, 127}) {
     params.drive_node_id = static_cast<std::uint8_t>(node);

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string_view>
 #include <tuple>
+#include <utility>
 #include <vector>
 
 #include "firmware/port/host/firmware.hpp"
@@ -18,40 +19,30 @@
 class DriveModel {
  public:
   explicit DriveModel(const drive402_config_t &config) : config_(config) {
-    const uint32_t id = config.node_id, rpdo = 0x200 + id, tpdo = 0x40000180 + id;
+    const uint32_t id = config.node_id, rpdo = 0x200 + id;
+    uint32_t tpdo = 0x40000180 + id;
     const uint32_t target = config.mode == 8   ? 0x607A0020
                             : config.mode == 9 ? 0x60FF0020
                                                : 0x60710010;
     for (int i = 0; i < config.extra_count; ++i) {
       const auto &e = config.extra[i];
-      list_.emplace_back(e.index, e.sub, e.bytes, e.value);
+      list_.push_back({{e.index, e.sub, e.bytes, e.value}, true, true});
     }
-    if (!(config.without & 1)) list_.emplace_back(0x1005, 0, 4, 0x80);
-    if (!(config.without & 2)) list_.emplace_back(0x1006, 0, 4, 1000u * config.cycle_ms);
-    list_.emplace_back(0x1016, 1, 4, config.own_node_id << 16 | config.heartbeat_timeout_ms);
-    list_.emplace_back(0x1017, 0, 2, config.heartbeat_ms);
-    if (!(config.without & 8)) {
-      list_.emplace_back(0x6007, 0, 2, static_cast<uint16_t>(config.abort_option));
-    }
-    const std::vector<std::tuple<int, uint32_t, uint32_t, std::vector<uint32_t>>> pdos{
-        {0x400, rpdo, config.rpdo_type, {0x60400010, target}},
-        {0x800, tpdo, 1, {0x60410010, 0x60640020, 0x60770010}},
-    };
-    for (const auto &[base, cob_id, type, mapped] : pdos) {
-      list_.emplace_back(0x1000 + base, 1, 4, 0x80000000 | cob_id);
-      list_.emplace_back(0x1000 + base, 2, 1, type);
-      list_.emplace_back(0x1200 + base, 0, 1, 0);
-      for (size_t i = 0; i < mapped.size(); ++i) {
-        list_.emplace_back(0x1200 + base, static_cast<int>(i + 1), 4, mapped[i]);
-      }
-      list_.emplace_back(0x1200 + base, 0, 1, static_cast<uint32_t>(mapped.size()));
-      list_.emplace_back(0x1000 + base, 1, 4, cob_id);
-    }
-    if (!(config.without & 4)) {
-      list_.emplace_back(0x60C2, 1, 1, config.cycle_ms);
-      list_.emplace_back(0x60C2, 2, 1, 0xFD);
-    }
-    list_.emplace_back(0x6060, 0, 1, config.mode);
+    Add(0, {0x1005, 0, 4, 0x80});
+    if (!(config.without & 2)) list_.push_back({{0x1006, 0, 4, 0}, true, false});
+    list_.push_back({{0x1019, 0, 1, 0}, true, true});
+    Add(1, {0x1006, 0, 4, 1000u * config.cycle_ms});
+    Add(4, {0x1016, 1, 4, config.own_node_id << 16 | config.heartbeat_timeout_ms});
+    Add(5, {0x1017, 0, 2, config.heartbeat_ms});
+    Add(3, {0x6007, 0, 2, static_cast<uint16_t>(config.abort_option)});
+    Map(6, 0x400, rpdo, config.rpdo_type, {0x60400010, target});
+    if (config.without & 1 << 12) tpdo &= 0x7FF;
+    Map(8, 0x800, tpdo, 1,
+        config.without & 1 << 11 ? std::vector<uint32_t>{0x60410010, 0x60640020}
+                                 : std::vector<uint32_t>{0x60410010, 0x60640020, 0x60770010});
+    Add(2, {0x60C2, 1, 1, config.cycle_ms});
+    Add(2, {0x60C2, 2, 1, 0xFD});
+    Add(10, {0x6060, 0, 1, config.mode});
     Stand();
   }
 
@@ -66,13 +57,14 @@ class DriveModel {
       if (code != 0) error_code_ = code;
       // CiA 301: byte 2 is the error register (1001h), 0 while there is no error.
       if (code != 0 && f.data[2] != 0 && phase_ == kRun) Fail(DRIVE402_DRIVE_EMERGENCY);
-    } else if (f.id == 0x180 + config_.node_id && f.data.size() == 8 && sync_at_ >= 0) {
-      Sample(f.data);
-    } else if (f.id == 0x580 + config_.node_id && f.data.size() == 8) {
-      if (asked_ && !answer_ && f.data[1] == (std::get<0>(*asked_) & 0xFF) &&
-          f.data[2] == std::get<0>(*asked_) >> 8 && f.data[3] == std::get<1>(*asked_)) {
-        answer_ = f.data;
+    } else if (f.id == 0x180 + config_.node_id && sync_at_ >= 0) {
+      if (f.data.size() == (config_.without & 1 << 11 ? 6 : 8)) {
+        Sample(f.data);
+      } else {
+        other_length_ = true;
       }
+    } else if (f.id == 0x580 + config_.node_id && f.data.size() == 8) {
+      Answer(f.data);
     } else if (f.id == 0x700 + config_.node_id && f.data.size() == 1) {
       Heartbeat(f.data[0] & 0x7F);
     }
@@ -84,7 +76,7 @@ class DriveModel {
     if (kept) Fail(DRIVE402_FRAMES_KEPT);
     if (command.reset && !reset_before_ && answered_) Reset();
     reset_before_ = command.reset != 0;
-    if (phase_ >= kStart) Cycle(command, out);
+    if (phase_ >= kStart || sync_at_ >= 0) Cycle(command, out);
     answered_ = reason_ != 0;
     Work(out);
     if (now_ >= beat_) {
@@ -136,7 +128,37 @@ class DriveModel {
 
  private:
   enum Phase { kReset, kConfigure, kStart, kRun };
+  enum Transfer { kIdle, kDue, kSent, kTaken, kAborted, kUnexpected, kTimedOut };
   using Entry = std::tuple<int, int, int, uint32_t>;  // index, sub, bytes, value
+  struct Step {
+    Entry entry;
+    bool written, compared;
+  };
+
+  bool Lacks(int bit) const { return (config_.without >> bit & 1) != 0; }
+  bool Differs(int bit) const { return (config_.differs >> bit & 1) != 0; }
+
+  // An object of the configuration, with the number of its bit in `without` and `differs`.
+  void Add(int bit, const Entry &entry) {
+    if (!Lacks(bit)) list_.push_back({entry, true, !Differs(bit)});
+  }
+
+  // A PDO; bit + 1 is that of its transmission type. A fixed mapping is compared alone.
+  void Map(int bit, int base, uint32_t cob_id, uint32_t type, const std::vector<uint32_t> &mapped) {
+    const bool fixed = Lacks(bit);
+    const auto add = [&](int index, int sub, int bytes, uint32_t value) {
+      if (!fixed || !Differs(bit))
+        list_.push_back({{index, sub, bytes, value}, !fixed, !Differs(bit)});
+    };
+    if (!fixed) add(0x1000 + base, 1, 4, 0x80000000 | cob_id);
+    Add(bit + 1, {0x1000 + base, 2, 1, type});
+    if (!fixed) add(0x1200 + base, 0, 1, 0);
+    for (size_t i = 0; i < mapped.size(); ++i) {
+      add(0x1200 + base, static_cast<int>(i + 1), 4, mapped[i]);
+    }
+    add(0x1200 + base, 0, 1, static_cast<uint32_t>(mapped.size()));
+    add(0x1000 + base, 1, 4, cob_id);
+  }
 
   static long Ticks(long ms) { return (3 * ms + 1) / 2; }
 
@@ -146,7 +168,7 @@ class DriveModel {
 
   void FailAt(int reason, uint32_t abort_code = 0) {
     if (reason_ != 0) return;
-    std::tie(failed_index_, failed_sub_) = std::tie(std::get<0>(*asked_), std::get<1>(*asked_));
+    std::tie(failed_index_, failed_sub_) = std::tie(std::get<0>(asked_), std::get<1>(asked_));
     abort_code_ = abort_code;
     reason_ = reason;
   }
@@ -160,9 +182,14 @@ class DriveModel {
     return DRIVE402_UNKNOWN;
   }
 
+  // Bits 9 and 12 of the statusword, where the drive has them.
+  bool Remote() const { return Lacks(13) || (word_ >> 9 & 1) != 0; }
+  bool Follows() const {
+    return Is("operation enabled") && Remote() && (Lacks(14) || (word_ >> 12 & 1) != 0);
+  }
+
   bool On() const {
-    return phase_ == kRun && reason_ == 0 && Is("operation enabled") && displayed_ &&
-           last_control_ == 0x0F;
+    return phase_ == kRun && reason_ == 0 && Follows() && displayed_ && last_control_ == 0x0F;
   }
 
   // No cyclic frame was exchanged, the drive stands.
@@ -171,31 +198,35 @@ class DriveModel {
     state_ = NameOf(word_);
     sampled_at_.reset();
     sync_at_ = -1;
-    samples_ = missing_ = 0;
+    samples_ = missing_ = doubled_ = 0;
+    other_length_ = answered_start_ = false;
     stop_until_ = -1;
     last_control_ = 0;
     saturated_ = displayed_ = was_on_ = reset_waits_ = false;
-    reset_until_ = -1;
   }
 
   void Go(Phase phase) {
     phase_ = phase;
     sent_at_ = -1;
     next_ = 0;
-    asked_.reset();
-    answer_.reset();
+    asked_ = {};
+    transfer_ = kIdle;
+    request_at_ = -100;
+    writing_ = repeated_ = segmented_ = late_ack_ = false;
+    second_answers_ = 0;
   }
 
   void Reset() {
     const bool in_place =
         phase_ == kRun && (reason_ == DRIVE402_DRIVE_FAULT || reason_ == DRIVE402_DRIVE_OFF ||
-                           reason_ == DRIVE402_DRIVE_EMERGENCY);
+                           reason_ == DRIVE402_DRIVE_EMERGENCY || reason_ == DRIVE402_NOT_REMOTE ||
+                           reason_ == DRIVE402_NOT_ENABLED || reason_ == DRIVE402_TARGET_IGNORED);
     reason_ = failed_index_ = failed_sub_ = 0;
     abort_code_ = 0;
     if (in_place) {
       reset_waits_ = true;
+      Wait();
     } else {
-      Stand();
       Go(kReset);
     }
   }
@@ -222,17 +253,21 @@ class DriveModel {
     state_ = NameOf(word_);
     position_ = static_cast<int32_t>(static_cast<uint32_t>(data[2] | data[3] << 8 | data[4] << 16) |
                                      static_cast<uint32_t>(data[5]) << 24);
-    torque_ = static_cast<int16_t>(data[6] | data[7] << 8);
+    if (data.size() == 8) torque_ = static_cast<int16_t>(data[6] | data[7] << 8);
     answered_start_ = true;
   }
 
   void Cycle(const drive402_command_t &command, std::vector<Frame> &out) {
     const bool begins = sync_at_ < 0 || now_ - sync_at_ == Ticks(config_.cycle_ms);
     if (begins) {
-      if (phase_ == kRun && sync_at_ >= 0) {
-        missing_ = samples_ > 0 ? 0 : std::min(missing_ + 1, 2);
-        if (missing_ == 2) Fail(DRIVE402_TPDO_MISSING);
+      // A second TPDO that is no late one, in two cycles in succession.
+      doubled_ = samples_ > 1 && missing_ == 0 && phase_ != kReset && !Lacks(9) ? doubled_ + 1 : 0;
+      if (doubled_ > 1) {
+        doubled_ = 1;
+        Fail(DRIVE402_DOUBLED);
       }
+      missing_ = samples_ > 0 || phase_ != kRun ? 0 : std::min(missing_ + 1, 2);
+      if (missing_ == 2) Fail(DRIVE402_TPDO_MISSING);
       samples_ = 0;
       sync_at_ = now_;
       out.push_back({0x80, {}});
@@ -240,7 +275,11 @@ class DriveModel {
     if (phase_ == kRun) Observe(command.enable != 0);
     const bool wanted = phase_ == kRun && command.enable && reason_ == 0;
     const bool stops = last_control_ == 0x0F && !wanted;
-    if (stops) stop_until_ = now_ + Ticks(config_.quick_stop_ms);
+    if (stops) {
+      stop_until_ = now_ + Ticks(config_.quick_stop_ms);
+    } else if (Is("switch on disabled") || Is("fault")) {
+      stop_until_ = -1;
+    }
     if (begins || stops) {
       const int64_t target = Target(command.target, wanted);
       last_control_ = Control(wanted);
@@ -251,16 +290,25 @@ class DriveModel {
       out.push_back({static_cast<uint16_t>(0x200 + config_.node_id), data});
     }
     was_on_ = wanted && On();
+    // The wait for the drive: while it is to come on, or its fault to go.
+    const bool waits = wanted ? !was_on_ : reset_waits_;
+    if (phase_ == kRun && (now_ <= stop_until_ || !waits)) Wait();
+  }
+
+  void Wait() { wait_until_ = now_ + Ticks(config_.wait_ms) + 1; }
+
+  int OffReason() const {
+    if (!Remote()) return DRIVE402_NOT_REMOTE;
+    if (!Is("operation enabled")) return was_on_ ? DRIVE402_DRIVE_OFF : DRIVE402_NOT_ENABLED;
+    return displayed_ ? DRIVE402_TARGET_IGNORED : DRIVE402_MODE_LOST;
   }
 
   void Observe(bool enabled) {
-    if (!Is("fault") && !Is("fault reaction active")) {
-      reset_waits_ = false;
-      reset_until_ = -1;
-    } else if (!reset_waits_ && now_ >= reset_until_) {
-      Fail(DRIVE402_DRIVE_FAULT);
-    }
-    if (enabled && was_on_ && !Is("operation enabled")) Fail(DRIVE402_DRIVE_OFF);
+    const bool faulted = Is("fault") || Is("fault reaction active");
+    const bool late = now_ >= wait_until_;
+    if (faulted && (!reset_waits_ || late)) Fail(DRIVE402_DRIVE_FAULT);
+    if (enabled && (late || (was_on_ && !Follows()))) Fail(OffReason());
+    if (!faulted || reason_ != 0) reset_waits_ = false;
   }
 
   int64_t Target(int32_t target, bool wanted) {
@@ -277,8 +325,6 @@ class DriveModel {
   int Control(bool wanted) {
     if (now_ <= stop_until_) return 0x02;
     if (reset_waits_ && Is("fault")) {
-      reset_waits_ = false;
-      reset_until_ = now_ + Ticks(config_.wait_ms);
       return 0x80;
     }
     if (!wanted) return 0x00;
@@ -288,68 +334,128 @@ class DriveModel {
     return 0x00;
   }
 
-  void Ask(const Entry &entry, bool writes, std::vector<Frame> &out) {
-    const auto &[index, sub, bytes, value] = entry;
-    Bytes data{static_cast<uint8_t>(!writes      ? 0x40
-                                    : bytes == 4 ? 0x23
-                                    : bytes == 2 ? 0x2B
-                                                 : 0x2F),
-               static_cast<uint8_t>(index & 0xFF), static_cast<uint8_t>(index >> 8),
-               static_cast<uint8_t>(sub)};
-    Bytes tail = LittleEndian(writes ? value : 0, bytes);
-    tail.resize(4);
-    data.insert(data.end(), tail.begin(), tail.end());
-    out.push_back({static_cast<uint16_t>(0x600 + config_.node_id), data});
+  static std::pair<int, int> Address(const Entry &entry) {
+    return {std::get<0>(entry), std::get<1>(entry)};
+  }
+
+  // Begins a transfer; its request is sent when the last one is 5 ticks old.
+  void Ask(const Entry &entry, bool writes) {
     asked_ = entry;
-    answer_.reset();
     writing_ = writes;
-    asked_at_ = now_;
+    transfer_ = kDue;
+    repeated_ = segmented_ = false;
+    if (writes) late_ack_ = false;
   }
 
-  // The value of an answer to the present request; without one the reason is set.
-  std::optional<uint32_t> Value(int &reason, uint32_t &abort_code) const {
-    const int bytes = std::get<2>(*asked_);
-    const Bytes &a = *answer_;
-    const uint32_t all =
-        static_cast<uint32_t>(a[4] | a[5] << 8 | a[6] << 16) | static_cast<uint32_t>(a[7]) << 24;
-    const int good = writing_ ? 0x60 : bytes == 4 ? 0x43 : bytes == 2 ? 0x4B : 0x4F;
+  void SendRequest(std::vector<Frame> &out) {
+    if (transfer_ == kSent && now_ - request_at_ >= Ticks(config_.sdo_timeout_ms)) {
+      late_ack_ = late_ack_ || (writing_ && !repeated_);
+      transfer_ = std::exchange(repeated_, true) ? kTimedOut : kDue;
+      segmented_ = segmented_ && transfer_ == kTimedOut;
+    }
+    if (transfer_ != kDue || now_ < request_at_ + 5) return;
+    const auto &[index, sub, bytes, value] = asked_;
+    Bytes data(8, 0);
+    if (segmented_) {
+      data[0] = 0x60;
+    } else {
+      data[0] = static_cast<uint8_t>(!writing_    ? 0x40
+                                     : bytes == 4 ? 0x23
+                                     : bytes == 2 ? 0x2B
+                                                  : 0x2F);
+      data[1] = static_cast<uint8_t>(index & 0xFF);
+      data[2] = static_cast<uint8_t>(index >> 8);
+      data[3] = static_cast<uint8_t>(sub);
+      for (int i = 0; writing_ && i < bytes; ++i)
+        data[4 + i] = static_cast<uint8_t>(value >> 8 * i);
+    }
+    out.push_back({static_cast<uint16_t>(0x600 + config_.node_id), data});
+    transfer_ = kSent;
+    request_at_ = now_;
+  }
+
+  // The value of the object in so many bytes of an answer.
+  void Take(const uint8_t *data, int count) {
+    const int bytes = std::get<2>(asked_);
+    value_ = 0;
+    for (int i = 0; i < bytes; ++i) value_ |= static_cast<uint32_t>(data[i]) << 8 * i;
+    transfer_ = count >= bytes ? kTaken : kUnexpected;
+  }
+
+  // CiA 301: answers of an SDO server.
+  void Answer(const Bytes &a) {
+    const int command = a[0] >> 5;
+    if (transfer_ == kSent && segmented_ && command == 0) {
+      const bool whole = (a[0] >> 4 & 1) == 0 && (a[0] & 1) == 1;
+      return Take(&a[1], whole ? 7 - (a[0] >> 1 & 7) : 0);
+    }
+    if (std::pair{a[1] | a[2] << 8, int{a[3]}} != Address(asked_)) return;
+    const bool acknowledges = a[0] == 0x60;
+    if (acknowledges && !(transfer_ == kSent && writing_)) {
+      if (!late_ack_) second_answers_ = std::min(second_answers_ + 1, 255);
+      return;
+    }
+    if (transfer_ != kSent) return;
     if (a[0] == 0x80) {
-      reason = DRIVE402_SDO_ABORTED;
-      abort_code = all;
-      return std::nullopt;
+      transfer_ = kAborted;
+      value_ = static_cast<uint32_t>(a[4] | a[5] << 8 | a[6] << 16) | static_cast<uint32_t>(a[7])
+                                                                          << 24;
+    } else if (writing_) {
+      transfer_ = acknowledges ? kTaken : kUnexpected;
+    } else if (command != 2) {
+      transfer_ = kUnexpected;
+    } else if ((a[0] & 2) != 0) {
+      Take(&a[4], (a[0] & 1) != 0 ? 4 - (a[0] >> 2 & 3) : 4);
+    } else {
+      segmented_ = true;
+      transfer_ = kDue;
     }
-    if (a[0] != good) {
-      reason = DRIVE402_SDO_UNEXPECTED;
-      return std::nullopt;
-    }
-    return bytes == 4 ? all : all & ((1u << 8 * bytes) - 1);
   }
 
-  // The end of a request: its value, or the reason of its failure.
-  bool Ended(std::optional<uint32_t> &value, int &reason, uint32_t &abort_code) const {
-    if (answer_) {
-      value = Value(reason, abort_code);
-      return true;
-    }
-    reason = DRIVE402_SDO_TIMEOUT;
-    return now_ - asked_at_ >= Ticks(config_.sdo_timeout_ms);
+  int TransferReason() const {
+    return transfer_ == kTimedOut  ? DRIVE402_SDO_TIMEOUT
+           : transfer_ == kAborted ? DRIVE402_SDO_ABORTED
+                                   : DRIVE402_SDO_UNEXPECTED;
   }
 
   void Configure(std::vector<Frame> &out) {
-    if (!asked_) return Ask(list_[0], true, out);
-    std::optional<uint32_t> value;
-    int reason = 0;
-    uint32_t abort_code = 0;
-    if (!Ended(value, reason, abort_code)) return;
-    if (!value) return FailAt(reason, abort_code);
-    if (writing_) return Ask(list_[next_], false, out);
-    const int bits = 8 * std::get<2>(*asked_);
-    const uint32_t wanted = std::get<3>(*asked_) & (bits == 32 ? 0xFFFFFFFF : (1u << bits) - 1);
-    if (*value != wanted) return FailAt(DRIVE402_SDO_DIFFERS);
-    if (++next_ < list_.size()) return Ask(list_[next_], true, out);
+    if (transfer_ == kIdle) AskNext();
+    SendRequest(out);
+    if (transfer_ == kDue || transfer_ == kSent) return;
+    if (second_answers_ > 1) return Fail(DRIVE402_DOUBLED);
+    if (transfer_ != kTaken && transfer_ != kAborted) return FailAt(TransferReason(), refused_);
+    const Step &step = list_[next_];
+    if (writing_ && step.compared) {
+      const uint32_t refused = transfer_ == kAborted ? value_ : 0;
+      Ask(step.entry, false);
+      refused_ = refused;
+      return;
+    }
+    const bool optional = std::get<0>(step.entry) == 0x1019;
+    if (step.compared && transfer_ == kAborted && !optional) {
+      return FailAt(DRIVE402_SDO_ABORTED, refused_ != 0 ? refused_ : value_);
+    }
+    if (step.compared && transfer_ == kTaken && !Same(step.entry)) {
+      return FailAt(refused_ != 0 ? DRIVE402_SDO_ABORTED : DRIVE402_SDO_DIFFERS, refused_);
+    }
+    ++next_;
+    AskNext();
+  }
+
+  bool Same(const Entry &entry) const {
+    const int bits = 8 * std::get<2>(entry);
+    const bool cob_id = std::get<0>(entry) == 0x1400 || std::get<0>(entry) == 0x1800;
+    const uint32_t mask = cob_id && std::get<1>(entry) == 1 ? 0xBFFFFFFF
+                          : bits == 32                      ? 0xFFFFFFFF
+                                                            : (1u << bits) - 1;
+    return ((value_ ^ std::get<3>(entry)) & mask) == 0;
+  }
+
+  void AskNext() {
+    refused_ = 0;
+    if (next_ < list_.size()) return Ask(list_[next_].entry, list_[next_].written);
     Go(kStart);
-    Stand();
-    operational_ = answered_start_ = false;
+    operational_ = false;
   }
 
   void Nmt(int command, std::vector<Frame> &out) {
@@ -361,24 +467,21 @@ class DriveModel {
 
   void Watch(std::vector<Frame> &out) {
     if (now_ - heard_at_ >= Ticks(config_.heartbeat_timeout_ms)) Fail(DRIVE402_HEARTBEAT_LOST);
-    if (asked_) {
-      std::optional<uint32_t> value;
-      int reason = 0;
-      uint32_t abort_code = 0;
-      if (!Ended(value, reason, abort_code)) return;
-      if (std::get<0>(*asked_) == 0x603F) {
-        if (value.value_or(0) != 0) error_code_ = static_cast<int>(*value);
-      } else if (!value) {
-        FailAt(reason, abort_code);
-      } else {
-        displayed_ = *value == config_.mode;
-        if (was_on_ && !displayed_) FailAt(DRIVE402_MODE_LOST);
-      }
-      asked_.reset();
-      read_at_ = now_ + 15;
+    if (transfer_ == kIdle && now_ >= read_at_) {
+      Ask(Is("fault") ? Entry{0x603F, 0, 2, 0} : Entry{0x6061, 0, 1, 0}, false);
     }
-    if (now_ >= read_at_)
-      Ask(Is("fault") ? Entry{0x603F, 0, 2, 0} : Entry{0x6061, 0, 1, 0}, false, out);
+    SendRequest(out);
+    if (transfer_ == kIdle || transfer_ == kDue || transfer_ == kSent) return;
+    if (std::get<0>(asked_) == 0x603F) {
+      if (transfer_ == kTaken && value_ != 0) error_code_ = static_cast<int>(value_);
+    } else if (transfer_ != kTaken) {
+      FailAt(TransferReason(), transfer_ == kAborted ? value_ : 0);
+    } else {
+      displayed_ = value_ == config_.mode;
+      if (was_on_ && !displayed_) FailAt(DRIVE402_MODE_LOST);
+    }
+    transfer_ = kIdle;
+    read_at_ = now_ + 15;
   }
 
   void Work(std::vector<Frame> &out) {
@@ -386,7 +489,11 @@ class DriveModel {
     if (reason_ != 0) return;
     switch (phase_) {
       case kReset:
-        if (sent_at_ < 0) return Nmt(0x81, out);
+        if (now_ < stop_until_) return;
+        if (sent_at_ < 0) {
+          Stand();
+          return Nmt(0x81, out);
+        }
         if (Waited()) Fail(DRIVE402_BOOT_TIMEOUT);
         return;
       case kConfigure:
@@ -395,15 +502,18 @@ class DriveModel {
         if (sent_at_ < 0) return Nmt(0x01, out);
         if (operational_ && answered_start_) {
           Go(kRun);
+          Wait();
           read_at_ = now_ + 1;
         } else if (Waited()) {
-          Fail(DRIVE402_START_TIMEOUT);
+          Fail(answered_start_ ? DRIVE402_START_TIMEOUT
+               : other_length_ ? DRIVE402_TPDO_LENGTH
+                               : DRIVE402_NO_TPDO);
         }
     }
   }
 
   drive402_config_t config_;
-  std::vector<Entry> list_;
+  std::vector<Step> list_;
   Phase phase_ = kReset;
   long now_ = 0;  // number of the next tick
   int reason_ = 0, failed_index_ = 0, failed_sub_ = 0;
@@ -414,19 +524,22 @@ class DriveModel {
   long beat_ = 0, heard_at_ = 0;
   bool operational_ = false, answered_start_ = false;
   // SDO
-  std::optional<Entry> asked_;
-  std::optional<Bytes> answer_;
-  bool writing_ = false;
-  long asked_at_ = 0, read_at_ = 0;
+  Entry asked_{};
+  Transfer transfer_ = kIdle;
+  uint32_t value_ = 0, refused_ = 0;
+  bool writing_ = false, repeated_ = false, segmented_ = false, late_ack_ = false;
+  int second_answers_ = 0;
+  long request_at_ = -100, read_at_ = 0;
   size_t next_ = 0;
   // cycle
-  long sync_at_ = -1, stop_until_ = -1, reset_until_ = -1;
+  long sync_at_ = -1, stop_until_ = -1, wait_until_ = 0;
   std::optional<long> sampled_at_;
-  int samples_ = 0, missing_ = 0, last_control_ = 0, word_ = 0, error_code_ = 0;
+  int samples_ = 0, missing_ = 0, doubled_ = 0, last_control_ = 0, word_ = 0, error_code_ = 0;
   int32_t position_ = 0;
   int16_t torque_ = 0;
   std::string_view state_;
-  bool saturated_ = false, displayed_ = false, was_on_ = false, reset_waits_ = false;
+  bool other_length_ = false, saturated_ = false, displayed_ = false, was_on_ = false,
+       reset_waits_ = false;
 };
 
 #endif

@@ -60,7 +60,8 @@ class Flood {
     config_.rpdo_type = Chance(2) ? 1 : 255;
     config_.node_id = kDrive;
     config_.own_node_id = kMaster;
-    config_.without = static_cast<uint8_t>(random_() % 16);
+    config_.without = static_cast<uint16_t>(Chance(5) ? random_() & 0x7FFF : random_() % 16);
+    config_.differs = static_cast<uint16_t>(Chance(4) ? random_() & 0x07FF : 0);
   }
 
   // A frame that no drive would send now.
@@ -111,7 +112,10 @@ class Flood {
     DriveModel model(config_);
     DriveNode drive(kDrive);
     drive.answers = [this](const Bytes &, Bytes answer) -> std::optional<Bytes> {
-      if (Chance(2000)) answer[0] = 0x80;
+      // Of CiA 301: no size, the size of all four bytes, a segmented upload, an abort, no answer.
+      static const uint8_t firsts[] = {0x42, 0x43, 0x41, 0x40, 0x4B, 0x80, 0x60};
+      if (Chance(500)) answer[0] = firsts[random_() % std::size(firsts)];
+      if (Chance(2000)) return std::nullopt;
       return answer;
     };
     const uint32_t disturbed = Chance(3) ? 20 : Chance(2) ? 500 : 5000;
@@ -176,6 +180,15 @@ class Flood {
     if (Chance(3000)) {
       drive.Emergency(static_cast<uint16_t>(random_()),
                       Chance(2) ? uint8_t{0} : static_cast<uint8_t>(random_()));
+    }
+    const auto now_and_then = [this](bool &is, uint32_t ends, uint32_t begins) {
+      is = is ? !Chance(ends) : Chance(begins);
+    };
+    now_and_then(drive.doubled, 100, 10000);
+    now_and_then(drive.short_pdo, 300, 6000);
+    now_and_then(drive.stays_disabled, 600, 3000);
+    if (drive.missing_status != 0 ? Chance(200) : Chance(3000)) {
+      drive.missing_status = drive.missing_status != 0 ? 0 : Chance(2) ? 0x0200 : 0x1000;
     }
     drive.dead = drive.dead ? !Chance(50) : Chance(4000);
     drive.mute_pdo = drive.mute_pdo ? !Chance(20) : Chance(2000);

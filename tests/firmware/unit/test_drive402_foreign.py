@@ -26,6 +26,7 @@ SETTINGS = {
     "node_id": DRIVE,
     "own_node_id": MASTER,
     "without": 0,
+    "differs": 0,
 }
 
 
