@@ -573,84 +573,86 @@ enum {
   AXIS_OBJ_CYCLE_PHASE = 563,
   AXIS_OBJ_CYCLE_OUTCOME = 564,
   AXIS_OBJ_CYCLE_COUNT = 565,
-  AXIS_OBJ_CYCLE_OUTPUTS = 566,
-  AXIS_OBJ_CYCLE_ENDED_BY = 567,
-  AXIS_OBJ_CYCLE_PROGRAM = 568,
-  AXIS_OBJ_CYCLE_PROGRAM_COUNT = 569,
-  AXIS_OBJ_CYCLE_PROGRAM_CRC = 570,
-  AXIS_OBJ_CYCLE_PROGRAM_REFUSAL = 571,
-  AXIS_OBJ_CYCLE_PROGRAM_REFUSED_PART = 572,
-  AXIS_OBJ_CYCLE_PROGRAM_REMOVE = 573,
-  AXIS_OBJ_CYCLE_RESULT_ELEMENT = 574,
-  AXIS_OBJ_CYCLE_RESULT_VALUE = 575,
-  AXIS_OBJ_CYCLE_RESULT_VERDICT = 576,
-  AXIS_OBJ_CYCLE_RESULT_TICK = 577,
-  AXIS_OBJ_CYCLE_DATA_OFFSET = 578,
-  AXIS_OBJ_CYCLE_DATA_END = 579,
-  AXIS_OBJ_CYCLE_DATA_1 = 580,
-  AXIS_OBJ_CYCLE_DATA_2 = 581,
-  AXIS_OBJ_CYCLE_DATA_3 = 582,
-  AXIS_OBJ_CYCLE_DATA_4 = 583,
-  AXIS_OBJ_CYCLE_DATA_5 = 584,
-  AXIS_OBJ_CYCLE_DATA_6 = 585,
-  AXIS_OBJ_CYCLE_DATA_7 = 586,
-  AXIS_OBJ_CYCLE_DATA_8 = 587,
-  AXIS_OBJ_CYCLE_DATA_9 = 588,
-  AXIS_OBJ_CYCLE_DATA_10 = 589,
-  AXIS_OBJ_CYCLE_DATA_11 = 590,
-  AXIS_OBJ_CYCLE_DATA_12 = 591,
-  AXIS_OBJ_CYCLE_DATA_13 = 592,
-  AXIS_OBJ_CYCLE_DATA_14 = 593,
-  AXIS_OBJ_CYCLE_DATA_15 = 594,
-  AXIS_OBJ_CYCLE_DATA_16 = 595,
-  AXIS_OBJ_CYCLE_CURVE_STEP_TRAVEL = 596,
-  AXIS_OBJ_CYCLE_CURVE_STEP_FORCE = 597,
-  AXIS_OBJ_CYCLE_CURVE_STEP_TIME = 598,
-  AXIS_OBJ_CYCLE_CURVE_POINTS = 599,
-  AXIS_OBJ_CYCLE_CURVE_THINNED = 600,
-  AXIS_OBJ_CYCLE_CURVE_FIRST = 601,
-  AXIS_OBJ_CYCLE_RESULTS_WAITING = 602,
-  AXIS_OBJ_CYCLE_RESULT_NUMBER = 603,
-  AXIS_OBJ_CYCLE_ACKNOWLEDGE = 604,
-  AXIS_OBJ_CYCLE_BITS = 605,
-  AXIS_OBJ_CYCLE_NUMBER = 606,
-  AXIS_OBJ_CYCLE_POWER_UP = 607,
-  AXIS_OBJ_CYCLE_PARTS_GOOD = 608,
-  AXIS_OBJ_CYCLE_PARTS_BAD = 609,
-  AXIS_OBJ_CYCLE_PARTS_ABORTED = 610,
-  AXIS_OBJ_CYCLE_SERIAL_1 = 611,
-  AXIS_OBJ_CYCLE_SERIAL_2 = 612,
-  AXIS_OBJ_CYCLE_SERIAL_3 = 613,
-  AXIS_OBJ_CYCLE_SERIAL_4 = 614,
-  AXIS_OBJ_CYCLE_RESULT_PART = 615,
-  AXIS_OBJ_CYCLE_RESULT_POWER_UP = 616,
-  AXIS_OBJ_CYCLE_RESULT_PROGRAM_CRC = 617,
-  AXIS_OBJ_CYCLE_RESULT_BANK_CRC = 618,
-  AXIS_OBJ_CYCLE_RESULT_STATE = 619,
-  AXIS_OBJ_CYCLE_RESULT_OUTCOME = 620,
-  AXIS_OBJ_CYCLE_RESULT_PHASE = 621,
-  AXIS_OBJ_CYCLE_RESULT_BEGIN = 622,
-  AXIS_OBJ_CYCLE_RESULT_DURATION = 623,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_1 = 624,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_2 = 625,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_3 = 626,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_4 = 627,
-  AXIS_OBJ_CYCLE_LOST_FIRST = 628,
-  AXIS_OBJ_CYCLE_LOST_LAST = 629,
-  AXIS_OBJ_CYCLE_STORE_STATE = 630,
-  AXIS_OBJ_CYCLE_LOCK_ON_BAD = 631,
-  AXIS_OBJ_CYCLE_BAD_IN_ROW_MAX = 632,
-  AXIS_OBJ_CYCLE_PROGRAM_LOCK = 633,
-  AXIS_OBJ_CYCLE_UNLOCK = 634,
-  AXIS_OBJ_CYCLE_BAD_IN_ROW = 635,
-  AXIS_OBJ_PROGRAM_CONTROL = 636,
-  AXIS_OBJ_PROGRAM_CRC_1 = 637,
-  AXIS_OBJ_PROGRAM_CRC_2 = 638,
-  AXIS_OBJ_PROGRAM_FLASH_STATUS = 639,
-  AXIS_OBJ_PROGRAM_REFUSAL = 640,
-  AXIS_OBJ_PROGRAM_STATE = 641,
-  AXIS_OBJ_PROGRAM_SLOT = 642,
-  AXIS_OBJ_COUNT = 643 /* one past the last number */
+  AXIS_OBJ_CYCLE_AGE_MAX = 566,
+  AXIS_OBJ_CYCLE_OUTPUTS = 567,
+  AXIS_OBJ_CYCLE_ENDED_BY = 568,
+  AXIS_OBJ_CYCLE_PROGRAM = 569,
+  AXIS_OBJ_CYCLE_PROGRAM_COUNT = 570,
+  AXIS_OBJ_CYCLE_PROGRAM_CRC = 571,
+  AXIS_OBJ_CYCLE_PROGRAM_REFUSAL = 572,
+  AXIS_OBJ_CYCLE_PROGRAM_REFUSED_PART = 573,
+  AXIS_OBJ_CYCLE_PROGRAM_REMOVE = 574,
+  AXIS_OBJ_CYCLE_RESULT_ELEMENT = 575,
+  AXIS_OBJ_CYCLE_RESULT_VALUE = 576,
+  AXIS_OBJ_CYCLE_RESULT_VERDICT = 577,
+  AXIS_OBJ_CYCLE_RESULT_TICK = 578,
+  AXIS_OBJ_CYCLE_DATA_OFFSET = 579,
+  AXIS_OBJ_CYCLE_DATA_END = 580,
+  AXIS_OBJ_CYCLE_DATA_1 = 581,
+  AXIS_OBJ_CYCLE_DATA_2 = 582,
+  AXIS_OBJ_CYCLE_DATA_3 = 583,
+  AXIS_OBJ_CYCLE_DATA_4 = 584,
+  AXIS_OBJ_CYCLE_DATA_5 = 585,
+  AXIS_OBJ_CYCLE_DATA_6 = 586,
+  AXIS_OBJ_CYCLE_DATA_7 = 587,
+  AXIS_OBJ_CYCLE_DATA_8 = 588,
+  AXIS_OBJ_CYCLE_DATA_9 = 589,
+  AXIS_OBJ_CYCLE_DATA_10 = 590,
+  AXIS_OBJ_CYCLE_DATA_11 = 591,
+  AXIS_OBJ_CYCLE_DATA_12 = 592,
+  AXIS_OBJ_CYCLE_DATA_13 = 593,
+  AXIS_OBJ_CYCLE_DATA_14 = 594,
+  AXIS_OBJ_CYCLE_DATA_15 = 595,
+  AXIS_OBJ_CYCLE_DATA_16 = 596,
+  AXIS_OBJ_CYCLE_CURVE_STEP_TRAVEL = 597,
+  AXIS_OBJ_CYCLE_CURVE_STEP_FORCE = 598,
+  AXIS_OBJ_CYCLE_CURVE_STEP_TIME = 599,
+  AXIS_OBJ_CYCLE_CURVE_POINTS = 600,
+  AXIS_OBJ_CYCLE_CURVE_THINNED = 601,
+  AXIS_OBJ_CYCLE_CURVE_FIRST = 602,
+  AXIS_OBJ_CYCLE_RESULTS_WAITING = 603,
+  AXIS_OBJ_CYCLE_RESULT_NUMBER = 604,
+  AXIS_OBJ_CYCLE_ACKNOWLEDGE = 605,
+  AXIS_OBJ_CYCLE_BITS = 606,
+  AXIS_OBJ_CYCLE_NUMBER = 607,
+  AXIS_OBJ_CYCLE_POWER_UP = 608,
+  AXIS_OBJ_CYCLE_PARTS_GOOD = 609,
+  AXIS_OBJ_CYCLE_PARTS_BAD = 610,
+  AXIS_OBJ_CYCLE_PARTS_ABORTED = 611,
+  AXIS_OBJ_CYCLE_SERIAL_1 = 612,
+  AXIS_OBJ_CYCLE_SERIAL_2 = 613,
+  AXIS_OBJ_CYCLE_SERIAL_3 = 614,
+  AXIS_OBJ_CYCLE_SERIAL_4 = 615,
+  AXIS_OBJ_CYCLE_RESULT_PART = 616,
+  AXIS_OBJ_CYCLE_RESULT_POWER_UP = 617,
+  AXIS_OBJ_CYCLE_RESULT_PROGRAM_CRC = 618,
+  AXIS_OBJ_CYCLE_RESULT_BANK_CRC = 619,
+  AXIS_OBJ_CYCLE_RESULT_STATE = 620,
+  AXIS_OBJ_CYCLE_RESULT_OUTCOME = 621,
+  AXIS_OBJ_CYCLE_RESULT_PHASE = 622,
+  AXIS_OBJ_CYCLE_RESULT_INVALID = 623,
+  AXIS_OBJ_CYCLE_RESULT_BEGIN = 624,
+  AXIS_OBJ_CYCLE_RESULT_DURATION = 625,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_1 = 626,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_2 = 627,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_3 = 628,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_4 = 629,
+  AXIS_OBJ_CYCLE_LOST_FIRST = 630,
+  AXIS_OBJ_CYCLE_LOST_LAST = 631,
+  AXIS_OBJ_CYCLE_STORE_STATE = 632,
+  AXIS_OBJ_CYCLE_LOCK_ON_BAD = 633,
+  AXIS_OBJ_CYCLE_BAD_IN_ROW_MAX = 634,
+  AXIS_OBJ_CYCLE_PROGRAM_LOCK = 635,
+  AXIS_OBJ_CYCLE_UNLOCK = 636,
+  AXIS_OBJ_CYCLE_BAD_IN_ROW = 637,
+  AXIS_OBJ_PROGRAM_CONTROL = 638,
+  AXIS_OBJ_PROGRAM_CRC_1 = 639,
+  AXIS_OBJ_PROGRAM_CRC_2 = 640,
+  AXIS_OBJ_PROGRAM_FLASH_STATUS = 641,
+  AXIS_OBJ_PROGRAM_REFUSAL = 642,
+  AXIS_OBJ_PROGRAM_STATE = 643,
+  AXIS_OBJ_PROGRAM_SLOT = 644,
+  AXIS_OBJ_COUNT = 645 /* one past the last number */
 };
 
 enum {
@@ -1128,7 +1130,8 @@ enum {
   AXIS_CYCLE_STATE_RESULTS_FULL = 9,
   AXIS_CYCLE_STATE_LOCKED = 10,
   AXIS_CYCLE_STATE_NOT_STORED = 11,
-  AXIS_CYCLE_STATE_COUNT = 12
+  AXIS_CYCLE_STATE_BEYOND_SENSOR = 12,
+  AXIS_CYCLE_STATE_COUNT = 13
 };
 
 enum {
@@ -1141,7 +1144,8 @@ enum {
   AXIS_CYCLE_OUTCOME_TARE_CONTACT = 6,
   AXIS_CYCLE_OUTCOME_TARE_MOVING = 7,
   AXIS_CYCLE_OUTCOME_TARE_BAND = 8,
-  AXIS_CYCLE_OUTCOME_COUNT = 9
+  AXIS_CYCLE_OUTCOME_SAMPLES_INVALID = 9,
+  AXIS_CYCLE_OUTCOME_COUNT = 10
 };
 
 enum {
@@ -1465,6 +1469,7 @@ typedef struct {
   uint8_t first_motion_test; /* on makes the first enabling after power-up begin with the first motion test, which checks sensors, amplifier and signs by a small motion. If the store has no parameter set, the value after power-up is on [enum] */
   uint8_t tare_averaging; /* exponent n of the tare measurement: the tare is the mean over 2^n ticks [1] */
   uint8_t calibration_points; /* number of calibration points, from the first element of calibration_reading and calibration_force on [1] */
+  uint8_t cycle_age_max; /* largest age of force and position with which a cycle judges a part: a bus cycle, by default 2 ms, or the period of a slower sensor [tick] */
 } drive_params_t;
 
 typedef struct {
@@ -1506,9 +1511,9 @@ typedef struct {
   uint8_t tare_state; /* state of the last tare measurement, or the reason why the measurement was refused [enum] */
   uint8_t calibration_state; /* result of the last calibration, or the reason why the calibration was refused [enum] */
   uint8_t calibration_expired; /* 1 if the calibration is no longer valid: date is later than calibration_date plus calibration_validity [1] */
-  uint8_t cycle_state; /* state of the cycle of mode -9: running; evaluating the last samples; the part is good or bad; aborted by a stop, a fault or the loss of the owner; or why no cycle started: no program, another bank than the one the program was made for, no reference position for an absolute position, too many results that wait for their acknowledgement, a lock after bad parts, the number of power-ups is not stored yet [enum] */
+  uint8_t cycle_state; /* state of the cycle of mode -9: running; evaluating the last samples; the part is good or bad; aborted by a stop, a fault or the loss of the owner; or why no cycle started: no program, another bank than the one the program was made for, no reference position for an absolute position, too many results that wait for their acknowledgement, a lock after bad parts, the number of power-ups is not stored yet, a force of the program at or beyond the end of what the force sensor can show [enum] */
   uint8_t cycle_phase; /* number of the phase of the cycle that runs, or of the last phase, from 0 [1] */
-  uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late; a tare failed, because the axis was in contact or did not stand still, or because the offset is beyond tare_band [enum] */
+  uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late; a tare failed, because the axis was in contact or did not stand still, or because the offset is beyond tare_band; a sample of a judged phase is not valid, because the force was at an end of its range or because force or position was older than cycle_age_max [enum] */
   uint8_t cycle_outputs; /* digital outputs that the program of the cycle has switched on: bits 0 to 3 are outputs 1 to 4 [1] */
   uint8_t cycle_ended_by; /* number, from 1, of the condition that ended the last phase that has ended; 0: a limit or a stop ended the phase, or no phase has ended yet [1] */
 } drive_signals_t;
@@ -1615,6 +1620,7 @@ typedef struct {
   uint32_t cycle_result_power_up; /* cycle_power_up of the part that is shown [1] */
   uint32_t cycle_result_program_crc; /* CRC-32 of the program of the part that is shown [1] */
   uint32_t cycle_result_bank_crc; /* CRC-32 of the law of the part that is shown, 0 without a bank [1] */
+  uint32_t cycle_result_invalid; /* number of ticks in judged phases of the part that is shown whose sample is not valid; 0 for a good part [tick] */
   uint32_t cycle_result_begin; /* tick_count at which the cycle of the part that is shown started [tick] */
   uint32_t cycle_result_duration; /* duration of the cycle of the part that is shown [tick] */
   uint32_t cycle_result_serial[4]; /* serial number of the part that is shown, 4 bytes, the lowest byte first [1] */
@@ -1660,8 +1666,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x511e01b0)
-#define AXIS_OBJECTS_HASH_TEXT "511e01b0"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x094290b0)
+#define AXIS_OBJECTS_HASH_TEXT "094290b0"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1741,10 +1747,10 @@ typedef struct {
 extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
-  AXIS_STORED_COUNT = 379,
-  AXIS_ADDRESSES_COUNT = 715,
-  AXIS_HOLDING_COUNT = 210,
-  AXIS_INPUT_COUNT = 140
+  AXIS_STORED_COUNT = 380,
+  AXIS_ADDRESSES_COUNT = 717,
+  AXIS_HOLDING_COUNT = 211,
+  AXIS_INPUT_COUNT = 141
 };
 
 /* By index, then sub-index. */
