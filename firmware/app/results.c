@@ -48,6 +48,7 @@ static void show_part(fw_t *fw) {
   signals->cycle_result_phase = part->phase;
   signals->cycle_result_begin = part->begin_tick;
   signals->cycle_result_duration = part->ticks;
+  signals->cycle_result_invalid = part->invalid;
   for (uint8_t i = 0; i < CYCLE_SERIAL_WORDS; i++) {
     signals->cycle_result_serial[i] = part->serial[i];
   }
@@ -85,6 +86,7 @@ static void clear_part(cycle_part_t *part) {
   part->bank_crc = 0;
   part->begin_tick = 0;
   part->ticks = 0;
+  part->invalid = 0;
   part->elements = 0;
   part->verdict = CYCLE_PART_GOOD;
   part->outcome = CYCLE_BY_PROGRAM;
@@ -185,7 +187,7 @@ static void show_bits(fw_t *fw) {
   uint32_t bits = 0;
   if (cycle_mode_is_busy(&fw->drive)) {
     bits = BIT_BUSY;
-  } else if (cycle_mode_can_start(&fw->drive)) {
+  } else if (cycle_mode_can_start(&fw->drive, &fw->axis)) {
     bits = BIT_READY;
   }
   if (state >= AXIS_CYCLE_STATE_GOOD && state <= AXIS_CYCLE_STATE_ABORTED) {
@@ -237,6 +239,7 @@ static void take_part(fw_t *fw) {
   part->bank_crc = fw->drive.law_crc;
   part->begin_tick = cycle->begin_tick;
   part->ticks = cycle->last_tick - cycle->begin_tick;
+  part->invalid = cycle->invalid_ticks;
   part->elements = cycle->program->elements;
   part->verdict = verdict;
   part->outcome = cycle->outcome;

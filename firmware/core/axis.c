@@ -35,6 +35,7 @@ static void measure(axis_t *restrict axis, const axis_inputs_t *restrict inputs)
     signals->velocity = mean_velocity(axis, inputs);
   }
   axis->position_age = inputs->position_age;
+  axis->force_age = inputs->force_age;
   axis->primed = 1;
   signals->position = inputs->encoder_cnt;
   signals->force_raw = inputs->adc_code[0];
@@ -243,6 +244,7 @@ void axis_init(axis_t *axis) {
   axis->fault_waits = 0;
   axis->drive_wait_tick = 0;
   axis->position_age = 0;
+  axis->force_age = 0;
   axis->velocity_rest_cnt = 0;
 }
 

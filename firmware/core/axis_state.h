@@ -124,7 +124,8 @@ typedef struct {
   uint8_t fault_waits;
   /* number of ticks for which the amplifier was enabled and a fitted drive was not on yet */
   uint16_t drive_wait_tick;
-  uint8_t position_age; /* axis_inputs_t.position_age of the last tick */
+  uint8_t position_age; /* axis_inputs_t.position_age of the last tick, as force_age */
+  uint8_t force_age;
   /* counts that the division of the last velocities left over; the magnitude is below 256 */
   int16_t velocity_rest_cnt;
 } axis_t;

@@ -103,6 +103,7 @@ void cycle_init(cycle_t *cycle) {
   cycle->program = NULL;
   cycle->zero_cnt = 0;
   cycle->begin_tick = 0;
+  cycle->invalid_ticks = 0;
   cycle->begin_cnt = 0;
   cycle->start_cnt = 0;
   cycle->section_cnt = 0;
@@ -146,6 +147,8 @@ void cycle_init(cycle_t *cycle) {
 
 void cycle_select(cycle_t *cycle, const cycle_header_t *program) {
   cycle_init(cycle);
+  cycle->judged = (program == NULL) ? 0 : cycle_program_judged(program);
+  cycle->reach = (program == NULL) ? (cycle_reach_t){0, 0, 0} : cycle_program_reach(program);
   for (uint8_t i = 0; program != NULL && i < program->phases; i++) {
     const cycle_phase_t *phase = &cycle_phases(program)[i];
     cycle->first_q8[i] =
@@ -185,7 +188,8 @@ static void sample(cycle_t *cycle, const cycle_inputs_t *now) {
                        .travel = fx_diff_wrap(now->position, cycle->zero_cnt),
                        .force_q8 = cycle->force_q8,
                        .phase = cycle->phase,
-                       .zeroed = cycle->zeroed};
+                       .zeroed = cycle->zeroed,
+                       .is_valid = (uint8_t)(now->defects == CYCLE_SAMPLE_VALID)};
   cycle->written = (uint8_t)(cycle->written + 1);
 }
 
@@ -221,8 +225,17 @@ static bool has_travelled(cycle_t *cycle, const cycle_condition_t *condition,
   }
 }
 
+/* Returns true if a condition can be met without a valid sample. */
+static bool needs_no_sample(const cycle_t *cycle, uint8_t when) {
+  return when == CYCLE_TIME || when == CYCLE_INPUT_ON || when == CYCLE_INPUT_OFF ||
+         (when == CYCLE_REACHED && cycle->target == CYCLE_TARGET_MET);
+}
+
 static bool is_met(cycle_t *cycle, const cycle_condition_t *condition, const cycle_inputs_t *now) {
   const int32_t level = condition->level;
+  if (now->defects != CYCLE_SAMPLE_VALID && !needs_no_sample(cycle, condition->when)) {
+    return false;
+  }
   switch (condition->when) {
     case CYCLE_NEVER:
       return false;
@@ -250,8 +263,29 @@ static bool is_met(cycle_t *cycle, const cycle_condition_t *condition, const cyc
   }
 }
 
+/* Returns true if the part rests on the samples of this tick. Until travel 0 is found, each phase
+ * looks for it. */
+static bool is_judged(const cycle_t *cycle) {
+  return cycle->zeroed == 0 || (cycle->judged & (uint16_t)fx_scale(1, cycle->phase)) != 0;
+}
+
+/* Counts a sample that is not valid, if the part rests on it. */
+static void count_invalid(cycle_t *cycle) {
+  if (!is_judged(cycle)) {
+    return;
+  }
+  if (cycle->invalid_ticks == 0 && cycle->outcome == CYCLE_BY_PROGRAM) {
+    cycle->failed_phase = cycle->phase;
+  }
+  cycle->invalid_ticks += 1;
+}
+
+/* Behind the end of the range the force may be any, so a force there exceeds force_max. */
 static uint8_t limit_of(const cycle_t *cycle, const cycle_phase_t *phase,
                         const cycle_inputs_t *now) {
+  if ((now->defects & CYCLE_SAMPLE_AT_END) != 0) {
+    return is_judged(cycle) ? CYCLE_SAMPLES_INVALID : CYCLE_OVER_FORCE;
+  }
   if (fx_magnitude(now->force_q8) > phase->force_max_q8) {
     return CYCLE_OVER_FORCE;
   }
@@ -267,8 +301,13 @@ static uint8_t measure_tare(cycle_t *cycle, const cycle_phase_t *phase, const cy
   if (now->contact != 0) {
     return CYCLE_TARE_CONTACT;
   }
-  if (!fx_within(fx_diff_wrap(now->position, cycle->tare_cnt), CYCLE_TARE_JITTER_CNT)) {
+  const bool is_valid = now->defects == CYCLE_SAMPLE_VALID;
+  if (!is_valid ||
+      !fx_within(fx_diff_wrap(now->position, cycle->tare_cnt), CYCLE_TARE_JITTER_CNT)) {
     begin_tare(cycle, now);
+  }
+  if (!is_valid) {
+    return CYCLE_BY_PROGRAM;
   }
   cycle->tare_sum += within_force(now->force_q8);
   cycle->tare_ticks = (uint16_t)(cycle->tare_ticks + 1);
@@ -359,7 +398,9 @@ static bool take_condition(cycle_t *cycle, const cycle_phase_t *phase, const cyc
 bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now) {
   take_force(cycle, now);
   cycle->has_depth = 0;
-  if (cycle->zeroed == 0 && is_at_zero(cycle, now)) {
+  if (now->defects != CYCLE_SAMPLE_VALID) {
+    count_invalid(cycle);
+  } else if (cycle->zeroed == 0 && is_at_zero(cycle, now)) {
     cycle->zeroed = 1;
     set_zero(cycle, now);
   }
@@ -374,7 +415,7 @@ bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now) {
     return true;
   }
   const cycle_phase_t *phase = cycle_phase(cycle);
-  if (phase->stiffness_travel != 0) {
+  if (phase->stiffness_travel != 0 && now->defects == CYCLE_SAMPLE_VALID) {
     measure_stiffness(cycle, phase->stiffness_travel, now);
   }
   const uint8_t failure = failure_of(cycle, phase, now);
@@ -399,8 +440,10 @@ void cycle_abort(cycle_t *cycle) {
 }
 
 static void finish(cycle_t *cycle) {
-  if (cycle->outcome == CYCLE_BY_PROGRAM && cycle->incomplete != 0) {
-    cycle->outcome = CYCLE_SAMPLES_LOST;
+  if (cycle->outcome == CYCLE_BY_PROGRAM) {
+    cycle->outcome = (cycle->incomplete != 0)      ? CYCLE_SAMPLES_LOST
+                     : (cycle->invalid_ticks != 0) ? CYCLE_SAMPLES_INVALID
+                                                   : CYCLE_BY_PROGRAM;
   }
   bool good = cycle->outcome == CYCLE_BY_PROGRAM;
   for (uint8_t i = 0; i < cycle->program->elements; i++) {
@@ -420,7 +463,7 @@ void cycle_evaluate(cycle_t *cycle) {
     cycle_sample_t *next = &cycle->samples[cycle->evaluated & (CYCLE_SAMPLES - 1)];
     next->travel =
         within_travel(depth_of(cycle->program, within_travel(next->travel), next->force_q8));
-    for (uint8_t i = 0; i < cycle->program->elements; i++) {
+    for (uint8_t i = 0; next->is_valid != 0 && i < cycle->program->elements; i++) {
       cycle_element_take(&elements[i], cycle_points(cycle->program), &cycle->elements[i], next);
     }
     cycle->evaluated = (uint8_t)(cycle->evaluated + 1);

@@ -7,7 +7,8 @@
  *
  *   cycle_start()     between two ticks
  *   cycle_step()      once in each tick, after its signals; a tick that is missing makes the part
- *                     bad, and the phases go on
+ *                     bad, and so does a sample of a judged phase that is not valid (sample.h); the
+ *                     phases go on
  *   cycle_evaluate()  between ticks, at the latest after CYCLE_SAMPLES ticks
  *   cycle_abort()     at each stop, fault, halt or change of mode; the part is then not good */
 
@@ -16,6 +17,7 @@
 
 #include "firmware/cycle/element.h"
 #include "firmware/cycle/program.h"
+#include "firmware/cycle/sample.h"
 
 /* Number of samples that wait for their evaluation, a power of two. */
 enum { CYCLE_SAMPLES = 16 };
@@ -26,7 +28,7 @@ enum { CYCLE_IDLE = 0, CYCLE_RUNNING = 1, CYCLE_ENDED = 2, CYCLE_DONE = 3 };
 /* How a cycle ended: as the program intends; a limit of a phase was exceeded; stopped from outside;
  * samples were lost, because nobody evaluated them or because ticks were missing; the tare of a
  * phase failed, because the axis was in contact or did not stand still, or because the offset is
- * beyond tare_band. */
+ * beyond tare_band; a sample of a judged phase is not valid. */
 enum {
   CYCLE_BY_PROGRAM = 0,
   CYCLE_OVER_FORCE = 1,
@@ -37,7 +39,8 @@ enum {
   CYCLE_TARE_CONTACT = 6,
   CYCLE_TARE_MOVING = 7,
   CYCLE_TARE_BAND = 8,
-  CYCLE_OUTCOMES = 9
+  CYCLE_SAMPLES_INVALID = 9,
+  CYCLE_OUTCOMES = 10
 };
 
 /* Whether a phase is reached: not, because the tare is not complete, or the demand is not yet that
@@ -52,6 +55,7 @@ typedef struct {
   uint8_t contact;  /* 1 in contact */
   uint8_t reached;  /* CYCLE_TARGET_BY_DRIVE: 1 if the drive has reached its target */
   uint8_t inputs;   /* digital inputs, AXIS_DIN_ */
+  uint8_t defects;  /* why force or position is not valid, CYCLE_SAMPLE_ */
 } cycle_inputs_t;
 
 typedef struct {
@@ -59,6 +63,7 @@ typedef struct {
   uint32_t phase_ticks;          /* duration of the phase up to now */
   uint32_t begin_tick;           /* tick of the start */
   uint32_t last_tick;            /* tick of the last sample */
+  uint32_t invalid_ticks;        /* number of ticks in judged phases that are not valid */
   int32_t start_cnt;             /* position at the start of the phase */
   int32_t zero_cnt;              /* position of travel 0: the start, until it is found */
   int32_t begin_cnt;             /* zero_cnt at the start of the cycle */
@@ -84,15 +89,19 @@ typedef struct {
   int32_t section_travel;
   /* FOLLOW: demand_q8 at the begin of each phase, which cycle_select() computes */
   int32_t first_q8[CYCLE_PHASES_MAX];
+  cycle_reach_t reach;                                /* forces that the sensor has to show */
   uint16_t taken[CYCLE_PHASES_MAX][CYCLE_CONDITIONS]; /* how often each condition was taken */
   cycle_element_state_t elements[CYCLE_ELEMENTS_MAX];
   cycle_sample_t samples[CYCLE_SAMPLES];
+  uint16_t judged; /* set of the phases that are judged, which cycle_select() computes */
   uint8_t written; /* number of samples written and evaluated, modulo 256 */
   uint8_t evaluated;
   uint8_t state;        /* CYCLE_IDLE to CYCLE_DONE */
   uint8_t phase;        /* the phase that runs, or the last one */
-  uint8_t outcome;      /* CYCLE_BY_PROGRAM to CYCLE_SAMPLES_LOST */
-  uint8_t failed_phase; /* the phase in which a limit was exceeded first, or the cycle stopped */
+  uint8_t outcome;      /* CYCLE_BY_PROGRAM to CYCLE_SAMPLES_INVALID */
+  /* the phase in which a limit was exceeded first, the cycle stopped, or the first sample was not
+   * valid */
+  uint8_t failed_phase;
   /* number, from 1, of the condition that ended the last phase that has ended; 0: a limit, a stop,
    * or no phase has ended yet */
   uint8_t ended_by;

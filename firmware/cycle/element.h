@@ -7,7 +7,7 @@
  * The curve is force over x, where x is the travel or the time since the element began. It consists
  * of straight lines between the samples of consecutive ticks, all in phases of the element. Where
  * the phases are left and entered again a new piece begins, and no line joins two pieces. A tick
- * that is missing and, over the travel, travel 0 also begin a piece. All comparisons are
+ * that is missing or not valid and, over the travel, travel 0 also begin a piece. All comparisons are
  * exact, and every interpolated value is rounded once, half up.
  *
  *   cycle_element_begin(&state);
@@ -33,6 +33,7 @@ typedef struct {
   int32_t force_q8; /* measured force, +-CYCLE_FORCE_MAX_Q8 */
   uint8_t phase;    /* number of the phase, 0..15 */
   uint8_t zeroed;   /* 1 from travel 0 on, where the travel begins anew */
+  uint8_t is_valid; /* 1: force and position are valid (sample.h); 0: no element takes the sample */
 } cycle_sample_t;
 
 /* The kinds of element. Their value is what is compared with y_least and y_most.

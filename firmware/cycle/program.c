@@ -100,6 +100,54 @@ static bool is_right_phase(const cycle_header_t *program, const cycle_phase_t *p
          is_target(program, phase->reaction) && has_right_conditions(program, phase);
 }
 
+static bool is_of_force(uint8_t when) {
+  return when == CYCLE_FORCE_ABOVE || when == CYCLE_FORCE_BELOW || when == CYCLE_CONTACT ||
+         when == CYCLE_LOST || when == CYCLE_STIFFNESS_ABOVE || when == CYCLE_STIFFNESS_BELOW;
+}
+
+static bool rests_on_force(const cycle_header_t *program, const cycle_phase_t *phase) {
+  const uint8_t action = phase->action;
+  bool rests = action == CYCLE_APPROACH || action == CYCLE_PRESS || action == CYCLE_FOLLOW ||
+               action == CYCLE_TARE;
+  for (uint8_t i = 0; i < CYCLE_CONDITIONS; i++) {
+    const uint8_t when = phase->conditions[i].when;
+    rests = rests || is_of_force(when) ||
+            (program->compliance != 0 && (when == CYCLE_DEPTH_ABOVE || when == CYCLE_DEPTH_BELOW));
+  }
+  return rests;
+}
+
+uint16_t cycle_program_judged(const cycle_header_t *program) {
+  uint32_t judged = 0;
+  for (uint8_t i = 0; i < program->elements; i++) {
+    judged |= cycle_elements(program)[i].phases;
+  }
+  for (uint8_t i = 0; i < program->phases; i++) {
+    judged |= rests_on_force(program, &cycle_phases(program)[i]) ? (uint32_t)fx_scale(1, i) : 0;
+  }
+  return (uint16_t)judged;
+}
+
+static int32_t larger(int32_t a, int32_t b) { return (a > b) ? a : b; }
+
+cycle_reach_t cycle_program_reach(const cycle_header_t *program) {
+  const int32_t zero = (program->zero == CYCLE_ZERO_FORCE) ? program->zero_level : 0;
+  cycle_reach_t reach = {0, larger(zero, 0), -larger(-zero, 0)};
+  for (uint8_t i = 0; i < program->phases; i++) {
+    const cycle_phase_t *phase = &cycle_phases(program)[i];
+    reach.force_max_q8 = larger(reach.force_max_q8, (int32_t)phase->force_max_q8);
+    for (uint8_t k = 0; k < CYCLE_CONDITIONS; k++) {
+      const cycle_condition_t *condition = &phase->conditions[k];
+      if (condition->when == CYCLE_FORCE_ABOVE) {
+        reach.most_q8 = larger(reach.most_q8, condition->level);
+      } else if (condition->when == CYCLE_FORCE_BELOW) {
+        reach.least_q8 = -larger(-reach.least_q8, -condition->level);
+      }
+    }
+  }
+  return reach;
+}
+
 static bool has_right_zero(const cycle_header_t *program) {
   switch (program->zero) {
     case CYCLE_ZERO_TOUCH:

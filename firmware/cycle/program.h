@@ -55,7 +55,8 @@ enum { CYCLE_ZERO_TOUCH = 0, CYCLE_ZERO_FORCE = 1, CYCLE_ZERO_POSITION = 2, CYCL
  * a program that does not keep it, or up to the selection of a program.
  *
  * TARE measures the mean of the measured force over `target` ticks, rounded half up. The
- * measurement begins anew when the encoder has moved by more than CYCLE_TARE_JITTER_CNT. The mean
+ * measurement begins anew when the encoder has moved by more than CYCLE_TARE_JITTER_CNT, and after a
+ * sample that is not valid (sample.h). The mean
  * becomes the offset of the program up to the end of the cycle: it is subtracted from the force in
  * conditions, in zero_level and in the samples of the elements, and it is added to the target of
  * PRESS and FOLLOW before that target is bounded. force_max of a phase limits the measured force
@@ -194,6 +195,20 @@ static inline const cycle_element_t *cycle_elements(const cycle_header_t *progra
 static inline const cycle_point_t *cycle_points(const cycle_header_t *program) {
   return (const cycle_point_t *)(const void *)(cycle_elements(program) + program->elements);
 }
+
+/* Returns the set of the phases, as bits, that are judged: on whose samples of force and position
+ * the part rests. These are the phases that an element names, the phases approach, press, follow
+ * and tare, and the phases with a condition of force, contact or stiffness, or of depth if the
+ * press has a compliance. While travel 0 of touch or force is not found, every phase is judged. */
+uint16_t cycle_program_judged(const cycle_header_t *program);
+
+/* Forces that the sensor has to be able to show, in 1/256 count of measured force. */
+typedef struct {
+  int32_t force_max_q8; /* largest force_max */
+  int32_t most_q8;      /* largest of 0, zero_level and the levels of FORCE_ABOVE */
+  int32_t least_q8;     /* smallest of 0, zero_level and the levels of FORCE_BELOW */
+} cycle_reach_t;
+cycle_reach_t cycle_program_reach(const cycle_header_t *program);
 
 /* Returns the CRC at the end of a record. */
 uint32_t cycle_program_crc(const cycle_header_t *program);

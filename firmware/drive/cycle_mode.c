@@ -2,6 +2,7 @@
 
 #include <stddef.h>
 
+#include "firmware/core/laws.h"
 #include "firmware/drive/force_modes.h"
 #include "firmware/drive/homing.h"
 #include "firmware/drive/modes.h"
@@ -53,7 +54,10 @@ static cycle_inputs_t inputs_of(const cia402_t *drive, const axis_t *axis) {
                           .force_q8 = axis->signals.force,
                           .contact = drive->signals.contact,
                           .reached = reached ? 1 : 0,
-                          .inputs = axis->signals.digital_inputs};
+                          .inputs = axis->signals.digital_inputs,
+                          .defects = cycle_sample_defects(
+                              drive->signals.force_saturated != 0, axis->force_age,
+                              axis->position_age, drive->params.cycle_age_max)};
 }
 
 /* The position from which a distance of a phase counts, in user units. */
@@ -106,6 +110,8 @@ static bool begin_phase(cia402_t *drive, const axis_t *axis) {
   }
   if (mode->run != drive->mode->run) {
     cia402_end_mode(drive);
+    contact_guard_phase(&drive->guards.contact_guard, &drive->params, &drive->signals, axis,
+                        mode->controls_force != 0);
   }
   drive->mode = mode;
   drive->setpoint = (cia402_setpoint_t){.position = place, .speed = phase->speed};
@@ -129,8 +135,30 @@ static bool needs_reference(const cycle_header_t *program) {
   return false;
 }
 
+static int32_t reading_of(const axis_params_t *params, uint16_t code) {
+  return law_force_reading(code, params->force_zero_code, params->force_sign, params->adc_bits,
+                           params->force_tare);
+}
+
+/* Returns true if a force of a program is at or beyond an end of the range of the sensor
+ * (sensor_is_railed()), so that no valid sample shows it. force_max is compared with the end in the
+ * direction of compression, or with the other one if the zero of the force is there. */
+static bool is_beyond_sensor(const axis_params_t *params, const cycle_reach_t *reach) {
+  const bool rises = params->force_sign > 0;
+  const uint16_t last = fx_highest_code(params->adc_bits);
+  const int32_t most_q8 = reading_of(params, rises ? last : 0);
+  const int32_t least_q8 = reading_of(params, rises ? 0 : last);
+  const bool has_zero_within = params->force_zero_code != 0;
+  if ((rises || has_zero_within) && (reach->most_q8 >= most_q8 || reach->force_max_q8 >= most_q8)) {
+    return true;
+  }
+  return (!rises || has_zero_within) &&
+         (reach->least_q8 <= least_q8 ||
+          (!rises && !has_zero_within && -reach->force_max_q8 <= least_q8));
+}
+
 /* Returns why no cycle can start, or AXIS_CYCLE_STATE_IDLE. */
-static uint8_t refusal_of(const cia402_t *drive) {
+static uint8_t refusal_of(const cia402_t *drive, const axis_t *axis) {
   const cycle_header_t *program = drive->program;
   if (program == NULL) {
     return AXIS_CYCLE_STATE_NO_PROGRAM;
@@ -138,14 +166,18 @@ static uint8_t refusal_of(const cia402_t *drive) {
   if (program->bank_crc != 0 && program->bank_crc != drive->law_crc) {
     return AXIS_CYCLE_STATE_OTHER_BANK;
   }
-  return (needs_reference(program) && drive->homed == 0) ? (uint8_t)AXIS_CYCLE_STATE_NOT_HOMED
-                                                         : drive->cycle_lock;
+  if (needs_reference(program) && drive->homed == 0) {
+    return AXIS_CYCLE_STATE_NOT_HOMED;
+  }
+  return is_beyond_sensor(&axis->params, &drive->cycle.reach)
+             ? (uint8_t)AXIS_CYCLE_STATE_BEYOND_SENSOR
+             : drive->cycle_lock;
 }
 
-bool cycle_mode_can_start(const cia402_t *drive) {
+bool cycle_mode_can_start(const cia402_t *drive, const axis_t *axis) {
   return drive->signals.modes_of_operation_display == AXIS_MODES_OF_OPERATION_CYCLE &&
          drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED && drive->leaving == 0 &&
-         !cycle_mode_is_busy(drive) && refusal_of(drive) == AXIS_CYCLE_STATE_IDLE;
+         !cycle_mode_is_busy(drive) && refusal_of(drive, axis) == AXIS_CYCLE_STATE_IDLE;
 }
 
 bool cycle_mode_select(cia402_t *drive, const cycle_header_t *program) {
@@ -170,13 +202,14 @@ void cycle_mode_start(cia402_t *drive, const axis_t *axis) {
   if (drive->cycle_asked != 0) {
     return; /* cycle_mode_start_late() starts the cycle. */
   }
-  drive->cycle_refusal = refusal_of(drive);
+  drive->cycle_refusal = refusal_of(drive, axis);
   if (drive->cycle_refusal == AXIS_CYCLE_STATE_IDLE) {
     const cycle_inputs_t now = inputs_of(drive, axis);
     cycle_start(&drive->cycle, drive->program, &now,
                 cia402_encoder(drive, drive->program->zero_level));
     drive->cycle_offset_q8 = 0;
     drive->signals.cycle_count += 1;
+    guards_start(&drive->guards, &drive->signals);
     if (!begin_phase(drive, axis)) {
       cia402_leave_mode(drive);
     }
@@ -191,9 +224,10 @@ void cycle_mode_interrupt(cia402_t *drive) {
   }
 }
 
-/* Returns true if the axis no longer follows the cycle, because a ramp stops it. */
+/* Returns true if the axis no longer follows the cycle, because a ramp stops it, or because a guard
+ * has found a fault that acts in the next tick. */
 static bool is_stopping(const cia402_t *drive) {
-  return drive->leaving != 0 || (drive->params.controlword & CIA402_CW_HALT) != 0 ||
+  return drive->leaving != 0 || contact_guard_has_fault(&drive->guards.contact_guard) || (drive->params.controlword & CIA402_CW_HALT) != 0 ||
          drive->params.modes_of_operation != drive->signals.modes_of_operation_display;
 }
 

@@ -8,7 +8,8 @@
  * certificate, the contact guard.
  *
  * A rising edge of bit 4 of the controlword starts a cycle, if the axis has a program that fits
- * (cycle_state says otherwise why it did not start). An edge while the last samples of a cycle are
+ * (cycle_state says otherwise why it did not start). A program does not fit if one of its forces is
+ * at or beyond an end of what the force sensor can show. An edge while the last samples of a cycle are
  * evaluated starts the next cycle after the evaluation. A controlword without bit 4, a halt, every
  * stop and fault, another mode and the loss of the owner end the cycle: the part is then aborted,
  * never good. Statusword bit 10: no cycle runs and the axis is at standstill; bit 12: the last
@@ -25,7 +26,7 @@ static inline bool cycle_mode_is_busy(const cia402_t *drive) {
 }
 
 /* Returns true if a start edge in this tick would start a cycle. */
-bool cycle_mode_can_start(const cia402_t *drive);
+bool cycle_mode_can_start(const cia402_t *drive, const axis_t *axis);
 
 /* Selects the program, NULL for none. Returns false while a cycle runs. */
 bool cycle_mode_select(cia402_t *drive, const cycle_header_t *program);

@@ -228,7 +228,7 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
     enter(drive, AXIS_DRIVE_STATE_FAULT);
     drive->tracking = CIA402_TRACKING_NONE;
   }
-  if (controlled != 0 && drive->controlled == 0) {
+  if (controlled != 0 && drive->controlled == 0 && !cycle_is_running(&drive->cycle)) {
     guards_start(&drive->guards, &drive->signals);
   }
   drive->controlled = controlled;

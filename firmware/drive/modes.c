@@ -220,6 +220,7 @@ bool cia402_is_guided_by_force(const cia402_t *drive) {
   return drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
          !first_motion_is_running(&drive->guards.first_motion) &&
          (drive->mode->controls_force != 0 || drive->mode->lead == position_guarded_move ||
+          cycle_is_running(&drive->cycle) ||
           (mode == AXIS_MODES_OF_OPERATION_HOMING && drive->params.homing_method < 0));
 }
 

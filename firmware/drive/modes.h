@@ -65,9 +65,9 @@ int8_t cia402_operation_of(uint8_t native_mode);
  * then the mode of operation computes the tick. */
 bool cia402_run_first_motion(cia402_t *drive, axis_t *axis);
 
-/* Returns true if the motion of the axis depends on the measured force: in force modes, guarded
- * moves and homing on contact, including their approaches. Returns false during the first motion
- * test. */
+/* Returns true if the measured force guides the axis: in force modes, guarded moves and homing on
+ * contact, including their approaches, and in every phase of a running cycle, because the force
+ * ends phases and decides about the part. Returns false during the first motion test. */
 bool cia402_is_guided_by_force(const cia402_t *drive);
 
 /* Computes one tick of the active mode of operation. */

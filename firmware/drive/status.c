@@ -220,7 +220,8 @@ void cia402_observe(cia402_t *drive, const axis_t *axis) {
   } else {
     check_target_and_standstill(drive, axis);
     const bool guided = guards_need_guided(&drive->guards) && cia402_is_guided_by_force(drive);
-    guards_evaluate(&drive->guards, &drive->params, &drive->signals, axis, controlled, guided);
+    guards_evaluate(&drive->guards, &drive->params, &drive->signals, axis, controlled, guided,
+                    cycle_is_running(&drive->cycle));
   }
   cia402_show(drive, axis);
 }

@@ -24,6 +24,8 @@ void contact_guard_start(contact_guard_t *guard) {
   guard->settling_tick = 0;
   guard->steady = 0;
   guard->approaching = 0;
+  guard->paused_cnt = 0;
+  guard->paused_tick = 0;
   guard->pressing = 0;
   guard->finding = AXIS_FAULT_NONE;
 }
@@ -86,7 +88,7 @@ void contact_guard_bound(contact_guard_t *guard, const drive_signals_t *signals,
 static bool exceeds(uint32_t value, uint32_t limit) { return limit != 0 && value > limit; }
 
 static bool exceeds_travel(contact_guard_t *guard, const drive_params_t *params,
-                           const drive_signals_t *signals, const axis_t *axis) {
+                           const drive_signals_t *signals, const axis_t *axis, bool controlled) {
   const int32_t position = axis->signals.position;
   if (guard->pressing == 0) {
     if (signals->contact != 0) {
@@ -96,7 +98,8 @@ static bool exceeds_travel(contact_guard_t *guard, const drive_params_t *params,
     return false;
   }
   const int32_t moved = fx_diff_wrap(position, guard->first_cnt);
-  const bool onward = (moved > 0) == (guard->pressing > 0);
+  const bool onward =
+      (moved > 0) == (guard->pressing > 0) && (controlled || signals->contact != 0);
   return onward && exceeds(fx_magnitude(moved), params->contact_travel_max);
 }
 
@@ -111,11 +114,11 @@ static bool is_overdue(contact_guard_t *guard, const drive_params_t *params,
   if (guard->approaching != direction) {
     guard->approaching = direction;
     guard->approach_cnt = position;
-    guard->approach_tick = 0;
+    guard->approach_tick = axis->signals.tick_count;
     return false;
   }
-  guard->approach_tick += CHECK_PERIOD_TICKS;
-  return exceeds(guard->approach_tick, fx_ticks_from_ms(params->approach_timeout)) ||
+  return exceeds(axis->signals.tick_count - guard->approach_tick,
+                 fx_ticks_from_ms(params->approach_timeout)) ||
          exceeds(fx_magnitude(fx_diff_wrap(position, guard->approach_cnt)),
                  params->approach_travel_max);
 }
@@ -153,15 +156,41 @@ static void watch_ripple(contact_guard_t *guard, contact_t *contact, const drive
   contact->rippling = (uint8_t)(guard->slots >= params->force_ripple_time);
 }
 
+void contact_guard_phase(contact_guard_t *guard, const drive_params_t *params,
+                         const drive_signals_t *signals, const axis_t *axis, bool controls) {
+  const int32_t position = axis->signals.position;
+  const uint32_t tick = axis->signals.tick_count;
+  if (controls) {
+    guard->approach_cnt =
+        fx_sum_wrap(guard->approach_cnt, fx_diff_wrap(position, guard->paused_cnt));
+    guard->approach_tick += tick - guard->paused_tick;
+    guard->begun = 0;
+    return;
+  }
+  /* A phase may be shorter than the time between two checks. */
+  if (is_overdue(guard, params, signals, axis) && guard->finding == AXIS_FAULT_NONE) {
+    guard->finding = AXIS_FAULT_NO_CONTACT;
+  }
+  guard->paused_cnt = position;
+  guard->paused_tick = tick;
+  guard->slot_tick = 0;
+}
+
 void contact_guard_evaluate(contact_guard_t *guard, contact_t *contact,
                             const drive_params_t *params, drive_signals_t *signals,
-                            const axis_t *axis) {
+                            const axis_t *axis, bool controlled) {
   if ((axis->signals.tick_count & 2) != 0) {
-    if (exceeds_travel(guard, params, signals, axis)) {
+    if (!controlled && signals->contact != 0) {
+      guard->approaching = 0;
+    }
+    if (exceeds_travel(guard, params, signals, axis, controlled)) {
       guard->finding = AXIS_FAULT_CONTACT_TRAVEL;
-    } else if (is_overdue(guard, params, signals, axis)) {
+    } else if (controlled && is_overdue(guard, params, signals, axis)) {
       guard->finding = AXIS_FAULT_NO_CONTACT;
     }
+    return;
+  }
+  if (!controlled) {
     return;
   }
   watch_ripple(guard, contact, params, signals, axis->signals.force);

@@ -16,12 +16,14 @@
  *   contact_travel_max   Largest travel after the first contact, in counts in the direction of
  *                        pressing. This direction is the sign of the measured force at the first
  *                        contact since force control began. A larger travel is the fault
- *                        contact_travel.
+ *                        contact_travel. A running cycle (mode -9) counts from its first contact,
+ *                        in each of its phases; in phases that control no force only in contact.
  *   approach_timeout     Largest time and largest travel without contact while a demand acts. The
  *   approach_travel_max  demand is a target in modes 4 and 10. In other modes the demand is a
  *                        set-point whose magnitude exceeds contact_force. A larger time or travel
  *                        is the fault no_contact. Time and travel restart from 0 at each contact,
- *                        without a demand, and when the sign of the demand changes.
+ *                        without a demand, and when the sign of the demand changes. Phases of a
+ *                        cycle that control no force neither count nor restart them.
  *   force_ripple_max     Largest permitted force ripple in CONTACT_GUARD_SLOT_TICKS.
  *   force_ripple_time    A larger force ripple during this time is a limit cycle, like repeated
  *                        contact losses (contact.h). The ripple is checked only at a constant
@@ -54,8 +56,12 @@ typedef struct {
   int32_t demand; /* force demand from which the set-point is derived, in the unit of the mode */
   int32_t steady_demand;  /* force demand at the start of the present slot of the force ripple */
   int32_t first_cnt;      /* encoder count at the first contact */
-  int32_t approach_cnt;   /* encoder count at the start of the approach */
-  uint32_t approach_tick; /* duration of the approach in ticks */
+  /* encoder count and tick at the start of the approach, both later by what the phases of a cycle
+   * without force control have moved and lasted since */
+  int32_t approach_cnt;
+  uint32_t approach_tick;
+  int32_t paused_cnt; /* encoder count and tick at which such a phase began */
+  uint32_t paused_tick;
   int32_t low;            /* smallest measured force in the present slot of the force ripple */
   int32_t high;
   axis_codes_t codes;     /* bounds most_q16 and least_q16, rounded to DAC codes */
@@ -99,10 +105,21 @@ static inline void contact_guard_press(contact_guard_t *guard, const drive_signa
 }
 
 /* Checks the protections of the contact guard. Call this function after every second tick of force
- * control. */
+ * control or of a cycle. `controlled` is true if the mode, or the phase of the cycle, controls
+ * force. */
 void contact_guard_evaluate(contact_guard_t *guard, contact_t *contact,
                             const drive_params_t *params, drive_signals_t *signals,
-                            const axis_t *axis);
+                            const axis_t *axis, bool controlled);
+
+/* Tells the guard after a tick that from the next one on the phase of the cycle controls force,
+ * after a phase that did not, or the other way round. */
+void contact_guard_phase(contact_guard_t *guard, const drive_params_t *params,
+                         const drive_signals_t *signals, const axis_t *axis, bool controls);
+
+/* Returns true if a finding will be a fault in the next tick, whatever the options are. */
+static inline bool contact_guard_has_fault(const contact_guard_t *guard) {
+  return guard->finding == AXIS_FAULT_CONTACT_TRAVEL || guard->finding == AXIS_FAULT_NO_CONTACT;
+}
 
 /* Reacts to a finding of the contact guard. Either halves the gain and returns AXIS_FAULT_NONE, or
  * returns the fault that the drive must raise. */

@@ -18,7 +18,7 @@
  *   init      at power-up: clears findings, tests and measurements
  *   derive    after a write to a parameter of the drive: computes derived values
  *   written   after a change of a parameter of the axis or drive: discards invalid results
- *   start     when a mode that controls force begins: resets the protection
+ *   start     when a mode that controls force or a cycle begins: resets the protection
  *   before    before each tick, when the targets of the drive are not set yet
  *   limit     before axis_tick(), with the inputs of the tick
  *   check     after axis_tick(), before the outputs are written: a finding disables the axis
@@ -97,15 +97,16 @@ static inline bool guards_need_guided(const guards_t *guards) {
 }
 
 /* Checks the protections. `guided` is true if the motion depends on the measured force
- * (cia402_is_guided_by_force()). */
+ * (cia402_is_guided_by_force()), `cycles` while a cycle runs. */
 static inline void guards_evaluate(guards_t *guards, const drive_params_t *params,
                                    drive_signals_t *signals, const axis_t *axis, bool controlled,
-                                   bool guided) {
+                                   bool guided, bool cycles) {
   if (guards->sensor.enabled != 0) {
     sensor_guides(&guards->sensor, axis, guided);
   }
-  if (axis->primed != 0 && controlled) {
-    contact_guard_evaluate(&guards->contact_guard, &guards->contact, params, signals, axis);
+  if (axis->primed != 0 && (controlled || cycles)) {
+    contact_guard_evaluate(&guards->contact_guard, &guards->contact, params, signals, axis,
+                           controlled);
   }
 }
 

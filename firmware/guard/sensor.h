@@ -2,7 +2,7 @@
 #define FIRMWARE_GUARD_SENSOR_H_
 
 /* Monitors the force sensor while the measured force guides the axis: in the force modes, guarded
- * moves and homing, including their approaches. Each finding disables the axis in the same tick and
+ * moves and homing, including their approaches, and in every phase of a cycle. Each finding disables the axis in the same tick and
  * is a fault with its own name. Each check is switched on by an object; by default all checks are
  * off.
  *

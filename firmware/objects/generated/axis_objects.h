@@ -583,84 +583,86 @@ enum {
   AXIS_OBJ_CYCLE_PHASE = 573,
   AXIS_OBJ_CYCLE_OUTCOME = 574,
   AXIS_OBJ_CYCLE_COUNT = 575,
-  AXIS_OBJ_CYCLE_OUTPUTS = 576,
-  AXIS_OBJ_CYCLE_ENDED_BY = 577,
-  AXIS_OBJ_CYCLE_PROGRAM = 578,
-  AXIS_OBJ_CYCLE_PROGRAM_COUNT = 579,
-  AXIS_OBJ_CYCLE_PROGRAM_CRC = 580,
-  AXIS_OBJ_CYCLE_PROGRAM_REFUSAL = 581,
-  AXIS_OBJ_CYCLE_PROGRAM_REFUSED_PART = 582,
-  AXIS_OBJ_CYCLE_PROGRAM_REMOVE = 583,
-  AXIS_OBJ_CYCLE_RESULT_ELEMENT = 584,
-  AXIS_OBJ_CYCLE_RESULT_VALUE = 585,
-  AXIS_OBJ_CYCLE_RESULT_VERDICT = 586,
-  AXIS_OBJ_CYCLE_RESULT_TICK = 587,
-  AXIS_OBJ_CYCLE_DATA_OFFSET = 588,
-  AXIS_OBJ_CYCLE_DATA_END = 589,
-  AXIS_OBJ_CYCLE_DATA_1 = 590,
-  AXIS_OBJ_CYCLE_DATA_2 = 591,
-  AXIS_OBJ_CYCLE_DATA_3 = 592,
-  AXIS_OBJ_CYCLE_DATA_4 = 593,
-  AXIS_OBJ_CYCLE_DATA_5 = 594,
-  AXIS_OBJ_CYCLE_DATA_6 = 595,
-  AXIS_OBJ_CYCLE_DATA_7 = 596,
-  AXIS_OBJ_CYCLE_DATA_8 = 597,
-  AXIS_OBJ_CYCLE_DATA_9 = 598,
-  AXIS_OBJ_CYCLE_DATA_10 = 599,
-  AXIS_OBJ_CYCLE_DATA_11 = 600,
-  AXIS_OBJ_CYCLE_DATA_12 = 601,
-  AXIS_OBJ_CYCLE_DATA_13 = 602,
-  AXIS_OBJ_CYCLE_DATA_14 = 603,
-  AXIS_OBJ_CYCLE_DATA_15 = 604,
-  AXIS_OBJ_CYCLE_DATA_16 = 605,
-  AXIS_OBJ_CYCLE_CURVE_STEP_TRAVEL = 606,
-  AXIS_OBJ_CYCLE_CURVE_STEP_FORCE = 607,
-  AXIS_OBJ_CYCLE_CURVE_STEP_TIME = 608,
-  AXIS_OBJ_CYCLE_CURVE_POINTS = 609,
-  AXIS_OBJ_CYCLE_CURVE_THINNED = 610,
-  AXIS_OBJ_CYCLE_CURVE_FIRST = 611,
-  AXIS_OBJ_CYCLE_RESULTS_WAITING = 612,
-  AXIS_OBJ_CYCLE_RESULT_NUMBER = 613,
-  AXIS_OBJ_CYCLE_ACKNOWLEDGE = 614,
-  AXIS_OBJ_CYCLE_BITS = 615,
-  AXIS_OBJ_CYCLE_NUMBER = 616,
-  AXIS_OBJ_CYCLE_POWER_UP = 617,
-  AXIS_OBJ_CYCLE_PARTS_GOOD = 618,
-  AXIS_OBJ_CYCLE_PARTS_BAD = 619,
-  AXIS_OBJ_CYCLE_PARTS_ABORTED = 620,
-  AXIS_OBJ_CYCLE_SERIAL_1 = 621,
-  AXIS_OBJ_CYCLE_SERIAL_2 = 622,
-  AXIS_OBJ_CYCLE_SERIAL_3 = 623,
-  AXIS_OBJ_CYCLE_SERIAL_4 = 624,
-  AXIS_OBJ_CYCLE_RESULT_PART = 625,
-  AXIS_OBJ_CYCLE_RESULT_POWER_UP = 626,
-  AXIS_OBJ_CYCLE_RESULT_PROGRAM_CRC = 627,
-  AXIS_OBJ_CYCLE_RESULT_BANK_CRC = 628,
-  AXIS_OBJ_CYCLE_RESULT_STATE = 629,
-  AXIS_OBJ_CYCLE_RESULT_OUTCOME = 630,
-  AXIS_OBJ_CYCLE_RESULT_PHASE = 631,
-  AXIS_OBJ_CYCLE_RESULT_BEGIN = 632,
-  AXIS_OBJ_CYCLE_RESULT_DURATION = 633,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_1 = 634,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_2 = 635,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_3 = 636,
-  AXIS_OBJ_CYCLE_RESULT_SERIAL_4 = 637,
-  AXIS_OBJ_CYCLE_LOST_FIRST = 638,
-  AXIS_OBJ_CYCLE_LOST_LAST = 639,
-  AXIS_OBJ_CYCLE_STORE_STATE = 640,
-  AXIS_OBJ_CYCLE_LOCK_ON_BAD = 641,
-  AXIS_OBJ_CYCLE_BAD_IN_ROW_MAX = 642,
-  AXIS_OBJ_CYCLE_PROGRAM_LOCK = 643,
-  AXIS_OBJ_CYCLE_UNLOCK = 644,
-  AXIS_OBJ_CYCLE_BAD_IN_ROW = 645,
-  AXIS_OBJ_PROGRAM_CONTROL = 646,
-  AXIS_OBJ_PROGRAM_CRC_1 = 647,
-  AXIS_OBJ_PROGRAM_CRC_2 = 648,
-  AXIS_OBJ_PROGRAM_FLASH_STATUS = 649,
-  AXIS_OBJ_PROGRAM_REFUSAL = 650,
-  AXIS_OBJ_PROGRAM_STATE = 651,
-  AXIS_OBJ_PROGRAM_SLOT = 652,
-  AXIS_OBJ_COUNT = 653 /* one past the last number */
+  AXIS_OBJ_CYCLE_AGE_MAX = 576,
+  AXIS_OBJ_CYCLE_OUTPUTS = 577,
+  AXIS_OBJ_CYCLE_ENDED_BY = 578,
+  AXIS_OBJ_CYCLE_PROGRAM = 579,
+  AXIS_OBJ_CYCLE_PROGRAM_COUNT = 580,
+  AXIS_OBJ_CYCLE_PROGRAM_CRC = 581,
+  AXIS_OBJ_CYCLE_PROGRAM_REFUSAL = 582,
+  AXIS_OBJ_CYCLE_PROGRAM_REFUSED_PART = 583,
+  AXIS_OBJ_CYCLE_PROGRAM_REMOVE = 584,
+  AXIS_OBJ_CYCLE_RESULT_ELEMENT = 585,
+  AXIS_OBJ_CYCLE_RESULT_VALUE = 586,
+  AXIS_OBJ_CYCLE_RESULT_VERDICT = 587,
+  AXIS_OBJ_CYCLE_RESULT_TICK = 588,
+  AXIS_OBJ_CYCLE_DATA_OFFSET = 589,
+  AXIS_OBJ_CYCLE_DATA_END = 590,
+  AXIS_OBJ_CYCLE_DATA_1 = 591,
+  AXIS_OBJ_CYCLE_DATA_2 = 592,
+  AXIS_OBJ_CYCLE_DATA_3 = 593,
+  AXIS_OBJ_CYCLE_DATA_4 = 594,
+  AXIS_OBJ_CYCLE_DATA_5 = 595,
+  AXIS_OBJ_CYCLE_DATA_6 = 596,
+  AXIS_OBJ_CYCLE_DATA_7 = 597,
+  AXIS_OBJ_CYCLE_DATA_8 = 598,
+  AXIS_OBJ_CYCLE_DATA_9 = 599,
+  AXIS_OBJ_CYCLE_DATA_10 = 600,
+  AXIS_OBJ_CYCLE_DATA_11 = 601,
+  AXIS_OBJ_CYCLE_DATA_12 = 602,
+  AXIS_OBJ_CYCLE_DATA_13 = 603,
+  AXIS_OBJ_CYCLE_DATA_14 = 604,
+  AXIS_OBJ_CYCLE_DATA_15 = 605,
+  AXIS_OBJ_CYCLE_DATA_16 = 606,
+  AXIS_OBJ_CYCLE_CURVE_STEP_TRAVEL = 607,
+  AXIS_OBJ_CYCLE_CURVE_STEP_FORCE = 608,
+  AXIS_OBJ_CYCLE_CURVE_STEP_TIME = 609,
+  AXIS_OBJ_CYCLE_CURVE_POINTS = 610,
+  AXIS_OBJ_CYCLE_CURVE_THINNED = 611,
+  AXIS_OBJ_CYCLE_CURVE_FIRST = 612,
+  AXIS_OBJ_CYCLE_RESULTS_WAITING = 613,
+  AXIS_OBJ_CYCLE_RESULT_NUMBER = 614,
+  AXIS_OBJ_CYCLE_ACKNOWLEDGE = 615,
+  AXIS_OBJ_CYCLE_BITS = 616,
+  AXIS_OBJ_CYCLE_NUMBER = 617,
+  AXIS_OBJ_CYCLE_POWER_UP = 618,
+  AXIS_OBJ_CYCLE_PARTS_GOOD = 619,
+  AXIS_OBJ_CYCLE_PARTS_BAD = 620,
+  AXIS_OBJ_CYCLE_PARTS_ABORTED = 621,
+  AXIS_OBJ_CYCLE_SERIAL_1 = 622,
+  AXIS_OBJ_CYCLE_SERIAL_2 = 623,
+  AXIS_OBJ_CYCLE_SERIAL_3 = 624,
+  AXIS_OBJ_CYCLE_SERIAL_4 = 625,
+  AXIS_OBJ_CYCLE_RESULT_PART = 626,
+  AXIS_OBJ_CYCLE_RESULT_POWER_UP = 627,
+  AXIS_OBJ_CYCLE_RESULT_PROGRAM_CRC = 628,
+  AXIS_OBJ_CYCLE_RESULT_BANK_CRC = 629,
+  AXIS_OBJ_CYCLE_RESULT_STATE = 630,
+  AXIS_OBJ_CYCLE_RESULT_OUTCOME = 631,
+  AXIS_OBJ_CYCLE_RESULT_PHASE = 632,
+  AXIS_OBJ_CYCLE_RESULT_INVALID = 633,
+  AXIS_OBJ_CYCLE_RESULT_BEGIN = 634,
+  AXIS_OBJ_CYCLE_RESULT_DURATION = 635,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_1 = 636,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_2 = 637,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_3 = 638,
+  AXIS_OBJ_CYCLE_RESULT_SERIAL_4 = 639,
+  AXIS_OBJ_CYCLE_LOST_FIRST = 640,
+  AXIS_OBJ_CYCLE_LOST_LAST = 641,
+  AXIS_OBJ_CYCLE_STORE_STATE = 642,
+  AXIS_OBJ_CYCLE_LOCK_ON_BAD = 643,
+  AXIS_OBJ_CYCLE_BAD_IN_ROW_MAX = 644,
+  AXIS_OBJ_CYCLE_PROGRAM_LOCK = 645,
+  AXIS_OBJ_CYCLE_UNLOCK = 646,
+  AXIS_OBJ_CYCLE_BAD_IN_ROW = 647,
+  AXIS_OBJ_PROGRAM_CONTROL = 648,
+  AXIS_OBJ_PROGRAM_CRC_1 = 649,
+  AXIS_OBJ_PROGRAM_CRC_2 = 650,
+  AXIS_OBJ_PROGRAM_FLASH_STATUS = 651,
+  AXIS_OBJ_PROGRAM_REFUSAL = 652,
+  AXIS_OBJ_PROGRAM_STATE = 653,
+  AXIS_OBJ_PROGRAM_SLOT = 654,
+  AXIS_OBJ_COUNT = 655 /* one past the last number */
 };
 
 enum {
@@ -1144,7 +1146,8 @@ enum {
   AXIS_CYCLE_STATE_RESULTS_FULL = 9,
   AXIS_CYCLE_STATE_LOCKED = 10,
   AXIS_CYCLE_STATE_NOT_STORED = 11,
-  AXIS_CYCLE_STATE_COUNT = 12
+  AXIS_CYCLE_STATE_BEYOND_SENSOR = 12,
+  AXIS_CYCLE_STATE_COUNT = 13
 };
 
 enum {
@@ -1157,7 +1160,8 @@ enum {
   AXIS_CYCLE_OUTCOME_TARE_CONTACT = 6,
   AXIS_CYCLE_OUTCOME_TARE_MOVING = 7,
   AXIS_CYCLE_OUTCOME_TARE_BAND = 8,
-  AXIS_CYCLE_OUTCOME_COUNT = 9
+  AXIS_CYCLE_OUTCOME_SAMPLES_INVALID = 9,
+  AXIS_CYCLE_OUTCOME_COUNT = 10
 };
 
 enum {
@@ -1481,6 +1485,7 @@ typedef struct {
   uint8_t first_motion_test; /* on makes the first enabling after power-up begin with the first motion test, which checks sensors, amplifier and signs by a small motion. If the store has no parameter set, the value after power-up is on [enum] */
   uint8_t tare_averaging; /* exponent n of the tare measurement: the tare is the mean over 2^n ticks [1] */
   uint8_t calibration_points; /* number of calibration points, from the first element of calibration_reading and calibration_force on [1] */
+  uint8_t cycle_age_max; /* largest age of force and position with which a cycle judges a part: a bus cycle, by default 2 ms, or the period of a slower sensor [tick] */
 } drive_params_t;
 
 typedef struct {
@@ -1522,9 +1527,9 @@ typedef struct {
   uint8_t tare_state; /* state of the last tare measurement, or the reason why the measurement was refused [enum] */
   uint8_t calibration_state; /* result of the last calibration, or the reason why the calibration was refused [enum] */
   uint8_t calibration_expired; /* 1 if the calibration is no longer valid: date is later than calibration_date plus calibration_validity [1] */
-  uint8_t cycle_state; /* state of the cycle of mode -9: running; evaluating the last samples; the part is good or bad; aborted by a stop, a fault or the loss of the owner; or why no cycle started: no program, another bank than the one the program was made for, no reference position for an absolute position, too many results that wait for their acknowledgement, a lock after bad parts, the number of power-ups is not stored yet [enum] */
+  uint8_t cycle_state; /* state of the cycle of mode -9: running; evaluating the last samples; the part is good or bad; aborted by a stop, a fault or the loss of the owner; or why no cycle started: no program, another bank than the one the program was made for, no reference position for an absolute position, too many results that wait for their acknowledgement, a lock after bad parts, the number of power-ups is not stored yet, a force of the program at or beyond the end of what the force sensor can show [enum] */
   uint8_t cycle_phase; /* number of the phase of the cycle that runs, or of the last phase, from 0 [1] */
-  uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late; a tare failed, because the axis was in contact or did not stand still, or because the offset is beyond tare_band [enum] */
+  uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late; a tare failed, because the axis was in contact or did not stand still, or because the offset is beyond tare_band; a sample of a judged phase is not valid, because the force was at an end of its range or because force or position was older than cycle_age_max [enum] */
   uint8_t cycle_outputs; /* digital outputs that the program of the cycle has switched on: bits 0 to 3 are outputs 1 to 4 [1] */
   uint8_t cycle_ended_by; /* number, from 1, of the condition that ended the last phase that has ended; 0: a limit or a stop ended the phase, or no phase has ended yet [1] */
 } drive_signals_t;
@@ -1640,6 +1645,7 @@ typedef struct {
   uint32_t cycle_result_power_up; /* cycle_power_up of the part that is shown [1] */
   uint32_t cycle_result_program_crc; /* CRC-32 of the program of the part that is shown [1] */
   uint32_t cycle_result_bank_crc; /* CRC-32 of the law of the part that is shown, 0 without a bank [1] */
+  uint32_t cycle_result_invalid; /* number of ticks in judged phases of the part that is shown whose sample is not valid; 0 for a good part [tick] */
   uint32_t cycle_result_begin; /* tick_count at which the cycle of the part that is shown started [tick] */
   uint32_t cycle_result_duration; /* duration of the cycle of the part that is shown [tick] */
   uint32_t cycle_result_serial[4]; /* serial number of the part that is shown, 4 bytes, the lowest byte first [1] */
@@ -1686,8 +1692,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x1a8c7493)
-#define AXIS_OBJECTS_HASH_TEXT "1a8c7493"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x7a60037a)
+#define AXIS_OBJECTS_HASH_TEXT "7a60037a"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1767,10 +1773,10 @@ typedef struct {
 extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
-  AXIS_STORED_COUNT = 386,
-  AXIS_ADDRESSES_COUNT = 726,
-  AXIS_HOLDING_COUNT = 217,
-  AXIS_INPUT_COUNT = 143
+  AXIS_STORED_COUNT = 387,
+  AXIS_ADDRESSES_COUNT = 728,
+  AXIS_HOLDING_COUNT = 218,
+  AXIS_INPUT_COUNT = 144
 };
 
 /* By index, then sub-index. */

@@ -67,7 +67,7 @@ std::vector<cycle_sample_t> samples_of(const Samples &rows) {
         force > CYCLE_FORCE_MAX_Q8 || phase < 0 || phase > 15)
       throw std::invalid_argument("samples: row " + std::to_string(i) + ": out of range");
     samples.push_back({static_cast<std::uint32_t>(at(i, 0)), static_cast<std::int32_t>(travel),
-                       static_cast<std::int32_t>(force), static_cast<std::uint8_t>(phase), 1});
+                       static_cast<std::int32_t>(force), static_cast<std::uint8_t>(phase), 1, 1});
   }
   return samples;
 }

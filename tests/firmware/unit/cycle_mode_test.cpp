@@ -162,13 +162,21 @@ class CyclePress : public CycleMode {
     Control(kNew);
     ASSERT_EQ(Cycle(), AXIS_CYCLE_STATE_RUNNING);
   }
+  // Ticks until the axis has this fault, at most `most`; 0: it has none.
+  int TicksTo(int fault, int most) {
+    for (int i = 1; i <= most; ++i) {
+      Tick();
+      if (fw_.axis.signals.fault == fault) return i;
+    }
+    return 0;
+  }
   double DemandedForce() const { return fw_.drive.force_demand_q16 / 65536.0; }  // per mille
 };
 
 cycle_phase_t wide_phase(std::uint8_t action, std::uint8_t next) {
   cycle_phase_t phase = wait_phase(next);
   phase.action = action;
-  phase.force_max_q8 = CYCLE_FORCE_MAX_Q8;
+  phase.force_max_q8 = kForceMost;
   phase.travel_max = CYCLE_TRAVEL_MAX;
   phase.time_max = 30000;
   return phase;
@@ -333,6 +341,211 @@ TEST_F(CyclePress, ATareIsBoundedByTareBandAndLeavesForceTare) {
     Control(0);
     Tick(2);
   }
+}
+
+// The protections of 2230h act in phases that move and that wait as in those that press. The axis
+// begins in contact; each defect is one that no other bound of the cycle or of the axis ends.
+TEST_F(CyclePress, TheSensorIsSupervisedInEveryPhase) {
+  enum Defect { kRailed, kJump, kStuck, kDisconnected };
+  const struct {
+    Defect defect;
+    int fault, most;
+  } defects[] = {{kRailed, AXIS_FAULT_FORCE_RAILED, 15 + 2},
+                 {kJump, AXIS_FAULT_FORCE_JUMP, 1},
+                 {kStuck, AXIS_FAULT_FORCE_STUCK, 60},
+                 {kDisconnected, AXIS_FAULT_FORCE_DISCONNECTED, 40}};
+  for (const std::uint8_t action : {CYCLE_MOVE, CYCLE_MOVE_BY, CYCLE_MOVE_TO_DEPTH, CYCLE_WAIT})
+    for (const auto &c : defects) {
+      if (action == CYCLE_WAIT && (c.defect == kStuck || c.defect == kDisconnected))
+        continue;  // it needs a motion, or a code
+      PowerUp();
+      wall_ = 100, stiffness_ = 0.5, offset_ = 0.0, stuck_ = false;
+      Set(AXIS_OBJ_CONTACT_FORCE, 2 * 256);
+      Set(AXIS_OBJ_FORCE_ZERO_CODE, 10);
+      offset_ = 10;
+      place_ = 120;
+      cycle_phase_t phase = wide_phase(action, CYCLE_END);
+      if (action != CYCLE_WAIT) phase.target = action == CYCLE_MOVE ? 300 : 180, phase.speed = 300;
+      phase.conditions[0] = {CYCLE_TIME, CYCLE_END, 0, 20000};
+      ASSERT_TRUE(Select(completed({}, {phase}, [](cycle_element_t &e) { e.y_most = INT32_MAX; })));
+      Enable(kCycle);
+      fw_.drive.homed = 1;  // CYCLE_MOVE counts from the reference
+      Control(kNew);
+      ASSERT_EQ(Cycle(), AXIS_CYCLE_STATE_RUNNING) << int{action};
+      Tick(20);
+      ASSERT_TRUE(Runs());
+      if (c.defect == kRailed) Set(AXIS_OBJ_FORCE_RAILED_TIME, 10);
+      if (c.defect == kJump) Set(AXIS_OBJ_FORCE_JUMP_MAX, 10 * 256);
+      if (c.defect == kStuck) {
+        Set(AXIS_OBJ_FORCE_STUCK_TRAVEL, 5);
+        Set(AXIS_OBJ_FORCE_STUCK_TIME, 1000);
+      }
+      if (c.defect == kDisconnected) {
+        Set(AXIS_OBJ_FORCE_DISCONNECTED_CODE, 1);
+        Set(AXIS_OBJ_FORCE_DISCONNECTED_TIME, 10);
+        Set(AXIS_OBJ_FORCE_DISCONNECTED_TRAVEL, 2);
+      }
+      Tick(4);
+      ASSERT_TRUE(Runs()) << "healthy";
+      stiffness_ = 0;
+      offset_ = c.defect == kRailed ? 0 : c.defect == kJump ? 60 : c.defect == kStuck ? 50 : 10;
+      if (c.defect == kStuck) {
+        Tick(1);
+        ASSERT_TRUE(Runs());
+      }
+      if (c.defect == kDisconnected) stuck_ = true;
+      // A code at the end of the range exceeds force_max of the phase in the same tick.
+      if (c.defect == kRailed) {
+        Tick(1);
+        EXPECT_FALSE(Runs()) << int{action};
+        continue;
+      }
+      EXPECT_NE(TicksTo(c.fault, c.most), 0) << int{action} << " " << int{c.defect};
+      Tick(2);
+      EXPECT_EQ(Cycle(), AXIS_CYCLE_STATE_ABORTED);
+    }
+}
+
+// Turns of a press and of a phase without force control count like one press: 500 counts from the
+// first contact, of a workpiece that yields.
+TEST_F(CyclePress, TravelInContactCountsFromTheFirstContactOfTheCycle) {
+  for (const std::uint8_t other : {CYCLE_WAIT, CYCLE_PRESS, CYCLE_MOVE_BY}) {
+    PowerUp();
+    wall_ = 100;
+    Set(AXIS_OBJ_RATED_FORCE, 100000);
+    Set(AXIS_OBJ_FORCE_SCALE, 1000000);
+    Set(AXIS_OBJ_CONTACT_FORCE, 2 * 256);
+    Set(AXIS_OBJ_APPROACH_VELOCITY_MAX, 3000);
+    Set(AXIS_OBJ_CONTACT_TRAVEL_MAX, 500);
+    cycle_phase_t press = press_phase(300, 4000, 1);
+    press.conditions[0] = {CYCLE_TIME, 1, 0, 200};
+    cycle_phase_t turn = other == CYCLE_PRESS ? press_phase(350, 4000, 0) : wide_phase(other, 0);
+    if (other == CYCLE_MOVE_BY) turn.target = 30, turn.speed = 3000;
+    turn.conditions[0] = {CYCLE_TIME, 0, 0, other == CYCLE_WAIT ? 1 : 40};
+    Start(completed({}, {press, turn}, [](cycle_element_t &e) { e.y_most = INT32_MAX; }));
+    int ticks = 0;
+    for (; ticks < 20000 && Runs(); ++ticks) {
+      Tick();
+      if (fw_.drive.signals.contact != 0) wall_ += 0.3;  // slower than the axis follows
+    }
+    Tick();  // in which the fault acts
+    EXPECT_EQ(fw_.axis.signals.fault, AXIS_FAULT_CONTACT_TRAVEL) << int{other};
+    EXPECT_NEAR(place_ - 100, 500, 60) << int{other};
+    EXPECT_EQ(Cycle(), AXIS_CYCLE_STATE_ABORTED);
+  }
+}
+
+// A program may come back to its start and press again: the guard counts onward travel in contact,
+// and a free motion counts for nothing.
+TEST_F(CyclePress, FreeMotionIsNoTravelInContact) {
+  Set(AXIS_OBJ_CONTACT_TRAVEL_MAX, 100);
+  cycle_phase_t press = press_phase(300, 4000, 1);
+  press.conditions[0] = {CYCLE_TIME, 1, 0, 400};
+  cycle_phase_t on = wide_phase(CYCLE_MOVE_BY, CYCLE_END);
+  on.target = 400, on.speed = 3000;
+  on.conditions[0] = {CYCLE_REACHED, CYCLE_END, 0, 0};
+  Start(completed({}, {press, on}, [](cycle_element_t &e) { e.y_most = INT32_MAX; }));
+  for (int i = 0; i < 5000 && fw_.drive.cycle.phase == 0; ++i) Tick();
+  wall_ = 1e12;  // the part is through
+  for (int i = 0; i < 5000 && Runs(); ++i) Tick();
+  Tick();
+  EXPECT_EQ(fw_.axis.signals.fault, AXIS_FAULT_NONE);
+  EXPECT_EQ(Cycle(), AXIS_CYCLE_STATE_GOOD);
+}
+
+// The bounds of an approach hold for the sum of the phases that press without contact, however
+// short they are and whatever is between them.
+TEST_F(CyclePress, TheBoundsOfAnApproachHoldInTurnsOfPressAndOutput) {
+  for (const bool by_time : {true, false})
+    for (const int ticks : {1, 2, 3, 50}) {
+      PowerUp();
+      wall_ = 1e12;
+      Set(AXIS_OBJ_RATED_FORCE, 100000);
+      Set(AXIS_OBJ_FORCE_SCALE, 1000000);
+      Set(AXIS_OBJ_CONTACT_FORCE, 2 * 256);
+      Set(AXIS_OBJ_APPROACH_VELOCITY_MAX, 3000);
+      Set(by_time ? AXIS_OBJ_APPROACH_TIMEOUT : AXIS_OBJ_APPROACH_TRAVEL_MAX, by_time ? 400 : 300);
+      cycle_phase_t press = press_phase(300, 4000, 1), output = wide_phase(CYCLE_OUTPUT, 0);
+      press.conditions[0] = {CYCLE_TIME, 1, 0, ticks};
+      output.outputs_on = 1;
+      output.conditions[0] = {CYCLE_REACHED, 0, 0, 0};
+      Start(completed({}, {press, output}, [](cycle_element_t &e) { e.y_most = INT32_MAX; }));
+      int pressed = 0;
+      double travel = 0;
+      for (int i = 0; i < 30000 && Runs(); ++i) {
+        const bool presses = fw_.drive.cycle.phase == 0;
+        const double before = place_;
+        Tick();
+        pressed += presses ? 1 : 0;
+        travel += presses ? std::abs(place_ - before) : 0;
+      }
+      Tick();  // in which the fault acts
+      EXPECT_EQ(fw_.axis.signals.fault, AXIS_FAULT_NO_CONTACT) << ticks;
+      if (by_time) {
+        EXPECT_NEAR(pressed, 600, 12) << ticks;
+      } else {
+        EXPECT_LE(travel, 340) << ticks;
+      }
+      EXPECT_EQ(Cycle(), AXIS_CYCLE_STATE_ABORTED);
+    }
+}
+
+// A tare after the selection moves the end of the reading, 255 counts, below the force_max.
+TEST_F(CyclePress, AForceAtTheEndOfTheSensorIsRefusedAtTheStart) {
+  const struct {
+    int zero, sign, tare, force_max, above;
+    bool starts;
+  } cases[] = {
+      {0, 1, 0, 255 * 256 - 1, 0, true},    {0, 1, 0, 255 * 256, 0, false},
+      {0, 1, 256, 254 * 256 - 1, 0, true},  {0, 1, 256, 254 * 256, 0, false},
+      {0, 1, 0, 1000, 255 * 256 - 1, true}, {0, 1, 0, 1000, 255 * 256, false},
+      {128, 1, 0, 127 * 256 - 1, 0, true},  {128, 1, 0, 127 * 256, 0, false},
+      {0, -1, 0, 255 * 256, 0, false},      {0, -1, 0, 255 * 256 - 1, 0, true},
+      {128, -1, 0, 128 * 256 - 1, 0, true}, {128, -1, 0, 128 * 256, 0, false},
+      {192, 1, 0, 63 * 256, 0, false},      {192, 1, 0, 63 * 256 - 1, 0, true},
+      {10, 1, 0, 245 * 256 - 1, 0, true},   {10, 1, 0, 245 * 256, 0, false},
+  };
+  for (const auto &c : cases) {
+    PowerUp();
+    cycle_phase_t phase = wait_phase(CYCLE_END);
+    phase.force_max_q8 = static_cast<std::uint32_t>(c.force_max);
+    if (c.above != 0) phase.conditions[1] = {CYCLE_FORCE_ABOVE, CYCLE_END, 0, c.above};
+    ASSERT_TRUE(Select(record_of({phase})));
+    Set(AXIS_OBJ_FORCE_ZERO_CODE, c.zero);
+    Set(AXIS_OBJ_FORCE_SIGN, c.sign);
+    Set(AXIS_OBJ_FORCE_TARE, c.tare);
+    offset_ = c.zero;
+    Enable(kCycle);
+    Control(kNew);
+    Tick();
+    EXPECT_EQ(Cycle(), c.starts ? AXIS_CYCLE_STATE_RUNNING : AXIS_CYCLE_STATE_BEYOND_SENSOR)
+        << c.zero << " " << c.sign << " " << c.tare << " " << c.force_max << " " << c.above;
+    EXPECT_EQ((Read(AXIS_OBJ_CYCLE_BITS) & 1), 0) << "not ready";
+    Control(0);
+  }
+}
+
+// The part of the press is aged: force or position are as old as a bus cycle, or older.
+TEST_F(CyclePress, SamplesOlderThanABusCycleMakeThePartBad) {
+  for (const bool of_force : {true, false})
+    for (const int age : {3, 4, 14}) {
+      PowerUp();
+      const int most = Read(AXIS_OBJ_CYCLE_AGE_MAX);
+      ASSERT_EQ(most, 3) << "2 ms";
+      ASSERT_TRUE(Select(record_of({wait_phase(CYCLE_END)})));
+      Enable(kCycle);
+      Control(kNew);
+      for (int i = 0; i < 14; ++i) {
+        (of_force ? inputs_.force_age : inputs_.position_age) =
+            static_cast<std::uint8_t>(i == 5 || i == 6 ? age : 0);
+        Tick();
+      }
+      EXPECT_EQ(Cycle(), age <= most ? AXIS_CYCLE_STATE_GOOD : AXIS_CYCLE_STATE_BAD) << age;
+      EXPECT_EQ(Read(AXIS_OBJ_CYCLE_OUTCOME), age <= most ? CYCLE_BY_PROGRAM
+                                                          : CYCLE_SAMPLES_INVALID);
+      EXPECT_EQ(Read(AXIS_OBJ_CYCLE_RESULT_INVALID), age <= most ? 0 : 2);
+      Control(0);
+    }
 }
 
 TEST_F(CycleMode, OutputsReachTheAxisAndAreOffAfterEachStop) {

@@ -11,6 +11,9 @@
 #include "firmware/port/host/firmware.hpp"
 #include "tests/support/frames.hpp"
 
+// A force_max below the end of an 8-bit sensor whose zero or tare is up to 15 counts, in 1/256 count.
+inline constexpr std::uint32_t kForceMost = 240 * 256;
+
 // A phase that waits for ten ticks.
 inline cycle_phase_t wait_phase(std::uint8_t next) {
   cycle_phase_t phase{};
@@ -90,7 +93,7 @@ inline cycle_phase_t random_phase(std::mt19937 &random, std::uint8_t phases, int
     return low + static_cast<int>(random() % static_cast<unsigned>(high - low + 1));
   };
   cycle_phase_t phase = wait_phase(CYCLE_END);
-  phase.force_max_q8 = static_cast<std::uint32_t>(pick(0, 3) == 0 ? 8000 : CYCLE_FORCE_MAX_Q8);
+  phase.force_max_q8 = static_cast<std::uint32_t>(pick(0, 3) == 0 ? 8000 : kForceMost);
   phase.travel_max = static_cast<std::uint32_t>(pick(0, 3) == 0 ? 60 : 100000);
   phase.time_max = static_cast<std::uint32_t>(pick(0, 3) == 0 ? 60 : 1500);
   phase.reaction = static_cast<std::uint8_t>(pick(0, 1) == 0 ? pick(0, phases - 1) : CYCLE_END);

@@ -495,6 +495,91 @@ TEST_F(Cycle, SamplesWaitForSixteenTicksAndMoreAreAnEnd) {
   EXPECT_EQ(cycle_result(&cycle_, 0).value, CYCLE_SAMPLES - 1);
 }
 
+// One phase that waits for ten ticks, with a condition of force that is never met if it is asked
+// for, and one tick with this defect.
+struct Invalid {
+  std::uint8_t defects;
+  bool has_element, has_condition;
+  int outcome;
+  std::uint32_t ticks;
+};
+class CycleInvalid : public Cycle {
+ protected:
+  void run(const Invalid &c, int at, int zero) {
+    cycle_phase_t phase = wait_phase(CYCLE_END);
+    if (c.has_condition) phase.conditions[1] = {CYCLE_FORCE_ABOVE, CYCLE_END, 0, 990};
+    cycle_header_t header{};
+    header.zero = static_cast<std::uint8_t>(zero);
+    // The element is of the second phase, which is not reached, unless it is asked for.
+    begin(completed(header, {phase, wait_phase(CYCLE_END)}, [&](cycle_element_t &e) {
+      e.phases = c.has_element ? 1 : 2;
+    }));
+    for (int i = 0; i < 12 && cycle_is_running(&cycle_); ++i) {
+      now_.defects = i == at ? c.defects : 0;
+      tick();
+    }
+  }
+};
+
+TEST_F(CycleInvalid, InAJudgedPhaseItMakesThePartBadByAName) {
+  const Invalid cases[] = {
+      {CYCLE_SAMPLE_VALID, true, false, CYCLE_BY_PROGRAM, 0},
+      {CYCLE_SAMPLE_OLD, true, false, CYCLE_SAMPLES_INVALID, 1},
+      {CYCLE_SAMPLE_OLD, false, true, CYCLE_SAMPLES_INVALID, 1},
+      {CYCLE_SAMPLE_OLD, false, false, CYCLE_BY_PROGRAM, 0},
+      {CYCLE_SAMPLE_AT_END, true, false, CYCLE_SAMPLES_INVALID, 1},
+      {CYCLE_SAMPLE_AT_END, false, false, CYCLE_OVER_FORCE, 0},
+      {CYCLE_SAMPLE_AT_END | CYCLE_SAMPLE_OLD, false, true, CYCLE_SAMPLES_INVALID, 1},
+  };
+  for (const Invalid &c : cases)
+    for (const int at : {0, 4, 9}) {
+      run(c, at, CYCLE_ZERO_POSITION);
+      EXPECT_EQ(cycle_.outcome, c.outcome) << int{c.defects} << " " << c.has_element;
+      EXPECT_EQ(cycle_.invalid_ticks, c.ticks) << at;
+      EXPECT_EQ(cycle_.good, c.has_element && c.outcome == CYCLE_BY_PROGRAM ? 1 : 0);
+      EXPECT_EQ(cycle_.failed_phase, 0);
+      EXPECT_EQ(cycle_.phase_ticks, (c.defects & CYCLE_SAMPLE_AT_END) != 0
+                                        ? static_cast<std::uint32_t>(at + 1)
+                                        : 10u);
+    }
+}
+
+TEST_F(CycleInvalid, WhileTravelZeroIsNotFoundEveryPhaseIsJudged) {
+  run({CYCLE_SAMPLE_OLD, false, false, 0, 0}, 4, CYCLE_ZERO_TOUCH);
+  EXPECT_EQ(cycle_.outcome, CYCLE_SAMPLES_INVALID);
+}
+
+TEST_F(CycleInvalid, MeetsNoConditionFindsNoZeroAndIsInNoElement) {
+  cycle_phase_t phase = wait_phase(CYCLE_END);
+  phase.conditions[0] = {CYCLE_FORCE_ABOVE, CYCLE_END, 0, 500};
+  phase.conditions[1] = {CYCLE_INPUT_ON, CYCLE_END, 0, 16};
+  begin(record_with_zero({phase}, CYCLE_ZERO_FORCE, 400));
+  now_.force_q8 = 100;
+  EXPECT_EQ(tick(), 0);
+  now_.force_q8 = 800;
+  now_.defects = CYCLE_SAMPLE_OLD;
+  EXPECT_EQ(tick(), 0);
+  EXPECT_EQ(cycle_.zeroed, 0);
+  EXPECT_EQ(cycle_result(&cycle_, 0).value, 100) << "the peak of the valid samples";
+  now_.inputs = 16;
+  EXPECT_EQ(tick(), CYCLE_END) << "an input needs no sample of the sensors";
+  EXPECT_EQ(cycle_.outcome, CYCLE_SAMPLES_INVALID);
+}
+
+TEST_F(CycleInvalid, BeginsATareAnewLikeAMotion) {
+  start({tare_phase(10, CYCLE_END)});
+  cycle_.tare_least = -4000;
+  cycle_.tare_most = 4000;
+  for (int i = 0; i < 15; ++i) {
+    now_.defects = i == 5 ? CYCLE_SAMPLE_OLD : 0;
+    now_.force_q8 = i <= 5 ? 900 : 20;
+    ASSERT_EQ(tick(), 0) << i;
+  }
+  EXPECT_EQ(tick(), CYCLE_END);
+  EXPECT_EQ(cycle_.offset_q8, 20);
+  EXPECT_EQ(cycle_.outcome, CYCLE_SAMPLES_INVALID) << "a tare is judged";
+}
+
 // y of a table of two to three points at x, by hand in the comments.
 TEST_F(Cycle, FollowDemandsTheForceOfItsTableOverTime) {
   cycle_phase_t phase = follow_phase(0, 3, 0, 1);

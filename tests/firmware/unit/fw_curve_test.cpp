@@ -51,7 +51,7 @@ class CurveOfACycle : public Fw {
     cycle_header_t header{};
     header.compliance = static_cast<uint8_t>(compliance.size());
     cycle_phase_t phase = wait_phase(1);
-    phase.force_max_q8 = CYCLE_FORCE_MAX_Q8;
+    phase.force_max_q8 = kForceMost;
     phase.travel_max = CYCLE_TRAVEL_MAX;
     phase.time_max = 1000000;
     phase.conditions[0] = {CYCLE_TIME, 1, 0, 40};
