@@ -291,12 +291,19 @@ const char *drive402_phase_text(uint8_t phase) { return phase_texts[phase]; }
 const char *drive402_state_text(uint8_t state) { return state_texts[state]; }
 const char *drive402_reason_text(uint8_t reason) { return reason_texts[reason]; }
 
+/* Abort code of CiA 301 for a value that is not permitted, such as a COB-ID with bit 30. */
+#define REFUSED_VALUE UINT32_C(0x06090030)
+
 #define KEY_(name, key, what) [DRIVE402_BIT_##name] = key,
 static const char *const keys[DRIVE402_BIT_COUNT] = {DRIVE402_OBJECTS(KEY_)};
 
 const char *drive402_key(const drive402_feedback_t *feedback) {
   if (feedback->failed_index == 0x1A00 && feedback->failed_sub == 3) {
     return keys[DRIVE402_BIT_TORQUE];
+  }
+  if (feedback->failed_index == 0x1800 && feedback->failed_sub == 1 &&
+      feedback->abort_code == REFUSED_VALUE) {
+    return keys[DRIVE402_BIT_REQUEST_BIT];
   }
   const uint8_t bit = drive402_object_bit(feedback->failed_index, feedback->failed_sub);
   return (bit < DRIVE402_DIFFERS_COUNT) ? keys[bit] : NULL;

@@ -103,15 +103,16 @@ uint8_t drive402_object_bit(uint16_t index, uint8_t sub) {
 
 static bool is_set(uint16_t bits, uint8_t bit) { return (bits >> bit & 1u) != 0; }
 
-/* Adds an entry, unless it is left out. A mapping that nobody can change is compared only. Whether
- * 1006h takes 0 matters to 1019h alone. */
+/* Adds an entry, unless it is left out. A mapping that nobody can change is compared only. A drive
+ * may refuse the 0 that switches its mapping off, or the one in 1006h that 1019h needs. */
 static void add(drive402_t *master, uint16_t index, uint8_t sub, uint8_t bytes, uint32_t value) {
   const drive402_config_t *config = master->config;
   const uint8_t bit = drive402_object_bit(index, sub);
   const bool is_mapping = bit == DRIVE402_BIT_RPDO_MAPPING || bit == DRIVE402_BIT_TPDO_MAPPING;
   const bool has_bit = bit < DRIVE402_DIFFERS_COUNT;
   const bool is_lacking = has_bit && is_set(config->without, bit);
-  const bool differs = (has_bit && is_set(config->differs, bit)) || (index == 0x1006 && value == 0);
+  const bool differs = (has_bit && is_set(config->differs, bit)) ||
+                       (value == 0 && (index == 0x1006 || index == 0x1600 || index == 0x1A00));
   if (is_lacking && (!is_mapping || differs)) {
     return;
   }

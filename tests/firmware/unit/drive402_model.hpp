@@ -152,7 +152,7 @@ class DriveModel {
     };
     if (!fixed) add(0x1000 + base, 1, 4, 0x80000000 | cob_id);
     Add(bit + 1, {0x1000 + base, 2, 1, type});
-    if (!fixed) add(0x1200 + base, 0, 1, 0);
+    if (!fixed) list_.push_back({{0x1200 + base, 0, 1, 0}, true, false});
     for (size_t i = 0; i < mapped.size(); ++i) {
       add(0x1200 + base, static_cast<int>(i + 1), 4, mapped[i]);
     }
