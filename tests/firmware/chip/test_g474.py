@@ -649,6 +649,33 @@ def test_the_second_controller_is_the_bus_of_a_drive(chip):
     assert other.board.mistakes == []
 
 
+def test_frames_that_the_drive_does_not_acknowledge_are_given_up_and_the_bus_comes_back(chip):
+    """The tick gives them up by an initialisation, while an interrupt of a higher priority fills
+    the buffers."""
+    for name, value in (("drive_node_id", 9), ("drive_bit_rate", 500)):
+        assert chip.write(name, value) == 0
+    assert chip.write("store_all", SAVE) == 0
+    while STATES[chip.read("store_state")] == "saving":
+        chip.tick()
+    other = restarted(chip)
+    can = other.board.can2
+    can.partner = False
+    for _ in range(400):
+        other.tick()
+        can.transmit()
+        other.interrupts()
+    assert can.aborted >= 3 and can.sent == []
+    can.partner = True
+    can.errors()
+    for _ in range(3000):
+        other.tick()
+        can.transmit()
+        other.interrupts()
+        if can.sent:
+            break
+    assert can.sent and other.board.mistakes == []
+
+
 # The serial line.
 
 
