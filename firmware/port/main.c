@@ -73,7 +73,7 @@ static void poll_port(void) {
   port_unlock();
 }
 
-/* Passes each received frame separately to the firmware. The longest frame takes 20 us, which is
+/* Passes each received frame separately to the firmware. The longest frame takes 62 us, which is
  * the largest delay of a tick while the axis is enabled. Only a disabled axis takes the end of a
  * program's download (programs.h). */
 static void can_in(void) {

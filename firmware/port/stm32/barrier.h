@@ -5,4 +5,9 @@
  * the barrier. It protects data that an interrupt and the interrupted program share. */
 #define BARRIER() __asm volatile("" ::: "memory")
 
+/* Last statement of the handler of an interrupt: a store that is not complete at the return can
+ * make the core enter the handler of another interrupt than of the pending one (Arm, Cortex-M4
+ * erratum 838869). */
+#define HANDLER_END() __asm volatile("dsb" ::: "memory")
+
 #endif

@@ -82,7 +82,7 @@ void adc_begin(void);
 bool adc_read(uint16_t codes[2]); /* codes of 12 bits */
 
 /* Starts one conversion of the internal reference, or of pin PA4 if of_reference is false. Call
- * this function between two ticks. */
+ * this function between two ticks, in each tick. */
 void adc_start_one(bool of_reference);
 /* Reads the result of adc_start_one(). Returns false if the conversion has not finished. Call this
  * function before adc_read(). */
@@ -108,8 +108,9 @@ void supply_init(void);
 void supply_interrupt(void);
 void supply_look(void);
 bool supply_is_low(void);
-/* returns true if the option bytes set the brown-out reset to the required level */
-bool supply_resets_in_time(void);
+/* returns true if the option bytes are those that `forceaxis flash` sets: brown-out reset, write
+ * protection, start */
+bool option_bytes_are_right(void);
 
 /* memory_check.c: image_is_whole() checks the CRC of the image, ram_is_right() checks each used
  * word of the RAM with patterns. */

@@ -47,16 +47,22 @@ void can_init(bool clock_is_right) {
   can_line_start(&bus, CAN_OF_AXIS, false, 1000);
 }
 
-/* Aborts frames that are too old. If no other node acknowledges the frames of an error passive
- * node, they stay in the controller and are aborted after STALE_TICKS. Meanwhile can_line_send()
- * accepts further frames, which are lost too. */
+void can_line_give_up(can_line_t *line) {
+  if (!can_controller_abort(line)) {
+    enter_initialisation(line);
+  }
+}
+
+/* Gives up frames that are too old. If no other node acknowledges the frames of an error passive
+ * node, they stay in the controller and are given up after STALE_TICKS. Until it is empty
+ * can_line_send() accepts further frames, which are lost too. */
 static void give_up_stale(can_line_t *line) {
   if (line->reported != CAN_BUS_PASSIVE || can_controller_is_empty(line)) {
     line->stalled_ticks = 0;
   } else if (line->stalled_ticks < STALE_TICKS) {
     line->stalled_ticks++;
   } else {
-    can_controller_abort(line);
+    can_line_give_up(line);
   }
 }
 
@@ -69,11 +75,12 @@ uint8_t can_line_bus(can_line_t *line) {
     case CAN_LINE_RUNNING: {
       const uint8_t now = can_controller_bus(line);
       line->reported = (now == CAN_BUS_ACTIVE) ? CAN_BUS_ACTIVE : CAN_BUS_PASSIVE;
-      give_up_stale(line);
       if (now == CAN_BUS_OFF) {
         line->reported = CAN_BUS_OFF;
-        can_controller_abort(line);
+        (void)can_controller_abort(line);
         enter_initialisation(line);
+      } else {
+        give_up_stale(line);
       }
       break;
     }
@@ -109,7 +116,7 @@ void can_line_rate(can_line_t *line, uint16_t kbit_s) {
     return;
   }
   line->kbit_s = kbit_s;
-  can_controller_abort(line);
+  (void)can_controller_abort(line);
   enter_initialisation(line);
 }
 
@@ -175,4 +182,7 @@ bool port_can_receive(can_frame_t *frame) { return can_line_receive(&bus, frame)
 
 bool port_can_transmit(const can_frame_t *frame) { return can_line_send(&bus, frame); }
 
-void can_interrupt(void) { can_line_take(&bus); }
+void can_interrupt(void) {
+  can_line_take(&bus);
+  HANDLER_END();
+}

@@ -43,6 +43,9 @@ uint8_t can_line_bus(can_line_t *line);
 /* Sets the bit rate; a new bit rate aborts waiting frames, and the node joins the bus again. */
 void can_line_rate(can_line_t *line, uint16_t kbit_s);
 
+/* Gives up all frames that wait in the controller. */
+void can_line_give_up(can_line_t *line);
+
 /* Returns the number of frames lost since the last call. */
 uint16_t can_line_lost(can_line_t *line);
 
@@ -74,10 +77,11 @@ bool can_controller_has_joined(const can_line_t *line);
 /* Returns the state of the bus by the error counters of the controller, CAN_BUS_. */
 uint8_t can_controller_bus(const can_line_t *line);
 
-/* Frames that wait to be sent: whether there is none, giving up all of them, and one more. Returns
- * false if there is no room. */
+/* Frames that wait to be sent. can_controller_is_empty() returns true if there is none.
+ * can_controller_abort() gives up all of them; it returns false if the controller does so only in
+ * an initialisation. can_controller_send() returns false if there is no room for one more. */
 bool can_controller_is_empty(const can_line_t *line);
-void can_controller_abort(can_line_t *line);
+bool can_controller_abort(can_line_t *line);
 bool can_controller_send(can_line_t *line, const can_frame_t *frame);
 
 /* Takes the oldest received frame from the controller, and writes it to *frame unless `frame` is

@@ -23,7 +23,7 @@ static bool has_begun; /* the master has begun */
 static can_frame_t waiting[WAITING];
 static volatile uint8_t waiting_in;  /* index in `waiting` that only the tick writes */
 static volatile uint8_t waiting_out; /* index in `waiting` that only the interrupt writes */
-static volatile bool is_stuck;       /* the interrupt has to give up all frames that wait */
+static volatile bool is_stuck;       /* the interrupt has to discard all frames of `waiting` */
 
 void drive_bus_start(const device_params_t *params) {
   is_fitted = bus_drive_config(params, &config);
@@ -58,10 +58,11 @@ void drive_bus_sample(axis_inputs_t *inputs) {
   signals->drive_abort_code = feedback.abort_code;
 }
 
-/* Only the interrupt writes mailboxes. It is requested for each new frame, and comes again when a
- * mailbox is empty. */
+/* Only the interrupt writes mailboxes, and only the tick changes the state of the line. The
+ * interrupt is requested for each new frame, and comes again when a mailbox is empty. */
 static void send(const can_frame_t *frame) {
   if ((uint8_t)(waiting_in - waiting_out) >= WAITING) {
+    can_line_give_up(&line);
     is_stuck = true;
     request_sent_interrupt();
     return;
@@ -86,19 +87,26 @@ void drive_bus_act(const axis_outputs_t *outputs) {
   }
 }
 
-void drive_bus_interrupt(void) { can_line_take(&line); }
+void drive_bus_interrupt(void) {
+  can_line_take(&line);
+  HANDLER_END();
+}
 
 /* Writes waiting frames into empty mailboxes. Frames that wait while the controller is off the bus,
  * or behind frames that nobody acknowledges, are too old when the bus works again. */
-void drive_bus_sent_interrupt(void) {
-  can_controller_note_sent(&line);
+static void fill_mailboxes(void) {
   if (is_stuck || line.state != CAN_LINE_RUNNING) {
     is_stuck = false;
-    can_controller_abort(&line);
     waiting_out = waiting_in;
     return;
   }
   while (waiting_out != waiting_in && can_line_send(&line, &waiting[waiting_out % WAITING])) {
     waiting_out++;
   }
+}
+
+void drive_bus_sent_interrupt(void) {
+  can_controller_note_sent(&line);
+  fill_mailboxes();
+  HANDLER_END();
 }

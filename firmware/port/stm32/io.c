@@ -20,7 +20,7 @@ void io_init(void) {
   clock_is_right = clock_start();
   pins_read_options();
   found = (uint16_t)((clock_is_external() ? 0 : FW_BOARD_CLOCK_INTERNAL) |
-                     (supply_resets_in_time() ? 0 : FW_BOARD_BROWN_OUT_LEVEL) |
+                     (option_bytes_are_right() ? 0 : FW_BOARD_BROWN_OUT_LEVEL) |
                      (image_is_whole() ? 0 : FW_BOARD_IMAGE) | (ram_is_right() ? 0 : FW_BOARD_RAM));
   encoder_init();
   adc_init();
@@ -36,6 +36,7 @@ void io_start(void) {
   if (!spi_force_start(params)) {
     found |= FW_BOARD_CONVERTER;
   }
+  adc_start_one(false); /* nobody reads it: the first conversion after a rest may be wrong */
 }
 
 bool io_clock_is_right(void) { return clock_is_right; }
@@ -78,6 +79,7 @@ bool port_sample(axis_inputs_t *inputs) {
 static uint16_t board_state(void) {
   supply_look();
   second_clock_tick();
+  port_firmware()->device_signals.flash_corrected = flash_corrected();
   const bool is_enable_wrong = !pins_enable_is_right();
   return (uint16_t)(found | (supply_is_low() ? FW_BOARD_SUPPLY : 0) | monitor_state() |
                     (is_enable_wrong ? FW_BOARD_ENABLE : 0) |

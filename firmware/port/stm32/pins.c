@@ -1,4 +1,5 @@
 #include "firmware/core/axis.h"
+#include "firmware/port/stm32/barrier.h"
 #include "firmware/port/stm32/board.h"
 
 /* Pin numbers of the outputs on port B. A pull-down resistor of the board keeps each output low
@@ -23,7 +24,11 @@ enum { EDGES_MAX = 4 };
 
 static bool is_dynamic;
 static volatile bool is_high; /* last level of the output amp_enable */
-static volatile bool index_seen;
+/* number of index pulses, modulo 256, which only the interrupt writes, and its value in the last
+ * tick */
+static volatile uint8_t pulses;
+static uint8_t pulses_seen;
+/* number of edges since the last tick */
 static volatile uint8_t edges;
 
 /* Pin numbers of the inputs on port C. Enable chain and limit switches are closed contacts to 3.3 V
@@ -84,25 +89,29 @@ static void index_init(void) {
 }
 
 /* Detects an index pulse. A true index pulse lasts as long as A and B are both high, so the index
- * input is still high here. A noise spike has already ended. */
+ * input is still high here. A noise spike has already ended. After EDGES_MAX edges the interrupt is
+ * disabled until the next tick, by a register in which writing 0 has no effect: the mask of the
+ * external interrupts belongs to several lines, and is written at power-up only. */
 void index_interrupt(void) {
   LINES_PENDING = LINE_OF_INDEX; /* writing 1 clears it */
   if ((GPIOA->IDR & TRACKS) == TRACKS && (GPIOC->IDR & BIT(INDEX)) != 0) {
-    index_seen = true;
+    pulses++;
   }
   edges++;
   if (edges >= EDGES_MAX) {
-    LINES_ENABLED &= ~LINE_OF_INDEX;
+    NVIC->ICER0 = BIT(IRQ_EXTI3);
   }
+  HANDLER_END();
 }
 
+/* Returns true if there was an index pulse since the last call. The interrupt may come between any
+ * two instructions: a pulse that is counted after the read is seen in the next tick. */
 static bool index_was_seen(void) {
-  const bool seen = index_seen;
-  index_seen = false;
-  if (edges >= EDGES_MAX) {
-    LINES_ENABLED |= LINE_OF_INDEX;
-  }
+  const uint8_t now = pulses;
+  const bool seen = now != pulses_seen;
+  pulses_seen = now;
   edges = 0;
+  NVIC->ISER0 = BIT(IRQ_EXTI3);
   return seen;
 }
 

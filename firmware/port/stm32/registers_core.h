@@ -36,11 +36,16 @@ typedef struct {
   reg_t ISER0;
   reg_t ISER1;
   reg_t ISER2;
-  reg_t unused_10C[61];
+  reg_t unused_10C[29];
+  reg_t ICER0;
+  reg_t ICER1;
+  reg_t unused_188[30];
   reg_t ISPR0;
   reg_t ISPR1;
   reg_t ISPR2;
-  reg_t unused_20C[125];
+  reg_t unused_20C[30];
+  reg_t ICPR1;
+  reg_t unused_288[94];
   reg_t IPR0;
   reg_t unused_404;
   reg_t IPR2;

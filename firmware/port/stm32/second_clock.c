@@ -41,19 +41,19 @@ static bool becomes(const reg_t *reg, uint32_t mask, uint32_t wanted) {
 /* Starts the real-time clock, which counts the slow oscillator downwards from 32767 and is read
  * without synchronisation. Returns false if the clock does not start. */
 static bool counter_start(void) {
+  set_bits(ACCESS_OF_BACKUP); /* the backup domain can be written after the read */
+  /* A reset of the backup domain permits a new selection of the clock source. After a power-up it
+   * is also needed where the slow oscillator was selected before, because the oscillator may be
+   * unstable otherwise (erratum "Unstable LSI when it clocks RTC", ES0430). Nothing is kept there.
+   */
+  RCC->BDCR = RCC_BDCR_BDRST;
+  RCC->BDCR = 0;
   RCC->CSR |= RCC_CSR_LSION;
   if (!becomes(&RCC->CSR, RCC_CSR_LSIRDY, RCC_CSR_LSIRDY)) {
     return false;
   }
-  set_bits(ACCESS_OF_BACKUP); /* the backup domain can be written after the read */
-  /* The clock source can be selected only once. A reset of the backup domain permits a new
-   * selection. */
-  if ((RCC->BDCR & RCC_BDCR_RTCSEL) != RCC_BDCR_RTCSEL_LSI) {
-    RCC->BDCR |= RCC_BDCR_BDRST;
-    RCC->BDCR &= ~RCC_BDCR_BDRST;
-    RCC->BDCR |= RCC_BDCR_RTCSEL_LSI;
-  }
-  RCC->BDCR |= RCC_BDCR_RTCEN;
+  RCC->BDCR = RCC_BDCR_RTCSEL_LSI;
+  RCC->BDCR = RCC_BDCR_RTCSEL_LSI | RCC_BDCR_RTCEN;
   RTC->WPR = RTC_KEY1;
   RTC->WPR = RTC_KEY2;
   RTC->CR |= RTC_CR_BYPSHAD;

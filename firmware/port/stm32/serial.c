@@ -65,6 +65,7 @@ void serial_interrupt(void) {
       USART2->CR1 = LINE;
     }
   }
+  HANDLER_END();
 }
 
 uint16_t port_serial_receive(uint8_t *bytes, uint16_t room) {

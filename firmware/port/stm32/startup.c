@@ -34,7 +34,7 @@ __attribute__((section(".vectors"), used)) static const vectors_t vectors = {
     .stack = stack_top,
     .handlers =
         {
-            HANDLER(1, reset),
+            HANDLER(1, CHIP_RESET),
             HANDLER(2, CHIP_NMI),
             /* hard fault, and all faults that have no enabled handler of their own */
             HANDLER(3, board_fail),

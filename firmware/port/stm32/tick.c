@@ -2,6 +2,7 @@
 
 #include "firmware/fx/fx.h"
 #include "firmware/port/port.h"
+#include "firmware/port/stm32/barrier.h"
 #include "firmware/port/stm32/board.h"
 
 /* 1/84 and 1/16 in Q16: clock_count() has 84 counts in 1 us, or 16 with the core at 16 MHz. */
@@ -54,6 +55,7 @@ void tick_interrupt(void) {
   if (tick_timer_is_due()) {
     is_late = true;
   }
+  HANDLER_END();
 }
 
 bool port_overran(uint32_t *ticks) {

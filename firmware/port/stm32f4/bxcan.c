@@ -96,8 +96,9 @@ bool can_controller_is_empty(const can_line_t *line) {
   return (line->registers->TSR & empty) == empty;
 }
 
-void can_controller_abort(can_line_t *line) {
+bool can_controller_abort(can_line_t *line) {
   line->registers->TSR = CAN_TSR_ABRQ0 | CAN_TSR_ABRQ1 | CAN_TSR_ABRQ2;
+  return true;
 }
 
 bool can_controller_lost(can_line_t *line) {

@@ -70,6 +70,9 @@ static inline int32_t reference_at_3_3_v(int32_t stored_code) { return stored_co
 #define BOARD_SLOT_B UINT32_C(0x08040000)
 enum { BOARD_SLOT_BYTES = 0x20000 };
 
+/* The flash has no error correction. */
+static inline uint16_t flash_corrected(void) { return 0; }
+
 /* flash.c: memory of the slots; NULL if there is none. */
 const store_memory_t *flash_slots(void);
 
@@ -81,6 +84,7 @@ static inline void request_sent_interrupt(void) { NVIC->ISPR1 = BIT(IRQ_CAN2_TX 
 
 /* Handlers of startup.c. */
 enum { IRQ_LAST = IRQ_CAN2_RX0 };
+#define CHIP_RESET reset
 #define CHIP_NMI board_fail /* the clock security system */
 #define CHIP_INTERRUPTS                                                    \
   HANDLER(EXCEPTION_IRQ + IRQ_PVD, supply_interrupt),                      \

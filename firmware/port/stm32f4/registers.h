@@ -184,6 +184,10 @@ typedef struct {
 /* Levels of the brown-out reset: 0 is level 3, at least 2.7 V; 3 is off, as the chip is
  * delivered. */
 #define FLASH_OPTCR_BOR_LEV MASK(2, 2)
+/* 0: sector 0 is protected from programming and erasing */
+#define FLASH_OPTCR_nWRP_0 BIT(16)
+/* 1: nWRP protects from reading as data; the STM32F405 has none */
+#define FLASH_OPTCR_SPRMOD BIT(31)
 /* Keys that unlock FLASH_CR, in this order. */
 #define FLASH_KEY1 UINT32_C(0x45670123)
 #define FLASH_KEY2 UINT32_C(0xCDEF89AB)

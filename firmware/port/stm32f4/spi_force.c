@@ -144,18 +144,23 @@ bool spi_force_start(const device_params_t *params) {
   EXTI->PR = EXTI_PR_PR12;
   NVIC->IPR3 = FIELD(16, 8, PRIORITY_BUS);
   NVIC->IPR10 = FIELD(0, 8, PRIORITY_BUS);
+  EXTI->IMR |= EXTI_IMR_MR12;
   NVIC->ISER0 = BIT(IRQ_DMA1_Stream3);
   NVIC->ISER1 = BIT(IRQ_EXTI15_10 - 32);
-  EXTI->IMR |= EXTI_IMR_MR12;
   return true;
 }
 
-/* Starts the transfer of a reading. Until it is complete the edges on READY are data of the AD7193.
- */
+/* Starts the transfer of a reading. Until it is complete the edges on READY are data of the AD7193,
+ * so the interrupt is disabled (as in pins.c, not by the mask of the external interrupts). The
+ * request of an edge that was cleared can last a little longer than its pending bit, and would
+ * cause the interrupt again: without a reading it is ignored. */
 void spi_force_ready_interrupt(void) {
-  EXTI->IMR &= ~EXTI_IMR_MR12;
   EXTI->PR = EXTI_PR_PR12; /* writing 1 clears it */
-  begin_transfer(converter_bytes(kind), DMA_S3CR_TCIE);
+  if (is_ready()) {
+    NVIC->ICER1 = BIT(IRQ_EXTI15_10 - 32);
+    begin_transfer(converter_bytes(kind), DMA_S3CR_TCIE);
+  }
+  HANDLER_END();
 }
 
 void spi_force_read_interrupt(void) {
@@ -166,11 +171,13 @@ void spi_force_read_interrupt(void) {
     errors++;
   }
   EXTI->PR = EXTI_PR_PR12;
-  EXTI->IMR |= EXTI_IMR_MR12;
+  NVIC->ICPR1 = BIT(IRQ_EXTI15_10 - 32);
+  NVIC->ISER1 = BIT(IRQ_EXTI15_10 - 32);
   /* The edge of a conversion that became ready meanwhile has been cleared. */
   if (is_ready()) {
     EXTI->SWIER = EXTI_SWIER_SWIER12;
   }
+  HANDLER_END();
 }
 
 bool spi_force_sample(axis_inputs_t *inputs) {

@@ -2,6 +2,7 @@
  * the outputs off, before the brown-out reset at 2.7 V. Reading the flash with five wait states and
  * programming it by words require at least 2.7 V. */
 
+#include "firmware/port/stm32/barrier.h"
 #include "firmware/port/stm32/board.h"
 
 static volatile bool is_low;
@@ -23,14 +24,24 @@ void supply_interrupt(void) {
   EXTI->PR = EXTI_PR_PR16;
   is_low = true;
   io_make_safe();
+  HANDLER_END();
 }
 
 bool supply_is_low(void) { return is_low; }
 
 /* Updates the state of the supply; call this function once in each tick. After an interrupt the
- * supply remains low until the detector reports a sufficient voltage. */
-void supply_look(void) { is_low = (PWR->CSR & PWR_CSR_PVDO) != 0; }
+ * supply remains low until the detector reports a sufficient voltage. The state is reset before the
+ * detector is read, so that an interrupt that comes later is not undone. */
+void supply_look(void) {
+  is_low = false;
+  if ((PWR->CSR & PWR_CSR_PVDO) != 0) {
+    is_low = true;
+  }
+}
 
-/* Returns true if the option bytes set the brown-out reset to the required level. In a new chip the
- * brown-out reset is off. */
-bool supply_resets_in_time(void) { return (FLASH->OPTCR & FLASH_OPTCR_BOR_LEV) == 0; }
+/* Returns true if the option bytes set the brown-out reset to the required level and protect sector
+ * 0, the loader, from programming and erasing. In a new chip the brown-out reset is off, and
+ * nothing is protected. */
+bool option_bytes_are_right(void) {
+  return (FLASH->OPTCR & (FLASH_OPTCR_BOR_LEV | FLASH_OPTCR_nWRP_0 | FLASH_OPTCR_SPRMOD)) == 0;
+}

@@ -109,16 +109,24 @@ bool adc_read(uint16_t codes[2]) {
   return false;
 }
 
-/* Starts one conversion of the internal reference, or of pin PA4 if `of_reference` is false. Clears
- * the flags of the tick that ends. Writing 0 to a start bit has no effect. */
-void adc_start_one(bool of_reference) {
-  adc_t *adc = of_reference ? ADC1 : ADC2;
-  ADC2->ISR = ADC_ISR_JEOC | ADC_ISR_JEOS;
+static void start(adc_t *adc) {
   adc->ISR = ADC_ISR_EOC | ADC_ISR_EOS;
   if ((adc->CR & ADC_CR_ADEN) != 0) {
     adc->CR = ADC_CR_ADVREGEN | ADC_CR_ADSTART;
   }
-  single = adc;
+}
+
+/* Starts one conversion of the internal reference, or of pin PA4 if `of_reference` is false. Clears
+ * the flags of the tick that ends. Writing 0 to a start bit has no effect. The reference is
+ * converted in each case: a conversion that begins more than 1 ms after the one before may be wrong
+ * (ES0430 2.7.9), and ADC1 has no other. */
+void adc_start_one(bool of_reference) {
+  ADC2->ISR = ADC_ISR_JEOC | ADC_ISR_JEOS;
+  start(ADC1);
+  if (!of_reference) {
+    start(ADC2);
+  }
+  single = of_reference ? ADC1 : ADC2;
 }
 
 /* Reads the result of adc_start_one(). Returns false if the conversion has not finished. */

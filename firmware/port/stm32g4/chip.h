@@ -75,8 +75,16 @@ static inline void request_sent_interrupt(void) { NVIC->ISPR2 = BIT(IRQ_FDCAN2_I
 /* flash.c: handler of the NMI, which the clock security system and the flash request. */
 void flash_nmi(void);
 
+/* flash.c: counts an error that the error correction of the flash has corrected since the last
+ * call, and returns their number; call this function once in each tick. */
+uint16_t flash_corrected(void);
+
+/* memories.c: start-up before reset(). */
+_Noreturn void touch_memories(void);
+
 /* Handlers of startup.c. */
 enum { IRQ_LAST = IRQ_FDCAN2_IT1 };
+#define CHIP_RESET touch_memories
 #define CHIP_NMI flash_nmi
 #define CHIP_INTERRUPTS                                             \
   HANDLER(EXCEPTION_IRQ + IRQ_PVD_PVM, supply_interrupt),           \

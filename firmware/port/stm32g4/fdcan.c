@@ -61,8 +61,8 @@ void can_controller_connect_drive(void) {
   NVIC->ISER2 = BIT(IRQ_FDCAN2_IT0 - 64) | BIT(IRQ_FDCAN2_IT1 - 64);
 }
 
-/* A controller sets the same bit itself when it is bus off. */
-void can_controller_enter(can_line_t *line) { line->registers->CCCR |= FDCAN_CCCR_INIT; }
+/* A controller sets the same bit itself when it is bus off. The other bits of CCCR are 0. */
+void can_controller_enter(can_line_t *line) { line->registers->CCCR = FDCAN_CCCR_INIT; }
 
 bool can_controller_has_entered(const can_line_t *line) {
   return (line->registers->CCCR & FDCAN_CCCR_INIT) != 0;
@@ -105,7 +105,11 @@ bool can_controller_is_empty(const can_line_t *line) {
   return (line->registers->TXBRP & FDCAN_TXBRP_TRP) == 0;
 }
 
-void can_controller_abort(can_line_t *line) { line->registers->TXBCR = FDCAN_TXBCR_CR; }
+/* The register TXBCR is for the queue; a queue would not keep the order of frames. */
+bool can_controller_abort(can_line_t *line) {
+  (void)line;
+  return false;
+}
 
 bool can_controller_lost(can_line_t *line) {
   const bool is_lost = (line->registers->IR & FDCAN_IR_RF0L) != 0;

@@ -33,15 +33,27 @@ static const sectors_t *sectors_of(const void *context) { return context; }
  * 1000 cycles of the core, 6 us. The erase of a page takes 22 ms, at most 25 ms. */
 enum { ERASE_POLLS_MAX = 8400, ERASE_POLL_LOOPS = 50 };
 
+static volatile bool is_asked;   /* read_word() reads a double word of bank 2 */
 static volatile bool is_damaged; /* the last read was of a double word with two wrong bits */
 
+uint16_t flash_corrected(void) {
+  static uint16_t count;
+  if ((FLASH->ECCR & FLASH_ECCR_ECCC) != 0) {
+    FLASH->ECCR = FLASH_ECCR_ECCC; /* writing 1 clears it */
+    count = (uint16_t)((count < UINT16_MAX) ? count + 1 : UINT16_MAX);
+  }
+  return count;
+}
+
 /* Continues after the read of a double word in bank 2 with two wrong bits, as a power cut while it
- * is programmed or erased can leave it. Such an error in the program is one of the core. */
+ * is programmed or erased can leave it. Such an error in the program is one of the core. What was
+ * read decides, and not the address in ECCR, which is not updated while one of its flags is set and
+ * may be wrong after an erase that was interrupted (RM0440 3.3.2, ES0430 2.2.3). */
 __attribute__((used)) static void note_damage(void) {
-  if ((FLASH->ECCR & (FLASH_ECCR_BK_ECC | FLASH_ECCR_SYSF_ECC)) != FLASH_ECCR_BK_ECC) {
+  if (!is_asked || is_damaged) {
     board_fail();
   }
-  FLASH->ECCR = FLASH_ECCR_ECCD; /* writing 1 clears it */
+  FLASH->ECCR = FLASH_ECCR_ECCD;
   is_damaged = true;
 }
 
@@ -64,8 +76,11 @@ static void await_ready(void) {
   }
 }
 
+/* Writes of bank 2 while bank 1 is read corrupt the data cache (ES0430 2.2.2), so it is off from
+ * unlock() to lock(), which empties it. */
 static void unlock(void) {
   await_ready();
+  FLASH->ACR &= ~FLASH_ACR_DCEN;
   if ((FLASH->CR & FLASH_CR_LOCK) != 0) {
     FLASH->KEYR = FLASH_KEY1;
     FLASH->KEYR = FLASH_KEY2;
@@ -77,6 +92,10 @@ static void unlock(void) {
 static void lock(void) {
   await_ready();
   FLASH->CR = FLASH_CR_LOCK;
+  const uint32_t access = FLASH->ACR;
+  FLASH->ACR = access | FLASH_ACR_DCRST;
+  FLASH->ACR = access;
+  FLASH->ACR = access | FLASH_ACR_DCEN;
 }
 
 static uint32_t place_of(const sectors_t *sectors, uint32_t address) {
@@ -85,10 +104,14 @@ static uint32_t place_of(const sectors_t *sectors, uint32_t address) {
 
 /* Reads a word. A damaged word reads 0, which is neither blank nor part of a complete record. */
 static uint32_t read_word(const sectors_t *sectors, uint32_t address) {
+  const volatile uint32_t *place = (const volatile uint32_t *)place_of(sectors, address);
+  (void)flash_corrected(); /* a flag of an earlier read must not be left */
   is_damaged = false;
+  is_asked = true;
   BARRIER();
-  const uint32_t word = *(const volatile uint32_t *)place_of(sectors, address);
+  const uint32_t word = *place;
   __asm volatile("dsb\nisb" ::: "memory"); /* the NMI comes before the next instruction */
+  is_asked = false;
   return is_damaged ? 0 : word;
 }
 

@@ -1,9 +1,25 @@
-/* What of the flash the program may change: bank 2 with parameters and incidents. There are no
- * slots for images. */
+/* Start-up of the RAM, and what of the flash the program may change: bank 2 with parameters and
+ * incidents. There are no slots for images. */
 
 #include <stddef.h>
 
 #include "firmware/port/stm32/board.h"
+
+/* The vector of the reset. The first write after a reset to each of the four parts of the RAM may
+ * be lost (ES0430 2.2.7), also a push, so a word of each part is read first. What the RAM has kept,
+ * an incident, stays as it is. */
+__attribute__((naked)) void touch_memories(void) {
+  __asm volatile(
+      "mov r0, #0x20000000\n"
+      "ldr r1, [r0]\n"
+      "add r0, #0x8000\n"
+      "ldr r1, [r0]\n"
+      "add r0, #0x8000\n"
+      "ldr r1, [r0]\n"
+      "add r0, #0x4000\n"
+      "ldr r1, [r0]\n"
+      "b reset\n");
+}
 
 const fw_slots_t *board_slots(void) { return NULL; }
 

@@ -173,6 +173,8 @@ typedef struct {
   reg_t ECCR;
   reg_t unused_1C;
   reg_t OPTR;
+  reg_t unused_24[2];
+  reg_t WRP1AR;
 } flash_t;
 #define FLASH_BASE 0x40022000
 #define FLASH ((flash_t *)FLASH_BASE)
@@ -217,8 +219,13 @@ typedef struct {
 #define FLASH_OPTR_BOR_LEV_4 FIELD(8, 3, 4)
 #define FLASH_OPTR_BFB2 BIT(20)
 #define FLASH_OPTR_DBANK BIT(22)
+/* 1: SRAM1 has no parity */
+#define FLASH_OPTR_SRAM_PE BIT(24)
 #define FLASH_OPTR_nSWBOOT0 BIT(26)
 #define FLASH_OPTR_nBOOT0 BIT(27)
+/* First and last page of bank 1 that are protected from programming and erasing. */
+#define FLASH_WRP1AR_WRP1A_STRT MASK(0, 7)
+#define FLASH_WRP1AR_WRP1A_END MASK(16, 7)
 /* Keys that unlock FLASH_CR, in this order. */
 #define FLASH_KEY1 UINT32_C(0x45670123)
 #define FLASH_KEY2 UINT32_C(0xCDEF89AB)
@@ -464,7 +471,6 @@ typedef struct {
 #define FDCAN_TXFQS_TFQPI MASK(16, 2)
 #define FDCAN_TXFQS_TFQF BIT(21)
 #define FDCAN_TXBRP_TRP MASK(0, 3)
-#define FDCAN_TXBCR_CR MASK(0, 3)
 #define FDCAN_TXBTIE_TIE MASK(0, 3)
 
 /* The message memory of each controller: 28 filters, 8 extended filters, two FIFOs of 3 received

@@ -1,6 +1,7 @@
 /* Monitors the supply voltage. Below 2.9 V the voltage detector causes an interrupt that switches
  * the outputs off, before the brown-out reset at 2.8 V. */
 
+#include "firmware/port/stm32/barrier.h"
 #include "firmware/port/stm32/board.h"
 
 static volatile bool is_low;
@@ -23,19 +24,31 @@ void supply_interrupt(void) {
   EXTI->PR1 = EXTI_PR1_PIF16;
   is_low = true;
   io_make_safe();
+  HANDLER_END();
 }
 
 bool supply_is_low(void) { return is_low; }
 
 /* Updates the state of the supply; call this function once in each tick. After an interrupt the
- * supply remains low until the detector reports a sufficient voltage. */
-void supply_look(void) { is_low = (PWR->SR2 & PWR_SR2_PVDO) != 0; }
+ * supply remains low until the detector reports a sufficient voltage. The state is reset before the
+ * detector is read, so that an interrupt that comes later is not undone. */
+void supply_look(void) {
+  is_low = false;
+  if ((PWR->SR2 & PWR_SR2_PVDO) != 0) {
+    is_low = true;
+  }
+}
 
-/* Returns true if the option bytes set the brown-out reset to the required level, and the chip
- * starts from the first of two banks of the flash whatever the level of pin PB8. A new chip has
- * other option bytes. */
-bool supply_resets_in_time(void) {
+/* Returns true if the option bytes set the brown-out reset to the required level, the chip starts
+ * from the first of two banks of the flash whatever the level of pin PB8, all pages of this bank,
+ * which has the program, are protected from programming and erasing, and the RAM has no parity,
+ * with which a read before the first write would be an error (memories.c). A new chip has other
+ * option bytes. */
+bool option_bytes_are_right(void) {
   const uint32_t mask = FLASH_OPTR_BOR_LEV | FLASH_OPTR_BFB2 | FLASH_OPTR_DBANK |
-                        FLASH_OPTR_nSWBOOT0 | FLASH_OPTR_nBOOT0;
-  return (FLASH->OPTR & mask) == (FLASH_OPTR_BOR_LEV_4 | FLASH_OPTR_DBANK | FLASH_OPTR_nBOOT0);
+                        FLASH_OPTR_SRAM_PE | FLASH_OPTR_nSWBOOT0 | FLASH_OPTR_nBOOT0;
+  const uint32_t pages = FLASH_WRP1AR_WRP1A_STRT | FLASH_WRP1AR_WRP1A_END;
+  return (FLASH->OPTR & mask) ==
+             (FLASH_OPTR_BOR_LEV_4 | FLASH_OPTR_DBANK | FLASH_OPTR_SRAM_PE | FLASH_OPTR_nBOOT0) &&
+         (FLASH->WRP1AR & pages) == FLASH_WRP1AR_WRP1A_END;
 }

@@ -258,6 +258,7 @@ class Chip:
         if self.stopped_at is not None:
             self.interrupt(irq)
             self._run(self.stopped_at, EXIT)
+        self.call_result = self.uc.reg_read(arm_const.UC_ARM_REG_R0)
         self.uc.context_restore(context)
 
     def interrupt(self, irq):
@@ -277,7 +278,12 @@ class Chip:
             (CAN2_RX0, board.can2.interrupt),
             (CAN2_TX, lambda: board.nvic.take(CAN2_TX) or board.can2.sent_interrupt()),
         )
-        return next((irq for irq, is_requested in requests if is_requested()), None)
+        return self.first(requests)
+
+    def first(self, requests):
+        """The first interrupt of [(number, whether it is requested)] that is enabled, or None."""
+        nvic = self.board.nvic
+        return next((irq for irq, requested in requests if nvic.enabled(irq) and requested()), None)
 
     def interrupts(self):
         """Serves the interrupts that peripherals request, until none is pending."""

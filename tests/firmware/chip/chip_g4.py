@@ -36,4 +36,4 @@ class Chip(chip.Chip):
             (FDCAN2, board.can2.interrupt),
             (FDCAN2_SENT, lambda: board.nvic.take(FDCAN2_SENT) or board.can2.sent_interrupt()),
         )
-        return next((irq for irq, is_requested in requests if is_requested()), None)
+        return self.first(requests)

@@ -101,7 +101,7 @@ class Rcc(Peripheral):
                 return
             if bits(value, 16):
                 value = 1 << 16
-                self.board.rtc.registers.clear()
+                self.board.rtc.reset_domain()
             elif bits(self[0x70], 8, 2) and bits(value ^ self[0x70], 8, 2):
                 self.board.mistakes.append("RTCSEL written twice")
         if offset == 0x74:  # RMVF clears the causes of the reset
@@ -117,6 +117,10 @@ class Rcc(Peripheral):
                     self.board.mistakes.append("switched to a PLL before VOSRDY")
                 if self.board.flash[0x00] & 7 < 5:
                     self.board.mistakes.append("168 MHz with too few wait states")
+                if bits(value, 10, 3) < 5 or bits(value, 13, 3) < 4:
+                    self.board.mistakes.append("APB1 above 45 MHz, or APB2 above 90 MHz")
+            elif bits(value, 0, 2) == 3:
+                self.board.mistakes.append("reserved clock selected")
         self.registers[offset] = value
 
     def hse_stops(self):
@@ -184,8 +188,19 @@ class Rtc(Peripheral):
     reset: ClassVar = {0x0C: 0x07, 0x10: 0x007F00FF}
     CONTROL, COUNT, BACKUP, LSI = 0x08, 0x28, 0x70, 0x74  # CR, SSR; RCC_BDCR, RCC_CSR
     lsi_hz = 32e3
+    # Erratum of several families (ES0430 and others: unstable LSI when it clocks RTC): after a
+    # power-up the rate may wander until the backup domain is reset.
+    wander = 0.0  # share by which the rate changes to and fro until that reset
     open = False
     keys: ClassVar[list[int]] = []
+
+    def reset_domain(self):
+        self.registers.clear()
+        self.wander = 0.0
+
+    def rate_hz(self):
+        slow = int(self.board.seconds / 7e-3) % 2 == 0
+        return self.lsi_hz * (1 - self.wander if slow else 1 + self.wander)
 
     def write(self, offset, value):
         if offset == 0x24:
@@ -263,10 +278,9 @@ class Flash(Peripheral):
     BASE, SECTOR = 0x08004000, 0x4000
     SLOTS, SLOT = 0x08020000, 0x20000
     POLL_CYCLES = 20_000  # of an erase that takes its time
-    reset: ClassVar = {
-        0x10: 0x80000000,
-        0x14: 0x0FFFAAE1,
-    }  # BOR_LEV 0: as `forceaxis flash` sets it
+    # BOR_LEV 0 and nWRP0 0: as `forceaxis flash` sets them.
+    reset: ClassVar = {0x10: 0x80000000, 0x14: 0x0FFEAAE1}
+    WRITABLE = 0x8301037F  # of FLASH_CR (3.8.5)
     busy_reads = READS_UNTIL_READY
     prepared = None  # CR as it stood when STRT was written
     nmi = False  # never requested by this flash
@@ -310,12 +324,19 @@ class Flash(Peripheral):
 
     def write(self, offset, value):
         if offset == 0x04:
+            # 3.5.1: keys in another order lock the register until the next reset.
+            if not bits(self[0x10], 31):
+                self.board.mistakes.append("keys written to a flash that is not locked")
             self.keys = [*self.keys, value][-2:]
             if self.keys == [0x45670123, 0xCDEF89AB]:
                 self.registers[0x10] = self[0x10] & ~(1 << 31)
         elif offset == 0x0C:
             self.registers[0x0C] = self[0x0C] & ~value
+        elif offset == 0x14:
+            self.board.mistakes.append("option bytes written while they are locked")
         elif offset == 0x10:
+            if value & ~self.WRITABLE:
+                self.board.mistakes.append("reserved bits of FLASH_CR written")
             # 3.8.5: a write of CR while BSY is set stalls the bus until it is not.
             if self.busy >= NEVER:
                 raise Stalled("FLASH_CR written while the flash is busy for ever")
@@ -434,26 +455,40 @@ class Syscfg(Peripheral):
 
 
 class Exti(Peripheral):
-    """10.3: a selected edge sets the bit of a line that is not masked; writing 1 clears it. Line 16
-    is the supply's detector."""
+    """10.2, 10.3: a selected edge sets the pending bit of a line that is not masked. The mask is
+    between the edge detector and that bit, so an edge on a masked line is lost, as others measured
+    on this chip. Writing 1 clears the bit. A software trigger, written 1 where it is 0, acts as an
+    edge if the line is not masked, and stays until the pending bit is cleared (10.3.5). Line 16 is
+    the supply's detector."""
+
+    LINES = 0x7FFFFF
+
+    def pend(self, lines):
+        self.registers[0x14] = self[0x14] | lines & self[0x00]
 
     def supply_edge(self, rising):
-        if bits(self[0x08 if rising else 0x0C], 16) and bits(self[0x00], 16):
-            self.registers[0x14] = self[0x14] | 1 << 16
+        self.pend(self[0x08 if rising else 0x0C] & 1 << 16)
 
     def interrupt(self, line):
-        return bool(bits(self[0x14], line))
+        """Returns True while the line requests its interrupt."""
+        return bool(bits(self[0x14] & self[0x00], line))
 
     def edge(self, pin, rising):
-        selected = bits(self[0x08 if rising else 0x0C], pin)
-        if selected and bits(self[0x00], pin) and self.board.syscfg.port(pin) == 2:
-            self.registers[0x14] = self[0x14] | 1 << pin
+        if self.board.syscfg.port(pin) == 2:
+            self.pend(self[0x08 if rising else 0x0C] & 1 << pin)
 
     def write(self, offset, value):
-        if offset == 0x10:  # SWIER: as an edge of a line that is not masked
-            self.registers[0x14] = self[0x14] | value & self[0x00]
-            return
-        self.registers[offset] = self[0x14] & ~value if offset == 0x14 else value
+        if value & ~self.LINES:
+            self.board.mistakes.append("reserved line of EXTI written")
+        if offset == 0x10:
+            triggered = value & ~self[0x10]
+            self.registers[0x10] = self[0x10] | value
+            self.pend(triggered)
+        elif offset == 0x14:
+            self.registers[0x14] = self[0x14] & ~value
+            self.registers[0x10] = self[0x10] & ~value
+        else:
+            self.registers[offset] = value
 
 
 class Tim5(Peripheral):
@@ -467,8 +502,10 @@ class Tim5(Peripheral):
     def write(self, offset, value):
         if offset == 0x08 and bits(self[0x08], 0, 3) and bits(value ^ self[0x08], 4, 3):
             self.board.mistakes.append("TS changed while the slave mode is on")
-        if offset == 0x1C and bits(self[0x20], 8) and bits(value ^ self[0x1C], 0, 2):
-            self.board.mistakes.append("CC3S changed while the channel is on")
+        for place, at, channel in ((0x18, 0, 0), (0x18, 8, 4), (0x1C, 0, 8)):  # CC1S, CC2S, CC3S
+            changed = offset == place and bits(value ^ self[place], at, 2)
+            if changed and bits(self[0x20], channel):
+                self.board.mistakes.append("CCxS changed while the channel is on")
         self.registers[offset] = self[0x10] & value if offset == 0x10 else value
 
     def read(self, offset):
@@ -571,6 +608,8 @@ class Adc(Peripheral):
     READ_CYCLES = 6  # of the core, over a bus half as fast
     ready_reads = READS_UNTIL_READY
     single = None  # regular conversion under way, of that channel
+    single_at = 0  # cycle at which it ends
+    on_s = math.inf  # when ADON was set
 
     def __init__(self, board):
         super().__init__(board)
@@ -646,10 +685,24 @@ class Adc(Peripheral):
                 self.finish()
         return self[offset]
 
+    def check(self, offset, value):
+        """13.3.6: 3 us from ADON to a start. ES0298 2.6.1: a sequence that is written while a
+        conversion runs resets that conversion. 13.13: sampling times likewise."""
+        if offset in (0x0C, 0x10, 0x2C, 0x34, 0x38):
+            waits = self.waiting is not None and self.ready_reads < NEVER and offset != 0x34
+            if waits or (self.single is not None and self.board.cycles < self.single_at):
+                self.board.mistakes.append(f"ADC {offset:#x} written during a conversion")
+        if offset == 0x08:
+            if bits(value, 0) and not bits(self[0x08], 0):
+                self.on_s = self.board.time_s()
+            if bits(value, 30) and not self.board.time_s() - self.on_s >= 3e-6:
+                self.board.mistakes.append("ADC started before it is stable")
+
     def write(self, offset, value):
         if offset == 0x00:
             self.registers[0x00] = self[0x00] & value  # written 0 clears
             return
+        self.check(offset, value)
         if offset == 0x08 and bits(value, 30):
             value &= ~(1 << 30)
             assert bits(self[0x2C], 20, 4) == 0, "a group of one"
@@ -774,6 +827,9 @@ class Can(Peripheral):
             self.board.mistakes.append("filters set outside their initialisation")
         elif 0x180 <= offset < 0x1B0:
             box = (offset - 0x180) // 16
+            if box in self.requests:  # 30.7.1: a mailbox that is not empty is write protected
+                self.board.mistakes.append("mailbox written while its frame waits")
+                return
             self.registers[offset] = value
             if offset % 16 == 0 and value & 1:
                 self.requests.append(box)
@@ -956,7 +1012,13 @@ class Dma(Peripheral):
 
 
 class Spi(Peripheral):
-    """26: master with software slave management; both directions by DMA."""
+    """26: master with software slave management; both directions by DMA. 26.7.1: clock, rate and
+    format are not changed while SPE is set."""
+
+    def write(self, offset, value):
+        if offset == 0x00 and self[0x00] & 0x40 and (value ^ self[0x00]) & 0x893F & value:
+            self.board.mistakes.append("SPI_CR1 changed while the SPI is on")
+        self.registers[offset] = value
 
     def bit_s(self):
         return (2 << bits(self[0x00], 3, 3)) / self.board.rcc.apb1_hz()
@@ -999,7 +1061,18 @@ class Usart(Peripheral):
             self.sent.append(value & 0xFF)
             self.drive.append(self.board.gpiob.level(12))
         else:
+            self.check(0x0C, offset, value)
+            if offset == 0x08 and self[0x0C] >> 13 & 1:
+                self.board.mistakes.append("baud rate written while the line is on")
             self.registers[offset] = value
+
+    FORMAT, ENABLE = 0x1600, 13  # of CR1: M, PCE, PS; UE
+
+    def check(self, control, offset, value):
+        """25.6.4: the format is not changed while the line is on."""
+        is_on = self[control] >> self.ENABLE & 1
+        if offset == control and is_on and (value ^ self[control]) & self.FORMAT:
+            self.board.mistakes.append("format written while the line is on")
 
     def overrun(self):
         self.registers[0x00] |= 8
@@ -1027,6 +1100,7 @@ class Iwdg(Peripheral):
         self.feeds = 0
         self.open = False
         self.updating = 0  # reads until the registers have what was written
+        self.written = set()  # these registers
         self.force = 0xFFF, 0  # what it counts from and by: loaded by a feeding
 
     def read(self, offset):
@@ -1043,6 +1117,10 @@ class Iwdg(Peripheral):
             if value == 0xAAAA and not self.updating:
                 self.force = self[0x08], self[0x04]
         elif self.open:
+            # 21.3.2: PR and RLR are written only while PVU and RVU are 0.
+            if self.updating and offset in self.written:
+                self.board.mistakes.append("watchdog written while its register is updated")
+            self.written = {*(self.written if self.updating else ()), offset}
             self.registers[offset] = value
             self.updating = 50
         else:
@@ -1054,12 +1132,20 @@ class Iwdg(Peripheral):
 
 
 class Nvic(Peripheral):
+    """ARMv7-M B3.4: registers that enable (ISER, 000h), disable (ICER, 080h), request (ISPR, 100h)
+    and forget (ICPR, 180h) by writing 1. Writing 0 does nothing."""
+
     size = 0x400
+    SET, CLEAR = (0x000, 0x100), (0x080, 0x180)
 
     def write(self, offset, value):
-        if offset < 0x80 or 0x100 <= offset < 0x120:  # ISER, ISPR
-            value |= self[offset]
-        self.registers[offset] = value
+        group = offset & ~0x1F
+        if group in self.SET:
+            self.registers[offset] = self[offset] | value
+        elif group in self.CLEAR:
+            self.registers[offset - 0x80] = self[offset - 0x80] & ~value
+        else:
+            self.registers[offset] = value
 
     def take(self, irq):
         """Returns True if software has requested the interrupt `irq`, and clears the request."""
@@ -1175,7 +1261,7 @@ class Board:
     def advance(self, cycles):
         self.cycles += cycles
         self.seconds += cycles / self.rcc.core_hz()
-        self.lsi_counts += cycles / self.rcc.core_hz() * self.rtc.lsi_hz
+        self.lsi_counts += cycles / self.rcc.core_hz() * self.rtc.rate_hz()
         self.tim4.reached(self.cycles)
 
     def time_s(self):

@@ -126,6 +126,8 @@ class Rcc(Peripheral):
                 board.mistakes.append("switched to the PLL without half the rate")
             if board.flash[0x00] & 15 < 4:
                 board.mistakes.append("168 MHz with too few wait states")
+        if bits(value, 0, 2) in (0, 2) and not (bits(value, 0, 2) == 2 and self.has_hse()):
+            board.mistakes.append("a clock selected that is reserved or not ready")
         was_halved = not was_slow and bits(value, 0, 2) == 3 and bits(self[0x08], 4, 4) == 8
         if was_halved and board.instructions() - self.halved_at < 84:
             board.mistakes.append("half the rate for less than 1 us")
@@ -136,7 +138,7 @@ class Rcc(Peripheral):
             self.board.mistakes.append("the backup domain written without DBP")
             return None
         if bits(value, 16):
-            self.board.rtc.registers.clear()
+            self.board.rtc.reset_domain()
             return 1 << 16
         if bits(self[0x90], 8, 2) and bits(value ^ self[0x90], 8, 2):
             self.board.mistakes.append("RTCSEL written twice")
@@ -221,14 +223,19 @@ class Rtc(peripherals.Rtc):
 
 class Flash(Peripheral):
     """3.7, and the two sectors of the parameter store, 16 pages of 2 KiB each from the begin of
-    bank 2. 3.3.7: 64 bits are programmed at a time, once after an erase. 3.3.2: two wrong bits of a
-    double word, as a power cut can leave it, are reported by ECCD and an NMI when it is read."""
+    bank 2. 3.3.7: 64 bits are programmed at a time, once after an erase. 3.3.2: one wrong bit of a
+    double word is corrected and sets ECCC; two wrong bits, as a power cut can leave them, set ECCD,
+    which requests an NMI. Address and bank of FLASH_ECCR are not updated while one of the two is
+    set. ES0430 2.2.2: bank 2 is programmed and erased without the data cache, which is reset before
+    it is on again."""
 
     BASE, SECTOR, PAGE = 0x08040000, 0x8000, 2048
     POLL_CYCLES = 20_000  # of an erase that takes its time
-    # ST production value with what `forceaxis flash` sets: BOR_LEV 4, nSWBOOT0 0.
-    reset: ClassVar = {0x00: 0x40600, 0x14: 0xC0000000, 0x20: 0xFBEFFCAA}
+    # ST production value with what `forceaxis flash` sets: BOR_LEV 4, nSWBOOT0 0; WRP1A, all pages
+    # of bank 1.
+    reset: ClassVar = {0x00: 0x40600, 0x14: 0xC0000000, 0x20: 0xFBEFFCAA, 0x2C: 0x007F0000}
     ERRORS = 0xC3FA
+    WRITABLE = 0xFF078BFF  # of FLASH_CR (3.7.5)
     busy_reads = READS_UNTIL_READY
     nmi = False
 
@@ -245,6 +252,8 @@ class Flash(Peripheral):
         self.erased = []  # pages
         self.first = None  # offset and value of the first half of a double word
         self.damaged = set()  # offsets of double words with two wrong bits
+        self.weak = set()  # offsets of double words with one wrong bit
+        self.is_stale = False  # the data cache may hold what was changed
         self.polled_idle = False  # BSY was read as 0 since the last operation
 
     def error(self, bit):
@@ -259,10 +268,37 @@ class Flash(Peripheral):
         if offset & ~7 in self.damaged:
             if bits(self[0x00], 10):
                 self.board.mistakes.append("a double word read by way of the data cache")
-            place = offset & ~7
-            self.registers[0x18] = 1 << 31 | 1 << 21 | place
+            self.report(31, offset & ~7)
             self.nmi = True
+        elif offset & ~7 in self.weak:
+            self.report(30, offset & ~7)
         return int.from_bytes(self.bytes[offset : offset + size], "little")
+
+    def report(self, bit, place, bank_2=True):
+        """ECCC (30) or ECCD (31) of a double word."""
+        held = self[0x18]
+        if not held >> 30:
+            held = held & 1 << 24 | bank_2 << 21 | place
+        self.registers[0x18] = held | 1 << bit
+
+    def changed(self):
+        """Bank 2 is programmed or erased."""
+        if bits(self[0x00], 10):
+            self.board.mistakes.append("bank 2 changed with the data cache on")
+        self.is_stale = True
+
+    def access(self, value):
+        """3.3.4, 3.7.1: the cache is reset while it is off, and then switched on."""
+        if bits(value, 12) and bits(value, 10):
+            self.board.mistakes.append("data cache reset while it is on")
+            return
+        if bits(value, 12) and not bits(self[0x00], 10):
+            self.is_stale = False
+        if bits(value, 10) and self.is_stale:
+            self.board.mistakes.append("data cache on with what bank 2 held before")
+        if (value & 15) < 4 and self.board.rcc.core_hz() > 150e6:
+            self.board.mistakes.append("168 MHz with too few wait states")
+        self.registers[0x00] = value
 
     def read(self, offset):
         if offset == 0x10:
@@ -288,13 +324,17 @@ class Flash(Peripheral):
             self.control(value)
         elif offset == 0x18:
             self.registers[0x18] = self[0x18] & ~(value & 0xC0000000)
-        elif offset == 0x00 and bits(value, 12) and bits(value, 10):
-            self.board.mistakes.append("data cache reset while it is on")
+        elif offset == 0x00:
+            self.access(value)
+        elif offset >= 0x20:
+            self.board.mistakes.append("option bytes written while they are locked")
         else:
             self.registers[offset] = value
 
     def control(self, value):
         """3.3.5: a write while BSY is set stalls the bus. 3.3.6: PER, BKER, PNB, then STRT."""
+        if value & ~self.WRITABLE:
+            self.board.mistakes.append("reserved bits of FLASH_CR written")
         if self.is_busy():
             self.board.mistakes.append("FLASH_CR written while the flash is busy")
         if bits(self[0x14], 31):
@@ -312,6 +352,7 @@ class Flash(Peripheral):
 
     def erase(self, bank_2, page):
         assert bank_2 and page < 32, "erased what is not the store"
+        self.changed()
         self.busy, self.polled_idle = self.busy_reads, False
         self.erased_at = self.board.cycles + round(self.erase_s * self.board.rcc.core_hz())
         if page in self.protected:
@@ -346,6 +387,7 @@ class Flash(Peripheral):
                 self.program_double(first, low | value << 32)
 
     def program_double(self, at, value):
+        self.changed()
         self.busy, self.polled_idle = self.busy_reads, False
         held = int.from_bytes(self.bytes[at : at + 8], "little")
         if at // self.PAGE in self.protected:
@@ -382,6 +424,10 @@ class Adc(Peripheral):
     calibrating = 0  # reads
     is_calibrated = False
     single_at = NEVER  # cycle at which the regular conversion ends
+    # ES0430 2.7.9: the result of a conversion that begins more than 1 ms after the calibration or
+    # the conversion before may be wrong.
+    IDLE_MAX_S, WRONG = 1e-3, 1.0
+    rested_s = -math.inf  # when the last conversion was
 
     def __init__(self, board, sources):
         super().__init__(board)
@@ -413,6 +459,14 @@ class Adc(Peripheral):
         jsqr = self[0x4C]
         return [bits(jsqr, 9 + 6 * i, 5) for i in range(bits(jsqr, 0, 2) + 1)]
 
+    def converted(self, channels):
+        """Shares of the supply at such channels, which are converted now."""
+        now_s = self.board.time_s()
+        is_wrong = now_s - self.rested_s > self.IDLE_MAX_S
+        self.rested_s = now_s
+        shares = [self.share(channel) for channel in channels]
+        return [self.WRONG, *shares[1:]] if is_wrong else shares
+
     def share(self, channel):
         board, source = self.board, self.sources.get(channel)
         if source == "reference":
@@ -432,22 +486,27 @@ class Adc(Peripheral):
             if not self.calibrating:
                 self.registers[0x08] &= ~(1 << 31)
                 self.is_calibrated = True
+                self.rested_s = self.board.time_s()
         if offset == 0x40:
             self.registers[0x00] &= ~4  # EOC goes with the result
-        if offset == 0x00:
-            if self.board.cycles >= self.single_at:
-                self.single_at = NEVER
-                self.registers[0x40] = min(max(int(self.share(self.single) * 4096), 0), 4095)
-                self.registers[0x00] |= 0xC
-                self.registers[0x08] &= ~4
-            if self.waiting is not None:
-                self.reads += 1
-                self.waiting -= 1
-                if self.waiting <= 0:
-                    self.finish()
+        self.settle()
+        if offset == 0x00 and self.waiting is not None:
+            self.reads += 1
+            self.waiting -= 1
+            if self.waiting <= 0:
+                self.finish()
         return self[offset]
 
+    def settle(self):
+        """Ends a regular conversion whose time is over."""
+        if self.board.cycles >= self.single_at:
+            self.single_at = NEVER
+            self.registers[0x40] = min(max(int(self.single_share * 4096), 0), 4095)
+            self.registers[0x00] |= 0xC
+            self.registers[0x08] &= ~4
+
     def write(self, offset, value):
+        self.settle()
         started = self[0x08] & 0xC
         if offset == 0x00:
             self.registers[0x00] = self[0x00] & ~value  # written 1 clears
@@ -483,7 +542,10 @@ class Adc(Peripheral):
             board.mistakes.append("ADC started while off")
         if value & 4 and self.is_on():
             assert bits(self[0x30], 0, 4) == 0 and bits(self[0x0C], 10, 2) == 0, "a group of one"
+            if before & 4:
+                board.mistakes.append("ADC started while it converts")
             self.single = bits(self[0x30], 6, 5)
+            (self.single_share,) = self.converted([self.single])
             took = self.sample_s(self.single) + 12.5 / self.clock_hz()
             self.single_at = board.cycles + took * board.rcc.core_hz()
         self.registers[0x08] = value & ~commands | (before | value) & commands
@@ -494,13 +556,24 @@ class Adc(Peripheral):
         if self[0x08] & 8 and bits(jsqr, 7, 2) == 1 and bits(jsqr, 2, 5) == number:
             self.waiting = self.ready_reads
             self.conversions += 1
-            self.shares = [self.share(channel) for channel in self.group()]
+            self.shares = self.converted(self.group())
 
     def finish(self):
         self.waiting = None
         for i, share in enumerate(self.shares):
             self.registers[0x80 + 4 * i] = min(max(int(share * 4096), 0), 4095)
         self.registers[0x00] |= 3 << 5  # JEOC, JEOS
+
+
+class AdcCommon(Peripheral):
+    """21.6: clock and internal channels are selected while both converters are off."""
+
+    size = 0x100
+
+    def write(self, offset, value):
+        if (self.board.adc1[0x08] | self.board.adc[0x08]) & 1:
+            self.board.mistakes.append("ADC_CCR written while a converter is on")
+        self.registers[offset] = value
 
 
 class Dac(peripherals.Dac):
@@ -527,9 +600,16 @@ class Dac(peripherals.Dac):
 
 
 class CanMemory(Peripheral):
-    """44.3.3: 212 words for each controller."""
+    """44.3.3: 212 words for each controller. A frame that waits is not changed."""
 
     size = 3 * 0x350
+
+    def write(self, offset, value):
+        for can in (self.board.can, self.board.can2):
+            box = (offset - can.memory[1] - can.TX) // can.FRAME
+            if box in can.requests and offset >= can.memory[1] + can.TX:
+                self.board.mistakes.append("a frame that waits was changed")
+        self.registers[offset] = value
 
 
 class Can(Peripheral):
@@ -578,6 +658,9 @@ class Can(Peripheral):
                     self.requests.append(box)
                     self.put = (self.put + 1) % 3
         elif offset == 0xD0:
+            # 44.4.31: cancellation is for the queue; for the FIFO it is not meant.
+            if not self[0xC0] >> 24 & 1:
+                self.board.mistakes.append("FDCAN: a frame of the FIFO cancelled")
             self.aborted += sum(value >> box & 1 for box in self.requests)
             self.requests = [box for box in self.requests if not value >> box & 1]
         elif offset in self.CONFIGURATION and self[0x18] & 3 != 3:
@@ -726,6 +809,7 @@ class Usart(peripherals.Usart):
     """37.8"""
 
     reset: ClassVar = {0x1C: 0xC0}
+    FORMAT, ENABLE = 0x10009600, 0  # of CR1: M1, OVER8, M0, PCE, PS; UE
 
     def read(self, offset):
         if offset == 0x1C:
@@ -742,6 +826,7 @@ class Usart(peripherals.Usart):
         elif offset == 0x20:
             self.registers[0x1C] &= ~(value & 8)  # ORECF
         else:
+            self.check(0x00, offset, value)
             if offset == 0x0C and self[0x00] & 1:
                 self.board.mistakes.append("baud rate written while the line is on")
             self.registers[offset] = value
@@ -780,8 +865,7 @@ class Board(peripherals.Board):
         self.tim2, self.tim4, self.tim5 = Tim2(self), Tim4(self), Tim5(self)
         self.adc1 = Adc(self, {18: "reference"})
         self.adc = Adc(self, {3: 6, 4: 7, 17: 4})  # ADC2
-        self.adc_common = Peripheral(self)
-        self.adc_common.size = 0x100
+        self.adc_common = AdcCommon(self)
         self.dac = Dac(self)
         self.usart, self.iwdg = Usart(self), Iwdg(self)
         self.can_memory = CanMemory(self)

@@ -6,7 +6,7 @@ import subprocess
 import zlib
 
 import pytest
-from chip import BOARD, FLASH, IMAGE, ROOT, SLOTS, Chip, release
+from chip import BOARD, FLASH, IMAGE, INDEX, ROOT, SLOTS, Chip, release
 from forceaxis import objects
 from peripherals import NEVER, SUPPLY_V
 
@@ -348,12 +348,41 @@ def test_noise_on_the_index_takes_no_more_time_than_four_edges_a_tick(chip):
     chip.board.gpioa.wires |= {0: 0, 1: 0}
     served = []
     for _ in range(100):
-        chip.board.pulse(
-            3, lambda: served.append(chip.board.exti.interrupt(3)) or chip.interrupts()
-        )
+        chip.board.pulse(3, lambda: served.append(chip.requested() == INDEX) or chip.interrupts())
     assert sum(served) == 4
     chip.tick()
     assert index_seen(chip, 1, 1)
+
+
+LOOK = 40  # instructions, more than pins_din() has
+
+
+def test_an_index_pulse_within_the_look_at_it_is_seen_by_this_tick_or_the_next(chip):
+    """Wherever the interrupt comes in the function that takes the pulses, none is lost."""
+    chip.board.gpioa.wires |= {0: 1, 1: 1}
+    for at in range(LOOK):
+        chip.board.gpioc.wires[3] = 1
+        chip.call_interrupted("pins_din", at, INDEX)
+        assert chip.stopped_at is not None or at > 10
+        taken = bool(chip.call_result & 8)
+        chip.board.gpioc.wires[3] = 0
+        chip.board.exti.registers[0x14] = 0
+        chip.tick()
+        seen = bool(chip.read("digital_inputs") & 8)
+        assert chip.stopped_at is None or taken or seen, f"lost after {at} instructions"
+
+
+def test_the_line_of_the_index_is_open_again_wherever_noise_comes_in_the_look(chip):
+    """Four edges close the line until the next tick; a fourth within the look must not close it for
+    good."""
+    for at in range(LOOK):
+        chip.board.gpioa.wires |= {0: 0, 1: 0}
+        for _ in range(3):
+            chip.board.pulse(3, chip.interrupts)
+        chip.call_interrupted("pins_din", at, INDEX)
+        chip.board.exti.write(0x14, 1 << 3)
+        chip.tick(2)
+        assert index_seen(chip, 1, 1), f"closed for good after {at} instructions"
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ off within the stated time, on models that follow the manual."""
 import struct
 
 import pytest
+import unicorn
 from chip import (
     BOARD,
     FLASH,
@@ -162,6 +163,19 @@ def test_a_second_clock_that_drifts_is_no_fault(chip, share):
     assert chip.terminals()[0] == 1
 
 
+def test_a_second_clock_that_wanders_after_a_power_up_is_reset_with_its_domain():
+    """A battery at VBAT, or a supply that has dipped, keeps the clock selected from before: the LSI
+    then wanders until the backup domain is reset (ES0430, "Unstable LSI when it clocks RTC")."""
+    chip = Chip()
+    chip.board.rcc.registers[chip.board.rtc.BACKUP] = 0x8200  # RTCEN, RTCSEL: LSI
+    chip.board.rtc.wander = 0.4
+    release(chip)
+    enable(chip, 500)
+    chip.tick(100)
+    assert chip.terminals()[0] == 1 and chip.read("fault") == 0
+    assert chip.board.mistakes == []
+
+
 def test_a_second_clock_that_stops_is_the_watchdog_that_stops(chip):
     enable(chip, 500)
     chip.tick(20)
@@ -176,17 +190,28 @@ def test_a_second_clock_that_stops_is_the_watchdog_that_stops(chip):
 def test_brown_out_level_3_is_read_back_at_power_up():
     """RM0390 3.9.13: BOR_LEV, bits 3:2 of FLASH_OPTCR; 0 is level 3, 3 off, as delivered."""
     for level in (1, 2, 3):
-        chip = Chip()
-        chip.board.flash.registers[0x14] = 0x0FFFAAE1 | level << 2
-        release(chip)
-        chip.tick(2)
-        assert FAULT[chip.read("fault")] == "board_unfit"
-        assert chip.read("board_state") & BROWN_OUT_LEVEL
-        assert chip.write("fault_reset", 1) == 0
-        assert chip.write("mode", 1) == 0
-        chip.tick(3)
-        assert chip.board.trail == [OFF], "a reset of the fault enables it"
-        assert FAULT[chip.read("fault")] == "board_unfit"
+        refuses_option_bytes(0x0FFEAAE1 | level << 2)
+
+
+@pytest.mark.parametrize("options", [0x0FFFAAE1, 0x8FFEAAE1])
+def test_the_write_protection_of_the_loader_is_read_back_at_power_up(options):
+    """RM0390 3.8.6: nWRP0, bit 16 of FLASH_OPTCR, is 0 where sector 0 is protected from programming
+    and erasing; with SPRMOD, bit 31, it is a protection from reading."""
+    refuses_option_bytes(options)
+
+
+def refuses_option_bytes(options):
+    chip = Chip()
+    chip.board.flash.registers[0x14] = options
+    release(chip)
+    chip.tick(2)
+    assert FAULT[chip.read("fault")] == "board_unfit"
+    assert chip.read("board_state") & BROWN_OUT_LEVEL
+    assert chip.write("fault_reset", 1) == 0
+    assert chip.write("mode", 1) == 0
+    chip.tick(3)
+    assert chip.board.trail == [OFF], "a reset of the fault enables it"
+    assert FAULT[chip.read("fault")] == "board_unfit"
 
 
 def test_a_supply_below_2_9_v_switches_off_by_interrupt_before_the_brown_out(chip):
@@ -224,6 +249,31 @@ def test_a_supply_that_falls_while_the_tick_puts_out_its_code(chip, at):
     chip.call_interrupted("port_act", at, PVD, outputs)
     chip.board.exti.registers[0x14] = 0
     assert chip.terminals() == OFF
+
+
+def test_a_supply_that_falls_within_the_look_at_it_stays_low(chip):
+    """Wherever the detector's interrupt comes in supply_look(), the tick knows of it."""
+    for at in range(12):
+        chip.board.supply(3.3)
+        chip.tick(2)
+        assert not chip.call("supply_is_low") & 1
+        # The detector rises when the interrupt runs, so what was read before was 0.
+        original, chip.board.pwr.is_low = chip.board.pwr.is_low, lambda: False
+        handler = chip.interrupt
+
+        def rises(irq, handler=handler, original=original):
+            chip.board.pwr.is_low = original
+            chip.board.supply_v = 2.85
+            handler(irq)
+
+        chip.interrupt = rises
+        chip.call_interrupted("supply_look", at, PVD)
+        chip.interrupt = handler
+        chip.board.pwr.is_low = original
+        assert chip.stopped_at is None or chip.call("supply_is_low") & 1, f"undone after {at}"
+        chip.board.exti.registers[0x14] = 0
+        chip.write("fault_reset", 1)
+    assert chip.stopped_at is None, "the look has more instructions than were tried"
 
 
 @pytest.mark.parametrize("volts, wrong", [(3.0, False), (3.55, False), (2.92, True), (3.75, True)])
@@ -493,3 +543,29 @@ def test_the_debugger_does_not_stop_the_watchdog_for_good():
 def test_edges_of_can_are_fast_enough(chip):
     """OSPEEDR of PB9: the slowest rate is for 2 MHz, a bit of CAN is 1 us."""
     assert chip.board.gpiob[0x08] >> 18 & 3 >= 1
+
+
+HANDLERS = {"tick": 30, "index": 9, "can": 20, "serial": 38, "supply": PVD}
+
+
+@pytest.mark.parametrize("irq", HANDLERS.values(), ids=HANDLERS.keys())
+def test_a_handler_ends_when_its_stores_are_complete(chip, irq):
+    """Cortex-M4 erratum 838869: a store that overlaps the return can make the core enter the
+    handler of another interrupt. DSB is F3BF 8F4F (ARMv7-M A7.7.33)."""
+    pending = [False]
+
+    def stores(*_):
+        pending[0] = True
+
+    def executes(uc, address, size, _data):
+        if bytes(uc.mem_read(address, size)) == b"\xbf\xf3\x4f\x8f":
+            pending[0] = False
+
+    chip.uc.hook_add(unicorn.UC_HOOK_MEM_WRITE, stores)
+    chip.uc.hook_add(unicorn.UC_HOOK_CODE, executes)
+    chip.uc.ctl_flush_tb()
+    chip.board.supply_v = 2.8
+    chip.board.nvic.registers.update({0: 0xFFFFFFFF, 4: 0xFFFFFFFF, 8: 0xFFFFFFFF})
+    pending[0] = True
+    chip.interrupt(irq)
+    assert not pending[0]

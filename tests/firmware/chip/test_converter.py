@@ -1,7 +1,7 @@
 """A converter of 24 bits at SPI2 of the released image, in front of models by the data sheets."""
 
 import pytest
-from chip import Chip
+from chip import DMA1_STREAM3, EXTI15_10, Chip
 from converters import Ad7193, Ads1256
 from drive_bench import stored
 from forceaxis.objects import BY_NAME
@@ -189,3 +189,45 @@ def test_a_conversion_that_ends_while_another_is_read_is_not_lost():
     chip.tick(30)
     assert device.conversions > before + 100
     assert FAULT[chip.read("fault")] == "none"
+
+
+@pytest.mark.parametrize("irq", [EXTI15_10, DMA1_STREAM3])
+def test_a_reading_that_interrupts_the_look_at_the_index_does_not_end_the_readings(irq):
+    """The line of the index is closed by noise and opened by the tick; the line of the converter by
+    its interrupts. Wherever one interrupts the other, both are open afterwards."""
+    chip = chip_with("ads1256")
+    device, board, readings = chip.board.converter, chip.board, []
+    begin = board.dma.begin
+    board.dma.begin = lambda: (readings.append(1), begin())
+    board.gpioa.wires |= {0: 0, 1: 0}
+    for at in range(40):
+        for _ in range(4):
+            board.pulse(3, chip.interrupts)
+        if irq == EXTI15_10:
+            device.run(device.next_s)
+            board.exti.edge(12, False)
+        else:
+            device.run(device.next_s)
+            board.exti.edge(12, False)
+            chip.interrupt(EXTI15_10)
+            board.dma.finish()
+        chip.call_interrupted("pins_din", at, irq)
+        chip.interrupts()
+        before = len(readings)
+        chip.tick(4)
+        assert len(readings) > before + 10, f"no readings after {at} instructions"
+        assert FAULT[chip.read("fault")] == "none"
+    assert board.mistakes == []
+
+
+def test_an_edge_that_was_served_already_starts_no_reading():
+    """The request of a line goes some time after its pending bit was cleared (ES0298 2.10.3), so
+    the handler can be entered once more: while the converter is not ready it begins nothing."""
+    chip = chip_with("ad7193")
+    board = chip.board
+    chip.interrupts()
+    assert not board.converter.ready and board.dma.done_s is None
+    chip.interrupt(EXTI15_10)
+    assert board.dma.done_s is None
+    chip.tick(20)
+    assert FAULT[chip.read("fault")] == "none" and board.mistakes == []

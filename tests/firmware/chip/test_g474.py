@@ -14,6 +14,7 @@ import test_board_watch
 import test_bringup
 import test_buses
 import test_flash
+import unicorn
 from chip import NMI, PVD, RAM, UID_WORDS, Stuck, release, segments
 from chip_g4 import BOARD, FDCAN1, FDCAN2, FDCAN2_SENT, IMAGE, Chip
 from conftest import build
@@ -42,6 +43,8 @@ OTHERS = {
     "test_a_tick_that_becomes_slow_or_fast_is_off_in_20_ms",
     "test_a_tick_that_is_slow_or_fast_from_the_start_is_found",
     "test_brown_out_level_3_is_read_back_at_power_up",
+    "test_a_handler_ends_when_its_stores_are_complete",
+    "test_the_write_protection_of_the_loader_is_read_back_at_power_up",
     "test_a_supply_below_2_9_v_switches_off_by_interrupt_before_the_brown_out",
     "test_a_dac_that_does_what_it_should_is_no_fault",
     "test_a_clock_that_stops_is_off_reset_and_reported",
@@ -232,7 +235,7 @@ def test_a_tick_that_becomes_slow_or_fast_is_off_in_20_ms(share, lsi_hz):
 
 OPTIONS = {  # RM0440 3.4.1: what a field of FLASH_OPTR must not be
     "level 3": (8, 7, 3), "level 0": (8, 7, 0), "bank 2": (20, 1, 1), "one bank": (22, 1, 0),
-    "pin PB8": (26, 1, 1), "system memory": (27, 1, 0),
+    "pin PB8": (26, 1, 1), "system memory": (27, 1, 0), "parity of the RAM": (24, 1, 0),
 }  # fmt: skip
 
 
@@ -252,6 +255,19 @@ def test_option_bytes_are_read_back_at_power_up(name):
     # Pages and banks of another layout are not erased.
     if name in ("bank 2", "one bank"):
         assert chip.write("store_all", SAVE) != 0 and chip.board.flash.erased == []
+
+
+@pytest.mark.parametrize("held", [0x0000007F, 0x007E0000, 0x007F0001, 0x00000000])
+def test_the_write_protection_of_the_program_is_read_back_at_power_up(held):
+    """RM0440 3.7.9, 3.5.4: WRP1A protects the pages WRP1A_STRT to WRP1A_END of bank 1, and none if
+    the first one is above the last one, as the chip is delivered."""
+    chip = Chip()
+    chip.board.flash.registers[0x2C] = held
+    release(chip)
+    chip.tick(2)
+    assert FAULT[chip.read("fault")] == "board_unfit"
+    assert chip.read("board_state") & BROWN_OUT_LEVEL
+    assert chip.board.trail == [OFF]
 
 
 def test_a_supply_below_2_9_v_switches_off_by_interrupt_before_the_brown_out(chip):
@@ -442,6 +458,42 @@ def test_a_converter_whose_calibration_does_not_end_never_blocks(which):
     assert chip.board.mistakes == []
 
 
+def test_no_conversion_comes_more_than_1_ms_after_the_one_before(chip):
+    """ES0430 2.7.9: such a result may be wrong. In the model it is: the reference would be out of
+    its band, and the force of the first tick at the end of its range."""
+    assert chip.read("board_state") & (test_board_watch.REFERENCE | test_board_watch.DAC) == 0
+    rests = {}
+    for name, adc in (("ADC1", chip.board.adc1), ("ADC2", chip.board.adc)):
+
+        def converted(channels, name=name, adc=adc, original=adc.converted):
+            now_s = chip.board.time_s()
+            rests.setdefault(name, []).append(now_s - adc.rested_s)
+            return original(channels)
+
+        adc.converted = converted
+    chip.tick(40)
+    assert all(len(times) >= 39 and max(times) < 1e-3 for times in rests.values())
+    assert FAULT[chip.read("fault")] == "none"
+
+
+def test_the_force_of_the_first_tick_is_right():
+    """The calibration is some milliseconds before, in which the store is read."""
+    chip = Chip()
+    chip.close_contacts()
+    chip.board.adc.volts = {6: 1.0, 7: 2.0}
+
+    def watch(address, _size):
+        if address == chip.symbols["fw_init"]:
+            chip.board.advance(168_000 * 5)
+            chip.watch = None
+
+    chip.watch = watch
+    chip.boot()
+    chip.tick()
+    codes = [chip.read("force_raw"), chip.read("current_raw")]
+    assert codes == [int(v / SUPPLY_V * 256) for v in (1.0, 2.0)]
+
+
 @pytest.mark.long
 def test_a_converter_of_the_force_that_this_board_lacks_is_not_replaced(chip):
     kind = objects.BY_NAME["force_converter"].enum.index("ads1256")
@@ -544,6 +596,28 @@ def test_bus_off_stops_the_axis_and_is_recovered_after_129_times_11_bits(chip):
     assert chip.board.mistakes == []
 
 
+def test_frames_that_nobody_acknowledges_are_given_up_by_an_initialisation(chip):
+    """RM0440 44.4.31: frames of the FIFO are not cancelled. They go when CCE is set; the node is
+    then on the bus again. The model notes a cancellation."""
+    can = chip.board.can
+    can.partner = False
+    for _ in range(40):
+        can.receive(0x601, bytes([0x40, 0, 0x10, 0, 0, 0, 0, 0]))
+        chip.tick(5)
+        if chip.read("can_state") == test_buses.PASSIVE and len(can.requests) == 3:
+            break
+    assert len(can.requests) == 3
+    aborted = can.aborted
+    chip.tick(170)
+    assert can.aborted - aborted == 3
+    can.partner = True
+    chip.tick(10)
+    can.sent.clear()
+    can.errors()
+    assert sdo_read(chip, 0x1000)[0] == 0x43
+    assert chip.board.mistakes == []
+
+
 @pytest.mark.long
 def test_a_controller_that_does_not_answer_never_blocks_a_tick():
     chip = Chip()
@@ -573,6 +647,33 @@ def test_the_second_controller_is_the_bus_of_a_drive(chip):
     assert can.sent and can.sent[0][:2] == (0x000, bytes([0x81, 9]))  # NMT: reset of the drive
     assert other.board.can.sent  # the boot-up of the axis
     assert other.board.mistakes == []
+
+
+def test_frames_that_the_drive_does_not_acknowledge_are_given_up_and_the_bus_comes_back(chip):
+    """The tick gives them up by an initialisation, while an interrupt of a higher priority fills
+    the buffers."""
+    for name, value in (("drive_node_id", 9), ("drive_bit_rate", 500)):
+        assert chip.write(name, value) == 0
+    assert chip.write("store_all", SAVE) == 0
+    while STATES[chip.read("store_state")] == "saving":
+        chip.tick()
+    other = restarted(chip)
+    can = other.board.can2
+    can.partner = False
+    for _ in range(400):
+        other.tick()
+        can.transmit()
+        other.interrupts()
+    assert can.aborted >= 3 and can.sent == []
+    can.partner = True
+    can.errors()
+    for _ in range(3000):
+        other.tick()
+        can.transmit()
+        other.interrupts()
+        if can.sent:
+            break
+    assert can.sent and other.board.mistakes == []
 
 
 # The serial line.
@@ -704,12 +805,76 @@ def test_a_damaged_set_falls_back_to_the_one_before(chip):
     assert STATES[other.read("store_state")] == "loaded_older" and reported(other)
 
 
-def test_a_damaged_double_word_of_the_program_is_a_fault_of_the_core(chip):
+@pytest.mark.parametrize("bank", [0, 1 << 21])
+def test_a_damaged_double_word_that_nobody_asked_for_is_a_fault_of_the_core(chip, bank):
+    """Of the program, whatever bank the register names: 3.3.2, its address may be an older one."""
     enable(chip, 700)
     chip.tick(3)
-    chip.board.flash.registers[0x18] = 1 << 31 | 0x1230  # bank 1
+    chip.board.flash.registers[0x18] = 1 << 31 | bank | 0x1230
     handle(chip, NMI)
     assert chip.terminals() == OFF and chip.board.scb.reset_asked
+
+
+def test_a_corrected_bit_of_the_program_does_not_hide_a_damaged_double_word():
+    """RM0440 3.3.2: with ECCC set by the program, address and bank of the damaged double word are
+    not told. The chip starts, and counts what was corrected."""
+    chip = Chip()
+    chip.board.flash.report(30, 0x1230, bank_2=False)
+    chip.board.flash.damaged |= {0, 8, 0x8000}
+    release(chip)
+    assert not chip.board.scb.reset_asked and chip.read("fault") == 0
+    assert STATES[chip.read("store_state")] in ("failed", "empty")
+    assert chip.read("flash_corrected") == 1
+    assert save(chip, 901) == "saved" and restarted(chip).read("force_gain") == 901
+    assert chip.board.mistakes == []
+
+
+def test_corrected_errors_are_counted(chip):
+    assert save(chip, 500) == "saved"
+    assert chip.read("flash_corrected") == 0
+    chip.board.flash.weak = {0, 16, 24}
+    other = Chip(bytes(chip.board.flash.bytes))
+    other.board.flash.weak = {0, 16, 24}
+    release(other)
+    assert other.read("force_gain") == 500 and other.read("flash_corrected") >= 3
+    before = other.read("flash_corrected")
+    for _ in range(3):  # of the program, between two ticks
+        other.board.flash.report(30, 0x4000, bank_2=False)
+        other.tick()
+    assert other.read("flash_corrected") == before + 3
+    assert not other.board.flash[0x18] >> 30
+    other.tick(5)
+    assert other.read("flash_corrected") == before + 3
+
+
+def test_bank_2_is_changed_without_the_data_cache(chip):
+    """ES0430 2.2.2: a read of bank 1 while bank 2 is written corrupts the cache. It is off for each
+    double word and each page, reset before it is on, and on otherwise. The model notes mistakes."""
+    flash, seen = chip.board.flash, []
+    changed = flash.changed
+    flash.changed = lambda: (seen.append(bits(flash[0x00], 10)), changed())
+    assert save(chip, 800) == "saved"
+    assert len(seen) > 16 + 100 and not any(seen)
+    assert flash[0x00] & 0x1700 == 0x0700 and not flash.is_stale
+    assert chip.board.mistakes == []
+
+
+def test_a_restart_touches_each_ram_by_a_read_first():
+    """ES0430 2.2.7: the first write after a reset to each part of the SRAM may be lost, unless the
+    part has been accessed."""
+    parts = (0x20000000, 0x20008000, 0x20010000, 0x20014000)
+    chip, first = Chip(), {}
+
+    def note(_uc, access, address, _size, _value, _data):
+        part = max(at for at in parts if at <= address)
+        first.setdefault(part, access)
+
+    chip.uc.hook_add(
+        unicorn.UC_HOOK_MEM_READ | unicorn.UC_HOOK_MEM_WRITE, note, None, RAM, RAM + 0x17FFF
+    )
+    chip.close_contacts()
+    chip.boot()
+    assert first == dict.fromkeys(parts, unicorn.UC_MEM_READ)
 
 
 # Bring-up.

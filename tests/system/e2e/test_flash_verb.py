@@ -78,7 +78,8 @@ print("Info : STLINK V2J37M26 (API v2) VID:PID 0483:374B\\nInfo : Target voltage
 if fails == "chip":
     leave("Error: init mode failed (unable to connect to the target)")
 if "mrw 0x40023c14" in words:
-    print({{"brownout": "options 0fffaaed", "unread": ""}}.get(fails, "options 0fffaae1"),
+    print({{"brownout": "options 0ffeaaed", "open": "options 0fffaae1", "unread": ""}}
+          .get(fails, "options 0ffeaae1"),
           file=sys.stderr)
 if "mrw 0xe0042000" in words:
     leave({{"other": "device 10006413", "mute": "nothing"}}.get(fails, "device 10006421"), 0)
@@ -188,16 +189,26 @@ def refused(done, status, text):
 
 
 BOARD = ["-f", "board/st_nucleo_f4.cfg"]
-# RM0390 3.6.6, 3.8.2, 3.8.6: the keys of OPTKEYR, BOR_LEV 00 in bits 3:2, OPTSTRT 2, OPTLOCK 1.
-SET = (
-    "if {([mrw 0x40023c14] & 0xc) != 0x0} {mww 0x40023c08 0x08192a3b; mww 0x40023c08 0x4c5d6e7f; "
-    "mww 0x40023c14 [expr {([mrw 0x40023c14] & ~0xf) | 0x0}]; "
-    "mww 0x40023c14 [expr {[mrw 0x40023c14] | 0x2}]; "
-    "while {[mrw 0x40023c0c] & 0x10000} {}; mww 0x40023c14 [expr {[mrw 0x40023c14] | 0x1}]}"
-)
-OPTIONS = [
-    *("-c", "init", "-c", "reset init"),
+
+
+def step(mask, value, ours):
+    """RM0390 3.6.6, 3.8.2, 3.8.6: the keys of OPTKEYR, the bits, OPTSTRT 2, BSY, OPTLOCK 1."""
+    return (
+        f"if {{([mrw 0x40023c14] & {mask}) != {value}}} {{mww 0x40023c08 0x08192a3b; "
+        "mww 0x40023c08 0x4c5d6e7f; "
+        f"mww 0x40023c14 [expr {{([mrw 0x40023c14] & ~{ours}) | {value}}}]; "
+        "mww 0x40023c14 [expr {[mrw 0x40023c14] | 0x2}]; "
+        "while {[mrw 0x40023c0c] & 0x10000} {}; mww 0x40023c14 [expr {[mrw 0x40023c14] | 0x1}]}"
+    )
+
+
+# nWRP0 1, sector 0 may be written; then BOR_LEV 00, nWRP0 0 and SPRMOD 0.
+OPEN = step("0x10000", "0x10000", "0x10003")
+SET = step("0x8001000c", "0x0", "0x8001000f")
+BEFORE = ["-c", "init", "-c", "reset init", "-c", OPEN]
+AFTER = [
     *("-c", SET, "-c", "echo [format {options %08x} [mrw 0x40023c14]]"),
+    *("-c", "reset run", "-c", "shutdown"),
 ]
 # A newer image in the other slot would run instead of the one that is written.
 OTHER_SLOT = ["-c", "flash erase_address 0x08040000 0x20000"]
@@ -226,7 +237,7 @@ def test_an_image_is_shown_written_and_verified(bench, elf):
     assert size == sum(sizes) and size >= 8 + 60 + 3000 + 4
     assert bench.calls() == [
         [*PROBE, "-c", "shutdown"],
-        [*BOARD, *OPTIONS, *OTHER_SLOT, "-c", f"program {{{elf}}} verify reset exit"],
+        [*BOARD, *BEFORE, *OTHER_SLOT, "-c", f"program {{{elf}}} verify", *AFTER],
     ]
     assert shown["options"].startswith("brown-out reset at level 3")
 
@@ -243,27 +254,41 @@ proc mww {at value} {
 """
 
 
-@pytest.mark.parametrize("before", ["0x0fffaaed", "0x0fffaae9", "0x0fffaae1"])
-def test_the_option_bytes_are_set_by_openocd_s_own_tcl(before):
-    """All other bits stay; where the level is right nothing is written."""
+def by_openocd(before, what):
+    """The register after a step, and whether it was written."""
     done = run(
-        "openocd", "-c", CHIP % before, "-c", SET,
+        "openocd", "-c", CHIP % before, "-c", what,
         "-c", "echo [format {options %08x} $options]; echo $trail; shutdown",
     )  # fmt: skip
     text = done.stdout + done.stderr
-    level = int(before, 16) | 1
-    wanted = level & ~0xE if level & 0xC else level
     written = re.search(r"^options ([0-9a-f]{8})", text, re.M)
-    assert int(written.group(1), 16) & ~2 == wanted, text
-    assert ("40023c14=" in text.split("options", 1)[1]) == bool(level & 0xC), text
+    return int(written.group(1), 16), "40023c14=" in text.split("options", 1)[1]
+
+
+@pytest.mark.parametrize("before", ["0x0fffaaed", "0x0ffeaae9", "0x8fffaae1", "0x0ffeaae1"])
+def test_the_option_bytes_are_set_by_openocd_s_own_tcl(before):
+    """All other bits stay; where they are right nothing is written."""
+    held = int(before, 16) | 1
+    found, is_written = by_openocd(before, SET)
+    assert found & ~2 == held & ~0x8001000C
+    assert is_written == bool(held & 0x8001000C)
+
+
+@pytest.mark.parametrize("before", ["0x0fffaaed", "0x0ffeaae1"])
+def test_the_loader_may_be_written_before_the_image_is(before):
+    held = int(before, 16)
+    found, is_written = by_openocd(before, OPEN)
+    assert found & ~2 == held | 0x10001
+    assert is_written == (not held & 0x10000)
 
 
 # RM0440 3.3.5, 3.4.2, 3.7: a flash that opens by KEYR, then its options by OPTKEYR; OPTSTRT writes
 # OPTR, which is in force after OBL_LAUNCH, with a reset of the chip.
 CHIP_G4 = """
-set options %s; set held %s; set keys {}; set trail {}
+set options %s; set pages %s; set held $options; set kept $pages; set keys {}; set trail {}
 proc mrw {at} {
   if {$at == 0x40022020} { return $::options }
+  if {$at == 0x4002202c} { return $::pages }
   return [expr {$at == 0x40022014 ? 0xc0000000 : 0}]
 }
 proc mww {at value} {
@@ -271,27 +296,41 @@ proc mww {at value} {
   if {$at == 0x40022008 || $at == 0x4002200c} { lappend ::keys $value; return }
   if {$::keys ne [list 0x45670123 0xcdef89ab 0x08192a3b 0x4c5d6e7f]} { error locked }
   if {$at == 0x40022020} { set ::options $value }
-  if {$at == 0x40022014 && $value & 0x20000} { set ::held $::options }
-  if {$at == 0x40022014 && $value & 0x8000000} { set ::options $::held; error reset }
+  if {$at == 0x4002202c} { set ::pages $value }
+  if {$at == 0x40022014 && $value & 0x20000} { set ::held $::options; set ::kept $::pages }
+  if {$at == 0x40022014 && $value & 0x8000000} {
+    set ::options $::held; set ::pages $::kept; error reset
+  }
 }
-proc reset {how} { lappend ::trail reset }
+proc reset {how} { lappend ::trail reset; set ::keys {} }
 proc sleep {ms} {}
 """
 
 
+@pytest.mark.parametrize("pages", [0xFF00FFFF, 0xFF7FFF80, 0xFF03FF82])
 @pytest.mark.parametrize("before", [0xFFEFF8AA, 0xFBEFF8AA, 0xFBEFFCAA, 0xFFFFFCAA, 0xFB8FFCAA])
-def test_the_option_bytes_of_the_stm32g474_are_written_and_loaded(before):
-    """Brown-out reset at level 4, two banks, started from bank 1 by nBOOT0; all other bits stay."""
+def test_the_option_bytes_of_the_stm32g474_are_written_and_loaded(before, pages):
+    """Brown-out reset at level 4, two banks, started from bank 1 by nBOOT0, RAM without parity,
+    pages 0 to 127 of bank 1 protected; all other bits stay. RM0440 3.7.9: first page in bits 6:0 of
+    FLASH_WRP1AR, last page in bits 22:16; none is protected if the first is above the last."""
     options = boards.read(ROOT / "firmware/port/stm32g4").probe.options
-    steps = [word for step in flash.options_steps(options) for word in ("-c", step)]
-    done = run("openocd", "-c", CHIP_G4 % (hex(before), hex(before)), *steps,
-               "-c", "echo $trail; shutdown")  # fmt: skip
+    steps = [
+        *("-c", flash.options_step(options, [options.writing])),
+        *("-c", "echo [format {open %08x} [mrw 0x4002202c]]; echo $trail; set trail {}"),
+        *("-c", flash.options_step(options, options.settings)),
+        *("-c", flash.read_back_step(options), "-c", "echo $trail; shutdown"),
+    ]
+    done = run("openocd", "-c", CHIP_G4 % (hex(before), hex(pages)), *steps)
     text = done.stdout + done.stderr
-    mask = 7 << 8 | 1 << 20 | 1 << 22 | 1 << 26 | 1 << 27
-    wanted = before & ~mask | 4 << 8 | 1 << 22 | 1 << 27
-    written = re.search(r"^options ([0-9a-f]{8})", text, re.M)
+    opened = int(re.search(r"^open ([0-9a-f]{8})", text, re.M).group(1), 16)
+    assert opened & 0x7F > opened >> 16 & 0x7F and opened & ~0x7F007F == pages & ~0x7F007F, text
+    mask = 7 << 8 | 1 << 20 | 1 << 22 | 1 << 24 | 1 << 26 | 1 << 27
+    wanted = before & ~mask | 4 << 8 | 1 << 22 | 1 << 24 | 1 << 27
+    written = re.search(r"^options ([0-9a-f]{8}) ([0-9a-f]{8})", text, re.M)
     assert int(written.group(1), 16) == wanted, text
-    assert ("reset" in text.split("options ", 1)[1]) == (wanted != before), text
+    assert int(written.group(2), 16) == pages & ~0x7F007F | 0x7F0000, text
+    assert "reset" in text.split("options ", 1)[1], text
+    assert ("reset" in text.split("open ", 1)[1].split("options")[0]) == (opened != pages)
 
 
 def test_hex_and_json(bench, elf):
@@ -302,8 +341,8 @@ def test_hex_and_json(bench, elf):
     assert report["sectors"] == [0, 3, 5, 6] and report["table_hash"] == HASH
     assert report["warning"] is None
     assert report["command"] == ["openocd", *bench.calls()[-1]]
-    program = ["-c", f"program {{{path}}} verify reset exit"]
-    assert bench.calls()[-1] == [*BOARD, *OPTIONS, *OTHER_SLOT, *program]
+    program = ["-c", f"program {{{path}}} verify"]
+    assert bench.calls()[-1] == [*BOARD, *BEFORE, *OTHER_SLOT, *program, *AFTER]
 
 
 def test_bin_covers_the_parameters(bench, elf):
@@ -315,8 +354,8 @@ def test_bin_covers_the_parameters(bench, elf):
     assert "parameters   erased" in done.stdout
     assert "1 (parameters, 0x08004000), 2 (parameters, 0x08008000), 3 (0x0800c000)" in done.stdout
     assert bench.calls()[-1] == [
-        *BOARD, *OPTIONS, "-c", "flash erase_address 0x08004000 0x8000", *OTHER_SLOT,
-        "-c", f"program {{{path}}} verify reset exit 0x08000000",
+        *BOARD, *BEFORE, "-c", "flash erase_address 0x08004000 0x8000", *OTHER_SLOT,
+        "-c", f"program {{{path}}} verify 0x08000000", *AFTER,
     ]  # fmt: skip
 
 
@@ -348,8 +387,8 @@ def test_dry_run_prints_the_command_quoted(bench, elf, tmp_path):
     last = done.stdout.splitlines()[-1]
     assert bench.calls() == []
     words = [
-        "openocd", *BOARD, "-c", "adapter serial 066EFF", *OPTIONS, *OTHER_SLOT,
-        "-c", f"program {{{path.name}}} verify reset exit",
+        "openocd", *BOARD, "-c", "adapter serial 066EFF", *BEFORE, *OTHER_SLOT,
+        "-c", f"program {{{path.name}}} verify", *AFTER,
     ]  # fmt: skip
     assert shlex.split(last) == words
     # A shell passes the same words.
@@ -396,7 +435,8 @@ def test_another_object_table_is_told(bench, elf, tmp_path):
         ("verify", "the chip does not hold what was written", 2),
         ("strange", "expected exit status 0, got 3; last output: Error: the moon is full", 2),
         ("silent", "expected `Verified OK`; last output: shutdown", 2),
-        ("brownout", "expected brown-out reset at level 3.*got 0fffaaed.*stays disabled", 2),
+        ("brownout", "expected brown-out reset at level 3.*got 0ffeaaed.*stays disabled", 2),
+        ("open", "loader write-protected, got 0fffaae1.*stays disabled", 2),
         ("unread", "expected brown-out reset at level 3.*got nothing", 2),
     ],
 )

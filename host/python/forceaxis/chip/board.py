@@ -23,11 +23,14 @@ firmware/port, so that a board elsewhere uses the parts that boards share.
                     records)
     [probe]         optional. openocd's configuration, name of the probe, pattern of its
                     version as openocd prints it; the chip, its 12-bit identifier and where that is.
-                    [probe.options], optional: what a flashing also sets, and reads back: a register
-                    whose bits `mask` become `value`, opened by `keys`, `start` and `lock` bits of
-                    its own, ready when the bits `busy` of another one are 0. Optional: keys that
-                    are written first, to open the flash; another register with the bits `start`
-                    and `lock`; its bit `load`, which makes the value effective and resets the chip
+                    [probe.options], optional: what a flashing also sets, and reads back, as
+                    `settings`: [address, mask, value], registers whose bits `mask` become `value`.
+                    `writing`, also [address, mask, value], ends the write protection before the
+                    image is written. They are opened by `keys`, with `start` and `lock` bits of the
+                    first of these registers, ready when the bits `busy` of another one are 0.
+                    Optional: keys that are written first, to open the flash; another register with
+                    the bits `start` and `lock`; its bit `load`, which makes the values effective
+                    and resets the chip
     [registers]     optional. For tools/check_svd: header, PyPI package or crate and devices of the
                     vendor's files, peripherals that they lack, names that differ, fields that
                     the files lack though the manual has them, and those of which both differ
@@ -138,12 +141,12 @@ class EmulatedImage:
 
 @dataclass(frozen=True)
 class ProbeOptions:
-    """Bits of a chip register, such as option bytes, that flashing sets and then reads back."""
+    """Bits of chip registers, such as option bytes, that flashing sets and then reads back. Each
+    item of `settings`, and `writing`, is [address, mask, value]."""
 
     title: str
-    address: int
-    mask: int
-    value: int
+    settings: list[list[int]]
+    writing: list[int]
     keys_address: int
     keys: list[int]
     start: int

@@ -222,15 +222,15 @@ def probe_options(probe: boards.Probe, serial: str) -> list[str]:
 
 
 def command(plan: Plan) -> list[str]:
-    """Returns the openocd command line that sets the option bytes, writes and verifies the image,
-    and resets the chip."""
+    """Returns the openocd command line that ends the write protection, writes and verifies the
+    image, sets the option bytes, and resets the chip."""
     steps = []
     options = plan.probe.options
     slots = plan.board.slots
     if options or plan.erase_parameters or slots:
         steps += ["init", "reset init"]
     if options:
-        steps += options_steps(options)
+        steps.append(options_step(options, [options.writing]))
     if plan.erase_parameters:
         parameters = plan.board.memory.parameters
         steps.append(f"flash erase_address {parameters.start:#010x} {len(parameters):#x}")
@@ -238,27 +238,35 @@ def command(plan: Plan) -> list[str]:
         # A newer image in the other slot would be started instead of this one.
         steps.append(f"flash erase_address {slots.addresses[1]:#010x} {slots.bytes:#x}")
     where = f" {plan.image.address:#010x}" if plan.image.kind == "bin" else ""
-    steps.append(f"program {{{plan.image.path}}} verify reset exit{where}")
+    if options:
+        steps.append(f"program {{{plan.image.path}}} verify{where}")
+        steps += [options_step(options, options.settings), read_back_step(options)]
+        steps += ["reset run", "shutdown"]
+    else:
+        steps.append(f"program {{{plan.image.path}}} verify reset exit{where}")
     words = [word for step in steps for word in ("-c", step)]
     return ["openocd", *probe_options(plan.probe, plan.serial), *words]
 
 
-def options_steps(options: boards.ProbeOptions) -> list[str]:
-    """Returns the openocd commands that correct wrong option bytes and print the register of the
-    option bytes.
+def options_step(options: boards.ProbeOptions, settings: Sequence[Sequence[int]]) -> str:
+    """Returns the openocd command that sets option bytes, if one of `settings` differs, each
+    [address, mask, value].
 
-    The commands write the keys, the new value and a start bit, and wait until the chip is not busy.
-    Then they lock the register again, or load the new value, which resets the chip.
+    The command writes the keys, the new values and a start bit, and waits until the chip is not
+    busy. Then it locks the registers again, or loads the new values, which resets the chip.
     """
-    at, held = f"{options.address:#x}", f"[mrw {options.address:#x}]"
-    control = options.control_address or options.address
-    bits = options.start | options.lock if control == options.address else 0
-    wanted, ours = f"{options.value:#x}", f"{options.mask | bits:#x}"
+    control = options.control_address or options.settings[0][0]
     opening = [(options.flash_keys_address, key) for key in options.flash_keys or []]
     opening += [(options.keys_address, key) for key in options.keys]
+    differs, sets = [], []
+    for address, mask, value in settings:
+        ours = mask | (options.start | options.lock if control == address else 0)
+        differs.append(f"([mrw {address:#x}] & {mask:#x}) != {value:#x}")
+        held = f"([mrw {address:#x}] & ~{ours:#x})"
+        sets.append(f"mww {address:#x} [expr {{{held} | {value:#x}}}]")
     writes = [
         *(f"mww {address:#x} {key:#010x}" for address, key in opening),
-        f"mww {at} [expr {{({held} & ~{ours}) | {wanted}}}]",
+        *sets,
         f"mww {control:#x} [expr {{[mrw {control:#x}] | {options.start:#x}}}]",
         f"while {{[mrw {options.busy_address:#x}] & {options.busy:#x}}} {{}}",
     ]
@@ -267,10 +275,13 @@ def options_steps(options: boards.ProbeOptions) -> list[str]:
     else:
         # The reset may end this write with an error.
         writes += [f"catch {{mww {control:#x} {options.load:#x}}}", "sleep 100", "reset init"]
-    return [
-        f"if {{({held} & {options.mask:#x}) != {wanted}}} {{{'; '.join(writes)}}}",
-        f"echo [format {{options %08x}} {held}]",
-    ]
+    return f"if {{{' || '.join(differs)}}} {{{'; '.join(writes)}}}"
+
+
+def read_back_step(options: boards.ProbeOptions) -> str:
+    """Returns the openocd command that prints the registers of the option bytes."""
+    held = [f"[mrw {address:#x}]" for address, _, _ in options.settings]
+    return f"echo [format {{options{' %08x' * len(held)}}} {' '.join(held)}]"
 
 
 def expect_options(plan: Plan, output: str) -> None:
@@ -279,11 +290,13 @@ def expect_options(plan: Plan, output: str) -> None:
     options = plan.probe.options
     if options is None:
         return
-    found = re.search(r"^options ([0-9a-f]{8})\s*$", output, re.M)
-    if found is None or int(found.group(1), 16) & options.mask != options.value:
+    found = re.search(r"^options((?: [0-9a-f]{8})+)\s*$", output, re.M)
+    held = [int(word, 16) for word in found.group(1).split()] if found else []
+    wanted = [value for _, _, value in options.settings]
+    if [h & mask for h, (_, mask, _) in zip(held, options.settings, strict=False)] != wanted:
         raise FlashError(
-            f"openocd: expected {options.title}, got {found.group(1) if found else 'nothing'} "
-            "when reading back; the axis stays disabled, write the option bytes again"
+            f"openocd: expected {options.title}, got {found.group(1)[1:] if found else 'nothing'} "
+            "when reading back; the axis stays disabled, run `forceaxis flash` again"
         )
 
 

@@ -94,8 +94,8 @@ BOARDS = {
         errors={
             1: "the 8 MHz of the ST-Link do not arrive at PH0, so the internal oscillator is in "
             "use: check the solder bridges (UM1724)",
-            2: "the brown-out reset has another level: run `forceaxis flash` again, which sets "
-            "level 3",
+            2: "the option bytes for brown-out reset and write protection of the loader have other "
+            "values: run `forceaxis flash` again, which sets them",
             1024: "the converter of the force does not answer as expected: check SPI2 and "
             "force_converter, which is adc without a converter",
         },
@@ -107,8 +107,8 @@ BOARDS = {
         errors={
             1: "the crystal of 24 MHz at PF0 and PF1 does not start, so the internal oscillator is "
             "in use: check the crystal and its solder bridges (UM2505)",
-            2: "the option bytes for brown-out reset and start have other values: run `forceaxis "
-            "flash` again, which sets them",
+            2: "the option bytes for brown-out reset, start and write protection of the program "
+            "have other values: run `forceaxis flash` again, which sets them",
             1024: "this board has no connection for a converter of the force: set force_converter "
             "to adc, save, and reset the board",
         },

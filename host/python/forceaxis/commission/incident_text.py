@@ -45,7 +45,7 @@ FAULT_TEXTS = {
 }
 # Bits of board_state (2431h) that report faults.
 BOARD_FAULTS = {
-    2: "brown-out reset not at its level",
+    2: "option bytes not those of the board",
     4: "image damaged",
     8: "RAM failed",
     16: "supply low",
