@@ -26,7 +26,7 @@ enum { CYCLE_IDLE = 0, CYCLE_RUNNING = 1, CYCLE_ENDED = 2, CYCLE_DONE = 3 };
 /* How a cycle ended: as the program intends; a limit of a phase was exceeded; stopped from outside;
  * samples were lost, because nobody evaluated them or because ticks were missing; the tare of a
  * phase failed, because the axis was in contact or did not stand still, or because the offset is
- * beyond tare_band. */
+ * beyond tare_band; a value that decides the part was changed. */
 enum {
   CYCLE_BY_PROGRAM = 0,
   CYCLE_OVER_FORCE = 1,
@@ -37,7 +37,8 @@ enum {
   CYCLE_TARE_CONTACT = 6,
   CYCLE_TARE_MOVING = 7,
   CYCLE_TARE_BAND = 8,
-  CYCLE_OUTCOMES = 9
+  CYCLE_CHANGED = 9,
+  CYCLE_OUTCOMES = 10
 };
 
 /* Whether a phase is reached: not, because the tare is not complete, or the demand is not yet that
@@ -98,11 +99,12 @@ typedef struct {
   uint8_t ended_by;
   uint8_t target; /* whether the phase is reached, CYCLE_TARGET_ */
   uint8_t has_depth;
-  uint8_t tared;      /* 1 if offset_q8 is new; the drive clears this flag */
-  uint8_t outputs;    /* outputs that are on */
-  uint8_t zeroed;     /* 1 if travel 0 is found */
-  uint8_t incomplete; /* 1 if a tick was missing */
-  uint8_t good;       /* 1 if the cycle ended by its program and all elements are good */
+  uint8_t tared;          /* 1 if offset_q8 is new; the drive clears this flag */
+  uint8_t outputs;        /* outputs that are on */
+  uint8_t outputs_before; /* outputs that were on before the start */
+  uint8_t zeroed;         /* 1 if travel 0 is found */
+  uint8_t incomplete;     /* 1 if a tick was missing */
+  uint8_t good;           /* 1 if the cycle ended by its program and all elements are good */
 } cycle_t;
 
 /* Sets the state at power-up: no cycle has run. */
@@ -130,7 +132,8 @@ bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now);
 /* Ends a running cycle with an outcome in the phase that runs. */
 void cycle_end(cycle_t *cycle, uint8_t outcome);
 
-/* Ends a running cycle as CYCLE_STOPPED. */
+/* Ends a running cycle as CYCLE_STOPPED. A cycle that no tick has seen yet has never begun: its
+ * state becomes that of power-up, with the outputs of before. */
 void cycle_abort(cycle_t *cycle);
 
 /* Evaluates the samples that wait, whose travel becomes the depth. At the end of the cycle the
