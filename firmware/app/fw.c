@@ -91,6 +91,20 @@ static void axis_written(dictionary_t *objects, uint8_t source, uint16_t object,
   }
 }
 
+/* Evaluates the samples of a cycle, and keeps the result of a cycle that has ended. */
+static void serve_cycle(fw_t *fw) {
+  bool ended = false;
+  if (cycle_mode_is_busy(&fw->drive)) {
+    const uint8_t first = fw->drive.cycle.evaluated;
+    cycle_mode_between(&fw->drive);
+    curves_between(fw, first);
+    ended = !cycle_mode_is_busy(&fw->drive);
+  }
+  if (fw->drive.program != NULL || fw->library.count != 0) {
+    results_serve(fw, ended);
+  }
+}
+
 static int check_drive(const dictionary_t *objects, uint8_t source, uint16_t object,
                        int32_t value) {
   (void)source;
@@ -102,7 +116,11 @@ static void drive_written(dictionary_t *objects, uint8_t source, uint16_t object
                           int32_t value) {
   fw_t *fw = fw_of(objects);
   if (object == AXIS_OBJ_CONTROLWORD) {
+    if (fw->drive.cycle.state == CYCLE_ENDED) {
+      serve_cycle(fw); /* A start finds the result of the last part complete. */
+    }
     ownership_command(fw, source, (uint16_t)previous, (uint16_t)value);
+    results_follow(fw);
   } else {
     cia402_written(&fw->drive, &fw->axis, object, previous, value);
     if (object == AXIS_OBJ_FORCE_SCALE) {
@@ -202,12 +220,15 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
   }
 }
 
-/* Resets the date 1020h after a change of a stored parameter, because the configuration then
- * differs from the verified configuration. */
+/* Ends a cycle whose part the value decides. Resets the date 1020h after a change of a stored
+ * parameter, because the configuration then differs from the verified configuration. */
 static void changed(dictionary_t *objects, uint16_t object) {
   fw_t *fw = fw_of(objects);
-  if (object != AXIS_OBJ_CONFIGURATION_DATE && object != AXIS_OBJ_CONFIGURATION_TIME &&
-      fw->tare_is_written == 0) {
+  if (axis_objects[object].in_cycle == AXIS_IN_CYCLE_ENDS) {
+    cycle_mode_change(&fw->drive);
+  }
+  if (axis_objects[object].stored != 0 && object != AXIS_OBJ_CONFIGURATION_DATE &&
+      object != AXIS_OBJ_CONFIGURATION_TIME && fw->tare_is_written == 0) {
     canopen_params_t *params = &fw->canopen.params;
     params->configuration_date = 0;
     params->configuration_time = 0;
@@ -446,22 +467,6 @@ static void serve_store(fw_t *fw) {
     }
   }
   results_show_store(fw);
-}
-
-/* Evaluates the samples of a cycle, and keeps the result of a cycle that has ended. */
-static void serve_cycle(fw_t *fw) {
-  bool ended = false;
-  if (cycle_mode_is_busy(&fw->drive)) {
-    const uint8_t first = fw->drive.cycle.evaluated;
-    cycle_mode_between(&fw->drive);
-    curves_between(fw, first);
-    ended = !cycle_mode_is_busy(&fw->drive);
-  } else {
-    cycle_mode_start_late(&fw->drive, &fw->axis);
-  }
-  if (fw->drive.program != NULL || fw->library.count != 0) {
-    results_serve(fw, ended);
-  }
 }
 
 static bool is_active(const fw_t *fw) { return fw->axis.signals.active_mode != AXIS_MODE_DISABLED; }

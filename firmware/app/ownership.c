@@ -72,11 +72,14 @@ static bool starts_axis(const fw_t *fw, uint16_t object, int32_t value) {
           (object == AXIS_OBJ_MODE && value != AXIS_MODE_DISABLED));
 }
 
-/* Returns true for an object that every source may write: it names the result or the points of the
- * curve that are read, or acknowledges a result. */
-static bool is_open(uint16_t object) {
-  return object == AXIS_OBJ_CYCLE_RESULT_NUMBER || object == AXIS_OBJ_CYCLE_RESULT_ELEMENT ||
-         object == AXIS_OBJ_CYCLE_CURVE_FIRST || object == AXIS_OBJ_CYCLE_ACKNOWLEDGE;
+/* Returns true if this write would change a value that must not change while a cycle runs. A
+ * command has no value, so it always counts as a change. */
+static bool is_fixed(const fw_t *fw, uint16_t object, int32_t value) {
+  int32_t present = 0;
+  return axis_objects[object].in_cycle == AXIS_IN_CYCLE_REFUSED &&
+         cycle_is_running(&fw->drive.cycle) &&
+         (!dictionary_has_value(object) ||
+          dictionary_read(&fw->objects, object, &present) != FW_OK || present != value);
 }
 
 /* Returns true if the work on the flash does not permit a write now. A saved parameter set must
@@ -93,9 +96,9 @@ int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t objec
   if (!may_command(fw, source)) {
     const bool permitted = (object == AXIS_OBJ_COMMAND_SOURCE) ? may_acquire(fw, source, value)
                                                                : cia402_is_stop(object, value);
-    return (permitted || is_open(object)) ? FW_OK : FW_ERROR_LOCKED;
+    return (permitted || dictionary_is_open(object)) ? FW_OK : FW_ERROR_LOCKED;
   }
-  if (!is_writable(fw, entry)) {
+  if (!is_writable(fw, entry) || is_fixed(fw, object, value)) {
     return FW_ERROR_STATE;
   }
   const int refusal =
@@ -224,7 +227,6 @@ static void note_connection(fw_t *fw, bool is_new, uint8_t owner) {
 void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
                        int32_t value) {
   fw_t *fw = fw_of(objects);
-  fw->source_silence = 0;
   if (object == AXIS_OBJ_UNSUPERVISED_OWNER) {
     ownership_check_watch(fw);
   }
@@ -234,6 +236,7 @@ void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, i
   if (object != AXIS_OBJ_COMMAND_SOURCE || value == previous) {
     return;
   }
+  fw->source_silence = 0; /* The watchdog of the new owner begins. */
   if (!will_be_active(fw)) {
     cia402_forget_targets(&fw->drive); /* The new owner of the axis must write its own targets. */
   }

@@ -4,7 +4,8 @@
 /* Ownership of the axis: which bus owns the axis, which bus may write, and what happens when the
  * owner no longer writes. Canopen owns the axis at power-up. Another bus acquires a disabled axis
  * by writing its own number to command_source, or receives the axis from the owner. This bus loses
- * the axis to canopen if none of its own writes is accepted for the time of its watchdog.
+ * the axis to canopen if none of its own writes is accepted for the time of its watchdog. A write
+ * to an object that every bus may write (dictionary_is_open()) does not count.
  *
  * An owner on CAN (owner_on_can) also loses the axis when CAN fails: bus off, NMT stop, or a
  * missing heartbeat. The following owners are on CAN: canopen; a client of the gateway, which is
@@ -36,8 +37,8 @@ static inline const fw_t *fw_of_const(const dictionary_t *objects) {
 }
 
 /* Checks whether a source may now write `value` to an existing object. Returns FW_OK;
- * FW_ERROR_LOCKED; FW_ERROR_STATE if the column `writable` of the object table forbids the write;
- * or FW_ERROR_BUSY while the parameter store is working. */
+ * FW_ERROR_LOCKED; FW_ERROR_STATE if the column `writable` or `in_cycle` of the object table
+ * forbids the write; or FW_ERROR_BUSY while the parameter store is working. */
 int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
 /* Handles a new controlword of a source; `previous` is the old controlword. A source that does not

@@ -212,7 +212,7 @@ void results_show_store(fw_t *fw) {
 }
 
 static void count_part(results_counts_t *counts, uint8_t verdict) {
-  counts->number += 1;
+  counts->number = (counts->number == UINT32_MAX) ? 1 : counts->number + 1; /* 0 means none. */
   counts->parts[verdict] += 1;
   counts->bad_in_row = (verdict == CYCLE_PART_GOOD)        ? 0
                        : (counts->bad_in_row < UINT16_MAX) ? counts->bad_in_row + 1
@@ -236,7 +236,7 @@ static void take_part(fw_t *fw) {
   part->number = results->counts.number;
   part->power_up = results->counts.power_up;
   part->program_crc = cycle_program_crc(cycle->program);
-  part->bank_crc = fw->drive.law_crc;
+  part->bank_crc = fw->drive.cycle_bank_crc;
   part->begin_tick = cycle->begin_tick;
   part->ticks = cycle->last_tick - cycle->begin_tick;
   part->invalid = cycle->invalid_ticks;
@@ -260,13 +260,31 @@ static void take_part(fw_t *fw) {
   show_part(fw);
 }
 
-/* Takes the serial number for the cycle that has just started. */
-static void take_serial(fw_t *fw) {
-  fw->results.starts = fw->drive.signals.cycle_count;
+/* Moves a serial number. */
+static void move_serial(uint32_t to[CYCLE_SERIAL_WORDS], uint32_t from[CYCLE_SERIAL_WORDS]) {
   for (uint8_t i = 0; i < CYCLE_SERIAL_WORDS; i++) {
-    fw->results.serial[i] = fw->device.cycle_serial[i];
-    fw->device.cycle_serial[i] = 0;
+    to[i] = from[i];
+    from[i] = 0;
   }
+}
+
+static bool has_serial(const fw_t *fw) {
+  uint32_t bits = 0;
+  for (uint8_t i = 0; i < CYCLE_SERIAL_WORDS; i++) {
+    bits |= fw->device.cycle_serial[i];
+  }
+  return bits != 0;
+}
+
+void results_follow(fw_t *fw) {
+  results_t *results = &fw->results;
+  const uint32_t started = fw->drive.signals.cycle_count - results->starts;
+  if (started == 1) {
+    move_serial(results->serial, fw->device.cycle_serial);
+  } else if (started != 0 && !has_serial(fw)) {
+    move_serial(fw->device.cycle_serial, results->serial); /* The start was withdrawn. */
+  }
+  results->starts = fw->drive.signals.cycle_count;
 }
 
 /* Returns true if the counts shall be written now. `is_given` means that a write of them failed. */
@@ -301,9 +319,7 @@ static void give_counts(fw_t *fw) {
 }
 
 void results_serve(fw_t *fw, bool ended) {
-  if (fw->results.starts != fw->drive.signals.cycle_count) {
-    take_serial(fw);
-  }
+  results_follow(fw);
   if (ended) {
     take_part(fw);
   }
@@ -313,7 +329,10 @@ void results_serve(fw_t *fw, bool ended) {
 }
 
 int results_check(const fw_t *fw, uint16_t object, int32_t value) {
-  if (object == AXIS_OBJ_CYCLE_ACKNOWLEDGE && (uint32_t)value > fw->results.counts.number) {
+  const uint32_t number = (uint32_t)value;
+  if (object == AXIS_OBJ_CYCLE_ACKNOWLEDGE && number > fw->results.counts.number &&
+      number != fw->device_signals.cycle_lost_last &&
+      cycle_results_find(&fw->results.waiting, number) == NULL) {
     return FW_ERROR_RANGE;
   }
   const bool needs_memory = object == AXIS_OBJ_CYCLE_LOCK_ON_BAD && value != 0;

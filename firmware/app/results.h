@@ -32,6 +32,10 @@ void results_written(fw_t *fw, uint16_t object, int32_t value);
 /* Permits cycles again after too many bad parts in a row. Returns FW_OK. */
 int results_unlock(fw_t *fw);
 
+/* Takes the serial number for a cycle that has just started, or gives it back if the start was
+ * withdrawn. Call results_follow() after each controlword. */
+void results_follow(fw_t *fw);
+
 /* Call results_serve() between ticks while the axis has programs, after the samples of the cycle
  * were evaluated. `ended` means that the cycle has just ended. */
 void results_serve(fw_t *fw, bool ended);

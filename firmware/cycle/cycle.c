@@ -133,6 +133,7 @@ void cycle_init(cycle_t *cycle) {
   cycle->target = CYCLE_TARGET_OPEN;
   cycle->tared = 0;
   cycle->outputs = 0;
+  cycle->outputs_before = 0;
   cycle->written = 0;
   cycle->evaluated = 0;
   cycle->state = CYCLE_IDLE;
@@ -165,6 +166,7 @@ void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inpu
   cycle->program = program;
   cycle->state = CYCLE_RUNNING;
   cycle->outputs = kept;
+  cycle->outputs_before = kept;
   cycle->last_tick = now->tick;
   cycle->begin_tick = now->tick;
   cycle->zeroed = (program->zero == CYCLE_ZERO_POSITION) ? 1 : 0;
@@ -433,10 +435,17 @@ bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now) {
 }
 
 void cycle_abort(cycle_t *cycle) {
-  if (cycle->state == CYCLE_RUNNING) {
-    cycle_end(cycle, CYCLE_STOPPED);
-    cycle->outcome = CYCLE_STOPPED;
+  if (cycle->state != CYCLE_RUNNING) {
+    return;
   }
+  if (cycle->last_tick == cycle->begin_tick) {
+    const uint8_t outputs = cycle->outputs_before;
+    cycle_init(cycle);
+    cycle->outputs = outputs;
+    return;
+  }
+  cycle_end(cycle, CYCLE_STOPPED);
+  cycle->outcome = CYCLE_STOPPED;
 }
 
 static void finish(cycle_t *cycle) {

@@ -28,7 +28,8 @@ enum { CYCLE_IDLE = 0, CYCLE_RUNNING = 1, CYCLE_ENDED = 2, CYCLE_DONE = 3 };
 /* How a cycle ended: as the program intends; a limit of a phase was exceeded; stopped from outside;
  * samples were lost, because nobody evaluated them or because ticks were missing; the tare of a
  * phase failed, because the axis was in contact or did not stand still, or because the offset is
- * beyond tare_band; a sample of a judged phase is not valid. */
+ * beyond tare_band; a sample of a judged phase is not valid; a value that decides the part was
+ * changed. */
 enum {
   CYCLE_BY_PROGRAM = 0,
   CYCLE_OVER_FORCE = 1,
@@ -40,7 +41,8 @@ enum {
   CYCLE_TARE_MOVING = 7,
   CYCLE_TARE_BAND = 8,
   CYCLE_SAMPLES_INVALID = 9,
-  CYCLE_OUTCOMES = 10
+  CYCLE_CHANGED = 10,
+  CYCLE_OUTCOMES = 11
 };
 
 /* Whether a phase is reached: not, because the tare is not complete, or the demand is not yet that
@@ -107,11 +109,12 @@ typedef struct {
   uint8_t ended_by;
   uint8_t target; /* whether the phase is reached, CYCLE_TARGET_ */
   uint8_t has_depth;
-  uint8_t tared;      /* 1 if offset_q8 is new; the drive clears this flag */
-  uint8_t outputs;    /* outputs that are on */
-  uint8_t zeroed;     /* 1 if travel 0 is found */
-  uint8_t incomplete; /* 1 if a tick was missing */
-  uint8_t good;       /* 1 if the cycle ended by its program and all elements are good */
+  uint8_t tared;          /* 1 if offset_q8 is new; the drive clears this flag */
+  uint8_t outputs;        /* outputs that are on */
+  uint8_t outputs_before; /* outputs that were on before the start */
+  uint8_t zeroed;         /* 1 if travel 0 is found */
+  uint8_t incomplete;     /* 1 if a tick was missing */
+  uint8_t good;           /* 1 if the cycle ended by its program and all elements are good */
 } cycle_t;
 
 /* Sets the state at power-up: no cycle has run. */
@@ -139,7 +142,8 @@ bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now);
 /* Ends a running cycle with an outcome in the phase that runs. */
 void cycle_end(cycle_t *cycle, uint8_t outcome);
 
-/* Ends a running cycle as CYCLE_STOPPED. */
+/* Ends a running cycle as CYCLE_STOPPED. A cycle that no tick has seen yet has never begun: its
+ * state becomes that of power-up, with the outputs of before. */
 void cycle_abort(cycle_t *cycle);
 
 /* Evaluates the samples that wait, whose travel becomes the depth. At the end of the cycle the

@@ -57,7 +57,8 @@ uint32_t cycle_results_oldest(const cycle_results_t *results) {
   uint32_t oldest = 0;
   for (uint8_t i = 0; i < results->room; i++) {
     const uint32_t number = results->parts[i].number;
-    if (number != 0 && (oldest == 0 || number < oldest)) {
+    /* Numbers wrap. */
+    if (number != 0 && (oldest == 0 || oldest - number < (uint32_t)INT32_MAX)) {
       oldest = number;
     }
   }

@@ -163,7 +163,10 @@ static uint8_t refusal_of(const cia402_t *drive, const axis_t *axis) {
   if (program == NULL) {
     return AXIS_CYCLE_STATE_NO_PROGRAM;
   }
-  if (program->bank_crc != 0 && program->bank_crc != drive->law_crc) {
+  if ((drive->params.controlword & CIA402_CW_HALT) != 0) {
+    return AXIS_CYCLE_STATE_HALTED;
+  }
+  if (program->bank_crc != 0 && program->bank_crc != cycle_mode_bank(drive)) {
     return AXIS_CYCLE_STATE_OTHER_BANK;
   }
   if (needs_reference(program) && drive->homed == 0) {
@@ -198,16 +201,13 @@ void cycle_mode_moved(cia402_t *drive, const cycle_header_t *program) {
 }
 
 void cycle_mode_start(cia402_t *drive, const axis_t *axis) {
-  drive->cycle_asked = cycle_mode_is_busy(drive) ? 1 : 0;
-  if (drive->cycle_asked != 0) {
-    return; /* cycle_mode_start_late() starts the cycle. */
-  }
   drive->cycle_refusal = refusal_of(drive, axis);
   if (drive->cycle_refusal == AXIS_CYCLE_STATE_IDLE) {
     const cycle_inputs_t now = inputs_of(drive, axis);
     cycle_start(&drive->cycle, drive->program, &now,
                 cia402_encoder(drive, drive->program->zero_level));
     drive->cycle_offset_q8 = 0;
+    drive->cycle_bank_crc = cycle_mode_bank(drive);
     drive->signals.cycle_count += 1;
     guards_start(&drive->guards, &drive->signals);
     if (!begin_phase(drive, axis)) {
@@ -217,8 +217,15 @@ void cycle_mode_start(cia402_t *drive, const axis_t *axis) {
   cia402_show_cycle(drive);
 }
 
+void cycle_mode_change(cia402_t *drive) {
+  if (cycle_is_running(&drive->cycle)) {
+    cycle_end(&drive->cycle, CYCLE_CHANGED);
+    cia402_leave_mode(drive);
+    cia402_show_cycle(drive);
+  }
+}
+
 void cycle_mode_interrupt(cia402_t *drive) {
-  drive->cycle_asked = 0;
   if (cycle_is_running(&drive->cycle)) {
     cia402_leave_mode(drive);
   }

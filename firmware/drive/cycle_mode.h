@@ -7,13 +7,18 @@
  * of these modes apply: position limits, velocity_max, force_limit, the bounds of a law without
  * certificate, the contact guard.
  *
- * A rising edge of bit 4 of the controlword starts a cycle, if the axis has a program that fits
- * (cycle_state says otherwise why it did not start). A program does not fit if one of its forces is
- * at or beyond an end of what the force sensor can show. An edge while the last samples of a cycle are
- * evaluated starts the next cycle after the evaluation. A controlword without bit 4, a halt, every
- * stop and fault, another mode and the loss of the owner end the cycle: the part is then aborted,
- * never good. Statusword bit 10: no cycle runs and the axis is at standstill; bit 12: the last
- * cycle is done; bit 13: its part is not good, or no cycle could start. */
+ * A rising edge of bit 4 of the controlword starts a cycle, if the axis is not halted and has a
+ * program that fits (cycle_state says otherwise why it did not start). A program does not fit if one
+ * of its forces is at or beyond an end of what the force sensor can show. A controlword without bit
+ * 4, a halt, every stop and fault, another mode and the loss of the owner end the cycle: the part is
+ * then aborted, never good. A cycle that is stopped before its first tick has not begun, and is no
+ * part.
+ *
+ * What decides the part stays as it is at the start: a write that would change it is refused, or
+ * acts and ends the cycle as CYCLE_CHANGED (column in_cycle of the object table). So does a gain
+ * that contact_unstable_option halves. Statusword bit 10: no cycle runs and the axis is at
+ * standstill; bit 12: the last cycle is done; bit 13: its part is not good, or no cycle could
+ * start. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -34,11 +39,28 @@ bool cycle_mode_select(cia402_t *drive, const cycle_header_t *program);
 /* Tells the drive the new place of its program, whose bytes are the same, while no cycle runs. */
 void cycle_mode_moved(cia402_t *drive, const cycle_header_t *program);
 
-/* Reacts to the start bit of the controlword. */
+/* Returns the CRC of the bank that controls the force now: 0 without a bank, and while its gain is
+ * halved, because the law is then not that of the bank. */
+static inline uint32_t cycle_mode_bank(const cia402_t *drive) {
+  return (drive->signals.gain_halvings == 0) ? drive->law_crc : 0;
+}
+
+/* Reacts to the start bit of the controlword, when no cycle runs and the last one is evaluated. */
 void cycle_mode_start(cia402_t *drive, const axis_t *axis);
+
+/* Ends a running cycle as CYCLE_CHANGED, because a value that decides the part has changed. */
+void cycle_mode_change(cia402_t *drive);
 
 /* Ends a running cycle, for every stop and change of mode. */
 void cycle_mode_interrupt(cia402_t *drive);
+
+/* Call cycle_mode_tick_failed() when a tick ends with a fault, before the mode ends: a cycle has
+ * begun if its first tick is this one. */
+static inline void cycle_mode_tick_failed(cia402_t *drive, const axis_t *axis) {
+  if (drive->cycle.last_tick == drive->cycle.begin_tick) {
+    drive->cycle.last_tick = axis->signals.tick_count;
+  }
+}
 
 /* Takes the signals of a tick and begins the next phase. */
 void cycle_mode_step(cia402_t *drive, const axis_t *axis);
@@ -48,13 +70,7 @@ static inline void cycle_mode_after(cia402_t *drive, const axis_t *axis) {
   }
 }
 
-/* Between ticks: evaluates the samples of the cycle, or starts the cycle that had to wait for the
- * evaluation of the last one. */
+/* Between ticks: evaluates the samples of the cycle. */
 void cycle_mode_between(cia402_t *drive);
-static inline void cycle_mode_start_late(cia402_t *drive, const axis_t *axis) {
-  if (drive->cycle_asked != 0) {
-    cycle_mode_start(drive, axis);
-  }
-}
 
 #endif

@@ -175,7 +175,11 @@ static void react(cia402_t *drive, axis_t *axis) {
 }
 
 static void answer_guards(cia402_t *drive, axis_t *axis) {
+  const uint8_t halvings = drive->signals.gain_halvings;
   const uint8_t fault = guards_answer(&drive->guards, &drive->params, &drive->signals, axis);
+  if (drive->signals.gain_halvings != halvings) {
+    cycle_mode_change(drive);
+  }
   if (fault != AXIS_FAULT_NONE && state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
     raise_fault(drive, axis, fault);
   }
@@ -225,6 +229,7 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
                              drive->mode->controls_force != 0 &&
                              !axis_drive_is_off(axis->signals.drive_report);
   if (axis->signals.fault != AXIS_FAULT_NONE && state_of(drive) != AXIS_DRIVE_STATE_FAULT) {
+    cycle_mode_tick_failed(drive, axis);
     enter(drive, AXIS_DRIVE_STATE_FAULT);
     drive->tracking = CIA402_TRACKING_NONE;
   }
@@ -249,6 +254,7 @@ static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const a
   }
   drive->leaving = 1;
   drive->leaving_to = to;
+  cycle_mode_interrupt(drive);
 }
 
 /* Carries out a transition that a controlword commands. The option codes determine how the axis
@@ -371,9 +377,11 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       command_mode(drive, axis, controlword, rising, ((value ^ previous) & CIA402_CW_HALT) != 0);
       break;
     case AXIS_OBJ_MODES_OF_OPERATION:
-      if (wants_other_mode(drive) &&
-          (!cia402_is_powered(state_of(drive)) || motion_stands(drive))) {
-        change_mode(drive);
+      if (wants_other_mode(drive)) {
+        cycle_mode_interrupt(drive);
+        if (!cia402_is_powered(state_of(drive)) || motion_stands(drive)) {
+          change_mode(drive);
+        }
       }
       break;
     case AXIS_OBJ_TARGET_POSITION:
@@ -458,7 +466,7 @@ void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode) {
   if (mode != AXIS_MODE_DISABLED) {
     drive->signals.stopped_by = AXIS_STOPPED_BY_NOBODY;
     enter(drive, AXIS_DRIVE_STATE_OPERATION_ENABLED);
-    first_motion_cancel(&drive->guards.first_motion, &drive->signals);
+    first_motion_yield(&drive->guards.first_motion, &drive->signals);
     drive->params.modes_of_operation = cia402_operation_of(mode);
     if (wants_other_mode(drive)) {
       change_mode(drive);

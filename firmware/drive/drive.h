@@ -168,9 +168,9 @@ typedef struct {
   const cycle_header_t *program; /* selected program, checked; NULL: none */
   uint8_t cycle_lock; /* state (AXIS_CYCLE_STATE_) for which the caller permits no start, or idle */
   int32_t cycle_offset_q8; /* offset of the program's force in 1/256 per mille of the rated force */
-  uint8_t cycle_asked;     /* 1 if a cycle shall start as soon as the last one is evaluated */
   uint8_t cycle_refusal;   /* state (AXIS_CYCLE_STATE_) that says why no cycle started, or idle */
   uint32_t law_crc;        /* CRC of the selected bank, 0 without one */
+  uint32_t cycle_bank_crc; /* CRC of the bank with which the cycle started, as cycle_mode_bank() */
   cia402_overridden_t overridden;
   uint8_t velocity_next;   /* index of the oldest velocity sample in `velocities` */
   uint8_t tracking;        /* use of the trajectory, CIA402_TRACKING_ */

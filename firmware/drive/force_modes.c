@@ -66,6 +66,11 @@ static int32_t bounded_force_q8(const cia402_t *drive, int32_t force_q8) {
   return fx_clamp(force_q8, least_q8, most_q8);
 }
 
+static inline int32_t bounded_force_q16(const cia402_t *drive, int32_t force_q16) {
+  return fx_clamp(force_q16, fx_scale(drive->force_bounds.least, 16),
+                  fx_scale(drive->force_bounds.most, 16));
+}
+
 /* Returns true during the time contact_loss_dwell after a contact loss. The force law then stays
  * active with a limited pressing code. An immediate approach would drive the axis against a
  * workpiece that moves back. */
@@ -97,7 +102,8 @@ static void cap_pressing(const cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* Changes the demanded force by one tick towards the target. A halt bypasses the input shaper, and
+/* Changes the demanded force by one tick towards the target. A bound that was reduced acts at once,
+ * on the ramp and on what the input shaper makes of it. A halt bypasses the input shaper, and
  * its ramp starts from the present demanded force. */
 static void demand(cia402_t *drive, int32_t target_q8, bool at_once, bool halted) {
   const uint32_t slope = cycle_is_running(&drive->cycle) ? cycle_phase(&drive->cycle)->slope
@@ -112,12 +118,13 @@ static void demand(cia402_t *drive, int32_t target_q8, bool at_once, bool halted
   const int32_t before_q16 = drive->force_ramp_q16;
   const int32_t wanted_q16 = fx_scale(target_q8, 8);
   const int64_t change = (int64_t)wanted_q16 - before_q16;
-  drive->force_ramp_q16 =
-      (at_once && !halted) ? wanted_q16 : before_q16 + fx_saturate(change, -step, step);
+  drive->force_ramp_q16 = bounded_force_q16(
+      drive, (at_once && !halted) ? wanted_q16 : before_q16 + fx_saturate(change, -step, step));
   drive->force_demand_q16 =
       (halted || !shaper_is_on(&drive->force_shaper))
           ? drive->force_ramp_q16
-          : shaper_step(&drive->force_shaper, drive->force_ramp_q16, before_q16);
+          : bounded_force_q16(drive,
+                              shaper_step(&drive->force_shaper, drive->force_ramp_q16, before_q16));
 }
 
 /* Controls the force in the modes of CiA 402. The target is in per mille of the rated force. In

@@ -141,6 +141,10 @@ static void shape_setpoint(cia402_t *drive, axis_t *axis) {
   motion_override(drive, axis);
   axis->params.force_setpoint =
       shaper_step(&drive->force_shaper, axis->params.force_setpoint, axis->signals.force);
+  if (drive->uncertified != 0) {
+    const int32_t most_q8 = drive->force_bounds.law_q8;
+    axis->params.force_setpoint = fx_clamp(axis->params.force_setpoint, -most_q8, most_q8);
+  }
 }
 
 /* Runs a native mode of the axis with the parameters that the user has written. Each native law of
@@ -272,9 +276,11 @@ void cia402_show_cycle(cia402_t *drive) {
 }
 
 void cia402_leave_mode(cia402_t *drive) {
-  drive->cycle_asked = 0;
   if (cycle_is_running(&drive->cycle)) {
     cycle_abort(&drive->cycle);
+    if (drive->cycle.state == CYCLE_IDLE) {
+      drive->signals.cycle_count -= 1; /* The cycle was stopped before its first tick. */
+    }
     cia402_show_cycle(drive);
   }
   cia402_set_mode(drive, drive->signals.modes_of_operation_display);

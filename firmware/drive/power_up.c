@@ -26,6 +26,7 @@ void cia402_init(cia402_t *drive) {
   cycle_select(&drive->cycle, NULL);
   drive->program = NULL;
   drive->cycle_refusal = AXIS_CYCLE_STATE_IDLE;
+  drive->cycle_bank_crc = 0;
   drive->cycle_offset_q8 = 0;
   drive->lead_cnt = 0;
   drive->pressed = 0;

@@ -17,12 +17,17 @@ _Static_assert(AXIS_FAULT_POSITION_GAIN_ZERO - FAULT_OF_RESULT ==
  * standstill the current of a healthy axis never changes by a quarter of its range. */
 enum { CURRENT_JUMP_PER_MILLE = 250 };
 
-void first_motion_forget(first_motion_t *first, drive_signals_t *signals) {
+static void clear_result(first_motion_t *first, drive_signals_t *signals) {
   first->phase = FIRST_MOTION_OPEN;
   signals->first_motion_result = AXIS_FIRST_MOTION_RESULT_NOT_RUN;
   signals->first_motion_moved = 0;
   signals->first_motion_code_reached = 0;
   signals->first_motion_force = 0;
+}
+
+void first_motion_forget(first_motion_t *first, drive_signals_t *signals) {
+  clear_result(first, signals);
+  first->has_origin = 0;
 }
 
 bool first_motion_depends_on(uint16_t object) {
@@ -51,15 +56,20 @@ void first_motion_begin(first_motion_t *first, const drive_params_t *params,
       first->phase != FIRST_MOTION_OPEN) {
     return;
   }
-  first_motion_forget(first, signals);
+  clear_result(first, signals);
   signals->first_motion_result = AXIS_FIRST_MOTION_RESULT_RUNNING;
   begin_standing(first);
 }
 
 void first_motion_cancel(first_motion_t *first, drive_signals_t *signals) {
   if (first_motion_is_running(first)) {
-    first_motion_forget(first, signals);
+    clear_result(first, signals);
   }
+}
+
+void first_motion_yield(first_motion_t *first, drive_signals_t *signals) {
+  first_motion_cancel(first, signals);
+  first->has_origin = 0;
 }
 
 static int16_t signed_code(const first_motion_t *first) {
@@ -79,6 +89,7 @@ void first_motion_command(first_motion_t *first, axis_t *axis, bool halted) {
 
 static void conclude(first_motion_t *first, drive_signals_t *signals, uint8_t result) {
   first->phase = FIRST_MOTION_OPEN;
+  first->has_origin = 0;
   signals->first_motion_result = result;
 }
 
@@ -130,14 +141,26 @@ static uint8_t check_standstill(first_motion_t *first, const axis_t *axis) {
   first->phase_tick = (uint16_t)(first->phase_tick + 1);
   if (first->phase_tick == FIRST_MOTION_STAND_TICKS) {
     enter_phase(first, axis, FIRST_MOTION_ZERO);
+    first->origin_cnt = (first->has_origin != 0) ? first->origin_cnt : first->start_cnt;
+    first->has_origin = 1;
   }
   return AXIS_FIRST_MOTION_RESULT_RUNNING;
+}
+
+/* Returns true if all attempts together have moved the axis too far. */
+static bool is_beyond(const first_motion_t *first, const drive_params_t *params,
+                      const axis_t *axis) {
+  const int32_t moved = fx_diff_wrap(axis->signals.position, first->origin_cnt);
+  return !fx_within(moved, FIRST_MOTION_REACH * params->first_motion_counts);
 }
 
 static uint8_t check_zero(first_motion_t *first, const drive_params_t *params, const axis_t *axis) {
   const int32_t moved = fx_diff_wrap(axis->signals.position, first->start_cnt);
   if (!fx_within(moved, params->first_motion_counts - 1)) {
     return AXIS_FIRST_MOTION_RESULT_AMPLIFIER_OFFSET;
+  }
+  if (is_beyond(first, params, axis)) {
+    return AXIS_FIRST_MOTION_RESULT_RUNAWAY;
   }
   first->phase_tick = (uint16_t)(first->phase_tick + 1);
   if (first->phase_tick == FIRST_MOTION_ZERO_TICKS) {
@@ -169,9 +192,8 @@ static bool raise_code(first_motion_t *first, const drive_params_t *params) {
 
 static bool runs_away(const first_motion_t *first, const drive_params_t *params,
                       const axis_t *axis) {
-  const int32_t moved = fx_diff_wrap(axis->signals.position, first->start_cnt);
   return !fx_within(axis->signals.velocity, params->first_motion_speed) ||
-         !fx_within(moved, FIRST_MOTION_REACH * params->first_motion_counts);
+         is_beyond(first, params, axis);
 }
 
 /* Checks the change of the measured force over the complete motion of the phase "out". */
@@ -239,6 +261,7 @@ static uint8_t check_back(first_motion_t *first, const drive_params_t *params, a
                                                 : AXIS_FIRST_MOTION_RESULT_NO_MOTION;
   }
   first->phase = (first->sign_seen != 0) ? FIRST_MOTION_DONE : FIRST_MOTION_WATCHING;
+  first->has_origin = 0;
   axis->rebase = 1; /* This acts also if the mode after the test is open-loop mode. */
   return AXIS_FIRST_MOTION_RESULT_PASSED;
 }

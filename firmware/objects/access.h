@@ -56,18 +56,19 @@ int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value
  * recorder_arm without a channel, or with a pretrigger or length larger than the buffer; a mode of
  * operation or homing method that does not exist.
  * FW_ERROR_STATE: the object may only be written while the axis is disabled (or the recorder idle
- * or done); a native mode other than disabled while a fault is latched, or over a bus, which uses
- * controlword and modes_of_operation; the mapping of a PDO while the PDO is valid.
+ * or done), or its value must not change while a cycle runs (AXIS_IN_CYCLE_REFUSED); a native mode
+ * other than disabled while a fault is latched, or over a bus, which uses controlword and
+ * modes_of_operation; the mapping of a PDO while the PDO is valid.
  * FW_ERROR_BUSY: a stored parameter, a command to the store, or a write that would enable the axis,
  * while the store is working.
  * FW_ERROR_MAPPING: described at fw_error_t.
  * FW_ERROR_NO_MEMORY: a command to the store if the board has no memory for the store.
  *
- * Only an accepted write resets the watchdog of the owner; otherwise a client that only reads would
- * keep an axis in motion that nobody commands. A write of the present value is sufficient. The soft
- * limits and position_setpoint are not compared with each other, in either order: a soft limit can
- * always be reduced, and the axis stops at the soft limit on its path to a set-point beyond this
- * limit. */
+ * Only an accepted write of the owner resets his watchdog, and not one to an object that every bus
+ * may write: otherwise a client that only reads would keep an axis in motion that nobody commands.
+ * A write of the present value is sufficient. The soft limits and position_setpoint are not
+ * compared with each other, in either order: a soft limit can always be reduced, and the axis stops
+ * at the soft limit on its path to a set-point beyond this limit. */
 int dictionary_write(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
 /* Returns the result that dictionary_write() would return now, without a write. Commands are

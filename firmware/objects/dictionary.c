@@ -90,7 +90,8 @@ static void store_value(dictionary_t *objects, uint8_t source, uint16_t object, 
   if (block->written != NULL) {
     block->written(objects, source, object, previous, value);
   }
-  if (entry->stored != 0 && value != previous) {
+  const bool is_followed = entry->stored != 0 || entry->in_cycle == AXIS_IN_CYCLE_ENDS;
+  if (is_followed && value != previous) {
     objects->owner->changed(objects, object);
   }
 }
@@ -102,9 +103,16 @@ int dictionary_write_value(dictionary_t *objects, uint8_t source, uint16_t objec
   const int refusal = refusal_of(objects, source, object, value);
   if (refusal == FW_OK) {
     store_value(objects, source, object, value);
-    dictionary_written_by(objects, source);
+    if (!dictionary_is_open(object)) {
+      dictionary_written_by(objects, source);
+    }
   }
   return refusal;
+}
+
+bool dictionary_is_open(uint16_t object) {
+  return object == AXIS_OBJ_CYCLE_RESULT_NUMBER || object == AXIS_OBJ_CYCLE_RESULT_ELEMENT ||
+         object == AXIS_OBJ_CYCLE_CURVE_FIRST || object == AXIS_OBJ_CYCLE_ACKNOWLEDGE;
 }
 
 void dictionary_written_by(dictionary_t *objects, uint8_t source) {

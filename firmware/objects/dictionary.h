@@ -27,7 +27,8 @@ typedef struct {
   /* Returns FW_OK if this source may write this object now; the owner of the axis and the state
    * decide. */
   int (*permit)(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
-  /* Called after a write has changed the value of a stored parameter. */
+  /* Called after a write has changed the value of a parameter that is stored, or that ends a cycle
+   * (AXIS_IN_CYCLE_ENDS). */
   void (*changed)(dictionary_t *objects, uint16_t object);
   /* Executes a command, which is an object without a value. */
   int (*command)(dictionary_t *objects, uint16_t object, int32_t value);
@@ -49,8 +50,8 @@ typedef struct {
  * from the dictionary are then valid in every copy of this structure. */
 struct dictionary {
   const dictionary_owner_t *owner;
-  /* set of the sources (FW_SOURCE_ bits) whose writes were accepted since the owner last cleared
-   * this set */
+  /* set of the sources (FW_SOURCE_ bits) whose writes to objects that are not open were accepted
+   * since this set was last cleared */
   uint8_t writers;
   uint8_t zero; /* byte that is always 0; TPDOs send this byte where no object is mapped */
 };
@@ -65,7 +66,13 @@ bool dictionary_has_value(uint16_t object);
  * if the object is a command. */
 int dictionary_write_value(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* Stores that a write of this source was accepted, for the watchdog of the owner. */
+/* Returns true for an object that every source may write: it names the result or the points of the
+ * curve that are read, or acknowledges a result. A write to it does not show that the owner lives.
+ */
+bool dictionary_is_open(uint16_t object);
+
+/* Stores that a write of this source to an object that is not open was accepted, for the watchdog
+ * of the owner. */
 void dictionary_written_by(dictionary_t *objects, uint8_t source);
 
 /* Returns true if a stored value may be restored to this object at power-up. */

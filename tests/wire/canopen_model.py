@@ -1000,7 +1000,8 @@ class Node:
             is_id = at != (0x230F, 0) or value <= 127 or value == 255
             if not is_id or (at == (0x2310, 0) and value not in KBIT_S):
                 raise Abort(0x06090030)
-            self.silence = 0
+            if at not in OPEN:
+                self.silence = 0
             self.report_drive(o.name == "unsupervised_owner", stops=False)
         else:
             # Accepted or refused by the axis or the drive.

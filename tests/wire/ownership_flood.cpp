@@ -117,6 +117,9 @@ struct Oracle {
     return kDone;
   }
 
+  // What every source may write, to read and acknowledge results: it keeps no owner.
+  Answer Open() const { return kDone; }
+
   Answer Other(int source) { return source == owner ? kEither : kLocked; }
 
   Answer Fed() {
@@ -165,7 +168,10 @@ class Flood {
       for (uint32_t n = Below(4); n > 0; --n) Act();
       Tick();
       if (OneIn(40)) {
-        for (uint32_t n = Below(OneIn(10) ? 400 : 30); n > 0; --n) Tick();
+        for (uint32_t n = Below(OneIn(10) ? 400 : 30); n > 0; --n) {
+          if (OneIn(10)) WriteOpen();
+          Tick();
+        }
       }
       if (OneIn(150)) Press();
     }
@@ -376,6 +382,18 @@ class Flood {
         break;
       }
     }
+  }
+
+  void WriteOpen() {
+    static constexpr uint16_t kOpen[] = {AXIS_OBJ_CYCLE_RESULT_ELEMENT,
+                                         AXIS_OBJ_CYCLE_RESULT_NUMBER, AXIS_OBJ_CYCLE_CURVE_FIRST,
+                                         AXIS_OBJ_CYCLE_ACKNOWLEDGE};
+    const uint16_t object = kOpen[Below(4)];
+    const int source = static_cast<int>(Below(3));
+    // No part was pressed, so 0 alone is a number that can be acknowledged.
+    const auto value = object == AXIS_OBJ_CYCLE_ACKNOWLEDGE ? 0 : static_cast<int32_t>(Below(16));
+    const bool serial = object == AXIS_OBJ_CYCLE_RESULT_ELEMENT && source == kModbus && OneIn(2);
+    Write(source, object, value, oracle_.Open(), serial);
   }
 
   void Command(int word) {

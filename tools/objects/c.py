@@ -2,6 +2,7 @@
 
 from objects.meaning import law_signature, signature
 from objects.table import (
+    IN_CYCLE,
     PARTS,
     TYPES,
     WRITABLE,
@@ -137,6 +138,10 @@ def generate_header(table):
     )
     out.append("enum {")
     out.append(",".join(f" AXIS_WRITABLE_{w.upper()} = {i}" for i, w in enumerate(WRITABLE)))
+    out.append(
+        " };\n/* What a write does to a running cycle that changes the value. */\nenum {"
+        + ",".join(f" AXIS_IN_CYCLE_{w.upper()} = {i}" for i, w in enumerate(IN_CYCLE))
+    )
     out.append(" };\n/* The structure that holds the value; a command has none. */\nenum {\n")
     out.extend(f"  {block} = {i},\n" for i, block in enumerate(BLOCKS.values()))
     out.append(f"  AXIS_BLOCK_NONE = {len(BLOCKS)}\n}};\n\n")
@@ -156,6 +161,7 @@ def generate_header(table):
         "  uint8_t node_id;   /* a COB-ID: the node id is added to the initial value */\n"
         "  uint8_t mappable;  /* AXIS_MAPPABLE_ */\n"
         "  uint8_t not_zero;  /* 1: 0 is refused, although it lies between min and max */\n"
+        "  uint8_t in_cycle;  /* AXIS_IN_CYCLE_ */\n"
         "} axis_object_t;\n\n"
         "/* Indexed by object number; entry 0 is unused. Objects of type u32 carry the 32\n"
         " * bits of their values in min, max and initial. */\n"
@@ -230,7 +236,7 @@ def generate_source(table):
             f"{offset}, {block}, AXIS_TYPE_{o['type'].upper()}, "
             f"AXIS_ACCESS_{o['access'].upper()}, AXIS_WRITABLE_{o['writable'].upper()}, "
             f"{int(o['stored'])}, {int(o['node_id'])}, {int(o['mappable'])}, "
-            f"{int(o['not_zero'])}}},\n"
+            f"{int(o['not_zero'])}, AXIS_IN_CYCLE_{o['in_cycle'].upper()}}},\n"
         )
     out.append("};\n\nconst axis_address_t axis_addresses[AXIS_ADDRESSES_COUNT] = {\n")
     for (index, sub), at in addresses(entries, specials).items():
@@ -289,6 +295,7 @@ def generate_meta(table):
         "  int node_id;            /* a COB-ID to whose default the node id is added */\n"
         "  int mappable;           /* AXIS_MAPPABLE_ */\n"
         "  const char *quantity;   /* force or encoder: of what a count is a step */\n"
+        "  const char *in_cycle;   /* free, ends, refused: a change while a cycle runs */\n"
         "} axis_object_meta_t;\n\n"
     )
     objects = list(expand(entries))
@@ -309,7 +316,7 @@ def generate_meta(table):
             f'INT64_C({o["defaults"][i]}), "{o["access"]}", "{o["writable"]}", '
             f'"{",".join(o["enum"])}", 0x{index:04X}, {sub}, {register(o, i)}, '
             f'{int(o["stored"])}, "{title(o, i)}", {int(o["node_id"])}, {int(o["mappable"])}, '
-            f'"{o["quantity"]}"}},\n'
+            f'"{o["quantity"]}", "{o["in_cycle"]}"}},\n'
         )
     named = [(number, *named) for number, _, o, _ in objects for named in o["values"]]
     out.append(

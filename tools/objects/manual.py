@@ -24,6 +24,8 @@ HEADINGS = {
     "canopen": "CANopen communication: CiA 301",
     "device": "Device: source lock, store, identity, programs of cycles",
 }
+# What a change does while a cycle runs, in words; nothing where that is refused anyway, or free.
+DURING = {"free": "", "ends": "ends a part", "refused": "not in a cycle"}
 WHEN = {"any": "", "disabled": "while disabled", "recorder_idle": "while the recorder is idle"}
 INTRO = """\
 What the firmware knows by name, the same over every interface. {count} objects; the hash of what
@@ -33,7 +35,9 @@ the table means begins with `{digest}`.
   The sub-index 0 of an index that has others reads the highest of them, where it is no object.
 * **type** with the unit of one raw step; **range** and **default** are raw values x unit.
 * **access**: rw, ro, wo; *s*: kept by the parameter store; *p*: a PDO may carry it; then when a
-  write is taken, always if nothing is said. `+id`: the node id is added to the default.
+  write is taken, always if nothing is said. A write that changes the value while a cycle runs is
+  refused if *not in a cycle* is said; it acts at once and ends the part, which is then bad with the
+  outcome `changed`, if *ends a part* is said. `+id`: the node id is added to the default.
 * An object written as `name_1..n` is n objects; their addresses follow each other.
 
 """
@@ -88,8 +92,11 @@ def default_text(o):
 
 
 def limits(o):
-    """The state in which a write is accepted; nothing: always."""
-    return "" if o["access"] == "ro" else WHEN[o["writable"]]
+    """The state in which a write is accepted, and what a change does to a cycle that runs; nothing:
+    always, and nothing."""
+    if o["access"] == "ro":
+        return ""
+    return WHEN[o["writable"]] or DURING[o["in_cycle"]]
 
 
 def address_text(o):
@@ -190,6 +197,7 @@ def generate_man(table):
         "Ranges and defaults are engineering values: raw value times unit.\n"
         "s: kept by the parameter store.\n"
         "p: a PDO may carry it; t: a TPDO alone.\n"
+        "not in a cycle, ends a part: what a change of the value does while a cycle runs.\n"
         "+id: the node id is added.\n"
         f"The hash of what the table means begins with {table.digest[:8]}.\n",
     ]

@@ -21,6 +21,7 @@ COLUMNS = (
     "max",
     "access",
     "writable",
+    "in_cycle",
     "meaning",
     "values",
 )
@@ -43,6 +44,8 @@ axis. Addresses are those on the wire and begin at 0 (`mbpoll` counts from 1 unl
   32-bit object or a malformed request, 4 not in this state, or another bus owns the axis
   (`command_source`), or no memory for parameters, 6 the store is at work; on TCP also 10 no axis of
   this unit, 11 the axis does not answer. A refused request changes nothing.
+* Written "not in a cycle": a change of the value while a cycle runs is exception 4. "Ends a part": it
+  acts at once, and the part is bad with the outcome `changed`.
 * Read `object_table_hash` before you write: its value is {digest} if the firmware has this table.
 
 """
@@ -63,7 +66,7 @@ def generate_csv(table):
     sheet.writerow(COLUMNS)
     for space, bits, access in (("coil", table.coils, "rw"), ("discrete", table.discretes, "ro")):
         for b in bits:
-            fixed = ["bit", "1", 1, 0, 1, access, "any", b["meaning"], ""]
+            fixed = ["bit", "1", 1, 0, 1, access, "any", "free", b["meaning"], ""]
             sheet.writerow([space, b["address"], 1, b["name"], *fixed])
     for space in ("holding", "input"):
         for address, name, o, _ in rows(table, space == "holding"):
@@ -71,6 +74,7 @@ def generate_csv(table):
                 [
                     *(space, address, register_width(o), name, o["type"], o["unit"]),
                     *(repr(float(o["scale"])), o["min"], o["max"], o["access"], o["writable"]),
+                    o["in_cycle"] if o["access"] != "ro" else "",
                     *(o["meaning"], values_text(o, ";")),
                 ]
             )

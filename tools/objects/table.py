@@ -22,6 +22,7 @@ PARTS = ("axis", "law", "recorder", "drive", "canopen", "device")
 ACCESS = ("rw", "ro", "wo")
 KIND_ACCESS = {"parameter": ("rw",), "signal": ("ro",), "command": ("wo", "rw")}
 WRITABLE = ("any", "disabled", "recorder_idle")
+IN_CYCLE = ("free", "ends", "refused")
 NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 KEYS = {
     "name": str,
@@ -39,6 +40,7 @@ KEYS = {
     "default": int,
     "access": str,
     "writable": str,
+    "in_cycle": str,
     "enum": list,
     "enum_of": str,
     "values": list,
@@ -166,6 +168,7 @@ def check_object(raw, position, known):
         allowed = " or ".join(KIND_ACCESS[o["kind"]])
         fail(label, "access", f"expected {allowed} for a {o['kind']}")
     check_quantity(label, o)
+    check_in_cycle(label, o)
     if not 0 < float(o["scale"]) < float("inf"):
         fail(label, "scale", "expected a finite number above 0")
     if not 1 <= o["count"] <= 64:
@@ -187,6 +190,17 @@ def check_quantity(label, o):
         fail(label, "quantity", f"expected {other} for the unit {o['unit']}")
     if o.setdefault("quantity", "") not in ("", *QUANTITIES):
         fail(label, "quantity", f"{one_of(QUANTITIES)}, got {o['quantity']!r}")
+
+
+def check_in_cycle(label, o):
+    """What a change does to a running cycle. Whatever can be written then is judged one by one; the
+    axis is enabled then, so the table itself refuses what is written while it is disabled."""
+    if o["access"] == "ro" or o["writable"] == "disabled":
+        if "in_cycle" in o:
+            fail(label, "in_cycle", "expected none, it cannot be written while a cycle runs")
+        o["in_cycle"] = "refused"
+    elif o.get("in_cycle") not in IN_CYCLE:
+        fail(label, "in_cycle", f"{one_of(IN_CYCLE)}, got {o.get('in_cycle')!r}")
 
 
 def check_texts(label, o, raw, known):

@@ -1147,7 +1147,8 @@ enum {
   AXIS_CYCLE_STATE_LOCKED = 10,
   AXIS_CYCLE_STATE_NOT_STORED = 11,
   AXIS_CYCLE_STATE_BEYOND_SENSOR = 12,
-  AXIS_CYCLE_STATE_COUNT = 13
+  AXIS_CYCLE_STATE_HALTED = 13,
+  AXIS_CYCLE_STATE_COUNT = 14
 };
 
 enum {
@@ -1161,7 +1162,8 @@ enum {
   AXIS_CYCLE_OUTCOME_TARE_MOVING = 7,
   AXIS_CYCLE_OUTCOME_TARE_BAND = 8,
   AXIS_CYCLE_OUTCOME_SAMPLES_INVALID = 9,
-  AXIS_CYCLE_OUTCOME_COUNT = 10
+  AXIS_CYCLE_OUTCOME_CHANGED = 10,
+  AXIS_CYCLE_OUTCOME_COUNT = 11
 };
 
 enum {
@@ -1527,9 +1529,9 @@ typedef struct {
   uint8_t tare_state; /* state of the last tare measurement, or the reason why the measurement was refused [enum] */
   uint8_t calibration_state; /* result of the last calibration, or the reason why the calibration was refused [enum] */
   uint8_t calibration_expired; /* 1 if the calibration is no longer valid: date is later than calibration_date plus calibration_validity [1] */
-  uint8_t cycle_state; /* state of the cycle of mode -9: running; evaluating the last samples; the part is good or bad; aborted by a stop, a fault or the loss of the owner; or why no cycle started: no program, another bank than the one the program was made for, no reference position for an absolute position, too many results that wait for their acknowledgement, a lock after bad parts, the number of power-ups is not stored yet, a force of the program at or beyond the end of what the force sensor can show [enum] */
+  uint8_t cycle_state; /* state of the cycle of mode -9: running; evaluating the last samples; the part is good or bad; aborted by a stop, a fault or the loss of the owner; or why no cycle started: no program, another bank than the one the program was made for, no reference position for an absolute position, too many results that wait for their acknowledgement, a lock after bad parts, the number of power-ups is not stored yet, a force of the program at or beyond the end of what the force sensor can show, or a halt [enum] */
   uint8_t cycle_phase; /* number of the phase of the cycle that runs, or of the last phase, from 0 [1] */
-  uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late; a tare failed, because the axis was in contact or did not stand still, or because the offset is beyond tare_band; a sample of a judged phase is not valid, because the force was at an end of its range or because force or position was older than cycle_age_max [enum] */
+  uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late; a tare failed, because the axis was in contact or did not stand still, or because the offset is beyond tare_band; a sample of a judged phase is not valid, because the force was at an end of its range or because force or position was older than cycle_age_max; a value that decides the part was changed [enum] */
   uint8_t cycle_outputs; /* digital outputs that the program of the cycle has switched on: bits 0 to 3 are outputs 1 to 4 [1] */
   uint8_t cycle_ended_by; /* number, from 1, of the condition that ended the last phase that has ended; 0: a limit or a stop ended the phase, or no phase has ended yet [1] */
 } drive_signals_t;
@@ -1692,8 +1694,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x7a60037a)
-#define AXIS_OBJECTS_HASH_TEXT "7a60037a"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0xf4fe90b2)
+#define AXIS_OBJECTS_HASH_TEXT "f4fe90b2"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1704,6 +1706,8 @@ enum { AXIS_ACCESS_RW = 0, AXIS_ACCESS_RO = 1, AXIS_ACCESS_WO = 2 };
 /* No PDO carries it; any PDO, as far as its access allows; a TPDO alone. */
 enum { AXIS_MAPPABLE_NEVER = 0, AXIS_MAPPABLE_BOTH = 1, AXIS_MAPPABLE_SENT = 2 };
 enum { AXIS_WRITABLE_ANY = 0, AXIS_WRITABLE_DISABLED = 1, AXIS_WRITABLE_RECORDER_IDLE = 2 };
+/* What a write does to a running cycle that changes the value. */
+enum { AXIS_IN_CYCLE_FREE = 0, AXIS_IN_CYCLE_ENDS = 1, AXIS_IN_CYCLE_REFUSED = 2 };
 /* The structure that holds the value; a command has none. */
 enum {
   AXIS_BLOCK_AXIS_PARAMETER = 0,
@@ -1736,6 +1740,7 @@ typedef struct {
   uint8_t node_id;   /* a COB-ID: the node id is added to the initial value */
   uint8_t mappable;  /* AXIS_MAPPABLE_ */
   uint8_t not_zero;  /* 1: 0 is refused, although it lies between min and max */
+  uint8_t in_cycle;  /* AXIS_IN_CYCLE_ */
 } axis_object_t;
 
 /* Indexed by object number; entry 0 is unused. Objects of type u32 carry the 32

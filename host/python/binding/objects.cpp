@@ -35,15 +35,15 @@ py::list objects() {
   using namespace py::literals;
   py::list found;
   for (const axis_object_meta_t &meta : axis_objects_meta) {
-    found.append(py::dict("number"_a = meta.object, "name"_a = meta.name, "kind"_a = meta.kind,
-                          "part"_a = meta.part, "meaning"_a = meta.meaning, "type"_a = meta.type,
-                          "unit"_a = meta.unit, "scale"_a = meta.scale, "min"_a = meta.min,
-                          "max"_a = meta.max, "default"_a = meta.initial, "access"_a = meta.access,
-                          "writable"_a = meta.writable, "enum"_a = enum_texts(meta),
-                          "index"_a = meta.index, "sub"_a = meta.sub, "modbus"_a = meta.modbus,
-                          "stored"_a = meta.stored != 0, "title"_a = meta.title,
-                          "node_id"_a = meta.node_id != 0, "mappable"_a = meta.mappable,
-                          "quantity"_a = meta.quantity, "values"_a = value_texts(meta)));
+    found.append(py::dict(
+        "number"_a = meta.object, "name"_a = meta.name, "kind"_a = meta.kind, "part"_a = meta.part,
+        "meaning"_a = meta.meaning, "type"_a = meta.type, "unit"_a = meta.unit,
+        "scale"_a = meta.scale, "min"_a = meta.min, "max"_a = meta.max, "default"_a = meta.initial,
+        "access"_a = meta.access, "writable"_a = meta.writable, "enum"_a = enum_texts(meta),
+        "index"_a = meta.index, "sub"_a = meta.sub, "modbus"_a = meta.modbus,
+        "stored"_a = meta.stored != 0, "title"_a = meta.title, "node_id"_a = meta.node_id != 0,
+        "mappable"_a = meta.mappable, "quantity"_a = meta.quantity, "in_cycle"_a = meta.in_cycle,
+        "values"_a = value_texts(meta)));
   }
   return found;
 }

@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,6 +40,7 @@ class Fault:
     text: str
     becomes: str
     unit: str = ""
+    floods: Sequence[str] = tuple(name for name, _ in FLOODS)
 
     def source(self) -> str:
         """The file with the fault. Raises Unfit where no line, or more than one, has the text."""
@@ -93,7 +95,7 @@ def found(fault: Fault) -> dict[str, str | None]:
         folder = Path(name)
         target = compiled(fault, folder)
         said: dict[str, str | None] = {}
-        for flood, amount in FLOODS:
+        for flood, amount in (x for x in FLOODS if x[0] in fault.floods):
             program = mutants.link(flood, target, folder, "tests/wire")
             tries = (said_by(program, amount, seed) for seed in SEEDS)
             said[flood] = next((text for text in tries if text), None)

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <initializer_list>
@@ -101,6 +102,54 @@ TEST_F(FirstMotion, IsRunAgainAfterEachChangeOfWhatTheReadingsMean) {
     Enabling();
     EXPECT_EQ(Result(), AXIS_FIRST_MOTION_RESULT_RUNNING) << c.object;
   }
+}
+
+// Halts and disabling in the middle of the motion begin the test again, but not its travel: eight
+// times first_motion_counts, and what the axis moves in one tick, is the most of all attempts
+// together.
+TEST_F(FirstMotion, AttemptsThatAreStoppedHaveOneTravelTogether) {
+  for (const bool halts : {true, false}) {
+    Begin();
+    const int counts = Read(AXIS_OBJ_FIRST_MOTION_COUNTS);
+    const double start = place_;
+    Enabling();
+    double farthest = 0.0;
+    int attempts = 0;
+    for (; attempts < 300 && Fault() == AXIS_FAULT_NONE; ++attempts) {
+      const double begin = place_;
+      for (int i = 0; i < 3000 && Fault() == AXIS_FAULT_NONE; ++i) {
+        Step();
+        farthest = std::max(farthest, std::abs(place_ - start));
+        if (std::abs(place_ - begin) > counts - 3) break;
+      }
+      Control(halts ? 0x10F : 0x06);
+      Step(3);
+      Control(0x0F);
+    }
+    EXPECT_EQ(Fault(), AXIS_FAULT_RUNAWAY) << halts;
+    EXPECT_EQ(Result(), AXIS_FIRST_MOTION_RESULT_RUNAWAY);
+    EXPECT_GT(attempts, 8);
+    EXPECT_LT(attempts, 12);
+    EXPECT_LE(farthest, 8 * counts + 2) << halts;
+    // After the fault it begins at its new place, and passes.
+    Control(0x80);
+    Step();
+    Control(0);
+    Pass();
+  }
+}
+
+// What the code for the board moves by itself is no travel of the test.
+TEST_F(FirstMotion, AMotionByTheBoardsCodeBeginsTheTravelAnew) {
+  Enabling();
+  for (int i = 0; i < 3000 && Read(AXIS_OBJ_FIRST_MOTION_MOVED) == 0; ++i) Step();
+  Set(AXIS_OBJ_MODE, AXIS_MODE_OPEN_LOOP);
+  Set(AXIS_OBJ_OPEN_LOOP_CODE, 200);
+  Step(200);
+  ASSERT_GT(place_, 400);
+  Set(AXIS_OBJ_MODE, AXIS_MODE_DISABLED);
+  Step(5);
+  Pass();
 }
 
 // contact_force is two counts. A reading that has moved by more, up or down, is no stand; it is one

@@ -160,6 +160,85 @@ TEST_F(Results, AResultShowsWhatWasPressed) {
   EXPECT_EQ(Shown(AXIS_OBJ_CYCLE_PARTS_ABORTED), 1u);
 }
 
+// All frames come between two passes of the main loop: the serial number that follows the start is
+// that of the next part, also where the start follows the end of the last part at once.
+TEST_F(Results, TheSerialNumberIsTakenAtTheStart) {
+  Load();
+  Enable();
+  const auto controlword = [&](unsigned word) {
+    Send(0x200 + kNode, {static_cast<uint8_t>(word), static_cast<uint8_t>(word >> 8), 0xF7});
+  };
+  const auto serial = [&](int32_t value) {
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CYCLE_SERIAL_1, value), 0u);
+  };
+  Send(0, {1, kNode});
+  serial(1);
+  controlword(0x1F);
+  serial(2);
+  inputs_.adc_code[0] = 3;
+  Tick(5);
+  controlword(0x0F);
+  controlword(0x1F);
+  serial(3);
+  Tick(20);
+  controlword(0x0F);
+  controlword(0x1F);
+  controlword(0x11F);  // withdrawn before a tick: the part keeps its number
+  controlword(0x0F);
+  controlword(0x1F);
+  serial(4);
+  Tick(20);
+  EXPECT_EQ(Waiting(), 3);
+  for (uint32_t part : {1u, 2u, 3u}) {
+    ASSERT_EQ(Write(kLcm, AXIS_OBJ_CYCLE_RESULT_NUMBER, static_cast<int32_t>(part)), 0u);
+    EXPECT_EQ(Shown(AXIS_OBJ_CYCLE_RESULT_SERIAL_1), part);
+  }
+  EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_SERIAL_1), 4) << "of the next part";
+  EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_COUNT), 3);
+}
+
+// The record names the bank of the start.
+TEST_F(Results, TheBankOfAPartIsThatOfItsStart) {
+  for (int bank : {0, 1}) {
+    Set(static_cast<uint16_t>(AXIS_OBJ_BANK_GAIN_1 + bank), (5 + bank) * 256);
+    Set(static_cast<uint16_t>(AXIS_OBJ_BANK_CRC_1 + bank),
+        static_cast<int32_t>(law_bank_crc(&fw_.banks.params, static_cast<uint8_t>(bank))));
+  }
+  Load();
+  Set(AXIS_OBJ_FORCE_BANK, 1);
+  Enable();
+  inputs_.adc_code[0] = 3;
+  ASSERT_TRUE(Start());
+  Tick(3);
+  EXPECT_NE(Write(kCanopen, AXIS_OBJ_FORCE_BANK, 2), 0u);
+  Tick(7);
+  ASSERT_EQ(Inner(AXIS_OBJ_CYCLE_STATE), AXIS_CYCLE_STATE_EVALUATING + 1) << "good";
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_FORCE_BANK, 2), 0u);
+  EXPECT_EQ(Shown(AXIS_OBJ_CYCLE_RESULT_BANK_CRC),
+            static_cast<uint32_t>(Inner(AXIS_OBJ_BANK_CRC_1)));
+  ASSERT_TRUE(Start());
+  Tick(20);
+  EXPECT_EQ(Shown(AXIS_OBJ_CYCLE_RESULT_BANK_CRC),
+            static_cast<uint32_t>(Inner(AXIS_OBJ_BANK_CRC_2)));
+}
+
+// Numbers of parts wrap without the number 0, which means none, and what waits stays reachable.
+TEST_F(Results, TheNumbersOfPartsWrap) {
+  Load();
+  Enable();
+  fw_.results.counts.number = UINT32_MAX - 2;
+  for (int i = 0; i < 4; ++i) ASSERT_EQ(Press(), AXIS_CYCLE_STATE_GOOD) << i;
+  EXPECT_EQ(Waiting(), 4);
+  EXPECT_EQ(cycle_results_oldest(&fw_.results.waiting), UINT32_MAX - 1);
+  for (uint32_t number : {UINT32_MAX - 1, UINT32_MAX, 1u, 2u}) {
+    ASSERT_EQ(Write(kLcm, AXIS_OBJ_CYCLE_RESULT_NUMBER, static_cast<int32_t>(number)), 0u);
+    EXPECT_EQ(Shown(AXIS_OBJ_CYCLE_RESULT_PART), number);
+    EXPECT_EQ(Acknowledge(kCanopen, number), 0u) << number;
+  }
+  EXPECT_EQ(Waiting(), 0);
+  EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_NUMBER), 2);
+}
+
 TEST_F(Results, FullOfResultsNoCycleStarts) {
   Load();
   Enable();

@@ -4,6 +4,8 @@
 
 #include <cstdint>
 #include <map>
+#include <utility>
+#include <vector>
 
 #include "tests/firmware/unit/fw_fixture.hpp"
 
@@ -462,6 +464,69 @@ TEST_F(Fw, ClientsOfAGatewayAreLostWithTheBus) {
       EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
     }
   }
+}
+
+// An owner that is silent loses the axis in time, whatever the others write and are permitted to
+// write: what every source may write, a stop, an attempt to acquire the axis, what is refused. What
+// every source may write does not keep the owner either.
+TEST_F(Fw, OnlyWhatTheOwnerWritesFeedsHisWatchdog) {
+  const std::vector<std::pair<uint16_t, int32_t>> open{{AXIS_OBJ_CYCLE_RESULT_NUMBER, 0},
+                                                       {AXIS_OBJ_CYCLE_RESULT_ELEMENT, 1},
+                                                       {AXIS_OBJ_CYCLE_CURVE_FIRST, 0},
+                                                       {AXIS_OBJ_CYCLE_ACKNOWLEDGE, 0}};
+  const std::vector<std::pair<uint16_t, int32_t>> others{
+      {AXIS_OBJ_COMMAND_SOURCE, AXIS_COMMAND_SOURCE_CANOPEN},
+      {AXIS_OBJ_CONTROLWORD, 0x10F},
+      {AXIS_OBJ_CONTROLWORD, 0x0F},
+      {AXIS_OBJ_WATCHDOG, 20},
+      {AXIS_OBJ_TARGET_FORCE, 5}};
+  constexpr int kMs = 20;
+  int combinations = 0;
+  for (const Way owner : {kGateway, kLcm, kRtu}) {
+    for (const int writer : {int{kCanopen}, int{kGateway}, int{kLcm}, int{kRtu}, 4}) {
+      const bool is_local = writer == 4;
+      const bool is_owner = !is_local && SourceOf(static_cast<Way>(writer)) == SourceOf(owner);
+      auto writes = open;
+      if (!is_owner) writes.insert(writes.end(), others.begin(), others.end());
+      for (auto [object, value] : writes) {
+        if (object == AXIS_OBJ_COMMAND_SOURCE) {
+          if (is_local) continue;  // the code for the board may hand the axis over
+          value = SourceOf(static_cast<Way>(writer));
+        }
+        if (!is_local && !Reaches(static_cast<Way>(writer), object)) continue;
+        PowerUp();
+        Set(AXIS_OBJ_HALT_OPTION, 1);
+        Drive(owner);
+        ASSERT_EQ(Write(owner, AXIS_OBJ_WATCHDOG, kMs), 0u);
+        ++combinations;
+        int ticks = 0;
+        for (; ticks < 200 && Owner() == SourceOf(owner); ++ticks) {
+          if (ticks % 3 == 1) {
+            if (is_local) {
+              (void)fw_object_write(&fw_, FW_SOURCE_LOCAL, object, value);
+            } else {
+              (void)Write(static_cast<Way>(writer), object, value);
+            }
+          }
+          Tick();
+          Take();
+        }
+        EXPECT_EQ(ticks, TicksOf(kMs) + 1)
+            << "owner " << owner << ", writer " << writer << ", object " << object;
+        EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_SOURCE_LOST);
+      }
+    }
+    // What the owner writes keeps the axis, also the present value.
+    PowerUp();
+    Drive(owner);
+    ASSERT_EQ(Write(owner, AXIS_OBJ_WATCHDOG, kMs), 0u);
+    for (int i = 0; i < 20; ++i) {
+      ASSERT_EQ(Write(owner, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+      Tick(TicksOf(kMs));
+      ASSERT_TRUE(IsOn()) << owner << ' ' << i;
+    }
+  }
+  EXPECT_GT(combinations, 90);
 }
 
 }  // namespace

@@ -52,6 +52,14 @@ def writable(o: objects.AxisObject) -> str:
     )
 
 
+def in_cycle(o: objects.AxisObject) -> str:
+    if o.access == "ro" or o.writable == "disabled":
+        return ""
+    return {"ends": "a change acts at once and ends the part", "refused": "no change"}.get(
+        o.in_cycle, ""
+    )
+
+
 def line(o: objects.AxisObject) -> str:
     canopen, modbus = addresses(o)
     text = f"{o.meaning} [{span(o)}{writable(o)}]"
@@ -78,6 +86,7 @@ def details(o: objects.AxisObject) -> Iterator[str]:
         ("range", span(o) + (f" (raw {o.min} to {o.max})" if o.scale != 1 else "")),
         ("default", default + (" + node id" if o.node_id else "")),
         ("access", o.access + writable(o)),
+        ("in cycle", in_cycle(o)),
         ("values", ", ".join(f"{v} {t}" for v, t in (*enumerate(o.enum), *o.values))),
         ("stored", "kept by the parameter store" if o.stored else ""),
         ("PDO", ("", "may be mapped", "may be sent")[o.mappable]),
