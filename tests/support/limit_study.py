@@ -1,12 +1,13 @@
-"""Limits of random force loops against the eigenvalues of loops that are stepped from event to event.
+"""Limits of random force loops against the eigenvalues of loops stepped from event to event.
 
-`limit_study.py COUNT [SEED]` draws loops, prints the table of results, and every disagreement as a
-line of JSON. Each loop belongs to its seed and number alone, so any of them can be computed again:
-`limit_study.py --only NUMBER [SEED]`.
+`limit_study.py COUNT [SEED]` draws loops, prints every wrong answer as a line of JSON, and then the
+table of results. Of the first tenth of the loops, 500 at most, it then compares the answers under
+each kernel of OpenBLAS. Each loop belongs to its seed and number alone, so any of them can be
+computed again: `limit_study.py --only NUMBER [SEED]`. `--rows COUNT [SEED]` prints every answer.
 
-A loop has a drive of one of five kinds with values of a data sheet, none or a bus of 2, 4 or 8 ms, a
-force sensor of 0.25 to 4.5 kHz with a known or an unknown phase, a sinc filter or none, and the law
-P, PI or a bank. Nothing of forceaxis.linear steps the loop here: the plant's matrices (those that
+A loop has a drive of one of five kinds with values of a data sheet, none or a bus of 2, 4 or 8 ms,
+a force sensor of 0.25 to 4.5 kHz with a known or an unknown phase, a sinc filter or none, and the
+law P, PI or a bank. Nothing of forceaxis.linear steps the loop: the plant's matrices (those that
 the simulator integrates) move by SciPy's matrix exponential from sample to tick to sample, with
 filter, history, law, bus and latency as the firmware and the drive have them. A sinc filter is
 computed as the data sheets define it, by integrators and differences.
@@ -14,7 +15,9 @@ computed as the data sheets define it, by integrators and differences.
 
 import json
 import math
+import os
 import random
+import subprocess
 import sys
 import tempfile
 import time
@@ -24,6 +27,9 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # waiting threads cost more than they do
+
+import kernels
 import numpy as np
 from forceaxis.design import data_sheet, new
 from forceaxis.errors import ParameterError
@@ -42,7 +48,10 @@ CYCLES = (3, 6, 12)  # ticks of a bus of 2, 4 and 8 ms
 RATES_HZ = (250, 300, 375, 500, 600, 750, 900, 1000, 1200, 1500, 2000, 2500, 3000, 4500)
 PERIOD_MAX = 36  # ticks after which a drawn loop repeats
 ERROR_MAX, FREE_ERROR_MAX = 1e-6, 1e-4
-MARGINAL = 1e-9  # distance from 1 of a largest eigenvalue that does not decide between two answers
+KERNEL_LOOPS_MAX, KERNEL_ERROR_MAX = 500, 1e-9
+# Distance from 1 of a largest eigenvalue that does not decide, near a limit, and at any other
+# gain: rounding moves two equal eigenvalues by the root of its own size.
+MARGINAL, WIDE_MARGINAL = 1e-9, 1e-7
 SWEPT = 4  # number of phases, those with the largest eigenvalues, whose lower gains are swept
 SWEEP = np.geomspace(1e-4, 0.999, 100)  # of a limit: the gains below it that must be stable
 WIDE = np.geomspace(1e-12, 1e12, 193)  # V/N, of loops without a limit
@@ -102,6 +111,9 @@ def _sheet(rng: random.Random, kind: str) -> str:
             if one.name in left or one.choices or one.instead_of or one.word == "none":
                 continue
             if one.needs and one.needs not in given:
+                continue
+            axis = {"motor": "rotary"} | given
+            if any(axis[name] not in choices for name, choices in one.only.items()):
                 continue
             if one.default is None and rng.random() < 0.5:
                 given[one.name] = repr(10 ** rng.uniform(4.5, 8))  # a stiffness
@@ -197,8 +209,7 @@ class Stepped:
                for j in range(order)] for i in range(order)]  # fmt: skip
         shown = [np.linalg.matrix_power(np.array(on), i)[-1] for i in range(order)]
         return [
-            sum((-1) ** m * math.comb(order, m) * shown[i - m] for m in range(i + 1))
-            / every**order
+            sum((-1) ** m * math.comb(order, m) * shown[i - m] for m in range(i + 1)) / every**order
             for i in range(order)
         ]
 
@@ -319,7 +330,7 @@ def judged(stepped: list[Stepped], limit: Limit, error_max: float) -> tuple[floa
     if limit.gain:
         return _judged_limit(stepped, limit, error_max)
     tables = np.array([one.radius(WIDE) for one in stepped]).max(axis=0)
-    stable, unstable = tables < 1 - MARGINAL, tables > 1 + MARGINAL
+    stable, unstable = tables < 1 - WIDE_MARGINAL, tables > 1 + WIDE_MARGINAL
     first = int(np.argmax(stable | unstable)) if np.any(stable | unstable) else 0
     ends = np.flatnonzero(unstable)
     if limit.gain == 0:
@@ -336,9 +347,7 @@ def judged(stepped: list[Stepped], limit: Limit, error_max: float) -> tuple[floa
     return 0.0, "", None
 
 
-def _judged_limit(
-    stepped: list[Stepped], limit: Limit, error_max: float
-) -> tuple[float, str, Any]:
+def _judged_limit(stepped: list[Stepped], limit: Limit, error_max: float) -> tuple[float, str, Any]:
     gain = limit.gain
     assert gain
     near = gain * np.array([1 - error_max, 1.0, 1 + error_max])
@@ -369,8 +378,8 @@ def _judged_limit(
 
 
 def _apart(around: Array, step: float) -> float:
-    """Returns how far the gain at which the largest eigenvalue is 1 lies above a gain, as a share of
-    it, from the largest eigenvalues at and around this gain."""
+    """Returns how far the gain at which the largest eigenvalue is 1 lies above a gain, as a share
+    of the gain, from the largest eigenvalues at and around it."""
     slope = float(around[2] - around[0]) / (2 * step)
     return (1 - float(around[1])) / slope if slope > 0 else math.inf
 
@@ -435,6 +444,10 @@ def main(arguments: list[str]) -> int:
         (found,) = run(1, seed, number)
         print(draw(seed, number), found)
         return int(bool(found.wrong))
+    if arguments[0] == "--rows":
+        for found in run(int(arguments[1]), int(arguments[2])):
+            print(json.dumps(vars(found)))
+        return 0
     count, seed = int(arguments[0]), int(arguments[1]) if len(arguments) > 1 else 1
     start, kinds, wrongs = time.monotonic(), Counter[str](), 0
     worst = {False: 0.0, True: 0.0}
@@ -443,6 +456,8 @@ def main(arguments: list[str]) -> int:
         (found,) = run(1, seed, number)
         kinds.update(found.label.split())
         answers["limit" if found.gain else "0" if found.gain == 0 else "none"] += 1
+        if number % 500 == 499:
+            print(f"{number + 1} loops, {time.monotonic() - start:.0f} s", file=sys.stderr)
         free = " free" in found.label
         if found.wrong:
             wrongs += 1
@@ -451,8 +466,33 @@ def main(arguments: list[str]) -> int:
             worst[free] = max(worst[free], abs(found.error))
     print(f"{count} loops, {wrongs} wrong, answers {dict(answers)}")
     print(f"largest error {worst[False]:.2g}, of unknown phase {worst[True]:.2g}")
-    print(f"{time.monotonic() - start:.0f} s; {dict(kinds)}")
-    return int(wrongs > 0)
+    print(f"{time.monotonic() - start:.0f} s; {dict(kinds)}", flush=True)
+    apart = under_kernels(min(count // 10, KERNEL_LOOPS_MAX), seed)
+    return int(wrongs > 0 or not apart <= KERNEL_ERROR_MAX)
+
+
+def under_kernels(count: int, seed: int) -> float:
+    """Returns the largest relative difference of limits between the kernels of OpenBLAS, infinite
+    if an answer is wrong or of another kind."""
+    rows = {}
+    for kernel in kernels.executed():
+        done = subprocess.run(
+            [sys.executable, __file__, "--rows", str(count), str(seed)], text=True, check=True,
+            env=kernels.environment(kernel), stdout=subprocess.PIPE,
+        )  # fmt: skip
+        rows[kernel] = [json.loads(line) for line in done.stdout.splitlines()]
+    apart = 0.0
+    first = next(iter(rows.values()))
+    for kernel, own in rows.items():
+        for a, b in zip(first, own, strict=True):
+            same = not b["wrong"] and (a["gain"] is None) == (b["gain"] is None)
+            share = abs(b["gain"] - a["gain"]) / (a["gain"] or 1) if same and a["gain"] else 0.0
+            if not same or share > KERNEL_ERROR_MAX or bool(a["gain"]) != bool(b["gain"]):
+                print(kernel, a, b, flush=True)
+                share = math.inf
+            apart = max(apart, share)
+    print(f"{count} loops under {', '.join(rows)}: limits apart by {apart:.2g}")
+    return apart
 
 
 if __name__ == "__main__":

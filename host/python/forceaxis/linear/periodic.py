@@ -21,14 +21,20 @@ from scipy import optimize
 from forceaxis import _core
 from forceaxis.linear.boundary import minimal
 from forceaxis.linear.equations import Matrix
-from forceaxis.linear.stability import GAIN_STEP_FACTOR, Crossing, Crossover, Limit, Loop, Margins
+from forceaxis.linear.stability import (
+    GAIN_STEP_FACTOR,
+    SLOWEST_POLE_RAD_PER_S,
+    Crossover,
+    Limit,
+    Loop,
+    Margins,
+)
 from forceaxis.linear.system import System
 
 # Turn in degrees from one analysed loop to the next one of a search. Two changes between stable and
 # unstable loops within one step stay unseen.
 TURN_STEP_DEG = 3.0
 GAIN_SPAN = 1e4  # factor of the gain up to which a margin is searched
-TYPICAL_HZ_SHARE = 1e-2  # of the highest frequency, above which a loop gain of 1 is typical
 POINTS_PER_DECADE = 60  # of a grid of frequencies
 LOWEST_SHARE = 1e-6  # lowest frequency of a grid, as a share of the highest one
 STABLE_BELOW = 1 - 1e-11  # largest magnitude of a pole of a stable loop
@@ -134,9 +140,10 @@ class PeriodicLoop(Loop):
 
     @cached_property
     def _typical_gain(self) -> float:
-        grid = self._grid[self._grid > TYPICAL_HZ_SHARE * self._grid[-1]]
-        sizes = np.linalg.norm(self._lifted(grid), 2, axis=(1, 2))
-        return 1 / float(np.median(sizes))
+        rates = np.abs(self._minimal.poles_s())
+        at = rates[(rates > SLOWEST_POLE_RAD_PER_S) & (rates < 2 * math.pi * self._grid[-1])]
+        hz = at / (2 * math.pi) if len(at) else self._grid[-1:]
+        return self._gain_of_1(np.linalg.norm(self._lifted(hz), 2, axis=(1, 2)))
 
     def _closed_minimal(self, gain: float) -> Matrix:
         A, B, C, D = (getattr(self._minimal, name).astype(np.longdouble) for name in "ABCD")
@@ -145,7 +152,8 @@ class PeriodicLoop(Loop):
 
     def _growths(self, gains: Matrix) -> Matrix:
         poles = np.linalg.eigvals(np.array([self._closed_minimal(k) for k in gains], float))
-        return np.abs(poles).max(axis=1, initial=0.0) - 1
+        found: Matrix = np.abs(poles).max(axis=1, initial=0.0) - 1
+        return found
 
     @cached_property
     def _limit(self) -> Limit:

@@ -33,12 +33,12 @@ GAIN_MAX = 1e15  # largest gain k of a force loop that is analysed
 NEGLIGIBLE_GAIN = 1e-9
 SLOWEST_POLE_RAD_PER_S = 1e-3  # slower poles are integrators, within rounding
 # Gains at which an answer without a limit is checked, as shares of the typical gain.
-CHECKED_GAINS = 10.0 ** np.arange(-6, 7)
+CHECKED_GAINS = 10.0 ** np.arange(-10, 7)
 # Factor from one gain to the next one of a search. Two changes between stable and unstable loops
 # within one step stay unseen.
 GAIN_STEP_FACTOR = 1.1
 GAINS_AT_ONCE = 24  # of a search
-ROUNDED_AGAIN = 2  # number of times that a matrix is rounded otherwise, to see what this changes
+ROUNDED_AGAIN = 3  # number of times that a matrix is rounded otherwise, to see what this changes
 # Distance from a limit at which the loop must be seen to be stable and unstable, as a share of it.
 EDGE_SHARE = 1e-7
 
@@ -279,7 +279,11 @@ class Loop:
         """A gain at which the loop gain is about 1 at the frequency of a pole."""
         poles = np.abs(self._poles)
         at = poles[poles > SLOWEST_POLE_RAD_PER_S]
-        sizes = np.abs(self._at(at if len(at) else np.ones(1)))
+        return self._gain_of_1(np.abs(self._at(at if len(at) else np.ones(1))))
+
+    @staticmethod
+    def _gain_of_1(sizes: Matrix) -> float:
+        """Returns the gain at which a loop gain with these sizes at a gain of 1 is about 1."""
         sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
         return 1 / float(np.median(sizes)) if len(sizes) else 1.0
 
@@ -493,9 +497,9 @@ class Loop:
         growths = [self._growth(A)]
         for _ in range(ROUNDED_AGAIN):
             growths.append(self._growth(A * (1 + 2.0**-53 * rng.choice([-1, 1], A.shape))))
-        low, high = min(growths), max(growths)
         # A change of the same size in another direction must not decide either.
-        return None if low - (high - low) < 0 < high + (high - low) else high < 0
+        least = max(growths) - min(growths) + 2.0**-50 * np.abs(_core.eigenvalues(A)).max()
+        return None if min(growths) - least < 0 < max(growths) + least else growths[0] < 0
 
     def _smallest_stable(self) -> float | None:
         """Returns the smallest of the CHECKED_GAINS that is settled, or None if the loop is
@@ -509,14 +513,16 @@ class Loop:
     def _edge_above(self, gain: float) -> float | None:
         """Returns the lowest gain above a stable one at which a closed-loop pole reaches the
         stability boundary, or None if there is none up to the largest of the CHECKED_GAINS."""
-        most = min(self._typical_gain * CHECKED_GAINS[-1], GAIN_MAX)
+        most, inside = min(self._typical_gain * CHECKED_GAINS[-1], GAIN_MAX), gain
         while gain < most:
             gains = gain * GAIN_STEP_FACTOR ** np.arange(GAINS_AT_ONCE)
-            growths = self._growths(gains)
-            left = np.flatnonzero((growths[:-1] < 0) & (growths[1:] >= 0))
-            if len(left):
-                ends = gains[left[0]], gains[left[0] + 1]
-                return self._root(lambda k: float(self._growths(np.array([k]))[0]), *ends)
+            for at, growth in zip(gains, self._growths(gains), strict=True):
+                if growth < 0:
+                    inside = float(at)
+                elif at > inside and self._settled(float(at)) is False:
+                    return self._root(
+                        lambda k: float(self._growths(np.array([k]))[0]), inside, float(at)
+                    )
             gain = float(gains[-1])
         return None
 
