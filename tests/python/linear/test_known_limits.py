@@ -20,8 +20,9 @@ FALSE = r"every gain|infinite|no limit(?! up to)|no crossing above(?! up to)|non
 
 @pytest.fixture(autouse=True)
 def drowned(monkeypatch):
-    """No crossing below KNOWN_TO, above which rounding decides."""
+    """No crossing below KNOWN_TO, above which rounding decides, and poles that settle nothing."""
     monkeypatch.setattr(stability.Loop, "_crossed", property(lambda loop: ([], KNOWN_TO)))
+    monkeypatch.setattr(stability.Loop, "_settled", lambda loop, gain: None)
 
 
 def says(*arguments):

@@ -111,7 +111,8 @@ def at_gain_lines(limit: LimitResult, at: LoopAtGain) -> list[str]:
     if phase is not None:
         text = f"{phase:.4g} degrees, crossover {hz_text(margins.crossover_hz)}"
     lines.append(f"phase margin {text}")
-    return lines + (figures_text(at.figures) if at.figures.stable else [])
+    lines += figures_text(at.figures) if at.figures.stable else []
+    return lines + ([f"dead zone    {at.dead_law}"] if at.dead_law else [])
 
 
 def figures_text(figures: Figures) -> list[str]:

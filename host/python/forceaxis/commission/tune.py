@@ -274,7 +274,8 @@ def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
     """Returns (filter bank that is stable with a margin on all plants of the prior knowledge,
     highest frequency in Hz at which the loop may become unstable).
 
-    The integral action of the bank brings the force to the set-point.
+    The integral action of the bank brings the force to the set-point. Raises Refusal if the gain is
+    so small that the smallest set-point rounds to no command.
     """
     model = str(tuning.model)
     values = {n: r[0] for n, r in plant_set.ranges_of(model, tuning.order.over).items()}
@@ -295,13 +296,16 @@ def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
             )
             static = abs(plant.at(0.0).item()) * linear.facts(model).volts_per_code
             slowest = min(slowest, rate * static)
-        gain = max(1, math.floor(LIMIT_FACTOR * min(gains) * 256)) / 256
+        gain = math.floor(LIMIT_FACTOR * min(gains) * 256) / 256
         if best is None or gain * slowest > best[0]:
             best = gain * slowest, replace(bank, force_gain=gain), highest
         if best[0] > CROSSOVER_RAD_PER_S:
             break
     assert best is not None  # never reached, because RATES_RAD_PER_S is not empty
-    return best[1].quantised(), best[2]
+    bank = best[1].quantised()
+    if why := linear.facts(model).dead_law(bank.gain_at_rest(), min(tuning.order.forces)):
+        raise Refusal("dead_zone", why)
+    return bank, best[2]
 
 
 def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:

@@ -128,6 +128,7 @@ def design(
             outcome, instead = found(plant, replace(plants, modes=more), order, bits, say)
         if order.simulate:
             outcome, bench = simulated(bench, outcome, instead, say)
+        expect_no_dead_law(plant, outcome)
         if out is not None:
             with files.NewFolder(out) as folder:
                 outcome.written = files.write(folder, bench, outcome, own)
@@ -137,6 +138,15 @@ def design(
                     outcome.written.append("index.html")
             outcome.out = paths.display(Path(out))
         return outcome
+
+
+def expect_no_dead_law(plant: Design, outcome: DesignOutcome) -> None:
+    """Raises InputError if the smallest set-point of a design, or without set-points the range of
+    the sensor, rounds to no command."""
+    whole = 128 * abs(plant.facts.required_reading.per_count)
+    setpoint = min(outcome.order.forces_N, default=whole)
+    if why := plant.facts.dead_law(outcome.bank.gain_at_rest(), setpoint):
+        raise InputError(f"{plant.model}: dead zone: {why}")
 
 
 def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:

@@ -1,5 +1,6 @@
 """Creates a model and two experiments of a user's axis from data-sheet values (`forceaxis new`)."""
 
+import functools
 import math
 import tempfile
 from collections.abc import Callable, Mapping
@@ -350,6 +351,20 @@ def friction_most(dry_N: float, pushes_N: float) -> float | None:
     return 2.0 if 2 * dry_N < pushes_N else (1 + pushes_N / dry_N) / 2
 
 
+@functools.cache
+def _template(name: str) -> jinja2.Template:
+    """Returns the compiled template of one of FILES."""
+    environment = jinja2.Environment(
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        finalize=lambda x: f"{x:.6g}" if isinstance(x, float) else x,
+    )
+    text = resources.files("forceaxis.design").joinpath(f"new_{name}.jinja").read_text()
+    return environment.from_string(text)
+
+
 def render(
     name: str,
     title: str,
@@ -359,13 +374,6 @@ def render(
 ) -> str:
     """Returns the text of one of the files of a new axis. `name` is one of FILES. `first` is None
     for the model, whose text contains no gains."""
-    environment = jinja2.Environment(
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        finalize=lambda x: f"{x:.6g}" if isinstance(x, float) else x,
-    )
     v = axis.v
 
     def entry(key: str, value: float, unit: str, source: str = "derived") -> str:
@@ -400,8 +408,7 @@ def render(
                                 first.acceleration_m_per_s2 * count * TICK_S**2),
             ripple=max(10.0, math.ceil(2e-5 * count)),
         )  # fmt: skip
-    text = resources.files("forceaxis.design").joinpath(f"new_{name}.jinja").read_text()
-    return environment.from_string(text).render(context)
+    return _template(name).render(context)
 
 
 @dataclass(frozen=True)

@@ -111,6 +111,18 @@ class Bank:
         highest = math.prod((b0 - b1 + b2) / (1 - a1 + a2) for b0, b1, b2, a1, a2 in self.sections)
         return self.force_gain * max(abs(direct), abs(highest))
 
+    def gain_at_rest(self) -> float:
+        """Returns the gain of the filter bank for a constant error in DAC codes per 8-bit count,
+        without its integral. It is infinite if a section integrates, or if the sections take away
+        what the integral adds."""
+        gain = self.force_gain
+        for b0, b1, b2, a1, a2 in self.sections:
+            above, below = b0 + b1 + b2, 1 + a1 + a2
+            if not below or (not above and self.integral_rad_per_s):
+                return math.inf
+            gain *= abs(above / below)
+        return gain
+
     def keys(self) -> BankKeys:
         """Returns the filter bank as a table [firmware.bank_N] of an experiment, without the key
         hf_gain."""

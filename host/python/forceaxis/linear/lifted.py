@@ -12,7 +12,7 @@ those of a disturbance of the codes, each of which lasts for one cycle of the bu
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import NamedTuple
 
@@ -53,12 +53,26 @@ class Samples:
     def phases(self, cycle_ticks: int) -> "Iterator[Samples]":
         """Yields samples with other phases: for each different order of samples and cycles, the
         phase with the oldest readings, the one in the middle, and the one with the newest."""
-        step = Fraction(1, self.every.denominator)
         share = Fraction(math.gcd(self.every.numerator, cycle_ticks * self.every.denominator))
         for order in range(int(share)):
-            for late in (MISSED_BY, step / 2, Fraction(0)):
-                arrives = (order * step + late - self.latency) % self.every
-                yield Samples(self.every, arrives, self.latency, self.sinc_order)
+            for late in (MISSED_BY, self._step / 2, Fraction(0)):
+                yield self._arriving(order, late)
+
+    def within(self, order: int, share: float) -> "Samples":
+        """Returns samples with a phase in an order of samples and cycles, from 0 (the oldest
+        readings) to 1 (the newest)."""
+        late = Fraction(share).limit_denominator(10**4) * self._step
+        return self._arriving(order, max(late, MISSED_BY))
+
+    @property
+    def _step(self) -> Fraction:
+        """Time in ticks between phases at which the order of samples and ticks changes."""
+        return Fraction(1, self.every.denominator)
+
+    def _arriving(self, order: int, late: Fraction) -> "Samples":
+        """Returns samples of which one arrives some time after the start of an order."""
+        arrives = (order * self._step + late - self.latency) % self.every
+        return replace(self, phase=arrives)
 
 
 class Within(NamedTuple):

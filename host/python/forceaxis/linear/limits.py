@@ -10,7 +10,7 @@ from forceaxis import _core, paths
 from forceaxis.errors import ParameterError
 from forceaxis.linear import loops, over, working
 from forceaxis.linear import system as linear
-from forceaxis.linear.bank import GAIN_STEP, BankKeys
+from forceaxis.linear.bank import GAIN_STEP, Bank, BankKeys
 from forceaxis.linear.equations import Matrix
 from forceaxis.linear.precise import Figures
 from forceaxis.linear.request import LoopRequest
@@ -57,10 +57,11 @@ class AnalysedLoop:
 class LoopAtGain:
     """Bandwidths and margins of a force loop at one gain k, in the unit of the loop.
     `firmware_gain`: k in DAC codes per 8-bit count, or None if the loop does not feed back ADC
-    0."""
+    0. `dead_law`: why the law gives no command for any force that the sensor measures, or None."""
 
     gain: float
     firmware_gain: float | None
+    dead_law: str | None = json_field(omit_none=True)
     figures: Figures = json_field(inline=True)
     margins: Margins = json_field(inline=True)
 
@@ -236,9 +237,22 @@ def loop_at(loop: Loop, gain: float) -> LoopAtGain:
     return LoopAtGain(
         gain=gain,
         firmware_gain=loop.optional_firmware_gain(gain),
+        dead_law=_dead_law(loop, gain),
         figures=over.figures(loop, gain),
         margins=loop.margins(gain),
     )
+
+
+def _dead_law(loop: Loop, gain: float) -> str | None:
+    """Returns why the law of a force loop at a gain k rounds each force that the sensor measures to
+    no command, or None."""
+    force_gain = loop.optional_firmware_gain(gain)
+    if not force_gain or loop.law not in ("p", "pi", "bank"):
+        return None
+    known = linear.facts(loop.model)
+    whole = 128 * abs(known.required_reading.per_count)
+    bank = replace(loop.bank or Bank(0.0), force_gain=force_gain)
+    return known.dead_law(bank.gain_at_rest(), whole)
 
 
 def hz_text(hz: float | None, digits: int = 4) -> str:

@@ -333,14 +333,18 @@ def _lifted(spec: LoopSpec, site: _Site, inner: float, own: Loop) -> Loop:
     if sampling:
         timing += f", force at {sampling.label()}"
     plant = _tick_plant(spec, site, inner, own)
-    each = [
-        _of_one_period(plant, known.bus, samples, replace(own, timing=timing), spec)
-        for samples in _samples(spec, known.path, sampling, known.bus.cycle_ticks)
-    ]
-    if len(each) == 1:
+
+    def of(samples: Samples | None) -> Loop:
+        return _of_one_period(plant, known.bus, samples, replace(own, timing=timing), spec)
+
+    phases = _samples(spec, known.path, sampling, known.bus.cycle_ticks)
+    each = [of(samples) for samples in phases]
+    first = phases[0]
+    if len(each) == 1 or first is None:
         return each[0]
     given = {f.name: getattr(each[0], f.name) for f in fields(Loop)}
-    return FreeLoop(**given, each=tuple(each))
+    between = lambda order, share: of(first.within(order, share))  # noqa: E731
+    return FreeLoop(**given, each=tuple(each), between=between)
 
 
 def _sampling(spec: LoopSpec, known: PlantFacts) -> SamplingFacts | None:

@@ -10,7 +10,7 @@ the part of the answer that has the frequency of the disturbance.
 
 import cmath
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -21,21 +21,50 @@ from scipy import optimize
 from forceaxis import _core
 from forceaxis.linear.boundary import minimal
 from forceaxis.linear.equations import Matrix
-from forceaxis.linear.stability import GAIN_MAX, Crossing, Crossover, Limit, Loop, Margins
+from forceaxis.linear.stability import (
+    GAIN_STEP_FACTOR,
+    SLOWEST_POLE_RAD_PER_S,
+    Crossover,
+    Limit,
+    Loop,
+    Margins,
+)
 from forceaxis.linear.system import System
 
-# Factor of the gain, and turn in degrees, from one analysed loop to the next one of a search. Two
-# changes between stable and unstable loops within one step stay unseen.
-GAIN_STEP_FACTOR, TURN_STEP_DEG = 1.1, 3.0
-GAIN_SPAN = 1e4  # ratio of gains over which a search goes
+# Turn in degrees from one analysed loop to the next one of a search. Two changes between stable and
+# unstable loops within one step stay unseen.
+TURN_STEP_DEG = 3.0
+GAIN_SPAN = 1e4  # factor of the gain up to which a margin is searched
 POINTS_PER_DECADE = 60  # of a grid of frequencies
 LOWEST_SHARE = 1e-6  # lowest frequency of a grid, as a share of the highest one
 STABLE_BELOW = 1 - 1e-11  # largest magnitude of a pole of a stable loop
+PHASES = 3  # that are analysed in each order of samples and ticks, see Samples.phases()
+# Share of a limit below which a lower one at another phase is not searched, and largest number of
+# parabolas of such a search in one order of samples and ticks.
+PHASE_SHARE, PARABOLAS_MAX = 1e-5, 4
 
 
 def _turned(gain: float, degrees: float) -> complex:
     """Returns a gain that turns a sinusoid back by some degrees."""
     return cmath.rect(gain, -math.radians(degrees))
+
+
+def _stable_to(limit: Limit) -> float:
+    return math.inf if limit.stable_to is None else limit.stable_to
+
+
+def _vertex(points: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Returns the lowest place of the parabola through three points (place, value) and its value,
+    which is infinite if the lowest place is not between the outer two points."""
+    (a, fa), (b, fb), (c, fc) = points
+    if not math.isfinite(fa + fb + fc):
+        return b, math.inf
+    left, right = (fb - fa) / (b - a), (fc - fb) / (c - b)
+    bend = (right - left) / (c - a)
+    if bend <= 0:
+        return b, math.inf
+    at = (a + b) / 2 - left / (2 * bend)
+    return at, fa + left * (at - a) + bend * (at - a) * (at - b) if a < at < c else math.inf
 
 
 @dataclass
@@ -83,6 +112,11 @@ class PeriodicLoop(Loop):
         poles = np.linalg.eigvals(closed)
         return complex(poles[np.argmax(np.abs(poles))]) if len(poles) else 0j
 
+    def _hz_at(self, gain: complex) -> float:
+        """Returns the frequency in Hz of the pole of the largest magnitude."""
+        assert self.dt is not None
+        return abs(cmath.phase(self._outermost(gain))) / (2 * math.pi * self.dt)
+
     def _radius(self, gain: complex) -> float:
         return abs(self._outermost(gain))
 
@@ -106,50 +140,31 @@ class PeriodicLoop(Loop):
 
     @cached_property
     def _typical_gain(self) -> float:
-        """A gain near those of the loop's limits: the loop gain is about 1 at some frequency."""
-        sizes = np.abs(np.linalg.eigvals(self._lifted(self._grid))).max(axis=1)
-        return 1 / float(np.median(sizes))
+        rates = np.abs(self._minimal.poles_s())
+        at = rates[(rates > SLOWEST_POLE_RAD_PER_S) & (rates < 2 * math.pi * self._grid[-1])]
+        hz = at / (2 * math.pi) if len(at) else self._grid[-1:]
+        return self._gain_of_1(np.linalg.norm(self._lifted(hz), 2, axis=(1, 2)))
+
+    def _closed_minimal(self, gain: float) -> Matrix:
+        A, B, C, D = (getattr(self._minimal, name).astype(np.longdouble) for name in "ABCD")
+        result: Matrix = A - gain * B @ _core.solve(np.eye(len(D)) + gain * D, C)
+        return result
+
+    def _growths(self, gains: Matrix) -> Matrix:
+        poles = np.linalg.eigvals(np.array([self._closed_minimal(k) for k in gains], float))
+        found: Matrix = np.abs(poles).max(axis=1, initial=0.0) - 1
+        return found
 
     @cached_property
-    def _first_edge(self) -> Limit:
-        """The limit of the gain, up to the largest gain that is analysed."""
-        gain = self._typical_gain / GAIN_SPAN
-        if not self._radius(gain) < 1:
-            return Limit(0.0, None, [], [], "unstable at any small gain")
-        while gain < min(self._typical_gain * GAIN_SPAN, GAIN_MAX):
-            after = gain * GAIN_STEP_FACTOR
-            if self._radius(after) >= 1:
-                edge = self._edge(lambda at: at, gain, after)
-                hz = self._frequency(edge)
-                return Limit(edge, hz, [Crossing(edge, hz, 1)], [(0.0, edge)], "")
-            gain = after
-        reason = f"stable up to {gain:.4g} {self.unit}, the largest gain that was analysed"
-        return Limit(None, None, [], [(0.0, gain)], reason, gain)
-
-    @cached_property
-    def stable_ranges(self) -> list[tuple[float, float | None]]:
-        """The range of gains from 0 in which the loop is stable."""
-        return self.limit().stable_ranges
-
-    def crossings(self) -> list[Crossing]:
-        """The crossing of the limit alone."""
-        return self.limit().crossings
-
-    def limit(self) -> Limit:
-        """See Loop.limit(). The crossings are the limit alone."""
-        return self._first_edge
-
-    def _frequency(self, gain: complex) -> float:
-        """Returns the frequency in Hz of the pole of the largest magnitude."""
-        assert self.dt is not None
-        return abs(cmath.phase(self._outermost(gain))) / (2 * math.pi * self.dt)
+    def _limit(self) -> Limit:
+        return self._of_poles()
 
     def margins(self, gain: float) -> Margins:
         """See Loop.margins()."""
         above = self._toward(gain, GAIN_STEP_FACTOR)
         below = self._toward(gain, 1 / GAIN_STEP_FACTOR)
         turn = self._phase_margin(gain)
-        crossover = None if turn is None else self._frequency(_turned(gain, turn))
+        crossover = None if turn is None else self._hz_at(_turned(gain, turn))
         return Margins(
             gain_margin=above and above / gain,
             gain_reduction=below and below / gain,
@@ -266,10 +281,13 @@ class PeriodicLoop(Loop):
 @dataclass
 class FreeLoop(Loop):
     """The force loop of a sensor that samples with a clock of its own. `each` are the loops with
-    different phases between the samples and the ticks; limits and margins are the worst of them.
-    The loop itself is the first of `each`, whose readings are the oldest."""
+    different phases between the samples and the ticks, in the order of Samples.phases(); limits
+    and margins are the worst of them. The loop itself is the first of `each`, whose readings are
+    the oldest. between: returns the loop with a phase within an order of samples and ticks,
+    see Samples.within()."""
 
     each: tuple[Loop, ...] = ()
+    between: Callable[[int, float], Loop] | None = None
 
     @property
     def _oldest(self) -> Loop:
@@ -302,20 +320,29 @@ class FreeLoop(Loop):
         return min(loop.decay(gain) for loop in self.each)
 
     @cached_property
-    def stable_ranges(self) -> list[tuple[float, float | None]]:
-        """Ranges of gains from 0 in which the loop is stable with every phase."""
-        return self.limit().stable_ranges
-
-    def crossings(self) -> list[Crossing]:
-        """See Loop.crossings(), of the phase with the lowest limit."""
-        return self.limit().crossings
-
-    def limit(self) -> Limit:
-        """Returns the lowest limit of all phases."""
+    def _limit(self) -> Limit:
+        """The lowest limit of all phases. In each order of samples and ticks it is a smooth
+        function of the phase, whose lowest place is searched with parabolas."""
         limits = [loop.limit() for loop in self.each]
-        return min(
-            limits, key=lambda limit: math.inf if limit.stable_to is None else limit.stable_to
-        )
+        best = min(limits, key=_stable_to)
+        if self.between is None or not best.gain:
+            return best
+        orders = len(limits) // PHASES
+        for order in range(orders):
+            # The newest readings of an order are those of the one before.
+            newest = limits[PHASES * ((order + 1) % orders) + 2]
+            three = limits[PHASES * order], limits[PHASES * order + 1], newest
+            points = [(at, _stable_to(one)) for at, one in zip((0, 0.5, 1), three, strict=True)]
+            for _ in range(PARABOLAS_MAX):
+                at, lowest = _vertex(points)
+                if not lowest < _stable_to(best) * (1 - PHASE_SHARE):
+                    break
+                found = self.between(order, at).limit()
+                best = min(best, found, key=_stable_to)
+                points = sorted([*points, (at, _stable_to(found))])
+                middle = min(range(1, len(points) - 1), key=lambda i: points[i][1])
+                points = points[middle - 1 : middle + 2]
+        return best
 
     def margins(self, gain: float) -> Margins:
         """Returns the smallest margins of all phases."""

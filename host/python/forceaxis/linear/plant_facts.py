@@ -1,5 +1,6 @@
 """Contents of a plant model: bodies, signals, parameters, contacts, drive, sensor and encoder."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
@@ -156,7 +157,8 @@ class PlantFacts:
     given by its modes of vibration, `signals` the unit of every signal,
     `switches` the states of every element that has several ("sensor": ("apart", "pressed",
     "overlap")). `drive`, `reading` and `encoder` are None if the model has none; `required_drive`
-    and so on then raise InputError. `volts_per_code` is the drive command of one DAC code in V.
+    and so on then raise InputError. `volts_per_code` is the drive command of one DAC code in V, and
+    `volts_per_step` that of one step of the DAC, which is smaller with more than 12 bits.
     """
 
     path: str
@@ -171,6 +173,7 @@ class PlantFacts:
     reading: SensorFacts | None
     encoder: EncoderFacts | None
     volts_per_code: float
+    volts_per_step: float
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -188,6 +191,32 @@ class PlantFacts:
             for pair in zip(s.coordinates, s.modal_masses_kg, strict=True)
         )
         return self.masses_kg | dict(modes)
+
+    def dead_zone(self, force_gain: float) -> float:
+        """Returns the force error, in the unit of ADC 0, below which the command of a law rounds to
+        0, apart from its integral. force_gain: gain of the law at rest in DAC codes per 8-bit
+        count."""
+        if not force_gain:
+            return math.inf
+        step = self.volts_per_step / self.volts_per_code
+        return abs(0.5 * step / force_gain * self.required_reading.per_count)
+
+    def dead_law(self, force_gain: float, setpoint: float) -> str | None:
+        """Returns why a law cannot reach a set-point, both as in dead_zone(), or None if it can:
+        its dead zone is as large as the set-point."""
+        dead = self.dead_zone(force_gain)
+        if dead < setpoint:
+            return None
+        unit = self.signals.get(self.required_reading.signal, "N")
+        errors = (
+            "every force error" if math.isinf(dead) else f"a force error below {dead:.4g} {unit}"
+        )
+        return (
+            f"expected a force law whose dead zone is smaller than the set-point of {setpoint:.4g} "
+            f"{unit}, got a gain of {force_gain:.4g} codes per 8-bit count, with which {errors} "
+            "force error rounds to no command, apart from the integral; lower the speed of the "
+            "drive at full command, or use an output of more bits or a larger set-point"
+        )
 
     def displacements(self) -> np.ndarray:
         """Returns the displacements of p points for a unit of each of c coordinates, (p, c)."""
@@ -300,4 +329,5 @@ def read(path: str, overrides: Overrides | None = None) -> PlantFacts:
         reading=_optional(_sensor, table["reading"]),
         encoder=_optional(EncoderFacts, table["encoder"]),
         volts_per_code=table["volts_per_code"],
+        volts_per_step=table["volts_per_step"],
     )

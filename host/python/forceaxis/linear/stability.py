@@ -28,10 +28,19 @@ from forceaxis.words import plain
 # the stability boundary whose gain changes more is not reported.
 GAIN_CHANGE_MAX = 1e-7
 GAIN_MAX = 1e15  # largest gain k of a force loop that is analysed
-# Poles below this size in rad/s and below this share of the fastest pole are integrators, if there
-# are two or more of them: rounding moves a double pole by the root of its own size.
-INTEGRATOR_RAD_PER_S = 1e-5
-INTEGRATOR_SHARE = 1e-10
+# Share of a loop's typical gain below which no law works. Below it rounding decides whether two
+# integrators, such as those of a law and of a drive, leave the stability boundary.
+NEGLIGIBLE_GAIN = 1e-9
+SLOWEST_POLE_RAD_PER_S = 1e-3  # slower poles are integrators, within rounding
+# Gains at which an answer without a limit is checked, as shares of the typical gain.
+CHECKED_GAINS = 10.0 ** np.arange(-10, 7)
+# Factor from one gain to the next one of a search. Two changes between stable and unstable loops
+# within one step stay unseen.
+GAIN_STEP_FACTOR = 1.1
+GAINS_AT_ONCE = 24  # of a search
+ROUNDED_AGAIN = 3  # number of times that a matrix is rounded otherwise, to see what this changes
+# Distance from a limit at which the loop must be seen to be stable and unstable, as a share of it.
+EDGE_SHARE = 1e-7
 
 
 def known_text(known_to: float, unit: str) -> str:
@@ -258,8 +267,7 @@ class Loop:
         real function of w changes its sign at most once. `zeros`: estimates of the zeros of this
         function in s. No returned frequency is a pole."""
         found = np.concatenate([np.abs(zeros.imag), np.abs(self._poles.imag), np.abs(self._poles)])
-        lowest = self._integrators_below
-        return marks(found[found > lowest], np.abs(self._poles).max())
+        return marks(found, np.abs(self._poles).max())
 
     @cached_property
     def _poles(self) -> Matrix:
@@ -267,14 +275,17 @@ class Loop:
         return result
 
     @cached_property
-    def _integrators_below(self) -> float:
-        """Returns a frequency in rad/s below which the response is that of two or more integrators,
-        or 0 for fewer integrators. An integral of the law and one of a velocity drive are an
-        example. Below this frequency rounding separates the integrators, and crossings that it then
-        shows belong to gains near 0 that no loop has."""
+    def _typical_gain(self) -> float:
+        """A gain at which the loop gain is about 1 at the frequency of a pole."""
         poles = np.abs(self._poles)
-        near = poles[poles < min(INTEGRATOR_RAD_PER_S, INTEGRATOR_SHARE * poles.max(initial=0.0))]
-        return 1e3 * float(near.max()) if len(near) > 1 else 0.0
+        at = poles[poles > SLOWEST_POLE_RAD_PER_S]
+        return self._gain_of_1(np.abs(self._at(at if len(at) else np.ones(1))))
+
+    @staticmethod
+    def _gain_of_1(sizes: Matrix) -> float:
+        """Returns the gain at which a loop gain with these sizes at a gain of 1 is about 1."""
+        sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
+        return 1 / float(np.median(sizes)) if len(sizes) else 1.0
 
     @cached_property
     def _boundary_poles(self) -> list[tuple[float, complex | None]]:
@@ -340,7 +351,7 @@ class Loop:
         eigenvalue problem, so no point is missed; each point is then refined with G itself. If G is
         real on the whole axis (a plant without damping), there are no crossings.
         """
-        return list(self._crossed[0])
+        return [crossing for crossing in self.limit().crossings if crossing.gain]
 
     @cached_property
     def _crossed(self) -> tuple[list[Crossing], float | None]:
@@ -362,6 +373,7 @@ class Loop:
             for i in np.flatnonzero(values[:-1] * values[1:] < 0)
         ] + self._touches(zeros, grid, values)
         crossings = self._ends(values, -1e-11 * np.median(np.abs(G[known])))
+        negligible = NEGLIGIBLE_GAIN * self._typical_gain
         for w, direction in dict.fromkeys(found):
             if any(abs(w - pole) < 1e-9 * w for pole, _ in self._boundary_poles):
                 # The phase changes at a pole, but no gain has a crossing of the stability boundary
@@ -377,21 +389,21 @@ class Loop:
                 continue
             if rounding < GAIN_CHANGE_MAX * abs(value):
                 crossings.append(Crossing(float(-1 / value), self.hz(w), direction))
-            else:
+            elif negligible * abs(value) < 1:
                 doubts.append(float(1 / (abs(value) + rounding)))
         doubt = float(min(doubts))
-        crossings = sorted((c for c in crossings if c.gain < doubt), key=lambda c: c.gain)
-        return crossings, doubt if doubt < GAIN_MAX else None
+        crossings = [c for c in crossings if negligible < c.gain < doubt]
+        return sorted(crossings, key=lambda c: c.gain), doubt if doubt < GAIN_MAX else None
 
     def _drowned(self, grid: Matrix, G: Matrix, rounding: Matrix, known: Matrix) -> float:
         """Returns the smallest gain at which rounding errors could hide a crossing of the stability
         boundary. Between two frequencies of the grid, the rounding error of G then exceeds both Im
-        G and GAIN_CHANGE_MAX |G|."""
+        G and GAIN_CHANGE_MAX |G|. Negligible gains do not count."""
         hidden = rounding > GAIN_CHANGE_MAX * np.abs(G)
-        gains = 1 / (np.abs(G) + rounding)
+        negligible = NEGLIGIBLE_GAIN * self._typical_gain
         least = math.inf
         for i in np.flatnonzero(hidden & ~known):
-            least = min(least, gains[i])
+            sizes = [(abs(G[i]), rounding[i])]
             for j in (i - 1, i + 1):
                 if not (0 <= j < len(grid) and known[j]):
                     continue
@@ -404,8 +416,10 @@ class Loop:
                     else:
                         clear = middle
                 value, _, moved = self._known(clear)
-                least = min(least, 1 / (abs(value) + moved))
-        return least
+                sizes.append((abs(value), moved))
+            if any(negligible * size < 1 for size, _ in sizes):
+                least = min(least, *(1 / (size + moved) for size, moved in sizes))
+        return float(least)
 
     def _root(self, of: Callable[[float], float], low: float, high: float) -> float:
         return float(optimize.brentq(of, low, high, xtol=1e-300, rtol=1e-15))
@@ -464,17 +478,108 @@ class Loop:
         result: Matrix = A * scale / scale[:, None]
         return result
 
+    def _growths(self, gains: Matrix) -> Matrix:
+        """Returns for each gain the largest distance by which a closed-loop pole lies outside of
+        the stability boundary: the largest real part, or the largest magnitude less 1."""
+        found: Matrix = np.array([self._growth(self._closed_minimal(gain)) for gain in gains])
+        return found
+
+    def _growth(self, A: Matrix) -> float:
+        poles = _core.eigenvalues(A)
+        return float(poles.real.max() if self.dt is None else np.abs(poles).max() - 1)
+
+    def _settled(self, gain: float) -> bool | None:
+        """Returns True if the closed loop is stable at a gain k, False if it is unstable, and None
+        if it may be either, because the entries of its matrix are known to the rounding of double
+        precision only."""
+        A = self._closed_minimal(gain)
+        rng = np.random.default_rng(len(A))
+        growths = [self._growth(A)]
+        for _ in range(ROUNDED_AGAIN):
+            growths.append(self._growth(A * (1 + 2.0**-53 * rng.choice([-1, 1], A.shape))))
+        # A change of the same size in another direction must not decide either.
+        least = max(growths) - min(growths) + 2.0**-50 * np.abs(_core.eigenvalues(A)).max()
+        return None if min(growths) - least < 0 < max(growths) + least else growths[0] < 0
+
+    def _smallest_stable(self) -> float | None:
+        """Returns the smallest of the CHECKED_GAINS that is settled, or None if the loop is
+        unstable there or no gain is settled."""
+        for gain in self._typical_gain * CHECKED_GAINS:
+            settled = self._settled(gain)
+            if settled is not None:
+                return float(gain) if settled else None
+        return None
+
+    def _edge_above(self, gain: float) -> float | None:
+        """Returns the lowest gain above a stable one at which a closed-loop pole reaches the
+        stability boundary, or None if there is none up to the largest of the CHECKED_GAINS."""
+        most, inside = min(self._typical_gain * CHECKED_GAINS[-1], GAIN_MAX), gain
+        while gain < most:
+            gains = gain * GAIN_STEP_FACTOR ** np.arange(GAINS_AT_ONCE)
+            for at, growth in zip(gains, self._growths(gains), strict=True):
+                if growth < 0:
+                    inside = float(at)
+                elif at > inside and self._settled(float(at)) is False:
+                    return self._root(
+                        lambda k: float(self._growths(np.array([k]))[0]), inside, float(at)
+                    )
+            gain = float(gains[-1])
+        return None
+
+    def _frequency(self, gain: float) -> float:
+        """Returns the frequency in Hz of the closed-loop pole that is outermost at a gain k."""
+        poles = _core.eigenvalues(self._closed_minimal(gain))
+        if self.dt is None:
+            return float(abs(poles[np.argmax(poles.real)].imag) / (2 * math.pi))
+        return float(abs(np.angle(poles[np.argmax(np.abs(poles))])) / (2 * math.pi * self.dt))
+
+    def _of_poles(self) -> Limit:
+        """Returns the limit as the closed-loop poles have it, without the crossings above."""
+        start = self._smallest_stable()
+        if start is None:
+            return Limit(0.0, None, [], [], "unstable at any small gain")
+        edge = self._edge_above(start)
+        if edge is None:
+            known_to = float(self._typical_gain * CHECKED_GAINS[-1])
+            reason = f"stable up to {known_to:.4g} {self.unit}, the largest gain that was analysed"
+            return Limit(None, None, [], [(0.0, known_to)], reason, known_to)
+        hz = self._frequency(edge)
+        return Limit(edge, hz, [Crossing(edge, hz, 1)], [(0.0, edge)], "")
+
+    def _checked(self, found: Limit) -> Limit:
+        """Returns the answer `found`, which is that there is no limit or that no small gain is
+        stable. If the closed-loop poles contradict the answer, returns what they show."""
+        if not len(self._minimal.A):
+            return found
+        start = self._smallest_stable()
+        if found.gain == 0:
+            contradicted = start is not None
+        else:
+            gains = self._typical_gain * CHECKED_GAINS
+            contradicted = any(self._settled(gain) is False for gain in gains)
+        if not contradicted:
+            return found
+        own = self._of_poles()
+        if not own.gain or start is None:
+            return own
+        if self._settled(own.gain * (1 - EDGE_SHARE)) and (
+            self._settled(own.gain * (1 + EDGE_SHARE)) is False
+        ):
+            return own
+        if found.gain is None:
+            return found
+        reason = f"stable up to {known_text(start, self.unit)}"
+        return Limit(None, None, [], [(0.0, start)], reason, start)
+
     @cached_property
-    def stable_ranges(self) -> list[tuple[float, float | None]]:
-        """Ranges (from, to) of gains in which the force loop is stable. The value `to` is None if
-        the range has no upper end."""
+    def _ranges_by_response(self) -> list[tuple[float, float | None]]:
+        """Ranges of stable gains between the crossings."""
         if not len(self._minimal.A):
             return [(0.0, None)]
         crossings, known_to = self._crossed
         edges = [0.0, *(c.gain for c in crossings)]
         if len(edges) == 1:
-            typical = np.median(np.abs(self._at(np.abs(self._poles) + 1e-3)))
-            return [(0.0, known_to)] if self.stable(1 / typical) else []
+            return [(0.0, known_to)] if self.stable(self._typical_gain) else []
         ranges = []
         for low, high in zip(edges, [*edges[1:], known_to], strict=True):
             if high is not None and high <= low:
@@ -489,15 +594,12 @@ class Loop:
                 ranges.append((low, high))
         return ranges
 
-    def limit(self) -> Limit:
-        """Returns the smallest gain at which the force loop becomes unstable as the gain rises from
-        0, with all crossings of the stability boundary. If this gain is 0, the crossings also
-        contain the poles of the plant that lie on the stability boundary."""
-        crossings, ranges = self.crossings(), self.stable_ranges
+    def _by_response(self) -> Limit:
+        """Returns the limit as the response along the stability boundary has it."""
+        (crossings, known_to), ranges = self._crossed, self._ranges_by_response
         if not ranges or ranges[0][0] > 0:
             reason = "unstable at any small gain" if ranges else "stable at no gain"
             return Limit(0.0, None, self._at_gain_0 + crossings, ranges, reason)
-        known_to = self._crossed[1]
         if ranges[0][1] == known_to:
             reason = "stable at every gain"
             if known_to is not None:
@@ -506,12 +608,32 @@ class Loop:
         first = next(c for c in crossings if c.gain == ranges[0][1])
         return Limit(first.gain, first.frequency_hz, crossings, ranges, "")
 
+    @cached_property
+    def _limit(self) -> Limit:
+        found = self._by_response()
+        return found if found.gain else self._checked(found)
+
+    def limit(self) -> Limit:
+        """Returns the smallest gain at which the force loop becomes unstable as the gain rises from
+        0, with all crossings of the stability boundary. If this gain is 0, the crossings also
+        contain the poles of the plant that lie on the stability boundary. An answer without a limit
+        is said only if the closed-loop poles agree."""
+        return self._limit
+
+    @property
+    def stable_ranges(self) -> list[tuple[float, float | None]]:
+        """Ranges (from, to) of gains in which the force loop is stable. The value `to` is None if
+        the range has no upper end."""
+        return self.limit().stable_ranges
+
     def margins(self, gain: float) -> Margins:
         """Returns the gain and phase margins of a force loop at a gain k at which the loop is
         stable."""
         if not len(self._minimal.A):
             return Margins(None, None, None, None, [])
         crossings, known_to = self._crossed
+        if not any(c.gain > gain for c in crossings):
+            crossings, known_to = self.crossings(), self.limit().known_to
         gains = [c.gain for c in crossings]
         above = min((g for g in gains if g > gain), default=None)
         below = max((g for g in gains if g < gain), default=None)
