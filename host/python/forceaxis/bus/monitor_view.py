@@ -69,9 +69,7 @@ class AxisPanel(Static):
     def on_click(self) -> None:
         self.post_message(self.Chosen(self.number))
 
-    def show(
-        self, words: AxisSnapshot | None, height: int, chosen: bool, codes: bool
-    ) -> None:
+    def show(self, words: AxisSnapshot | None, height: int, chosen: bool, codes: bool) -> None:
         """Draws the state of the axis in the panel. `words` is None before the first state."""
         width = max(10, self.content_size.width)
         silent = words is None or words.silent
