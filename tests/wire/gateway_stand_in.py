@@ -169,10 +169,12 @@ def main():
     parser.add_argument("--double", type=int, default=0)
     parser.add_argument("--fault", type=int, default=0, help="axis with a fault")
     parser.add_argument("--mismatch", type=int, default=0, help="axis with another table")
+    parser.add_argument("--dead", default="", help="AXIS:NMT,...: axes without a value for 8.1 s")
     parser.add_argument("--capture", type=int, default=0, help="samples of a capture of axis 1")
     parser.add_argument("--lively", action="store_true")
     args = parser.parse_args()
     axes = [int(a) for a in args.axes.split(",")]
+    dead = dict(map(int, words.split(":")) for words in args.dead.split(",") if words)
     gateway, start = Gateway(args.url, axes), time.monotonic()
     print("ready", flush=True)
     for k in range(args.count):
@@ -182,6 +184,8 @@ def main():
             s = state_of(axis, k, axis == args.fault, axis == args.mismatch)
             if args.lively:
                 lively(s, axis, k)
+            if axis in dead:  # as a gateway goes on after a node is lost: its last values
+                s.nmt_state, s.age_us = dead[axis], 8_100_000
             drop = args.drop and k % args.drop == 3
             double = args.double and k % args.double == 5
             gateway.send(f"AXIS_{axis}_STATE", s, drop, double)

@@ -180,9 +180,18 @@ def test_silence_a_silent_node_and_two_publishers_are_named(url):
             one.publish("AXIS_1_EVENT", state_of(1, 1))  # another type than the channel's
             await settle(pilot, lambda: "TWO PUBLISHERS on axis 1" in head_text(app))
             await settle(pilot, lambda: "NODE SILENT" in panel_text(app, 1))
+            s.nmt_state = s.NMT_STOPPED
+            one.publish("AXIS_1_STATE", s)
+            await settle(pilot, lambda: "NODE STOPPED, was operation" in panel_text(app, 1))
             s.nmt_state = s.NMT_OPERATIONAL
             one.publish("AXIS_1_STATE", s)
             await settle(pilot, lambda: "SILENT, was operation enabled" in panel_text(app, 1))
+            # The gateway goes on with values of a node that no longer sends them.
+            for _ in range(2):
+                s.age_us = 8_100_000
+                one.publish("AXIS_1_STATE", s)
+                await pilot.pause(0.3)
+                assert "SILENT, was operation enabled" in panel_text(app, 1)
             assert "got another type" in str(app.query_one("#events").render())
             everything = blank(axis_state_t)  # a gateway without data yet
             one.publish("AXIS_1_STATE", everything)
@@ -244,6 +253,28 @@ def test_once_json_is_one_object_of_what_is_heard(url):
     assert one.returncode == 0
     assert one.stdout.startswith("axis 3: switch on disabled, profile position, no fault")
     assert one.stdout.count("\n") == 1
+
+
+def test_once_says_which_axis_is_silent_since_when_and_is_status_1(url):
+    # A node that was killed, one that NMT stopped, one whose PDOs no longer come; one that lives.
+    with gateway(url, axes="1,2,4,5", dead="2:-1,4:4,5:5"):
+        done = forceaxis("monitor", "--url", url, "--once", "--seconds", 0.5)
+        data = forceaxis("monitor", "--url", url, "--once", "--json", "--seconds", 0.5)
+        live = forceaxis("monitor", "--url", url, "--once", "--axis", 1, "--seconds", 0.5)
+    first, second, fourth, fifth = done.stdout.splitlines()
+    assert first.startswith("axis 1: operation enabled") and "/s" in first
+    for line, head in (
+        (second, "axis 2: SILENT for 8.1 s, was operation enabled"),
+        (fourth, "axis 4: SILENT for 8.1 s, stopped by NMT, was operation enabled"),
+        (fifth, "axis 5: SILENT for 8.1 s, was operation enabled"),
+    ):
+        assert line.startswith(head) and "/s" not in line
+    assert "axis 2, 4, 5 is silent" in done.stderr and done.stderr.count("\n") == 1
+    axes = json.loads(data.stdout)["axes"]
+    assert {number: axis["silent"] for number, axis in axes.items()} == {
+        "1": False, "2": True, "4": True, "5": True
+    }  # fmt: skip
+    assert [done.returncode, data.returncode, live.returncode] == [1, 1, 0]
 
 
 def test_once_with_nothing_to_hear_is_status_1(url):

@@ -4,21 +4,29 @@ a live axis behind it."""
 import asyncio
 import base64
 import contextlib
+import fcntl
+import json
+import os
 import re
 import signal
 import statistics
+import struct
 import subprocess
 import sys
 import threading
 import time
 from pathlib import Path
+from socket import SO_LINGER, SOL_SOCKET
 
 import aiohttp
 import browser
 import lcm
 import pytest
+from forceaxis.bus import monitor_web
 from forceaxis.bus.lcm import Bus, decode
-from forceaxis.bus.monitor_web import PAGES_MAX
+from forceaxis.bus.monitor_web import PAGES_MAX, SIZE_MAX
+from forceaxis.bus.sources import MonitorSettings
+from forceaxis.results import to_json
 from live_bus import (  # noqa: F401
     FORCEAXIS,
     ROOT,
@@ -30,6 +38,7 @@ from live_bus import (  # noqa: F401
     until,
     url_fixture,
 )
+from textual_serve.download_manager import DownloadManager
 
 
 @contextlib.contextmanager
@@ -129,7 +138,104 @@ def test_pages_opened_and_closed_in_a_loop_have_no_more_processes_than_pages(url
         assert until(lambda: not screens(process))
 
 
+def parked(process, size):
+    """Process ids of the screens of pages that never read and then end by a reset."""
+
+    async def visit(address):
+        async with aiohttp.ClientSession() as session:
+            socket = await session.ws_connect(f"{address}/ws?width={size}&height={size}")
+            await socket.send_json(["resize", {"width": 3000, "height": 3000}])
+            await socket.send_json(["resize", {"width": "x", "height": None}])
+            connection = socket.get_extra_info("socket")
+            connection.setsockopt(SOL_SOCKET, SO_LINGER, struct.pack("ii", 1, 0))
+            end = time.monotonic() + 20
+            while not (running := screens(process)) and time.monotonic() < end:
+                await asyncio.sleep(0.02)
+            while None in (sides := [side_of(number) for number in running]):
+                await asyncio.sleep(0.02)
+            await asyncio.sleep(0.3)
+            socket._response.connection.transport.abort()
+            return running, sides
+
+    return visit
+
+
+def side_of(number):
+    """(width, height) of a screen when it starts, or None before that."""
+    text = Path(f"/proc/{number}/environ").read_bytes().split(b"\0")
+    values = dict(one.split(b"=", 1) for one in text if b"=" in one)
+    is_screen = b"TEXTUAL_DRIVER" in values
+    return (int(values[b"COLUMNS"]), int(values[b"ROWS"])) if is_screen else None
+
+
+@pytest.mark.parametrize("size", [2000, -5])
+def test_a_page_of_any_size_that_is_reset_leaves_no_screen(size, url, tmp_path):
+    with gateway(url, axes="1,2"), served(url, tmp_path) as (process, address):
+        running, sides = asyncio.run(parked(process, size)(address))
+        assert running and sides == [SIZE_MAX if size > 0 else (1, 1)]
+        assert until(lambda: not screens(process), 20), "a screen outlives its page"
+
+
+def test_a_screen_whose_page_does_not_read_ends_by_sigterm(url):
+    """The screen waits in a write to its pipe, so its main loop handles no signal."""
+    settings = json.dumps(to_json(MonitorSettings(url, None, 1.0, False, None, None)))
+    driver = "textual.drivers.web_driver:WebDriver"
+    environment = {**os.environ, "TEXTUAL_DRIVER": driver, "COLUMNS": "300", "ROWS": "100"}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "forceaxis.bus.monitor_web", settings],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment,
+    )  # fmt: skip
+    try:
+        assert process.stdout.read(13) == b"__GANGLION__\n"
+        fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)
+
+        def waits():
+            return "pipe_write" in Path(f"/proc/{process.pid}/wchan").read_text()
+
+        assert until(waits, 20)
+        process.terminate()
+        assert process.wait(10) == 128 + signal.SIGTERM
+    finally:
+        process.kill()
+        process.communicate()
+
+
+async def forever(*_):
+    await asyncio.Event().wait()
+
+
+async def broken(*_):
+    raise ConnectionResetError
+
+
+@pytest.mark.parametrize("send", [forever, broken], ids=["that hangs", "that is lost"])
+def test_the_end_of_a_screen_is_bounded_whatever_happens(send, monkeypatch):
+    """The process ignores every request and SIGTERM; the way to it hangs, or is lost."""
+    monkeypatch.setattr(monitor_web, "QUIT_S", 0.1)
+    monkeypatch.setattr(monitor_web, "SIGNAL_S", 0.1)
+    stubborn = "trap '' TERM; echo ready; while :; do sleep 0.1; done"
+
+    async def visit():
+        ways = dict.fromkeys(("write_bytes", "write_str", "close"), send)
+        screen = monitor_web.Screen(stubborn, download_manager=DownloadManager(), **ways)
+        await screen.start(80, 24)
+        monkeypatch.setattr(screen, "send_meta", send)
+        process = screen._process
+        await asyncio.sleep(0.2)  # it is then deaf to SIGTERM
+        async with asyncio.timeout(20):
+            await screen.stop()
+            await screen.stop()  # as textual_serve does
+            await process.wait()
+        return process.returncode
+
+    assert asyncio.run(visit()) == -signal.SIGKILL
+
+
 REQUESTS = (
+    ({}, "/static/" + 3000 * "x", 414),
+    ({}, "/static/" + 200 * "x/", 414),
+    ({}, "/static/" + 247 * "x", 404),
+    ({}, "/static/%00", 404),
     ({"Host": "evil.example"}, "/", 403),  # a name that was made to resolve to this machine
     ({"Origin": "http://evil.example"}, "/ws", 403),  # another site's page
     ({}, "/download/x", 404),
@@ -147,8 +253,9 @@ def test_only_its_own_page_of_this_machine_is_served(url, tmp_path):
                 async with session.get(address + path, headers=headers) as answer:
                     assert answer.status == status, (headers, path)
 
-    with served(url, tmp_path) as (_, address):
+    with served(url, tmp_path) as (process, address):
         asyncio.run(visit(address))
+        assert process.poll() is None
         port = address.rpartition(":")[2]
         refused(forceaxis("monitor", "--web", "--port", port, "--url", url), "--port", port, "free")
 

@@ -250,6 +250,25 @@ def test_modbus_reads_neighbours_by_one_request(registers, low_first):
     assert set(link.read(many)) == set(many)
 
 
+@pytest.mark.parametrize("kept", [0, 1])
+def test_modbus_answers_with_fewer_or_more_registers_are_no_values(registers, kept, monkeypatch):
+    link = ModbusLink("tcp://somewhere")
+    link.read(["watchdog"])
+    registers.input[BY_NAME["force"].modbus] = 0x1234
+    for way in ("read_input_registers", "read_holding_registers"):
+        ask = getattr(registers, way)
+
+        def other(address, *, count, device_id, ask=ask):
+            answer = ask(address, count=count, device_id=device_id)
+            answer.registers = (answer.registers + [7])[: kept * (count + 1)]
+            return answer
+
+        monkeypatch.setattr(registers, way, other)
+    for name in ("force", "position_actual", "target_position", "force_gain"):
+        with pytest.raises(NoAnswer, match=f"expected . registers about {name}, got .; another"):
+            link.read([name])
+
+
 def test_modbus_refuses_what_has_no_register_before_it_sends(registers):
     link = ModbusLink("tcp://somewhere")
     with pytest.raises(Refused, match="bank_gain_1: this object has no Modbus register; connect"):

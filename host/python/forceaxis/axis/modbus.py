@@ -174,7 +174,7 @@ class ModbusLink(Link):
             return None
         if not isinstance(found, ReadDeviceInformationResponse):
             return None
-        return str(found.information[number], errors="replace")
+        return str(found.information.get(number, b""), errors="replace") or None
 
     def _expect_registers(self, names: Iterable[str]) -> None:
         for name in names:
@@ -196,6 +196,12 @@ class ModbusLink(Link):
         ask = client.read_holding_registers if holding else client.read_input_registers
         what = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
         answer = self._ask(what, lambda: ask(known[0].modbus, count=count, device_id=self._unit))
+        if len(answer.registers) != count:
+            raise NoAnswer(
+                f"{self.where}: expected {count} registers about {what}, got "
+                f"{len(answer.registers)}; another device answers with this unit, or a gateway "
+                "between is at fault"
+            )
         found, at = {}, 0
         for one in known:
             words = answer.registers[at : at + _width(one)]

@@ -11,6 +11,7 @@ from types import FrameType
 
 import foxglove
 
+from forceaxis.bus.connections import bounded
 from forceaxis.bus.sources import AddressError, MonitorSettings, ReplaySource
 from forceaxis.bus.topics import Topic, Topics
 
@@ -61,6 +62,7 @@ def serve(
         number = signal.Signals(received)
         ended.set()
 
+    foxglove.set_log_level("CRITICAL")  # else a line for each handshake that fails
     context = foxglove.Context()
     source = settings.source(FoxgloveTopics(context, settings.mm_per_count))
     for one in (signal.SIGINT, signal.SIGTERM):
@@ -80,10 +82,11 @@ def serve(
         except RuntimeError as error:
             raise AddressError(str(error).removeprefix("FoxgloveError: ")) from None
         try:
-            ready(f"ws://{f'[{host}]' if ':' in host else host}:{server.port}")
-            if isinstance(source, ReplaySource):
-                source.start()
-            ended.wait()
+            with bounded(server.port):
+                ready(f"ws://{f'[{host}]' if ':' in host else host}:{server.port}")
+                if isinstance(source, ReplaySource):
+                    source.start()
+                ended.wait()
         finally:
             server.stop()
     finally:

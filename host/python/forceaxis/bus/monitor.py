@@ -199,21 +199,17 @@ class Monitor(App[None]):
         with self.watched.lock:
             now = self.source.now_us()
             axes = [(n, self.watched.axes[n]) for n in sorted(self.watched.axes)]
-            shown = [
-                (n, a.words(now), 0 if a.received_us is None else (now - a.received_us) / 1e6)
-                for n, a in axes
-            ]
+            shown = [(n, a.words(now)) for n, a in axes]
         if self.chosen is None and axes:
             self.chosen = axes[0][0]
         events = 6 if height >= 36 else 4 if height >= 28 else 3
-        self.arrange([number for number, _, _ in shown], width, height - 2 - events)
+        self.arrange([number for number, _ in shown], width, height - 2 - events)
         self.draw_head()
-        for number, words, silent_s in shown:
+        for number, words in shown:
             panel = self.query(f"#axis-{number}")
             if panel:
                 panel.first(AxisPanel).show(
                     words,
-                    silent_s,
                     self.panel_height,
                     number == self.chosen and len(shown) > 1,
                     self.codes,

@@ -11,7 +11,6 @@ from forceaxis._core import TICKS_PER_SECOND
 from forceaxis.bus import charts, state_names
 from forceaxis.bus.capture_assembly import Samples, unit_of
 from forceaxis.bus.monitor_state import (
-    STALE_AFTER_S,
     VOLT_PER_CODE,
     AxisSnapshot,
     AxisWatch,
@@ -70,20 +69,18 @@ class AxisPanel(Static):
     def on_click(self) -> None:
         self.post_message(self.Chosen(self.number))
 
-    def show(
-        self, words: AxisSnapshot | None, silent_s: float, height: int, chosen: bool, codes: bool
-    ) -> None:
+    def show(self, words: AxisSnapshot | None, height: int, chosen: bool, codes: bool) -> None:
         """Draws the state of the axis in the panel. `words` is None before the first state."""
         width = max(10, self.content_size.width)
-        silent = words is None or silent_s > STALE_AFTER_S
+        silent = words is None or words.silent
         state = (words and words.drive_state) or "no state yet"
         colour = QUIET if silent else STATE_COLOURS.get(state, WARN)
         if words and words.objects_mismatch:
             colour = BAD
         self.styles.border = ("heavy" if chosen else "round", colour)
         head = f"axis {self.number} · {state}"
-        if words and words.node == "silent":
-            head = f"axis {self.number} · NODE SILENT"
+        if words and words.node in ("silent", "stopped"):
+            head = f"axis {self.number} · NODE {words.node.upper()}, was {state}"
         elif words and silent:
             head = f"axis {self.number} · SILENT, was {state}"
         self.border_title = head

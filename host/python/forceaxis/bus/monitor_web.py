@@ -14,6 +14,7 @@ import os
 import shlex
 import signal
 import sys
+import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -22,13 +23,17 @@ from aiohttp import web
 from textual_serve import server as textual_server
 from textual_serve.app_service import AppService
 
+from forceaxis.bus.connections import REQUEST_S, bounded
 from forceaxis.bus.sources import AddressError, MonitorSettings
 from forceaxis.results import from_json, to_json
 
 PAGE = Path(__file__).with_name("monitor.html")
 # largest number of pages that are open at the same time; each page has its own process
 PAGES_MAX = 8
-QUIT_TIMEOUT_S = 3.0  # longest time in s that a process may need to end after a request
+# Longest times in s that a process may need to end after a request, and after a signal.
+QUIT_S, SIGNAL_S = 3.0, 2.0
+SIZE_MAX = 500, 200  # largest width and height of a screen in characters; others are cut to that
+PATH_MAX = 255  # longest path of a request in characters
 POLICY = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
     "frame-ancestors 'none'"
@@ -57,26 +62,59 @@ def authority(url: str) -> tuple[str, str]:
         raise web.HTTPBadRequest(text="expected HOST or HOST:PORT\n") from None
 
 
+def size_of(width: object, height: object) -> tuple[int, int]:
+    """Returns width and height of a screen within 1 and SIZE_MAX. The default stands for what is no
+    integer."""
+    sides = zip((width, height), (80, 24), SIZE_MAX, strict=True)
+    columns, rows = (
+        min(max(1, side), most) if isinstance(side, int) else default
+        for side, default, most in sides
+    )
+    return columns, rows
+
+
 class Screen(AppService):
-    """The process of one HTML page. `stop` returns after the process has ended, so that never more
-    than PAGES_MAX processes run, even if pages are opened and closed quickly."""
+    """The process of one HTML page. `stop` returns after the process has ended, whatever the page
+    or the process does, so that never more than PAGES_MAX processes run."""
+
+    async def start(self, width: int, height: int) -> None:
+        await super().start(*size_of(width, height))
+
+    async def set_terminal_size(self, width: int, height: int) -> None:
+        await super().set_terminal_size(*size_of(width, height))
 
     async def stop(self) -> None:
-        """Asks the process to end, and terminates the process after QUIT_TIMEOUT_S, because a
-        process that is still starting ignores the request."""
-        process = self._process
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(QUIT_TIMEOUT_S):
-                await super().stop()
-                if process is not None:
-                    await process.wait()
+        """Asks the process to end, then sends SIGTERM, then SIGKILL. A process that is starting, or
+        that waits for its page to read, ignores the request.
+
+        AppService.stop() is not called: the task for which it waits takes the cancellation by a
+        time limit for its own, so the limit has no effect.
+        """
+        process, task = self._process, self._task
         if process is None:
             return
+        try:
+            with contextlib.suppress(Exception):  # a page may be lost in many ways
+                async with asyncio.timeout(QUIT_S):
+                    await self.send_meta({"type": "quit"})
+                    await process.wait()
+            for number in (signal.SIGTERM, signal.SIGKILL):
+                kill(process, number)
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(SIGNAL_S):
+                        await process.wait()
+        finally:
+            kill(process, signal.SIGKILL)
+            if task is not None:
+                task.cancel()
+
+
+def kill(process: asyncio.subprocess.Process, number: int) -> None:
+    """Sends a signal to a process that runs. Process.send_signal() may collect the exit status
+    before asyncio does."""
+    with contextlib.suppress(ProcessLookupError):
         if process.returncode is None:
-            # not process.terminate(), which may collect the exit status before asyncio does
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(process.pid, signal.SIGTERM)
-        await process.wait()
+            os.kill(process.pid, number)
 
 
 textual_server.AppService = Screen  # type: ignore[misc]  # the server has no other place for it
@@ -106,12 +144,17 @@ class MonitorServer(textual_server.Server):
     async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Refuses a request for an unknown host name that a name server resolves to this machine,
         and a request from a page of a different web site."""
+        if len(request.raw_path) > PATH_MAX:
+            raise web.HTTPRequestURITooLong(text=f"expected at most {PATH_MAX} characters\n")
         _, host = authority(f"//{request.host}")
         origin = request.headers.get("Origin")
         foreign = origin is not None and authority(origin)[0] != request.host
         if foreign or (is_loopback(self.host) and not is_loopback(host)):
             raise web.HTTPForbidden(text="expected a page of this server\n")
-        answer = await handler(request)
+        try:
+            answer = await handler(request)
+        except (OSError, ValueError):  # a path that no file system has
+            raise web.HTTPNotFound() from None
         if not answer.prepared:
             answer.headers["Content-Security-Policy"] = f"{POLICY}; connect-src ws://{request.host}"
         return answer
@@ -147,13 +190,16 @@ class MonitorServer(textual_server.Server):
 
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, end, number)
-        runner = web.AppRunner(await self._make_app(), shutdown_timeout=3)
+        runner = web.AppRunner(
+            await self._make_app(), shutdown_timeout=3, keepalive_timeout=REQUEST_S
+        )
         await runner.setup()
         try:
             await web.TCPSite(runner, self.host, self.port).start()
             host, port = runner.addresses[0][:2]
-            ready(f"http://{f'[{host}]' if ':' in host else host}:{port}")
-            return await ended
+            with bounded(port):
+                ready(f"http://{f'[{host}]' if ':' in host else host}:{port}")
+                return await ended
         finally:
             await runner.cleanup()
 
@@ -168,9 +214,18 @@ def serve(settings: MonitorSettings, host: str, port: int, ready: Callable[[str]
         raise AddressError(error.strerror or str(error)) from None
 
 
+def end_by_signal() -> None:
+    """Ends the process at SIGTERM. The main thread waits where its page does not read, so another
+    one waits for the signal; the screen only receives, so nothing has to be finished."""
+    number = signal.sigwait({signal.SIGTERM})
+    os._exit(128 + number)
+
+
 def main() -> None:
     """Runs the process of one HTML page. The process ends when the page is closed or the server
     ends."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+    threading.Thread(target=end_by_signal, name="end", daemon=True).start()
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
     from forceaxis.bus.monitor import Monitor
     from forceaxis.bus.monitor_state import Watch

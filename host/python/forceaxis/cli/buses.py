@@ -120,7 +120,8 @@ def monitor(
     --model, or in encoder counts. Commands are in V.
     Keys: f freezes the display, r records into a new log in this folder, c shows a capture, u
     changes between units and counts, arrows or 1 to 9 select the axis, + and - change the time
-    span, q quits. With --once the exit status is 1 if no state was received.
+    span, q quits. With --once the exit status is 1 if no state was received or an axis is silent:
+    its node sends nothing or is stopped, or its values are older than 1 s.
 
     --foxglove publishes each channel as JSON, /axis_1/state for AXIS_1_STATE, with the unit of each
     number in the schema, and each simulated or recorded sample as a message of its own. The topic
@@ -233,7 +234,8 @@ def serve_foxglove(
 def snapshot(
     watch: "Watch", source: "Source", axis: int | None, seconds: float, as_json: bool
 ) -> None:
-    """Print the latest state of each axis. Exit with status 1 if no state was received."""
+    """Print the latest state of each axis. Exit with status 1 if no state was received, or if an
+    axis is silent."""
     from forceaxis.bus.sources import ReplaySource
     from forceaxis.cli.buses_text import snapshot_text
 
@@ -251,6 +253,14 @@ def snapshot(
         which = "an axis" if axis is None else f"axis {axis}"
         within = "" if replayed else f" within {seconds:g} s; is its gateway running?"
         click.echo(f"forceaxis: {source.name}: expected a state of {which}{within}", err=True)
+    silent = ", ".join(number for number, state in shown.axes.items() if state.silent)
+    if silent:
+        click.echo(
+            f"forceaxis: {source.name}: expected live axes, axis {silent} is silent; check power "
+            "and bus of the axis, and start a stopped node with `forceaxis axis start`",
+            err=True,
+        )
+    if silent or not shown.axes:
         source.close()
         sys.exit(1)
 

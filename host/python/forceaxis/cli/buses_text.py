@@ -19,6 +19,11 @@ def snapshot_text(shown: Snapshot) -> str:
                 force += f" of {a.target_force_N:.2f} N"
         elif a.force_cnt is not None:
             force = f"{a.force_cnt:.2f} counts of the force reading"
+        head = f"axis {number}: "
+        if a.silent:
+            since = "" if a.age_s is None or a.drive_state is None else f" for {a.age_s:.1f} s"
+            stopped = ", stopped by NMT" if a.node == "stopped" else ""
+            head += f"SILENT{since}{stopped}, was "
         parts = [
             a.drive_state or "no state",
             a.mode or "mode -",
@@ -26,14 +31,14 @@ def snapshot_text(shown: Snapshot) -> str:
             f"force {force}",
             position_text(a),
             f"output {'-' if a.output_V is None else format(a.output_V, '.3f')} V",
-            f"{a.rate_per_s:.0f}/s",
+            *([] if a.silent else [f"{a.rate_per_s:.0f}/s"]),
             f"lost {a.lost}",
         ]
         if a.limit_reason not in (None, "none"):
             parts.insert(3, f"limit {a.limit_reason}")
         if a.objects_mismatch:
             parts.append(a.objects_mismatch)
-        lines.append(f"axis {number}: " + ", ".join(parts))
+        lines.append(head + ", ".join(parts))
     if shown.trouble:
         lines.append(shown.trouble)
     return "\n".join(lines)

@@ -29,12 +29,16 @@ from pathlib import Path
 from typing import Any
 
 from asyncua import Server, ua, uamethod
+from asyncua.common.connection import TransportLimits
 from asyncua.common.instantiate_util import instantiate
 from asyncua.common.node import Node
 from asyncua.crypto.permission_rules import ADMIN_TYPES, PermissionRuleset
+from asyncua.server import binary_server_asyncio
+from asyncua.ua.ua_binary import uatcp_to_binary
 
 from forceaxis import paths
 from forceaxis._core import InputError
+from forceaxis.bus.connections import REQUEST_S, bounded
 from forceaxis.bus.sources import AddressError
 from forceaxis.cycles.outcome import ABORTED, BAD, GOOD, MEASURED
 from forceaxis.cycles.part import ElementFigure
@@ -69,6 +73,10 @@ SIMULATED = "the simulated axis"  # begin of the connection of a simulated axis 
 RESULTS_MOST = 200  # newest parts that are results; the folder keeps all
 POLL_S = 0.5  # between two looks into the folder
 SETTLED_NS = 1_000_000_000  # after a change, far longer than the resolution of a file's time
+# Bounds of what clients send: requests are short, results go the other way.
+CHUNK_BYTES, MESSAGE_BYTES, WAITING_MESSAGES = 65535, 1 << 20, 16
+HEADER_BYTES, SIZE_AT = 8, 4  # of a message of OPC 10000-6, 7.1.2.2
+SESSION_S = 15.0  # longest time in s from the connection to the active session
 COMPLETED, STATE_ABORTED, STATE_FAILED = 1, 3, 4  # ResultState of OPC 40001-101
 NO_HANDLE, NO_ERROR, UNKNOWN_RESULT = 0, 0, 1
 # Services that would change the server.
@@ -85,6 +93,67 @@ class ReadOnly(PermissionRuleset):
     def check_validity(self, user: object, action_type_id: ua.NodeId, body: object) -> bool:
         """Returns True if a client may use a service."""
         return action_type_id not in REFUSED
+
+
+class Connection(binary_server_asyncio.OPCUAProtocol):
+    """The connection of a client. A message that announces more than a chunk is refused at its
+    header, one that is not complete REQUEST_S after its first byte ends the connection, and nothing
+    is read while WAITING_MESSAGES wait."""
+
+    _late: asyncio.TimerHandle | None = None
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._received = bytearray()  # the beginning of a message
+
+    def data_received(self, data: bytes) -> None:
+        self._received += data
+        while self.transport is not None and not self.transport.is_closing():
+            size = int.from_bytes(self._received[SIZE_AT:HEADER_BYTES], "little")
+            whole = HEADER_BYTES if len(self._received) < HEADER_BYTES else size
+            if not HEADER_BYTES <= whole <= CHUNK_BYTES:
+                why = ua.ErrorMessage(ua.StatusCode(ua.StatusCodes.BadTcpMessageTooLarge), "")
+                self.transport.write(uatcp_to_binary(ua.MessageType.Error, why))
+                self.transport.close()
+            elif len(self._received) < whole:
+                break
+            else:
+                message = bytes(self._received[:whole])
+                del self._received[:whole]
+                self._stop_clock()
+                super().data_received(message)
+                if self._buffer:  # no message of this protocol
+                    self.transport.close()
+        self._wait()
+
+    async def _process_one_msg(self, header: Any, buf: Any) -> bool:
+        goes_on: bool = await super()._process_one_msg(header, buf)
+        self._wait()
+        return goes_on
+
+    def connection_lost(self, ex: BaseException | None) -> None:
+        self._stop_clock()
+        super().connection_lost(ex)
+
+    def _wait(self) -> None:
+        """Waits for the rest of a message, or for messages before it to be processed."""
+        if self.transport is None or self.transport.is_closing():
+            return
+        if self.messages.qsize() >= WAITING_MESSAGES:
+            self._stop_clock()
+            self.transport.pause_reading()
+            return
+        self.transport.resume_reading()
+        if self._received and self._late is None:
+            self._late = asyncio.get_running_loop().call_later(REQUEST_S, self.transport.close)
+
+    def _stop_clock(self) -> None:
+        if self._late:
+            self._late.cancel()
+            self._late = None
+
+
+binary_server_asyncio.OPCUAProtocol = Connection  # type: ignore[misc]  # asyncua has no other place
 
 
 def evaluation(state: str) -> Structure:
@@ -422,6 +491,10 @@ async def _serve(
     server = Server()
     await server.init()
     server.set_server_name("forceaxis")
+    server.limits = TransportLimits(
+        CHUNK_BYTES, CHUNK_BYTES, MESSAGE_BYTES // CHUNK_BYTES + 1, MESSAGE_BYTES
+    )
+    server.iserver.max_pending_activation_seconds = SESSION_S
     address = f"opc.tcp://{f'[{host}]' if ':' in host else host}"
     server.set_endpoint(f"{address}:{port}/")
     server.set_security_policy([ua.SecurityPolicyType.NoSecurity], ReadOnly())
@@ -430,11 +503,12 @@ async def _serve(
     await space.update()
     await server.start()
     try:
-        ready(f"{address}:{server.bserver.port}/")
-        while not ended.done():
-            await asyncio.wait([ended], timeout=POLL_S)
-            await space.update()
-        return ended.result()
+        with bounded(server.bserver.port):
+            ready(f"{address}:{server.bserver.port}/")
+            while not ended.done():
+                await asyncio.wait([ended], timeout=POLL_S)
+                await space.update()
+            return ended.result()
     finally:
         await server.stop()
 

@@ -1,0 +1,150 @@
+"""Bounds the TCP connections of a server of this process, whatever library serves them.
+
+    with bounded(port):
+        ...
+
+A connection whose first request is not complete, and therefore not answered, after REQUEST_S is
+closed. Of more than CONNECTIONS_MAX connections, those that were never answered are closed first,
+then those that have been idle for the longest time, so silent clients lock nobody out
+(host/modbus/tcp_server.hpp has the same rules). A peer that no longer exists, or no longer reads,
+loses its connection after PEER_S.
+
+The thread looks at the sockets of the process and at what the kernel counts for each (TCP_INFO). It
+needs no free descriptor, so it also works when a crowd has taken all of them.
+"""
+
+import contextlib
+import os
+import resource
+import socket
+import stat
+import struct
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple, TypeVar
+
+CONNECTIONS_MAX = 32
+REQUEST_S = 3.0
+PEER_S = 60
+# Time in s between two looks. An age is counted in looks, so it does not grow while the process is
+# suspended.
+LOOK_S = 0.1
+# The fields of struct tcp_info (linux/tcp.h) that Counted has.
+INFO = struct.Struct("=B51xI64xQ")
+ESTABLISHED, CLOSE_WAIT = 1, 8
+OPEN = (ESTABLISHED, CLOSE_WAIT)  # states in which this side has not closed the connection
+T = TypeVar("T")
+
+
+class Counted(NamedTuple):
+    """What the kernel counts for a connection: its state, the time in ms since the last data of the
+    peer, and the number of bytes that the peer has acknowledged."""
+
+    state: int
+    idle_ms: int
+    acked_bytes: int
+
+
+class Connection(NamedTuple):
+    """One connection at one look. The order is that in which connections are closed."""
+
+    answered: bool
+    active: int  # negative time in ms since the last data of the client
+    descriptor: int
+    inode: int
+
+
+class Bounds:
+    """Bounds the connections to one port at each look()."""
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self._looks: dict[int, int] = {}  # {inode of an unanswered connection: looks}
+        # A second descriptor of a connection while it is looked at, and what it is otherwise.
+        self._nothing = os.open(os.devnull, os.O_RDONLY)
+        self._view = os.dup(self._nothing)
+
+    def close(self) -> None:
+        os.close(self._view)
+        os.close(self._nothing)
+
+    def look(self) -> None:
+        """Closes what exceeds the bounds."""
+        found = sorted(self._connections())
+        self._looks = {c.inode: self._looks.get(c.inode, 0) + 1 for c in found if not c.answered}
+        for i, one in enumerate(found):
+            late = self._looks.get(one.inode, 0) * LOOK_S > REQUEST_S
+            if late or i < len(found) - CONNECTIONS_MAX:
+                self._with(one.descriptor, one.inode, lambda c: c.shutdown(socket.SHUT_RDWR))
+
+    def _connections(self) -> Iterator[Connection]:
+        for descriptor in descriptors():
+            try:
+                status = os.fstat(descriptor)
+            except OSError:
+                continue
+            if stat.S_ISSOCK(status.st_mode):
+                counted = self._with(descriptor, status.st_ino, watched)
+                if counted and counted.state in OPEN:
+                    answered, active = counted.acked_bytes > 0, -counted.idle_ms
+                    yield Connection(answered, active, descriptor, status.st_ino)
+
+    def _with(self, descriptor: int, inode: int, look: Callable[[socket.socket], T]) -> T | None:
+        """Returns look(the connection of a descriptor), or None if the descriptor has no connection
+        to the port, or no longer that of `inode`."""
+        viewed = None
+        try:
+            os.dup2(descriptor, self._view, inheritable=False)
+            viewed = socket.socket(fileno=self._view)
+            same = os.fstat(self._view).st_ino == inode
+            tcp = viewed.type == socket.SOCK_STREAM and viewed.family != socket.AF_UNIX
+            if not (same and tcp and viewed.getsockname()[1] == self._port):
+                return None
+            viewed.getpeername()  # fails for the socket that listens
+            return look(viewed)
+        except OSError:  # the connection has ended meanwhile
+            return None
+        finally:
+            if viewed:
+                viewed.detach()
+            # Otherwise the connection would stay open when the server closes it.
+            os.dup2(self._nothing, self._view, inheritable=False)
+
+
+def descriptors() -> Iterable[int]:
+    """Returns the descriptors of this process, or all possible ones if none is free for the
+    list."""
+    try:
+        return map(int, os.listdir("/proc/self/fd"))
+    except OSError:
+        return range(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
+
+
+def watched(connection: socket.socket) -> Counted:
+    """Has the kernel end a connection whose peer does not answer for PEER_S, and returns what the
+    kernel counts."""
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, PEER_S // 2)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, PEER_S // 6)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 1000 * PEER_S)
+    info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, INFO.size)
+    return Counted(*INFO.unpack(info))
+
+
+@contextlib.contextmanager
+def bounded(port: int) -> Iterator[None]:
+    """Bounds the connections to the TCP port of a server of this process while the block runs."""
+    bounds, ended = Bounds(port), threading.Event()
+
+    def look() -> None:
+        while not ended.wait(LOOK_S):
+            bounds.look()
+
+    thread = threading.Thread(target=look, name="connections", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        bounds.close()
