@@ -118,6 +118,21 @@ def test_two_first_contacts_of_one_recording_count_as_those_of_two_files(tmp_pat
     assert found[0][1] == pytest.approx(found[1][1], rel=0.3)
 
 
+def test_stamps_of_six_decimals_do_not_reject_the_right_model(tmp_path):
+    """Each third code acted a tick late before, and the p value of the truth was 1e-156."""
+    read, names = study.sensors(12), ("m_w", "k_w")
+    touches = study.touched(MACHINE, read, 3, 0.03, ((0.06, 60.0),))
+    order = study.order_of(tmp_path, MACHINE, read, touches, names)
+    whole = signal_recording.read(order.recordings[0])
+    rounded = tuple(dataclasses.replace(s, time_s=np.round(s.time_s, 6)) for s in whole)
+    signal_recording.write(dataclasses.replace(whole, signals=rounded), order.recordings[0])
+    data, _ = contact_fit.read_recordings(order)
+    problem = ContactProblem(order.model, data, contact_fit.prior_of(order), {})
+    point, _ = contact_search.lengthened(problem, problem.centre)
+    assert contact_check.check(problem, point).p > 0.01
+    assert np.all(data.touches[0].force.at == np.round(data.touches[0].force.at))
+
+
 def test_a_contact_that_follows_soon_belongs_to_the_touch_down_before_it(tmp_path):
     read = study.sensors(12)
     each = [(0.06, 40.0, 200), (0.03, -1e4, 90), (0.06, 40.0, 200)]
