@@ -310,6 +310,32 @@ def test_a_recording_without_a_command_gives_its_first_contact_and_says_so(tmp_p
     assert found.p_value < 0.05 if force_N < 100 else low < machine.k_w < high
 
 
+@pytest.mark.parametrize("kind", ["rejected", "not converged"])
+def test_a_fit_without_a_posterior_ends_with_status_1_and_leaves_none(
+    identified, tmp_path, monkeypatch, kind
+):
+    """Also none of an earlier call: `limit --over` would take it for that of this model."""
+    found, folder = identified
+    best = found.best + (0.3 if kind == "rejected" else 0.0)
+    unlike = dataclasses.replace(found.sampled.convergence, r_hat=1.459, reached=False)
+    sampled = dataclasses.replace(found.sampled, convergence=unlike)
+    monkeypatch.setattr(contact_fit.searching, "search", lambda *_: (best, 0.0))
+    monkeypatch.setattr(contact_fit.contact_elements, "tried", lambda *_: ())
+    monkeypatch.setattr(contact_sampler, "sample", lambda *_: sampled)
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in ("posterior.json", "pairs.png"):
+        (out / name).write_text("of an earlier call")
+    recordings = [folder / row.file for row in found.result.recordings]
+    done = verbs.forceaxis(
+        "identify", "contact", found.problem.model, *recordings, "--fit", "m_w,k_w", "--out", out
+    )
+    assert kind in done.stdout and done.returncode == 1, done.stdout + done.stderr
+    assert [file.name for file in out.iterdir()] == ["contacts.png"]
+    refused = verbs.forceaxis("limit", "contact", "--over", out / "posterior.json")
+    assert refused.returncode == 2 and refused.stderr.count("\n") == 1
+
+
 def test_rounding_errors_of_a_signal_that_stands_count_once():
     """100 values of one code say no more about the signal than one."""
 
