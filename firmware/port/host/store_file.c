@@ -5,6 +5,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <string.h>
 #include <sys/file.h>
 #include <sys/stat.h>
@@ -29,34 +30,76 @@ static bool write_all(int file, uint32_t at, const uint8_t *bytes, uint32_t coun
   return true;
 }
 
-/* Bytes that cannot be read from the file are returned as blank bytes; a record of blank bytes has
- * no valid CRC. */
-static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
-  const store_file_t *store_file = context;
+/* Waits until all bytes of the file are on the disk. Returns false if the disk reports a failure.
+ */
+static bool synced(store_file_t *store_file) {
+  store_file->run_end = 0;
+  int done = 0;
+  do {
+    done = fdatasync(store_file->file);
+  } while (done != 0 && errno == EINTR);
+  return done == 0;
+}
+
+static bool has_unsynced(const store_file_t *store_file) {
+  return store_file->synced_end < store_file->run_end;
+}
+
+static void read_file(int file, uint32_t address, uint8_t *bytes, uint32_t count) {
   memset(bytes, 0xFF, count);
   ssize_t done = 0;
   do {
-    done = pread(store_file->file, bytes, count, (off_t)address);
+    done = pread(file, bytes, count, (off_t)address);
   } while (done < 0 && errno == EINTR);
 }
 
-/* Programs bytes of the file. As in a flash memory, programming can only clear bits. */
-static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes, uint32_t count) {
-  const store_file_t *store_file = context;
+/* Returns bytes that are on the disk. Bytes that cannot be read, or not be brought to the disk, are
+ * returned as blank bytes; a record of blank bytes has no valid CRC. */
+static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
+  store_file_t *store_file = context;
+  const bool is_unsynced = has_unsynced(store_file) && address < store_file->run_end &&
+                           address + count > store_file->synced_end;
+  if (is_unsynced && !synced(store_file)) {
+    memset(bytes, 0xFF, count);
+    return;
+  }
+  read_file(store_file->file, address, bytes, count);
+}
+
+/* Programming can only clear bits, as in a flash memory. */
+static bool write_cleared(int file, uint32_t address, const uint8_t *bytes, uint32_t count) {
   uint8_t chunk[CHUNK_BYTES];
   while (count > 0) {
     const uint32_t part = (count < CHUNK_BYTES) ? count : CHUNK_BYTES;
-    read_bytes(context, address, chunk, part);
+    read_file(file, address, chunk, part);
     for (uint32_t i = 0; i < part; i++) {
       chunk[i] &= bytes[i];
     }
-    if (!write_all(store_file->file, address, chunk, part)) {
+    if (!write_all(file, address, chunk, part)) {
       return false;
     }
     address += part;
     bytes += part;
     count -= part;
   }
+  return true;
+}
+
+/* Programs bytes of the file. The first bytes of a run of adjacent calls, which have the head of a
+ * record, are on the disk before the others; the others are before they are read back, and before
+ * anything else is written. */
+static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes, uint32_t count) {
+  store_file_t *store_file = context;
+  const bool is_next = store_file->run_end != 0 && address == store_file->run_end;
+  if (!is_next && has_unsynced(store_file) && !synced(store_file)) {
+    return false;
+  }
+  if (!write_cleared(store_file->file, address, bytes, count) ||
+      (!is_next && !synced(store_file))) {
+    return false;
+  }
+  store_file->run_end = address + count;
+  store_file->synced_end = is_next ? store_file->synced_end : store_file->run_end;
   return true;
 }
 
@@ -72,38 +115,67 @@ static bool erase_range(int file, uint32_t at, uint32_t count) {
 }
 
 static bool erase_sector(void *context, uint8_t sector) {
-  const store_file_t *store_file = context;
+  store_file_t *store_file = context;
   const uint32_t bytes = store_file->memory.sector_bytes;
-  return erase_range(store_file->file, sector * bytes, bytes);
+  return (!has_unsynced(store_file) || synced(store_file)) &&
+         erase_range(store_file->file, sector * bytes, bytes) && synced(store_file);
 }
 
-static bool is_blank(store_file_t *store_file, uint32_t count) {
+/* Returns true if a file has only blank bytes, or zeros in the place of blank bytes that a disk
+ * without power has not received. */
+static bool is_blank(int file, uint32_t count) {
   bool blank = true;
   for (uint32_t i = 0; i < count; i++) {
     uint8_t byte;
-    read_bytes(store_file, i, &byte, 1);
-    blank = blank && byte == 0xFF;
+    read_file(file, i, &byte, 1);
+    blank = blank && (byte == 0xFF || byte == 0);
   }
   return blank;
 }
 
+/* Waits until the name of a file is in its folder on the disk. */
+static bool sync_folder(const char *path) {
+  char folder[PATH_MAX];
+  const char *slash = strrchr(path, '/');
+  const size_t length = (slash == NULL) ? 0 : (size_t)(slash - path) + 1;
+  if (length + 2 > sizeof(folder)) {
+    errno = ENAMETOOLONG;
+    return false;
+  }
+  memcpy(folder, path, length);
+  memcpy(folder + length, ".", 2);
+  const int file = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (file < 0) {
+    return false;
+  }
+  const bool done = fsync(file) == 0;
+  close(file);
+  return done;
+}
+
 /* Checks the size of the file, and erases the sectors of a new file. A file whose creation was
  * interrupted is also treated as new. Returns NULL or a text with the error. */
-static const char *check_contents(store_file_t *store_file, const char *expected) {
+static const char *check_contents(store_file_t *store_file, const char *path,
+                                  const char *expected) {
   const int file = store_file->file;
   const uint32_t bytes = 2 * store_file->memory.sector_bytes;
   struct stat status;
   if (fstat(file, &status) != 0) {
     return strerror(errno);
   }
-  if (S_ISREG(status.st_mode) && status.st_size == bytes) {
-    return NULL;
-  }
-  if (!S_ISREG(status.st_mode) || status.st_size > bytes ||
-      !is_blank(store_file, (uint32_t)status.st_size)) {
+  if (!S_ISREG(status.st_mode) || status.st_size > bytes) {
     return expected;
   }
-  return erase_range(file, 0, bytes) ? NULL : strerror(errno);
+  const bool is_new = status.st_size < bytes;
+  if (is_new && !is_blank(file, (uint32_t)status.st_size)) {
+    return expected;
+  }
+  if ((is_new && !erase_range(file, 0, bytes)) || fsync(file) != 0) {
+    return strerror(errno);
+  }
+  /* The process that created an older file may have ended before its name was on the disk. A folder
+   * that may not be read is no reason to refuse such a file. */
+  return (sync_folder(path) || !is_new) ? NULL : strerror(errno);
 }
 
 static const char *open_sectors(store_file_t *store_file, const char *path, uint32_t sector_bytes,
@@ -116,6 +188,8 @@ static const char *open_sectors(store_file_t *store_file, const char *path, uint
                           ? NULL
                           : "expected a file that no other axis uses; stop the other axis";
   store_file->file = file;
+  store_file->run_end = 0;
+  store_file->synced_end = 0;
   store_file->memory = (store_memory_t){
       .context = store_file,
       .sector_bytes = sector_bytes,
@@ -124,7 +198,7 @@ static const char *open_sectors(store_file_t *store_file, const char *path, uint
       .erase = erase_sector,
   };
   if (wrong == NULL) {
-    wrong = check_contents(store_file, expected);
+    wrong = check_contents(store_file, path, expected);
   }
   if (wrong != NULL) {
     close(file);

@@ -3,8 +3,10 @@
 
 /* A file as memory of the parameter store or of the archive: two sectors with the bytes of a flash
  * memory. If the process is killed, the file keeps all programmed bytes, as a flash memory does
- * after a power cut. If the host loses its power, the file may keep fewer bytes. Only one process
- * at a time may use the file. */
+ * after a power cut. If the host loses its power, the file keeps all bytes that were read back: a
+ * set or an incident that is reported as stored is on the disk. Storing takes some five to ten
+ * calls of fdatasync(), each as long as the disk needs; ticks are late by this time, so an axis
+ * stores while it is disabled. Only one process at a time may use the file. */
 
 #ifdef __cplusplus
 extern "C" {
@@ -22,6 +24,8 @@ typedef struct {
   /* memory for fw_config_t, which must not move while the firmware runs */
   store_memory_t memory;
   int file;
+  uint32_t run_end;    /* address after the last programmed bytes; 0 if a sync has followed */
+  uint32_t synced_end; /* address in this run from which bytes may not be on the disk yet */
 } store_file_t;
 
 /* Opens the file of a parameter store; a new file is blank. Returns NULL, or a text with the error:

@@ -118,6 +118,21 @@ def test_two_first_contacts_of_one_recording_count_as_those_of_two_files(tmp_pat
     assert found[0][1] == pytest.approx(found[1][1], rel=0.3)
 
 
+def test_stamps_of_six_decimals_do_not_reject_the_right_model(tmp_path):
+    """Each third code acted a tick late before, and the p value of the truth was 1e-156."""
+    read, names = study.sensors(12), ("m_w", "k_w")
+    touches = study.touched(MACHINE, read, 3, 0.03, ((0.06, 60.0),))
+    order = study.order_of(tmp_path, MACHINE, read, touches, names)
+    whole = signal_recording.read(order.recordings[0])
+    rounded = tuple(dataclasses.replace(s, time_s=np.round(s.time_s, 6)) for s in whole)
+    signal_recording.write(dataclasses.replace(whole, signals=rounded), order.recordings[0])
+    data, _ = contact_fit.read_recordings(order)
+    problem = ContactProblem(order.model, data, contact_fit.prior_of(order), {})
+    point, _ = contact_search.lengthened(problem, problem.centre)
+    assert contact_check.check(problem, point).p > 0.01
+    assert np.all(data.touches[0].force.at == np.round(data.touches[0].force.at))
+
+
 def test_a_contact_that_follows_soon_belongs_to_the_touch_down_before_it(tmp_path):
     read = study.sensors(12)
     each = [(0.06, 40.0, 200), (0.03, -1e4, 90), (0.06, 40.0, 200)]
@@ -293,6 +308,32 @@ def test_a_recording_without_a_command_gives_its_first_contact_and_says_so(tmp_p
     assert not found.commanded
     low, high = found.parameters["k_w"].interval
     assert found.p_value < 0.05 if force_N < 100 else low < machine.k_w < high
+
+
+@pytest.mark.parametrize("kind", ["rejected", "not converged"])
+def test_a_fit_without_a_posterior_ends_with_status_1_and_leaves_none(
+    identified, tmp_path, monkeypatch, kind
+):
+    """Also none of an earlier call: `limit --over` would take it for that of this model."""
+    found, folder = identified
+    best = found.best + (0.3 if kind == "rejected" else 0.0)
+    unlike = dataclasses.replace(found.sampled.convergence, r_hat=1.459, reached=False)
+    sampled = dataclasses.replace(found.sampled, convergence=unlike)
+    monkeypatch.setattr(contact_fit.searching, "search", lambda *_: (best, 0.0))
+    monkeypatch.setattr(contact_fit.contact_elements, "tried", lambda *_: ())
+    monkeypatch.setattr(contact_sampler, "sample", lambda *_: sampled)
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in ("posterior.json", "pairs.png"):
+        (out / name).write_text("of an earlier call")
+    recordings = [folder / row.file for row in found.result.recordings]
+    done = verbs.forceaxis(
+        "identify", "contact", found.problem.model, *recordings, "--fit", "m_w,k_w", "--out", out
+    )
+    assert kind in done.stdout and done.returncode == 1, done.stdout + done.stderr
+    assert [file.name for file in out.iterdir()] == ["contacts.png"]
+    refused = verbs.forceaxis("limit", "contact", "--over", out / "posterior.json")
+    assert refused.returncode == 2 and refused.stderr.count("\n") == 1
 
 
 def test_rounding_errors_of_a_signal_that_stands_count_once():

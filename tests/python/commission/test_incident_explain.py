@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import incident_study
 import numpy as np
@@ -9,7 +10,8 @@ import protections
 import pytest
 from forceaxis._core import InputError
 from forceaxis.axis.sim import SimLink
-from forceaxis.commission import incident
+from forceaxis.cli import incident as cli_incident
+from forceaxis.commission import incident, incident_explain
 from forceaxis.commission.incident_explain import ExplainOrder, explain
 from forceaxis.experiments.experiment import Experiment
 from verbs import forceaxis
@@ -67,6 +69,15 @@ def test_a_second_that_no_cause_explains_is_said(stiff):
     result = explain(other, ORDER).result
     assert not result.explained
     assert all(one.verdict in ("incomplete", "ruled out") for one in result.causes)
+
+
+@pytest.mark.parametrize("explained", [True, False])
+def test_the_exit_status_says_whether_a_cause_explains_the_second(stiff, monkeypatch, explained):
+    found = SimpleNamespace(result=SimpleNamespace(explained=explained))
+    monkeypatch.setattr(incident_explain, "explain", lambda *_: found)
+    monkeypatch.setattr(cli_incident, "rows_of", lambda _: ["cause"])
+    done = forceaxis("incident", "--file", stiff, "--explain", "laboratory")
+    assert done.returncode == (0 if explained else 1)
 
 
 def test_a_second_that_begins_in_contact_is_refused(stiff):

@@ -1,13 +1,15 @@
 """Proposed bounds on drawn populations without a simulation: the share that they refuse later."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from forceaxis import InputError
+from forceaxis import InputError, paths
 from forceaxis.cycles import propose
 from forceaxis.cycles.outcome import PartOutcome
-from forceaxis.cycles.program import Element, Program
+from forceaxis.cycles.program import Element, Program, read_program
+from forceaxis.cycles.statistics import parts_needed
 from scipy import stats
 
 BOTH = [(0, 1), (0, -1), (1, 1), (1, -1), (2, 1), (2, -1)]  # both sides of three elements
@@ -164,6 +166,31 @@ def test_a_window_that_refuses_more_than_the_rate_is_named():
         parts[i] = outcomes(values[i : i + 1], ["again", "good"])[0]
     with pytest.raises(InputError, match="20 of 1000 good parts whatever the bounds"):
         propose.proposed(program(element("w", "window"), element("top")), parts, 0.01)
+
+
+def test_the_number_of_parts_that_a_refusal_names_is_enough():
+    """A window that refuses 0.5 % of the parts leaves too few of 600 for the bounds at 1 %."""
+    own = program(element("w", "window"), *(element(name) for name in "abc"))
+
+    def parts(count):
+        values = np.random.default_rng(8).random((count, 4))
+        found = outcomes(values)
+        for i in range(0, count, 200):
+            found[i] = outcomes(values[i : i + 1], ["again", *["good"] * 3])[0]
+        return found
+
+    with pytest.raises(InputError, match="give a larger share or take some") as error:
+        propose.proposed(own, parts(600), 0.01)
+    named = int(re.search(r"take some (\d+) parts", str(error.value))[1])
+    assert propose.proposed(own, parts(named + 200), 0.01)[1] == -(-(named + 200) // 200)
+
+
+def test_the_page_names_the_parts_that_its_example_needs():
+    page = (paths.ROOT / "docs/guide/cycles.md").read_text(encoding="utf-8")
+    stated = re.search(r"The six bounds of the\s+press-fit need (\d+) parts at 1 %", page)
+    own = read_program(paths.ROOT / "sim/cycles/press_fit.toml")
+    bounds = len(propose.sides_of(own))
+    assert bounds == 6 and int(stated[1]) == parts_needed(0.01, bounds)
 
 
 TEXT = """\

@@ -156,6 +156,22 @@ def test_a_machine_that_is_as_the_model_says_agrees(experiment):
     assert not result.notes
 
 
+def test_stamps_of_few_decimals_change_no_figure(experiment):
+    """A code that acts a tick late moved the settling time out of its band."""
+    exact = codes_recording(experiment)
+    whole = signal_recording.read(exact)
+    rounded = tuple(dataclasses.replace(s, time_s=np.round(s.time_s, 6)) for s in whole)
+    given = signal_recording.write(
+        dataclasses.replace(whole, signals=rounded), exact.with_name("few.npz")
+    )
+    found = compared(experiment, given).result
+    assert found.agrees
+    for before, after in zip(compared(experiment, exact).result.figures, found.figures, strict=True):
+        assert (after.measured, after.predicted) == pytest.approx(
+            (before.measured, before.predicted), rel=1e-5, abs=1e-6
+        )
+
+
 def test_a_machine_of_another_stiffness_differs_until_the_uncertainty_says_so(experiment):
     file = codes_recording(experiment, "k_w=100e3")
     wrong = compared(experiment, file).result

@@ -36,10 +36,10 @@ def save(path, **columns):
     return path
 
 
-def run(*arguments):
+def run(*arguments, status=0):
     """The verb's JSON."""
     done = CliRunner().invoke(cli.cli, ["identify", *map(str, arguments), "--json"])
-    assert done.exit_code == 0, done.output + repr(done.exception)
+    assert done.exit_code == status, done.output + repr(done.exception)
     assert done.output.count("\n") == 1
     return json.loads(done.output)
 
@@ -324,26 +324,39 @@ def test_a_fit_finds_what_was_changed(response, tmp_path):
 
 
 def test_a_wrong_model_is_told(response):
-    found = run("fit", "fig4_19", response, "--fit", "m_r", "--set", "k_w=412700")
+    found = run("fit", "fig4_19", response, "--fit", "m_r", "--set", "k_w=412700", status=1)
     assert found["p_value"] < 1e-6
     assert any("does not explain" in text for text in found["warnings"])
     assert found["rejected"] and found["set"] is None
     row = found["parameters"]["m_r"]
     assert row["interval"] is row["joint_interval"] is None and row["value"] > 0
-    far = run("fit", "fig4_19", response, "--fit", "m_r=5000", "--set", "k_w=412700")
+    far = run("fit", "fig4_19", response, "--fit", "m_r=5000", "--set", "k_w=412700", status=1)
     assert any("edge of the search range" in text for text in far["warnings"])
 
 
 def test_a_rejected_model_has_no_intervals_and_nothing_to_set(response):
     """A value from a model that cannot be the plant must not look like an answer."""
     asked = ["identify", "fit", "fig4_19", response, "--fit", "m_r"]
-    wrong = verbs.forceaxis(*asked, "--set", "k_w=412700").stdout
+    done = verbs.forceaxis(*asked, "--set", "k_w=412700")
+    assert done.returncode == 1 and not done.stderr
+    wrong = done.stdout
     assert "verdict      the model is rejected, p " in wrong
     assert "best, but rejected" in wrong
     assert "95 %" not in wrong and "--set" not in wrong and ".." not in wrong
-    right = verbs.forceaxis(*asked, "--set", "k_w=520000").stdout
+    done = verbs.forceaxis(*asked, "--set", "k_w=520000")
+    right = done.stdout
     assert "95 % interval" in right and "use          --set m_r=" in right
-    assert "rejected" not in right
+    assert "rejected" not in right and done.returncode == 0
+
+
+def test_a_search_that_has_not_converged_ends_with_status_1(response, monkeypatch):
+    searched = fit_response.optimize.least_squares
+    monkeypatch.setattr(
+        fit_response.optimize, "least_squares", lambda *a, **b: searched(*a, **{**b, "max_nfev": 1})
+    )
+    done = verbs.forceaxis("identify", "fit", "fig4_19", response, "--fit", "m_r", "--fit", "k_w")
+    assert done.returncode == 1 and "the search has not converged" in done.stdout
+    assert "use " not in done.stdout
 
 
 def test_a_csv_file_of_another_analyzer(response, tmp_path):

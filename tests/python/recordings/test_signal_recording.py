@@ -56,6 +56,33 @@ def test_values_are_those_of_the_time_at_which_they_were_true(tmp_path):
     assert "position" not in given
 
 
+@pytest.mark.parametrize("decimals", [4, 5, 6, 9])
+@pytest.mark.parametrize("every", [1, 6])
+def test_a_code_acts_in_its_own_tick_for_all_decimals_of_the_stamps(decimals, every):
+    """Ticks of 1/1500 s, or every sixth one, written with a few decimals; samples are missing."""
+    tick = np.delete(np.arange(0, 3000, every), [*range(40, 45), 77])
+    stamps = np.array([float(f"{(t + 1) / 1500 + 12:.{decimals}f}") for t in tick])
+    code = RecordedSignal(
+        "code", "count", "dac", "count", 1.0, 1, 1500.0, time_s=stamps, values=tick.astype(float)
+    )
+    given = SignalRecording("codes", recording().source, (code,)).even(1 / 1500)
+    at_s = given["code"].true_time_s[0] + np.arange(tick[-1] + 1) / 1500
+    expected = [tick[tick <= t][-1] for t in range(tick[-1] + 1)]
+    assert given.held("code", at_s).tolist() == expected
+
+
+def test_stamps_off_a_grid_by_more_than_a_quarter_of_a_step_stay():
+    for stamps in (
+        np.arange(9) / 1500 + np.array([0, 0, 0, 0, 0.6, 0, 0, 0, 0]) / 1500,
+        np.round(np.arange(0, 30) / 1500, 3),  # some are equal
+        np.cumsum(np.random.default_rng(1).uniform(0.5, 1.5, 30)) / 1500,
+        TIME_S[:2],
+    ):
+        signal = dataclasses.replace(recording()["code"], time_s=stamps, values=stamps)
+        given = SignalRecording("codes", recording().source, (signal,))
+        np.testing.assert_array_equal(given.even(1 / 1500)["code"].time_s, stamps)
+
+
 def test_two_signals_of_one_clock_have_the_same_times(tmp_path):
     force, code = recording()
     late = dataclasses.replace(code, time_s=TIME_S + 0.02)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -75,7 +76,9 @@ def rows_of(found: ContactFit) -> list[str]:
         lines.append(
             f"sampling     {run.chains} chains of {run.walkers} walkers and {run.steps} steps, "
             f"R-hat {run.r_hat:.3f}, {run.effective_samples:.0f} effective samples, "
-            f"{run.evaluations} simulations" + ("" if run.reached else ": not converged")
+            f"{run.evaluations} simulations"
+            + ("" if run.reached else ": not converged, no posterior; add a recording, or --fit "
+               "fewer parameters")
         )
     return lines
 
@@ -155,7 +158,9 @@ def contact(
     in place of a range of --over. A parameter whose deviation is more than a third of that of its
     prior is named as not told. A p value says whether the model explains the recordings; below 0.05
     the command names the stretches that do not fit, and ranks elements that the model may lack.
-    Below 0.001 the model is rejected: no posterior is written, and the exit status is 1.
+    Below 0.001 the model is rejected. If it is rejected, or the chains of the sampler do not agree
+    in time, no posterior.json is written, one of an earlier call is removed, and the exit status is
+    1.
     """
     from forceaxis import linear
     from forceaxis.commission import contact_fit
@@ -169,5 +174,5 @@ def contact(
     if out:
         contact_fit.write(found, out)
     print_result(found.result, as_json, lambda: "\n".join(rows_of(found.result)), out)
-    if found.result.rejected:
-        click.get_current_context().exit(1)
+    if found.result.posterior is None:
+        sys.exit(1)

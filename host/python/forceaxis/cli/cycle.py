@@ -204,7 +204,8 @@ def rates(
     --propose sets least and most of the elements to a share of refused good parts of the whole
     program, not of each element. Windows and envelopes stay as they are. The share of later parts
     that is refused varies from one proposal to the next; the command prints the range. Check the
-    new program with another seed. The file of -o is the program with new bounds and all its
+    new program with another seed. With b bounds and a share s, at least b / s - 1 good parts are
+    needed, and never fewer than 299. The file of -o is the program with new bounds and all its
     comments.
     """
     from forceaxis.cli import cycle_text

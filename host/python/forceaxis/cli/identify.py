@@ -4,6 +4,7 @@ model parameters to measured responses."""
 from __future__ import annotations
 
 import dataclasses
+import sys
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -320,7 +321,8 @@ def fit(
     95 % confidence interval and a wider interval that is valid for all parameters together. A
     chi-square test shows whether the model explains the data. The command names parameters that
     are poorly determined or nearly indistinguishable. A model that does not explain the data (p <
-    0.001) is rejected: its best values are printed, but no intervals.
+    0.001) is rejected: its best values are printed, but no intervals, and the exit status is 1. It
+    is also 1 if the search for the best values has not converged.
 
     If MODEL lacks dry friction that was measured, the response is fitted again with a damper in
     its place. The line `friction` then gives the damping in N s/m, the friction in N, and the table
@@ -349,7 +351,7 @@ def fit(
             found, measured, summary = damper_fit.fit(
                 measured, starts, units, response, Path(folder)
             )
-            if not summary.rejected:
+            if not summary.rejected and found.converged:
                 values = {name: summary.parameters[name].value for name in starts}
                 texts = [f"--set {name}={value:.6g}" for name, value in values.items()]
                 summary = dataclasses.replace(summary, set=" ".join(texts))
@@ -362,6 +364,8 @@ def fit(
                 click.echo(line, err=True)
         raise
     print_result(summary, as_json, lambda: fitted_lines("\n".join(describe_fit(summary))), out)
+    if summary.rejected or not found.converged:
+        sys.exit(1)
 
 
 @identify.command(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -85,7 +86,8 @@ def incident(
     gain, zero or lag of the force sensor, another stiffness or place of the workpiece, friction,
     backlash, another gain of the drive, an encoder with another scale or a slip, or the command
     alone. They are ranked by the fit to force and position. The folder of --out then has
-    explanation.json, a picture, and experiment.toml, which repeats the fault.
+    explanation.json, a picture, and experiment.toml, which repeats the fault. The exit status is 1
+    if no cause explains the second.
     """
     if posterior and not model:
         raise InputError("--posterior: expected --explain MODEL beside a posterior, got none")
@@ -141,6 +143,8 @@ def _explain(
         incident_explain.write(found, out)
     done_waiting()
     print_result(found.result, as_json, lambda: "\n".join(rows_of(found.result)), out)
+    if not found.result.explained:
+        sys.exit(1)
 
 
 def rows_of(found: Explanation) -> list[str]:

@@ -201,7 +201,9 @@ def command_line() -> None:
     try:
         for text in sys.argv:
             text.encode()  # raises UnicodeError if an argument is not valid UTF-8
-        cli(prog_name="forceaxis", standalone_mode=False)
+        # click returns the status of Context.exit() here, and commands return None.
+        if status := cli(prog_name="forceaxis", standalone_mode=False):
+            sys.exit(status)
     except click.exceptions.Abort:
         fail("interrupted", status=130)
     except click.exceptions.NoArgsIsHelpError as error:

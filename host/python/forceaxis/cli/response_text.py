@@ -107,7 +107,7 @@ def describe_fit(summary: AxisFitSummary) -> list[str]:
         cells = [f"{name:12}", value, *(f"{text:>25}" for text in intervals)]
         lines.append(f"{' '.join(cells)} {row.start:>11.5g} {row.unit}".rstrip())
     lines += [f"warning      {text}" for text in summary.warnings]
-    if not summary.rejected:
+    if summary.set:
         lines.append(f"use          {summary.set}")
     return lines + _damper_lines(summary)
 

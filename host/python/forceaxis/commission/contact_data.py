@@ -268,7 +268,8 @@ def touch_downs(
         parts = max(parts, 4)
     reader = _Reader(model, held, parts)
     touches = []
-    for number, (name, recording) in enumerate(recordings):
+    for number, (name, given) in enumerate(recordings):
+        recording = given.even(1 / reader.rate)
         ends = [-math.inf, *cuts_of(name, recording), math.inf]
         for i, (begin_s, end_s) in enumerate(pairwise(ends), 1):
             own = name if len(ends) == 2 else f"{name}, contact {i}"

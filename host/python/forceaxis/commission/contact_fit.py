@@ -142,7 +142,9 @@ def _identified(order: ContactOrder, site: int | Workers) -> Identified:
         stretches=checked.stretches,
         elements=elements,
         convergence=sampled.convergence if sampled else None,
-        posterior=_posterior(problem, best, sampled) if sampled else None,
+        posterior=_posterior(problem, best, sampled)
+        if sampled and sampled.convergence.reached
+        else None,
     )
     return Identified(result, problem, best, sampled)
 
@@ -195,13 +197,16 @@ def _posterior(problem: ContactProblem, best: Floats, sampled: Sampled) -> Poste
 
 
 def write(found: Identified, out: Path) -> None:
-    """Writes FILES to the folder `out`, all or none."""
+    """Writes FILES to the folder `out`, all or none. Without a posterior only the picture of the
+    contacts is written, and the other files of an earlier call are removed."""
     from forceaxis import drawing
     from forceaxis.commission import contact_plots
 
-    names = FILES if found.sampled else (FILES[0], FILES[2])
-    with paths.replacing(out, *names) as (summary, *pictures):
-        summary.write_text(json.dumps(to_json(found.result), indent=1) + "\n")
-        if found.sampled:
-            drawing.save(contact_plots.pairs(found), pictures[0], "png")
-        drawing.save(contact_plots.contacts(found), pictures[-1], "png")
+    names = FILES if found.result.posterior else FILES[-1:]
+    for name in set(FILES) - set(names):
+        (out / name).unlink(missing_ok=True)
+    with paths.replacing(out, *names) as files:
+        drawing.save(contact_plots.contacts(found), files[-1], "png")
+        if found.result.posterior:
+            files[0].write_text(json.dumps(to_json(found.result), indent=1) + "\n")
+            drawing.save(contact_plots.pairs(found), files[1], "png")

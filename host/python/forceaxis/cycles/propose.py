@@ -203,11 +203,13 @@ def proposed(program: Program, outcomes: Sequence[PartOutcome], rate: float) -> 
     anyway = len(judged) - len(rest)
     take = math.floor(rate * (len(judged) + 1) + 1e-9) - anyway
     if take < len(sides):
+        left = rate - anyway / len(judged)
+        more = f" or take some {math.ceil((len(sides) - rate) / left)} parts" if left > 0 else ""
         raise ParameterError(
             "propose",
             f"expected windows, envelopes and limits that leave room for a share of {rate:g}, but "
             f"they refuse {anyway} of {len(judged)} good parts whatever the bounds; widen them, "
-            "or give a larger share or more parts",
+            f"give a larger share{more}",
         )
     # A value is a number of counts times a factor; 12 digits make equal counts equal numbers.
     values = np.array([[tidy(outcome.values[i]) for i in moved] for outcome in rest])

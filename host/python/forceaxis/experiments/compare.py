@@ -148,7 +148,7 @@ def compare(
         raise ParameterError("samples", f"expected {SAMPLES[0]} to {SAMPLES[1]} runs")
     if span_s is not None and not span_s >= LEAST_SPAN_S:
         raise ParameterError("span", f"expected at least {LEAST_SPAN_S:g} s")
-    recording = signal_recording.read(file)
+    recording = signal_recording.read(file).even(TICK_S)
     predictor = Predictor.of(request, recording)
     where = paths.display(file)
     force = recording["force"]

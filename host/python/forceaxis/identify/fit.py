@@ -58,6 +58,7 @@ class ParameterFit:
     chi_square: float
     dof: int  #: 2 n - p
     points: int  #: n
+    converged: bool  #: False if the search has ended before it found the smallest chi-square
     warnings: tuple[str, ...] = ()
 
     @property
@@ -233,6 +234,7 @@ def fit(
         chi_square=float(chi_square),
         dof=degrees,
         points=n,
+        converged=best.status > 0,
     )
     return replace(found, warnings=tuple(warnings_of(found)))
 
@@ -246,6 +248,8 @@ def warnings_of(found: ParameterFit) -> list[str]:
             f"degrees of freedom, p = {found.p_value:.1g}; fit another parameter too, or check the "
             "parameters that are not fitted"
         )
+    if not found.converged:
+        warnings.append("the search has not converged; give start values that are nearer")
     names, correlation = found.names, found.correlation
     for i, j in zip(*np.nonzero(abs(np.triu(correlation, 1)) > WARNED_CORRELATION), strict=True):
         warnings.append(
@@ -470,7 +474,8 @@ class FittedParameter:
 @dataclass(frozen=True)
 class FitSummary:
     """A ParameterFit in the form of `identify fit --json`. `set` contains the fitted values as
-    options of the command line; `set` is None if the model is rejected."""
+    options of the command line; `set` is None if the model is rejected or the search has not
+    converged."""
 
     model: str
     input: str

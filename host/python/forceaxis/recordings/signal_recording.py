@@ -20,7 +20,7 @@ import io
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -40,6 +40,8 @@ DAMAGE = (
     *(zipfile.BadZipFile, zlib.error),
 )
 HEADER = "recording.toml"
+# largest distance of a stamp from equally spaced times, relative to their period
+EVEN_SHARE = 0.25
 SUFFIX = ".npz"
 
 #: {name of a signal with a fixed meaning: its unit}. A name that ends in _command is what the
@@ -165,11 +167,42 @@ class SignalRecording:
         return np.asarray(np.interp(at_s, signal.true_time_s, signal.values))
 
     def held(self, name: str, at_s: Floats) -> Floats:
-        """Returns the last value of a signal at or before each of the true times `at_s` in s, (n,),
-        as a converter holds it. Raises KeyError."""
+        """Returns the last value of a signal at or before each of the equally spaced true times
+        `at_s` in s, (n,), as a converter holds it. A stamp that is later than a time by at most
+        EVEN_SHARE of the smaller one of both periods counts as this time. Raises KeyError."""
         signal = self[name]
-        last = np.searchsorted(signal.true_time_s, at_s + 1e-9, side="right") - 1
+        periods = [np.median(np.diff(t)) for t in (signal.time_s, at_s) if len(t) > 1]
+        late_s = EVEN_SHARE * min(periods, default=0.0)
+        last = np.searchsorted(signal.true_time_s, at_s + late_s, side="right") - 1
         return np.asarray(signal.values[np.clip(last, 0, None)])
+
+    def even(self, step_s: float) -> "SignalRecording":
+        """Returns the recording for a simulation with steps of `step_s`: the stamps of each signal
+        are replaced by equally spaced times, if none differs from them by more than EVEN_SHARE of a
+        step or of its own period. Files with few decimals have such stamps."""
+        signals = (replace(s, time_s=_even(s.time_s, EVEN_SHARE * step_s)) for s in self.signals)
+        return replace(self, signals=tuple(signals))
+
+
+def _even(time_s: Floats, within_s: float) -> Floats:
+    """Returns the equally spaced times, some of which may be missing, that fit ascending stamps
+    best, or the stamps if one is farther than `within_s` or EVEN_SHARE of the period from them."""
+    steps = np.diff(time_s)
+    if len(steps) < 2 or not np.all(steps > 0):
+        return time_s
+    number = np.append(0.0, np.cumsum(np.round(steps / np.median(steps))))
+    for _ in range(2):  # The median of rounded steps counts a long gap wrong, the first fit does not.
+        centre, middle = number - number.mean(), float(time_s.mean())
+        if not np.any(centre):
+            return time_s
+        period = float(centre @ (time_s - middle) / (centre @ centre))
+        if not period > 0:
+            return time_s
+        even = middle + period * centre
+        number = np.round((time_s - even[0]) / period)
+    off = float(np.max(np.abs(even - time_s)))
+    is_even = off <= min(within_s, EVEN_SHARE * period) and bool(np.all(np.diff(even) > 0))
+    return np.asarray(even) if is_even else time_s
 
 
 def with_suffix(path: Path) -> Path:
@@ -187,7 +220,7 @@ def _header(recording: SignalRecording) -> str:
         _table(to_json(recording.source)),
     ]
     for signal in recording.signals:
-        plain = to_json(dataclasses.replace(signal.header, findings=()))
+        plain = to_json(replace(signal.header, findings=()))
         del plain["findings"]
         parts += ["\n[[signal]]\n", _table(plain)]
         for finding in signal.findings:
