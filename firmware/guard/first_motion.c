@@ -106,6 +106,15 @@ static void enter_phase(first_motion_t *first, const axis_t *axis, uint8_t phase
   first->force_start = axis->signals.force;
 }
 
+/* The amplifier is switched on. The travel of the test counts from the first time. */
+static void begin_zero(first_motion_t *first, const axis_t *axis) {
+  enter_phase(first, axis, FIRST_MOTION_ZERO);
+  if (first->has_origin == 0) {
+    first->origin_cnt = first->start_cnt;
+    first->has_origin = 1;
+  }
+}
+
 /* Each check_ function checks a tick of one phase. It returns the finding, or
  * AXIS_FIRST_MOTION_RESULT_RUNNING. */
 
@@ -140,9 +149,7 @@ static uint8_t check_standstill(first_motion_t *first, const axis_t *axis) {
   }
   first->phase_tick = (uint16_t)(first->phase_tick + 1);
   if (first->phase_tick == FIRST_MOTION_STAND_TICKS) {
-    enter_phase(first, axis, FIRST_MOTION_ZERO);
-    first->origin_cnt = (first->has_origin != 0) ? first->origin_cnt : first->start_cnt;
-    first->has_origin = 1;
+    begin_zero(first, axis);
   }
   return AXIS_FIRST_MOTION_RESULT_RUNNING;
 }

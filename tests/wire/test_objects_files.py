@@ -607,6 +607,7 @@ scale = 0.5
 min = -4
 max = 4
 access = "rw"
+in_cycle = "free"
 index = 0x2002
 sub = 1
 per_index = 2

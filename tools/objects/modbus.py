@@ -44,8 +44,8 @@ axis. Addresses are those on the wire and begin at 0 (`mbpoll` counts from 1 unl
   32-bit object or a malformed request, 4 not in this state, or another bus owns the axis
   (`command_source`), or no memory for parameters, 6 the store is at work; on TCP also 10 no axis of
   this unit, 11 the axis does not answer. A refused request changes nothing.
-* Written "not in a cycle": a change of the value while a cycle runs is exception 4. "Ends a part": it
-  acts at once, and the part is bad with the outcome `changed`.
+* Written "not in a cycle": a change of the value while a cycle runs is exception 4. "Ends a part":
+  it acts at once, and the part is bad with the outcome `changed`.
 * Read `object_table_hash` before you write: its value is {digest} if the firmware has this table.
 
 """

@@ -1458,7 +1458,7 @@ typedef struct {
   uint16_t excitation_ramp; /* time in which the amplitude of the excitation rises from 0 after the start and falls to 0 after the stop [ms] */
   uint16_t limit_cycle_losses; /* number of contact losses within limit_cycle_window at which the firmware reports a limit cycle; 0 means off [1] */
   uint16_t first_motion_code; /* largest magnitude of the DAC code in the first motion test [code] */
-  uint16_t first_motion_counts; /* number of encoder counts by which the first motion test must move the axis; a motion of more than eight times this number causes the fault runaway [count] */
+  uint16_t first_motion_counts; /* number of encoder counts by which the first motion test must move the axis; a motion of more than eight times this number, all attempts that were stopped together, causes the fault runaway [count] */
   uint16_t first_motion_speed; /* largest speed in the first motion test; a higher speed causes the fault runaway [count/tick] */
   uint16_t force_railed_time; /* longest time for which the ADC code of the force may be at an end of its range; a longer time causes the fault force_railed; 0 means off [ms] */
   uint16_t force_stuck_travel; /* travel in contact, in encoder counts, that causes the fault force_stuck if the ADC code of the force does not change during this travel within force_stuck_time; 0 means off [count] */
@@ -1592,7 +1592,7 @@ typedef struct {
   uint32_t cycle_result_number; /* number of the part whose result is shown, also by cycle_result_element; 0: the last part [1] */
   uint32_t cycle_acknowledge; /* number of the part whose result is acknowledged: the axis need not keep it any longer; every source may write it; 0 acknowledges nothing [1] */
   uint32_t cycle_serial[4]; /* serial number of the next part, 4 bytes, the lowest byte first, filled up with 0; taken at the start of a cycle and then 0 [1] */
-  uint16_t watchdog; /* longest time between two writes of an owner other than canopen; after a longer time the axis has lost its owner [ms] */
+  uint16_t watchdog; /* longest time between two writes of an owner other than canopen, not counting objects that every source may write; after a longer time the axis has lost its owner [ms] */
   uint16_t stored_bit_rate; /* CAN bit rate that the axis uses after the next reset of the node; must be a rate of CiA 301 that the code for the board supports [kbit/s] */
   uint16_t drive_bit_rate; /* bit rate of the bus of the drive, a rate of CiA 301 that the board supports; acts after the next power-up [kbit/s] */
   uint16_t drive_lacks; /* what the drive lacks and the master leaves out, as a sum: 1 1005h, 2 1006h, 4 60C2h, 8 6007h, 16 1016h, 32 1017h, 64 another mapping than the fixed one in 1600h, 128 1400h:2, 256 another mapping than the fixed one in 1A00h, 512 1800h:2, 1024 6060h, 2048 6077h, 4096 bit 30 of 1800h:1, 8192 bit 9 and 16384 bit 12 of the statusword; the drive must then do the same by its own settings; acts after the next power-up [1] */
@@ -1646,7 +1646,7 @@ typedef struct {
   uint32_t cycle_result_part; /* number of the part that is shown; 0: no such result [1] */
   uint32_t cycle_result_power_up; /* cycle_power_up of the part that is shown [1] */
   uint32_t cycle_result_program_crc; /* CRC-32 of the program of the part that is shown [1] */
-  uint32_t cycle_result_bank_crc; /* CRC-32 of the law of the part that is shown, 0 without a bank [1] */
+  uint32_t cycle_result_bank_crc; /* CRC-32 of the law with which the part that is shown began; 0 without a bank, or with a gain that contact_unstable_option had halved [1] */
   uint32_t cycle_result_invalid; /* number of ticks in judged phases of the part that is shown whose sample is not valid; 0 for a good part [tick] */
   uint32_t cycle_result_begin; /* tick_count at which the cycle of the part that is shown started [tick] */
   uint32_t cycle_result_duration; /* duration of the cycle of the part that is shown [tick] */

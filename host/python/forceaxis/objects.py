@@ -35,7 +35,7 @@ class AxisObject:
     node_id: bool  # True for a COB-ID whose default value is a number plus the node id
     mappable: int  # 0: in no PDO, 1: in all PDOs that its access permits, 2: in TPDOs only
     quantity: str  # quantity of a count: "force" or "encoder"; "" if the unit defines the quantity
-    # what a write does that changes the value while a cycle runs: "free", "ends" the part, "refused"
+    # what a change of the value does while a cycle runs: "free", "ends" the part, "refused"
     in_cycle: str
     # names of special raw values, for an object that is not an enumeration
     values: tuple[tuple[int, str], ...]

@@ -527,6 +527,26 @@ BAD_TABLES = {
         'quantity = "length"',
         "object force_gain: quantity: expected one of force, encoder, got 'length'",
     ),
+    "missing in_cycle": (
+        'in_cycle = "refused"\n',
+        "",
+        "object force_gain: in_cycle: expected one of free, ends, refused, got None",
+    ),
+    "unknown in_cycle": (
+        'in_cycle = "refused"',
+        'in_cycle = "never"',
+        "object force_gain: in_cycle: expected one of free, ends, refused, got 'never'",
+    ),
+    "in_cycle of what is written while disabled": (
+        'writable = "disabled"',
+        'writable = "disabled"\nin_cycle = "free"',
+        "object force_zero_code: in_cycle: expected none, it cannot be written while a cycle runs",
+    ),
+    "in_cycle of a signal": (
+        'access = "ro"',
+        'access = "ro"\nin_cycle = "free"',
+        "object tick_count: in_cycle: expected none, it cannot be written while a cycle runs",
+    ),
     "0 that is no value": (
         "max = 2047",
         "max = 2047\nnot_zero = true",

@@ -55,6 +55,7 @@ SAME = {
     "a default": edited("default = 6554", "default = 6555"),
     "one of several defaults": edited("[512, 768, 1024, 1280]", "[512, 768, 1024, 1281]"),
     "of what a count is a step": edited('quantity = "force"', 'quantity = "encoder"'),
+    "what a change does to a cycle": edited('in_cycle = "ends"', 'in_cycle = "refused"'),
     "whether 0 is refused": edited("not_zero = true\n", ""),
     "a scale written otherwise": edited("scale = 0.00390625", "scale = 390625e-8"),
 }
@@ -74,7 +75,9 @@ OTHER = {
     "the access": edited(
         'access = "rw"\nindex = 0x2303\nmodbus = 0x01F0', 'access = "wo"\nindex = 0x2303'
     ),
-    "when it may be written": edited('modbus = 0x010F\nwritable = "disabled"', "modbus = 0x010F"),
+    "when it may be written": edited(
+        'modbus = 0x010F\nwritable = "disabled"', 'modbus = 0x010F\nin_cycle = "refused"'
+    ),
     "whether it is stored": edited("modbus = 0x010D\nstored = false", "modbus = 0x010D"),
     "a Modbus register": edited("modbus = 0x010C\n", "modbus = 0x03F0\n"),
     "one text more": edited('["noise", "sine"]', '["noise", "sine", "chirp"]'),

@@ -37,6 +37,7 @@ NOT_STARTED = {
     "results_full": "too many results wait; use `forceaxis cycle result --out FOLDER`",
     "locked": "the axis is locked after bad parts; acknowledge their results with `forceaxis cycle "
     "result`, or write cycle_unlock after cycle_bad_in_row_max parts",
+    "halted": "the axis is halted; write a controlword without the halt bit",
     "not_stored": "the axis has not stored the number of its power-ups yet; try again",
 }
 STORE_MAX_S = 15.0  # a full sector of flash is erased first

@@ -246,6 +246,7 @@ CYCLE_STATES = {
     "other_bank": "no cycle was started, because the program is for another bank",
     "not_homed": "no cycle was started, because the program has a move to a position, and the axis "
     "is not homed",
+    "halted": "no cycle was started, because the axis was halted",
 }
 CYCLE_OUTCOMES = {
     "over_force": "force_max exceeded",
@@ -256,6 +257,7 @@ CYCLE_OUTCOMES = {
     "tare_contact": "tare in contact",
     "tare_moving": "no standstill for the tare",
     "tare_band": "tare beyond tare_band",
+    "changed": "a value that decides the part was changed",
 }
 
 
