@@ -9,11 +9,11 @@
  *
  * A rising edge of bit 4 of the controlword starts a cycle, if the axis has a program that fits
  * (cycle_state says otherwise why it did not start). A program does not fit if one of its forces is
- * at or beyond an end of what the force sensor can show. An edge while the last samples of a cycle are
- * evaluated starts the next cycle after the evaluation. A controlword without bit 4, a halt, every
- * stop and fault, another mode and the loss of the owner end the cycle: the part is then aborted,
- * never good. Statusword bit 10: no cycle runs and the axis is at standstill; bit 12: the last
- * cycle is done; bit 13: its part is not good, or no cycle could start. */
+ * at or beyond an end of what the force sensor can show. An edge while the last samples of a cycle
+ * are evaluated starts the next cycle after the evaluation. A controlword without bit 4, a halt,
+ * every stop and fault, another mode and the loss of the owner end the cycle: the part is then
+ * aborted, never good. Statusword bit 10: no cycle runs and the axis is at standstill; bit 12: the
+ * last cycle is done; bit 13: its part is not good, or no cycle could start. */
 
 #include <stdbool.h>
 #include <stdint.h>

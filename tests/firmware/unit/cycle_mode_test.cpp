@@ -541,8 +541,8 @@ TEST_F(CyclePress, SamplesOlderThanABusCycleMakeThePartBad) {
         Tick();
       }
       EXPECT_EQ(Cycle(), age <= most ? AXIS_CYCLE_STATE_GOOD : AXIS_CYCLE_STATE_BAD) << age;
-      EXPECT_EQ(Read(AXIS_OBJ_CYCLE_OUTCOME), age <= most ? CYCLE_BY_PROGRAM
-                                                          : CYCLE_SAMPLES_INVALID);
+      EXPECT_EQ(Read(AXIS_OBJ_CYCLE_OUTCOME),
+                age <= most ? CYCLE_BY_PROGRAM : CYCLE_SAMPLES_INVALID);
       EXPECT_EQ(Read(AXIS_OBJ_CYCLE_RESULT_INVALID), age <= most ? 0 : 2);
       Control(0);
     }
