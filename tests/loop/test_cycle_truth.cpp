@@ -161,11 +161,15 @@ Record turns(Random &random) {
   other.action = static_cast<std::uint8_t>(actions[random.pick(0, 3)]);
   if (other.action == CYCLE_OUTPUT) other.outputs_on = 1;
   if (other.action == CYCLE_MOVE_BY) {
-    other.target = random.pick(-20, 400);
+    other.target = random.chance(0.5) ? random.pick(-20, 400) : random.pick(1000, 8000);
     other.speed = static_cast<std::uint32_t>(random.pick(1000, 20000));
   }
-  const std::int32_t ticks = random.chance(0.5) ? 1 : random.pick(2, 60);
-  other.conditions[0] = {CYCLE_TIME, 0, static_cast<std::uint16_t>(random.pick(1, 60)), ticks};
+  const bool is_far = other.target > 400;
+  const std::int32_t ticks = is_far               ? random.pick(60, 800)
+                             : random.chance(0.5) ? 1
+                                                  : random.pick(2, 60);
+  other.conditions[0] = {CYCLE_TIME, 0, static_cast<std::uint16_t>(random.pick(1, is_far ? 2 : 60)),
+                         ticks};
   other.conditions[1] = {CYCLE_TIME, CYCLE_END, 0, ticks};
   Record record{completed({}, {press, other}, [&](cycle_element_t &peak) {
     peak.y_most = random.chance(0.5) ? INT32_MAX : random.pick(5000, 60000);
@@ -206,7 +210,7 @@ Protections drawn_protections(Random &random) {
     p.disconnected_ms = random.pick(10, 300);
     p.disconnected_travel = random.pick(2, 60);
   }
-  if (random.chance(0.3)) p.contact_travel = random.pick(500, 8000);
+  if (random.chance(0.5)) p.contact_travel = random.pick(300, 5000);
   if (random.chance(0.2)) p.approach_ms = random.pick(50, 1000);
   if (random.chance(0.2)) p.approach_travel = random.pick(100, 4000);
   return p;
