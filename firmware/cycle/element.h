@@ -7,8 +7,8 @@
  * The curve is force over x, where x is the travel or the time since the element began. It consists
  * of straight lines between the samples of consecutive ticks, all in phases of the element. Where
  * the phases are left and entered again a new piece begins, and no line joins two pieces. A tick
- * that is missing or not valid and, over the travel, travel 0 also begin a piece. All comparisons are
- * exact, and every interpolated value is rounded once, half up.
+ * that is missing or not valid and, over the travel, travel 0 also begin a piece. All comparisons
+ * are exact, and every interpolated value is rounded once, half up.
  *
  *   cycle_element_begin(&state);
  *   in each tick of the cycle: cycle_element_take(element, points, &state, &sample);

@@ -55,14 +55,13 @@ enum { CYCLE_ZERO_TOUCH = 0, CYCLE_ZERO_FORCE = 1, CYCLE_ZERO_POSITION = 2, CYCL
  * a program that does not keep it, or up to the selection of a program.
  *
  * TARE measures the mean of the measured force over `target` ticks, rounded half up. The
- * measurement begins anew when the encoder has moved by more than CYCLE_TARE_JITTER_CNT, and after a
- * sample that is not valid (sample.h). The mean
- * becomes the offset of the program up to the end of the cycle: it is subtracted from the force in
- * conditions, in zero_level and in the samples of the elements, and it is added to the target of
- * PRESS and FOLLOW before that target is bounded. force_max of a phase limits the measured force
- * itself, so no offset weakens this limit. The tare fails, as a limit that is exceeded does, in
- * contact, if the axis does not stand still up to time_max, or if the sum of the mean and
- * force_tare is beyond tare_band, or tare_band is 0. */
+ * measurement begins anew when the encoder has moved by more than CYCLE_TARE_JITTER_CNT, and after
+ * a sample that is not valid (sample.h). The mean becomes the offset of the program up to the end
+ * of the cycle: it is subtracted from the force in conditions, in zero_level and in the samples of
+ * the elements, and it is added to the target of PRESS and FOLLOW before that target is bounded.
+ * force_max of a phase limits the measured force itself, so no offset weakens this limit. The tare
+ * fails, as a limit that is exceeded does, in contact, if the axis does not stand still up to
+ * time_max, or if the sum of the mean and force_tare is beyond tare_band, or tare_band is 0. */
 enum {
   CYCLE_TARE_TICKS_MAX = 15000, /* 10 s */
   CYCLE_TARE_JITTER_CNT = 2,

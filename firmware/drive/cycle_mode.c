@@ -49,15 +49,15 @@ static cycle_inputs_t inputs_of(const cia402_t *drive, const axis_t *axis) {
   const cia402_mode_t *mode = drive->mode;
   const bool reached = drive->cycle.target == CYCLE_TARGET_BY_DRIVE && mode->reached != NULL &&
                        mode->reached(drive, axis);
-  return (cycle_inputs_t){.tick = axis->signals.tick_count,
-                          .position = axis->signals.position,
-                          .force_q8 = axis->signals.force,
-                          .contact = drive->signals.contact,
-                          .reached = reached ? 1 : 0,
-                          .inputs = axis->signals.digital_inputs,
-                          .defects = cycle_sample_defects(
-                              drive->signals.force_saturated != 0, axis->force_age,
-                              axis->position_age, drive->params.cycle_age_max)};
+  return (cycle_inputs_t){
+      .tick = axis->signals.tick_count,
+      .position = axis->signals.position,
+      .force_q8 = axis->signals.force,
+      .contact = drive->signals.contact,
+      .reached = reached ? 1 : 0,
+      .inputs = axis->signals.digital_inputs,
+      .defects = cycle_sample_defects(drive->signals.force_saturated != 0, axis->force_age,
+                                      axis->position_age, drive->params.cycle_age_max)};
 }
 
 /* The position from which a distance of a phase counts, in user units. */
@@ -234,7 +234,8 @@ void cycle_mode_interrupt(cia402_t *drive) {
 /* Returns true if the axis no longer follows the cycle, because a ramp stops it, or because a guard
  * has found a fault that acts in the next tick. */
 static bool is_stopping(const cia402_t *drive) {
-  return drive->leaving != 0 || contact_guard_has_fault(&drive->guards.contact_guard) || (drive->params.controlword & CIA402_CW_HALT) != 0 ||
+  return drive->leaving != 0 || contact_guard_has_fault(&drive->guards.contact_guard) ||
+         (drive->params.controlword & CIA402_CW_HALT) != 0 ||
          drive->params.modes_of_operation != drive->signals.modes_of_operation_display;
 }
 

@@ -98,8 +98,7 @@ static bool exceeds_travel(contact_guard_t *guard, const drive_params_t *params,
     return false;
   }
   const int32_t moved = fx_diff_wrap(position, guard->first_cnt);
-  const bool onward =
-      (moved > 0) == (guard->pressing > 0) && (controlled || signals->contact != 0);
+  const bool onward = (moved > 0) == (guard->pressing > 0) && (controlled || signals->contact != 0);
   return onward && exceeds(fx_magnitude(moved), params->contact_travel_max);
 }
 

@@ -54,15 +54,15 @@ typedef struct {
   /* force set-point of the next tick, in 1/256 count; 0 without a force mode */
   int32_t setpoint;
   int32_t demand; /* force demand from which the set-point is derived, in the unit of the mode */
-  int32_t steady_demand;  /* force demand at the start of the present slot of the force ripple */
-  int32_t first_cnt;      /* encoder count at the first contact */
+  int32_t steady_demand; /* force demand at the start of the present slot of the force ripple */
+  int32_t first_cnt;     /* encoder count at the first contact */
   /* encoder count and tick at the start of the approach, both later by what the phases of a cycle
    * without force control have moved and lasted since */
   int32_t approach_cnt;
   uint32_t approach_tick;
   int32_t paused_cnt; /* encoder count and tick at which such a phase began */
   uint32_t paused_tick;
-  int32_t low;            /* smallest measured force in the present slot of the force ripple */
+  int32_t low; /* smallest measured force in the present slot of the force ripple */
   int32_t high;
   axis_codes_t codes;     /* bounds most_q16 and least_q16, rounded to DAC codes */
   uint16_t settling_tick; /* number of ticks until the guard checks for a limit cycle again */

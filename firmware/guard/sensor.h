@@ -2,9 +2,9 @@
 #define FIRMWARE_GUARD_SENSOR_H_
 
 /* Monitors the force sensor while the measured force guides the axis: in the force modes, guarded
- * moves and homing, including their approaches, and in every phase of a cycle. Each finding disables the axis in the same tick and
- * is a fault with its own name. Each check is switched on by an object; by default all checks are
- * off.
+ * moves and homing, including their approaches, and in every phase of a cycle. Each finding
+ * disables the axis in the same tick and is a fault with its own name. Each check is switched on by
+ * an object; by default all checks are off.
  *
  *   force_railed        The force code was at an end of its range for force_railed_time. The lower
  *                       end of an unsigned code (force_zero_code 0) is not checked, because it

@@ -67,6 +67,7 @@ std::string json_of(const host::CycleResult &cycle, const host::CycleProgram &pr
       .add("outcome", cycle.outcome)
       .add("failed_phase", cycle.failed_phase)
       .add("cycles", cycle.cycles)
+      .add("invalid_ticks", cycle.invalid_ticks)
       .raw("phases", "[" + phases + "]")
       .raw("figures", "[" + figures + "]")
       .text();

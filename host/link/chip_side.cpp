@@ -163,6 +163,7 @@ std::optional<CycleResult> ChipSide::cycle() const {
                      .elements = {}};
   if (cycle_is_done(values.state)) {
     values.failed_phase = static_cast<std::uint8_t>(get(ask({kCycle}).data(), 4));
+    values.invalid_ticks = static_cast<std::uint32_t>(read(AXIS_OBJ_CYCLE_RESULT_INVALID));
     for (std::size_t i = 0; i < program.elements.size(); ++i) {
       write(AXIS_OBJ_CYCLE_RESULT_ELEMENT, static_cast<std::int32_t>(i));
       values.elements.push_back({read(AXIS_OBJ_CYCLE_RESULT_VALUE),

@@ -59,6 +59,10 @@ struct Scales {
   double tare_band_q8 = 0;                       // 0: the axis takes no tare
   double position_least = 0, position_most = 0;  // soft limits in counts from the reference
   double span = 0;  // largest travel between two soft limits, in counts
+  // Ends of what the force sensor can show in compression and in tension, in 1/256 count; infinite
+  // where the zero of the force is at the end of the code (firmware/cycle/sample.h).
+  double most_q8 = std::numeric_limits<double>::infinity();
+  double least_q8 = -std::numeric_limits<double>::infinity();
 
   Scales(const sim::Source &source, const sim::Model &model,
          const std::vector<ObjectWrite> &initial) {
@@ -87,11 +91,25 @@ struct Scales {
     span = std::min(position_most - position_least,
                     1.0 * raw_of(initial, AXIS_OBJ_POSITION_MAX, INT32_MAX) -
                         raw_of(initial, AXIS_OBJ_POSITION_MIN, INT32_MIN));
+    set_ends(initial, sign);
     // The firmware takes positions, distances and speeds of a program in user units.
     if (raw_of(initial, AXIS_OBJ_FEED, 0) != 0 || raw_of(initial, AXIS_OBJ_POLARITY, 0) != 0)
       source.fail("phase",
                   "expected an axis whose user unit is the encoder count; remove feed and polarity "
                   "from the experiment");
+  }
+
+  double force_max_q8() const { return std::isinf(most_q8) ? -least_q8 : most_q8; }
+
+ private:
+  void set_ends(const std::vector<ObjectWrite> &initial, int sign) {
+    const int bits = raw_of(initial, AXIS_OBJ_ADC_BITS, 8);
+    const int zero = raw_of(initial, AXIS_OBJ_FORCE_ZERO_CODE, 0);
+    const double tare = raw_of(initial, AXIS_OBJ_FORCE_TARE, 0), step = 1 << (16 - bits);
+    const double last = sign * step * ((1 << bits) - 1 - zero) - tare;
+    const double first = -sign * step * zero - tare;
+    if (sign > 0 || zero != 0) most_q8 = sign > 0 ? last : first;
+    if (sign < 0 || zero != 0) least_q8 = sign > 0 ? first : last;
   }
 };
 
@@ -224,6 +242,7 @@ class Reader {
     if (header_.zero == CYCLE_ZERO_FORCE) {
       const double force = needed(root_, "zero_force", "zero = \"force\"");
       header_.zero_level = force_q8(root_, "zero_force", force);
+      check_shown(root_, "zero_force", header_.zero_level);
       if (header_.zero_level == 0)
         root_.fail("zero_force", "expected at least 1/256 count of the axis; raise it");
     }
@@ -264,6 +283,20 @@ class Reader {
     return static_cast<std::int32_t>(
         rounded(section, key, newtons * scales_.q8_per_N, -CYCLE_FORCE_MAX_Q8, CYCLE_FORCE_MAX_Q8));
   }
+  // Refuses a force that no valid sample can show, because it is at or beyond the end of the range.
+  void check_shown(Section &section, const char *key, double level_q8, double end_q8) {
+    if (std::fabs(level_q8) < std::fabs(end_q8)) return;
+    section.fail(key, "expected less than " +
+                          sim::number_text(std::fabs(end_q8 / scales_.q8_per_N)) +
+                          " N, the end of what the force sensor can show, got " +
+                          sim::number_text(std::fabs(level_q8 / scales_.q8_per_N)) +
+                          " N; lower it, or choose a sensor with a larger range");
+  }
+  void check_shown(Section &section, const char *key, double level_q8) {
+    if (level_q8 > 0) check_shown(section, key, level_q8, scales_.most_q8);
+    if (level_q8 < 0) check_shown(section, key, level_q8, scales_.least_q8);
+  }
+
   // A magnitude of at least 1.
   std::uint32_t magnitude(Section &section, const char *key, double value, double high) {
     return static_cast<std::uint32_t>(rounded(section, key, std::fabs(value), 1, high));
@@ -405,6 +438,7 @@ class Reader {
     const double force_max = section.number("force_max"), travel_max = section.number("travel_max");
     phase.force_max_q8 =
         magnitude(section, "force_max", force_max * scales_.q8_per_N, CYCLE_FORCE_MAX_Q8);
+    check_shown(section, "force_max", phase.force_max_q8, scales_.force_max_q8());
     phase.travel_max =
         magnitude(section, "travel_max", travel_max * scales_.counts_per_m, CYCLE_TRAVEL_MAX);
     phase.time_max = static_cast<std::uint32_t>(ticks_of(section.number("time_max")));
@@ -545,6 +579,7 @@ class Reader {
         // An offset of a tare, of up to tare_band, moves the level against the limit.
         within(section, "value", when == CYCLE_FORCE_ABOVE ? level : -level,
                phase.force_max_q8 + band(), "force_max");
+        if (when == CYCLE_FORCE_ABOVE ? level > 0 : level < 0) check_shown(section, "value", level);
         return level;
       }
       case CYCLE_TRAVEL_ABOVE: {

@@ -4,7 +4,8 @@
 // (firmware/cycle/program.h), with the scales of a model.
 //
 // Every error is an InputError that names file and key: a phase that cannot be reached or cannot
-// end, a loop without a count, a condition that a limit prevents, a force beyond force_limit.
+// end, a loop without a count, a condition that a limit prevents, a force beyond force_limit, or
+// beyond what the force sensor can show.
 #include <cstdint>
 #include <filesystem>
 #include <string>
@@ -35,8 +36,8 @@ struct CycleProgram {
 };
 
 // Reads a program. The model has to have an encoder and a force on ADC 0. `initial` has the writes
-// to the firmware before tick 0, of which rated_force, force_limit, force_sign, tare_band and the
-// soft limits count. Throws
+// to the firmware before tick 0, of which rated_force, force_limit, force_sign, tare_band, the
+// objects of the reading (adc_bits, force_zero_code, force_tare) and the soft limits count. Throws
 // sim::InputError.
 CycleProgram read_cycle(const std::filesystem::path &file, const sim::Model &model,
                         const std::vector<ObjectWrite> &initial);

@@ -33,6 +33,7 @@ CycleResult cycle_result_of(const CycleProgram &program, const CycleValues &valu
   result.state = enum_text(AXIS_OBJ_CYCLE_STATE, values.state);
   result.outcome = enum_text(AXIS_OBJ_CYCLE_OUTCOME, values.outcome);
   result.cycles = values.cycles;
+  result.invalid_ticks = values.invalid_ticks;
   if (values.failed_phase && values.outcome != AXIS_CYCLE_OUTCOME_BY_PROGRAM)
     result.failed_phase = program.phases.at(*values.failed_phase);
   for (std::size_t i = 0; i < values.elements.size(); ++i) {

@@ -18,6 +18,7 @@ struct CycleValues {
   // Number of the phase in which a limit was exceeded first, or the cycle was stopped. It counts
   // only with another outcome than by_program.
   std::optional<std::uint8_t> failed_phase;
+  std::int64_t invalid_ticks = 0;  // cycle_result_invalid
   struct Element {
     std::int32_t value;    // cycle_result_value
     std::int32_t verdict;  // cycle_result_verdict

@@ -59,6 +59,7 @@ std::optional<CycleResult> FirmwareSide::cycle() const {
   const void *const record = program.record.data();
   if (cycle_is_done(values.state) && axis_->drive.program == record) {
     values.failed_phase = own.failed_phase;
+    values.invalid_ticks = own.invalid_ticks;
     for (std::size_t i = 0; i < program.elements.size(); ++i) {
       const cycle_element_result_t found = cycle_result(&own, static_cast<std::uint8_t>(i));
       values.elements.push_back({found.value, found.verdict + 1, found.found_tick});

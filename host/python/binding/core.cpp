@@ -156,6 +156,7 @@ py::object cycle_of(const RunResult &run, const forceaxis::host::CycleProgram *o
   d["outcome"] = run.cycle->outcome;
   d["failed_phase"] = run.cycle->failed_phase;
   d["cycles"] = run.cycle->cycles;
+  d["invalid_ticks"] = run.cycle->invalid_ticks;
   d["phases"] = program.phases;
   py::list figures;
   for (std::size_t i = 0; i < run.cycle->figures.size(); ++i) {
@@ -372,7 +373,7 @@ PYBIND11_MODULE(_core, m) {
       .def_property_readonly("fault", [](const Result &r) { return r.run.fault; })
       .def_property_readonly(
           "cycle", [](const Result &r) { return cycle_of(r.run, r.experiment.cycle.get()); },
-          "result of the last cycle: title, state, outcome, failed_phase, cycles, phases and "
+          "result of the last cycle: title, state, outcome, failed_phase, cycles, invalid_ticks, phases and "
           "figures, each with name, kind, value, unit, tick and verdict; None without a program")
       .def_property_readonly("trace_hash", [](const Result &r) { return r.run.trace_hash; })
       .def_property_readonly(

@@ -66,7 +66,7 @@ def phase(rng, phases, position, points, is_first):
         target = max(-(2**31), min(2**31 - 1, target))
         speed = rng.choice([1, 1500, 15_000, 300_000])
     limits = (
-        rng.choice([131_071, 131_071, 20_000]),
+        rng.choice([65_000, 65_000, 20_000]),  # below the end of a sensor of 8 bits
         rng.choice([2**30 - 1, 100_000, 200]),
         rng.choice([2**32 - 1, 2000, 60]),
     )
@@ -118,7 +118,7 @@ def short_phase(rng, position, points, number, phases):
     """APPROACH and FOLLOW in turn. The fourth condition of APPROACH is met as soon as travel 0 is
     found, so that three conditions, the compliance and the begin of FOLLOW are in one tick."""
     next_phase = (number + 1) % phases
-    limits = 131_071, 2**30 - 1, 2**32 - 1
+    limits = 65_000, 2**30 - 1, 2**32 - 1
     if number % 2 == 0:
         first, over_travel = (0, 0), 0
         action, slope, speed = APPROACH, 0, rng.choice([1500, 15_000, 300_000])

@@ -90,7 +90,7 @@ def ports(tmp_path_factory):
             ("LENGTH = 96K\n", "LENGTH = 48K\n"),
             ("program_bytes = 15K;", "program_bytes = 0;"),
             ("curve_bytes = 12000;", "curve_bytes = 0;"),
-            ("result_bytes = 32 * 188;", "result_bytes = 0;"),
+            ("result_bytes = 32 * 192;", "result_bytes = 0;"),
         )
     )
     done = subprocess.run(

@@ -158,6 +158,7 @@ FITTED_DRIVE = {
 }
 # An axis in which most phases of a cycle can be done.
 CYCLE_VALUES = {
+    "cycle_age_max": [0, 3, 254],
     "homing_method": [37],
     "position_gain": [1280],
     "force_gain": [256, 1280],

@@ -437,6 +437,42 @@ TEST_F(CyclePress, TravelInContactCountsFromTheFirstContactOfTheCycle) {
   }
 }
 
+// A motion in contact that no press follows, from the first contact of the cycle on.
+TEST_F(CyclePress, TravelInContactCountsInAMotion) {
+  stiffness_ = 0.05;
+  Set(AXIS_OBJ_CONTACT_TRAVEL_MAX, 500);
+  cycle_phase_t on = wide_phase(CYCLE_MOVE_BY, CYCLE_END);
+  on.target = 2000, on.speed = 3000;
+  on.conditions[0] = {CYCLE_REACHED, CYCLE_END, 0, 0};
+  Start(completed({}, {on}, [](cycle_element_t &e) { e.y_most = INT32_MAX; }));
+  for (int i = 0; i < 5000 && Runs(); ++i) Tick();
+  Tick();
+  EXPECT_EQ(fw_.axis.signals.fault, AXIS_FAULT_CONTACT_TRAVEL);
+  // The force is more than 2 counts from 40 counts behind the begin of the workpiece on.
+  EXPECT_NEAR(place_, 100 + 40 + 500, 25);
+}
+
+// A contact in a phase that controls no force ends the approach of the press before it.
+TEST_F(CyclePress, AContactInAMotionEndsTheApproach) {
+  for (const bool touches : {true, false}) {
+    PowerUp();
+    wall_ = touches ? 1000 : 1e12;
+    Set(AXIS_OBJ_CONTACT_FORCE, 2 * 256);
+    Set(AXIS_OBJ_APPROACH_VELOCITY_MAX, 300);  // 0.2 counts a tick
+    Set(AXIS_OBJ_APPROACH_TIMEOUT, 400);
+    cycle_phase_t press = press_phase(300, 4000, 1), on = wide_phase(CYCLE_MOVE_BY, 2);
+    cycle_phase_t back = wide_phase(CYCLE_MOVE_BY, 3), last = press_phase(300, 4000, CYCLE_END);
+    press.conditions[0] = {CYCLE_TIME, 1, 0, 400};
+    on.target = 1100, on.speed = 15000, on.conditions[0] = {CYCLE_TIME, 2, 0, 300};
+    back.target = -1100, back.speed = 15000, back.conditions[0] = {CYCLE_TIME, 3, 0, 300};
+    last.conditions[0] = {CYCLE_TIME, CYCLE_END, 0, 400};
+    Start(completed({}, {press, on, back, last}, [](cycle_element_t &e) { e.y_most = INT32_MAX; }));
+    for (int i = 0; i < 5000 && Runs(); ++i) Tick();
+    Tick();
+    EXPECT_EQ(fw_.axis.signals.fault, touches ? AXIS_FAULT_NONE : AXIS_FAULT_NO_CONTACT);
+  }
+}
+
 // A program may come back to its start and press again: the guard counts onward travel in contact,
 // and a free motion counts for nothing.
 TEST_F(CyclePress, FreeMotionIsNoTravelInContact) {
@@ -543,8 +579,8 @@ TEST_F(CyclePress, SamplesOlderThanABusCycleMakeThePartBad) {
         Tick();
       }
       EXPECT_EQ(Cycle(), age <= most ? AXIS_CYCLE_STATE_GOOD : AXIS_CYCLE_STATE_BAD) << age;
-      EXPECT_EQ(Read(AXIS_OBJ_CYCLE_OUTCOME), age <= most ? CYCLE_BY_PROGRAM
-                                                          : CYCLE_SAMPLES_INVALID);
+      EXPECT_EQ(Read(AXIS_OBJ_CYCLE_OUTCOME),
+                age <= most ? CYCLE_BY_PROGRAM : CYCLE_SAMPLES_INVALID);
       EXPECT_EQ(Read(AXIS_OBJ_CYCLE_RESULT_INVALID), age <= most ? 0 : 2);
       Control(0);
     }

@@ -11,7 +11,8 @@
 #include "firmware/port/host/firmware.hpp"
 #include "tests/support/frames.hpp"
 
-// A force_max below the end of an 8-bit sensor whose zero or tare is up to 15 counts, in 1/256 count.
+// A force_max below the end of an 8-bit sensor whose zero or tare is up to 15 counts, in 1/256
+// count.
 inline constexpr std::uint32_t kForceMost = 240 * 256;
 
 // A phase that waits for ten ticks.

@@ -511,9 +511,8 @@ class CycleInvalid : public Cycle {
     cycle_header_t header{};
     header.zero = static_cast<std::uint8_t>(zero);
     // The element is of the second phase, which is not reached, unless it is asked for.
-    begin(completed(header, {phase, wait_phase(CYCLE_END)}, [&](cycle_element_t &e) {
-      e.phases = c.has_element ? 1 : 2;
-    }));
+    begin(completed(header, {phase, wait_phase(CYCLE_END)},
+                    [&](cycle_element_t &e) { e.phases = c.has_element ? 1 : 2; }));
     for (int i = 0; i < 12 && cycle_is_running(&cycle_); ++i) {
       now_.defects = i == at ? c.defects : 0;
       tick();
@@ -538,9 +537,8 @@ TEST_F(CycleInvalid, InAJudgedPhaseItMakesThePartBadByAName) {
       EXPECT_EQ(cycle_.invalid_ticks, c.ticks) << at;
       EXPECT_EQ(cycle_.good, c.has_element && c.outcome == CYCLE_BY_PROGRAM ? 1 : 0);
       EXPECT_EQ(cycle_.failed_phase, 0);
-      EXPECT_EQ(cycle_.phase_ticks, (c.defects & CYCLE_SAMPLE_AT_END) != 0
-                                        ? static_cast<std::uint32_t>(at + 1)
-                                        : 10u);
+      EXPECT_EQ(cycle_.phase_ticks,
+                (c.defects & CYCLE_SAMPLE_AT_END) != 0 ? static_cast<std::uint32_t>(at + 1) : 10u);
     }
 }
 

@@ -8,8 +8,8 @@ from forceaxis.cycles import part
 
 PRESS_FIT = Path(__file__).resolve().parents[3] / "sim/experiments/press_fit.toml"
 PROGRAM = PRESS_FIT.parents[1] / "cycles/press_fit.toml"
-# The sensor reads 1 N too little: a code is 0.01 N.
-OFFSET = ["firmware.force_zero_code=100", "firmware.tare_band=8"]
+# The force reads 1 N too little: a code is 0.01 N, and 256 codes are a count.
+OFFSET = [f"firmware.force_tare={100 / 256}", "firmware.tare_band=8"]
 TARE = """
 [[phase]]
 name = "tare"
@@ -78,8 +78,15 @@ def test_a_tare_takes_the_offset_of_the_sensor_away(tmp_path):
 
 
 def test_a_tare_beyond_the_band_ends_the_cycle_by_name(tmp_path):
-    overrides = ["firmware.force_zero_code=400", "firmware.tare_band=1"]  # 4 N, a count is 2.56 N
-    result = part.run(PRESS_FIT, [*overrides, "firmware.contact_force=10 N"], with_tare(tmp_path))
+    # The sensor reads 4 N too little, within its range: a count is 2.56 N.
+    model = (PRESS_FIT.parents[1] / "models/press_fit.toml").read_text()
+    (tmp_path / "model.toml").write_text(model.replace("[[adc]]\n", "[[adc]]\nzero_code = 1000\n"))
+    text = PRESS_FIT.read_text().split("\n[expect]")[0]
+    text = text.replace("../models/press_fit.toml", "model.toml")
+    file = tmp_path / "off.toml"
+    file.write_text(text.replace("../cycles", str(PRESS_FIT.parents[1] / "cycles")))
+    overrides = ["firmware.force_zero_code=1400", "firmware.tare_band=1"]
+    result = part.run(file, [*overrides, "firmware.contact_force=10 N"], with_tare(tmp_path))
     assert (result.result.state, result.result.outcome) == ("bad", "tare_band")
     assert result.result.failed_phase == "tare"
     assert result.result.phases[0].why == "tare beyond tare_band"

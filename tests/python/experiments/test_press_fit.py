@@ -1,10 +1,12 @@
 """The press-fit of sim/experiments: good parts, six kinds of bad ones, each way to end a cycle."""
 
+import json
 import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
+import verbs
 from forceaxis import _core
 from forceaxis.experiments import run as runs
 
@@ -145,3 +147,60 @@ def test_the_record_of_the_program_is_what_an_axis_takes():
     assert zlib.crc32(record[:-4]) == int.from_bytes(record[-4:], "little")
     with pytest.raises(_core.InputError, match="cycle: expected the file of a program"):
         _core.cycle_record(PRESS_FIT.with_name("contact.toml"))
+
+
+# A load cell whose range ends at 400.4 N, under a press that joins at 40 mm/s: 680 N at the peak.
+def pressed_to_the_end(folder, **limits):
+    model = (PRESS_FIT.parents[1] / "models/press_fit.toml").read_text()
+    assert "per_count = 0.01 " in model
+    (folder / "model.toml").write_text(model.replace("per_count = 0.01 ", "per_count = 0.00611 "))
+    program = (PRESS_FIT.parents[1] / "cycles/press_fit.toml").read_text()
+    program = program.replace('speed = "5 mm/s"', 'speed = "40 mm/s"')
+    for old, new in limits.items():
+        assert f'"{old[1:]} N"' in program
+        program = program.replace(f'"{old[1:]} N"', f'"{new} N"')
+    (folder / "cycle.toml").write_text(program)
+    text = PRESS_FIT.read_text().split("\n[expect]")[0]
+    text = text.replace("../cycles/press_fit.toml", str(folder / "cycle.toml"))
+    text = text.replace("../models/press_fit.toml", str(folder / "model.toml"))
+    (folder / "run.toml").write_text(text.replace("2560000", "1564160"))
+    return folder / "run.toml"
+
+
+def test_forces_at_the_end_of_the_sensor_are_refused_with_the_program(tmp_path):
+    file = pressed_to_the_end(tmp_path)
+    done = verbs.forceaxis("cycle", "run", str(file))
+    assert done.returncode == 2
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, lines
+    assert "phase[1].force_max: expected less than 400.4" in lines[0]
+    assert "lower it, or choose a sensor with a larger range" in lines[0]
+    for limits, key in [
+        ({"_450": 399, "_480": 399, "_400": 398}, None),
+        ({"_450": 399, "_480": 400.42, "_400": 398}, "phase[2].force_max"),
+    ]:
+        done = verbs.forceaxis(
+            "cycle", "run", str(pressed_to_the_end(tmp_path, **limits)), "--json"
+        )
+        assert (done.returncode == 2) == (key is not None), done.stderr
+        assert key is None or key in done.stderr
+
+
+def test_a_reading_at_its_end_makes_the_part_bad_by_its_name(tmp_path):
+    file = pressed_to_the_end(tmp_path, _450=399, _480=399, _400=398)
+    done = verbs.forceaxis("cycle", "run", str(file), "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert (result["state"], result["outcome"]) == ("bad", "samples_invalid")
+    assert result["failed_phase"] in ("join", "seat") and result["invalid_ticks"] >= 1
+    text = verbs.forceaxis("cycle", "run", str(file)).stdout
+    counted = result["invalid_ticks"]
+    assert f"bad: samples not valid ({counted} tick" in text and "in phase" in text
+
+
+def test_the_axis_refuses_at_the_start_what_its_sensor_cannot_show():
+    # The zero of the sensor is written after the program was selected: the range ends at 435 N.
+    late = "\n[[at]]\ntime_s = 0.01\nfirmware = { force_zero_code = 22000 }\n"
+    result = run(more=late)
+    assert (result.cycle["state"], result.cycle["cycles"]) == ("beyond_sensor", 0)
+    assert np.ptp(result.columns()["encoder"][300:]) <= 2

@@ -48,7 +48,8 @@ def part_rows(result: PartResult) -> Rows:
     """Return the rows (key, text) about one part."""
     state = summary.CYCLE_STATES.get(result.state, result.state)
     if result.failed_phase:
-        state += f": {summary.CYCLE_OUTCOMES[result.outcome]} in phase {result.failed_phase}"
+        why = summary.why_text(result.outcome, result.invalid_ticks)
+        state += f": {why} in phase {result.failed_phase}"
     rows = [("cycle", f"{result.title}: {state}"), ("program", result.program)]
     if result.fault != "none":
         rows.append(("fault", result.fault))
@@ -84,7 +85,7 @@ def state_text(record: PartRecord) -> str:
     than its program intends."""
     if record.outcome in ("", BY_PROGRAM):
         return record.state
-    why = summary.CYCLE_OUTCOMES.get(record.outcome, record.outcome)
+    why = summary.why_text(record.outcome, record.invalid_ticks)
     return f"{record.state}: {why}, last phase {record.phase}"
 
 

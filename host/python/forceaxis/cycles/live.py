@@ -33,6 +33,8 @@ ENDED = ("good", "bad", "aborted")
 NOT_STARTED = {
     "no_program": "the axis has no program",
     "other_bank": "the program is for another bank",
+    "beyond_sensor": "a force_max or a force of a condition is at or beyond what the force sensor "
+    "can show; lower it",
     "not_homed": "the program has a move to a position, and the axis is not homed",
     "results_full": "too many results wait; use `forceaxis cycle result --out FOLDER`",
     "locked": "the axis is locked after bad parts; acknowledge their results with `forceaxis cycle "

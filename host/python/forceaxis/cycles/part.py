@@ -62,6 +62,7 @@ class PartResult:
     state: str  # "good", "bad", "aborted", or why there is no verdict
     outcome: str  # how the cycle ended
     failed_phase: str  # empty if the cycle ended as its program intends
+    invalid_ticks: int  # ticks in judged phases whose sample is not valid
     elements: list[ElementFigure]
     phases: list[PhaseSpan]
     fault: str
@@ -124,6 +125,7 @@ def run(experiment: Path, overrides: Sequence[str] = (), program: Path | None = 
         state=report.state,
         outcome=report.outcome,
         failed_phase=report.failed_phase,
+        invalid_ticks=report.invalid_ticks,
         elements=_figures(report, known),
         phases=[] if curve is None else timeline(curve, known, report),
         fault=done.result.fault,

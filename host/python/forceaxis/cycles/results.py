@@ -66,6 +66,7 @@ class ResultObjects:
     cycle_result_state: str
     cycle_result_outcome: str
     cycle_result_phase: int
+    cycle_result_invalid: int
     cycle_result_begin: int
     cycle_result_duration: int
     cycle_result_serial_1: int
@@ -213,6 +214,7 @@ def read(axis: Drive, number: int, wanted: LiveProgram) -> PartRecord | None:
         state=found.cycle_result_state,
         outcome=found.cycle_result_outcome,
         phase=f"{found.cycle_result_phase}",
+        invalid_ticks=found.cycle_result_invalid,
     )
     verdicts = [one.cycle_result_verdict.replace("_", " ") for one in elements]
     values = [float(one.cycle_result_value) for one in elements]

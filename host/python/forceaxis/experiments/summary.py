@@ -247,6 +247,8 @@ CYCLE_STATES = {
     "not_homed": "no cycle was started, because the program has a move to a position, and the axis "
     "is not homed",
     "halted": "no cycle was started, because the axis was halted",
+    "beyond_sensor": "no cycle was started, because a force of the program is at or beyond what "
+    "the force sensor can show",
 }
 CYCLE_OUTCOMES = {
     "over_force": "force_max exceeded",
@@ -258,7 +260,14 @@ CYCLE_OUTCOMES = {
     "tare_moving": "no standstill for the tare",
     "tare_band": "tare beyond tare_band",
     "changed": "a value that decides the part was changed",
+    "samples_invalid": "samples not valid",
 }
+
+
+def why_text(outcome: str, invalid_ticks: int) -> str:
+    """Returns why a cycle ended otherwise than its program intends, as text."""
+    text = CYCLE_OUTCOMES.get(outcome, outcome)
+    return f"{text} ({counted(invalid_ticks, 'tick')})" if invalid_ticks else text
 
 
 def cycle_rows(report: CycleReport) -> list[Row]:
@@ -266,7 +275,9 @@ def cycle_rows(report: CycleReport) -> list[Row]:
     each element."""
     state = CYCLE_STATES.get(report.state, report.state)
     if report.failed_phase:
-        state += f": {CYCLE_OUTCOMES[report.outcome]} in phase {report.failed_phase}"
+        state += (
+            f": {why_text(report.outcome, report.invalid_ticks)} in phase {report.failed_phase}"
+        )
     found = [("cycle", f"{report.title}: {state}")]
     for figure in report.figures:
         value = f"{figure.value:g}" if not figure.unit else quantity(figure.value, figure.unit)
