@@ -191,6 +191,8 @@ static void start_node(drive402_t *master) {
   } else if (master->operational != 0 && master->sampled != 0) {
     enter(master, DRIVE402_RUNNING);
     master->wait_ticks = fx_ticks_from_ms(master->config->wait_ms) + 1;
+    master->resets_fault = master->reset_asked;
+    master->reset_asked = 0;
     master->read_ticks = 0;
   } else if (master->wait_ticks == 0) {
     drive402_fail(master, start_reason(master));
@@ -229,11 +231,13 @@ static void step(drive402_t *master) {
   }
 }
 
-/* Acts on a wish to reset. A failure that no tick has answered yet stays. */
+/* Acts on a wish to reset. A failure that no tick has answered yet stays. A drive that is not yet
+ * running may turn out to be in fault. */
 static void reset(drive402_t *master) {
   const bool in_place =
       master->phase == DRIVE402_RUNNING && (master->reason <= DRIVE402_RESET_IN_PLACE_LAST ||
                                             master->reason >= DRIVE402_RESET_IN_PLACE_AGAIN);
+  master->reset_asked = in_place ? 0 : 1;
   if (master->failed_before == 0) {
     return;
   }

@@ -141,6 +141,7 @@ typedef struct {
   uint8_t was_on;         /* 1: `on` in the last tick */
   uint8_t resets_fault;   /* 1: controlwords in the state fault reset the fault */
   uint8_t saturated;
+  uint8_t reset_asked;   /* 1: a fault of the drive is reset once it runs */
   uint8_t reset_before;  /* `reset` of the last command */
   uint8_t failed_before; /* 1: the cyclic frames of the last tick knew of a failure */
 } drive402_t;

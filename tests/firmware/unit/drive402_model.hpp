@@ -74,7 +74,7 @@ class DriveModel {
   std::vector<Frame> Tick(const drive402_command_t &command, bool kept) {
     std::vector<Frame> out;
     if (kept) Fail(DRIVE402_FRAMES_KEPT);
-    if (command.reset && !reset_before_ && answered_) Reset();
+    if (command.reset && !reset_before_) Reset();
     reset_before_ = command.reset != 0;
     if (phase_ >= kStart || sync_at_ >= 0) Cycle(command, out);
     answered_ = reason_ != 0;
@@ -221,6 +221,8 @@ class DriveModel {
         phase_ == kRun && (reason_ == DRIVE402_DRIVE_FAULT || reason_ == DRIVE402_DRIVE_OFF ||
                            reason_ == DRIVE402_DRIVE_EMERGENCY || reason_ == DRIVE402_NOT_REMOTE ||
                            reason_ == DRIVE402_NOT_ENABLED || reason_ == DRIVE402_TARGET_IGNORED);
+    reset_asked_ = phase_ != kRun || (reason_ != 0 && !in_place);
+    if (!answered_) return;
     reason_ = failed_index_ = failed_sub_ = 0;
     abort_code_ = 0;
     if (in_place) {
@@ -307,7 +309,7 @@ class DriveModel {
     const bool faulted = Is("fault") || Is("fault reaction active");
     const bool late = now_ >= wait_until_;
     if (faulted && (!reset_waits_ || late)) Fail(DRIVE402_DRIVE_FAULT);
-    if (enabled && (late || (was_on_ && !Follows()))) Fail(OffReason());
+    if ((enabled && late) || (was_on_ && !Follows())) Fail(OffReason());
     if (!faulted || reason_ != 0) reset_waits_ = false;
   }
 
@@ -503,6 +505,7 @@ class DriveModel {
         if (operational_ && answered_start_) {
           Go(kRun);
           Wait();
+          reset_waits_ = std::exchange(reset_asked_, false);
           read_at_ = now_ + 1;
         } else if (Waited()) {
           Fail(answered_start_ ? DRIVE402_START_TIMEOUT
@@ -518,7 +521,8 @@ class DriveModel {
   long now_ = 0;  // number of the next tick
   int reason_ = 0, failed_index_ = 0, failed_sub_ = 0;
   uint32_t abort_code_ = 0;
-  bool answered_ = false;  // the last cyclic frames knew of the failure
+  bool reset_asked_ = false;  // before the drive runs
+  bool answered_ = false;     // the last cyclic frames knew of the failure
   bool reset_before_ = false;
   long sent_at_ = -1;  // the NMT command of the phase
   long beat_ = 0, heard_at_ = 0;

@@ -714,6 +714,22 @@ TEST_F(Master402, TheFaultResetIsHeldUntilTheFaultHasGone) {
   }
 }
 
+// An axis may be enabled while its drive still starts.
+TEST_F(Master402, AFaultInWhichTheDriveStartsIsResetIfThatWasAskedBefore) {
+  for (const bool asked : {false, true}) {
+    drive_ = DriveNode(kDrive);
+    drive_.out.clear();
+    command_ = {};
+    Init();
+    Until(DRIVE402_STARTING);
+    drive_.state = DriveNode::kFault;
+    command_ = {100, 1, static_cast<uint8_t>(asked ? 1 : 0)};
+    Tick(150);
+    EXPECT_EQ(Feedback().on, asked ? 1 : 0);
+    EXPECT_EQ(Feedback().reason, asked ? DRIVE402_NONE : DRIVE402_DRIVE_FAULT);
+  }
+}
+
 TEST_F(Master402, AFaultThatStaysIsReportedAgain) {
   Enable();
   drive_.fault_stays = true;
@@ -758,6 +774,18 @@ TEST_F(Master402, TheDriveLeavingOperationIsAFault) {
     EXPECT_EQ(Feedback().on, 0);
     EXPECT_EQ(drive_.state == DriveNode::kOperationEnabled, false);
   }
+}
+
+// The axis sees that the drive is no longer on, and disables it in the same tick.
+TEST_F(Master402, ADriveThatLeavesIsNamedAlsoIfItIsDisabledAtOnce) {
+  Enable();
+  drive_.missing_status = 0x1000;
+  for (int i = 0; i < 2 * kCycle; ++i) {
+    Deliver();
+    command_.enable = Feedback().on;
+    Step();
+  }
+  EXPECT_EQ(Feedback().reason, DRIVE402_TARGET_IGNORED);
 }
 
 TEST_F(Master402, TargetsAreExactAndSaturatedNeverWrapped) {
