@@ -359,14 +359,14 @@ def _judged_limit(stepped: list[Stepped], limit: Limit, error_max: float) -> tup
         return 0.0, f"unstable at {gain * SWEEP[at]:.6g}", None
     if not np.any(below[:, -1] < 1):
         return 0.0, "not stable below the limit", None
-    errors = [_apart(row, error_max) for row in around]
+    errors = [_apart(one, gain, row, error_max) for one, row in zip(stepped, around, strict=True)]
     first = int(np.argmin(errors))
     error = float(errors[first])
     if error > error_max and len(stepped) > 1:
         error = _between(stepped[first], gain, error_max)
     if not abs(error) <= error_max:
         return error, "false limit", gain * (1 + error)
-    pole = stepped[first].outermost(np.array([gain]))[0]
+    pole = stepped[first].outermost(gain * np.array([1 + errors[first] + 1e-9]))[0]
     every_tick, cycle = stepped[first].drawn.every, stepped[first].drawn.cycle
     ticks = math.lcm(every_tick.numerator, cycle) if every_tick else cycle
     hz = abs(np.angle(pole)) / (2 * math.pi * ticks * TICK_S)
@@ -377,11 +377,23 @@ def _judged_limit(stepped: list[Stepped], limit: Limit, error_max: float) -> tup
     return error, "", gain
 
 
-def _apart(around: Array, step: float) -> float:
+def _apart(one: Stepped, gain: float, around: Array, step: float) -> float:
     """Returns how far the gain at which the largest eigenvalue is 1 lies above a gain, as a share
-    of the gain, from the largest eigenvalues at and around it."""
+    of the gain. `around`: largest eigenvalues at the gain and one step of it below and above."""
     slope = float(around[2] - around[0]) / (2 * step)
-    return (1 - float(around[1])) / slope if slope > 0 else math.inf
+    apart = (1 - float(around[1])) / slope if slope > 0 else math.inf
+    if abs(apart) <= step:
+        return apart
+    # Another eigenvalue may be the largest one at the limit itself.
+    gains = gain * np.geomspace(0.9, 1.2, 61)
+    outside = np.flatnonzero(one.radius(gains) > 1)
+    if not len(outside) or not outside[0]:
+        return apart
+    low, high = gains[outside[0] - 1], gains[outside[0]]
+    for _ in range(45):
+        middle = (low + high) / 2
+        low, high = (middle, high) if one.radius(np.array([middle]))[0] < 1 else (low, middle)
+    return float(low / gain - 1)
 
 
 def _between(near: Stepped, gain: float, step: float) -> float:
@@ -393,7 +405,8 @@ def _between(near: Stepped, gain: float, step: float) -> float:
     def at(share: float) -> float:
         phase = (near.phase + Fraction(share).limit_denominator(10**6) * width) % every
         one = Stepped(near.drawn, near.plant, phase)
-        return _apart(one.radius(gain * np.array([1 - step, 1.0, 1 + step])), step)
+        around = one.radius(gain * np.array([1 - step, 1.0, 1 + step]))
+        return _apart(one, gain, around, step)
 
     found = optimize.minimize_scalar(at, bounds=(-1.0, 1.0), method="bounded")
     return float(found.fun)

@@ -120,7 +120,7 @@ def test_a_bank_on_a_bus_of_2_ms_has_a_limit_over_a_set(tmp_path):
     """Five codes in a period; nothing was found within the gains that were tried."""
     file = tmp_path / "model.toml"
     file.write_text(model(drive="velocity", bus_cycle_ms="2", sensor_rate_hz="600"))
-    spec = LoopSpec("bank", bank=Bank(1.0, 4.0, 0.0, (SECTION,)))
+    spec = LoopSpec("bank", bank=Bank(1.0, 30.0, 0.0, (SECTION,)))
     found = over.largest_gain(
         PlantSet(str(file), ranges={"k_w": (1e6, 0.7e6, 1.3e6)}), ("zoh",), spec
     )
@@ -163,7 +163,10 @@ def test_a_law_whose_command_rounds_to_nothing_is_refused(tmp_path):
 def test_limit_names_a_law_that_rounds_to_nothing(tmp_path):
     (tmp_path / "model.toml").write_text(model(**FAST))
     text = forceaxis("limit", tmp_path / "model.toml", "--firmware-gain", 0.003).stdout
-    assert "dead zone    expected a force law whose dead zone is smaller than the set-point" in text
+    named = "dead zone    expected a force law whose dead zone is smaller than the set-point"
+    assert named in text
+    of_set = ("--over", "b_s=10%", "--firmware-gain", 0.003)
+    assert named in forceaxis("limit", tmp_path / "model.toml", *of_set).stdout
     text = forceaxis("limit", tmp_path / "model.toml", "--firmware-gain", 0.02).stdout
     assert "dead zone" not in text and "at           " in text
 

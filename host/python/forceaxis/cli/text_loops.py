@@ -202,7 +202,7 @@ def worst_lines(at: WorstAtGain, unit: str) -> list[str]:
         lines.append(f"{label:12} {text:14} {member.label() if member else ''}".rstrip())
     if at.sag and at.fT_Hz:
         lines.append(f"sag          |T| below -3 dB below fS at {at.member['sag'].label()}")
-    return lines
+    return lines + ([f"dead zone    {at.dead_law}"] if at.dead_law else [])
 
 
 def describe_limit_of_set(result: LimitOfSet) -> str:

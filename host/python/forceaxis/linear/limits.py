@@ -237,13 +237,13 @@ def loop_at(loop: Loop, gain: float) -> LoopAtGain:
     return LoopAtGain(
         gain=gain,
         firmware_gain=loop.optional_firmware_gain(gain),
-        dead_law=_dead_law(loop, gain),
+        dead_law=dead_law(loop, gain),
         figures=over.figures(loop, gain),
         margins=loop.margins(gain),
     )
 
 
-def _dead_law(loop: Loop, gain: float) -> str | None:
+def dead_law(loop: Loop, gain: float) -> str | None:
     """Returns why the law of a force loop at a gain k rounds each force that the sensor measures to
     no command, or None."""
     force_gain = loop.optional_firmware_gain(gain)

@@ -78,6 +78,7 @@ class WorstAtGain:
     firmware_gain: the gain in DAC codes per 8-bit count, None if the loops do not feed back ADC 0.
     Bandwidths and margins are those of over.Worst. member: {name of a bandwidth or margin, "stable"
     or "sag": the loop with the worst value}. members: number of loops that were analysed.
+    dead_law: as in limits.LoopAtGain, of the nominal loop.
     """
 
     gain: float
@@ -92,6 +93,7 @@ class WorstAtGain:
     sag: bool
     members: int
     member: dict[str, SetMember]
+    dead_law: str | None = json_field(omit_none=True)
 
 
 @dataclass(frozen=True)
@@ -297,6 +299,7 @@ def worst_at(found: LoopSet, gain: float | None, force_gain: float | None) -> Wo
         sag=worst.sag,
         members=worst.members,
         member={name: SetMember.of(*who) for name, who in worst.member.items()},
+        dead_law=limits.dead_law(nominal, k),
     )
 
 

@@ -498,7 +498,8 @@ class Loop:
         for _ in range(ROUNDED_AGAIN):
             growths.append(self._growth(A * (1 + 2.0**-53 * rng.choice([-1, 1], A.shape))))
         # A change of the same size in another direction must not decide either.
-        least = max(growths) - min(growths) + 2.0**-50 * np.abs(_core.eigenvalues(A)).max()
+        size = 1.0 if self.dt is not None else float(np.abs(self._poles).max())
+        least = max(growths) - min(growths) + 2.0**-50 * size
         return None if min(growths) - least < 0 < max(growths) + least else growths[0] < 0
 
     def _smallest_stable(self) -> float | None:
