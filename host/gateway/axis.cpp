@@ -14,7 +14,7 @@ using lcm_bus::kNotAvailable;
 
 constexpr std::uint32_t kEmergency = 0x080, kHeartbeat = 0x700;
 constexpr std::uint32_t kInvalid = 0x80000000, kNoRemote = 0x40000000;
-constexpr std::uint8_t kStart = 1;
+constexpr std::uint8_t kStart = 1, kEnterPreOperational = 128;
 // Number of periods without heartbeat after which the axis is reported as lost.
 constexpr int kLateHeartbeats = 3;
 
@@ -55,6 +55,7 @@ constexpr std::uint16_t kPolled[] = {
     AXIS_OBJ_POSITION_UNIT,
 };
 constexpr auto kFresh = 300ms;
+constexpr auto kStartPeriod = 1s;
 
 std::string name_of(std::uint16_t object) { return host::object_meta(object).name; }
 
@@ -170,6 +171,8 @@ Task<void> GatewayAxis::supervise() {
     bool done = true;
     if (!present_) {
       done = co_await find();
+    } else if (!keep_started()) {
+      done = false;
     } else if (set_up_boots_ != boots_) {
       done = co_await set_up();
     } else {
@@ -195,6 +198,27 @@ Task<bool> GatewayAxis::find() {
                           "the node does not answer; the gateway waits for the node");
   }
   co_return false;
+}
+
+// Starts a node that left the state operational after its configuration, and makes a stopped node
+// that is not configured answer SDO requests. An NMT command moves nothing: the stop, or the lost
+// heartbeat, has disabled the drive, which enables only by new controlwords of its owner. Returns
+// false while the node answers no SDO request.
+bool GatewayAxis::keep_started() {
+  const bool is_set_up = set_up_boots_ == boots_;
+  const bool has_left = is_set_up && nmt_state_ == axis_state_t::NMT_PREOPERATIONAL;
+  const bool ours = !table_known_ || !mismatch_;
+  const Time now = EventLoop::Clock::now();
+  if (ours && (is_stopped() || has_left) && now >= next_start_) {
+    next_start_ = now + kStartPeriod;
+    publisher_.loud_event(axis_event_t::EVENT_NODE, nmt_state_,
+                          "node is " + nmt_text(nmt_state_) +
+                              ", the gateway starts it; its drive stays disabled");
+    send_({0,
+           2,
+           {is_set_up ? kStart : kEnterPreOperational, static_cast<std::uint8_t>(number())}});
+  }
+  return !is_stopped();
 }
 
 bool GatewayAxis::failed(const ObjectResult &result, std::string_view what) {
@@ -243,6 +267,7 @@ Task<bool> GatewayAxis::set_up() {
     // The NMT command "start" is also needed if the node was reset or if another master has stopped
     // the node.
     send_({0, 2, {kStart, static_cast<std::uint8_t>(number())}});
+    next_start_ = EventLoop::Clock::now() + kStartPeriod;
   }
   if (boots != boots_) co_return false;
   set_up_boots_ = boots;

@@ -75,7 +75,11 @@ class GatewayAxis {
 
   // Returns true if the axis answers, has the same object table as this program, and has open SDO
   // channels for LCM and Modbus.
-  bool writes_allowed() const { return table_known_ && !mismatch_ && channels_open(); }
+  bool writes_allowed() const {
+    return table_known_ && !mismatch_ && channels_open() && !is_stopped();
+  }
+  // Returns true if NMT has stopped the node, which then answers no SDO request.
+  bool is_stopped() const { return nmt_state_ == axis_state_t::NMT_STOPPED; }
   bool mismatch() const { return mismatch_; }
   std::int64_t table_hash() const { return table_hash_; }
   bool present() const { return present_; }
@@ -93,6 +97,7 @@ class GatewayAxis {
 
   Task<void> supervise();
   Task<bool> find();
+  bool keep_started();
   Task<bool> set_up();
   Task<bool> identify();
   Task<bool> open_channels();
@@ -130,6 +135,7 @@ class GatewayAxis {
   bool published_ = true;  // true: the state after the last SYNC was published
   std::int64_t table_hash_ = lcm_bus::kNotAvailable;
   std::int64_t nmt_state_ = axis_state_t::NMT_SILENT;
+  Time next_start_;  // earliest time of the next NMT command to this node
   std::uint64_t boots_ = 1, set_up_boots_ = 0, open_boots_ = 0;
   std::chrono::milliseconds silence_{0};  // time without a heartbeat of the axis
   std::size_t next_poll_ = 0;

@@ -28,7 +28,7 @@ constexpr std::size_t kKeptItems = 65536, kMostWaitingItems = 16384;
 constexpr std::uint16_t kRecorderData = 0x2120;
 // A block of 32 samples is sent every 16 ms, so the rate is 2000 samples per second. UDP loses no
 // messages at this rate.
-constexpr std::size_t kBlock = 32;
+constexpr std::int64_t kBlock = 32;
 constexpr auto kBlockTime = 16ms;
 constexpr auto kRecorderPoll = 20ms;
 
@@ -178,14 +178,19 @@ std::optional<std::string> GatewayCommands::refusal_of(const axis_command_t &com
     return "expected axis " + std::to_string(axis_.number()) +
            " on the channel of this axis, got axis " + std::to_string(command.axis);
   }
-  if (command.kind < axis_command_t::KIND_WRITE || command.kind > axis_command_t::KIND_RELEASE) {
+  if (command.kind < axis_command_t::KIND_WRITE || command.kind > axis_command_t::KIND_REPEAT) {
     return "unknown kind of command, " + std::to_string(command.kind);
   }
+  // The gateway has the samples itself.
+  if (command.kind == axis_command_t::KIND_REPEAT) return std::nullopt;
   if (!axis_.present()) return std::string("the axis is silent");
   if (by_address) return std::nullopt;
   if (axis_.mismatch()) {
     return "the axis has object table " + hash_text(axis_.table_hash()) + ", the gateway has " +
            hash_text(AXIS_OBJECTS_HASH32) + ": only reads by address are executed";
+  }
+  if (axis_.is_stopped()) {
+    return std::string("the node is stopped by NMT and not set up yet; the gateway starts it");
   }
   if (!axis_.writes_allowed()) return std::string("the axis is not set up yet");
   if (command.objects_hash != static_cast<std::int64_t>(AXIS_OBJECTS_HASH32)) {
@@ -211,6 +216,8 @@ Task<GatewayCommands::Answer> GatewayCommands::carry_out(const axis_command_t &c
       co_return co_await read_items(command);
     case axis_command_t::KIND_CAPTURE:
       co_return co_await capture(command);
+    case axis_command_t::KIND_REPEAT:
+      co_return repeat(command);
     case axis_command_t::KIND_TAKE:
       co_return co_await lock(AXIS_COMMAND_SOURCE_LCM);
     default:
@@ -392,6 +399,8 @@ Task<GatewayCommands::Answer> GatewayCommands::capture(const axis_command_t &com
   if (answer.kind != axis_event_t::EVENT_DONE) co_return answer;
   answer.text = fetches ? "incident fetched" : "recorder armed";
   capturing_ = true;
+  recording_ = Recording{};
+  recording_.id = {command.run_id, command.command_id};
   loop_.spawn(follow_capture(command));
   co_return answer;
 }
@@ -399,6 +408,8 @@ Task<GatewayCommands::Answer> GatewayCommands::capture(const axis_command_t &com
 void GatewayCommands::end_capture(lcm_bus::CommandId id, std::int64_t code,
                                   const std::string &text) {
   capturing_ = false;
+  recording_.complete = true;
+  if (code < 0) recording_.failure = text;
   axis_.publisher().event(axis_event_t::EVENT_CAPTURE, code, text, {}, id);
 }
 
@@ -434,45 +445,101 @@ Task<void> GatewayCommands::publish_capture(const axis_command_t &command, lcm_b
                     canopen::abort_text(got.ok() ? canopen::kAbortTimeout : got.abort));
     co_return;
   }
-  std::vector<ObjectAddress> columns;
-  std::size_t row = 0;
-  std::optional<std::size_t> tick_at;
+  // The recorder is free for the black box again. If another source than CANopen owns the axis, the
+  // client writes this, if it is the owner.
+  co_await port.write(AXIS_OBJ_RECORDER_ARM, 0);
+  Recording &kept = recording_;
   for (const std::string &name : command.signal) {
-    if (name == "tick_count") tick_at = columns.size();
-    columns.push_back(address_of(*host::find_object(name)));
-    row += columns.back().bytes;
+    if (name == "tick_count") kept.tick_at = kept.columns.size();
+    kept.columns.push_back(address_of(*host::find_object(name)));
+    kept.row_bytes += kept.columns.back().bytes;
   }
-  const std::size_t total = got.data.size() / row;
-  axis_capture_t block{};
-  block.capture_id = ++captures_;
-  block.command_run_id = id.run_id;
-  block.command_id = id.command_id;
-  block.decimation = decimation.value;
-  block.total_samples = static_cast<std::int64_t>(total);
-  block.trigger_sample = trigger.value;
-  block.num_signals = static_cast<std::int32_t>(columns.size());
-  block.signal = command.signal;
-  for (std::size_t first = 0; first < total; first += kBlock) {
-    const std::size_t end = std::min(first + kBlock, total);
-    block.value.clear();
-    for (std::size_t sample = first; sample < end; ++sample) {
-      std::span<const std::uint8_t> bytes = std::span(got.data).subspan(sample * row, row);
+  const auto total = static_cast<std::int64_t>(got.data.size() / kept.row_bytes);
+  kept.bytes = got.data;
+  kept.block.capture_id = ++captures_;
+  kept.block.command_run_id = id.run_id;
+  kept.block.command_id = id.command_id;
+  kept.block.decimation = decimation.value;
+  kept.block.total_samples = total;
+  kept.block.trigger_sample = trigger.value;
+  kept.block.num_signals = static_cast<std::int32_t>(kept.columns.size());
+  kept.block.signal = command.signal;
+  co_await publish_samples(recording_.id, {0, total});
+  end_capture(id, total,
+              std::to_string(total) + " samples of " + std::to_string(kept.columns.size()) +
+                  " signals captured");
+}
+
+// Publishes a part of the recording of a command, until another recording starts.
+Task<void> GatewayCommands::publish_samples(Id id, Range range) {
+  for (std::int64_t first = range.first; first < range.second; first += kBlock) {
+    if (recording_.id != id) co_return;
+    const Recording &kept = recording_;
+    axis_capture_t block = kept.block;
+    const std::int64_t end = std::min(first + kBlock, range.second);
+    for (std::int64_t sample = first; sample < end; ++sample) {
+      std::span<const std::uint8_t> bytes =
+          std::span(kept.bytes).subspan(static_cast<std::size_t>(sample) * kept.row_bytes);
       std::vector<std::int64_t> &values = block.value.emplace_back();
-      for (const ObjectAddress &column : columns) {
+      for (const ObjectAddress &column : kept.columns) {
         values.push_back(value_of(bytes.first(column.bytes), column.is_signed));
         bytes = bytes.subspan(column.bytes);
       }
     }
-    block.first_sample = static_cast<std::int64_t>(first);
+    block.first_sample = first;
     block.num_samples = static_cast<std::int32_t>(end - first);
-    block.first_tick = tick_at ? block.value[0][*tick_at] : kNotAvailable;
-    block.utime = tick_at ? block.first_tick * 2000 / 3 : kNotAvailable;
+    block.first_tick = kept.tick_at ? block.value[0][*kept.tick_at] : kNotAvailable;
+    block.utime = kept.tick_at ? block.first_tick * 2000 / 3 : kNotAvailable;
     lcm_.publish(axis_.number(), block);
-    if (end < total) co_await loop_.sleep(kBlockTime);
+    if (end < range.second) co_await loop_.sleep(kBlockTime);
   }
-  end_capture(id, static_cast<std::int64_t>(total),
-              std::to_string(total) + " samples of " + std::to_string(columns.size()) +
-                  " signals captured");
+}
+
+// Answers with the number of samples of the recording, 0 while it is in progress, and sends samples
+// again whose messages the client has not received.
+GatewayCommands::Answer GatewayCommands::repeat(const axis_command_t &command) {
+  Answer answer;
+  answer.kind = axis_event_t::EVENT_REFUSED;
+  const bool is_whole = command.object.size() % 2 == 1 && command.object[0] == "command_id";
+  if (!is_whole) {
+    answer.text = "expected command_id, then pairs of first_sample and end_sample";
+    return answer;
+  }
+  if (recording_.id != Id{command.run_id, command.value[0]}) {
+    answer.text = "another recording has started since; record again";
+    return answer;
+  }
+  if (!recording_.failure.empty()) {
+    answer.text = recording_.failure;
+    return answer;
+  }
+  const std::int64_t total = recording_.complete ? recording_.block.total_samples : 0;
+  std::vector<Range> ranges;
+  std::int64_t left = total;  // no request sends more samples than the recording has
+  for (std::size_t i = 1; i < command.value.size(); i += 2) {
+    const std::int64_t first = std::clamp<std::int64_t>(command.value[i], 0, total);
+    const std::int64_t end = std::clamp<std::int64_t>(command.value[i + 1], 0, first + left);
+    if (first >= std::min(end, total)) continue;
+    ranges.emplace_back(first, std::min(end, total));
+    left -= ranges.back().second - first;
+  }
+  answer.kind = axis_event_t::EVENT_DONE;
+  answer.code = kNotAvailable;
+  answer.text = total == 0 ? "the recording is in progress" : "samples are sent again";
+  answer.items = {{"total_samples", total}};
+  // One repetition at a time keeps the rate of messages; the client asks for the rest.
+  if (!repeating_ && !ranges.empty()) loop_.spawn(repeat_samples(std::move(ranges)));
+  return answer;
+}
+
+Task<void> GatewayCommands::repeat_samples(std::vector<Range> ranges) {
+  repeating_ = true;
+  const Id id = recording_.id;
+  for (const Range &range : ranges) {
+    co_await publish_samples(id, range);
+    co_await loop_.sleep(kBlockTime);
+  }
+  repeating_ = false;
 }
 
 }  // namespace forceaxis::nodes

@@ -37,6 +37,19 @@ class GatewayCommands {
     std::int64_t until_us = 0;
   };
   using Id = std::pair<std::int64_t, std::int64_t>;
+  // The latest recording. It is kept until the next one starts, so that samples whose messages were
+  // lost can be sent again.
+  struct Recording {
+    Id id{};
+    bool complete = false;
+    std::string failure;     // reason why there are no samples; empty otherwise
+    axis_capture_t block{};  // all fields but the samples and their tick
+    std::vector<std::uint8_t> bytes;
+    std::vector<ObjectAddress> columns;
+    std::size_t row_bytes = 0;
+    std::optional<std::size_t> tick_at;  // column of tick_count
+  };
+  using Range = std::pair<std::int64_t, std::int64_t>;  // first sample, first sample after it
   // The object whose name or address is in an item of a command.
   struct Target {
     ObjectAddress address;
@@ -54,6 +67,9 @@ class GatewayCommands {
   Task<void> follow_capture(axis_command_t command);
   Task<void> publish_capture(const axis_command_t &command, lcm_bus::CommandId id);
   void end_capture(lcm_bus::CommandId id, std::int64_t code, const std::string &text);
+  Answer repeat(const axis_command_t &command);
+  Task<void> repeat_samples(std::vector<Range> ranges);
+  Task<void> publish_samples(Id id, Range range);
 
   std::optional<std::string> refusal_of(const axis_command_t &command) const;
   static std::optional<Target> target_of(const std::string &name);
@@ -75,7 +91,8 @@ class GatewayCommands {
   std::map<std::int64_t, Forgotten> forgotten_;  // key: run_id of the client
   std::size_t kept_items_ = 0, waiting_items_ = 0;
   int stopping_ = 0;  // number of stop commands that are in progress
-  bool capturing_ = false;
+  bool capturing_ = false, repeating_ = false;
+  Recording recording_;
   std::int64_t captures_ = 0;
 };
 

@@ -69,6 +69,7 @@ class Gateway:
         self.lcm, self.run_id, self.seq = lcm.LCM(url), new_run_id(), {}
         self.values, self.answers, self.captures = {}, {}, dict.fromkeys(axes, 0)
         self.done = []  # executed commands
+        self.sent, self.lossy = 0, 0  # number of blocks; 0, or only each `lossy`-th block arrives
         for axis in axes:
             subscription = self.lcm.subscribe(f"AXIS_{axis}_COMMAND", self.command)
             subscription.set_queue_capacity(1000)
@@ -106,6 +107,8 @@ class Gateway:
                     text, items = "position: read-only", items[: i + 1]
                     break
                 self.values[axis, name] = value
+        elif c.kind == axis_command_t.KIND_REPEAT:
+            text, items = self.repeat(axis, c)
         elif c.kind == axis_command_t.KIND_READ:
             items = [(n, self.values.get((axis, n), 0)) for n, _ in items]
         arguments = (axis, kind, text, code, c, items)
@@ -115,6 +118,7 @@ class Gateway:
         self.event(*arguments)
         if c.kind == axis_command_t.KIND_CAPTURE:
             self.values[axis, "recorder_state"] = 1  # armed
+            self.latest = c, 0
             if dict(items).get("recorder_trigger_level") == 2**31 - 1:
                 return  # no force fires that
             self.capture(axis, c, dict(items).get("recorder_length") or 100)
@@ -122,8 +126,13 @@ class Gateway:
     def capture(self, axis, command, total, lose=None):
         """`total` samples of the command's signals, sample i of signal j being 100 j + i."""
         self.captures[axis] += 1
+        self.latest = command, total
+        self.blocks(axis, command, total, 0, total, lose)
+        self.event(axis, axis_event_t.EVENT_CAPTURE, f"capture of {total} samples", total, command)
+
+    def blocks(self, axis, command, total, start, end, lose=None):
         names = command.signal if command else ["force", "dac_code"]
-        for first in range(0, total, 64):
+        for first in range(start, end, 64):
             b = blank(axis_capture_t)
             b.axis, b.capture_id, b.decimation = axis, self.captures[axis], 1
             if command:
@@ -131,13 +140,22 @@ class Gateway:
             b.first_sample, b.total_samples, b.trigger_sample = first, total, total // 10
             b.first_tick, b.utime = 3000 + first, (3000 + first) * 2000 // 3
             b.num_signals, b.signal = len(names), list(names)
-            b.num_samples = min(64, total - first)
+            b.num_samples = min(64, end - first)
             b.value = [
                 [sample(axis, n, i) for n in range(len(names))]
                 for i in range(first, first + b.num_samples)
             ]
-            self.send(f"AXIS_{axis}_CAPTURE", b, drop=first // 64 == lose)
-        self.event(axis, axis_event_t.EVENT_CAPTURE, f"capture of {total} samples", total, command)
+            self.sent += 1
+            lost = self.lossy and self.sent % self.lossy != 0
+            self.send(f"AXIS_{axis}_CAPTURE", b, drop=lost or first // 64 == lose)
+
+    def repeat(self, axis, command):
+        """Sends samples of the latest capture again: (text, items) of the answer."""
+        (_, number), *bounds = zip(command.object, command.value, strict=True)
+        assert number == self.latest[0].command_id
+        for (_, first), (_, end) in zip(bounds[::2], bounds[1::2], strict=True):
+            self.blocks(axis, *self.latest, first, min(end, self.latest[1]))
+        return "samples are sent again", [("total_samples", self.latest[1])]
 
     def clock_and_truth(self, k):
         c = blank(sim_clock_t)
@@ -170,12 +188,14 @@ def main():
     parser.add_argument("--fault", type=int, default=0, help="axis with a fault")
     parser.add_argument("--mismatch", type=int, default=0, help="axis with another table")
     parser.add_argument("--dead", default="", help="AXIS:NMT,...: axes without a value for 8.1 s")
+    parser.add_argument("--lossy", type=int, default=0, help="only each N-th block arrives")
     parser.add_argument("--capture", type=int, default=0, help="samples of a capture of axis 1")
     parser.add_argument("--lively", action="store_true")
     args = parser.parse_args()
     axes = [int(a) for a in args.axes.split(",")]
     dead = dict(map(int, words.split(":")) for words in args.dead.split(",") if words)
     gateway, start = Gateway(args.url, axes), time.monotonic()
+    gateway.lossy = args.lossy
     print("ready", flush=True)
     for k in range(args.count):
         while (remaining := start + k / args.rate - time.monotonic()) > 0:

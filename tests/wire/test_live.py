@@ -17,7 +17,7 @@ from forceaxis import objects
 from forceaxis._core import InputError
 from forceaxis.axis.axis import MODES
 from forceaxis.axis.session import Session
-from forceaxis.bus import state_names
+from forceaxis.bus import client, state_names
 from forceaxis.bus.client import AxisClient, NoAnswer, Refused, from_raw, to_raw
 from forceaxis.bus.lcm import (
     TABLE_HASH,
@@ -274,6 +274,28 @@ def test_a_client_captures_what_the_recorder_holds(url):
             axis.capture(["no_such"])
         with pytest.raises(InputError, match="1 to 8"):
             axis.capture([])
+
+
+@pytest.mark.parametrize("lossy", [2, 3])
+def test_a_capture_is_complete_although_most_blocks_are_lost_at_first(url, lossy):
+    """Half or two thirds of all blocks are lost, also of those that are sent again."""
+    with (
+        gateway(url, axes="1", rate=20, lossy=lossy),
+        AxisClient(1, url, retry_s=0.1) as axis,
+    ):
+        held = axis.capture(["force"], samples=700)
+        assert held.missing == 0
+        assert held.values("force").tolist() == [sample(1, 0, i) / 256 for i in range(700)]
+
+
+def test_a_capture_of_which_everything_is_always_lost_ends(url, monkeypatch):
+    monkeypatch.setattr(client, "LATE_BLOCKS_WAIT_S", 0.05)
+    with (
+        gateway(url, axes="1", rate=20, lossy=10**6),
+        AxisClient(1, url, retry_s=0.1) as axis,
+        pytest.raises(NoAnswer, match="expected the samples of a capture, but none were received"),
+    ):
+        axis.capture(["force"], samples=100)
 
 
 def test_a_capture_of_which_a_block_is_lost_says_so(url):

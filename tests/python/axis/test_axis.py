@@ -489,7 +489,9 @@ def test_an_enabled_axis_of_another_client_is_shared_only_if_wanted(axis, monkey
     axis.enable("profile velocity")
     other = Axis(axis.link)
     with pytest.raises(
-        Refused, match="the axis is operation enabled by another client of this bus"
+        Refused,
+        match="the axis is operation enabled by another client of this bus; end that client, or "
+        "stop the axis with `forceaxis axis stop`",
     ):
         other.acquire()
     other.acquire(shared=True)

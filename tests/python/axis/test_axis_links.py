@@ -2,17 +2,20 @@
 tests/wire/test_axis_ways.py has both on real buses."""
 
 import contextlib
+import threading
 import time
 from pathlib import Path
 
 import can
 import canopen
 import pytest
-from forceaxis.axis import gateway, modbus
+from forceaxis.axis import gateway, modbus, scan
+from forceaxis.axis.axis import Axis
 from forceaxis.axis.can import OWN_NODE, CanLink
 from forceaxis.axis.gateway import GatewayLink
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.modbus import ModbusLink
+from forceaxis.cycles import live
 from forceaxis.objects import BY_NAME
 from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 
@@ -160,6 +163,82 @@ def test_can_refusals_and_silence_are_named(node):
         link.close()
 
 
+class StoppedNode(threading.Thread):
+    """Makes the stand-in a node that NMT has stopped: it sends heartbeats and answers nothing until
+    the NMT command start."""
+
+    def __init__(self, local):
+        super().__init__(daemon=True)
+        self.local, self.commands, self.end = local, [], threading.Event()
+        local.network.unsubscribe(0x601)
+        local.network.subscribe(0x000, self.command)
+        local.value("nmt_state").raw = 4
+
+    def command(self, _can_id, data, _timestamp):
+        self.commands.append(bytes(data))
+        if data == b"\x01\x01":
+            self.local.value("nmt_state").raw = 5
+            self.local.network.subscribe(0x601, self.local.sdo.on_request)
+
+    def run(self):
+        while not self.end.wait(0.05):
+            self.local.network.send_message(0x701, [self.local.value("nmt_state").raw])
+
+
+@pytest.fixture
+def stopped(node):
+    local, bus = node
+    made = StoppedNode(local)
+    made.start()
+    yield made, local, bus
+    made.end.set()
+    made.join()
+
+
+def test_can_a_node_that_nmt_has_stopped_is_named_and_started(stopped):
+    made, local, bus = stopped
+    local.value("controlword").raw = 0
+    link = CanLink("virtual", 1, bus=bus, timeout_s=0.3)
+    try:
+        with pytest.raises(NoAnswer, match=r"stopped by NMT .*start it with `forceaxis axis start`"):
+            link.read(["force"])
+        with pytest.raises(NoAnswer, match="stopped by NMT"):
+            link.acquire()  # starts nobody whom somebody else has stopped
+        assert made.commands == []
+        link.start()
+        assert made.commands[0] == b"\x01\x01"
+        assert link.read(["command_source"]) == {"command_source": 0}
+        assert local.value("controlword").raw == 0  # nothing is enabled
+    finally:
+        link.close()
+
+
+def test_can_a_scan_names_a_stopped_node_and_the_command_that_starts_it(stopped):
+    _, _, bus = stopped
+    (found,) = scan.on_can("can7", bus, 0.3)
+    assert (found.id, found.state) == (1, "stopped by NMT")
+    assert "`forceaxis axis start --can can7 --node 1`" in found.note
+
+
+def test_can_another_client_of_the_same_channel_is_named_before_a_cycle(node):
+    local, bus = node
+    link = CanLink("virtual", 1, bus=bus)
+    try:
+        link.read(["command_source"])
+        assert link.disturbance() is None  # own requests are none
+        local.network.send_message(0x601, [0x40, 0x01, 0x10, 0, 0, 0, 0, 0])
+        assert "use --axis 1 behind that gateway" in link.disturbance()
+        with pytest.raises(Refused, match="would interrupt the reading of a recording or a curve"):
+            live.expect_readable(Axis(link))
+    finally:
+        link.close()
+
+
+def test_nmt_is_refused_where_it_does_not_exist(registers):
+    with pytest.raises(Refused, match="expected a connection by --can or --axis, because NMT"):
+        ModbusLink("tcp://somewhere").start()
+
+
 # Modbus: a client that has registers of its own.
 
 
@@ -260,7 +339,7 @@ def test_modbus_answers_with_fewer_or_more_registers_are_no_values(registers, ke
 
         def other(address, *, count, device_id, ask=ask):
             answer = ask(address, count=count, device_id=device_id)
-            answer.registers = (answer.registers + [7])[: kept * (count + 1)]
+            answer.registers = [*answer.registers, 7][: kept * (count + 1)]
             return answer
 
         monkeypatch.setattr(registers, way, other)

@@ -103,7 +103,10 @@ class Axis(Drive):
                 if is_this_bus
                 else f"the client that owns it, {now.command_source}"
             )
-            raise Refused(f"{self.link.where}: the axis is {now.state} by {whose}")
+            raise Refused(
+                f"{self.link.where}: the axis is {now.state} by {whose}; end that client, or stop "
+                "the axis with `forceaxis axis stop`"
+            )
         self.link.acquire()
         self._owned = True
 

@@ -41,7 +41,8 @@ except ImportError:
 for library in ("can", "canopen"):
     logging.getLogger(library).addHandler(logging.NullHandler())
 
-NMT_OPERATIONAL, NMT_START = 5, 1
+NMT_STOPPED, NMT_OPERATIONAL, NMT_START = 4, 5, 1
+START_S = 2.0  # longest time in s until a node that was started answers
 OWN_NODE = 126  # 127 is a gateway's
 RIVAL_LISTEN_S = 0.5
 REQUEST_ID, ANSWER_ID, HEARTBEAT_ID = 0x600, 0x580, 0x700
@@ -67,6 +68,10 @@ SEGMENT_BYTES = 7  # of an SDO transfer
 MOST_BYTES, MOST_DOMAIN_BYTES = 256, 1 << 20
 READ_TRIES = 2
 ABORT_TOO_LONG = 0x06070012  # SDO abort code: the object is longer than expected
+STOPPED = (
+    "the node is stopped by NMT and answers nothing; start it with `forceaxis axis start`, which "
+    "enables no drive"
+)
 STRUCT_FORMATS = {"u8": "<B", "i8": "<b", "u16": "<H", "i16": "<h", "u32": "<I", "i32": "<i"}
 # Error code of the firmware (a key of link.REASONS) for each SDO abort code.
 REASON_OF_ABORT = {
@@ -151,6 +156,12 @@ class CanLink(RecorderLink):
         # Time in s since 1970 until which heartbeats with the own node id come from this program.
         self._beaten_until = 0.0
         self._network.subscribe(HEARTBEAT_ID + own_node, self._heard)
+        # NMT state of the latest heartbeat of the node. None before that.
+        self._nmt_state: int | None = None
+        self._network.subscribe(HEARTBEAT_ID + node, self._heard_node)
+        # This event is set if another client sends a request over the SDO channel of this one.
+        self._asked_by_another = threading.Event()
+        self._network.subscribe(REQUEST_ID + node, self._heard_request)
 
     def _answered(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Passes an SDO answer to the library. Ignores an answer to another client of the same SDO
@@ -180,6 +191,8 @@ class CanLink(RecorderLink):
                 text = REASONS.get(REASON_OF_ABORT.get(error.code, 0), f"{error}")
                 raise Refused(f"{what}: {text}", error.code) from None
             except (silent, OSError, can.CanError) as error:
+                if self._nmt_state == NMT_STOPPED:
+                    raise NoAnswer(f"{self.where}: {STOPPED}") from None
                 raise NoAnswer(
                     f"{self.where}: expected an answer about {what} within {self._timeout_s:g} s, "
                     f"{error}; check that the axis is switched on, has this node id and is not "
@@ -289,6 +302,33 @@ class CanLink(RecorderLink):
     def _heard(self, _can_id: int, _data: bytearray, timestamp: float) -> None:
         if timestamp > self._beaten_until:
             self._rival.set()
+
+    def _heard_node(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
+        self._nmt_state = data[0] & 0x7F if data else None
+
+    def _heard_request(self, _can_id: int, _data: bytearray, _timestamp: float) -> None:
+        self._asked_by_another.set()
+
+    def disturbance(self) -> str | None:
+        if not self._asked_by_another.wait(RIVAL_LISTEN_S):
+            return None
+        return (
+            f"{self.where}: another client, such as a gateway, sends requests over the SDO channel "
+            "of this one and would interrupt the reading of a recording or a curve; use --axis "
+            f"{self._id} behind that gateway, or end it"
+        )
+
+    def start(self) -> None:
+        for _ in self.polls(START_S):
+            with self._asking("NMT start"):
+                self._network.send_message(0, bytes([NMT_START, self._id]))
+            with contextlib.suppress(NoAnswer):
+                if self.read_one("nmt_state") == NMT_OPERATIONAL:
+                    return
+        raise NoAnswer(
+            f"{self.where}: expected the NMT state operational within {START_S:g} s, got another; "
+            "check that no other master stops the node"
+        )
 
     def _send_beat(self, data: bytes) -> None:
         # A thread sends the heartbeat, because an SDO transfer may last longer than the consumer

@@ -1,5 +1,6 @@
 """Access to an axis that a gateway serves on LCM."""
 
+import contextlib
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -82,7 +83,8 @@ class GatewayLink(Link):
         with self.unfed(values):
             self.client.write_raw(values)
 
-    def acquire(self) -> None:
+    def start(self) -> None:
+        """Waits until the gateway has started the node, which it does by itself."""
         end = time.monotonic() + self._ready_s
         while True:
             state = self.client.state(max(end - time.monotonic(), RETRY_PERIOD_S))
@@ -94,6 +96,9 @@ class GatewayLink(Link):
                     f"{self.where}: expected a node in the NMT state operational within "
                     f"{self._ready_s:g} s, got the state {state_names.node_state(state.nmt_state)}"
                 )
+
+    def acquire(self) -> None:
+        self.start()
         self._when_set_up(self.client.take)
         self._keeper = GatewayKeeper(self._axis, self._url)
 
@@ -140,7 +145,10 @@ class GatewayLink(Link):
                 f"{self.where}: {held.missing} of {held.total} samples were lost on the way; "
                 "record again"
             )
-        self.client.write_raw({"recorder_arm": 0})
+        # If CANopen owns the axis, the gateway has made the recorder idle. A client on another bus
+        # that owns it has to do so itself; the samples are here all the same.
+        with contextlib.suppress(Refused):
+            self.client.write_raw({"recorder_arm": 0})
         return Recording(held.signals, held.raw, held.decimation, held.trigger_sample)
 
     def close(self) -> None:

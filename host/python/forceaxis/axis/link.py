@@ -151,6 +151,20 @@ class Link(abc.ABC):
         """Writes {object: raw value} in order and stops at the first value that the axis refuses.
         Raises Refused, NoAnswer."""
 
+    def start(self) -> None:
+        """Brings the node of the axis into the NMT state operational. This enables no drive: a node
+        that was stopped has disabled its drive, which only its owner enables. Raises Refused,
+        NoAnswer."""
+        raise Refused(
+            f"{self.where}: expected a connection by --can or --axis, because NMT, which stops and "
+            "starts nodes, is a service of CANopen"
+        )
+
+    def disturbance(self) -> str | None:
+        """Returns a sentence about another client that uses the channel over which recordings and
+        curves are read and would interrupt them, or None."""
+        return None
+
     @abc.abstractmethod
     def acquire(self) -> None:
         """Acquires the axis. Raises Refused if another client owns the axis."""

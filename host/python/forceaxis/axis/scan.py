@@ -8,10 +8,18 @@ from typing import TYPE_CHECKING
 from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import DEVICE_NAME_INDEX, VERSION_INDEX, Link, NoAnswer, Refused
+from forceaxis.bus.state_names import node_state
 
 if TYPE_CHECKING:
     import can
 
+NMT_STOPPED, NMT_SILENT = 4, -1  # NMT states of a node
+HEARTBEAT_ID = 0x700
+# Sentences about a node that answers nothing.
+STOPPED_STATE = "stopped by NMT"
+NODE_STOPPED = "start the node with `forceaxis axis start {options}`; this enables no drive"
+GATEWAY_STARTS = "the gateway starts the node by itself; this enables no drive"
+GATEWAY_HEARS_NOTHING = "no message from the node; check power and bus of the axis"
 NODE_ANSWERS_S = 0.5  # time in s in which the nodes of a CAN bus must answer
 UNIT_TIMEOUT_S = 0.15  # time in s in which one Modbus unit must answer
 
@@ -62,11 +70,16 @@ def at_gateway(url: str | None = None, seconds: float = 1.0) -> Iterator[Scanned
     source = LiveSource(watch, url, None)
     try:
         time.sleep(seconds)
-        numbers = sorted(n for n, a in watch.axes.items() if a.state is not None)
+        states = {n: a.state.nmt_state for n, a in watch.axes.items() if a.state is not None}
     finally:
         source.close()
-    for number in numbers:
-        yield scanned(GatewayLink(number, url), number)
+    for number, state in sorted(states.items()):
+        if state == NMT_STOPPED:
+            yield ScannedAxis(number, state=STOPPED_STATE, note=GATEWAY_STARTS)
+        elif state == NMT_SILENT:
+            yield ScannedAxis(number, state=node_state(state), note=GATEWAY_HEARS_NOTHING)
+        else:
+            yield scanned(GatewayLink(number, url), number)
 
 
 def on_can(
@@ -76,11 +89,25 @@ def on_can(
     within `seconds`."""
     from forceaxis.axis.can import CanLink, network
 
+    stopped: set[int] = set()
+
+    def beat(can_id: int, data: bytearray, _timestamp: float) -> None:
+        if data and data[0] & 0x7F == NMT_STOPPED:
+            stopped.add(can_id - HEARTBEAT_ID)
+
     with network(interface, bus) as opened:
+        for number in range(1, 128):
+            opened.subscribe(HEARTBEAT_ID + number, beat)
         opened.scanner.search()
         time.sleep(seconds)
-        numbers = sorted(set(opened.scanner.nodes))
+        numbers = sorted(set(opened.scanner.nodes) | stopped)
     for number in numbers:
+        if number in stopped:
+            options = f"--can {interface} --node {number}"
+            yield ScannedAxis(
+                number, state=STOPPED_STATE, note=NODE_STOPPED.format(options=options)
+            )
+            continue
         found = scanned(CanLink(interface, number, number % 127 + 1, bus, timeout_s=0.3), number)
         if found.table is None:
             note = "heard, but it has none of these objects: a master, or a gateway"

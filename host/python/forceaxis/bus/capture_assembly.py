@@ -66,6 +66,11 @@ class Assembly:
     def missing(self) -> int:
         return int((~self.have).sum())
 
+    def gaps(self) -> list[tuple[int, int]]:
+        """Returns the ranges of missing samples, each as (first sample, first sample after it)."""
+        edges = np.flatnonzero(np.diff(np.concatenate(([True], self.have, [True]))))
+        return [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
+
     def ticks(self) -> NDArray[np.int64]:
         """Returns the tick of each sample. If the gateway reported no tick, the sample at the
         trigger has tick 0."""

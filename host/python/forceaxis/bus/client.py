@@ -25,7 +25,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
 from forceaxis._core import InputError
-from forceaxis.bus.capture_assembly import Assembly
+from forceaxis.bus.capture_assembly import SAMPLES_MAX, Assembly
 from forceaxis.bus.lcm import (
     AXES,
     NOT_AVAILABLE,
@@ -43,6 +43,11 @@ from forceaxis.words import suggestion
 
 # time in s in which blocks of a capture may still arrive after the event that ends the capture
 LATE_BLOCKS_WAIT_S = 1.0
+# Bounds of a capture after its trigger: longest time in s until all samples are here, and number of
+# requests for lost samples that may pass without a new one.
+TRANSFER_MAX_S, FRUITLESS_MAX = 120.0, 5
+RANGES_MAX = 100  # largest number of ranges of lost samples in one request
+WAKE_S = 0.25  # longest time in s between two looks at what was received
 SILENCE_S = 1.0  # longest time in s between two state messages of an axis while the gateway runs
 
 T = TypeVar("T")
@@ -139,6 +144,9 @@ class AxisClient(Closable):
         self._captures: dict[int, Assembly] = {}
         self._events: deque[tuple[int, axis_event_t]] = deque(maxlen=10_000)
         self._news, self._received_s = threading.Condition(), -math.inf
+        # Time of the latest block of a capture of this client, or of the latest request for lost
+        # ones. 0 before both.
+        self._block_s = 0.0
         self._bus = Bus(url, self._take, f"AXIS_{axis}_(STATE|EVENT|CAPTURE)")
 
     def close(self) -> None:
@@ -210,49 +218,90 @@ class AxisClient(Closable):
                 )
         wanted = {"length": samples, **settings}
         items = [(f"recorder_{n}", to_raw(f"recorder_{n}", v)) for n, v in wanted.items()]
+        self._block_s = 0.0
         self._command(axis_command_t.KIND_CAPTURE, items, signals)
         return self._command_id
 
     def fetch(self, signals: Sequence[str]) -> int:
         """Loads an incident of the black box into the recorder. `signals` are the signals that the
         black box has recorded. Returns the number of this recording, which captured() needs."""
+        self._block_s = 0.0
         self._command(axis_command_t.KIND_CAPTURE, [("incident_command", 1)], signals)
         return self._command_id
 
     def captured(self, number: int, timeout_s: float = 30.0) -> Assembly:
-        """Waits for the samples of a recording. Returns a capture_assembly.Assembly, whose
-        `missing` is the number of samples lost between gateway and client."""
-
-        def complete() -> Assembly | None:
-            held = self._captures.get(number)
-            return held if held and held.complete else None
-
+        """Waits for the end of a recording, at most `timeout_s`, then for its samples. Asks the
+        gateway to send lost samples again. Returns a capture_assembly.Assembly, whose `missing` is
+        the number of samples that were lost every time."""
         with self._news:
-            found = self._await(lambda: complete() or self._ended(number), timeout_s)
-            if found is not None:
+            self._await(
+                lambda: self._whole(number) or self._ended(number) or self._stalled(number),
+                timeout_s,
+            )
+            if self._ended(number):
                 # Blocks of samples may arrive after the event that ends the capture.
-                # A block that was lost is never sent again.
-                self._await(complete, LATE_BLOCKS_WAIT_S)
-            held, ended = self._captures.pop(number, None), self._ended(number)
-        if ended and ended.code < 0:
-            raise _refusal(ended)
-        if found is None or held is None:
-            raise self._no_capture(timeout_s)
+                self._await(lambda: self._whole(number), LATE_BLOCKS_WAIT_S)
+        fruitless, end = 0, time.monotonic() + TRANSFER_MAX_S
+        while not self._whole(number) and fruitless < FRUITLESS_MAX and time.monotonic() < end:
+            ended = self._ended(number)
+            if ended and ended.code < 0:
+                raise _refusal(ended)
+            before = self._have(number)
+            is_read = self._repeat(number)
+            if not is_read:
+                self._expect_end(timeout_s)
+            with self._news:
+                self._block_s = time.monotonic()
+                self._await(lambda: self._whole(number) or self._stalled(number), TRANSFER_MAX_S)
+            fruitless = 0 if not is_read or self._have(number) > before else fruitless + 1
+        with self._news:
+            held = self._captures.pop(number, None)
+        if held is None:
+            raise NoAnswer(
+                f"axis {self.axis}: expected the samples of a capture, but none were received on "
+                f"{self._bus.url}; record again"
+            )
         return held
 
-    def _no_capture(self, timeout_s: float) -> NoAnswer:
-        """Returns the error for a capture that the axis acknowledged but that has no samples."""
-        try:
-            state = self.read("recorder_state")
-        except (NoAnswer, Refused):
-            return self._silence(f"a capture within {timeout_s:g} s")
-        why = f"the recorder is {state} and no samples were received"
+    def _whole(self, number: int) -> Assembly | None:
+        held = self._captures.get(number)
+        return held if held and held.complete else None
+
+    def _have(self, number: int) -> int:
+        held = self._captures.get(number)
+        return held.total - held.missing if held else 0
+
+    def _stalled(self, number: int) -> bool | None:
+        """Returns True if blocks of a capture were expected for LATE_BLOCKS_WAIT_S and did not
+        come, otherwise None."""
+        idle = time.monotonic() - self._block_s > LATE_BLOCKS_WAIT_S
+        return True if idle and self._block_s > 0 else None
+
+    def _repeat(self, number: int) -> bool:
+        """Asks the gateway to send the samples of a capture that are missing again. Returns False
+        if the gateway does not have them yet. Raises Refused, NoAnswer."""
+        with self._news:
+            held = self._captures.get(number)
+            ranges = held.gaps()[:RANGES_MAX] if held else [(0, SAMPLES_MAX)]
+        items = [("command_id", number)]
+        for first, end in ranges:
+            items += [("first_sample", first), ("end_sample", end)]
+        answer = self._command(axis_command_t.KIND_REPEAT, items)
+        total: int = answer.value[answer.object.index("total_samples")]
+        return total > 0
+
+    def _expect_end(self, timeout_s: float) -> None:
+        """Raises NoAnswer if the recorder still waits for its trigger or records."""
+        state = self.read("recorder_state")
+        if state not in ("armed", "recording"):
+            return  # the gateway reads the samples from the axis
+        why = "the recording has not ended; wait longer"
         if state == "armed":
             why = (
                 "the trigger condition has not occurred; wait longer, or check trigger_source, "
                 "trigger_level and trigger_edge"
             )
-        return NoAnswer(f"axis {self.axis}: expected a capture within {timeout_s:g} s, {why}")
+        raise NoAnswer(f"axis {self.axis}: expected a capture within {timeout_s:g} s, {why}")
 
     def _event_of(self, command_id: int, *kinds: int) -> axis_event_t | None:
         """Returns the latest event that has one of the given kinds and answers a command of this
@@ -353,6 +402,7 @@ class AxisClient(Closable):
                 self._heard += 1
             elif isinstance(message, axis_capture_t) and message.command_run_id == self._bus.run_id:
                 self._captures.setdefault(message.command_id, Assembly()).take(message)
+                self._block_s = time.monotonic()
                 if len(self._captures) > 16:  # no caller waits any longer for the oldest capture
                     del self._captures[min(self._captures)]
             self._news.notify_all()
@@ -362,7 +412,7 @@ class AxisClient(Closable):
         caller must hold the lock `_news`."""
         end = time.monotonic() + timeout_s
         while (found := ready()) is None and (remaining := end - time.monotonic()) > 0:
-            self._news.wait(remaining)
+            self._news.wait(min(remaining, WAKE_S))
         return found
 
     def _silence(self, wanted: str) -> NoAnswer:

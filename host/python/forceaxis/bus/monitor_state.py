@@ -38,6 +38,7 @@ COMMAND_KINDS = {
     axis_command_t.KIND_CAPTURE: "capture",
     axis_command_t.KIND_TAKE: "take the axis",
     axis_command_t.KIND_RELEASE: "release the axis",
+    axis_command_t.KIND_REPEAT: "send again",
 }
 VOLT_PER_CODE = 20 / 4096  # of the DAC
 T = TypeVar("T")

@@ -240,6 +240,21 @@ def stop(connection: AxisConnection, as_json: bool) -> None:
         print_state(axis, "stopped", as_json)
 
 
+@axis.command(epilog="forceaxis axis start --can can0 --node 3")
+@live
+@as_json
+def start(connection: AxisConnection, as_json: bool) -> None:
+    """Start a node that NMT has stopped, so that it answers and sends again. `axis list` shows such
+    a node.
+
+    A start enables no drive: the stop has disabled the drive, and its owner has to enable it again.
+    A gateway starts its axes by itself; with --axis the command waits until it has.
+    """
+    with connected(connection) as axis:
+        axis.link.start()
+        print_state(axis, "started", as_json)
+
+
 @axis.command(epilog="forceaxis axis reset --axis 1")
 @live
 @as_json

@@ -116,6 +116,8 @@ def start(
     results.serial_words(serial)
     wanted = cycles.live_program(experiment, (), program)
     with records.folder_or_none(out) as folder, owned(connection) as axis:
+        if folder is not None or curve is not None or plot is not None:
+            cycles.expect_readable(axis)
         record = results.press(axis, wanted, serial)
         if folder is not None:
             record = results.with_curve(axis, record, wanted)

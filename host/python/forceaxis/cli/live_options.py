@@ -268,7 +268,10 @@ def errors(connection: AxisConnection | None = None) -> Iterator[None]:
     except (Refused, NoAnswer) as error:
         text = str(error)
         if connection is not None:
-            text = text.replace("reset_fault()", f"`forceaxis axis reset {connection.options()}`")
+            text = text.replace("reset_fault()", "`forceaxis axis reset`")
+            for verb in ("reset", "start", "stop"):
+                command = f"`forceaxis axis {verb}"
+                text = text.replace(f"{command}`", f"{command} {connection.options()}`")
         fail(text, status=1)
 
 

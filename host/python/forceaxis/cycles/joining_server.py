@@ -153,7 +153,7 @@ class Connection(binary_server_asyncio.OPCUAProtocol):
             self._late = None
 
 
-binary_server_asyncio.OPCUAProtocol = Connection  # type: ignore[misc]  # asyncua has no other place
+binary_server_asyncio.OPCUAProtocol = Connection  # asyncua has no other place
 
 
 def evaluation(state: str) -> Structure:

@@ -178,6 +178,13 @@ def load(axis: Drive, wanted: LiveProgram) -> LoadedProgram:
     )
 
 
+def expect_readable(axis: Drive) -> None:
+    """Raises Refused before a cycle whose curve could not be read afterwards."""
+    disturbance = axis.link.disturbance()
+    if disturbance:
+        raise Refused(disturbance)
+
+
 def wait_stored(axis: Drive) -> str:
     """Waits until a disabled axis has stored its programs and counts, and returns its
     cycle_store_state. Raises Refused, NoAnswer."""
@@ -209,10 +216,10 @@ def select(axis: Drive, wanted: LiveProgram) -> None:
         )
 
 
-def start(axis: Drive, wanted: LiveProgram, timeout_s: float = PART_TIMEOUT_S) -> None:
+def start(axis: Drive, wanted: LiveProgram, timeout_s: float = PART_TIMEOUT_S) -> str | None:
     """Runs one cycle with a program of the axis, which is owned. All bounds of the axis
-    hold; the axis is disabled at the end. Raises Refused if no cycle starts, NoAnswer if it does
-    not end in `timeout_s`."""
+    hold; the axis is disabled at the end. Returns the fault that ended the cycle, or None. Raises
+    Refused if no cycle starts, NoAnswer if it does not end in `timeout_s`."""
     expect_same_axis(axis, wanted)
     select(axis, wanted)
     wait_stored(axis)
@@ -232,5 +239,6 @@ def start(axis: Drive, wanted: LiveProgram, timeout_s: float = PART_TIMEOUT_S) -
         )
         if found.cycle_state in NOT_STARTED:
             raise Refused(f"{axis.link.where}: no cycle started: {NOT_STARTED[found.cycle_state]}")
+        return None if found.fault == "none" else found.fault
     finally:
         axis.off()

@@ -435,7 +435,7 @@ def press(axis: Drive, wanted: LiveProgram, serial: str = "") -> PartRecord:
     if serial:
         axis.link.write(words)
     try:
-        live.start(axis, wanted)
+        fault = live.start(axis, wanted)
     except BaseException:
         # Without a cycle, the serial number would be that of the next part.
         with contextlib.suppress(Refused, NoAnswer):
@@ -448,5 +448,8 @@ def press(axis: Drive, wanted: LiveProgram, serial: str = "") -> PartRecord:
         axis=now.axis,
         device=now.device,
         parameters_crc=now.parameters_crc,
-        notes=Reminders().notes(record, now.calibration_expired),
+        notes=[
+            *Reminders().notes(record, now.calibration_expired),
+            *([f"fault {fault}: `forceaxis axis reset` resets it"] if fault else []),
+        ],
     )

@@ -39,6 +39,12 @@ class axis_command_t(object):
     """ take the command source for LCM; the client keeps it by writes """
     KIND_RELEASE = 5
     """ give the command source back to CANopen """
+    KIND_REPEAT = 6
+    """
+    send samples of this client's latest capture again whose blocks were lost: items command_id of
+    the capture, then pairs first_sample, end_sample (the first one after the range). The answer has
+    the item total_samples, 0 while the capture is in progress; blocks follow as for KIND_CAPTURE
+    """
 
     def __init__(self):
         self.utime = 0
