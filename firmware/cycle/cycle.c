@@ -227,17 +227,14 @@ static bool has_travelled(cycle_t *cycle, const cycle_condition_t *condition,
   }
 }
 
-/* Returns true if a condition can be met without a valid sample. */
-static bool needs_no_sample(const cycle_t *cycle, uint8_t when) {
-  return when == CYCLE_TIME || when == CYCLE_INPUT_ON || when == CYCLE_INPUT_OFF ||
-         (when == CYCLE_REACHED && cycle->target == CYCLE_TARGET_MET);
+/* Returns true if a condition can be met in this tick: its sample is valid, or it needs none. */
+static bool has_sample(const cycle_t *cycle, uint8_t when, const cycle_inputs_t *now) {
+  return now->defects == CYCLE_SAMPLE_VALID || when == CYCLE_TIME || when == CYCLE_INPUT_ON ||
+         when == CYCLE_INPUT_OFF || (when == CYCLE_REACHED && cycle->target == CYCLE_TARGET_MET);
 }
 
 static bool is_met(cycle_t *cycle, const cycle_condition_t *condition, const cycle_inputs_t *now) {
   const int32_t level = condition->level;
-  if (now->defects != CYCLE_SAMPLE_VALID && !needs_no_sample(cycle, condition->when)) {
-    return false;
-  }
   switch (condition->when) {
     case CYCLE_NEVER:
       return false;
@@ -387,7 +384,8 @@ static bool take_condition(cycle_t *cycle, const cycle_phase_t *phase, const cyc
   uint16_t *taken = cycle->taken[cycle->phase];
   for (uint8_t i = 0; i < CYCLE_CONDITIONS; i++) {
     const cycle_condition_t *condition = &phase->conditions[i];
-    if ((condition->count == 0 || taken[i] < condition->count) && is_met(cycle, condition, now)) {
+    if ((condition->count == 0 || taken[i] < condition->count) &&
+        has_sample(cycle, condition->when, now) && is_met(cycle, condition, now)) {
       taken[i] = (uint16_t)(taken[i] + (condition->count != 0));
       cycle->ended_by = (uint8_t)(i + 1);
       go_on(cycle, condition->next, now);

@@ -104,7 +104,7 @@ struct CycleResult {
   std::string failed_phase;  // phase in which the cycle failed; "" if it ended by its program
   std::vector<CycleFigure> figures;  // one for each element; empty before the end of a cycle
   std::int64_t cycles = 0;           // number of cycles that were started
-  // number of ticks in judged phases whose sample is not valid; 0 before the end of a cycle
+  // number of ticks in evaluated phases whose sample is not valid; 0 before the end of a cycle
   std::int64_t invalid_ticks = 0;
 };
 

@@ -1487,7 +1487,7 @@ typedef struct {
   uint8_t first_motion_test; /* on makes the first enabling after power-up begin with the first motion test, which checks sensors, amplifier and signs by a small motion. If the store has no parameter set, the value after power-up is on [enum] */
   uint8_t tare_averaging; /* exponent n of the tare measurement: the tare is the mean over 2^n ticks [1] */
   uint8_t calibration_points; /* number of calibration points, from the first element of calibration_reading and calibration_force on [1] */
-  uint8_t cycle_age_max; /* largest age of force and position with which a cycle judges a part: a bus cycle, by default 2 ms, or the period of a slower sensor [tick] */
+  uint8_t cycle_age_max; /* largest age of force and position with which a cycle evaluates a part: a bus cycle, by default 2 ms, or the period of a slower sensor [tick] */
 } drive_params_t;
 
 typedef struct {
@@ -1531,7 +1531,7 @@ typedef struct {
   uint8_t calibration_expired; /* 1 if the calibration is no longer valid: date is later than calibration_date plus calibration_validity [1] */
   uint8_t cycle_state; /* state of the cycle of mode -9: running; evaluating the last samples; the part is good or bad; aborted by a stop, a fault or the loss of the owner; or why no cycle started: no program, another bank than the one the program was made for, no reference position for an absolute position, too many results that wait for their acknowledgement, a lock after bad parts, the number of power-ups is not stored yet, a force of the program at or beyond the end of what the force sensor can show, or a halt [enum] */
   uint8_t cycle_phase; /* number of the phase of the cycle that runs, or of the last phase, from 0 [1] */
-  uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late; a tare failed, because the axis was in contact or did not stand still, or because the offset is beyond tare_band; a sample of a judged phase is not valid, because the force was at an end of its range or because force or position was older than cycle_age_max; a value that decides the part was changed [enum] */
+  uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late; a tare failed, because the axis was in contact or did not stand still, or because the offset is beyond tare_band; a sample of an evaluated phase is not valid, because the force was at an end of its range or because force or position was older than cycle_age_max; a value that decides the part was changed [enum] */
   uint8_t cycle_outputs; /* digital outputs that the program of the cycle has switched on: bits 0 to 3 are outputs 1 to 4 [1] */
   uint8_t cycle_ended_by; /* number, from 1, of the condition that ended the last phase that has ended; 0: a limit or a stop ended the phase, or no phase has ended yet [1] */
 } drive_signals_t;
@@ -1647,7 +1647,7 @@ typedef struct {
   uint32_t cycle_result_power_up; /* cycle_power_up of the part that is shown [1] */
   uint32_t cycle_result_program_crc; /* CRC-32 of the program of the part that is shown [1] */
   uint32_t cycle_result_bank_crc; /* CRC-32 of the law with which the part that is shown began; 0 without a bank, or with a gain that contact_unstable_option had halved [1] */
-  uint32_t cycle_result_invalid; /* number of ticks in judged phases of the part that is shown whose sample is not valid; 0 for a good part [tick] */
+  uint32_t cycle_result_invalid; /* number of ticks in evaluated phases of the part that is shown whose sample is not valid; 0 for a good part [tick] */
   uint32_t cycle_result_begin; /* tick_count at which the cycle of the part that is shown started [tick] */
   uint32_t cycle_result_duration; /* duration of the cycle of the part that is shown [tick] */
   uint32_t cycle_result_serial[4]; /* serial number of the part that is shown, 4 bytes, the lowest byte first [1] */

@@ -373,7 +373,8 @@ PYBIND11_MODULE(_core, m) {
       .def_property_readonly("fault", [](const Result &r) { return r.run.fault; })
       .def_property_readonly(
           "cycle", [](const Result &r) { return cycle_of(r.run, r.experiment.cycle.get()); },
-          "result of the last cycle: title, state, outcome, failed_phase, cycles, invalid_ticks, phases and "
+          "result of the last cycle: title, state, outcome, failed_phase, cycles, invalid_ticks, "
+          "phases and "
           "figures, each with name, kind, value, unit, tick and verdict; None without a program")
       .def_property_readonly("trace_hash", [](const Result &r) { return r.run.trace_hash; })
       .def_property_readonly(

@@ -62,7 +62,7 @@ class PartResult:
     state: str  # "good", "bad", "aborted", or why there is no verdict
     outcome: str  # how the cycle ended
     failed_phase: str  # empty if the cycle ended as its program intends
-    invalid_ticks: int  # ticks in judged phases whose sample is not valid
+    invalid_ticks: int  # ticks in evaluated phases whose sample is not valid
     elements: list[ElementFigure]
     phases: list[PhaseSpan]
     fault: str

@@ -48,7 +48,7 @@ class PartRecord:
     state: str = ""  # "good", "bad", "aborted" or "lost"
     outcome: str = ""  # how the cycle ended
     phase: str = ""  # the last phase, or the one in which the cycle failed
-    invalid_ticks: int = 0  # ticks in judged phases whose sample was not valid
+    invalid_ticks: int = 0  # ticks in evaluated phases whose sample was not valid
     notes: list[str] = json_field(default_factory=list)
     elements: list[ElementFigure] = json_field(default_factory=list)
     curve: list[CurvePoint] | None = json_field(omit_none=True)

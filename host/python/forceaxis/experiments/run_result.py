@@ -247,7 +247,7 @@ class CycleReport:
     outcome: str  # value of the object cycle_outcome
     failed_phase: str  # in which the cycle failed; empty if it ended by its program
     cycles: int  # number of cycles that were started
-    invalid_ticks: int  # ticks in judged phases whose sample is not valid
+    invalid_ticks: int  # ticks in evaluated phases whose sample is not valid
     phases: list[str]  # names by number
     figures: list[CycleFigure]  # empty before the end of a cycle
 
