@@ -110,7 +110,8 @@ class Process:
     def __init__(self, folder, late_ticks_max=LATE_TICKS_MAX, iio="", started=lambda: None):
         words = [link.program("axis_linux"), settings(folder, late_ticks_max, iio)]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        self.process = subprocess.Popen(words, **pipes)
+        watched = os.environ | {"LD_PRELOAD": str(folder / "lock_watch.so")}
+        self.process = subprocess.Popen(words, env=watched, **pipes)
         assert self.process.stdout.readline() == "ready\n"
         started()
         time.sleep(1.5)  # drive and load cell answer
@@ -159,6 +160,12 @@ def main(folder):
     threading.Thread(target=machine.run, daemon=True).start()
     process = Process(folder)
     pid = process.process.pid
+
+    def stall():
+        os.kill(pid, signal.SIGSTOP)
+        time.sleep(1.5 * LATE_TICKS_MAX * TICK_S)
+        os.kill(pid, signal.SIGCONT)
+
     with supervised() as axis:
         done["first"] = axis.get("fault", "drive_state", "position")
         axis.set(**FIRMWARE)
@@ -191,12 +198,13 @@ def main(folder):
         time.sleep(0.5)
         done["bus_up"] = recovered(axis, machine)
 
-        def stall():
-            os.kill(pid, signal.SIGSTOP)
-            time.sleep(1.5 * LATE_TICKS_MAX * TICK_S)
-            os.kill(pid, signal.SIGCONT)
-
         done["stalled"] = faulty(axis, machine, stall)
+        axis.reset_fault()
+        time.sleep(0.5)
+        done["reset_stalled"] = axis.get("fault", "overruns")
+        stall()
+        time.sleep(0.5)
+        done["stalled_disabled"] = axis.get("fault", "overruns")
     done["end"] = process.end() | {"drive": machine.state}
 
     process = Process(folder)

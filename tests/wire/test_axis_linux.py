@@ -11,12 +11,15 @@ import pytest
 from forceaxis.experiments import link
 
 SESSION = Path(__file__).with_name("axis_linux_session.py")
+LOCK_WATCH = Path(__file__).with_name("lock_watch.c")
 FAILED = ("operation_enabled", "operation enabled")
 
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory, vcan):
     folder = tmp_path_factory.mktemp("axis_linux")
+    command = ["cc", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", LOCK_WATCH]
+    subprocess.run([*command, "-o", folder / "lock_watch.so"], check=True)
     done = vcan([sys.executable, SESSION, folder], 150)
     print(done.stderr)
     assert done.returncode == 0, done.stderr + done.stdout
@@ -56,6 +59,18 @@ def test_a_reset_and_an_enable_bring_the_drive_back(results, again):
     assert results[again] == {
         "fault": "none", "drive_state": "operation_enabled", "drive": "operation enabled",
     }  # fmt: skip
+
+
+def test_a_disabled_axis_counts_late_ticks_and_has_no_fault(results):
+    before, found = results["reset_stalled"], results["stalled_disabled"]
+    assert before["fault"] == found["fault"] == "none"
+    assert found["overruns"] - before["overruns"] >= 600
+
+
+def test_the_tick_sends_under_the_lock_from_the_first_frame_to_the_last(results):
+    """Another thread reads the state of the drive's master under that lock."""
+    said = results["end"]["stderr"] + results["converter_stderr"]
+    assert "without the lock" not in said
 
 
 def test_a_signal_stops_the_drive_and_ends_the_process(results):

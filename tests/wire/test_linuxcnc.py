@@ -227,6 +227,28 @@ show pin
     assert "forceaxis: fault" in error and "clock_wrong" in error
 
 
+def test_a_disabled_axis_is_late_without_a_fault(hal):
+    status, out, error = hal(
+        f"""
+{LOAD}
+{RUN}
+setp forceaxis.in.mode 0
+setp forceaxis.late-ticks-max 300
+start
+loadusr -w sleep 0.5
+stop
+loadusr -w sleep 1
+start
+loadusr -w sleep 0.5
+show pin
+""",
+        axis__toml=PARAMETERS,
+    )
+    assert status == 0, error
+    found = pin_values(out)
+    assert (int(found["fault-code"], 0), found["amp-enable"]) == (0, "FALSE"), error
+
+
 def pin_values(text):
     """{pin without "forceaxis.": value} of the output of `show pin`."""
     rows = re.findall(r"^ *\d+ +\w+ +(?:IN|OUT) +(\S+) +forceaxis\.(\S+)", text, re.M)

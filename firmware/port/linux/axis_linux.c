@@ -62,7 +62,8 @@ static atomic_bool is_stopping;
 /* The following variables belong to the tick thread. */
 static uint16_t force_code = ADC_MIDDLE;
 static uint32_t force_age = AGE_MAX;
-static bool has_force; /* a force was received */
+static bool has_force;  /* a force was received */
+static bool is_enabled; /* by the last tick */
 static bool is_too_late;
 static uint32_t missed; /* ticks since the last call of port_overran(); under the lock */
 
@@ -221,6 +222,7 @@ void port_sense(axis_inputs_t *inputs) {
 }
 
 void port_act(const axis_outputs_t *outputs) {
+  is_enabled = outputs->amp_enable != 0;
   bus_drive_act(&drive, outputs);
   send_drive();
 }
@@ -228,8 +230,10 @@ void port_act(const axis_outputs_t *outputs) {
 /* Computes a tick of the master alone, in which the drive is to stop. */
 static void stop_tick(void) {
   const axis_outputs_t outputs = {0};
+  port_lock();
   receive_all();
   port_act(&outputs);
+  port_unlock();
 }
 
 /* Returns true when drive and force sensor have sent values, or when the wait for them has ended.
@@ -290,7 +294,8 @@ static void *run_ticks(void *unused) {
       continue;
     }
     lateness_add(&lateness, late_ns);
-    is_too_late = late_ticks > config->late_ticks_max;
+    /* A disabled axis misses ticks without harm; they are only counted. */
+    is_too_late = is_enabled && late_ticks > config->late_ticks_max;
     tick += late_ticks;
     lateness.missed += late_ticks;
     port_lock();

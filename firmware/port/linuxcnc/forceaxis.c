@@ -127,6 +127,7 @@ static object_t shown[OBJECTS_MAX];
 static uint8_t written_count;
 static uint8_t shown_count;
 static long long last_ns; /* time of the last tick; 0 before the first tick */
+static bool was_enabled;  /* by the last tick; the watcher may have cleared the pin since */
 static int component;
 static pthread_t watcher;
 static atomic_uint ticks;
@@ -245,7 +246,9 @@ static void update(void *unused, long period_ns) {
   (void)unused;
   const uint32_t late = late_ticks();
   const bool was_halted = atomic_exchange(&is_halted, false);
-  const bool is_timely = !is_wrong_period(period_ns) && !was_halted && late <= pins->late_ticks_max;
+  /* A disabled axis is late without harm; late ticks are then only counted. */
+  const bool is_late = was_enabled && (was_halted || late > pins->late_ticks_max);
+  const bool is_timely = !is_wrong_period(period_ns) && !is_late;
   const axis_inputs_t now = read_inputs();
   axis_outputs_t outputs_now;
   write_objects();
@@ -253,6 +256,7 @@ static void update(void *unused, long period_ns) {
   fw_board(&firmware, is_timely ? 0 : FW_BOARD_TICK, 0);
   fw_control(&firmware, &now, &outputs_now);
   set_outputs(&outputs_now);
+  was_enabled = outputs_now.amp_enable != 0;
   (void)fw_report(&firmware);
   fw_between(&firmware);
   if (late > 0) {

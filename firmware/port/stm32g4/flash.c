@@ -33,8 +33,10 @@ static const sectors_t *sectors_of(const void *context) { return context; }
  * 1000 cycles of the core, 6 us. The erase of a page takes 22 ms, at most 25 ms. */
 enum { ERASE_POLLS_MAX = 8400, ERASE_POLL_LOOPS = 50 };
 
-static volatile bool is_asked;   /* read_word() reads a double word of bank 2 */
-static volatile bool is_damaged; /* the last read was of a double word with two wrong bits */
+/* What read_word() does: nothing, a read of a double word of bank 2, or a read of one that was
+ * found to have two wrong bits. */
+enum { IDLE, ASKED, DAMAGED };
+static volatile uint8_t reading;
 
 uint16_t flash_corrected(void) {
   static uint16_t count;
@@ -50,11 +52,11 @@ uint16_t flash_corrected(void) {
  * read decides, and not the address in ECCR, which is not updated while one of its flags is set and
  * may be wrong after an erase that was interrupted (RM0440 3.3.2, ES0430 2.2.3). */
 __attribute__((used)) static void note_damage(void) {
-  if (!is_asked || is_damaged) {
+  if (reading != ASKED) {
     board_fail();
   }
   FLASH->ECCR = FLASH_ECCR_ECCD;
-  is_damaged = true;
+  reading = DAMAGED;
 }
 
 /* Handles the NMI: of the error correction if its flag is set, else of the clock security system.
@@ -105,13 +107,12 @@ static uint32_t place_of(const sectors_t *sectors, uint32_t address) {
 /* Reads a word. A damaged word reads 0, which is neither blank nor part of a complete record. */
 static uint32_t read_word(const sectors_t *sectors, uint32_t address) {
   const volatile uint32_t *place = (const volatile uint32_t *)place_of(sectors, address);
-  (void)flash_corrected(); /* a flag of an earlier read must not be left */
-  is_damaged = false;
-  is_asked = true;
+  reading = ASKED;
   BARRIER();
   const uint32_t word = *place;
   __asm volatile("dsb\nisb" ::: "memory"); /* the NMI comes before the next instruction */
-  is_asked = false;
+  const bool is_damaged = reading == DAMAGED;
+  reading = IDLE;
   return is_damaged ? 0 : word;
 }
 
@@ -120,14 +121,18 @@ static uint32_t read_word(const sectors_t *sectors, uint32_t address) {
 static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
   const uint32_t access = FLASH->ACR;
   FLASH->ACR = access & ~FLASH_ACR_DCEN;
-  uint32_t i = 0;
-  while (i < count) {
-    const uint32_t at = address + i;
+  (void)flash_corrected(); /* the flag of another read must not be left */
+  /* Most reads are complete words at aligned addresses. */
+  for (; count >= 4 && (address & 3u) == 0; address += 4, bytes += 4, count -= 4) {
+    const uint32_t word = read_word(sectors_of(context), address);
+    bytes[0] = (uint8_t)word;
+    bytes[1] = (uint8_t)(word >> 8);
+    bytes[2] = (uint8_t)(word >> 16);
+    bytes[3] = (uint8_t)(word >> 24);
+  }
+  for (uint32_t at = address; at < address + count; at++) {
     const uint32_t word = read_word(sectors_of(context), at & ~UINT32_C(3));
-    for (uint32_t byte = at & 3u; byte < 4 && i < count; byte++) {
-      bytes[i] = (uint8_t)(word >> (8 * byte));
-      i++;
-    }
+    bytes[at - address] = (uint8_t)(word >> (8 * (at & 3u)));
   }
   FLASH->ACR = access;
 }

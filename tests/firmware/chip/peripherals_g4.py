@@ -459,13 +459,12 @@ class Adc(Peripheral):
         jsqr = self[0x4C]
         return [bits(jsqr, 9 + 6 * i, 5) for i in range(bits(jsqr, 0, 2) + 1)]
 
-    def converted(self, channels):
-        """Shares of the supply at such channels, which are converted now."""
+    def is_rested(self):
+        """Whether a conversion that begins now comes too late."""
         now_s = self.board.time_s()
         is_wrong = now_s - self.rested_s > self.IDLE_MAX_S
         self.rested_s = now_s
-        shares = [self.share(channel) for channel in channels]
-        return [self.WRONG, *shares[1:]] if is_wrong else shares
+        return is_wrong
 
     def share(self, channel):
         board, source = self.board, self.sources.get(channel)
@@ -501,7 +500,8 @@ class Adc(Peripheral):
         """Ends a regular conversion whose time is over."""
         if self.board.cycles >= self.single_at:
             self.single_at = NEVER
-            self.registers[0x40] = min(max(int(self.single_share * 4096), 0), 4095)
+            share = self.WRONG if self.is_single_wrong else self.share(self.single)
+            self.registers[0x40] = min(max(int(share * 4096), 0), 4095)
             self.registers[0x00] |= 0xC
             self.registers[0x08] &= ~4
 
@@ -545,7 +545,7 @@ class Adc(Peripheral):
             if before & 4:
                 board.mistakes.append("ADC started while it converts")
             self.single = bits(self[0x30], 6, 5)
-            (self.single_share,) = self.converted([self.single])
+            self.is_single_wrong = self.is_rested()
             took = self.sample_s(self.single) + 12.5 / self.clock_hz()
             self.single_at = board.cycles + took * board.rcc.core_hz()
         self.registers[0x08] = value & ~commands | (before | value) & commands
@@ -556,7 +556,9 @@ class Adc(Peripheral):
         if self[0x08] & 8 and bits(jsqr, 7, 2) == 1 and bits(jsqr, 2, 5) == number:
             self.waiting = self.ready_reads
             self.conversions += 1
-            self.shares = self.converted(self.group())
+            self.shares = [self.share(channel) for channel in self.group()]
+            if self.is_rested():
+                self.shares[0] = self.WRONG
 
     def finish(self):
         self.waiting = None
