@@ -53,7 +53,9 @@ class Habits:
     read_only: tuple = ()  # (index, sub) whose download is refused
     keeps: tuple = ()  # (index, sub) that takes a download and keeps its value
     values: dict = dataclasses.field(default_factory=dict)  # (index, sub) after power-up
-    upload: str = "exact"  # "no size", "four bytes", "segmented", "segmented, no size", "fewer bytes"
+    upload: str = (
+        "exact"  # "no size", "four bytes", "segmented", "segmented, no size", "fewer bytes"
+    )
     refuses_bit_30: bool = False  # in 1800h:1
     refuses_torque: bool = False  # 6077h is not mapped
     drops_bit_30: bool = False  # 1800h:1 reads back without it
