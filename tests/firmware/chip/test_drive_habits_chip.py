@@ -1,6 +1,6 @@
 """The released image with drives of drive_habits.py at its second CAN: on within their time, or a
-fault of the axis whose reason and object are objects of the axis; with the objects that are the cure
-each is on."""
+fault whose reason and object are objects of the axis; with the objects that are the cure each is
+on."""
 
 import pytest
 from drive_bench import FORCE, LAW, SETTINGS, STIFFNESS, Board
