@@ -7,7 +7,7 @@
  *
  *   cycle_start()     between two ticks
  *   cycle_step()      once in each tick, after its signals; a tick that is missing makes the part
- *                     bad, and so does a sample of a judged phase that is not valid (sample.h); the
+ *                     bad, and so does a sample of an evaluated phase that is not valid (sample.h); the
  *                     phases go on
  *   cycle_evaluate()  between ticks, at the latest after CYCLE_SAMPLES ticks
  *   cycle_abort()     at each stop, fault, halt or change of mode; the part is then not good */
@@ -28,7 +28,7 @@ enum { CYCLE_IDLE = 0, CYCLE_RUNNING = 1, CYCLE_ENDED = 2, CYCLE_DONE = 3 };
 /* How a cycle ended: as the program intends; a limit of a phase was exceeded; stopped from outside;
  * samples were lost, because nobody evaluated them or because ticks were missing; the tare of a
  * phase failed, because the axis was in contact or did not stand still, or because the offset is
- * beyond tare_band; a sample of a judged phase is not valid; a value that decides the part was
+ * beyond tare_band; a sample of an evaluated phase is not valid; a value that decides the part was
  * changed. */
 enum {
   CYCLE_BY_PROGRAM = 0,
@@ -65,7 +65,7 @@ typedef struct {
   uint32_t phase_ticks;          /* duration of the phase up to now */
   uint32_t begin_tick;           /* tick of the start */
   uint32_t last_tick;            /* tick of the last sample */
-  uint32_t invalid_ticks;        /* number of ticks in judged phases that are not valid */
+  uint32_t invalid_ticks;        /* number of ticks in evaluated phases that are not valid */
   int32_t start_cnt;             /* position at the start of the phase */
   int32_t zero_cnt;              /* position of travel 0: the start, until it is found */
   int32_t begin_cnt;             /* zero_cnt at the start of the cycle */

@@ -22,7 +22,7 @@ typedef struct {
   uint32_t bank_crc;   /* CRC of the law, 0 without a bank */
   uint32_t begin_tick; /* tick at which the cycle started */
   uint32_t ticks;      /* duration of the cycle */
-  uint32_t invalid;    /* number of ticks in judged phases that are not valid (sample.h) */
+  uint32_t invalid;    /* number of ticks in evaluated phases that are not valid (sample.h) */
   uint32_t serial[CYCLE_SERIAL_WORDS];
   int32_t values[CYCLE_ELEMENTS_MAX];       /* of the elements, in the units of program.h */
   uint32_t found_ticks[CYCLE_ELEMENTS_MAX]; /* tick_count of the sample that gave the value */

@@ -70,7 +70,7 @@ class StandIn {
   // tick begins a cycle.
   void enable(std::int32_t encoder_cnt) {
     axis_inputs_t inputs{};
-    for (int i = 0; i < 300; ++i) {
+    for (int i = 0; i < 600; ++i) {
       sense(inputs, encoder_cnt);
       act({0, 1, 0, 0, 0});
     }

@@ -26,9 +26,9 @@ BITS = {
 
 @dataclasses.dataclass(frozen=True)
 class Kind:
-    """`reason`: without `cure` the drive is refused by it, "" if it is on; `word` is in its text, or
-    in the name of the key. `cure`: settings with which it is on, None if the drive itself has to be
-    mended. `within`: longest time in ms until it is on."""
+    """`reason`: without `cure` the drive is refused by it, "" if it is on; `word` is in its text or
+    in the name of the key. `cure`: settings with which it is on, None if the drive itself has to
+    be mended. `within`: longest time in ms until it is on."""
 
     name: str
     habits: dict
@@ -104,8 +104,7 @@ KINDS = (
     refused("1400h:2 keeps 254", "sdo_differs", "differs_1400h_2", {"differs_1400h_2": True},
             values={(0x1400, 2): 254}, keeps=((0x1400, 2),)),
     on("1800h:1 reads back without bit 30", drops_bit_30=True),
-    refused("1800h:1 refuses bit 30", "sdo_aborted", "lacks_1800h_bit_30", {"lacks_1800h_bit_30": True},
-            refuses_bit_30=True),
+    lacking("1800h:1 refuses bit 30", "1800h_bit_30", refuses_bit_30=True),
     refused("TPDO by a timer of 2 ms", "sdo_aborted", "lacks_1800h_2", {"lacks_1800h_2": True},
             values={(0x1800, 2): 254}, read_only=((0x1800, 2),), tpdo_every=1.3),
     refused("1006h keeps its period", "sdo_differs", "differs_1006h", {"differs_1006h": True},

@@ -33,6 +33,28 @@ MISSING, READ_ONLY, LENGTH, ACCESS, STATE, RANGE = (
 )  # fmt: skip
 
 
+# {(state, command): next state}, transitions 2 to 12.
+TRANSITIONS = {
+    (DISABLED, "shutdown"): READY, (READY, "switch on"): SWITCHED_ON,
+    (SWITCHED_ON, "enable operation"): ENABLED, (SWITCHED_ON, "shutdown"): READY,
+    (ENABLED, "switch on"): SWITCHED_ON, (ENABLED, "shutdown"): READY,
+    (ENABLED, "quick stop"): QUICK_STOP,
+    **{(state, "disable voltage"): DISABLED for state in (READY, SWITCHED_ON, ENABLED, QUICK_STOP)},
+    **{(state, "quick stop"): DISABLED for state in (READY, SWITCHED_ON)},
+}  # fmt: skip
+
+
+def command_of(word):
+    """Table "command coding", without the fault reset."""
+    if not word & 0x02:
+        return "disable voltage"
+    if not word & 0x04:
+        return "quick stop"
+    if not word & 0x01:
+        return "shutdown"
+    return "enable operation" if word & 0x08 else "switch on"
+
+
 def ticks(ms):
     return math.ceil(ms * TICKS_PER_MS)
 
@@ -53,7 +75,9 @@ class Habits:
     read_only: tuple = ()  # (index, sub) whose download is refused
     keeps: tuple = ()  # (index, sub) that takes a download and keeps its value
     values: dict = dataclasses.field(default_factory=dict)  # (index, sub) after power-up
-    upload: str = "exact"  # "no size", "four bytes", "segmented", "segmented, no size", "fewer bytes"
+    upload: str = (
+        "exact"  # "no size", "four bytes", "segmented", "segmented, no size", "fewer bytes"
+    )
     refuses_bit_30: bool = False  # in 1800h:1
     refuses_torque: bool = False  # 6077h is not mapped
     drops_bit_30: bool = False  # 1800h:1 reads back without it
@@ -244,7 +268,7 @@ class FakeDrive:
         if at == (0x1800, 1) and value >> 30 & 1 and h.refuses_bit_30:
             return RANGE
         if index in (0x1600, 0x1A00):
-            # A mapping is changed while the PDO does not exist, and an entry while sub-index 0 is 0.
+            # Only while the PDO does not exist, and an entry only while sub-index 0 is 0.
             if not self.get(index - 0x200, 1) >> 31 or (sub and self.get(index)):
                 return ACCESS
             if value >> 16 == 0x6077 and h.refuses_torque:
@@ -329,7 +353,7 @@ class FakeDrive:
     # States
 
     def look(self):
-        """Table "command coding", and the transitions."""
+        """Takes the controlword of the last RPDO."""
         word, rises = self.word, self.word & ~self.before & 0x80
         self.before = word
         if self.is_local():
@@ -339,35 +363,27 @@ class FakeDrive:
         elif rises:
             self.bit_7_since = self.now
         if self.state == FAULT:
-            held = self.bit_7_since is not None and (
-                self.now - self.bit_7_since >= ticks(self.habits.reset)
-            )
-            if word & 0x80 and held and not self.habits.fault_stays:
-                self.state = DISABLED
+            self.reset_fault()
+        elif not word & 0x80:
+            self.obey(command_of(word))
+
+    def reset_fault(self):
+        """Transition 15."""
+        h, since = self.habits, self.bit_7_since
+        if since is not None and self.now - since >= ticks(h.reset) and not h.fault_stays:
+            self.state = DISABLED
+
+    def obey(self, command):
+        state = TRANSITIONS.get((self.state, command))
+        if state is None or (command == "shutdown" and self.habits.no_power):
             return
-        if word & 0x80:
-            return
-        voltage, quick, on, enable = (bool(word & bit) for bit in (0x02, 0x04, 0x01, 0x08))
-        if not voltage:
-            if self.state in (READY, SWITCHED_ON, ENABLED, QUICK_STOP):
-                self.switch_off()
-        elif not quick:
-            if self.state in (READY, SWITCHED_ON):
-                self.switch_off()
-            elif self.state == ENABLED:
-                self.state = QUICK_STOP
-        elif not on:
-            if self.state == DISABLED and self.habits.no_power:
-                return
-            if self.state in (DISABLED, SWITCHED_ON, ENABLED):
-                self.cut_speed = abs(self.velocity) if self.state == ENABLED else self.cut_speed
-                self.state = READY
-        elif not enable:
-            if self.state == READY or self.state == ENABLED:
-                self.state = SWITCHED_ON
-        elif self.state == SWITCHED_ON:
-            self.state = ENABLED
+        if state == DISABLED:
+            self.switch_off()
+        elif state == ENABLED:
             self.enabled_at = self.now
+        elif self.state == ENABLED and state != QUICK_STOP:
+            self.cut_speed = abs(self.velocity)
+        self.state = state
 
     def switch_off(self):
         self.cut_speed = abs(self.velocity)
@@ -420,9 +436,7 @@ class FakeDrive:
                 if not h.boots_silently:
                     self.send(0x700 + NODE, b"\0")
             self.happen()
-            if h.looks and self.now % ticks(h.looks) == 0:
-                self.look()
-            elif self.bit_7_since is not None:
+            if self.bit_7_since is not None or (h.looks and self.now % ticks(h.looks) == 0):
                 self.look()
             self.move()
             self.supervise()

@@ -111,7 +111,7 @@ def test_its_fault_is_named_and_reset_only_when_asked(bench):
     assert 0x80 not in bench.controls
     bench.command["reset"] = True
     bench.until(on=True)
-    assert bench.controls.count(0x80) == 1
+    assert bench.controls.count(0x80) in (1, 2), "held until the fault has gone, and one on its way"
 
 
 def test_without_the_master_it_stops_by_itself(bench):

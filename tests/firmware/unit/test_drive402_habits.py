@@ -1,5 +1,5 @@
-"""The master with every kind of drive of drive_habits.py: it is on within its time and follows, or it
-is refused by a reason that names the cure; with the cure it is on. In ticks, in this process."""
+"""The master with every kind of drive of drive_habits.py: it is on within its time and follows, or
+it is refused by a reason that names the cure; with the cure it is on. In ticks, in this process."""
 
 import math
 
