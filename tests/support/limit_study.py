@@ -1,9 +1,9 @@
 """Limits of random force loops against the eigenvalues of loops stepped from event to event.
 
-`limit_study.py COUNT [SEED]` draws loops, prints every wrong answer as a line of JSON, and then the
-table of results. Of the first tenth of the loops, 500 at most, it then compares the answers under
+`limit_study.py COUNT [SEED [FIRST]]` draws loops, prints every wrong answer as a line of JSON, and
+then the table of results. It then compares the answers to a tenth as many loops, 500 at most, under
 each kernel of OpenBLAS. Each loop belongs to its seed and number alone, so any of them can be
-computed again: `limit_study.py --only NUMBER [SEED]`. `--rows COUNT [SEED]` prints every answer.
+computed again: `limit_study.py --only NUMBER [SEED]`. `--rows COUNT SEED` prints every answer.
 
 A loop has a drive of one of five kinds with values of a data sheet, none or a bus of 2, 4 or 8 ms,
 a force sensor of 0.25 to 4.5 kHz with a known or an unknown phase, a sinc filter or none, and the
@@ -300,6 +300,16 @@ class Stepped:
         """Returns the magnitude of the largest eigenvalue at each gain."""
         return np.abs(self.outermost(gains))
 
+    def sharp_radius(self, gain: float) -> float:
+        """Returns the magnitude of the largest eigenvalue at a gain. The quotient of the left and
+        right eigenvector in extended precision takes away what rounding does to an eigenvalue that
+        others are close to."""
+        matrix = self.period(np.array([gain]))[0]
+        poles, left, right = linalg.eig(matrix, left=True, right=True)
+        best, wide = int(np.argmax(np.abs(poles))), matrix.astype(np.longdouble)
+        y, x = (side[:, best].astype(np.clongdouble) for side in (left.conj(), right))
+        return float(abs((y @ (wide @ x)) / (y @ x)))
+
 
 def phases(drawn: Drawn) -> list[Fraction | None]:
     """Returns the phases to try: that of the loop, or five between any two at which the order of
@@ -382,6 +392,8 @@ def _apart(one: Stepped, gain: float, around: Array, step: float) -> float:
     of the gain. `around`: largest eigenvalues at the gain and one step of it below and above."""
     slope = float(around[2] - around[0]) / (2 * step)
     apart = (1 - float(around[1])) / slope if slope > 0 else math.inf
+    if 1e-9 < abs(apart) < math.inf:
+        apart = (1 - one.sharp_radius(gain)) / slope
     if abs(apart) <= step:
         return apart
     # Another eigenvalue may be the largest one at the limit itself.
@@ -390,9 +402,9 @@ def _apart(one: Stepped, gain: float, around: Array, step: float) -> float:
     if not len(outside) or not outside[0]:
         return apart
     low, high = gains[outside[0] - 1], gains[outside[0]]
-    for _ in range(45):
+    for _ in range(35):
         middle = (low + high) / 2
-        low, high = (middle, high) if one.radius(np.array([middle]))[0] < 1 else (low, middle)
+        low, high = (middle, high) if one.sharp_radius(middle) < 1 else (low, middle)
     return float(low / gain - 1)
 
 
@@ -461,16 +473,17 @@ def main(arguments: list[str]) -> int:
         for found in run(int(arguments[1]), int(arguments[2])):
             print(json.dumps(vars(found)))
         return 0
-    count, seed = int(arguments[0]), int(arguments[1]) if len(arguments) > 1 else 1
+    count, seed, begin = (int(text) for text in [*arguments, *("1", "0")[len(arguments) - 1 :]])
     start, kinds, wrongs = time.monotonic(), Counter[str](), 0
     worst = {False: 0.0, True: 0.0}
     answers = Counter[str]()
-    for number in range(count):
+    for number in range(begin, begin + count):
         (found,) = run(1, seed, number)
         kinds.update(found.label.split())
         answers["limit" if found.gain else "0" if found.gain == 0 else "none"] += 1
         if number % 500 == 499:
-            print(f"{number + 1} loops, {time.monotonic() - start:.0f} s", file=sys.stderr)
+            done = f"to {number}: {worst[False]:.2g}, {worst[True]:.2g}"
+            print(f"{done}, {time.monotonic() - start:.0f} s", file=sys.stderr)
         free = " free" in found.label
         if found.wrong:
             wrongs += 1

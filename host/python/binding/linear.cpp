@@ -236,7 +236,8 @@ void add_linear(py::module_ &m) {
       "Returns the data of a model: masses, structures (name, ports, modal masses, shapes: modes x "
       "ports), signals with units, used parameters (value, unit), "
       "contacts (name, between), switches (states of each element), drive (values: parameters by "
-      "key), reading (per_count: unit of the signal per 8-bit count), encoder, volts_per_code, volts_per_step");
+      "key), reading (per_count: unit of the signal per 8-bit count), encoder, volts_per_code, "
+      "volts_per_step");
   m.def("hessenberg_response", &response, py::arg("H"), py::arg("B"), py::arg("C"), py::arg("D"),
         py::arg("points"),
         "Returns C (s I - H)^-1 B + D as an array (points, outputs, inputs). H is an upper "

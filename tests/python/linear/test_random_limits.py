@@ -130,6 +130,19 @@ def test_a_bank_on_a_bus_of_2_ms_has_a_limit_over_a_set(tmp_path):
         assert limit.gain >= found.gain * (1 - 1e-9)
 
 
+def test_the_limit_of_an_unknown_phase_is_the_lowest_of_all_phases(tmp_path):
+    """A sample in every other tick: the lowest of three phases was 1 % too high."""
+    text = model(drive="amplifier", sensor_rate_hz="750", sensor_latency_ms="0")
+    (tmp_path / "free.toml").write_text(text)
+    free = LoopSpec("p", "zoh+1").around(tmp_path / "free.toml").limit().gain
+    limits = []
+    for part in range(40):
+        keys = f"channel = 0\nsample_phase = {part / 40 / 750!r}\n"
+        (tmp_path / "one.toml").write_text(text.replace("channel = 0\n", keys, 1))
+        limits.append(LoopSpec("p", "zoh+1").around(tmp_path / "one.toml").limit().gain)
+    assert free * (1 - 1e-4) <= min(limits) <= free * (1 + 1e-3)
+
+
 # Rounding of the command.
 
 FAST = {"drive": "velocity", "full_scale_speed_m_per_s": "60"}  # a code is 29 mm/s

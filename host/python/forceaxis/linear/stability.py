@@ -514,16 +514,20 @@ class Loop:
     def _edge_above(self, gain: float) -> float | None:
         """Returns the lowest gain above a stable one at which a closed-loop pole reaches the
         stability boundary, or None if there is none up to the largest of the CHECKED_GAINS."""
+
+        def growth(k: float) -> float:
+            return self._growth(self._closed_minimal(k))
+
         most, inside = min(self._typical_gain * CHECKED_GAINS[-1], GAIN_MAX), gain
         while gain < most:
             gains = gain * GAIN_STEP_FACTOR ** np.arange(GAINS_AT_ONCE)
-            for at, growth in zip(gains, self._growths(gains), strict=True):
-                if growth < 0:
-                    inside = float(at)
-                elif at > inside and self._settled(float(at)) is False:
-                    return self._root(
-                        lambda k: float(self._growths(np.array([k]))[0]), inside, float(at)
-                    )
+            for at, outside in zip(gains.tolist(), self._growths(gains), strict=True):
+                if outside < 0:
+                    inside = at
+                elif at > inside and self._settled(at) is False:
+                    while growth(inside) >= 0:  # the growths of a search may be less exact
+                        inside /= GAIN_STEP_FACTOR
+                    return self._root(growth, inside, at)
             gain = float(gains[-1])
         return None
 
