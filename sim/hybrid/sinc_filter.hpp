@@ -30,6 +30,9 @@ class SincFilter {
   /// Returns true if the converter has a filter.
   bool fitted() const { return order_ > 0; }
   std::size_t order() const { return order_; }
+  /// Returns the factor of moment j + 1 of a period in a sample: in the one at its end for
+  /// `later` = 0, in the next one for 1, and so on.
+  double weight(std::size_t later, std::size_t j) const { return weights_[later][j]; }
 
   /// The signal has had this value at all times before tick 0. The first sample is taken `phase`
   /// ticks after tick 0, at least 0 and below T.

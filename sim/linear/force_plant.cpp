@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <numeric>
 #include <string>
 #include <utility>
 
@@ -111,12 +112,20 @@ Roots per_second(Roots roots, double T) {
 // Instants within 1e-6 of a tick are that tick, as in a run.
 bool is_whole(Extended number) { return std::abs(number - std::nearbyint(number)) < 1e-6L; }
 
+// Ticks by which a sample arrives after a tick that just misses it.
+constexpr Extended kMissedBy = 1e-5L;
+
 }  // namespace
 
 double tangent_of(double frequency_hz, double tick_s) {
   constexpr Extended kRight = std::numbers::pi_v<Extended> / 2 - Extended{1e-9};
   const Extended angle = std::numbers::pi_v<Extended> * frequency_hz * tick_s;
   return static_cast<double>(std::tan(std::clamp(angle, -kRight, kRight)));
+}
+
+double alias_of(double hz, int k, double tick_s, int cycle_ticks) {
+  const double alias = hz + k / (tick_s * cycle_ticks);
+  return 2 * alias * tick_s > 1 ? alias - 1 / tick_s : alias;
 }
 
 std::optional<ForcePlant> ForcePlant::of(const Model &model, const LinearMode &mode,
@@ -150,6 +159,8 @@ std::optional<ForcePlant> ForcePlant::of(const Model &model, const LinearMode &m
   plant.tick_s_ = tick_s;
   plant.bus_ = model.drive->bus;
   plant.sinc_order_ = model.adc[0]->sinc_order;
+  plant.continuous_ = {linear.A.cast<Extended>(), linear.B.cast<Extended>(),
+                       linear.C.cast<Extended>(), linear.D(0, 0), tick_s};
   if (model.adc[0]->sampling) plant.set_ages(*model.adc[0]->sampling);
   plant.balanced_ = hessenberg(system.A, system.B, system.C);
   const auto &adc = *model.adc[0];
@@ -181,6 +192,13 @@ void ForcePlant::set_ages(const Sampling &sampling) {
   sample_ticks_ = every;
   const Extended latency = Extended{sampling.latency_s} / tick_s_;
   const Extended phase = Extended{sampling.phase_s} / tick_s_;
+  if (is_whole(bus_.ticks / every)) {
+    timing_ = {bus_.ticks, bus_.delay_ticks_out, every, phase, latency, sinc_order_};
+    newer_by_ = sampling.phase_known ? 0 : every;
+    if (newer_by_ > 0) timing_.phase = phase_of(kMissedBy);
+    period_.emplace(continuous_, timing_);
+    return;
+  }
   // Age, above the latency, of the newest sample at a tick, where samples arrive at distances
   // `step`.
   const auto rest = [&](int tick, Extended step) {
@@ -202,11 +220,49 @@ void ForcePlant::set_ages(const Sampling &sampling) {
   newer_by_ = sampling.phase_known ? 0 : between_ages_;
 }
 
-std::optional<ForcePlant> ForcePlant::with_newest_readings() const {
-  if (newer_by_ == 0) return std::nullopt;
-  ForcePlant plant = *this;
-  plant.least_age_ -= newer_by_;
-  return plant;
+// Returns the phase of samples that arrive some ticks after a tick.
+Extended ForcePlant::phase_of(Extended arrives) const {
+  const Extended past = (arrives - timing_.latency) / timing_.every;
+  return (past - std::floor(past)) * timing_.every;
+}
+
+std::vector<ForcePlant> ForcePlant::with_other_phases(bool all_phases) const {
+  std::vector<ForcePlant> found;
+  if (newer_by_ == 0) return found;
+  if (!period_) {
+    ForcePlant &plant = found.emplace_back(*this);
+    plant.least_age_ -= newer_by_;
+    return found;
+  }
+  const auto add = [&](Extended arrives) {
+    ForcePlant &plant = found.emplace_back(*this);
+    plant.timing_.phase = phase_of(arrives);
+    plant.period_.emplace(continuous_, plant.timing_);
+  };
+  add(0);
+  if (!all_phases) return found;
+  // As Samples.phases of host/python/forceaxis/linear/lifted.py: each order of samples and ticks,
+  // with the oldest readings, with those in the middle, and with the newest ones.
+  const auto samples = static_cast<int>(std::nearbyint(bus_.ticks / timing_.every));
+  const int orders = bus_.ticks / std::gcd(bus_.ticks, samples);
+  const Extended step = timing_.every / orders;
+  for (int order = 0; order < orders; ++order)
+    for (const Extended late : {kMissedBy, step / 2, Extended{0}})
+      if (order > 0 || late == step / 2) add(order * step + late);
+  return found;
+}
+
+void ForcePlant::held_response(std::span<const double> w,
+                               std::span<std::complex<double>> values) const {
+  if (period_) {
+    const std::size_t points = w.size() / static_cast<std::size_t>(bus_.ticks);
+    period_->response(w.first(points), values);
+    for (auto &value : values) value *= count_per_code_;
+    return;
+  }
+  response(w, values);
+  if (immediate()) return;
+  for (std::size_t i = 0; i < values.size(); ++i) values[i] *= held(w[i]);
 }
 
 std::complex<double> ForcePlant::held(double w) const {

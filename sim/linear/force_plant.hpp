@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "sim/linear/code_period.hpp"
 #include "sim/linear/linear.hpp"
 #include "sim/matrix/extended.hpp"
 #include "sim/model/model.hpp"
@@ -16,6 +17,11 @@ namespace forceaxis::sim {
 /// where w is -1e9 and 1e9. The function uses long double, because the functions for double of the
 /// C library depend on the processor.
 double tangent_of(double frequency_hz, double tick_s);
+
+/// A command that is held over a bus cycle of m ticks has, beside its frequency f, the frequencies
+/// f + k / (m tick_s), k = 1 .. m - 1. Returns frequency k in Hz, shifted to between minus and plus
+/// half the tick rate; k = 0 is f itself.
+double alias_of(double frequency_hz, int k, double tick_s, int cycle_ticks);
 
 class ForcePlant {
  public:
@@ -34,22 +40,33 @@ class ForcePlant {
   double tick_s() const { return tick_s_; }
   /// Returns the bus between the firmware and the drive. response() is without the bus.
   const BusCycle &bus() const { return bus_; }
+  /// Returns true if one code leaves the period after which the ticks repeat, so that
+  /// held_response() is exact.
+  bool exact() const { return period_ || readings_ == 0; }
+  /// Returns the same plant with the newest readings that a sensor without a known phase can give,
+  /// or with `all_phases` with each phase for which forceaxis.linear analyses the loop. The list is
+  /// empty for another sensor.
+  std::vector<ForcePlant> with_other_phases(bool all_phases) const;
+  /// Computes the response in 8-bit counts per DAC code with the bus and the sensor's samples, at
+  /// the frequencies f with w = tan(pi f tick_s) and at f + k / (m tick_s) for a cycle of m ticks.
+  /// `w` and `values` have all frequencies for k = 0 first, then those for k = 1. The loop is the
+  /// sum over k of the law times this response. The sum is exact if one code leaves the period
+  /// after which the ticks repeat. Otherwise held() describes the samples.
+  void held_response(std::span<const double> w, std::span<std::complex<double>> values) const;
+  /// Returns the 8-bit counts per DAC code at a response of 1 in the unit of the force per volt.
+  double count_per_code() const { return count_per_code_; }
+
+ private:
+  void set_ages(const Sampling &sampling);
+  Extended phase_of(Extended arrives) const;
   /// Returns true if held() is 1.
   bool immediate() const { return bus_.immediate() && readings_ == 0; }
-  /// Returns the same plant with the newest readings that a sensor without a known phase can give,
-  /// or nothing for another sensor.
-  std::optional<ForcePlant> with_newest_readings() const;
   /// Returns the effect of the bus and of the sensor's samples on the response at
   /// w = tan(pi f tick_s): the delay of the command, the mean of the ticks for which the drive
   /// holds it, and the ages of the readings: their mean, which leaves out that different ages mix
   /// frequencies, or over a bus the largest age. Without a known phase the ages are the largest
   /// ones. The filter of the converter is a part of it.
   std::complex<double> held(double w) const;
-  /// Returns the 8-bit counts per DAC code at a response of 1 in the unit of the force per volt.
-  double count_per_code() const { return count_per_code_; }
-
- private:
-  void set_ages(const Sampling &sampling);
   std::complex<Extended> filtered(Extended angle) const;
 
   double tick_s_ = 0.0;
@@ -63,6 +80,10 @@ class ForcePlant {
   // Order of the converter's filter, 0 for none, and the period of its samples in ticks.
   int sinc_order_ = 0;
   Extended sample_ticks_ = 0;
+  // Of a sensor whose samples repeat with the codes.
+  std::optional<CodePeriod> period_;
+  TickSystem continuous_;
+  CodeTiming timing_;
   Hessenberg balanced_;
   double count_per_code_ = 0.0;
   std::vector<std::complex<double>> poles_, zeros_;

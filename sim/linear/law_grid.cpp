@@ -99,14 +99,6 @@ class GridMaker {
   std::vector<double> around_;  // distances from a resonance in widths of the resonance
 };
 
-// A command that is held over a bus cycle of m ticks has, beside its frequency f, the frequencies
-// f + k / (m T), k = 1 .. m - 1. Returns frequency k in Hz, shifted to between minus and plus half
-// the tick rate; k = 0 is f itself.
-double alias_of(double hz, int k, double tick_s, int cycle_ticks) {
-  const double alias = hz + k / (tick_s * cycle_ticks);
-  return 2 * alias * tick_s > 1 ? alias - 1 / tick_s : alias;
-}
-
 // Returns true if a pole of the plant is an integral.
 bool integrates(const ForcePlant &plant) {
   const double least = kRounding / plant.tick_s();
@@ -168,10 +160,8 @@ LawGrid::LawGrid(std::vector<ForcePlant> plants, std::vector<int> delays_ticks, 
         add_frequency(tangent_of(alias_of(point.hz, k, tick_s_, plant.bus().ticks), tick_s_));
     const std::size_t first = aliases_ * begin_.back();
     std::vector<Complex> values(w_.size() - first);
-    plant.response(std::span(w_).subspan(first), values);
-    for (std::size_t i = 0; i < values.size(); ++i) {
-      const bool late = !plant.immediate();
-      const Complex value = late ? values[i] * plant.held(w_[first + i]) : values[i];
+    plant.held_response(std::span(w_).subspan(first), values);
+    for (const Complex value : values) {
       real_.push_back(value.real());
       imag_.push_back(value.imag());
     }
@@ -621,16 +611,19 @@ class LawGrid::Sight {
 
   Complex at(double hz) const {
     const BusCycle &bus = plant_.bus();
+    const auto aliases = static_cast<std::size_t>(bus.ticks);
+    std::vector<double> w(aliases);
+    std::vector<Complex> values(aliases);
+    for (int k = 0; k < bus.ticks; ++k)
+      w[static_cast<std::size_t>(k)] =
+          tangent_of(alias_of(hz, k, plant_.tick_s(), bus.ticks), plant_.tick_s());
+    plant_.held_response(w, values);
     Complex sum = 0;
-    for (int k = 0; k < bus.ticks; ++k) {
-      const double alias = alias_of(hz, k, plant_.tick_s(), bus.ticks);
-      const std::array<double, 1> w{tangent_of(alias, plant_.tick_s())};
-      std::array<Complex, 1> value;
-      plant_.response(w, value);
-      value[0] *= gain_ * law_.at(w[0], plant_.tick_s());
+    for (std::size_t k = 0; k < aliases; ++k) {
+      values[k] *= gain_ * law_.at(w[k], plant_.tick_s());
       for (int tick = 0; tick < delay_ticks_; ++tick)
-        value[0] *= Complex(1, -w[0]) / Complex(1, w[0]);
-      sum += plant_.immediate() ? value[0] : value[0] * plant_.held(w[0]);
+        values[k] *= Complex(1, -w[k]) / Complex(1, w[k]);
+      sum += values[k];
     }
     return sum;
   }

@@ -60,8 +60,8 @@ struct LoopFigures {
 /// for between the points of the grid. Relative errors are about 1e-9.
 ///
 /// Over a bus, |S| and the margins are those of the loop that is sampled once in a cycle. |T| is
-/// |L / (1 + L)|, which leaves out that the cycle samples the set-point too: fT differs by up to 2
-/// % from that of the lifted loop.
+/// |L / (1 + L)|, which has the reading in place of the force and a set-point that acts once in a
+/// cycle: fT differs by some per cent from that of the lifted loop.
 struct PreciseFigures {
   /// Whether the loop is known to be stable: plant and law are stable, an integral acts with the
   /// sign that reduces the error, and no gain up to the given gain brings the curve of the loop to

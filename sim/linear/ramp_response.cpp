@@ -116,8 +116,13 @@ RampResponse::RampResponse(std::span<const ForcePlant *const> plants,
     const double next = static_cast<double>(2 * m + 1) / period_s;
     if (next < kHighestShare / (tick_s_ * plants.front()->bus().ticks)) hz.push_back(next);
   }
+  harmonics_ = hz.size();
+  const int cycle = plants.front()->bus().ticks;
+  std::vector<double> every_hz;
+  for (int k = 0; k < cycle; ++k)
+    for (const double own : hz) every_hz.push_back(alias_of(own, k, tick_s_, cycle));
+  for (const double own : every_hz) w_.push_back(tangent_of(own, tick_s_));
   for (std::size_t m = 0; m < hz.size(); ++m) {
-    w_.push_back(tangent_of(hz[m], tick_s_));
     std::complex<Extended> sum = 0;
     for (std::size_t i = 0; i < kPeriod; ++i) {
       const Complex root = std::conj(roots_of_one()[(2 * m + 1) * i % kPeriod]);
@@ -130,20 +135,18 @@ RampResponse::RampResponse(std::span<const ForcePlant *const> plants,
   }
   std::vector<std::vector<Complex>> loops;
   for (const ForcePlant *plant : plants) {
-    std::vector<Complex> values(hz.size());
-    plant->response(w_, values);
-    if (!plant->immediate())
-      for (std::size_t m = 0; m < hz.size(); ++m) values[m] *= plant->held(w_[m]);
+    std::vector<Complex> values(w_.size());
+    plant->held_response(w_, values);
     for (const int delay : delays_ticks) {
       auto &loop = loops.emplace_back();
-      for (std::size_t m = 0; m < hz.size(); ++m)
-        loop.push_back(times(values[m], turned(-Extended(hz[m]) * tick_s_ * delay)));
+      for (std::size_t i = 0; i < w_.size(); ++i)
+        loop.push_back(times(values[i], turned(-Extended(every_hz[i]) * tick_s_ * delay)));
     }
   }
   for (std::size_t i = 0; i < loops.size(); i += 2) {
     const auto &first = loops[i];
     const auto &second = loops[std::min(i + 1, loops.size() - 1)];
-    for (std::size_t m = 0; m < hz.size(); ++m)
+    for (std::size_t m = 0; m < w_.size(); ++m)
       plants_.push_back(ComplexPair{Pair{first[m].real(), second[m].real()},
                                     Pair{first[m].imag(), second[m].imag()}});
   }
@@ -151,7 +154,8 @@ RampResponse::RampResponse(std::span<const ForcePlant *const> plants,
 
 double RampResponse::excess(const LawShape &law, double gain, double most) const {
   const std::size_t count = w_.size();
-  std::array<Complex, kHarmonics> response;
+  thread_local std::vector<Complex> response;
+  response.resize(count);
   const double rate = law.integral_rad_per_s * tick_s_ / 2;
   for (std::size_t m = 0; m < count; ++m) {
     const double w = w_[m];
@@ -167,13 +171,21 @@ double RampResponse::excess(const LawShape &law, double gain, double most) const
   double worst = 0.0;
   std::array<ComplexPair, kHarmonics> closed;
   for (std::size_t begin = 0; begin < plants_.size() && !(worst > most); begin += count) {
-    for (std::size_t m = 0; m < count; ++m) {
+    for (std::size_t m = 0; m < harmonics_; ++m) {
+      // The set-point acts in each tick, so it has no other frequencies than its own.
       const auto [re, im] = times(plants_[begin + m], response[m]);
-      const Pair beyond = 1 + re;
-      const Pair size = beyond * beyond + im * im;
-      closed[m] = times({(re * beyond + im * im) / size, im / size}, setpoint_[m]);
+      ComplexPair loop{re, im};
+      for (std::size_t k = m + harmonics_; k < count; k += harmonics_) {
+        const auto [more_re, more_im] = times(plants_[begin + k], response[k]);
+        loop.re += more_re;
+        loop.im += more_im;
+      }
+      const Pair beyond = 1 + loop.re;
+      const Pair size = beyond * beyond + loop.im * loop.im;
+      closed[m] = times({(re * beyond + im * loop.im) / size, (im * beyond - re * loop.im) / size},
+                        setpoint_[m]);
     }
-    worst = std::max(worst, excess_of(std::span(closed).first(count), most));
+    worst = std::max(worst, excess_of(std::span(closed).first(harmonics_), most));
   }
   return worst;
 }

@@ -34,7 +34,9 @@ class RampResponse {
 
  private:
   double tick_s_;
-  std::vector<double> w_;                       // tan(pi f T) of each harmonic
+  std::size_t harmonics_ = 0;
+  // tan(pi f T) of all harmonics, then of their other frequencies (alias_of)
+  std::vector<double> w_;
   std::vector<std::complex<double>> setpoint_;  // spectrum of the set-point
   std::vector<ComplexPair> plants_;  // delayed responses, pair after pair; a last one is repeated
 };

@@ -67,8 +67,8 @@ void in_parallel(std::size_t count, unsigned threads, const Work &work) {
 }
 
 // The grid of the plants with a path from the command to the force, and the indices of these plants
-// in the given list. After these plants come the same plants with the newest readings, if their
-// sensor has no known phase. Figures of a plant are the worst of both.
+// in the given list. If their sensor has no known phase, the same plants follow with another phase,
+// then all of them with the next one. Figures of a plant are the worst of its phases.
 struct Grid {
   std::vector<std::size_t> kept;
   std::optional<LawGrid> grid;
@@ -112,7 +112,7 @@ LawBounds bounds_of(std::vector<double> ms, double gain_margin, double phase_mar
 
 std::unique_ptr<Grid> grid_of(const forceaxis::sim::ModelFile &model,
                               const std::vector<PlantKey> &keys, const std::vector<int> &delays,
-                              double density, double tick_s, unsigned threads) {
+                              double density, double tick_s, unsigned threads, bool all_phases) {
   expect(!delays.empty() && *std::min_element(delays.begin(), delays.end()) >= 0,
          "delays: expected one delay in ticks or more, each at least 0");
   expect(density >= kDensityMin && density <= kDensityMax,
@@ -131,8 +131,11 @@ std::unique_ptr<Grid> grid_of(const forceaxis::sim::ModelFile &model,
       result->kept.push_back(i);
       kept.push_back(std::move(*plants[i]));
     }
-  for (std::size_t i = 0; i < result->kept.size(); ++i)
-    if (auto newest = kept[i].with_newest_readings()) kept.push_back(std::move(*newest));
+  std::vector<std::vector<ForcePlant>> others(kept.size());
+  in_parallel(kept.size(), threads,
+              [&](std::size_t i) { others[i] = kept[i].with_other_phases(all_phases); });
+  for (std::size_t phase = 0; !others.empty() && phase < others.front().size(); ++phase)
+    for (auto &plant : others) kept.push_back(std::move(plant[phase]));
   result->delays = delays;
   if (!kept.empty()) result->grid.emplace(std::move(kept), delays, density);
   return result;
@@ -224,8 +227,9 @@ py::array_t<double> precise(const Grid &grid, const LawShape &law, const std::ve
   const py::gil_scoped_release released;
   in_parallel(grid.kept.size() * delays, threads, [&](std::size_t i) {
     PreciseFigures f = own.precise(law, gains[i / delays], i / delays, i % delays);
-    if (own.plants().size() > grid.kept.size())
-      add_worse(f, own.precise(law, gains[i / delays], grid.kept.size() + i / delays, i % delays));
+    for (std::size_t p = grid.kept.size() + i / delays; p < own.plants().size() && f.known_stable;
+         p += grid.kept.size())
+      add_worse(f, own.precise(law, gains[i / delays], p, i % delays));
     const std::array<double, kColumns> row{
         f.fS_hz, f.fT_hz, f.Ms, f.gain_margin, f.phase_margin_rad, f.sag ? 1.0 : 0.0};
     for (std::size_t k = 0; k < kColumns; ++k)
@@ -237,7 +241,7 @@ py::array_t<double> precise(const Grid &grid, const LawShape &law, const std::ve
 py::array_t<double> figures(const Grid &grid, const LawShape &law, double gain) {
   auto all = plants_of(grid).figures(law, gain);
   const std::size_t loops = grid.kept.size() * grid.delays.size();
-  for (std::size_t i = loops; i < all.size(); ++i) add_worse(all[i - loops], all[i]);
+  for (std::size_t i = loops; i < all.size(); ++i) add_worse(all[i % loops], all[i]);
   all.resize(loops);
   py::array_t<double> values({static_cast<py::ssize_t>(grid.kept.size()),
                               static_cast<py::ssize_t>(grid.delays.size()), py::ssize_t{5}});
@@ -289,9 +293,22 @@ void add_laws(py::module_ &m) {
                    "forceaxis.design.grid.")
       .def(py::init(&grid_of), py::arg("model"), py::arg("plants"), py::arg("delays"),
            py::arg("density"), py::arg("tick_s"), py::arg("threads") = 1,
-           "plants: (overrides, states) of each plant. delays: in ticks.")
+           py::arg("all_phases") = false,
+           "plants: (overrides, states) of each plant. delays: in ticks. all_phases: of a sensor "
+           "without a known phase, not only the oldest and the newest readings.")
       .def_readonly("kept", &Grid::kept,
                     "indices of the plants with a path from the command to the force")
+      .def_property_readonly(
+          "exact",
+          [](const Grid &grid) { return !grid.grid || grid.grid->plants().front().exact(); },
+          "True if one code leaves the period after which the ticks of the loops repeat. Otherwise "
+          "figures are those of a mean age of the readings.")
+      .def_property_readonly(
+          "free",
+          [](const Grid &grid) {
+            return grid.grid && grid.grid->plants().size() > grid.kept.size();
+          },
+          "True if the sensor has no known phase, so that each plant has several phases")
       .def(
           "frequency_hz",
           [](const Grid &grid, std::size_t plant) {

@@ -10,6 +10,7 @@ import pytest
 from forceaxis import linear
 from forceaxis._core import InputError
 from forceaxis.commission import joint_fit, known
+from forceaxis.design import data_sheet, new
 from forceaxis.identify.measurement import Measurement
 from forceaxis.linear import loops
 
@@ -19,6 +20,7 @@ OVER = ("k_w=30%,m_w=30%",)
 TRUTH = {"k_w": 2.1, "m_w": 0.6, "b_w": 1.8, "k_s": 1.1, "b_s": 0.7, "m_axis": 1.03, "b_axis": 1.5,
          "k_torque": 0.97, "k_preamp_fdbk": 1.04}  # fmt: skip
 DOF = 7
+ARRAYS = ("frequency_hz", "response", "coherence", "floor", "variance")
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +105,37 @@ def test_the_ranges_are_those_asked_for_and_what_the_fit_leaves_open(model):
         assert one.over[0].startswith("k_w=") and set(one.plants.ranges) == {"k_w", "m_w"}
     wide = [one.plants.ranges["k_w"][2] / one.plants.ranges["k_w"][0] for one in found]
     assert 1.3 < wide[0] < 1.31 and wide[1] > 1.315
+
+
+BUS_AXIS = {
+    "drive": "velocity", "bus_cycle_ms": 4, "sensor_bits": 16, "sensor_noise_n": 0.1,
+    "workpiece_stiffness_n_per_m": 1e6,
+}  # fmt: skip
+
+
+def test_what_responses_below_a_mode_leave_open_widens_the_set(tmp_path):
+    """Over a bus the mode of the workpiece is above the measured band: its stiffness and mass and
+    the stiffness of the sensor trade against each other. A law for a set about the fitted values
+    had an Ms of 3.5 on the true plants."""
+    values, sources = data_sheet.collect({name: str(v) for name, v in BUS_AXIS.items()})
+    new.write(tmp_path / "axis", values, sources)
+    model = str(tmp_path / "axis/model.toml")
+    priors = known.priors(model, OVER)
+    true = {name: value for name, value in parameters(model).items() if name in priors}
+    slow = [
+        replace(m, **{name: getattr(m, name)[m.frequency_hz < 100.0] for name in ARRAYS})
+        for m in three(model, true, error=0.03)
+    ]
+    found = joint_fit.joint(model, priors, slow, OVER)
+    assert found.rejected is None
+    for name in ("k_w", "m_w"):
+        (best, low, high), (least, most) = found.plants.ranges[name], found.intervals[name]
+        half = math.log(most / least) / 2
+        assert half > 0.05
+        for wider in (0.7 * best / low, high / (1.3 * best)):
+            assert 0.7 * half < math.log(wider) < 1.01 * half
+        # The true plants with their tolerances belong to the set.
+        assert low < 0.7 * true[name] and 1.3 * true[name] < high
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import re
 import shutil
 import signal
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import NamedTuple, get_args, get_type_hints
 
 import numpy as np
@@ -19,6 +20,7 @@ from forceaxis.axis.link import REASONS, NoAnswer, Refused
 from forceaxis.axis.sim import SimLink
 from forceaxis.cli import live_options
 from forceaxis.commission import (
+    analyzer,
     as_found,
     margins,
     tune,
@@ -934,3 +936,29 @@ def test_the_verb_goes_on_and_prints_one_object(plants, designed):
     assert summary["levels"].keys() == {"verified-30N", "verified-100N"}
     assert not summary["stored"]  # a simulated axis without a file for its store
     assert "check: done before" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("ticks", "fits"),
+    [
+        # Few changes of the position, all of them in the first tick of a cycle of 6 ticks.
+        ([5, 17, 29, 41, 59, 71], True),
+        ([5, 11, 17, 23, 29, 35, 41, 47, 53], True),
+        ([5, 17, 29, 41, 59], False),  # too few
+        ([5, 17, 29, 40, 59, 71], False),
+        ([5 + 12 * i for i in range(20)], False),  # a cycle of 12 ticks
+    ],
+)
+def test_a_position_that_changes_seldom_shows_the_cycle_of_a_bus(ticks, fits):
+    """Small amplitudes on a bus of 4 ms gave six changes, and three of seven tunings ended."""
+    code, places = np.arange(300.0), np.zeros(300)
+    for tick in ticks:
+        places[tick:] += 1
+    bus = SimpleNamespace(bus=(6, 6, 1))
+    if not fits:
+        with pytest.raises(Refusal, match="changes once in 6 ticks"):
+            analyzer.Analyzer._sent(bus, code, places)
+        return
+    # A position of the first tick of a cycle, tick 4, is a tick late; a code acts a cycle later.
+    sent = analyzer.Analyzer._sent(bus, code, places)
+    assert sent[10:16].tolist() == [4.0] * 6 and sent[16] == 10.0

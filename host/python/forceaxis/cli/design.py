@@ -88,6 +88,11 @@ class Newtons(click.ParamType[tuple[float, ...]]):
     "noise. Default: 80; at most 15 per code of the ADC.",
 )  # fmt: skip
 @click.option(
+    "--ramp", "ramp_s", type=common.Positive(), metavar="S",
+    help="Rise time of the set-point that the force has to follow without overshoot, s. Default: "
+    "0.2 over the bandwidth of a PI law, at least 0.1.",
+)  # fmt: skip
+@click.option(
     "--latency",
     type=click.Choice(["both", "0", "1"]),
     default="both",
@@ -134,6 +139,7 @@ def design(
     gain_margin: float,
     adc_bits: int | None,
     hf_gain: float | None,
+    ramp_s: float | None,
     latency: str,
     overrides: tuple[str, ...],
     states: tuple[str, ...],
@@ -193,7 +199,7 @@ def design(
     order = outcome.DesignOrder(
         text, over, linear.overrides(overrides), modes=modes, states=linear.states(states), ms=ms,
         ms_late=ms_late, gain_margin=gain_margin, adc_bits=adc_bits, latency=latency,
-        hf_gain=hf_gain, forces_N=tuple(itertools.chain.from_iterable(forces_N)),
+        hf_gain=hf_gain, ramp_s=ramp_s, forces_N=tuple(itertools.chain.from_iterable(forces_N)),
         approach_mm_per_s=approach_mm_per_s, simulate=simulate, threads=threads,
     )  # fmt: skip
     if priors and not measured:

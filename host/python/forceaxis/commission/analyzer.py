@@ -58,7 +58,9 @@ BIAS_TRIES = 8  # largest number of target_force values that are tried to reach 
 QUIET_LSB = 0.4  # rms noise in ADC codes below which rounding hides the noise of the measured force
 # number of realisations from which the distortion of the response is computed
 DISTORTION_RECORDS = 3
-ARRIVALS_MIN = 8  # smallest number of changes of the position that show the cycle of a bus
+# Smallest numbers of changes of the position that agree with the cycle of a bus, and that show that
+# the cycle is no multiple of it.
+ARRIVALS_MIN, ARRIVALS_SURE = 6, 8
 AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor of one increase of the amplitude in the search
 # Factor by which the amplitude is reduced after a bound was exceeded.
 # Largest number of reductions, first without friction, then with dry friction.
@@ -632,7 +634,8 @@ class Analyzer:
         """
         cycle, late_out, late_in = self.bus
         arrivals = np.flatnonzero(np.diff(places)) + 1
-        if len(arrivals) < ARRIVALS_MIN or np.gcd.reduce(np.diff(arrivals)) != cycle:
+        shown = int(np.gcd.reduce(np.diff(arrivals))) if len(arrivals) >= ARRIVALS_MIN else 0
+        if not shown or shown % cycle or (shown > cycle and len(arrivals) >= ARRIVALS_SURE):
             raise Refusal(
                 "cycle",
                 f"expected a position that changes once in {cycle} ticks, as the bus of the model "

@@ -5,8 +5,11 @@
 
 Responses in contact determine only ratios of masses, stiffnesses and the drive's force constant.
 The response out of contact and the priors determine the absolute values as accurately as they are
-known. The remaining uncertainty does not change a force loop, because the force law acts from the
-measured force to the code, and the responses contain the same path.
+known. The remaining uncertainty does not change the force loop of the measured plant, because the
+force law acts from the measured force to the code, and the responses contain the same path. It
+does change the loops of plants with tolerances: a stiffness that is too large by the fit, beside
+another one that is too small, moves the mode of a workpiece of another mass. The plants for which a
+law is designed therefore have what the fit leaves open in addition to the tolerances.
 """
 
 import itertools
@@ -489,10 +492,11 @@ def _evaluated(
     }
     found.correlation = (covariance / np.outer(spread, spread))[: len(best), : len(best)]
     found.ratios = _ratios(best, covariance, size)
+    left_open = _left_open(problem, x, covariance, ranges)
     for i, name in enumerate(problem.names):
         if "@" in name:
             continue
-        wider = size * min(shown[i], spread[i])
+        wider = size * max(min(shown[i], spread[i]), left_open[i])
         wider += float(abs(shift[:, i]).max()) if changed[i] else 0.0
         if name in ranges or (changed[i] and len(ranges) < plant_set.RANGES_MAX):
             value, low, high = ranges.get(name, (best[name],) * 3)
@@ -506,17 +510,53 @@ def _evaluated(
 
 
 def _shown(problem: Responses, lines: Samples, ranges: Collection[str]) -> Samples:
-    """Returns the standard errors of the logarithms from the spectral lines alone, for the
-    parameters with a tolerance.
-
-    The uncertainty due to all other parameters changes no response and therefore no force loop.
-    """
+    """Returns the standard errors of the logarithms from the spectral lines alone, with all other
+    parameters fixed. A difference between two forces that exceeds them is a change."""
     shown: Samples = 1 / np.sqrt(np.maximum(np.diag(lines), 1e-12))
     varied = [i for i, name in enumerate(problem.names) if name in ranges]
     if varied:
         block = lines[np.ix_(varied, varied)] + np.diag(problem.spread[varied] ** -2.0)
         shown[varied] = np.sqrt(np.diag(np.linalg.inv(block)))
     return shown
+
+
+def _left_open(
+    problem: Responses, x: Samples, covariance: Samples, ranges: Mapping[str, plant_set.Range]
+) -> Samples:
+    """Returns the standard errors of the logarithms in which plants at the ends of `ranges` differ.
+
+    The measured plant has the same response whatever the fit leaves open, but a plant at the end of
+    a tolerance has not: a stiffness that the fit has too large beside another one that is too small
+    moves the mode of a workpiece of another mass. A direction of the parameters that changes these
+    responses by less than MODEL_ERROR counts in proportion less. An example is a common factor of
+    all masses and stiffnesses.
+    """
+    ends = []
+    for i, name in enumerate(problem.names):
+        value, *limits = ranges.get(name, (1.0,))
+        ends += [(i, math.log(limit / value)) for limit in limits]
+    if not ends:
+        return np.zeros(len(x))
+
+    def responses(logarithms: Samples) -> Response:
+        found = []
+        for i, shift in ends:
+            at = logarithms.copy()
+            at[i] += shift
+            known = zip(problem.predictions(at), problem.measured, strict=True)
+            found += [h for h, m in known if not m.free]
+        return np.concatenate(found)
+
+    steps = STEP_LOG * np.eye(len(x))
+    ratios = [np.log(responses(x + d) / responses(x - d)) / (2 * STEP_LOG) for d in steps]
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    changes = np.array([_real(ratio) for ratio in ratios]).T @ root
+    _, sizes, directions = np.linalg.svd(changes, full_matrices=False)
+    least = MODEL_ERROR * math.sqrt(len(changes) / 2)
+    moved = (root @ directions.T) ** 2 @ (sizes**2 / (sizes**2 + least**2))
+    result: Samples = np.sqrt(moved)
+    return result
 
 
 def _reject(found: JointFit, problem: Responses, away: Samples) -> None:

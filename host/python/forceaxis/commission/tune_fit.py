@@ -41,6 +41,7 @@ from forceaxis.identify.distributions import chi_square_tail
 from forceaxis.identify.measurement import Measurement
 from forceaxis.linear import plant_set
 from forceaxis.linear.plant_set import PlantSet
+from forceaxis.words import plain
 
 Frictions = tuple[friction_models.FrictionElement, ...]
 
@@ -136,7 +137,18 @@ def fit_line(tuning: TuningFolder, done: Fitted) -> str:
     named = plant_set.ranges_of(done.model, tuning.order.over)
     rows = done.parameters
     text = ", ".join(f"{n} = {done.values[n]:.5g} {rows[n].unit}" for n in named)
-    return f"{text}, p = {done.p_value:.2g}"
+    spans = (
+        f"{name} = {plain(low, 4)} to {plain(high, 4)} {rows[name].unit}"
+        for name, low, high in _spans(done)
+    )
+    return f"{text}, p = {done.p_value:.2g}; designed for {', '.join(spans)}"
+
+
+def _spans(done: Fitted) -> list[tuple[str, float, float]]:
+    """Returns (parameter, lowest value, highest value) of the designed set, with the intervals of
+    the fit."""
+    ranges = plant_set.ranges_of(done.model, done.over or (), done.values)
+    return [(name, low, high) for name, (_, low, high) in ranges.items()]
 
 
 def _explained(tuning: TuningFolder, found: joint_fit.JointFit) -> tuple[str, str]:

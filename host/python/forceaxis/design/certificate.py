@@ -22,6 +22,9 @@ ATTEMPTS = 12  # largest number of gains for which the exact bandwidth and margi
 # Ratio of the first tried gain to the gain from the grid of frequencies.
 # The ratio is below 1, because the grid seldom contains the worst plant.
 FIRST_GAIN_FACTOR = 0.995
+# Ratio of a gain that keeps the bounds to one that does not, above which no gain between is tried.
+GAIN_NEAR = 0.98
+QUICK_ERROR = 1e-6  # relative error of quick values, with a margin
 REACHED_SHARE = 0.97  # share of a bound above which a sentence names this bound as reached
 # a frequency belongs to a mode if the ratio of the two frequencies is below this factor
 MODE_FACTOR = 1.35
@@ -133,25 +136,52 @@ def _least(values: Sequence[float | None]) -> float | None:
     return min((value for value in values if value is not None), default=None)
 
 
-def exact(plants: PlantSet, grid: Grid, bank: Bank, goal: Goal) -> tuple[Bank, WorstFigures | None]:
+def exact(
+    plants: PlantSet, grid: Grid, bank: Bank, goal: Goal, responses: Responses | None = None,
+    quick: bool = False, first: float = FIRST_GAIN_FACTOR,
+) -> tuple[Bank, WorstFigures | None]:  # fmt: skip
     """Returns (filter bank, worst values) with a gain at which the exact bandwidth and margins keep
     the bounds of the goal on all plants. If no gain keeps the bounds, the gain is 0 and the values
-    are None."""
-    bank = lowered(bank, FIRST_GAIN_FACTOR)
-    responses = Responses(plants, goal.timings)
+    are None. `responses`: of the plants, to be used for several banks. `quick`: the values have a
+    relative error of up to QUICK_ERROR, and take a fraction of the time.
+    `first`: ratio of the first tried gain to that of the bank."""
+    bank = lowered(bank, first)
+    responses = responses or Responses(plants, goal.timings)
+    kept: tuple[Bank, WorstFigures] | None = None
+    failed = math.inf  # smallest gain that does not keep the bounds
     for attempt in range(ATTEMPTS):
         if not bank.force_gain:
             break
-        searches = _searches(responses, bank)
-        factor = min(_factor(s.quick(), goal, t) for t, s in searches.items())
+        found = _worst_of(responses, bank, goal, quick)
+        factor = min(_factor(w, goal, t, quick) for t, w in found.items())
         if factor >= 1:
-            found = {t: search.exact() for t, search in searches.items()}
-            factor = min(_factor(w, goal, t) for t, w in found.items())
-            if factor >= 1:
-                return bank, _figures(found, grid, bank)
-        # The gain decreases by a larger factor in each attempt, because some peaks decrease slowly.
-        bank = lowered(bank, (0.999 * factor) ** (1 + attempt))
-    return replace(bank, force_gain=0.0), None
+            kept = bank, _figures(found, grid, bank)
+            if bank.force_gain >= GAIN_NEAR * failed or failed == math.inf:
+                break
+        else:
+            failed = bank.force_gain
+        if kept:
+            # The gain was lowered far, so that a larger one may keep the bounds.
+            between = lowered(bank, math.sqrt(kept[0].force_gain * failed) / bank.force_gain)
+            if between.force_gain <= kept[0].force_gain:
+                break
+            bank = between
+        else:
+            # The gain decreases by a larger factor in each attempt, because some peaks decrease
+            # slowly.
+            bank = lowered(bank, (0.999 * factor) ** (1 + attempt))
+    return kept or (replace(bank, force_gain=0.0), None)
+
+
+def _worst_of(responses: Responses, bank: Bank, goal: Goal, quick: bool) -> dict[str, over.Worst]:
+    """Returns the worst values for each delay of the loop. If quick ones do not keep the bounds,
+    they are returned, because exact ones do not keep them either."""
+    searches = _searches(responses, bank)
+    if quick or responses.is_exact:
+        found = {t: search.quick() for t, search in searches.items()}
+        if quick or min(_factor(w, goal, t) for t, w in found.items()) < 1:
+            return found
+    return {t: search.exact() for t, search in searches.items()}
 
 
 def _searches(responses: Responses, bank: Bank) -> dict[str, over.WorstSearch]:
@@ -168,16 +198,18 @@ def of_any(plants: PlantSet, grid: Grid, bank: Bank, timings: Sequence[str]) -> 
     return _figures(found, grid, bank) if stable else None
 
 
-def _factor(worst: over.Worst, goal: Goal, timing: str) -> float:
+def _factor(worst: over.Worst, goal: Goal, timing: str, quick: bool = False) -> float:
     """Returns the factor by which the gain has to be multiplied so that the loop keeps the margins
-    with one delay of the loop ("zoh" or "zoh+1"), or 1 if the loop already keeps the margins."""
+    with one delay of the loop ("zoh" or "zoh+1"), or 1 if the loop already keeps the margins.
+    `quick`: the values have an error of up to QUICK_ERROR, and have to keep the margins with it."""
     if not worst.stable:
         return 0.8
     factor = 1.0
-    most = goal.ms_of(timing)
+    slack = 1 - QUICK_ERROR if quick else 1.0
+    most = goal.ms_of(timing) * slack
     if worst.Ms is not None and worst.Ms > most:
         factor = min(factor, max(1 - (worst.Ms - most) / most, 0.8))
-    if worst.gain_margin is not None and worst.gain_margin < goal.gain_margin:
+    if worst.gain_margin is not None and worst.gain_margin * slack < goal.gain_margin:
         factor = min(factor, worst.gain_margin / goal.gain_margin)
     if goal.phase_margin_deg and abs(worst.phase_margin_deg or 180) < goal.phase_margin_deg:
         factor = min(factor, 0.97)

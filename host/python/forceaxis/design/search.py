@@ -24,10 +24,14 @@ from forceaxis.design.grid import LOWEST_HZ, POLE_ROUNDING_PER_S, THIN, Goal, Gr
 from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import GAIN_STEP, Bank
 from forceaxis.linear.plant_set import Member, PlantSet
-from forceaxis.linear.precise import DELAYS
+from forceaxis.linear.precise import DELAYS, Responses
 
 # smallest ratio of bandwidths at which the search selects the larger structure of the law
 LARGER_STRUCTURE_MIN = 1.1
+# Smallest ratio of the bandwidth of a law to that of a smaller structure that needs no reason.
+SMALLER_SHARE = 0.99
+# Smallest ratio of bandwidths without and with the ramp at which the result names the ramp.
+RAMP_COST_MIN = 1.1
 RANDOM = 1000  # number of random plants on which the result is checked
 PROBE_RANDOM = 60  # number of random plants in each round of the search
 ROUNDS_MAX = 4  # largest number of rounds in which plants are added to the search
@@ -66,9 +70,8 @@ STATIC_ERROR_MAX = 0.01
 
 @dataclass(frozen=True)
 class StructureDesign:
-    """The best control law of one structure. `worst` contains the worst bandwidth and margins over
-    the set of plants; None if no gain keeps the margins. The values of a structure that is not
-    chosen have a relative error of about 0.001, and a bandwidth below grid.LOWEST_HZ is 0."""
+    """The best control law of one structure, with a gain that keeps the margins. `worst` contains
+    the worst bandwidth and margins over the set of plants; None if no gain keeps the margins."""
 
     name: str
     bank: BankFigures
@@ -122,6 +125,7 @@ class SearchProblem:
         self.bounds = goal.bounds()
         self.grid = Grid(plants, members, goal.timings, density, threads)
         self.ramp: _core.LawRamp | None = None
+        self.ramp_s = 0.0
 
     def evaluate(self, numbers: Samples) -> tuple[float, float]:
         """Returns (bandwidth in Hz, largest gain) of a control law. The bandwidth is smaller if the
@@ -151,8 +155,25 @@ class SearchProblem:
 
         The rise time of the ramp follows from the bandwidth of a PI law.
         """
-        rise_s = goal.ramp_s or max(RAMP_MIN_S, RAMP_PERIODS / bandwidth_Hz)
-        self.ramp = self.grid.ramp(plants.nominal(), rise_s)
+        self.ramp_s = goal.ramp_s or max(RAMP_MIN_S, RAMP_PERIODS / bandwidth_Hz)
+        self.ramp = self.grid.ramp(plants.nominal(), self.ramp_s)
+
+    def free_bandwidth(self, numbers: Samples) -> float:
+        """Returns the bandwidth of a law in Hz, also if the force does not follow the ramp."""
+        kept, self.ramp = self.ramp, None
+        try:
+            return self.evaluate(numbers)[0]
+        finally:
+            self.ramp = kept
+
+    def without_ramp(self, numbers: Samples, limits: Samples) -> Samples:
+        """Returns the numbers of the best law that a simplex search finds if the force need not
+        follow the ramp. Arguments as in polished()."""
+        kept, self.ramp = self.ramp, None
+        try:
+            return _polished(self, np.clip(numbers, *limits.T), limits)
+        finally:
+            self.ramp = kept
 
     def polished(
         self, numbers: Samples, limits: Samples, evaluations: int, tolerance: float
@@ -312,7 +333,7 @@ def search(
         name: structures.bounds(name, min(LOWEST_FACTORS) * fS) for name in structures.STRUCTURES
     }
     problem.follow_ramp(plants, goal, fS)
-    thin.ramp = problem.ramp
+    thin.ramp, ramp_s = problem.ramp, problem.ramp_s
     before = own
     richer = list(structures.STRUCTURES)[1:]
     for done, name in enumerate(richer):
@@ -329,7 +350,7 @@ def search(
             break
         members = members + list(joined.values())
         problem = SearchProblem(plants, members, goal, 1.0, threads)
-        problem.ramp = thin.ramp
+        problem.ramp, problem.ramp_s = thin.ramp, ramp_s
         for name in [n for n, m in found.items() if m is not None and len(best[n])]:
             best[name] = _polished(problem, best[name], limits[name])
     return _result(plants, goal, problem, best, say, threads)
@@ -431,48 +452,88 @@ def _result(
     say: Callable[[str], None], threads: int,
 ) -> SearchResult:  # fmt: skip
     """Returns the result of a search. `best` is {structure: numbers of the best law with this
-    structure}."""
-    bounds = problem.bounds
+    structure}. All rows of the result have the stored gain and coefficients, and their worst
+    members keep the margins."""
     units = {name: structures.bank(numbers, 1.0) for name, numbers in best.items()}
     units = {n: unit.quantised() for n, unit in units.items() if structures.is_legal(unit.sections)}
-    steep = {name: problem.hf_gain(unit) for name, unit in units.items()}
-    laws = [(unit, steep[name]) for name, unit in units.items()]
+    laws = [(unit, problem.hf_gain(unit)) for unit in units.values()]
     grid, count = _final_grid(plants, goal, problem, laws, threads)
+    responses = Responses(plants, goal.timings)
+
+    def certified(name: str, unit: Bank) -> StructureDesign:
+        gain = grid.largest_gain(unit, problem.hf_gain(unit), problem.bounds).gain
+        bank = certificate.lowered(unit, gain)
+        bank, worst = certificate.exact(plants, grid, bank, goal, responses, quick=True)
+        return StructureDesign(name, bank_figures(bank), worst)
+
     rows: list[StructureDesign] = []
     for name, unit in units.items():
-        gain = grid.largest_gain(unit, steep[name], bounds).gain
-        bank = certificate.lowered(unit, gain)
-        if bank.force_gain:
-            worst = certificate.on_grid(grid, bank)
-            rows.append(StructureDesign(name, bank_figures(bank), worst))
-            say(f"{name}: {worst.bandwidth_Hz:.2f} Hz over {count} members")
+        row = certified(name, unit)
+        if name == "PI" and row.bandwidth_Hz < SMALLER_SHARE * _fastest(rows):
+            numbers = problem.without_ramp(best[name], structures.bounds(name, 1.0))
+            other = certified(name, structures.bank(numbers, 1.0).quantised())
+            row = max(row, other, key=lambda r: r.bandwidth_Hz)
+        if not row.worst:
+            continue
+        if structures.STRUCTURES[name] and row.bandwidth_Hz <= _fastest(
+            [r for r in rows if r.name != "P"]
+        ):
+            say(f"{name}: no more bandwidth than a smaller structure")
+            continue
+        rows.append(row)
+        say(f"{name}: {row.bandwidth_Hz:.2f} Hz over {count} members")
     chosen = None
     for row in rows:
         if chosen is None or _is_worth_it(row, chosen):
             chosen = row
 
     def taken(name: str) -> SearchResult | None:
-        # The exact gain is computed only for the chosen structure.
-        # Other structures keep the gain from the grid of frequencies.
         at = next(i for i, row in enumerate(rows) if row.name == name)
-        bank, worst = certificate.exact(plants, grid, rows[at].bank.bank, goal)
+        bank, worst = rows[at].bank.bank, rows[at].worst
+        if responses.is_exact:  # Otherwise the values are exact already.
+            bank, worst = certificate.exact(plants, grid, bank, goal, responses, first=1.0)
         if not worst or not worst.fS_Hz:
             return None
         rows[at] = StructureDesign(name, bank_figures(bank), worst)
-        return SearchResult(
-            bank,
-            worst,
-            _p_of(rows),
-            rows,
-            certificate.sentence(grid, bank, steep[name], bounds, goal.hf_cure()),
-            name,
-            taken,
+        limits = certificate.sentence(
+            grid, bank, problem.hf_gain(units[name]), problem.bounds, goal.hf_cure()
         )
+        limits += _costs(problem, rows, rows[at], best[name])
+        return SearchResult(bank, worst, _p_of(rows), rows, limits, name, taken)
 
     found = taken(chosen.name) if chosen else None
     if found is None:
         raise _no_gain()
     return found
+
+
+def _fastest(rows: Sequence[StructureDesign]) -> float:
+    """Returns the largest bandwidth of some rows in Hz, or 0 without a row."""
+    return max((row.bandwidth_Hz for row in rows), default=0.0)
+
+
+def _costs(
+    problem: SearchProblem, rows: Sequence[StructureDesign], row: StructureDesign, numbers: Samples
+) -> str:
+    """Returns sentences about the bandwidth of a law that is lost for other properties: a static
+    error of P, and the ramp of the set-point. `numbers`: of the law without its gain."""
+    text, p = "", rows[0]
+    if p.name == "P" and p.worst and row.bandwidth_Hz < SMALLER_SHARE * p.bandwidth_Hz:
+        text += (
+            f" P reaches {p.bandwidth_Hz:.3g} Hz, but leaves a static error of "
+            f"{100 * p.worst.static_error:.2g} %."
+        )
+    if not len(numbers) or problem.ramp is None:
+        return text
+    limits = structures.bounds(row.name, row.bandwidth_Hz * min(LOWEST_FACTORS))
+    free = problem.without_ramp(numbers, limits)
+    share = problem.free_bandwidth(free) / max(problem.free_bandwidth(numbers), LOWEST_HZ)
+    if share >= RAMP_COST_MIN:
+        text += (
+            f" The set-point has to be followed as a ramp of {problem.ramp_s:.2g} s: without this, "
+            f"{row.name} would reach {share * row.bandwidth_Hz:.3g} Hz; a longer ramp permits more."
+        )
+    return text
 
 
 def _p_of(rows: list[StructureDesign]) -> P:

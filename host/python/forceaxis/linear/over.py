@@ -12,7 +12,7 @@ import itertools
 import math
 import operator
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -345,19 +345,33 @@ class WorstSearch:
         )
         self._found = _worst_of_each(self._group)
         self._is_exact = loops is None or self._found is None
+        self._loops = loops
 
     def quick(self) -> Worst:
-        """Returns the worst values with a relative error of about 1e-8."""
-        return _worst(self._group, self._group)
+        """Returns the worst values. Their relative error is about 1e-8 if one code leaves the
+        period after which the ticks of the loops repeat. Otherwise they are those of exact()."""
+        if self._loops is None or self._found is None:
+            return _worst(self._group, self._group)
+        if not self._loops.responses.is_exact:
+            return self.exact()
+        if not self._loops.responses.is_free:
+            return _worst(self._group, self._group)
+        whole = replace(self._loops, responses=self._loops.responses.in_all_phases)
+        return self._again(_fast(whole, self._by_loop))
 
     def exact(self) -> Worst:
         """Returns the worst values. Those of the worst loops and of the nominal plants are computed
         as eigenvalue problems."""
-        if self._is_exact or self._found is None:
-            return self.quick()
-        again = _Set(self._plants, self._timings, self._by_loop)
-        members = [entry[0] for entry in self._found.values()]
-        again.cover([*self._plants.nominal(), *members])
+        if self._is_exact:
+            return _worst(self._group, self._group)
+        return self._again(self._by_loop)
+
+    def _again(self, analyse: Analyse[Figures]) -> Worst:
+        """Returns the worst values of the worst loops and of the nominal plants, which are analysed
+        again."""
+        assert self._found is not None
+        again = _Set(self._plants, self._timings, analyse)
+        again.cover([*self._plants.nominal(), *(entry[0] for entry in self._found.values())])
         return _worst(again, self._group)
 
 

@@ -10,6 +10,7 @@ the worst plants of a set with this evaluation, and computes the result from eig
 import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -76,7 +77,7 @@ def law_shape(bank: Bank) -> _core.LawShape:
 
 def law_grid(
     model: _core.ModelFile, plants: PlantSet, members: Sequence[Member], timings: Sequence[str],
-    density: float = 1.0, threads: int = 1,
+    density: float = 1.0, threads: int = 1, all_phases: bool = False,
 ) -> _core.LawGrid:  # fmt: skip
     """Returns the responses of some plants of a set on grids of frequencies, see _core.LawGrid."""
     path = str(find_model(plants.model))
@@ -85,7 +86,7 @@ def law_grid(
         overrides = {**plants.overrides, **member.values}
         keys.append((overrides, working(path, overrides, member.modes).modes))
     return _core.LawGrid(
-        model, keys, [DELAYS[timing] for timing in timings], density, TICK_S, threads
+        model, keys, [DELAYS[timing] for timing in timings], density, TICK_S, threads, all_phases
     )
 
 
@@ -93,11 +94,12 @@ class Responses:
     """Responses of the plants of a set on full grids of frequencies, see _core.LawGrid. Each plant
     is computed once, because this takes longer than the evaluation of a law.
 
-    plants: the set. timings: names of DELAYS.
+    plants: the set. timings: names of DELAYS. all_phases: of a sensor without a known phase, not
+    only the oldest and the newest readings.
     """
 
-    def __init__(self, plants: PlantSet, timings: Sequence[str]) -> None:
-        self.plants, self.timings = plants, tuple(timings)
+    def __init__(self, plants: PlantSet, timings: Sequence[str], all_phases: bool = False) -> None:
+        self.plants, self.timings, self._all = plants, tuple(timings), all_phases
         self._model = _core.ModelFile(find_model(plants.model))
         self._grids: dict[Hashable, _core.LawGrid] = {}
 
@@ -106,8 +108,26 @@ class Responses:
         force."""
         key = member.key
         if key not in self._grids:
-            self._grids[key] = law_grid(self._model, self.plants, [member], self.timings)
+            self._grids[key] = law_grid(
+                self._model, self.plants, [member], self.timings, all_phases=self._all
+            )
         return self._grids[key]
+
+    @property
+    def is_exact(self) -> bool:
+        """True if one code leaves the period after which the ticks repeat. Otherwise figures are
+        those of a mean age of the readings."""
+        return self.of(self.plants.nominal()[0]).exact
+
+    @property
+    def is_free(self) -> bool:
+        """True if the sensor has no known phase."""
+        return self.of(self.plants.nominal()[0]).free
+
+    @cached_property
+    def in_all_phases(self) -> "Responses":
+        """Responses of the same plants with all phases."""
+        return Responses(self.plants, self.timings, True)
 
 
 @dataclass(frozen=True)

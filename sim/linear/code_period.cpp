@@ -1,0 +1,248 @@
+#include "sim/linear/code_period.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <map>
+#include <numbers>
+#include <utility>
+
+#include "sim/matrix/hessenberg.hpp"
+
+namespace forceaxis::sim {
+namespace {
+
+using Complex = std::complex<double>;
+using Eigen::Index;
+using Row = Eigen::Matrix<Extended, 1, Eigen::Dynamic>;
+
+// Instants within this number of ticks are the same, as in a run.
+constexpr Extended kSame = 1e-6L;
+
+// Returns the largest whole number that is at most `number`, which is in the unit `step` ticks.
+Extended floor_of(Extended number, Extended step) {
+  const Extended whole = std::nearbyint(number);
+  return std::abs(number - whole) * step < kSame ? whole : std::floor(number);
+}
+
+// A value over the state at the start of a period and the code of this period.
+struct Value {
+  Row row;
+  Extended direct;
+};
+
+Value sum_of(const Value &a, const Value &b, Extended factor) {
+  return {a.row + factor * b.row, a.direct + factor * b.direct};
+}
+
+}  // namespace
+
+// The plant within a period in which one code acts, from the start of the period on. An instant is
+// in (0, cycle_ticks]: at its end, the direct path still shows the old code.
+class CodePeriod::Flow {
+ public:
+  Flow(const TickSystem &plant, int order)
+      : states_(plant.A.rows()), order_(order), C_(plant.C), D_(plant.D), tick_s_(plant.tick_s) {
+    const Index size = states_ + order;
+    A_ = ExtendedMatrix::Zero(size, size);
+    B_ = ExtendedMatrix::Zero(size, 1);
+    A_.topLeftCorner(states_, states_) = plant.A;
+    B_.topRows(states_) = plant.B;
+    // Chained integrals of the force, whose unit of time is the tick.
+    if (order > 0) {
+      A_.row(states_).head(states_) = plant.C / Extended{tick_s_};
+      B_(states_, 0) = plant.D / Extended{tick_s_};
+    }
+    for (Index k = states_ + 1; k < size; ++k) A_(k, k - 1) = 1 / Extended{tick_s_};
+  }
+
+  // Returns e^(A t) of the plant and the effect of the code at an instant, as n x (n + 1).
+  ExtendedMatrix moved(Extended ticks) const {
+    ExtendedMatrix state = step(ticks).topRows(states_);
+    ExtendedMatrix result(states_, states_ + 1);
+    result << state.leftCols(states_), state.col(states_ + order_);
+    result.leftCols(states_) += ExtendedMatrix::Identity(states_, states_);
+    return result;
+  }
+
+  // Returns the force at an instant.
+  Value force(Extended ticks) const {
+    const ExtendedMatrix state = moved(ticks);
+    const Row row = C_ * state;
+    return {row.head(states_), row(states_) + D_};
+  }
+
+  // Returns the moments of the force over the part of a period from `low` to `high`, about `high`:
+  // moment j is the integral of (high - t)^(j - 1) / (j - 1)! times the force.
+  std::vector<Value> moments(Extended low, Extended high) const {
+    std::vector<Value> found = from_start(high);
+    const std::vector<Value> before = about(from_start(low), high - low);
+    for (std::size_t j = 0; j < found.size(); ++j) found[j] = sum_of(found[j], before[j], -1);
+    return found;
+  }
+
+  // Returns moments about an instant that is some ticks later.
+  static std::vector<Value> about(const std::vector<Value> &moments, Extended later) {
+    std::vector<Value> moved = moments;
+    for (std::size_t j = 0; j < moments.size(); ++j) {
+      Extended factor = 1;
+      for (std::size_t back = 1; back <= j; ++back) {
+        factor *= later / static_cast<Extended>(back);
+        moved[j] = sum_of(moved[j], moments[j - back], factor);
+      }
+    }
+    return moved;
+  }
+
+ private:
+  std::vector<Value> from_start(Extended ticks) const {
+    std::vector<Value> found;
+    if (ticks < kSame) {
+      found.resize(static_cast<std::size_t>(order_), {Row::Zero(states_), 0});
+      return found;
+    }
+    const ExtendedMatrix &all = step(ticks);
+    for (Index k = states_; k < states_ + order_; ++k)
+      found.push_back({all.row(k).head(states_), all(k, states_ + order_)});
+    return found;
+  }
+
+  // Returns sampled() for some ticks. Each is computed once.
+  const ExtendedMatrix &step(Extended ticks) const {
+    const auto known = std::find_if(steps_.begin(), steps_.end(), [&](const auto &one) {
+      return std::abs(one.first - ticks) < kSame * kSame;
+    });
+    if (known != steps_.end()) return known->second;
+    const auto time_s = static_cast<double>(ticks * tick_s_);
+    return steps_.emplace_back(ticks, sampled(A_, B_, time_s)).second;
+  }
+
+  Index states_;
+  int order_;
+  ExtendedMatrix C_;
+  Extended D_;
+  double tick_s_;
+  ExtendedMatrix A_, B_;
+  mutable std::vector<std::pair<Extended, ExtendedMatrix>> steps_;
+};
+
+CodePeriod::CodePeriod(const TickSystem &plant, const CodeTiming &timing)
+    : cycle_ticks_(timing.cycle_ticks) {
+  const Flow flow(plant, timing.sinc_order);
+  const Extended cycle = timing.cycle_ticks;
+  const auto weights =
+      SincFilter(static_cast<std::size_t>(timing.sinc_order), static_cast<double>(timing.every));
+  std::vector<Row> rows;
+  const auto add = [&](const std::map<int, Value> &parts, int tick) {
+    const std::size_t first = terms_.size();
+    for (const auto &[periods, value] : parts) {
+      terms_.push_back({periods, static_cast<double>(value.direct)});
+      rows.push_back(value.row);
+    }
+    readings_.push_back({first, terms_.size(), {tick}});
+  };
+  const auto to = [](std::map<int, Value> &parts, int periods, const Value &value,
+                     Extended factor) {
+    const auto [place, is_new] = parts.try_emplace(periods, value);
+    if (is_new) {
+      place->second.row *= factor;
+      place->second.direct *= factor;
+    } else {
+      place->second = sum_of(place->second, value, factor);
+    }
+  };
+  // A sample at an instant, from which the periods of the codes count.
+  const auto sample = [&](Extended instant) {
+    std::map<int, Value> parts;
+    if (timing.sinc_order == 0) {
+      // At the end of a period its code still acts.
+      const Extended periods = -floor_of(-instant / cycle, cycle) - 1;
+      to(parts, static_cast<int>(periods), flow.force(instant - periods * cycle), 1);
+      return parts;
+    }
+    for (int i = 0; i < timing.sinc_order; ++i) {
+      const Extended end = instant - i * timing.every;
+      for (Extended low = end - timing.every; end - low > kSame;) {
+        const Extended periods = floor_of(low / cycle, cycle);
+        const Extended high = std::min(end, (periods + 1) * cycle);
+        const auto moments = Flow::about(
+            flow.moments(std::max(low - periods * cycle, Extended{0}), high - periods * cycle),
+            end - high);
+        for (std::size_t j = 0; j < moments.size(); ++j)
+          to(parts, static_cast<int>(periods), moments[j],
+             weights.weight(static_cast<std::size_t>(i), j));
+        low = high;
+      }
+    }
+    return parts;
+  };
+  Extended before = 0;
+  for (int tick = 0; tick < timing.cycle_ticks; ++tick) {
+    const Extended newest =
+        floor_of((tick - timing.latency - timing.phase) / timing.every, timing.every);
+    if (!readings_.empty() && newest == before) {
+      readings_.back().ticks.push_back(tick);
+      continue;
+    }
+    before = newest;
+    add(sample(timing.phase + newest * timing.every - timing.delay_ticks_out), tick);
+  }
+  const ExtendedMatrix period = flow.moved(cycle);
+  const Index n = period.rows();
+  ExtendedMatrix A = period.leftCols(n);
+  ExtendedMatrix B = period.col(n);
+  ExtendedMatrix C(static_cast<Index>(rows.size()), n);
+  for (std::size_t i = 0; i < rows.size(); ++i) C.row(static_cast<Index>(i)) = rows[i];
+  const Eigen::VectorXd d = balance(A);
+  for (Index i = 0; i < n; ++i) {
+    for (Index j = 0; j < n; ++j) A(i, j) *= Extended{d(j)} / d(i);
+    B(i, 0) /= d(i);
+    C.col(i) *= d(i);
+  }
+  if (n > 0) balanced_ = hessenberg(A, B, C);
+}
+
+void CodePeriod::response(std::span<const double> w, std::span<Complex> values) const {
+  const auto cycle = static_cast<std::size_t>(cycle_ticks_);
+  std::vector<Complex> turns(w.size());  // z of one tick
+  std::vector<Complex> points(w.size());
+  const auto power = [](Complex base, int exponent) {
+    Complex result = 1;
+    const Complex factor = exponent < 0 ? std::conj(base) : base;  // |base| is 1
+    for (int i = 0; i < std::abs(exponent); ++i) result *= factor;
+    return result;
+  };
+  for (std::size_t i = 0; i < w.size(); ++i) {
+    const double size = 1 + w[i] * w[i];
+    turns[i] = {(1 - w[i] * w[i]) / size, 2 * w[i] / size};
+    points[i] = power(turns[i], cycle_ticks_);
+  }
+  std::vector<Complex> states(points.size() * terms_.size());
+  if (balanced_.H.rows() > 0)
+    hessenberg_response(balanced_.H, balanced_.B, balanced_.C,
+                        Eigen::MatrixXd::Zero(balanced_.C.rows(), 1), points, states);
+  std::vector<Complex> apart;  // e^(-2 pi j k / m)
+  for (std::size_t k = 0; k < cycle; ++k) {
+    const Extended angle =
+        -2 * std::numbers::pi_v<Extended> * static_cast<Extended>(k) / static_cast<Extended>(cycle);
+    apart.emplace_back(static_cast<double>(std::cos(angle)), static_cast<double>(std::sin(angle)));
+  }
+  std::fill(values.begin(), values.end(), Complex{});
+  for (std::size_t i = 0; i < points.size(); ++i)
+    for (const Reading &reading : readings_) {
+      Complex sum = 0;
+      for (std::size_t t = reading.first; t < reading.end; ++t)
+        sum += power(points[i], terms_[t].periods) *
+               (states[i * terms_.size() + t] + terms_[t].direct);
+      sum /= static_cast<double>(cycle_ticks_);
+      for (const int tick : reading.ticks) {
+        const Complex turned = sum * power(turns[i], -tick);
+        for (std::size_t k = 0; k < cycle; ++k)
+          values[k * points.size() + i] +=
+              turned * apart[k * static_cast<std::size_t>(tick) % cycle];
+      }
+    }
+}
+
+}  // namespace forceaxis::sim

@@ -1,0 +1,67 @@
+#pragma once
+// The plant of a force loop in which one code leaves a period: the samples of the force sensor
+// repeat with the cycle of the bus, or without a bus with the tick.
+//
+// The law computes an output in each tick, but only that of the first tick of a cycle becomes a
+// code. The reading of a tick is the newest sample that has arrived. For a code Z^n in cycle n,
+// with Z = e^(2 pi j f m T) and m ticks in a cycle, the reading in tick t of cycle n is R_t Z^n.
+// The law H acts on m frequencies f + k / (m T), so the loop is
+//
+//     L = sum over k of H(z_k) W_k,   W_k = 1/m sum over t of z_k^-t R_t,   z_k^m = Z.
+//
+// Both sums are exact: in contrast to a response with a mean age of the readings, L is the loop of
+// the lifted system (host/python/forceaxis/linear/lifted.py).
+#include <Eigen/Core>
+#include <complex>
+#include <span>
+#include <vector>
+
+#include "sim/hybrid/sinc_filter.hpp"
+#include "sim/matrix/extended.hpp"
+
+namespace forceaxis::sim {
+
+/// x' = A x + B u and y = C x + D u, with one input and one output. `tick_s` in s.
+struct TickSystem {
+  ExtendedMatrix A, B, C;
+  Extended D = 0;
+  double tick_s = 0.0;
+};
+
+/// The instants of the samples in ticks, and the bus. `every`: from sample to sample; a cycle is a
+/// whole number of them. `phase`: of a sample, from tick 0 on. `latency`: from a sample to its
+/// arrival. `sinc_order`: of the converter's filter, 0 for none.
+struct CodeTiming {
+  int cycle_ticks = 1;
+  int delay_ticks_out = 0;
+  Extended every = 1, phase = 0, latency = 0;
+  int sinc_order = 0;
+};
+
+class CodePeriod {
+ public:
+  CodePeriod(const TickSystem &plant, const CodeTiming &timing);
+  /// Computes W_k in the unit of y per unit of u for the frequencies f with w = tan(pi f T), for
+  /// k = 0 .. m - 1. `values` has all points of k = 0 first, then those of k = 1.
+  void response(std::span<const double> w, std::span<std::complex<double>> values) const;
+
+ private:
+  class Flow;
+  // A reading is the sum of its terms: Z^periods (row X + direct) with X = (Z - A)^-1 B. The row is
+  // that of `balanced_.C` with the index of the term.
+  struct Term {
+    int periods;
+    double direct;
+  };
+  struct Reading {
+    std::size_t first, end;  // terms
+    std::vector<int> ticks;  // of the cycle in which the law has this reading
+  };
+
+  int cycle_ticks_;
+  std::vector<Term> terms_;
+  std::vector<Reading> readings_;
+  Hessenberg balanced_;
+};
+
+}  // namespace forceaxis::sim
