@@ -211,6 +211,25 @@ Axes make_axes(const nodes::NodeOptions &options, const AxisOptions &own,
   return axes;
 }
 
+// Says which axis its own experiment enables, although a bus commands it too: a client of the bus
+// would find it enabled by somebody else.
+void report_own_commands(int first_axis, const std::vector<host::Experiment> &experiments) {
+  for (std::size_t i = 0; i < experiments.size(); ++i) {
+    for (const host::Action &action : experiments[i].actions) {
+      const auto commands = [](const host::ObjectWrite &w) {
+        return w.object == AXIS_OBJ_CONTROLWORD || w.object == AXIS_OBJ_MODE;
+      };
+      const auto first = std::ranges::find_if(action.writes, commands);
+      if (first == action.writes.end()) continue;
+      std::cerr << "axis_node: " << experiments[i].file.string() << ": [[at]] writes "
+                << host::object_meta(first->object).name << " at tick " << action.tick
+                << ", so axis " << first_axis + static_cast<int>(i)
+                << " enables itself; remove the tables [[at]] to command it over its bus alone\n";
+      break;
+    }
+  }
+}
+
 // Disables an axis whose plant is silent, and sends the outputs of the axis to the plant.
 void lose(Axis &axis, nodes::ModbusPort *modbus, host::AxisTransport &transport) {
   const host::LinkOutputs out = axis.lose_sensors(modbus);
@@ -321,6 +340,9 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   host::InjectionCounts injected;
   const auto transport = host::open_axis_transport(options.link, injected);
   Axes axes = make_axes(options, own, experiments);
+  if (!own.can.empty() || !own.modbus.empty()) {
+    report_own_commands(options.first_axis, experiments);
+  }
   std::optional<Session> session;
   if (options.endless) session.emplace(options, axes, modbus.get());
   const auto compute = [&](const host::LinkInputs &in) {

@@ -201,9 +201,9 @@ Task<bool> GatewayAxis::find() {
 }
 
 // Starts a node that left the state operational after its configuration, and makes a stopped node
-// that is not configured answer SDO requests. An NMT command moves nothing: the stop, or the lost
-// heartbeat, has disabled the drive, which enables only by new controlwords of its owner. Returns
-// false while the node answers no SDO request.
+// that is not configured answer SDO requests. An NMT command moves nothing: by default the stop, or
+// the lost heartbeat, has disabled the drive (abort_connection_option), and only new controlwords of
+// its owner enable it. Returns false while the node answers no SDO request.
 bool GatewayAxis::keep_started() {
   const bool is_set_up = set_up_boots_ == boots_;
   const bool has_left = is_set_up && nmt_state_ == axis_state_t::NMT_PREOPERATIONAL;
@@ -213,7 +213,7 @@ bool GatewayAxis::keep_started() {
     next_start_ = now + kStartPeriod;
     publisher_.loud_event(axis_event_t::EVENT_NODE, nmt_state_,
                           "node is " + nmt_text(nmt_state_) +
-                              ", the gateway starts it; its drive stays disabled");
+                              ", the gateway starts it; a start enables no drive");
     send_({0,
            2,
            {is_set_up ? kStart : kEnterPreOperational, static_cast<std::uint8_t>(number())}});

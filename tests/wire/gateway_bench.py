@@ -3,6 +3,7 @@
 Each scenario is a function; what it raises is its result, so that one failure hides no other.
 """
 
+import contextlib
 import json
 import os
 import re
@@ -17,6 +18,7 @@ from pathlib import Path
 
 from forceaxis import objects
 from forceaxis.axis import session as sessions
+from forceaxis.axis.gateway import GatewayLink
 from forceaxis.bus.client import AxisClient, NoAnswer, Refused
 from forceaxis.bus.lcm import TABLE_HASH, Bus, decode, now_us
 from forceaxis.bus.messages import axis_command_t, axis_event_t, axis_state_t
@@ -281,7 +283,43 @@ def captures(axis):
         axis.capture(["force"], samples=60000)
     except Refused as error:
         found["too_long"] = str(error)
+    with LossyClient(1, timeout_s=4) as lossy:
+        held = lossy.capture(["tick_count"], samples=700, trigger_edge="immediate")
+        ticks = held.values("tick_count").astype(int)
+        found["lossy"] = [
+            held.total,
+            held.missing,
+            sorted({int(s) for s in ticks[1:] - ticks[:-1]}),
+        ]
+        found["dropped"] = lossy.dropped > 0
+    found["handed_out"] = handed_out()
+    axis.take()
     return found
+
+
+class LossyClient(AxisClient):
+    """Two of three blocks of a capture are lost on their way to this client."""
+
+    blocks = dropped = 0
+
+    def _take(self, channel, data, wall_us):
+        if channel.endswith("_CAPTURE"):
+            self.blocks += 1
+            if self.blocks % 3:
+                self.dropped += 1
+                return
+        super()._take(channel, data, wall_us)
+
+
+def handed_out():
+    """A recording ends when its client no longer owns the axis."""
+    with contextlib.closing(GatewayLink(1, timeout_s=4)) as link:
+        link.client.take()
+        link.arm(["tick_count"], {"length": 300, "decimation": 3})
+        link.client.release()
+        held = link.recording(20)
+        owner, recorder = link.client.read_all(["command_source", "recorder_state"]).values()
+        return [len(held.raw), owner, recorder]
 
 
 def stop_recorder():
@@ -543,6 +581,32 @@ def ended(process, drive):
     return found
 
 
+def nmt_stopped(can, axis, process):
+    """Another master stops the node of an axis that drives, then one that no gateway has set up."""
+    found = {"driven": drive_on(can)}
+    before = len(process.errors())
+    can.send(0, b"\x02\x01")
+    axis.wait_event(axis_event_t.EVENT_NODE, lambda e: e.code == 4)
+    found["back"] = bool(until(lambda: operational(axis), 15))
+    time.sleep(1.2)  # a second start would come by then
+    said = process.errors()[before:]
+    found["starts"] = said.count("node is stopped, the gateway starts it; a start enables no drive")
+    found["unanswered"] = said.count("no answer in time")
+    found["drive"] = axis.read("drive_state")
+    process.terminate()
+    process.wait(10)
+    can.send(0, b"\x02\x01")
+    time.sleep(0.5)
+    process = gateway()
+    found["found"] = bool(until(lambda: operational(axis), 15))
+    found["drive_then"] = axis.read("drive_state")
+    # Another master makes it pre-operational.
+    can.send(0, b"\x80\x01")
+    axis.wait_event(axis_event_t.EVENT_NODE, lambda e: e.code == 127)
+    found["operational"] = bool(until(lambda: operational(axis), 15))
+    return found, process
+
+
 def lost_axis(running, axis):
     """The axis is killed: what the gateway reports on each bus."""
     running["plant_node"].kill()
@@ -575,7 +639,7 @@ def main():
 
     folder = Path(tempfile.mkdtemp())
     with thesis_session.machine(
-        folder, programs=("axis_node", "plant_node"), duration_s=60
+        folder, programs=("axis_node", "plant_node"), duration_s=80
     ) as running:
         can, process = Can(), gateway("--set", "force_gain=3")
         results["ready"] = re.sub("pid [0-9]+", "pid N", process.ready)
@@ -613,6 +677,9 @@ def main():
                 keep(f"ended_{owner}", ended, process, drive)
                 process = gateway()
                 until(lambda: operational(axis), 8)
+            keep("nmt_stopped", nmt_stopped, can, axis, process)
+            if isinstance(results["nmt_stopped"], tuple):
+                results["nmt_stopped"], process = results["nmt_stopped"]
             keep("lost_axis", lost_axis, running, axis)
             process.terminate()
             process.wait(5)

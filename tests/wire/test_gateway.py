@@ -141,6 +141,9 @@ def test_captures_are_whole_and_tick_by_tick(of):
     assert [word & 0x4F for word in got["statusword"]] == [0x40]  # switch on disabled
     assert got["decimated"] == [100, [3]]
     assert got["stopped"] == "capture failed: the recorder was stopped"
+    # Two of three blocks are lost, also of those that are sent again.
+    assert got["dropped"] and got["lossy"] == [700, 0, [1]]
+    assert got["handed_out"] == [300, "canopen", "idle"]
     assert got["too_long"] == "recorder_arm: value not valid (abort 06090030h)"
 
 
@@ -277,6 +280,15 @@ def test_a_lost_axis_is_named_on_both_sides(of):
     assert got["stale"] and got["age_grows"]
     assert got["modbus"] == "840b"  # the target does not respond
     assert got["command"] == "axis 1 at the gateway: the axis is silent"
+
+
+def test_a_node_that_another_master_stops_is_started_and_not_enabled(of):
+    got = of("nmt_stopped")
+    assert got["driven"] and got["back"] and got["found"] and got["operational"]
+    assert got["starts"] == 1
+    assert got["unanswered"] <= 2  # what was asked when it stopped
+    disabled = {"switch_on_disabled", "fault"}
+    assert {got["drive"], got["drive_then"]} <= disabled
 
 
 def test_another_object_table_is_named_and_nothing_is_written(of):

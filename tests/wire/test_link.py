@@ -769,3 +769,19 @@ def test_a_file_that_cannot_be_written_is_one_line_and_status_2(tmp_path, option
 def test_help_has_an_example(name):
     done = subprocess.run([NODES / name, "--help"], capture_output=True, text=True, check=True)
     assert "Example:" in done.stdout and "--run-id" in done.stdout
+
+
+@pytest.mark.parametrize("name", ["press_fit", "contact"])
+def test_an_experiment_that_enables_its_axis_beside_a_bus_says_so(name):
+    """contact.toml has no table [[at]]."""
+    ours, theirs = os.openpty()
+    words = ["--modbus", os.ttyname(theirs), "--start-timeout", "0.05", "--run-id", "991"]
+    done = subprocess.run(
+        [NODES / "axis_node", ROOT / f"sim/experiments/{name}.toml", *words],
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    os.close(ours)
+    os.close(theirs)
+    first, *others = done.stderr.splitlines()
+    assert ("enables itself; remove the tables [[at]]" in first) == (name == "press_fit")
+    assert len(others) == (name == "press_fit")

@@ -200,7 +200,7 @@ def test_can_a_node_that_nmt_has_stopped_is_named_and_started(stopped):
     local.value("controlword").raw = 0
     link = CanLink("virtual", 1, bus=bus, timeout_s=0.3)
     try:
-        with pytest.raises(NoAnswer, match=r"stopped by NMT .*start it with `forceaxis axis start`"):
+        with pytest.raises(NoAnswer, match=r"stopped by NMT .*`forceaxis axis start`"):
             link.read(["force"])
         with pytest.raises(NoAnswer, match="stopped by NMT"):
             link.acquire()  # starts nobody whom somebody else has stopped

@@ -9,7 +9,8 @@ from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.bus.state_names import POWERED
-from forceaxis.cycles import live
+from forceaxis.cli import cycle_text
+from forceaxis.cycles import live, results
 
 PRESS_FIT = Path(__file__).resolve().parents[3] / "sim/experiments/press_fit.toml"
 SNAP_FIT = PRESS_FIT.with_name("snap_fit.toml")
@@ -83,6 +84,19 @@ def test_a_cycle_that_is_waited_for_in_vain_is_aborted(axis, wanted):
     assert axis.get("cycle_state", "cycle_outcome") == {
         "cycle_state": "aborted", "cycle_outcome": "stopped",
     }  # fmt: skip
+
+
+def test_a_part_that_a_fault_ends_names_the_fault_and_its_remedy(axis, wanted):
+    live.load(axis, wanted)
+    axis.set(force_max="100 N")
+    record = results.press(axis, wanted)
+    assert (record.state, record.outcome) == ("aborted", "stopped")
+    assert record.notes == ["fault force_max: `forceaxis axis reset` resets it"]
+    shown = "\n".join(" ".join(row) for row in cycle_text.record_rows(record))
+    assert "fault force_max: `forceaxis axis reset` resets it" in shown
+    axis.reset_fault()
+    axis.set(force_max=0)
+    assert results.press(axis, wanted).notes == []
 
 
 def test_a_program_needs_a_number(tmp_path):
