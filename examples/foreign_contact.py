@@ -16,10 +16,12 @@ as the best one. It is no confidence interval.
 
 import argparse
 import sys
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -105,6 +107,58 @@ class Recorded:
     name: str
     force: Force
     level: ForceLevel
+
+
+def _limits(tables: dict[str, Any]) -> None:
+    """Bounds the force of the drive, and so its acceleration, and delays the measured force by the
+    8 ms of a bus with cycles of 2 ms."""
+    controller, drive = tables["machine_controller"], tables["drive"]
+    if controller["law"] == "table" or drive["type"] != "first_order":
+        raise InputError("--structure limits: expected a law of the force and a first_order drive")
+    tables["parameters"]["f_limit"] = {"value": 400.0, "unit": "N", "source": "guess"}
+    drive["force_limit"] = "f_limit"
+    controller |= {"delay_ticks": 12, "cycle_ticks": 3}
+
+
+def _dead_zone(tables: dict[str, Any]) -> None:
+    """Makes the spring at the body of the drive a spring with play."""
+    springs, body = tables["spring"], tables["drive"]["body"]
+    found = next((spring for spring in springs if body in spring["between"]), None)
+    if found is None:
+        raise InputError("--structure dead-zone: expected a spring at the body of the drive")
+    springs.remove(found)
+    tables["parameters"]["play"] = {"value": 20e-6, "unit": "m", "source": "guess"}
+    tables.setdefault("backlash", []).append({**found, "width": "play"})
+
+
+def _path_end(tables: dict[str, Any]) -> None:
+    """Ends the travel of the body of the drive behind the contact, as the stroke of a flange."""
+    parameters = tables["parameters"]
+    parameters["stroke"] = {"value": 1e-3, "unit": "m", "source": "guess"}
+    parameters["k_end"] = {"value": 1e6, "unit": "N/m", "source": "guess"}
+    parameters["b_end"] = {"value": 1e3, "unit": "N s/m", "source": "guess"}
+    end = {"name": "end", "between": [tables["drive"]["body"], "ground"], "high": "stroke",
+           "stiffness": "k_end", "damping": "b_end"}  # fmt: skip
+    tables.setdefault("stop", []).append(end)
+
+
+# Structures that a model may lack: each changes its tables.
+STRUCTURES: dict[str, Callable[[dict[str, Any]], None]] = {
+    "limits": _limits, "dead-zone": _dead_zone, "path-end": _path_end,
+}  # fmt: skip
+
+
+def with_structures(model: Path, names: Sequence[str], folder: Path) -> Path:
+    """Returns the model with further structures, a file of `folder`, or the model itself without
+    any. Raises InputError."""
+    if not names:
+        return model
+    tables = toml.read(model)
+    for name in names:
+        STRUCTURES[name](tables)
+    file = folder / model.name
+    file.write_text(toml.write_text(tables), encoding="utf-8")
+    return file
 
 
 def recorded(path: Path, signals: str) -> Recorded:
@@ -353,6 +407,11 @@ def options() -> argparse.Namespace:
     parser.add_argument("--span", type=float, default=0.1, help="fitted stretch, s")
     parser.add_argument("--evaluated", type=float, default=4.0, help="stretch of the figures, s")
     parser.add_argument("--starts", type=int, default=24, help="number of starts of the search")
+    parser.add_argument(
+        "--structure", choices=STRUCTURES, action="append", default=[],
+        help="structure that MODEL lacks, repeatable: limits of drive and bus, a dead zone, the "
+        "end of a path",
+    )  # fmt: skip
     parser.add_argument("--out", type=Path, help="picture of measured and predicted forces")
     return parser.parse_args()
 
@@ -371,13 +430,19 @@ def residual_N(one: Recorded, force: Force, span_s: float, shift_s: float) -> fl
 
 
 def main() -> None:
-    """Fits, predicts and prints."""
+    """Reads the options, and fits a model with the structures that they name."""
     given = options()
     for name in ("speed", "predict", "span", "evaluated", "starts"):
         if not getattr(given, name) > 0:
             raise InputError(f"--{name}: expected a value above 0")
     drawing.check_name(given.out)
-    machine = Machine(given.model, given.signal)
+    with tempfile.TemporaryDirectory() as folder:
+        fit_and_predict(given, with_structures(given.model, given.structure, Path(folder)))
+
+
+def fit_and_predict(given: argparse.Namespace, model: Path) -> None:
+    """Fits a model, predicts and prints."""
+    machine = Machine(model, given.signal)
     first = recorded(given.recording, given.map)
     against = recorded(given.against, given.map) if given.against else None
     machine.contact(

@@ -5,13 +5,12 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <limits.h>
 #include <string.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-enum { CHUNK_BYTES = 256 };
+enum { CHUNK_BYTES = 256, FOLDER_BYTES = 4096 };
 
 /* Writes all bytes to the file. Returns false if a byte could not be written. */
 static bool write_all(int file, uint32_t at, const uint8_t *bytes, uint32_t count) {
@@ -135,7 +134,7 @@ static bool is_blank(int file, uint32_t count) {
 
 /* Waits until the name of a file is in its folder on the disk. */
 static bool sync_folder(const char *path) {
-  char folder[PATH_MAX];
+  char folder[FOLDER_BYTES];
   const char *slash = strrchr(path, '/');
   const size_t length = (slash == NULL) ? 0 : (size_t)(slash - path) + 1;
   if (length + 2 > sizeof(folder)) {

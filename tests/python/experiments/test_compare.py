@@ -166,7 +166,9 @@ def test_stamps_of_few_decimals_change_no_figure(experiment):
     )
     found = compared(experiment, given).result
     assert found.agrees
-    for before, after in zip(compared(experiment, exact).result.figures, found.figures, strict=True):
+    for before, after in zip(
+        compared(experiment, exact).result.figures, found.figures, strict=True
+    ):
         assert (after.measured, after.predicted) == pytest.approx(
             (before.measured, before.predicted), rel=1e-5, abs=1e-6
         )

@@ -14,6 +14,7 @@ PACKAGE = ROOT / "host/python/forceaxis"
 ORDER = (
     ("_core", "paths", "words", "progress"),
     ("objects", "toml", "results", "errors"),
+    ("files",),
     ("drawing",),
     ("bus", "chip", "linear"),
     ("recordings",),

@@ -53,7 +53,7 @@ class ProgramObjects:
 class RefusalObjects:
     """The reason for which an axis has refused an update."""
 
-    program_refusal: str
+    program_refusal: str | int
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,8 @@ def _write(axis: Axis, data: bytes) -> None:
         raise InputError(f"{where}: {REFUSALS.get(reason, str(error))}") from None
     reason = axis.record(RefusalObjects).program_refusal
     if reason != "none":
-        raise InputError(f"{where}: {REFUSALS[reason]}")
+        why = REFUSALS.get(reason, f"the axis refuses the update, reason {reason}")
+        raise InputError(f"{where}: {why}")
 
 
 def _confirmed(

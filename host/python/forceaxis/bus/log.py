@@ -21,6 +21,7 @@ SYNC_BYTES = struct.pack(">I", SYNC_MARK)
 # size in bytes of the channel's name, size in bytes of the data
 HEADER = struct.Struct(">IqqII")
 LONGEST_CHANNEL, LONGEST_DATA = 255, 1 << 28
+LATEST_US = (1 << 63) // 1000  # in the year 2262; nanoseconds of MCAP and NumPy end there
 
 
 class LogEntry(NamedTuple):
@@ -90,8 +91,9 @@ class LogReader:
                 start = at + HEADER.size
                 stop = start + name_size + data_size
                 sane = (
-                    mark == SYNC_MARK and name_size <= LONGEST_CHANNEL and data_size <= LONGEST_DATA
-                )
+                    mark == SYNC_MARK and name_size <= LONGEST_CHANNEL
+                    and data_size <= LONGEST_DATA and 0 <= wall_us < LATEST_US
+                )  # fmt: skip
                 # A corrupted length would skip correct entries that follow.
                 if sane and stop <= size and self._whole(data, start, stop):
                     self.count += 1

@@ -4,6 +4,8 @@ Viewers read the JSON topics. This program reads the bytes of the messages, so t
 the same in both formats.
 """
 
+import dataclasses
+import io
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -74,6 +76,25 @@ class McapWriter:
             self._file.close()
 
 
+def _unpacked(chunk: Chunk) -> Chunk:
+    """Returns a chunk without its compression. Raises ValueError for one that would be larger than
+    RECORD_MOST_BYTES, whatever size it states, and exceptions of the packages that decompress."""
+    most = RECORD_MOST_BYTES + 1
+    if chunk.compression == "zstd":
+        import zstandard
+
+        data = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(chunk.data)).read(most)
+    elif chunk.compression == "lz4":
+        from lz4.frame import LZ4FrameDecompressor
+
+        data = LZ4FrameDecompressor().decompress(chunk.data, max_length=most)
+    else:
+        data = chunk.data
+    if len(data) >= most:
+        raise ValueError(f"a chunk of more than {RECORD_MOST_BYTES >> 20} MiB")
+    return dataclasses.replace(chunk, compression="", data=data)
+
+
 class McapReader:
     """Iterates over the LCM messages of an MCAP file, in the place of a LogReader. After the
     iteration, `damage` says in one text line whether the file is damaged or cut off, else None.
@@ -84,16 +105,23 @@ class McapReader:
         self._reason: str | None = None
 
     def __iter__(self) -> Iterator[LogEntry]:
+        for channel, message in self.messages():
+            if channel.message_encoding == LCM:
+                name = channel.topic.removeprefix(RAW)
+                yield LogEntry(message.log_time // NS_PER_US, name, message.data)
+
+    def messages(self) -> Iterator[tuple[Channel, McapMessage]]:
+        """Yields all messages with their channels, in the order of the file."""
         self.count, self._reason = 0, None
-        channels: dict[int, str] = {}
+        channels: dict[int, Channel] = {}
         with self.path.open("rb") as stream:
             for record in self._records(stream):
-                if isinstance(record, Channel) and record.message_encoding == LCM:
-                    channels[record.id] = record.topic.removeprefix(RAW)
+                if isinstance(record, Channel):
+                    channels[record.id] = record
                 if isinstance(record, McapMessage) and record.channel_id in channels:
-                    self.count += 1
                     channel = channels[record.channel_id]
-                    yield LogEntry(record.log_time // NS_PER_US, channel, record.data)
+                    self.count += channel.message_encoding == LCM
+                    yield channel, record
 
     def _records(self, stream: BinaryIO) -> Iterator[McapRecord]:
         """Yields the records of a file, without those of damaged chunks and those after damage
@@ -105,7 +133,7 @@ class McapReader:
                 record = next(records)
                 inner = [record]
                 if isinstance(record, Chunk):
-                    inner = breakup_chunk(record, validate_crc=True)
+                    inner = breakup_chunk(_unpacked(record), validate_crc=True)
             except StopIteration:
                 return
             except Exception as error:

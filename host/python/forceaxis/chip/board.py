@@ -277,7 +277,7 @@ def read(folder: Path | str) -> Board:
         raise BoardError(
             f"{path}: expected a file with the description of a board, got no such file"
         ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise BoardError(f"{path}: expected TOML; {error}") from None
     board = _read_table(str(path), table, Board, {"folder": path.parent})
     if sum(board.memory.sectors) != len(board.memory.flash):

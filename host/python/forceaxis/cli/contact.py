@@ -77,8 +77,11 @@ def rows_of(found: ContactFit) -> list[str]:
             f"sampling     {run.chains} chains of {run.walkers} walkers and {run.steps} steps, "
             f"R-hat {run.r_hat:.3f}, {run.effective_samples:.0f} effective samples, "
             f"{run.evaluations} simulations"
-            + ("" if run.reached else ": not converged, no posterior; add a recording, or --fit "
-               "fewer parameters")
+            + (
+                ""
+                if run.reached
+                else ": not converged, no posterior; add a recording, or --fit fewer parameters"
+            )
         )
     return lines
 

@@ -336,8 +336,9 @@ def teach(
     that are not aborted count as good, whatever the old bounds said of them, so give a folder of
     its own. With a connection and --parts, the command first records parts into FOLDER as `cycle
     watch` does. The bounds are those of `cycle rates --propose`: by the whole part, for every
-    distribution, from at least 299 and at least b / s - 1 parts for b bounds and a share s. Windows and envelopes stay
-    as they are. The file of -o is the program with new bounds and all its comments.
+    distribution, from at least 299 and at least b / s - 1 parts for b bounds and a share s. Windows
+    and envelopes stay as they are. The file of -o is the program with new bounds and all its
+    comments.
     """
     from forceaxis.cli import cycle_text
     from forceaxis.cycles import live as cycles

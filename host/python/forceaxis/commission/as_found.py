@@ -12,9 +12,9 @@ import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
-from forceaxis import paths
+from forceaxis import files, paths
 from forceaxis._core import InputError
 from forceaxis.axis import actions, parameter_set
 from forceaxis.axis.axis import Axis
@@ -64,12 +64,8 @@ class FolderFile(Generic[T]):
         file = folder / self.name
         if not file.exists():
             return None
-        try:
-            table = json.loads(file.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
-        except (ValueError, RecursionError):
-            raise InputError(
-                f"{file}: expected a JSON file that a tuning has written; {self.remedy}"
-            ) from None
+        with files.parsing(file, "a JSON file that a tuning has written", self.remedy):
+            table = files.json_of(file.read_text(encoding="utf-8"))
         try:
             return None if table is None else from_json(self.kind, table, str(file))
         except InputError as error:
@@ -90,11 +86,6 @@ class FolderFile(Generic[T]):
         text = json.dumps(to_json(content), indent=2, allow_nan=False)
         with paths.replacing(folder, self.name) as (file,):
             file.write_text(text + "\n", encoding="utf-8")
-
-
-def _refuse_constant(text: str) -> NoReturn:
-    """Raises ValueError for NaN and Infinity, which are not valid JSON."""
-    raise ValueError(text)
 
 
 @dataclass(frozen=True)

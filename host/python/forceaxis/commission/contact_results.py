@@ -40,8 +40,8 @@ class ContactRecording:
 @dataclass(frozen=True, kw_only=True)
 class ContactFit:
     """The result of identify(). `rejected`: True if the model does not explain the recordings (p
-    below 0.001): then `parameters` have no meaning, and there are no secants and convergence. There is
-    no posterior either then, or if the sampler has not converged.
+    below 0.001): then `parameters` have no meaning, and there are no secants and convergence. There
+    is no posterior either then, or if the sampler has not converged.
     `elements`: elements that the model may lack, the best first; they are tried for p below 0.05.
     """
 

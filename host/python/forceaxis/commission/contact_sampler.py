@@ -7,7 +7,6 @@ samples are then nearly independent. The other moves (stretch, differences) are 
 posterior.
 """
 
-import zipfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -17,7 +16,8 @@ import emcee
 import numpy as np
 from scipy import linalg
 
-from forceaxis import paths
+from forceaxis import files, paths
+from forceaxis._core import InputError
 from forceaxis.commission.contact_data import Floats
 from forceaxis.commission.contact_likelihood import ContactProblem
 from forceaxis.experiments.workers import Workers
@@ -172,14 +172,14 @@ def _load(file: Path | None, key: str, chains: list[_Chain]) -> bool:
     if file is None or not file.exists():
         return False
     try:
-        with np.load(file, allow_pickle=False) as kept:
-            if str(kept["key"]) != key:
-                return False
-            for chain in chains:
-                names = chain.arrays()
-                chain.restore({name: kept[f"{name}_{chain.number}"] for name in names})
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        kept = files.read_arrays(file, "chains of `forceaxis identify contact`")
+    except (OSError, InputError):
         return False
+    own = [{n: kept.get(f"{n}_{c.number}") for n in c.arrays()} for c in chains]
+    if str(kept.get("key")) != key or any(a is None for arrays in own for a in arrays.values()):
+        return False
+    for chain, arrays in zip(chains, own, strict=True):
+        chain.restore({n: np.asarray(a, dtype=float) for n, a in arrays.items()})
     return True
 
 

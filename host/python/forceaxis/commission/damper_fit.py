@@ -6,7 +6,6 @@ friction. The size of a damper depends on the amplitude of the response. The fri
 follows from the damper and the recorded speed.
 """
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from forceaxis import linear, paths
+from forceaxis import files, linear, paths
 from forceaxis._core import InputError
 from forceaxis.commission import friction, friction_models, joint_fit, known
 from forceaxis.commission.friction_models import FrictionElement
@@ -68,9 +67,9 @@ def recorded_friction(
     """
     file = Path(path) / "result.json"
     try:
-        table = json.loads(file.read_text(encoding="utf-8"))
+        table = files.read_json(file, "a summary of `forceaxis measure`")
         about = from_json(AxisMeasurementSummary, table, str(file))
-    except (OSError, ValueError):
+    except (OSError, InputError):
         return RecordedFriction()
     found = about.friction
     if found is None:

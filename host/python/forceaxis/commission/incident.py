@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from forceaxis import paths
+from forceaxis import files, paths
 from forceaxis._core import InputError
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Recording, Refused
@@ -69,12 +69,11 @@ class ForceParameters:
         return self.force_scale * 1e-6
 
 
-@dataclass(frozen=True)
-class Incident:
-    """The recording of an error, and the state of the axis. `parameters` is {object: raw value} at
+@dataclass(frozen=True, kw_only=True)
+class IncidentAbout:
+    """What is known about an error beside its recording. `parameters` is {object: raw value} at
     the time when the incident was read."""
 
-    recording: Recording
     where: str
     fetched: str  #: date and time at which the incident was read, ISO 8601
     fault: str
@@ -85,6 +84,13 @@ class Incident:
     table: str  #: hash of the object table
     parameters: dict[str, int]
     archived: bool = False  #: True if a power cut occurred after the incident
+
+
+@dataclass(frozen=True)
+class Incident(IncidentAbout):
+    """The recording of an error, and the state of the axis."""
+
+    recording: Recording
 
     @property
     def force(self) -> ForceParameters:
@@ -266,18 +272,24 @@ def is_incident(path: str | Path) -> bool:
 
 def load(path: Path) -> Incident:
     """Reads an incident file. Raises InputError, OSError."""
-    try:
-        held = json.loads(path.read_text())
-        version = held.pop("forceaxis_incident")
-        samples = held.pop("samples")
-        trigger, crc = samples.pop("trigger_sample"), samples.pop("crc")
-        raw = np.array(list(samples.values()), dtype=np.int64).T
-        incident = Incident(Recording(tuple(samples), raw, 1, trigger), **held)
+    expected = "a file with an incident, which `forceaxis incident` has written"
+    remedy = "read the incident from the axis again"
+    held = files.read_json(path, expected, remedy)
+    version, samples = held.pop("forceaxis_incident", None), held.pop("samples", None)
+    if not isinstance(samples, dict):
+        files.refuse(path, expected, "no samples", remedy)
+    trigger, crc = samples.pop("trigger_sample", None), samples.pop("crc", None)
+    with files.parsing(path, expected, remedy):
+        about = from_json(IncidentAbout, held)
+        raw = np.array([from_json(list[int], column) for column in samples.values()]).T
+        if raw.ndim != 2 or type(trigger) is not int or not 0 <= trigger < len(raw):
+            raise ValueError(f"samples in the shape {raw.shape}, the fault at {trigger!r}")
+        if missing := set(SIGNALS) - set(samples):
+            raise ValueError(f"no samples of {', '.join(sorted(missing))}")
+        recording = Recording(tuple(samples), raw.astype(np.int64), 1, trigger)
+        incident = Incident(recording, **vars(about))
         is_right = zlib.crc32(packed(incident.recording)) == crc
-    except (ValueError, KeyError, TypeError, AttributeError, struct.error):
-        raise InputError(
-            f"{path}: expected a file with an incident, which `forceaxis incident` has written"
-        ) from None
+        _ = incident.force_N  # needs the parameters of the force
     if version != VERSION:
         raise InputError(
             f"{path}: expected an incident file of version {VERSION}, got version {version}"

@@ -133,7 +133,7 @@ def read_touch_down(file: Path) -> TouchDownRecord:
         good = table.dtype.names == TOUCH_DOWN_COLUMNS and table.ndim == 1 and len(table) > 1
         record = TouchDownRecord(*(table[name] for name in TOUCH_DOWN_COLUMNS))
         good = good and bool(np.isfinite(record.time_s).all())
-    except (ValueError, UnicodeDecodeError, IndexError, TypeError):
+    except (ValueError, LookupError, TypeError):  # TypeError: names of no columns, in NumPy
         good = False
     if not good:
         raise InputError(

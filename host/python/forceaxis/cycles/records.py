@@ -22,7 +22,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from forceaxis import paths
+from forceaxis import files, paths
 from forceaxis._core import InputError
 from forceaxis.cycles.record import (
     Cell,
@@ -46,13 +46,10 @@ def file_name(key: Key) -> str:
 
 def read_record(file: Path) -> PartRecord:
     """Returns the record in a JSON file. Raises InputError."""
-    try:
-        table = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        raise InputError(
-            f"{paths.display(file)}: expected the record of a part as JSON, got another file; "
-            "restore it from a copy, or move it out of the folder"
-        ) from None
+    table = files.read_json(
+        file, "the record of a part as JSON",
+        "restore it from a copy, or move it out of the folder",
+    )  # fmt: skip
     return from_json(PartRecord, table, paths.display(file))
 
 
@@ -257,16 +254,12 @@ def read_parts(source: Path, last: int | None = None) -> RecordedParts:
 
 def _read_lines(file: Path) -> Iterator[PartRecord]:
     """Yields the records of a file of JSON lines. Raises InputError."""
-    try:
+    with files.parsing(file, "records as JSON lines"):
         lines = file.read_text(encoding="utf-8").splitlines()
-    except (OSError, ValueError):
-        raise InputError(f"{paths.display(file)}: expected records as JSON lines") from None
     for i, line in enumerate(lines, 1):
         where = f"{paths.display(file)}: line {i}"
-        try:
-            table = json.loads(line)
-        except ValueError:
-            raise InputError(f"{where}: expected the record of a part as JSON") from None
+        with files.parsing(where, "the record of a part as JSON"):
+            table = files.json_of(line)
         yield from_json(PartRecord, table, where)
 
 
@@ -279,14 +272,12 @@ def _expect_parts(found: RecordedParts) -> RecordedParts:
 def _read_table(file: Path) -> RecordedParts:
     """Returns the parts of a CSV table. Of the parts of `cycle rates` only the good ones."""
     where = paths.display(file)
-    try:
-        with file.open(encoding="utf-8", newline="") as stream:
-            rows = list(csv.reader(stream))
-    except (OSError, ValueError, csv.Error):
-        raise InputError(
-            f"{where}: expected a folder with records of parts, or a table parts.csv, got neither; "
-            "`forceaxis cycle start --out FOLDER` writes records"
-        ) from None
+    expected = "a folder with records of parts, or a table parts.csv"
+    remedy = "`forceaxis cycle start --out FOLDER` writes records"
+    if not file.is_file():
+        files.refuse(file, expected, "neither", remedy)
+    with files.parsing(file, expected, remedy), file.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.reader(stream))
     columns = rows[0] if rows else []
     names = elements_of(columns)
     if "state" not in columns or not names:

@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar
 
-from forceaxis import _core, progress
+from forceaxis import _core, files, progress
 from forceaxis._core import InputError
 from forceaxis.experiments.inputs import read_inputs
 from forceaxis.experiments.sweep_result import Row
@@ -157,8 +157,8 @@ def read_line(line: bytes) -> JournalLine:
     """Returns the JSON object of a text line, or an empty object if the text line contains no JSON
     object."""
     try:
-        entry = json.loads(line)
-    except ValueError:
+        entry = files.json_of(line)
+    except (ValueError, RecursionError):
         return {}
     return entry if isinstance(entry, dict) else {}
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from forceaxis import files
 from forceaxis._core import InputError
 from forceaxis.identify.measurement import Reals
 
@@ -17,12 +18,12 @@ LARGEST_NUMBER = 1e100
 def rows_of(path: Path | str) -> list[tuple[int, list[str]]]:
     """Returns [(line number, texts of the fields)] of all lines of a CSV file that are not empty.
     Raises InputError."""
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = csv.reader(file)
-            return [(rows.line_num, row) for row in rows if row]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: expected a CSV file in UTF-8, got: {error}") from None
+    with (
+        files.parsing(path, "a CSV file in UTF-8", "export it again"),
+        open(path, newline="", encoding="utf-8-sig") as file,
+    ):
+        rows = csv.reader(file)
+        return [(rows.line_num, row) for row in rows if row]
 
 
 def header_of(path: Path | str) -> list[str]:

@@ -1,18 +1,18 @@
 """Fits parameters of a model to a measured frequency response, with confidence intervals."""
 
+import dataclasses
 import json
 import math
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
-from forceaxis import linear, paths, progress
+from forceaxis import files, linear, paths, progress
 from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
 from forceaxis.identify.columns import header_of, read_columns
@@ -318,18 +318,20 @@ def read_response(
     model = str(linear.find_model(model))
     if file.suffix == ".csv":
         return checked(response_of_csv(file, model, overrides or {}, settings), file)
-    try:
-        with np.load(file) as saved:
-            recorded = json.loads(str(saved["about"])) | settings.replaced() | {"model": model}
-            measured = Measurement(**recorded, **{name: saved[name] for name in ARRAYS})
-            measured = replace(measured, overrides={**measured.overrides, **(overrides or {})})
-    except (
-        AttributeError, EOFError, FileNotFoundError, KeyError, TypeError, ValueError,
-        zipfile.BadZipFile,
-    ):  # fmt: skip
-        raise InputError(
-            f"{file}: expected a CSV file or a file response.npz, which `forceaxis measure` writes"
-        ) from None
+    expected = "a CSV file or a file response.npz, which `forceaxis measure` writes"
+    if not file.is_file():
+        files.refuse(file, expected, "neither", "measure first")
+    saved = files.read_arrays(file, expected)
+    with files.parsing(file, expected):
+        recorded = files.json_of(str(saved["about"]))
+        known = {field.name for field in dataclasses.fields(Measurement)} - set(ARRAYS)
+        if not isinstance(recorded, dict) or not set(recorded) <= known:
+            raise ValueError("another description of the response")
+        values: dict[str, Any] = recorded | settings.replaced() | {"model": model}
+        if not isinstance(values["overrides"], dict):
+            raise ValueError("overrides that are no table")
+        values["overrides"] = values["overrides"] | dict(overrides or {})
+        measured = Measurement(**values, **{name: saved[name] for name in ARRAYS})
     return checked(measured, file)
 
 

@@ -1,7 +1,6 @@
 """A posterior of the parameters of a model as a set of plants: joint samples of parameters that
 `forceaxis identify contact` has written, in place of ranges of the parameters."""
 
-import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -9,14 +8,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from forceaxis import paths
-from forceaxis._core import InputError
-from forceaxis.results import JsonObject, from_json
+from forceaxis import files, paths
+from forceaxis.results import from_json
 
 FORMAT = "forceaxis posterior 1"
 SUFFIX = ".json"
 HELD_SHARE = 0.95  # part of the posterior that a set holds
 PLANTS = 40  # largest number of plants of a set
+VALUE_LEAST = 1e-100  # smallest value of a parameter in SI units; its inverse is the largest
 LOW, HIGH = 0.025, 0.975  # ends of an interval that holds 95 %
 
 
@@ -74,15 +73,24 @@ def is_posterior(text: str) -> bool:
 
 def read(path: str | Path) -> Posterior:
     """Reads the posterior of a file. Raises InputError."""
-    where = paths.display(Path(path))
-    wrong = f"{where}: expected a posterior.json of `forceaxis identify contact --out`"
-    try:
-        table: JsonObject = json.loads(Path(path).read_text(encoding="utf-8"))["posterior"]
-        own = from_json(Posterior, table, where)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{wrong}, got {error!r}; give another file") from None
-    if own.format != FORMAT or not own.samples:
-        raise InputError(f"{wrong} with samples in the format {FORMAT!r}; identify again")
+    file, wrong = Path(path), "a posterior.json of `forceaxis identify contact --out`"
+    table = files.read_json(file, wrong).get("posterior")
+    if not isinstance(table, dict):
+        files.refuse(file, wrong, "no posterior", "identify again")
+    own = from_json(Posterior, table, paths.display(file))
+    count = len(own.names)
+    is_whole = (
+        own.format == FORMAT
+        and 0 < count == len(set(own.names)) == len(own.best)
+        and len(own.samples) == len(own.log_density) > 0
+        and all(len(row) == count for row in own.samples)
+    )
+    if not is_whole:
+        files.refuse(
+            file, f"{wrong} in the format {FORMAT!r}, with a value of each parameter in each "
+            "sample", f"{own.format!r} or other numbers of values", "identify again",
+        )  # fmt: skip
+    values = np.concatenate([own.best, own.table.ravel()])
+    if not np.all((values > VALUE_LEAST) & (values < 1 / VALUE_LEAST)):
+        files.refuse(file, f"{wrong} with values above 0", "another value", "identify again")
     return own

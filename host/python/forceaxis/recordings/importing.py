@@ -219,7 +219,7 @@ class _Times:
                 f"value of {column.name}, got none; add the time or remove the sample"
             )
         time_s, values = time_s[places], column.values[places]
-        repeated = np.append(False, (np.diff(time_s) == 0) & (np.diff(values) == 0))
+        repeated = np.append(False, (np.diff(time_s) == 0) & (np.diff(values) == 0))[: len(time_s)]
         time_s, values, places = time_s[~repeated], values[~repeated], places[~repeated]
         wrong = np.flatnonzero(np.diff(time_s) <= 0)
         if len(wrong):

@@ -18,7 +18,6 @@ The header has `format`, `title`, a table [source] of the file that was imported
 import dataclasses
 import io
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -27,18 +26,13 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from forceaxis import paths, toml
+from forceaxis import files, paths, toml
 from forceaxis._core import InputError
 from forceaxis.results import JsonObject, from_json, to_json
 
 Floats: TypeAlias = NDArray[np.float64]
 
 FORMAT = 1  # version of the file
-# errors of a damaged file
-DAMAGE = (
-    *(OSError, KeyError, ValueError, EOFError, TypeError, RuntimeError),
-    *(zipfile.BadZipFile, zlib.error),
-)
 HEADER = "recording.toml"
 # largest distance of a stamp from equally spaced times, relative to their period
 EVEN_SHARE = 0.25
@@ -167,12 +161,15 @@ class SignalRecording:
         return np.asarray(np.interp(at_s, signal.true_time_s, signal.values))
 
     def held(self, name: str, at_s: Floats) -> Floats:
-        """Returns the last value of a signal at or before each of the equally spaced true times
-        `at_s` in s, (n,), as a converter holds it. A stamp that is later than a time by at most
-        EVEN_SHARE of the smaller one of both periods counts as this time. Raises KeyError."""
+        """Returns the last value of a signal at or before each of the true times `at_s` in s, (n,),
+        as a converter holds it. A stamp that is later than a time by at most EVEN_SHARE of the
+        period of the signal and of the smallest step of `at_s` counts as this time. Raises
+        KeyError."""
         signal = self[name]
-        periods = [np.median(np.diff(t)) for t in (signal.time_s, at_s) if len(t) > 1]
-        late_s = EVEN_SHARE * min(periods, default=0.0)
+        late_s = 0.0
+        if len(signal.time_s) > 1 and len(at_s) > 1:
+            period_s, step_s = np.median(np.diff(signal.time_s)), np.min(np.abs(np.diff(at_s)))
+            late_s = EVEN_SHARE * float(min(period_s, step_s))
         last = np.searchsorted(signal.true_time_s, at_s + late_s, side="right") - 1
         return np.asarray(signal.values[np.clip(last, 0, None)])
 
@@ -191,7 +188,7 @@ def _even(time_s: Floats, within_s: float) -> Floats:
     if len(steps) < 2 or not np.all(steps > 0):
         return time_s
     number = np.append(0.0, np.cumsum(np.round(steps / np.median(steps))))
-    for _ in range(2):  # The median of rounded steps counts a long gap wrong, the first fit does not.
+    for _ in range(2):  # A median of rounded steps counts a long gap wrong, the first fit does not.
         centre, middle = number - number.mean(), float(time_s.mean())
         if not np.any(centre):
             return time_s
@@ -266,31 +263,41 @@ def read(path: Path | str) -> SignalRecording:
     """Reads the file of a recording. Raises InputError with the file and what was expected."""
     file = Path(path)
     where = paths.display(file)
-    wrong = f"{where}: expected a recording that `forceaxis recording import` has written"
-    try:
-        with zipfile.ZipFile(file) as archive:
-            header = toml.read_text(archive.read(HEADER).decode())
-            signals = tuple(
-                _signal(archive, table, f"{where}: signal {number}")
-                for number, table in enumerate(header["signal"])
-            )
-    except FileNotFoundError:
-        raise InputError(f"{where}: expected a readable file, got none") from None
-    except DAMAGE as error:
-        raise InputError(f"{wrong}, got: {error}; import the data again") from None
-    if header.get("format") != FORMAT:
-        raise InputError(f"{wrong} in format {FORMAT}, got format {header.get('format')}")
+    wrong = "a recording that `forceaxis recording import` has written"
+    if not file.exists():
+        raise InputError(f"{where}: expected a readable file, got none")
+    with files.parsing(file, wrong, "import the data again"), zipfile.ZipFile(file) as archive:
+        files.expect_unpacked(file, sum(info.file_size for info in archive.infolist()))
+        header = toml.read_text(archive.read(HEADER).decode())
+        if header.get("format") != FORMAT:
+            files.refuse(
+                file, f"{wrong} in format {FORMAT}", f"format {header.get('format')}",
+                "import the data again",
+            )  # fmt: skip
+        tables = header.get("signal")
+        if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
+            raise ValueError("no tables [[signal]]")
+        signals = tuple(
+            _signal(archive, table, f"{where}: signal {number}")
+            for number, table in enumerate(tables)
+        )
     source = from_json(RecordingSource, header.get("source", {}), f"{where}: source")
     return SignalRecording(str(header.get("title", "")), source, signals)
 
 
 def _signal(archive: zipfile.ZipFile, table: JsonObject, where: str) -> RecordedSignal:
-    arrays = []
-    for name in (f"time_{table['clock']}", str(table["name"])):
-        with archive.open(f"{name}.npy") as file:
-            arrays.append(np.asarray(np.load(io.BytesIO(file.read()), allow_pickle=False)))
-    time_s, values = arrays
-    if time_s.ndim != 1 or time_s.shape != values.shape or not np.isfinite(time_s).all():
-        raise ValueError(f"{table['name']}: {time_s.shape} times and {values.shape} values")
+    given = [
+        files.array_of(archive, f"{name}.npy")
+        for name in (f"time_{table['clock']}", str(table["name"]))
+    ]
+    if any(array.dtype.kind not in "fiub" for array in given):
+        raise ValueError(f"{table['name']}: arrays of another kind than numbers")
+    time_s, values = (np.asarray(array, dtype=np.float64) for array in given)
+    is_right = time_s.ndim == 1 and time_s.shape == values.shape and len(time_s) > 0
+    if not is_right or not np.isfinite(time_s).all() or not np.all(np.diff(time_s) > 0):
+        raise ValueError(
+            f"{table['name']}: expected a value at each of its ascending times, got {time_s.shape} "
+            f"times and {values.shape} values"
+        )
     header = from_json(SignalHeader, table, where)
     return RecordedSignal(**vars(header), time_s=time_s, values=values)

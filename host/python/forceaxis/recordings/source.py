@@ -1,9 +1,6 @@
 """Sources of recordings: files of other programs as columns of numbers with their times."""
 
 import abc
-import json
-import zipfile
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,20 +9,17 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from forceaxis import paths
+from forceaxis import files, paths
 from forceaxis._core import InputError
 from forceaxis.bus import log_tables
 from forceaxis.bus.message_rows import Row
 from forceaxis.bus.recordings import MCAP_MAGIC, reader_of
-from forceaxis.errors import expect_package
 from forceaxis.recordings.signal_recording import Floats
 from forceaxis.recordings.units import split_name
 from forceaxis.words import suggestion
 
 Table: TypeAlias = Mapping[str, NDArray[np.generic]]
 
-# errors of a damaged ZIP archive or array
-NPZ_ERRORS = (ValueError, OSError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
 LARGEST_NUMBER = 1e100  # larger numbers are damage
 # Names of a column with the times, in small letters, in the order in which they are looked for.
 TIME_NAMES = ("time_s", "t_s", "time", "t", "zeit", "timestamp", "tick", "time_ms", "t_ms")
@@ -116,6 +110,11 @@ class ArraySource(Source):
                 f"{self.where}: {name}: expected an array of numbers in one dimension, got "
                 f"{given.dtype} in the shape {given.shape}; choose another column"
             )
+        if len(given) == 0:
+            raise InputError(
+                f"{self.where}: {name}: expected samples, got none; choose another column or "
+                "record again"
+            )
         if given.dtype.kind == "M":
             given = (given - given[0]) / np.timedelta64(1, "ns") * 1e-9
         values = given.astype(np.float64)
@@ -138,40 +137,30 @@ def expect_finite(where: str, column: SourceColumn) -> SourceColumn:
 
 def read_npz(path: Path) -> Source:
     """Returns the arrays of an NPZ file. Raises InputError."""
-    where = paths.display(path)
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            table = {name: np.asarray(arrays[name]) for name in arrays.files}
-    except NPZ_ERRORS as error:
-        raise InputError(
-            f"{where}: expected an NPZ file with arrays of numbers, got: {_first_line(error)}; "
-            "write the arrays with numpy.savez"
-        ) from None
+    expected = "an NPZ file with arrays of numbers"
+    table = files.read_arrays(path, expected, "write the arrays with numpy.savez")
     return ArraySource(path, "NPZ", table)
 
 
 def read_parquet(path: Path) -> Source:
     """Returns the columns of a Parquet file. Raises InputError."""
-    import pyarrow
     from pyarrow import parquet
 
-    where = paths.display(path)
-    try:
-        found = parquet.read_table(path)
+    with files.parsing(path, "a Parquet file", "export the data again"):
+        with parquet.ParquetFile(path) as file:
+            about = file.metadata
+            files.expect_unpacked(path, 8 * about.num_rows * about.num_columns)
+            found = file.read()
         table = {
             name: found.column(name).to_numpy()
             for name in dict.fromkeys(found.column_names)
             if found.column_names.count(name) == 1
         }
-    except (pyarrow.ArrowException, OSError) as error:
-        raise InputError(
-            f"{where}: expected a Parquet file, got: {_first_line(error)}; export the data again"
-        ) from None
-    units = {
-        field.name: field.metadata[b"unit"].decode()
-        for field in found.schema
-        if field.metadata and b"unit" in field.metadata
-    }
+        units = {
+            field.name: field.metadata[b"unit"].decode()
+            for field in found.schema
+            if field.metadata and b"unit" in field.metadata
+        }
     return ArraySource(path, "Parquet", table, units=units)
 
 
@@ -209,23 +198,26 @@ def read_messages(path: Path) -> Source:
 def _json_tables(path: Path) -> tuple[dict[str, log_tables.Table], list[str], str | None]:
     """Returns the numbers in the JSON messages of an MCAP file as {topic: {field: values}}, the
     topics in other encodings, and one line about damage or None."""
-    expect_package(paths.display(path), "mcap", "mcap", "mcap")
-    from mcap.reader import make_reader
+    from forceaxis.bus.mcap_file import McapReader
 
-    rows: dict[str, log_tables.Columns] = {}
+    rows: dict[str, list[Row]] = {}
     others: dict[str, None] = {}
-    try:
-        with path.open("rb") as file:
-            for _, channel, message in make_reader(file).iter_messages():
-                if channel.message_encoding != "json":
-                    others[f"{channel.topic} ({channel.message_encoding or 'no encoding'})"] = None
-                    continue
-                row: Row = dict(_numbers("", json.loads(message.data)))
-                row["time_s"] = message.log_time * 1e-9
-                rows.setdefault(channel.topic, log_tables.Columns()).add(row)
-    except Exception as error:  # the packages that decompress have exceptions of their own
-        return {}, [], f"{paths.display(path)}: {_first_line(error)}"
-    return {topic: table.arrays() for topic, table in rows.items()}, list(others), None
+    reader = McapReader(path)
+    for channel, message in reader.messages():
+        if channel.message_encoding != "json":
+            others[f"{channel.topic} ({channel.message_encoding or 'no encoding'})"] = None
+            continue
+        with files.parsing(path, f"messages in JSON on {channel.topic}", "export the data as CSV"):
+            row: Row = dict(_numbers("", files.json_of(message.data, has_nan=True)))
+        row["time_s"] = message.log_time * 1e-9
+        rows.setdefault(channel.topic, []).append(row)
+    tables: dict[str, log_tables.Table] = {}
+    for topic, own in rows.items():
+        columns = log_tables.Columns()
+        for row in sorted(own, key=lambda row: float(row["time_s"] or 0.0)):
+            columns.add(row)
+        tables[topic] = columns.arrays()
+    return tables, list(others), reader.damage
 
 
 def _numbers(prefix: str, value: object) -> list[tuple[str, float]]:
@@ -242,7 +234,3 @@ def _numbers(prefix: str, value: object) -> list[tuple[str, float]]:
         for key, inner in items
         for pair in _numbers(f"{prefix}.{key}" if prefix else str(key), inner)
     ]
-
-
-def _first_line(error: BaseException) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -1,0 +1,162 @@
+"""Files that a user or another program gives. What a damaged or a hostile one can do ends in one
+line: each reader of the package reads through this module, or guards its parser with parsing().
+
+    with parsing(file, "a table of parts", "export it again"):
+        rows = ...
+    table = read_json(file, "the record of a part", "restore it from a copy")
+    arrays = read_arrays(file, "an NPZ file")
+"""
+
+import contextlib
+import csv
+import io
+import json
+import lzma
+import math
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.results import Json, JsonObject
+
+PACKAGE = str(Path(__file__).parent)
+# What the content of a file can provoke in a parser. Other exceptions, such as a TypeError, are
+# errors of this package if its own code has raised them.
+DAMAGE = (
+    *(ValueError, LookupError, EOFError, ArithmeticError, RuntimeError, MemoryError),
+    *(struct.error, zlib.error, lzma.LZMAError, zipfile.BadZipFile, csv.Error),
+)
+UNPACKED_MOST_BYTES = 1 << 30  # of all arrays of one file
+INTEGER_MOST = 1 << 64  # of a number in JSON
+TEXT_MOST = 200  # characters of an error of another package in a message
+
+
+def first_line(error: BaseException) -> str:
+    """Returns the first line of the text of an error, or its kind."""
+    lines = str(error).split("\n")
+    text = lines[0].strip()[:TEXT_MOST]
+    if isinstance(error, KeyError) or not text:
+        return f"{type(error).__name__} {text}".strip()
+    return text
+
+
+def _is_of_file(error: Exception) -> bool:
+    """Returns True if the content of a file has provoked an error: it is one of DAMAGE, or the
+    code of another package has raised it."""
+    if isinstance(error, DAMAGE):
+        return True
+    frames = error.__traceback__
+    while frames is not None and frames.tb_next is not None:
+        frames = frames.tb_next
+    return frames is None or not frames.tb_frame.f_code.co_filename.startswith(PACKAGE)
+
+
+@contextlib.contextmanager
+def parsing(file: Path | str, expected: str, remedy: str = "give another file") -> Iterator[None]:
+    """Context in which the content of a file is parsed. Raises InputError with one line, FILE:
+    expected EXPECTED, got ...; REMEDY, for what a damaged file provokes. An InputError or OSError
+    with the name of the file and an error of this package pass."""
+    try:
+        yield
+    except InputError as error:
+        if paths.display(Path(file)) in str(error):
+            raise
+        refuse(file, expected, str(error), remedy)
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        refuse(file, expected, error.strerror or first_line(error), remedy)
+    except Exception as error:
+        if not _is_of_file(error):
+            raise
+        refuse(file, expected, first_line(error), remedy)
+
+
+def refuse(file: Path | str, expected: str, got: str, remedy: str) -> NoReturn:
+    """Raises InputError with one line."""
+    where = paths.display(Path(file))
+    raise InputError(f"{where}: expected {expected}, got: {got}; {remedy}") from None
+
+
+def _float(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"the number {text[:20]}, which is too large")
+    return value
+
+
+def _int(text: str) -> int:
+    value = int(text) if len(text) < 21 else INTEGER_MOST
+    if abs(value) >= INTEGER_MOST:
+        raise ValueError(f"the number {text[:20]}..., which is too large")
+    return value
+
+
+def json_of(text: str | bytes, has_nan: bool = False) -> Json:
+    """Returns the value of a JSON text. `has_nan`: True if a program may write NaN for a missing
+    number. Raises ValueError or RecursionError, also for infinite numbers and for integers of more
+    than 64 bits."""
+
+    def constant(name: str) -> float:
+        if has_nan and name == "NaN":
+            return math.nan
+        raise ValueError(f"{name}, which is no number of JSON")
+
+    made: Json = json.loads(text, parse_constant=constant, parse_float=_float, parse_int=_int)
+    return made
+
+
+def read_json(file: Path, expected: str, remedy: str = "give another file") -> JsonObject:
+    """Returns the object in a JSON file. Raises InputError, OSError."""
+    with parsing(file, expected, remedy):
+        table = json_of(file.read_text(encoding="utf-8"))
+    if not isinstance(table, dict):
+        refuse(file, expected, f"a JSON value of another kind, {json.dumps(table)[:20]}", remedy)
+    return table
+
+
+def read_arrays(
+    file: Path | str, expected: str, remedy: str = "give another file"
+) -> dict[str, NDArray[np.generic]]:
+    """Returns the arrays of an NPZ file by their names. Raises InputError, OSError."""
+    with parsing(file, expected, remedy), zipfile.ZipFile(file) as archive:
+        expect_unpacked(file, sum(info.file_size for info in archive.infolist()))
+        return {
+            name.removesuffix(".npy"): array_of(archive, name)
+            for name in archive.namelist()
+            if name.endswith(".npy")
+        }
+
+
+def array_of(archive: zipfile.ZipFile, name: str) -> NDArray[np.generic]:
+    """Returns an array of an NPZ file. Raises one of DAMAGE for one whose size is not that of its
+    head."""
+    data = io.BytesIO(archive.read(name))
+    head = np.lib.format
+    version = head.read_magic(data)
+    read = {(1, 0): head.read_array_header_1_0, (2, 0): head.read_array_header_2_0}.get(version)
+    if read is None:
+        raise ValueError(f"{name}: an array of the version {version}")
+    shape, _, dtype = read(data)
+    stated, left = math.prod(shape) * dtype.itemsize, data.getbuffer().nbytes - data.tell()
+    if dtype.hasobject or stated != left or min(shape, default=0) < 0:
+        raise ValueError(f"{name}: {left} bytes for {dtype} in the shape {shape}")
+    data.seek(0)
+    return np.asarray(np.load(data, allow_pickle=False))
+
+
+def expect_unpacked(file: Path | str, size: int) -> None:
+    """Raises InputError for a file whose content is too large when it is unpacked."""
+    if size > UNPACKED_MOST_BYTES:
+        refuse(
+            file, f"a content of at most {UNPACKED_MOST_BYTES >> 20} MiB",
+            f"{size >> 20} MiB when it is unpacked", "export a part of it",
+        )  # fmt: skip
