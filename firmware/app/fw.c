@@ -119,6 +119,7 @@ static void drive_written(dictionary_t *objects, uint8_t source, uint16_t object
     if (fw->drive.cycle.state == CYCLE_ENDED) {
       serve_cycle(fw); /* A start finds the result of the last part complete. */
     }
+    results_follow(fw);
     ownership_command(fw, source, (uint16_t)previous, (uint16_t)value);
     results_follow(fw);
   } else {

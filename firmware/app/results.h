@@ -33,7 +33,7 @@ void results_written(fw_t *fw, uint16_t object, int32_t value);
 int results_unlock(fw_t *fw);
 
 /* Takes the serial number for a cycle that has just started, or gives it back if the start was
- * withdrawn. Call results_follow() after each controlword. */
+ * withdrawn. Call results_follow() before and after each controlword. */
 void results_follow(fw_t *fw);
 
 /* Call results_serve() between ticks while the axis has programs, after the samples of the cycle

@@ -195,6 +195,18 @@ TEST_F(Results, TheSerialNumberIsTakenAtTheStart) {
   }
   EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_SERIAL_1), 4) << "of the next part";
   EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_COUNT), 3);
+  // Also a start that another write than a controlword withdraws gives the number back.
+  controlword(0x0F);
+  controlword(0x1F);
+  EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_SERIAL_1), 0);
+  Set(AXIS_OBJ_MODE, AXIS_MODE_DISABLED);
+  EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_COUNT), 3);
+  for (int word : {0x06, 0x07, 0x0F, 0x1F}) controlword(static_cast<unsigned>(word));
+  serial(5);
+  Tick(20);
+  ASSERT_EQ(Write(kLcm, AXIS_OBJ_CYCLE_RESULT_NUMBER, 4), 0u);
+  EXPECT_EQ(Shown(AXIS_OBJ_CYCLE_RESULT_SERIAL_1), 4u);
+  EXPECT_EQ(Inner(AXIS_OBJ_CYCLE_SERIAL_1), 5);
 }
 
 // The record names the bank of the start.

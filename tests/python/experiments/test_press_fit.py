@@ -72,16 +72,24 @@ def action(time_s, text):
     "firmware = { controlword = 0 }",  # disable voltage
     'firmware = { modes_of_operation = 4 }',
     'firmware = { mode = "disabled" }',
-    'sensor = { force = "high" }\nfirmware = { force_max = 200 }',  # a fault
+    'sensor = { force = "high" }',  # a fault by force_max
 ])  # fmt: skip
 @pytest.mark.parametrize("when", [0.3, 0.8, 1.6])
 def test_a_cycle_that_is_stopped_is_aborted_and_never_good(what, when):
-    result = run(more=action(when, what))
+    result = run("firmware.force_max=200", more=action(when, what))
     cycle = result.cycle
     assert (cycle["state"], cycle["outcome"], cycle["cycles"]) == ("aborted", "stopped", 1)
     # The axis stands after the stop.
     encoder = result.columns()["encoder"]
     assert np.ptp(encoder[-300:]) <= 20
+
+
+@pytest.mark.parametrize("what", ["force_limit = 300", "speed_max = 60000", "force_max = 400"])
+def test_a_bound_that_is_changed_ends_the_part(what):
+    result = run(more=action(0.8, f"firmware = {{ {what} }}"))
+    cycle = result.cycle
+    assert (cycle["state"], cycle["outcome"], cycle["cycles"]) == ("bad", "changed", 1)
+    assert np.ptp(result.columns()["encoder"][-300:]) <= 20
 
 
 def test_without_a_program_no_cycle_starts(tmp_path):
