@@ -298,7 +298,7 @@ const char *drive402_reason_text(uint8_t reason) { return reason_texts[reason]; 
 /* Abort code of CiA 301 for a value that is not permitted, such as a COB-ID with bit 30. */
 #define REFUSED_VALUE UINT32_C(0x06090030)
 
-#define KEY_(name, key, what) [DRIVE402_BIT_##name] = key,
+#define KEY_(name, bit, key, what) [DRIVE402_BIT_##name] = key,
 static const char *const keys[DRIVE402_BIT_COUNT] = {DRIVE402_OBJECTS(KEY_)};
 
 const char *drive402_key(const drive402_feedback_t *feedback) {

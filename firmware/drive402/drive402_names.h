@@ -24,29 +24,29 @@
   X(UNKNOWN, "a statusword that the standard does not define")
 
 /* Objects that the master writes, of which a drive may lack some or keep a value of its own.
- * X(name, key, what): lacks_<key> and differs_<key> are keys in the settings of axis_linux, and
+ * X(name, bit, key, what): <bit> in `without` and `differs`
+ * of the configuration, lacks_<key> and differs_<key> are keys in the settings of axis_linux, and
  * <what> follows "the drive has no". */
-#define DRIVE402_WRITTEN(X)                                                              \
-  X(SYNC_ID, "1005h", "object 1005h, the identifier of SYNC")                            \
-  X(SYNC_PERIOD, "1006h", "object 1006h, the period of SYNC")                            \
-  X(INTERPOLATION, "60C2h", "object 60C2h, the period of targets")                       \
-  X(ABORT_OPTION, "6007h", "object 6007h, the abort option")                             \
-  X(CONSUMER, "1016h", "object 1016h, by which it monitors the heartbeat of its master") \
-  X(PRODUCER, "1017h", "object 1017h, the period of its heartbeat")                      \
-  X(RPDO_MAPPING, "1600h", "mapping in 1600h and 1400h:1 that could be changed")         \
-  X(RPDO_TYPE, "1400h_2", "object 1400h:2, the transmission type of its RPDO")           \
-  X(TPDO_MAPPING, "1A00h", "mapping in 1A00h and 1800h:1 that could be changed")         \
-  X(TPDO_TYPE, "1800h_2", "object 1800h:2, the transmission type of its TPDO")           \
-  X(MODE, "6060h", "object 6060h, the mode of operation")
+#define DRIVE402_WRITTEN(X)                                                                      \
+  X(SYNC_ID, 0x0001, "1005h", "object 1005h, the identifier of SYNC")                            \
+  X(SYNC_PERIOD, 0x0002, "1006h", "object 1006h, the period of SYNC")                            \
+  X(INTERPOLATION, 0x0004, "60C2h", "object 60C2h, the period of targets")                       \
+  X(ABORT_OPTION, 0x0008, "6007h", "object 6007h, the abort option")                             \
+  X(CONSUMER, 0x0010, "1016h", "object 1016h, by which it monitors the heartbeat of its master") \
+  X(PRODUCER, 0x0020, "1017h", "object 1017h, the period of its heartbeat")                      \
+  X(RPDO_MAPPING, 0x0040, "1600h", "mapping in 1600h and 1400h:1 that could be changed")         \
+  X(RPDO_TYPE, 0x0080, "1400h_2", "object 1400h:2, the transmission type of its RPDO")           \
+  X(TPDO_MAPPING, 0x0100, "1A00h", "mapping in 1A00h and 1800h:1 that could be changed")         \
+  X(TPDO_TYPE, 0x0200, "1800h_2", "object 1800h:2, the transmission type of its TPDO")           \
+  X(MODE, 0x0400, "6060h", "object 6060h, the mode of operation")
 
-/* All that a drive may lack; the number in the list is that of the bit in `without`, and up to MODE
- * in `differs`. */
-#define DRIVE402_OBJECTS(X)                                                         \
-  DRIVE402_WRITTEN(X)                                                               \
-  X(TORQUE, "6077h", "object 6077h, the torque, for its TPDO")                      \
-  X(REQUEST_BIT, "1800h_bit_30", "bit 30 in 1800h:1, no answer to remote requests") \
-  X(REMOTE, "bit_9", "bit 9 in its statusword, remote")                             \
-  X(FOLLOWS, "bit_12", "bit 12 in its statusword, drive follows the command value")
+/* All that a drive may lack. */
+#define DRIVE402_OBJECTS(X)                                                                 \
+  DRIVE402_WRITTEN(X)                                                                       \
+  X(TORQUE, 0x0800, "6077h", "object 6077h, the torque, for its TPDO")                      \
+  X(REQUEST_BIT, 0x1000, "1800h_bit_30", "bit 30 in 1800h:1, no answer to remote requests") \
+  X(REMOTE, 0x2000, "bit_9", "bit 9 in its statusword, remote")                             \
+  X(FOLLOWS, 0x4000, "bit_12", "bit 12 in its statusword, drive follows the command value")
 
 /* Reasons of a failure. The first group refuses a configuration. After a reason of the second and
  * of the last group, which begins with NOT_REMOTE, a reset resets the fault of the drive. After any
@@ -112,7 +112,7 @@ enum { DRIVE402_STATES(DRIVE402_NAME_) DRIVE402_STATE_COUNT };
 enum { DRIVE402_REASONS(DRIVE402_NAME_) DRIVE402_REASON_COUNT };
 #undef DRIVE402_NAME_
 
-#define DRIVE402_BIT_(name, key, what) DRIVE402_BIT_##name,
+#define DRIVE402_BIT_(name, bit, key, what) DRIVE402_BIT_##name,
 enum { DRIVE402_OBJECTS(DRIVE402_BIT_) DRIVE402_BIT_COUNT };
 #undef DRIVE402_BIT_
 

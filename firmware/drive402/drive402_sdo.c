@@ -61,7 +61,7 @@ static void take_upload(drive402_sdo_t *sdo, const uint8_t *data) {
   if ((data[0] & COMMAND) != UPLOAD_ANSWER) {
     sdo->state = DRIVE402_TRANSFER_UNEXPECTED;
   } else if ((data[0] & IS_EXPEDITED) != 0) {
-    take_value(sdo, data + 4, has_size ? 4 - (data[0] >> 2 & 3u) : 4);
+    take_value(sdo, data + 4, has_size ? 4 - fx_field(data[0], 2, 2) : 4);
   } else {
     sdo->is_segmented = 1;
     sdo->state = DRIVE402_TRANSFER_ASKS;
@@ -71,37 +71,47 @@ static void take_upload(drive402_sdo_t *sdo, const uint8_t *data) {
 /* Takes the first segment, which has up to 7 bytes and no address. */
 static void take_segment(drive402_sdo_t *sdo, const uint8_t *data) {
   const bool is_whole = (data[0] & (TOGGLE | IS_LAST)) == IS_LAST;
-  take_value(sdo, data + 1, is_whole ? 7 - (data[0] >> 1 & 7u) : 0);
+  take_value(sdo, data + 1, is_whole ? 7 - fx_field(data[0], 1, 3) : 0);
+}
+
+static bool is_address(const drive402_sdo_t *sdo, const uint8_t *data) {
+  return fx_load_le(data + 1, 2) == sdo->entry.index && data[3] == sdo->entry.sub;
+}
+
+/* Counts an acknowledgement of a download that nobody waits for. */
+static void take_second_ack(drive402_sdo_t *sdo) {
+  if (sdo->has_late_ack == 0 && sdo->doubled < UINT8_MAX) {
+    sdo->doubled++;
+  }
+}
+
+/* Takes the answer that the transfer waits for, to a download or to the request of an upload. */
+static void take_answer(drive402_sdo_t *sdo, const uint8_t *data) {
+  if (data[0] == ABORT) {
+    sdo->answer = fx_load_le32(data + 4);
+    sdo->state = DRIVE402_TRANSFER_ABORTED;
+  } else if (sdo->writes == 0) {
+    take_upload(sdo, data);
+  } else {
+    sdo->state =
+        (data[0] == DOWNLOAD_ANSWER) ? DRIVE402_TRANSFER_DONE : DRIVE402_TRANSFER_UNEXPECTED;
+  }
 }
 
 void drive402_sdo_receive(drive402_sdo_t *sdo, const can_frame_t *frame) {
   const uint8_t *data = frame->data;
   const bool waits = sdo->state == DRIVE402_TRANSFER_WAITING;
-  const bool writes = sdo->writes != 0;
   if (frame->length != 8) {
     return;
   }
   if (waits && sdo->is_segmented != 0 && (data[0] & COMMAND) == SEGMENT_ANSWER) {
     take_segment(sdo, data);
+  } else if (!is_address(sdo, data)) {
     return;
-  }
-  if (fx_load_le(data + 1, 2) != sdo->entry.index || data[3] != sdo->entry.sub) {
-    return;
-  }
-  const bool is_ack = data[0] == DOWNLOAD_ANSWER;
-  if (is_ack && !(waits && writes)) {
-    if (sdo->has_late_ack == 0 && sdo->doubled < UINT8_MAX) {
-      sdo->doubled++;
-    }
-  } else if (!waits) {
-    return;
-  } else if (data[0] == ABORT) {
-    sdo->answer = fx_load_le32(data + 4);
-    sdo->state = DRIVE402_TRANSFER_ABORTED;
-  } else if (writes) {
-    sdo->state = is_ack ? DRIVE402_TRANSFER_DONE : DRIVE402_TRANSFER_UNEXPECTED;
-  } else {
-    take_upload(sdo, data);
+  } else if (data[0] == DOWNLOAD_ANSWER && !(waits && sdo->writes != 0)) {
+    take_second_ack(sdo);
+  } else if (waits) {
+    take_answer(sdo, data);
   }
 }
 

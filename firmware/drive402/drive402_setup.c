@@ -101,23 +101,27 @@ uint8_t drive402_object_bit(uint16_t index, uint8_t sub) {
   return bit;
 }
 
-static bool is_set(uint16_t bits, uint8_t bit) { return (bits >> bit & 1u) != 0; }
+static bool is_set(uint16_t bits, uint8_t bit) { return (bits & fx_bit(bit)) != 0; }
 
-/* Adds an entry, unless it is left out. A mapping that nobody can change is compared only. A drive
- * may refuse the 0 that switches its mapping off, or the one in 1006h that 1019h needs. */
+/* Returns true if the drive may refuse a value: the 0 that switches a mapping off, or the one in
+ * 1006h that 1019h needs. */
+static bool is_step(uint16_t index, uint32_t value) {
+  return value == 0 && (index == 0x1006 || index == 0x1600 || index == 0x1A00);
+}
+
+/* Adds an entry, unless it is left out. A mapping that nobody can change is compared only. */
 static void add(drive402_t *master, uint16_t index, uint8_t sub, uint8_t bytes, uint32_t value) {
-  const drive402_config_t *config = master->config;
   const uint8_t bit = drive402_object_bit(index, sub);
+  const uint32_t mask = (bit < DRIVE402_DIFFERS_COUNT) ? fx_bit(bit) : 0;
   const bool is_mapping = bit == DRIVE402_BIT_RPDO_MAPPING || bit == DRIVE402_BIT_TPDO_MAPPING;
-  const bool has_bit = bit < DRIVE402_DIFFERS_COUNT;
-  const bool is_lacking = has_bit && is_set(config->without, bit);
-  const bool differs = (has_bit && is_set(config->differs, bit)) ||
-                       (value == 0 && (index == 0x1006 || index == 0x1600 || index == 0x1A00));
+  const bool is_lacking = (master->config->without & mask) != 0;
+  const bool differs = (master->config->differs & mask) != 0 || is_step(index, value);
   if (is_lacking && (!is_mapping || differs)) {
     return;
   }
-  master->read_only |= (is_lacking ? UINT32_C(1) : 0) << master->entry_count;
-  master->uncompared |= (differs ? UINT32_C(1) : 0) << master->entry_count;
+  const uint32_t own = fx_bit(master->entry_count);
+  master->read_only |= is_lacking ? own : 0;
+  master->uncompared |= differs ? own : 0;
   master->entries[master->entry_count] = (drive402_entry_t){index, sub, bytes, value};
   master->entry_count++;
 }
@@ -166,7 +170,7 @@ void drive402_setup_list(drive402_t *master) {
   add(master, 0x1006, 0, 4, 0);
   add(master, COUNTER, 0, 1, 0);
   add(master, 0x1006, 0, 4, (uint32_t)config->cycle_ms * 1000);
-  add(master, 0x1016, 1, 4, (uint32_t)config->own_node_id << 16 | config->heartbeat_timeout_ms);
+  add(master, 0x1016, 1, 4, (uint32_t)config->own_node_id * 0x10000 + config->heartbeat_timeout_ms);
   add(master, 0x1017, 0, 2, config->heartbeat_ms);
   add(master, 0x6007, 0, 2, (uint32_t)config->abort_option & 0xFFFFu);
   add_pdo(master, 0x1400, RPDO + node_id, config->rpdo_type, received, 2);
@@ -230,7 +234,7 @@ static const drive402_entry_t *entry_of(const drive402_t *master) {
 /* Returns the bit of the present entry; those of the configuration have none. */
 static bool is_marked(const drive402_t *master, uint32_t bits) {
   const uint8_t extra = master->config->extra_count;
-  return master->entry >= extra && (bits >> (master->entry - extra) & 1u) != 0;
+  return master->entry >= extra && (bits & fx_bit(master->entry - (uint32_t)extra)) != 0;
 }
 
 /* Returns true if an entry has the value that was read. Bit 30 of a COB-ID says what the drive does

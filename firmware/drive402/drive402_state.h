@@ -18,7 +18,7 @@ enum { DRIVE402_CSP = 8, DRIVE402_CSV = 9, DRIVE402_CST = 10 };
 
 /* Bits of drive402_config_t.without: what this drive lacks, or lets nobody write, and what is left
  * out (DRIVE402_OBJECTS). The drive then has to do the same by settings of its maker. */
-#define DRIVE402_WITHOUT_(name, key, what) DRIVE402_WITHOUT_##name = 1 << DRIVE402_BIT_##name,
+#define DRIVE402_WITHOUT_(name, bit, key, what) DRIVE402_WITHOUT_##name = (bit),
 enum { DRIVE402_OBJECTS(DRIVE402_WITHOUT_) };
 #undef DRIVE402_WITHOUT_
 

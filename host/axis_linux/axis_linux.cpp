@@ -30,7 +30,7 @@ Integer whole(sim::Section &section, const char *key) {
   return static_cast<Integer>(section.integer(key));
 }
 
-#define FORCEAXIS_KEY(name, key, what) key,
+#define FORCEAXIS_KEY(name, bit, key, what) key,
 
 void read_drive(sim::Section &section, Settings &settings) {
   drive402_config_t &drive = settings.config.drive;

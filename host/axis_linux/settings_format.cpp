@@ -24,8 +24,9 @@ constexpr TableFormat kObject{
     kObjectKeys};
 
 // What a drive lacks, or may have with a value of its own.
-#define LACKS(name, key, what) other("lacks_" key, "flag", "false", "The drive has no " what "."),
-#define DIFFERS(name, key, what)         \
+#define LACKS(name, bit, key, what) \
+  other("lacks_" key, "flag", "false", "The drive has no " what "."),
+#define DIFFERS(name, bit, key, what)    \
   other("differs_" key, "flag", "false", \
         "Is written, but not compared and may be refused: " what "."),
 
