@@ -134,7 +134,11 @@ def test_the_limit_of_an_unknown_phase_is_the_lowest_of_all_phases(tmp_path):
     """A sample in every other tick: the lowest of three phases was 1 % too high."""
     text = model(drive="amplifier", sensor_rate_hz="750", sensor_latency_ms="0")
     (tmp_path / "free.toml").write_text(text)
-    free = LoopSpec("p", "zoh+1").around(tmp_path / "free.toml").limit().gain
+    loop = LoopSpec("p", "zoh+1").around(tmp_path / "free.toml")
+    free = loop.limit().gain
+    assert over.figures(loop, free / 2).gain_margin == pytest.approx(2, rel=1e-9)
+    assert loop.margins(free / 2).gain_margin == pytest.approx(2, rel=1e-9)
+    assert not loop.stable(1.001 * free) and not over.figures(loop, 1.001 * free).stable
     limits = []
     for part in range(40):
         keys = f"channel = 0\nsample_phase = {part / 40 / 750!r}\n"

@@ -152,10 +152,11 @@ class _Response:
 
 def figures(loop: Loop, gain: float) -> Figures:
     """Returns the bandwidths and margins of a force loop at a gain k in V/N."""
-    if isinstance(loop, FreeLoop):
-        return _worst_figures([figures(phase, gain) for phase in loop.each])
     if not loop.stable(gain):
         return Figures(False)
+    if isinstance(loop, FreeLoop):
+        worst = _worst_figures([figures(phase, gain) for phase in loop.each])
+        return replace(worst, gain_margin=loop.least_margin(gain, worst.gain_margin))
     T = _Response(loop.closed(gain))
     falls = [loop.hz(w) for w, up in T.crossings(HALF_POWER) if not up]
     if isinstance(loop, PeriodicLoop):

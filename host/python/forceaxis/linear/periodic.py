@@ -314,7 +314,16 @@ class FreeLoop(Loop):
 
     def stable(self, gain: float) -> bool:
         """Returns True if the loop is stable with every phase."""
-        return all(loop.stable(gain) for loop in self.each)
+        edge = self.limit().gain
+        return not (edge and gain >= edge) and all(loop.stable(gain) for loop in self.each)
+
+    def least_margin(self, gain: float, known: float | None) -> float | None:
+        """Returns the gain margin at a gain k below the limit. known: that of the phases `each`,
+        between which the limit may be lower."""
+        edge = self.limit().gain
+        if not edge or gain >= edge:
+            return known
+        return edge / gain if known is None else min(known, edge / gain)
 
     def decay(self, gain: float) -> float:
         """Returns the smallest decay rate of all phases."""
@@ -359,7 +368,7 @@ class FreeLoop(Loop):
         turned = least("phase_margin_deg")
         below = [margins.gain_reduction for margins in found if margins.gain_reduction is not None]
         return Margins(
-            gain_margin=least("gain_margin").gain_margin,
+            gain_margin=self.least_margin(gain, least("gain_margin").gain_margin),
             gain_reduction=max(below, default=None),
             phase_margin_deg=turned.phase_margin_deg,
             crossover_hz=turned.crossover_hz,

@@ -518,7 +518,8 @@ class Loop:
         def growth(k: float) -> float:
             return self._growth(self._closed_minimal(k))
 
-        most, inside = min(self._typical_gain * CHECKED_GAINS[-1], GAIN_MAX), gain
+        most = min(self._typical_gain * CHECKED_GAINS[-1], GAIN_MAX)
+        least, inside = gain, gain
         while gain < most:
             gains = gain * GAIN_STEP_FACTOR ** np.arange(GAINS_AT_ONCE)
             for at, outside in zip(gains.tolist(), self._growths(gains), strict=True):
@@ -526,7 +527,7 @@ class Loop:
                     inside = at
                 elif at > inside and self._settled(at) is False:
                     while growth(inside) >= 0:  # the growths of a search may be less exact
-                        inside /= GAIN_STEP_FACTOR
+                        inside = max(inside / GAIN_STEP_FACTOR, least)
                     return self._root(growth, inside, at)
             gain = float(gains[-1])
         return None
