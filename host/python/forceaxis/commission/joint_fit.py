@@ -547,11 +547,13 @@ def _left_open(
             found += [h for h, m in known if not m.free]
         return np.concatenate(found)
 
-    steps = STEP_LOG * np.eye(len(x))
-    ratios = [np.log(responses(x + d) / responses(x - d)) / (2 * STEP_LOG) for d in steps]
+    def slope(step: Samples) -> Samples:
+        ratio: Response = np.log(responses(x + step) / responses(x - step))
+        return _real(ratio) / (2 * STEP_LOG)
+
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    changes = np.array([_real(ratio) for ratio in ratios]).T @ root
+    changes = np.array([slope(step) for step in STEP_LOG * np.eye(len(x))]).T @ root
     _, sizes, directions = np.linalg.svd(changes, full_matrices=False)
     least = MODEL_ERROR * math.sqrt(len(changes) / 2)
     moved = (root @ directions.T) ** 2 @ (sizes**2 / (sizes**2 + least**2))
