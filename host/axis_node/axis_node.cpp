@@ -213,7 +213,9 @@ Axes make_axes(const nodes::NodeOptions &options, const AxisOptions &own,
 
 // Says which axis its own experiment enables, although a bus commands it too: a client of the bus
 // would find it enabled by somebody else.
-void report_own_commands(int first_axis, const std::vector<host::Experiment> &experiments) {
+void report_own_commands(const AxisOptions &own, int first_axis,
+                         const std::vector<host::Experiment> &experiments) {
+  if (own.can.empty() && own.modbus.empty()) return;
   for (std::size_t i = 0; i < experiments.size(); ++i) {
     for (const host::Action &action : experiments[i].actions) {
       const auto commands = [](const host::ObjectWrite &w) {
@@ -340,9 +342,7 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   host::InjectionCounts injected;
   const auto transport = host::open_axis_transport(options.link, injected);
   Axes axes = make_axes(options, own, experiments);
-  if (!own.can.empty() || !own.modbus.empty()) {
-    report_own_commands(options.first_axis, experiments);
-  }
+  report_own_commands(own, options.first_axis, experiments);
   std::optional<Session> session;
   if (options.endless) session.emplace(options, axes, modbus.get());
   const auto compute = [&](const host::LinkInputs &in) {

@@ -106,6 +106,7 @@ void GatewayAxis::receive(const canopen::Frame &frame) {
 
 void GatewayAxis::receive_heartbeat(std::uint8_t state) {
   silence_ = 0ms;
+  heard_ = EventLoop::Clock::now();
   heartbeats_ = true;
   const bool booted = state == 0;
   if (booted || !present_) ++boots_;
@@ -202,21 +203,20 @@ Task<bool> GatewayAxis::find() {
 
 // Starts a node that left the state operational after its configuration, and makes a stopped node
 // that is not configured answer SDO requests. An NMT command moves nothing: by default the stop, or
-// the lost heartbeat, has disabled the drive (abort_connection_option), and only new controlwords of
-// its owner enable it. Returns false while the node answers no SDO request.
+// the lost heartbeat, has disabled the drive (abort_connection_option), and only new controlwords
+// of its owner enable it. Returns false while the node answers no SDO request.
 bool GatewayAxis::keep_started() {
   const bool is_set_up = set_up_boots_ == boots_;
   const bool has_left = is_set_up && nmt_state_ == axis_state_t::NMT_PREOPERATIONAL;
   const bool ours = !table_known_ || !mismatch_;
-  const Time now = EventLoop::Clock::now();
-  if (ours && (is_stopped() || has_left) && now >= next_start_) {
-    next_start_ = now + kStartPeriod;
-    publisher_.loud_event(axis_event_t::EVENT_NODE, nmt_state_,
-                          "node is " + nmt_text(nmt_state_) +
-                              ", the gateway starts it; a start enables no drive");
-    send_({0,
-           2,
-           {is_set_up ? kStart : kEnterPreOperational, static_cast<std::uint8_t>(number())}});
+  // An older heartbeat may have been sent before the latest command.
+  const bool is_news = heard_ - started_ >= kStartPeriod;
+  if (ours && is_news && (is_stopped() || has_left)) {
+    started_ = EventLoop::Clock::now();
+    publisher_.loud_event(
+        axis_event_t::EVENT_NODE, nmt_state_,
+        "node is " + nmt_text(nmt_state_) + ", the gateway starts it; a start enables no drive");
+    send_({0, 2, {is_set_up ? kStart : kEnterPreOperational, static_cast<std::uint8_t>(number())}});
   }
   return !is_stopped();
 }
@@ -267,7 +267,7 @@ Task<bool> GatewayAxis::set_up() {
     // The NMT command "start" is also needed if the node was reset or if another master has stopped
     // the node.
     send_({0, 2, {kStart, static_cast<std::uint8_t>(number())}});
-    next_start_ = EventLoop::Clock::now() + kStartPeriod;
+    started_ = EventLoop::Clock::now();
   }
   if (boots != boots_) co_return false;
   set_up_boots_ = boots;

@@ -135,7 +135,8 @@ class GatewayAxis {
   bool published_ = true;  // true: the state after the last SYNC was published
   std::int64_t table_hash_ = lcm_bus::kNotAvailable;
   std::int64_t nmt_state_ = axis_state_t::NMT_SILENT;
-  Time next_start_;  // earliest time of the next NMT command to this node
+  Time heard_;    // time of the latest heartbeat of the node
+  Time started_;  // time of the latest NMT command to the node
   std::uint64_t boots_ = 1, set_up_boots_ = 0, open_boots_ = 0;
   std::chrono::milliseconds silence_{0};  // time without a heartbeat of the axis
   std::size_t next_poll_ = 0;

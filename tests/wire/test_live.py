@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 import tracemalloc
+import types
 from pathlib import Path
 
 import numpy as np
@@ -286,6 +287,20 @@ def test_a_capture_is_complete_although_most_blocks_are_lost_at_first(url, lossy
         held = axis.capture(["force"], samples=700)
         assert held.missing == 0
         assert held.values("force").tolist() == [sample(1, 0, i) / 256 for i in range(700)]
+
+
+@pytest.mark.parametrize(("nmt", "age_us"), [(-1, 1000), (4, 1000), (5, 8_100_000)])
+def test_a_session_does_not_take_the_last_values_of_a_dead_axis_for_a_contact(nmt, age_us):
+    """The gateway publishes the last values of an axis on, here those of a contact."""
+    session = object.__new__(Session)
+    session.axis, session._bus = 1, types.SimpleNamespace(trouble=None, url="")
+    dead = state_of(1, 1)
+    dead.nmt_state, dead.age_us = nmt, age_us
+    session.state = lambda timeout_s: time.sleep(0.01) or dead
+    with pytest.raises(NoAnswer, match=r"expected a contact .* the axis is silent"):
+        session.wait_for(lambda s: s.contact == 1, "a contact", 0.1)
+    dead.nmt_state, dead.age_us = 5, 1000
+    assert session.wait_for(lambda s: s.contact == 1, "a contact", 0.5) is dead
 
 
 def test_a_capture_of_which_everything_is_always_lost_ends(url, monkeypatch):

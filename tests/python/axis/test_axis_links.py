@@ -8,18 +8,50 @@ from pathlib import Path
 
 import can
 import canopen
+import numpy as np
 import pytest
 from forceaxis.axis import gateway, modbus, scan
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.can import OWN_NODE, CanLink
 from forceaxis.axis.gateway import GatewayLink
-from forceaxis.axis.link import NoAnswer, Refused
+from forceaxis.axis.link import NoAnswer, RecorderLink, Refused
 from forceaxis.axis.modbus import ModbusLink
 from forceaxis.cycles import live
 from forceaxis.objects import BY_NAME
 from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 
 EDS = Path(__file__).resolve().parents[3] / "firmware/objects/generated/forceaxis.eds"
+
+
+class Recorded(RecorderLink):
+    """A connection to an axis with a finished recording, which another source owns by now."""
+
+    where, source = "an axis", 0
+
+    def __init__(self):
+        self.values = {"recorder_state": 3, "recorder_trigger_index": 1}
+        self._armed = ("force",), 1
+        assert BY_NAME["recorder_state"].enum[3] == "done"
+
+    def read(self, names):
+        return {name: self.values[name] for name in names}
+
+    def write(self, values):
+        raise Refused("recorder_arm: another source owns the axis", 0x08000021)
+
+    def _samples(self, signals):
+        return np.arange(4).reshape(4, 1)
+
+    def acquire(self):
+        pass
+
+    release = close = acquire
+
+
+def test_a_finished_recording_is_handed_out_whoever_owns_the_axis():
+    held = Recorded().recording(0.1)
+    assert held.raw[:, 0].tolist() == [0, 1, 2, 3] and held.trigger_sample == 1
+
 
 # CAN: a node of python-canopen stands in for the axis.
 

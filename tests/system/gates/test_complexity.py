@@ -60,7 +60,6 @@ EXCEPTIONS = {
         "axis: GatewayAxis::set_up_pdo": 20,
         "axis: GatewayAxis::shut_down": 19,
         "commands: GatewayCommands::capture": 14,
-        "commands: GatewayCommands::publish_capture": 13,
         "commands: GatewayCommands::target_of": 14,
         "event_loop: EventLoop::run": 13,
         "exchange: PlantExchange::wait_on": 16,

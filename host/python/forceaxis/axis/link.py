@@ -201,8 +201,8 @@ class Link(abc.ABC):
     @abc.abstractmethod
     def recording(self, timeout_s: float) -> Recording:
         """Waits for the armed recording, at most `timeout_s` of the axis' time, and returns the
-        recording. Afterwards the recorder is idle, so that the black box records again. Raises
-        NoAnswer."""
+        recording. Afterwards the recorder is idle, so that the black box records again, unless
+        another source owns the axis. Raises NoAnswer."""
 
     @abc.abstractmethod
     def close(self) -> None:
@@ -256,7 +256,9 @@ class RecorderLink(Link):
         signals, decimation = self._armed
         trigger = self.read_one("recorder_trigger_index")
         raw = self._samples(signals)
-        self.write({"recorder_arm": 0})
+        # Another source may own the axis since; the samples are here all the same.
+        with contextlib.suppress(Refused):
+            self.write({"recorder_arm": 0})
         return Recording(signals, raw, decimation, trigger)
 
     def _wait_recorded(self, timeout_s: float) -> None:

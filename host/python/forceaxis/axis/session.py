@@ -89,18 +89,24 @@ class Session(AxisClient):
         self, holds: Callable[[axis_state_t], bool | int], what: str, timeout_s: float = 5.0
     ) -> axis_state_t:
         """Waits for the first state of the axis for which holds(state) is True, and returns this
-        state. Raises NoAnswer, which contains `what`, if no such state arrives within timeout_s."""
+        state. States of a silent axis, which have its last values, do not count. Raises NoAnswer,
+        which contains `what`, if no such state arrives within timeout_s."""
         end = time.monotonic() + timeout_s
         state: axis_state_t | None = None
+        is_silent = False
         while (remaining := end - time.monotonic()) > 0:
             try:
                 state = self.state(remaining)
             except NoAnswer:
                 break
-            if holds(state):
+            age_us = state.age_us if state.age_us != state.NOT_AVAILABLE else 0
+            is_silent = state_names.is_silent(state.nmt_state, age_us / 1e6)
+            if not is_silent and holds(state):
                 return state
         reason = self._bus.trouble or f"nothing was received on {self._bus.url}"
-        if state is not None:
+        if state is not None and is_silent:
+            reason = f"the axis is silent, its node is {state_names.node_state(state.nmt_state)}"
+        elif state is not None:
             fault = state_names.enum("fault", state.fault)
             reason = (
                 f"{state_names.condition(state.statusword, fault)}, "

@@ -29,7 +29,6 @@ from forceaxis.results import json_field
 
 # number of states stored for the charts: two minutes at 100 states per second
 HISTORY_STATES = 12_000
-STALE_AFTER_S = 1.0  # age in s of the drive's values from which on an axis counts as silent
 RATE_WINDOW_S = 3.0  # time span in s over which the message rate is computed
 
 COMMAND_KINDS = {
@@ -294,13 +293,6 @@ class AxisWatch:
             return None
         return max(0, now_us - self.received_us + (known(self._heard().age_us) or 0)) / 1e6
 
-    def is_silent(self, now_us: float) -> bool:
-        """Returns True if the node is silent or stopped by NMT, or if the drive's values are older
-        than STALE_AFTER_S. A gateway goes on publishing the last values of such an axis."""
-        age = self.age_s(now_us)
-        lost = self._heard().nmt_state in (axis_state_t.NMT_SILENT, axis_state_t.NMT_STOPPED)
-        return lost or age is None or age > STALE_AFTER_S
-
     def rate(self, now_us: float) -> float:
         """Returns the number of received states per second over the last RATE_WINDOW_S."""
         recent = [t for t in self.arrivals if t > now_us - RATE_WINDOW_S * 1e6]
@@ -372,7 +364,7 @@ class AxisWatch:
             command_V=text(state.command_code, volt),
             tick=known(state.tick),
             age_s=self.age_s(now_us),
-            silent=self.is_silent(now_us),
+            silent=state_names.is_silent(state.nmt_state, self.age_s(now_us) or 0.0),
             rate_per_s=self.rate(now_us),
             lost=self.lost(),
             received=sum(g.received for g in self.gaps.values()),

@@ -32,6 +32,8 @@ NODE_STATES = {
     -1: "silent",
 }
 
+STALE_AFTER_S = 1.0  # age in s of the drive's values from which on an axis counts as silent
+
 # (bit, text) for the bits of the statusword whose meaning does not depend on the mode of operation
 STATUS_BITS = (
     (7, "warning"),
@@ -96,6 +98,12 @@ def mode(number: int) -> str:
 
 def node_state(number: int) -> str:
     return NODE_STATES.get(number, f"NMT {number}")
+
+
+def is_silent(nmt_state: int, age_s: float) -> bool:
+    """Returns True if the node is silent or stopped by NMT, or if the drive's values are older than
+    STALE_AFTER_S. A gateway goes on publishing the last values of such an axis."""
+    return node_state(nmt_state) in ("silent", "stopped") or age_s > STALE_AFTER_S
 
 
 def emergency(code: int) -> str:
