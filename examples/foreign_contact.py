@@ -115,7 +115,7 @@ def _limits(tables: dict[str, Any]) -> None:
     controller, drive = tables["machine_controller"], tables["drive"]
     if controller["law"] == "table" or drive["type"] != "first_order":
         raise InputError("--structure limits: expected a law of the force and a first_order drive")
-    tables["parameters"]["f_limit"] = {"value": 400.0, "unit": "N", "source": "guess"}
+    tables["parameters"]["f_limit"] = {"value": 150.0, "unit": "N", "source": "guess"}
     drive["force_limit"] = "f_limit"
     controller |= {"delay_ticks": 12, "cycle_ticks": 3}
 
@@ -134,7 +134,7 @@ def _dead_zone(tables: dict[str, Any]) -> None:
 def _path_end(tables: dict[str, Any]) -> None:
     """Ends the travel of the body of the drive behind the contact, as the stroke of a flange."""
     parameters = tables["parameters"]
-    parameters["stroke"] = {"value": 1e-3, "unit": "m", "source": "guess"}
+    parameters["stroke"] = {"value": 200e-6, "unit": "m", "source": "guess"}
     parameters["k_end"] = {"value": 1e6, "unit": "N/m", "source": "guess"}
     parameters["b_end"] = {"value": 1e3, "unit": "N s/m", "source": "guess"}
     end = {"name": "end", "between": [tables["drive"]["body"], "ground"], "high": "stroke",

@@ -151,3 +151,39 @@ def test_the_models_beside_the_example_make_contact(name):
     plant = _core.Plant(str(paths.ROOT / f"examples/{name}.toml"))
     force = plant.follow(np.zeros(3000), False, ["sensor.force"])[1]
     assert force.max() > 100
+
+
+def signals_of(tmp_path, name, structure, signals, **values):
+    """Signals of a model beside the example with a structure, (n, signals)."""
+    example = runpy.run_path(str(paths.ROOT / "examples/foreign_contact.py"), run_name="example")
+    model = paths.ROOT / f"examples/{name}.toml"
+    made = example["with_structures"](model, [structure] if structure else [], tmp_path)
+    plant = _core.Plant(str(made), values)
+    return plant.follow(np.zeros(3000), False, signals)[1]
+
+
+def test_each_structure_acts_as_its_name_says(tmp_path):
+    robot, flange = "robot_force_mode", "contact_flange"
+    free = np.abs(signals_of(tmp_path, robot, None, ["drive.force"]))
+    assert free.max() > 150
+    held = np.abs(signals_of(tmp_path, robot, "limits", ["drive.force"], f_limit=120.0))
+    assert held.max() == pytest.approx(120.0, rel=1e-9)
+    way = signals_of(tmp_path, flange, "path-end", ["flange.position", "end.force"], stroke=20e-6)
+    assert way[:, 1].max() > 10 and way[way[:, 0] < 20e-6, 1].max() == 0
+    for name, link in ((robot, "joints"), (flange, "mount")):
+        found = signals_of(
+            tmp_path, name, "dead-zone", [f"{link}.deflection", f"{link}.force"], play=60e-6
+        )
+        inside = np.abs(found[:, 0]) < 30e-6
+        assert inside.sum() > 20 and np.abs(found[inside, 1]).max() == 0
+        assert np.abs(found[~inside, 1]).max() > 10
+
+
+def test_a_structure_that_the_model_cannot_have_is_one_line(tmp_path, monkeypatch, capsys):
+    (tmp_path / "touch.csv").write_text(csv([0.0] * 60 + [50.0] * 40))
+    with pytest.raises(SystemExit) as ended:
+        run(monkeypatch, paths.ROOT / "examples/contact_flange.toml", tmp_path / "touch.csv",
+            "--speed", 0.1, "--predict", 0.25, "--structure", "limits")  # fmt: skip
+    said = capsys.readouterr()
+    assert ended.value.code == 2 and "--structure limits: expected" in said.err
+    assert said.err.count("\n") == 1

@@ -159,10 +159,10 @@ def _write(axis: Axis, data: bytes) -> None:
             axis.link.download_update(data, lambda count: shown(count, len(data)))
     except Refused as error:
         reason = axis.record(RefusalObjects).program_refusal
-        raise InputError(f"{where}: {REFUSALS.get(reason, str(error))}") from None
+        raise InputError(f"{where}: {REFUSALS.get(str(reason), str(error))}") from None
     reason = axis.record(RefusalObjects).program_refusal
     if reason != "none":
-        why = REFUSALS.get(reason, f"the axis refuses the update, reason {reason}")
+        why = REFUSALS.get(str(reason), f"the axis refuses the update, reason {reason}")
         raise InputError(f"{where}: {why}")
 
 

@@ -331,7 +331,8 @@ def read_response(
         if not isinstance(values["overrides"], dict):
             raise ValueError("overrides that are no table")
         values["overrides"] = values["overrides"] | dict(overrides or {})
-        measured = Measurement(**values, **{name: saved[name] for name in ARRAYS})
+        values |= {name: saved[name] for name in ARRAYS}
+        measured = Measurement(**values)
     return checked(measured, file)
 
 
