@@ -8,11 +8,11 @@
  * certificate, the contact guard.
  *
  * A rising edge of bit 4 of the controlword starts a cycle, if the axis is not halted and has a
- * program that fits (cycle_state says otherwise why it did not start). A program does not fit if one
- * of its forces is at or beyond an end of what the force sensor can show. A controlword without bit
- * 4, a halt, every stop and fault, another mode and the loss of the owner end the cycle: the part is
- * then aborted, never good. A cycle that is stopped before its first tick has not begun, and is no
- * part.
+ * program that fits (cycle_state says otherwise why it did not start). A program does not fit if
+ * one of its forces is at or beyond an end of what the force sensor can show. A controlword without
+ * bit 4, a halt, every stop and fault, another mode and the loss of the owner end the cycle: the
+ * part is then aborted, never good. A cycle that is stopped before its first tick has not begun,
+ * and is no part.
  *
  * What decides the part stays as it is at the start: a write that would change it is refused, or
  * acts and ends the cycle as CYCLE_CHANGED (column in_cycle of the object table). So does a gain
