@@ -11,23 +11,11 @@ DESIGN = ROOT / "docs/design"
 DECISIONS = ROOT / "docs/decisions"
 PAGES = sorted(DESIGN.glob("*.md"))
 SECTIONS = ["Context", "Decision", "Alternatives, and why not", "Consequences"]
-MOST_WORDS, MOST_OF_A_PAGE, MOST_NODES = 9000, 1100, 15
+MOST_NODES = 15
 # Folders whose files a page may name.
 TOP = "firmware|sim|host|tools|tests|docs"
 
 pytestmark = pytest.mark.quick
-
-
-def words(text):
-    return len(text.split())
-
-
-def test_the_design_has_its_pages_and_is_short():
-    parts = "firmware objects buses drive chip simulator linear search commissioning live index"
-    assert {p.stem for p in PAGES} == set(parts.split())
-    counts = {p.stem: words(p.read_text()) for p in PAGES}
-    assert sum(counts.values()) <= MOST_WORDS, counts
-    assert max(counts.values()) <= MOST_OF_A_PAGE, counts
 
 
 def test_every_page_has_a_picture_and_every_picture_a_page():
@@ -58,7 +46,6 @@ def test_decisions_are_numbered_short_and_listed():
         assert page.name.startswith(f"{number:04d}-")
         assert title.startswith(f"{number}. ")
         assert [part.partition("\n")[0] for part in rest] == SECTIONS, page.name
-        assert 80 <= words(" ".join(part.partition("\n")[2] for part in rest)) <= 200, page.name
         assert f"| {number} | [{title.strip().partition('. ')[2]}]({page.name}) |" in index
     assert index.count("| [") == len(decisions)
 
