@@ -259,7 +259,7 @@ def test_option_bytes_are_read_back_at_power_up(name):
         assert chip.write("store_all", SAVE) != 0 and chip.board.flash.erased == []
 
 
-@pytest.mark.parametrize("held", [0x0000007F, 0x007E0000, 0x007F0001, 0x00000000])
+@pytest.mark.parametrize("held", most_long(0x007E0000, 0x0000007F, 0x007F0001, 0x00000000))
 def test_the_write_protection_of_the_program_is_read_back_at_power_up(held):
     """RM0440 3.7.9, 3.5.4: WRP1A protects the pages WRP1A_STRT to WRP1A_END of bank 1, and none if
     the first one is above the last one, as the chip is delivered."""
