@@ -298,17 +298,35 @@ const char *drive402_reason_text(uint8_t reason) { return reason_texts[reason]; 
 /* Abort code of CiA 301 for a value that is not permitted, such as a COB-ID with bit 30. */
 #define REFUSED_VALUE UINT32_C(0x06090030)
 
-#define KEY_(name, bit, key, what) [DRIVE402_BIT_##name] = key,
-static const char *const keys[DRIVE402_BIT_COUNT] = {DRIVE402_OBJECTS(KEY_)};
+enum { KEY_COUNT = 15 };
+#define KEY_(name, bit, key, what) {bit, key},
+static const struct {
+  uint16_t bit;
+  const char *key;
+} keys[KEY_COUNT] = {DRIVE402_OBJECTS(KEY_)};
+
+static uint16_t failed_bit(const drive402_feedback_t *feedback) {
+  const uint16_t index = feedback->failed_index;
+  const uint8_t sub = feedback->failed_sub;
+  if (index == 0x1A00 && sub == 3) {
+    return DRIVE402_WITHOUT_TORQUE;
+  }
+  if (index == 0x1800 && sub == 1 && feedback->abort_code == REFUSED_VALUE) {
+    return DRIVE402_WITHOUT_REQUEST_BIT;
+  }
+  return drive402_object_bit(index, sub);
+}
 
 const char *drive402_key(const drive402_feedback_t *feedback) {
-  if (feedback->failed_index == 0x1A00 && feedback->failed_sub == 3) {
-    return keys[DRIVE402_BIT_TORQUE];
+  const uint16_t bit = failed_bit(feedback);
+  const bool differs = feedback->reason == DRIVE402_SDO_DIFFERS;
+  if (differs && (bit & DRIVE402_DIFFERS_ALL) == 0) {
+    return NULL;
   }
-  if (feedback->failed_index == 0x1800 && feedback->failed_sub == 1 &&
-      feedback->abort_code == REFUSED_VALUE) {
-    return keys[DRIVE402_BIT_REQUEST_BIT];
+  for (uint8_t i = 0; i < KEY_COUNT; i++) {
+    if (keys[i].bit == bit) {
+      return keys[i].key;
+    }
   }
-  const uint8_t bit = drive402_object_bit(feedback->failed_index, feedback->failed_sub);
-  return (bit < DRIVE402_DIFFERS_COUNT) ? keys[bit] : NULL;
+  return NULL;
 }

@@ -24,25 +24,25 @@
   X(UNKNOWN, "a statusword that the standard does not define")
 
 /* Objects that the master writes, of which a drive may lack some or keep a value of its own.
- * X(name, bit, key, what): <bit> in `without` and `differs`
- * of the configuration, lacks_<key> and differs_<key> are keys in the settings of axis_linux, and
- * <what> follows "the drive has no". */
-#define DRIVE402_WRITTEN(X)                                                                      \
+ * X(name, bit, key, what): <bit> in `without` and `differs` of the configuration, lacks_<key> and
+ * differs_<key> are keys in the settings of axis_linux, and <what> follows "the drive has no". */
+#define DRIVE402_VALUES(X)                                                                       \
   X(SYNC_ID, 0x0001, "1005h", "object 1005h, the identifier of SYNC")                            \
   X(SYNC_PERIOD, 0x0002, "1006h", "object 1006h, the period of SYNC")                            \
   X(INTERPOLATION, 0x0004, "60C2h", "object 60C2h, the period of targets")                       \
   X(ABORT_OPTION, 0x0008, "6007h", "object 6007h, the abort option")                             \
   X(CONSUMER, 0x0010, "1016h", "object 1016h, by which it monitors the heartbeat of its master") \
   X(PRODUCER, 0x0020, "1017h", "object 1017h, the period of its heartbeat")                      \
-  X(RPDO_MAPPING, 0x0040, "1600h", "mapping in 1600h and 1400h:1 that could be changed")         \
   X(RPDO_TYPE, 0x0080, "1400h_2", "object 1400h:2, the transmission type of its RPDO")           \
-  X(TPDO_MAPPING, 0x0100, "1A00h", "mapping in 1A00h and 1800h:1 that could be changed")         \
   X(TPDO_TYPE, 0x0200, "1800h_2", "object 1800h:2, the transmission type of its TPDO")           \
   X(MODE, 0x0400, "6060h", "object 6060h, the mode of operation")
 
-/* All that a drive may lack. */
+/* All that a drive may lack. A mapping has no value of its own: other bytes would be taken for the
+ * statusword and the position. */
 #define DRIVE402_OBJECTS(X)                                                                 \
-  DRIVE402_WRITTEN(X)                                                                       \
+  DRIVE402_VALUES(X)                                                                        \
+  X(RPDO_MAPPING, 0x0040, "1600h", "mapping in 1600h and 1400h:1 that could be changed")    \
+  X(TPDO_MAPPING, 0x0100, "1A00h", "mapping in 1A00h and 1800h:1 that could be changed")    \
   X(TORQUE, 0x0800, "6077h", "object 6077h, the torque, for its TPDO")                      \
   X(REQUEST_BIT, 0x1000, "1800h_bit_30", "bit 30 in 1800h:1, no answer to remote requests") \
   X(REMOTE, 0x2000, "bit_9", "bit 9 in its statusword, remote")                             \
@@ -64,7 +64,7 @@
   X(REFUSED_TIMES,                                                                               \
     "times: expected heartbeat_ms from 1 and below heartbeat_timeout_ms, sdo_timeout_ms and "    \
     "wait_ms from 1")                                                                            \
-  X(REFUSED_ENTRIES, "extra: expected entries of 1, 2 or 4 bytes")                               \
+  X(REFUSED_ENTRIES, "extra: expected entries of 1, 2 or 4 bytes; differs: expected no mapping") \
   X(DRIVE_FAULT, "the statusword of the drive reports a fault; its error code says which")       \
   X(DRIVE_EMERGENCY, "the drive has sent an emergency message; its error code says why")         \
   X(DRIVE_OFF, "the drive has left operation enabled without a command")                         \
@@ -112,12 +112,14 @@ enum { DRIVE402_STATES(DRIVE402_NAME_) DRIVE402_STATE_COUNT };
 enum { DRIVE402_REASONS(DRIVE402_NAME_) DRIVE402_REASON_COUNT };
 #undef DRIVE402_NAME_
 
-#define DRIVE402_BIT_(name, bit, key, what) DRIVE402_BIT_##name,
-enum { DRIVE402_OBJECTS(DRIVE402_BIT_) DRIVE402_BIT_COUNT };
-#undef DRIVE402_BIT_
-
-/* Number of the bits of `differs`. */
-enum { DRIVE402_DIFFERS_COUNT = DRIVE402_BIT_TORQUE };
+/* Bits of drive402_config_t.without, and all those of `differs`. */
+#define DRIVE402_WITHOUT_(name, bit, key, what) DRIVE402_WITHOUT_##name = (bit),
+#define DRIVE402_DIFFERS_(name, bit, key, what) | (bit)
+enum {
+  DRIVE402_OBJECTS(DRIVE402_WITHOUT_) DRIVE402_DIFFERS_ALL = 0 DRIVE402_VALUES(DRIVE402_DIFFERS_)
+};
+#undef DRIVE402_WITHOUT_
+#undef DRIVE402_DIFFERS_
 
 enum {
   DRIVE402_REFUSED_LAST = DRIVE402_REFUSED_ENTRIES,

@@ -27,7 +27,11 @@ static bool are_times(const drive402_config_t *config) {
          config->sdo_timeout_ms >= 1 && config->wait_ms >= 1;
 }
 
+/* A mapping is always compared. */
 static bool are_entries(const drive402_config_t *config) {
+  if ((config->differs & ~DRIVE402_DIFFERS_ALL) != 0) {
+    return false;
+  }
   for (uint8_t i = 0; i < config->extra_count; i++) {
     const uint8_t bytes = config->extra[i].bytes;
     if (bytes != 1 && bytes != 2 && bytes != 4) {
@@ -77,31 +81,34 @@ uint8_t drive402_setup_check(const drive402_config_t *config) {
 }
 
 /* Objects of the bits of `without`. Sub-index ANY: each; the mappings have the COB-IDs too. */
-enum { ANY = 0xFF };
+enum { ANY = 0xFF, OBJECT_COUNT = 13 };
 static const struct {
   uint16_t index;
   uint8_t sub;
-} objects[DRIVE402_DIFFERS_COUNT] = {
-    [DRIVE402_BIT_SYNC_ID] = {0x1005, ANY},       [DRIVE402_BIT_SYNC_PERIOD] = {0x1006, ANY},
-    [DRIVE402_BIT_INTERPOLATION] = {0x60C2, ANY}, [DRIVE402_BIT_ABORT_OPTION] = {0x6007, ANY},
-    [DRIVE402_BIT_CONSUMER] = {0x1016, ANY},      [DRIVE402_BIT_PRODUCER] = {0x1017, ANY},
-    [DRIVE402_BIT_RPDO_MAPPING] = {0x1600, ANY},  [DRIVE402_BIT_RPDO_TYPE] = {0x1400, 2},
-    [DRIVE402_BIT_TPDO_MAPPING] = {0x1A00, ANY},  [DRIVE402_BIT_TPDO_TYPE] = {0x1800, 2},
-    [DRIVE402_BIT_MODE] = {0x6060, ANY},
+  uint16_t bit;
+} objects[OBJECT_COUNT] = {
+    {0x1005, ANY, DRIVE402_WITHOUT_SYNC_ID},       {0x1006, ANY, DRIVE402_WITHOUT_SYNC_PERIOD},
+    {0x60C2, ANY, DRIVE402_WITHOUT_INTERPOLATION}, {0x6007, ANY, DRIVE402_WITHOUT_ABORT_OPTION},
+    {0x1016, ANY, DRIVE402_WITHOUT_CONSUMER},      {0x1017, ANY, DRIVE402_WITHOUT_PRODUCER},
+    {0x1600, ANY, DRIVE402_WITHOUT_RPDO_MAPPING},  {0x1400, 1, DRIVE402_WITHOUT_RPDO_MAPPING},
+    {0x1400, 2, DRIVE402_WITHOUT_RPDO_TYPE},       {0x1A00, ANY, DRIVE402_WITHOUT_TPDO_MAPPING},
+    {0x1800, 1, DRIVE402_WITHOUT_TPDO_MAPPING},    {0x1800, 2, DRIVE402_WITHOUT_TPDO_TYPE},
+    {0x6060, ANY, DRIVE402_WITHOUT_MODE},
 };
 
-uint8_t drive402_object_bit(uint16_t index, uint8_t sub) {
-  const bool is_cob_id = (index == 0x1400 || index == 0x1800) && sub == 1;
-  const uint16_t at = is_cob_id ? (uint16_t)(index + 0x200) : index;
-  uint8_t bit = 0;
-  while (bit < DRIVE402_DIFFERS_COUNT &&
-         (objects[bit].index != at || (objects[bit].sub != ANY && objects[bit].sub != sub))) {
-    bit++;
+uint16_t drive402_object_bit(uint16_t index, uint8_t sub) {
+  uint16_t bit = 0;
+  for (uint8_t i = 0; i < OBJECT_COUNT; i++) {
+    if (objects[i].index == index && (objects[i].sub == ANY || objects[i].sub == sub)) {
+      bit = objects[i].bit;
+    }
   }
   return bit;
 }
 
-static bool is_set(uint16_t bits, uint8_t bit) { return (bits & fx_bit(bit)) != 0; }
+static bool lacks(const drive402_t *master, uint16_t bit) {
+  return (master->config->without & bit) != 0;
+}
 
 /* Returns true if the drive may refuse a value: the 0 that switches a mapping off, or the one in
  * 1006h that 1019h needs. */
@@ -111,16 +118,14 @@ static bool is_step(uint16_t index, uint32_t value) {
 
 /* Adds an entry, unless it is left out. A mapping that nobody can change is compared only. */
 static void add(drive402_t *master, uint16_t index, uint8_t sub, uint8_t bytes, uint32_t value) {
-  const uint8_t bit = drive402_object_bit(index, sub);
-  const uint32_t mask = (bit < DRIVE402_DIFFERS_COUNT) ? fx_bit(bit) : 0;
-  const bool is_mapping = bit == DRIVE402_BIT_RPDO_MAPPING || bit == DRIVE402_BIT_TPDO_MAPPING;
-  const bool is_lacking = (master->config->without & mask) != 0;
-  const bool differs = (master->config->differs & mask) != 0 || is_step(index, value);
-  if (is_lacking && (!is_mapping || differs)) {
+  const uint16_t bit = drive402_object_bit(index, sub);
+  const bool differs = (master->config->differs & bit) != 0 || is_step(index, value);
+  const bool is_mapping = (bit & DRIVE402_DIFFERS_ALL) == 0;
+  if (lacks(master, bit) && !is_mapping) {
     return;
   }
   const uint32_t own = fx_bit(master->entry_count);
-  master->read_only |= is_lacking ? own : 0;
+  master->read_only |= lacks(master, bit) ? own : 0;
   master->uncompared |= differs ? own : 0;
   master->entries[master->entry_count] = (drive402_entry_t){index, sub, bytes, value};
   master->entry_count++;
@@ -131,7 +136,7 @@ static void add(drive402_t *master, uint16_t index, uint8_t sub, uint8_t bytes, 
 static void add_pdo(drive402_t *master, uint16_t index, uint32_t cob_id, uint8_t type,
                     const uint32_t *mapped, uint8_t count) {
   const uint16_t mapping = (uint16_t)(index + 0x200);
-  const bool is_fixed = is_set(master->config->without, drive402_object_bit(mapping, 0));
+  const bool is_fixed = lacks(master, drive402_object_bit(mapping, 0));
   if (!is_fixed) {
     add(master, index, 1, 4, cob_id | INVALID);
   }
@@ -163,8 +168,8 @@ void drive402_setup_list(drive402_t *master) {
   const uint32_t received[2] = {UINT32_C(0x60400010), target_object(config->mode)};
   const uint32_t transmitted[3] = {UINT32_C(0x60410010), UINT32_C(0x60640020),
                                    UINT32_C(0x60770010)};
-  const bool has_torque = !is_set(config->without, DRIVE402_BIT_TORQUE);
-  const bool has_flag = !is_set(config->without, DRIVE402_BIT_REQUEST_BIT);
+  const bool has_torque = !lacks(master, DRIVE402_WITHOUT_TORQUE);
+  const bool has_flag = !lacks(master, DRIVE402_WITHOUT_REQUEST_BIT);
   add(master, 0x1005, 0, 4, SYNC);
   /* 1019h can be changed only while 1006h is 0 (CiA 301). A drive that stores neither has 0. */
   add(master, 0x1006, 0, 4, 0);
@@ -180,9 +185,8 @@ void drive402_setup_list(drive402_t *master) {
   add(master, 0x60C2, 2, 1, 0xFD); /* 10^-3 s */
   add(master, 0x6060, 0, 1, config->mode);
   master->tpdo_bytes = has_torque ? 8 : 6;
-  master->needed =
-      (uint16_t)((is_set(config->without, DRIVE402_BIT_REMOTE) ? 0 : DRIVE402_REMOTE) |
-                 (is_set(config->without, DRIVE402_BIT_FOLLOWS) ? 0 : DRIVE402_FOLLOWS));
+  master->needed = (uint16_t)((lacks(master, DRIVE402_WITHOUT_REMOTE) ? 0 : DRIVE402_REMOTE) |
+                              (lacks(master, DRIVE402_WITHOUT_FOLLOWS) ? 0 : DRIVE402_FOLLOWS));
 }
 
 /* Returns why the transfer that has ended has failed, or DRIVE402_NONE. */

@@ -11,8 +11,8 @@ uint8_t drive402_setup_check(const drive402_config_t *config);
 /* Writes the list of objects to master->entries. */
 void drive402_setup_list(drive402_t *master);
 
-/* Returns the bit (DRIVE402_BIT_) of an object of the configuration, or DRIVE402_DIFFERS_COUNT. */
-uint8_t drive402_object_bit(uint16_t index, uint8_t sub);
+/* Returns the bit (DRIVE402_WITHOUT_) of an object of the configuration, or 0. */
+uint16_t drive402_object_bit(uint16_t index, uint8_t sub);
 
 /* A tick of the phase DRIVE402_CONFIGURING. Returns true once every object has its value. */
 bool drive402_setup_tick(drive402_t *master);

@@ -16,12 +16,6 @@
 /* Modes of operation (6060h). */
 enum { DRIVE402_CSP = 8, DRIVE402_CSV = 9, DRIVE402_CST = 10 };
 
-/* Bits of drive402_config_t.without: what this drive lacks, or lets nobody write, and what is left
- * out (DRIVE402_OBJECTS). The drive then has to do the same by settings of its maker. */
-#define DRIVE402_WITHOUT_(name, bit, key, what) DRIVE402_WITHOUT_##name = (bit),
-enum { DRIVE402_OBJECTS(DRIVE402_WITHOUT_) };
-#undef DRIVE402_WITHOUT_
-
 /* Largest drive402_config_t.scale_shift. */
 enum { DRIVE402_SHIFT_MAX = 16 };
 
@@ -46,8 +40,10 @@ typedef struct {
    * drive shows switch on disabled or fault */
   uint16_t quick_stop_ms;
   int16_t abort_option; /* 6007h: what the drive does without the master */
-  uint16_t without;     /* DRIVE402_WITHOUT_ bits */
-  uint16_t differs;     /* the same bits below DRIVE402_DIFFERS_COUNT: written, not compared */
+  /* DRIVE402_WITHOUT_ bits: what this drive lacks, or lets nobody write, and what is left out. The
+   * drive then has to do the same by settings of its maker. A mapping is still compared. */
+  uint16_t without;
+  uint16_t differs; /* bits of DRIVE402_DIFFERS_ALL: written, but not compared, may be refused */
   uint8_t extra_count;
   uint8_t cycle_ms;    /* bus cycle, an even number 2..100: a multiple of 3 ticks */
   uint8_t mode;        /* DRIVE402_CSP, DRIVE402_CSV or DRIVE402_CST */

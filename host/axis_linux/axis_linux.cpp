@@ -3,7 +3,9 @@
 
 #include <CLI/CLI.hpp>
 #include <filesystem>
+#include <initializer_list>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "firmware/port/host/axis_host.h"
@@ -30,7 +32,8 @@ Integer whole(sim::Section &section, const char *key) {
   return static_cast<Integer>(section.integer(key));
 }
 
-#define FORCEAXIS_KEY(name, bit, key, what) key,
+using KeyOf = std::pair<std::uint16_t, std::string>;
+#define FORCEAXIS_KEY(name, bit, key, what) KeyOf(bit, key),
 
 void read_drive(sim::Section &section, Settings &settings) {
   drive402_config_t &drive = settings.config.drive;
@@ -54,12 +57,11 @@ void read_drive(sim::Section &section, Settings &settings) {
   drive.wait_ms = whole<std::uint16_t>(section, "wait_ms");
   drive.quick_stop_ms = whole<std::uint16_t>(section, "quick_stop_ms");
   drive.abort_option = whole<std::int16_t>(section, "abort_option");
-  constexpr const char *kKeys[] = {DRIVE402_OBJECTS(FORCEAXIS_KEY)};
-  for (unsigned bit = 0; bit < DRIVE402_BIT_COUNT; ++bit) {
-    const std::string key = kKeys[bit];
-    if (section.flag("lacks_" + key)) drive.without |= static_cast<std::uint16_t>(1U << bit);
-    if (bit < DRIVE402_DIFFERS_COUNT && section.flag("differs_" + key))
-      drive.differs |= static_cast<std::uint16_t>(1U << bit);
+  for (const auto &[bit, key] : std::initializer_list<KeyOf>{DRIVE402_OBJECTS(FORCEAXIS_KEY)}) {
+    if (section.flag("lacks_" + key)) drive.without |= bit;
+  }
+  for (const auto &[bit, key] : std::initializer_list<KeyOf>{DRIVE402_VALUES(FORCEAXIS_KEY)}) {
+    if (section.flag("differs_" + key)) drive.differs |= bit;
   }
   section.each("object", [&](sim::Section &object) {
     const auto bytes = whole<std::uint8_t>(object, "bytes");

@@ -63,7 +63,7 @@ constexpr KeyFormat kDriveKeys[] = {
         "It ends when the drive leaves the quick stop by itself."),
     integer("abort_option", -32768, 32767, 3,
             "What the drive does without the master (6007h); 3 is a quick stop."),
-    DRIVE402_OBJECTS(LACKS) DRIVE402_WRITTEN(DIFFERS) table("object", kObject, true),
+    DRIVE402_OBJECTS(LACKS) DRIVE402_VALUES(DIFFERS) table("object", kObject, true),
 };
 constexpr TableFormat kDrive{"The CiA 402 drive.", kDriveKeys};
 

@@ -96,7 +96,7 @@ KINDS = (
        read_only=(0x1600, 0x1A00)),
     refused("a fixed mapping, fixed identifiers", "sdo_aborted", "lacks_1600h",
             {"lacks_1600h": True, "lacks_1A00h": True}, values=FIXED, read_only=MAPPINGS),
-    refused("another fixed mapping", "sdo_differs", "1A00h", settings={"lacks_1A00h": True},
+    refused("another fixed mapping", "sdo_differs", "another value", settings={"lacks_1A00h": True},
             values=FIXED | {(0x1A00, 2): 0x606C0020}, read_only=(0x1A00, (0x1800, 1))),
     on("1400h:2 fixed to the same type", values={(0x1400, 2): 255}, read_only=((0x1400, 2),)),
     refused("1400h:2 fixed to 254", "sdo_aborted", "lacks_1400h_2", {"lacks_1400h_2": True},

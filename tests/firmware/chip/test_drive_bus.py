@@ -6,7 +6,6 @@ from chip import Chip, release
 from converters import NOISE, Ad7193, Ads1256
 from drive_bench import BITS, FORCE, LAW, SETTINGS, Board, Process, bench, stored
 from forceaxis.objects import BY_NAME
-from foreign_drive import DRIVE
 from peripherals import NEVER
 
 
@@ -213,7 +212,7 @@ def test_the_bus_of_the_drive_leaves_the_bus_of_the_axis_alone(pressing):
     pressing.tick(2)
     assert pressing.fault() == "can_off"
     for _ in range(10):
-        chip.board.can2.receive(0x180 + DRIVE, bytes(8))
+        chip.board.can2.receive(0x123, bytes(8))
         chip.interrupts()
         pressing.tick()
     assert pressing.axis.read("drive_reason") == 0 and pressing.axis.read("can_lost") == lost

@@ -61,7 +61,7 @@ class Flood {
     config_.node_id = kDrive;
     config_.own_node_id = kMaster;
     config_.without = static_cast<uint16_t>(Chance(5) ? random_() & 0x7FFF : random_() % 16);
-    config_.differs = static_cast<uint16_t>(Chance(4) ? random_() & 0x07FF : 0);
+    config_.differs = static_cast<uint16_t>(Chance(4) ? random_() & DRIVE402_DIFFERS_ALL : 0);
   }
 
   // A frame that no drive would send now.

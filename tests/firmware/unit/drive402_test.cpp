@@ -104,6 +104,7 @@ TEST_F(Master402, ConfigurationsAreRefusedByName) {
       {DRIVE402_REFUSED_TIMES, [](auto &c) { c.heartbeat_timeout_ms = c.heartbeat_ms; }},
       {DRIVE402_REFUSED_TIMES, [](auto &c) { c.sdo_timeout_ms = 0; }},
       {DRIVE402_REFUSED_TIMES, [](auto &c) { c.wait_ms = 0; }},
+      {DRIVE402_REFUSED_ENTRIES, [](auto &c) { c.differs = DRIVE402_WITHOUT_TPDO_MAPPING; }},
       {DRIVE402_REFUSED_ENTRIES,
        [](auto &c) {
          c.extra = wrong;
@@ -1072,13 +1073,13 @@ TEST_F(Master402, ANewStartWaitsForTheEndOfAStop) {
 // rest is as it was.
 TEST_F(Master402, EachBitLeavesOutItsObject) {
   const std::map<int, std::set<int>> left_out{
-      {DRIVE402_BIT_SYNC_ID, {0x1005}},       {DRIVE402_BIT_SYNC_PERIOD, {0x1006}},
-      {DRIVE402_BIT_INTERPOLATION, {0x60C2}}, {DRIVE402_BIT_ABORT_OPTION, {0x6007}},
-      {DRIVE402_BIT_CONSUMER, {0x1016}},      {DRIVE402_BIT_PRODUCER, {0x1017}},
-      {DRIVE402_BIT_MODE, {0x6060}},
+      {DRIVE402_WITHOUT_SYNC_ID, {0x1005}},       {DRIVE402_WITHOUT_SYNC_PERIOD, {0x1006}},
+      {DRIVE402_WITHOUT_INTERPOLATION, {0x60C2}}, {DRIVE402_WITHOUT_ABORT_OPTION, {0x6007}},
+      {DRIVE402_WITHOUT_CONSUMER, {0x1016}},      {DRIVE402_WITHOUT_PRODUCER, {0x1017}},
+      {DRIVE402_WITHOUT_MODE, {0x6060}},
   };
-  for (int bit = 0; bit < DRIVE402_BIT_COUNT; ++bit) {
-    config_.without = static_cast<uint16_t>(1 << bit);
+  for (int bit = 1; bit <= DRIVE402_WITHOUT_FOLLOWS; bit *= 2) {
+    config_.without = static_cast<uint16_t>(bit);
     drive_ = DriveNode(kDrive);
     drive_.at_reset = {
         {{0x1006, 0}, 2000u},       {{0x1017, 0}, 20u},         {{0x6060, 0}, 9u},
@@ -1096,13 +1097,14 @@ TEST_F(Master402, EachBitLeavesOutItsObject) {
       }
       const bool is_rpdo = index == 0x1600 || (index == 0x1400 && sub == 1);
       const bool is_tpdo = index == 0x1A00 || (index == 0x1800 && sub == 1);
-      EXPECT_FALSE(bit == DRIVE402_BIT_RPDO_MAPPING && is_rpdo);
-      EXPECT_FALSE(bit == DRIVE402_BIT_TPDO_MAPPING && is_tpdo);
-      EXPECT_FALSE(bit == DRIVE402_BIT_RPDO_TYPE && index == 0x1400 && sub == 2);
-      EXPECT_FALSE(bit == DRIVE402_BIT_TPDO_TYPE && index == 0x1800 && sub == 2);
-      EXPECT_FALSE(bit == DRIVE402_BIT_TORQUE && index == 0x1A00 && sub == 3);
+      EXPECT_FALSE(bit == DRIVE402_WITHOUT_RPDO_MAPPING && is_rpdo);
+      EXPECT_FALSE(bit == DRIVE402_WITHOUT_TPDO_MAPPING && is_tpdo);
+      EXPECT_FALSE(bit == DRIVE402_WITHOUT_RPDO_TYPE && index == 0x1400 && sub == 2);
+      EXPECT_FALSE(bit == DRIVE402_WITHOUT_TPDO_TYPE && index == 0x1800 && sub == 2);
+      EXPECT_FALSE(bit == DRIVE402_WITHOUT_TORQUE && index == 0x1A00 && sub == 3);
     }
-    EXPECT_EQ(drive_.Get(0x1800, 1), bit == DRIVE402_BIT_REQUEST_BIT ? kTpdo : 0x40000000u | kTpdo);
+    EXPECT_EQ(drive_.Get(0x1800, 1),
+              bit == DRIVE402_WITHOUT_REQUEST_BIT ? kTpdo : 0x40000000u | kTpdo);
   }
   // A fixed mapping has to be the right one.
   config_.without = DRIVE402_WITHOUT_TPDO_MAPPING;
@@ -1118,15 +1120,15 @@ TEST_F(Master402, EachBitLeavesOutItsObject) {
 // A drive that keeps a value of its own, or refuses the download: named, and on with its bit.
 TEST_F(Master402, AnObjectThatDiffersMayBeWrittenAndNotCompared) {
   const std::pair<DriveNode::Address, int> objects[] = {
-      {{0x1005, 0}, DRIVE402_BIT_SYNC_ID},       {{0x1006, 0}, DRIVE402_BIT_SYNC_PERIOD},
-      {{0x60C2, 1}, DRIVE402_BIT_INTERPOLATION}, {{0x6007, 0}, DRIVE402_BIT_ABORT_OPTION},
-      {{0x1016, 1}, DRIVE402_BIT_CONSUMER},      {{0x1017, 0}, DRIVE402_BIT_PRODUCER},
-      {{0x1400, 2}, DRIVE402_BIT_RPDO_TYPE},     {{0x6060, 0}, DRIVE402_BIT_MODE},
+      {{0x1005, 0}, DRIVE402_WITHOUT_SYNC_ID},       {{0x1006, 0}, DRIVE402_WITHOUT_SYNC_PERIOD},
+      {{0x60C2, 1}, DRIVE402_WITHOUT_INTERPOLATION}, {{0x6007, 0}, DRIVE402_WITHOUT_ABORT_OPTION},
+      {{0x1016, 1}, DRIVE402_WITHOUT_CONSUMER},      {{0x1017, 0}, DRIVE402_WITHOUT_PRODUCER},
+      {{0x1400, 2}, DRIVE402_WITHOUT_RPDO_TYPE},     {{0x6060, 0}, DRIVE402_WITHOUT_MODE},
   };
   for (const auto &[at, bit] : objects) {
     for (const bool refused : {false, true}) {
       for (const bool differs : {false, true}) {
-        config_.differs = static_cast<uint16_t>(differs ? 1 << bit : 0);
+        config_.differs = static_cast<uint16_t>(differs ? bit : 0);
         drive_ = DriveNode(kDrive);
         drive_.at_reset = {{{0x1005, 0}, 0x81u}, {{0x1006, 0}, 1000u}, {{0x60C2, 1}, 4u},
                            {{0x6007, 0}, 0u},    {{0x1016, 1}, 7u},    {{0x1017, 0}, 15u},
