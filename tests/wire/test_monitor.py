@@ -277,6 +277,14 @@ def test_once_says_which_axis_is_silent_since_when_and_is_status_1(url):
     assert [done.returncode, data.returncode, live.returncode] == [1, 1, 0]
 
 
+def test_the_list_of_axes_names_silent_and_stopped_nodes(url):
+    with gateway(url, axes="2,4", dead="2:-1,4:4"):
+        done = forceaxis("axis", "list", "--lcm-url", url, "--json")
+    rows = [(row["id"], row["state"], row["note"]) for row in json.loads(done.stdout)]
+    assert [row[:2] for row in rows] == [(2, "silent"), (4, "stopped by NMT")]
+    assert "check power and bus" in rows[0][2] and "enables no drive" in rows[1][2]
+
+
 def test_once_with_nothing_to_hear_is_status_1(url):
     done = forceaxis("monitor", "--url", url, "--once", "--json", "--seconds", 0.2, "--axis", 5)
     assert done.returncode == 1
