@@ -418,7 +418,7 @@ def _between(near: Stepped, gain: float, step: float) -> float:
         phase = (near.phase + Fraction(share).limit_denominator(10**6) * width) % every
         one = Stepped(near.drawn, near.plant, phase)
         around = one.radius(gain * np.array([1 - step, 1.0, 1 + step]))
-        return _apart(one, gain, around, step)
+        return min(_apart(one, gain, around, step), 1.0)  # infinity has no parabola
 
     found = optimize.minimize_scalar(at, bounds=(-1.0, 1.0), method="bounded")
     return float(found.fun)
