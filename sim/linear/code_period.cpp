@@ -36,21 +36,48 @@ Value sum_of(const Value &a, const Value &b, Extended factor) {
   return {a.row + factor * b.row, a.direct + factor * b.direct};
 }
 
+// A sample over the states and codes of several periods, counted from the first tick of a cycle.
+using Parts = std::map<int, Value>;
+
+void add_to(Parts &parts, Extended periods, const Value &value, Extended factor) {
+  const auto [place, is_new] =
+      parts.try_emplace(static_cast<int>(periods), Value{Row::Zero(value.row.size()), Extended{0}});
+  place->second = sum_of(place->second, value, factor);
+}
+
+// Returns the system for hessenberg_response(), with states in units that balance it.
+Hessenberg balanced(ExtendedMatrix A, ExtendedMatrix B, ExtendedMatrix C) {
+  const Eigen::VectorXd d = balance(A);
+  for (Index i = 0; i < A.rows(); ++i) {
+    for (Index j = 0; j < A.rows(); ++j) A(i, j) *= Extended{d(j)} / d(i);
+    B(i, 0) /= d(i);
+    C.col(i) *= d(i);
+  }
+  return hessenberg(A, B, C);
+}
+
 }  // namespace
 
 // The plant within a period in which one code acts, from the start of the period on. An instant is
 // in (0, cycle_ticks]: at its end, the direct path still shows the old code.
 class CodePeriod::Flow {
  public:
-  Flow(const TickSystem &plant, int order)
-      : states_(plant.A.rows()), order_(order), C_(plant.C), D_(plant.D), tick_s_(plant.tick_s) {
-    const Index size = states_ + order;
+  Flow(const TickSystem &plant, const CodeTiming &timing)
+      : states_(plant.A.rows()),
+        order_(timing.sinc_order),
+        cycle_(timing.cycle_ticks),
+        every_(timing.every),
+        filter_(static_cast<std::size_t>(order_), static_cast<double>(every_)),
+        C_(plant.C),
+        D_(plant.D),
+        tick_s_(plant.tick_s) {
+    const Index size = states_ + order_;
     A_ = ExtendedMatrix::Zero(size, size);
     B_ = ExtendedMatrix::Zero(size, 1);
     A_.topLeftCorner(states_, states_) = plant.A;
     B_.topRows(states_) = plant.B;
     // Chained integrals of the force, whose unit of time is the tick.
-    if (order > 0) {
+    if (order_ > 0) {
       A_.row(states_).head(states_) = plant.C / Extended{tick_s_};
       B_(states_, 0) = plant.D / Extended{tick_s_};
     }
@@ -64,6 +91,34 @@ class CodePeriod::Flow {
     result << state.leftCols(states_), state.col(states_ + order_);
     result.leftCols(states_) += ExtendedMatrix::Identity(states_, states_);
     return result;
+  }
+
+  // Returns a sample. `instant`: in ticks after the start of a period.
+  Parts sample(Extended instant) const {
+    Parts parts;
+    if (order_ == 0) {
+      // At the end of a period its code still acts.
+      const Extended periods = -floor_of(-instant / cycle_, cycle_) - 1;
+      add_to(parts, periods, force(instant - periods * cycle_), 1);
+    }
+    for (int later = 0; later < order_; ++later) add_interval(parts, instant, later);
+    return parts;
+  }
+
+ private:
+  // Adds what the force between two samples adds to a sample that is `later` samples later.
+  void add_interval(Parts &parts, Extended instant, int later) const {
+    const Extended end = instant - later * every_;
+    for (Extended low = end - every_; end - low > kSame;) {
+      const Extended periods = floor_of(low / cycle_, cycle_);
+      const Extended start = periods * cycle_;
+      const Extended high = std::min(end, start + cycle_);
+      const auto found =
+          about(moments(std::max(low - start, Extended{0}), high - start), end - high);
+      for (std::size_t j = 0; j < found.size(); ++j)
+        add_to(parts, periods, found[j], filter_.weight(static_cast<std::size_t>(later), j));
+      low = high;
+    }
   }
 
   // Returns the force at an instant.
@@ -95,7 +150,6 @@ class CodePeriod::Flow {
     return moved;
   }
 
- private:
   std::vector<Value> from_start(Extended ticks) const {
     std::vector<Value> found;
     if (ticks < kSame) {
@@ -120,6 +174,8 @@ class CodePeriod::Flow {
 
   Index states_;
   int order_;
+  Extended cycle_, every_;  // ticks
+  SincFilter filter_;
   ExtendedMatrix C_;
   Extended D_;
   double tick_s_;
@@ -129,53 +185,15 @@ class CodePeriod::Flow {
 
 CodePeriod::CodePeriod(const TickSystem &plant, const CodeTiming &timing)
     : cycle_ticks_(timing.cycle_ticks) {
-  const Flow flow(plant, timing.sinc_order);
-  const Extended cycle = timing.cycle_ticks;
-  const auto weights =
-      SincFilter(static_cast<std::size_t>(timing.sinc_order), static_cast<double>(timing.every));
+  const Flow flow(plant, timing);
   std::vector<Row> rows;
-  const auto add = [&](const std::map<int, Value> &parts, int tick) {
+  const auto add = [&](const Parts &parts, int tick) {
     const std::size_t first = terms_.size();
     for (const auto &[periods, value] : parts) {
       terms_.push_back({periods, static_cast<double>(value.direct)});
       rows.push_back(value.row);
     }
     readings_.push_back({first, terms_.size(), {tick}});
-  };
-  const auto to = [](std::map<int, Value> &parts, int periods, const Value &value,
-                     Extended factor) {
-    const auto [place, is_new] = parts.try_emplace(periods, value);
-    if (is_new) {
-      place->second.row *= factor;
-      place->second.direct *= factor;
-    } else {
-      place->second = sum_of(place->second, value, factor);
-    }
-  };
-  // A sample at an instant, from which the periods of the codes count.
-  const auto sample = [&](Extended instant) {
-    std::map<int, Value> parts;
-    if (timing.sinc_order == 0) {
-      // At the end of a period its code still acts.
-      const Extended periods = -floor_of(-instant / cycle, cycle) - 1;
-      to(parts, static_cast<int>(periods), flow.force(instant - periods * cycle), 1);
-      return parts;
-    }
-    for (int i = 0; i < timing.sinc_order; ++i) {
-      const Extended end = instant - i * timing.every;
-      for (Extended low = end - timing.every; end - low > kSame;) {
-        const Extended periods = floor_of(low / cycle, cycle);
-        const Extended high = std::min(end, (periods + 1) * cycle);
-        const auto moments = Flow::about(
-            flow.moments(std::max(low - periods * cycle, Extended{0}), high - periods * cycle),
-            end - high);
-        for (std::size_t j = 0; j < moments.size(); ++j)
-          to(parts, static_cast<int>(periods), moments[j],
-             weights.weight(static_cast<std::size_t>(i), j));
-        low = high;
-      }
-    }
-    return parts;
   };
   Extended before = 0;
   for (int tick = 0; tick < timing.cycle_ticks; ++tick) {
@@ -186,21 +204,13 @@ CodePeriod::CodePeriod(const TickSystem &plant, const CodeTiming &timing)
       continue;
     }
     before = newest;
-    add(sample(timing.phase + newest * timing.every - timing.delay_ticks_out), tick);
+    add(flow.sample(timing.phase + newest * timing.every - timing.delay_ticks_out), tick);
   }
-  const ExtendedMatrix period = flow.moved(cycle);
+  const ExtendedMatrix period = flow.moved(timing.cycle_ticks);
   const Index n = period.rows();
-  ExtendedMatrix A = period.leftCols(n);
-  ExtendedMatrix B = period.col(n);
   ExtendedMatrix C(static_cast<Index>(rows.size()), n);
   for (std::size_t i = 0; i < rows.size(); ++i) C.row(static_cast<Index>(i)) = rows[i];
-  const Eigen::VectorXd d = balance(A);
-  for (Index i = 0; i < n; ++i) {
-    for (Index j = 0; j < n; ++j) A(i, j) *= Extended{d(j)} / d(i);
-    B(i, 0) /= d(i);
-    C.col(i) *= d(i);
-  }
-  if (n > 0) balanced_ = hessenberg(A, B, C);
+  if (n > 0) balanced_ = balanced(period.leftCols(n), period.col(n), std::move(C));
 }
 
 void CodePeriod::response(std::span<const double> w, std::span<Complex> values) const {

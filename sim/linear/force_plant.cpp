@@ -161,7 +161,22 @@ std::optional<ForcePlant> ForcePlant::of(const Model &model, const LinearMode &m
   plant.sinc_order_ = model.adc[0]->sinc_order;
   plant.continuous_ = {linear.A.cast<Extended>(), linear.B.cast<Extended>(),
                        linear.C.cast<Extended>(), linear.D(0, 0), tick_s};
-  if (model.adc[0]->sampling) plant.set_ages(*model.adc[0]->sampling);
+  if (const auto &sampling = model.adc[0]->sampling) {
+    const Extended every = 1 / (Extended{sampling->rate_hz} * tick_s);
+    plant.timing_ = {plant.bus_.ticks,
+                     plant.bus_.delay_ticks_out,
+                     every,
+                     Extended{sampling->phase_s} / tick_s,
+                     Extended{sampling->latency_s} / tick_s,
+                     plant.sinc_order_};
+    if (is_whole(plant.bus_.ticks / every)) {
+      plant.newer_by_ = sampling->phase_known ? 0 : every;
+      if (plant.newer_by_ > 0) plant.timing_.phase = plant.phase_of(kMissedBy);
+      plant.period_.emplace(plant.continuous_, plant.timing_);
+    } else {
+      plant.set_ages(*sampling);
+    }
+  }
   plant.balanced_ = hessenberg(system.A, system.B, system.C);
   const auto &adc = *model.adc[0];
   plant.count_per_code_ = model.dac.volts_per_code() /
@@ -192,13 +207,6 @@ void ForcePlant::set_ages(const Sampling &sampling) {
   sample_ticks_ = every;
   const Extended latency = Extended{sampling.latency_s} / tick_s_;
   const Extended phase = Extended{sampling.phase_s} / tick_s_;
-  if (is_whole(bus_.ticks / every)) {
-    timing_ = {bus_.ticks, bus_.delay_ticks_out, every, phase, latency, sinc_order_};
-    newer_by_ = sampling.phase_known ? 0 : every;
-    if (newer_by_ > 0) timing_.phase = phase_of(kMissedBy);
-    period_.emplace(continuous_, timing_);
-    return;
-  }
   // Age, above the latency, of the newest sample at a tick, where samples arrive at distances
   // `step`.
   const auto rest = [&](int tick, Extended step) {

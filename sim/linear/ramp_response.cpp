@@ -76,6 +76,18 @@ Extended setpoint_at(Extended ramps) {
   return std::clamp(ramps, 0.0L, 1.0L) - std::clamp(ramps - half, 0.0L, 1.0L) - 0.5L;
 }
 
+// Returns the spectrum of the set-point at its harmonic 2 m + 1.
+std::complex<Extended> harmonic_of_setpoint(std::size_t m) {
+  std::complex<Extended> sum = 0;
+  for (std::size_t i = 0; i < kPeriod; ++i) {
+    const Complex root = std::conj(roots_of_one()[(2 * m + 1) * i % kPeriod]);
+    sum += setpoint_at(Extended(i) / kPeriod * kPeriodRamps) *
+           std::complex<Extended>(root.real(), root.imag());
+  }
+  // The factor 2 adds the conjugate of each harmonic.
+  return sum * (Extended{2} / kPeriod);
+}
+
 // Returns the largest excess of two forces over the permitted band, as a share of the set-point.
 // `harmonics`: their odd harmonics. The sum over the harmonics 2 m + 1 at the instant 4 a + b of
 // the first half of the period is a Fourier transform over m at the place a, turned by the angle of
@@ -123,14 +135,7 @@ RampResponse::RampResponse(std::span<const ForcePlant *const> plants,
     for (const double own : hz) every_hz.push_back(alias_of(own, k, tick_s_, cycle));
   for (const double own : every_hz) w_.push_back(tangent_of(own, tick_s_));
   for (std::size_t m = 0; m < hz.size(); ++m) {
-    std::complex<Extended> sum = 0;
-    for (std::size_t i = 0; i < kPeriod; ++i) {
-      const Complex root = std::conj(roots_of_one()[(2 * m + 1) * i % kPeriod]);
-      sum += setpoint_at(Extended(i) / kPeriod * kPeriodRamps) *
-             std::complex<Extended>(root.real(), root.imag());
-    }
-    // The factor 2 adds the conjugate of each harmonic.
-    sum *= Extended{2} / kPeriod;
+    const auto sum = harmonic_of_setpoint(m);
     setpoint_.emplace_back(static_cast<double>(sum.real()), static_cast<double>(sum.imag()));
   }
   std::vector<std::vector<Complex>> loops;
