@@ -74,6 +74,8 @@ def is_posterior(text: str) -> bool:
 def read(path: str | Path) -> Posterior:
     """Reads the posterior of a file. Raises InputError."""
     file, wrong = Path(path), "a posterior.json of `forceaxis identify contact --out`"
+    if not file.is_file():
+        files.refuse(file, wrong, "no such file", "check the path")
     table = files.read_json(file, wrong).get("posterior")
     if not isinstance(table, dict):
         files.refuse(file, wrong, "no posterior", "identify again")
