@@ -17,6 +17,11 @@ _Static_assert(AXIS_FAULT_POSITION_GAIN_ZERO - FAULT_OF_RESULT ==
  * standstill the current of a healthy axis never changes by a quarter of its range. */
 enum { CURRENT_JUMP_PER_MILLE = 250 };
 
+static void forget_travel(first_motion_t *first) {
+  first->moved_cnt = 0;
+  first->spent_cnt = 0;
+}
+
 static void clear_result(first_motion_t *first, drive_signals_t *signals) {
   first->phase = FIRST_MOTION_OPEN;
   signals->first_motion_result = AXIS_FIRST_MOTION_RESULT_NOT_RUN;
@@ -27,7 +32,7 @@ static void clear_result(first_motion_t *first, drive_signals_t *signals) {
 
 void first_motion_forget(first_motion_t *first, drive_signals_t *signals) {
   clear_result(first, signals);
-  first->has_origin = 0;
+  forget_travel(first);
 }
 
 bool first_motion_depends_on(uint16_t object) {
@@ -69,7 +74,7 @@ void first_motion_cancel(first_motion_t *first, drive_signals_t *signals) {
 
 void first_motion_yield(first_motion_t *first, drive_signals_t *signals) {
   first_motion_cancel(first, signals);
-  first->has_origin = 0;
+  forget_travel(first);
 }
 
 static int16_t signed_code(const first_motion_t *first) {
@@ -89,7 +94,7 @@ void first_motion_command(first_motion_t *first, axis_t *axis, bool halted) {
 
 static void conclude(first_motion_t *first, drive_signals_t *signals, uint8_t result) {
   first->phase = FIRST_MOTION_OPEN;
-  first->has_origin = 0;
+  forget_travel(first);
   signals->first_motion_result = result;
 }
 
@@ -106,13 +111,12 @@ static void enter_phase(first_motion_t *first, const axis_t *axis, uint8_t phase
   first->force_start = axis->signals.force;
 }
 
-/* The amplifier is switched on. The travel of the test counts from the first time. */
+/* Switches the amplifier on. */
 static void begin_zero(first_motion_t *first, const axis_t *axis) {
   enter_phase(first, axis, FIRST_MOTION_ZERO);
-  if (first->has_origin == 0) {
-    first->origin_cnt = first->start_cnt;
-    first->has_origin = 1;
-  }
+  first->origin_cnt = first->start_cnt;
+  first->spent_cnt += first->moved_cnt;
+  first->moved_cnt = 0;
 }
 
 /* Each check_ function checks a tick of one phase. It returns the finding, or
@@ -155,10 +159,11 @@ static uint8_t check_standstill(first_motion_t *first, const axis_t *axis) {
 }
 
 /* Returns true if all attempts together have moved the axis too far. */
-static bool is_beyond(const first_motion_t *first, const drive_params_t *params,
-                      const axis_t *axis) {
-  const int32_t moved = fx_diff_wrap(axis->signals.position, first->origin_cnt);
-  return !fx_within(moved, FIRST_MOTION_REACH * params->first_motion_counts);
+static bool is_beyond(first_motion_t *first, const drive_params_t *params, const axis_t *axis) {
+  const uint32_t moved = fx_magnitude(fx_diff_wrap(axis->signals.position, first->origin_cnt));
+  first->moved_cnt = (moved > first->moved_cnt) ? moved : first->moved_cnt;
+  return first->spent_cnt + first->moved_cnt >
+         (uint32_t)FIRST_MOTION_REACH * params->first_motion_counts;
 }
 
 static uint8_t check_zero(first_motion_t *first, const drive_params_t *params, const axis_t *axis) {
@@ -197,8 +202,7 @@ static bool raise_code(first_motion_t *first, const drive_params_t *params) {
   return first->phase_tick < FIRST_MOTION_HOLD_TICKS;
 }
 
-static bool runs_away(const first_motion_t *first, const drive_params_t *params,
-                      const axis_t *axis) {
+static bool runs_away(first_motion_t *first, const drive_params_t *params, const axis_t *axis) {
   return !fx_within(axis->signals.velocity, params->first_motion_speed) ||
          is_beyond(first, params, axis);
 }
@@ -268,7 +272,7 @@ static uint8_t check_back(first_motion_t *first, const drive_params_t *params, a
                                                 : AXIS_FIRST_MOTION_RESULT_NO_MOTION;
   }
   first->phase = (first->sign_seen != 0) ? FIRST_MOTION_DONE : FIRST_MOTION_WATCHING;
-  first->has_origin = 0;
+  forget_travel(first);
   axis->rebase = 1; /* This acts also if the mode after the test is open-loop mode. */
   return AXIS_FIRST_MOTION_RESULT_PASSED;
 }

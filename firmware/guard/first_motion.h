@@ -21,12 +21,12 @@
  *
  * In the phases "out" and "back" the fault is `runaway` if the axis is faster than
  * first_motion_speed or moves further than FIRST_MOTION_REACH times first_motion_counts. This
- * travel counts from the place where the test has first switched the amplifier on, also if halts or
- * disabling began the test again since then; after a finding, a pass, or a motion by the code for
- * the board itself it counts anew. In the phase "out" the measured force must not change against
- * the motion by more than contact_force. If the measured force is beyond contact_force at the
- * start, it must change in the direction of the motion. With the default bounds the test takes
- * about 0.3 s and at most 1.8 s. Masters permit 0.4 s for a transition of the drive state.
+ * bound is for the travel of all attempts together that were halted or disabled since the last
+ * finding, pass or motion by the code for the board, as far as the amplifier was on. In the phase
+ * "out" the measured force must not change against the motion by more than contact_force. If the
+ * measured force is beyond contact_force at the start, it must change in the direction of the
+ * motion. With the default bounds the test takes about 0.3 s and at most 1.8 s. Masters permit 0.4
+ * s for a transition of the drive state.
  *
  * Without contact the test cannot determine the sign of the force. Therefore a check continues
  * after the test, until the first contact: the fault is force_reversed if the measured force is
@@ -74,7 +74,9 @@ enum {
 
 typedef struct {
   int32_t start_cnt;     /* encoder count at the start of the phase */
-  int32_t origin_cnt;    /* encoder count from which the travel of all attempts counts */
+  int32_t origin_cnt;    /* encoder count at which the test has switched the amplifier on */
+  uint32_t moved_cnt;    /* largest distance from origin_cnt in this attempt */
+  uint32_t spent_cnt;    /* the distances of the attempts before that were stopped */
   int32_t force_start;   /* measured force at the start of the phase */
   int32_t force_low;     /* smallest measured force at standstill */
   int32_t force_high;    /* largest measured force at standstill */
@@ -90,8 +92,7 @@ typedef struct {
   uint8_t sign_seen;
   /* 1 if the encoder changed last at standstill; 0 if the measured force changed last */
   uint8_t moves;
-  uint8_t rises;      /* 1 if the test increases the DAC code in this tick */
-  uint8_t has_origin; /* 1 if origin_cnt is valid */
+  uint8_t rises; /* 1 if the test increases the DAC code in this tick */
 } first_motion_t;
 
 /* Discards the result of the test at power-up, or after a write to a parameter on which the result
