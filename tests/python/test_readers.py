@@ -159,6 +159,7 @@ def response_arrays():
         "inject": "volts",
         "model": "fig4_19",
         "overrides": {"b_w": 100.0},
+        "band_hz": [2.0, float("inf")],
     }
     f = np.linspace(2, 100, 20)
     same = {name: np.full(20, 0.9) for name in ("coherence", "variance", "floor")}

@@ -100,24 +100,26 @@ def _int(text: str) -> int:
     return value
 
 
-def json_of(text: str | bytes, has_nan: bool = False) -> Json:
-    """Returns the value of a JSON text. `has_nan`: True if a program may write NaN for a missing
-    number. Raises ValueError or RecursionError, also for infinite numbers and for integers of more
-    than 64 bits."""
+def json_of(text: str | bytes, has_constants: bool = False) -> Json:
+    """Returns the value of a JSON text. `has_constants`: True if the program that writes it also
+    writes NaN and Infinity, which JSON does not have. Raises ValueError or RecursionError, also for
+    other numbers that are too large and for integers of more than 64 bits."""
 
     def constant(name: str) -> float:
-        if has_nan and name == "NaN":
-            return math.nan
+        if has_constants:
+            return float(name)
         raise ValueError(f"{name}, which is no number of JSON")
 
     made: Json = json.loads(text, parse_constant=constant, parse_float=_float, parse_int=_int)
     return made
 
 
-def read_json(file: Path, expected: str, remedy: str = "give another file") -> JsonObject:
-    """Returns the object in a JSON file. Raises InputError, OSError."""
+def read_json(
+    file: Path, expected: str, remedy: str = "give another file", has_constants: bool = False
+) -> JsonObject:
+    """Returns the object in a JSON file, as json_of() does. Raises InputError, OSError."""
     with parsing(file, expected, remedy):
-        table = json_of(file.read_text(encoding="utf-8"))
+        table = json_of(file.read_text(encoding="utf-8"), has_constants)
     if not isinstance(table, dict):
         refuse(file, expected, f"a JSON value of another kind, {json.dumps(table)[:20]}", remedy)
     return table

@@ -67,7 +67,7 @@ def recorded_friction(
     """
     file = Path(path) / "result.json"
     try:
-        table = files.read_json(file, "a summary of `forceaxis measure`")
+        table = files.read_json(file, "a summary of `forceaxis measure`", has_constants=True)
         about = from_json(AxisMeasurementSummary, table, str(file))
     except (OSError, InputError):
         return RecordedFriction()

@@ -323,7 +323,7 @@ def read_response(
         files.refuse(file, expected, "neither", "measure first")
     saved = files.read_arrays(file, expected)
     with files.parsing(file, expected):
-        recorded = files.json_of(str(saved["about"]))
+        recorded = files.json_of(str(saved["about"]), has_constants=True)
         known = {field.name for field in dataclasses.fields(Measurement)} - set(ARRAYS)
         if not isinstance(recorded, dict) or not set(recorded) <= known:
             raise ValueError("another description of the response")

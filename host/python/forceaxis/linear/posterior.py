@@ -76,7 +76,7 @@ def read(path: str | Path) -> Posterior:
     file, wrong = Path(path), "a posterior.json of `forceaxis identify contact --out`"
     if not file.is_file():
         files.refuse(file, wrong, "no such file", "check the path")
-    table = files.read_json(file, wrong).get("posterior")
+    table = files.read_json(file, wrong, has_constants=True).get("posterior")
     if not isinstance(table, dict):
         files.refuse(file, wrong, "no posterior", "identify again")
     own = from_json(Posterior, table, paths.display(file))

@@ -208,7 +208,7 @@ def _json_tables(path: Path) -> tuple[dict[str, log_tables.Table], list[str], st
             others[f"{channel.topic} ({channel.message_encoding or 'no encoding'})"] = None
             continue
         with files.parsing(path, f"messages in JSON on {channel.topic}", "export the data as CSV"):
-            row: Row = dict(_numbers("", files.json_of(message.data, has_nan=True)))
+            row: Row = dict(_numbers("", files.json_of(message.data, has_constants=True)))
         row["time_s"] = message.log_time * 1e-9
         rows.setdefault(channel.topic, []).append(row)
     tables: dict[str, log_tables.Table] = {}
