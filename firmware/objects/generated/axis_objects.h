@@ -1596,7 +1596,7 @@ typedef struct {
   uint16_t stored_bit_rate; /* CAN bit rate that the axis uses after the next reset of the node; must be a rate of CiA 301 that the code for the board supports [kbit/s] */
   uint16_t drive_bit_rate; /* bit rate of the bus of the drive, a rate of CiA 301 that the board supports; acts after the next power-up [kbit/s] */
   uint16_t drive_lacks; /* what the drive lacks and the master leaves out, as a sum: 1 1005h, 2 1006h, 4 60C2h, 8 6007h, 16 1016h, 32 1017h, 64 another mapping than the fixed one in 1600h, 128 1400h:2, 256 another mapping than the fixed one in 1A00h, 512 1800h:2, 1024 6060h, 2048 6077h, 4096 bit 30 of 1800h:1, 8192 bit 9 and 16384 bit 12 of the statusword; the drive must then do the same by its own settings; acts after the next power-up [1] */
-  uint16_t drive_differs; /* objects that the drive may read back with another value than the master has written, as a sum of the numbers 1 to 1024 of drive_lacks; acts after the next power-up [1] */
+  uint16_t drive_differs; /* objects that the drive may read back with another value than the master has written, as a sum of the numbers 1 to 1024 of drive_lacks, without 64 and 256 because mappings are always compared; acts after the next power-up [1] */
   uint16_t drive_wait; /* longest wait for the boot-up message of the drive, for its first TPDO, and until it is on; acts after the next power-up [ms] */
   uint16_t drive_sdo_timeout; /* longest wait for an answer of the drive by SDO; a request without an answer is repeated once; acts after the next power-up [ms] */
   uint16_t drive_quick_stop; /* longest time for which a quick stop is commanded before the voltage is disabled; it ends when the drive leaves the quick stop by itself; acts after the next power-up [ms] */
