@@ -121,6 +121,7 @@ class ObjectTable(TypedDict):
     node_id: bool
     mappable: int
     quantity: str
+    in_cycle: str
     values: tuple[tuple[int, str], ...]
 
 class BitTable(TypedDict):
