@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <functional>
+#include <map>
 #include <random>
 #include <utility>
 #include <vector>
@@ -83,7 +84,8 @@ TEST_F(CycleMode, RandomProgramsKeepTheBoundsAndAStoppedPartIsAborted) {
   Set(AXIS_OBJ_TARE_BAND, 8 * 256);
   Set(AXIS_OBJ_MODES_OF_OPERATION, kCycle);
   CodeOracle codes;
-  int ends[AXIS_CYCLE_STATE_NOT_HOMED + 1] = {}, actions[CYCLE_ACTIONS] = {};
+  std::map<int, int> ends;  // by cycle_state
+  int actions[CYCLE_ACTIONS] = {};
   bool stopped = false;
   int before = Cycle();
   for (int step = 0; step < 400000; ++step) {
