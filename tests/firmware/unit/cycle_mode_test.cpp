@@ -372,12 +372,6 @@ TEST_F(CyclePress, TheSensorIsSupervisedInEveryPhase) {
       if (action != CYCLE_WAIT) phase.target = action == CYCLE_MOVE ? 300 : 180, phase.speed = 300;
       phase.conditions[0] = {CYCLE_TIME, CYCLE_END, 0, 20000};
       ASSERT_TRUE(Select(completed({}, {phase}, [](cycle_element_t &e) { e.y_most = INT32_MAX; })));
-      Enable(kCycle);
-      fw_.drive.homed = 1;  // CYCLE_MOVE counts from the reference
-      Control(kNew);
-      ASSERT_EQ(Cycle(), AXIS_CYCLE_STATE_RUNNING) << int{action};
-      Tick(20);
-      ASSERT_TRUE(Runs());
       if (c.defect == kRailed) Set(AXIS_OBJ_FORCE_RAILED_TIME, 10);
       if (c.defect == kJump) Set(AXIS_OBJ_FORCE_JUMP_MAX, 10 * 256);
       if (c.defect == kStuck) {
@@ -389,7 +383,11 @@ TEST_F(CyclePress, TheSensorIsSupervisedInEveryPhase) {
         Set(AXIS_OBJ_FORCE_DISCONNECTED_TIME, 10);
         Set(AXIS_OBJ_FORCE_DISCONNECTED_TRAVEL, 2);
       }
-      Tick(4);
+      Enable(kCycle);
+      fw_.drive.homed = 1;  // CYCLE_MOVE counts from the reference
+      Control(kNew);
+      ASSERT_EQ(Cycle(), AXIS_CYCLE_STATE_RUNNING) << int{action};
+      Tick(24);
       ASSERT_TRUE(Runs()) << "healthy";
       stiffness_ = 0;
       offset_ = c.defect == kRailed ? 0 : c.defect == kJump ? 60 : c.defect == kStuck ? 50 : 10;
