@@ -339,7 +339,7 @@ class Axis {
     for (int t = 0; t < kTicksMax; ++t) {
       part.state = read(AXIS_OBJ_CYCLE_STATE);
       if (part.state != AXIS_CYCLE_STATE_RUNNING) break;
-      if (random_.chance(0.001)) part.has_write |= write();
+      if (random_.chance(0.0003)) part.has_write |= write();
       tick(t);
       part.ticks.push_back(last);
     }
@@ -366,8 +366,12 @@ class Axis {
                          {AXIS_OBJ_FORCE_SCALE, random_.pick(1, 9999999)},
                          {AXIS_OBJ_FORCE_ZERO_CODE, random_.pick(0, 20000)},
                          {AXIS_OBJ_ADC_BITS, random_.pick(8, 15)},
-                         {AXIS_OBJ_CYCLE_AGE_MAX, random_.pick(4, 254)}};
-    const Try &one = tries[random_.pick(0, 4)];
+                         {AXIS_OBJ_CYCLE_AGE_MAX, random_.pick(4, 254)},
+                         {AXIS_OBJ_FORCE_BANK, random_.pick(0, 2)},
+                         {AXIS_OBJ_FORCE_GAIN, random_.pick(0, 65535)},
+                         {AXIS_OBJ_FORCE_LIMIT, random_.pick(0, 1000)},
+                         {AXIS_OBJ_VELOCITY_MAX, random_.pick(100, 100000)}};
+    const Try &one = tries[random_.pick(0, 8)];
     const int before = read(one.object);
     return set(one.object, one.value) == FW_OK && read(one.object) != before;
   }
