@@ -549,7 +549,7 @@ NO_FILES = {
         (
             "drawing:page_style",
             "pages.template:_text",
-            "design.new:render",
+            "design.new:_template",
             "thesis.tables:evidence",
             "thesis.tables:load",
             "cycles.joining_server:_serve",

@@ -1,6 +1,6 @@
 /* Any record as the program of a cycle, and any signals: a record that the axis accepts never reads
  * beyond its bytes, a demanded force is within the bounds of a table, outputs and offset keep
- * theirs, and a part is good only if its cycle ended by its program. */
+ * theirs, and a part is good only if its cycle ended by its program and rests on valid samples. */
 
 #include <stdlib.h>
 #include <string.h>
@@ -51,6 +51,7 @@ static cycle_inputs_t inputs_of(const uint8_t *data, const cycle_inputs_t *befor
   now.contact = data[0] >> 7;
   now.reached = (data[0] >> 4) & 1;
   now.inputs = data[2] & 31;
+  now.defects = ((data[3] & 0xE0) == 0x60) ? data[3] & 3 : 0;
   return now;
 }
 
@@ -102,8 +103,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
   if (!cycle_is_running(&cycle)) {
     require((cycle.outputs & ~program->outputs_keep) == 0);
     cycle_evaluate(&cycle);
-    require(cycle.state == CYCLE_DONE);
+    /* A cycle that is stopped before its first tick has not begun. */
+    require(cycle.state == CYCLE_DONE || (cycle.state == CYCLE_IDLE && aborted));
     require(cycle.good == 0 || (cycle.outcome == CYCLE_BY_PROGRAM && !aborted));
+    require(cycle.good == 0 || cycle.invalid_ticks == 0);
   }
   free(record);
   return 0;

@@ -46,6 +46,7 @@ unit = "1"
 min = 0
 max = 100
 access = "rw"
+in_cycle = "free"
 index = 0x23F0
 
 # Recorder.

@@ -202,7 +202,9 @@ def command_line() -> None:
         for text in sys.argv:
             text.encode()  # raises UnicodeError if an argument is not valid UTF-8
         # click returns the status of Context.exit() here, and commands return None.
-        sys.exit(cli(prog_name="forceaxis", standalone_mode=False) or 0)
+        status = cli(prog_name="forceaxis", standalone_mode=False)
+        if status:
+            sys.exit(status)
     except click.exceptions.Abort:
         fail("interrupted", status=130)
     except click.exceptions.NoArgsIsHelpError as error:
