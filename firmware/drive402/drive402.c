@@ -16,7 +16,7 @@ static void enter(drive402_t *master, uint8_t phase) {
   master->phase = phase;
   master->command_sent = 0;
   master->entry = 0;
-  master->sdo = (drive402_sdo_t){0};
+  drive402_sdo_init(&master->sdo);
   master->wait_ticks = 0;
 }
 

@@ -18,6 +18,22 @@ enum {
 /* Bits of UPLOAD_ANSWER, and of the answer with the first segment if it is the last one too. */
 enum { HAS_SIZE = 0x01, IS_EXPEDITED = 0x02, IS_LAST = 0x01, TOGGLE = 0x10 };
 
+void drive402_sdo_init(drive402_sdo_t *sdo) {
+  sdo->entry.index = 0;
+  sdo->entry.sub = 0;
+  sdo->entry.bytes = 0;
+  sdo->entry.value = 0;
+  sdo->answer = 0;
+  sdo->ticks = 0;
+  sdo->writes = 0;
+  sdo->state = DRIVE402_TRANSFER_IDLE;
+  sdo->pause = 0;
+  sdo->is_repeated = 0;
+  sdo->is_segmented = 0;
+  sdo->has_late_ack = 0;
+  sdo->doubled = 0;
+}
+
 void drive402_sdo_start(drive402_sdo_t *sdo, const drive402_entry_t *entry, bool writes) {
   sdo->entry = *entry;
   sdo->writes = writes ? 1 : 0;

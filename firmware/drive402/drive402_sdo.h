@@ -45,6 +45,9 @@ typedef struct {
   uint8_t doubled;        /* number of second answers to downloads that were not repeated */
 } drive402_sdo_t;
 
+/* No transfer is in progress. */
+void drive402_sdo_init(drive402_sdo_t *sdo);
+
 /* Starts a transfer. */
 void drive402_sdo_start(drive402_sdo_t *sdo, const drive402_entry_t *entry, bool writes);
 

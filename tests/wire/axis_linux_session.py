@@ -32,7 +32,9 @@ PAGE = Path(__file__).resolve().parents[2] / "docs/guide/your_drive.md"
 OTHER = {
     '"can0"': '"vcan0"', '"can1"': '"vcan1"', "priority = 80": "priority = 0",
     "cpu = 1": "cpu = -1", "late_ticks_max = 3": "late_ticks_max = LATE", '"axis.bin"': '"STORE"',
-    "node_id = 9": "node_id = 9\nmaster_node_id = 1\nheartbeat_timeout_ms = 200",
+    # This drive stays in quick stop active until its voltage is disabled.
+    "node_id = 9":
+        "node_id = 9\nmaster_node_id = 1\nheartbeat_timeout_ms = 200\nquick_stop_ms = 100",
 }  # fmt: skip
 FIRMWARE = {
     "adc_bits": 16, "force_gain": 2.0, "approach_velocity_max": 2000, "force_tare": 128.0,

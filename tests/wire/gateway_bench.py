@@ -284,7 +284,7 @@ def captures(axis):
     except Refused as error:
         found["too_long"] = str(error)
     with LossyClient(1, timeout_s=4) as lossy:
-        held = lossy.capture(["tick_count"], samples=200, trigger_edge="immediate")
+        held = lossy.capture(["tick_count"], samples=200, decimation=1, trigger_edge="immediate")
         ticks = held.values("tick_count").astype(int)
         found["lossy"] = [
             held.total,

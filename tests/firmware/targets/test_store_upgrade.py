@@ -154,6 +154,7 @@ min = 0
 max = 100
 default = 3
 access = "rw"
+in_cycle = "free"
 index = 0x23F0
 
 [[object]]

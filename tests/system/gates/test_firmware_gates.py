@@ -772,7 +772,18 @@ def test_python_objects_are_those_of_the_table(monkeypatch):
     expected = []
     for number, name, o, i in table.expand(read.entries):
         index, sub = table.canopen_address(o, i)
-        same = ("kind", "part", "meaning", "type", "unit", "min", "max", "access", "writable")
+        same = (
+            "kind",
+            "part",
+            "meaning",
+            "type",
+            "unit",
+            "min",
+            "max",
+            "access",
+            "writable",
+            "in_cycle",
+        )
         expected.append(
             {key: o[key] for key in (*same, "stored", "node_id", "mappable", "quantity")}
             | {"number": number, "name": name, "index": index, "sub": sub}
