@@ -80,7 +80,7 @@ static void answer(drive402_t *master) {
   if (sdo->writes == 0) {
     const uint32_t value = (sdo->entry.index == 0x6061) ? master->config->mode : sdo->entry.value;
     int at = 4;
-    data[0] = ((value & 0x40) != 0) ? 0x41 : (uint8_t)(0x43 | (4 - sdo->entry.bytes) << 2);
+    data[0] = (uint8_t)(((value & 0x40) != 0) ? 0x41 : 0x43 | (4 - sdo->entry.bytes) << 2);
     if (sdo->is_segmented != 0) { /* the first segment, which is whole */
       data[0] = 0x01;
       at = 1;
