@@ -117,7 +117,7 @@ def test_the_chip_sends_what_the_host_sends():
         for _ in range(CAN_MAILBOXES if tick % 500 < 400 else 0):
             frames += pair.transmit() is not None
     assert frames > SAME_TICKS // 4
-    assert law > SAME_TICKS * 3 // 10
+    assert law > SAME_TICKS // 4
 
 
 def test_a_late_main_loop_loses_no_time():
