@@ -195,16 +195,20 @@ def main() -> None:
         command_line()
 
 
+def _run() -> None:
+    """Run the command, and exit with its status unless that is 0. Commands return None; click
+    returns the status of Context.exit()."""
+    if status := cli(prog_name="forceaxis", standalone_mode=False):
+        sys.exit(status)
+
+
 def command_line() -> None:
     """Run the command that sys.argv names. After an expected error, print one text line on
     standard error and exit with status 1, 2 or 130 (Ctrl-C)."""
     try:
         for text in sys.argv:
             text.encode()  # raises UnicodeError if an argument is not valid UTF-8
-        # click returns the status of Context.exit() here, and commands return None.
-        status = cli(prog_name="forceaxis", standalone_mode=False)
-        if status:
-            sys.exit(status)
+        _run()
     except click.exceptions.Abort:
         fail("interrupted", status=130)
     except click.exceptions.NoArgsIsHelpError as error:
