@@ -29,7 +29,7 @@ from tick_profile import (
 AXIS = 300  # axis_tick() and what it calls, with the laws of the thesis
 BANKED = 550  # the same with a bank of the force law and bounds of the drive
 # What follows it in most ticks, with the arming of the black box; resets and the store are apart.
-BETWEEN = 3200
+BETWEEN = 3300
 # The same in a cycle with sixteen elements, of up to two ticks: two fifths of a tick.
 EVALUATION = 17_500
 COVERAGE = 0.95
