@@ -304,11 +304,23 @@ class Stepped:
         """Returns the magnitude of the largest eigenvalue at a gain. The quotient of the left and
         right eigenvector in extended precision takes away what rounding does to an eigenvalue that
         others are close to."""
+        return self._sharp(gain)[0]
+
+    def surely_unstable(self, gain: float) -> bool:
+        """Returns True if no rounding of the matrix can explain that an eigenvalue lies outside of
+        the unit circle. At small gains the eigenvalues of several integrals lie close together."""
+        radius, rounding = self._sharp(gain)
+        return radius - 1 > rounding
+
+    def _sharp(self, gain: float) -> tuple[float, float]:
+        """Returns sharp_radius() and how far rounding of each entry moves it, to first
+        order."""
         matrix = self.period(np.array([gain]))[0]
         poles, left, right = linalg.eig(matrix, left=True, right=True)
         best, wide = int(np.argmax(np.abs(poles))), matrix.astype(np.longdouble)
         y, x = (side[:, best].astype(np.clongdouble) for side in (left.conj(), right))
-        return float(abs((y @ (wide @ x)) / (y @ x)))
+        rounding = len(matrix) * 2.0**-53 * float(abs(y) @ abs(wide) @ abs(x) / abs(y @ x))
+        return float(abs((y @ (wide @ x)) / (y @ x))), rounding
 
 
 def phases(drawn: Drawn) -> list[Fraction | None]:
@@ -344,7 +356,8 @@ def judged(stepped: list[Stepped], limit: Limit, error_max: float) -> tuple[floa
     first = int(np.argmax(stable | unstable)) if np.any(stable | unstable) else 0
     ends = np.flatnonzero(unstable)
     if limit.gain == 0:
-        if stable[first]:
+        below = [one.surely_unstable(gain) for gain in WIDE[:first] for one in stepped]
+        if stable[first] and not any(below):
             return 0.0, "false zero", _edge(stepped, float(WIDE[first]))
         return 0.0, "", 0.0
     if not stable[first]:
