@@ -209,9 +209,9 @@ class Fuzz:
     """One run: `step` plays a tick to a side (or several, which must answer alike) and reports
     the events to `watch`."""
 
-    # Shares of the scenarios with a new program and with cycles, and of the programs with phases of
-    # short_phase().
-    program_share, cycle_share, short_share = 0.5, 0.08, 0.25
+    # Shares of the scenarios with a tested first motion, with a new program and with cycles, and of
+    # the programs with phases of short_phase().
+    calm_share, program_share, cycle_share, short_share = 0.07, 0.5, 0.08, 0.25
 
     def __init__(self, objects, seed):
         self.objects = objects
@@ -297,7 +297,7 @@ class Fuzz:
 
     def start_first_motion(self, side):
         rng = self.calm_rng
-        self.calm = rng.random() < 0.07
+        self.calm = rng.random() < self.calm_share
         self.set(side, "first_motion_test", int(self.calm))
         if self.calm:
             for name, values in FIRST_MOTION.items():
@@ -538,7 +538,8 @@ class Fuzz:
             self.position = rng.choice([2.0**31 - 20, -(2.0**31) + 5, 0.0])
         inputs.encoder_cnt = signed(int(self.position))
         inputs.adc_code[0] = max(0, min(255, int((self.position - self.wall) / 2)))
-        if rng.random() < 0.05:
+        # A sample at the end of the range ends a cycle.
+        if rng.random() < (0.001 if self.cycles else 0.05):
             inputs.adc_code[0] = rng.choice([0, 255, rng.randrange(256)])
         inputs.adc_code[1] = rng.randrange(256)
         inputs.din = 1 if rng.random() > 0.003 else rng.choice([0, 3, 5, 7, 9, 15, 17, 31])
@@ -586,4 +587,10 @@ class Fuzz:
 class CycleFuzz(Fuzz):
     """Cycles in each scenario, with programs whose phases end in the ticks that have most to do."""
 
-    program_share = cycle_share = short_share = 1.0
+    calm_share, program_share, cycle_share, short_share = 0.0, 1.0, 1.0, 1.0
+
+
+class GuidedFuzz(Fuzz):
+    """First motions, and cycles of any phases, which many conditions end in their middle."""
+
+    calm_share, program_share, cycle_share, short_share = 0.5, 1.0, 1.0, 0.0
