@@ -22,6 +22,7 @@ from forceaxis.linear.system import facts, linearise
 from forceaxis.pages import design
 from scipy import linalg
 
+pytestmark = pytest.mark.beside
 TICK_S = 1 / 1500
 LAWS = {
     "p": {},
