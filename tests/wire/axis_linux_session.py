@@ -182,7 +182,7 @@ def main(folder):
         time.sleep(0.2)
         done["disabled"] = axis.get("fault", "drive_state") | {"drive": machine.state}
         axis.set(store_parameters=1)
-        time.sleep(1.0)
+        assert until(lambda: axis.read("store_state") == "saved", 20)
 
         def power_off():
             machine.alive = False

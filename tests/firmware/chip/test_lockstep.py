@@ -72,7 +72,6 @@ def recorded_hashes():
 
 
 @pytest.mark.long
-@pytest.mark.beside
 @pytest.mark.parametrize("emulated", EMULATED_BOARDS, indirect=True, ids=lambda board: board.name)
 def test_every_recorded_experiment_has_its_trace_hash_on_every_board(emulated):
     """A board without memory for programs refuses the experiments with a cycle, and no others."""

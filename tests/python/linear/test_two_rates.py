@@ -22,7 +22,6 @@ from forceaxis.linear.system import facts, linearise
 from forceaxis.pages import design
 from scipy import linalg
 
-pytestmark = pytest.mark.beside
 TICK_S = 1 / 1500
 LAWS = {
     "p": {},
