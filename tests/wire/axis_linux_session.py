@@ -21,6 +21,7 @@ from forceaxis.axis.axis import Axis
 from forceaxis.axis.can import CanLink
 from forceaxis.experiments import link
 from foreign_drive import TICK_S, ForeignDrive
+from gateway_clients import until
 
 # Counts until the contact, ADC codes of 16 bits per count of deflection, frame of the load cell.
 GAP, STIFFNESS, LOAD_CELL = 400, 64, 0x301
@@ -135,11 +136,17 @@ def set_up(interface, up):
         fcntl.ioctl(control, SIOCSIFFLAGS, struct.pack("16sh22x", name, flags))
 
 
+def comes_on(machine):
+    """Waits until the drive is on, and for what may come in the 300 ms after it."""
+    until(lambda: machine.state == "operation enabled")
+    time.sleep(0.3)
+
+
 def faulty(axis, machine, fail):
     """What becomes of an enabled axis when `fail` has been called: {object: value}, and the state
     of the drive."""
     axis.enable("profile position")
-    time.sleep(0.5)
+    comes_on(machine)
     before = {"before": axis.get("drive_state")["drive_state"], "drive_before": machine.state}
     fail()
     time.sleep(0.5)
@@ -150,7 +157,7 @@ def recovered(axis, machine):
     """Resets the fault, and enables the axis once more."""
     axis.reset_fault()
     axis.enable("profile position")
-    time.sleep(2.0)
+    comes_on(machine)
     found = axis.get("fault", "drive_state") | {"drive": machine.state}
     axis.disable()
     return found
@@ -175,7 +182,7 @@ def main(folder):
         time.sleep(0.2)
         done["disabled"] = axis.get("fault", "drive_state") | {"drive": machine.state}
         axis.set(store_parameters=1)
-        time.sleep(1.0)
+        assert until(lambda: axis.read("store_state") == "saved", 20)
 
         def power_off():
             machine.alive = False
@@ -214,7 +221,7 @@ def main(folder):
         done["stored"] = axis.get("adc_bits", "position_gain")
         done["killed"] = {}
         axis.enable("profile position")
-        time.sleep(0.5)
+        comes_on(machine)
         done["killed"]["before"] = machine.state
         process.process.kill()
         time.sleep(0.5)

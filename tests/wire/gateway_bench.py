@@ -543,15 +543,19 @@ def killed(process, axis, drive):
     """The gateway is killed: when the axis reports it, and what the next gateway reads."""
     found = {"driven": drive()}
     frames = []
-    listener = threading.Thread(target=lambda: frames.extend(Can().frames(3.0)))
+
+    def is_lost(identifier, data):
+        return identifier == 0x081 and data[:2] == b"\x30\x81"
+
+    listener = threading.Thread(target=lambda: frames.extend(Can().frames(5.0, is_lost)))
     listener.start()
     time.sleep(0.3)
     process.send_signal(signal.SIGKILL)
     process.wait()
     listener.join()
     beats = [t for t, identifier, _ in frames if identifier == 0x77F]
-    emergencies = [(t, d.hex()) for t, i, d in frames if i == 0x081 and d[:2] == b"\x30\x81"]
-    found["silence_ms"] = 1000 * (emergencies[0][0] - beats[-1]) if beats and emergencies else None
+    emergencies = [t for t, *frame in frames if is_lost(*frame)]
+    found["silence_ms"] = 1000 * (emergencies[0] - beats[-1]) if beats and emergencies else None
     found["emergencies"] = len(emergencies)
     again = gateway()
     state = until(lambda: operational(axis), 8)

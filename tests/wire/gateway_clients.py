@@ -34,13 +34,15 @@ class Can:
             return None
         return identifier, data[:length]
 
-    def frames(self, seconds):
-        """[(time, id, data)] of a while."""
+    def frames(self, seconds, last=lambda identifier, data: False):
+        """[(time, id, data)] of a while, which ends half a second after a frame that is `last`."""
         received, end = [], time.monotonic() + seconds
         while (remaining := end - time.monotonic()) > 0:
             frame = self.receive(remaining)
             if frame:
                 received.append((time.monotonic(), *frame))
+                if last(*frame):
+                    end = min(end, time.monotonic() + 0.5)
         return received
 
     def write(self, node, index, sub, value, size):

@@ -567,15 +567,16 @@ def test_a_live_plant_publishes_its_clock_and_what_is_true(monkeypatch):
 def test_parallel_runs_on_one_port_do_not_meet():
     """One run in real time, and while it goes on another one, of another gain, on the same port."""
     url = _core.lcm_url_of(link.new_run_id())
-    gain = "firmware.force_gain=3"
-    common = ["--run-id", link.new_run_id(), "--lcm-url", url, "--set", gain]
+    sets = "firmware.force_gain=3", "experiment.duration_s=3"
+    common = ["--run-id", link.new_run_id(), "--lcm-url", url]
+    common += [word for one in sets for word in ("--set", one)]
     axis = start("axis_node", *common)
     plant = start("plant_node", *common, "--pace", "real")
     summary = run("--link", "lcm", "--lcm-url", url, "--set", SHORT)
     reports = end(plant), end(axis)
     assert summary["link"]["hashes"] == dict.fromkeys(("plant", "axis"), in_process(SHORT))
     for report in reports:
-        assert hashes(report) == [in_process(gain)]
+        assert hashes(report) == [in_process(*sets)]
         # They did receive each other's messages.
         assert report["statistics"]["foreign"] > 100
 

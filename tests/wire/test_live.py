@@ -278,8 +278,9 @@ def test_a_client_captures_what_the_recorder_holds(url):
 
 
 @pytest.mark.parametrize("lossy", [2, 3])
-def test_a_capture_is_complete_although_most_blocks_are_lost_at_first(url, lossy):
+def test_a_capture_is_complete_although_most_blocks_are_lost_at_first(url, lossy, monkeypatch):
     """Half or two thirds of all blocks are lost, also of those that are sent again."""
+    monkeypatch.setattr(client, "LATE_BLOCKS_WAIT_S", 0.15)
     with (
         gateway(url, axes="1", rate=20, lossy=lossy),
         AxisClient(1, url, retry_s=0.1) as axis,

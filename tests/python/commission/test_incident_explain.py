@@ -16,6 +16,7 @@ from forceaxis.commission.incident_explain import ExplainOrder, explain
 from forceaxis.experiments.experiment import Experiment
 from verbs import forceaxis
 
+pytestmark = pytest.mark.beside
 LEAST_OF_TWELVE = 9
 ORDER = ExplainOrder(incident_study.MODEL)
 
@@ -55,7 +56,6 @@ def test_an_encoder_that_slips_is_found(tmp_path):
     assert result.touch_s is None and result.repeats
 
 
-@pytest.mark.beside
 @pytest.mark.long
 def test_a_second_that_no_cause_explains_is_said(stiff):
     """A force of another machine: the recorded one backwards in time."""
@@ -106,7 +106,6 @@ def test_a_released_machine_has_no_such_fault(tmp_path, name):
     assert run.fault == "none"
 
 
-@pytest.mark.beside
 @pytest.mark.long
 def test_a_second_that_begins_on_the_way_in_mode_4(tmp_path):
     """The approach lasts longer than the second that the black box keeps."""
@@ -121,7 +120,6 @@ def test_a_second_that_begins_on_the_way_in_mode_4(tmp_path):
     assert result.speed_m_per_s == pytest.approx(6e-3, rel=0.05)
 
 
-@pytest.mark.beside
 @pytest.mark.long
 def test_twelve_hidden_causes(tmp_path):
     right = []

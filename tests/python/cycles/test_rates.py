@@ -165,6 +165,7 @@ def test_a_proposal_that_cannot_be_written_leaves_the_file_as_it_was(one, tmp_pa
 
 
 @pytest.mark.long
+@pytest.mark.beside
 def test_the_press_fit_refuses_the_share_that_was_asked_for(tmp_path):
     """1 % from 3,000 good parts, judged on 6,000 others; a hundred parts of each bad kind."""
     request = dataclasses.replace(REQUEST, parts=3000, bad_parts=100)

@@ -16,6 +16,7 @@ from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import PlantSet, ranges_of
 from forceaxis.linear.precise import FIGURES, PreciseLoops, Responses
 
+pytestmark = pytest.mark.beside
 BOTH = ("zoh", "zoh+1")
 SLOPES = ({}, {"drive.amplifier": "high outer"})
 # Keys of the sensor, cycle of the bus and delay of the command in ticks.

@@ -131,6 +131,7 @@ def test_the_law_of_new_bears_the_friction_that_is_not_there(tmp_path):
 
 
 @pytest.mark.long
+@pytest.mark.beside
 def test_a_designed_law_on_two_hundred_members_with_friction(tmp_path):
     """Verdict, static error, peak and losses; fS at least 0.8 of the frictionless design's."""
     folder = tmp_path / "press"

@@ -226,6 +226,7 @@ def test_the_worst_is_worse_than_random_members():
 
 
 @pytest.mark.long
+@pytest.mark.beside
 def test_the_worst_is_worse_than_three_hundred_random_members():
     plants, spec = plants_of(), LoopSpec("bank", bank=BANK.quantised())
     timings = ("zoh", "zoh+1")

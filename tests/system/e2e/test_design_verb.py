@@ -424,6 +424,7 @@ def test_a_failure_on_the_way_leaves_nothing(found, tmp_path, order):
 
 
 @pytest.mark.long
+@pytest.mark.beside
 @pytest.mark.parametrize(("text", "error"), [(EXPERIMENT, 0.6), (FINE, 0.1)], ids=["8", "12"])
 def test_a_designed_bank_bears_1000_workpieces(order, text, error):
     done = for_set.design(order(text))

@@ -21,9 +21,16 @@ NEEDED = {
 }
 
 
+COMPUTES = {"real_machine"}  # for 20 s
+
+
+def marks_of(page, kind):
+    return (["long"] if kind == "long" else []) + (["beside"] if page.stem in COMPUTES else [])
+
+
 def pages(kind):
     return [
-        pytest.param(p, id=p.stem, marks=[pytest.mark.long] if kind == "long" else [])
+        pytest.param(p, id=p.stem, marks=[getattr(pytest.mark, m) for m in marks_of(p, kind)])
         for p in guide.pages()
         if guide.session(p) == kind and p != TEN_MINUTES
     ]

@@ -37,6 +37,7 @@ def test_python_is_formatted_and_linted():
     assert complaints([ruff, "check"]) == ""
 
 
+@pytest.mark.beside  # ten seconds of processor
 def test_cppcheck_finds_nothing_in_the_firmware():
     files = tracked("firmware/**/*.c")
     assert len(files) > 5
