@@ -19,6 +19,8 @@ enum { CURRENT_JUMP_PER_MILLE = 250 };
 
 static void forget_travel(first_motion_t *first) {
   first->moved_cnt = 0;
+  first->stopped_cnt = 0;
+  first->coasted_cnt = 0;
   first->spent_cnt = 0;
   first->coasts = 0;
 }
@@ -47,12 +49,16 @@ static void end_coasting(first_motion_t *first) {
   first->phase = FIRST_MOTION_OPEN;
 }
 
-static bool is_on(const first_motion_t *first) {
-  return first->phase >= FIRST_MOTION_ZERO && first->phase <= FIRST_MOTION_BACK;
+/* Notes that the amplifier is switched off, if the attempt has switched it on. */
+static void stop_attempt(first_motion_t *first) {
+  if (first->phase >= FIRST_MOTION_ZERO && first->phase <= FIRST_MOTION_BACK) {
+    first->stopped_cnt = first->moved_cnt;
+    first->coasts = 1;
+  }
 }
 
 static void begin_standing(first_motion_t *first) {
-  first->coasts |= is_on(first) ? 1 : 0;
+  stop_attempt(first);
   first->phase = FIRST_MOTION_STANDING;
   first->phase_tick = 0;
   first->rest_tick = 0;
@@ -79,7 +85,7 @@ void first_motion_begin(first_motion_t *first, const drive_params_t *params,
 
 void first_motion_cancel(first_motion_t *first, drive_signals_t *signals) {
   if (first_motion_is_running(first)) {
-    first->coasts |= is_on(first) ? 1 : 0;
+    stop_attempt(first);
     first->phase_tick = 0;
     first_motion_forget(first, signals);
   }
@@ -143,7 +149,9 @@ static bool is_beyond(first_motion_t *first, const drive_params_t *params, const
 static void begin_zero(first_motion_t *first, const axis_t *axis) {
   enter_phase(first, axis, FIRST_MOTION_ZERO);
   first->origin_cnt = first->start_cnt;
-  first->spent_cnt += first->moved_cnt;
+  first->spent_cnt += first->stopped_cnt + first->coasted_cnt;
+  first->coasted_cnt = first->moved_cnt - first->stopped_cnt;
+  first->stopped_cnt = 0;
   first->moved_cnt = 0;
   first->coasts = 0;
 }

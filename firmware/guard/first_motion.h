@@ -24,9 +24,10 @@
  * bound is for the travel of all attempts together that were halted or disabled since the last
  * finding, pass or motion by the code for the board. The travel of an attempt is that with the
  * amplifier on and what the axis coasts after it, until it has stood for FIRST_MOTION_STAND_TICKS;
- * beyond the bound the next attempt is `runaway` before the amplifier is on. So nothing adds to the
- * bound but the coasting after the last stop, which begins at first_motion_speed at most, or at the
- * speed that is the finding. In the phase
+ * the coasting after the last attempt counts when a further one is stopped, so that a sound axis
+ * that was stopped once passes. Beyond the bound the next attempt is `runaway` before the amplifier
+ * is on. So only the coastings after the last two stops add to the bound. Each begins at
+ * first_motion_speed at most, or at the speed that is the finding. In the phase
  * "out" the measured force must not change against the motion by more than contact_force. If the
  * measured force is beyond contact_force at the start, it must change in the direction of the
  * motion. With the default bounds the test takes about 0.3 s and at most 1.8 s. Masters permit 0.4
@@ -82,7 +83,9 @@ typedef struct {
   int32_t start_cnt;     /* encoder count at the start of the phase */
   int32_t origin_cnt;    /* encoder count at which the test has switched the amplifier on */
   uint32_t moved_cnt;    /* largest distance from origin_cnt in this attempt, coasting included */
-  uint32_t spent_cnt;    /* the distances of the attempts before that were stopped */
+  uint32_t stopped_cnt;  /* moved_cnt when the amplifier was switched off */
+  uint32_t coasted_cnt;  /* what the attempt before has coasted */
+  uint32_t spent_cnt;    /* all other travel of the attempts before that were stopped */
   int32_t force_start;   /* measured force at the start of the phase */
   int32_t force_low;     /* smallest measured force at standstill */
   int32_t force_high;    /* largest measured force at standstill */

@@ -148,9 +148,9 @@ TEST_F(FirstMotion, AttemptsThatAreStoppedHaveOneTravelTogether) {
   }
 }
 
-// An axis that rolls on after each stop, some 10 or 20 counts. All of it is
-// travel of the test, but for what follows the last stop, however the attempts are stopped and
-// begun again: before it stands or long after, and with the test chosen anew.
+// An axis that rolls on after each stop, some 10 or 20 counts. All of it is travel of the test, but
+// for what follows the last two stops, and what an axis that stands may move. However the attempts
+// are stopped and begun again: before it stands or long after, and with the test chosen anew.
 TEST_F(FirstMotion, AnAxisThatRollsOnAfterEachStopHasTheSameTravel) {
   enum Stop { kHalts, kDisables, kStrikes, kChoosesAnew };
   for (const Stop stop : {kHalts, kDisables, kStrikes, kChoosesAnew}) {
@@ -195,7 +195,8 @@ TEST_F(FirstMotion, AnAxisThatRollsOnAfterEachStopHasTheSameTravel) {
         EXPECT_EQ(Fault(), AXIS_FAULT_RUNAWAY) << name;
         EXPECT_EQ(Result(), AXIS_FIRST_MOTION_RESULT_RUNAWAY) << name;
         EXPECT_GT(last, 5) << name << ": it rolls on";
-        EXPECT_LE(most, 8 * counts + last) << name << ", attempts " << attempts;
+        EXPECT_LE(most, 8 * counts + last + FIRST_MOTION_JITTER_CNT * attempts)
+            << name << ", attempts " << attempts;
         EXPECT_GT(most, 4 * counts) << name << ", attempts " << attempts;
       }
     }
