@@ -19,20 +19,18 @@ enum { CURRENT_JUMP_PER_MILLE = 250 };
 
 static void forget_travel(first_motion_t *first) {
   first->moved_cnt = 0;
+  first->stopped_cnt = 0;
+  first->coasted_cnt = 0;
   first->spent_cnt = 0;
+  first->coasts = 0;
 }
 
-static void clear_result(first_motion_t *first, drive_signals_t *signals) {
-  first->phase = FIRST_MOTION_OPEN;
+void first_motion_forget(first_motion_t *first, drive_signals_t *signals) {
+  first->phase = (first->coasts != 0) ? FIRST_MOTION_COASTING : FIRST_MOTION_OPEN;
   signals->first_motion_result = AXIS_FIRST_MOTION_RESULT_NOT_RUN;
   signals->first_motion_moved = 0;
   signals->first_motion_code_reached = 0;
   signals->first_motion_force = 0;
-}
-
-void first_motion_forget(first_motion_t *first, drive_signals_t *signals) {
-  clear_result(first, signals);
-  forget_travel(first);
 }
 
 bool first_motion_depends_on(uint16_t object) {
@@ -46,7 +44,21 @@ bool first_motion_is_bounded_by(uint16_t object) {
          object == AXIS_OBJ_FORCE_TARE;
 }
 
+static void end_coasting(first_motion_t *first) {
+  first->coasts = 0;
+  first->phase = FIRST_MOTION_OPEN;
+}
+
+/* Notes that the amplifier is switched off, if the attempt has switched it on. */
+static void stop_attempt(first_motion_t *first) {
+  if (first->phase >= FIRST_MOTION_ZERO && first->phase <= FIRST_MOTION_BACK) {
+    first->stopped_cnt = first->moved_cnt;
+    first->coasts = 1;
+  }
+}
+
 static void begin_standing(first_motion_t *first) {
+  stop_attempt(first);
   first->phase = FIRST_MOTION_STANDING;
   first->phase_tick = 0;
   first->rest_tick = 0;
@@ -57,24 +69,34 @@ static void begin_standing(first_motion_t *first) {
 
 void first_motion_begin(first_motion_t *first, const drive_params_t *params,
                         drive_signals_t *signals) {
-  if (params->first_motion_test == AXIS_FIRST_MOTION_TEST_OFF ||
-      first->phase != FIRST_MOTION_OPEN) {
+  if (params->first_motion_test == AXIS_FIRST_MOTION_TEST_OFF) {
+    if (first->phase == FIRST_MOTION_COASTING) {
+      end_coasting(first); /* What follows is a motion without the test. */
+    }
     return;
   }
-  clear_result(first, signals);
+  if (first->phase != FIRST_MOTION_OPEN && first->phase != FIRST_MOTION_COASTING) {
+    return;
+  }
+  first_motion_forget(first, signals);
   signals->first_motion_result = AXIS_FIRST_MOTION_RESULT_RUNNING;
   begin_standing(first);
 }
 
 void first_motion_cancel(first_motion_t *first, drive_signals_t *signals) {
   if (first_motion_is_running(first)) {
-    clear_result(first, signals);
+    stop_attempt(first);
+    first->phase_tick = 0;
+    first_motion_forget(first, signals);
   }
 }
 
 void first_motion_yield(first_motion_t *first, drive_signals_t *signals) {
-  first_motion_cancel(first, signals);
+  const bool is_stopped = first_motion_is_running(first) || first->phase == FIRST_MOTION_COASTING;
   forget_travel(first);
+  if (is_stopped) {
+    first_motion_forget(first, signals);
+  }
 }
 
 static int16_t signed_code(const first_motion_t *first) {
@@ -111,18 +133,51 @@ static void enter_phase(first_motion_t *first, const axis_t *axis, uint8_t phase
   first->force_start = axis->signals.force;
 }
 
+static void add_travel(first_motion_t *first, const axis_t *axis) {
+  const uint32_t moved = fx_magnitude(fx_diff_wrap(axis->signals.position, first->origin_cnt));
+  first->moved_cnt = (moved > first->moved_cnt) ? moved : first->moved_cnt;
+}
+
+/* Returns true if all attempts together have moved the axis too far. */
+static bool is_beyond(first_motion_t *first, const drive_params_t *params, const axis_t *axis) {
+  add_travel(first, axis);
+  return first->spent_cnt + first->moved_cnt >
+         (uint32_t)FIRST_MOTION_REACH * params->first_motion_counts;
+}
+
 /* Switches the amplifier on. */
 static void begin_zero(first_motion_t *first, const axis_t *axis) {
   enter_phase(first, axis, FIRST_MOTION_ZERO);
   first->origin_cnt = first->start_cnt;
-  first->spent_cnt += first->moved_cnt;
+  first->spent_cnt += first->stopped_cnt + first->coasted_cnt;
+  first->coasted_cnt = first->moved_cnt - first->stopped_cnt;
+  first->stopped_cnt = 0;
   first->moved_cnt = 0;
+  first->coasts = 0;
+}
+
+static bool stands(const first_motion_t *first, const axis_t *axis) {
+  return fx_within(fx_diff_wrap(axis->signals.position, first->start_cnt), FIRST_MOTION_JITTER_CNT);
+}
+
+/* Adds a tick of a disabled axis to the travel of the attempt before, until the axis has stood. */
+static void coast(first_motion_t *first, const axis_t *axis) {
+  add_travel(first, axis);
+  if (!stands(first, axis)) {
+    first->start_cnt = axis->signals.position;
+    first->phase_tick = 0;
+  }
+  first->phase_tick = (uint16_t)(first->phase_tick + 1);
+  if (first->phase_tick == FIRST_MOTION_STAND_TICKS) {
+    end_coasting(first);
+  }
 }
 
 /* Each check_ function checks a tick of one phase. It returns the finding, or
  * AXIS_FIRST_MOTION_RESULT_RUNNING. */
 
-static uint8_t check_standstill(first_motion_t *first, const axis_t *axis) {
+static uint8_t check_standstill(first_motion_t *first, const drive_params_t *params,
+                                const axis_t *axis) {
   const axis_signals_t *signals = &axis->signals;
   const int16_t current = fx_per_mille_of_bits(signals->current_raw, axis->params.adc_bits);
   if (sensor_is_railed(axis)) {
@@ -132,17 +187,19 @@ static uint8_t check_standstill(first_motion_t *first, const axis_t *axis) {
     return AXIS_FIRST_MOTION_RESULT_CURRENT_SENSOR_FAILED;
   }
   first->rest_tick = (uint16_t)(first->rest_tick + 1);
-  const int32_t moved = fx_diff_wrap(signals->position, first->start_cnt);
-  const bool stands = fx_within(moved, FIRST_MOTION_JITTER_CNT);
+  if (first->coasts != 0) {
+    add_travel(first, axis);
+  }
+  const bool is_still = stands(first, axis);
   first->force_low = (signals->force < first->force_low) ? signals->force : first->force_low;
   first->force_high = (signals->force > first->force_high) ? signals->force : first->force_high;
   const bool is_steady = first->force_high - first->force_low <= axis->params.contact_force;
-  if (first->phase_tick == 0 || !stands || !is_steady) {
+  if (first->phase_tick == 0 || !is_still || !is_steady) {
     enter_phase(first, axis, FIRST_MOTION_STANDING);
     first->force_low = signals->force;
     first->force_high = signals->force;
     first->current_start = current;
-    first->moves = stands ? 0 : 1;
+    first->moves = is_still ? 0 : 1;
   }
   if (!fx_within(current - first->current_start, CURRENT_JUMP_PER_MILLE)) {
     return AXIS_FIRST_MOTION_RESULT_CURRENT_SENSOR_FAILED;
@@ -154,16 +211,11 @@ static uint8_t check_standstill(first_motion_t *first, const axis_t *axis) {
   first->phase_tick = (uint16_t)(first->phase_tick + 1);
   if (first->phase_tick == FIRST_MOTION_STAND_TICKS) {
     begin_zero(first, axis);
+    if (is_beyond(first, params, axis)) {
+      return AXIS_FIRST_MOTION_RESULT_RUNAWAY;
+    }
   }
   return AXIS_FIRST_MOTION_RESULT_RUNNING;
-}
-
-/* Returns true if all attempts together have moved the axis too far. */
-static bool is_beyond(first_motion_t *first, const drive_params_t *params, const axis_t *axis) {
-  const uint32_t moved = fx_magnitude(fx_diff_wrap(axis->signals.position, first->origin_cnt));
-  first->moved_cnt = (moved > first->moved_cnt) ? moved : first->moved_cnt;
-  return first->spent_cnt + first->moved_cnt >
-         (uint32_t)FIRST_MOTION_REACH * params->first_motion_counts;
 }
 
 static uint8_t check_zero(first_motion_t *first, const drive_params_t *params, const axis_t *axis) {
@@ -291,6 +343,10 @@ static uint8_t check_contact(first_motion_t *first, const axis_t *axis) {
 
 void first_motion_check_running(first_motion_t *first, const drive_params_t *params,
                                 drive_signals_t *signals, axis_t *axis, axis_outputs_t *outputs) {
+  if (first->phase == FIRST_MOTION_COASTING) {
+    coast(first, axis);
+    return;
+  }
   /* Before a fitted drive is on, the phase "zero" has not begun. */
   const bool waits =
       first->phase == FIRST_MOTION_ZERO && axis->signals.active_mode == AXIS_MODE_DISABLED;
@@ -300,7 +356,7 @@ void first_motion_check_running(first_motion_t *first, const drive_params_t *par
   uint8_t result = AXIS_FIRST_MOTION_RESULT_RUNNING;
   switch (first->phase) {
     case FIRST_MOTION_STANDING:
-      result = check_standstill(first, axis);
+      result = check_standstill(first, params, axis);
       break;
     case FIRST_MOTION_ZERO:
       result = check_zero(first, params, axis);

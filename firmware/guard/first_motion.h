@@ -22,7 +22,12 @@
  * In the phases "out" and "back" the fault is `runaway` if the axis is faster than
  * first_motion_speed or moves further than FIRST_MOTION_REACH times first_motion_counts. This
  * bound is for the travel of all attempts together that were halted or disabled since the last
- * finding, pass or motion by the code for the board, as far as the amplifier was on. In the phase
+ * finding, pass or motion by the code for the board. The travel of an attempt is that with the
+ * amplifier on and what the axis coasts after it, until it has stood for FIRST_MOTION_STAND_TICKS;
+ * the coasting after the last attempt counts when a further one is stopped, so that a sound axis
+ * that was stopped once passes. Beyond the bound the next attempt is `runaway` before the amplifier
+ * is on. So only the coastings after the last two stops add to the bound. Each begins at
+ * first_motion_speed at most, or at the speed that is the finding. In the phase
  * "out" the measured force must not change against the motion by more than contact_force. If the
  * measured force is beyond contact_force at the start, it must change in the direction of the
  * motion. With the default bounds the test takes about 0.3 s and at most 1.8 s. Masters permit 0.4
@@ -69,14 +74,18 @@ enum {
   FIRST_MOTION_OUT = 3,
   FIRST_MOTION_BACK = 4,
   FIRST_MOTION_WATCHING = 5,
-  FIRST_MOTION_DONE = 6
+  FIRST_MOTION_DONE = 6,
+  /* An attempt was stopped, and the disabled axis has not stood since. */
+  FIRST_MOTION_COASTING = 7
 };
 
 typedef struct {
   int32_t start_cnt;     /* encoder count at the start of the phase */
   int32_t origin_cnt;    /* encoder count at which the test has switched the amplifier on */
-  uint32_t moved_cnt;    /* largest distance from origin_cnt in this attempt */
-  uint32_t spent_cnt;    /* the distances of the attempts before that were stopped */
+  uint32_t moved_cnt;    /* largest distance from origin_cnt in this attempt, coasting included */
+  uint32_t stopped_cnt;  /* moved_cnt when the amplifier was switched off */
+  uint32_t coasted_cnt;  /* what the attempt before has coasted */
+  uint32_t spent_cnt;    /* all other travel of the attempts before that were stopped */
   int32_t force_start;   /* measured force at the start of the phase */
   int32_t force_low;     /* smallest measured force at standstill */
   int32_t force_high;    /* largest measured force at standstill */
@@ -93,10 +102,12 @@ typedef struct {
   /* 1 if the encoder changed last at standstill; 0 if the measured force changed last */
   uint8_t moves;
   uint8_t rises; /* 1 if the test increases the DAC code in this tick */
+  /* 1 after a stop of an attempt that had switched the amplifier on, until the axis stands */
+  uint8_t coasts;
 } first_motion_t;
 
-/* Discards the result of the test at power-up, or after a write to a parameter on which the result
- * depends. */
+/* Discards the result of the test after a write to a parameter on which the result depends. The
+ * travel of attempts that were stopped stays. */
 void first_motion_forget(first_motion_t *first, drive_signals_t *signals);
 
 /* Returns true if the result of the test depends on this object. Such an object is

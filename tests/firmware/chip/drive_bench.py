@@ -25,7 +25,7 @@ SETTINGS = {
 }  # fmt: skip
 LAW = {
     "adc_bits": BITS, "force_tare": 128 * 256, "force_gain": 512, "force_setpoint": 40 * 256,
-    "bump_decay_shift": 0, "approach_velocity_max": 2000, "drive_on_ticks_max": 4500,
+    "bump_decay_shift": 0, "approach_velocity_max": 2000, "drive_on_ticks_max": 9000,
 }  # fmt: skip
 FORCE = BY_NAME["mode"].enum.index("force")
 

@@ -74,14 +74,21 @@ def test_a_model_notes_what_its_manual_rules_out(name):
     assert any(words in mistake for mistake in board.mistakes), board.mistakes
 
 
+def program_double_word(board):
+    open_flash(board)
+    board.flash.write(0x14, 1)  # PG
+    for at in (0, 4):
+        board.flash.program(at, 4, 0)
+
+
 @pytest.mark.quick
 def test_bank_2_changed_with_the_cache_on_or_read_by_an_old_cache_is_noted():
     board = G4.Board()
-    board.flash.changed()
+    program_double_word(board)
     assert board.mistakes == ["bank 2 changed with the data cache on"]
     board = G4.Board()
     board.flash.write(0x00, 0x204)
-    board.flash.changed()
+    program_double_word(board)
     board.flash.write(0x00, 0x604)
     assert board.mistakes == ["data cache on with what bank 2 held before"]
     board = G4.Board()
@@ -122,9 +129,10 @@ def test_an_edge_on_a_masked_line_is_lost_and_a_software_trigger_acts_once():
 def test_address_and_bank_of_an_error_stay_those_of_the_first_one():
     """RM0440 3.3.2."""
     flash = G4.Board().flash
-    flash.report(30, 0x1230, bank_2=False)
-    flash.report(31, 0x40)
-    assert flash[0x18] == 3 << 30 | 0x1230
+    flash.weak, flash.damaged = {0x1230}, {0x40}
+    for at in (0x1230, 0x40):
+        flash.read_stored(at, 4)
+    assert flash[0x18] == 3 << 30 | 1 << 21 | 0x1230
     flash.write(0x18, 3 << 30)
-    flash.report(31, 0x40)
+    flash.read_stored(0x40, 4)
     assert flash[0x18] == 1 << 31 | 1 << 21 | 0x40

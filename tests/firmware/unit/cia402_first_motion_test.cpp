@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 #include <initializer_list>
+#include <string>
 #include <utility>
 
 #include "tests/firmware/unit/cia402_fixture.hpp"
@@ -29,6 +30,7 @@ class FirstMotion : public Drive {
     Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
     force_ = kNoForce;
     current_ = 0;
+    speed_ = 0.0;
   }
 
   void Step(int ticks = 1) {
@@ -37,7 +39,12 @@ class FirstMotion : public Drive {
       inputs_.adc_code[0] = static_cast<uint16_t>(force_);
       inputs_.adc_code[1] = static_cast<uint16_t>(current_);
       fw_tick(&fw_, &inputs_, &outputs_);
-      if (outputs_.amp_enable != 0) place_ += counts_per_code_ * outputs_.dac_code;
+      if (outputs_.amp_enable != 0) {
+        speed_ = counts_per_code_ * outputs_.dac_code;
+      } else {
+        speed_ *= rolls_;
+      }
+      place_ += speed_;
     }
   }
 
@@ -78,6 +85,8 @@ class FirstMotion : public Drive {
   }
 
   int force_ = kNoForce, current_ = 0;
+  double rolls_ = 0.0;  // share of its speed that a disabled axis keeps in a tick
+  double speed_ = 0.0;  // counts per tick
 };
 
 TEST_F(FirstMotion, IsRunAgainAfterEachChangeOfWhatTheReadingsMean) {
@@ -137,6 +146,72 @@ TEST_F(FirstMotion, AttemptsThatAreStoppedHaveOneTravelTogether) {
     Control(0);
     Pass();
   }
+}
+
+// An axis that rolls on after each stop, some 10 or 20 counts. All of it is travel of the test, but
+// for what follows the last two stops, and what an axis that stands may move. However the attempts
+// are stopped and begun again: before it stands or long after, and with the test chosen anew.
+TEST_F(FirstMotion, AnAxisThatRollsOnAfterEachStopHasTheSameTravel) {
+  enum Stop { kHalts, kDisables, kStrikes, kChoosesAnew };
+  for (const Stop stop : {kHalts, kDisables, kStrikes, kChoosesAnew}) {
+    for (const double rolls : {0.97, 0.985}) {
+      for (const int rest : {3, 40, 1200}) {
+        Begin();
+        rolls_ = rolls;
+        const int counts = Read(AXIS_OBJ_FIRST_MOTION_COUNTS);
+        const double start = place_;
+        const auto way = [&] { return std::abs(place_ - start); };
+        Enabling();
+        double most = 0.0;  // of the travel when an attempt is stopped
+        double last = 0.0;  // what follows a stop
+        int attempts = 0;
+        for (; attempts < 100 && Fault() == AXIS_FAULT_NONE; ++attempts) {
+          const double begin = place_;
+          for (int i = 0; i < 5000 && Fault() == AXIS_FAULT_NONE; ++i) {
+            Step();
+            if (outputs_.amp_enable != 0 && std::abs(place_ - begin) > 4) break;
+          }
+          most = std::max(most, way());
+          if (Fault() != AXIS_FAULT_NONE) break;
+          last = std::max(last, std::abs(speed_) / (1 - rolls));
+          if (stop == kStrikes) {
+            cia402_owner_lost(&fw_.drive, &fw_.axis, AXIS_FAULT_SOURCE_LOST);
+            Step(rest);
+            Control(0x80);
+            Step();
+            Control(0x06);
+          } else {
+            Control(stop == kHalts ? 0x10F : 0x06);
+            Step(rest);
+          }
+          if (stop == kChoosesAnew) {
+            Set(AXIS_OBJ_FIRST_MOTION_TEST, 0);
+            Set(AXIS_OBJ_FIRST_MOTION_TEST, 1);
+          }
+          Control(0x0F);
+        }
+        const std::string name = std::to_string(stop) + ", rolls " + std::to_string(rolls) +
+                                 ", rest " + std::to_string(rest);
+        EXPECT_EQ(Fault(), AXIS_FAULT_RUNAWAY) << name;
+        EXPECT_EQ(Result(), AXIS_FIRST_MOTION_RESULT_RUNAWAY) << name;
+        EXPECT_GT(last, 5) << name << ": it rolls on";
+        EXPECT_LE(most, 8 * counts + last + FIRST_MOTION_JITTER_CNT * attempts)
+            << name << ", attempts " << attempts;
+        EXPECT_GT(most, 4 * counts) << name << ", attempts " << attempts;
+      }
+    }
+  }
+}
+
+// What a hand moves once a disabled axis has stood is no travel of the test.
+TEST_F(FirstMotion, AnAxisThatStoodMayBePushed) {
+  Enabling();
+  for (int i = 0; i < 3000 && Read(AXIS_OBJ_FIRST_MOTION_MOVED) == 0; ++i) Step();
+  Control(0x06);
+  Step(70);
+  place_ += 500;
+  Step(70);
+  Pass();
 }
 
 // What the code for the board moves by itself is no travel of the test.

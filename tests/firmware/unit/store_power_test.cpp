@@ -3,6 +3,12 @@
 //
 // pwrite(), fsync() and fdatasync() of this program are those of this file: they note each call of
 // one file and of its folder, and call those of the system. FORCEAXIS_POWER_CUTS: number of cuts.
+//
+// No cut finds an erase without its sync, because such an erase loses nothing: the sector that is
+// erased never has the newest record, and the head of the next record, the first bytes that are
+// programmed after an erase, is synced with all that was written before. Until then the disk has a
+// part of old records, each with its older number and its CRC, and of that head, which has no valid
+// CRC; a power cut within an erase leaves no less.
 
 #include <dlfcn.h>
 #include <fcntl.h>

@@ -55,6 +55,28 @@ def checked(file, wait_s=0.0, consent=lambda text: True, change=None, **options)
     return run, axis, way
 
 
+@pytest.mark.parametrize(("values", "short"), [
+    # a bus of 2 ms and the defaults of the axis
+    ({"drive_cycle": 2}, {"cycle_age_max": 5, "drive_on_ticks_max": 9000}),
+    ({"drive_cycle": 2, "cycle_age_max": 5, "drive_on_ticks_max": 9000}, {}),
+    # 10 ms, of which docs/guide/your_drive.md has the values
+    ({"drive_cycle": 10, "drive_wait": 300},
+     {"position_age_max": 45, "cycle_age_max": 29}),
+    ({"drive_cycle": 10, "position_age_max": 45, "cycle_age_max": 29, "drive_on_ticks_max": 9000},
+     {}),
+    ({"drive_cycle": 2, "cycle_age_max": 5, "drive_wait": 20000, "drive_on_ticks_max": 15000},
+     {"drive_wait": 10000}),
+])  # fmt: skip
+def test_times_that_contradict_the_bus_of_the_drive_are_named(experiment, values, short):
+    run, *_ = checked(
+        experiment(firmware={"drive_node_id": 9} | values), consent=lambda text: False
+    )
+    (step,) = [step for step in run.steps if step.step == "drive times"]
+    assert step.verdict == ("noted" if short else "passed")
+    said = dict(re.findall(r"(\w+_max|drive_wait) .*?set it (?:to|below) (\d+)", step.text))
+    assert {name: float(value) for name, value in said.items()} == short
+
+
 def verdicts(run):
     return {step.step: step.verdict for step in run.steps}
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import verbs
-from forceaxis import linear
+from forceaxis import _core, linear
 from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.quantity import Force
@@ -449,6 +449,70 @@ def test_a_bus_of_any_cycle_holds_a_force(tmp_path, cycle_ms):
     contact = ran(tmp_path, "contact.toml")
     assert (contact["verdict"], contact["fault"]) == ("stable", "none")
     assert ran(tmp_path, "step.toml")["fault"] == "none"
+
+
+PART = """title = "A part"
+number = 1
+
+[[phase]]
+name = "approach"
+do = "approach"
+distance = "2 mm"
+speed = "2 mm/s"
+force_max = "450 N"
+travel_max = "3 mm"
+time_max = "5 s"
+end = [{ when = "contact", next = "press" }]
+
+[[phase]]
+name = "press"
+do = "press"
+force = "100 N"
+slope = "200 N/s"
+force_max = "450 N"
+travel_max = "2 mm"
+time_max = "5 s"
+end = [{ when = "time", value = "0.7 s", next = "end" }]
+
+[[element]]
+name = "force"
+kind = "peak"
+phases = ["press"]
+least = "90 N"
+most = "110 N"
+"""
+START = "".join(
+    f"[[at]]\ntime_s = {time_s}\nfirmware = {{ controlword = {word} }}\n"
+    for time_s, word in ((0.05, 6), (0.06, 7), (0.07, 15), (0.2, 31))
+)
+
+
+@pytest.mark.parametrize(("given", "needed"), [
+    # An answer comes in any tick of its cycle, so it is used until two cycles less a tick.
+    ({"bus_cycle_ms": 2}, False),  # of the model at most 3 ticks old, the default
+    ({"bus_cycle_ms": 4}, True),
+    ({"bus_cycle_ms": 8}, True),
+    ({"sensor_rate_hz": 100, "sensor_latency_ms": 20}, True),
+])  # fmt: skip
+def test_a_part_on_a_fresh_machine_is_good(tmp_path, given, needed):
+    """Positions of a bus and readings of a slow sensor are as old as they are; only a missing one
+    makes a part bad. With the default of the axis each part on a slower bus is bad."""
+    written(tmp_path, drive="velocity", approach_mm=1, **given)
+    text = (tmp_path / "mine/contact.toml").read_text()
+    text = text.partition("# The verdict is")[0].replace(
+        'mode = "force"', "modes_of_operation = -9"
+    )
+    part = tmp_path / "mine/part.toml"
+    part.write_text(text.replace("[firmware]", 'cycle = "program.toml"\n[firmware]', 1) + START)
+    (tmp_path / "mine/program.toml").write_text(PART)
+    cycle = _core.run(str(part)).cycle
+    assert (cycle["state"], cycle["outcome"]) == ("good", "by_program"), cycle
+    cycle = _core.run(str(part), ["firmware.cycle_age_max=3"]).cycle
+    assert (cycle["state"] == "bad") == (cycle["invalid_ticks"] > 0) == needed
+    if "bus_cycle_ms" in given:
+        ticks = tomllib.loads(text)["firmware"]
+        assert ticks["cycle_age_max"] == 2 * 1.5 * given["bus_cycle_ms"] - 1
+        assert ticks["drive_on_ticks_max"] > 5000 * 1.5, "the default of drive_wait and wait_ms"
 
 
 CELL = "--drive velocity --sensor-bits 24 --sensor-rate-hz {} --sensor-latency-ms {}"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from forceaxis.axis import actions, parameter_file, parameter_set, quantity
+from forceaxis.axis import actions, bus_times, parameter_file, parameter_set, quantity
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.bus import client
@@ -43,6 +43,8 @@ FAULT_CAUSES = {
     "encoder_reversed": "encoder and amplifier disagree: swap the encoder's channels or the "
     "motor's leads, whichever makes a positive code move toward the workpiece",
     "no_motion": "the encoder did not count: check amplifier, enable, brake and encoder cable",
+    "drive_not_ready": "the drive did not come on within drive_on_ticks_max: check power and STO; "
+    "on a bus the time has to be longer than drive_wait (wait_ms of axis_linux)",
     "runaway": "the axis moves faster or further than it should: check amplifier and encoder",
     "force_reversed": "the measured force is negative in compression: change force_sign",
     "position_gain_zero": "set position_gain",
@@ -93,6 +95,13 @@ class CheckedObjects:
     first_motion_speed: float
     force_scale: float
     calibration_date: int
+    drive_node_id: int
+    drive_cycle: float
+    drive_wait: float
+    drive_sdo_timeout: float
+    drive_on_ticks_max: int
+    position_age_max: int
+    cycle_age_max: int
 
 
 @dataclass(frozen=True)
@@ -171,7 +180,8 @@ class MotionCheck:
         if not self._table():
             return
         self.known = self.axis.record(CheckedObjects)
-        for step in (self._faults, self._inputs, self._gains, self._rest, self._limits):
+        for step in (self._faults, self._inputs, self._gains, self._drive_times, self._rest,
+                     self._limits):  # fmt: skip
             step()
         if not self.passed:
             self._skip("an earlier step failed", "first motion", "move", "tare")
@@ -190,7 +200,8 @@ class MotionCheck:
             f"It moves {counts} encoder counts in open loop, at most "
             f"{FIRST_MOTION_REACH * counts} with {code} of 2047 codes, then {self.travel} counts "
             f"{way} the workpiece and back with at most {self._output()} codes, never more than "
-            f"{self._span()} counts from here. The tare is taken where the reading is near zero."
+            f"{self._span()} counts from here while it is enabled; after a stop it coasts. The tare is "
+            "taken where the reading is near zero."
         )
 
     def _done(
@@ -255,6 +266,32 @@ class MotionCheck:
         self._evaluate("position gain", gain > 0 and self._output() > 0,
                     f"{gain:g} code/count, output limited to {self._output()} codes", gain,
                     "above 0", ": set them, the axis would not move")  # fmt: skip
+
+    def _drive_times(self) -> None:
+        """Compares times of the axis with the bus of its drive, if it has one: with a shorter time,
+        a sound drive is a fault, or each part of a cycle is bad."""
+        known = self.known
+        if not known.drive_node_id:
+            return
+        cycle = round(known.drive_cycle * bus_times.TICKS_PER_MS)
+        times = [
+            ("position_age_max", known.position_age_max, bus_times.age_without_loss(cycle),
+             bus_times.age_with_one_lost(cycle)),
+            ("cycle_age_max", known.cycle_age_max, bus_times.age_without_loss(cycle),
+             bus_times.age_without_loss(cycle)),
+            ("drive_on_ticks_max", known.drive_on_ticks_max,
+             bus_times.on_ticks(known.drive_wait, 0),
+             bus_times.on_ticks(known.drive_wait, known.drive_sdo_timeout)),
+        ]  # fmt: skip
+        short = [
+            f"{name} {value} is too short, set it to {good}"
+            for name, value, least, good in times if value < least
+        ]  # fmt: skip
+        if known.drive_wait * bus_times.TICKS_PER_MS > bus_times.ON_TICKS_MOST:
+            most_ms = bus_times.ON_TICKS_MOST / bus_times.TICKS_PER_MS
+            short.append(f"drive_wait is beyond drive_on_ticks_max, set it below {most_ms:g} ms")
+        text = f"a cycle of {known.drive_cycle:g} ms, a wait of {known.drive_wait:g} ms"
+        self._done("drive times", "noted" if short else "passed", "; ".join([text, *short]))
 
     def _scale(self) -> None:
         scale = self.known.force_scale

@@ -36,7 +36,8 @@ FAULT_TEXTS = {
     "board_unfit": "the board failed a check at power-up",
     "supply_wrong": "the supply of the board or the reference of the ADC left its range",
     "clock_wrong": "a second clock measured another length of the tick",
-    "drive_not_ready": "the drive did not come on within drive_on_ticks_max",
+    "drive_not_ready": "the drive did not come on within drive_on_ticks_max, which on a bus has to "
+    "be longer than drive_wait (wait_ms of axis_linux)",
     "drive_lost": "the drive went off while the axis was enabled",
     "drive_fault": "the drive reported a fault of its own",
     "position_old": "the position was older than position_age_max",

@@ -14,6 +14,7 @@ import numpy as np
 
 from forceaxis import _core, objects, paths
 from forceaxis._core import InputError
+from forceaxis.axis import bus_times
 from forceaxis.design.data_sheet import BY_NAME, SheetValues
 from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import BankKeys
@@ -49,13 +50,21 @@ class AmplifierCircuit:
     a_preamp_fdbk: float
 
 
+@dataclass(frozen=True)
+class FirmwareTime:
+    """Value of a firmware object in ticks, with the sentence that explains it."""
+
+    name: str
+    ticks: int
+    why: str
+
+
 @dataclass
 class AxisConstants:
     """Constants of the model that follow from the data sheet. The fields are in SI units and have
     the names of the model's parameters. r_trans, k_torque: 0 for a linear motor. circuit: None for
-    a drive with a control loop of its own. cycle_ticks: of the bus, 1 without a bus.
-    position_age_max, force_age_max: of the firmware in ticks, 0 for the default, with which one
-    missing position of the bus or sample of the force is no fault."""
+    a drive with a control loop of its own. cycle_ticks: of the bus, 1 without a bus. times: see
+    firmware_times()."""
 
     v: SheetValues
     r_trans: float
@@ -65,8 +74,7 @@ class AxisConstants:
     current_limit: float
     circuit: AmplifierCircuit | None
     cycle_ticks: int
-    position_age_max: int
-    force_age_max: int
+    times: list[FirmwareTime]
     b_transmission: float
     b_workpiece: float
     encoder_scale: float
@@ -122,11 +130,28 @@ def bus_ticks(v: SheetValues) -> int:
     return round(v.bus_cycle_ms * 1.5)
 
 
-def age_max(name: str, ticks: float) -> int:
-    """Returns a largest age for the firmware object `name` in ticks, or 0 if the default of the
-    object is enough."""
-    age = math.ceil(ticks - 1e-9)
-    return age if age > objects.BY_NAME[name].default else 0
+def firmware_times(v: SheetValues) -> list[FirmwareTime]:
+    """Returns the times of firmware objects that follow from the cycle of the bus, the rate of the
+    sensor and the start of the drive, for the objects whose default is too short. Raises
+    InputError if the cycle is no multiple of 2 ms."""
+    cycle = bus_ticks(v)
+    period = bus_times.TICKS_PER_MS * 1e3 / v.sensor_rate_hz if v.sensor_rate_hz else 0.0
+    reading = v.sensor_latency_ms * bus_times.TICKS_PER_MS + period
+    has_bus = v.bus_cycle_ms is not None
+    times = [
+        ("position_age_max", bus_times.age_with_one_lost(cycle) if has_bus else 0,
+         "three cycles of the bus, so that one missing position is no fault"),
+        ("force_age_max", reading + period,
+         "latency and two samples of the force, so that one missing sample is no fault"),
+        ("cycle_age_max", max(bus_times.age_without_loss(cycle) if has_bus else 0, reading),
+         "the largest age while no value is missing; an older one makes a part bad"),
+        ("drive_on_ticks_max", bus_times.on_ticks(
+            bus_times.default("drive_wait"), bus_times.default("drive_sdo_timeout"),
+        ) if has_bus else 0,
+         "longer than drive_wait (5 s), so that the reason of the drive comes first"),
+    ]  # fmt: skip
+    found = [FirmwareTime(name, math.ceil(ticks - 1e-9), why) for name, ticks, why in times]
+    return [time for time in found if time.ticks > objects.BY_NAME[time.name].default]
 
 
 def derive(v: SheetValues) -> AxisConstants:
@@ -134,7 +159,7 @@ def derive(v: SheetValues) -> AxisConstants:
     bandwidths of the data sheet."""
     rotary = v.motor == "rotary"
     r, mass = v.radius_m if rotary else 0.0, v.total_mass_kg
-    current, ticks = v.current_limit_a, bus_ticks(v)
+    current = v.current_limit_a
     b_transmission = 0.0
     if k := v.transmission_stiffness_n_per_m:
         pair = v.rotor_mass_kg * v.moving_mass_kg / mass
@@ -145,12 +170,9 @@ def derive(v: SheetValues) -> AxisConstants:
             2 * zeta * math.sqrt((v.workpiece_stiffness_n_per_m or 0.0) * v.workpiece_mass_kg)
         )
     per_rev = v.encoder_counts_per_rev
-    # two samples and their latency
-    slowest = 1.5 * v.sensor_latency_ms + (3000 / v.sensor_rate_hz if v.sensor_rate_hz else 0.0)
     return AxisConstants(
         v, r, v.rotor_mass_kg, mass, v.efficiency * v.torque_constant_n_m_per_a, current,
-        amplifier_circuit(v) if v.drive == "amplifier" else None, ticks,
-        age_max("position_age_max", 2 * ticks), age_max("force_age_max", slowest),
+        amplifier_circuit(v) if v.drive == "amplifier" else None, bus_ticks(v), firmware_times(v),
         b_transmission, b_workpiece,
         1e3 * v.encoder_counts_per_mm if per_rev is None else per_rev / (2 * math.pi * r),
         v.sensor_full_scale_n / 2 ** (v.sensor_bits - 1), 1.25 * current / 2 ** (v.code_bits - 1),

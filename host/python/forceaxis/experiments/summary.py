@@ -260,7 +260,7 @@ CYCLE_OUTCOMES = {
     "tare_moving": "no standstill for the tare",
     "tare_band": "tare beyond tare_band",
     "changed": "a value that decides the part was changed",
-    "samples_invalid": "samples not valid",
+    "samples_invalid": "samples at an end of the range or older than cycle_age_max",
 }
 
 
