@@ -50,6 +50,21 @@ REASONS = {
     -9: "it cannot be mapped, or conflicts with another entry",
     -10: "there is no memory for parameters",
 }
+NOT_NOW = -5
+
+
+def reason(what: str, error: int) -> str | None:
+    """Returns the text for an error code of the firmware, or None for another code. `what`: what
+    the axis has refused, such as the name of an object, of which the text then names the states in
+    which it can be written."""
+    text, known = REASONS.get(error), BY_NAME.get(what)
+    if error != NOT_NOW or known is None:
+        return text
+    if known.writable == "disabled":
+        return f"{text}; it can be written only while the axis is disabled"
+    if known.in_cycle == "refused":
+        return f"{text}; while a cycle runs it cannot be changed"
+    return text
 
 
 RawSamples = NDArray[np.int64]
