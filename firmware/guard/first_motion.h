@@ -20,13 +20,13 @@
  *              at its start count or a limit stops the axis.
  *
  * In the phases "out" and "back" the fault is `runaway` if the axis is faster than
- * first_motion_speed or moves further than FIRST_MOTION_REACH times first_motion_counts. This
- * bound is for the travel of all attempts together that were halted or disabled since the last
- * finding, pass or motion by the code for the board, as far as the amplifier was on. In the phase
- * "out" the measured force must not change against the motion by more than contact_force. If the
- * measured force is beyond contact_force at the start, it must change in the direction of the
- * motion. With the default bounds the test takes about 0.3 s and at most 1.8 s. Masters permit 0.4
- * s for a transition of the drive state.
+ * first_motion_speed or moves further than FIRST_MOTION_REACH times first_motion_counts. If an
+ * attempt is halted or disabled, its travel with the amplifier on counts for the next one too,
+ * until the test has a result or the code for the board moves the axis. In the phase "out" the
+ * measured force must not change against the motion by more than contact_force. If the measured
+ * force is beyond contact_force at the start, it must change in the direction of the motion. With
+ * the default bounds the test takes about 0.3 s and at most 1.8 s. Masters permit 0.4 s for a
+ * transition of the drive state.
  *
  * Without contact the test cannot determine the sign of the force. Therefore a check continues
  * after the test, until the first contact: the fault is force_reversed if the measured force is
