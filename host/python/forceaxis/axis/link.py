@@ -22,7 +22,7 @@ from forceaxis.bus.client import NoAnswer, Refused
 from forceaxis.bus.keeper import Keeper, WatchdogKeeper
 from forceaxis.bus.state_names import enum
 from forceaxis.linear import plant_facts
-from forceaxis.objects import BY_NAME
+from forceaxis.objects import BY_NAME, state_needed
 
 __all__ = ["Link", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned"]
 
@@ -55,16 +55,9 @@ NOT_NOW = -5
 
 def reason(what: str, error: int) -> str | None:
     """Returns the text for an error code of the firmware, or None for another code. `what`: what
-    the axis has refused, such as the name of an object, of which the text then names the states in
-    which it can be written."""
-    text, known = REASONS.get(error), BY_NAME.get(what)
-    if error != NOT_NOW or known is None:
-        return text
-    if known.writable == "disabled":
-        return f"{text}; it can be written only while the axis is disabled"
-    if known.in_cycle == "refused":
-        return f"{text}; while a cycle runs it cannot be changed"
-    return text
+    the axis has refused, such as the name of an object."""
+    text = REASONS.get(error)
+    return f"{text}{state_needed(what)}" if error == NOT_NOW else text
 
 
 RawSamples = NDArray[np.int64]
