@@ -35,7 +35,7 @@ void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation) {
     uint16_t found;
     uint8_t fault;
   } faults[KINDS] = {
-      {FW_BOARD_BROWN_OUT_LEVEL | FW_BOARD_IMAGE | FW_BOARD_RAM | FW_BOARD_CONVERTER,
+      {FW_BOARD_OPTION_BYTES | FW_BOARD_IMAGE | FW_BOARD_RAM | FW_BOARD_CONVERTER,
        AXIS_FAULT_BOARD_UNFIT},
       {FW_BOARD_SUPPLY | FW_BOARD_REFERENCE, AXIS_FAULT_SUPPLY_WRONG},
       {FW_BOARD_TICK, AXIS_FAULT_CLOCK_WRONG},

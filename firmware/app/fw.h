@@ -71,11 +71,11 @@ typedef struct {
   uint32_t bfar;
 } fw_core_fault_t;
 
-/* Bits of board_state: errors that the board detects in its own hardware. BROWN_OUT_LEVEL, IMAGE,
+/* Bits of board_state: errors that the board detects in its own hardware. OPTION_BYTES, IMAGE,
  * RAM and CONVERTER are detected only at power-up and stay set. */
 enum {
   FW_BOARD_CLOCK_INTERNAL = 1,
-  FW_BOARD_BROWN_OUT_LEVEL = 2,
+  FW_BOARD_OPTION_BYTES = 2,
   FW_BOARD_IMAGE = 4,
   FW_BOARD_RAM = 8,
   FW_BOARD_SUPPLY = 16,
@@ -320,7 +320,7 @@ void fw_overrun(fw_t *fw, uint32_t missed);
 /* Accepts the errors that the board has detected in its own hardware, as a set of FW_BOARD_ bits,
  * and the deviation of the tick length from a second clock in 1/1000. Call fw_board() between
  * fw_prepare() and fw_control(). It disables the axis in that tick with one of the faults
- *   board_unfit   BROWN_OUT_LEVEL, IMAGE, RAM, CONVERTER, which are detected at power-up
+ *   board_unfit   OPTION_BYTES, IMAGE, RAM, CONVERTER, which are detected at power-up
  *   supply_wrong  SUPPLY, REFERENCE
  *   clock_wrong   TICK
  *   output_wrong  DAC, ENABLE

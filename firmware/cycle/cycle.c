@@ -262,13 +262,13 @@ static bool is_met(cycle_t *cycle, const cycle_condition_t *condition, const cyc
   }
 }
 
-/* Returns true if the part rests on the samples of this tick. Until travel 0 is found, each phase
- * looks for it. */
+/* Returns true if the samples of this tick decide on the part. Until travel 0 is found, those of
+ * each phase do. */
 static bool is_judged(const cycle_t *cycle) {
   return cycle->zeroed == 0 || (cycle->judged & (uint16_t)fx_scale(1, cycle->phase)) != 0;
 }
 
-/* Counts a sample that is not valid, if the part rests on it. */
+/* Counts a sample that is not valid, if it would decide on the part. */
 static void count_invalid(cycle_t *cycle) {
   if (!is_judged(cycle)) {
     return;
@@ -279,7 +279,7 @@ static void count_invalid(cycle_t *cycle) {
   cycle->invalid_ticks += 1;
 }
 
-/* Behind the end of the range the force may be any, so a force there exceeds force_max. */
+/* The force beyond the end of the range is not known, so a force at the end exceeds force_max. */
 static uint8_t limit_of(const cycle_t *cycle, const cycle_phase_t *phase,
                         const cycle_inputs_t *now) {
   if ((now->defects & CYCLE_SAMPLE_AT_END) != 0) {

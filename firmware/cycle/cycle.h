@@ -94,7 +94,7 @@ typedef struct {
   uint16_t taken[CYCLE_PHASES_MAX][CYCLE_CONDITIONS]; /* how often each condition was taken */
   cycle_element_state_t elements[CYCLE_ELEMENTS_MAX];
   cycle_sample_t samples[CYCLE_SAMPLES];
-  uint16_t judged; /* set of the phases that are judged, which cycle_select() computes */
+  uint16_t judged; /* set of the evaluated phases, which cycle_select() computes */
   uint8_t written; /* number of samples written and evaluated, modulo 256 */
   uint8_t evaluated;
   uint8_t state;   /* CYCLE_IDLE to CYCLE_DONE */

@@ -195,10 +195,11 @@ static inline const cycle_point_t *cycle_points(const cycle_header_t *program) {
   return (const cycle_point_t *)(const void *)(cycle_elements(program) + program->elements);
 }
 
-/* Returns the set of the phases, as bits, that are judged: on whose samples of force and position
- * the part rests. These are the phases that an element names, the phases approach, press, follow
- * and tare, and the phases with a condition of force, contact or stiffness, or of depth if the
- * press has a compliance. While travel 0 of touch or force is not found, every phase is judged. */
+/* Returns the set of the evaluated phases, as bits: those whose samples of force and position
+ * decide on the part. These are the phases that an element names, the phases approach, press,
+ * follow and tare, and the phases with a condition of force, contact or stiffness, or of depth if
+ * the press has a compliance. While travel 0 of touch or force is not found, every phase is
+ * evaluated. */
 uint16_t cycle_program_judged(const cycle_header_t *program);
 
 /* Forces that the sensor has to be able to show, in 1/256 count of measured force. */

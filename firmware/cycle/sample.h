@@ -1,7 +1,7 @@
 #ifndef FIRMWARE_CYCLE_SAMPLE_H_
 #define FIRMWARE_CYCLE_SAMPLE_H_
 
-/* Which samples of force and position a cycle may rest on. A sample is valid if
+/* Which samples of force and position decide on a part. A sample is valid if
  *   - the force code is at no end of its range. The lower end counts only if the zero of the force
  *     is not there, because code 0 is then the force 0;
  *   - force and position are at most cycle_age_max ticks old;

@@ -15,10 +15,10 @@
  * and is no part.
  *
  * What decides the part stays as it is at the start: a write that would change it is refused, or
- * acts and ends the cycle as CYCLE_CHANGED (column in_cycle of the object table). So does a gain
- * that contact_unstable_option halves. Statusword bit 10: no cycle runs and the axis is at
- * standstill; bit 12: the last cycle is done; bit 13: its part is not good, or no cycle could
- * start. */
+ * acts and ends the cycle as CYCLE_CHANGED (column in_cycle of the object table). The cycle also
+ * ends as CYCLE_CHANGED when contact_unstable_option halves the gain. Statusword bit 10: no cycle
+ * runs and the axis is at standstill; bit 12: the last cycle is done; bit 13: its part is not good,
+ * or no cycle could start. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -54,8 +54,8 @@ void cycle_mode_change(cia402_t *drive);
 /* Ends a running cycle, for every stop and change of mode. */
 void cycle_mode_interrupt(cia402_t *drive);
 
-/* Call cycle_mode_tick_failed() when a tick ends with a fault, before the mode ends: a cycle has
- * begun if its first tick is this one. */
+/* Call cycle_mode_tick_failed() when a tick ends with a fault, before the mode ends. A cycle whose
+ * first tick is this one has begun, so it is a part. */
 static inline void cycle_mode_tick_failed(cia402_t *drive, const axis_t *axis) {
   if (drive->cycle.last_tick == drive->cycle.begin_tick) {
     drive->cycle.last_tick = axis->signals.tick_count;

@@ -320,7 +320,7 @@ static uint16_t failed_bit(const drive402_feedback_t *feedback) {
 const char *drive402_key(const drive402_feedback_t *feedback) {
   const uint16_t bit = failed_bit(feedback);
   const bool differs = feedback->reason == DRIVE402_SDO_DIFFERS;
-  if (differs && (bit & DRIVE402_DIFFERS_ALL) == 0) {
+  if (feedback->reason == DRIVE402_SDO_TIMEOUT || (differs && (bit & DRIVE402_DIFFERS_ALL) == 0)) {
     return NULL;
   }
   for (uint8_t i = 0; i < KEY_COUNT; i++) {

@@ -16,11 +16,11 @@
  *
  * Start. The master resets the node of the drive, waits for its boot-up message, writes the list of
  * objects and reads back each one: no SYNC counter, heartbeats both ways, abort connection option,
- * first RPDO {6040h, target} and first TPDO {6041h, 6064h, 6077h} on every SYNC, period, mode. What
- * the drive refuses to write and has already is right. `without` leaves objects out, `differs` lets
- * the drive keep other values. Then it starts the node, and runs once the drive is operational and
- * has sent a TPDO. It neither needs nor changes other PDOs, and uses the predefined connection set
- * of CiA 301.
+ * first RPDO {6040h, target} and first TPDO {6041h, 6064h, 6077h} on every SYNC, period, mode. An
+ * object whose write the drive refuses is right if it has the value already. `without` leaves
+ * objects out, `differs` lets the drive keep other values. Then it starts the node, and runs once
+ * the drive is operational and has sent a TPDO. It neither needs nor changes other PDOs, and uses
+ * the predefined connection set of CiA 301.
  *
  * Cycle. In each bus cycle the master sends SYNC and RPDO. A cycle is a multiple of 2 ms, that is
  * of 3 ticks. A cycle without TPDO keeps the last values, whose age grows; after a second one in
@@ -83,8 +83,8 @@ const char *drive402_phase_text(uint8_t phase);
 const char *drive402_state_text(uint8_t state);
 const char *drive402_reason_text(uint8_t reason);
 
-/* Returns what lacks_ or differs_ is in front of in the key of the settings that lets a drive go
- * without the object that has failed, or keep its value; NULL if it has to have the object. */
+/* Returns the end of the key in the settings, behind lacks_ or differs_, with which a drive may
+ * lack the object that has failed, or keep its own value. Returns NULL if there is no such key. */
 const char *drive402_key(const drive402_feedback_t *feedback);
 
 #endif

@@ -37,8 +37,8 @@
   X(TPDO_TYPE, 0x0200, "1800h_2", "object 1800h:2, the transmission type of its TPDO")           \
   X(MODE, 0x0400, "6060h", "object 6060h, the mode of operation")
 
-/* All that a drive may lack. A mapping has no value of its own: other bytes would be taken for the
- * statusword and the position. */
+/* All that a drive may lack. A drive cannot keep a mapping of its own, because the master would
+ * take other bytes for the statusword and the position. */
 #define DRIVE402_OBJECTS(X)                                                                 \
   DRIVE402_VALUES(X)                                                                        \
   X(RPDO_MAPPING, 0x0040, "1600h", "mapping in 1600h and 1400h:1 that could be changed")    \
@@ -67,11 +67,15 @@
   X(REFUSED_ENTRIES, "extra: expected entries of 1, 2 or 4 bytes; differs: expected no mapping") \
   X(DRIVE_FAULT, "the statusword of the drive reports a fault; its error code says which")       \
   X(DRIVE_EMERGENCY, "the drive has sent an emergency message; its error code says why")         \
-  X(DRIVE_OFF, "the drive has left operation enabled without a command")                         \
+  X(DRIVE_OFF,                                                                                   \
+    "the drive has left operation enabled without a command: check power, STO and enable "       \
+    "inputs")                                                                                    \
   X(BOOT_TIMEOUT,                                                                                \
     "the drive has sent no boot-up message within wait_ms after the reset of its node: check "   \
     "supply, wiring, bit rate and node id")                                                      \
-  X(SDO_TIMEOUT, "the drive has not answered an SDO request within twice sdo_timeout_ms")        \
+  X(SDO_TIMEOUT,                                                                                 \
+    "the drive has not answered an SDO request within twice sdo_timeout_ms: check the "          \
+    "wiring, or set a longer sdo_timeout_ms")                                                    \
   X(SDO_ABORTED, "the drive has aborted an SDO transfer")                                        \
   X(SDO_UNEXPECTED, "the drive has answered an SDO request with another command or fewer bytes") \
   X(SDO_DIFFERS, "an object of the drive has another value than was written")                    \
@@ -85,10 +89,14 @@
     "the heartbeat of the drive is missing: check the wiring, or set heartbeat_timeout_ms to "   \
     "three times the period of the drive")                                                       \
   X(BOOTED, "the drive has started again without a command: check its supply")                   \
-  X(NOT_OPERATIONAL, "the drive has left the NMT state operational without a command")           \
+  X(NOT_OPERATIONAL,                                                                             \
+    "the drive has left the NMT state operational without a command: check that no other "       \
+    "master commands it")                                                                        \
   X(MODE_LOST, "6061h displays another mode than was written: the drive has to have this mode")  \
   X(BUS_OFF, "the CAN controller is bus off: check wiring, termination and bit rate")            \
-  X(FRAMES_LOST, "received frames were lost before the master saw them")                         \
+  X(FRAMES_LOST,                                                                                 \
+    "received frames were lost before the master saw them: check the load of the bus and of "    \
+    "the processor")                                                                             \
   X(FRAMES_KEPT, "frames of the last tick were not fetched for transmission")                    \
   X(NO_TPDO,                                                                                     \
     "the drive has sent no TPDO within wait_ms after the command to start: check that 1800h "    \

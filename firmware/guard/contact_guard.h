@@ -56,8 +56,8 @@ typedef struct {
   int32_t demand; /* force demand from which the set-point is derived, in the unit of the mode */
   int32_t steady_demand; /* force demand at the start of the present slot of the force ripple */
   int32_t first_cnt;     /* encoder count at the first contact */
-  /* encoder count and tick at the start of the approach, both later by what the phases of a cycle
-   * without force control have moved and lasted since */
+  /* encoder count and tick at the start of the approach, to which the travel and the time of later
+   * phases of a cycle without force control are added */
   int32_t approach_cnt;
   uint32_t approach_tick;
   int32_t paused_cnt; /* encoder count and tick at which such a phase began */
@@ -111,8 +111,8 @@ void contact_guard_evaluate(contact_guard_t *guard, contact_t *contact,
                             const drive_params_t *params, drive_signals_t *signals,
                             const axis_t *axis, bool controlled);
 
-/* Tells the guard after a tick that from the next one on the phase of the cycle controls force,
- * after a phase that did not, or the other way round. */
+/* Call this function after the last tick of a phase of a cycle if the next phase controls force and
+ * this one does not, or the other way round. `controls`: the next phase controls force. */
 void contact_guard_phase(contact_guard_t *guard, const drive_params_t *params,
                          const drive_signals_t *signals, const axis_t *axis, bool controls);
 

@@ -28,7 +28,7 @@ constexpr TableFormat kObject{
   other("lacks_" key, "flag", "false", "The drive has no " what "."),
 #define DIFFERS(name, bit, key, what)    \
   other("differs_" key, "flag", "false", \
-        "Is written, but not compared and may be refused: " what "."),
+        "The drive may keep its own value of " what ", or refuse the write."),
 
 constexpr KeyFormat kDriveKeys[] = {
     other("interface", "text", "", "CAN interface of the drive and the load cell, such as can1."),

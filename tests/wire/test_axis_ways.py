@@ -43,6 +43,7 @@ def test_what_is_refused_is_refused_by_name_and_changes_nothing(found, way):
     assert says == "watchdog: expected 10 to 65535 ms, got 5"
     assert gain == 5.0
     assert used["refused"].startswith("adc_bits: not in this state")
+    assert used["refused"].endswith("; it can be written only while the axis is disabled")
 
 
 def test_all_ways_read_the_same_parameters(found):

@@ -126,7 +126,7 @@ def test_the_most_idle_gives_way_to_a_new_client_and_unanswered_ones_first(liste
 
 
 def test_a_crowd_that_has_taken_every_descriptor_is_bounded_too(listening):
-    """The thread that bounds opens no descriptor of its own."""
+    """To close connections, no free descriptor is needed."""
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     clients, served, bounds = [], [], Bounds(listening[1][1])
     try:

@@ -34,10 +34,11 @@ the table means begins with `{digest}`.
 * **address**: CANopen index:sub-index in hexadecimal, then the Modbus register: h holding, i input.
   The sub-index 0 of an index that has others reads the highest of them, where it is no object.
 * **type** with the unit of one raw step; **range** and **default** are raw values x unit.
-* **access**: rw, ro, wo; *s*: kept by the parameter store; *p*: a PDO may carry it; then when a
-  write is taken, always if nothing is said. A write that changes the value while a cycle runs is
-  refused if *not in a cycle* is said; it acts at once and ends the part, which is then bad with the
-  outcome `changed`, if *ends a part* is said. `+id`: the node id is added to the default.
+* **access**: rw, ro, wo; *s*: kept by the parameter store; *p*: a PDO may carry it; then when the
+  object can be written: *while disabled* and so on, otherwise always. While a cycle runs, a write
+  that changes an object with *not in a cycle* is refused; one that changes an object with *ends a
+  part* acts at once and ends the cycle, and the part is bad with the outcome `changed`. `+id`: the
+  node id is added to the default.
 * An object written as `name_1..n` is n objects; their addresses follow each other.
 
 """

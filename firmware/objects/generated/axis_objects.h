@@ -1458,7 +1458,7 @@ typedef struct {
   uint16_t excitation_ramp; /* time in which the amplitude of the excitation rises from 0 after the start and falls to 0 after the stop [ms] */
   uint16_t limit_cycle_losses; /* number of contact losses within limit_cycle_window at which the firmware reports a limit cycle; 0 means off [1] */
   uint16_t first_motion_code; /* largest magnitude of the DAC code in the first motion test [code] */
-  uint16_t first_motion_counts; /* number of encoder counts by which the first motion test must move the axis; a motion of more than eight times this number, all attempts that were stopped together, causes the fault runaway [count] */
+  uint16_t first_motion_counts; /* number of encoder counts by which the first motion test must move the axis; a motion of more than eight times this number, added up over the attempts that were stopped, causes the fault runaway [count] */
   uint16_t first_motion_speed; /* largest speed in the first motion test; a higher speed causes the fault runaway [count/tick] */
   uint16_t force_railed_time; /* longest time for which the ADC code of the force may be at an end of its range; a longer time causes the fault force_railed; 0 means off [ms] */
   uint16_t force_stuck_travel; /* travel in contact, in encoder counts, that causes the fault force_stuck if the ADC code of the force does not change during this travel within force_stuck_time; 0 means off [count] */
@@ -1487,7 +1487,7 @@ typedef struct {
   uint8_t first_motion_test; /* on makes the first enabling after power-up begin with the first motion test, which checks sensors, amplifier and signs by a small motion. If the store has no parameter set, the value after power-up is on [enum] */
   uint8_t tare_averaging; /* exponent n of the tare measurement: the tare is the mean over 2^n ticks [1] */
   uint8_t calibration_points; /* number of calibration points, from the first element of calibration_reading and calibration_force on [1] */
-  uint8_t cycle_age_max; /* largest age of force and position with which a cycle evaluates a part: a bus cycle, by default 2 ms, or the period of a slower sensor [tick] */
+  uint8_t cycle_age_max; /* largest age of force and position of a valid sample of a cycle: at least one and less than two periods of the bus or of a slower sensor; the default is for a period of 2 ms [tick] */
 } drive_params_t;
 
 typedef struct {
@@ -1595,7 +1595,7 @@ typedef struct {
   uint16_t watchdog; /* longest time between two writes of an owner other than canopen, not counting objects that every source may write; after a longer time the axis has lost its owner [ms] */
   uint16_t stored_bit_rate; /* CAN bit rate that the axis uses after the next reset of the node; must be a rate of CiA 301 that the code for the board supports [kbit/s] */
   uint16_t drive_bit_rate; /* bit rate of the bus of the drive, a rate of CiA 301 that the board supports; acts after the next power-up [kbit/s] */
-  uint16_t drive_lacks; /* what the drive lacks and the master leaves out, as a sum: 1 1005h, 2 1006h, 4 60C2h, 8 6007h, 16 1016h, 32 1017h, 64 another mapping than the fixed one in 1600h, 128 1400h:2, 256 another mapping than the fixed one in 1A00h, 512 1800h:2, 1024 6060h, 2048 6077h, 4096 bit 30 of 1800h:1, 8192 bit 9 and 16384 bit 12 of the statusword; the drive must then do the same by its own settings; acts after the next power-up [1] */
+  uint16_t drive_lacks; /* what the drive lacks and the master leaves out, as a sum: 1 1005h, 2 1006h, 4 60C2h, 8 6007h, 16 1016h, 32 1017h, 64 a mapping in 1600h that can be changed, 128 1400h:2, 256 a mapping in 1A00h that can be changed, 512 1800h:2, 1024 6060h, 2048 6077h, 4096 bit 30 of 1800h:1, 8192 bit 9 and 16384 bit 12 of the statusword; the drive must then do the same by its own settings; acts after the next power-up [1] */
   uint16_t drive_differs; /* objects that the drive may read back with another value than the master has written, as a sum of the numbers 1 to 1024 of drive_lacks, without 64 and 256 because mappings are always compared; acts after the next power-up [1] */
   uint16_t drive_wait; /* longest wait for the boot-up message of the drive, for its first TPDO, and until it is on; acts after the next power-up [ms] */
   uint16_t drive_sdo_timeout; /* longest wait for an answer of the drive by SDO; a request without an answer is repeated once; acts after the next power-up [ms] */
@@ -1684,7 +1684,7 @@ typedef struct {
   uint8_t cycle_results_waiting; /* number of results that wait for an acknowledgement; when the memory of the axis is full of them, no cycle starts [1] */
   uint8_t cycle_result_state; /* verdict on the part that is shown, as cycle_state [enum] */
   uint8_t cycle_result_outcome; /* how the cycle of the part that is shown ended, as cycle_outcome [enum] */
-  uint8_t cycle_result_phase; /* last phase of the part that is shown, or the phase in which a limit was exceeded or the cycle was stopped, from 0 [1] */
+  uint8_t cycle_result_phase; /* last phase of the part that is shown, or the phase in which a limit was exceeded, the cycle was stopped or the first sample was not valid, from 0 [1] */
   uint8_t cycle_store_state; /* whether programs and counts are stored; waiting: until the axis is disabled; failed: the last write failed, or parameters must be saved or restored first [enum] */
   uint8_t program_refusal; /* reason for which the last update was refused; the first six reasons leave the slot unchanged [enum] */
   uint8_t program_state; /* state of the image that runs; trial: it is not confirmed yet, and the image before it returns after four restarts [enum] */

@@ -103,8 +103,10 @@ static void report_drive(void) {
     (void)fprintf(stderr, "axis_linux: %s; statusword %04Xh, error code %04Xh",
                   drive402_reason_text(said.reason), said.statusword, said.error_code);
     if (said.failed_index != 0) {
-      (void)fprintf(stderr, ", object %04Xh:%u, abort code %08" PRIX32 "h", said.failed_index,
-                    said.failed_sub, said.abort_code);
+      (void)fprintf(stderr, ", object %04Xh:%u", said.failed_index, said.failed_sub);
+      if (said.abort_code != 0) {
+        (void)fprintf(stderr, ", abort code %08" PRIX32 "h", said.abort_code);
+      }
       report_key(&said);
     }
     (void)fputc('\n', stderr);

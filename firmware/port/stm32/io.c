@@ -20,7 +20,7 @@ void io_init(void) {
   clock_is_right = clock_start();
   pins_read_options();
   found = (uint16_t)((clock_is_external() ? 0 : FW_BOARD_CLOCK_INTERNAL) |
-                     (option_bytes_are_right() ? 0 : FW_BOARD_BROWN_OUT_LEVEL) |
+                     (option_bytes_are_right() ? 0 : FW_BOARD_OPTION_BYTES) |
                      (image_is_whole() ? 0 : FW_BOARD_IMAGE) | (ram_is_right() ? 0 : FW_BOARD_RAM));
   encoder_init();
   adc_init();

@@ -1,4 +1,4 @@
-"""Files that a user or another program gives. What a damaged or a hostile one can do ends in one
+"""Readers of files from users and other programs. A damaged or hostile file is refused with one
 line: each reader of the package reads through this module, or guards its parser with parsing().
 
     with parsing(file, "a table of parts", "export it again"):

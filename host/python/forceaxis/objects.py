@@ -86,3 +86,14 @@ def unit_in_words(known: AxisObject) -> str:
         "count tick/count": f"{force} tick/{encoder}",
     }
     return words.get(unit, f"encoder {unit}" if unit.startswith("count/") else unit)
+
+
+def state_needed(name: str) -> str:
+    """Returns in which states of the axis an object can be written, as the end of a sentence about
+    a refusal; "" if every state permits a write, or for another name."""
+    known = BY_NAME.get(name)
+    if known is not None and known.writable == "disabled":
+        return "; it can be written only while the axis is disabled"
+    if known is not None and known.in_cycle == "refused":
+        return "; while a cycle runs it cannot be changed"
+    return ""

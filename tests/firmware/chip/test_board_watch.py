@@ -28,7 +28,7 @@ from unicorn import arm_const
 
 FAULT = objects.BY_NAME["fault"].enum
 # Of board_state, as the table describes it.
-INTERNAL, BROWN_OUT_LEVEL, IMAGE_DAMAGED, RAM_FAILED, SUPPLY = 1, 2, 4, 8, 16
+INTERNAL, OPTION_BYTES, IMAGE_DAMAGED, RAM_FAILED, SUPPLY = 1, 2, 4, 8, 16
 REFERENCE, DAC, ENABLE, TICK, TICK_UNKNOWN = 32, 64, 128, 256, 512
 # RCC_CSR, RM0390 6.3.21.
 POWER_UP = 1 << 27 | 1 << 26 | 1 << 25
@@ -190,23 +190,26 @@ def test_a_second_clock_that_stops_is_the_watchdog_that_stops(chip):
 def test_brown_out_level_3_is_read_back_at_power_up():
     """RM0390 3.9.13: BOR_LEV, bits 3:2 of FLASH_OPTCR; 0 is level 3, 3 off, as delivered."""
     for level in (1, 2, 3):
-        refuses_option_bytes(0x0FFEAAE1 | level << 2)
+        chip = Chip()
+        chip.board.flash.registers[0x14] = 0x0FFEAAE1 | level << 2
+        refuses_option_bytes(chip)
 
 
 @pytest.mark.parametrize("options", [0x0FFFAAE1, 0x8FFEAAE1])
 def test_the_write_protection_of_the_loader_is_read_back_at_power_up(options):
     """RM0390 3.8.6: nWRP0, bit 16 of FLASH_OPTCR, is 0 where sector 0 is protected from programming
     and erasing; with SPRMOD, bit 31, it is a protection from reading."""
-    refuses_option_bytes(options)
-
-
-def refuses_option_bytes(options):
     chip = Chip()
     chip.board.flash.registers[0x14] = options
+    refuses_option_bytes(chip)
+
+
+def refuses_option_bytes(chip):
+    """A chip with other option bytes is never enabled, also after a reset of its fault."""
     release(chip)
     chip.tick(2)
     assert FAULT[chip.read("fault")] == "board_unfit"
-    assert chip.read("board_state") & BROWN_OUT_LEVEL
+    assert chip.read("board_state") & OPTION_BYTES
     assert chip.write("fault_reset", 1) == 0
     assert chip.write("mode", 1) == 0
     chip.tick(3)

@@ -21,7 +21,14 @@ from conftest import build
 from forceaxis import objects
 from peripherals import NEVER, SUPPLY_V, bits
 from test_board import LSB_V, OFF, enable
-from test_board_watch import BROWN_OUT_LEVEL, FAULT, INTERNAL, SUPPLY, emergencies, handle
+from test_board_watch import (
+    FAULT,
+    INTERNAL,
+    SUPPLY,
+    emergencies,
+    handle,
+    refuses_option_bytes,
+)
 from test_buses import sdo_read
 from test_flash import SAVE, STATES, reported, save
 
@@ -118,6 +125,16 @@ def restarted(chip, flags=1 << 27 | 1 << 26):
     other.uc.mem_write(RAM, bytes(chip.uc.mem_read(RAM, 128 * 1024)))
     other.board.rcc.registers[0x94] = flags
     return release(other)
+
+
+def restarted_with(chip, **settings):
+    """The same after it has stored these settings."""
+    for name, value in settings.items():
+        assert chip.write(name, value) == 0
+    assert chip.write("store_all", SAVE) == 0
+    while STATES[chip.read("store_state")] == "saving":
+        chip.tick()
+    return restarted(chip)
 
 
 def test_the_tests_of_the_other_chip_are_named_as_they_are():
@@ -247,13 +264,7 @@ def test_option_bytes_are_read_back_at_power_up(name):
     chip = Chip()
     options = chip.board.flash.reset[0x20]
     chip.board.flash.registers[0x20] = options & ~(mask << at) | value << at
-    release(chip)
-    chip.tick(2)
-    assert FAULT[chip.read("fault")] == "board_unfit"
-    assert chip.read("board_state") & BROWN_OUT_LEVEL
-    assert chip.write("fault_reset", 1) == 0 and chip.write("mode", 1) == 0
-    chip.tick(3)
-    assert chip.board.trail == [OFF]
+    refuses_option_bytes(chip)
     # Pages and banks of another layout are not erased.
     if name in ("bank 2", "one bank"):
         assert chip.write("store_all", SAVE) != 0 and chip.board.flash.erased == []
@@ -265,11 +276,7 @@ def test_the_write_protection_of_the_program_is_read_back_at_power_up(held):
     the first one is above the last one, as the chip is delivered."""
     chip = Chip()
     chip.board.flash.registers[0x2C] = held
-    release(chip)
-    chip.tick(2)
-    assert FAULT[chip.read("fault")] == "board_unfit"
-    assert chip.read("board_state") & BROWN_OUT_LEVEL
-    assert chip.board.trail == [OFF]
+    refuses_option_bytes(chip)
 
 
 def test_a_supply_below_2_9_v_switches_off_by_interrupt_before_the_brown_out(chip):
@@ -498,11 +505,7 @@ def test_the_force_of_the_first_tick_is_right():
 @pytest.mark.long
 def test_a_converter_of_the_force_that_this_board_lacks_is_not_replaced(chip):
     kind = objects.BY_NAME["force_converter"].enum.index("ads1256")
-    assert chip.write("force_converter", kind) == 0
-    assert chip.write("store_all", SAVE) == 0
-    while STATES[chip.read("store_state")] == "saving":
-        chip.tick()
-    other = restarted(chip)
+    other = restarted_with(chip, force_converter=kind)
     assert FAULT[other.read("fault")] == "board_unfit" and other.read("board_state") & 1024
 
 
@@ -633,12 +636,7 @@ def test_a_controller_that_does_not_answer_never_blocks_a_tick():
 def test_the_second_controller_is_the_bus_of_a_drive(chip):
     """Its frames are in the second part of the message memory; one that was sent interrupts."""
     assert chip.board.can2[0x18] == 1, "an axis without a drive leaves it alone"
-    for name, value in (("drive_node_id", 9), ("drive_bit_rate", 500)):
-        assert chip.write(name, value) == 0
-    assert chip.write("store_all", SAVE) == 0
-    while STATES[chip.read("store_state")] == "saving":
-        chip.tick()
-    other = restarted(chip)
+    other = restarted_with(chip, drive_node_id=9, drive_bit_rate=500)
     can = other.board.can2
     for _ in range(20):
         other.tick()
@@ -653,12 +651,7 @@ def test_the_second_controller_is_the_bus_of_a_drive(chip):
 def test_frames_that_the_drive_does_not_acknowledge_are_given_up_and_the_bus_comes_back(chip):
     """The tick gives them up by an initialisation, while an interrupt of a higher priority fills
     the buffers."""
-    for name, value in (("drive_node_id", 9), ("drive_bit_rate", 500)):
-        assert chip.write(name, value) == 0
-    assert chip.write("store_all", SAVE) == 0
-    while STATES[chip.read("store_state")] == "saving":
-        chip.tick()
-    other = restarted(chip)
+    other = restarted_with(chip, drive_node_id=9, drive_bit_rate=500)
     can = other.board.can2
     can.partner = False
     for _ in range(400):

@@ -1,8 +1,6 @@
 """The master with every kind of drive of drive_habits.py: it is on within its time and follows, or
 it is refused by a reason that names the cure; with the cure it is on. In ticks, in this process."""
 
-import math
-
 import pytest
 from drive_habits import BITS, KINDS
 from fake_drive import DISABLED, NODE, FakeDrive, ticks
@@ -108,6 +106,7 @@ def expect_reason(bench, kind):
     assert said["reason"] == kind.reason, said
     prefix = "differs" if said["reason"] == "sdo_differs" else "lacks"
     assert kind.word in f"{said['reason_text']} {prefix}_{said['key']}", said
+    assert said["reason"] != "sdo_timeout" or said["key"] == "", "it may have the object"
     bench.tick(ticks(50))
     assert not bench.says()["on"]
     assert abs(bench.drive.velocity) == 0 or bench.drive.dead or bench.drive.is_local()
@@ -161,8 +160,3 @@ def test_a_quick_stop_that_is_too_short_cuts_the_speed():
     bench.tick(12)
     bench.switch_off()
     assert bench.drive.cut_speed == pytest.approx(20000 * (1 - 100 / 300), rel=0.05)
-
-
-def test_the_ticks_of_a_time():
-    assert [ticks(ms) for ms in (0, 1, 2, 10)] == [0, 2, 3, 15]
-    assert math.isclose(ticks(4000) / 1500, 4.0)

@@ -128,7 +128,8 @@ def test_nothing_is_written_if_one_value_is_wrong(axis):
 
 def test_what_the_axis_refuses_is_status_1():
     done = forceaxis("axis", "set", *SIM, "force_bank=1")  # a bank that is not valid
-    assert refusal(done, 1) == "force_bank: not in this state of the axis"
+    state = "force_bank: not in this state of the axis; while a cycle runs it cannot be changed"
+    assert refusal(done, 1) == state
 
 
 @pytest.mark.parametrize(

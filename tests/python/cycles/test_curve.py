@@ -141,8 +141,10 @@ def test_before_the_first_cycle_and_while_one_runs_there_is_none(axis, wanted):
     axis.link.wait(0.2)
     with pytest.raises(Refused, match="expected a cycle that has ended, but it is running"):
         curves.read(axis, wanted)
-    with pytest.raises(Refused, match="cycle_curve_first: not in this state"):
+    with pytest.raises(Refused, match=r"cycle_curve_first: .*; while a cycle runs it cannot be"):
         axis.link.write({"cycle_curve_first": 0})
+    with pytest.raises(Refused, match=r"adc_bits: .*; it can be written only while .* disabled"):
+        axis.set(adc_bits=14)
     axis.off()
     axis.link.wait(0.1)
     assert curves.read(axis, wanted).time_s[-1] == pytest.approx(0.2, abs=0.05)

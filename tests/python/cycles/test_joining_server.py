@@ -54,7 +54,8 @@ def folder(tmp_path_factory):
     where = tmp_path_factory.mktemp("opcua") / "records"
     with RecordFolder(where) as records:
         records.add(part(1, curve=CURVE))
-        records.add(part(2, "bad"))
+        wrong = {"outcome": "samples_invalid", "phase": "join", "invalid_ticks": 3}
+        records.add(part(2, "bad", **wrong))
     return where
 
 
@@ -158,7 +159,9 @@ def test_the_client_of_node_opcua_reads_every_figure_of_the_records(url, folder)
     assert meta["internalRecipeId"] == "0123ABCD" and meta["externalRecipeId"] == "7"
     assert meta["creationTime"] == "2026-11-28T03:00:00.000Z" and not meta["isSimulated"]
     assert meta["processingTimes"]["acquisitionDuration"] == 1250
-    assert meta["resultEvaluationDetails"]["text"] == "good: by_program; master due"
+    assert meta["resultEvaluationDetails"]["text"] == "good; master due"
+    text = second["resultMetaData"]["resultEvaluationDetails"]["text"]
+    assert text == "bad: samples not valid (3 ticks) in phase join; master due"
     (content,) = (one["value"] for one in first["resultContent"])
     force, shoulder = content["overallResultValues"]
     assert (force["name"], force["measuredValue"]) == ("seating_force", 400.67)
@@ -234,7 +237,7 @@ def test_the_signal_gives_the_status(folder):
 def test_what_cannot_be_served_is_refused_in_one_line(url, folder, tmp_path):
     port = re.search(r":(\d+)/", url)[1]
     for arguments, words in (
-        ([tmp_path], ("expected a folder with records", "cycle start --out")),
+        ([tmp_path], ("expected a folder with records", "cycle start EXPERIMENT --out")),
         ([folder, "--nodesets", tmp_path], ("Opc.Ua.Di.NodeSet2.xml", "npm install")),
         ([folder, "--port", port], ("--port", port, "free port")),
     ):

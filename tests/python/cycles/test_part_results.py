@@ -11,7 +11,7 @@ from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.sim import SimLink
 from forceaxis.cycles import capability, live, part, records, results
-from forceaxis.cycles.record import PartRecord
+from forceaxis.cycles.record import PartRecord, state_text
 from forceaxis.cycles.records import RecordFolder
 from forceaxis.errors import ParameterError
 
@@ -301,6 +301,12 @@ def test_an_axis_that_does_not_answer_at_the_beginning_ends_the_watch(wanted, fo
     link.fails = True
     with pytest.raises(NoAnswer):
         next(results.watch(lambda: link, wanted, folder, results.Reminders()))
+
+
+def test_ticks_that_are_not_valid_are_no_measure_of_another_outcome():
+    record = PartRecord(1, state="bad", outcome="over_force", phase="seat", invalid_ticks=1)
+    text = "bad: force_max exceeded in phase seat; samples of 1 tick not valid"
+    assert state_text(record) == text
 
 
 def test_a_locked_axis_starts_again_when_its_bad_part_is_acknowledged(store, wanted):

@@ -13,7 +13,7 @@ import kernels
 import limit_study
 import numpy as np
 import pytest
-from forceaxis import linear
+from forceaxis import InputError, linear
 from forceaxis.commission import tune
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import data_sheet, for_set, new
@@ -167,7 +167,7 @@ def test_a_law_whose_command_rounds_to_nothing_is_refused(tmp_path):
         Refusal, match=r"dead_zone: expected a force law whose dead zone is smaller"
     ):
         tune.measuring_law(tuning(coarse, 30.0, 100.0))
-    with pytest.raises(Exception, match="dead zone: expected a force law whose dead zone"):
+    with pytest.raises(InputError, match="dead zone: expected a force law whose dead zone"):
         for_set.design(DesignOrder(str(coarse), over=("k_w=30%",), forces_N=(5.0,), simulate=False))
     known = linear.facts(fine)
     # Half of a step of the output over the gain: 0.5 / 16 / 0.1 counts of 500 N / 128.
@@ -181,7 +181,7 @@ def test_limit_names_a_law_that_rounds_to_nothing(tmp_path):
     (tmp_path / "model.toml").write_text(model(**FAST))
     text = forceaxis("limit", tmp_path / "model.toml", "--firmware-gain", 0.003).stdout
     named = "dead zone    expected a force law whose dead zone is smaller than the set-point"
-    assert named in text
+    assert named in text and " codes per 8-bit count, with which each force error below " in text
     of_set = ("--over", "b_s=10%", "--firmware-gain", 0.003)
     assert named in forceaxis("limit", tmp_path / "model.toml", *of_set).stdout
     text = forceaxis("limit", tmp_path / "model.toml", "--firmware-gain", 0.02).stdout

@@ -17,11 +17,11 @@ import numpy as np
 from forceaxis._core import InputError
 from forceaxis.axis.link import (
     COMMAND_SOURCES,
-    REASONS,
     NoAnswer,
     RawSamples,
     RecorderLink,
     Refused,
+    reason,
 )
 from forceaxis.bus.keeper import HeartbeatKeeper
 from forceaxis.errors import ParameterError
@@ -188,7 +188,7 @@ class CanLink(RecorderLink):
                         f"{self.where}: {what} was interrupted, {error}; if another client or a "
                         "gateway uses this node, connect through the gateway"
                     ) from None
-                text = REASONS.get(REASON_OF_ABORT.get(error.code, 0), f"{error}")
+                text = reason(what, REASON_OF_ABORT.get(error.code, 0)) or f"{error}"
                 raise Refused(f"{what}: {text}", error.code) from None
             except (silent, OSError, can.CanError) as error:
                 if self._nmt_state == NMT_STOPPED:

@@ -22,7 +22,7 @@ from forceaxis.bus.client import NoAnswer, Refused
 from forceaxis.bus.keeper import Keeper, WatchdogKeeper
 from forceaxis.bus.state_names import enum
 from forceaxis.linear import plant_facts
-from forceaxis.objects import BY_NAME
+from forceaxis.objects import BY_NAME, state_needed
 
 __all__ = ["Link", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned"]
 
@@ -50,6 +50,14 @@ REASONS = {
     -9: "it cannot be mapped, or conflicts with another entry",
     -10: "there is no memory for parameters",
 }
+NOT_NOW = -5
+
+
+def reason(what: str, error: int) -> str | None:
+    """Returns the text for an error code of the firmware, or None for another code. `what`: what
+    the axis has refused, such as the name of an object."""
+    text = REASONS.get(error)
+    return f"{text}{state_needed(what)}" if error == NOT_NOW else text
 
 
 RawSamples = NDArray[np.int64]

@@ -21,7 +21,7 @@ from forceaxis.axis.link import (
 )
 from forceaxis.bus.keeper import WatchdogKeeper
 from forceaxis.errors import ParameterError
-from forceaxis.objects import BY_NAME, AxisObject
+from forceaxis.objects import BY_NAME, AxisObject, state_needed
 
 if TYPE_CHECKING:
     from pymodbus.client.base import ModbusBaseSyncClient
@@ -36,6 +36,7 @@ PART_TRIES = 3  # of a request whose answer is lost; the axis leaves out what it
 MOST_REGISTERS = 125  # largest number of registers in one request
 # Number of a text in Modbus function 43 / 14, for each CANopen index of the same text.
 IDENTIFICATION_OBJECTS = {DEVICE_NAME_INDEX: 4, HARDWARE_INDEX: 5, VERSION_INDEX: 2}
+NOT_NOW = 4  # exception code "server device failure"
 TARGET_NO_ANSWER = 11  # exception code "gateway target device failed to respond"
 EXCEPTIONS = {
     2: "there is no such register",
@@ -142,7 +143,8 @@ class ModbusLink(Link):
             code = answer.exception_code
             if code == TARGET_NO_ANSWER:
                 raise NoAnswer(f"{self.where}: {what}: {EXCEPTIONS[code]}")
-            raise Refused(f"{what}: {EXCEPTIONS.get(code, f'Modbus exception {code}')}")
+            text = EXCEPTIONS.get(code, f"Modbus exception {code}")
+            raise Refused(f"{what}: {text}{state_needed(what) if code == NOT_NOW else ''}")
         return answer
 
     def _ask_again(self, what: str, ask: "Callable[[], ModbusPDU]") -> None:

@@ -17,6 +17,7 @@ from forceaxis.axis.link import (
     RawSamples,
     RecorderLink,
     Refused,
+    reason,
     unsigned,
 )
 from forceaxis.objects import BY_NAME
@@ -86,7 +87,7 @@ class SimLink(RecorderLink):
         for name, raw in values.items():
             error = self.axis.write(BY_NAME[name].number, raw)
             if error:
-                raise Refused(f"{name}: {REASONS[error]}")
+                raise Refused(f"{name}: {reason(name, error)}")
             self.axis.step(1)  # a written value acts in the next tick, as over a bus
 
     def acquire(self) -> None:

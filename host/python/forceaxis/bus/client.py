@@ -38,7 +38,7 @@ from forceaxis.bus.lcm import (
 )
 from forceaxis.bus.messages import axis_capture_t, axis_command_t, axis_event_t, axis_state_t
 from forceaxis.bus.state_names import texts
-from forceaxis.objects import BY_NAME, AxisObject
+from forceaxis.objects import BY_NAME, AxisObject, state_needed
 from forceaxis.words import suggestion
 
 # time in s in which blocks of a capture may still arrive after the event that ends the capture
@@ -52,7 +52,8 @@ SILENCE_S = 1.0  # longest time in s between two state messages of an axis while
 
 T = TypeVar("T")
 Value = float | str  # engineering value, or the text of an enumeration
-SDO_TIMEOUT = 0x05040000  # SDO abort code of CiA 301: SDO protocol timed out
+# SDO abort codes of CiA 301: SDO protocol timed out, not in the present state of the device
+SDO_TIMEOUT, NOT_NOW = 0x05040000, 0x08000022
 ADDRESS = re.compile(r"0x[0-9a-fA-F]{1,4}(:[0-9]{1,3})?")
 
 
@@ -432,4 +433,6 @@ def _refusal(event: axis_event_t) -> Refused | NoAnswer:
     """Returns the error for a command that the gateway refused, or that its axis did not answer."""
     if event.code == SDO_TIMEOUT:
         return NoAnswer(f"axis {event.axis} at the gateway: {event.text}")
-    return Refused(event.text, event.code, event)
+    named, _, _ = event.text.partition(":")
+    cure = state_needed(named) if event.code == NOT_NOW else ""
+    return Refused(event.text + cure, event.code, event)

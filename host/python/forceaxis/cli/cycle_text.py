@@ -8,11 +8,11 @@ from forceaxis import paths
 from forceaxis.cli.common import aligned
 from forceaxis.cycles.capability import ElementStatistics, Interval, PartStatistics
 from forceaxis.cycles.curve import CurvePoints
-from forceaxis.cycles.outcome import BY_PROGRAM, GOOD
+from forceaxis.cycles.outcome import GOOD
 from forceaxis.cycles.part import ElementFigure, PartResult
 from forceaxis.cycles.propose import MovedBounds, Proposal
 from forceaxis.cycles.rates import PartCounts, RatesResult
-from forceaxis.cycles.record import LOST, PartRecord
+from forceaxis.cycles.record import LOST, PartRecord, state_text
 from forceaxis.cycles.statistics import Share
 from forceaxis.experiments import summary
 from forceaxis.words import counted
@@ -48,8 +48,7 @@ def part_rows(result: PartResult) -> Rows:
     """Return the rows (key, text) about one part."""
     state = summary.CYCLE_STATES.get(result.state, result.state)
     if result.failed_phase:
-        why = summary.why_text(result.outcome, result.invalid_ticks)
-        state += f": {why} in phase {result.failed_phase}"
+        state += f": {summary.why_text(result.outcome, result.failed_phase, result.invalid_ticks)}"
     rows = [("cycle", f"{result.title}: {state}"), ("program", result.program)]
     if result.fault != "none":
         rows.append(("fault", result.fault))
@@ -78,15 +77,6 @@ def record_rows(record: PartRecord) -> Rows:
         return rows
     head = ["element", "verdict", "value", "least", "most", "unit"]
     return rows + table("", [head, *map(element_cells, record.elements)], (0, 1, 5))
-
-
-def state_text(record: PartRecord) -> str:
-    """Return the verdict on a recorded part as text, with the reason if its cycle ended otherwise
-    than its program intends."""
-    if record.outcome in ("", BY_PROGRAM):
-        return record.state
-    why = summary.why_text(record.outcome, record.invalid_ticks)
-    return f"{record.state}: {why}, last phase {record.phase}"
 
 
 def record_line(record: PartRecord) -> str:

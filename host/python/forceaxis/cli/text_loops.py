@@ -112,7 +112,12 @@ def at_gain_lines(limit: LimitResult, at: LoopAtGain) -> list[str]:
         text = f"{phase:.4g} degrees, crossover {hz_text(margins.crossover_hz)}"
     lines.append(f"phase margin {text}")
     lines += figures_text(at.figures) if at.figures.stable else []
-    return lines + ([f"dead zone    {at.dead_law}"] if at.dead_law else [])
+    return lines + dead_zone_lines(at.dead_law)
+
+
+def dead_zone_lines(why: str | None) -> list[str]:
+    """Return the text line about a law that rounds each force to no command, or none."""
+    return [f"dead zone    {why}"] if why else []
 
 
 def figures_text(figures: Figures) -> list[str]:
@@ -202,7 +207,7 @@ def worst_lines(at: WorstAtGain, unit: str) -> list[str]:
         lines.append(f"{label:12} {text:14} {member.label() if member else ''}".rstrip())
     if at.sag and at.fT_Hz:
         lines.append(f"sag          |T| below -3 dB below fS at {at.member['sag'].label()}")
-    return lines + ([f"dead zone    {at.dead_law}"] if at.dead_law else [])
+    return lines + dead_zone_lines(at.dead_law)
 
 
 def describe_limit_of_set(result: LimitOfSet) -> str:

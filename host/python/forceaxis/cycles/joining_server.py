@@ -42,7 +42,7 @@ from forceaxis.bus.connections import REQUEST_S, bounded
 from forceaxis.bus.sources import AddressError
 from forceaxis.cycles.outcome import ABORTED, BAD, GOOD, MEASURED
 from forceaxis.cycles.part import ElementFigure
-from forceaxis.cycles.record import LOST, PartRecord
+from forceaxis.cycles.record import LOST, PartRecord, state_text
 from forceaxis.cycles.records import PARTS, Key, files_of, read_record
 
 Structure = Any  # a structure of OPC UA; asyncua makes its class from a nodeset
@@ -237,9 +237,7 @@ def meta_data(record: PartRecord, name: str) -> Structure:
             StartTime=begin, EndTime=recorded, AcquisitionDuration=record.duration_s * 1e3
         ),
         ResultEvaluation=evaluation(record.state),
-        ResultEvaluationDetails=ua.LocalizedText(
-            "; ".join([f"{record.state}: {record.outcome}", *record.notes])
-        ),
+        ResultEvaluationDetails=ua.LocalizedText("; ".join([state_text(record), *record.notes])),
     )
 
 
@@ -519,7 +517,7 @@ def serve(folder: Path, nodesets: Path, host: str, port: int, ready: Callable[[s
     if not (folder / PARTS).is_dir():
         raise InputError(
             f"{paths.display(folder)}: expected a folder with records of parts; `forceaxis cycle "
-            "start --out FOLDER` writes records"
+            "start EXPERIMENT --out FOLDER` writes records"
         )
     expect_nodesets(nodesets)
     logging.getLogger("asyncua").setLevel(logging.CRITICAL)

@@ -18,6 +18,7 @@ from forceaxis.axis.drive import ENABLE, NEW_SETPOINT, Drive, StatusObjects
 from forceaxis.axis.link import POLL_PERIOD_S, Refused
 from forceaxis.cycles.program import Program, program_file, read_program
 from forceaxis.cycles.program import with_program as overrides_of
+from forceaxis.experiments.summary import NOT_STARTED
 from forceaxis.objects import BY_NAME
 
 MODE = "cycle"
@@ -29,19 +30,6 @@ NUMBER_OFFSET = 16
 SCALING = ("adc_bits", "force_sign", "rated_force", "feed", "polarity")
 FORCE_SCALE_TOLERANCE = 0.01  # of the force sensor against the model, relative
 ENDED = ("good", "bad", "aborted")
-# Why no cycle started, by the value of cycle_state.
-NOT_STARTED = {
-    "no_program": "the axis has no program",
-    "other_bank": "the program is for another bank",
-    "beyond_sensor": "a force_max or a force of a condition is at or beyond what the force sensor "
-    "can show; lower it",
-    "not_homed": "the program has a move to a position, and the axis is not homed",
-    "results_full": "too many results wait; use `forceaxis cycle result --out FOLDER`",
-    "locked": "the axis is locked after bad parts; acknowledge their results with `forceaxis cycle "
-    "result`, or write cycle_unlock after cycle_bad_in_row_max parts",
-    "halted": "the axis is halted; write a controlword without the halt bit",
-    "not_stored": "the axis has not stored the number of its power-ups yet; try again",
-}
 STORE_MAX_S = 15.0  # a full sector of flash is erased first
 PART_TIMEOUT_S = 3600.0  # the longest phase
 

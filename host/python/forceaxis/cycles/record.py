@@ -9,8 +9,9 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from forceaxis._core import InputError
-from forceaxis.cycles.outcome import MEASURED
+from forceaxis.cycles.outcome import BY_PROGRAM, MEASURED
 from forceaxis.cycles.part import ElementFigure
+from forceaxis.experiments.summary import why_text
 from forceaxis.results import json_field
 
 Cell = str | float | int | None
@@ -65,6 +66,14 @@ class PartRecord:
         return all(getattr(self, name) == getattr(other, name) for name in names) and [
             (e.verdict, e.value) for e in self.elements
         ] == [(e.verdict, e.value) for e in other.elements]
+
+
+def state_text(record: PartRecord) -> str:
+    """Returns the verdict on a part as text, with the reason if its cycle ended otherwise than its
+    program intends."""
+    if record.outcome in ("", BY_PROGRAM):
+        return record.state
+    return f"{record.state}: {why_text(record.outcome, record.phase, record.invalid_ticks)}"
 
 
 # Columns of a record before those of its elements.

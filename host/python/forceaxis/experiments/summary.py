@@ -238,17 +238,25 @@ def rows(result: RunResult, overrides: Sequence[str] = ()) -> list[Row]:
     return [*found, ("again", result.command)]
 
 
+# Why no cycle started, by the value of cycle_state.
+NOT_STARTED = {
+    "no_program": "the axis has no program",
+    "other_bank": "the program is for another bank",
+    "not_homed": "the program has a move to a position, and the axis is not homed",
+    "results_full": "too many results wait; use `forceaxis cycle result EXPERIMENT --out FOLDER`",
+    "locked": "the axis is locked after bad parts; acknowledge their results with `forceaxis cycle "
+    "result EXPERIMENT --out FOLDER`, or write cycle_unlock after cycle_bad_in_row_max parts",
+    "not_stored": "the axis has not stored the number of its power-ups yet; try again",
+    "beyond_sensor": "a force of the program (force_max, force_above, force_below, zero_force) is "
+    "at or beyond the end of what the force sensor can show; lower it, or check adc_bits, "
+    "force_zero_code and force_tare",
+    "halted": "the axis is halted; write a controlword without the halt bit",
+}
 CYCLE_STATES = {
     "idle": "no cycle was started",
     "running": "the cycle still runs at the end of the run",
     "evaluating": "the cycle has ended in the last tick of the run",
-    "no_program": "no cycle was started, because the axis has no program",
-    "other_bank": "no cycle was started, because the program is for another bank",
-    "not_homed": "no cycle was started, because the program has a move to a position, and the axis "
-    "is not homed",
-    "halted": "no cycle was started, because the axis was halted",
-    "beyond_sensor": "no cycle was started, because a force of the program is at or beyond what "
-    "the force sensor can show",
+    **{state: f"no cycle was started: {why}" for state, why in NOT_STARTED.items()},
 }
 CYCLE_OUTCOMES = {
     "over_force": "force_max exceeded",
@@ -264,10 +272,14 @@ CYCLE_OUTCOMES = {
 }
 
 
-def why_text(outcome: str, invalid_ticks: int) -> str:
-    """Returns why a cycle ended otherwise than its program intends, as text."""
-    text = CYCLE_OUTCOMES.get(outcome, outcome)
-    return f"{text} ({counted(invalid_ticks, 'tick')})" if invalid_ticks else text
+def why_text(outcome: str, phase: str, invalid_ticks: int) -> str:
+    """Returns why a cycle ended otherwise than its program intends, and in which phase, as text.
+    phase: its name, "" if it is not known."""
+    text, ticks = CYCLE_OUTCOMES.get(outcome, outcome), counted(invalid_ticks, "tick")
+    where = f" in phase {phase}" if phase else ""
+    if outcome == "samples_invalid":
+        return f"{text} ({ticks}){where}"
+    return f"{text}{where}" + (f"; samples of {ticks} not valid" if invalid_ticks else "")
 
 
 def cycle_rows(report: CycleReport) -> list[Row]:
@@ -275,9 +287,7 @@ def cycle_rows(report: CycleReport) -> list[Row]:
     each element."""
     state = CYCLE_STATES.get(report.state, report.state)
     if report.failed_phase:
-        state += (
-            f": {why_text(report.outcome, report.invalid_ticks)} in phase {report.failed_phase}"
-        )
+        state += f": {why_text(report.outcome, report.failed_phase, report.invalid_ticks)}"
     found = [("cycle", f"{report.title}: {state}")]
     for figure in report.figures:
         value = f"{figure.value:g}" if not figure.unit else quantity(figure.value, figure.unit)

@@ -209,13 +209,13 @@ class PlantFacts:
             return None
         unit = self.signals.get(self.required_reading.signal, "N")
         errors = (
-            "every force error" if math.isinf(dead) else f"a force error below {dead:.4g} {unit}"
+            "every force error" if math.isinf(dead) else f"each force error below {dead:.4g} {unit}"
         )
         return (
             f"expected a force law whose dead zone is smaller than the set-point of {setpoint:.4g} "
             f"{unit}, got a gain of {force_gain:.4g} codes per 8-bit count, with which {errors} "
-            "force error rounds to no command, apart from the integral; lower the speed of the "
-            "drive at full command, or use an output of more bits or a larger set-point"
+            "rounds to no command, apart from the integral; lower the speed of the drive at full "
+            "command, or use an output of more bits or a larger set-point"
         )
 
     def displacements(self) -> np.ndarray:

@@ -622,8 +622,8 @@ class Loop:
     def limit(self) -> Limit:
         """Returns the smallest gain at which the force loop becomes unstable as the gain rises from
         0, with all crossings of the stability boundary. If this gain is 0, the crossings also
-        contain the poles of the plant that lie on the stability boundary. An answer without a limit
-        is said only if the closed-loop poles agree."""
+        contain the poles of the plant that lie on the stability boundary. A loop without a
+        limit is reported only if the closed-loop poles confirm it."""
         return self._limit
 
     @property

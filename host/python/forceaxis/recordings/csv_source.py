@@ -175,7 +175,7 @@ def _scope_header(rows: dict[str, list[str]]) -> _Header:
     return found
 
 
-def _header(lines: list[str], dialect: CsvDialect, where: str) -> _Header:
+def _header(lines: list[str], dialect: CsvDialect) -> _Header:
     """Returns the header of a CSV file from the lines before the numbers."""
     above = [dialect.cells(line.lstrip("#% ")) for line in lines[: dialect.first]]
     rows: dict[str, list[str]] = {}
@@ -213,7 +213,7 @@ class CsvSource(Source):
         self.where = paths.display(path)
         self._lines = _text(path, self.where).splitlines()
         self._dialect = dialect_of(self._lines, self.where, separator)
-        self._header = _header(self._lines, self._dialect, self.where)
+        self._header = _header(self._lines, self._dialect)
         decimal = " with decimal commas" if self._dialect.decimal == "," else ""
         self.kind = self._header.kind + decimal
         self._rows, self._numbers = self._split_rows()
