@@ -291,18 +291,18 @@ class PlantFacts:
         return self.encoder
 
 
-def _drive(table: _core.DriveTable) -> DriveFacts:
+def _drive(table: "_core.DriveTable") -> DriveFacts:
     return DriveFacts(
         table["type"], table["body"], table["reaction"], table["values"], BusFacts(*table["bus"])
     )
 
 
-def _sensor(table: _core.ReadingTable) -> SensorFacts:
+def _sensor(table: "_core.ReadingTable") -> SensorFacts:
     sampling = table["sampling"] and SamplingFacts(*table["sampling"])
     return SensorFacts(table["signal"], table["per_count"], table["bits"], sampling)
 
 
-def _structure(table: _core.StructureTable) -> StructureFacts:
+def _structure(table: "_core.StructureTable") -> StructureFacts:
     shapes = tuple(map(tuple, table["shapes"]))
     return StructureFacts(table["name"], table["ports"], tuple(table["modal_masses_kg"]), shapes)
 
