@@ -169,8 +169,8 @@ def test_the_readme_says_of_its_picture_what_the_executed_page_prints():
     text = " ".join((guide.ROOT / "README.md").read_text().split())
     said = re.search(
         r"gain (\d+) and set-point (\d+) N\. It enters a limit cycle with peaks of (\d+) N, far "
-        r"below the critical gain of ([\d.]+) of linear theory\. Up to a gain of ([\d.]+) it settles; at "
-        r"([\d.]+) there is a factor of two to spare",
+        r"below the critical gain of ([\d.]+) of linear theory\. Up to a gain of ([\d.]+) it "
+        r"settles; at ([\d.]+) there is a factor of two to spare",
         text,
     )
     gain, setpoint, peak, critical, settles, spare = map(float, said.groups())
