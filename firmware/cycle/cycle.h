@@ -6,9 +6,10 @@
  * (firmware/drive/cycle_mode.h).
  *
  *   cycle_start()     between two ticks
- *   cycle_step()      once in each tick, after its signals; a tick that is missing makes the part
- *                     bad, and so does a sample of an evaluated phase that is not valid (sample.h);
- * the phases go on cycle_evaluate()  between ticks, at the latest after CYCLE_SAMPLES ticks
+ *   cycle_step()      once in each tick, after its signals. A tick that is missing makes the part
+ *                     bad, and so does a sample of an evaluated phase that is not valid (sample.h),
+ *                     but the phases go on
+ *   cycle_evaluate()  between ticks, at the latest after CYCLE_SAMPLES ticks
  *   cycle_abort()     at each stop, fault, halt or change of mode; the part is then not good */
 
 #include <stdbool.h>

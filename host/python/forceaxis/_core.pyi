@@ -1,12 +1,19 @@
-# Types of the names in the compiled module that public modules use. Other names have no types.
+# Types of all names in the compiled module (host/python/binding).
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypedDict
 
 import numpy as np
 
+_Floats = np.ndarray[Any, np.dtype[np.float64]]
+_Complex = np.ndarray[Any, np.dtype[np.complex128]]
+_Wide = np.ndarray[Any, np.dtype[np.longdouble]]  # extended precision
+_Numbers = np.ndarray[Any, np.dtype[Any]]  # that are converted to what the function needs
+
 class InputError(ValueError): ...
 class SimulationError(RuntimeError): ...
+class TransportError(RuntimeError): ...
+class LinkSilent(RuntimeError): ...
 
 TICKS_PER_SECOND: int
 
@@ -173,11 +180,15 @@ class RunOutcome(TypedDict, total=False):
 class LiveAxis:
     """The simulated axis of an experiment, which runs in steps of ticks."""
 
+    ticks: int
+    extremes: tuple[float, int, int]
     def __init__(self, experiment: str, overrides: Sequence[str], store: str) -> None: ...
     def step(self, ticks: int) -> None: ...
     def read(self, number: int) -> int: ...
     def write(self, number: int, raw: int) -> int: ...
     def end_schedule(self) -> None: ...
+    def reset_extremes(self) -> None: ...
+    def signal(self, name: str) -> float: ...
     def samples(
         self, first: int, count: int, signals: int
     ) -> np.ndarray[Any, np.dtype[np.int32]]: ...
@@ -275,11 +286,180 @@ class LawGrid:
         self, law: LawShape, gains: Sequence[float], threads: int = ...
     ) -> np.ndarray[Any, np.dtype[np.float64]]: ...
 
+class Plant:
+    """A simulated axis without firmware, in steps of one tick."""
+
+    signal_names: list[str]
+    edge_margin: float
+    tick: int
+    def __init__(
+        self,
+        model: str | Path,
+        overrides: Mapping[str, float | str] = ...,
+        seed: int = ...,
+        audit: bool = ...,
+    ) -> None: ...
+    def step(self, code: int, enable: bool = ...) -> None: ...
+    def step_volts(self, volts: float, enable: bool = ...) -> None: ...
+    def follow(
+        self,
+        commands: _Numbers,
+        volts: bool = ...,
+        signals: Sequence[str] = ...,
+        enabled: np.ndarray[Any, np.dtype[np.bool_]] | None = ...,
+    ) -> tuple[np.ndarray[Any, np.dtype[np.int64]], _Floats]: ...
+    def apply_impulse(self, body: str, impulse_N_s: float) -> None: ...
+    def codes(self) -> tuple[int, int, int]: ...
+    def signals(self) -> _Floats: ...
+    def signal(self, name: str) -> float: ...
+    def mode(self) -> str: ...
+    def events(self) -> list[tuple[float, str, str, str, bool]]: ...
+    def energy(self) -> EnergyTable: ...
+
+class EnergyTable(TypedDict):
+    """The energy balance of a plant in J; `dissipated_J` by element."""
+
+    initial_J: float
+    supplied_J: float
+    dissipated_J: dict[str, float]
+    kinetic_J: float
+    stored_J: float
+    discarded_J: float
+    residual_J: float
+
+class Contacts:
+    """Contacts of a plant without firmware, each with a recorded command."""
+
+    def __init__(
+        self,
+        model: str | Path,
+        held: Mapping[str, float | str],
+        fitted: Sequence[str],
+        moved: Sequence[str],
+        volts: Sequence[_Floats],
+        parts: int = ...,
+    ) -> None: ...
+    def run(self, values: _Numbers, starts: _Numbers, threads: int = ...) -> _Floats: ...
+
+class BoundaryResponse:
+    """The response of one input to one output along the stability boundary."""
+
+    def __init__(self, A: _Numbers, B: _Numbers, C: _Numbers, D: float, dt: float) -> None: ...
+    def __call__(self, w: _Numbers | Sequence[float]) -> tuple[_Complex, _Complex, _Floats]: ...
+
+class LinearTable(TypedDict):
+    """The linear equations of a model in one mode."""
+
+    A: _Floats
+    B: _Floats
+    C: _Floats
+    D: _Floats
+    states: list[str]
+
+class StructureTable(TypedDict):
+    """A structure of a model that is given by its modes; for the fields see StructureFacts."""
+
+    name: str
+    ports: tuple[str, ...]
+    modal_masses_kg: list[float]
+    shapes: list[list[float]]
+
+class ContactTable(TypedDict):
+    """A contact of a model and the two points between which it acts."""
+
+    name: str
+    between: tuple[str, str]
+
+class DriveTable(TypedDict):
+    """The drive of a model; for the fields see DriveFacts."""
+
+    type: str
+    body: str
+    reaction: str
+    values: dict[str, float]
+    bus: tuple[int, int, int]
+
+class ReadingTable(TypedDict):
+    """The force sensor of a model; for the fields see SensorFacts."""
+
+    signal: str
+    per_count: float
+    bits: int
+    sampling: tuple[float, float | None, float, int] | None
+
+class EncoderTable(TypedDict):
+    """The encoder of a model; for the fields see EncoderFacts."""
+
+    body: str
+    reference: str
+    scale: float
+
+class FactsTable(TypedDict):
+    """The contents of a model file; for the fields see PlantFacts."""
+
+    title: str
+    masses_kg: dict[str, float]
+    structures: list[StructureTable]
+    signals: dict[str, str]
+    parameters: dict[str, tuple[float, str]]
+    contacts: list[ContactTable]
+    switches: dict[str, tuple[str, ...]]
+    drive: DriveTable | None
+    reading: ReadingTable | None
+    encoder: EncoderTable | None
+    volts_per_code: float
+    volts_per_step: float
+
+class KeyTable(TypedDict):
+    """A key of a table of an input file, for its reference page."""
+
+    key: str
+    form: str
+    unit: str
+    range: str
+    required: bool
+    default: str
+    meaning: str
+
+class FormatTable(TypedDict):
+    """A table of an input file, for its reference page."""
+
+    path: str
+    header: str
+    meaning: str
+    when: str
+    open: bool
+    keys: list[KeyTable]
+
 def objects() -> list[ObjectTable]: ...
 def coils() -> list[BitTable]: ...
 def discretes() -> list[BitTable]: ...
 def certificate(bank_crc: int, adc_bits: int, force_scale: float) -> dict[str, int]: ...
 def quantity_in(text: str, unit: str) -> float | None: ...
+def quantity(text: str) -> float: ...
+def units() -> list[tuple[str, str]]: ...
+def model_format() -> list[FormatTable]: ...
+def experiment_format() -> list[FormatTable]: ...
+def cycle_format() -> list[FormatTable]: ...
+def axis_linux_format() -> list[FormatTable]: ...
+def linear(
+    model: str | Path,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    overrides: Mapping[str, float | str] = ...,
+    modes: Mapping[str, str] = ...,
+    free: bool = ...,
+    drive: bool = ...,
+) -> LinearTable: ...
+def facts(model: str | Path, overrides: Mapping[str, float | str] = ...) -> FactsTable: ...
+def balance(A: _Numbers) -> _Floats: ...
+def eigenvalues(A: _Numbers) -> _Complex: ...
+def solve(A: _Numbers, B: _Numbers) -> _Wide: ...
+def sampled(A: _Numbers, B: _Numbers, T: float) -> _Wide: ...
+def hessenberg(A: _Numbers, B: _Numbers, C: _Numbers) -> tuple[_Floats, _Floats, _Floats]: ...
+def hessenberg_response(
+    H: _Numbers, B: _Numbers, C: _Numbers, D: _Numbers, points: _Numbers
+) -> _Complex: ...
 def read_toml(path: str) -> dict[str, Any]: ...
 def parse_toml(text: str) -> dict[str, Any]: ...
 def inputs(
@@ -295,6 +475,7 @@ def run(
     firmware_hash: bool = ...,
     text: str | None = ...,
 ) -> Result: ...
+def lcm_url_of(run_id: int) -> str: ...
 def run_linked(
     experiment: str, overrides: Sequence[str], kind: str, run_id: int, **options: Any
 ) -> tuple[Result, dict[str, Any]]: ...
@@ -313,4 +494,3 @@ def run_many(
 def evaluate(
     criterion: dict[str, Any], metrics: dict[str, Any], fault: str
 ) -> tuple[str, list[dict[str, Any]]]: ...
-def __getattr__(name: str) -> Any: ...

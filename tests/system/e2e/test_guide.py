@@ -172,6 +172,27 @@ def test_a_broken_link_or_anchor_ends_the_build(tmp_path):
     assert "gone.md" in done.stderr and "#gone" in done.stderr
 
 
+def test_the_readme_says_of_its_picture_what_the_executed_page_prints():
+    text = " ".join((guide.ROOT / "README.md").read_text().split())
+    said = re.search(
+        r"gain (\d+) and set-point (\d+) N\. It enters a limit cycle with peaks of (\d+) N, far "
+        r"below the critical gain of ([\d.]+) of linear theory\. Up to a gain of ([\d.]+) it "
+        r"settles; at ([\d.]+) there is a factor of two to spare",
+        text,
+    )
+    gain, setpoint, peak, critical, settles, spare = map(float, said.groups())
+    page = (guide.ROOT / "docs/guide/ten_minutes.md").read_text()
+    unstable = page.index(f"force_gain={gain:g} --out press/bounces")
+    assert float(re.search(r"peak ([\d.]+) N", page[unstable:]).group(1)) == pytest.approx(
+        peak, abs=1
+    )
+    assert f"of {setpoint:g} N set-point" in page and f"the linear limit {critical:g}" in page
+    stable, bounces = map(float, re.search(r"stable at ([\d.]+), unstable at (\S+)", page).groups())
+    assert stable <= settles + 0.05 and bounces > settles and 2 * spare <= settles < gain < critical
+    kept = page.index(f"force_gain = {spare:g}/")
+    assert re.search(r"verdict +(\w+)", page[kept:]).group(1) == "stable"
+
+
 def test_the_readme_is_one_screen_whose_links_and_verbs_are_there():
     text = (guide.ROOT / "README.md").read_text()
     assert text.count("\n") < 90

@@ -50,6 +50,11 @@ WRONG = [
     ("run contact --link usb", "'--link'", "'lcm'"),
     ("run contact --sett m_w=1", "'--sett'", "'--set'"),
     ("replay", "'JOURNAL'", "forceaxis replay --help"),
+    (
+        "run sim/experiments/contact.toml",
+        "contact.toml: file",
+        "contact alone is the file that comes",
+    ),
     ("replay none.journal", "none.journal: file", "expected a readable file, got none"),
     ("replay x.csv", "x.csv: line 1", "expected a readable journal"),
     ("fmu plant laboratory", "'--out'", "forceaxis fmu plant --help"),

@@ -1,10 +1,12 @@
 """The package's type hints agree with its code, and the public modules have all of them."""
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from forceaxis import _core
 
 ROOT = Path(__file__).resolve().parents[3]
 pytestmark = pytest.mark.beside  # ten seconds of processor where nothing is cached
@@ -33,10 +35,27 @@ def test_scripts_see_the_types(tmp_path):
         'beam.Beam("stiff", 1.0, 1.0)\n'
         "result.verdikt\n"
         "loops.force_loop(3)\n"
+        "from forceaxis import _core\n"
+        "_core.invented(3)\n"
+        '_core.facts("contact.toml")["invented"]\n'
     )
     done = mypy("--config-file", str(ROOT / "pyproject.toml"), str(script))
     lines = {int(line.split(":")[1]) for line in done.stdout.splitlines() if ": error:" in line}
-    assert lines == {5, 6, 7, 8}, done.stdout
+    assert lines == {5, 6, 7, 8, 10, 11}, done.stdout
+
+
+def test_the_compiled_module_is_typed_to_its_end():
+    stub = ast.parse((ROOT / "host/python/forceaxis/_core.pyi").read_text())
+    declared = {node.name for node in stub.body if isinstance(node, ast.FunctionDef)}
+    types = {node.name: node for node in stub.body if isinstance(node, ast.ClassDef)}
+    declared |= {name for name, node in types.items() if "TypedDict" not in ast.unparse(node)}
+    declared |= {ast.unparse(n.target) for n in stub.body if isinstance(n, ast.AnnAssign)}
+    assert declared == {name for name in dir(_core) if not name.startswith("__")}
+    for name in declared & set(types):
+        members = {getattr(n, "name", "") or ast.unparse(n.target) for n in types[name].body
+                   if isinstance(n, ast.FunctionDef | ast.AnnAssign)}  # fmt: skip
+        made = {m for m in vars(getattr(_core, name)) if not m.startswith("_")}
+        assert {m for m in members if not m.startswith("__")} == made, name
 
 
 def test_a_public_function_without_types_is_found(tmp_path):

@@ -43,7 +43,7 @@ def over_options(verb: Callback) -> Callback:
     cls=Slow,
     epilog="""forceaxis advise laboratory
     forceaxis advise laboratory --over k_w=30%,m_w=30%
-    forceaxis advise sim/experiments/contact.toml --simulate --out advice.png
+    forceaxis advise contact --simulate --out advice.png
     forceaxis advise nl_stick_slip --linear --mode rail=stuck""",
 )
 @click.argument(

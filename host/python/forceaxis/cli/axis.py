@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     epilog="""forceaxis axis list --can can0
     forceaxis axis get --axis 1 force fault
     forceaxis axis set --can can0 --node 3 force_gain=7
-    forceaxis axis press --sim sim/experiments/hold_biquad.toml 30""",
+    forceaxis axis press --sim hold_biquad 30""",
 )
 def axis() -> None:
     """Operate one axis over its bus: read and write objects, move the axis, press on the workpiece,

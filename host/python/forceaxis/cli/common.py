@@ -269,6 +269,11 @@ class Subject(click.ParamType[str | Path]):
             near = [p.name for p in path.parent.glob("*.toml")] if path.parent.is_dir() else []
             if meant := suggestion(path.name, near):
                 raise InputError(f"{text}: file: expected a readable file, got none{meant}")
+            if not path.is_absolute() and (paths.ROOT / path).is_file():
+                raise InputError(
+                    f"{text}: file: expected a readable file, got none; {path.stem} alone is the "
+                    "file that comes with forceaxis"
+                )
         if not self.as_path:
             return value
         return Path(paths.display(known[text])) if is_stem else path

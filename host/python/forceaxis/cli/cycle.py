@@ -57,7 +57,7 @@ def cycle() -> None:
 @cycle.command(
     cls=Slow,
     epilog="""forceaxis cycle run press_fit --plot part.png
-    forceaxis cycle run sim/experiments/press_fit.toml --set k_bore="80 kN/m"
+    forceaxis cycle run press_fit --set k_bore="80 kN/m"
     forceaxis cycle run press_fit --program out/tighter.toml --json""",
 )
 @EXPERIMENT

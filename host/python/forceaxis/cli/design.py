@@ -46,7 +46,7 @@ class Newtons(click.ParamType[tuple[float, ...]]):
     epilog="""forceaxis design laboratory --over k_w=30%,m_w=30% --ms 2 --out out/law
     forceaxis design laboratory --over k_w=30%,m_w=30% --pareto bandwidth,ms --out out/front
     forceaxis design press/model.toml --over k_w=30% --force 30,75 --approach 5 --out out/law
-    forceaxis design sim/experiments/contact.toml --over k_w=30% --adc-bits 12 --json
+    forceaxis design contact --over k_w=30% --adc-bits 12 --json
     forceaxis design press/model.toml --over k_s=30% --mode seals=forward
     forceaxis design press/model.toml --measured out/m/free --measured out/m/30N \\
     --measured out/m/150N --over k_w=30%,m_w=30% --out out/law""",

@@ -45,10 +45,10 @@ codes_option = click.option(
 
 @click.command(
     cls=Verb,
-    epilog="""forceaxis run sim/experiments/contact.toml --set firmware.force_gain=7 --out out/g7
-    forceaxis run sim/experiments/contact.toml --set b_w=363 --json
-    forceaxis run sim/experiments/contact.toml --record out/contact.mcap
-    forceaxis run sim/experiments/contact.toml --link lcm""",
+    epilog="""forceaxis run contact --set firmware.force_gain=7 --out out/g7
+    forceaxis run contact --set b_w=363 --json
+    forceaxis run contact --record out/contact.mcap
+    forceaxis run contact --link lcm""",
 )
 @click.argument("experiment", type=Subject(paths.EXPERIMENTS, as_path=True))
 @set_option(
@@ -195,13 +195,13 @@ def named(
 @click.command(
     cls=Slow,
     epilog="""# the stability map of the thesis robot over gain and set-point, 1280 runs
-    forceaxis sweep sim/experiments/contact.toml \\
+    forceaxis sweep contact \\
     --grid firmware.force_gain=0.5:20:40 --grid firmware.force_setpoint=2:64:32 --out out/map
     # its boundary, found by halving
-    forceaxis sweep sim/experiments/contact.toml \\
+    forceaxis sweep contact \\
     --grid firmware.force_setpoint=4:64:16 --bisect firmware.force_gain=3:20:0.05 --out out/edge
     # how it spreads with sensor and workpiece
-    forceaxis sweep sim/experiments/contact.toml \\
+    forceaxis sweep contact \\
     --random k_s=5e4:2e5:log --random k_w=2e5:8e5 --count 500 --seed 1 --out out/spread""",
 )
 @click.argument("experiment", type=Subject(paths.EXPERIMENTS, as_path=True))

@@ -59,7 +59,7 @@ def fmu() -> None:
 @fmu.command(
     cls=Verb,
     epilog="""forceaxis fmu plant laboratory --out plant.fmu
-    forceaxis fmu plant sim/experiments/contact.toml --out plant.fmu
+    forceaxis fmu plant laboratory --out plant.fmu
     forceaxis fmu plant press/model.toml --set k_w="280 kN/m" --fmi 3.0 --out plant.fmu""",
 )
 @click.argument("model", type=Subject(paths.MODELS, as_path=True))

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     cls=Slow,
     epilog="""forceaxis incident --axis 1 --out out/incident
     forceaxis incident --can can0 --node 3 --clear
-    forceaxis incident --sim sim/experiments/contact.toml --set firmware.mode=force \\
+    forceaxis incident --sim contact --set firmware.mode=force \\
         --set firmware.force_gain=5 --set firmware.force_max=30 --wait 5
     forceaxis incident --file out/incident/incident.json --explain press/model.toml \\
         --posterior out/press/posterior.json --out out/why""",

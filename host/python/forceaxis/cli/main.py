@@ -145,7 +145,7 @@ class Program(click.Group):
     cls=Program,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="forceaxis run sim/experiments/contact.toml --set firmware.force_gain=7 --out out/g7\n"
+    epilog="forceaxis run contact --set firmware.force_gain=7 --out out/g7\n"
     "forceaxis COMMAND --help",
 )
 @click.option(

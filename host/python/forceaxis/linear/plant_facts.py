@@ -1,17 +1,14 @@
 """Contents of a plant model: bodies, signals, parameters, contacts, drive, sensor and encoder."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
 from forceaxis import _core
 
-T = TypeVar("T")
-# Value of a property of a drive, a sensor or an encoder.
-FactValue = str | float | dict[str, float] | tuple[float, float, float] | None
 # parameter values in SI units, or texts with a unit
 Overrides = Mapping[str, float | str]
 
@@ -294,22 +291,20 @@ class PlantFacts:
         return self.encoder
 
 
-def _optional(kind: Callable[..., T], table: Mapping[str, FactValue] | None) -> T | None:
-    return kind(**table) if table else None
+def _drive(table: "_core.DriveTable") -> DriveFacts:
+    return DriveFacts(
+        table["type"], table["body"], table["reaction"], table["values"], BusFacts(*table["bus"])
+    )
 
 
-def _drive(bus: tuple[int, int, int], **facts: Any) -> DriveFacts:
-    return DriveFacts(**facts, bus=BusFacts(*bus))
+def _sensor(table: "_core.ReadingTable") -> SensorFacts:
+    sampling = table["sampling"] and SamplingFacts(*table["sampling"])
+    return SensorFacts(table["signal"], table["per_count"], table["bits"], sampling)
 
 
-def _sensor(sampling: tuple[float, float | None, float, int] | None, **facts: Any) -> SensorFacts:
-    return SensorFacts(**facts, sampling=sampling and SamplingFacts(*sampling))
-
-
-def _structure(
-    name: str, ports: tuple[str, ...], modal_masses_kg: list[float], shapes: list[list[float]]
-) -> StructureFacts:
-    return StructureFacts(name, ports, tuple(modal_masses_kg), tuple(map(tuple, shapes)))
+def _structure(table: "_core.StructureTable") -> StructureFacts:
+    shapes = tuple(map(tuple, table["shapes"]))
+    return StructureFacts(table["name"], table["ports"], tuple(table["modal_masses_kg"]), shapes)
 
 
 def read(path: str, overrides: Overrides | None = None) -> PlantFacts:
@@ -320,14 +315,14 @@ def read(path: str, overrides: Overrides | None = None) -> PlantFacts:
         path=path,
         title=table["title"],
         masses_kg=table["masses_kg"],
-        structures=tuple(_structure(**structure) for structure in table["structures"]),
+        structures=tuple(map(_structure, table["structures"])),
         signals=table["signals"],
         parameters={name: ParameterFacts(*given) for name, given in table["parameters"].items()},
         contacts=tuple(ContactFacts(**contact) for contact in table["contacts"]),
         switches=table["switches"],
-        drive=_optional(_drive, table["drive"]),
-        reading=_optional(_sensor, table["reading"]),
-        encoder=_optional(EncoderFacts, table["encoder"]),
+        drive=table["drive"] and _drive(table["drive"]),
+        reading=table["reading"] and _sensor(table["reading"]),
+        encoder=table["encoder"] and EncoderFacts(**table["encoder"]),
         volts_per_code=table["volts_per_code"],
         volts_per_step=table["volts_per_step"],
     )
