@@ -52,7 +52,9 @@ def free(tuning: TuningFolder, checked: Checked) -> FreeResponse:
             _back_to_start(tuning, measures, checked.rest.position)
         newton = known.newton_per_code(tuning.model)
         newton = newton if math.isfinite(newton) else 0.0
-        found = friction.glide(measures, measures.order.most, tuning.say, newton=newton)
+        most, travel = measures.order.most, measures.order.travel
+        first = friction.first_code(most, travel, known.code_rate(tuning.model))
+        found = friction.glide(measures, most, tuning.say, first, newton=newton)
     asked = measuring_order(tuning, first=max(4, found.noise_codes), rubs=found.rubs)
     _, figures = take_response(tuning, "free", settings, asked, Analyzer, Analyzer.free)
     return FreeResponse(**vars(figures), glide=GlideFigures(**vars(found), rubs=found.rubs))
