@@ -43,7 +43,7 @@ DELIVERED = (
 
 
 def written(folder, sheet):
-    values, sources = data_sheet.collect({name: repr(value) for name, value in sheet.items()})
+    values, sources = data_sheet.collect({name: str(value) for name, value in sheet.items()})
     new.write(folder, values, sources)
     return folder
 

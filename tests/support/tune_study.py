@@ -1,5 +1,7 @@
-"""`forceaxis tune` on axes that another process draws and hides. `tune_study.py [friction]
-SEED...` prints a row of JSON for each; with friction, of axes that rub."""
+"""`forceaxis tune` on axes that another process draws and hides. `tune_study.py [friction | bus]
+SEED...` prints a row of JSON for each; with friction, of axes that rub; with bus, of one axis over
+a bus that is as its data sheet says, with these seeds of the noise, and what these rows miss
+(status 1)."""
 
 import json
 import subprocess
@@ -8,12 +10,19 @@ import tempfile
 import time
 from pathlib import Path
 
-from drawn_axes import OVER, Hidden
+from drawn_axes import DELIVERED, OVER, Hidden, written
 from forceaxis._core import InputError, SimulationError
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
+from forceaxis.axis.sim import SimLink
 from forceaxis.commission import tune
 from forceaxis.commission.refusal import Refusal
+from forceaxis.design import search, simulate
+from forceaxis.design.grid import Goal
+from forceaxis.linear import over
+from forceaxis.linear.bank import Bank
+from forceaxis.linear.loops import LoopSpec
+from forceaxis.linear.plant_set import PlantSet, ranges_of
 from forceaxis.results import to_json
 
 DRAWN = Path(__file__).with_name("drawn_axes.py")
@@ -150,10 +159,76 @@ def shown_rub(row):
     return f"| {' | '.join(cells)} |"
 
 
+# An axis over a bus of 4 ms, as `forceaxis new` writes it.
+BUS = {
+    "drive": "velocity", "bus_cycle_ms": 4, "sensor_bits": 16, "sensor_noise_n": 0.1,
+    "workpiece_stiffness_n_per_m": 1e6,
+}  # fmt: skip
+BUS_FORCES_N, BUS_FORCE_MAX_N = (30.0, 100.0), 250.0
+KEPT_SHARE, TRUE_MS_MAX, FS_SHARE = 0.9, 2.3, 0.8
+
+
+def over_bus(seed, folder, say=lambda text: None):
+    """The row of the axis of BUS, which is as its data sheet says, tuned with a seed of the noise:
+    the designed ranges over the true values, and the figures of the kept law and of `design` for
+    the true plant with these ranges."""
+    folder = written(Path(folder) / f"bus{seed}", BUS)
+    model, contact = str(folder / "model.toml"), folder / "contact.toml"
+    contact.write_text(f"seed = {seed}\n{contact.read_text()}")
+    order = tune.TuningOrder(model, BUS_FORCES_N, OVER, force_max_N=BUS_FORCE_MAX_N)
+    with Axis(SimLink(contact, list(DELIVERED), folder / "store.bin")) as axis:
+        work, refused = run(axis, order, folder / "tuned", say)
+    if refused:
+        return {"seed": seed, "refused": refused}
+    fitted, designed = tune.FIT.result(work), tune.DESIGN.result(work)
+    goal = Goal(
+        order.ms, 1.1 * order.ms, adc_bits=designed.adc_bits, ramp_s=simulate.RAMP_S,
+        hf_gain=tune._hf_gain(work, tune.CHECK.result(work)),
+    )  # fmt: skip
+    held = designed.bank
+    law = Bank(held.force_gain, held.integral_rad_per_s, held.velocity_gain, held.sections)
+    row = {"seed": seed, "refused": None, "stored": tune.STORE.result(work).stored}
+    for name, asked in (("designed", fitted.over), ("named", OVER)):
+        plants = PlantSet(model, {}, ranges_of(model, asked), tuple(designed.modes), ({},))
+        worst = [over.worst(plants, (t,), LoopSpec("bank", bank=law)) for t in goal.timings]
+        row[name] = {
+            "widths": {n: [low / true, high / true] for n, (true, low, high) in
+                       plants.ranges.items()},
+            "stable": all(one.stable for one in worst),
+            "Ms": [one.Ms for one in worst],
+            "fS_Hz": min(one.fS_Hz or 0.0 for one in worst),
+        }  # fmt: skip
+        if name == "designed":
+            row[name]["design_fS_Hz"] = search.search(plants, goal).worst.fS_Hz
+    return row
+
+
+def spread_held(rows):
+    """What the rows of over_bus() miss: enough laws are kept, and each is as good on the true plant
+    as it was promised for the fitted one."""
+    kept = [row for row in rows if row["refused"] is None and row["stored"]]
+    missed = []
+    if len(kept) < KEPT_SHARE * len(rows):
+        missed.append(f"{len(kept)} of {len(rows)} kept")
+    for row in kept:
+        for name in ("designed", "named"):
+            if not row[name]["stable"] or max(row[name]["Ms"]) > TRUE_MS_MAX:
+                missed.append(f"seed {row['seed']}: Ms {row[name]['Ms']} over the {name} ranges")
+        share = row["designed"]["fS_Hz"] / row["designed"]["design_fS_Hz"]
+        if share < FS_SHARE:
+            missed.append(f"seed {row['seed']}: {share:.3g} of the bandwidth of design")
+    return missed
+
+
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as scratch:
-        rubs = "friction" in sys.argv[1:]
+        kinds, rows = {"friction", "bus"} & {*sys.argv[1:]}, []
         for text in sys.argv[1:]:
-            if text != "friction":
-                done = tuned(int(text), scratch, lambda t: print(t, file=sys.stderr), rubs)
+            if text not in kinds:
+                given = (int(text), scratch, lambda t: print(t, file=sys.stderr))
+                done = over_bus(*given) if "bus" in kinds else tuned(*given, "friction" in kinds)
                 print(json.dumps(done), flush=True)
+                rows.append(done)
+        missed = spread_held(rows) if "bus" in kinds else []
+        print(*missed, sep="\n", end="", file=sys.stderr)
+        sys.exit(bool(missed))

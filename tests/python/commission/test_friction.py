@@ -1,12 +1,14 @@
 """Dry friction that a model does not have: found in newtons, in its place, and put into the fit."""
 
 import json
+import math
 import shutil
 
 import drawn_axes
 import numpy as np
 import pytest
 import tomlkit
+import tune_study
 import verbs
 from forceaxis import linear
 from forceaxis.axis import actions
@@ -24,7 +26,7 @@ from forceaxis.commission import (
     tune_measure,
 )
 from forceaxis.commission.analyzer import Analyzer
-from forceaxis.commission.level import MeasuringOrder
+from forceaxis.commission.level import MOST_CODES, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import outcome
 from forceaxis.identify import fit as fit_response
@@ -331,7 +333,7 @@ def test_a_motion_apart_keeps_the_position_limits_that_the_axis_has(press):
         start = axis.read("position")
         axis.set(position_min=start - 120, position_max=start + 300)
         with Analyzer(axis, MeasuringOrder(travel=500)) as analyzer:
-            assert not friction.glide(analyzer, 512, first=2).rubs
+            assert not friction.glide(analyzer, 512).rubs
         ends = [axis.link.axis.extremes[f"position_{end}_cnt"] for end in ("min", "max")]
         assert start - 130 < ends[0] and ends[1] < start + 130  # as far to either side
         axis.set(position_min=start - 5)
@@ -339,7 +341,67 @@ def test_a_motion_apart_keeps_the_position_limits_that_the_axis_has(press):
             Analyzer(axis, MeasuringOrder(travel=500)) as analyzer,
             pytest.raises(Refusal, match="counts"),
         ):
-            friction.glide(analyzer, 512, first=2)
+            friction.glide(analyzer, 512)
+
+
+@pytest.mark.parametrize("travel", [30, 60, 130, 270, 400, 800])
+def test_a_motion_apart_over_a_bus_finds_the_speed_within_any_travel(tmp_path, travel):
+    """A position over a bus of 4 ms is late, so the same code may be slow enough one way alone."""
+    folder = drawn_axes.written(tmp_path / "axis", tune_study.BUS)
+    first = friction.first_code(MOST_CODES, travel, known.code_rate(folder / "model.toml"))
+    with (
+        Axis(SimLink(folder / "contact.toml")) as axis,
+        Analyzer(axis, MeasuringOrder(travel=travel)) as analyzer,
+    ):
+        found = friction.glide(analyzer, MOST_CODES, first=first)
+    assert not found.rubs
+    assert found.rate == pytest.approx(0.25 * 400e3 / 2048, rel=0.05)  # full speed, counts/m, codes
+
+
+def test_an_axis_that_covers_its_travel_at_once_needs_a_larger_travel(tmp_path):
+    folder = drawn_axes.written(
+        tmp_path / "axis", tune_study.BUS | {"encoder_counts_per_rev": 30000}
+    )
+    with (
+        Axis(SimLink(folder / "contact.toml")) as axis,
+        Analyzer(axis, MeasuringOrder(travel=40)) as analyzer,
+        pytest.raises(Refusal, match="at 2 DAC codes it is faster: give a larger travel"),
+    ):
+        friction.glide(analyzer, 64)
+
+
+def test_a_code_that_is_too_fast_in_one_direction_alone_is_reduced(press, monkeypatch):
+    def moved(analyzer, code, travel):
+        if code < -8:
+            raise friction._TooFast
+        return 50.0 * code
+
+    monkeypatch.setattr(friction, "_speed", moved)
+    with Axis(link(press)) as axis, Analyzer(axis, MeasuringOrder(travel=400)) as analyzer:
+        found = friction.glide(analyzer, 200)
+    assert found.rate == pytest.approx(50.0) and found.codes <= 8 and not found.rubs
+
+
+@pytest.mark.parametrize(
+    "speed, text",
+    [
+        (lambda code: 50.0 * code if code > 16 else None, "at 21 codes it is too fast"),
+        (lambda code: math.copysign(300.0, code), "a speed that grows with the DAC code"),
+        (lambda code: -5.0 * code, "a speed that grows with the DAC code"),
+    ],
+)  # fmt: skip
+def test_speeds_that_show_no_friction_are_refused(press, monkeypatch, speed, text):
+    def moved(analyzer, code, travel):
+        if abs(code) > 20:
+            raise friction._TooFast
+        return speed(code)
+
+    monkeypatch.setattr(friction, "_speed", moved)
+    with (
+        Axis(link(press)) as axis, Analyzer(axis, MeasuringOrder(travel=400)) as analyzer,
+        pytest.raises(Refusal, match=text),
+    ):  # fmt: skip
+        friction.glide(analyzer, 200)
 
 
 def test_measure_looks_within_its_travel_and_finds_nothing_where_nothing_is(press, tmp_path):

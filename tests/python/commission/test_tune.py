@@ -956,9 +956,34 @@ def test_a_position_that_changes_seldom_shows_the_cycle_of_a_bus(ticks, fits):
         places[tick:] += 1
     bus = SimpleNamespace(bus=(6, 6, 1))
     if not fits:
-        with pytest.raises(Refusal, match="changes once in 6 ticks"):
+        with pytest.raises(Refusal, match="changes once in 6 ticks") as refused:
             analyzer.Analyzer._sent(bus, code, places)
+        assert isinstance(refused.value, analyzer.FewChanges) == (len(ticks) < 6)
         return
     # A position of the first tick of a cycle, tick 4, is a tick late; a code acts a cycle later.
     sent = analyzer.Analyzer._sent(bus, code, places)
     assert sent[10:16].tolist() == [4.0] * 6 and sent[16] == 10.0
+
+
+def test_the_search_of_the_amplitude_goes_on_where_the_position_hardly_changes():
+    """The first amplitude, one DAC code, moved the encoder twice: two of twenty tunings ended."""
+    tried, noise = [], np.random.default_rng(42).normal(size=(3, 300))
+
+    def play(amplitude, seed, settle):
+        tried.append(amplitude)
+        if amplitude < 5:
+            raise analyzer.FewChanges("cycle", "too few")
+        return amplitude * noise
+
+    bench = SimpleNamespace(
+        order=SimpleNamespace(most=8, first=1, averages=8, rubs=False),
+        objects=SimpleNamespace(output_limit=2048), newton=1.0, lines=np.arange(1, 20),
+        say=lambda text: None, _steps=lambda output: (1.0, 1.0),
+    )  # fmt: skip
+    still = np.zeros(300), 1e-3 * noise[2]
+    excitation = analyzer.Excitation(play, analyzer.FORCE, still, 1.0, (1,))
+    assert analyzer.Analyzer._search(bench, analyzer.Level(0), excitation) == tried[-1] >= 5
+    bench.order.most = 4  # no larger amplitude is permitted
+    with pytest.raises(Refusal, match="cycle: too few"):
+        analyzer.Analyzer._search(bench, analyzer.Level(0), excitation)
+    assert tried[-1] == 4

@@ -77,6 +77,10 @@ STANDSTILL_CNT = 4  # largest change of the position in encoder counts at stands
 CODE_NOISE = 5.0
 
 
+class FewChanges(Refusal):
+    """Refusal: the position changes too seldom to show the cycle of the bus."""
+
+
 @dataclass(frozen=True)
 class OutputSignal:
     """The output signal of a frequency response, and the conditions under which the search of the
@@ -484,6 +488,12 @@ class Analyzer:
                 _, u, y = excitation.play(amplitude, excitation.seeds[0], SEARCH_SETTLE_SHARE)
             except Ended as ended:
                 return self._reduce(level, amplitude, ended)
+            except FewChanges:
+                if amplitude >= most:
+                    raise
+                self.say(f"amplitude {amplitude} codes: the position hardly changes")
+                amplitude = min(math.ceil(AMPLITUDE_FACTOR_MIN * amplitude), most)
+                continue
             moved = np.ptp(y) * unit
             errors = response.deviation(
                 u, y, excitation.still, self.lines, steps, self.order.averages
@@ -630,13 +640,15 @@ class Analyzer:
         """Returns the commands that the drive applies: one DAC code in each bus cycle, late.
 
         code: one period of DAC codes, (n,). places: the positions of the same ticks, which change
-        in the ticks in which the bus brings them. Raises Refusal.
+        in the ticks in which the bus brings them. Raises Refusal, and FewChanges if a larger
+        amplitude may show the cycle.
         """
         cycle, late_out, late_in = self.bus
         arrivals = np.flatnonzero(np.diff(places)) + 1
-        shown = int(np.gcd.reduce(np.diff(arrivals))) if len(arrivals) >= ARRIVALS_MIN else 0
-        if not shown or shown % cycle or (shown > cycle and len(arrivals) >= ARRIVALS_SURE):
-            raise Refusal(
+        shown = int(np.gcd.reduce(np.diff(arrivals))) if len(arrivals) > 1 else 0
+        is_other = shown % cycle or (shown > cycle and len(arrivals) >= ARRIVALS_SURE)
+        if is_other or len(arrivals) < ARRIVALS_MIN:
+            raise (Refusal if is_other else FewChanges)(
                 "cycle",
                 f"expected a position that changes once in {cycle} ticks, as the bus of the model "
                 f"has it, but {len(arrivals)} changes do not show this cycle: correct cycle_ticks, "

@@ -30,9 +30,10 @@ from forceaxis.commission.refusal import Refusal
 # Constants of glide(), the motion out of contact:
 TRAVEL_SHARE = 0.85  # share of the permitted travel that the motion uses in each direction
 # Durations in s: longest recording, shortest recording, start phase with a speed that changes.
-GLIDE_S, RECORD_MIN_S, SETTLED_S = 0.5, 0.12, 0.05
+GLIDE_S, RECORD_MIN_S, SETTLED_S = 0.5, 0.06, 0.05
 # ratio of the DAC code of the slower motion to the DAC code of the faster motion
 SMALLER_CODE_SHARE = 0.6
+SMALLEST_CODE = 2  # DAC codes of the faster motion, below which there is no slower one
 # A DAC code is large enough if the axis would move by this multiple of the travel in one recording.
 ENOUGH_TRAVELS = 1.2
 # Time in s between two reads of the position. A motion ends at this multiple of the travel.
@@ -192,23 +193,33 @@ def damping(friction_N: float, speed_rms: float) -> float:
     return math.sqrt(2 / math.pi) * friction_N / speed_rms
 
 
+def first_code(most: int, travel: int, rate: float) -> int:
+    """Returns the DAC code with which glide() begins: an eighth of `most`, or less if an axis with
+    the speed `rate` in counts/s per DAC code would cover `travel` counts to both sides before its
+    speed is measured."""
+    fastest = 2 * TRAVEL_SHARE * travel / (SETTLED_S + RECORD_MIN_S)  # counts/s
+    return max(SMALLEST_CODE, int(min(most // 8, fastest / abs(rate) if rate else math.inf)))
+
+
 def glide(
     analyzer: Analyzer,
     most: int,
     say: Callable[[str], None] = lambda text: None,
-    first: int = 0,
+    first: int = SMALLEST_CODE,
     highest: int = 0,
     newton: float = 0.0,
 ) -> Glide:
     """Measures the friction out of contact.
 
     The Analyzer's axis is owned, disabled and at rest; at the end, the axis is disabled at the
-    start position. `most`: DAC code from which the codes of the larger motions follow. `first` and
-    `highest`: first and largest code, by default an eighth of `most` and 16 times `first`.
+    start position. `most`: largest DAC code of an axis that slides. `first`: first code.
+    `highest`: largest code of an axis that does not slide yet, by default 16 times `most`.
     `newton`: force in N per DAC code, 0 if unknown.
 
-    The code is increased until the axis slides, and decreased if the travel is covered too soon.
-    Raises Refusal if the axis does not slide or if it comes into contact.
+    The code is increased until the axis slides through the travel, and decreased
+    if it covers the travel too soon in one of the directions. Raises Refusal if no code is slow
+    enough, if the axis does not slide, if its speed does not grow with the code, or if it comes
+    into contact.
     """
     start = analyzer.axis.integer("position")
     low, high = analyzer.objects.position_min, analyzer.objects.position_max
@@ -224,48 +235,76 @@ def glide(
         excitation_waveform="noise", excitation_amplitude=0, bump_decay_shift=0,
     )  # fmt: skip
     analyzer.home = start
-    most = max(2, most)
-    code, is_reduced = first or max(2, most // 8), False
-    highest = highest or min(16 * most, 2048)
+    most = max(SMALLEST_CODE, most)
+    highest = max(SMALLEST_CODE, highest or min(16 * most, 2048))
+    code = max(SMALLEST_CODE, first)
+    too_fast = 0  # the last code at which the axis covered the travel too soon
     try:
         while True:
             try:
                 forward = _speed(analyzer, code, travel)
+                if forward is not None and (
+                    too_fast
+                    or code >= min(most, highest)
+                    or abs(forward) * GLIDE_S > ENOUGH_TRAVELS * travel
+                ):
+                    smaller = math.floor(SMALLER_CODE_SHARE * code)
+                    rows = [(code, forward)]
+                    rows += [(c, speed) for c in (-code, smaller, -smaller)
+                             if (speed := _speed(analyzer, c, travel)) is not None]  # fmt: skip
+                    break
             except _TooFast:
-                code, is_reduced = max(1, round(code / 1.5)), True
-                continue
-            if forward is None:
-                if is_reduced or code >= highest:
-                    held = f", {newton * code:.3g} N by the model" if newton else ""
+                if code == SMALLEST_CODE:
                     raise Refusal(
-                        "friction",
-                        "expected an axis that slides while out of contact, but the axis does not "
-                        f"slide at {code} DAC codes{held}: free the guide, release the brake, or "
-                        "raise the amplifier's gain"
-                    )  # fmt: skip
-                code = min(2 * code, highest)
+                        "travel", f"expected an axis that stays within {travel} counts to both "
+                        f"sides for {SETTLED_S + RECORD_MIN_S:g} s, but at {code} DAC codes it is "
+                        "faster: give a larger travel"
+                    ) from None  # fmt: skip
+                too_fast, code = code, max(SMALLEST_CODE, round(code / 1.5))
                 continue
-            covered = abs(forward) * GLIDE_S
-            if is_reduced or code >= most or covered > ENOUGH_TRAVELS * travel:
-                break
-            code = min(2 * code, most, highest)
-        smaller = max(1, math.floor(SMALLER_CODE_SHARE * code))
-        rows = [(code, forward)]
-        rows += [(c, speed) for c in (-code, smaller, -smaller)
-                 if (speed := _speed(analyzer, c, travel)) is not None]  # fmt: skip
+            if forward is None and too_fast:
+                raise Refusal(
+                    "travel", "expected a DAC code at which the axis slides slowly within "
+                    f"{travel} counts to both sides, but at {too_fast} codes it is too fast for a "
+                    f"speed to be measured, and at {code} it does not slide: give a larger travel"
+                )  # fmt: skip
+            if forward is None and code >= highest:
+                held = f", {newton * code:.3g} N by the model" if newton else ""
+                raise Refusal(
+                    "friction",
+                    "expected an axis that slides while out of contact, but the axis does not "
+                    f"slide at {code} DAC codes{held}: free the guide, release the brake, or "
+                    "raise the amplifier's gain"
+                )  # fmt: skip
+            code = min(2 * code, highest if forward is None else min(most, highest))
         analyzer.go_home()
     finally:
         analyzer.close()
+    found = _of_speeds(rows)
+    say(f"{found.codes} codes out of contact: a dead zone of {found.dead_zone:.2g} codes")
+    return found
+
+
+def _of_speeds(rows: list[tuple[int, float]]) -> Glide:
+    """Returns the friction from (DAC code, speed in counts/s) of the motions, of which the first
+    has the largest code. Raises Refusal."""
+    (code, forward), smaller = rows[0], math.floor(SMALLER_CODE_SHARE * rows[0][0])
     if len(rows) < 4:
         # The smaller DAC code is within the dead zone and becomes the new dead zone.
-        found = Glide(float(smaller), 0.0, forward / (code - smaller), code)
+        width, shift, rate = float(smaller), 0.0, forward / (code - smaller)
     else:
         codes, speeds = (np.array(values, float) for values in zip(*rows, strict=True))
         table = np.column_stack([codes, -np.sign(codes), -np.ones(len(codes))])
         rate, width, shift = np.linalg.lstsq(table, speeds, rcond=None)[0]
-        found = Glide(float(width / rate), float(shift / rate), float(rate), code)
-    say(f"{found.codes} codes out of contact: a dead zone of {found.dead_zone:.2g} codes")
-    return found
+        if rate > 0:
+            width, shift = width / rate, shift / rate
+    if not rate > 0:
+        at = ", ".join(f"{speed:.3g} counts/s at {c} codes" for c, speed in rows)
+        raise Refusal(
+            "friction", f"expected a speed that grows with the DAC code, got {at}: check the sign "
+            "of the encoder, output_limit and the speed limit of the drive"
+        )  # fmt: skip
+    return Glide(float(width), float(shift), float(rate), code)
 
 
 def _speed(analyzer: Analyzer, code: int, travel: int) -> float | None:
@@ -286,7 +325,7 @@ def _speed(analyzer: Analyzer, code: int, travel: int) -> float | None:
             raise Refusal(
                 "travel", f"expected the axis to stay within {travel} counts of the start "
                 f"position at {code} DAC codes, but the axis moves further: the speed does not "
-                "correspond to the DAC code; check the drive, or start further away"
+                "correspond to the DAC code; check the drive, or give a larger travel"
             )  # fmt: skip
         if state.contact:
             analyzer.refuse_contact()
@@ -298,7 +337,7 @@ def _speed(analyzer: Analyzer, code: int, travel: int) -> float | None:
     inside = np.abs(place - analyzer.home) < TRAVEL_SHARE * travel + MOTION_MIN_CNT
     last = int(np.argmin(inside)) if not inside.all() else len(place)
     first = round(SETTLED_S * TICKS_PER_S)
-    if last - first < RECORD_MIN_S * TICKS_PER_S / 2:
+    if last - first < RECORD_MIN_S * TICKS_PER_S:
         raise _TooFast
     if abs(place[last - 1] - place[first]) < MOTION_MIN_CNT:
         return None

@@ -23,7 +23,6 @@ LOWEST_FORCE_SHARE = FORCE_MIN_SHARE + FORCE_MARGIN_SHARE
 # relative force error at which friction may have stopped an axis without integral action
 FORCE_TOLERANCE = 0.2
 LEFT_SAMPLES = 750  # half a second
-FIRST_CODES = 2  # DAC codes of the first motion out of contact
 # names of the Refusals of the slow change after which the measurement continues
 SKIPPING_REFUSALS = ("bias", "travel", "contact")
 
@@ -85,7 +84,7 @@ class FrictionSearch:
         most = min(own or self.order.most, self.analyzer.objects.output_limit)
         try:
             glide = friction.glide(
-                self.analyzer, most, self.analyzer.say, min(FIRST_CODES, most), most, self.newton
+                self.analyzer, most, self.analyzer.say, highest=most, newton=self.newton
             )
         except Refusal as refusal:
             if refusal.name != "friction" or not own:

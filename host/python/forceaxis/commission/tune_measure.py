@@ -13,7 +13,7 @@ from forceaxis import linear
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.commission import friction, known, measuring, sine_excitation
-from forceaxis.commission.analyzer import SWING, Analyzer
+from forceaxis.commission.analyzer import SWING, Analyzer, FewChanges
 from forceaxis.commission.friction_search import LOWEST_FORCE_SHARE
 from forceaxis.commission.level import MOST_CODES, Level, MeasuringOrder, Rest
 from forceaxis.commission.refusal import Refusal
@@ -52,7 +52,9 @@ def free(tuning: TuningFolder, checked: Checked) -> FreeResponse:
             _back_to_start(tuning, measures, checked.rest.position)
         newton = known.newton_per_code(tuning.model)
         newton = newton if math.isfinite(newton) else 0.0
-        found = friction.glide(measures, measures.order.most, tuning.say, newton=newton)
+        most, travel = measures.order.most, measures.order.travel
+        first = friction.first_code(most, travel, known.code_rate(tuning.model))
+        found = friction.glide(measures, most, tuning.say, first, newton=newton)
     asked = measuring_order(tuning, first=max(4, found.noise_codes), rubs=found.rubs)
     _, figures = take_response(tuning, "free", settings, asked, Analyzer, Analyzer.free)
     return FreeResponse(**vars(figures), glide=GlideFigures(**vars(found), rubs=found.rubs))
@@ -116,9 +118,11 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
         _, figures = take_response(tuning, name, law, asked, Analyzer, take)
         small = max(1, figures.amplitude // AMPLITUDE_RATIO)
         smaller = None
-        if small < figures.amplitude:
+        while smaller is None and small < figures.amplitude:
             asked = measuring_order(tuning, order, amplitude=small, rubs=True)
-            _, smaller = take_response(tuning, small_of(name), law, asked, Analyzer, take)
+            with contextlib.suppress(FewChanges):
+                _, smaller = take_response(tuning, small_of(name), law, asked, Analyzer, take)
+            small += 1
         levels[name] = PressedResponse(**vars(figures), small=smaller)
         first = next_amplitude(figures.amplitude, force, order.forces)
     _go_home(tuning, checked)
