@@ -350,10 +350,8 @@ static void boot(fw_t *fw) {
 }
 
 void fw_init(fw_t *fw, const fw_config_t *config) {
+  fx_clear(fw, sizeof(*fw));
   fx_copy_words(&fw->config, config, sizeof(fw->config));
-  fw->live = 0;
-  fw->on_serial = 0;
-  fw->tare_is_written = 0;
   dictionary_init(&fw->objects, &owner);
   value_store_defaults(&fw->device_signals, AXIS_BLOCK_DEVICE_SIGNAL);
   board_show_reset(fw);

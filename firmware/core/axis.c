@@ -4,6 +4,7 @@
 #include "firmware/core/force_control.h"
 #include "firmware/core/laws.h"
 #include "firmware/core/limits.h"
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 #include "firmware/objects/access.h"
 #include "firmware/objects/value.h"
@@ -220,32 +221,14 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
 }
 
 void axis_init(axis_t *axis) {
-  /* This function call stands between two writes, so that the compiler does not combine the writes
-   * in a floating-point register. */
+  fx_clear(axis, sizeof(*axis));
   axis->free_codes = axis_codes_all();
-  value_store_defaults(&axis->params, AXIS_BLOCK_AXIS_PARAMETER);
   axis->law_codes = axis_codes_all();
-  value_store_defaults(&axis->signals, AXIS_BLOCK_AXIS_SIGNAL);
   axis->late_codes = axis_codes_all();
+  value_store_defaults(&axis->params, AXIS_BLOCK_AXIS_PARAMETER);
+  value_store_defaults(&axis->signals, AXIS_BLOCK_AXIS_SIGNAL);
   profile_set(&axis->profile, 0);
-  axis->excitation = (excitation_t){0};
-  axis->law.selected = 0;
-  axis->law.halvings = 0;
-  axis->law.bank.integral_q26 = 0;
-  axis->excitation_q16 = 0;
-  axis->command_q16 = 0;
   axis->step_mask = fx_step_mask(axis->params.dac_bits);
-  axis->bounded = 0;
-  axis->bumpless_contact = 0;
-  axis->primed = 0;
-  axis->rebase = 0;
-  axis->bias_shift = 0;
-  axis->setpoint_new = 0;
-  axis->fault_waits = 0;
-  axis->drive_wait_tick = 0;
-  axis->position_age = 0;
-  axis->force_age = 0;
-  axis->velocity_rest_cnt = 0;
 }
 
 /* Checks a new tare against tare_band. With tare_band the tare cannot change while the axis is

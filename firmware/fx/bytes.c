@@ -10,6 +10,13 @@ uint32_t fx_load_le(const uint8_t *from, uint8_t bytes) {
   return value;
 }
 
+void fx_clear(void *to, uint32_t count) {
+  volatile uint8_t *out = to; /* volatile: the compiler would call memset */
+  for (uint32_t i = 0; i < count; i++) {
+    out[i] = 0;
+  }
+}
+
 void fx_copy_words(void *to, const void *from, uint32_t count) {
   uint8_t *out = to;
   const uint8_t *in = from;

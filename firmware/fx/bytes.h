@@ -55,6 +55,9 @@ static inline void fx_copy_4(uint8_t *to, const uint8_t *from) {
   to[3] = byte_3;
 }
 
+/* Sets `count` bytes to 0: the defined state in which a structure begins. Not for the interrupt. */
+void fx_clear(void *to, uint32_t count);
+
 /* Copies `count` bytes, a multiple of 4, from the first to the last one. */
 void fx_copy_words(void *to, const void *from, uint32_t count);
 

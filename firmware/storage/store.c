@@ -41,23 +41,10 @@ static bool is_part(uint8_t item) { return item >= ITEM_PARTS && item < ITEM_SET
 
 void store_init(store_t *store, const store_memory_t *memory) {
   const bool fits = memory != NULL && memory->sector_bytes >= STORE_SECTOR_MIN;
+  fx_clear(store, sizeof(*store));
   store->memory = fits ? memory : NULL;
   store->home = STORE_NOWHERE;
-  store->tail = 0;
-  store->sequence = 0;
   store->set = STORE_NOWHERE;
-  store->change_count = 0;
-  store->dropped = 0;
-  for (uint8_t i = 0; i < STORE_CHANGES; i++) {
-    store->changes[i] = 0;
-  }
-  for (uint8_t i = 0; i < STORE_PARTS; i++) {
-    store->parts[i] = (store_part_t){NULL, 0};
-    store->found_bytes[i] = 0;
-  }
-  store->changed = 0;
-  store->parts_failed = 0;
-  store->may_move = 0;
   store->step = STEP_IDLE;
   store->job = JOB_SAVE;
 }

@@ -14,6 +14,7 @@
 
 #include "firmware/port/host/firmware.hpp"
 #include "sim/hybrid/plant.hpp"
+#include "tests/support/poisoned.hpp"
 
 namespace {
 
@@ -113,7 +114,7 @@ class Bench {
   uint8_t din = AXIS_DIN_ENABLE;
 
  private:
-  fw_t fw_{};
+  fw_t fw_ = poisoned<fw_t>();
   Plant plant_;
   SensorCodes codes_;
   axis_outputs_t out_{};

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "tests/firmware/unit/cycle_records.hpp"
+#include "tests/support/poisoned.hpp"
 
 namespace {
 
@@ -43,7 +44,7 @@ class Cycle : public ::testing::Test {
   void move(std::int32_t counts) { now_.position = fx_sum_wrap(now_.position, counts); }
 
   std::vector<std::uint32_t> words_;
-  cycle_t cycle_{};
+  cycle_t cycle_ = poisoned<cycle_t>();
   cycle_inputs_t now_{};
   std::int32_t reference_ = 0;  // position of travel 0 for CYCLE_ZERO_POSITION
 };

@@ -7,6 +7,7 @@
 #include <cstdint>
 
 #include "firmware/port/host/firmware.hpp"
+#include "tests/support/poisoned.hpp"
 
 // A firmware with inputs that permit operation: enable chain closed, sensors valid, everything else
 // 0. A derived fixture powers it up.
@@ -45,7 +46,7 @@ class FirmwareFixture : public ::testing::Test {
   }
 
   std::array<uint8_t, FW_RECORDER_BYTES> buffer_{};
-  fw_t fw_{};
+  fw_t fw_ = poisoned<fw_t>();
   axis_inputs_t inputs_{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
   axis_outputs_t outputs_{};
 };

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "tests/firmware/unit/bus_fixture.hpp"
+#include "tests/support/poisoned.hpp"
 
 namespace {
 
@@ -125,7 +126,7 @@ class Node {
   }
 
   std::array<uint8_t, 600> buffer_{};
-  fw_t fw_{};
+  fw_t fw_ = poisoned<fw_t>();
   axis_inputs_t inputs_{1000, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
   axis_outputs_t outputs_{};
   std::vector<Frame> sent_;

@@ -9,6 +9,7 @@
 
 #include "tests/firmware/unit/cycle_records.hpp"
 #include "tests/firmware/unit/store_fixture.hpp"
+#include "tests/support/poisoned.hpp"
 
 using Kept = std::map<uint32_t, Bytes>;
 
@@ -82,7 +83,7 @@ class Press {
   std::vector<uint32_t> programs_ = std::vector<uint32_t>(FW_PROGRAM_BYTES / 4);
   std::vector<cycle_part_t> results_ = std::vector<cycle_part_t>(FW_RESULTS);
   fw_config_t config_{};
-  fw_t fw_{};
+  fw_t fw_ = poisoned<fw_t>();
 };
 
 #endif

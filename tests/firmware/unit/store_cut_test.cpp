@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "tests/firmware/unit/store_fixture.hpp"
+#include "tests/support/poisoned.hpp"
 
 namespace {
 
@@ -121,7 +122,7 @@ TEST(Store, AResetOfTheNodeFindsWhatWasJustSaved) {
   fw_config_t config{};
   config.memory = flash.memory();
   config.buses = 1;
-  fw_t fw{};
+  fw_t fw = poisoned<fw_t>();
   fw_init(&fw, &config);
   const auto read = [&](uint16_t object) {
     int32_t value = 0;

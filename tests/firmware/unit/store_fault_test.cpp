@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "tests/firmware/unit/store_fixture.hpp"
+#include "tests/support/poisoned.hpp"
 
 namespace {
 
@@ -72,7 +73,7 @@ TEST(Store, AFailureIsAnEmergency) {
   fw_config_t config{};
   config.memory = flash.memory();
   config.buses = 1;
-  fw_t fw{};
+  fw_t fw = poisoned<fw_t>();
   fw_init(&fw, &config);
   ASSERT_EQ(fw_object_write(&fw, FW_SOURCE_LOCAL, AXIS_OBJ_STORE_PARAMETERS, 1), FW_OK);
   const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
@@ -180,7 +181,7 @@ TEST(Store, ASetThatIsDamagedMeanwhileIsNotLoadedAgain) {
   config.memory = flash.memory();
   config.node_id = 5;
   config.buses = 1;
-  fw_t fw{};
+  fw_t fw = poisoned<fw_t>();
   fw_init(&fw, &config);
   const auto read = [&](uint16_t object) {
     int32_t value = 0;

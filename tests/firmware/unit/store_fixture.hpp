@@ -10,6 +10,7 @@
 
 #include "firmware/port/host/firmware.hpp"
 #include "tests/firmware/unit/flash.hpp"
+#include "tests/support/poisoned.hpp"
 
 using Values = std::vector<int32_t>;
 
@@ -159,7 +160,7 @@ class Axis {
 
  private:
   fw_config_t config_{};
-  fw_t fw_{};
+  fw_t fw_ = poisoned<fw_t>();
 };
 
 #endif
