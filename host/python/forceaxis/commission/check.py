@@ -200,8 +200,8 @@ class MotionCheck:
             f"It moves {counts} encoder counts in open loop, at most "
             f"{FIRST_MOTION_REACH * counts} with {code} of 2047 codes, then {self.travel} counts "
             f"{way} the workpiece and back with at most {self._output()} codes, never more than "
-            f"{self._span()} counts from here while it is enabled; after a stop it coasts. The tare is "
-            "taken where the reading is near zero."
+            f"{self._span()} counts from here while it is enabled; after a stop it coasts. "
+            "The tare is taken where the reading is near zero."
         )
 
     def _done(
