@@ -14,7 +14,7 @@ SEEDS = range(int(os.environ["FORCEAXIS_AXES"])) if "FORCEAXIS_AXES" in os.envir
 # Seeds of the noise of an axis over a bus: FORCEAXIS_BUS=20 of them, else one with which the first
 # amplitude moved the encoder twice, and the tuning ended.
 BUS_SEEDS = (
-    range(1, 1 + int(os.environ["FORCEAXIS_BUS"])) if "FORCEAXIS_BUS" in os.environ else (17,)
+    range(1, 1 + int(os.environ["FORCEAXIS_BUS"])) if "FORCEAXIS_BUS" in os.environ else (2,)
 )
 
 
