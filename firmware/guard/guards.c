@@ -8,8 +8,7 @@ void guards_init(guards_t *guards, drive_signals_t *signals) {
   contact_guard_start(&guards->contact_guard);
   guards->sensor = (sensor_t){0};
   guards->tare = (tare_t){0};
-  guards->first_motion = (first_motion_t){0};
-  first_motion_forget(&guards->first_motion, signals);
+  first_motion_init(&guards->first_motion, signals);
 }
 
 void guards_derive(guards_t *guards, const drive_params_t *params, drive_signals_t *signals) {
