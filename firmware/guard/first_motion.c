@@ -33,11 +33,6 @@ void first_motion_forget(first_motion_t *first, drive_signals_t *signals) {
   signals->first_motion_force = 0;
 }
 
-void first_motion_init(first_motion_t *first, drive_signals_t *signals) {
-  forget_travel(first);
-  first_motion_forget(first, signals);
-}
-
 bool first_motion_depends_on(uint16_t object) {
   return object == AXIS_OBJ_FIRST_MOTION_TEST || object == AXIS_OBJ_FORCE_SIGN ||
          object == AXIS_OBJ_FORCE_ZERO_CODE || object == AXIS_OBJ_ADC_BITS;

@@ -106,8 +106,6 @@ typedef struct {
   uint8_t coasts;
 } first_motion_t;
 
-void first_motion_init(first_motion_t *first, drive_signals_t *signals);
-
 /* Discards the result of the test after a write to a parameter on which the result depends. The
  * travel of attempts that were stopped stays. */
 void first_motion_forget(first_motion_t *first, drive_signals_t *signals);

@@ -1,14 +1,12 @@
 #include "firmware/guard/guards.h"
 
+#include "firmware/fx/bytes.h"
 #include "firmware/guard/calibration.h"
 
 void guards_init(guards_t *guards, drive_signals_t *signals) {
-  guards->contact = (contact_t){0};
-  guards->excitation = (contact_excitation_t){0};
+  fx_clear(guards, sizeof(*guards));
   contact_guard_start(&guards->contact_guard);
-  guards->sensor = (sensor_t){0};
-  guards->tare = (tare_t){0};
-  first_motion_init(&guards->first_motion, signals);
+  first_motion_forget(&guards->first_motion, signals);
 }
 
 void guards_derive(guards_t *guards, const drive_params_t *params, drive_signals_t *signals) {
