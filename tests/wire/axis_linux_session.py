@@ -40,7 +40,7 @@ OTHER = {
 FIRMWARE = {
     "adc_bits": 16, "force_gain": 2.0, "approach_velocity_max": 2000, "force_tare": 128.0,
     "position_gain": 1.0, "position_age_max": 120, "force_age_max": 120,
-    "drive_on_ticks_max": 4500,
+    "drive_on_ticks_max": 9000, "cycle_age_max": 29,
 }  # fmt: skip
 # A converter in place of the load cell, and its value without a load in codes of 16 bits.
 IIO = {

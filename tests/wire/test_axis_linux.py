@@ -85,11 +85,19 @@ def test_a_signal_stops_the_drive_and_ends_the_process(results):
 def test_the_process_says_why_the_drive_has_failed(results):
     lines = results["end"]["stderr"].splitlines()
     assert all(line.startswith("axis_linux: ") for line in lines)
-    killed, fault = lines[0], lines[1]
+    killed, fault = [line for line in lines if "_max is" not in line][:2]
     # Its TPDOs come in each cycle, its heartbeats more rarely.
     assert "TPDOs of the drive in succession are missing" in killed or "heartbeat" in killed
     assert "the drive has sent an emergency message" in fault
     assert "error code 2310h" in fault
+
+
+def test_the_process_says_which_times_contradict_the_drive(results):
+    """Of a fresh axis, on a bus of 10 ms with a wait of 5 s; with the values of the page, none."""
+    lines = results["end"]["stderr"].splitlines()
+    on, age = [line for line in lines if "_max is" in line]
+    assert "drive_on_ticks_max is 600, but wait_ms grants the drive 7500 ticks" in on
+    assert "cycle_age_max is 3" in age and age.endswith("set cycle_age_max to 29")
 
 
 def test_the_process_says_that_a_bus_is_down_and_back(results):

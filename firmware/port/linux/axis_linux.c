@@ -146,7 +146,40 @@ static void report_converter(void) {
   reported = trouble;
 }
 
+/* Writes which time of the axis contradicts those of the drive's bus to standard error, once for
+ * each value. */
+static void report_times(void) {
+  static uint32_t reported_on = UINT32_MAX;
+  static uint32_t reported_age = UINT32_MAX;
+  port_lock();
+  const uint32_t on = port_firmware()->axis.params.drive_on_ticks_max;
+  const uint32_t age = port_firmware()->drive.params.cycle_age_max;
+  port_unlock();
+  const uint32_t wait = fx_ticks_from_ms(config->drive.wait_ms);
+  const uint32_t oldest = 2 * fx_ticks_from_ms(config->drive.cycle_ms) - 1;
+  if (on != reported_on && on <= wait) {
+    (void)fprintf(stderr,
+                  "axis_linux: drive_on_ticks_max is %" PRIu32
+                  ", but wait_ms grants the drive %" PRIu32
+                  " ticks: a drive that needs longer is drive_not_ready without its reason; set "
+                  "drive_on_ticks_max to more, or wait_ms to less\n",
+                  on, wait);
+  }
+  if (age != reported_age && age < oldest) {
+    (void)fprintf(stderr,
+                  "axis_linux: cycle_age_max is %" PRIu32
+                  ", but with this cycle_ms a position is up "
+                  "to %" PRIu32
+                  " ticks old while none is missing, and a part that is pressed with it "
+                  "is bad; set cycle_age_max to %" PRIu32 "\n",
+                  age, oldest, oldest);
+  }
+  reported_on = on;
+  reported_age = age;
+}
+
 void port_idle(void) {
+  report_times();
   report_buses();
   report_converter();
   report_drive();
