@@ -204,4 +204,15 @@ TEST(Bytes, WordsAreCopiedUpwards) {
   }
 }
 
+TEST(Bytes, ClearSetsItsBytesAndNoOthers) {
+  for (uint32_t count = 0; count <= 9; ++count) {
+    std::array<uint8_t, 16> bytes{};
+    bytes.fill(0xA5);
+    fx_clear(&bytes[3], count);
+    for (uint32_t i = 0; i < bytes.size(); ++i) {
+      EXPECT_EQ(bytes[i], i >= 3 && i < 3 + count ? 0 : 0xA5) << count;
+    }
+  }
+}
+
 }  // namespace
