@@ -176,6 +176,21 @@ static void coast(first_motion_t *first, const axis_t *axis) {
 /* Each check_ function checks a tick of one phase. It returns the finding, or
  * AXIS_FIRST_MOTION_RESULT_RUNNING. */
 
+/* Returns true if the measured force has stayed within contact_force since the phase began. */
+static bool is_steady(first_motion_t *first, const axis_t *axis) {
+  const int32_t force = axis->signals.force;
+  first->force_low = (force < first->force_low) ? force : first->force_low;
+  first->force_high = (force > first->force_high) ? force : first->force_high;
+  return first->force_high - first->force_low <= axis->params.contact_force;
+}
+
+static uint8_t end_standing(first_motion_t *first, const drive_params_t *params,
+                            const axis_t *axis) {
+  begin_zero(first, axis);
+  return is_beyond(first, params, axis) ? AXIS_FIRST_MOTION_RESULT_RUNAWAY
+                                        : AXIS_FIRST_MOTION_RESULT_RUNNING;
+}
+
 static uint8_t check_standstill(first_motion_t *first, const drive_params_t *params,
                                 const axis_t *axis) {
   const axis_signals_t *signals = &axis->signals;
@@ -191,10 +206,8 @@ static uint8_t check_standstill(first_motion_t *first, const drive_params_t *par
     add_travel(first, axis);
   }
   const bool is_still = stands(first, axis);
-  first->force_low = (signals->force < first->force_low) ? signals->force : first->force_low;
-  first->force_high = (signals->force > first->force_high) ? signals->force : first->force_high;
-  const bool is_steady = first->force_high - first->force_low <= axis->params.contact_force;
-  if (first->phase_tick == 0 || !is_still || !is_steady) {
+  const bool changes = !is_steady(first, axis) || !is_still;
+  if (first->phase_tick == 0 || changes) {
     enter_phase(first, axis, FIRST_MOTION_STANDING);
     first->force_low = signals->force;
     first->force_high = signals->force;
@@ -209,13 +222,8 @@ static uint8_t check_standstill(first_motion_t *first, const drive_params_t *par
                                : AXIS_FIRST_MOTION_RESULT_FORCE_SENSOR_FAILED;
   }
   first->phase_tick = (uint16_t)(first->phase_tick + 1);
-  if (first->phase_tick == FIRST_MOTION_STAND_TICKS) {
-    begin_zero(first, axis);
-    if (is_beyond(first, params, axis)) {
-      return AXIS_FIRST_MOTION_RESULT_RUNAWAY;
-    }
-  }
-  return AXIS_FIRST_MOTION_RESULT_RUNNING;
+  return (first->phase_tick == FIRST_MOTION_STAND_TICKS) ? end_standing(first, params, axis)
+                                                         : AXIS_FIRST_MOTION_RESULT_RUNNING;
 }
 
 static uint8_t check_zero(first_motion_t *first, const drive_params_t *params, const axis_t *axis) {

@@ -34,7 +34,6 @@ EXCEPTIONS = {
         "blackbox: blackbox_follow": 13,
         "entries: read_entry": 13,
         "first_motion: check_out": 13,
-        "first_motion: check_standstill": 13,
         "modbus_axis: ModbusAxis::check": 18,
         "assembly: Assembly::extend": 13,
         "node: canopen_receive": 14,
