@@ -5,6 +5,7 @@
 """
 
 import math
+import operator
 import sys
 import tempfile
 import time
@@ -17,7 +18,7 @@ from forceaxis.errors import ParameterError
 from forceaxis.linear import over
 from forceaxis.linear.bank import GAIN_STEP, Bank
 from forceaxis.linear.loops import LoopSpec
-from forceaxis.linear.precise import Responses
+from forceaxis.linear.precise import Responses, law_shape
 
 KINDS = (
     "amplifier", "velocity", "torque", "linear", "voice coil", "stepper", "vertical", "bus",
@@ -88,19 +89,32 @@ def keeps(one, goal, timing):
 
 
 def fastest(responses, goal, shape):
-    """The largest bandwidth of a law over the gain, within 1 % of the largest gain that keeps the
-    goal: a search of its own, from a grid of gains."""
-    best = 0.0
+    """(Hz, law): the largest bandwidth of a law over the gain, within 1 % of the largest gain that
+    keeps the goal: a search of its own, from a grid of gains."""
+    best, law = 0.0, shape
     low, high = GAIN_STEP, 255.0
     while high > 1.01 * low:
         gain = math.sqrt(low * high)
         bank = Bank(gain, shape.integral_rad_per_s).quantised()
         found = [worst(responses, bank, timing).quick() for timing in goal.timings]
         if all(keeps(one, goal, t) for one, t in zip(found, goal.timings, strict=True)):
-            best, low = max(best, min(one.fS_Hz or 0.0 for one in found)), gain
+            best, law = max(
+                (best, law),
+                (min(one.fS_Hz or 0.0 for one in found), bank),
+                key=operator.itemgetter(0),
+            )
+            low = gain
         else:
             high = gain
-    return best
+    return best, law
+
+
+def follows(plants, goal, found, bank):
+    """Whether the force of a law follows the ramp of the set-point that the search asked for."""
+    problem = search.SearchProblem(plants, plants.nominal(), goal)
+    pi_hz = next((row.bandwidth_Hz for row in found.structures if row.name == "PI"), math.inf)
+    problem.follow_ramp(plants, goal, pi_hz)
+    return problem.ramp.excess(law_shape(bank), bank.force_gain) == 0.0
 
 
 def faults(plants, goal, found):
@@ -124,8 +138,11 @@ def faults(plants, goal, found):
                 texts.append(f"{row.name}: a closed-loop pole is unstable, {member.label()}")
     smaller = {row.name: row.bandwidth_Hz for row in found.structures}
     smaller = dict(list(smaller.items())[: list(smaller).index(found.chosen)])
-    smaller["own P"] = fastest(responses, goal, Bank(1.0))
-    smaller["own PI"] = fastest(responses, goal, Bank(1.0, SLOW_RAD_PER_S))
+    smaller["own P"], _ = fastest(responses, goal, Bank(1.0))
+    # A PI law with a slow integral is fast where |S| of P stays just below -3 dB. It is a law for
+    # the same purpose only if the force follows the ramp of the goal.
+    hz, slow = fastest(responses, goal, Bank(1.0, SLOW_RAD_PER_S))
+    smaller["own PI"] = hz if follows(plants, goal, found, slow) else 0.0
     for name, hz in smaller.items():
         if found.worst.fS_Hz >= LEAST_SHARE * hz:
             continue
@@ -146,7 +163,7 @@ def study(kind, seed):
         try:
             found = search.search(plants, goal)
         except ParameterError as error:
-            if fastest(Responses(plants, goal.timings), goal, Bank(1.0, SLOW_RAD_PER_S)):
+            if fastest(Responses(plants, goal.timings), goal, Bank(1.0, SLOW_RAD_PER_S))[0]:
                 return f"{kind} {seed}: no law", [f"a PI law keeps the goal, but: {error}"]
             return f"{kind} {seed}: no law: {error}", []
         took = time.process_time() - began
