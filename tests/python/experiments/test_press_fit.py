@@ -200,10 +200,11 @@ def test_a_reading_at_its_end_makes_the_part_bad_by_its_name(tmp_path):
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert (result["state"], result["outcome"]) == ("bad", "samples_invalid")
-    assert result["failed_phase"] in ("join", "seat") and result["invalid_ticks"] >= 1
+    phase = result["failed_phase"]
+    assert phase in ("join", "seat") and result["invalid_ticks"] >= 1
     text = verbs.forceaxis("cycle", "run", str(file)).stdout
-    why = "samples at an end of the range or older than cycle_age_max"
-    assert f"bad: {why} ({result['invalid_ticks']} tick" in text and "in phase" in text
+    why = "with a sample at an end of its range or older than cycle_age_max"
+    assert f"bad: {result['invalid_ticks']} tick" in text and f"in phase {phase} {why}" in text
 
 
 def test_the_axis_refuses_at_the_start_what_its_sensor_cannot_show():

@@ -268,7 +268,7 @@ CYCLE_OUTCOMES = {
     "tare_moving": "no standstill for the tare",
     "tare_band": "tare beyond tare_band",
     "changed": "a value that decides the part was changed",
-    "samples_invalid": "samples at an end of the range or older than cycle_age_max",
+    "samples_invalid": "a sample at an end of its range or older than cycle_age_max",
 }
 
 
@@ -278,7 +278,7 @@ def why_text(outcome: str, phase: str, invalid_ticks: int) -> str:
     text, ticks = CYCLE_OUTCOMES.get(outcome, outcome), counted(invalid_ticks, "tick")
     where = f" in phase {phase}" if phase else ""
     if outcome == "samples_invalid":
-        return f"{text} ({ticks}){where}"
+        return f"{ticks}{where} with {text}"
     return f"{text}{where}" + (f"; samples of {ticks} not valid" if invalid_ticks else "")
 
 
