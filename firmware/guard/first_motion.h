@@ -22,13 +22,14 @@
  * In the phases "out" and "back" the fault is `runaway` if the axis is faster than
  * first_motion_speed or moves further than FIRST_MOTION_REACH times first_motion_counts. This
  * bound is for the travel of all attempts together that were halted or disabled since the last
- * finding, pass or motion by the code for the board. The travel of an attempt is that with the
- * amplifier on and what the axis coasts after it, until it has stood for FIRST_MOTION_STAND_TICKS;
- * the coasting after the last attempt counts when a further one is stopped, so that a sound axis
- * that was stopped once passes. Beyond the bound the next attempt is `runaway` before the amplifier
- * is on. So only the coastings after the last two stops add to the bound. Each begins at
- * first_motion_speed at most, or at the speed that is the finding. In the phase
- * "out" the measured force must not change against the motion by more than contact_force. If the
+ * finding, pass or motion by the code for the board. The travel of an attempt consists of the
+ * motion with the amplifier on, and of the coasting after the stop, which lasts until the axis has
+ * stood for FIRST_MOTION_STAND_TICKS. The coasting of an attempt is counted only when the attempt
+ * after it is stopped too, so an axis that was stopped once still passes. If the counted travel is
+ * beyond the bound, the next attempt ends as `runaway` before the amplifier is on. The axis can
+ * therefore exceed the bound by the coasting of the last two attempts. Coasting begins with at most
+ * first_motion_speed, or with the speed that made the attempt `runaway`. In the phase "out" the
+ * measured force must not change against the motion by more than contact_force. If the
  * measured force is beyond contact_force at the start, it must change in the direction of the
  * motion. With the default bounds the test takes about 0.3 s and at most 1.8 s. Masters permit 0.4
  * s for a transition of the drive state.
@@ -102,7 +103,7 @@ typedef struct {
   /* 1 if the encoder changed last at standstill; 0 if the measured force changed last */
   uint8_t moves;
   uint8_t rises; /* 1 if the test increases the DAC code in this tick */
-  /* 1 after a stop of an attempt that had switched the amplifier on, until the axis stands */
+  /* 1 from the stop of an attempt whose amplifier was on, until the axis stands */
   uint8_t coasts;
 } first_motion_t;
 

@@ -146,8 +146,8 @@ static void report_converter(void) {
   reported = trouble;
 }
 
-/* Writes which time of the axis contradicts those of the drive's bus to standard error, once for
- * each value. */
+/* Writes a line to standard error for each object of the axis whose time is too short for the bus
+ * of the drive, once for each value of the object. */
 static void report_times(void) {
   static uint32_t reported_on = UINT32_MAX;
   static uint32_t reported_age = UINT32_MAX;

@@ -9,12 +9,6 @@ TICKS_PER_MS = TICKS_PER_S / 1e3
 ON_TICKS_MOST = round(objects.BY_NAME["drive_on_ticks_max"].max)  # its largest value
 
 
-def default(name: str) -> float:
-    """Returns the default of a firmware object in its unit."""
-    known = objects.BY_NAME[name]
-    return known.default * known.scale
-
-
 def age_without_loss(cycle_ticks: int) -> int:
     """Returns the largest age in ticks of a value that comes in each cycle of a bus, if none is
     lost. The value arrives in any tick of the cycle that begins with its measurement. With one

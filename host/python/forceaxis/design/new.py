@@ -52,7 +52,7 @@ class AmplifierCircuit:
 
 @dataclass(frozen=True)
 class FirmwareTime:
-    """Value of a firmware object in ticks, with the sentence that explains it."""
+    """Value in ticks of a firmware object, and the sentence that explains it in the file."""
 
     name: str
     ticks: int
@@ -146,7 +146,7 @@ def firmware_times(v: SheetValues) -> list[FirmwareTime]:
         ("cycle_age_max", max(bus_times.age_without_loss(cycle) if has_bus else 0, reading),
          "the largest age while no value is missing; an older one makes a part bad"),
         ("drive_on_ticks_max", bus_times.on_ticks(
-            bus_times.default("drive_wait"), bus_times.default("drive_sdo_timeout"),
+            objects.default("drive_wait"), objects.default("drive_sdo_timeout"),
         ) if has_bus else 0,
          "longer than drive_wait (5 s), so that the reason of the drive comes first"),
     ]  # fmt: skip
