@@ -11,7 +11,8 @@ usage: tools/test [--quick | --all]
 A skipped test is a failed test here, and so is a program that ends without its result. A test that
 runs in wall time on real buses and fails is tried a second time, with the others of its stage for
 seven minutes at most; what both tries printed is shown, and the second tries are named above the
-last line.
+last line. Before them, a table has the seconds of each folder beside the recorded ones
+(tools/durations.py).
 """
 
 import contextlib
@@ -24,6 +25,7 @@ import threading
 import time
 from pathlib import Path
 
+import durations
 import junit
 import promises
 
@@ -77,7 +79,12 @@ class Tally:
             failed += 1
         self.count(stage, begin, sum(passed for _, passed in results.values()), failed)
 
-    def end(self):
+    def end(self, table=True):
+        if table:
+            measured = {}
+            for xml, _ in self.files:
+                measured |= durations.by_folder(xml)
+            print("\n".join(durations.report(measured, durations.load())))
         print("slowest")
         for seconds, name in sorted(self.seconds, reverse=True)[:10]:
             print(f"  {seconds:6.1f} s  {name}")
@@ -209,7 +216,7 @@ def main(arguments):
     if arguments == ["--quick"]:
         ctest(tally, "release", "-L", "quick", "-j2")
         pytest(tally, "quick", "quick", *PARALLEL)
-        return tally.end()
+        return tally.end(table=False)
     ctest(tally, "release", "-j2")
     pytest(tally, "parallel", "not alone and not beside and not long", *PARALLEL)
     with meanwhile(tally, lambda: beside(tally, "beside", "beside and not long", FUZZ_S)):

@@ -3,6 +3,7 @@
 import importlib.util
 from pathlib import Path
 
+import durations
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -123,6 +124,68 @@ def test_promises_are_checked_against_the_stages_of_the_run(gate, tmp_path, monk
     gate.check_promises(tally)
     assert tally.failed == before + 1
     assert "P: test_bus.py::test_fails_at_its_first_try: failed" in capfd.readouterr().out
+
+
+def stages(**seconds):
+    """Seconds of a folder in each of three stages; more of them with `more`."""
+    table = {
+        ("parallel", "tests/a"): 40.0,
+        ("parallel", "tests/b"): 100.0,
+        ("long", "tests/a"): 900.0,
+    }
+    return {
+        key: s * seconds.get("slower", 1.0) + seconds.get(key[0], 0.0) for key, s in table.items()
+    }
+
+
+def reported(measured):
+    return durations.report({key: (s, 1) for key, s in measured.items()}, stages())
+
+
+def test_seconds_beyond_the_budget_of_an_issue_are_named_with_their_folder():
+    assert not any("budget" in line for line in reported(stages()))
+    measured = stages() | {("parallel", "tests/new"): 19.0}
+    assert not any("budget" in line for line in reported(measured))
+    measured["parallel", "tests/new"] = 21.0
+    said = "budget: tools/test: 21 s more than recorded, expected at most 20 s (parallel tests/new"
+    assert reported(measured)[-1].startswith(said)
+    assert not any("budget" in line for line in reported(stages(long=179.0)))
+    assert "budget: tools/test --all: 181 s more" in reported(stages(long=181.0))[-1]
+
+
+def test_a_machine_that_is_slower_everywhere_exceeds_no_budget():
+    measured = stages(slower=3.0)
+    assert not any("budget" in line for line in reported(measured))
+    measured["parallel", "tests/new"] = 61.0
+    assert (
+        "budget: tools/test: 61 s more than recorded, expected at most 60 s"
+        in reported(measured)[-1]
+    )
+
+
+def test_a_stage_that_was_never_recorded_counts_for_no_budget():
+    lines = reported(stages() | {("alone", "tests/wire"): 300.0})
+    assert not any("budget" in line for line in lines)
+    assert any(line.endswith("not recorded") for line in lines)
+
+
+def test_recorded_seconds_are_those_of_the_run_and_other_stages_stay(tmp_path):
+    table = tmp_path / "seconds.toml"
+    table.write_text('[alone]\n"tests/wire" = 300.0\n')
+    xml = tmp_path / "pytest-parallel.xml"
+    cases = [
+        ("tests.python.axis.test_x", 1.25),
+        ("tests.python.axis.test_y", 2.0),
+        ("tests.wire.test_z", 4.0),
+    ]
+    rows = (f'<testcase classname="{name}" name="test_a" time="{s}"/>' for name, s in cases)
+    xml.write_text(f"<testsuite>{''.join(rows)}</testsuite>")
+    durations.record(durations.by_folder(xml), table)
+    assert durations.load(table) == {
+        ("alone", "tests/wire"): 300.0,
+        ("parallel", "tests/python/axis"): 3.2,
+        ("parallel", "tests/wire"): 4.0,
+    }
 
 
 @pytest.mark.parametrize("file", [".pre-commit-config.yaml", ".github/workflows/ci.yml"])

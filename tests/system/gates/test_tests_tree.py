@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
-AT_THE_TOP = {"CMakeLists.txt", "conftest.py", "findings.toml", "promises.toml"}
+AT_THE_TOP = {"CMakeLists.txt", "conftest.py", "findings.toml", "promises.toml", "seconds.toml"}
 WINGS = {p.parent.name for p in (ROOT / "host/python/forceaxis").glob("*/__init__.py")}
 pytestmark = pytest.mark.quick
 
