@@ -13,6 +13,7 @@ NO_BUS = (
     "test_objects_files",
     "test_ownership",
     "test_recorded",
+    "test_steps",
 )
 
 

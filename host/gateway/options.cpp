@@ -146,7 +146,8 @@ void add_gateway_options(CLI::App &app, GatewayOptions &o) {
          "three heartbeat periods.")
       ->check(CLI::Range(20, 65535));
   app.add_option("--sdo-timeout-ms", o.sdo_timeout_ms,
-                 "Time in ms within which an axis must answer.")
+                 "Time in ms within which an axis must answer. A read without an answer after half "
+                 "of this time is sent again.")
       ->check(CLI::Range(10, 10000))
       ->capture_default_str();
   app.add_option(

@@ -14,7 +14,7 @@ Task<canopen::SdoResult> SdoChannel::download(std::uint16_t index, std::uint8_t 
 Task<canopen::SdoResult> SdoChannel::transfer(std::uint16_t index, std::uint8_t sub, bool is_upload,
                                               std::vector<std::uint8_t> data) {
   Completion<canopen::SdoResult> done(loop_);
-  waiting_.push_back({index, sub, is_upload, std::move(data), &done});
+  waiting_.push_back({index, sub, is_upload, std::move(data), &done, is_upload ? kReadTries : 1});
   if (waiting_.size() == 1) begin_next();
   canopen::SdoResult result = co_await done;
   co_return result;
@@ -22,7 +22,8 @@ Task<canopen::SdoResult> SdoChannel::transfer(std::uint16_t index, std::uint8_t 
 
 void SdoChannel::begin_next() {
   if (waiting_.empty()) return;
-  const Waiting &next = waiting_.front();
+  Waiting &next = waiting_.front();
+  --next.tries;
   send_(next.is_upload ? client_.upload(next.index, next.sub)
                        : client_.download(next.index, next.sub, next.data));
   expect_answer();
@@ -30,9 +31,12 @@ void SdoChannel::begin_next() {
 
 void SdoChannel::expect_answer() {
   loop_.cancel(timer_);
-  timer_ = loop_.at(EventLoop::Clock::now() + timeout_, [this] {
+  const auto wait = waiting_.front().is_upload ? timeout_ / kReadTries : timeout_;
+  timer_ = loop_.at(EventLoop::Clock::now() + wait, [this] {
     send_(client_.time_out());
-    end();
+    if (waiting_.front().tries == 0) return end();
+    client_.take_result();
+    begin_next();
   });
 }
 

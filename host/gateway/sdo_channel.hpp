@@ -40,7 +40,10 @@ class SdoChannel {
     bool is_upload;
     std::vector<std::uint8_t> data;
     Completion<canopen::SdoResult> *done;
+    int tries;  // number of times that the request may still be sent
   };
+  // A read changes nothing, so it is sent again if a frame may have been lost. A write is not.
+  static constexpr int kReadTries = 2;
 
   Task<canopen::SdoResult> transfer(std::uint16_t index, std::uint8_t sub, bool is_upload,
                                     std::vector<std::uint8_t> data);

@@ -1,26 +1,22 @@
-"""The gateway scenarios of test_gateway.py, in one guest: run under tools/vcan, prints JSON.
+"""The gateway scenarios of test_gateway.py, in one guest: run under tools/vcan with a folder.
 
-Each scenario is a function; what it raises is its result, so that one failure hides no other.
+Each scenario is a function and a step of its own, so that one failure hides no other.
 """
 
 import contextlib
-import json
-import os
 import re
-import signal
 import struct
 import sys
-import tempfile
 import threading
 import time
-import traceback
 from pathlib import Path
+from types import SimpleNamespace
 
 from forceaxis import objects
 from forceaxis.axis import session as sessions
 from forceaxis.axis.gateway import GatewayLink
 from forceaxis.bus.client import AxisClient, NoAnswer, Refused
-from forceaxis.bus.lcm import TABLE_HASH, Bus, decode, now_us
+from forceaxis.bus.lcm import TABLE_HASH, Bus, decode, default_url, now_us
 from forceaxis.bus.messages import axis_command_t, axis_event_t, axis_state_t
 from forceaxis.objects import BY_NAME
 from forceaxis.thesis import session as thesis_session
@@ -37,7 +33,12 @@ from gateway_clients import (
     until,
 )
 from gateway_nodes import other_table, two_axes, two_axes_end
+from lossy_link import LossyLink, at_random
 from pymodbus.client import ModbusTcpClient
+from steps import Steps
+
+# The far end of a network that loses datagrams.
+CLIENTS = "udpm://239.255.76.67:7668?ttl=0"
 
 
 def states(axis):
@@ -283,32 +284,24 @@ def captures(axis):
         axis.capture(["force"], samples=60000)
     except Refused as error:
         found["too_long"] = str(error)
-    with LossyClient(1, timeout_s=4) as lossy:
-        held = lossy.capture(["tick_count"], samples=200, decimation=1, trigger_edge="immediate")
-        ticks = held.values("tick_count").astype(int)
-        found["lossy"] = [
-            held.total,
-            held.missing,
-            sorted({int(s) for s in ticks[1:] - ticks[:-1]}),
-        ]
-        found["dropped"] = lossy.dropped > 0
+    found["lossy"] = lossy_captures()
     found["handed_out"] = handed_out()
     axis.take()
     return found
 
 
-class LossyClient(AxisClient):
-    """Each second block of a capture is lost on its way to this client."""
-
-    blocks = dropped = 0
-
-    def _take(self, channel, data, wall_us):
-        if channel.endswith("_CAPTURE"):
-            self.blocks += 1
-            if self.blocks % 2:
-                self.dropped += 1
-                return
-        super()._take(channel, data, wall_us)
+def lossy_captures():
+    """Recordings over networks that lose 30 and 50 % of all datagrams, and what was lost."""
+    found = []
+    for seed, share in enumerate((0.3, 0.5)):
+        lost = at_random(seed, share)
+        with LossyLink(CLIENTS, default_url(), lost) as network, AxisClient(1, CLIENTS, 4) as axis:
+            axis.take()
+            held = axis.capture(["tick_count"], samples=200, decimation=1, trigger_edge="immediate")
+            ticks = held.values("tick_count").astype(int)
+            steps = sorted({int(s) for s in ticks[1:] - ticks[:-1]})
+            found.append([held.total, held.missing, steps, network.dropped > 0])
+    return found
 
 
 def handed_out():
@@ -539,7 +532,14 @@ def second_gateway():
     }
 
 
-def killed(process, axis, drive):
+def goes_on(now, axis):
+    """Starts the gateway again if the step before has ended it."""
+    if now.gateway.poll() is not None:
+        now.gateway = gateway()
+        until(lambda: operational(axis), 8)
+
+
+def killed(now, axis, drive):
     """The gateway is killed: when the axis reports it, and what the next gateway reads."""
     found = {"driven": drive()}
     frames = []
@@ -550,14 +550,14 @@ def killed(process, axis, drive):
     listener = threading.Thread(target=lambda: frames.extend(Can().frames(5.0, is_lost)))
     listener.start()
     time.sleep(0.3)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    now.gateway.kill()
+    now.gateway.wait()
     listener.join()
     beats = [t for t, identifier, _ in frames if identifier == 0x77F]
     emergencies = [t for t, *frame in frames if is_lost(*frame)]
     found["silence_ms"] = 1000 * (emergencies[0] - beats[-1]) if beats and emergencies else None
     found["emergencies"] = len(emergencies)
-    again = gateway()
+    now.gateway = gateway()
     state = until(lambda: operational(axis), 8)
     found["fault"] = BY_NAME["fault"].enum[state.fault] if state else None
     found["statusword"] = state.statusword & 0x4F if state else None
@@ -565,50 +565,50 @@ def killed(process, axis, drive):
     axis.take()
     axis.write("controlword", 0x80)
     axis.release()
-    return found, again
+    return found
 
 
-def ended(process, drive):
+def ended(now, drive):
     """SIGTERM while the axis is driven."""
     found = {"driven": drive()}
     received = []
     listener = threading.Thread(target=lambda: received.extend(Can().frames(2.0)))
     listener.start()
     time.sleep(0.1)
-    process.terminate()
-    found["status"] = process.wait(5)
+    now.gateway.terminate()
+    found["status"] = now.gateway.wait(5)
     listener.join()
     found["emergencies"] = [f"{d[1]:02x}{d[0]:02x}" for _, i, d in received if i == 0x081]
     words = [d[0] | d[1] << 8 for _, i, d in received if i == 0x181]
     found["statusword"] = [words[0] & 0x6F, words[-1] & 0x4F]
-    found["said"] = process.errors()
+    found["said"] = now.gateway.errors()
     return found
 
 
-def nmt_stopped(can, axis, process):
+def nmt_stopped(can, axis, now):
     """Another master stops the node of an axis that drives, then one that no gateway has set up."""
     found = {"driven": drive_on(can)}
-    before = len(process.errors())
+    before = len(now.gateway.errors())
     can.send(0, b"\x02\x01")
     axis.wait_event(axis_event_t.EVENT_NODE, lambda e: e.code == 4)
     found["back"] = bool(until(lambda: operational(axis), 15))
     time.sleep(1.2)  # a second start would come by then
-    said = process.errors()[before:]
+    said = now.gateway.errors()[before:]
     found["starts"] = said.count("node is stopped, the gateway starts it; a start enables no drive")
     found["unanswered"] = said.count("no answer in time")
     found["drive"] = axis.read("drive_state")
-    process.terminate()
-    process.wait(10)
+    now.gateway.terminate()
+    now.gateway.wait(10)
     can.send(0, b"\x02\x01")
     time.sleep(0.5)
-    process = gateway()
+    now.gateway = gateway()
     found["found"] = bool(until(lambda: operational(axis), 15))
     found["drive_then"] = axis.read("drive_state")
     # Another master makes it pre-operational.
     can.send(0, b"\x80\x01")
     axis.wait_event(axis_event_t.EVENT_NODE, lambda e: e.code == 127)
     found["operational"] = bool(until(lambda: operational(axis), 15))
-    return found, process
+    return found
 
 
 def lost_axis(running, axis):
@@ -630,67 +630,53 @@ def lost_axis(running, axis):
 
 
 def main():
-    results = {}
+    folder = Path(sys.argv[1])
+    with Steps(folder) as steps:
+        scenarios(folder, steps)
 
-    def keep(name, scenario, *args):
-        started = time.monotonic()
-        try:
-            results[name] = scenario(*args)
-        except Exception:
-            results[name] = {"raised": traceback.format_exc()}
-        if os.environ.get("GATEWAY_BENCH_TIMES"):
-            print(f"{name}: {time.monotonic() - started:.1f} s", file=sys.stderr)
 
-    folder = Path(tempfile.mkdtemp())
+def scenarios(folder, steps):
     with thesis_session.machine(
         folder, programs=("axis_node", "plant_node"), duration_s=80
     ) as running:
-        can, process = Can(), gateway("--set", "force_gain=3")
-        results["ready"] = re.sub("pid [0-9]+", "pid N", process.ready)
+        can, now = Can(), SimpleNamespace(gateway=gateway("--set", "force_gain=3"))
+        steps["ready"] = re.sub("pid [0-9]+", "pid N", now.gateway.ready)
         with AxisClient(1, timeout_s=4) as axis:
             modbus = ModbusTcpClient("127.0.0.1", port=PORT, timeout=3)
             modbus.connect()
-            keep("states", states, axis)
-            keep("lock", lock, axis, modbus)
-            keep("refusals", refusals, axis)
-            keep("repetitions", repetitions)
-            keep("events", events, axis)
-            keep("faulted", faulted, axis)
-            keep("captures", captures, axis)
-            keep("map_reads", map_reads, axis, modbus)
-            keep("map_refuses", map_refuses, modbus)
-            keep("request_table", request_table)
-            keep("wide_values", wide_values, axis, modbus)
-            keep("streams", streams)
-            keep("units", units)
-            keep("crowd", crowd)
-            keep("second_gateway", second_gateway)
+            steps("states", states, axis)
+            steps("lock", lock, axis, modbus)
+            steps("refusals", refusals, axis)
+            steps("repetitions", repetitions)
+            steps("events", events, axis)
+            steps("faulted", faulted, axis)
+            steps("captures", captures, axis)
+            steps("map_reads", map_reads, axis, modbus)
+            steps("map_refuses", map_refuses, modbus)
+            steps("request_table", request_table)
+            steps("wide_values", wide_values, axis, modbus)
+            steps("streams", streams)
+            steps("units", units)
+            steps("crowd", crowd)
+            steps("second_gateway", second_gateway)
             modbus.close()
-            results["said"] = process.errors()
+            steps["said"] = now.gateway.errors()
             drives = {"canopen": lambda: drive_on(can), "modbus": drive_by_modbus}
             drives["lcm"] = drive_by_lcm
             for owner, drive in drives.items():
-                name = f"killed_{owner}"
-                keep(name, killed, process, axis, drive)
-                if isinstance(results[name], tuple):
-                    results[name], process = results[name]
-                else:
-                    process = gateway()
-                    until(lambda: operational(axis), 8)
+                steps(f"killed_{owner}", killed, now, axis, drive)
+                goes_on(now, axis)
             for owner, drive in drives.items():
-                keep(f"ended_{owner}", ended, process, drive)
-                process = gateway()
-                until(lambda: operational(axis), 8)
-            keep("nmt_stopped", nmt_stopped, can, axis, process)
-            if isinstance(results["nmt_stopped"], tuple):
-                results["nmt_stopped"], process = results["nmt_stopped"]
-            keep("lost_axis", lost_axis, running, axis)
-            process.terminate()
-            process.wait(5)
-    keep("other_table", other_table)
-    keep("two_axes_end", two_axes_end)
-    keep("two_axes", two_axes)
-    print(json.dumps(results))
+                steps(f"ended_{owner}", ended, now, drive)
+                goes_on(now, axis)
+            steps("nmt_stopped", nmt_stopped, can, axis, now)
+            goes_on(now, axis)
+            steps("lost_axis", lost_axis, running, axis)
+            now.gateway.terminate()
+            now.gateway.wait(5)
+    steps("other_table", other_table)
+    steps("two_axes_end", two_axes_end)
+    steps("two_axes", two_axes)
 
 
 if __name__ == "__main__":

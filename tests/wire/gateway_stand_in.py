@@ -69,7 +69,6 @@ class Gateway:
         self.lcm, self.run_id, self.seq = lcm.LCM(url), new_run_id(), {}
         self.values, self.answers, self.captures = {}, {}, dict.fromkeys(axes, 0)
         self.done = []  # executed commands
-        self.sent, self.lossy = 0, 0  # number of blocks; 0, or only each `lossy`-th block arrives
         for axis in axes:
             subscription = self.lcm.subscribe(f"AXIS_{axis}_COMMAND", self.command)
             subscription.set_queue_capacity(1000)
@@ -145,9 +144,7 @@ class Gateway:
                 [sample(axis, n, i) for n in range(len(names))]
                 for i in range(first, first + b.num_samples)
             ]
-            self.sent += 1
-            lost = self.lossy and self.sent % self.lossy != 0
-            self.send(f"AXIS_{axis}_CAPTURE", b, drop=lost or first // 64 == lose)
+            self.send(f"AXIS_{axis}_CAPTURE", b, drop=first // 64 == lose)
 
     def repeat(self, axis, command):
         """Sends samples of the latest capture again: (text, items) of the answer."""
@@ -188,14 +185,12 @@ def main():
     parser.add_argument("--fault", type=int, default=0, help="axis with a fault")
     parser.add_argument("--mismatch", type=int, default=0, help="axis with another table")
     parser.add_argument("--dead", default="", help="AXIS:NMT,...: axes without a value for 8.1 s")
-    parser.add_argument("--lossy", type=int, default=0, help="only each N-th block arrives")
     parser.add_argument("--capture", type=int, default=0, help="samples of a capture of axis 1")
     parser.add_argument("--lively", action="store_true")
     args = parser.parse_args()
     axes = [int(a) for a in args.axes.split(",")]
     dead = dict(map(int, words.split(":")) for words in args.dead.split(",") if words)
     gateway, start = Gateway(args.url, axes), time.monotonic()
-    gateway.lossy = args.lossy
     print("ready", flush=True)
     for k in range(args.count):
         while (remaining := start + k / args.rate - time.monotonic()) > 0:

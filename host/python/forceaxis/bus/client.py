@@ -41,11 +41,16 @@ from forceaxis.bus.state_names import texts
 from forceaxis.objects import BY_NAME, AxisObject, state_needed
 from forceaxis.words import suggestion
 
-# time in s in which blocks of a capture may still arrive after the event that ends the capture
-LATE_BLOCKS_WAIT_S = 1.0
+# Number of times that a command is sent within its time-out until it is answered. If a network
+# loses half of all datagrams, one command of 100,000 gets no answer.
+COMMAND_TRIES = 40
+# A client asks for the samples of a capture if it has received no block for this time in s: while
+# the gateway may not have the samples yet, and after that.
+PROGRESS_WAIT_S, LATE_BLOCKS_WAIT_S = 1.0, 0.25
 # Bounds of a capture after its trigger: longest time in s until all samples are here, and number of
-# requests for lost samples that may pass without a new one.
-TRANSFER_MAX_S, FRUITLESS_MAX = 120.0, 5
+# successive requests for lost samples that bring no new sample. If a network loses half of all
+# datagrams, the last block of one capture of a million is lost so often.
+TRANSFER_MAX_S, FRUITLESS_MAX = 120.0, 20
 RANGES_MAX = 100  # largest number of ranges of lost samples in one request
 WAKE_S = 0.25  # longest time in s between two looks at what was received
 SILENCE_S = 1.0  # longest time in s between two state messages of an axis while the gateway runs
@@ -131,23 +136,20 @@ class AxisClient(Closable):
     """Sends commands to one axis through its gateway, and waits until the axis acknowledges the
     commands."""
 
-    def __init__(
-        self, axis: int, url: str | None = None, timeout_s: float = 2.0, retry_s: float = 0.25
-    ) -> None:
+    def __init__(self, axis: int, url: str | None = None, timeout_s: float = 2.0) -> None:
         if axis not in AXES:
             raise InputError(
                 f"axis: expected an axis number from {AXES.start} to {AXES.stop - 1}, got {axis}"
             )
-        self.axis, self.timeout_s, self.retry_s = axis, timeout_s, retry_s
+        self.axis, self.timeout_s = axis, timeout_s
         self.gaps: dict[str, Gaps] = {}
         self.undecodable = self._command_id = self._heard = self._since = 0
         self._state: axis_state_t | None = None
         self._captures: dict[int, Assembly] = {}
         self._events: deque[tuple[int, axis_event_t]] = deque(maxlen=10_000)
         self._news, self._received_s = threading.Condition(), -math.inf
-        # Time of the latest block of a capture of this client, or of the latest request for lost
-        # ones. 0 before both.
-        self._block_s = 0.0
+        # Time of the latest block of a capture of this client, or of the latest request for one.
+        self._block_s = -math.inf
         self._bus = Bus(url, self._take, f"AXIS_{axis}_(STATE|EVENT|CAPTURE)")
 
     def close(self) -> None:
@@ -219,42 +221,41 @@ class AxisClient(Closable):
                 )
         wanted = {"length": samples, **settings}
         items = [(f"recorder_{n}", to_raw(f"recorder_{n}", v)) for n, v in wanted.items()]
-        self._block_s = 0.0
         self._command(axis_command_t.KIND_CAPTURE, items, signals)
+        self._block_s = time.monotonic()
         return self._command_id
 
     def fetch(self, signals: Sequence[str]) -> int:
         """Loads an incident of the black box into the recorder. `signals` are the signals that the
         black box has recorded. Returns the number of this recording, which captured() needs."""
-        self._block_s = 0.0
         self._command(axis_command_t.KIND_CAPTURE, [("incident_command", 1)], signals)
+        self._block_s = time.monotonic()
         return self._command_id
 
     def captured(self, number: int, timeout_s: float = 30.0) -> Assembly:
         """Waits for the end of a recording, at most `timeout_s`, then for its samples. Asks the
-        gateway to send lost samples again. Returns a capture_assembly.Assembly, whose `missing` is
-        the number of samples that were lost every time."""
-        with self._news:
-            self._await(
-                lambda: self._whole(number) or self._ended(number) or self._stalled(number),
-                timeout_s,
-            )
-            if self._ended(number):
-                # Blocks of samples may arrive after the event that ends the capture.
-                self._await(lambda: self._whole(number), LATE_BLOCKS_WAIT_S)
-        fruitless, end = 0, time.monotonic() + TRANSFER_MAX_S
-        while not self._whole(number) and fruitless < FRUITLESS_MAX and time.monotonic() < end:
+        gateway for samples that do not come. Returns a capture_assembly.Assembly, whose `missing`
+        is the number of samples that were lost every time."""
+        end = time.monotonic() + timeout_s
+        is_read, have, fruitless = False, 0, 0  # is_read: the gateway has read the recorder
+        while not self._whole(number):
+            self._await_blocks(number, is_read, max(end - time.monotonic(), 0.0) or math.inf)
+            before, have = have, self._have(number)
+            fruitless = fruitless + 1 if is_read and have == before else 0
+            late_s = time.monotonic() - end
+            if self._whole(number) or fruitless >= FRUITLESS_MAX or late_s > TRANSFER_MAX_S:
+                break
             ended = self._ended(number)
             if ended and ended.code < 0:
                 raise _refusal(ended)
-            before = self._have(number)
-            is_read = self._repeat(number)
-            if not is_read:
+            try:
+                is_read = self._repeat(number)
+            except NoAnswer:
+                if late_s > 0:
+                    raise
+            if not is_read and late_s > 0:
                 self._expect_end(timeout_s)
-            with self._news:
-                self._block_s = time.monotonic()
-                self._await(lambda: self._whole(number) or self._stalled(number), TRANSFER_MAX_S)
-            fruitless = 0 if not is_read or self._have(number) > before else fruitless + 1
+            self._block_s = time.monotonic()
         with self._news:
             held = self._captures.pop(number, None)
         if held is None:
@@ -272,11 +273,19 @@ class AxisClient(Closable):
         held = self._captures.get(number)
         return held.total - held.missing if held else 0
 
-    def _stalled(self, number: int) -> bool | None:
-        """Returns True if blocks of a capture were expected for LATE_BLOCKS_WAIT_S and did not
-        come, otherwise None."""
-        idle = time.monotonic() - self._block_s > LATE_BLOCKS_WAIT_S
-        return True if idle and self._block_s > 0 else None
+    def _await_blocks(self, number: int, is_read: bool, timeout_s: float) -> None:
+        """Waits until a capture is complete or has stalled, at most `timeout_s`."""
+        with self._news:
+            self._await(lambda: self._whole(number) or self._stalled(number, is_read), timeout_s)
+
+    def _stalled(self, number: int, is_read: bool) -> bool | None:
+        """Returns True if a capture has failed or no block of it has come for so long that the
+        client has to ask, otherwise None. `is_read`: the gateway has the samples."""
+        ended = self._ended(number)
+        if ended and ended.code < 0:
+            return True
+        wait_s = LATE_BLOCKS_WAIT_S if is_read or ended else PROGRESS_WAIT_S
+        return True if time.monotonic() - self._block_s > wait_s else None
 
     def _repeat(self, number: int) -> bool:
         """Asks the gateway to send the samples of a capture that are missing again. Returns False
@@ -338,7 +347,7 @@ class AxisClient(Closable):
             command.timeout_us = round(remaining * 1e6)
             self._bus.publish(f"AXIS_{self.axis}_COMMAND", command)
             with self._news:
-                answer = self._await(self._answer, min(remaining, self.retry_s))
+                answer = self._await(self._answer, min(remaining, self.timeout_s / COMMAND_TRIES))
             if answer and answer.kind == axis_event_t.EVENT_REFUSED:
                 raise _refusal(answer)
             if answer:
