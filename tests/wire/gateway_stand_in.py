@@ -112,9 +112,10 @@ class Gateway:
             items = [(n, self.values.get((axis, n), 0)) for n, _ in items]
         arguments = (axis, kind, text, code, c, items)
         self.answers[key] = arguments
-        if len(self.done) % 5 == 3:
-            return  # this response is lost: the client must repeat its command
-        self.event(*arguments)
+        if (
+            len(self.done) % 5 != 3
+        ):  # otherwise the response is lost: the client repeats its command
+            self.event(*arguments)
         if c.kind == axis_command_t.KIND_CAPTURE:
             self.values[axis, "recorder_state"] = 1  # armed
             self.latest = c, 0
@@ -149,7 +150,8 @@ class Gateway:
     def repeat(self, axis, command):
         """Sends samples of the latest capture again: (text, items) of the answer."""
         (_, number), *bounds = zip(command.object, command.value, strict=True)
-        assert number == self.latest[0].command_id
+        latest, _ = self.latest
+        assert (command.run_id, number) == (latest.run_id, latest.command_id)
         for (_, first), (_, end) in zip(bounds[::2], bounds[1::2], strict=True):
             self.blocks(axis, *self.latest, first, min(end, self.latest[1]))
         return "samples are sent again", [("total_samples", self.latest[1])]

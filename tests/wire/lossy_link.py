@@ -43,10 +43,12 @@ class LossyLink:
             if not is_lost:
                 target.publish(channel, data)
 
-        source.subscribe(channels, take).set_queue_capacity(20_000)
+        subscription = source.subscribe(channels, take)
+        subscription.set_queue_capacity(20_000)
         self._listening.wait(10)
         while not self._end.is_set():
             source.handle_timeout(50)
+        source.unsubscribe(subscription)
 
 
 def at_random(seed, share):

@@ -293,13 +293,22 @@ def recording_over(axis, samples):
 @pytest.mark.parametrize("share", [0.01, 0.1, 0.2, 0.3, 0.4, 0.5])
 def test_a_recording_is_complete_over_a_network_that_loses_datagrams(url, share, monkeypatch):
     """Up to half of all datagrams in both directions. FORCEAXIS_LOSSY=1000 records so often."""
-    monkeypatch.setattr(client, "LATE_BLOCKS_WAIT_S", 0.05)
-    monkeypatch.setattr(client, "PROGRESS_WAIT_S", 0.05)
+    monkeypatch.setattr(client, "PROGRESS_WAIT_S", client.LATE_BLOCKS_WAIT_S)
     with gateway(url, axes="1", rate=20):
-        for seed in range(int(os.environ.get("FORCEAXIS_LOSSY", "2"))):
+        for seed in range(int(os.environ.get("FORCEAXIS_LOSSY", "1"))):
             clients = free_url()
             with LossyLink(clients, url, at_random(seed, share)), AxisClient(1, clients) as axis:
                 recording_over(axis, 700)
+
+
+def test_a_closed_connection_keeps_neither_descriptors_nor_threads(url):
+    """A program that connects again and again would have more descriptors than LCM can have."""
+    before = len(os.listdir("/proc/self/fd")), threading.active_count()
+    native = len(os.listdir("/proc/self/task"))
+    for _ in range(20):
+        AxisClient(1, url).close()
+    assert (len(os.listdir("/proc/self/fd")), threading.active_count()) == before
+    assert len(os.listdir("/proc/self/task")) <= native
 
 
 def is_block(channel, _data):

@@ -247,12 +247,14 @@ class Bus(Closable):
     ) -> None:
         self.url = url or default_url()
         self.trouble: str | None = None  # text of the error that ended the thread
-        self._lcm, self._handle, self._run = connect(self.url), handle, True
+        self._handle, self._run = handle, True
+        self._lcm: lcm.LCM | None = connect(self.url)  # None: closed
         self._seq: dict[str, int] = {}
         self._run_id, self._lock = new_run_id(), threading.Lock()
         subscription = self._lcm.subscribe(channels, self._take)
         subscription.set_queue_capacity(QUEUE_MESSAGES)
-        self._thread = threading.Thread(target=self._loop, daemon=True, name="lcm")
+        arguments = self._lcm, subscription
+        self._thread = threading.Thread(target=self._loop, args=arguments, daemon=True, name="lcm")
         self._thread.start()
 
     @property
@@ -267,19 +269,26 @@ class Bus(Closable):
             message.seq = self._seq.get(channel, 0)
             message.wall_utime = now_us()
             self._seq[channel] = message.seq + 1
+            if self._lcm is None:
+                raise RuntimeError(f"{self.url}: expected an open connection")
             self._lcm.publish(channel, message.encode())
 
     def close(self) -> None:
         self._run = False
         self._thread.join(2)
+        with self._lock:
+            self._lcm = None
 
     def _take(self, channel: str, data: bytes) -> None:
         self._handle(channel, data, now_us())
 
-    def _loop(self) -> None:
-        while self._run:
-            try:
-                self._lcm.handle_timeout(100)
-            except Exception as error:  # the user of this connection reports the error
-                self.trouble = f"{self.url}: {error}"
-                return
+    def _loop(self, receiver: lcm.LCM, subscription: lcm.LCMSubscription) -> None:
+        try:
+            while self._run:
+                receiver.handle_timeout(100)
+        except Exception as error:  # the user of this connection reports the error
+            self.trouble = f"{self.url}: {error}"
+        finally:
+            # The subscription refers to this object. While it exists, the sockets stay open, and
+            # the library fails with more than 1024 of them.
+            receiver.unsubscribe(subscription)
