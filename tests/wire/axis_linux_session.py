@@ -1,9 +1,8 @@
 """An axis on Linux with a drive of python-canopen and its load cell on vcan1 and a supervisor on
-vcan0, in real time. Run under tools/vcan with a folder; writes results.json there."""
+vcan0, in real time. Run under tools/vcan with a folder; writes its steps there."""
 
 import contextlib
 import fcntl
-import json
 import os
 import signal
 import socket
@@ -22,6 +21,7 @@ from forceaxis.axis.can import CanLink
 from forceaxis.experiments import link
 from foreign_drive import TICK_S, ForeignDrive
 from gateway_clients import until
+from steps import Steps
 
 # Counts until the contact, ADC codes of 16 bits per count of deflection, frame of the load cell.
 GAP, STIFFNESS, LOAD_CELL = 400, 64, 0x301
@@ -163,8 +163,7 @@ def recovered(axis, machine):
     return found
 
 
-def main(folder):
-    folder, done = Path(folder), {}
+def main(folder, steps):
     machine = Machine(can.Bus(interface="socketcan", channel="vcan1"))
     threading.Thread(target=machine.run, daemon=True).start()
     process = Process(folder)
@@ -176,56 +175,55 @@ def main(folder):
         os.kill(pid, signal.SIGCONT)
 
     with supervised() as axis:
-        done["first"] = axis.get("fault", "drive_state", "position")
+        steps["first"] = axis.get("fault", "drive_state", "position")
         axis.set(**FIRMWARE)
-        done["pressed"] = vars(axis.press(20, 1.0))
+        steps["pressed"] = vars(axis.press(20, 1.0))
         time.sleep(0.2)
-        done["disabled"] = axis.get("fault", "drive_state") | {"drive": machine.state}
+        steps["disabled"] = axis.get("fault", "drive_state") | {"drive": machine.state}
         axis.set(store_parameters=1)
         assert until(lambda: axis.read("store_state") == "saved", 20)
 
         def power_off():
             machine.alive = False
 
-        done["killed_drive"] = faulty(axis, machine, power_off)
+        steps("killed_drive", faulty, axis, machine, power_off)
         machine.alive = True
         machine.power_up()
-        done["new_drive"] = recovered(axis, machine)
-        done["drive_fault"] = faulty(axis, machine, lambda: machine.fail(0x2310))
-        done["reset_drive"] = recovered(axis, machine)
+        steps("new_drive", recovered, axis, machine)
+        steps("drive_fault", faulty, axis, machine, lambda: machine.fail(0x2310))
+        steps("reset_drive", recovered, axis, machine)
 
         def be_silent():
             machine.cell_alive = False
 
-        done["silent_cell"] = faulty(axis, machine, be_silent)
+        steps("silent_cell", faulty, axis, machine, be_silent)
         machine.cell_alive = True
         time.sleep(0.2)
-        done["speaking_cell"] = recovered(axis, machine)
+        steps("speaking_cell", recovered, axis, machine)
 
-        done["bus_down"] = faulty(axis, machine, lambda: set_up("vcan1", False))
+        steps("bus_down", faulty, axis, machine, lambda: set_up("vcan1", False))
         set_up("vcan1", True)
         time.sleep(0.5)
-        done["bus_up"] = recovered(axis, machine)
+        steps("bus_up", recovered, axis, machine)
 
-        done["stalled"] = faulty(axis, machine, stall)
+        steps("stalled", faulty, axis, machine, stall)
         axis.reset_fault()
         time.sleep(0.5)
-        done["reset_stalled"] = axis.get("fault", "overruns")
+        steps["reset_stalled"] = axis.get("fault", "overruns")
         stall()
         time.sleep(0.5)
-        done["stalled_disabled"] = axis.get("fault", "overruns")
-    done["end"] = process.end() | {"drive": machine.state}
+        steps["stalled_disabled"] = axis.get("fault", "overruns")
+    steps["end"] = process.end() | {"drive": machine.state}
 
     process = Process(folder)
     with supervised() as axis:
-        done["stored"] = axis.get("adc_bits", "position_gain")
-        done["killed"] = {}
+        steps["stored"] = axis.get("adc_bits", "position_gain")
         axis.enable("profile position")
         comes_on(machine)
-        done["killed"]["before"] = machine.state
+        before = machine.state
         process.process.kill()
         time.sleep(0.5)
-        done["killed"]["drive"] = machine.state
+        steps["killed"] = {"before": before, "drive": machine.state}
 
     def converts():
         machine.converter = os.open(folder / "buffer", os.O_WRONLY)
@@ -237,11 +235,11 @@ def main(folder):
 
     process = Process(folder, iio=iio_device(folder), started=converts)
     with supervised() as axis:
-        done["converter"] = axis.get("force_raw", "position")
-        done["converter_ends"] = faulty(axis, machine, ends)
-    done["converter_stderr"] = process.end()["stderr"]
-    (folder / "results.json").write_text(json.dumps(done, default=str, indent=1))
+        steps["converter"] = axis.get("force_raw", "position")
+        steps("converter_ends", faulty, axis, machine, ends)
+    steps["converter_stderr"] = process.end()["stderr"]
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    with Steps(sys.argv[1]) as steps:
+        main(Path(sys.argv[1]), steps)

@@ -1,5 +1,5 @@
 """An axis on Linux whose drive is another axis of this project on vcan1, in real time, with
-python-canopen as the supervisor on vcan0. Run under tools/vcan with a folder; writes results.json
+python-canopen as the supervisor on vcan0. Run under tools/vcan with a folder; stores its steps
 there. tests/loop/test_axis_on_axis.cpp has the same in lock-step."""
 
 import json
@@ -12,6 +12,7 @@ import can
 import canopen
 from canopen.profiles.p402 import BaseNode402
 from forceaxis.experiments import link
+from steps import Steps
 
 ROOT = Path(__file__).resolve().parents[2]
 EDS = ROOT / "firmware/objects/generated/forceaxis.eds"
@@ -91,8 +92,7 @@ def until(what, condition, seconds=20.0):
         time.sleep(0.01)
 
 
-def main(folder):
-    folder, done = Path(folder), {}
+def main(folder, steps):
     file = folder / "axis.toml"
     tables = (
         f"[[drive.object]]\nindex = {i}\nsub = {s}\nbytes = {b}\nvalue = {v}\n"
@@ -116,31 +116,31 @@ def main(folder):
         master.sdo[index].raw = value
     master.nmt.state = "OPERATIONAL"
     master.setup_402_state_machine()
-    done["first"] = master.state
+    steps["first"] = master.state
     master.op_mode = "PROFILED TORQUE"
     master.sdo[0x6071].raw = 750
     begin = len(forces.codes)
     master.state = "OPERATION ENABLED"
-    done["enabled"] = master.state
+    steps["enabled"] = master.state
     until("no contact", lambda: any(forces.codes[begin:]))
     touch = next(n for n in range(begin, len(forces.codes)) if forces.codes[n])
     until("too few cycles", lambda: len(forces.codes) > touch + 150)
-    done["codes"] = forces.codes[touch : touch + 150]
-    done["fault"] = master.sdo[0x2021].raw
-    done["read"] = {"force": master.sdo[0x6077].raw, "position": master.sdo[0x6064].raw}
-    done["drive_on"] = forces.states[-1]
+    steps["codes"] = forces.codes[touch : touch + 150]
+    steps["fault"] = master.sdo[0x2021].raw
+    steps["read"] = {"force": master.sdo[0x6077].raw, "position": master.sdo[0x6064].raw}
+    steps["drive_on"] = forces.states[-1]
     master.state = "READY TO SWITCH ON"
     time.sleep(0.5)
-    done["stopped"] = master.state
-    done["drive_off"] = forces.states[-1]
+    steps["stopped"] = master.state
+    steps["drive_off"] = forces.states[-1]
     axis.terminate()
-    done["lateness"] = json.loads(axis.communicate(timeout=20)[0])
+    steps["lateness"] = json.loads(axis.communicate(timeout=20)[0])
     listener.stop()
     bus.shutdown()
     network.disconnect()
     drive.communicate(timeout=20)
-    (folder / "results.json").write_text(json.dumps(done, indent=1))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    with Steps(sys.argv[1]) as steps:
+        main(Path(sys.argv[1]), steps)

@@ -4,12 +4,10 @@ write to. One axis is moved, pressed and recorded by each way to it, and owners 
 
 import contextlib
 import ctypes
-import json
 import os
 import signal
 import sys
 import time
-import traceback
 from dataclasses import asdict
 from pathlib import Path
 
@@ -26,6 +24,7 @@ from forceaxis.objects import OBJECTS
 from forceaxis.results import to_json
 from forceaxis.thesis import session as thesis_session
 from gateway_clients import PORT, Can, gateway, operational, until
+from steps import Steps
 
 URL = f"tcp://127.0.0.1:{PORT}"
 WAYS = {
@@ -224,17 +223,8 @@ def stopped_by_another():
 
 
 def main():
-    folder, found = Path(sys.argv[1]), {}
-
-    def step(name, do, *arguments):
-        since = time.monotonic()
-        try:
-            found[name] = do(*arguments)
-        except Exception:
-            found[name] = {"error": traceback.format_exc()}
-        print(f"{name}: {time.monotonic() - since:.1f} s", file=sys.stderr)
-
-    with contextlib.ExitStack() as stack:
+    folder = Path(sys.argv[1])
+    with Steps(folder) as step, contextlib.ExitStack() as stack:
         programs = ("axis_node", "plant_node")
         stack.enter_context(thesis_session.machine(folder, programs=programs, endless=True))
         step("list can", lambda: to_json(list(scan.on_can("vcan0", seconds=0.2))))
@@ -256,7 +246,6 @@ def main():
         step("list modbus", lambda: to_json(list(scan.on_modbus(URL))))
         step("use modbus", use, "modbus")
         step("stopped", stopped_by_another)
-    (folder / "found.json").write_text(json.dumps(found))
 
 
 if __name__ == "__main__":

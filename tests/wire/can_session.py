@@ -13,6 +13,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from steps import Steps
+
 ROOT = Path(__file__).resolve().parents[2]
 NODES = ROOT / "build" / "release" / "host"
 EXPERIMENT = ROOT / "sim" / "experiments" / "contact.toml"
@@ -118,12 +120,10 @@ def with_buses():
 
 
 if __name__ == "__main__":
-    result = {
-        "buses": with_buses(),
-        "candump": with_candump(),
-        "second_plant": second_plant(),
-        "killed_axis": killed_axis(),
-        "six_axes": six_axes(),
-        "flipped": pair(*SHORT, plant_args=("--inject", "flip=100,bit=0")),
-    }
-    json.dump(result, sys.stdout)
+    with Steps(sys.argv[1]) as steps:
+        steps("buses", with_buses)
+        steps("candump", with_candump)
+        steps("second_plant", second_plant)
+        steps("killed_axis", killed_axis)
+        steps("six_axes", six_axes)
+        steps("flipped", lambda: pair(*SHORT, plant_args=("--inject", "flip=100,bit=0")))

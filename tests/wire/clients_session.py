@@ -11,7 +11,6 @@ import subprocess
 import sys
 import threading
 import time
-import traceback
 from pathlib import Path
 
 import can
@@ -19,6 +18,7 @@ import canopen
 from canopen.profiles.p402 import BaseNode402
 from clients_flood import flood, record, stop
 from pymodbus.client import ModbusSerialClient
+from steps import Steps
 
 ROOT = Path(__file__).resolve().parents[2]
 NODES = ROOT / "build" / "release" / "host"
@@ -84,23 +84,6 @@ class Nodes:
         for process in (self.axis, self.plant):
             process.kill()
             process.communicate()
-
-
-class Steps:
-    """Runs steps and stores their results."""
-
-    def __init__(self):
-        self.results = {}
-
-    def __call__(self, name, step, *args):
-        since = time.monotonic()
-        try:
-            found = step(*args)
-        except Exception:
-            found = {"error": traceback.format_exc()}
-        self.results[name] = found
-        print(f"{name}: {time.monotonic() - since:.2f} s", file=sys.stderr, flush=True)
-        return found
 
 
 def wait_until(what, condition, seconds=5.0):
@@ -678,14 +661,13 @@ def main():
     can.rc = {}
     folder = Path(sys.argv[1])
     only = sys.argv[2:]
-    steps = Steps()
-    if not only or "session" in only:
-        session(folder, steps)
-    if not only or "reversed" in only:
-        reversed_encoder(folder, steps)
-    if not only or "flood" in only:
-        flood(folder, steps, Nodes, Client, brief)
-    (folder / "results.json").write_text(json.dumps(steps.results))
+    with Steps(folder) as steps:
+        if not only or "session" in only:
+            session(folder, steps)
+        if not only or "reversed" in only:
+            reversed_encoder(folder, steps)
+        if not only or "flood" in only:
+            flood(folder, steps, Nodes, Client, brief)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,6 @@ import re
 import signal
 import subprocess
 import sys
-import traceback
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,6 +35,7 @@ from forceaxis.cycles.records import RecordFolder
 from forceaxis.experiments import link
 from forceaxis.results import to_json
 from gateway_clients import PORT, gateway, operational, until
+from steps import Steps
 
 SIM = Path(__file__).resolve().parents[2] / "sim"
 EXPERIMENT = file_of("press_fit")
@@ -123,29 +123,24 @@ class NotingLink(CanLink):
 
 
 def pressed(name):
-    """A part of an example: what load and start give, or what has failed."""
+    """A part of an example: what load and start give."""
     wanted = live.live_program(file_of(name))
-    try:
-        with Axis(NotingLink("vcan0")) as axis:
-            try:
-                early = to_json(results.press(axis, wanted))
-            except Refused as refused:
-                early = str(refused)
-            loaded = to_json(live.load(axis, wanted))
-            part = to_json(results.press(axis, wanted))
-            return {"early": early, "loaded": loaded, "part": part, "ticks": axis.link.started}
-    except Exception:
-        return {"failed": traceback.format_exc()}
+    with Axis(NotingLink("vcan0")) as axis:
+        try:
+            early = to_json(results.press(axis, wanted))
+        except Refused as refused:
+            early = str(refused)
+        loaded = to_json(live.load(axis, wanted))
+        part = to_json(results.press(axis, wanted))
+        return {"early": early, "loaded": loaded, "part": part, "ticks": axis.link.started}
 
 
-def parts(folder):
+def parts(folder, steps):
     """One press after another, because a guest is not fast enough for five in real time."""
-    found = {}
     for key, (name, overrides) in zip(IDS, PARTS, strict=True):
         (folder / key).mkdir()
         with nodes(folder / key, name, (*overrides, PATIENT)):
-            found[key] = pressed(name)
-    return found
+            steps(key, pressed, name)
 
 
 def cycle(*words):
@@ -191,12 +186,10 @@ def copied(folder, copies):
             into.add(replace(record, number=number))
 
 
-def ways(folder):
-    return {
-        "can": by(folder / "can", "--can", "vcan0"),
-        "gateway": by(folder / "gateway", "--axis", "1"),
-        "modbus": by(folder / "modbus", "--modbus", f"tcp://127.0.0.1:{PORT}"),
-    }
+def ways(folder, steps):
+    steps("can", by, folder / "can", "--can", "vcan0")
+    steps("gateway", by, folder / "gateway", "--axis", "1")
+    steps("modbus", by, folder / "modbus", "--modbus", f"tcp://127.0.0.1:{PORT}")
 
 
 @contextlib.contextmanager
@@ -293,23 +286,19 @@ def axis_killed(folder):
     return {"said": said, "loaded": loaded, "part": part, "watch": watch, "records": records}
 
 
-def killed(folder):
-    found = {}
+def killed(folder, steps):
     for key, session in (("command", command_killed), ("axis", axis_killed)):
         (folder / key).mkdir()
-        found[key] = session(folder / key)
-    return found
+        steps(key, session, folder / key)
 
 
-def links(_folder):
-    found = {}
+def links(_folder, steps):
     with link.AxisNode(link.LinkOptions("socketcan")) as node:
         for key, (name, overrides) in zip(IDS, PARTS, strict=True):
             result, report, _, cycle = link.run_with(node, file_of(name), overrides, trace=False)
-            found[key] = {
+            steps[key] = {
                 "hashes": [result.trace_hash, report.hashes.axis], "cycle": cycle
             }  # fmt: skip
-    return found
 
 
 def be_patient():
@@ -321,8 +310,8 @@ def be_patient():
 
 def main(folder, session):
     be_patient()
-    found = {"parts": parts, "ways": ways, "links": links, "killed": killed}[session](folder)
-    (folder / "found.json").write_text(json.dumps(found))
+    with Steps(folder) as steps:
+        {"parts": parts, "ways": ways, "links": links, "killed": killed}[session](folder, steps)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from drive_habits import BY_NAME
 from fake_drive import FakeDrive
 from forceaxis.bus.client import NoAnswer
 from forceaxis.experiments import link
+from steps import Steps
 
 TICK_S, TICKS_AT_ONCE, TICKS_OF_CELL = 1 / 1500, 30, 15
 # Where the settings of the page are others: the guest kernel of the tests has ticks of several ms.
@@ -110,14 +111,13 @@ def attempt(folder, kind, keys):
     return found
 
 
-def main(folder):
-    folder, done = Path(folder), {}
+def main(folder, steps):
     for name, cured in KINDS:
         kind = BY_NAME[name]
         keys = kind.settings | {"wait_ms": 1200} | (kind.cure if cured else {})
-        done[f"{name}{', cured' if cured else ''}"] = attempt(folder, kind, keys)
-    (folder / "results.json").write_text(json.dumps(done, default=str, indent=1))
+        steps(f"{name}{', cured' if cured else ''}", attempt, folder, kind, keys)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    with Steps(sys.argv[1]) as steps:
+        main(Path(sys.argv[1]), steps)

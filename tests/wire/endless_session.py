@@ -1,8 +1,7 @@
 """The sessions of test_endless.py, real processes on real CAN, in one guest: each node is stopped
-for two seconds and goes on. Prints one JSON object.
+for two seconds and goes on. Stores its steps in a folder.
 """
 
-import json
 import signal
 import socket
 import struct
@@ -13,6 +12,7 @@ import time
 from pathlib import Path
 
 from fault_session import EXPERIMENT, NODES, Bus, end
+from steps import Steps
 
 STOPPED_S = 2
 SENSOR_INVALID = 0x7305
@@ -48,7 +48,7 @@ def moves(bus):
     return {"state": reached, "way": way}
 
 
-def session(link, ended_first):
+def session(link, ended_first, steps):
     with tempfile.TemporaryDirectory() as folder:
         journal = Path(folder) / "journal"
         common = ["--link", link, *(w for s in SETTINGS for w in ("--set", s))]
@@ -57,7 +57,7 @@ def session(link, ended_first):
         plant = start("plant_node", *common)
         bus.listen(0.3)
         bus.write(MODE, 0, PROFILE_VELOCITY, 1)
-        seen = {"before": moves(bus)}
+        steps["before"] = moves(bus)
         for name, process in (("plant", plant), ("axis", axis)):
             del bus.emergencies[:]
             process.send_signal(signal.SIGSTOP)
@@ -71,15 +71,15 @@ def session(link, ended_first):
             bus.listen(0.2)
             stopped |= {"error_code": bus.read(0x603F), "code": bus.read(0x2029)}
             stopped["state"] = state(bus)
-            seen[name] = stopped | {"after": moves(bus)}
+            steps[name] = stopped | {"after": moves(bus)}
         first, second = (axis, plant) if ended_first == "axis" else (plant, axis)
         first.terminate()
         reports = {ended_first: end(first)}
         reports["plant" if ended_first == "axis" else "axis"] = end(second)
-        return seen | {"reports": reports, "journal": journal.read_text()}
+        steps["reports"], steps["journal"] = reports, journal.read_text()
 
 
-def stop_of_an_axis_not_heard():
+def stop_of_an_axis_not_heard(steps):
     """By Modbus TCP, while the gateway misses the heartbeat of a moving axis that then goes on."""
     common = ["--link", "socketcan", *(w for s in SETTINGS for w in ("--set", s))]
     axis, plant = start("axis_node", *common, "--can", "vcan0"), start("plant_node", *common)
@@ -89,25 +89,25 @@ def stop_of_an_axis_not_heard():
     gateway.stdout.readline()
     bus.listen(2)
     bus.write(MODE, 0, PROFILE_VELOCITY, 1)
-    seen = {"before": moves(bus)}
+    steps["before"] = moves(bus)
     with socket.create_connection(("127.0.0.1", 1503), timeout=10) as client:
         axis.send_signal(signal.SIGSTOP)
         time.sleep(0.5)
         client.sendall(struct.pack(">HHHBBHH", 1, 0, 6, 1, 6, 0, 0))  # controlword 0
         time.sleep(0.1)
         axis.send_signal(signal.SIGCONT)
-        seen["answer"] = client.recv(64)[7:].hex()
-    seen |= {"state": state(bus), "fault": bus.read(0x2021), "stopped_by": bus.read(0x2217)}
+        steps["answer"] = client.recv(64)[7:].hex()
+    steps["state"], steps["fault"] = state(bus), bus.read(0x2021)
+    steps["stopped_by"] = bus.read(0x2217)
     gateway.terminate()
-    seen["said"] = gateway.communicate(timeout=20)[1]
+    steps["said"] = gateway.communicate(timeout=20)[1]
     plant.terminate()
     end(plant), end(axis)
-    return seen
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "not_heard":
-        seen = stop_of_an_axis_not_heard()
-    else:
-        seen = session(sys.argv[1], {"lcm": "axis", "socketcan": "plant"}[sys.argv[1]])
-    json.dump(seen, sys.stdout)
+    with Steps(sys.argv[1]) as steps:
+        if sys.argv[2] == "not_heard":
+            stop_of_an_axis_not_heard(steps)
+        else:
+            session(sys.argv[2], {"lcm": "axis", "socketcan": "plant"}[sys.argv[2]], steps)

@@ -20,6 +20,7 @@ import tty
 from pathlib import Path
 
 from pymodbus.framer import FramerRTU
+from steps import Steps
 
 ROOT = Path(__file__).resolve().parents[2]
 NODES = ROOT / "build" / "release" / "host"
@@ -357,5 +358,7 @@ if __name__ == "__main__":
             killed_supervisor, killed_plant, lost_bus, bus_off, removed_interface, two_masters,
             late_ticks, late_in_real_time,
         )  # fmt: skip
-        chosen = [s for s in scenarios if sys.argv[1:] in ([], [s.__name__])]
-        json.dump({s.__name__: s() for s in chosen}, sys.stdout)
+        with Steps(sys.argv[1]) as steps:
+            for scenario in scenarios:
+                if sys.argv[2:] in ([], [scenario.__name__]):
+                    steps(scenario.__name__, scenario)

@@ -1,15 +1,15 @@
 """The session of test_homing.py on real CAN: run under tools/vcan with a folder to write to.
 
 python-canopen's drive homes axis_node in front of a plant with switches, and moves it in
-micrometres. Each step writes what it found to results.json.
+micrometres. Each step stores what it found.
 """
 
-import json
 import sys
 from pathlib import Path
 
 import clients_session
-from clients_session import ROOT, Client, Nodes, Steps
+from clients_session import ROOT, Client, Nodes
+from steps import Steps
 
 MODEL = ROOT / "sim" / "models" / "homing.toml"
 # Nothing but the master commands the axis.
@@ -106,7 +106,6 @@ def session(folder, name, steps, settings, visit):
 
 def main():
     folder = Path(sys.argv[1])
-    steps = Steps()
 
     def switches(master):
         steps("refused", master.refused_without_inputs)
@@ -121,9 +120,9 @@ def main():
         steps("contact", master.home, -1)
         steps("move off", master.move, -2000)
 
-    session(folder, "switches", steps, "reach=-0.01", switches)
-    session(folder, "touching", steps, "reach=0.01", contact)
-    (folder / "results.json").write_text(json.dumps(steps.results, indent=1))
+    with Steps(folder) as steps:
+        session(folder, "switches", steps, "reach=-0.01", switches)
+        session(folder, "touching", steps, "reach=0.01", contact)
 
 
 if __name__ == "__main__":

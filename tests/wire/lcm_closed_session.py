@@ -1,13 +1,12 @@
-"""The scenarios of test_lcm_closed.py, in one guest: run under tools/vcan, prints JSON.
+"""The scenarios of test_lcm_closed.py, in one guest: run under tools/vcan.
 
-usage: lcm_closed_session.py [DATAGRAMS BYTES]     with numbers: a flood, of Modbus TCP too
+usage: lcm_closed_session.py FOLDER [DATAGRAMS BYTES]     with numbers: a flood, of Modbus TCP too
 
 The route for multicast leads to a veth, as on a machine with a network. So this machine's own
 messages come back as local copies of what goes out there, and those of the other machine come in on
 the same interface.
 """
 
-import json
 import re
 import socket
 import struct
@@ -16,7 +15,6 @@ import sys
 import tempfile
 import threading
 import time
-import traceback
 from pathlib import Path
 
 import tcp_flood
@@ -37,6 +35,7 @@ from foreign_network import (
     sender,
     short,
 )
+from steps import Steps
 
 FLOOD = Path(__file__).resolve().parents[2] / "build/release/tests/wire/lcm_flood"
 CHANNEL = "AXIS_1_COMMAND"
@@ -359,40 +358,35 @@ def flood(count, tcp_bytes):
     return found
 
 
-def closed():
-    results = {}
-
-    def keep(name, scenario, *args):
-        try:
-            results[name] = scenario(*args)
-        except Exception:
-            results[name] = {"raised": traceback.format_exc()}
-
+def closed(folder, steps):
     network = ForeignNetwork()
     foreign, forge, control = network.sender(), network.forger(), listener(OWN)
-    folder = Path(tempfile.mkdtemp())
     with thesis_session.machine(folder, programs=("axis_node", "plant_node"), duration_s=300):
         gateway, answers = Gateway(), Answers()
-        results["ready"] = gateway.ready
+        steps["ready"] = gateway.ready
         with AxisClient(1, timeout_s=4) as axis:
             wait_ready(axis)
-            results["before"] = standing(axis)
-            keep("from_home", from_home, answers, axis)
-            keep("from_elsewhere", from_elsewhere, answers, axis, foreign, control)
-            keep("forged", forged, answers, axis, forge, control)
-            keep("fragmented", fragmented, answers, forge)
-            results["after"] = standing(axis)
-        results["alive"] = gateway.process.poll() is None
-        results["status"] = gateway.end()
-        results["said"] = gateway.said()
-        results["notes"] = [n for n in answers.notes if "LCM" in n[2]]
-        keep("other_allowed", let_in, answers, "10.8.0.0/16", foreign, 501)
-        keep("allowed", let_in, answers, NETWORK, foreign, 502)
-    return results
+            steps["before"] = standing(axis)
+            steps("from_home", from_home, answers, axis)
+            steps("from_elsewhere", from_elsewhere, answers, axis, foreign, control)
+            steps("forged", forged, answers, axis, forge, control)
+            steps("fragmented", fragmented, answers, forge)
+            steps["after"] = standing(axis)
+        steps["alive"] = gateway.process.poll() is None
+        steps["status"] = gateway.end()
+        steps["said"] = gateway.said()
+        steps["notes"] = [n for n in answers.notes if "LCM" in n[2]]
+        steps("other_allowed", let_in, answers, "10.8.0.0/16", foreign, 501)
+        steps("allowed", let_in, answers, NETWORK, foreign, 502)
 
 
 def main():
-    print(json.dumps(flood(*map(int, sys.argv[1:])) if len(sys.argv) > 1 else closed()))
+    folder, numbers = Path(sys.argv[1]), map(int, sys.argv[2:])
+    with Steps(folder) as steps:
+        if len(sys.argv) > 2:
+            steps("flood", flood, *numbers)
+        else:
+            closed(folder, steps)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ to. python-canopen is the LSS master of four axis_nodes without id; results.json
 
 import contextlib
 import itertools
-import json
 import subprocess
 import sys
 import time
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import canopen
 from canopen.lss import CS_INQUIRE_SERIAL_NUMBER, LssError
+from steps import Steps
 
 ROOT = Path(__file__).resolve().parents[2]
 AXIS_NODE = ROOT / "build/release/host/axis_node"
@@ -186,14 +186,13 @@ def recorded(bus, scan):
 def main():
     folder = Path(sys.argv[1])
     bus = Bus(folder)
-    results = {}
     try:
-        results["selected"] = selected_alone(bus)
-        results["scanned"] = scanned(bus)
-        results["restarted"] = restarted(bus, results["scanned"])
-        results["recorded"] = recorded(bus, results["scanned"])
+        with Steps(folder) as steps:
+            steps("selected", selected_alone, bus)
+            steps["scanned"] = scanned(bus)  # the others need what it found
+            steps("restarted", restarted, bus, steps["scanned"])
+            steps("recorded", recorded, bus, steps["scanned"])
     finally:
-        (folder / "results.json").write_text(json.dumps(results))
         for node in bus.nodes:
             node.kill()
         bus.network.disconnect()

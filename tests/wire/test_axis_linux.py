@@ -4,11 +4,11 @@ has each failure by name. axis_linux_session.py did it all on real CAN; the test
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from forceaxis.experiments import link
+from steps import found_by
 
 SESSION = Path(__file__).with_name("axis_linux_session.py")
 LOCK_WATCH = Path(__file__).with_name("lock_watch.c")
@@ -20,10 +20,7 @@ def results(tmp_path_factory, vcan):
     folder = tmp_path_factory.mktemp("axis_linux")
     command = ["cc", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", LOCK_WATCH]
     subprocess.run([*command, "-o", folder / "lock_watch.so"], check=True)
-    done = vcan([sys.executable, SESSION, folder], 150)
-    print(done.stderr)
-    assert done.returncode == 0, done.stderr + done.stdout
-    return json.loads((folder / "results.json").read_text())
+    yield from found_by(vcan, folder, 150, SESSION)
 
 
 def test_it_starts_without_a_fault_and_presses(results):

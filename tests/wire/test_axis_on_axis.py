@@ -3,11 +3,10 @@ supervisor, on real CAN and in real time: the bands of tests/loop/test_axis_on_a
 axis_on_axis_session.py did it; the tests check its records.
 """
 
-import json
-import sys
 from pathlib import Path
 
 import pytest
+from steps import found_by
 
 pytestmark = pytest.mark.long  # half a minute; in lock-step it is tests/loop/test_axis_on_axis.cpp
 
@@ -23,11 +22,7 @@ RISE_N = 0.005 * STIFFNESS / 1000
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory, vcan):
-    folder = tmp_path_factory.mktemp("axis_on_axis")
-    done = vcan([sys.executable, SESSION, folder], 120)
-    print(done.stderr)
-    assert done.returncode == 0, done.stderr + done.stdout
-    return json.loads((folder / "results.json").read_text())
+    yield from found_by(vcan, tmp_path_factory.mktemp("axis_on_axis"), 120, SESSION)
 
 
 def test_it_holds_75_n(results):

@@ -1,12 +1,11 @@
 """One axis by gateway, CAN and Modbus TCP, on real CAN and in real time: each way finds and does
 the same, and an owner that is killed leaves a disabled axis. axis_session.py is the session."""
 
-import json
-import sys
 from pathlib import Path
 
 import pytest
 from forceaxis.objects import BY_NAME, OBJECTS_HASH
+from steps import found_by
 
 SESSION = Path(__file__).parent / "axis_session.py"
 WAYS = ("can", "gateway", "modbus")
@@ -15,13 +14,7 @@ KEPT = {"state": "ready to switch on", "fault": "none", "command_source": "canop
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory, vcan):
-    folder = tmp_path_factory.mktemp("ways")
-    done = vcan([sys.executable, SESSION, folder], 90)
-    assert done.returncode == 0, done.stderr
-    results = json.loads((folder / "found.json").read_text())
-    for name, result in results.items():
-        assert "error" not in result, f"{name}: {result['error']}"
-    return results
+    yield from found_by(vcan, tmp_path_factory.mktemp("ways"), 90, SESSION)
 
 
 @pytest.mark.parametrize("way", WAYS)

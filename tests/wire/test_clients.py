@@ -6,17 +6,16 @@ clients_session.py did it all with real CAN; the tests check its records.
 
 import bisect
 import collections
-import json
 import re
 import struct
 import subprocess
-import sys
 from pathlib import Path
 
 import canopen_model as model
 import cantools
 import pytest
 from recorded import difference, entries
+from steps import found_by
 
 pytestmark = (
     pytest.mark.long
@@ -32,21 +31,17 @@ TRANSITION_S, MODE_S = 0.4, 0.5
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory, vcan):
-    made = tmp_path_factory.mktemp("clients")
-    done = vcan([sys.executable, SESSION, made], 150)
-    assert done.returncode == 0, done.stderr + done.stdout
-    print(done.stderr)
-    return made
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("clients")
 
 
 @pytest.fixture(scope="module")
-def results(folder):
-    return json.loads((folder / "results.json").read_text())
+def results(folder, vcan):
+    yield from found_by(vcan, folder, 150, SESSION)
 
 
 @pytest.fixture(scope="module")
-def session_log(folder):
+def session_log(folder, results):
     """The recorded bus of the session, whole: its rate is no reason to lose a frame."""
     text = (folder / "session.log").read_text()
     assert "DROPCOUNT" not in text
@@ -55,13 +50,7 @@ def session_log(folder):
 
 @pytest.fixture
 def step(results):
-    def find(name):
-        found = results[name]
-        if isinstance(found, dict) and "error" in found and name != "flood_nodes":
-            pytest.fail(f"{name}: {found['error']}")
-        return found
-
-    return find
+    return results.__getitem__
 
 
 # The drive profile.

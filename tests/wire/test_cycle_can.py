@@ -8,7 +8,6 @@ import csv
 import json
 import re
 import signal
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from forceaxis import _core
 from forceaxis.cycles import live
 from forceaxis.cycles.part import run as run_part
 from forceaxis.cycles.records import RecordFolder
+from steps import found_by
 
 SESSION = Path(__file__).with_name("cycle_session.py")
 WAYS = ("can", "gateway", "modbus")
@@ -30,34 +30,24 @@ MOVED, MOVED_N = ("polishing",), 0.5
 pytestmark = pytest.mark.long  # a minute of real time
 
 
-def ran(vcan, folder, session, seconds):
-    done = vcan([sys.executable, SESSION, folder, session], seconds)
-    assert done.returncode == 0, done.stderr + done.stdout
-    return json.loads((folder / "found.json").read_text())
-
-
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory, vcan):
-    found = ran(vcan, tmp_path_factory.mktemp("parts"), "parts", 200)
-    for name, one in found.items():
-        assert "failed" not in one, f"{name}: {one['failed']}"
-    return found
+    yield from found_by(vcan, tmp_path_factory.mktemp("parts"), 200, SESSION, "parts")
 
 
 @pytest.fixture(scope="module")
 def links(tmp_path_factory, vcan):
-    return ran(vcan, tmp_path_factory.mktemp("links"), "links", 120)
+    yield from found_by(vcan, tmp_path_factory.mktemp("links"), 120, SESSION, "links")
 
 
 @pytest.fixture(scope="module")
 def ways(tmp_path_factory, vcan):
-    folder = tmp_path_factory.mktemp("ways")
-    return ran(vcan, folder, "ways", 180) | {"folder": folder}
+    yield from found_by(vcan, tmp_path_factory.mktemp("ways"), 180, SESSION, "ways")
 
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory, vcan):
-    return ran(vcan, tmp_path_factory.mktemp("killed"), "killed", 600)
+    yield from found_by(vcan, tmp_path_factory.mktemp("killed"), 600, SESSION, "killed")
 
 
 def simulated(file, overrides, start_tick):
@@ -133,7 +123,7 @@ def test_the_commands_press_a_part_by_each_way(ways, way):
 @pytest.mark.parametrize("way", WAYS)
 def test_each_way_reads_the_curve_of_its_part(ways, way):
     """By blocks over CAN, five points at a time over the others; all of them see the same press."""
-    with (ways["folder"] / way / "curve.csv").open(newline="") as stream:
+    with (ways.folder / way / "curve.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     curve = run_part(EXPERIMENT).curve
     assert 300 < len(rows) <= 1000
@@ -159,7 +149,7 @@ def test_a_result_is_recorded_beside_the_owner_of_the_axis(ways):
     same = ("number", "power_up", "program_crc", "elements", "begin_tick", "parameters_crc")
     assert {n: record[n] for n in same} == {n: pressed[n] for n in same}
     assert found["left"] == {"cycle_results_waiting": 0, "command_source": "lcm"}
-    file = ways["folder"] / "gateway/records/parts/00000_0000000002.json"
+    file = ways.folder / "gateway/records/parts/00000_0000000002.json"
     assert json.loads(file.read_text()) == record
 
 
@@ -167,7 +157,7 @@ def test_the_bounds_are_taught_with_the_parts_of_an_axis(ways):
     """Each new bound is a value of a part."""
     said = ways["gateway"]["beside"]["taught"]
     assert said["status"] == 0, said["said"]
-    folder = ways["folder"] / "gateway"
+    folder = ways.folder / "gateway"
     with RecordFolder(folder / "records") as records:
         found = list(records.records())
     assert (len(found), [record.serial for record in found].count("B-2")) == (300, 1)

@@ -1,14 +1,13 @@
 """The axis as a process of Linux with kinds of drives of drive_habits.py, which
 drive_habits_session.py tries on real CAN: each is on, or refused by a line that names the key."""
 
-import json
-import sys
 from pathlib import Path
 
 import pytest
 from drive_habits import BY_NAME
 from drive_habits_session import KINDS
 from fake_drive import ENABLED
+from steps import found_by
 
 SESSION = Path(__file__).with_name("drive_habits_session.py")
 ON = [(name, cured) for name, cured in KINDS if cured or not BY_NAME[name].reason]
@@ -17,10 +16,7 @@ REFUSED = [name for name, cured in KINDS if not cured and BY_NAME[name].reason]
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory, vcan):
-    folder = tmp_path_factory.mktemp("drive_habits")
-    done = vcan([sys.executable, SESSION, folder], 200)
-    assert done.returncode == 0, done.stderr + done.stdout
-    return json.loads((folder / "results.json").read_text())
+    yield from found_by(vcan, tmp_path_factory.mktemp("drive_habits"), 200, SESSION)
 
 
 @pytest.mark.long

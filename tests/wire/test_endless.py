@@ -4,7 +4,6 @@ import json
 import re
 import signal
 import subprocess
-import sys
 import time
 
 import endless_session
@@ -12,6 +11,7 @@ import pytest
 import verbs
 from fault_session import NODES, end
 from forceaxis.experiments import link
+from steps import run
 
 MODBUS = 2  # of stopped_by
 LINKS = [pytest.param("lcm", marks=pytest.mark.long), "socketcan"]
@@ -19,17 +19,19 @@ SHORT = "--set", "experiment.duration_s=0.1", "--set", "verdict.window_s=0.1"
 
 
 @pytest.fixture(scope="module")
-def sessions(vcan):
+def sessions(tmp_path_factory, vcan):
     class Sessions(dict):
         """What was seen by kind of session, each run once."""
 
         def __missing__(self, kind):
-            done = vcan([sys.executable, endless_session.__file__, kind], 120)
-            assert done.returncode == 0, done.stderr
-            self[kind] = json.loads(done.stdout)
+            folder = tmp_path_factory.mktemp(kind)
+            self[kind] = run(vcan, folder, 120, endless_session.__file__, kind)
             return self[kind]
 
-    return Sessions()
+    found = Sessions()
+    yield found
+    for session in found.values():
+        session.expect_end()
 
 
 def start(name, *args, wait_s=20):

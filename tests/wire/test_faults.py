@@ -5,12 +5,11 @@ Within the ticks that firmware/app/fw.h states, and by the same name on every bu
 Ticks are those of the link, as candump saw it, and of the axis' journal.
 """
 
-import json
-import sys
 from pathlib import Path
 
 import fault_session
 import pytest
+from steps import found_by
 
 ROOT = Path(__file__).resolve().parents[2]
 SENSOR_INVALID, HEARTBEAT_LOST, SOURCE_LOST, CAN_OFF = 1, 8, 9, 10
@@ -20,10 +19,8 @@ WATCHDOG_TICKS = fault_session.WATCHDOG_MS * 3 // 2
 
 
 @pytest.fixture(scope="module")
-def session(vcan):
-    done = vcan([sys.executable, fault_session.__file__], 100)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+def session(tmp_path_factory, vcan):
+    yield from found_by(vcan, tmp_path_factory.mktemp("faults"), 100, fault_session.__file__)
 
 
 def expect(seen, fault, code):

@@ -3,11 +3,10 @@ in micrometres on real CAN and homes it by switch, index and contact. The plant'
 its model has them, so each place that was found is compared with the true one.
 """
 
-import json
-import sys
 from pathlib import Path
 
 import pytest
+from steps import found_by
 
 pytestmark = pytest.mark.long  # a quarter of a minute; each method is in cia402_homing_test.cpp
 
@@ -23,20 +22,12 @@ LATE = 2.6
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory, vcan):
-    folder = tmp_path_factory.mktemp("homing")
-    done = vcan([sys.executable, SESSION, folder], 100)
-    assert done.returncode == 0, done.stderr + done.stdout
-    return json.loads((folder / "results.json").read_text())
+    yield from found_by(vcan, tmp_path_factory.mktemp("homing"), 100, SESSION)
 
 
 @pytest.fixture
 def step(results):
-    def find(name):
-        found = results[name]
-        assert "error" not in found, found.get("error")
-        return found
-
-    return find
+    return results.__getitem__
 
 
 def home_of(found, offset_um=0):

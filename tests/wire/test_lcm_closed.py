@@ -2,15 +2,14 @@
 lcm_closed_session.py runs in one guest, and this says what must come out.
 """
 
-import json
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from forceaxis.experiments import link
+from steps import found_by, run
 
 pytestmark = pytest.mark.long  # half a minute; lengths and counts are fuzzed without a bus
 
@@ -26,32 +25,23 @@ FLOOD = int(os.environ.get("FORCEAXIS_LCM_DATAGRAMS", "60000"))
 TCP_BYTES = int(os.environ.get("FORCEAXIS_TCP_BYTES", "100000"))
 
 
-def session(limit_s, *args):
-    done = subprocess.run(
-        [VCAN, "-t", str(limit_s), sys.executable, SESSION, *args],
+def guest(words, limit_s):
+    """A guest of its own, whose networks the session changes."""
+    return subprocess.run(
+        [VCAN, "-t", str(limit_s), *map(str, words)],
         cwd=ROOT, capture_output=True, text=True, timeout=limit_s + 20, check=False,
         stdin=subprocess.DEVNULL,
     )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-2000:]
-    return json.loads(done.stdout.splitlines()[-1])
 
 
 @pytest.fixture(scope="module")
-def ran():
-    return session(150)
+def ran(tmp_path_factory):
+    yield from found_by(guest, tmp_path_factory.mktemp("lcm"), 150, SESSION)
 
 
 @pytest.fixture
 def of(ran):
-    """The results of one scenario; its exception fails the test."""
-
-    def found(name):
-        result = ran[name]
-        if isinstance(result, dict) and "raised" in result:
-            pytest.fail(result["raised"])
-        return result
-
-    return found
+    return ran.__getitem__
 
 
 def test_lengths_and_counts_that_lie_are_dropped_and_counted(of, ran):
@@ -126,8 +116,9 @@ def test_another_network_is_let_in_only_if_it_is_named(of):
 
 
 @pytest.mark.long
-def test_a_flood_of_noise_and_broken_traffic_moves_nothing_and_costs_no_memory():
-    got = session(120 + FLOOD // 500 + TCP_BYTES // 5000, str(FLOOD), str(TCP_BYTES))
+def test_a_flood_of_noise_and_broken_traffic_moves_nothing_and_costs_no_memory(tmp_path):
+    seconds = 120 + FLOOD // 500 + TCP_BYTES // 5000
+    got = run(guest, tmp_path, seconds, SESSION, FLOOD, TCP_BYTES)["flood"]
     assert got["alive"] == [True, True] and got["status"] == 0
     assert got["home"][0] + got["away"][0] == FLOOD
     assert got["lost"] < got["home"][0] / 100  # the gateway read this machine's

@@ -24,6 +24,7 @@ from forceaxis.bus.lcm import Bus, decode
 from forceaxis.experiments import link
 from forceaxis.thesis import tables
 from own_network import OWN_NETWORK
+from steps import found_by
 
 ROOT = Path(__file__).resolve().parents[2]
 EXPERIMENT = ROOT / "sim" / "experiments" / "contact.toml"
@@ -93,11 +94,10 @@ def hashes(report):
 
 
 @pytest.fixture(scope="module")
-def can(vcan):
+def can(tmp_path_factory, vcan):
     """Everything that needs CAN frames."""
-    done = vcan([sys.executable, Path(__file__).with_name("can_session.py")], 120)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    session = Path(__file__).with_name("can_session.py")
+    yield from found_by(vcan, tmp_path_factory.mktemp("can"), 120, session)
 
 
 # The same trace.

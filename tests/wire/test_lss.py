@@ -3,11 +3,10 @@
 lss_session.py did it all with real CAN; the tests check its records.
 """
 
-import json
-import sys
 from pathlib import Path
 
 import pytest
+from steps import found_by
 
 pytestmark = pytest.mark.long  # half a minute; each service by itself is tested in fw_lss_test.cpp
 
@@ -19,11 +18,7 @@ IDS = [10, 11, 12, 13]
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory, vcan):
-    folder = tmp_path_factory.mktemp("lss")
-    done = vcan([sys.executable, SESSION, folder], 150)
-    print(done.stderr)
-    assert done.returncode == 0, done.stderr + done.stdout
-    return json.loads((folder / "results.json").read_text())
+    yield from found_by(vcan, tmp_path_factory.mktemp("lss"), 150, SESSION)
 
 
 def test_a_node_selected_alone_speaks_alone(results):

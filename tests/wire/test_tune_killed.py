@@ -4,11 +4,11 @@ session."""
 
 import json
 import random
-import sys
 from pathlib import Path
 
 import pytest
 from forceaxis.commission.tune import STEPS
+from steps import found_by
 from tune_session import SETTINGS
 
 SESSION = Path(__file__).parent / "tune_session.py"
@@ -20,15 +20,12 @@ MOVING = ("free", "measure", "verify")  # steps in which the axis is enabled
 @pytest.fixture(scope="module")
 def found(tmp_path_factory, vcan):
     folder = tmp_path_factory.mktemp("killed")
-    done = vcan([sys.executable, SESSION, folder, random.randrange(10**6)], 1800)
-    print(done.stderr)
-    assert done.returncode == 0, done.stderr[-3000:]
-    return json.loads((folder / "killed.json").read_text())
+    yield from found_by(vcan, folder, 1800, SESSION, random.randrange(10**6))
 
 
 @pytest.mark.parametrize("step", STEPS)
 def test_a_kill_leaves_a_disabled_axis_and_nothing_half_written(found, step):
-    killed = found["killed"][step]
+    killed = found[f"killed {step}"]
     assert killed["status"] == KILLED and killed["in_step"], found["seed"]
     # The heartbeat is missed after 1000 ms; reading, and a busy machine, add to it.
     assert killed["seconds"] < 2.0, found["seed"]
@@ -40,7 +37,7 @@ def test_a_kill_leaves_a_disabled_axis_and_nothing_half_written(found, step):
 
 
 def test_kills_met_an_enabled_axis(found):
-    assert any(found["killed"][step]["enabled"] for step in MOVING)
+    assert any(found[f"killed {step}"]["enabled"] for step in MOVING)
 
 
 def test_the_same_command_goes_on_and_finishes(found):
@@ -71,6 +68,6 @@ def test_nine_kills_have_left_nothing_of_the_tool_but_the_law(found):
 def test_a_run_after_a_kill_resets_its_own_fault_and_says_so(found):
     says = "the previous run was killed: the fault heartbeat_lost that it left is reset"
     for step, after in zip(STEPS, (*STEPS[1:], None), strict=True):
-        run = found["killed"][after] if after else {"tries": 1, "lines": found["lines"]}
+        run = found[f"killed {after}"] if after else {"tries": 1, "lines": found["lines"]}
         if run["tries"] == 1:  # the one right after that kill
-            assert (says in run["lines"]) == found["killed"][step]["enabled"]
+            assert (says in run["lines"]) == found[f"killed {step}"]["enabled"]

@@ -20,6 +20,7 @@ from forceaxis.commission import as_found
 from forceaxis.commission.tune import STEPS
 from forceaxis.design import data_sheet, new
 from forceaxis.experiments import link
+from steps import Steps
 
 FORKED = multiprocessing.get_context("forkserver")
 LOADED = ["__main__", "can", "canopen", "forceaxis.cli.tune", "forceaxis.pages.tuning"]
@@ -100,8 +101,16 @@ def killed(step, folder, axis, within):
     }  # fmt: skip
 
 
-def main():
-    folder, seed = Path(sys.argv[1]), int(sys.argv[2])
+def killed_in_step(step, folder, axis):
+    """The kill that came in the step and not after it, and the number of tries."""
+    for tries in range(1, TRIES + 1):
+        one = killed(step, folder, axis, WITHIN[step] / 2 ** (tries - 1)) | {"tries": tries}
+        if one["in_step"]:
+            break
+    return one
+
+
+def main(folder, seed, steps):
     random.seed(seed)
     new.write(folder / "press", *data_sheet.collect({k: str(v) for k, v in SHEET.items()}))
     common = [folder / "press/contact.toml", "--link", "socketcan", "--endless", "--pace", "real"]
@@ -120,30 +129,23 @@ def main():
         with Axis(CanLink("vcan0", 1)) as axis:
             axis.set(**SETTINGS)
         axis = Axis(CanLink("vcan0", 1))  # that only reads
-        found = {"seed": seed, "before": as_found.read(axis), "killed": {}}
+        steps["seed"], steps["before"] = seed, as_found.read(axis)
         for step in STEPS:
-            within = WITHIN[step]
-            for tries in range(1, TRIES + 1):
-                one = killed(step, folder, axis, within)
-                found["killed"][step] = one | {"tries": tries}
-                if found["killed"][step]["in_step"]:
-                    break
-                within /= 2
-            print(step, found["killed"][step], file=sys.stderr, flush=True)
-        found["status"], found["lines"] = Tool(folder, "--json").end()
+            steps(f"killed {step}", killed_in_step, step, folder, axis)
+        steps["status"], steps["lines"] = Tool(folder, "--json").end()
         names = ("drive_state", "fault", "force_bank", "bank_state_1", "certificate_state_1")
-        found["is"] = axis.get(*names, "command_source", "consumer_heartbeat_1", *SETTINGS)
-        found["after"] = as_found.read(axis)
+        steps["is"] = axis.get(*names, "command_source", "consumer_heartbeat_1", *SETTINGS)
+        steps["after"] = as_found.read(axis)
         designed = json.loads((folder / "tuned/design.json").read_text())["result"]
-        found["law"] = list(designed["objects"])
+        steps["law"] = list(designed["objects"])
         axis.close()
     finally:
         for process in running:
             process.terminate()
         for process in running:
             process.wait(10)
-    (folder / "killed.json").write_text(json.dumps(found))
 
 
 if __name__ == "__main__":
-    main()
+    with Steps(sys.argv[1]) as found:
+        main(Path(sys.argv[1]), int(sys.argv[2]), found)
