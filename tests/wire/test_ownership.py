@@ -52,5 +52,6 @@ def test_the_same_seed_gives_the_same_hash():
 
 
 @pytest.mark.long
+@pytest.mark.beside
 def test_many_million_ticks_of_random_masters():
     print(flood(LONG, 7))

@@ -63,6 +63,7 @@ def test_coefficients_of_twice_the_range_would(tmp_path):
 
 
 @pytest.mark.long
+@pytest.mark.beside
 def test_codes_of_a_million_banks_are_those_of_double_precision():
     """Within 1 code in 99.9 % of 4e8 ticks: the unit test of 2500 banks, of a million."""
     unit = ROOT / "build/release/tests/firmware/unit/firmware_unit"

@@ -10,7 +10,9 @@ def in_process(file):
     return _core.run(str(file)).columns()
 
 
-@pytest.mark.parametrize("count", [24, pytest.param(1000, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "count", [24, pytest.param(1000, marks=[pytest.mark.long, pytest.mark.beside])]
+)
 def test_the_cap_holds_in_random_approaches_and_strikes(tmp_path, count):
     found = [cap_study.run(tmp_path, number, in_process) for number in range(count)]
     assert [n for n, run in enumerate(found) if run.worst > 0] == []
