@@ -1,6 +1,5 @@
 """The runs of test_protections_can.py on real CAN: under tools/vcan, with a folder to write to."""
 
-import json
 import sys
 from pathlib import Path
 
@@ -8,19 +7,20 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 from forceaxis.experiments import link
 from protections import PROTECTIONS
+from steps import Steps
 
 
 def main():
     folder = Path(sys.argv[1])
-    with link.AxisNode(link.LinkOptions("socketcan")) as node:
+    with Steps(folder) as steps, link.AxisNode(link.LinkOptions("socketcan")) as node:
 
         def run(file):
             result, report, *_ = link.run_with(node, file, [])
             link.expect_same(report)
             return result.columns()
 
-        found = {row.name: row.measure(folder, run) for row in PROTECTIONS}
-    (folder / "found.json").write_text(json.dumps(found))
+        for row in PROTECTIONS:
+            steps(row.name, row.measure, folder, run)
 
 
 if __name__ == "__main__":

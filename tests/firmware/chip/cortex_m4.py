@@ -11,11 +11,12 @@ import importlib.util
 import re
 import shutil
 import struct
-import subprocess
 import tempfile
 from pathlib import Path
 
+import cross
 import unicorn
+from cross import run
 from forceaxis.chip import board
 from unicorn import arm_const
 from unicorn.unicorn_py3 import unicorn as binding
@@ -64,16 +65,6 @@ class Inputs(ctypes.Structure):
     ]
 
 
-def run(*command):
-    """Output of a tool; a missing or failing one ends the program with its message."""
-    if not shutil.which(command[0]):
-        raise SystemExit(f"{command[0]} is not installed: run tools/setup --tests")
-    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SystemExit(f"{' '.join(map(str, command))}\n{done.stdout}{done.stderr}")
-    return done.stdout
-
-
 def sources():
     return [s for f in FOLDERS for s in sorted((ROOT / "firmware" / f).rglob("*.c"))]
 
@@ -95,11 +86,13 @@ def build_image():
         f"SECTIONS {{ . = {CODE:#x}; .text : {{ *(.text*) *(.rodata*) }} . = {RAM:#x};"
         " .data : { *(.data*) } .bss : { *(.bss*) *(COMMON) } }\n"
     )
-    objects = []
-    for source in [*sources(), ROOT / "firmware/port/memory.c"]:
-        objects.append(folder / (source.parent.name + "_" + source.stem + ".o"))
-        optimised = IMAGE.optimisation(source)
-        run(*COMPILER, optimised, *FLAGS, f"-I{ROOT}", "-c", source, "-o", objects[-1])
+    files, by_option, made = [*sources(), ROOT / "firmware/port/memory.c"], {}, {}
+    for source in files:
+        by_option.setdefault(IMAGE.optimisation(source), []).append(source)
+    for option, some in by_option.items():
+        command = [*COMPILER, option, *FLAGS, f"-I{ROOT}"]
+        made |= zip(some, cross.objects(command, some), strict=True)
+    objects = [made[source] for source in files]
     image = folder / "image.elf"
     options = ["-nostdlib", "-nostartfiles", "-static", "-Wl,--no-undefined", "-Wl,--no-warn-rwx"]
     run(*COMPILER, *options, f"-Wl,-T,{script},-e,0", *objects, "-o", image)

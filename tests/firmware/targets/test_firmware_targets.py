@@ -7,14 +7,14 @@ Run with `pytest -s` to see the sizes and instruction counts. A missing tool is 
 import ctypes
 import functools
 import random
-import shutil
 import struct
-import subprocess
 from pathlib import Path
 from typing import NamedTuple
 
+import cross
 import pytest
 import unicorn
+from cross import run
 from force_banks import random_bank
 from forceaxis.objects import BY_NAME
 from unicorn import arm_const, riscv_const
@@ -134,14 +134,6 @@ LOCAL = 3  # FW_SOURCE_LOCAL
 CODE_BASE, RAM_BASE, STACK_TOP, EXIT = 0x08000000, 0x20000000, 0x20010000, 0x0F000000
 
 
-def run(*command):
-    """Output of a tool; a missing or failing one fails the test with what it printed."""
-    assert shutil.which(command[0]), f"{command[0]} is not installed"
-    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}{done.stderr}"
-    return done.stdout
-
-
 def compile_all(target, sources, folder):
     objects = []
     for source in sources:
@@ -196,7 +188,7 @@ def built(tmp_path_factory):
     def build(name):
         target = next(t for t in EMULATED if t.name == name)
         folder = tmp_path_factory.mktemp(name)
-        objects = compile_all(target, SOURCES, folder)
+        objects = cross.objects([*target.compiler, *FREESTANDING, *WARNINGS], SOURCES)
         return objects, link(target, objects, folder)
 
     return lambda target: build(target.name)
