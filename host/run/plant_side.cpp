@@ -1,6 +1,8 @@
 #include "host/run/plant_side.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -12,6 +14,7 @@ namespace forceaxis::host {
 namespace {
 
 constexpr std::size_t kListedEvents = 100000;
+constexpr double kNoLimit_N = std::numeric_limits<double>::infinity();
 static_assert(sim::kLimitPos == int{AXIS_DIN_LIMIT_POS} &&
               sim::kLimitNeg == int{AXIS_DIN_LIMIT_NEG} && sim::kIndex == int{AXIS_DIN_INDEX} &&
               sim::kHome == int{AXIS_DIN_HOME});
@@ -64,10 +67,22 @@ PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
   second_half_ = window_start_ + (experiment.ticks - window_start_) / 2;
   first_pressed_.assign(held_.size(), -1);
   untouched_ = held_.size();
-  if (const auto &adc = plant_.model().adc[0]) {
-    adc_top_ = (1 << adc->bits) - 1;
-    adc_zero_ = static_cast<int>(adc->zero_code);
-  }
+  if (plant_.model().adc[0]) find_reading_ends(*plant_.model().adc[0]);
+}
+
+void PlantSide::find_reading_ends(const sim::Adc &adc) {
+  const double limit_N = std::min(adc.sensor_limit.value_or(kNoLimit_N),
+                                  adc.conditioning_limit.value_or(kNoLimit_N));
+  const double span = limit_N / std::fabs(adc.per_count);
+  const double zero = adc.zero_code + adc.rounding;
+  const double top = (1 << adc.bits) - 1;
+  adc_zero_ = adc.zero_code;
+  adc_low_ = static_cast<int>(std::max(0.0, std::floor(zero - span)));
+  adc_high_ = static_cast<int>(std::min(top, std::floor(zero + span)));
+}
+
+double PlantSide::reading_N(int code) const {
+  return (code - adc_zero_) * plant_.model().adc[0]->per_count;
 }
 
 void PlantSide::look_for_contact() {
@@ -144,9 +159,7 @@ std::optional<double> PlantSide::first_contact_s() const {
 void PlantSide::check_setpoint() {
   const std::vector<ForceSetpoint> setpoints = force_setpoints(*experiment_);
   if (setpoints.empty()) return;
-  const sim::Adc &adc = *plant_.model().adc[0];
-  const double ends[] = {-adc.zero_code * adc.per_count,
-                         (adc_top_ - adc.zero_code) * adc.per_count};
+  const double ends[] = {reading_N(adc_low_), reading_N(adc_high_)};
   const auto [low, high] = std::minmax(ends[0], ends[1]);
   const double setpoint_N = setpoints.back().setpoint_N;
   if (low <= setpoint_N && setpoint_N <= high) return;

@@ -70,8 +70,7 @@ class PlantSide {
       force_.add(record.adc0_code);
       position_.add(record.encoder_cnt);
       metrics_.saturated_ticks += saturated;
-      metrics_.reading_range_ticks +=
-          (record.adc0_code == 0 || record.adc0_code == adc_top_) && record.adc0_code != adc_zero_;
+      look_at_reading(record.adc0_code);
       if (tick_ >= second_half_) {
         force_late_.add(record.adc0_code);
         position_late_.add(record.encoder_cnt);
@@ -115,6 +114,18 @@ class PlantSide {
   // Returns the ADC code that replaces `code` while the force sensor has failed.
   std::uint16_t failed_reading(std::uint16_t code) const;
   void keep(const TickRecord &record, const LinkOutputs &out);
+  // Computes the codes at the ends of the force reading: of the converter, or of the sensor or its
+  // electronics if these saturate earlier.
+  void find_reading_ends(const sim::Adc &adc);
+  // Returns the force of a code of ADC 0.
+  double reading_N(int code) const;
+  // Counts a tick at which the force reading is at an end of its range.
+  void look_at_reading(int code) {
+    if ((code > adc_low_ && code < adc_high_) || code == adc_zero_) return;
+    ++metrics_.reading_range_ticks;
+    if (plant_.model().adc[0])
+      metrics_.reading_end_N = reading_N(code <= adc_low_ ? adc_low_ : adc_high_);
+  }
   void look_for_contact();
   void begin_window();
   bool all_pressed() const;
@@ -144,7 +155,8 @@ class PlantSide {
   std::size_t untouched_ = 0;
   // Largest and smallest output of the firmware, 2047 and -2048 codes, in codes of the DAC.
   int dac_top_, dac_bottom_;
-  int adc_top_ = -1;   // highest code of ADC 0
+  // Codes of ADC 0 at the ends of the force reading.
+  int adc_low_ = 0, adc_high_ = -1;
   int adc_zero_ = -1;  // code of ADC 0 at force 0
   std::int64_t window_start_;
   std::int64_t second_half_;  // first tick of the second half of the criterion's window

@@ -77,12 +77,13 @@ struct Metrics {
   // complete run.
   std::int64_t saturated_ticks = 0;
   std::int64_t saturated_run_ticks = 0;
-  // Number of ticks in the window at which the code of ADC 0 is at an end of its range and is not
-  // the code of the force 0.
+  // Number of ticks in the window at which the code of ADC 0 is at an end of its range, or at the
+  // limit of the sensor or its electronics, and is not the code of the force 0.
   std::int64_t reading_range_ticks = 0;
   // Last force set-point in N, if ADC 0 cannot measure this force; otherwise empty.
   std::optional<double> setpoint_beyond_N;
-  // Largest or smallest force in N that ADC 0 can measure and that the set-point exceeds.
+  // Largest or smallest force in N that ADC 0 can measure: the one that the set-point exceeds, or
+  // the one at which the force reading was last in the window; otherwise 0.
   double reading_end_N = 0;
   // Tick of the last change of the code of ADC 0 in the complete run; 0 if this code never changed.
   std::int64_t last_adc_change_tick = 0;

@@ -4,6 +4,7 @@ import re
 from urllib.parse import unquote
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 from forceaxis import drawing
 from forceaxis.linear import plots
@@ -60,9 +61,39 @@ def test_a_picture_of_a_page_has_its_texts_and_no_background(monkeypatch):
     svg = unquote(svg)
     assert kind == "data:image/svg+xml" and "strike 0.3912 N s" in svg
     assert "#1b3a5b" in svg and "#ffffff" not in svg
-    assert not re.search(r' d="[^"]*\.\d{3}', svg)
+    assert not re.search(r" d='[^']*\.\d{2}", svg)
     monkeypatch.setattr(drawing, "SVG_BYTES_MAX", 10)
     assert drawing.uri(drawn()).startswith("data:image/png;base64,")
+
+
+def points_of(path):
+    """The points of a path by the grammar of SVG 1.1, section 8.3.9: commands M, L, l and z."""
+    tokens = re.findall(r"[MLlz]|-?(?:\d+\.\d+|\.\d+|\d+)", path)
+    points, command, numbers = [], "", []
+    for token in tokens:
+        if token in "MLlz":
+            command = token
+            points += ["z"] if token == "z" else []
+            continue
+        numbers.append(float(token))
+        if len(numbers) == 2:
+            (x, y), numbers = numbers, []
+            if command == "l":
+                x, y = x + points[-1][0], y + points[-1][1]
+            points.append((x, y))
+    return points
+
+
+def test_a_short_path_has_the_points_of_the_long_one():
+    rng = np.random.default_rng(43)
+    walk = np.cumsum(rng.normal(0, 3, (500, 2)), axis=0) + 200
+    lines = "".join(f"L {x:.6f} {y:.6f} \n" for x, y in walk[1:])
+    long = f"M {walk[0][0]:.6f} {walk[0][1]:.6f} \n{lines}z\nM -0.04 0.4 \nL 0.96 -0.31 \n"
+    expected, got = points_of(long), points_of(drawing.short_path(long))
+    assert len(expected) == len(got) == 503  # no two points of this walk are the same
+    for one, other in zip(expected, got, strict=True):
+        assert one == other == "z" or one == pytest.approx(other, abs=0.0501)
+    assert len(drawing.short_path(long)) < 0.45 * len(long)
 
 
 def test_curves_over_a_parameter_are_named_with_its_unit():

@@ -38,6 +38,7 @@ VERDICT = {
     "stable": "#2f8f78",
     "unstable": GOT,
     "not_met": "#b08a00",
+    "not_held": "#b08a00",
     "never_in_contact": "#8a8a8a",
     "": "#777777",
 }
@@ -45,6 +46,7 @@ AREA = {
     "stable": "#b9d8cf",
     "unstable": "#f0c3a8",
     "not_met": "#ecd98f",
+    "not_held": "#ecd98f",
     "never_in_contact": "#f6e6c9",
     "failed": "#c9c9c9",
 }
@@ -153,6 +155,58 @@ def save(figure: Figure, path: Path | str, kind: str | None = None, dpi: float =
         figure.savefig(path, format=kind, dpi=dpi, metadata=metadata)
 
 
+def short_svg(svg: str) -> str:
+    """Returns an SVG of Matplotlib that looks the same in fewer characters: without metadata, with
+    short paths, and with each style once, as a class."""
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r">\s+<", "><", svg)
+    svg = re.sub(r' d="([MLz\d.\s-]+)"', lambda path: f' d="{short_path(path[1])}"', svg)
+    used = set(re.findall(r"#([\w-]+)", svg))
+    svg = re.sub(r' id="([^"]*)"', lambda name: name[0] if name[1] in used else "", svg)
+    styles: dict[str, str] = {}
+    svg = re.sub(
+        r' style="([^"]*)"',
+        lambda style: f' class="{styles.setdefault(style[1], f"s{len(styles)}")}"',
+        svg,
+    )
+    rules = "".join(f".{name}{{{style}}}" for style, name in styles.items())
+    svg = svg.replace("</style>", f"{rules}</style>", 1)
+    return re.sub(
+        r"=\"([^\"'<>]*)\"", r"='\1'", svg
+    )  # a quotation mark has three characters in a URI
+
+
+def short_path(path: str) -> str:
+    """Returns a path of an SVG, which consists of the commands M, L and z, with coordinates in
+    tenths of a point relative to the point before. Rounding errors do not add up."""
+    found: list[str] = []
+    last = (0, 0)
+    drawn = ""  # last command
+    for command, x, y in re.findall(r"([ML]) ([-.\d]+) ([-.\d]+)|z", path):
+        if not command:
+            found.append("z")
+            drawn = ""
+            continue
+        point = (round(10 * float(x)), round(10 * float(y)))
+        if command == "M":
+            found.append("M" + _numbers(point))
+        elif point != last:
+            numbers = _numbers((point[0] - last[0], point[1] - last[1]))
+            joined = drawn == "l" and numbers.startswith("-")
+            found.append(numbers if joined else (" " if drawn == "l" else "l") + numbers)
+        else:
+            continue
+        last, drawn = point, "l" if command == "L" else ""
+    return "".join(found)
+
+
+def _numbers(point: tuple[int, int]) -> str:
+    """Returns two numbers in tenths as text without characters that SVG does not need."""
+    x, y = (f"{value / 10:.1f}".removesuffix(".0") for value in point)
+    x, y = (re.sub(r"^(-?)0(?=\.)", r"\1", value) for value in (x, y))
+    return x + ("" if y.startswith("-") else " ") + y
+
+
 def uri(figure: Figure) -> str:
     """Returns the plot as a data URI for a page, and closes the Matplotlib figure. The plot has no
     background, so that the light or dark background of the page is visible."""
@@ -165,6 +219,7 @@ def uri(figure: Figure) -> str:
     # Coordinates in the SVG are rounded to a hundredth of a point.
     # Numbers in texts are not rounded.
     svg = re.sub(r"<[^>]*>", lambda tag: re.sub(r"(?<=\d\.\d\d)\d+", "", tag[0]), svg)
+    svg = short_svg(svg)
     if len(svg) <= SVG_BYTES_MAX:
         return "data:image/svg+xml," + svg.translate(URI_ESCAPES)
     figure.savefig(image, format="png", dpi=DPI, transparent=True)

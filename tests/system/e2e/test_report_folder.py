@@ -8,7 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from forceaxis.pages import axes
+from forceaxis.experiments import run as runs
+from forceaxis.pages import axes, folder
 
 ROOT = Path(__file__).resolve().parents[3]
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
@@ -76,10 +77,47 @@ def test_pictures_are_vectors_with_a_text_and_small(page):
     assert len(html) < 400_000
 
 
+def test_the_page_begins_with_the_verdicts_of_the_experiments_by_their_titles(page):
+    _, html = page
+    sections = re.findall(r'<h2 id="(\w+)">', html)
+    assert sections == ["experiments", "axis", "runs"]
+    cards = re.findall(r'<a class="card[^>]*>\s*<b>([^<]*)</b>\s*<code>([^<]*)</code>', html)
+    assert [name for _, name in cards] == ["banked", "turned"]
+    assert all(title.startswith("Fig 3.14: Contact") for title, _ in cards)
+
+
+def entry(name, old="", new="", overrides=()):
+    """An experiment of the tree as the report has it, with a part of its file replaced."""
+    path = ROOT / f"sim/experiments/{name}.toml"
+    text = path.read_text()
+    assert old in text
+    return folder.Entry(path, name, runs.run(path, list(overrides), text=text.replace(old, new)))
+
+
+LIMIT = "held_force_error_max_percent = 10.0\n"
+
+
+def test_a_calm_run_is_green_only_if_it_holds_the_force_that_was_asked_for():
+    weak = entry("nl_saturation_actuator", LIMIT)
+    assert weak.run.result.verdict == "stable" and "error 40 %" in weak.held
+    assert weak.outcome == weak.status == "not_held"
+    assert folder.STATUSES["not_held"] == "stable, force not held"
+    assert "#b08a00" in weak.picture.replace("%23", "#")  # the colour of a limit that is not met
+    # An experiment that states a limit is judged by its own one.
+    allowed = entry("nl_saturation_actuator", "percent = 10.0", "percent = 45.0")
+    assert allowed.status == "stable"
+    assert entry("nl_saturation", LIMIT).status == "stable"
+
+
+@pytest.mark.parametrize("bore, status", [("44 kN/m", "part_good"), ("80 kN/m", "part_bad")])
+def test_a_cycle_is_marked_by_what_the_axis_says_of_the_part(bore, status):
+    assert entry("press_fit", overrides=[f"k_bore={bore}"]).status == status
+
+
 def test_few_experiments_stand_open_beside_margins_and_map(page):
     _, html = page
     assert html.count('<details class="run" open') == html.count('<details class="run"') == 2
-    top = html.partition('<h2 id="experiments">')[0]
+    top = html.partition('<h2 id="runs">')[0]
     captions = re.findall(r"<figcaption>([^<]*)</figcaption>", top)
     assert len(captions) == 2 and "gain margin" in captions[0]
     assert captions[1].startswith("Stability of turned over gain and set-point")
@@ -165,7 +203,7 @@ def test_chromium_shows_every_picture_and_link_without_an_error(page, width, tmp
     assert ":CONSOLE" not in done.stderr, done.stderr
     found = json.loads(re.search(r'<pre id="found">(.*?)</pre>', done.stdout)[1])
     assert found == {
-        "images": 4, "broken": 0, "dead": 0, "contents": 3, "wide": False, "cut": 0, "split": 0,
+        "images": 4, "broken": 0, "dead": 0, "contents": 4, "wide": False, "cut": 0, "split": 0,
         "left": 1,
     }  # fmt: skip
 

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from forceaxis.drawing import AREA, GOT, INK, THIN, WANTED, legend, style
+from forceaxis.experiments import verdicts
 from forceaxis.experiments.run_result import Array, Columns
 
 Values: TypeAlias = Array | Sequence[float]
@@ -64,7 +65,7 @@ class Marks:
     # (time of the change, force set-point in N)
     setpoints: list[tuple[float, float]] = field(default_factory=list)
     contacts: list[tuple[float, float]] = field(default_factory=list)  # (first time, last time)
-    # window of the verdict: (first time in s, last time in s, verdict)
+    # window of the verdict: (first time in s, last time in s, RunResult.mark)
     window: tuple[float, float, str] | None = None
     # (time, key of EVENTS, text)
     events: list[tuple[float, str, str]] = field(default_factory=list)
@@ -268,7 +269,7 @@ def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Ar
         found.append(plt.Rectangle((0, 0), 1, 1, color=CONTACT_COLOUR, label="contact"))
     if marks.window and marks.window[1] > low and marks.window[0] < high:
         verdict = marks.window[2]
-        label = f"verdict: {verdict}"
+        label = f"verdict: {verdicts.MARK_WORDS[verdict]}"
         found.append(plt.Rectangle((0, 0), 1, 1, color=area_of(verdict), label=label))
     for kind, (marker, colour) in EVENTS.items():
         texts = [text for t, k, text in marks.events if k == kind and low <= t <= high]

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from forceaxis.experiments import verdicts
 from forceaxis.results import json_field
 
 CoreTable: TypeAlias = Mapping[str, Any]  # a dict that the compiled module returns
@@ -93,7 +94,9 @@ class Metrics:
     reading_range_ticks: int
     # first force set-point outside the range of the measured force; None if there is none
     setpoint_beyond_N: float | None
-    reading_end_N: float  # end of the range of the measured force
+    # end of the range of the measured force that the set-point exceeds, or at which the reading was
+    # last in the window; otherwise 0
+    reading_end_N: float
     last_adc_change_tick: int  # last tick in which the code of ADC 0 changed
     # the controlled force; None if the experiment controls no force
     held_force: HeldForce | None
@@ -284,6 +287,17 @@ class RunResult:
     cycle: CycleReport | None = json_field(omit_none=True)
     link: LinkReport | None = json_field(omit_none=True)
     replay: ReplayedJournal | None = json_field(omit_none=True)
+
+    @property
+    def mark(self) -> str:
+        """Returns how pages and plots mark the run: its verdict, or NOT_HELD for a stable run that
+        misses its demanded force. Empty without a verdict."""
+        held, limits = self.metrics.held_force, self.criterion
+        if self.verdict != verdicts.STABLE or held is None or limits is None:
+            return self.verdict or ""
+        limited = (limits.held_force_error_max_N, limits.held_force_error_max_percent)
+        missed = limited == (None, None) and held.error_percent > verdicts.HELD_ERROR_MAX_PERCENT
+        return verdicts.NOT_HELD if missed else self.verdict
 
     @property
     def force_reading(self) -> Converter | None:

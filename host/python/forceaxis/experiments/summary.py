@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 from forceaxis import _core
 from forceaxis.experiments.run_result import (
+    Converter,
     Converters,
     Criterion,
     CycleReport,
@@ -105,7 +106,7 @@ def _missed(missed: MissedLimit, metrics: Metrics, fault: str, converters: Conve
         return "force not settled before the window"
     if limit in MISSED:
         held, reading = metrics.held_force, converters.get("adc0")
-        low, high = reading.range if reading else (0.0, 0.0)
+        low, high = reading_range(metrics, reading) if reading else (0.0, 0.0)
         return MISSED[limit].format(
             value=value,
             bound=bound,
@@ -122,6 +123,14 @@ def _missed(missed: MissedLimit, metrics: Metrics, fault: str, converters: Conve
     )
     falling = missed.verdict == "not_met" and late < value
     return text + (f", {late:.3g} in the second half of the window" if falling else "")
+
+
+def reading_range(metrics: Metrics, reading: Converter) -> tuple[float, float]:
+    """Returns the smallest and the largest force in N that a run could read. A sensor that
+    saturates within the range of the converter ends the range where the reading was."""
+    low, high = reading.range
+    end = metrics.reading_end_N
+    return (max(low, end), high) if end < 0 else (low, min(high, end or high))
 
 
 def warnings(setpoints: Sequence[tuple[float, float]], converters: Converters) -> list[str]:

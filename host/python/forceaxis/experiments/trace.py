@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, ParamSpec
 import numpy as np
 
 from forceaxis import _core, objects, paths, toml
-from forceaxis.experiments import summary
+from forceaxis.experiments import summary, verdicts
 from forceaxis.experiments.inputs import read_inputs
 from forceaxis.experiments.run import Run
 from forceaxis.experiments.run_result import Array, Converters
@@ -48,6 +48,9 @@ def figure(done: Run, codes: bool = False) -> "Figure":
         text, (begin, end, verdict) = summary.verdict_text(done.result), marks.window
         if not time_s[inside][0] < end or not begin < time_s[inside][-1]:
             text += f", {begin:.4g} to {end:.4g} s, not in this plot"
+        held = done.result.metrics.held_force
+        if verdict == verdicts.NOT_HELD and held:
+            text += f"; {summary.force_text(held)}"
         notes.append((text, VERDICT[verdict]))
     return plots.trace(time_s[inside], [row for row in rows if row], done.title, notes, marks)
 
@@ -114,7 +117,7 @@ def marks_of(done: Run) -> "plots.Marks":
     window = None
     if (criterion := done.result.criterion) and done.result.verdict:
         last = time_s[-1]
-        window = (max(0.0, last - criterion.window_s), last, done.result.verdict)
+        window = (max(0.0, last - criterion.window_s), last, done.result.mark)
     contacts: list[tuple[float, float]] = [(a, b) for a, b in ends.tolist()]
     return plots.Marks(done.setpoints, contacts, window, events, demand_of(done, contacts))
 

@@ -4,8 +4,14 @@ STABLE = "stable"
 NOT_STABLE = ("unstable", "not_met", "never_in_contact")
 VERDICTS = (STABLE, *NOT_STABLE)
 
+# Mark of a stable run on pages and plots that does not hold its demanded force, where [verdict] has
+# no limit of the force error: the error is above HELD_ERROR_MAX_PERCENT.
+NOT_HELD = "not_held"
+HELD_ERROR_MAX_PERCENT = 25.0
+
 # {verdict: text for this verdict on pages and plots}
 WORDS = {verdict: verdict.replace("_", " ") for verdict in VERDICTS}
+MARK_WORDS = {**WORDS, NOT_HELD: "stable, force not held"}
 
 
 def stability(verdict: str) -> str:

@@ -12,11 +12,23 @@ from markupsafe import Markup
 
 from forceaxis import progress
 from forceaxis._core import InputError, SimulationError
-from forceaxis.experiments import expect, regression, trace
+from forceaxis.experiments import expect, regression, trace, verdicts
 from forceaxis.experiments.run import Run
 from forceaxis.pages import pictures
 
 T = TypeVar("T")
+
+# {status of an experiment: its text on the page}, in the order in which the page counts them
+STATUSES = {
+    verdicts.STABLE: "stable",
+    "part_good": "part good",
+    verdicts.NOT_HELD: verdicts.MARK_WORDS[verdicts.NOT_HELD],
+    **{verdict: verdicts.WORDS[verdict] for verdict in verdicts.NOT_STABLE},
+    "part_bad": "part bad",
+    "none": "no verdict",
+    "differs": "not as expected",
+    "error": "not run",
+}
 
 
 @dataclass
@@ -44,16 +56,28 @@ class Entry:
         return re.sub(r"\W", "_", self.name)
 
     @property
-    def verdict(self) -> str:
-        """Verdict of the experiment (stable, unstable, not_met or never_in_contact), "none" for an
-        experiment without a verdict, or "error"."""
-        return "error" if self.error else self.run.result.verdict or "none"
+    def outcome(self) -> str:
+        """Mark of the verdict, or the outcome of the last cycle of an experiment without a verdict,
+        as a key of STATUSES."""
+        if self.error:
+            return "error"
+        result = self.run.result
+        if result.mark or not result.cycle:
+            return result.mark or "none"
+        return {"good": "part_good", "bad": "part_bad"}.get(result.cycle.state, "none")
 
     @property
     def status(self) -> str:
-        """Status of the experiment, which selects a colour: "error", "differs" (the result differs
-        from the table [expect]), or the verdict."""
-        return "differs" if self.differs else self.verdict
+        """Status of the experiment, which selects a colour: "differs" (the result differs from the
+        table [expect]), or the outcome."""
+        return "differs" if self.differs else self.outcome
+
+    @property
+    def order(self) -> tuple[bool, tuple[int | str, ...], str]:
+        """Sort key: cycles that press parts, then the numbers of figures, then the names."""
+        result = self.done.result if self.done else None
+        figure = result.figure if result else ""
+        return not (result and result.cycle), figure_order(figure), self.name
 
     @property
     def title(self) -> str:
@@ -125,12 +149,9 @@ def results(jobs: Sequence[AsyncResult[T]], what: str) -> list[T]:
 
 
 def entries(jobs: Sequence[AsyncResult[Entry]]) -> list[Entry]:
-    """Waits until all experiments have finished. Returns one Entry for each experiment, sorted by
-    figure number and name."""
-    return sorted(
-        results(jobs, "experiments"),
-        key=lambda e: (figure_order(e.done.result.figure if e.done else ""), e.name),
-    )
+    """Waits until all experiments have finished. Returns one Entry for each experiment, in the
+    order of the page."""
+    return sorted(results(jobs, "experiments"), key=lambda entry: entry.order)
 
 
 def _drawn(path: Path, folder: Path) -> Entry:

@@ -17,14 +17,6 @@ from forceaxis.pages.template import template
 from forceaxis.results import json_field
 from forceaxis.thesis import tables
 
-# Text that the page shows for each status of an experiment.
-STATUS_TEXTS = {
-    **verdicts.WORDS,
-    "none": "no verdict",
-    "differs": "not as expected",
-    "error": "not run",
-}
-
 
 @dataclass(frozen=True)
 class ReportSummary:
@@ -98,7 +90,8 @@ def _made(source: Path, out: Path, threads: int | None, own: bool) -> tuple[str,
         entries=entries,
         few=not own and len(entries) <= axes.SHOWN_EXPERIMENTS_MAX,
         counts=summary.counts,
-        words=STATUS_TEXTS,
+        words=folder.STATUSES,
+        held_error_max_percent=verdicts.HELD_ERROR_MAX_PERCENT,
         firmware_hash=_core.FIRMWARE_HASH,
         objects_hash=objects.OBJECTS_HASH,
         **names,
