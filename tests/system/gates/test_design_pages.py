@@ -1,7 +1,9 @@
 """Design pages, decisions and CONTRIBUTING.md keep their form, and what they name exists."""
 
 import re
+import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -34,6 +36,34 @@ def test_pictures_render_and_have_few_nodes():
         assert (done.returncode, done.stderr) == (0, ""), picture
         nodes = [line for line in done.stdout.splitlines() if line.startswith("node ")]
         assert 3 < len(nodes) <= MOST_NODES, picture
+
+
+def gen_pictures(*arguments):
+    command = [sys.executable, ROOT / "tools/gen_pictures.py", *arguments]
+    return subprocess.run(command, capture_output=True, text=True)
+
+
+def test_pictures_of_the_checkout_are_fresh_and_a_stale_one_is_named(tmp_path):
+    done = gen_pictures("--check")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    copy = tmp_path / "docs/design"
+    copy.mkdir(parents=True)
+    for name in ("tick.dot", "tick.svg", "live.dot"):
+        shutil.copy(DESIGN / name, copy)
+    # Another version of Graphviz places and names things differently.
+    moved = re.sub(r' (?:x|y|points|d|id)="[^"]*"', "", (copy / "tick.svg").read_text())
+    (copy / "tick.svg").write_text("<!-- another version -->" + moved.partition("?>")[2])
+    done = gen_pictures("--check", "--root", tmp_path)
+    assert done.returncode == 1
+    assert done.stdout.splitlines() == [
+        "gen_pictures: docs/design/live.svg is stale: run tools/gen_pictures.py"
+    ]
+    source = (copy / "tick.dot").read_text()
+    for change in (("fw_prepare", "fw_begin"), ("report -> bus", "report -> irq"), ("  wakes", "")):
+        assert change[0] in source
+        (copy / "tick.dot").write_text(source.replace(*change))
+        done = gen_pictures("--check", "--root", tmp_path)
+        assert done.stdout.count("tick.svg is stale") == 1, change
 
 
 def test_decisions_are_numbered_short_and_listed():
