@@ -32,7 +32,7 @@ def test_it_is_one_file_that_refers_to_nothing_outside(page):
     assert [f.name for f in files] == ["index.html"]
     assert not re.findall(r'(?:src|href)="(?!data:|#)', html)
     assert not re.findall(r"url\((?!%23)", html)
-    assert len(html) < 12e6
+    assert len(html) < 6e6
 
 
 def test_every_experiment_and_figure_is_in_it(page):

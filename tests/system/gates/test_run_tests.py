@@ -1,6 +1,8 @@
 """tools/run_tests.py: what counts as failed, and the second try of tests on real buses."""
 
 import importlib.util
+import subprocess
+import sys
 from pathlib import Path
 
 import durations
@@ -186,6 +188,27 @@ def test_recorded_seconds_are_those_of_the_run_and_other_stages_stay(tmp_path):
         ("parallel", "tests/python/axis"): 3.2,
         ("parallel", "tests/wire"): 4.0,
     }
+
+
+@pytest.mark.parametrize(
+    ("message", "complaint"),
+    [
+        ("report: green only where the force is held\n\nIt was green at 715 N of 100 N.\n", ""),
+        ("tools, docs: x\n\nWhy.\n# Please enter the message\n", ""),
+        ("Merge front\n", ""),
+        ("report: " + 65 * "x" + "\n\nWhy.\n", "at most 72 characters, got 73"),
+        ("green only where the force is held\n\nWhy.\n", "`area: what`"),
+        ("report: green\n", "a body that says why"),
+        ("report: green\nWhy.\n", "an empty line after the subject"),
+        ("report: green\n\n# Please enter the message\n", "a body that says why"),
+    ],
+)
+def test_the_hook_for_messages_asks_for_a_short_subject_and_a_body(message, complaint, tmp_path):
+    (tmp_path / "message").write_text(message)
+    command = [sys.executable, ROOT / "tools/check_message", tmp_path / "message"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == bool(complaint) and done.stderr.count("\n") == bool(complaint)
+    assert complaint in done.stderr
 
 
 @pytest.mark.parametrize("file", [".pre-commit-config.yaml", ".github/workflows/ci.yml"])
