@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import click
@@ -116,18 +117,23 @@ def test_the_files_are_where_the_page_says(ten_minutes):
         assert len(list(csv.DictReader(file))) == 16 * 12
 
 
-def test_the_boundary_and_the_safe_gain_are_as_the_page_says(ten_minutes):
+def test_the_boundary_and_the_gain_of_the_file_are_as_the_page_says(ten_minutes):
     text = TEN_MINUTES.read_text()
     boundary = float(re.search(r"at a gain of ([\d.]+\d)", text)[1])
-    safe = float(re.search(r"force_gain = ([\d.]+)/'", text)[1])
-    assert safe == boundary / 2
+    said = float(re.search(r"the gain of the file, ([\d.]+\d), keeps the rule", text)[1])
     contact = ten_minutes[0] / "press/contact.toml"
+    safe = tomllib.loads(contact.read_text())["firmware"]["force_gain"]
+    assert safe == pytest.approx(said, abs=5e-4) and 2 * safe < boundary < 2.2 * safe
+    # One gain, and the one of the set beside it, wherever the page or the report has a gain of P.
+    gains = {float(gain) for gain in re.findall(r"gain (?:of P |of the file, )?(\d+\.\d+)", text)}
+    assert gains <= {said, 3.25, 43.75, boundary}
+    report = (ten_minutes[0] / "press/report/index.html").read_text()
+    assert "P gain for the set <b>3.25</b>" in report
 
     def verdict(gain):
         return runs.run(contact, [f"firmware.force_gain={gain}"]).summary["verdict"]
 
     assert [verdict(boundary), verdict(boundary + 0.1)] == ["stable", "unstable"]
-    assert f"force_gain = {safe}\n" in contact.read_text()
     # Between safe gain and boundary nothing is unstable.
     step = (boundary - safe) / 6
     assert {verdict(safe + k * step) for k in range(7)} == {"stable"}
@@ -175,7 +181,7 @@ def test_the_readme_says_of_its_picture_what_the_executed_page_prints():
     said = re.search(
         r"gain (\d+) and set-point (\d+) N\. It enters a limit cycle with peaks of (\d+) N, far "
         r"below the critical gain of ([\d.]+) of linear theory\. Up to a gain of ([\d.]+) it "
-        r"settles; at ([\d.]+) there is a factor of two to spare",
+        r"settles; `forceaxis new` writes ([\d.]+), with a factor of two to spare",
         text,
     )
     gain, setpoint, peak, critical, settles, spare = map(float, said.groups())
@@ -184,10 +190,10 @@ def test_the_readme_says_of_its_picture_what_the_executed_page_prints():
     assert float(re.search(r"peak ([\d.]+) N", page[unstable:]).group(1)) == pytest.approx(
         peak, abs=1
     )
-    assert f"of {setpoint:g} N set-point" in page and f"the linear limit {critical:g}" in page
+    assert f"of {setpoint:g} N set-point" in page and f"the linear loop to {critical:g}" in page
     stable, bounces = map(float, re.search(r"stable at ([\d.]+), unstable at (\S+)", page).groups())
     assert stable <= settles + 0.05 and bounces > settles and 2 * spare <= settles < gain < critical
-    kept = page.index(f"force_gain = {spare:g}/")
+    kept = page.index(f"force gain   {spare:.4g};")
     assert re.search(r"verdict +(\w+)", page[kept:]).group(1) == "stable"
 
 

@@ -80,6 +80,11 @@ def test_the_first_verdict_is_stable(tmp_path, sheet):
     dry = 10 if sheet == "worn axis" else 0
     assert contact["metrics"]["final_force_N"] == pytest.approx(held, abs=count + dry)
     assert ran(tmp_path, "step.toml")["verdict"] == "stable"
+    # The rule of the guide: at least a factor of two below the gain at which contact is lost.
+    assert result["force_gain_reserve"] == 2
+    for factor in (1.25, 2):
+        twice = f"firmware.force_gain={factor * result['force_gain']}"
+        assert ran(tmp_path, "contact.toml", twice)["verdict"] == "stable", factor
 
 
 def written(folder, **given):

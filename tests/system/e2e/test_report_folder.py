@@ -58,7 +58,7 @@ def test_verdict_gain_and_bank_are_on_top(page):
     assert summary["experiments"] == 2 and summary["counts"]["differs"] == 1
     assert "total" not in summary and "thesis" not in html.partition("<script>")[0].lower()[:3000]
     top = html.partition('<details class="run"')[0]
-    assert float(re.search(r"Recommended P gain <b>([0-9.]+)</b>", top)[1]) > 0
+    assert float(re.search(r"P gain for the set <b>([0-9.]+)</b>", top)[1]) > 0
     bank = top.partition("<td>designed bank</td>")[2].partition("</tr>")[0]
     assert "<td>banked</td><td>2</td>" in bank and "Hz" in bank
     for name, status in (("banked", "stable"), ("turned", "differs")):

@@ -19,8 +19,7 @@ def describe(done: NewAxis) -> list[tuple[str, str]]:
     return [
         ("written", ", ".join(shlex.quote(f"{done.folder}/{name}") for name in done.files)),
         ("total mass", f"{done.total_mass_kg:.4g} kg{done.mass_with}"),
-        ("force gain", f"{done.force_gain:.4g}, a sixth of the linear limit "
-         f"{done.force_limit_gain:.4g}"),
+        ("force gain", f"{done.force_gain:.4g}{_reserve(done)}"),
         ("set-point", f"{done.setpoint_N:.4g} N, of which this gain holds "
          f"{100 * done.held_share:.3g} %{done.held_with}"),
         *_bank(done.design),
@@ -28,6 +27,17 @@ def describe(done: NewAxis) -> list[tuple[str, str]]:
         ("not given", f'{done.marked} values: look for "default, check" in model.toml'),
         ("next", f"forceaxis run {shlex.quote(done.folder + '/contact.toml')}"),
     ]  # fmt: skip
+
+
+def _reserve(done: NewAxis) -> str:
+    """Return the end of the text about the gain of the P law: the factor by which it can be raised,
+    and the critical gain."""
+    if done.force_gain_reserve is None:
+        return f", a sixth of the linear limit {done.force_limit_gain:.4g}"
+    return (
+        f"; the contact is stable up to {done.force_gain_reserve:g} times it, the linear loop to "
+        f"{done.force_limit_gain:.4g}"
+    )
 
 
 def _bank(bought: BankForAxis | NoBank | None) -> list[tuple[str, str]]:

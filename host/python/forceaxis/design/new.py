@@ -4,7 +4,7 @@ import functools
 import math
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,6 +31,10 @@ DAC_CODES = 2048  # number of DAC codes from 0 V to the full scale of the comman
 # Ratio of the first gains to the critical gain.
 # Contact loss makes a loop unstable below the critical gain.
 FIRST_GAIN_SHARE = 1 / 6
+# Contact loss makes contact.toml unstable far below the critical gain. Its gain is lowered by
+# RESERVE_STEP until the simulated contact is stable with RESERVE times the gain too, at most to
+# RESERVE_LEAST of the first gain.
+RESERVE, RESERVE_STEP, RESERVE_LEAST = 2.0, 0.95, 0.25
 STATIC_GAIN_MAX = 1e6  # static gain of a loop that has no integral
 MODEL, CONTACT, STEP = "model.toml", "contact.toml", "step.toml"
 FILES = (MODEL, CONTACT, STEP)
@@ -235,6 +239,9 @@ class First:
     # largest multiple of the declared dry friction that `pushes_N` overcomes; None if below 1
     friction_most: float | None
     raised: bool  # True if the force set-point was increased to overcome the friction
+    # factor by which the gain can be raised while the simulated contact stays stable; None if
+    # unknown
+    reserve: float | None = None
 
 
 def approach_m_per_s(axis: AxisConstants) -> float:
@@ -259,9 +266,9 @@ def first_gain(limit: float) -> float:
     return max(1, math.floor(limit * FIRST_GAIN_SHARE * 256)) / 256
 
 
-def first_gains(axis: AxisConstants, model: Path) -> First:
+def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) -> First:
     """Returns the first gains of a new axis as a share of the critical gains of the force loop and
-    the position loop.
+    the position loop. `lower`: gain of the force loop that replaces its share.
 
     The force set-point is a quarter of the sensor range or of the peak force of the drive,
     whichever is smaller. The set-point is larger if the approach has to overcome the weight and
@@ -285,7 +292,7 @@ def first_gains(axis: AxisConstants, model: Path) -> First:
     volts = v.command_full_scale_v / DAC_CODES
     force = loops.force_loop(model, modes=sliding, output="adc0")
     limit = highest_gain(force, volts)
-    gain = first_gain(limit)
+    gain = first_gain(limit) if lower is None else lower
     newton_per_count = v.sensor_full_scale_n / 128
     peak = v.peak_force_n
     setpoint = math.floor(min(32.0, peak / 4 / newton_per_count) * 256) / 256
@@ -338,6 +345,35 @@ def first_gains(axis: AxisConstants, model: Path) -> First:
         limit, gain, setpoint, held, contact, position_limit, position_gain, distance,
         speed, acceleration, min(step, 600.0), pushes, most, setpoint > usual,
     )  # fmt: skip
+
+
+def with_reserve(
+    axis: AxisConstants, trial: Path, first: First, contact: Callable[[First], str]
+) -> First:
+    """Returns first gains with which contact.toml is stable up to RESERVE times its force gain, as
+    the firmware is simulated. Returns `first` if the axis does not come into contact, or if no such
+    gain is found.
+
+    trial: folder with the model. contact: function that returns the text of contact.toml.
+    """
+    from forceaxis.experiments import run, verdicts
+
+    found = first
+    while first.friction_most is not None and found.gain > RESERVE_LEAST * first.gain:
+        text = contact(found)
+        factors = (RESERVE, 1.5, 1.0)
+        gains = [f"firmware.force_gain={factor * found.gain}" for factor in factors]
+        try:
+            if all(
+                run.run(trial / CONTACT, [gain], text=text).result.verdict == verdicts.STABLE
+                for gain in gains
+            ):
+                return replace(found, reserve=RESERVE)
+            lower = math.floor(RESERVE_STEP * found.gain * 256) / 256
+            found = first_gains(axis, trial / MODEL, lower)
+        except (InputError, _core.SimulationError):  # too slow an approach, or no simulation
+            break
+    return first
 
 
 def unstable_drive(v: SheetValues) -> ParameterError:
@@ -472,6 +508,9 @@ class NewAxis:
     mass_with: str  # end of the sentence about `total_mass_kg`
     force_limit_gain: float  # largest force_gain at which the linear force loop is stable
     force_gain: float  # DAC codes per 8-bit count
+    # factor by which force_gain can be raised while the simulated contact of contact.toml stays
+    # stable; None if unknown
+    force_gain_reserve: float | None
     force_setpoint: float  # 8-bit counts
     setpoint_N: float
     held_share: float  # settled force in contact.toml as a share of the force set-point
@@ -507,7 +546,12 @@ def write(
     with tempfile.TemporaryDirectory() as scratch:
         trial = Path(scratch)
         (trial / MODEL).write_text(written[MODEL], encoding="utf-8")
-        first = first_gains(axis, trial / MODEL)
+        first = with_reserve(
+            axis,
+            trial,
+            first_gains(axis, trial / MODEL),
+            lambda first: render(CONTACT, title, axis, sources, first),
+        )
         written |= {name: render(name, title, axis, sources, first) for name in (CONTACT, STEP)}
         held, bought = None, None
         if design:
@@ -528,6 +572,7 @@ def write(
         mass_with=", reflected rotor included" if values.motor == "rotary" else "",
         force_limit_gain=first.limit,
         force_gain=first.gain,
+        force_gain_reserve=first.reserve,
         force_setpoint=first.setpoint,
         setpoint_N=first.setpoint * values.sensor_full_scale_n / 128,
         held_share=first.held,

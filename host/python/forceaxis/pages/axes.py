@@ -1,4 +1,4 @@
-"""The sections of the report about models: description, critical gains, recommended P gain, and
+"""The sections of the report about models: description, critical gains, P gain for the set, and
 worst margins of the designed filter banks."""
 
 import re
@@ -148,7 +148,7 @@ def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
     factor = "none" if margins.gain_margin is None else plain(margins.gain_margin)
     if margins.known_to is not None:
         factor += f" up to {stability.known_text(margins.known_to, '')}"
-    caption = f"The model as it is, at the recommended gain: gain margin {factor}{margin}."
+    caption = f"The model as it is, at this gain: gain margin {factor}{margin}."
     return [(caption, pictures.figure(plots.nyquist_figure(found)))]
 
 
