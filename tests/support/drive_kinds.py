@@ -47,7 +47,7 @@ have 16 bits and 0.1 N of noise, the workpiece has 1 MN/m and 2 kg, and the set 
 The limit is that of the P law of `contact.toml` from the linear loop, beside the last stable gain
 of simulated contacts at a quarter of full scale. The map has {MAP_GAINS} gains up to twice the
 limit and {MAP_SETPOINTS} set-points. fS is the bandwidth over the set, of the designed bank and of
-P at the same margins. `tune --sim` measures the same axis, and its Ms is measured and predicted.
+P at the same margins. `tune` measures the same axis, and its Ms is measured and predicted.
 
 """
 HEAD = (
@@ -89,7 +89,7 @@ def results(name: str, folder: Path) -> dict[str, Result]:
     found["held"] = command(folder, "run", "axis/held.toml")
     found["held_p"] = command(folder, "run", contact)
     found["tune"] = command(
-        folder, "tune", "--sim", contact, "--model", model, "--force", FORCES_N, *OVER,
+        folder, "tune", "--on", f"sim:{contact}", "--model", model, "--force", FORCES_N, *OVER,
         "--force-max", FORCE_MAX_N, "--out", "tuned",
     )  # fmt: skip
     return found

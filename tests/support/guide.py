@@ -1,7 +1,8 @@
 """The pages of docs/guide as what they are to a test: commands, the lines that they print, files.
 
 A fenced block of a page is, by its language,
-  bash      typed, command by command, in the folder of the page's session
+  bash      typed, command by command, in the folder of the page's session; `export NAME=VALUE`
+            holds for all later commands
   python    run by the session's Python
   text      lines that the commands above it have printed, in this order
   yaml      shown only
@@ -124,7 +125,7 @@ def play(page, folder, wheel=None):
         for name in ("sim", "examples", "tools", "build", "firmware"):
             (folder / name).symlink_to(ROOT / name)
     printed, claims = "", []
-    after_text = True
+    after_text, own = True, environment(wheel)
     for block in blocks(page):
         if block.needs and (wheel or block.needs != "sources"):
             continue
@@ -143,9 +144,10 @@ def play(page, folder, wheel=None):
                 else [["bash", "-c", command] for command in block.commands()]
             )
             for command in typed:
-                done = subprocess.run(
-                    command, cwd=folder, env=environment(wheel), capture_output=True, text=True
-                )
+                if command[-1].startswith("export "):
+                    own |= [command[-1].removeprefix("export ").split("=", 1)]
+                    continue
+                done = subprocess.run(command, cwd=folder, env=own, capture_output=True, text=True)
                 assert done.returncode == 0, (command, done.stdout, done.stderr)
                 printed += done.stdout
     return claims

@@ -153,13 +153,13 @@ def by(folder, *way):
     """What the commands say of a press of its own, which has no program yet."""
     folder.mkdir()
     with nodes(folder, "press_fit"), contextlib.ExitStack() as stack:
-        if "--can" not in way:
+        if "vcan0" not in way:
             stack.enter_context(supervised())
         early = cycle("start", EXPERIMENT, *way)
         loaded = cycle("load", EXPERIMENT, *way)
         part = cycle("start", EXPERIMENT, *way, "--curve", folder / "curve.csv")
         found = {"early": early, "loaded": loaded, "part": part}
-        return found | (beside(folder) if "--axis" in way else {})
+        return found | (beside(folder) if "lcm:1" in way else {})
 
 
 def beside(folder):
@@ -168,7 +168,7 @@ def beside(folder):
     and sets the bounds of the program from it and from 299 copies of the first."""
     with Axis(lcm_way.GatewayLink(1)) as owner:
         pressed = to_json(results.press(owner, live.live_program(EXPERIMENT), "B-1"))
-        to = ["--modbus", f"tcp://127.0.0.1:{PORT}", "--out", folder / "records"]
+        to = ["--on", f"tcp://127.0.0.1:{PORT}", "--out", folder / "records"]
         said = cycle("result", EXPERIMENT, *to)
         left = owner.get("cycle_results_waiting", "command_source")
         results.press(owner, live.live_program(EXPERIMENT), "B-2")
@@ -187,9 +187,9 @@ def copied(folder, copies):
 
 
 def ways(folder, steps):
-    steps("can", by, folder / "can", "--can", "vcan0")
-    steps("gateway", by, folder / "gateway", "--axis", "1")
-    steps("modbus", by, folder / "modbus", "--modbus", f"tcp://127.0.0.1:{PORT}")
+    steps("can", by, folder / "can", "--on", "vcan0")
+    steps("gateway", by, folder / "gateway", "--on", "lcm:1")
+    steps("modbus", by, folder / "modbus", "--on", f"tcp://127.0.0.1:{PORT}")
 
 
 @contextlib.contextmanager
@@ -245,8 +245,8 @@ def command_killed(folder):
     """What an axis and a record say of a part whose command was killed."""
     program = slow(folder)
     with nodes(folder, "press_fit", (LOSES,)), supervised():
-        cycle("load", EXPERIMENT, "--axis", "1", "--program", program)
-        command = begun("start", EXPERIMENT, "--axis", "1", "--program", program)
+        cycle("load", EXPERIMENT, "--on", "lcm:1", "--program", program)
+        command = begun("start", EXPERIMENT, "--on", "lcm:1", "--program", program)
         presses(command)
         command.kill()
         said = ended(command)
@@ -255,7 +255,7 @@ def command_killed(folder):
             is_over = until(lambda: axis.integer("cycle_results_waiting"), 150)
             state = axis.get("cycle_state", "cycle_outcome")
         records = cycle(
-            "result", EXPERIMENT, "--axis", "1", "--program", program, "--out", folder / "records"
+            "result", EXPERIMENT, "--on", "lcm:1", "--program", program, "--out", folder / "records"
         )
     return {"said": said, "over": is_over, "axis": state, "records": records}
 
@@ -263,19 +263,19 @@ def command_killed(folder):
 def axis_killed(folder):
     """What commands say of a part whose axis was killed, and of the part after it."""
     program, store = slow(folder), ("--store", folder / "store.bin")
-    way = ("--axis", "1", "--out", folder / "watched")
+    way = ("--on", "lcm:1", "--out", folder / "watched")
     with contextlib.ExitStack() as stack:
         with nodes(folder, "press_fit", (LOSES,), *store) as (axis, _):
             stack.enter_context(supervised())
-            cycle("load", EXPERIMENT, "--axis", "1", "--program", program)
+            cycle("load", EXPERIMENT, "--on", "lcm:1", "--program", program)
             watching = begun("watch", EXPERIMENT, *way, "--program", program)
-            command = begun("start", EXPERIMENT, "--axis", "1", "--program", program)
+            command = begun("start", EXPERIMENT, "--on", "lcm:1", "--program", program)
             presses(command)
             axis.kill()
             said = ended(command)
         with nodes(folder, "press_fit", (LOSES,), *store):
             wait_operational()
-            loaded = cycle("load", EXPERIMENT, "--axis", "1")
+            loaded = cycle("load", EXPERIMENT, "--on", "lcm:1")
             # `cycle start` would acknowledge the result, and `watch` could miss it.
             with Axis(lcm_way.GatewayLink(1)) as owner:
                 part = to_json(results.press(owner, live.live_program(EXPERIMENT)))

@@ -38,7 +38,7 @@ def way(tmp_path):
             node = [*first, link.program(name), *common, *more]
             running.append(subprocess.Popen(node, stdout=subprocess.PIPE, text=True))
             assert "ready" in running[-1].stdout.readline()
-        yield "--modbus", f"{ends[1]}:{BAUD}"
+        yield "--on", f"serial:{ends[1]}@{BAUD}"
     finally:
         for process in reversed(running):
             process.terminate()

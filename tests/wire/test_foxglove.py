@@ -42,7 +42,7 @@ MESSAGE_DATA = 0x01
 def served(url, *words):
     """(process, address) of a server for Foxglove, ended by SIGTERM."""
     process = subprocess.Popen(
-        [FORCEAXIS, "monitor", "--foxglove", "--port", "0", "--url", url, *words],
+        [FORCEAXIS, "monitor", "--foxglove", "--port", "0", "--on", f"lcm@{url}", *words],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     with ended_by(process, signal.SIGTERM):
@@ -339,4 +339,8 @@ def test_without_the_package_one_line_says_what_to_install(monkeypatch):
 def test_a_port_in_use_is_refused(url):
     with served(url) as (_, address):
         port = address.rpartition(":")[2]
-        refused(forceaxis("monitor", "--foxglove", "--port", port, "--url", url), "--port", "free")
+        refused(
+            forceaxis("monitor", "--foxglove", "--port", port, "--on", f"lcm@{url}"),
+            "--port",
+            "free",
+        )

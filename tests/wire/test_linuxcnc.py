@@ -325,7 +325,7 @@ show pin
 
 def test_a_dumped_parameter_file_is_loaded_with_its_raw_values(hal):
     file = hal.folder / "dump.toml"
-    verbs.forceaxis("axis", "params", "dump", file, "--sim", EXPERIMENTS / "hold_biquad.toml")
+    verbs.forceaxis("axis", "params", "dump", file, "--on", "sim:hold_biquad")
     raw = parameter_file.read(file, 1).values
     names = [n for n in raw if objects.BY_NAME[n].part != "canopen"][:32]
     assert {"position_gain", "bank_gain_1", "bank_coefficient_2", "force_bank"} <= set(names)

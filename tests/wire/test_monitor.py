@@ -206,7 +206,7 @@ def test_the_command_runs_in_a_terminal_records_and_leaves_it_whole(url, tmp_pat
     settings, shown = termios.tcgetattr(theirs), b""
     with gateway(url, axes="1,2"):
         process = subprocess.Popen(
-            [FORCEAXIS, "monitor", "--url", url, "--record", path],
+            [FORCEAXIS, "monitor", "--on", f"lcm@{url}", "--record", path],
             stdin=theirs, stdout=theirs, stderr=theirs, env=os.environ | {"TERM": "xterm-256color"},
         )  # fmt: skip
         end, asked = time.monotonic() + 15, False
@@ -233,8 +233,8 @@ def test_the_command_runs_in_a_terminal_records_and_leaves_it_whole(url, tmp_pat
 
 def test_once_json_is_one_object_of_what_is_heard(url):
     with gateway(url, axes="1,3", drop=7, mismatch=3):
-        done = forceaxis("monitor", "--url", url, "--once", "--json", "--seconds", 1.5)
-        one = forceaxis("monitor", "--url", url, "--once", "--axis", 3, "--seconds", 0.5)
+        done = forceaxis("monitor", "--on", f"lcm@{url}", "--once", "--json", "--seconds", 1.5)
+        one = forceaxis("monitor", "--on", f"lcm:3@{url}", "--once", "--seconds", 0.5)
     assert done.returncode == 0, done.stderr
     assert done.stderr == "" and done.stdout.count("\n") == 1
     shown = json.loads(done.stdout)
@@ -258,9 +258,9 @@ def test_once_json_is_one_object_of_what_is_heard(url):
 def test_once_says_which_axis_is_silent_since_when_and_is_status_1(url):
     # A node that was killed, one that NMT stopped, one whose PDOs no longer come; one that lives.
     with gateway(url, axes="1,2,4,5", dead="2:-1,4:4,5:5"):
-        done = forceaxis("monitor", "--url", url, "--once", "--seconds", 0.5)
-        data = forceaxis("monitor", "--url", url, "--once", "--json", "--seconds", 0.5)
-        live = forceaxis("monitor", "--url", url, "--once", "--axis", 1, "--seconds", 0.5)
+        done = forceaxis("monitor", "--on", f"lcm@{url}", "--once", "--seconds", 0.5)
+        data = forceaxis("monitor", "--on", f"lcm@{url}", "--once", "--json", "--seconds", 0.5)
+        live = forceaxis("monitor", "--on", f"lcm:1@{url}", "--once", "--seconds", 0.5)
     first, second, fourth, fifth = done.stdout.splitlines()
     assert first.startswith("axis 1: operation enabled") and "/s" in first
     for line, head in (
@@ -279,21 +279,21 @@ def test_once_says_which_axis_is_silent_since_when_and_is_status_1(url):
 
 def test_the_list_of_axes_names_silent_and_stopped_nodes(url):
     with gateway(url, axes="2,4", dead="2:-1,4:4"):
-        done = forceaxis("axis", "list", "--lcm-url", url, "--json")
+        done = forceaxis("axis", "list", "--on", f"lcm@{url}", "--json")
     rows = [(row["id"], row["state"], row["note"]) for row in json.loads(done.stdout)]
     assert [row[:2] for row in rows] == [(2, "silent"), (4, "stopped by NMT")]
     assert "check power and bus" in rows[0][2] and "enables no drive" in rows[1][2]
 
 
 def test_once_with_nothing_to_hear_is_status_1(url):
-    done = forceaxis("monitor", "--url", url, "--once", "--json", "--seconds", 0.2, "--axis", 5)
+    done = forceaxis("monitor", "--on", f"lcm:5@{url}", "--once", "--json", "--seconds", 0.2)
     assert done.returncode == 1
     assert json.loads(done.stdout)["axes"] == {}
     assert "expected a state of axis 5 within 0.2 s" in done.stderr and done.stderr.count("\n") == 1
 
 
 def test_no_multicast_route_is_one_line_that_says_how():
-    for verb in ("monitor --once", "monitor --once --url udpm://239.255.76.67:7667?ttl=0"):
+    for verb in ("monitor --once", "monitor --once --on lcm@udpm://239.255.76.67:7667?ttl=0"):
         done = subprocess.run(
             [*OWN_NETWORK, FORCEAXIS, *verb.split()],
             capture_output=True, text=True, check=False, timeout=30,
@@ -305,11 +305,11 @@ def test_no_multicast_route_is_one_line_that_says_how():
     ("arguments", "words"),
     [
         (["monitor"], ["terminal", "--once"]),
-        (["monitor", "--once", "--axis", 0], ["--axis"]),
-        (["monitor", "--once", "--axis", 128], ["--axis"]),
-        (["monitor", "--once", "--url", "foo://x"], ["foo://x", "udpm://"]),
-        (["monitor", "--once", "--url", "udpm://nowhere:1"], ["nowhere", "udpm://"]),
-        (["monitor", "--once", "--url", "udpm://239.255.76.67:99999"], ["99999", "udpm://"]),
+        (["monitor", "--once", "--on", "lcm:0"], ["--on"]),
+        (["monitor", "--once", "--on", "lcm:128"], ["--on"]),
+        (["monitor", "--once", "--on", "lcm@foo://x"], ["foo://x", "udpm://"]),
+        (["monitor", "--once", "--on", "lcm@udpm://nowhere:1"], ["nowhere", "udpm://"]),
+        (["monitor", "--once", "--on", "lcm@udpm://239.255.76.67:99999"], ["99999", "udpm://"]),
         (["monitor", "--once", "--speed", 2], ["--speed", "--replay"]),
         (["monitor", "--json"], ["--json", "--once"]),
         (["monitor", "--once", "--replay", "no/such.log"], ["no/such.log"]),

@@ -45,7 +45,7 @@ from textual_serve.download_manager import DownloadManager
 def served(url, folder, *words):
     """(process, address) of a server, ended by SIGINT."""
     process = subprocess.Popen(
-        [FORCEAXIS, "monitor", "--web", "--port", "0", "--url", url, *words],
+        [FORCEAXIS, "monitor", "--web", "--port", "0", "--on", f"lcm@{url}", *words],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
     )  # fmt: skip
     with ended_by(process, signal.SIGINT):
@@ -257,7 +257,12 @@ def test_only_its_own_page_of_this_machine_is_served(url, tmp_path):
         asyncio.run(visit(address))
         assert process.poll() is None
         port = address.rpartition(":")[2]
-        refused(forceaxis("monitor", "--web", "--port", port, "--url", url), "--port", port, "free")
+        refused(
+            forceaxis("monitor", "--web", "--port", port, "--on", f"lcm@{url}"),
+            "--port",
+            port,
+            "free",
+        )
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""`forceaxis tune --can` is killed in each of its steps, over a virtual CAN bus in real time: the
+"""`forceaxis tune` is killed in each of its steps, over a virtual CAN bus in real time: the
 axis is disabled, nothing is half-written, and the same command goes on. tune_session.py is the
 session."""
 

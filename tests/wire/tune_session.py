@@ -43,7 +43,7 @@ class Tool:
     def __init__(self, folder, *more):
         self.folder, self.since = folder, time.time()
         self.printed = folder / "printed.txt"
-        words = ["tune", "--can", "vcan0", "--node", "1", "--model", folder / "press/model.toml",
+        words = ["tune", "--on", "vcan0:1", "--model", folder / "press/model.toml",
                  "--force", "30,100", "--over", "k_w=30%", "--force-max", "200",
                  "--averages", "4", "--out", folder / "tuned", *more]  # fmt: skip
         self.process = FORKED.Process(target=forceaxis, args=(self.printed, *map(str, words)))

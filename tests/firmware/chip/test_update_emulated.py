@@ -67,7 +67,7 @@ def test_over_modbus_from_slot_to_slot(tmp_path):
     answer of an axis that has the image already."""
     path = file_of(tmp_path / "newer.update", newer())
     with EmulatedFlash(tmp_path, modbus=True) as chip:
-        bus = ["flash", "--modbus", str(chip.tty)]
+        bus = ["flash", "--on", f"serial:{chip.tty}"]
         with connected(chip) as axis:
             axis.acquire()
             stored(axis)
@@ -179,7 +179,7 @@ def test_a_fleet_stops_at_the_first_axis_that_fails(tmp_path):
     with EmulatedFlash(tmp_path, modbus=True) as chip:
         with connected(chip):
             before = chip.flash
-        nodes = ["--node", "2", "--node", "1"]
-        done = forceaxis("flash", "--modbus", str(chip.tty), *nodes, path)
+        axes = [word for unit in (2, 1) for word in ("--on", f"serial:{chip.tty}:{unit}")]
+        done = forceaxis("flash", *axes, path)
         assert done.returncode == 1 and "unit 2" in done.stdout + done.stderr
         assert chip.flash == before  # unit 1, which would come next

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from forceaxis._core import InputError
-from forceaxis.axis import actions, quantity
+from forceaxis.axis import actions, address, quantity
 from forceaxis.axis.axis import Axis, trigger_on
 from forceaxis.axis.drive import FaultObjects, StatusObjects
 from forceaxis.axis.link import NoAnswer, Refused
@@ -29,7 +29,7 @@ ROOT = Path(__file__).resolve().parents[3]
 CONTACT = ROOT / "sim/experiments/contact.toml"
 HOLD = ROOT / "sim/experiments/hold_biquad.toml"
 GAINS = ["firmware.position_gain=4", "firmware.velocity_gain=20"]
-SIM = ["--sim", CONTACT, *(word for gain in GAINS for word in ("--set", gain))]
+SIM = ["--on", f"sim:{CONTACT}", *(word for gain in GAINS for word in ("--set", gain))]
 
 
 @pytest.fixture
@@ -68,16 +68,17 @@ def test_a_scale_that_is_not_its_models_is_warned_of():
 
 
 def test_newtons_of_a_scale_that_nobody_set_are_warned_of(axis, capsys):
-    def warned(**way):
-        live_options.warn_of_newtons(axis, live_options.AxisConnection(**way))
+    def warned(on):
+        way = live_options.AxisConnection((address.parse(on),))
+        live_options.warn_of_newtons(axis, way)
         return capsys.readouterr().err
 
-    assert warned(sim=CONTACT) == "", "is compared with its model"
-    assert "force_scale (2.5 N/count) was never set" in warned(can="can0")
+    assert warned(f"sim:{CONTACT}") == "", "is compared with its model"
+    assert "force_scale (2.5 N/count) was never set" in warned("can0")
     axis.set(calibration_date=15_000)
-    assert warned(can="can0") == ""
+    assert warned("can0") == ""
     axis.set(calibration_date=0, force_scale=2_400_000)
-    assert warned(can="can0") == ""
+    assert warned("can0") == ""
 
 
 def test_a_value_is_read_as_the_type_that_its_object_has(axis):
@@ -135,21 +136,14 @@ def test_what_the_axis_refuses_is_status_1():
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (
-            [],
-            "expected exactly one connection to an axis, one of --axis N, --can INTERFACE, "
-            "--modbus URL or --sim",
-        ),
-        (["--axis", "1", "--can", "can0"], "expected exactly one connection to an axis"),
-        (["--can", "can0", "--lcm-url", "udpm://"], "--lcm-url: expected --axis together with"),
-        (["--axis", "1", "--set", "a=1"], "--set: expected --sim together with this option"),
-        (["--can", "nocan7"], "--can: nocan7: expected a CAN interface that is up"),
-        (
-            ["--can", "can0", "--node", "126"],
-            "node 126, own node 126: expected two different node ids",
-        ),
-        (["--modbus", "http://x"], "--modbus: http://x: expected tcp://HOST[:PORT], or a serial"),
-        (["--sim", "nowhere.toml"], "nowhere.toml"),
+        ([], "expected one axis, as --on ADDRESS or in FORCEAXIS_AXIS, such as can0:5, tcp://"),
+        (["--on", "lcm:1", "--on", "can0"], "expected one axis, as --on ADDRESS"),
+        (["--on", "lcm"], "--on: lcm: expected the number of an axis, such as lcm:2"),
+        (["--on", "lcm:1", "--set", "a=1"], "--set: expected a simulated axis together with"),
+        (["--on", "nocan7"], "--on: nocan7: expected a CAN interface that is up"),
+        (["--on", "can0:126"], "node 126, own node 126: expected two different node ids"),
+        (["--on", "http://x"], "--on: http://x: expected the address of an axis, such as can0:5"),
+        (["--on", "sim:nowhere.toml"], "nowhere.toml"),
     ],
 )
 def test_one_way_and_no_more(options, says):
@@ -159,10 +153,10 @@ def test_one_way_and_no_more(options, says):
 def test_a_library_that_is_missing_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "canopen", None)
     monkeypatch.delitem(sys.modules, "forceaxis.axis.can", raising=False)
-    done = forceaxis("axis", "get", "--can", "can0", "force")
+    done = forceaxis("axis", "get", "--on", "can0", "force")
     assert "pip install 'forceaxis[can]'" in refusal(done, 2)
     monkeypatch.setitem(sys.modules, "pymodbus.client", None)
-    done = forceaxis("axis", "get", "--modbus", "tcp://localhost", "force")
+    done = forceaxis("axis", "get", "--on", "tcp://localhost", "force")
     assert "pip install 'forceaxis[modbus]'" in refusal(done, 2)
 
 
@@ -170,9 +164,9 @@ def test_list_shows_the_simulated_axis():
     (row,) = json.loads(said(forceaxis("axis", "list", *SIM, "--json")))
     assert (row["id"], row["state"], row["fault"]) == (1, "switch on disabled", "none")
     assert row["table"] == OBJECTS_HASH[:8]
-    done = forceaxis("axis", "list", "--axis", "1")
-    assert refusal(done, 2) == "expected one connection: --lcm-url URL, --can, --modbus or --sim"
-    done = forceaxis("axis", "list", "--lcm-url", "udpm://239.255.76.67:7699?ttl=0", "--json")
+    done = forceaxis("axis", "list", "--on", "lcm:1")
+    assert refusal(done, 2) == "expected the address of one bus, without an axis, such as --on lcm"
+    done = forceaxis("axis", "list", "--on", "lcm@udpm://239.255.76.67:7699?ttl=0", "--json")
     assert (done.returncode, json.loads(done.stdout)) == (1, [])
 
 
@@ -216,7 +210,7 @@ def test_a_position_that_is_not_reached_is_said(axis):
 
 
 def test_press_in_newtons_holds_them_with_the_bank():
-    found = json.loads(said(forceaxis("axis", "press", "--sim", HOLD, "75 N", "--json")))
+    found = json.loads(said(forceaxis("axis", "press", "--on", f"sim:{HOLD}", "75 N", "--json")))
     assert found["force_N"] == pytest.approx(75, abs=1)
     assert found["peak_N"] < 80.1  # sim/experiments/hold_biquad.toml
 
@@ -246,7 +240,7 @@ def test_press_bounds_the_approach_and_restores_what_it_set(axis):
 @pytest.mark.parametrize("mode, gain, said", [("force", 0, 1), ("force", 4, 0), ("-2", 0, 0)])
 def test_an_axis_that_is_enabled_without_a_position_gain_is_warned_of(mode, gain, said):
     done = forceaxis(
-        "axis", "enable", "--sim", CONTACT, "--seconds", "0.2", "--set",
+        "axis", "enable", "--on", f"sim:{CONTACT}", "--seconds", "0.2", "--set",
         f"firmware.position_gain={gain}", "--", mode,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -256,7 +250,7 @@ def test_an_axis_that_is_enabled_without_a_position_gain_is_warned_of(mode, gain
 @pytest.mark.parametrize("verb", ["axis move 100", "axis press 20", "measure --free"])
 def test_nothing_moves_without_a_position_gain(tmp_path, verb):
     out = ["--out", tmp_path / "out"] if verb.startswith("measure") else []
-    done = forceaxis(*verb.split(), "--sim", CONTACT, *out)
+    done = forceaxis(*verb.split(), "--on", f"sim:{CONTACT}", *out)
     text = refusal(done, 1)
     assert "expected a position_gain" in text and "firmware.position_gain in the experiment" in text
     assert not (tmp_path / "out").exists()
@@ -525,7 +519,7 @@ def test_a_closed_link_frees_the_file_of_its_store(tmp_path):
 
 def test_a_fault_is_named_in_words_with_the_command_that_resets_it(axis):
     done = forceaxis("axis", "move", *SIM, "5000", "--speed", "2000")
-    told = "; `forceaxis axis reset --sim sim/experiments/contact.toml` resets the fault"
+    told = "; `forceaxis axis reset --on sim:sim/experiments/contact.toml` resets the fault"
     assert refusal(done, 1).endswith(told)
     resets = r"; reset_fault\(\) resets the fault$"
     with pytest.raises(NoAnswer, match=f"fault force_max.*{resets}"):

@@ -82,9 +82,9 @@ def test_a_press_that_would_be_clipped_is_refused_before_anything_is_written(
 
 def test_the_verb_ends_with_status_2_and_one_line():
     """FINDINGS V7: it pressed 100 N and ended with 0."""
-    text = refusal(forceaxis("axis", "press", "--sim", HOLD, "500 N"), 2)
+    text = refusal(forceaxis("axis", "press", "--on", f"sim:{HOLD}", "500 N"), 2)
     assert text.startswith("target_force: expected at most 100 N") and "6072h" in text
-    done = forceaxis("axis", "press", "--sim", HOLD, "100 N", "--seconds", "0.3", "--json")
+    done = forceaxis("axis", "press", "--on", f"sim:{HOLD}", "100 N", "--seconds", "0.3", "--json")
     assert json.loads(said(done))["force_N"] == pytest.approx(100, rel=0.03)
 
 
@@ -237,7 +237,7 @@ def test_commissioning_refuses_a_force_beyond_the_reading_before_it_moves(tmp_pa
          "--force", "30,280", "--force-max", "400"]
         if verb == "tune" else ["--force", "280"]
     )  # fmt: skip
-    text = refusal(forceaxis(verb, "--sim", file, *more), 2)
+    text = refusal(forceaxis(verb, "--on", f"sim:{file}", *more), 2)
     assert (
         "expected a force of at most 266." in text
         and "the end of the range of the measured force" in text
@@ -252,7 +252,7 @@ def test_commissioning_refuses_a_force_beyond_the_reading_before_it_moves(tmp_pa
     ],
 )
 def test_measure_refuses_what_the_axis_would_clip(tmp_path, option, says):
-    text = refusal(forceaxis("measure", "--sim", write(tmp_path), *option), 2)
+    text = refusal(forceaxis("measure", "--on", f"sim:{write(tmp_path)}", *option), 2)
     assert says in text
 
 
@@ -273,7 +273,7 @@ def test_forces_have_units_with_and_without_a_blank():
     for text in ("75N", "75 N", "0.075kN", "7.5e1 N"):
         assert quantity.force(text) == quantity.Force(75.0, newton=True)
     assert quantity.force("30 count") == quantity.force(30) == quantity.Force(30.0, newton=False)
-    done = forceaxis("axis", "press", "--sim", HOLD, "40N", "--seconds", "0.3", "--json")
+    done = forceaxis("axis", "press", "--on", f"sim:{HOLD}", "40N", "--seconds", "0.3", "--json")
     assert json.loads(said(done))["force_N"] == pytest.approx(40, rel=0.05)
 
 
@@ -333,11 +333,15 @@ def test_press_ends_apart_where_it_is_told_to():
         link.wait(2.0)
         assert link.axis.extremes["force_N"] == 0
     done = said(
-        forceaxis("axis", "press", "--sim", HOLD, "75 N", "--seconds", "0.3", "--retract", "3mm")
+        forceaxis(
+            "axis", "press", "--on", f"sim:{HOLD}", "75 N", "--seconds", "0.3", "--retract", "3mm"
+        )
     )
     assert done.splitlines()[-1].startswith("apart at position ")
     for wrong in ("0", "-5 mm", "much"):
-        text = refusal(forceaxis("axis", "press", "--sim", HOLD, "75 N", "--retract", wrong), 2)
+        text = refusal(
+            forceaxis("axis", "press", "--on", f"sim:{HOLD}", "75 N", "--retract", wrong), 2
+        )
         assert "expected a" in text
 
 

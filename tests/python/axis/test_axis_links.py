@@ -249,7 +249,7 @@ def test_can_a_scan_names_a_stopped_node_and_the_command_that_starts_it(stopped)
     _, _, bus = stopped
     (found,) = scan.on_can("can7", bus, 0.3)
     assert (found.id, found.state) == (1, "stopped by NMT")
-    assert "`forceaxis axis start --can can7 --node 1`" in found.note
+    assert "`forceaxis axis start --on can7:1`" in found.note
 
 
 def test_can_another_client_of_the_same_channel_is_named_before_a_cycle(node):
@@ -259,7 +259,7 @@ def test_can_another_client_of_the_same_channel_is_named_before_a_cycle(node):
         link.read(["command_source"])
         assert link.disturbance() is None  # own requests are none
         local.network.send_message(0x601, [0x40, 0x01, 0x10, 0, 0, 0, 0, 0])
-        assert "use --axis 1 behind that gateway" in link.disturbance()
+        assert "use lcm:1 behind that gateway" in link.disturbance()
         with pytest.raises(Refused, match="would interrupt the reading of a recording or a curve"):
             live.expect_readable(Axis(link))
     finally:
@@ -267,7 +267,9 @@ def test_can_another_client_of_the_same_channel_is_named_before_a_cycle(node):
 
 
 def test_nmt_is_refused_where_it_does_not_exist(registers):
-    with pytest.raises(Refused, match="expected a connection by --can or --axis, because NMT"):
+    with pytest.raises(
+        Refused, match="expected a connection over CAN or to a gateway, because NMT"
+    ):
         ModbusLink("tcp://somewhere").start()
 
 

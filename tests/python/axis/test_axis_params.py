@@ -120,13 +120,13 @@ def test_a_dump_says_whose_it_is(owned):
 
 def test_what_differs_is_shown_by_name_with_both_values(owned, tmp_path):
     file = written(tmp_path, parameter_set.dump(owned(BANK)))
-    ran = verbs.forceaxis("axis", "params", "diff", file, "--sim", PLAIN, "--json")
+    ran = verbs.forceaxis("axis", "params", "diff", file, "--on", f"sim:{PLAIN}", "--json")
     rows = {row["name"]: row for row in json.loads(ran.stdout)["differences"]}
     assert ran.returncode == 1
     assert rows["position_gain"] == {
         "name": "position_gain", "axis": 0.0, "file": 4.0, "unit": "code/count",
     }  # fmt: skip
-    ran = verbs.forceaxis("axis", "params", "diff", file, "--sim", BANK)
+    ran = verbs.forceaxis("axis", "params", "diff", file, "--on", f"sim:{BANK}")
     # The file is of the same axis: nothing differs.
     assert (ran.returncode, ran.stdout, ran.stderr) == (0, "", "")
 
@@ -160,7 +160,7 @@ def test_a_file_with_one_bad_value_changes_nothing(owned, tmp_path, bad):
     with pytest.raises(InputError, match=message):
         parameter_set.load(axis, file)
     assert parameter_set.read(axis) == before
-    ran = verbs.forceaxis("axis", "params", "load", file, "--sim", PLAIN)
+    ran = verbs.forceaxis("axis", "params", "load", file, "--on", f"sim:{PLAIN}")
     assert ran.returncode == 2 and len(ran.stderr.splitlines()) == 1
 
 
@@ -403,7 +403,7 @@ def test_what_a_link_does_not_reach_or_manages_itself_is_left_alone(owned, tmp_p
 
 def test_stored_parameters_are_there_at_the_next_power_up(tmp_path):
     store, file = tmp_path / "axis.store", tmp_path / "axis.toml"
-    way = ("--sim", PLAIN, "--store", store)
+    way = ("--on", f"sim:{PLAIN}@{store}")
     file.write_text("[drive]\nhoming_travel = 4321\n")
     with Axis(SimLink(PLAIN, store=store)) as axis:
         parameter_set.load(axis, file)
@@ -417,20 +417,24 @@ def test_stored_parameters_are_there_at_the_next_power_up(tmp_path):
     ran = verbs.forceaxis("axis", "params", "dump", "--json", *way)
     assert "homing_travel" not in json.loads(ran.stdout)["parameters"]
     # An axis without a memory says so.
-    ran = verbs.forceaxis("axis", "params", "store", "--sim", PLAIN)
+    ran = verbs.forceaxis("axis", "params", "store", "--on", f"sim:{PLAIN}")
     assert ran.returncode == 1 and "no memory" in ran.stderr
 
 
 def test_the_verbs_write_files_whole_and_dry_runs_not_at_all(tmp_path):
     file = tmp_path / "bank.toml"
-    assert verbs.forceaxis("axis", "params", "dump", file, "--sim", BANK).returncode == 0
-    printed = verbs.forceaxis("axis", "params", "dump", "--sim", BANK).stdout
+    assert verbs.forceaxis("axis", "params", "dump", file, "--on", f"sim:{BANK}").returncode == 0
+    printed = verbs.forceaxis("axis", "params", "dump", "--on", f"sim:{BANK}").stdout
     assert printed == file.read_text()
-    ran = verbs.forceaxis("axis", "params", "load", file, "--sim", PLAIN, "--dry-run", "--json")
+    ran = verbs.forceaxis(
+        "axis", "params", "load", file, "--on", f"sim:{PLAIN}", "--dry-run", "--json"
+    )
     result = json.loads(ran.stdout)
     assert result["dry_run"] and result["bank"] == {} and len(result["changes"]) == 17
-    ran = verbs.forceaxis("axis", "params", "load", file, "--sim", PLAIN)
+    ran = verbs.forceaxis("axis", "params", "load", file, "--on", f"sim:{PLAIN}")
     assert ran.stdout.splitlines()[-1] == "force bank 1, bank valid, certificate fits"
     # A folder that is not there: nothing is left half-written.
-    ran = verbs.forceaxis("axis", "params", "dump", tmp_path / "no/axis.toml", "--sim", PLAIN)
+    ran = verbs.forceaxis(
+        "axis", "params", "dump", tmp_path / "no/axis.toml", "--on", f"sim:{PLAIN}"
+    )
     assert ran.returncode == 2 and len(ran.stderr.splitlines()) == 1

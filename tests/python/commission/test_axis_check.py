@@ -300,7 +300,7 @@ def test_ctrl_c_restores_what_was_set(experiment, after):
 
 
 def test_the_verb(experiment):
-    way = ("axis", "check", "--sim", experiment())
+    way = ("axis", "check", "--on", f"sim:{experiment()}")
     ran = verbs.forceaxis(*way)  # nobody can be asked
     assert ran.returncode == 0 and "skipped first motion" in ran.stdout
     ran = verbs.forceaxis(*way, "--yes", "--json", "--travel", "100", "--output", "100")
@@ -313,7 +313,7 @@ def test_the_verb(experiment):
 
 def test_an_experiment_that_commands_its_axis_leaves_it_to_the_owner():
     """Its controlwords of [[at]] would enable the axis in the middle of the check."""
-    ran = verbs.forceaxis("axis", "check", "--sim", "hold_biquad", "--yes")
+    ran = verbs.forceaxis("axis", "check", "--on", "sim:hold_biquad", "--yes")
     assert ran.returncode == 0 and "failed" not in ran.stdout, ran.stdout + ran.stderr
     axis = Axis(SimLink("sim/experiments/hold_biquad.toml"))
     axis.link.wait(0.1)  # nobody owns it

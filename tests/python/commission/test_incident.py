@@ -200,7 +200,9 @@ def test_the_file_is_the_incident(tmp_path):
 def test_an_incident_becomes_a_recording(tmp_path):
     sets = ("firmware.mode=force", "firmware.force_gain=5", "firmware.force_max=30")
     options = [word for text in sets for word in ("--set", text)]
-    done = forceaxis("incident", "--sim", CONTACT, *options, "--wait", "5", "--out", tmp_path)
+    done = forceaxis(
+        "incident", "--on", f"sim:{CONTACT}", *options, "--wait", "5", "--out", tmp_path
+    )
     assert done.returncode == 0, done.stderr
     found = incident.load(tmp_path / "incident.json")
     done = forceaxis(
@@ -242,7 +244,7 @@ def test_the_verb(tmp_path):
     file = tmp_path / "hard.toml"
     file.write_text(experiment(pressing("force_max = 20"), ENABLE, sets=NEAR))
     out = tmp_path / "out"
-    words = ("incident", "--sim", file, "--wait", "3", "--counts-per-mm", "157.48")
+    words = ("incident", "--on", f"sim:{file}", "--wait", "3", "--counts-per-mm", "157.48")
     done = forceaxis(*words, "--out", out)
     assert done.returncode == 0, done.stderr
     assert "force max at tick" in done.stdout and "mm/s" in done.stdout
@@ -252,6 +254,6 @@ def test_the_verb(tmp_path):
 
 
 def test_the_verb_without_an_incident():
-    done = forceaxis("incident", "--sim", CONTACT)
+    done = forceaxis("incident", "--on", f"sim:{CONTACT}")
     assert done.returncode == 1
     assert "expected an incident, nothing has happened" in done.stderr

@@ -102,8 +102,8 @@ def test_averages_end_where_the_response_is_certain_and_the_axis_is_not_thrown_b
 def test_the_verb_writes_what_fit_and_design_take(axis_file, tmp_path):
     file, out = axis_file(), tmp_path / "m"
     done = verbs.forceaxis(
-        "measure", "--sim", file, "--free", "--force", "30,75", "--force-max", 150, "--averages", 6,
-        "--out", out, "--json",
+        "measure", "--on", f"sim:{file}", "--free", "--force", "30,75", "--force-max", 150,
+        "--averages", 6, "--out", out, "--json",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)
@@ -145,7 +145,7 @@ def test_a_run_after_a_kill_puts_back_what_was_changed(axis_file, tmp_path, monk
     axis.set(force_max=40.0, excitation_travel=77)
     before = axis.get(*names)
     monkeypatch.setattr(live_options.AxisConnection, "link", lambda way: link)
-    words = ["measure", "--axis", 1, "--force", 30, "--force-max", 100, "--averages", 4]
+    words = ["measure", "--on", "lcm:1", "--force", 30, "--force-max", 100, "--averages", 4]
     out = tmp_path / "m"
     assert "Kill" in verbs.forceaxis(*words, "--out", out).stderr
     link.axis.step(15_000)
@@ -267,14 +267,14 @@ def test_noise_of_a_slow_cycle_between_two_codes_is_none():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("measure",), "expected exactly one connection to an axis"),
-        (("measure", "--sim", "session"), "expected --free (measure out of contact), --force"),
+        (("measure",), "expected one axis, as --on ADDRESS"),
+        (("measure", "--on", "sim:session"), "expected --free (measure out of contact), --force"),
         (
-            ("measure", "fig3_9", "--sim", "session"),
-            "expected either TARGET (a simulation) or a connection to an axis",
+            ("measure", "fig3_9", "--on", "sim:session"),
+            "expected either TARGET (a simulation) or --on ADDRESS (an axis)",
         ),
         (
-            ("measure", "--sim", "session", "--force", "0,3"),
+            ("measure", "--on", "sim:session", "--force", "0,3"),
             "--force: 0,3: expected one or more forces in N, above 0",
         ),
     ],
@@ -287,7 +287,9 @@ def test_wrong_input_is_one_line(arguments, says):
 
 
 def test_a_refusal_is_status_1(axis_file):
-    done = verbs.forceaxis("measure", "--sim", axis_file("force_tare = 4.0"), "--force", "30")
+    done = verbs.forceaxis(
+        "measure", "--on", f"sim:{axis_file('force_tare = 4.0')}", "--force", "30"
+    )
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].startswith(
         "forceaxis: tare: expected a measured force within"

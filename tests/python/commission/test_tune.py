@@ -121,7 +121,7 @@ def quick(asked, _out, say):
 def tuned(plants, folder, **changed):
     """`forceaxis tune --json`; `changed`: options with other values."""
     options = {
-        "--sim": plants / "true/contact.toml", "--model": "known", "--force": "30,100",
+        "--on": f"sim:{plants / 'true/contact.toml'}", "--model": "known", "--force": "30,100",
         "--over": OVER[0], "--force-max": FORCE_MAX_N, "--averages": 6, "--out": folder,
     } | changed  # fmt: skip
     options["--model"] = plants / options["--model"] / "model.toml"

@@ -284,7 +284,7 @@ def test_a_connection_that_fails_is_made_again(wanted, folder, monkeypatch):
         tries.append(1)
         link.fails = len(tries) in (2, 3)
         if len(tries) == 4:
-            raise InputError("--can: expected a CAN interface that is up")
+            raise InputError("can0: expected a CAN interface that is up")
         return link
 
     events = results.watch(connect, wanted, folder, results.Reminders())

@@ -17,7 +17,7 @@ def at_a_terminal(answers, *arguments):
     ours, theirs = pty.openpty()
     os.write(ours, answers)
     done = subprocess.run(
-        [FORCEAXIS, "bringup", "--sim", "contact", *map(str, arguments)],
+        [FORCEAXIS, "bringup", "--on", "sim:contact", *map(str, arguments)],
         stdin=theirs,
         capture_output=True,
         text=True,

@@ -601,7 +601,7 @@ def test_an_interrupt_at_any_moment_is_status_130_and_leaves_nothing(kind, what,
 
 
 TUNE = (
-    "tune --sim sim/experiments/contact.toml --set firmware.position_gain=4 --model laboratory "
+    "tune --on sim:sim/experiments/contact.toml --set firmware.position_gain=4 --model laboratory "
     "--force 30,75 --over k_w=30%,m_w=30% --force-max 150"
 )
 VERBS = [

@@ -98,7 +98,7 @@ def test_a_proposal_is_a_program_that_runs(tmp_path):
 
 def test_start_writes_the_curve_of_the_part(tmp_path):
     table, picture = tmp_path / "new" / "part.csv", tmp_path / "part.png"
-    to = ["start", "press_fit", "--sim", "press_fit"]
+    to = ["start", "press_fit", "--on", "sim:press_fit"]
     done = cycle(*to, "--curve", table, "--plot", picture)
     lines = [line.split() for line in done.stdout.splitlines()]
     assert lines[0] == ["cycle", "Press-fit", "of", "a", "bearing:", "good"]
@@ -143,7 +143,7 @@ def test_statistics_of_simulated_parts(tmp_path):
 def axis_of(folder):
     """The options of a simulated axis that keeps its store in a folder. Each command is a power-up
     of it."""
-    return ["--sim", "press_fit", "--store", folder / "axis.store"]
+    return ["--on", f"sim:press_fit@{folder / 'axis.store'}"]
 
 
 def test_parts_are_pressed_and_recorded(tmp_path):
@@ -179,7 +179,16 @@ def test_parts_are_pressed_and_recorded(tmp_path):
 
 def test_a_part_that_a_plc_has_started_is_recorded_until_ctrl_c(tmp_path):
     """The commands of the experiment are the PLC."""
-    words = [sys.executable, "-m", "forceaxis", "cycle", "watch", "press_fit", "--sim", "press_fit"]
+    words = [
+        sys.executable,
+        "-m",
+        "forceaxis",
+        "cycle",
+        "watch",
+        "press_fit",
+        "--on",
+        "sim:press_fit",
+    ]
     words += ["--out", tmp_path / "records", "--master-every", "8", "--master-serial", "M1"]
     # A shell lets the programs that it starts in the background ignore the signal.
     ignored = signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -196,7 +205,7 @@ def test_a_part_that_a_plc_has_started_is_recorded_until_ctrl_c(tmp_path):
 
 
 def test_watch_ends_after_a_number_of_parts(tmp_path):
-    to = ["watch", "press_fit", "--sim", "press_fit", "--parts", "1", "--out", tmp_path]
+    to = ["watch", "press_fit", "--on", "sim:press_fit", "--parts", "1", "--out", tmp_path]
     done = cycle(*to, "--set", "k_bore=80 kN/m", "--calibration-due", "2020-01-01", "--json")
     record = json.loads(done.stdout)
     assert record["state"] == "bad" and record["notes"] == ["calibration due"]
@@ -236,8 +245,8 @@ def test_bounds_are_taught_from_records(tmp_path):
         (["rates", "contact", *FEW], ["contact.toml: cycle", "names a program"]),
         (["run", "press_fit", "--plot", "part.gif"], ["--plot", ".png"]),
         (["run", "press_fit", "--program", "no.toml"], ["no.toml", "expected a readable file"]),
-        (["start", "press_fit", "--sim", "press_fit", "--plot", "p.gif"], ["--plot", ".png"]),
-        (["start", "press_fit", "--sim", "press_fit", "--curve", "p.txt"], ["--curve", ".csv"]),
+        (["start", "press_fit", "--on", "sim:press_fit", "--plot", "p.gif"], ["--plot", ".png"]),
+        (["start", "press_fit", "--on", "sim:press_fit", "--curve", "p.txt"], ["--curve", ".csv"]),
         (["run", "contact"], ["contact.toml: cycle", "names a program"]),
         (["rnu", "press_fit"], ["'rnu'"]),
     ],

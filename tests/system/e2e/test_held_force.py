@@ -138,7 +138,7 @@ def test_a_simulated_axis_may_have_a_verdict_that_limits_the_force(tmp_path):
     limit = ("[verdict]\n", "[verdict]\nheld_force_error_max_percent = 1\n")
     file = variant(tmp_path, "hold_p", limit)
     assert SimLink(file).read(["force_gain"])["force_gain"] > 0
-    done = verbs.forceaxis("axis", "get", "--sim", file, "force_gain")
+    done = verbs.forceaxis("axis", "get", "--on", f"sim:{file}", "force_gain")
     assert done.returncode == 0, done.stderr
 
 

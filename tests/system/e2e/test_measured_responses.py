@@ -16,7 +16,7 @@ def measured(tmp_path_factory):
     sheet = PRESS | {"sensor_bits": 12, "sensor_noise_n": 0.3}
     folder = written(tmp_path_factory.mktemp("axis") / "press", sheet)
     done = verbs.forceaxis(
-        "measure", "--sim", folder / "contact.toml", "--set", "k_w=5e5", "--set",
+        "measure", "--on", f"sim:{folder / 'contact.toml'}", "--set", "k_w=5e5", "--set",
         "firmware.position_gain=8", "--free", "--force", "30,75", "--force-max", 150,
         "--averages", 5, "--band", "1:200", "--out", folder / "m",
     )  # fmt: skip

@@ -184,9 +184,9 @@ def printed(words, **environment):
         "modes fig4_19",
         "objects force_tare",
         "limit hold_biquad --law bank",
-        "axis stop --sim contact",
-        "axis check --sim contact --set firmware.position_gain=4 --yes",
-        "measure --sim contact --set firmware.position_gain=4 --free",
+        "axis stop --on sim:contact",
+        "axis check --on sim:contact --set firmware.position_gain=4 --yes",
+        "measure --on sim:contact --set firmware.position_gain=4 --free",
     ],
 )
 def test_tables_fit_80_columns(line):

@@ -1,6 +1,6 @@
 """Operates one axis with values in engineering units, over any connection.
 
-with Axis.sim("sim/experiments/session.toml") as axis:    # acquired; or can, gateway, modbus
+with Axis.on("sim:session") as axis:                  # acquired; or "can0:5", "lcm:2"
     axis.set(position_gain=4.0, velocity_gain=20.0, force_gain=5.0)
     axis.get("force", "fault")                        # {"force": 0.0, "fault": "none"}
     axis.enable("profile position")
@@ -19,6 +19,7 @@ from pathlib import Path
 
 from forceaxis._core import InputError
 from forceaxis.axis import actions, quantity
+from forceaxis.axis import address as addresses
 from forceaxis.axis.drive import MODES, Drive, StatusObjects
 from forceaxis.axis.link import COMMAND_SOURCES, Link, NoAnswer, Recording, Refused
 from forceaxis.axis.quantity import trigger_on
@@ -43,6 +44,13 @@ class Axis(Drive):
     def __init__(self, link: Link) -> None:
         super().__init__(link)
         self._owned = False
+
+    @classmethod
+    def on(cls, address: str, model: str | Path | None = None) -> Axis:
+        """Returns the axis at an address, as the option --on of `forceaxis axis` has it: "can0:5",
+        "tcp://192.168.1.5/3", "serial:/dev/ttyUSB0:3", "lcm:2", "sim:contact". `model`: as in
+        can(). Raises InputError, NoAnswer."""
+        return cls(_with_model(addresses.parse(address).link(), model))
 
     @classmethod
     def sim(cls, experiment: str | Path, overrides: Sequence[str] = (), store: str = "") -> Axis:

@@ -131,7 +131,8 @@ class CanLink(RecorderLink):
     ) -> None:
         if node == own_node or not (1 <= node <= 127 and 1 <= own_node <= 127):
             raise InputError(
-                f"node {node}, own node {own_node}: expected two different node ids from 1 to 127"
+                f"node {node}, own node {own_node}: expected two different node ids from 1 to 127, "
+                f"as in {interface}:{node}@125"
             )
         self.where = f"node {node} on {interface}"
         self._id, self._own, self._timeout_s = node, own_node, timeout_s
@@ -296,7 +297,7 @@ class CanLink(RecorderLink):
         if self._rival.wait(RIVAL_LISTEN_S):
             raise Refused(
                 f"{self.where}: expected no other node with the node id {self._own}, but such a "
-                "node sends heartbeats; choose another id as own_node"
+                f"node sends heartbeats; choose another id, as in {self._interface}:{self._id}@125"
             )
 
     def _heard(self, _can_id: int, _data: bytearray, timestamp: float) -> None:
@@ -314,8 +315,8 @@ class CanLink(RecorderLink):
             return None
         return (
             f"{self.where}: another client, such as a gateway, sends requests over the SDO channel "
-            "of this one and would interrupt the reading of a recording or a curve; use --axis "
-            f"{self._id} behind that gateway, or end it"
+            "of this one and would interrupt the reading of a recording or a curve; use "
+            f"lcm:{self._id} behind that gateway, or end it"
         )
 
     def start(self) -> None:

@@ -164,8 +164,8 @@ class Link(abc.ABC):
         that was stopped has disabled its drive, which only its owner enables. Raises Refused,
         NoAnswer."""
         raise Refused(
-            f"{self.where}: expected a connection by --can or --axis, because NMT, which stops and "
-            "starts nodes, is a service of CANopen"
+            f"{self.where}: expected a connection over CAN or to a gateway, because NMT, which "
+            "stops and starts nodes, is a service of CANopen"
         )
 
     def disturbance(self) -> str | None:

@@ -6,6 +6,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from forceaxis.axis import actions
+from forceaxis.axis.address import (
+    Address,
+    CanAddress,
+    LcmAddress,
+    SerialAddress,
+    TcpAddress,
+)
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import DEVICE_NAME_INDEX, VERSION_INDEX, Link, NoAnswer, Refused
 from forceaxis.bus.state_names import node_state
@@ -17,7 +24,7 @@ NMT_STOPPED, NMT_SILENT = 4, -1  # NMT states of a node
 HEARTBEAT_ID = 0x700
 # Sentences about a node that answers nothing.
 STOPPED_STATE = "stopped by NMT"
-NODE_STOPPED = "start the node with `forceaxis axis start {options}`; this enables no drive"
+NODE_STOPPED = "start the node with `forceaxis axis start --on {address}`; this enables no drive"
 GATEWAY_STARTS = "the gateway starts the node by itself; this enables no drive"
 GATEWAY_HEARS_NOTHING = "no message from the node; check power and bus of the axis"
 NODE_ANSWERS_S = 0.5  # time in s in which the nodes of a CAN bus must answer
@@ -58,6 +65,18 @@ def scanned(link: Link, number: int | None = None) -> ScannedAxis:
         return replace(found, note=str(error))
     finally:
         axis.close()
+
+
+def on_bus(address: Address) -> Iterator[ScannedAxis]:
+    """Yields each axis of the bus at an address. Raises InputError, NoAnswer."""
+    if isinstance(address, CanAddress):
+        yield from on_can(address.interface)
+    elif isinstance(address, TcpAddress | SerialAddress):
+        yield from on_modbus(address.url)
+    elif isinstance(address, LcmAddress):
+        yield from at_gateway(address.url)
+    else:
+        yield scanned(address.link())
 
 
 def at_gateway(url: str | None = None, seconds: float = 1.0) -> Iterator[ScannedAxis]:
@@ -103,10 +122,8 @@ def on_can(
         numbers = sorted(set(opened.scanner.nodes) | stopped)
     for number in numbers:
         if number in stopped:
-            options = f"--can {interface} --node {number}"
-            yield ScannedAxis(
-                number, state=STOPPED_STATE, note=NODE_STOPPED.format(options=options)
-            )
+            note = NODE_STOPPED.format(address=f"{interface}:{number}")
+            yield ScannedAxis(number, state=STOPPED_STATE, note=note)
             continue
         found = scanned(CanLink(interface, number, number % 127 + 1, bus, timeout_s=0.3), number)
         if found.table is None:

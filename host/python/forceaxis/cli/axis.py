@@ -25,10 +25,12 @@ from forceaxis.cli.common import (
     print_result,
 )
 from forceaxis.cli.live_options import (
+    STARTED,
     AxisConnection,
     connected,
     live,
     live_in_mm,
+    live_over,
     owned,
     warn_of_newtons,
 )
@@ -42,19 +44,31 @@ if TYPE_CHECKING:
 
 @click.group(
     cls=Verbs,
-    epilog="""forceaxis axis list --can can0
-    forceaxis axis get --axis 1 force fault
-    forceaxis axis set --can can0 --node 3 force_gain=7
-    forceaxis axis press --sim hold_biquad 30""",
+    epilog="""forceaxis axis list --on can0
+    forceaxis axis get --on lcm:1 force fault
+    forceaxis axis set --on can0:3 force_gain=7
+    forceaxis axis press --on sim:hold_biquad 30""",
 )
 def axis() -> None:
     """Operate one axis over its bus: read and write objects, move the axis, press on the workpiece,
     set the tare, record signals.
 
-    Each command needs one connection: --axis N (behind a gateway), --can INTERFACE, --modbus URL
-    or --sim EXPERIMENT (simulated). A command that moves the axis owns it while it runs. At its
-    end, and after Ctrl-C, the axis is disabled and released. If the command is killed, the
-    watchdog of the axis disables it.
+    \b
+    Each command needs the address of one axis, as --on or in FORCEAXIS_AXIS:
+      can0:5                    node 5 on the CAN interface can0
+      lcm:2                     axis 2 of a gateway; lcm:2@URL on another LCM bus
+      tcp://192.168.1.5/3       Modbus TCP, unit 3; tcp://HOST:PORT/3 with a port
+      serial:/dev/ttyUSB0:3     Modbus RTU, unit 3; with a bit rate
+                                serial:/dev/ttyUSB0@19200:3
+      sim:contact               simulated axis of an experiment, name or path;
+                                sim:contact@FILE keeps its parameters in FILE
+
+    The number is 1 if an address on CAN or Modbus has none. With can0:5@125 this program has the
+    node id 125, if another program on the bus has 126. A command that takes the axis from
+    FORCEAXIS_AXIS prints first which axis it is.
+
+    A command that moves the axis owns it while it runs. At its end, and after Ctrl-C, the axis is
+    disabled and released. If the command is killed, the watchdog of the axis disables it.
     """
 
 
@@ -118,18 +132,19 @@ def print_state(axis: Axis, prefix: str, as_json: bool, **more: float) -> None:
 @axis.command(
     "list",
     epilog="""forceaxis axis list
-    forceaxis axis list --can can0
-    forceaxis axis list --modbus tcp://192.168.1.5 --json""",
+    forceaxis axis list --on can0
+    forceaxis axis list --on tcp://192.168.1.5 --json""",
 )
-@live_options.options
+@live_options.options()
 @as_json
 def list_axes(connection: AxisConnection, as_json: bool) -> None:
     """List the axes on a bus, each with node id, name, firmware version, object table, drive state
     and fault.
 
-    Without an option the command lists the axes of all gateways on the LCM bus, with --can the
-    nodes 1 to 127 that answer or send, with --modbus the units 1 to 127 (20 s on a serial line).
-    --json adds mode of operation and owner. The exit status is 1 if no axis is found.
+    --on is the address of the bus. On can0 these are the nodes 1 to 127 that answer or send, on a
+    Modbus line the units 1 to 127 that answer (20 s on a serial line), on lcm the axes of all
+    gateways. Default: the bus of FORCEAXIS_AXIS, otherwise lcm. --json adds mode of operation and
+    owner. The exit status is 1 if no axis is found.
     """
     with live_options.errors():
         rows = scanned(connection)
@@ -143,20 +158,18 @@ def list_axes(connection: AxisConnection, as_json: bool) -> None:
 
 
 def scanned(connection: AxisConnection) -> list[ScannedAxis]:
-    """Return the axes found on the bus that the options select. Raises InputError if the options
-    select several buses or a single axis."""
-    from forceaxis.axis import scan
+    """Return the axes found on the bus of a connection. Raises InputError for several buses, or for
+    the number of one axis in --on."""
+    from forceaxis.axis import address, scan
+    from forceaxis.axis.address import LcmAddress
 
-    given = [bus for bus in (connection.can, connection.modbus, connection.sim) if bus is not None]
-    if len(given) > 1 or connection.axis is not None:
-        raise InputError("expected one connection: --lcm-url URL, --can, --modbus or --sim")
-    if connection.can is not None:
-        return list(scan.on_can(connection.can))
-    if connection.modbus is not None:
-        return list(scan.on_modbus(connection.modbus))
-    if connection.sim is not None:
-        return [scan.scanned(connection.link())]
-    return list(scan.at_gateway(connection.lcm_url))
+    found = connection.chosen()
+    if len(found.addresses) > 1 or any(one.number for one in connection.addresses):
+        bus = address.bus(found.address)
+        raise InputError(f"expected the address of one bus, without an axis, such as --on {bus}")
+    if found.is_simulated:
+        return [scan.scanned(found.link())]
+    return list(scan.on_bus(address.bus(found.address) if found.addresses else LcmAddress()))
 
 
 def table_of(rows: Sequence[ScannedAxis]) -> Iterator[str]:
@@ -177,8 +190,8 @@ def table_of(rows: Sequence[ScannedAxis]) -> Iterator[str]:
 
 
 @axis.command(
-    epilog="""forceaxis axis get --axis 1 force position fault
-    forceaxis axis get --can can0 'recorder_*' --json"""
+    epilog="""forceaxis axis get --on lcm:1 force position fault
+    forceaxis axis get --on can0 'recorder_*' --json"""
 )
 @click.argument("names", nargs=-1, required=True, type=Object(), metavar="NAME...")
 @live
@@ -200,9 +213,9 @@ def get(connection: AxisConnection, names: Sequence[str], as_json: bool) -> None
 
 @axis.command(
     "set",
-    epilog="""forceaxis axis set --axis 1 force_gain=7 position_gain=4
-    forceaxis axis set --can can0 force_setpoint=75N recorder_trigger_edge=rising
-    forceaxis axis set --can can0 --model press/model.toml approach_velocity_max="4 mm/s\"""",
+    epilog="""forceaxis axis set --on lcm:1 force_gain=7 position_gain=4
+    forceaxis axis set --on can0 force_setpoint=75N recorder_trigger_edge=rising
+    forceaxis axis set --on can0 --model press/model.toml approach_velocity_max="4 mm/s\"""",
 )
 @click.argument("words", nargs=-1, required=True, type=Object("="), metavar="NAME=VALUE...")
 @live_in_mm
@@ -224,7 +237,7 @@ def set_objects(connection: AxisConnection, words: Sequence[str], as_json: bool)
         print_result(back, as_json, lambda: "\n".join(lines(axis, back)))
 
 
-@axis.command(epilog="forceaxis axis stop --can can0 --node 3")
+@axis.command(epilog="forceaxis axis stop --on can0:3")
 @live
 @as_json
 def stop(connection: AxisConnection, as_json: bool) -> None:
@@ -240,22 +253,22 @@ def stop(connection: AxisConnection, as_json: bool) -> None:
         print_state(axis, "stopped", as_json)
 
 
-@axis.command(epilog="forceaxis axis start --can can0 --node 3")
-@live
+@axis.command(epilog="forceaxis axis start --on can0:3")
+@live_over(STARTED)
 @as_json
 def start(connection: AxisConnection, as_json: bool) -> None:
     """Start a node that NMT has stopped, so that it answers and sends again. `axis list` shows such
     a node.
 
     A start enables no drive: the stop has disabled the drive, and its owner has to enable it again.
-    A gateway starts its axes by itself; with --axis the command waits until it has.
+    A gateway starts its axes by itself; on lcm the command waits until it has.
     """
     with connected(connection) as axis:
         axis.link.start()
         print_state(axis, "started", as_json)
 
 
-@axis.command(epilog="forceaxis axis reset --axis 1")
+@axis.command(epilog="forceaxis axis reset --on lcm:1")
 @live
 @as_json
 def reset(connection: AxisConnection, as_json: bool) -> None:
@@ -275,8 +288,8 @@ NEGATIVE = {"ignore_unknown_options": True}
 
 @axis.command(
     context_settings=NEGATIVE,
-    epilog="""forceaxis axis enable --axis 1 "profile velocity" target_velocity=3000
-    forceaxis axis enable --can can0 -1 force_setpoint=30 --seconds 10""",
+    epilog="""forceaxis axis enable --on lcm:1 "profile velocity" target_velocity=3000
+    forceaxis axis enable --on can0 -1 force_setpoint=30 --seconds 10""",
 )
 @click.argument("mode")
 @click.argument("words", nargs=-1, metavar="[NAME=VALUE]...")
@@ -340,9 +353,9 @@ approach_speed = click.option(
 
 @axis.command(
     context_settings=NEGATIVE,
-    epilog="""forceaxis axis move --axis 1 36000 --speed 20000
-    forceaxis axis move --can can0 --node 3 -500
-    forceaxis axis move --can can0 --model press/model.toml "-10 mm" --speed "5 mm/s\"""",
+    epilog="""forceaxis axis move --on lcm:1 36000 --speed 20000
+    forceaxis axis move --on can0:3 -500
+    forceaxis axis move --on can0 --model press/model.toml "-10 mm" --speed "5 mm/s\"""",
 )
 @click.argument("position")
 @click.option(
@@ -379,9 +392,9 @@ def move(
 
 @axis.command(
     context_settings=NEGATIVE,
-    epilog="""forceaxis axis press --axis 1 75N --seconds 5 --retract 2000
-    forceaxis axis press --sim press/contact.toml "75 N" --speed "4 mm/s" --retract "5 mm"
-    forceaxis axis press --can can0 30""",
+    epilog="""forceaxis axis press --on lcm:1 75N --seconds 5 --retract 2000
+    forceaxis axis press --on sim:press/contact.toml "75 N" --speed "4 mm/s" --retract "5 mm"
+    forceaxis axis press --on can0 30""",
 )
 @click.argument("force")
 @click.option(
@@ -438,7 +451,7 @@ def press(
 
         def report(now: PressSample) -> None:
             count = now.force
-            at = f"{time.monotonic() - begin:.1f} s, " if connection.sim is None else ""
+            at = f"{time.monotonic() - begin:.1f} s, " if not connection.is_simulated else ""
             click.echo(f"{at}force {count * per_count:.4g} N ({count:.4g} force counts)")
 
         warn_of_newtons(axis, connection)

@@ -12,7 +12,7 @@ import click
 from forceaxis._core import InputError
 from forceaxis.cli.axis import axis, lines, shown
 from forceaxis.cli.common import Folder, Object, Positive, as_json, print_json, print_result
-from forceaxis.cli.live_options import AxisConnection, live, owned
+from forceaxis.cli.live_options import RECORDED, AxisConnection, live, live_over, owned
 from forceaxis.results import to_json
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from forceaxis.axis.axis import Axis
 
 
-@axis.command(epilog="forceaxis axis tare --axis 1")
+@axis.command(epilog="forceaxis axis tare --on lcm:1")
 @live
 @as_json
 def tare(connection: AxisConnection, as_json: bool) -> None:
@@ -39,8 +39,8 @@ def tare(connection: AxisConnection, as_json: bool) -> None:
 
 
 @axis.command(
-    epilog="""forceaxis axis calibrate --axis 1 --point 0,0 --point 20.4,50 --point 40.9,100
-    forceaxis axis calibrate --can can0        # asks for one force after another"""
+    epilog="""forceaxis axis calibrate --on lcm:1 --point 0,0 --point 20.4,50 --point 40.9,100
+    forceaxis axis calibrate --on can0        # asks for one force after another"""
 )
 @click.option(
     "--point",
@@ -109,8 +109,8 @@ def asked(axis: Axis, most: int) -> Iterator[tuple[float, float]]:
 
 
 @axis.command(
-    epilog="""forceaxis axis capture --axis 1 force dac_code --samples 1500 --out out/rest
-    forceaxis axis capture --can can0 force position --trigger "force rising 31" --pretrigger 300"""
+    epilog="""forceaxis axis capture --on lcm:1 force dac_code --samples 1500 --out out/rest
+    forceaxis axis capture --on can0 force position --trigger "force rising 31" --pretrigger 300"""
 )
 @click.argument("signals", nargs=-1, required=True, type=Object(), metavar="SIGNAL...")
 @click.option(
@@ -144,7 +144,7 @@ def asked(axis: Axis, most: int) -> Iterator[tuple[float, float]]:
     help="Longest time to wait for the end of the recording, s.",
 )
 @click.option("--out", type=Folder(), help="Folder for capture.csv, .npz and .png.")
-@live
+@live_over(RECORDED)
 @as_json
 def capture(
     connection: AxisConnection,

@@ -12,8 +12,8 @@ from forceaxis.cli.live_options import AxisConnection, live, owned
 
 
 @axis.command(
-    epilog="""forceaxis axis check --can can0 --node 1
-    forceaxis axis check --axis 1 --yes --travel 200 --output 150 --json"""
+    epilog="""forceaxis axis check --on can0:1
+    forceaxis axis check --on lcm:1 --yes --travel 200 --output 150 --json"""
 )
 @click.option("--yes", is_flag=True, help="Move the axis without asking for consent.")
 @click.option(

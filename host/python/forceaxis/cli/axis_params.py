@@ -30,10 +30,10 @@ FILE = click.argument("file", type=click.Path(dir_okay=False, exists=True))
 
 @axis.group(
     cls=Verbs,
-    epilog="""forceaxis axis params dump axis1.toml --axis 1
-    forceaxis axis params load axis1.toml --axis 2 --dry-run
-    forceaxis axis params load out/law/bank.toml --can can0
-    forceaxis axis params store --can can0""",
+    epilog="""forceaxis axis params dump axis1.toml --on lcm:1
+    forceaxis axis params load axis1.toml --on lcm:2 --dry-run
+    forceaxis axis params load out/law/bank.toml --on can0
+    forceaxis axis params store --on can0""",
 )
 def params() -> None:
     """Write the parameters of an axis to a TOML file, compare an axis with a file, load a file,
@@ -46,8 +46,8 @@ def params() -> None:
 
 
 @params.command(
-    epilog="""forceaxis axis params dump axis1.toml --axis 1
-    forceaxis axis params dump --all --can can0 --node 3 > axis3.toml"""
+    epilog="""forceaxis axis params dump axis1.toml --on lcm:1
+    forceaxis axis params dump --all --on can0:3 > axis3.toml"""
 )
 @click.argument("file", type=File(), required=False)
 @click.option("--all", "everything", is_flag=True, help="Include default values.")
@@ -81,7 +81,7 @@ def dump(connection: AxisConnection, file: Path | None, everything: bool, as_jso
         click.echo(text, nl=False)
 
 
-@params.command(epilog="forceaxis axis params diff axis1.toml --axis 2")
+@params.command(epilog="forceaxis axis params diff axis1.toml --on lcm:2")
 @FILE
 @skipping
 @with_measured
@@ -110,8 +110,8 @@ def diff(
 
 
 @params.command(
-    epilog="""forceaxis axis params load axis1.toml --axis 2 --dry-run
-    forceaxis axis params load out/law/bank.toml --can can0 --node 1"""
+    epilog="""forceaxis axis params load axis1.toml --on lcm:2 --dry-run
+    forceaxis axis params load out/law/bank.toml --on can0:1"""
 )
 @FILE
 @click.option("--dry-run", is_flag=True, help="Print the changes, write nothing.")
@@ -160,7 +160,7 @@ def load(
         click.echo(", ".join(states).replace("_", " "))
 
 
-@params.command(epilog="forceaxis axis params store --axis 1")
+@params.command(epilog="forceaxis axis params store --on lcm:1")
 @live
 @as_json
 def store(connection: AxisConnection, as_json: bool) -> None:
@@ -178,7 +178,7 @@ def store(connection: AxisConnection, as_json: bool) -> None:
     print_result({"store_state": "saved"}, as_json, lambda: f"{where}: stored")
 
 
-@params.command(epilog="forceaxis axis params restore --axis 1 --yes")
+@params.command(epilog="forceaxis axis params restore --on lcm:1 --yes")
 @click.option("--yes", is_flag=True, help="Do not ask for consent.")
 @live
 @as_json

@@ -46,8 +46,8 @@ class Terminal:
 
 @click.command(
     cls=Verb,
-    epilog="""forceaxis bringup --modbus /dev/ttyACM0 --out protocol.json
-    forceaxis bringup --modbus /dev/ttyACM0 --step encoder --step can""",
+    epilog="""forceaxis bringup --on serial:/dev/ttyACM0 --out protocol.json
+    forceaxis bringup --on serial:/dev/ttyACM0 --step encoder --step can""",
 )
 @live
 @click.option(

@@ -10,6 +10,7 @@ import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
+from forceaxis.axis.address import Address, LcmAddress
 from forceaxis.cli.common import (
     File,
     Folder,
@@ -23,12 +24,14 @@ from forceaxis.cli.common import (
     print_result,
     show,
 )
+from forceaxis.cli.live_options import Kinds, on_option
 from forceaxis.errors import expect_package
 
 if TYPE_CHECKING:
     from forceaxis.bus.monitor_state import Watch
     from forceaxis.bus.sources import MonitorSettings, Source
 
+GATEWAYS = Kinds(("lcm",), "because a monitor shows what gateways publish over LCM")
 LOOPBACK, WEB_PORT, FOXGLOVE_PORT = "127.0.0.1", 8780, 8765
 log_file = click.argument(
     "log_path", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path)
@@ -38,7 +41,7 @@ log_file = click.argument(
 @click.command(
     cls=Verb,
     epilog="""forceaxis monitor
-    forceaxis monitor --url "udpm://239.255.76.67:7700?ttl=0" --axis 2 --record out/axis2.log
+    forceaxis monitor --on "lcm:2@udpm://239.255.76.67:7700?ttl=0" --record out/axis2.log
     forceaxis monitor --replay out/axis2.log --speed 4
     # the same screen in a browser, read-only
     forceaxis monitor --web --port 8780
@@ -47,8 +50,11 @@ log_file = click.argument(
     # one snapshot for a script
     forceaxis monitor --once --json""",
 )
-@click.option("--url", help="LCM bus. Default: LCM_DEFAULT_URL, else that of liblcm, this machine.")
-@click.option("--axis", type=click.IntRange(1, 127), help="Show only this axis. Default: all.")
+@on_option(
+    GATEWAYS,
+    "Show only this axis, lcm:2, or another LCM bus, lcm@URL or lcm:2@URL. Default: all axes of "
+    "the bus LCM_DEFAULT_URL, else of that of liblcm, this machine.",
+)
 @click.option(
     "--record",
     type=File(),
@@ -97,8 +103,7 @@ log_file = click.argument(
 )
 @as_json
 def monitor(
-    url: str | None,
-    axis: int | None,
+    on: tuple[Address, ...],
     record: Path | None,
     replay: Path | None,
     speed: float | None,
@@ -128,8 +133,10 @@ def monitor(
     /lcm/AXIS_1_STATE carries the bytes of the same messages. The command prints the address, and
     the file of a layout for axis 1. SIGINT or SIGTERM ends it.
     """
+    bus = one_bus(on)
+    url, axis = bus.url, bus.number
     is_server, has_address = web or foxglove, host is not None or port is not None
-    expect_without("--replay", replay and (record or url), "neither --url nor --record")
+    expect_without("--replay", replay and (record or url), "neither --record nor lcm@URL")
     expect_without("--web", web and (once or record), "neither --once nor --record")
     expect_without("--foxglove", foxglove and (once or web), "neither --once nor --web")
     expect_with("--speed", speed and not replay, "--replay")
@@ -165,6 +172,14 @@ def monitor(
         click.echo(f"{paths.display(writer.path)}: {writer.count} messages")
     if web:
         serve(settings, given(host, LOOPBACK), given(port, WEB_PORT))
+
+
+def one_bus(on: tuple[Address, ...]) -> LcmAddress:
+    """Return the address of the option --on, or that of all axes on the default LCM bus. Raises
+    UsageError for several addresses."""
+    if len(on) > 1:
+        raise click.UsageError(f"--on: expected one address, got {len(on)}")
+    return next((one for one in on if isinstance(one, LcmAddress)), LcmAddress())
 
 
 def expect_without(option: str, wrong: object, others: str) -> None:

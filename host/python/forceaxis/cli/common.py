@@ -20,6 +20,7 @@ from click.shell_completion import CompletionItem
 
 from forceaxis import paths, progress
 from forceaxis._core import InputError
+from forceaxis.cli import former_options
 from forceaxis.errors import ParameterError
 from forceaxis.words import printable, suggestion
 
@@ -78,7 +79,10 @@ def printed_streams() -> Iterator[None]:
 
 
 # Name of the option for each parameter of the library whose option has another name.
-OTHER_NAMES = {"states": "--mode", "overrides": "--set", "forces_N": "--force"}
+OTHER_NAMES = {
+    "states": "--mode", "overrides": "--set", "forces_N": "--force",
+    "can": "--on", "modbus": "--on", "url": "--on",
+}  # fmt: skip
 
 
 def option_of(command: click.Command, parameter: str) -> str | None:
@@ -125,6 +129,11 @@ class Verb(click.Command):
     """A command of `forceaxis`. The help of the command prints an example with the line
     breaks of the source. Error messages name options of the command instead of parameters of the
     library."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if any("--on" in option.opts for option in self.params):
+            former_options.expect_none(ctx, args)
+        return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> None:
         try:

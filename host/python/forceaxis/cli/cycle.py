@@ -38,8 +38,8 @@ PARTS_FILE = click.Path(dir_okay=False, path_type=Path)
     epilog="""forceaxis cycle run press_fit --plot part.png
     forceaxis cycle rates press_fit --good sim/parts/press_fit_good.toml \\
     --bad sim/parts/press_fit_bad.toml --parts 1000
-    forceaxis cycle load press_fit --can can0
-    forceaxis cycle start press_fit --can can0 --out records
+    forceaxis cycle load press_fit --on can0
+    forceaxis cycle start press_fit --on can0 --out records
     forceaxis cycle statistics records""",
 )
 def cycle() -> None:
@@ -233,9 +233,9 @@ def rates(
 
 
 @cycle.command(
-    epilog="""forceaxis cycle load press_fit --can can0 --node 3
-    forceaxis cycle load press_fit --program out/new.toml --axis 1
-    forceaxis cycle load press_fit --sim press_fit""",
+    epilog="""forceaxis cycle load press_fit --on can0:3
+    forceaxis cycle load press_fit --program out/new.toml --on lcm:1
+    forceaxis cycle load press_fit --on sim:press_fit""",
 )
 @EXPERIMENT
 @program_option

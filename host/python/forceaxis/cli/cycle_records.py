@@ -17,7 +17,6 @@ from forceaxis._core import InputError
 from forceaxis.cli.common import Callback, File, Folder, Positive, as_json, print_json, show
 from forceaxis.cli.cycle import EXPERIMENT, cycle, expect_picture, program_option, rate
 from forceaxis.cli.live_options import (
-    CONNECTIONS,
     AxisConnection,
     connected,
     errors,
@@ -56,10 +55,10 @@ def tables(verb: Callback) -> Callback:
 
 
 @cycle.command(
-    epilog="""forceaxis cycle start press_fit --can can0 --node 3
-    forceaxis cycle start press_fit --can can0 --serial 4711 --out records
-    forceaxis cycle start press_fit --axis 1 --json
-    forceaxis cycle start press_fit --can can0 --curve part.csv --plot part.png""",
+    epilog="""forceaxis cycle start press_fit --on can0:3
+    forceaxis cycle start press_fit --on can0 --serial 4711 --out records
+    forceaxis cycle start press_fit --on lcm:1 --json
+    forceaxis cycle start press_fit --on can0 --curve part.csv --plot part.png""",
 )
 @EXPERIMENT
 @program_option
@@ -158,8 +157,8 @@ def write_curve(
 
 
 @cycle.command(
-    epilog="""forceaxis cycle result press_fit --can can0 --out records
-    forceaxis cycle result press_fit --axis 1 --json""",
+    epilog="""forceaxis cycle result press_fit --on can0 --out records
+    forceaxis cycle result press_fit --on lcm:1 --json""",
 )
 @EXPERIMENT
 @program_option
@@ -208,9 +207,9 @@ def result(
 
 
 @cycle.command(
-    epilog="""forceaxis cycle watch press_fit --can can0 --out records
-    forceaxis cycle watch press_fit --axis 1 --out records --parts 100 --parquet
-    forceaxis cycle watch press_fit --can can0 --out records --master-every 8 --master-serial M1 \\
+    epilog="""forceaxis cycle watch press_fit --on can0 --out records
+    forceaxis cycle watch press_fit --on lcm:1 --out records --parts 100 --parquet
+    forceaxis cycle watch press_fit --on can0 --out records --master-every 8 --master-serial M1 \\
     --calibration-due 2027-03-01""",
 )
 @EXPERIMENT
@@ -299,7 +298,7 @@ def watch(
 @cycle.command(
     epilog="""forceaxis cycle teach press_fit records --propose 1% -o new.toml
     # records parts until there are 600, and then sets the bounds
-    forceaxis cycle teach press_fit records --can can0 --parts 600 --propose 1% -o new.toml""",
+    forceaxis cycle teach press_fit records --on can0 --parts 600 --propose 1% -o new.toml""",
 )
 @EXPERIMENT
 @click.argument("folder", type=click.Path(path_type=Path))
@@ -307,7 +306,7 @@ def watch(
 @click.option(
     "--parts",
     type=click.IntRange(1),
-    help="With a connection: record parts until the folder has this number of them.",
+    help="With an axis: record parts until the folder has this number of them.",
 )
 @click.option(
     "--propose",
@@ -317,7 +316,7 @@ def watch(
     help="Share of parts like the recorded ones that the new bounds refuse, such as 1%.",
 )
 @click.option("--write", "-o", type=File(), required=True, help="Program with the new bounds.")
-@options
+@options()
 @as_json
 def teach(
     connection: AxisConnection,
@@ -345,14 +344,9 @@ def teach(
     from forceaxis.cycles import propose as proposing
     from forceaxis.cycles import records, results, teach
 
-    is_live = connection != AxisConnection()
-    if is_live:
-        connection.expect_one()
-    if is_live != (parts is not None):
-        raise InputError(
-            f"--parts: expected both --parts N and a connection to an axis ({CONNECTIONS}), or "
-            "neither; add one"
-        )
+    if connection.addresses and parts is None:
+        raise InputError("--on: expected --parts N together with the address of an axis; add one")
+    connection = connection if parts is None else connection.one()
     wanted = cycles.live_program(experiment, (), program)
     if parts is not None:
         proposing.check(wanted.program, parts, propose)

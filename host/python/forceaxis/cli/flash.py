@@ -4,7 +4,6 @@ probe or over the bus of the axis."""
 import functools
 import shlex
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,16 +11,17 @@ from typing import TYPE_CHECKING
 import click
 
 from forceaxis._core import InputError
+from forceaxis.axis.address import Address, examples
 from forceaxis.chip import flash, update_file
 from forceaxis.cli.common import Verb, as_json, fail, print_result
-from forceaxis.cli.live_options import errors
+from forceaxis.cli.live_options import ENVIRONMENT, AxisConnection, Kinds, errors, on_option
 
 if TYPE_CHECKING:
-    from forceaxis.axis.link import Link
     from forceaxis.axis.update import UpdateResult
 
 # The erase of a slot takes up to 2 s, in which the axis does not answer.
 ANSWER_MAX_S = 5.0
+UPDATED = Kinds(("can", "tcp", "serial"), "because an update is written over CAN or Modbus")
 
 
 UPDATE_SUFFIX = ".update"
@@ -46,7 +46,7 @@ class FleetSummary:
     axes: list["UpdateResult"]
 
 
-class Address(click.ParamType[int]):
+class MemoryAddress(click.ParamType[int]):
     """Type of an option for a 32-bit memory address, hexadecimal (0x08000000) or decimal."""
 
     name = "address"
@@ -70,13 +70,13 @@ class Address(click.ParamType[int]):
     cls=Verb,
     epilog="""forceaxis flash build/image/forceaxis-stm32f446.hex
     forceaxis flash build/image/forceaxis-stm32f446.elf --dry-run
-    forceaxis flash --can can0 --node 1 --node 2 build/image/forceaxis-stm32f446.update
-    forceaxis flash --modbus /dev/ttyUSB0 build/image/forceaxis-stm32f446.update""",
+    forceaxis flash --on can0:1 --on can0:2 build/image/forceaxis-stm32f446.update
+    forceaxis flash --on serial:/dev/ttyUSB0:1 build/image/forceaxis-stm32f446.update""",
 )
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option(
     "--address",
-    type=Address(),
+    type=MemoryAddress(),
     help="Start address of a .bin file. Default: that of the flash.",
 )
 @click.option(
@@ -93,19 +93,10 @@ class Address(click.ParamType[int]):
     is_flag=True,
     help="Write nothing; print the command of openocd, or what an update contains.",
 )
-@click.option("--can", metavar="INTERFACE", help="CAN interface, for an update over the bus.")
-@click.option(
-    "--modbus",
-    metavar="URL",
-    help="Modbus connection, for an update over the bus: /dev/ttyUSB0[:BAUD] or tcp://HOST[:PORT].",
-)
-@click.option(
-    "--node",
-    "nodes",
-    type=click.IntRange(1, 127),
-    multiple=True,
-    help="Node id with --can, unit with --modbus. Default: 1. The option can be given several "
-    "times: the axes are updated one after the other.",
+@on_option(
+    UPDATED,
+    f"Address of an axis to update over its bus: {examples(UPDATED.kinds)}. Repeatable: the axes "
+    f"are updated one after the other. Default, for a FILE ending in .update: {ENVIRONMENT}.",
 )
 @click.option(
     "--new-table",
@@ -120,9 +111,7 @@ def flash_(
     serial: str,
     yes: bool,
     dry_run: bool,
-    can: str | None,
-    modbus: str | None,
-    nodes: tuple[int, ...],
+    on: tuple[Address, ...],
     new_table: bool,
     as_json: bool,
 ) -> None:
@@ -144,22 +133,22 @@ def flash_(
     different one, or if writing or verifying fails. It is 2 if the file is not an image of this
     firmware for a known board.
     """
-    over_bus = can is not None or modbus is not None
-    if over_bus or file.suffix == UPDATE_SUFFIX:
-        expect_only_bus_options(can, modbus, address, erase_parameters, serial)
+    if on or file.suffix == UPDATE_SUFFIX:
+        expect_only_bus_options(address, erase_parameters, serial)
         records = update_records(file)
         if dry_run:
             show_update(file, records, as_json)
             return
-        if not over_bus:
+        chosen = AxisConnection(on, accepted=UPDATED).chosen()
+        if not chosen.addresses:
             raise InputError(
-                f"{file}: expected --can or --modbus, because an update is written over a bus; a "
-                "debug probe writes the .hex file"
+                f"{file}: expected --on ADDRESS, such as {examples(UPDATED.kinds)}, because an "
+                "update is written over a bus; a debug probe writes the .hex file"
             )
-        update_fleet(records, connections(can, modbus, nodes or (1,)), new_table, as_json)
+        update_fleet(records, chosen.addresses, new_table, as_json)
         return
-    if nodes or new_table:
-        raise InputError("--node, --new-table: expected --can or --modbus together with them")
+    if new_table:
+        raise InputError("--new-table: expected --on ADDRESS together with it; add --on")
     plan = flash.plan(file, address, erase_parameters, serial)
     if dry_run:
         show(plan, as_json)
@@ -184,33 +173,16 @@ def flash_(
 
 
 def expect_only_bus_options(
-    can: str | None,
-    modbus: str | None,
     address: int | None,
     erase_parameters: bool,
     serial: str,
 ) -> None:
     """Raise InputError for options that an update over a bus does not have."""
-    if can is not None and modbus is not None:
-        raise InputError("--can, --modbus: expected only one of both")
     if address is not None or erase_parameters or serial:
         raise InputError(
             "--address, --erase-parameters, --serial: expected none of them for an update over a "
             "bus, because they belong to a debug probe"
         )
-
-
-def connections(
-    can: str | None, modbus: str | None, nodes: tuple[int, ...]
-) -> list[Callable[[], "Link"]]:
-    """Return a function for each axis that connects to the axis."""
-    if can is not None:
-        from forceaxis.axis.can import CanLink
-
-        return [functools.partial(CanLink, can, node, timeout_s=ANSWER_MAX_S) for node in nodes]
-    from forceaxis.axis.modbus import ModbusLink
-
-    return [functools.partial(ModbusLink, modbus or "", node, ANSWER_MAX_S) for node in nodes]
 
 
 def update_records(file: Path) -> list[update_file.UpdateRecord]:
@@ -243,7 +215,7 @@ def show_update(file: Path, records: list[update_file.UpdateRecord], as_json: bo
 
 def update_fleet(
     records: list[update_file.UpdateRecord],
-    axes: list[Callable[[], "Link"]],
+    axes: tuple[Address, ...],
     new_table: bool,
     as_json: bool,
 ) -> None:
@@ -253,9 +225,9 @@ def update_fleet(
 
     done: list[UpdateResult] = []
     with errors():
-        for connect in axes:
+        for axis in axes:
             try:
-                found = update(connect, records, new_table)
+                found = update(functools.partial(axis.link, ANSWER_MAX_S), records, new_table)
             except UpdateFailedError as error:
                 fail(str(error), status=1)
             done.append(found)

@@ -275,7 +275,7 @@ def motor(
     epilog="""forceaxis measure fig4_19 --output sensor.force --bias 1 --set b_w=100 \\
     --plant-set m_r=110 --out out/m
     forceaxis identify fit fig4_19 out/m --fit m_r --fit k_w=5e5 --out out/fitted
-    forceaxis measure --sim press/contact.toml --free --force 60 --force-max 150 --out out/m
+    forceaxis measure --on sim:press/contact.toml --free --force 60 --force-max 150 --out out/m
     forceaxis identify fit press/model.toml out/m/60N --fit k_w --fit m_w""",
 )
 @click.argument("model", type=Subject(paths.MODELS))

@@ -20,7 +20,7 @@ from forceaxis.cli.common import (
     done_waiting,
     print_result,
 )
-from forceaxis.cli.live_options import AxisConnection, connected, options
+from forceaxis.cli.live_options import RECORDED, AxisConnection, connected, options
 from forceaxis.words import plain
 
 if TYPE_CHECKING:
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
 
 @click.command(
     cls=Slow,
-    epilog="""forceaxis incident --axis 1 --out out/incident
-    forceaxis incident --can can0 --node 3 --clear
-    forceaxis incident --sim contact --set firmware.mode=force \\
+    epilog="""forceaxis incident --on lcm:1 --out out/incident
+    forceaxis incident --on can0:3 --clear
+    forceaxis incident --on sim:contact --set firmware.mode=force \\
         --set firmware.force_gain=5 --set firmware.force_max=30 --wait 5
     forceaxis incident --file out/incident/incident.json --explain press/model.toml \\
         --posterior out/press/posterior.json --out out/why""",
 )
-@options
+@options(RECORDED)
 @click.option("--out", type=Folder(), help="Folder for incident.json and incident.png.")
 @click.option(
     "--clear", is_flag=True, help="Delete the incident, so that the black box records again."
@@ -91,6 +91,7 @@ def incident(
     """
     if posterior and not model:
         raise InputError("--posterior: expected --explain MODEL beside a posterior, got none")
+    connection = connection if file else connection.one()
     done = _read(connection, clear, wait_s, file)
     if model:
         _explain(done, model, posterior, connection, out, as_json)
@@ -112,12 +113,11 @@ def _read(
     from forceaxis.commission import incident as incidents
 
     if file:
-        if clear or wait_s or connection != AxisConnection(overrides=connection.overrides):
+        if clear or wait_s or connection.addresses:
             raise InputError(
                 "--file: expected no axis and neither --wait nor --clear beside a stored incident"
             )
         return incidents.load(file)
-    connection.expect_one()
     with connected(connection) as axis:
         if wait_s:
             incidents.wait(axis, wait_s)
@@ -136,8 +136,8 @@ def _explain(
     from forceaxis import linear
     from forceaxis.commission import incident_explain
 
-    # With --sim, --set changes the axis, and the released machine stays as MODEL says.
-    held = {} if connection.sim else linear.overrides(connection.overrides)
+    # With a simulated axis, --set changes the axis, and the released machine stays as MODEL says.
+    held = {} if connection.is_simulated else linear.overrides(connection.overrides)
     found = incident_explain.explain(done, incident_explain.ExplainOrder(model, posterior, held))
     if out:
         incident_explain.write(found, out)

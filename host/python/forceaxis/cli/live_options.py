@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import os
+import shlex
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -14,10 +16,14 @@ from types import FrameType
 from typing import TYPE_CHECKING, Concatenate, ParamSpec
 
 import click
+from click.shell_completion import CompletionItem
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.cli.common import Subject, fail, set_option
+from forceaxis.axis import address as addresses
+from forceaxis.axis.address import Address, LcmAddress, SimAddress
+from forceaxis.cli.common import Callback, Subject, fail, set_option
+from forceaxis.errors import ParameterError
 
 if TYPE_CHECKING:
     from forceaxis.axis.axis import Axis
@@ -27,31 +33,145 @@ Verb = Callable[..., None]
 P = ParamSpec("P")
 LiveVerb = Callable[Concatenate["AxisConnection", P], None]
 
-# Same value as in axis/can.py. The module axis/can.py is loaded only for a connection over CAN.
-OWN_NODE = 126
-CONNECTIONS = "--axis N, --can INTERFACE, --modbus URL or --sim EXPERIMENT"
+ENVIRONMENT = "FORCEAXIS_AXIS"  # environment variable with an address, used without --on
+
+
+@dataclass(frozen=True)
+class Kinds:
+    """Kinds of address (keys of address.EXAMPLES) that a command accepts. `why`: the end of a
+    sentence that says why it accepts no other."""
+
+    kinds: tuple[str, ...] = tuple(addresses.EXAMPLES)
+    why: str = ""
+
+
+ANY = Kinds()
+RECORDED = Kinds(("can", "lcm", "sim"), "because a recording cannot be read over Modbus")
+STARTED = Kinds(
+    ("can", "lcm"), "because NMT, which stops and starts nodes, is a service of CANopen"
+)
+
+
+class AxisAddress(click.ParamType[Address]):
+    """Type of the option --on, the address of an axis. A shell can complete CAN interfaces, serial
+    devices and simulated axes."""
+
+    name = "address"
+
+    def __init__(self, accepted: Kinds = ANY) -> None:
+        self.accepted = accepted
+
+    def convert(
+        self, value: str | Address, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Address:
+        return self.address("--on", value) if isinstance(value, str) else value
+
+    def address(self, source: str, text: str) -> Address:
+        """Return the address in `text`. Raises InputError, with the option or the variable
+        `source`, for another text or for a kind of address that the command does not accept."""
+        try:
+            found = addresses.parse(text)
+        except InputError as error:
+            raise InputError(f"{source}: {error}") from None
+        if found.kind not in self.accepted.kinds:
+            raise InputError(
+                f"{source}: {text}: expected an address such as "
+                f"{addresses.examples(self.accepted.kinds)}, {self.accepted.why}"
+            )
+        if not isinstance(found, SimAddress):
+            return found
+        path = EXPERIMENT.convert(found.experiment, None, None)
+        return dataclasses.replace(found, experiment=str(path))
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        kinds = self.accepted.kinds
+        known = [f"{kind}:" for kind in ("lcm", "sim") if kind in kinds]
+        known += [f"{name}" for name in can_interfaces() if "can" in kinds]
+        known += [f"serial:{device}" for device in serial_devices() if "serial" in kinds]
+        known += ["tcp://"] * ("tcp" in kinds)
+        if incomplete.startswith("sim:"):
+            known = [f"sim:{name}" for name in EXPERIMENT.files()]
+        return [CompletionItem(text) for text in known if text.startswith(incomplete)]
+
+
+EXPERIMENT = Subject(paths.EXPERIMENTS, as_path=True)
+CAN_HARDWARE = "280"  # hardware type of a CAN interface in Linux (ARPHRD_CAN)
+
+
+def can_interfaces(folder: Path = Path("/sys/class/net")) -> list[str]:
+    """Return the names of the CAN interfaces of this machine."""
+    types = sorted(folder.glob("*/type"))
+    return [path.parent.name for path in types if path.read_text().strip() == CAN_HARDWARE]
+
+
+def serial_devices(folder: Path = Path("/dev")) -> list[str]:
+    """Return the paths of the serial devices on USB of this machine."""
+    return sorted(str(path) for kind in ("USB", "ACM") for path in folder.glob(f"tty{kind}*"))
 
 
 @dataclass(frozen=True)
 class AxisConnection:
-    """Connection to one axis as selected by the user: the values of the options --axis, --can,
-    --modbus and --sim, and of further options for these connections."""
+    """Connection to an axis as selected by the user: the addresses of the option --on, and the
+    values of --set and --model. `source`: the option or the environment variable with the
+    address."""
 
-    axis: int | None = None
-    lcm_url: str | None = None
-    can: str | None = None
-    node: int = 1
-    own_node: int = OWN_NODE
-    modbus: str | None = None
-    sim: Path | None = None
+    addresses: tuple[Address, ...] = ()
     overrides: tuple[str, ...] = ()
-    store: str = ""
+    accepted: Kinds = ANY
+    source: str = "--on"
     model: str | None = None  # path of a model whose encoder converts encoder counts to mm
+
+    @property
+    def is_simulated(self) -> bool:
+        return isinstance(next(iter(self.addresses), None), SimAddress)
+
+    @property
+    def address(self) -> Address:
+        """The address of the axis. The result of one() has one."""
+        return self.addresses[0]
+
+    def chosen(self) -> AxisConnection:
+        """Return this connection; without the option --on, one with the address in the environment
+        variable FORCEAXIS_AXIS, if it exists. The address is then printed first, because the user
+        has not named the axis in this command. Raises InputError."""
+        text = os.environ.get(ENVIRONMENT)
+        if self.addresses or not text:
+            return self
+        found = AxisAddress(self.accepted).address(ENVIRONMENT, text)
+        click.echo(f"axis {text} from {ENVIRONMENT}", err=True)
+        return dataclasses.replace(self, addresses=(found,), source=ENVIRONMENT)
+
+    def one(self) -> AxisConnection:
+        """Return the connection to exactly one axis: the result of chosen(). Raises InputError."""
+        found = self.chosen()
+        if len(found.addresses) != 1:
+            raise InputError(
+                f"expected one axis, as --on ADDRESS or in {ENVIRONMENT}, such as "
+                f"{addresses.examples(self.accepted.kinds)}, got {len(found.addresses) or 'none'}"
+            )
+        if isinstance(found.address, LcmAddress) and found.address.number is None:
+            raise InputError(
+                f"{found.source}: {found.address}: expected the number of an axis, such as lcm:2"
+            )
+        if self.overrides and not found.is_simulated:
+            raise InputError(
+                "--set: expected a simulated axis together with this option; add --on "
+                "sim:EXPERIMENT or remove --set"
+            )
+        return found
 
     def link(self) -> Link:
         """Connect to the axis and return the open connection. Raises InputError for wrong options
         and NoAnswer if the axis does not respond."""
-        found = self._connect()
+        address = self.address
+        if isinstance(address, SimAddress):
+            address = dataclasses.replace(address, overrides=self.overrides)
+        try:
+            found = address.link()
+        except ParameterError as error:
+            raise InputError(f"{self.source}: {error.text}") from None
         if self.model is not None:
             from forceaxis import linear
 
@@ -62,130 +182,71 @@ class AxisConnection:
                 raise
         return found
 
-    def _connect(self) -> Link:
-        if self.axis is not None:
-            from forceaxis.axis.gateway import GatewayLink
-
-            return GatewayLink(self.axis, self.lcm_url)
-        if self.can is not None:
-            from forceaxis.axis.can import CanLink
-
-            return CanLink(self.can, self.node, self.own_node)
-        if self.modbus is not None:
-            from forceaxis.axis.modbus import ModbusLink
-
-            return ModbusLink(self.modbus, self.node)
-        from forceaxis.axis.sim import SimLink
-
-        return SimLink(self.sim or "", self.overrides, self.store)
-
     def options(self) -> str:
-        """Return the options that select this axis as text, for use in another command."""
-        if self.axis is not None:
-            return f"--axis {self.axis}" + (f" --lcm-url {self.lcm_url}" if self.lcm_url else "")
-        if self.can is not None:
-            return f"--can {self.can} --node {self.node}"
-        if self.modbus is not None:
-            return f"--modbus {self.modbus} --node {self.node}"
-        return f"--sim {paths.quoted(str(self.sim))}"
-
-    def expect_one(self) -> None:
-        """Raise InputError unless the options select exactly one connection."""
-        given = [one for one in (self.axis, self.can, self.modbus, self.sim) if one is not None]
-        if len(given) != 1:
-            raise InputError(f"expected exactly one connection to an axis, one of {CONNECTIONS}")
-        for option, is_given, belongs in (
-            ("--lcm-url", self.lcm_url is not None, self.axis),
-            ("--set", self.overrides != (), self.sim),
-            ("--store", self.store != "", self.sim),
-        ):
-            if is_given and belongs is None:
-                with_what = "--axis" if option == "--lcm-url" else "--sim"
-                raise InputError(
-                    f"{option}: expected {with_what} together with this option; add {with_what} "
-                    f"or remove {option}"
-                )
+        """Return the option that selects this axis as text, for use in another command."""
+        address = self.address
+        if isinstance(address, SimAddress):
+            shown = paths.display(address.experiment)
+            address = dataclasses.replace(address, experiment=shown)
+        return f"--on {shlex.quote(str(address))}"
 
 
-OPTIONS = (
-    click.option(
-        "--axis", type=click.IntRange(1, 127), help="Number of an axis behind a gateway, over LCM."
-    ),
-    click.option(
-        "--lcm-url", help="LCM bus of --axis. Default: LCM_DEFAULT_URL, else that of liblcm."
-    ),
-    click.option("--can", metavar="INTERFACE", help="CAN interface, as can0 or vcan0."),
-    click.option(
-        "--node",
-        type=click.IntRange(1, 127),
-        default=1,
-        show_default=True,
-        help="Node id of the axis with --can, Modbus unit with --modbus.",
-    ),
-    click.option(
-        "--own-node",
-        type=click.IntRange(1, 127),
-        default=OWN_NODE,
-        show_default=True,
-        help="Node id of this program with --can; the axis supervises its heartbeat.",
-    ),
-    click.option(
-        "--modbus",
-        metavar="URL",
-        help="Modbus connection: tcp://HOST[:PORT] or /dev/ttyUSB0[:BAUD].",
-    ),
-    click.option(
-        "--sim",
-        type=Subject(paths.EXPERIMENTS, as_path=True),
-        metavar="EXPERIMENT",
-        help="A simulated axis that runs this experiment; it does not run in real time.",
-    ),
-    set_option("A parameter of the model. With --sim: as in `forceaxis run`."),
-    click.option(
-        "--store", default="", metavar="FILE", help="File of the parameter store of --sim."
-    ),
-)
+def on_option(accepted: Kinds = ANY, help_text: str = "") -> Callable[[Callback], Callback]:
+    """Return a decorator that adds the option --on to a command. The function of the command
+    receives a tuple of addresses as the parameter `on`."""
+    return click.option(
+        "--on",
+        multiple=True,
+        type=AxisAddress(accepted),
+        metavar="ADDRESS",
+        help=help_text
+        or f"Address of the axis: {addresses.examples(accepted.kinds)}. Default: {ENVIRONMENT}.",
+    )
 
 
-def options(command: LiveVerb[P]) -> Verb:
-    """Add the options of a connection to a command. The function of the command receives the
-    values of the options as an `AxisConnection`, which may select no axis or several axes."""
+def options(accepted: Kinds = ANY) -> Callable[[LiveVerb[P]], Verb]:
+    """Return a decorator that adds the options of a connection to a command. The function of the
+    command receives the values of the options as an `AxisConnection`, which may have no address or
+    several."""
 
-    @functools.wraps(command)
-    def with_connection(
-        axis: int | None,
-        lcm_url: str | None,
-        can: str | None,
-        node: int,
-        own_node: int,
-        modbus: str | None,
-        sim: Path | None,
-        overrides: tuple[str, ...],
-        store: str,
-        *arguments: P.args,
-        **given: P.kwargs,
-    ) -> None:
-        connection = AxisConnection(
-            axis, lcm_url, can, node, own_node, modbus, sim, overrides, store
-        )
-        command(connection, *arguments, **given)
+    def decorated(command: LiveVerb[P]) -> Verb:
+        @functools.wraps(command)
+        def with_connection(
+            on: tuple[Address, ...],
+            overrides: tuple[str, ...] = (),
+            *arguments: P.args,
+            **given: P.kwargs,
+        ) -> None:
+            command(AxisConnection(on, overrides, accepted), *arguments, **given)
 
-    found: Verb = with_connection
-    for option in reversed(OPTIONS):
-        found = option(found)
-    return found
+        found: Verb = with_connection
+        if "sim" in accepted.kinds:
+            text = "A parameter of the model. For a simulated axis: as in `forceaxis run`."
+            found = set_option(text)(found)
+        return on_option(accepted)(found)
+
+    return decorated
+
+
+def live_over(accepted: Kinds) -> Callable[[LiveVerb[P]], Verb]:
+    """Return a decorator that adds the options of a connection to a command that needs exactly one
+    axis. The function of the command receives the values of the options as an
+    `AxisConnection`."""
+
+    def decorated(command: LiveVerb[P]) -> Verb:
+        @functools.wraps(command)
+        def with_one(connection: AxisConnection, *arguments: P.args, **given: P.kwargs) -> None:
+            command(connection.one(), *arguments, **given)
+
+        return options(accepted)(with_one)
+
+    return decorated
 
 
 def live(command: LiveVerb[P]) -> Verb:
-    """Add the options of a connection to a command that needs exactly one axis. The function of
-    the command receives the values of the options as an `AxisConnection`."""
-
-    @functools.wraps(command)
-    def with_one(connection: AxisConnection, *arguments: P.args, **given: P.kwargs) -> None:
-        connection.expect_one()
-        command(connection, *arguments, **given)
-
-    return options(with_one)
+    """Add the options of a connection over any bus to a command that needs exactly one axis, as
+    live_over() does."""
+    return live_over(ANY)(command)
 
 
 def live_in_mm(command: LiveVerb[P]) -> Verb:
@@ -238,7 +299,7 @@ def warn_of_newtons(axis: Axis, connection: AxisConnection) -> None:
     from forceaxis.axis import quantity
 
     force_scale, date = axis.number("force_scale"), axis.integer("calibration_date")
-    if connection.sim is None and quantity.never_set(force_scale, date):
+    if not connection.is_simulated and quantity.never_set(force_scale, date):
         scale = f"force_scale ({force_scale * 1e-6:g} N/count)"
         click.echo(
             f"forceaxis: warning: {axis.link.where}: {scale} was never set, so forces in N are "

@@ -26,8 +26,8 @@ Check my axis
   forceaxis run press/contact.toml --out out/press
   forceaxis report press            one page: gain, margins, runs
 Put it on the bus
-  forceaxis axis list --can can0    lists the axes and their states
-  forceaxis axis check --can can0   guided first motion
+  forceaxis axis list --on can0    lists the axes and their states
+  forceaxis axis check --on can0   guided first motion
   forceaxis tune --help             measures, designs, verifies, stores a law
 Keep it from breaking in CI
   forceaxis test press --update     records the results of today

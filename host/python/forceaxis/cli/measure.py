@@ -127,8 +127,8 @@ def measure_axis(
     epilog="""forceaxis measure fig3_9 --out out/fig3_9
     forceaxis measure fig3_12 --inject codes --output adc0 --level 60
     forceaxis measure fig4_19 --output sensor.force --clamped --band 1:100 --plant-set m_r=146
-    forceaxis measure --sim press/contact.toml --free --force 30,75 --force-max 120 --out out/m
-    forceaxis measure --can can0 --free --force 30,75 --force-max 120 --model press/model.toml""",
+    forceaxis measure --on sim:press/contact.toml --free --force 30,75 --force-max 120 --out out/m
+    forceaxis measure --on can0 --free --force 30,75 --force-max 120 --model press/model.toml""",
 )
 @click.argument("target", required=False)
 @click.option("--output", help="Output signal; with --inject codes adc0, adc1, encoder.")
@@ -190,7 +190,7 @@ def measure_axis(
 @click.option(
     "--out", type=Folder(), help="Folder for response.csv, .npz, plot.png and result.json."
 )
-@live_options.options
+@live_options.options(live_options.RECORDED)
 @as_json
 def measure(
     connection: live_options.AxisConnection,
@@ -250,7 +250,6 @@ def measure(
     from forceaxis.identify import result as analyzer
 
     if target is None:
-        connection.expect_one()
         order = MeasuringOrder(
             band_hz=given(band_hz, MeasuringOrder.band_hz),
             resolution_hz=given(resolution_hz, MeasuringOrder.resolution_hz),
@@ -261,12 +260,12 @@ def measure(
             amplitude=MeasuringOrder.amplitude if level is None else int(level),
             seed=given(seed, MeasuringOrder.seed),
         )
-        measure_axis(connection, out, as_json, order, forces, bool(free), model or "")
+        measure_axis(connection.one(), out, as_json, order, forces, bool(free), model or "")
         return
-    if connection != live_options.AxisConnection(overrides=connection.overrides):
+    if connection.addresses:
         raise InputError(
-            f"measure: {target}: expected either TARGET (a simulation) or a connection to an "
-            "axis, got both; remove one"
+            f"measure: {target}: expected either TARGET (a simulation) or --on ADDRESS (an "
+            "axis), got both; remove one"
         )
 
     options: dict[str, OptionValue] = {

@@ -25,12 +25,12 @@ from forceaxis.cli.measure import band, newtons
 
 @click.command(
     cls=Verb,
-    epilog="""forceaxis tune --sim press/contact.toml --model press/model.toml \\
+    epilog="""forceaxis tune --on sim:press/contact.toml --model press/model.toml \\
     --force 30,150 --over k_w=30%,m_w=30% --force-max 250 --out out/tuned
-    forceaxis tune --can can0 --model press/model.toml --force 30,150 --over k_w=30% \\
+    forceaxis tune --on can0 --model press/model.toml --force 30,150 --over k_w=30% \\
     --force-max 250 --mode seals=forward --out out/tuned""",
 )
-@live_options.live
+@live_options.live_over(live_options.RECORDED)
 @click.option(
     "--model",
     type=Subject(paths.MODELS),

@@ -1,0 +1,273 @@
+"""The address of an axis: a text that names the bus and the axis on this bus.
+
+    can0:5                          node 5 on the CAN interface can0
+    tcp://192.168.1.5/3             Modbus TCP: unit 3 at this host; tcp://HOST:PORT/3
+    serial:/dev/ttyUSB0:3           Modbus RTU: unit 3; serial:/dev/ttyUSB0@19200:3 with a bit rate
+    lcm:2                           axis 2 of a gateway; lcm:2@URL on another LCM bus
+    sim:press/contact.toml          simulated; sim:contact@FILE keeps its parameters in FILE
+
+An address without the number of an axis names a bus. On CAN and Modbus its number is then 1.
+`can0:5@125`: this program has the node id 125 on the bus, if another program has the usual one.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Container
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, TypeAlias, TypedDict
+
+from forceaxis import paths
+from forceaxis._core import InputError
+
+if TYPE_CHECKING:
+    from forceaxis.axis.link import Link
+
+NUMBERS = range(1, 128)  # of nodes, units and axes
+DEFAULT_NUMBER = 1
+PORTS, MODBUS_PORT = range(1, 65536), 502
+BIT_RATES = range(300, 4_000_001)  # of a serial line, bit/s
+INTERFACE_LENGTH = 15  # longest name of a network interface in Linux
+
+CAN = re.compile(r"([A-Za-z][\w.-]*)(?::(?!//)([^@]*))?(?:@(.*))?", re.ASCII)
+TCP = re.compile(r"tcp://(\[[\w:.%]+\]|[^:/@?#\[\]\s]+)(?::([^/]*))?(?:/(.*))?")
+SERIAL = re.compile(r"serial:(/[^@]+?)(?:@([^:]*))?(?::([^:./]*))?")
+LCM = re.compile(r"lcm(?::([^@]*))?(?:@(.+))?")
+SIM = re.compile(r"sim:([^@/]+|.+?\.toml)(?:@(.+))?")
+
+
+@dataclass(frozen=True)
+class CanAddress:
+    """A node on a CAN interface. `own_node`: node id of this program, by default can.OWN_NODE."""
+
+    kind: ClassVar[str] = "can"
+    example: ClassVar[str] = "can0:5"
+    interface: str
+    number: int | None = None
+    own_node: int | None = None
+
+    def __str__(self) -> str:
+        return f"{self.interface}{_part(':', self.number)}{_part('@', self.own_node)}"
+
+    def link(self, timeout_s: float | None = None) -> Link:
+        """Connects to the axis, and returns the open connection. `timeout_s`: longest time in s to
+        wait for an answer, by default that of the kind of connection. Raises InputError, and over
+        Modbus NoAnswer."""
+        from forceaxis.axis.can import OWN_NODE, CanLink
+
+        node = self.number or DEFAULT_NUMBER
+        return CanLink(self.interface, node, self.own_node or OWN_NODE, **_within(timeout_s))
+
+
+@dataclass(frozen=True)
+class TcpAddress:
+    """A Modbus unit of a server on TCP, such as that of a gateway."""
+
+    kind: ClassVar[str] = "tcp"
+    example: ClassVar[str] = "tcp://192.168.1.5/3"
+    host: str
+    port: int | None = None
+    number: int | None = None
+
+    def __str__(self) -> str:
+        return f"{self.url}{_part('/', self.number)}"
+
+    @property
+    def url(self) -> str:
+        return f"tcp://{self.host}{_part(':', self.port)}"
+
+    def link(self, timeout_s: float | None = None) -> Link:
+        from forceaxis.axis.modbus import ModbusLink
+
+        return ModbusLink(self.url, self.number or DEFAULT_NUMBER, **_within(timeout_s))
+
+
+@dataclass(frozen=True)
+class SerialAddress:
+    """A Modbus unit on a serial line. `bit_rate` in bit/s, by default that of the firmware."""
+
+    kind: ClassVar[str] = "serial"
+    example: ClassVar[str] = "serial:/dev/ttyUSB0:3"
+    device: str
+    bit_rate: int | None = None
+    number: int | None = None
+
+    def __str__(self) -> str:
+        return f"serial:{self.device}{_part('@', self.bit_rate)}{_part(':', self.number)}"
+
+    @property
+    def url(self) -> str:
+        return f"{self.device}{_part(':', self.bit_rate)}"
+
+    def link(self, timeout_s: float | None = None) -> Link:
+        from forceaxis.axis.modbus import ModbusLink
+
+        return ModbusLink(self.url, self.number or DEFAULT_NUMBER, **_within(timeout_s))
+
+
+@dataclass(frozen=True)
+class LcmAddress:
+    """An axis at the gateway of an LCM bus. `url`: default LCM_DEFAULT_URL, or that of liblcm."""
+
+    kind: ClassVar[str] = "lcm"
+    example: ClassVar[str] = "lcm:2"
+    number: int | None = None
+    url: str | None = None
+
+    def __str__(self) -> str:
+        return f"lcm{_part(':', self.number)}{_part('@', self.url)}"
+
+    def link(self, timeout_s: float | None = None) -> Link:
+        from forceaxis.axis.gateway import GatewayLink
+
+        if self.number is None:
+            raise InputError(f"{self}: expected the number of an axis, such as {self.example}")
+        return GatewayLink(self.number, self.url, **_within(timeout_s))
+
+
+@dataclass(frozen=True)
+class SimAddress:
+    """The simulated axis of an experiment, a path or a name. `store`: file of its parameter store.
+    `overrides`: as in Axis.sim()."""
+
+    kind: ClassVar[str] = "sim"
+    example: ClassVar[str] = "sim:contact"
+    number: ClassVar[None] = None
+    experiment: str
+    store: str = ""
+    overrides: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"sim:{self.experiment}{_part('@', self.store)}"
+
+    def link(self, timeout_s: float | None = None) -> Link:
+        """Connects to the axis. `timeout_s` has no meaning here, because a simulated axis answers
+        at once."""
+        from forceaxis.axis.sim import SimLink
+
+        path = Path(self.experiment)
+        if path.suffix != ".toml":
+            path = paths.EXPERIMENTS / f"{path.name}.toml"
+        return SimLink(path, self.overrides, self.store)
+
+
+Address: TypeAlias = CanAddress | TcpAddress | SerialAddress | LcmAddress | SimAddress
+# An example of an address of each kind.
+EXAMPLES = {
+    one.kind: one.example for one in (CanAddress, TcpAddress, SerialAddress, LcmAddress, SimAddress)
+}
+
+
+def _part(separator: str, value: str | int | None) -> str:
+    return f"{separator}{value}" if value else ""
+
+
+def examples(kinds: Container[str] = EXAMPLES) -> str:
+    """Returns an example of an address of each kind as text: "can0:5, lcm:2 or sim:contact"."""
+    shown = [example for kind, example in EXAMPLES.items() if kind in kinds]
+    return " or ".join(filter(None, (", ".join(shown[:-1]), shown[-1])))
+
+
+def parse(text: str) -> Address:
+    """Returns the address that `text` names. Connects to nothing. Raises InputError."""
+    for start, read in READERS.items():
+        if text.startswith(start):
+            return read(text)
+    if text == "lcm" or text.startswith("lcm@"):
+        return _lcm(text)
+    return _can(text)
+
+
+class _Within(TypedDict, total=False):
+    timeout_s: float
+
+
+def _within(timeout_s: float | None) -> _Within:
+    return {} if timeout_s is None else {"timeout_s": timeout_s}
+
+
+def bus(address: Address) -> Address:
+    """Returns the address of the bus of an axis."""
+    return address if isinstance(address, SimAddress) else replace(address, number=None)
+
+
+def _can(text: str) -> CanAddress:
+    if text.startswith("/dev/"):
+        raise _wrong(text, "serial: before a serial device, such as serial:/dev/ttyUSB0:3")
+    if text.endswith(".toml"):
+        raise _wrong(text, f"sim: before an experiment, such as sim:{text}")
+    if text.isdigit():
+        raise _wrong(
+            text, f"a bus before the number of the axis, such as can0:{text} or lcm:{text}"
+        )
+    found = CAN.fullmatch(text)
+    if found is None or len(found[1]) > INTERFACE_LENGTH:
+        raise _wrong(text, f"the address of an axis, such as {examples()}")
+    return CanAddress(
+        found[1],
+        _integer(text, found[2], NUMBERS, "a node id", "after the colon", "can0:5"),
+        _integer(text, found[3], NUMBERS, "a node id of this program", "after the @", "can0:5@125"),
+    )
+
+
+def _tcp(text: str) -> TcpAddress:
+    found = TCP.fullmatch(text)
+    if found is None:
+        raise _wrong(text, "tcp://HOST/UNIT or tcp://HOST:PORT/UNIT, such as tcp://192.168.1.5/3")
+    return TcpAddress(
+        found[1],
+        _integer(text, found[2], PORTS, "a port", "after the colon", "tcp://192.168.1.5:1502/3"),
+        _integer(text, found[3] or None, NUMBERS, "a unit", "after the /", TcpAddress.example),
+    )
+
+
+def _serial(text: str) -> SerialAddress:
+    found = SERIAL.fullmatch(text)
+    if found is None:
+        raise _wrong(
+            text, "serial:DEVICE:UNIT or serial:DEVICE@BITRATE:UNIT, such as serial:/dev/ttyUSB0:3"
+        )
+    example = "serial:/dev/ttyUSB0@19200:3"
+    return SerialAddress(
+        found[1],
+        _integer(text, found[2], BIT_RATES, "a bit rate", "after the @", example),
+        _integer(text, found[3], NUMBERS, "a unit", "after the last colon", example),
+    )
+
+
+def _lcm(text: str) -> LcmAddress:
+    found = LCM.fullmatch(text)
+    if found is None:
+        raise _wrong(text, "lcm:AXIS or lcm:AXIS@URL, such as lcm:2")
+    number = _integer(text, found[1], NUMBERS, "an axis number", "after the colon", "lcm:2")
+    return LcmAddress(number, found[2])
+
+
+def _sim(text: str) -> SimAddress:
+    found = SIM.fullmatch(text)
+    if found is None:
+        raise _wrong(
+            text, "sim:EXPERIMENT, a name or a path ending in .toml, such as sim:press/contact.toml"
+        )
+    return SimAddress(found[1], found[2] or "")
+
+
+READERS: dict[str, Callable[[str], Address]] = {
+    "tcp:": _tcp, "serial:": _serial, "lcm:": _lcm, "sim:": _sim
+}  # fmt: skip
+
+
+def _wrong(text: str, expected: str) -> InputError:
+    return InputError(f"{text or 'an empty address'}: expected {expected}")
+
+
+def _integer(
+    text: str, digits: str | None, known: range, what: str, where: str, example: str
+) -> int | None:
+    """Returns the number in a part of an address, or None without this part. Raises InputError."""
+    if digits is None:
+        return None
+    if not (digits.isascii() and digits.isdecimal() and len(digits) < 9 and int(digits) in known):
+        raise _wrong(text, f"{what} from {known[0]} to {known[-1]} {where}, such as {example}")
+    return int(digits)
