@@ -2,8 +2,11 @@
 takes, where the environment names the axis, and what the options before --on are told."""
 
 import contextlib
+import os
 import shlex
+import subprocess
 import sys
+from pathlib import Path
 
 import click
 import pytest
@@ -236,3 +239,25 @@ def test_a_shell_completes_interfaces_devices_and_simulated_axes(monkeypatch, tm
     assert "sim:contact" in completed("tune", "--on", "sim:cont")
     assert completed("axis", "start", "--on", "") == ["lcm:", "can0", "vcan1"]
     assert completed("flash", "--on", "s") == [serial]
+
+
+def test_bash_completes_a_word_that_it_splits(tmp_path):
+    """Bash gives sim:contact as three words and keeps what is before the last colon."""
+    script = tmp_path / "typed.sh"
+    script.write_text(
+        """eval "$(forceaxis completion show bash)"
+        compopt() { echo "option $2"; }
+        completed() {
+            COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); COMPREPLY=()
+            _forceaxis_completion forceaxis; echo "${COMPREPLY[@]}"
+        }
+        completed forceaxis axis get --on sim : contac
+        completed forceaxis axis stop --on si
+        completed forceaxis run contact --set firmware.mode = fo
+        """
+    )
+    own = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    done = subprocess.run(["bash", script], env=own, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [
+        "contact contact_unstable", "option nospace", "sim:", "force"
+    ]  # fmt: skip

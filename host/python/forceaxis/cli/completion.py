@@ -12,12 +12,36 @@ from forceaxis import paths
 from forceaxis.cli.common import Verb, Verbs
 
 SHELLS = click.Choice(["bash", "zsh", "fish"])
+# Bash splits words such as sim:contact and NAME=VALUE. These lines of the script join the parts
+# before the program completes the word, and remove from the results what Bash keeps of the word.
+JOINED_WORDS = """
+    local words=() cword=0 i kept
+    for ((i = 0; i < ${#COMP_WORDS[@]}; i++)); do
+        if ((i > 0)) && [[ ${COMP_WORDS[i]} == [:=]* || ${COMP_WORDS[i-1]} == *[:=] ]] &&
+            [[ ${words[-1]} != -* ]]; then
+            words[-1]+=${COMP_WORDS[i]}
+        else
+            words+=("${COMP_WORDS[i]}")
+        fi
+        ((i == COMP_CWORD)) && cword=$((${#words[@]} - 1))
+    done
+    kept=${words[cword]%"${words[cword]##*[:=]}"}
+"""
+KEPT_REMOVED = """
+    COMPREPLY=("${COMPREPLY[@]#"$kept"}")
+    [[ ${#COMPREPLY[@]} == 1 && ${COMPREPLY[0]} == *[:=/] ]] && compopt -o nospace
+"""
 
 
 def _script(shell: str) -> str:
     cli = click.get_current_context().find_root().command
     complete = cast(type[ShellComplete], get_completion_class(shell))
-    return complete(cli, {}, "forceaxis", "_FORCEAXIS_COMPLETE").source()
+    text = complete(cli, {}, "forceaxis", "_FORCEAXIS_COMPLETE").source()
+    if shell != "bash":
+        return text
+    text = text.replace("    local response\n", f"    local response{JOINED_WORDS}", 1)
+    text = text.replace("${COMP_WORDS[*]}", "${words[*]}").replace("=$COMP_CWORD", "=$cword")
+    return text.replace("\n    return 0\n", f"{KEPT_REMOVED}    return 0\n", 1)
 
 
 def _places(shell: str) -> tuple[Path, Path | None]:
