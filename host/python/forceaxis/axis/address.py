@@ -4,7 +4,7 @@
     tcp://192.168.1.5/3             Modbus TCP: unit 3 at this host; tcp://HOST:PORT/3
     serial:/dev/ttyUSB0:3           Modbus RTU: unit 3; serial:/dev/ttyUSB0@19200:3 with a bit rate
     lcm:2                           axis 2 of a gateway; lcm:2@URL on another LCM bus
-    sim:press/contact.toml          simulated; sim:contact@FILE keeps its parameters in FILE
+    sim:contact                     simulated, a name or a path; sim:contact@FILE stores parameters
 
 An address without the number of an axis names a bus. On CAN and Modbus its number is then 1.
 `can0:5@125`: this program has the node id 125 on the bus, if another program has the usual one.
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 NUMBERS = range(1, 128)  # of nodes, units and axes
 DEFAULT_NUMBER = 1
-PORTS, MODBUS_PORT = range(1, 65536), 502
+PORTS = range(1, 65536)
 BIT_RATES = range(300, 4_000_001)  # of a serial line, bit/s
 INTERFACE_LENGTH = 15  # longest name of a network interface in Linux
 
