@@ -7,13 +7,14 @@ uint16_t board_reset_error(const fw_config_t *config) {
   if (config->core_fault != NULL) {
     return AXIS_ERROR_CODE_CORE_FAULT;
   }
-  if ((cause & (FW_RESET_WATCHDOG | FW_RESET_WINDOW)) != 0) {
+  if ((cause & (AXIS_RESET_CAUSE_WATCHDOG | AXIS_RESET_CAUSE_WINDOW)) != 0) {
     return AXIS_ERROR_CODE_WATCHDOG_RESET;
   }
-  if ((cause & (FW_RESET_SOFTWARE | FW_RESET_LOW_POWER)) != 0) {
+  if ((cause & (AXIS_RESET_CAUSE_SOFTWARE | AXIS_RESET_CAUSE_LOW_POWER)) != 0) {
     return AXIS_ERROR_CODE_CORE_FAULT;
   }
-  const bool browned_out = (cause & FW_RESET_BROWN_OUT) != 0 && (cause & FW_RESET_POWER) == 0;
+  const bool browned_out =
+      (cause & AXIS_RESET_CAUSE_BROWN_OUT) != 0 && (cause & AXIS_RESET_CAUSE_POWER) == 0;
   return browned_out ? AXIS_ERROR_CODE_BROWNOUT_RESET : AXIS_ERROR_CODE_NONE;
 }
 
@@ -35,13 +36,15 @@ void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation) {
     uint16_t found;
     uint8_t fault;
   } faults[KINDS] = {
-      {FW_BOARD_OPTION_BYTES | FW_BOARD_IMAGE | FW_BOARD_RAM | FW_BOARD_CONVERTER,
+      {AXIS_BOARD_STATE_OPTION_BYTES | AXIS_BOARD_STATE_IMAGE | AXIS_BOARD_STATE_RAM |
+           AXIS_BOARD_STATE_CONVERTER,
        AXIS_FAULT_BOARD_UNFIT},
-      {FW_BOARD_SUPPLY | FW_BOARD_REFERENCE, AXIS_FAULT_SUPPLY_WRONG},
-      {FW_BOARD_TICK, AXIS_FAULT_CLOCK_WRONG},
-      {FW_BOARD_DAC | FW_BOARD_ENABLE, AXIS_FAULT_OUTPUT_WRONG},
+      {AXIS_BOARD_STATE_SUPPLY | AXIS_BOARD_STATE_REFERENCE, AXIS_FAULT_SUPPLY_WRONG},
+      {AXIS_BOARD_STATE_TICK, AXIS_FAULT_CLOCK_WRONG},
+      {AXIS_BOARD_STATE_DAC | AXIS_BOARD_STATE_ENABLE, AXIS_FAULT_OUTPUT_WRONG},
   };
-  const uint32_t faulty = ~(uint32_t)(FW_BOARD_CLOCK_INTERNAL | FW_BOARD_TICK_UNKNOWN);
+  const uint32_t faulty =
+      ~(uint32_t)(AXIS_BOARD_STATE_CLOCK_INTERNAL | AXIS_BOARD_STATE_TICK_UNKNOWN);
   device_signals_t *signals = &fw->device_signals;
   /* While a fault is latched the outputs are off, so the cause of the fault may end before a client
    * reads board_state. Therefore board_state keeps the detected errors while a fault is latched. */

@@ -49,18 +49,6 @@ enum { FW_RESULTS = 32 };
  * and the next four bytes are core_fault_pc. */
 enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS = 1500 };
 
-/* Bits for the causes of a reset of the chip. When only the supply was switched on, POWER is set;
- * BROWN_OUT and PIN may be set too. A fault of the processor core sets SOFTWARE. */
-enum {
-  FW_RESET_BROWN_OUT = 2,
-  FW_RESET_PIN = 4,
-  FW_RESET_POWER = 8,
-  FW_RESET_SOFTWARE = 16,
-  FW_RESET_WATCHDOG = 32,
-  FW_RESET_WINDOW = 64,
-  FW_RESET_LOW_POWER = 128
-};
-
 /* Registers of the processor core at its last fault. The board keeps these values over the
  * following reset. */
 typedef struct {
@@ -70,22 +58,6 @@ typedef struct {
   uint32_t hfsr;
   uint32_t bfar;
 } fw_core_fault_t;
-
-/* Bits of board_state: errors that the board detects in its own hardware. OPTION_BYTES, IMAGE,
- * RAM and CONVERTER are detected only at power-up and stay set. */
-enum {
-  FW_BOARD_CLOCK_INTERNAL = 1,
-  FW_BOARD_OPTION_BYTES = 2,
-  FW_BOARD_IMAGE = 4,
-  FW_BOARD_RAM = 8,
-  FW_BOARD_SUPPLY = 16,
-  FW_BOARD_REFERENCE = 32,
-  FW_BOARD_DAC = 64,
-  FW_BOARD_ENABLE = 128,
-  FW_BOARD_TICK = 256,
-  FW_BOARD_TICK_UNKNOWN = 512,
-  FW_BOARD_CONVERTER = 1024
-};
 
 /* The two slots of a board whose firmware can be updated in operation (update.h). */
 typedef struct {
@@ -127,7 +99,9 @@ typedef struct {
    * an id. */
   uint8_t node_id;
   uint8_t buses; /* 1 if the firmware serves CANopen and Modbus; 0 if the axis is on no bus */
-  /* causes of the last reset, as a set of FW_RESET_ bits; 0 if no cause is known */
+  /* causes of the last reset, as a set of AXIS_RESET_CAUSE_ bits; 0 if no cause is known. When only
+   * the supply was switched on, POWER is set; BROWN_OUT and PIN may be set too. A fault of the
+   * processor core sets SOFTWARE. */
   uint8_t reset_cause;
   /* text of software_version, which must outlive the firmware; NULL selects FW_VERSION and the hash
    * of the object table */
@@ -317,8 +291,8 @@ uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room);
  * missed ticks. Call fw_overrun() after fw_between(), not in the interrupt. */
 void fw_overrun(fw_t *fw, uint32_t missed);
 
-/* Accepts the errors that the board has detected in its own hardware, as a set of FW_BOARD_ bits,
- * and the deviation of the tick length from a second clock in 1/1000. Call fw_board() between
+/* Accepts the errors that the board has detected in its own hardware, as a set of AXIS_BOARD_STATE_
+ * bits, and the deviation of the tick length from a second clock in 1/1000. Call fw_board() between
  * fw_prepare() and fw_control(). It disables the axis in that tick with one of the faults
  *   board_unfit   OPTION_BYTES, IMAGE, RAM, CONVERTER, which are detected at power-up
  *   supply_wrong  SUPPLY, REFERENCE

@@ -14,17 +14,6 @@ _Static_assert(AXIS_CYCLE_STATE_BAD == AXIS_CYCLE_STATE_GOOD + CYCLE_PART_BAD &&
                    AXIS_CYCLE_STATE_ABORTED == AXIS_CYCLE_STATE_GOOD + CYCLE_PART_ABORTED,
                "verdicts of parts");
 
-enum {
-  BIT_READY = 1,
-  BIT_BUSY = 2,
-  BIT_GOOD = 4,
-  BIT_BAD = 8,
-  BIT_ABORTED = 16,
-  BIT_WAITING = 32,
-  BIT_LOCKED = 64,
-  BIT_FULL = 128
-};
-
 /* Returns the part that is shown. Its number is 0 if there is none. */
 static const cycle_part_t *shown_part(const fw_t *fw) {
   static const cycle_part_t none;
@@ -186,17 +175,18 @@ static void show_bits(fw_t *fw) {
   const uint8_t lock = fw->drive.cycle_lock;
   uint32_t bits = 0;
   if (cycle_mode_is_busy(&fw->drive)) {
-    bits = BIT_BUSY;
+    bits = AXIS_CYCLE_BITS_BUSY;
   } else if (cycle_mode_can_start(&fw->drive, &fw->axis)) {
-    bits = BIT_READY;
+    bits = AXIS_CYCLE_BITS_READY;
   }
   if (state >= AXIS_CYCLE_STATE_GOOD && state <= AXIS_CYCLE_STATE_ABORTED) {
-    static const uint8_t verdicts[CYCLE_PART_VERDICTS] = {BIT_GOOD, BIT_BAD, BIT_ABORTED};
+    static const uint8_t verdicts[CYCLE_PART_VERDICTS] = {AXIS_CYCLE_BITS_GOOD, AXIS_CYCLE_BITS_BAD,
+                                                          AXIS_CYCLE_BITS_ABORTED};
     bits |= verdicts[state - AXIS_CYCLE_STATE_GOOD];
   }
-  bits |= (fw->results.waiting.waiting != 0) ? BIT_WAITING : 0;
-  bits |= (lock == AXIS_CYCLE_STATE_LOCKED) ? BIT_LOCKED : 0;
-  bits |= (lock == AXIS_CYCLE_STATE_RESULTS_FULL) ? BIT_FULL : 0;
+  bits |= (fw->results.waiting.waiting != 0) ? AXIS_CYCLE_BITS_WAITING : 0;
+  bits |= (lock == AXIS_CYCLE_STATE_LOCKED) ? AXIS_CYCLE_BITS_LOCKED : 0;
+  bits |= (lock == AXIS_CYCLE_STATE_RESULTS_FULL) ? AXIS_CYCLE_BITS_FULL : 0;
   fw->device_signals.cycle_bits = (uint16_t)bits;
 }
 

@@ -7,14 +7,6 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
-/* Bits of the error register (1001h). */
-enum {
-  ERROR_ANY = 0x01,
-  ERROR_COMMUNICATION = 0x10,
-  ERROR_PROFILE = 0x20,
-  ERROR_MANUFACTURER = 0x80
-};
-
 /* Returns the bits of the error register for an error code. A warning is no error. */
 static uint8_t class_of(uint16_t code) {
   if (code >= AXIS_ERROR_CODE_CONTACT_LOST && code <= AXIS_ERROR_CODE_OVERRUN) {
@@ -25,13 +17,13 @@ static uint8_t class_of(uint16_t code) {
       return 0;
     case 0x81:
     case 0x82:
-      return ERROR_ANY | ERROR_COMMUNICATION;
+      return AXIS_ERROR_REGISTER_ANY | AXIS_ERROR_REGISTER_COMMUNICATION;
     case 0x86:
-      return ERROR_ANY | ERROR_PROFILE;
+      return AXIS_ERROR_REGISTER_ANY | AXIS_ERROR_REGISTER_PROFILE;
     case 0xFF:
-      return ERROR_ANY | ERROR_MANUFACTURER;
+      return AXIS_ERROR_REGISTER_ANY | AXIS_ERROR_REGISTER_MANUFACTURER;
     default:
-      return ERROR_ANY;
+      return AXIS_ERROR_REGISTER_ANY;
   }
 }
 
@@ -40,7 +32,8 @@ void emcy_update(canopen_t *canopen) {
       canopen->heartbeats_lost != 0 || canopen->rpdos_late != 0 || canopen->bus != CAN_BUS_ACTIVE;
   const uint8_t drive = class_of(canopen->emcy.drive_code);
   canopen->signals.error_register =
-      communication ? (uint8_t)(drive | ERROR_ANY | ERROR_COMMUNICATION) : drive;
+      communication ? (uint8_t)(drive | AXIS_ERROR_REGISTER_ANY | AXIS_ERROR_REGISTER_COMMUNICATION)
+                    : drive;
 }
 
 /* Adds an error to the error history, which begins with the latest error. If the history is full,

@@ -13,25 +13,6 @@
 #include "firmware/core/profile.h"
 #include "firmware/objects/generated/axis_objects.h"
 
-/* Bits of axis_inputs_t.din. */
-enum {
-  AXIS_DIN_ENABLE = 1, /* bit: the enable chain, with the emergency stop, is closed */
-  AXIS_DIN_LIMIT_POS = 2,
-  AXIS_DIN_LIMIT_NEG = 4,
-  AXIS_DIN_INDEX = 8, /* bit: the encoder sent an index pulse since the last tick */
-  AXIS_DIN_HOME = 16
-};
-
-/* Bits of axis_inputs_t.drive: what a drive with a control loop of its own reports. Without
- * AXIS_DRIVE_FITTED the axis has an amplifier for +-10 V, which reports nothing, and the other bits
- * have no meaning. */
-enum {
-  AXIS_DRIVE_FITTED = 1,
-  AXIS_DRIVE_ON = 2,    /* bit: the drive follows the DAC code */
-  AXIS_DRIVE_FAULT = 4, /* bit: the drive has a fault of its own */
-  AXIS_DRIVE_LIMIT = 8  /* bit: a limit of the drive bounds its output */
-};
-
 /* Range of permitted DAC codes, from `least` to `most`; least <= 0 <= most. */
 typedef struct {
   int16_t least;
@@ -58,9 +39,14 @@ typedef struct {
    * rate, the noise of such a converter exceeds the bits that are lost. A converter that measures
    * both directions gives an offset code, so that force_zero_code is 2^(adc_bits-1). */
   uint16_t adc_code[2];
-  uint8_t din;          /* AXIS_DIN_ bits */
+  /* AXIS_DIGITAL_INPUTS_ bits. ENABLE: the enable chain, with the emergency stop, is closed; INDEX:
+   * the encoder sent an index pulse since the last tick */
+  uint8_t din;
   uint8_t sensor_valid; /* 0 if the sensor values of this tick must not be used */
-  uint8_t drive;        /* AXIS_DRIVE_ bits; 0 for an amplifier for +-10 V */
+  /* AXIS_DRIVE_REPORT_ bits: what a drive with a control loop of its own reports. Without FITTED
+   * the axis has an amplifier for +-10 V, which reports nothing, and the other bits have no
+   * meaning. ON: the drive follows the DAC code; LIMIT: a limit of the drive bounds its output */
+  uint8_t drive;
   /* Ages of encoder_cnt and of adc_code[0]: number of ticks since the value was read. 0 is a value
    * of this tick, and 255 is 255 ticks or more. A velocity is the travel between two positions by
    * the ticks between their readings. */
@@ -85,9 +71,9 @@ typedef struct {
  */
 enum { AXIS_FINE_BITS = 4, AXIS_DAC_BITS_MIN = 12, AXIS_DAC_BITS_MAX = 16 };
 
-/* Returns true if a drive is fitted and not on. `drive` has AXIS_DRIVE_ bits. */
+/* Returns true if a drive is fitted and not on. `drive` has AXIS_DRIVE_REPORT_ bits. */
 static inline bool axis_drive_is_off(uint8_t drive) {
-  return (drive & (AXIS_DRIVE_FITTED | AXIS_DRIVE_ON)) == AXIS_DRIVE_FITTED;
+  return (drive & (AXIS_DRIVE_REPORT_FITTED | AXIS_DRIVE_REPORT_ON)) == AXIS_DRIVE_REPORT_FITTED;
 }
 
 /* The complete state of an axis, at most 512 bytes with its parameters. A copy of this structure is

@@ -28,8 +28,9 @@ static inline bool fault_exceeds(int32_t value, int32_t limit) {
  * mode and before any use of a sensor value. The signals must be those of the present tick. */
 static inline uint8_t fault_detect(const axis_params_t *params, const axis_signals_t *signals,
                                    const axis_inputs_t *inputs) {
-  const uint8_t both_switches = AXIS_DIN_LIMIT_POS | AXIS_DIN_LIMIT_NEG;
-  if ((inputs->din & AXIS_DIN_ENABLE) == 0) {
+  const uint8_t both_switches =
+      AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE | AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE;
+  if ((inputs->din & AXIS_DIGITAL_INPUTS_ENABLE) == 0) {
     return AXIS_FAULT_ENABLE_LOST;
   }
   if (!fx_fits_bits(inputs->adc_code[0] | inputs->adc_code[1], params->adc_bits)) {
@@ -58,11 +59,13 @@ static inline uint8_t fault_detect(const axis_params_t *params, const axis_signa
  *   drive_not_ready  the drive is off drive_on_ticks_max ticks after the amplifier was enabled
  *   position_old     position_age > position_age_max
  *   force_old        force_age > force_age_max
- * The first three need AXIS_DRIVE_FITTED. While a fitted drive is off, the ages are not checked,
- * because no control law uses position and force. active_mode must be that of the previous tick. */
+ * The first three need AXIS_DRIVE_REPORT_FITTED. While a fitted drive is off, the ages are not
+ * checked, because no control law uses position and force. active_mode must be that of the previous
+ * tick. */
 static inline uint8_t fault_detect_drive(const axis_t *axis, const axis_inputs_t *inputs) {
   const axis_params_t *params = &axis->params;
-  if ((inputs->drive & AXIS_DRIVE_FITTED) != 0 && (inputs->drive & AXIS_DRIVE_FAULT) != 0) {
+  if ((inputs->drive & AXIS_DRIVE_REPORT_FITTED) != 0 &&
+      (inputs->drive & AXIS_DRIVE_REPORT_FAULT) != 0) {
     return AXIS_FAULT_DRIVE_FAULT;
   }
   if (axis_drive_is_off(inputs->drive)) {

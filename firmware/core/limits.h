@@ -39,8 +39,8 @@ int32_t limits_bound_late(axis_t *axis, int32_t command_q16);
  *   limit_switch_neg the same for the negative limit switch and a negative command
  *   drive_limit      a fitted drive reports a limit of its own; limits_add_drive() sets this reason
  * The ranges of the drive act before these limits and set no reason. The command must be within
- * +-2^31 - 2^15; digital_inputs has AXIS_DIN_ bits. The soft limits compare the counts directly, so
- * the encoder must not wrap. */
+ * +-2^31 - 2^15; digital_inputs has AXIS_DIGITAL_INPUTS_ bits. The soft limits compare the counts
+ * directly, so the encoder must not wrap. */
 static inline int32_t limits_apply(const axis_params_t *params, int32_t position_cnt,
                                    uint8_t digital_inputs, int32_t command_q16, uint8_t *reason) {
   const int32_t limit = (int32_t)params->output_limit;
@@ -52,13 +52,13 @@ static inline int32_t limits_apply(const axis_params_t *params, int32_t position
   }
   uint8_t blocked = AXIS_LIMIT_REASON_NONE;
   if (limited > 0) {
-    if ((digital_inputs & AXIS_DIN_LIMIT_POS) != 0) {
+    if ((digital_inputs & AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE) != 0) {
       blocked = AXIS_LIMIT_REASON_LIMIT_SWITCH_POS;
     } else if (position_cnt > params->position_max) {
       blocked = AXIS_LIMIT_REASON_POSITION_MAX;
     }
   } else if (limited < 0) {
-    if ((digital_inputs & AXIS_DIN_LIMIT_NEG) != 0) {
+    if ((digital_inputs & AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE) != 0) {
       blocked = AXIS_LIMIT_REASON_LIMIT_SWITCH_NEG;
     } else if (position_cnt < params->position_min) {
       blocked = AXIS_LIMIT_REASON_POSITION_MIN;
@@ -69,9 +69,9 @@ static inline int32_t limits_apply(const axis_params_t *params, int32_t position
 }
 
 /* Writes the reason drive_limit to *reason if no other limit is active and the report `drive`,
- * AXIS_DRIVE_ bits, has a limit of a fitted drive. */
+ * AXIS_DRIVE_REPORT_ bits, has a limit of a fitted drive. */
 static inline void limits_add_drive(uint8_t drive, uint8_t *reason) {
-  const uint8_t limited = AXIS_DRIVE_FITTED | AXIS_DRIVE_LIMIT;
+  const uint8_t limited = AXIS_DRIVE_REPORT_FITTED | AXIS_DRIVE_REPORT_LIMIT;
   if ((drive & limited) == limited && *reason == AXIS_LIMIT_REASON_NONE) {
     *reason = AXIS_LIMIT_REASON_DRIVE_LIMIT;
   }

@@ -56,7 +56,7 @@ typedef struct {
   int32_t force_q8; /* measured force in 1/256 count */
   uint8_t contact;  /* 1 in contact */
   uint8_t reached;  /* CYCLE_TARGET_BY_DRIVE: 1 if the drive has reached its target */
-  uint8_t inputs;   /* digital inputs, AXIS_DIN_ */
+  uint8_t inputs;   /* digital inputs, AXIS_DIGITAL_INPUTS_ */
   uint8_t defects;  /* why force or position is not valid, CYCLE_SAMPLE_ */
 } cycle_inputs_t;
 

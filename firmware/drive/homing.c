@@ -4,8 +4,8 @@
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
 
-/* Events that end a step of homing and are not digital inputs (AXIS_DIN_). Their bits are not used
- * by any input. */
+/* Events that end a step of homing and are not digital inputs (AXIS_DIGITAL_INPUTS_). Their bits
+ * are not used by any input. */
 enum { CONTACT = 0x40, RETRACTED = 0x80 };
 
 enum { AWAY = -1, TOWARD = 1 };
@@ -26,7 +26,7 @@ typedef struct {
 /* A homing method. The reference position is the position at the end of the last step. */
 typedef struct {
   int8_t method;
-  /* AXIS_DIN_ bits of the inputs that the method needs and inputs_fitted must contain */
+  /* AXIS_DIGITAL_INPUTS_ bits of the inputs that the method needs and inputs_fitted must contain */
   uint8_t needs;
   homing_step_t steps[STEPS];
 } homing_method_t;
@@ -40,25 +40,31 @@ static const homing_method_t methods[METHODS] = {
      0,
      {{TOWARD, FAST, CONTACT, ON}, {AWAY, FAST, RETRACTED, ON}, {TOWARD, SLOW, CONTACT, ON}}},
     {17,
-     AXIS_DIN_LIMIT_NEG,
-     {{AWAY, FAST, AXIS_DIN_LIMIT_NEG, ON}, {TOWARD, SLOW, AXIS_DIN_LIMIT_NEG, OFF}}},
+     AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE,
+     {{AWAY, FAST, AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE, ON},
+      {TOWARD, SLOW, AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE, OFF}}},
     {18,
-     AXIS_DIN_LIMIT_POS,
-     {{TOWARD, FAST, AXIS_DIN_LIMIT_POS, ON}, {AWAY, SLOW, AXIS_DIN_LIMIT_POS, OFF}}},
-    {19, AXIS_DIN_HOME, {{TOWARD, FAST, AXIS_DIN_HOME, ON}, {AWAY, SLOW, AXIS_DIN_HOME, OFF}}},
+     AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE,
+     {{TOWARD, FAST, AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE, ON},
+      {AWAY, SLOW, AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE, OFF}}},
+    {19,
+     AXIS_DIGITAL_INPUTS_HOME,
+     {{TOWARD, FAST, AXIS_DIGITAL_INPUTS_HOME, ON}, {AWAY, SLOW, AXIS_DIGITAL_INPUTS_HOME, OFF}}},
     {20,
-     AXIS_DIN_HOME,
-     {{TOWARD, FAST, AXIS_DIN_HOME, ON},
-      {AWAY, FAST, AXIS_DIN_HOME, OFF},
-      {TOWARD, SLOW, AXIS_DIN_HOME, ON}}},
-    {21, AXIS_DIN_HOME, {{AWAY, FAST, AXIS_DIN_HOME, ON}, {TOWARD, SLOW, AXIS_DIN_HOME, OFF}}},
+     AXIS_DIGITAL_INPUTS_HOME,
+     {{TOWARD, FAST, AXIS_DIGITAL_INPUTS_HOME, ON},
+      {AWAY, FAST, AXIS_DIGITAL_INPUTS_HOME, OFF},
+      {TOWARD, SLOW, AXIS_DIGITAL_INPUTS_HOME, ON}}},
+    {21,
+     AXIS_DIGITAL_INPUTS_HOME,
+     {{AWAY, FAST, AXIS_DIGITAL_INPUTS_HOME, ON}, {TOWARD, SLOW, AXIS_DIGITAL_INPUTS_HOME, OFF}}},
     {22,
-     AXIS_DIN_HOME,
-     {{AWAY, FAST, AXIS_DIN_HOME, ON},
-      {TOWARD, FAST, AXIS_DIN_HOME, OFF},
-      {AWAY, SLOW, AXIS_DIN_HOME, ON}}},
-    {33, AXIS_DIN_INDEX, {{AWAY, SLOW, AXIS_DIN_INDEX, ON}}},
-    {34, AXIS_DIN_INDEX, {{TOWARD, SLOW, AXIS_DIN_INDEX, ON}}},
+     AXIS_DIGITAL_INPUTS_HOME,
+     {{AWAY, FAST, AXIS_DIGITAL_INPUTS_HOME, ON},
+      {TOWARD, FAST, AXIS_DIGITAL_INPUTS_HOME, OFF},
+      {AWAY, SLOW, AXIS_DIGITAL_INPUTS_HOME, ON}}},
+    {33, AXIS_DIGITAL_INPUTS_INDEX, {{AWAY, SLOW, AXIS_DIGITAL_INPUTS_INDEX, ON}}},
+    {34, AXIS_DIGITAL_INPUTS_INDEX, {{TOWARD, SLOW, AXIS_DIGITAL_INPUTS_INDEX, ON}}},
 };
 _Static_assert(METHODS == sizeof((drive_signals_t){0}.homing_methods),
                "60E3h has a place for each");
@@ -153,9 +159,10 @@ static bool has_ended(const cia402_t *drive, const axis_t *axis, const homing_st
 static bool is_blocked(const axis_t *axis, int8_t direction) {
   const uint8_t reason = axis->signals.limit_reason;
   const uint8_t inputs = axis->signals.digital_inputs;
-  return (direction == TOWARD)
-             ? (inputs & AXIS_DIN_LIMIT_POS) != 0 || reason == AXIS_LIMIT_REASON_POSITION_MAX
-             : (inputs & AXIS_DIN_LIMIT_NEG) != 0 || reason == AXIS_LIMIT_REASON_POSITION_MIN;
+  return (direction == TOWARD) ? (inputs & AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE) != 0 ||
+                                     reason == AXIS_LIMIT_REASON_POSITION_MAX
+                               : (inputs & AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE) != 0 ||
+                                     reason == AXIS_LIMIT_REASON_POSITION_MIN;
 }
 
 /* Returns true if an obstacle blocks the axis: the axis is behind its trajectory by more than the

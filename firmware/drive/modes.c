@@ -14,39 +14,42 @@ static bool follows_command(const cia402_t *drive) {
          drive->params.modes_of_operation == drive->signals.modes_of_operation_display;
 }
 
-static uint16_t bits_of(bool bit_12, bool bit_13) {
-  return (uint16_t)((bit_12 ? CIA402_SW_MODE_12 : 0) | (bit_13 ? CIA402_SW_MODE_13 : 0));
+static uint16_t bits_of(bool bit_12, uint16_t mask_12, bool bit_13, uint16_t mask_13) {
+  return (uint16_t)((bit_12 ? mask_12 : 0) | (bit_13 ? mask_13 : 0));
 }
 
 /* Each function returns bits 12 and 13 of the statusword for one group of modes. */
 static uint16_t setpoint_bits(const cia402_t *drive) {
   return bits_of(drive->acknowledged != 0 || drive->setpoint_buffered != 0,
-                 drive->outside_tick != 0);
+                 AXIS_STATUSWORD_ACKNOWLEDGED, drive->outside_tick != 0,
+                 AXIS_STATUSWORD_FOLLOWING_ERROR);
 }
 
 static uint16_t standing_bits(const cia402_t *drive) {
-  return bits_of(drive->standing_tick > fx_ticks_from_ms(drive->params.velocity_threshold_time),
-                 false);
+  const uint32_t ticks = fx_ticks_from_ms(drive->params.velocity_threshold_time);
+  return (drive->standing_tick > ticks) ? AXIS_STATUSWORD_SPEED_ZERO : 0;
 }
 
 static uint16_t homing_bits(const cia402_t *drive) {
-  return bits_of(drive->homing.state == CIA402_HOMING_DONE,
-                 drive->homing.state == CIA402_HOMING_ERROR);
+  return bits_of(drive->homing.state == CIA402_HOMING_DONE, AXIS_STATUSWORD_ATTAINED,
+                 drive->homing.state == CIA402_HOMING_ERROR, AXIS_STATUSWORD_HOMING_ERROR);
 }
 
 static uint16_t cyclic_bits(const cia402_t *drive) {
-  return bits_of(follows_command(drive), false);
+  return follows_command(drive) ? AXIS_STATUSWORD_FOLLOWS : 0;
 }
 
 static uint16_t position_bits(const cia402_t *drive) {
-  return bits_of(follows_command(drive), drive->outside_tick != 0);
+  return bits_of(follows_command(drive), AXIS_STATUSWORD_FOLLOWS, drive->outside_tick != 0,
+                 AXIS_STATUSWORD_FOLLOWING_ERROR);
 }
 
 uint16_t cia402_cycle_bits(const cia402_t *drive) {
   const uint8_t state = drive->signals.cycle_state;
   return bits_of(state == AXIS_CYCLE_STATE_GOOD || state == AXIS_CYCLE_STATE_BAD ||
                      state == AXIS_CYCLE_STATE_ABORTED,
-                 state >= AXIS_CYCLE_STATE_BAD);
+                 AXIS_STATUSWORD_CYCLE_DONE, state >= AXIS_CYCLE_STATE_BAD,
+                 AXIS_STATUSWORD_NOT_GOOD);
 }
 
 #define ROW(mode) [AXIS_MODES_OF_OPERATION_##mode + CIA402_MODE_OFFSET]

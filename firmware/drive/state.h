@@ -23,19 +23,6 @@ enum {
   CIA402_CW_CHANGE_ON_SETPOINT = 0x0200
 };
 
-/* Bits of the statusword. The mode of operation defines bits 12 and 13. */
-enum {
-  CIA402_SW_VOLTAGE = 0x0010,
-  CIA402_SW_WARNING = 0x0080,
-  CIA402_SW_REMOTE = 0x0200,
-  CIA402_SW_REACHED = 0x0400,
-  CIA402_SW_LIMIT = 0x0800,
-  CIA402_SW_MODE_12 = 0x1000,
-  CIA402_SW_MODE_13 = 0x2000,
-  /* a source other than the owner, named by stopped_by, has stopped the axis */
-  CIA402_SW_STOPPED = 0x4000
-};
-
 /* Returns the state that a controlword commands in the state `state`, or `state` if the controlword
  * commands no transition. `rising` contains the bits that were 0 in the previous controlword,
  * because only the rising edge of its bit resets a fault. `may_resume` permits a transition from

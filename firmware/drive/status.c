@@ -101,26 +101,26 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
   const uint8_t state = first_motion_is_running(&drive->guards.first_motion)
                             ? AXIS_DRIVE_STATE_SWITCHED_ON
                             : signals->drive_state;
-  uint16_t word = (uint16_t)(cia402_state_bits[state] | CIA402_SW_REMOTE);
-  if ((measured->digital_inputs & AXIS_DIN_ENABLE) != 0) {
-    word |= CIA402_SW_VOLTAGE;
+  uint16_t word = (uint16_t)(cia402_state_bits[state] | AXIS_STATUSWORD_REMOTE);
+  if ((measured->digital_inputs & AXIS_DIGITAL_INPUTS_ENABLE) != 0) {
+    word |= AXIS_STATUSWORD_VOLTAGE;
   }
   if (limited || signals->limit_cycle != 0 || signals->gain_halvings != 0 ||
       signals->force_saturated != 0 || signals->calibration_expired != 0 ||
       drive->unsupervised != 0 || drive->restricted != 0) {
-    word |= CIA402_SW_WARNING;
+    word |= AXIS_STATUSWORD_WARNING;
   }
   if (limited) {
-    word |= CIA402_SW_LIMIT;
+    word |= AXIS_STATUSWORD_LIMIT;
   }
   if (shows_reached(drive)) {
-    word |= CIA402_SW_REACHED;
+    word |= AXIS_STATUSWORD_REACHED;
   }
   if (is_enabled(drive) && drive->mode->bits != NULL) {
     word |= drive->mode->bits(drive);
   }
   if (signals->stopped_by != AXIS_STOPPED_BY_NOBODY) {
-    word |= CIA402_SW_STOPPED;
+    word |= AXIS_STATUSWORD_STOPPED;
   }
   signals->statusword = word;
   signals->error_code = cia402_error_code(fault);
@@ -167,11 +167,13 @@ static void measure_force(cia402_t *drive, const axis_t *axis) {
 }
 
 static uint32_t inputs_bits(uint8_t din) {
-  return (((din & AXIS_DIN_LIMIT_NEG) != 0) ? UINT32_C(0x1) : 0) |
-         (((din & AXIS_DIN_LIMIT_POS) != 0) ? UINT32_C(0x2) : 0) |
-         (((din & AXIS_DIN_HOME) != 0) ? UINT32_C(0x4) : 0) |
-         (((din & AXIS_DIN_ENABLE) != 0) ? UINT32_C(0x10000) : 0) |
-         (((din & AXIS_DIN_INDEX) != 0) ? UINT32_C(0x20000) : 0);
+  uint32_t bits = 0;
+  bits |= ((din & AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE) != 0) ? AXIS_DRIVE_INPUTS_LIMIT_NEGATIVE : 0;
+  bits |= ((din & AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE) != 0) ? AXIS_DRIVE_INPUTS_LIMIT_POSITIVE : 0;
+  bits |= ((din & AXIS_DIGITAL_INPUTS_HOME) != 0) ? AXIS_DRIVE_INPUTS_HOME : 0;
+  bits |= ((din & AXIS_DIGITAL_INPUTS_ENABLE) != 0) ? AXIS_DRIVE_INPUTS_ENABLE : 0;
+  bits |= ((din & AXIS_DIGITAL_INPUTS_INDEX) != 0) ? AXIS_DRIVE_INPUTS_INDEX : 0;
+  return bits;
 }
 
 static bool has_reached(const cia402_t *drive, const axis_t *axis) {

@@ -45,8 +45,9 @@ void bus_drive_sample(const bus_drive_t *drive, axis_inputs_t *inputs) {
    * reason again. */
   const bool fails = feedback.reason != DRIVE402_NONE && drive->was_enabled != 0;
   const bool limits = feedback.limit != 0 || feedback.saturated != 0;
-  inputs->drive = (uint8_t)(AXIS_DRIVE_FITTED | ((feedback.on != 0) ? AXIS_DRIVE_ON : 0) |
-                            (fails ? AXIS_DRIVE_FAULT : 0) | (limits ? AXIS_DRIVE_LIMIT : 0));
+  inputs->drive =
+      (uint8_t)(AXIS_DRIVE_REPORT_FITTED | ((feedback.on != 0) ? AXIS_DRIVE_REPORT_ON : 0) |
+                (fails ? AXIS_DRIVE_REPORT_FAULT : 0) | (limits ? AXIS_DRIVE_REPORT_LIMIT : 0));
 }
 
 void bus_drive_act(bus_drive_t *drive, const axis_outputs_t *outputs) {

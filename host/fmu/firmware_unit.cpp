@@ -25,9 +25,10 @@ double top_of(std::size_t input) { return input == kAdc0 || input == kAdc1 ? 655
 
 // The bit of `din` that an input sets; 0 for an input that is no bit.
 std::uint8_t din_bit(std::size_t input) {
-  constexpr std::uint8_t kSwitches[] = {AXIS_DIN_LIMIT_POS, AXIS_DIN_LIMIT_NEG, AXIS_DIN_INDEX,
-                                        AXIS_DIN_HOME};
-  if (input == kEnable) return AXIS_DIN_ENABLE;
+  constexpr std::uint8_t kSwitches[] = {AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE,
+                                        AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE,
+                                        AXIS_DIGITAL_INPUTS_INDEX, AXIS_DIGITAL_INPUTS_HOME};
+  if (input == kEnable) return AXIS_DIGITAL_INPUTS_ENABLE;
   return input >= kLimitPos && input <= kHome ? kSwitches[input - kLimitPos] : 0;
 }
 

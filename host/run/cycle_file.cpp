@@ -513,11 +513,12 @@ class Reader {
   }
 
   std::int32_t read_inputs(Section &section) {
-    static const std::pair<const char *, int> kInputs[] = {{"enable", AXIS_DIN_ENABLE},
-                                                           {"limit_pos", AXIS_DIN_LIMIT_POS},
-                                                           {"limit_neg", AXIS_DIN_LIMIT_NEG},
-                                                           {"index", AXIS_DIN_INDEX},
-                                                           {"home", AXIS_DIN_HOME}};
+    static const std::pair<const char *, int> kInputs[] = {
+        {"enable", AXIS_DIGITAL_INPUTS_ENABLE},
+        {"limit_pos", AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE},
+        {"limit_neg", AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE},
+        {"index", AXIS_DIGITAL_INPUTS_INDEX},
+        {"home", AXIS_DIGITAL_INPUTS_HOME}};
     std::int32_t mask = 0;
     for (const std::string &text : texts(section, "inputs")) {
       const auto found = std::find_if(std::begin(kInputs), std::end(kInputs),

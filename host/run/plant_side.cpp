@@ -15,11 +15,13 @@ namespace {
 
 constexpr std::size_t kListedEvents = 100000;
 constexpr double kNoLimit_N = std::numeric_limits<double>::infinity();
-static_assert(sim::kLimitPos == int{AXIS_DIN_LIMIT_POS} &&
-              sim::kLimitNeg == int{AXIS_DIN_LIMIT_NEG} && sim::kIndex == int{AXIS_DIN_INDEX} &&
-              sim::kHome == int{AXIS_DIN_HOME});
-static_assert(sim::kDriveFitted == int{AXIS_DRIVE_FITTED} && sim::kDriveOn == int{AXIS_DRIVE_ON} &&
-              sim::kDriveFault == int{AXIS_DRIVE_FAULT});
+static_assert(sim::kLimitPos == int{AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE} &&
+              sim::kLimitNeg == int{AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE} &&
+              sim::kIndex == int{AXIS_DIGITAL_INPUTS_INDEX} &&
+              sim::kHome == int{AXIS_DIGITAL_INPUTS_HOME});
+static_assert(sim::kDriveFitted == int{AXIS_DRIVE_REPORT_FITTED} &&
+              sim::kDriveOn == int{AXIS_DRIVE_REPORT_ON} &&
+              sim::kDriveFault == int{AXIS_DRIVE_REPORT_FAULT});
 }  // namespace
 
 PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
@@ -33,7 +35,7 @@ PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
   expect_evaluable(experiment);
   in_.sensor_valid = 1;
   in_.axis = 1;
-  static_assert(kEnabled == int{AXIS_DIN_ENABLE});
+  static_assert(kEnabled == int{AXIS_DIGITAL_INPUTS_ENABLE});
   static_assert(kNoFault == AXIS_FAULT_NONE);
   const std::vector<std::string> &names = plant_.signal_names();
   if (options.trace) {

@@ -105,7 +105,7 @@ class PlantSide {
 
   // Number of ticks between two calls of the function options.stop.
   static constexpr std::int64_t kTicksBetweenAsking = 1024;
-  static constexpr std::uint8_t kEnabled = 1;   // AXIS_DIN_ENABLE
+  static constexpr std::uint8_t kEnabled = 1;   // AXIS_DIGITAL_INPUTS_ENABLE
   static constexpr std::uint8_t kNoFault = 0;   // AXIS_FAULT_NONE
   static constexpr std::uint8_t kOldest = 255;  // largest age in LinkInputs
 

@@ -378,7 +378,7 @@ class Axis {
 
   Random &random_;
   std::unique_ptr<fw_t> firmware_;
-  axis_inputs_t inputs_{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+  axis_inputs_t inputs_{0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
   axis_outputs_t outputs_{};
   double place_ = 0;
   Failure failure_ = kHealthy;

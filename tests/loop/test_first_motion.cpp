@@ -111,7 +111,7 @@ class Bench {
 
   std::function<void(SensorCodes &)> alter;
   int offset = 0;  // of the amplifier, in codes
-  uint8_t din = AXIS_DIN_ENABLE;
+  uint8_t din = AXIS_DIGITAL_INPUTS_ENABLE;
 
  private:
   fw_t fw_ = poisoned<fw_t>();
@@ -364,7 +364,7 @@ TEST(FirstMotion, AtALimitItGoesTheOtherWay) {
   for (const int latency : {0, 1}) {
     Bench negative("laboratory.toml");
     negative.Set(AXIS_OBJ_LATENCY_TICKS, latency);
-    negative.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_NEG;
+    negative.din = AXIS_DIGITAL_INPUTS_ENABLE | AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE;
     negative.Enable();
     negative.RunTest();
     EXPECT_TRUE(negative.Passed()) << negative.Get(AXIS_OBJ_FAULT);
@@ -372,7 +372,7 @@ TEST(FirstMotion, AtALimitItGoesTheOtherWay) {
 
     Bench positive("laboratory.toml");
     positive.Set(AXIS_OBJ_LATENCY_TICKS, latency);
-    positive.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS;
+    positive.din = AXIS_DIGITAL_INPUTS_ENABLE | AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE;
     positive.Enable();
     positive.RunTest();
     EXPECT_TRUE(positive.Passed()) << positive.Get(AXIS_OBJ_FAULT);
@@ -389,7 +389,7 @@ TEST(FirstMotion, AtALimitItGoesTheOtherWay) {
     // A reversed encoder is found this way round, too.
     Bench reversed("laboratory.toml", {{"encoder_scale", -157480.3}});
     reversed.Set(AXIS_OBJ_LATENCY_TICKS, latency);
-    reversed.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_NEG;
+    reversed.din = AXIS_DIGITAL_INPUTS_ENABLE | AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE;
     reversed.Enable();
     reversed.RunTest();
     EXPECT_EQ(reversed.Get(AXIS_OBJ_FAULT), AXIS_FAULT_ENCODER_REVERSED);

@@ -8,7 +8,7 @@ namespace {
 
 struct Axis {
   fw_t fw{};
-  axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+  axis_inputs_t inputs{0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
   uint8_t recorder[FW_RECORDER_BYTES]{};
   uint32_t programs[FW_PROGRAM_BYTES / sizeof(uint32_t)]{};
   cycle_part_t results[FW_RESULTS]{};

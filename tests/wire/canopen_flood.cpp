@@ -91,7 +91,7 @@ class Flood {
     config.buses = 1;
     fw_init(&fw_, &config);
     inputs_.sensor_valid = 1;
-    inputs_.din = AXIS_DIN_ENABLE;
+    inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
     LogValues();
     LogState();
     EnableServers();
@@ -679,7 +679,7 @@ class Flood {
       }
       Tick();
       inputs_.sensor_valid = 1;
-      inputs_.din = AXIS_DIN_ENABLE;
+      inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
       if (!lazy_) Drain();
       stopped = IsEnabled() ? 0 : stopped + 1;
     }

@@ -68,7 +68,7 @@ int main(int argc, char **argv) {
     config.memory = &store.memory;
   }
   fw_t *axis = axis_host_create_with(&config);
-  axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+  axis_inputs_t inputs{0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
   axis_outputs_t outputs;
   std::puts("ready");
   std::fflush(stdout);

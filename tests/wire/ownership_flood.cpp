@@ -159,7 +159,7 @@ class Flood {
     config.buses = 1;
     fw_init(&fw_, &config);
     inputs_.sensor_valid = 1;
-    inputs_.din = AXIS_DIN_ENABLE;
+    inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
     SetUp();
   }
 
@@ -360,7 +360,7 @@ class Flood {
           oracle_.may_move = false;
           Tick();
           inputs_.sensor_valid = 1;
-          inputs_.din = AXIS_DIN_ENABLE;
+          inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
         }
         break;
       case 8:
@@ -508,9 +508,9 @@ class Flood {
   void Step() {
     inputs_.encoder_cnt = scene_.Encoder();
     inputs_.adc_code[0] = scene_.Reading();
-    const int ends = (inputs_.encoder_cnt >= switch_pos_ ? AXIS_DIN_LIMIT_POS : 0) |
-                     (inputs_.encoder_cnt <= switch_neg_ ? AXIS_DIN_LIMIT_NEG : 0);
-    inputs_.din = static_cast<uint8_t>((inputs_.din & AXIS_DIN_ENABLE) | ends);
+    const int ends = (inputs_.encoder_cnt >= switch_pos_ ? AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE : 0) |
+                     (inputs_.encoder_cnt <= switch_neg_ ? AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE : 0);
+    inputs_.din = static_cast<uint8_t>((inputs_.din & AXIS_DIGITAL_INPUTS_ENABLE) | ends);
     rules_.Before(fw_);
     fw_tick(&fw_, &inputs_, &outputs_);
     ++ticks_;

@@ -195,7 +195,7 @@ class PressOracle {
     if (now_.fault != 0 && !slows && !late && !off) return Said("the amplifier with a fault", 1, 0);
     const int force = std::abs(CodeOracle::Reading(then.code, in));
     const bool too_large = then.force_max != 0 && force > then.force_max;
-    const bool no_chain = (in.din & AXIS_DIN_ENABLE) == 0;
+    const bool no_chain = (in.din & AXIS_DIGITAL_INPUTS_ENABLE) == 0;
     if ((in.sensor_valid == 0 || no_chain || too_large) && !off) {
       return Said("the amplifier in the tick of a fault", 1, 0);
     }

@@ -55,6 +55,9 @@ def enum_constants(table):
             written = o["access"] != "ro"
             bounds = [(f"{prefix}_LEAST", o["min"]), (f"{prefix}_GREATEST", o["max"])]
             yield [*named, *(bounds if written else [])]
+        if o["bits"]:
+            masks = dict.fromkeys((f"{prefix}_{key.upper()}", 1 << n) for n, key, *_ in o["bits"])
+            yield list(masks)
     for kind, bits in (("COIL", table.coils), ("DISCRETE", table.discretes)):
         if bits:
             yield [(f"AXIS_{kind}_{bit['name'].upper()}", bit["address"]) for bit in bits] + [
@@ -318,6 +321,23 @@ def generate_meta(table):
             f'{int(o["stored"])}, "{title(o, i)}", {int(o["node_id"])}, {int(o["mappable"])}, '
             f'"{o["quantity"]}", "{o["in_cycle"]}"}},\n'
         )
+    bits = [(number, *bit) for number, _, o, _ in objects for bit in o["bits"]]
+    out.append(
+        "};\n\n"
+        "/* Bits of the objects whose value is a set of bits. */\n"
+        "typedef struct {\n"
+        "  uint16_t object;\n"
+        "  uint8_t bit;\n"
+        "  const char *key;   /* snake case */\n"
+        "  const char *text;\n"
+        "  uint32_t modes;    /* modes of operation with this meaning, as bits: mode + 16; 0: all */\n"
+        "} axis_object_bit_t;\n\n"
+        f"#define AXIS_OBJECT_BITS_COUNT {len(bits)}\n"
+        "static const axis_object_bit_t axis_object_bits[AXIS_OBJECT_BITS_COUNT] = {\n"
+    )
+    for number, bit, key, text, modes in bits:
+        mask = sum(1 << (mode + 16) for mode in modes)
+        out.append(f'    {{{number}, {bit}, "{key}", "{text}", UINT32_C({mask})}},\n')
     named = [(number, *named) for number, _, o, _ in objects for named in o["values"]]
     out.append(
         "};\n\n"

@@ -45,6 +45,7 @@ KEYS = {
     "enum_of": str,
     "values": list,
     "values_of": str,
+    "bits": list,
     "count": int,
     "defaults": list,
     "index": int,
@@ -176,6 +177,7 @@ def check_object(raw, position, known):
     if o["stored"] and o["kind"] != "parameter":
         fail(label, "stored", f"expected false for a {o['kind']}")
     check_texts(label, o, raw, known)
+    check_bits_of_value(label, o, raw)
     check_range(label, o, raw, known)
     check_addresses(label, o)
     if refusal := meaning.set_mappable(o, raw.get("mappable", True)):
@@ -237,6 +239,38 @@ def check_texts(label, o, raw, known):
         or any(len({v[k] for v in values}) != len(values) for k in (0, 1))
     ):
         fail(label, "values", "expected a list of different [number, snake case text]")
+
+
+def check_bits_of_value(label, o, raw):
+    """bits: those of a value that is a set of bits, each [number, key, text], and the modes of
+    operation in which the bit has this meaning if that is not so in all. Their texts end the
+    meaning of the object."""
+    width = 8 * TYPES[o["type"]][0]
+    bits = o.setdefault("bits", [])
+    if "bits" in raw and not bits:
+        fail(label, "bits", "expected a list of [number, snake case key, text]")
+    found = []
+    for bit in bits:
+        if not (
+            isinstance(bit, list)
+            and len(bit) in (3, 4)
+            and type(bit[0]) is int
+            and 0 <= bit[0] < width
+            and all(isinstance(t, str) for t in bit[1:3])
+            and NAME.fullmatch(bit[1])
+            and all(type(mode) is int and -16 <= mode < 16 for mode in (bit[3:] or [[]])[0])
+        ):
+            fail(label, "bits", f"expected [0 to {width - 1}, snake case key, text], got {bit!r}")
+        found.append((*bit[:3], tuple((bit[3:] or [[]])[0])))
+    if len({key for _, key, *_ in found}) != len(found):
+        fail(label, "bits", "expected different keys")
+    o["bits"] = found
+    texts = (
+        f"{number} {text}" + (f" (modes {', '.join(map(str, of))})" if of else "")
+        for number, _, text, of in found
+    )
+    if found:
+        o["meaning"] += ": bit " + ", bit ".join(texts)
 
 
 def range_of_names(o, known):

@@ -742,6 +742,21 @@ enum {
 };
 
 enum {
+  AXIS_DIGITAL_INPUTS_ENABLE = 1,
+  AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE = 2,
+  AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE = 4,
+  AXIS_DIGITAL_INPUTS_INDEX = 8,
+  AXIS_DIGITAL_INPUTS_HOME = 16
+};
+
+enum {
+  AXIS_DRIVE_REPORT_FITTED = 1,
+  AXIS_DRIVE_REPORT_ON = 2,
+  AXIS_DRIVE_REPORT_FAULT = 4,
+  AXIS_DRIVE_REPORT_LIMIT = 8
+};
+
+enum {
   AXIS_BANK_STATE_EMPTY = 0,
   AXIS_BANK_STATE_VALID = 1,
   AXIS_BANK_STATE_WRONG_CRC = 2,
@@ -783,6 +798,29 @@ enum {
   AXIS_RECORDER_STATE_RECORDING = 2,
   AXIS_RECORDER_STATE_DONE = 3,
   AXIS_RECORDER_STATE_COUNT = 4
+};
+
+enum {
+  AXIS_STATUSWORD_READY = 1,
+  AXIS_STATUSWORD_SWITCHED_ON = 2,
+  AXIS_STATUSWORD_ENABLED = 4,
+  AXIS_STATUSWORD_FAULT = 8,
+  AXIS_STATUSWORD_VOLTAGE = 16,
+  AXIS_STATUSWORD_NO_QUICK_STOP = 32,
+  AXIS_STATUSWORD_SWITCH_ON_DISABLED = 64,
+  AXIS_STATUSWORD_WARNING = 128,
+  AXIS_STATUSWORD_REMOTE = 512,
+  AXIS_STATUSWORD_REACHED = 1024,
+  AXIS_STATUSWORD_LIMIT = 2048,
+  AXIS_STATUSWORD_ACKNOWLEDGED = 4096,
+  AXIS_STATUSWORD_SPEED_ZERO = 4096,
+  AXIS_STATUSWORD_ATTAINED = 4096,
+  AXIS_STATUSWORD_FOLLOWS = 4096,
+  AXIS_STATUSWORD_CYCLE_DONE = 4096,
+  AXIS_STATUSWORD_FOLLOWING_ERROR = 8192,
+  AXIS_STATUSWORD_HOMING_ERROR = 8192,
+  AXIS_STATUSWORD_NOT_GOOD = 8192,
+  AXIS_STATUSWORD_STOPPED = 16384
 };
 
 enum {
@@ -869,6 +907,17 @@ enum {
 };
 
 enum {
+  AXIS_SUPPORTED_DRIVE_MODES_PROFILE_POSITION = 1,
+  AXIS_SUPPORTED_DRIVE_MODES_PROFILE_VELOCITY = 4,
+  AXIS_SUPPORTED_DRIVE_MODES_FORCE = 8,
+  AXIS_SUPPORTED_DRIVE_MODES_HOMING = 32,
+  AXIS_SUPPORTED_DRIVE_MODES_CYCLIC_POSITION = 128,
+  AXIS_SUPPORTED_DRIVE_MODES_CYCLIC_VELOCITY = 256,
+  AXIS_SUPPORTED_DRIVE_MODES_CYCLIC_FORCE = 512,
+  AXIS_SUPPORTED_DRIVE_MODES_MANUFACTURER = 65536
+};
+
+enum {
   AXIS_DRIVE_STATE_NOT_READY = 0,
   AXIS_DRIVE_STATE_SWITCH_ON_DISABLED = 1,
   AXIS_DRIVE_STATE_READY_TO_SWITCH_ON = 2,
@@ -887,6 +936,14 @@ enum {
   AXIS_STOPPED_BY_LCM = 3,
   AXIS_STOPPED_BY_PORT = 4,
   AXIS_STOPPED_BY_COUNT = 5
+};
+
+enum {
+  AXIS_DRIVE_INPUTS_LIMIT_NEGATIVE = 1,
+  AXIS_DRIVE_INPUTS_LIMIT_POSITIVE = 2,
+  AXIS_DRIVE_INPUTS_HOME = 4,
+  AXIS_DRIVE_INPUTS_ENABLE = 65536,
+  AXIS_DRIVE_INPUTS_INDEX = 131072
 };
 
 enum {
@@ -1019,6 +1076,14 @@ enum {
 };
 
 enum {
+  AXIS_ERROR_REGISTER_ANY = 1,
+  AXIS_ERROR_REGISTER_CURRENT = 2,
+  AXIS_ERROR_REGISTER_COMMUNICATION = 16,
+  AXIS_ERROR_REGISTER_PROFILE = 32,
+  AXIS_ERROR_REGISTER_MANUFACTURER = 128
+};
+
+enum {
   AXIS_NMT_STATE_INITIALISING = 0,
   AXIS_NMT_STATE_STOPPED = 4,
   AXIS_NMT_STATE_OPERATIONAL = 5,
@@ -1127,6 +1192,30 @@ enum {
 };
 
 enum {
+  AXIS_RESET_CAUSE_BROWN_OUT = 2,
+  AXIS_RESET_CAUSE_PIN = 4,
+  AXIS_RESET_CAUSE_POWER = 8,
+  AXIS_RESET_CAUSE_SOFTWARE = 16,
+  AXIS_RESET_CAUSE_WATCHDOG = 32,
+  AXIS_RESET_CAUSE_WINDOW = 64,
+  AXIS_RESET_CAUSE_LOW_POWER = 128
+};
+
+enum {
+  AXIS_BOARD_STATE_CLOCK_INTERNAL = 1,
+  AXIS_BOARD_STATE_OPTION_BYTES = 2,
+  AXIS_BOARD_STATE_IMAGE = 4,
+  AXIS_BOARD_STATE_RAM = 8,
+  AXIS_BOARD_STATE_SUPPLY = 16,
+  AXIS_BOARD_STATE_REFERENCE = 32,
+  AXIS_BOARD_STATE_DAC = 64,
+  AXIS_BOARD_STATE_ENABLE = 128,
+  AXIS_BOARD_STATE_TICK = 256,
+  AXIS_BOARD_STATE_TICK_UNKNOWN = 512,
+  AXIS_BOARD_STATE_CONVERTER = 1024
+};
+
+enum {
   AXIS_CAN_STATE_ACTIVE = 0,
   AXIS_CAN_STATE_PASSIVE = 1,
   AXIS_CAN_STATE_OFF = 2,
@@ -1193,6 +1282,17 @@ enum {
   AXIS_CYCLE_RESULT_VERDICT_NOT_REACHED = 6,
   AXIS_CYCLE_RESULT_VERDICT_ABORTED = 7,
   AXIS_CYCLE_RESULT_VERDICT_COUNT = 8
+};
+
+enum {
+  AXIS_CYCLE_BITS_READY = 1,
+  AXIS_CYCLE_BITS_BUSY = 2,
+  AXIS_CYCLE_BITS_GOOD = 4,
+  AXIS_CYCLE_BITS_BAD = 8,
+  AXIS_CYCLE_BITS_ABORTED = 16,
+  AXIS_CYCLE_BITS_WAITING = 32,
+  AXIS_CYCLE_BITS_LOCKED = 64,
+  AXIS_CYCLE_BITS_FULL = 128
 };
 
 enum {
@@ -1340,8 +1440,8 @@ typedef struct {
   uint8_t active_mode; /* native mode that was active in the latest tick [enum] */
   uint8_t fault; /* latched fault: the first fault since the last reset of a fault [enum] */
   uint8_t limit_reason; /* limit that bounded dac_code in the latest tick [enum] */
-  uint8_t digital_inputs; /* digital inputs as bits: bit 0 enable chain closed, bit 1 positive limit switch, bit 2 negative limit switch, bit 3 index pulse, bit 4 home switch [1] */
-  uint8_t drive_report; /* report of a drive with a control loop of its own, as bits: 1 fitted, 2 on, 4 fault, 8 limit; 0 with an amplifier for +-10 V [1] */
+  uint8_t digital_inputs; /* digital inputs: bit 0 enable chain closed, bit 1 positive limit switch, bit 2 negative limit switch, bit 3 index pulse, bit 4 home switch [1] */
+  uint8_t drive_report; /* report of a drive with a control loop of its own; 0 with an amplifier for +-10 V: bit 0 fitted, bit 1 on, bit 2 fault, bit 3 limit [1] */
 } axis_signals_t;
 
 typedef struct {
@@ -1491,7 +1591,7 @@ typedef struct {
 } drive_params_t;
 
 typedef struct {
-  uint32_t supported_drive_modes; /* supported modes of operation as bits: bit 0 pp, bit 2 pv, bit 3 tq, bit 5 hm, bit 7 csp, bit 8 csv, bit 9 cst, bit 16 manufacturer-specific modes [1] */
+  uint32_t supported_drive_modes; /* supported modes of operation: bit 0 pp, bit 2 pv, bit 3 tq, bit 5 hm, bit 7 csp, bit 8 csv, bit 9 cst, bit 16 manufacturer-specific modes [1] */
   int32_t position_demand; /* position demand of the trajectory in user units [count] */
   int32_t position_internal; /* encoder count of the axis [count] */
   int32_t position_actual; /* actual position in user units [count] */
@@ -1499,14 +1599,14 @@ typedef struct {
   int32_t velocity_sensor; /* velocity of the axis over one tick, without a filter [count/s] */
   int32_t velocity_demand; /* velocity demand of the trajectory [count/s] */
   int32_t velocity_actual; /* actual velocity of the axis, mean of the last 16 ticks [count/s] */
-  uint32_t drive_inputs; /* digital inputs as bits: bit 0 negative limit switch, bit 1 positive limit switch, bit 2 home switch, bit 16 enable chain, bit 17 index pulse [1] */
+  uint32_t drive_inputs; /* digital inputs in the order of CiA 402: bit 0 negative limit switch, bit 1 positive limit switch, bit 2 home switch, bit 16 enable chain, bit 17 index pulse [1] */
   int32_t excitation_value; /* value of the excitation in this tick: in DAC codes at the output of the force law, or in counts of the measured force at the force set-point [1/256 1] */
   int32_t force_peak; /* largest measured force since the start of force control [1/256 count] */
   int32_t force_ripple; /* force ripple: largest minus smallest measured force in the last 100 ms; 0 if force_ripple_max is 0 [1/256 count] */
   int32_t first_motion_moved; /* travel in encoder counts in the first motion test, from standstill to the position at which first_motion_code_reached was output [count] */
   int32_t first_motion_force; /* change of the measured force during the motion away from the start position in the first motion test [1/256 count] */
   uint32_t cycle_count; /* number of cycles that were started since power-up [1] */
-  uint16_t statusword; /* CiA 402 statusword [1] */
+  uint16_t statusword; /* CiA 402 statusword: bit 0 ready to switch on, bit 1 switched on, bit 2 operation enabled, bit 3 fault, bit 4 voltage, bit 5 no quick stop, bit 6 switch on disabled, bit 7 warning, bit 9 remote, bit 10 target reached, bit 11 internal limit, bit 12 set-point acknowledged (modes 1, -5), bit 12 speed zero (modes 3), bit 12 homing attained (modes 6), bit 12 follows command (modes 8, 9, 10, -6, -7, -8), bit 12 cycle done (modes -9), bit 13 following error (modes 1, 8, -5), bit 13 homing error (modes 6), bit 13 part not good or no cycle started (modes -9), bit 14 stopped by another source [1] */
   uint16_t error_code; /* CiA 402 error code of the latched fault; 0 without a latched fault [1] */
   int16_t force_demand; /* present set-point of the force law [per mille] */
   int16_t force_actual; /* measured contact force [per mille] */
@@ -1577,7 +1677,7 @@ typedef struct {
   uint32_t program_crc[2]; /* CRC-32 of the image that runs, and of the complete image in the other slot; 0 without such an image [1] */
   uint32_t program_flash_status; /* bit 0: a download is in progress; bits 1 to 7: error of the last download by CiA 302-3, which program_refusal names [1] */
   uint16_t sync_count; /* number of SYNC messages that were received [1] */
-  uint8_t error_register; /* error register as bits: bit 0 any error, bit 1 current, bit 4 communication, bit 5 profile, bit 7 manufacturer-specific [1] */
+  uint8_t error_register; /* error register: bit 0 any error, bit 1 current, bit 4 communication, bit 5 profile, bit 7 manufacturer-specific [1] */
   uint8_t nmt_state; /* NMT state of the CANopen node [1] */
 } canopen_signals_t;
 
@@ -1660,13 +1760,13 @@ typedef struct {
   uint16_t incident_error_code; /* value of error_code at the incident [1] */
   uint16_t incident_later; /* number of errors after the incident [1] */
   uint16_t drive_error_code; /* last error code that the drive on the second CAN bus has sent; 0 means none [1] */
-  uint16_t board_state; /* errors of the board as a sum of bits: 1 internal oscillator in use, 2 option bytes differ from those of the board (brown-out reset, write protection, start), 4 image damaged, 8 RAM failed, 16 supply voltage low, 32 ADC reference outside its band, 64 DAC output differs from its code, 128 pin amp_enable differs from its command, 256 tick length differs from the second clock, 512 tick length not compared yet, 1024 converter of the force without the expected identity and settings [1] */
+  uint16_t board_state; /* errors of the board: bit 0 internal oscillator in use, bit 1 option bytes differ from those of the board (brown-out reset, write protection, start), bit 2 image damaged, bit 3 RAM failed, bit 4 supply voltage low, bit 5 ADC reference outside its band, bit 6 DAC output differs from its code, bit 7 pin amp_enable differs from its command, bit 8 tick length differs from the second clock, bit 9 tick length not compared yet, bit 10 converter of the force without the expected identity and settings [1] */
   int16_t tick_deviation; /* relative change of the tick length since power-up, measured with a second clock [1/1000 1] */
   uint16_t flash_corrected; /* number of reads of the flash in which its error correction corrected a wrong bit, since the last reset of the processor; reads that follow one another within a tick count once; always 0 without an error correction [1] */
   uint16_t tick_time_max; /* longest time from the begin of a tick to its end since the last reset of the processor, measured by the board; 0 if the board does not measure it [us] */
   uint16_t tick_late_max; /* longest time from the moment at which a tick was due to its begin since the last reset of the processor, measured by the board; ticks that did not run are counted in overruns and do not count here [us] */
   uint16_t cycle_curve_points; /* number of points of the curve of the cycle that runs, or of the last one [1] */
-  uint16_t cycle_bits; /* state of the cycles in bits: 0 ready, 1 busy, 2 the last part is good, 3 bad, 4 aborted, 5 a result waits for its acknowledgement, 6 locked, 7 results full [1] */
+  uint16_t cycle_bits; /* state of the cycles: bit 0 ready, bit 1 busy, bit 2 the last part is good, bit 3 bad, bit 4 aborted, bit 5 a result waits for its acknowledgement, bit 6 locked, bit 7 results full [1] */
   uint16_t cycle_bad_in_row; /* number of parts in a row that are not good [1] */
   uint8_t store_state; /* result of the last action of the parameter store [enum] */
   uint8_t node_id; /* CANopen node id and Modbus unit id of the axis; 255 means no node id [1] */
@@ -1674,7 +1774,7 @@ typedef struct {
   uint8_t incident_fault; /* fault that caused the incident [enum] */
   uint8_t incident_stored; /* state of the incident that is kept over a power cut. This is the first incident after power-up, at most one incident in 24 hours [enum] */
   uint8_t drive_reason; /* first failure of the drive on the second CAN bus since its last reset [enum] */
-  uint8_t reset_cause; /* causes of the last reset of the processor as a sum of bits: 2 brown-out, 4 pin, 8 power-up, 16 software, 32 watchdog, 64 window watchdog, 128 low power; 0 means not known [1] */
+  uint8_t reset_cause; /* causes of the last reset of the processor; 0 means not known: bit 1 brown-out, bit 2 reset pin, bit 3 power-up, bit 4 software, bit 5 watchdog, bit 6 window watchdog, bit 7 low power [1] */
   uint8_t can_state; /* state of the CAN controller: active; passive, because many frames were not acknowledged or were damaged; off, because the controller has left the bus [enum] */
   uint8_t cycle_program_count; /* number of programs in the library [1] */
   uint8_t cycle_program_refusal; /* why the record of the last download was refused; busy: a cycle was running; no_room: the library is full; no_number: the number of the program is 0; wrong_zero: travel 0 is not defined rightly; wrong_header: the curve of compliance or the outputs to keep are wrong; locked: cycle_program_lock is on [enum] */

@@ -100,7 +100,7 @@ static void serve_host(uint8_t *record) {
 bool port_sample(axis_inputs_t *inputs) {
   uint8_t record[RECORD_BYTES];
   if (!has_host) {
-    *inputs = (axis_inputs_t){.din = AXIS_DIN_ENABLE, .sensor_valid = 1};
+    *inputs = (axis_inputs_t){.din = AXIS_DIGITAL_INPUTS_ENABLE, .sensor_valid = 1};
     return true;
   }
   serve_host(record);

@@ -243,7 +243,7 @@ static void send_drive(void) {
 bool port_sample(axis_inputs_t *inputs) {
   receive_all();
   /* The emergency stop acts on the drive (STO), so this process has no enable chain of its own. */
-  *inputs = (axis_inputs_t){.din = AXIS_DIN_ENABLE, .sensor_valid = has_force};
+  *inputs = (axis_inputs_t){.din = AXIS_DIGITAL_INPUTS_ENABLE, .sensor_valid = has_force};
   inputs->adc_code[0] = force_code;
   inputs->force_age = (uint8_t)force_age;
   bus_drive_sample(&drive, inputs);
@@ -253,7 +253,7 @@ bool port_sample(axis_inputs_t *inputs) {
 
 void port_sense(axis_inputs_t *inputs) {
   (void)inputs;
-  fw_board(port_firmware(), is_too_late ? FW_BOARD_TICK : 0, 0);
+  fw_board(port_firmware(), is_too_late ? AXIS_BOARD_STATE_TICK : 0, 0);
 }
 
 void port_act(const axis_outputs_t *outputs) {

@@ -9,8 +9,8 @@
  * A thread with real-time priority computes the ticks at absolute times of the monotonic clock. A
  * tick that is late by whole ticks is counted as an overrun of so many ticks. A tick that is late
  * by more than late_ticks_max ticks also disables an enabled axis with the fault of a wrong tick
- * (FW_BOARD_TICK). There is no watchdog but that of the drive: without the heartbeat of this
- * process, the drive stops by itself (1016h, 6007h). */
+ * (AXIS_BOARD_STATE_TICK). There is no watchdog but that of the drive: without the heartbeat of
+ * this process, the drive stops by itself (1016h, 6007h). */
 
 #include <stdbool.h>
 #include <stdint.h>

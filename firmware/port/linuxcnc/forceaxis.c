@@ -200,13 +200,15 @@ static axis_inputs_t read_inputs(void) {
       .encoder_cnt = *pins->encoder_count,
       .position_age = age(*pins->position_age),
       .force_age = age(*pins->force_age),
-      .din = (uint8_t)(bit(*pins->enable, AXIS_DIN_ENABLE) |
-                       bit(*pins->limit_pos, AXIS_DIN_LIMIT_POS) |
-                       bit(*pins->limit_neg, AXIS_DIN_LIMIT_NEG) |
-                       bit(*pins->index, AXIS_DIN_INDEX) | bit(*pins->home, AXIS_DIN_HOME)),
-      .drive = (uint8_t)(bit(*pins->drive_on, AXIS_DRIVE_ON) |
-                         bit(*pins->drive_fault, AXIS_DRIVE_FAULT) |
-                         bit(*pins->drive_limit, AXIS_DRIVE_LIMIT) | AXIS_DRIVE_FITTED),
+      .din = (uint8_t)(bit(*pins->enable, AXIS_DIGITAL_INPUTS_ENABLE) |
+                       bit(*pins->limit_pos, AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE) |
+                       bit(*pins->limit_neg, AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE) |
+                       bit(*pins->index, AXIS_DIGITAL_INPUTS_INDEX) |
+                       bit(*pins->home, AXIS_DIGITAL_INPUTS_HOME)),
+      .drive =
+          (uint8_t)(bit(*pins->drive_on, AXIS_DRIVE_REPORT_ON) |
+                    bit(*pins->drive_fault, AXIS_DRIVE_REPORT_FAULT) |
+                    bit(*pins->drive_limit, AXIS_DRIVE_REPORT_LIMIT) | AXIS_DRIVE_REPORT_FITTED),
   };
   if (!*pins->drive_fitted) {
     now.drive = 0;
@@ -253,7 +255,7 @@ static void update(void *unused, long period_ns) {
   axis_outputs_t outputs_now;
   write_objects();
   fw_prepare(&firmware);
-  fw_board(&firmware, is_timely ? 0 : FW_BOARD_TICK, 0);
+  fw_board(&firmware, is_timely ? 0 : AXIS_BOARD_STATE_TICK, 0);
   fw_control(&firmware, &now, &outputs_now);
   set_outputs(&outputs_now);
   was_enabled = outputs_now.amp_enable != 0;

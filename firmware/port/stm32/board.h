@@ -59,7 +59,8 @@ void pins_write_digital(uint8_t levels);
 /* returns true if the pin amp_enable has the level that was output */
 bool pins_enable_is_right(void);
 void index_interrupt(void);
-/* returns a set of AXIS_DIN_; AXIS_DIN_INDEX: an index pulse occurred since the last call */
+/* returns a set of AXIS_DIGITAL_INPUTS_; AXIS_DIGITAL_INPUTS_INDEX: an index pulse occurred since
+ * the last call */
 uint8_t pins_din(void);
 /* returns the node id that the straps select; 0: no strap is connected */
 uint8_t pins_node_id(void);
@@ -90,7 +91,7 @@ bool adc_read_one(uint16_t *code);
 
 /* monitor.c: measures pin PA4 and the internal reference alternately, one of them after each tick.
  * monitor_start() gets the DAC code that is output from now on. monitor_state() returns the
- * detected errors as FW_BOARD_ bits. */
+ * detected errors as AXIS_BOARD_STATE_ bits. */
 void monitor_init(void);
 void monitor_start(int16_t code);
 void monitor_look(void);
@@ -101,7 +102,7 @@ uint16_t monitor_state(void);
 void second_clock_start(void);
 void second_clock_tick(void);
 int16_t second_clock_permille(void); /* returns the excess of the tick length in 1/1000 */
-uint16_t second_clock_state(void);   /* FW_BOARD_ bits */
+uint16_t second_clock_state(void);   /* AXIS_BOARD_STATE_ bits */
 
 /* supply.c */
 void supply_init(void);
@@ -182,8 +183,8 @@ _Noreturn void board_restart(void);
 void watchdog_start(void); /* starts the watchdog with its longest time */
 void watchdog_arm(void);   /* sets the time to 20 ms */
 
-/* clock.c or emulated/io.c: returns the causes of the last reset, a set of FW_RESET_; call it
- * once. */
+/* clock.c or emulated/io.c: returns the causes of the last reset, a set of AXIS_RESET_CAUSE_; call
+ * it once. */
 uint8_t reset_cause(void);
 
 /* io.c, or emulated/io.c */

@@ -69,10 +69,10 @@ __attribute__((naked)) void board_fail(void) {
  * arbitrary: only before a reset by software can data of a fault have been saved. A reset after a
  * command is no cause to report. */
 const fw_core_fault_t *board_fault_before(uint8_t *reset_cause) {
-  const bool is_software = (*reset_cause & FW_RESET_SOFTWARE) != 0;
+  const bool is_software = (*reset_cause & AXIS_RESET_CAUSE_SOFTWARE) != 0;
   const bool is_kept = kept.magic == KEPT_MAGIC && is_software;
   if (kept.magic == RESTART_MAGIC && is_software) {
-    *reset_cause = (uint8_t)(*reset_cause & ~FW_RESET_SOFTWARE);
+    *reset_cause = (uint8_t)(*reset_cause & ~AXIS_RESET_CAUSE_SOFTWARE);
   }
   kept.magic = 0;
   return is_kept ? &kept.words : NULL;

@@ -5,7 +5,7 @@
 #include "firmware/port/stm32/board.h"
 
 static bool clock_is_right;
-static uint16_t found;   /* errors found at power-up, FW_BOARD_ bits */
+static uint16_t found;   /* errors found at power-up, AXIS_BOARD_STATE_ bits */
 static int16_t dac_code; /* present code of the DAC */
 static bool is_captured; /* the encoder count of this tick was captured */
 
@@ -19,9 +19,10 @@ void io_init(void) {
   second_clock_start();
   clock_is_right = clock_start();
   pins_read_options();
-  found = (uint16_t)((clock_is_external() ? 0 : FW_BOARD_CLOCK_INTERNAL) |
-                     (option_bytes_are_right() ? 0 : FW_BOARD_OPTION_BYTES) |
-                     (image_is_whole() ? 0 : FW_BOARD_IMAGE) | (ram_is_right() ? 0 : FW_BOARD_RAM));
+  found = (uint16_t)((clock_is_external() ? 0 : AXIS_BOARD_STATE_CLOCK_INTERNAL) |
+                     (option_bytes_are_right() ? 0 : AXIS_BOARD_STATE_OPTION_BYTES) |
+                     (image_is_whole() ? 0 : AXIS_BOARD_STATE_IMAGE) |
+                     (ram_is_right() ? 0 : AXIS_BOARD_STATE_RAM));
   encoder_init();
   adc_init();
   if (clock_is_right) {
@@ -34,7 +35,7 @@ void io_start(void) {
   const device_params_t *params = &port_firmware()->device;
   drive_bus_start(params);
   if (!spi_force_start(params)) {
-    found |= FW_BOARD_CONVERTER;
+    found |= AXIS_BOARD_STATE_CONVERTER;
   }
   adc_start_one(false); /* nobody reads it: the first conversion after a rest may be wrong */
 }
@@ -75,14 +76,14 @@ bool port_sample(axis_inputs_t *inputs) {
   return true;
 }
 
-/* Returns the errors of the board that this tick detects, as FW_BOARD_ bits. */
+/* Returns the errors of the board that this tick detects, as AXIS_BOARD_STATE_ bits. */
 static uint16_t board_state(void) {
   supply_look();
   second_clock_tick();
   port_firmware()->device_signals.flash_corrected = flash_corrected();
   const bool is_enable_wrong = !pins_enable_is_right();
-  return (uint16_t)(found | (supply_is_low() ? FW_BOARD_SUPPLY : 0) | monitor_state() |
-                    (is_enable_wrong ? FW_BOARD_ENABLE : 0) |
+  return (uint16_t)(found | (supply_is_low() ? AXIS_BOARD_STATE_SUPPLY : 0) | monitor_state() |
+                    (is_enable_wrong ? AXIS_BOARD_STATE_ENABLE : 0) |
                     (clock_is_right ? second_clock_state() : 0));
 }
 

@@ -77,6 +77,6 @@ void monitor_look(void) {
 }
 
 uint16_t monitor_state(void) {
-  return (uint16_t)(((dac_wrong >= IN_A_ROW) ? FW_BOARD_DAC : 0) |
-                    ((reference_wrong >= IN_A_ROW) ? FW_BOARD_REFERENCE : 0));
+  return (uint16_t)(((dac_wrong >= IN_A_ROW) ? AXIS_BOARD_STATE_DAC : 0) |
+                    ((reference_wrong >= IN_A_ROW) ? AXIS_BOARD_STATE_REFERENCE : 0));
 }

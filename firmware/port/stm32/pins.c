@@ -139,11 +139,11 @@ void pins_read_options(void) { is_dynamic = (GPIOC->IDR & BIT(STRAP_DYNAMIC)) ==
 
 uint8_t pins_din(void) {
   const uint32_t levels = GPIOC->IDR;
-  return (uint8_t)((((levels & BIT(ENABLE)) != 0) ? AXIS_DIN_ENABLE : 0) |
-                   (((levels & BIT(LIMIT_POS)) == 0) ? AXIS_DIN_LIMIT_POS : 0) |
-                   (((levels & BIT(LIMIT_NEG)) == 0) ? AXIS_DIN_LIMIT_NEG : 0) |
-                   (((levels & BIT(HOME)) != 0) ? AXIS_DIN_HOME : 0) |
-                   (index_was_seen() ? AXIS_DIN_INDEX : 0));
+  return (uint8_t)((((levels & BIT(ENABLE)) != 0) ? AXIS_DIGITAL_INPUTS_ENABLE : 0) |
+                   (((levels & BIT(LIMIT_POS)) == 0) ? AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE : 0) |
+                   (((levels & BIT(LIMIT_NEG)) == 0) ? AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE : 0) |
+                   (((levels & BIT(HOME)) != 0) ? AXIS_DIGITAL_INPUTS_HOME : 0) |
+                   (index_was_seen() ? AXIS_DIGITAL_INPUTS_INDEX : 0));
 }
 
 uint8_t pins_node_id(void) {

@@ -124,11 +124,11 @@ void second_clock_tick(void) {
 
 int16_t second_clock_permille(void) { return permille; }
 
-/* Returns the result of the comparison as FW_BOARD_ bits. A missing slow oscillator is an error,
- * because the watchdog needs the same oscillator. */
+/* Returns the result of the comparison as AXIS_BOARD_STATE_ bits. A missing slow oscillator is an
+ * error, because the watchdog needs the same oscillator. */
 uint16_t second_clock_state(void) {
   if (cycles == 0 || permille > PERMILLE_MAX || permille < -PERMILLE_MAX) {
-    return FW_BOARD_TICK;
+    return AXIS_BOARD_STATE_TICK;
   }
-  return is_compared ? 0 : FW_BOARD_TICK_UNKNOWN;
+  return is_compared ? 0 : AXIS_BOARD_STATE_TICK_UNKNOWN;
 }

@@ -112,9 +112,9 @@ bool clock_start(void) {
 bool clock_is_external(void) { return is_external; }
 
 /* Returns the causes of the last reset and clears their flags, which otherwise remain over further
- * resets. The upper byte of the register has the bits of FW_RESET_, except for two: bit 25 is the
- * load of the option bytes, which is no cause of its own, and bit 27 is a power-up as well as a
- * brown-out. */
+ * resets. The upper byte of the register has the bits of AXIS_RESET_CAUSE_, except for two: bit 25
+ * is the load of the option bytes, which is no cause of its own, and bit 27 is a power-up as well
+ * as a brown-out. */
 uint8_t reset_cause(void) {
   const uint8_t cause = (uint8_t)(RCC->CSR >> 24);
   RCC->CSR |= RCC_CSR_RMVF;

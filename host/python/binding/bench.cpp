@@ -103,7 +103,7 @@ class BenchCase {
             throw std::runtime_error("the firmware refuses an object of " +
                                      experiment_.file.string());
         axis_inputs_t in{};
-        in.din = AXIS_DIN_ENABLE;
+        in.din = AXIS_DIGITAL_INPUTS_ENABLE;
         in.sensor_valid = 1;
         axis_outputs_t out{};
         for (std::size_t k = 0;; ++k) {

@@ -116,7 +116,7 @@ class Excited {
       const forceaxis::sim::SensorCodes sensed = plant_->codes();
       const axis_inputs_t in{sensed.encoder,
                              {sensed.adc[0], sensed.adc[1]},
-                             AXIS_DIN_ENABLE,
+                             AXIS_DIGITAL_INPUTS_ENABLE,
                              1,
                              0,
                              sensed.encoder_age,

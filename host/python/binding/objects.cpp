@@ -31,6 +31,19 @@ py::tuple value_texts(const axis_object_meta_t &meta) {
   return py::tuple(texts);
 }
 
+// (bit, key, text, modes of operation) of an object whose value is a set of bits.
+py::tuple bits_of(const axis_object_meta_t &meta) {
+  py::list found;
+  for (const axis_object_bit_t &bit : axis_object_bits) {
+    if (bit.object != meta.object) continue;
+    py::list modes;
+    for (int mode = -16; mode < 16; ++mode)
+      if ((bit.modes >> (mode + 16) & 1U) != 0) modes.append(mode);
+    found.append(py::make_tuple(bit.bit, bit.key, bit.text, py::tuple(modes)));
+  }
+  return py::tuple(found);
+}
+
 py::list objects() {
   using namespace py::literals;
   py::list found;
@@ -43,7 +56,7 @@ py::list objects() {
         "index"_a = meta.index, "sub"_a = meta.sub, "modbus"_a = meta.modbus,
         "stored"_a = meta.stored != 0, "title"_a = meta.title, "node_id"_a = meta.node_id != 0,
         "mappable"_a = meta.mappable, "quantity"_a = meta.quantity, "in_cycle"_a = meta.in_cycle,
-        "values"_a = value_texts(meta)));
+        "values"_a = value_texts(meta), "bits"_a = bits_of(meta)));
   }
   return found;
 }

@@ -130,6 +130,7 @@ class ObjectTable(TypedDict):
     quantity: str
     in_cycle: str
     values: tuple[tuple[int, str], ...]
+    bits: tuple[tuple[int, str, str, tuple[int, ...]], ...]
 
 class BitTable(TypedDict):
     """A coil or a discrete input of Modbus; for the fields see objects.AxisBit."""

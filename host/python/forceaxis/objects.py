@@ -7,6 +7,16 @@ from typing import NamedTuple
 from forceaxis import _core
 
 
+class ObjectBit(NamedTuple):
+    """One bit of an object whose value is a set of bits. `modes`: modes of operation in which the
+    bit has this meaning; empty for all."""
+
+    bit: int
+    key: str
+    text: str
+    modes: tuple[int, ...]
+
+
 @dataclass(frozen=True)
 class AxisObject:
     """One parameter, signal or command of the firmware. The engineering value is the raw value
@@ -39,6 +49,14 @@ class AxisObject:
     in_cycle: str
     # names of special raw values, for an object that is not an enumeration
     values: tuple[tuple[int, str], ...]
+    bits: tuple[ObjectBit, ...]  # of a value that is a set of bits
+
+    def bits_in(self, value: int, mode: int | None = None) -> list[ObjectBit]:
+        """Returns the known bits that are 1 in a raw value, in a mode of operation."""
+        return [
+            bit for bit in self.bits
+            if value >> bit.bit & 1 and (not bit.modes or mode in bit.modes)
+        ]  # fmt: skip
 
 
 class AxisBit(NamedTuple):
@@ -50,7 +68,10 @@ class AxisBit(NamedTuple):
 
 
 OBJECTS_HASH = _core.OBJECTS_HASH
-OBJECTS = tuple(AxisObject(**o) for o in _core.objects())
+OBJECTS = tuple(
+    AxisObject(**{**o, "bits": tuple(ObjectBit(*bit) for bit in o["bits"])})  # type: ignore[arg-type]
+    for o in _core.objects()
+)
 BY_NAME = {o.name: o for o in OBJECTS}
 COILS = tuple(AxisBit(**bit) for bit in _core.coils())
 DISCRETES = tuple(AxisBit(**bit) for bit in _core.discretes())
@@ -63,6 +84,13 @@ def certificate(bank_crc: int, adc_bits: int, force_scale: float) -> dict[str, i
     The caller appends the number of the bank to these names.
     """
     return _core.certificate(bank_crc, adc_bits, force_scale)
+
+
+def mask(name: str, *keys: str) -> int:
+    """Returns the bits of an object with these keys, such as mask("reset_cause", "pin"). Raises
+    KeyError for an unknown key."""
+    known = {bit.key: 1 << bit.bit for bit in BY_NAME[name].bits}
+    return sum({known[key] for key in keys})
 
 
 def default(name: str) -> float:

@@ -8,7 +8,7 @@ from drive_habits import BY_NAME, objects_of
 from fake_drive import DISABLED, FakeDrive, ticks
 from forceaxis.objects import BY_NAME as OBJECTS
 
-ON = 2  # bit of axis_inputs_t.drive, AXIS_DRIVE_ON
+ON = 2  # bit of axis_inputs_t.drive, AXIS_DRIVE_REPORT_ON
 GAP = 60  # count at which the drive is in contact
 
 

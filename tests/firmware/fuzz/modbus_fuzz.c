@@ -52,7 +52,7 @@ static uint16_t crc_of(const uint8_t *bytes, size_t count) {
 }
 
 static void tick(fw_t *fw, int ticks) {
-  const axis_inputs_t inputs = {0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+  const axis_inputs_t inputs = {0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
   axis_outputs_t outputs;
   for (int i = 0; i < ticks; i++) {
     fw_tick(fw, &inputs, &outputs);

@@ -37,7 +37,7 @@ static inline void node_init_as(node_t *node, uint8_t node_id) {
   };
   fw_init(&node->fw, &config);
   node->inputs.sensor_valid = 1;
-  node->inputs.din = AXIS_DIN_ENABLE;
+  node->inputs.din = AXIS_DIGITAL_INPUTS_ENABLE;
 }
 
 static inline void node_init(node_t *node) { node_init_as(node, NODE_ID); }

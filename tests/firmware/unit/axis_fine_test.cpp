@@ -124,20 +124,22 @@ TEST_F(AxisFine, ASwitchBlocksAlsoAFractionOfACode) {
   Set(AXIS_OBJ_FORCE_GAIN, 4096);
   for (const int sign : {1, -1}) {
     Set(AXIS_OBJ_FORCE_SETPOINT, 1000 + sign);
-    inputs_.din = AXIS_DIN_ENABLE;
+    inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
     TickForce(1000);
     EXPECT_EQ(Fine(), sign);
     EXPECT_EQ(outputs_.dac_code, 0);
-    const int toward = sign > 0 ? AXIS_DIN_LIMIT_POS : AXIS_DIN_LIMIT_NEG;
-    const int away = sign > 0 ? AXIS_DIN_LIMIT_NEG : AXIS_DIN_LIMIT_POS;
-    inputs_.din = static_cast<uint8_t>(AXIS_DIN_ENABLE | toward);
+    const int toward =
+        sign > 0 ? AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE : AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE;
+    const int away =
+        sign > 0 ? AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE : AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE;
+    inputs_.din = static_cast<uint8_t>(AXIS_DIGITAL_INPUTS_ENABLE | toward);
     Tick();
     EXPECT_EQ(Fine(), 0);
-    inputs_.din = static_cast<uint8_t>(AXIS_DIN_ENABLE | away);
+    inputs_.din = static_cast<uint8_t>(AXIS_DIGITAL_INPUTS_ENABLE | away);
     Tick();
     EXPECT_EQ(Fine(), sign);
   }
-  inputs_.din = AXIS_DIN_ENABLE;
+  inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
   Set(AXIS_OBJ_FORCE_SETPOINT, 1001);
   Set(AXIS_OBJ_POSITION_MIN, -20);
   Set(AXIS_OBJ_POSITION_MAX, -10);
@@ -186,7 +188,7 @@ TEST_F(AxisFine, AFaultLeavesNoFraction) {
     TickForce(0);
     ASSERT_EQ(Fine(), 17);
     inputs_.sensor_valid = how == 0 ? 0 : 1;
-    inputs_.din = how == 1 ? 0 : AXIS_DIN_ENABLE;
+    inputs_.din = how == 1 ? 0 : AXIS_DIGITAL_INPUTS_ENABLE;
     if (how == 2) axis_fault(&fw_.axis, AXIS_FAULT_MAIN_LOOP_LOST);
     Tick();
     EXPECT_EQ(Fine(), 0) << how;
@@ -194,7 +196,7 @@ TEST_F(AxisFine, AFaultLeavesNoFraction) {
     EXPECT_EQ(outputs_.dac_code, 0);
     EXPECT_EQ(outputs_.amp_enable, 0);
     inputs_.sensor_valid = 1;
-    inputs_.din = AXIS_DIN_ENABLE;
+    inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
   }
 }
 

@@ -10,7 +10,8 @@
 
 namespace {
 
-constexpr uint8_t kFitted = AXIS_DRIVE_FITTED, kOn = AXIS_DRIVE_FITTED | AXIS_DRIVE_ON;
+constexpr uint8_t kFitted = AXIS_DRIVE_REPORT_FITTED,
+                  kOn = AXIS_DRIVE_REPORT_FITTED | AXIS_DRIVE_REPORT_ON;
 constexpr int kNativeModes[] = {AXIS_MODE_OPEN_LOOP, AXIS_MODE_POSITION, AXIS_MODE_FORCE,
                                 AXIS_MODE_EXCITATION};
 
@@ -18,7 +19,7 @@ class FittedDrive : public AxisFixture {
  protected:
   void Begin(int mode) {
     PowerUp();
-    inputs_ = {100, {10, 0}, AXIS_DIN_ENABLE, 1, kFitted, 0, 0};
+    inputs_ = {100, {10, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, kFitted, 0, 0};
     Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
     Set(AXIS_OBJ_OPEN_LOOP_CODE, 300);
     Set(AXIS_OBJ_EXCITATION_AMPLITUDE, 100);
@@ -113,7 +114,8 @@ TEST_F(FittedDrive, EveryFaultActsInItsTickInEveryModeWaitingOrNot) {
     bool while_waiting;
   } cases[] = {
       {AXIS_FAULT_DRIVE_LOST, [](axis_inputs_t &in) { in.drive = kFitted; }, false},
-      {AXIS_FAULT_DRIVE_FAULT, [](axis_inputs_t &in) { in.drive |= AXIS_DRIVE_FAULT; }, true},
+      {AXIS_FAULT_DRIVE_FAULT, [](axis_inputs_t &in) { in.drive |= AXIS_DRIVE_REPORT_FAULT; },
+       true},
       {AXIS_FAULT_POSITION_OLD, [](axis_inputs_t &in) { in.position_age = 16; }, false},
       {AXIS_FAULT_POSITION_OLD, [](axis_inputs_t &in) { in.position_age = 255; }, false},
       {AXIS_FAULT_FORCE_OLD, [](axis_inputs_t &in) { in.force_age = 16; }, false},
@@ -237,13 +239,13 @@ TEST_F(FittedDrive, AgesCountFromTheTickInWhichTheDriveIsOn) {
 
 TEST_F(FittedDrive, WhileTheAxisIsDisabledNothingIsLatched) {
   Begin(AXIS_MODE_DISABLED);
-  inputs_.drive = kFitted | AXIS_DRIVE_FAULT;
+  inputs_.drive = kFitted | AXIS_DRIVE_REPORT_FAULT;
   inputs_.position_age = inputs_.force_age = 255;
   for (int t = 0; t < 700; ++t) Tick();
   ExpectOff(AXIS_FAULT_NONE);
 }
 
-// Without AXIS_DRIVE_FITTED every other bit of the report has no meaning.
+// Without AXIS_DRIVE_REPORT_FITTED every other bit of the report has no meaning.
 TEST_F(FittedDrive, AnAmplifierForTenVoltsIgnoresEveryBit) {
   std::mt19937 random(3);
   for (const int mode : kNativeModes) {
@@ -266,7 +268,7 @@ TEST_F(FittedDrive, AnAmplifierForTenVoltsIgnoresEveryBit) {
 
 TEST_F(FittedDrive, ALimitOfTheDriveIsALimitReasonAndBoundsNoCode) {
   Begin(AXIS_MODE_OPEN_LOOP);
-  inputs_.drive = kOn | AXIS_DRIVE_LIMIT;
+  inputs_.drive = kOn | AXIS_DRIVE_REPORT_LIMIT;
   EXPECT_EQ(Tick(), 300);
   EXPECT_EQ(Read(AXIS_OBJ_LIMIT_REASON), AXIS_LIMIT_REASON_DRIVE_LIMIT);
   Set(AXIS_OBJ_OUTPUT_LIMIT, 200);

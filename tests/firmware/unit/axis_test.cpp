@@ -65,7 +65,7 @@ TEST_F(Axis, OpenLoopPutsOutItsCode) {
 TEST_F(Axis, SignalsComeFromTheInputs) {
   inputs_.adc_code[0] = 17;
   inputs_.adc_code[1] = 99;
-  inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_INDEX;
+  inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE | AXIS_DIGITAL_INPUTS_INDEX;
   TickPosition(-5);
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_RAW), 17);
   EXPECT_EQ(Read(AXIS_OBJ_FORCE), 17 * 256);
@@ -105,7 +105,7 @@ class Faults : public AxisFixture {
   // The fault stays, modes are refused, and a reset leaves the axis disabled.
   void ExpectLatched(int fault) {
     ExpectOff(fault);
-    inputs_ = {inputs_.encoder_cnt, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+    inputs_ = {inputs_.encoder_cnt, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
     for (int i = 0; i < 3; ++i) {
       Tick();
       ExpectOff(fault);
@@ -173,7 +173,8 @@ TEST_F(Faults, AdcRangeCurrent) {
 }
 
 TEST_F(Faults, LimitSwitches) {
-  inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS | AXIS_DIN_LIMIT_NEG;
+  inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE | AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE |
+                AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE;
   Tick();
   ExpectLatched(AXIS_FAULT_LIMIT_SWITCHES);
 }
@@ -279,10 +280,10 @@ TEST_F(Limits, NoSoftLimitAtTheEndsOfTheRange) {
 }
 
 TEST_F(Limits, LimitSwitchesBlockOneDirection) {
-  inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS;
+  inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE | AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE;
   Expect(10, 0, AXIS_LIMIT_REASON_LIMIT_SWITCH_POS);
   Expect(-10, -10, AXIS_LIMIT_REASON_NONE);
-  inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_NEG;
+  inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE | AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE;
   Expect(-10, 0, AXIS_LIMIT_REASON_LIMIT_SWITCH_NEG);
   Expect(10, 10, AXIS_LIMIT_REASON_NONE);
   Set(AXIS_OBJ_POSITION_MIN, 5);
@@ -319,7 +320,7 @@ class Latency : public AxisFixture {
   }
   // Rests at code 0, with open limit switches, then computes `asked`.
   void Compute(int asked) {
-    inputs_.din = AXIS_DIN_ENABLE;
+    inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
     Set(AXIS_OBJ_OPEN_LOOP_CODE, 0);
     for (int i = 0; i < 2; ++i) TickPosition(0);
     Set(AXIS_OBJ_OPEN_LOOP_CODE, asked);
@@ -351,14 +352,14 @@ TEST_F(Latency, OutputLimitActsAtOnce) {
 
 TEST_F(Latency, LimitSwitchActsAtOnce) {
   Compute(2047);
-  inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS;
+  inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE | AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE;
   ExpectOut(0, AXIS_LIMIT_REASON_LIMIT_SWITCH_POS);
-  inputs_.din = AXIS_DIN_ENABLE;
+  inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
   ExpectOut(2047, AXIS_LIMIT_REASON_NONE);
   Compute(-2048);
-  inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_NEG;
+  inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE | AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE;
   ExpectOut(0, AXIS_LIMIT_REASON_LIMIT_SWITCH_NEG);
-  inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS;
+  inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE | AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE;
   ExpectOut(-2048, AXIS_LIMIT_REASON_NONE);
 }
 
@@ -381,7 +382,7 @@ TEST_F(Latency, SoftLimitActsAtOnce) {
 // blocked, and the reason is that of the pending code, not of the computed one.
 TEST_F(Latency, TheReasonIsThatOfTheOutputCode) {
   Compute(500);
-  inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS;
+  inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE | AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE;
   Set(AXIS_OBJ_OPEN_LOOP_CODE, -500);
   ExpectOut(0, AXIS_LIMIT_REASON_LIMIT_SWITCH_POS);
   EXPECT_EQ(Read(AXIS_OBJ_COMMAND_CODE), -500);
@@ -670,7 +671,7 @@ TEST(State, FitsAndCopies) {
   axis_init(&one);
   one.params.mode = AXIS_MODE_OPEN_LOOP;
   one.params.open_loop_code = 300;
-  const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+  const axis_inputs_t inputs{0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
   axis_outputs_t a{};
   axis_outputs_t b{};
   axis_tick(&one, &inputs, &a);
@@ -689,7 +690,7 @@ TEST(HostPort, TicksReadsAndWrites) {
   EXPECT_EQ(fw_object_write(host, FW_SOURCE_LOCAL, AXIS_OBJ_FORCE_GAIN, 1280), 0);
   EXPECT_EQ(fw_object_write(host, FW_SOURCE_LOCAL, AXIS_OBJ_FORCE_SETPOINT, 7680), 0);
   EXPECT_EQ(fw_object_write(host, FW_SOURCE_LOCAL, AXIS_OBJ_MODE, AXIS_MODE_FORCE), 0);
-  const axis_inputs_t inputs{0, {28, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+  const axis_inputs_t inputs{0, {28, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
   axis_outputs_t outputs{};
   fw_tick(host, &inputs, &outputs);
   EXPECT_EQ(outputs.dac_code, 10);

@@ -34,7 +34,7 @@ TEST(BusDrive, IsFittedBeforeItAnswersAndFailsWithoutADrive) {
   ASSERT_EQ(bus_drive_init(&drive, &config), DRIVE402_NONE);
   axis_inputs_t inputs{};
   bus_drive_sample(&drive, &inputs);
-  EXPECT_EQ(inputs.drive, AXIS_DRIVE_FITTED);
+  EXPECT_EQ(inputs.drive, AXIS_DRIVE_REPORT_FITTED);
   EXPECT_EQ(inputs.position_age, 0) << "no law uses the position before the drive is on";
   const axis_outputs_t off{};
   can_frame_t frame;
@@ -45,8 +45,8 @@ TEST(BusDrive, IsFittedBeforeItAnswersAndFailsWithoutADrive) {
       while (drive402_transmit(&drive.master, &frame)) continue;
     }
     bus_drive_sample(&drive, &inputs);
-    const int fault = outputs.amp_enable != 0 ? AXIS_DRIVE_FAULT : 0;
-    EXPECT_EQ(inputs.drive, AXIS_DRIVE_FITTED | fault) << "no boot-up within 100 ms";
+    const int fault = outputs.amp_enable != 0 ? AXIS_DRIVE_REPORT_FAULT : 0;
+    EXPECT_EQ(inputs.drive, AXIS_DRIVE_REPORT_FITTED | fault) << "no boot-up within 100 ms";
   }
 }
 
@@ -61,7 +61,7 @@ TEST(BusDrive, EnablingResetsWhatHasFailed) {
     bus_drive_act(&drive, &outputs);
     while (drive402_transmit(&drive.master, &frame)) continue;
     bus_drive_sample(&drive, &inputs);
-    return (inputs.drive & AXIS_DRIVE_FAULT) != 0;
+    return (inputs.drive & AXIS_DRIVE_REPORT_FAULT) != 0;
   };
   for (int i = 0; i < 400; ++i) tick();
   ASSERT_FALSE(tick()) << "a fault of a disabled axis would forbid every enabling";
@@ -82,11 +82,11 @@ TEST(BusDrive, ARefusedConfigurationIsAFault) {
   EXPECT_NE(bus_drive_init(&drive, &config), DRIVE402_NONE);
   axis_inputs_t inputs{};
   bus_drive_sample(&drive, &inputs);
-  EXPECT_EQ(inputs.drive, AXIS_DRIVE_FITTED);
+  EXPECT_EQ(inputs.drive, AXIS_DRIVE_REPORT_FITTED);
   const axis_outputs_t on{0, 1, 0, 0, 0};
   bus_drive_act(&drive, &on);
   bus_drive_sample(&drive, &inputs);
-  EXPECT_EQ(inputs.drive, AXIS_DRIVE_FITTED | AXIS_DRIVE_FAULT);
+  EXPECT_EQ(inputs.drive, AXIS_DRIVE_REPORT_FITTED | AXIS_DRIVE_REPORT_FAULT);
 }
 
 TEST(BusDrive, ItsObjectsAreItsConfiguration) {

@@ -184,7 +184,7 @@ TEST_F(Cap, TheOracleSeesACodeAboveTheCap) {
   const CodeOracle::Bounds bounds(fw_);
   for (const int sign : {1, -1}) {
     CodeOracle oracle;
-    axis_inputs_t in{0, {100, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+    axis_inputs_t in{0, {100, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
     axis_outputs_t out{static_cast<int16_t>(sign * 700), 1, 1, 0, 0};
     CodeOracle::Bounds seen = bounds;
     seen.sign = sign;

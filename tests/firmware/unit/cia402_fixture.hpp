@@ -19,7 +19,7 @@ class DriveFixture : public FirmwareFixture {
     fw_ = fw_t{};
     const fw_config_t config{};
     fw_init(&fw_, &config);
-    inputs_ = {0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+    inputs_ = {0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
     place_ = 0.0;
     Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
     Set(AXIS_OBJ_FORCE_GAIN, 5 * 256);

@@ -15,11 +15,11 @@ class Homing : public Drive {
   static constexpr int kAll = 30, kDone = 0x1400, kFailed = 0x2400, kBits = 0x3400;
 
   uint8_t Din() override {
-    int din = AXIS_DIN_ENABLE;
-    if (place_ <= neg_) din |= AXIS_DIN_LIMIT_NEG;
-    if (place_ >= pos_) din |= AXIS_DIN_LIMIT_POS;
-    if (place_ >= home_from_ && place_ < home_to_) din |= AXIS_DIN_HOME;
-    if ((place_ >= index_) != (before_ >= index_)) din |= AXIS_DIN_INDEX;
+    int din = AXIS_DIGITAL_INPUTS_ENABLE;
+    if (place_ <= neg_) din |= AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE;
+    if (place_ >= pos_) din |= AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE;
+    if (place_ >= home_from_ && place_ < home_to_) din |= AXIS_DIGITAL_INPUTS_HOME;
+    if ((place_ >= index_) != (before_ >= index_)) din |= AXIS_DIGITAL_INPUTS_INDEX;
     before_ = place_;
     return static_cast<uint8_t>(din);
   }
@@ -163,10 +163,10 @@ TEST_F(Homing, OnlyMethodsWhoseInputsAreFittedAreOffered) {
     int fitted;
     std::vector<int> offered;
   } cases[] = {{0, {35, 37, -1}},
-               {AXIS_DIN_LIMIT_NEG, {35, 37, -1, 17}},
-               {AXIS_DIN_LIMIT_POS, {35, 37, -1, 18}},
-               {AXIS_DIN_HOME, {35, 37, -1, 19, 20, 21, 22}},
-               {AXIS_DIN_INDEX, {35, 37, -1, 33, 34}},
+               {AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE, {35, 37, -1, 17}},
+               {AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE, {35, 37, -1, 18}},
+               {AXIS_DIGITAL_INPUTS_HOME, {35, 37, -1, 19, 20, 21, 22}},
+               {AXIS_DIGITAL_INPUTS_INDEX, {35, 37, -1, 33, 34}},
                {kAll, {35, 37, -1, 17, 18, 19, 20, 21, 22, 33, 34}}};
   for (const auto &c : cases) {
     PowerUp();

@@ -234,7 +234,7 @@ TEST_F(Drive, RandomMastersKeepTheRules) {
         if (pick(0, 40) == 0) {
           inputs_.din = static_cast<uint8_t>(pick(0, 15));
         } else {
-          inputs_.din = AXIS_DIN_ENABLE;
+          inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
         }
         break;
       case 8:
@@ -259,7 +259,7 @@ TEST_F(Drive, RandomMastersKeepTheRules) {
       const int up[8] = {0x00, 0x06, 0x07, 0x0F, 0x0F, 0x00, 0x00, 0x80};
       if (State() == AXIS_DRIVE_STATE_FAULT) Set(AXIS_OBJ_CONTROLWORD, 0);
       if (State() != AXIS_DRIVE_STATE_OPERATION_ENABLED) Set(AXIS_OBJ_CONTROLWORD, up[State()]);
-      inputs_.din = AXIS_DIN_ENABLE;
+      inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
     }
     inputs_.sensor_valid = pick(0, 5000) != 0;
     const CodeOracle::Bounds bounds(fw_);

@@ -262,13 +262,14 @@ TEST_F(DriveState, TheEnableChainShowsAsVoltageAndItsLossAsAFault) {
   Reach(OE);
   Tick(2);
   EXPECT_EQ(Status() & 0x10, 0x10);
-  inputs_.din = AXIS_DIN_LIMIT_NEG | AXIS_DIN_INDEX;
+  inputs_.din = AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE | AXIS_DIGITAL_INPUTS_INDEX;
   Tick();
   EXPECT_EQ(State(), FA);
   EXPECT_EQ(Status() & 0x10, 0);
   Tick();
   EXPECT_EQ(Read(AXIS_OBJ_DRIVE_INPUTS), 0x20001);
-  inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS | AXIS_DIN_HOME;
+  inputs_.din =
+      AXIS_DIGITAL_INPUTS_ENABLE | AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE | AXIS_DIGITAL_INPUTS_HOME;
   Tick(2);
   EXPECT_EQ(Read(AXIS_OBJ_DRIVE_INPUTS), 0x10006);
 }

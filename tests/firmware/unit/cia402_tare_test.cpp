@@ -13,7 +13,7 @@ class Tare : public FirmwareFixture {
     fw_ = fw_t{};
     const fw_config_t config{};
     fw_init(&fw_, &config);
-    inputs_ = {1000, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+    inputs_ = {1000, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
     Set(AXIS_OBJ_ADC_BITS, bits);
     Set(AXIS_OBJ_FORCE_ZERO_CODE, zero_code);
     Set(AXIS_OBJ_FORCE_SIGN, sign);

@@ -88,8 +88,10 @@ class CodeOracle {
     }
     if (std::abs(code) > bounds.output_limit) return Said("output_limit", code);
     const bool fits = in.sensor_valid != 0;
-    if (fits && code > 0 && (in.din & AXIS_DIN_LIMIT_POS) != 0) return Said("limit_pos", code);
-    if (fits && code < 0 && (in.din & AXIS_DIN_LIMIT_NEG) != 0) return Said("limit_neg", code);
+    if (fits && code > 0 && (in.din & AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE) != 0)
+      return Said("limit_pos", code);
+    if (fits && code < 0 && (in.din & AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE) != 0)
+      return Said("limit_neg", code);
     if (code > 0 && in.encoder_cnt > bounds.position_max) return Said("position_max", code);
     if (code < 0 && in.encoder_cnt < bounds.position_min) return Said("position_min", code);
     if (test_code >= 0 && std::abs(code) > test_code) return Said("first_motion_code", code);

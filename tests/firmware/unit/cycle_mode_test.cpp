@@ -92,7 +92,7 @@ TEST_F(CycleMode, RandomProgramsKeepTheBoundsAndAStoppedPartIsAborted) {
     if (!Runs() && one_in(40)) (void)Select(random_record(random, Read(AXIS_OBJ_POSITION_ACTUAL)));
     if (one_in(50)) wall_ = place_ + static_cast<int>(random() % 160) - 60;
     inputs_.sensor_valid = !one_in(20000);
-    inputs_.din = one_in(20000) ? 0 : AXIS_DIN_ENABLE;
+    inputs_.din = one_in(20000) ? 0 : AXIS_DIGITAL_INPUTS_ENABLE;
     if (State() == AXIS_DRIVE_STATE_FAULT) Control(0);
     if (State() != AXIS_DRIVE_STATE_OPERATION_ENABLED) {
       Set(AXIS_OBJ_MODES_OF_OPERATION, kCycle);
@@ -607,7 +607,7 @@ TEST_F(CycleMode, OutputsReachTheAxisAndAreOffAfterEachStop) {
       [&] { cia402_owner_lost(&fw_.drive, &fw_.axis, AXIS_FAULT_CAN_OFF); }};
   for (std::size_t i = 0; i < std::size(stops); ++i) {
     inputs_.sensor_valid = 1;
-    inputs_.din = AXIS_DIN_ENABLE;
+    inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
     for (const int word : {0, 0x80, 0}) Control(word), Tick(2);
     Enable(kCycle);
     Control(kNew);

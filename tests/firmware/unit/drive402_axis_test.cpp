@@ -21,7 +21,7 @@ class AxisAsDrive : public BusFixture {
   AxisAsDrive() {
     fw_config_t node = NodeConfig();
     fw_init(&fw_, &node);
-    inputs_ = {0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+    inputs_ = {0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
     // The owner of the axis is the master on CANopen; a position law that follows.
     Extra(AXIS_OBJ_COMMAND_SOURCE, AXIS_COMMAND_SOURCE_CANOPEN);
     Extra(AXIS_OBJ_POSITION_GAIN, 5 * 256);

@@ -47,7 +47,7 @@ class FirmwareFixture : public ::testing::Test {
 
   std::array<uint8_t, FW_RECORDER_BYTES> buffer_{};
   fw_t fw_ = poisoned<fw_t>();
-  axis_inputs_t inputs_{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+  axis_inputs_t inputs_{0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
   axis_outputs_t outputs_{};
 };
 

@@ -438,21 +438,21 @@ TEST_F(ForceLaw, TheIntegralDoesNotGrowAgainstALimitOfTheDrive) {
   Use(1, {.gain = 1.0, .integral_per_s = 15.0, .sections = {}});
   Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
   Set(AXIS_OBJ_FORCE_SETPOINT, 100 * 256);
-  inputs_.drive = AXIS_DRIVE_FITTED;
+  inputs_.drive = AXIS_DRIVE_REPORT_FITTED;
   Set(AXIS_OBJ_MODE, AXIS_MODE_FORCE);
   for (int t = 0; t < 100; ++t) TickForce(50);  // the drive is not on yet
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_INTEGRAL), 0);
-  inputs_.drive = AXIS_DRIVE_FITTED | AXIS_DRIVE_ON;
+  inputs_.drive = AXIS_DRIVE_REPORT_FITTED | AXIS_DRIVE_REPORT_ON;
   for (int t = 0; t < 100; ++t) TickForce(50);  // 0.01 of 50 codes a tick
   EXPECT_NEAR(Read(AXIS_OBJ_FORCE_INTEGRAL), 50 * 65536, 65536);
-  inputs_.drive |= AXIS_DRIVE_LIMIT;
+  inputs_.drive |= AXIS_DRIVE_REPORT_LIMIT;
   TickForce(50);
   const int frozen = Read(AXIS_OBJ_FORCE_INTEGRAL);
   for (int t = 0; t < 500; ++t) TickForce(50);
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_INTEGRAL), frozen);
   for (int t = 0; t < 10; ++t) TickForce(120);
   EXPECT_NEAR(Read(AXIS_OBJ_FORCE_INTEGRAL), frozen - 2 * 65536, 13200);  // 0.01 of -20 a tick
-  inputs_.drive = AXIS_DRIVE_FITTED | AXIS_DRIVE_ON;
+  inputs_.drive = AXIS_DRIVE_REPORT_FITTED | AXIS_DRIVE_REPORT_ON;
   for (int t = 0; t < 50; ++t) TickForce(50);
   EXPECT_GT(Read(AXIS_OBJ_FORCE_INTEGRAL), frozen);
 }
@@ -463,7 +463,7 @@ int PressOnce(fw_t &fw) {
   fw_object_write(&fw, FW_SOURCE_LOCAL, AXIS_OBJ_FORCE_GAIN, 5 * 256);
   fw_object_write(&fw, FW_SOURCE_LOCAL, AXIS_OBJ_FORCE_SETPOINT, 30 * 256);
   fw_object_write(&fw, FW_SOURCE_LOCAL, AXIS_OBJ_MODE, AXIS_MODE_FORCE);
-  const axis_inputs_t inputs{0, {20, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+  const axis_inputs_t inputs{0, {20, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
   axis_outputs_t outputs{};
   fw_tick(&fw, &inputs, &outputs);
   return outputs.dac_code;

@@ -29,7 +29,7 @@ class Archive : public BusFixture {
     config.blackbox = &blackbox_;
     config.archive = flash_.memory();
     fw_init(&fw_, &config);
-    inputs_ = {0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+    inputs_ = {0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
     Tick(4);
   }
 
@@ -45,7 +45,7 @@ class Archive : public BusFixture {
 
   // An incident whose last position is `position`.
   void Fail(int position) {
-    inputs_.din = AXIS_DIN_ENABLE;
+    inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
     Set(AXIS_OBJ_FAULT_RESET, 1);
     Set(AXIS_OBJ_MODE, AXIS_MODE_OPEN_LOOP);
     inputs_.encoder_cnt = position - 100;
@@ -172,7 +172,7 @@ TEST_F(Archive, NothingIsWrittenWhileTheAxisIsEnabled) {
   Fail(5000);
   for (int i = 0; i < 20 && Stored() != AXIS_INCIDENT_STORED_WRITING; ++i) Tick();
   Tick(3);
-  inputs_.din = AXIS_DIN_ENABLE;
+  inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
   Set(AXIS_OBJ_FAULT_RESET, 1);
   Set(AXIS_OBJ_MODE, AXIS_MODE_OPEN_LOOP);
   Tick();

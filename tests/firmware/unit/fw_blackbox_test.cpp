@@ -17,7 +17,7 @@ class BlackBox : public BusFixture {
   BlackBox() { PowerUp(); }
 
   void PowerUp(bool watchdog_fired = false) {
-    PowerUpAfter(watchdog_fired ? FW_RESET_WATCHDOG : 0, nullptr);
+    PowerUpAfter(watchdog_fired ? AXIS_RESET_CAUSE_WATCHDOG : 0, nullptr);
   }
 
   void PowerUpAfter(int reset_cause, const fw_core_fault_t *core_fault) {
@@ -77,7 +77,7 @@ TEST_F(BlackBox, KeepsTheSecondBeforeAnErrorAndWhatFollows) {
   for (const uint32_t i : {0u, 700u, 1499u}) {
     EXPECT_EQ(Sample(i)[kPosition], 501 + static_cast<int>(i));
     EXPECT_EQ(Sample(i)[kForceRaw], 7);
-    EXPECT_EQ(Sample(i)[kInputs] & AXIS_DIN_ENABLE, AXIS_DIN_ENABLE);
+    EXPECT_EQ(Sample(i)[kInputs] & AXIS_DIGITAL_INPUTS_ENABLE, AXIS_DIGITAL_INPUTS_ENABLE);
     EXPECT_EQ(Sample(i)[kStatusword] & 8, 0);
   }
   for (const uint32_t i : {1500u, 1529u}) {
@@ -93,7 +93,7 @@ TEST_F(BlackBox, TheFirstErrorStaysAndLaterOnesAreCounted) {
   MoveAndFail(1600);
   Complete();
   for (int i = 0; i < 2; ++i) {
-    inputs_.din = AXIS_DIN_ENABLE;
+    inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
     Set(AXIS_OBJ_FAULT_RESET, 1);
     Tick(2);
     inputs_.sensor_valid = 0;
@@ -208,7 +208,7 @@ TEST_F(BlackBox, AFaultOfTheCoreIsAnIncidentWithItsWords) {
   Enable();
   Tick(700);
   const fw_core_fault_t words{0x0800C123, 0x0800D001, 0x00008200, 0x40000000, 0x20030000};
-  PowerUpAfter(FW_RESET_SOFTWARE | FW_RESET_PIN, &words);
+  PowerUpAfter(AXIS_RESET_CAUSE_SOFTWARE | AXIS_RESET_CAUSE_PIN, &words);
   Complete();
   ASSERT_EQ(State(), AXIS_BLACKBOX_STATE_INCIDENT_KEPT);
   EXPECT_EQ(Read(AXIS_OBJ_INCIDENT_ERROR_CODE), AXIS_ERROR_CODE_CORE_FAULT);
@@ -223,7 +223,7 @@ TEST_F(BlackBox, AFaultOfTheCoreIsAnIncidentWithItsWords) {
 TEST_F(BlackBox, ABrownOutKeepsNothingOfAMemoryThatItMayHaveSpoilt) {
   Enable();
   Tick(700);
-  PowerUpAfter(FW_RESET_BROWN_OUT | FW_RESET_PIN, nullptr);
+  PowerUpAfter(AXIS_RESET_CAUSE_BROWN_OUT | AXIS_RESET_CAUSE_PIN, nullptr);
   Complete();
   EXPECT_EQ(State(), AXIS_BLACKBOX_STATE_RECORDING);
 }

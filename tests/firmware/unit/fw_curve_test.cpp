@@ -41,7 +41,7 @@ class CurveOfACycle : public Fw {
     config.blackbox = blackbox;
     fw_init(&fw_, &config);
     EnableServers();
-    inputs_ = {0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+    inputs_ = {0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
     Set(AXIS_OBJ_CONTACT_FORCE, 5 * 256);
     Set(AXIS_OBJ_FORCE_MAX, 250 * 256);
   }
@@ -55,7 +55,7 @@ class CurveOfACycle : public Fw {
     phase.travel_max = CYCLE_TRAVEL_MAX;
     phase.time_max = 1000000;
     phase.conditions[0] = {CYCLE_TIME, 1, 0, 40};
-    phase.conditions[1] = {CYCLE_INPUT_ON, CYCLE_END, 0, AXIS_DIN_HOME};
+    phase.conditions[1] = {CYCLE_INPUT_ON, CYCLE_END, 0, AXIS_DIGITAL_INPUTS_HOME};
     cycle_phase_t last = phase;
     last.conditions[0] = last.conditions[1];
     record_ = completed(
@@ -66,7 +66,7 @@ class CurveOfACycle : public Fw {
   }
 
   void StartCycle() {
-    inputs_.din = AXIS_DIN_ENABLE;
+    inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
     Set(AXIS_OBJ_MODES_OF_OPERATION, -9);
     for (int word : {0x06, 0x07, 0x0F}) {
       Set(AXIS_OBJ_CONTROLWORD, word);
@@ -106,7 +106,7 @@ class CurveOfACycle : public Fw {
       Step(pressed_ % 3 == 0, std::max(0, std::min(200, pressed_ - 25)));
   }
   void EndCycle() {
-    inputs_.din |= AXIS_DIN_HOME;
+    inputs_.din |= AXIS_DIGITAL_INPUTS_HOME;
     Press(1);
     Tick();
     ASSERT_FALSE(cycle_is_running(&fw_.drive.cycle));
@@ -315,7 +315,7 @@ TEST_F(CurveOfACycle, SamplesThatWaitAreTakenLater) {
     }
     fw_between(&fw_);
   }
-  inputs_.din |= AXIS_DIN_HOME;
+  inputs_.din |= AXIS_DIGITAL_INPUTS_HOME;
   Step(0, 100);
   ASSERT_TRUE(zeroed_);
   EXPECT_EQ(Decoded(InSegments(kCanopen)), ExpectedByDefault());
@@ -395,7 +395,7 @@ TEST_F(CurveOfACycle, AStopKeepsTheCurveUpToItsTick) {
     ASSERT_EQ(samples_.size(), 77u);
     EXPECT_EQ(Decoded(InBlocks(kCanopen, 127)), ExpectedByDefault());
     inputs_.sensor_valid = 1;
-    inputs_.din = AXIS_DIN_ENABLE;
+    inputs_.din = AXIS_DIGITAL_INPUTS_ENABLE;
     Set(AXIS_OBJ_CONTROLWORD, 0);
     Tick(2);
     Set(AXIS_OBJ_CONTROLWORD, 0x80);

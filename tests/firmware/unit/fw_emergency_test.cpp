@@ -300,7 +300,7 @@ TEST_F(Fw, WithoutAMemoryEveryBusRefusesASave) {
 
 TEST_F(Fw, AResetByTheWatchdogIsReportedOnce) {
   fw_config_t config = NodeConfig();
-  config.reset_cause = FW_RESET_WATCHDOG;
+  config.reset_cause = AXIS_RESET_CAUSE_WATCHDOG;
   fw_init(&fw_, &config);
   Tick();
   EXPECT_EQ(CountEmergencies(0xFF07), 1);
@@ -316,13 +316,13 @@ TEST_F(Fw, EveryResetThatNobodyAskedForIsReported) {
     int cause;
     int code;
   } cases[] = {
-      {FW_RESET_POWER | FW_RESET_BROWN_OUT | FW_RESET_PIN, 0},
-      {FW_RESET_PIN, 0},
-      {FW_RESET_BROWN_OUT | FW_RESET_PIN, 0x5110},
-      {FW_RESET_SOFTWARE | FW_RESET_PIN, 0x6000},
-      {FW_RESET_LOW_POWER, 0x6000},
-      {FW_RESET_WATCHDOG | FW_RESET_PIN, 0xFF07},
-      {FW_RESET_WINDOW, 0xFF07},
+      {AXIS_RESET_CAUSE_POWER | AXIS_RESET_CAUSE_BROWN_OUT | AXIS_RESET_CAUSE_PIN, 0},
+      {AXIS_RESET_CAUSE_PIN, 0},
+      {AXIS_RESET_CAUSE_BROWN_OUT | AXIS_RESET_CAUSE_PIN, 0x5110},
+      {AXIS_RESET_CAUSE_SOFTWARE | AXIS_RESET_CAUSE_PIN, 0x6000},
+      {AXIS_RESET_CAUSE_LOW_POWER, 0x6000},
+      {AXIS_RESET_CAUSE_WATCHDOG | AXIS_RESET_CAUSE_PIN, 0xFF07},
+      {AXIS_RESET_CAUSE_WINDOW, 0xFF07},
   };
   for (const auto &c : cases) {
     fw_config_t config = NodeConfig();
@@ -342,21 +342,21 @@ TEST_F(Fw, WhatTheBoardFindsDisablesTheAxisInThatTick) {
     int state;
     int fault;
   } cases[] = {
-      {FW_BOARD_CLOCK_INTERNAL, AXIS_FAULT_NONE},
-      {FW_BOARD_TICK_UNKNOWN | FW_BOARD_CLOCK_INTERNAL, AXIS_FAULT_NONE},
-      {FW_BOARD_OPTION_BYTES, AXIS_FAULT_BOARD_UNFIT},
-      {FW_BOARD_IMAGE | FW_BOARD_TICK_UNKNOWN, AXIS_FAULT_BOARD_UNFIT},
-      {FW_BOARD_RAM, AXIS_FAULT_BOARD_UNFIT},
-      {FW_BOARD_SUPPLY | FW_BOARD_TICK_UNKNOWN, AXIS_FAULT_SUPPLY_WRONG},
-      {FW_BOARD_REFERENCE, AXIS_FAULT_SUPPLY_WRONG},
-      {FW_BOARD_TICK, AXIS_FAULT_CLOCK_WRONG},
-      {FW_BOARD_DAC, AXIS_FAULT_OUTPUT_WRONG},
-      {FW_BOARD_ENABLE, AXIS_FAULT_OUTPUT_WRONG},
+      {AXIS_BOARD_STATE_CLOCK_INTERNAL, AXIS_FAULT_NONE},
+      {AXIS_BOARD_STATE_TICK_UNKNOWN | AXIS_BOARD_STATE_CLOCK_INTERNAL, AXIS_FAULT_NONE},
+      {AXIS_BOARD_STATE_OPTION_BYTES, AXIS_FAULT_BOARD_UNFIT},
+      {AXIS_BOARD_STATE_IMAGE | AXIS_BOARD_STATE_TICK_UNKNOWN, AXIS_FAULT_BOARD_UNFIT},
+      {AXIS_BOARD_STATE_RAM, AXIS_FAULT_BOARD_UNFIT},
+      {AXIS_BOARD_STATE_SUPPLY | AXIS_BOARD_STATE_TICK_UNKNOWN, AXIS_FAULT_SUPPLY_WRONG},
+      {AXIS_BOARD_STATE_REFERENCE, AXIS_FAULT_SUPPLY_WRONG},
+      {AXIS_BOARD_STATE_TICK, AXIS_FAULT_CLOCK_WRONG},
+      {AXIS_BOARD_STATE_DAC, AXIS_FAULT_OUTPUT_WRONG},
+      {AXIS_BOARD_STATE_ENABLE, AXIS_FAULT_OUTPUT_WRONG},
   };
   for (const auto &c : cases) {
     fw_config_t config = NodeConfig();
     fw_init(&fw_, &config);
-    const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+    const axis_inputs_t inputs{0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
     axis_outputs_t outputs{};
     ASSERT_EQ(fw_object_write(&fw_, FW_SOURCE_LOCAL, AXIS_OBJ_MODE, AXIS_MODE_OPEN_LOOP), 0);
     fw_tick(&fw_, &inputs, &outputs);

@@ -63,7 +63,7 @@ class Fw : public BusFixture {
     config.memory = memory;
     fw_init(&fw_, &config);
     EnableServers();
-    inputs_ = {0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+    inputs_ = {0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
     outputs_ = {};
     emergencies_.clear();
   }

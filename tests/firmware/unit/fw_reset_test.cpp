@@ -83,7 +83,7 @@ class Node {
   }
 
   void Idle() {
-    inputs_ = {1000, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+    inputs_ = {1000, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
     Tick();
   }
 
@@ -127,7 +127,7 @@ class Node {
 
   std::array<uint8_t, 600> buffer_{};
   fw_t fw_ = poisoned<fw_t>();
-  axis_inputs_t inputs_{1000, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+  axis_inputs_t inputs_{1000, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
   axis_outputs_t outputs_{};
   std::vector<Frame> sent_;
 };

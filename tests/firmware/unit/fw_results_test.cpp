@@ -46,7 +46,7 @@ class Results : public Fw {
     config.result_bytes = static_cast<uint32_t>(results * sizeof(cycle_part_t));
     fw_init(&fw_, &config);
     EnableServers();
-    inputs_ = {0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+    inputs_ = {0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
     Set(AXIS_OBJ_FIRST_MOTION_TEST, AXIS_FIRST_MOTION_TEST_OFF);
   }
 

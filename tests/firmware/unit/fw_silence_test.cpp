@@ -365,12 +365,19 @@ TEST_F(Fw, FaultsOfInputsAreSeenInTheSameTick) {
     axis_inputs_t inputs;
   } cases[] = {
       {AXIS_FAULT_ENABLE_LOST, 0xFF05, {0, {0, 0}, 0, 1, 0, 0, 0}},
-      {AXIS_FAULT_ADC_RANGE, 0x7300, {0, {256, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0}},
+      {AXIS_FAULT_ADC_RANGE, 0x7300, {0, {256, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0}},
       {AXIS_FAULT_LIMIT_SWITCHES,
        0x8612,
-       {0, {0, 0}, AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS | AXIS_DIN_LIMIT_NEG, 1, 0, 0, 0}},
-      {AXIS_FAULT_OVERSPEED, 0x7310, {101, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0}},
-      {AXIS_FAULT_FORCE_MAX, 0xFF06, {0, {201, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0}},
+       {0,
+        {0, 0},
+        AXIS_DIGITAL_INPUTS_ENABLE | AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE |
+            AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE,
+        1,
+        0,
+        0,
+        0}},
+      {AXIS_FAULT_OVERSPEED, 0x7310, {101, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0}},
+      {AXIS_FAULT_FORCE_MAX, 0xFF06, {0, {201, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0}},
   };
   for (const auto &c : cases) {
     PowerUp();

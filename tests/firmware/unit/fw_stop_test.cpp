@@ -82,7 +82,7 @@ class FwStop : public Fw {
     stops.push_back({"port", "native mode disabled", AXIS_STOPPED_BY_PORT, false,
                      [this] { Set(AXIS_OBJ_MODE, 0); }});
     stops.push_back({"port", "enable chain open", 0, false,
-                     [this] { inputs_.din &= static_cast<uint8_t>(~AXIS_DIN_ENABLE); }});
+                     [this] { inputs_.din &= static_cast<uint8_t>(~AXIS_DIGITAL_INPUTS_ENABLE); }});
     stops.push_back({"port", "sensors not valid", 0, false, [this] { inputs_.sensor_valid = 0; }});
     return stops;
   }

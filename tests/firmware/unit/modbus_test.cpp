@@ -373,7 +373,7 @@ TEST_F(Modbus, CoilsDriveTheStateMachine) {
 
 TEST_F(Modbus, AFaultIsResetByItsCoil) {
   Own();
-  const axis_inputs_t broken{0, {0, 0}, AXIS_DIN_ENABLE, 0, 0, 0, 0};
+  const axis_inputs_t broken{0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 0, 0, 0, 0};
   fw_tick(&fw_, &broken, &outputs_);
   Tick(3);
   ASSERT_EQ(Read(AXIS_OBJ_FAULT), AXIS_FAULT_SENSOR_INVALID);
@@ -482,7 +482,7 @@ TEST_F(Modbus, HaltIsNotLostBesideStore) {
   Set(AXIS_OBJ_MODES_OF_OPERATION, 8);
   Tick();
   ASSERT_EQ(Ask(5, {0, 0xFF00}).size(), 5u);
-  const axis_inputs_t broken{0, {0, 0}, AXIS_DIN_ENABLE, 0, 0, 0, 0};
+  const axis_inputs_t broken{0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 0, 0, 0, 0};
   fw_tick(&fw_, &broken, &outputs_);
   Tick(3);
   ASSERT_EQ(Read(AXIS_OBJ_DRIVE_STATE), AXIS_DRIVE_STATE_FAULT);

@@ -44,7 +44,7 @@ class Press {
   }
 
   void Tick(int ticks = 1) {
-    const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+    const axis_inputs_t inputs{0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
     for (int i = 0; i < ticks; ++i) {
       axis_outputs_t outputs;
       fw_tick(&fw_, &inputs, &outputs);

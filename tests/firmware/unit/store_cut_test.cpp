@@ -133,7 +133,7 @@ TEST(Store, AResetOfTheNodeFindsWhatWasJustSaved) {
   ASSERT_EQ(fw_object_write(&fw, FW_SOURCE_CANOPEN, AXIS_OBJ_STORE_ALL, 0x65766173), FW_OK);
   const can_frame_t reset{0, 2, 0, {0x81, 0}};
   fw_can_receive(&fw, &reset);
-  const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+  const axis_inputs_t inputs{0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
   axis_outputs_t outputs;
   for (int i = 0; i < 1000 && read(AXIS_OBJ_STORE_STATE) != AXIS_STORE_STATE_LOADED; ++i) {
     fw_tick(&fw, &inputs, &outputs);

@@ -76,7 +76,7 @@ TEST(Store, AFailureIsAnEmergency) {
   fw_t fw = poisoned<fw_t>();
   fw_init(&fw, &config);
   ASSERT_EQ(fw_object_write(&fw, FW_SOURCE_LOCAL, AXIS_OBJ_STORE_PARAMETERS, 1), FW_OK);
-  const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+  const axis_inputs_t inputs{0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
   axis_outputs_t outputs;
   for (int i = 0; i < 20; ++i) fw_tick(&fw, &inputs, &outputs);
   int32_t latest = 0;
@@ -188,7 +188,7 @@ TEST(Store, ASetThatIsDamagedMeanwhileIsNotLoadedAgain) {
     EXPECT_EQ(fw_object_read(&fw, object, &value), FW_OK);
     return value;
   };
-  const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+  const axis_inputs_t inputs{0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
   axis_outputs_t outputs;
   const auto tick = [&](int ticks) {
     for (int i = 0; i < ticks; ++i) fw_tick(&fw, &inputs, &outputs);

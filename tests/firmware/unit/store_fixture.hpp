@@ -104,7 +104,7 @@ class Axis {
   }
 
   void Tick() {
-    const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+    const axis_inputs_t inputs{0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
     axis_outputs_t outputs;
     fw_tick(&fw_, &inputs, &outputs);
     EXPECT_EQ(outputs.amp_enable, 0);

@@ -302,7 +302,7 @@ class ArchivePower : public BusFixture {
     config.blackbox = &blackbox_;
     config.archive = &file.memory;
     fw_init(&fw_, &config);
-    inputs_ = {0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+    inputs_ = {0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
     Tick(4);
   }
 

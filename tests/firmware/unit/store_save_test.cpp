@@ -108,7 +108,7 @@ TEST(Store, IsRefusedWhileAModeIsActive) {
   Flash flash;
   Axis axis(flash.memory());
   ASSERT_EQ(axis.Write(AXIS_OBJ_MODE, AXIS_MODE_OPEN_LOOP), FW_OK);
-  const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1, 0, 0, 0};
+  const axis_inputs_t inputs{0, {0, 0}, AXIS_DIGITAL_INPUTS_ENABLE, 1, 0, 0, 0};
   axis_outputs_t outputs;
   fw_tick(&axis.fw(), &inputs, &outputs);
   ASSERT_EQ(outputs.amp_enable, 1);

@@ -102,7 +102,7 @@ def test_what_the_board_said_of_its_fault_is_told():
     board = dataclasses.replace(
         found, fault="output_wrong", parameters=found.parameters | {"board_state": 64 + 1}
     )
-    assert "DAC not at its code" in "\n".join(incident_text.tell(board))
+    assert "DAC output differs from its code" in "\n".join(incident_text.tell(board))
 
 
 def test_speed():

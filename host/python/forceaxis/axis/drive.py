@@ -12,13 +12,15 @@ from forceaxis.axis.values import AxisValues, R, known_object, object_names
 from forceaxis.bus import state_names
 from forceaxis.bus.client import Value, to_raw
 from forceaxis.bus.state_names import POWERED
+from forceaxis.objects import mask
 
 MODES = {text: number for number, text in state_names.MODES.items()}
 # Values of the controlword, and bits of the statusword (CiA 402).
 SHUTDOWN, SWITCH_ON, ENABLE, NEW_SETPOINT = 0x06, 0x07, 0x0F, 0x1F
 START_HOMING, FAULT_RESET = 0x1F, 0x80
 DISABLE_VOLTAGE = 0  # the only controlword that ends a latched quick stop
-TARGET_REACHED, BIT_12, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
+TARGET_REACHED = mask("statusword", "reached")
+BIT_12, HOMING_ERROR = mask("statusword", "acknowledged"), mask("statusword", "homing_error")
 # End of the error text for an axis with a fault. The command line replaces this text by its own
 # command.
 FAULT_REMEDY = "; reset_fault() resets the fault"

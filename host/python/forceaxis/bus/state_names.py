@@ -34,29 +34,10 @@ NODE_STATES = {
 
 STALE_AFTER_S = 1.0  # age in s of the drive's values from which on an axis counts as silent
 
-# (bit, text) for the bits of the statusword whose meaning does not depend on the mode of operation
-STATUS_BITS = (
-    (7, "warning"),
-    (10, "target reached"),
-    (11, "internal limit"),
-    (14, "stopped by another"),
-)
-# {mode of operation: texts} for bits 12 and 13 of the statusword
-BIT_12 = {
-    1: "set-point acknowledged",
-    3: "speed zero",
-    6: "homing attained",
-    8: "follows command",
-    9: "follows command",
-    10: "follows command",
-}
-BIT_13 = {1: "following error", 6: "homing error", 8: "following error"}
-
-
 # Modes of operation that control a force, a position target, or a position on a profile.
 FORCE_MODES = {-8, -7, -6, -1, 4, 10}
 TARGET_MODES = {-5, 1, 8}
-PROFILE_MODES = {-4, 3, 6, 9}
+PROFILE_MODES = {-9, -4, 3, 6, 9}
 
 
 def drive_state(statusword: int) -> str:
@@ -84,11 +65,8 @@ def condition(statusword: int, fault: str) -> str:
 def status_bits(statusword: int, mode: int | None = None) -> list[str]:
     """Returns the names of bits 7 and 10 to 14 of a statusword that are 1, in a mode of
     operation."""
-    names = [text for bit, text in STATUS_BITS if statusword >> bit & 1]
-    for bit, texts in ((12, BIT_12), (13, BIT_13)):
-        if statusword >> bit & 1 and mode in texts:
-            names.append(texts[mode])
-    return names
+    bits = BY_NAME["statusword"].bits_in(statusword, mode)
+    return [bit.text for bit in bits if bit.bit == 7 or bit.bit >= 10]
 
 
 def mode(number: int) -> str:

@@ -25,6 +25,7 @@ from forceaxis.axis.link import (
     Refused,
 )
 from forceaxis.bus.lcm import TABLE_HASH
+from forceaxis.objects import BY_NAME, mask
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
 # Longest tick in us that a board may need: 15 % of a tick. The model of core and flash memory gives
@@ -51,28 +52,19 @@ SPEED_MAX, MOTION_MAX = 1, 3
 CODE_V = 20 / 4096  # of the +-10 V stage
 STAGE_MAX_V = 0.1
 
-RESET_CAUSES = {
-    2: "brown-out",
-    4: "reset pin",
-    8: "power-up",
-    16: "software",
-    32: "watchdog",
-    64: "window watchdog",
-    128: "low power",
-}
-WATCHDOG_RESET, POWER_RESET = 32, 8
-NOT_COMPARED = 512  # bit of board_state that is no error
+NOT_COMPARED = mask("board_state", "tick_unknown")  # no error
+# {key of a bit of board_state: what is wrong and what to do}
 OUTPUT_ERRORS = {
-    64: "the voltage at PA4 differs from the DAC code: nothing may load PA4 or drive it",
-    128: "the level at PB0 differs from amp_enable: PB0 is shorted, or something drives it",
+    "dac": "the voltage at PA4 differs from the DAC code: nothing may load PA4 or drive it",
+    "enable": "the level at PB0 differs from amp_enable: PB0 is shorted, or something drives it",
 }
 BOARD_ERRORS = {
-    4: "the image in the flash memory is damaged: run `forceaxis flash` again",
-    8: "the RAM has failed: replace the chip",
-    16: "the supply voltage is below 2.9 V: check the supply at 3V3",
-    32: "the ADC reference is outside its band: the supply is not 3.3 V within 10 %",
+    "image": "the image in the flash memory is damaged: run `forceaxis flash` again",
+    "ram": "the RAM has failed: replace the chip",
+    "supply": "the supply voltage is below 2.9 V: check the supply at 3V3",
+    "reference": "the ADC reference is outside its band: the supply is not 3.3 V within 10 %",
     **OUTPUT_ERRORS,
-    256: "the tick length differs from the second clock: replace the chip",
+    "tick": "the tick length differs from the second clock: replace the chip",
 }
 
 
@@ -82,7 +74,7 @@ class BoardFacts:
     something else on each board. `stage_codes`: DAC codes at which the voltage of the stage is
     asked for. `source_ohm`: largest resistance of a source at an input of the ADC."""
 
-    errors: dict[int, str]
+    errors: dict[str, str]
     openocd_config: str
     stage_codes: tuple[int, ...]
     source_ohm: int
@@ -92,11 +84,11 @@ class BoardFacts:
 BOARDS = {
     "stm32f446": BoardFacts(
         errors={
-            1: "the 8 MHz of the ST-Link do not arrive at PH0, so the internal oscillator is in "
+            "clock_internal": "the 8 MHz of the ST-Link do not arrive at PH0, so the internal oscillator is in "
             "use: check the solder bridges (UM1724)",
-            2: "the option bytes for brown-out reset and write protection of the loader have other "
+            "option_bytes": "the option bytes for brown-out reset and write protection of the loader have other "
             "values: run `forceaxis flash` again, which sets them",
-            1024: "the converter of the force does not answer as expected: check SPI2 and "
+            "converter": "the converter of the force does not answer as expected: check SPI2 and "
             "force_converter, which is adc without a converter",
         },
         openocd_config="board/st_nucleo_f4.cfg",
@@ -105,11 +97,11 @@ BOARDS = {
     ),
     "stm32g474": BoardFacts(
         errors={
-            1: "the crystal of 24 MHz at PF0 and PF1 does not start, so the internal oscillator is "
+            "clock_internal": "the crystal of 24 MHz at PF0 and PF1 does not start, so the internal oscillator is "
             "in use: check the crystal and its solder bridges (UM2505)",
-            2: "the option bytes for brown-out reset, start and write protection of the program "
+            "option_bytes": "the option bytes for brown-out reset, start and write protection of the program "
             "have other values: run `forceaxis flash` again, which sets them",
-            1024: "this board has no connection for a converter of the force: set force_converter "
+            "converter": "this board has no connection for a converter of the force: set force_converter "
             "to adc, save, and reset the board",
         },
         openocd_config="board/st_nucleo_g4.cfg",
@@ -119,10 +111,10 @@ BOARDS = {
     ),
 }
 CONTACTS = {
-    0: ("enable chain (PC0)", 1),
-    1: ("positive limit switch (PC1)", 0),
-    2: ("negative limit switch (PC2)", 0),
-}  # bit of digital_inputs: name, level with a closed contact
+    mask("digital_inputs", "enable"): ("enable chain (PC0)", True),
+    mask("digital_inputs", "limit_positive"): ("positive limit switch (PC1)", False),
+    mask("digital_inputs", "limit_negative"): ("negative limit switch (PC2)", False),
+}  # mask of digital_inputs: name, level with a closed contact
 CHANNELS = {"force": ("force_raw", "PA6", "PA7"), "current": ("current_raw", "PA7", "PA6")}
 
 
@@ -231,14 +223,16 @@ def failed(text: str, **values: float) -> BringupStep:
     return BringupStep("", FAILED, text, values)
 
 
-def errors_of(state: int, known: dict[int, str]) -> str:
+def errors_of(state: int, known: dict[str, str]) -> str:
     """Returns the texts of the errors in a board state, or an empty text."""
-    return "; ".join(text for bit, text in known.items() if state & bit)
+    bits = BY_NAME["board_state"].bits_in(state)
+    return "; ".join(known[bit.key] for bit in bits if bit.key in known)
 
 
 def causes_of(reset_cause: int) -> str:
     """Returns the names of the causes of a reset."""
-    return ", ".join(text for bit, text in RESET_CAUSES.items() if reset_cause & bit) or "not known"
+    bits = BY_NAME["reset_cause"].bits_in(reset_cause)
+    return ", ".join(bit.text for bit in bits) or "not known"
 
 
 def check_identity(bench: Bench) -> BringupStep:
@@ -257,7 +251,7 @@ def check_reset(bench: Bench) -> BringupStep:
     """Reads what reset the processor last."""
     cause = bench.axis.integer("reset_cause")
     text = f"the last reset was by: {causes_of(cause)}"
-    explained = cause & (4 | POWER_RESET) or cause == 0
+    explained = cause & mask("reset_cause", "pin", "power") or cause == 0
     if explained:
         return passed(text, reset_cause=cause)
     return failed(f"{text}; core_fault_pc and the incident say more", reset_cause=cause)
@@ -449,14 +443,14 @@ def check_contacts(bench: Bench) -> BringupStep:
     axis = bench.axis
     closed = axis.integer("digital_inputs")
     for bit, (name, level) in CONTACTS.items():
-        if closed >> bit & 1 != level:
+        if bool(closed & bit) != level:
             return failed(f"the {name} reads as open: check its wire", digital_inputs=closed)
     for bit, (name, _) in CONTACTS.items():
         bench.act(f"Open the {name}.")
         now = axis.integer("digital_inputs")
-        changed = (now ^ closed) & 0b111
-        if changed != 1 << bit:
-            what = ", ".join(CONTACTS[i][0] for i in CONTACTS if changed >> i & 1) or "no contact"
+        changed = (now ^ closed) & sum(CONTACTS)
+        if changed != bit:
+            what = ", ".join(CONTACTS[i][0] for i in CONTACTS if changed & i) or "no contact"
             return failed(f"expected a change of the {name}, got {what}", digital_inputs=now)
         bench.act(f"Close the {name} again.")
     return passed("each contact is read by its own input")
@@ -511,7 +505,8 @@ def check_watchdog(bench: Bench) -> BringupStep:
         f"{bench.facts.openocd_config} -c init -c 'mww 0xE0042008 0' -c halt -c shutdown. "
         "Wait until it has ended."
     )
-    return after_reset(bench, WATCHDOG_RESET, "watchdog", "the watchdog did not reset the core")
+    wanted = mask("reset_cause", "watchdog")
+    return after_reset(bench, wanted, "watchdog", "the watchdog did not reset the core")
 
 
 def after_reset(bench: Bench, wanted: int, name: str, otherwise: str) -> BringupStep:
@@ -530,7 +525,8 @@ def check_store(bench: Bench) -> BringupStep:
     parameter_set.store(axis)
     before = axis.integer("store_change_count")
     bench.act("Take the supply off, count to five, and switch the supply on again.")
-    reset = after_reset(bench, POWER_RESET, "power-up", "the supply was not off for long enough")
+    wanted = mask("reset_cause", "power")
+    reset = after_reset(bench, wanted, "power-up", "the supply was not off for long enough")
     if reset.verdict == FAILED:
         return reset
     state = str(axis.get("store_state")["store_state"])

@@ -12,6 +12,7 @@ from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.bus import client
 from forceaxis.commission.level import noise_of
 from forceaxis.commission.refusal import ORPHANED, REMEDY_AFTER_KILL
+from forceaxis.objects import mask
 
 REST_SAMPLES = 750  # number of samples of the recording at rest, which lasts half a second
 # number of reads at rest and time between two reads, for a connection without recordings
@@ -31,7 +32,8 @@ SETTLE_S = 1.3  # time in s from the end of a move to the read of the position e
 MOVE_SPEED_MAX = 8
 ARRIVED_CNT = 20  # largest position error at the end of a move
 RESTORE_TRIES = 4
-ENABLE_CHAIN, LIMIT_POS, LIMIT_NEG = 1, 2, 4  # masks of the bits in the object digital_inputs
+ENABLE_CHAIN = mask("digital_inputs", "enable")
+LIMIT_POS, LIMIT_NEG = (mask("digital_inputs", f"limit_{way}") for way in ("positive", "negative"))
 NO_LIMIT = 2**31 - 1
 # {fault: most frequent causes} of the faults that can stop the first motion test
 FAULT_CAUSES = {

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from forceaxis.axis.link import TICKS_PER_S
 from forceaxis.bus.state_names import enum, mode
 from forceaxis.commission.incident import Incident, words
+from forceaxis.objects import BY_NAME
 from forceaxis.words import counted
 
 ENABLED_STATUS = 0x27  # value of statusword & 0x6F in the state operation enabled
@@ -44,17 +45,8 @@ FAULT_TEXTS = {
     "force_old": "the force was older than force_age_max",
     "output_wrong": "the value of DAC or amp_enable that was read back differs from the output",
 }
-# Bits of board_state (2431h) that report faults.
-BOARD_FAULTS = {
-    2: "option bytes not those of the board",
-    4: "image damaged",
-    8: "RAM failed",
-    16: "supply low",
-    32: "ADC reference out of band",
-    64: "DAC not at its code",
-    128: "amp_enable not at its level",
-    256: "tick beside the second clock",
-}
+# Bits of board_state (2431h) that report no fault by themselves.
+NO_FAULTS = ("clock_internal", "tick_unknown")
 CORE_WORDS = ("pc", "lr", "cfsr", "hfsr", "bfar")
 
 
@@ -128,7 +120,8 @@ class _Story:
                 f"{w.upper()} {said[f'core_fault_{w}'] & 0xFFFFFFFF:#010x}" for w in CORE_WORDS
             )
             return f"a fault of the processor reset it: {', '.join(words)}"
-        found = [name for bit, name in BOARD_FAULTS.items() if said.get("board_state", 0) & bit]
+        bits = BY_NAME["board_state"].bits_in(said.get("board_state", 0))
+        found = [bit.text for bit in bits if bit.key not in NO_FAULTS]
         if fault in ("board_unfit", "supply_wrong", "clock_wrong", "output_wrong") and found:
             return f"{text}: {', '.join(found)}"
         return text
