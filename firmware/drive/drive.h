@@ -289,7 +289,4 @@ void cia402_forget_targets(cia402_t *drive);
  * the axis continue. Returns true if the axis had to be stopped. */
 bool cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault);
 
-/* Returns the error code of a fault (AXIS_FAULT_) for error_code and for emergency messages. */
-uint16_t cia402_error_code(uint8_t fault);
-
 #endif

@@ -169,6 +169,8 @@ def generate_header(table):
         "/* Indexed by object number; entry 0 is unused. Objects of type u32 carry the 32\n"
         " * bits of their values in min, max and initial. */\n"
         "extern const axis_object_t axis_objects[AXIS_OBJ_COUNT];\n\n"
+        "/* Error code of CiA 402 (603Fh) for each fault: the one with the name of the fault. */\n"
+        "extern const uint16_t axis_fault_codes[AXIS_FAULT_COUNT];\n\n"
     )
     out.append(
         "/* What lies at a CANopen address. */\n"
@@ -241,6 +243,14 @@ def generate_source(table):
             f"{int(o['stored'])}, {int(o['node_id'])}, {int(o['mappable'])}, "
             f"{int(o['not_zero'])}, AXIS_IN_CYCLE_{o['in_cycle'].upper()}}},\n"
         )
+    faults, codes = (next(o for o in entries if o["name"] == n) for n in ("fault", "error_code"))
+    named = {text for _, text in codes["values"]}
+    out.append("};\n\nconst uint16_t axis_fault_codes[AXIS_FAULT_COUNT] = {\n")
+    out.extend(
+        f"    [AXIS_FAULT_{text.upper()}] = AXIS_ERROR_CODE_{text.upper()},\n"
+        for text in faults["enum"]
+        if text in named
+    )
     out.append("};\n\nconst axis_address_t axis_addresses[AXIS_ADDRESSES_COUNT] = {\n")
     for (index, sub), at in addresses(entries, specials).items():
         value = {
@@ -330,7 +340,7 @@ def generate_meta(table):
         "  uint8_t bit;\n"
         "  const char *key;   /* snake case */\n"
         "  const char *text;\n"
-        "  uint32_t modes;    /* modes of operation with this meaning, as bits: mode + 16; 0: all */\n"
+        "  uint32_t modes;    /* modes of operation with this meaning: bits mode + 16; 0: all */\n"
         "} axis_object_bit_t;\n\n"
         f"#define AXIS_OBJECT_BITS_COUNT {len(bits)}\n"
         "static const axis_object_bit_t axis_object_bits[AXIS_OBJECT_BITS_COUNT] = {\n"

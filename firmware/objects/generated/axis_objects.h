@@ -1847,6 +1847,9 @@ typedef struct {
  * bits of their values in min, max and initial. */
 extern const axis_object_t axis_objects[AXIS_OBJ_COUNT];
 
+/* Error code of CiA 402 (603Fh) for each fault: the one with the name of the fault. */
+extern const uint16_t axis_fault_codes[AXIS_FAULT_COUNT];
+
 /* What lies at a CANopen address. */
 enum {
   AXIS_ADDRESS_OBJECT = 0, /* value: the object's number */

@@ -1355,7 +1355,7 @@ typedef struct {
   uint8_t bit;
   const char *key;   /* snake case */
   const char *text;
-  uint32_t modes;    /* modes of operation with this meaning, as bits: mode + 16; 0: all */
+  uint32_t modes;    /* modes of operation with this meaning: bits mode + 16; 0: all */
 } axis_object_bit_t;
 
 #define AXIS_OBJECT_BITS_COUNT 73

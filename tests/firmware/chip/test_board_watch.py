@@ -27,9 +27,10 @@ from test_board import LSB_V, OFF, enable
 from unicorn import arm_const
 
 FAULT = objects.BY_NAME["fault"].enum
-# Of board_state, as the table describes it.
-INTERNAL, OPTION_BYTES, IMAGE_DAMAGED, RAM_FAILED, SUPPLY = 1, 2, 4, 8, 16
-REFERENCE, DAC, ENABLE, TICK, TICK_UNKNOWN = 32, 64, 128, 256, 512
+BOARD = {bit.key: 1 << bit.bit for bit in objects.BY_NAME["board_state"].bits}
+INTERNAL, OPTION_BYTES, SUPPLY = BOARD["clock_internal"], BOARD["option_bytes"], BOARD["supply"]
+IMAGE_DAMAGED, RAM_FAILED, REFERENCE = BOARD["image"], BOARD["ram"], BOARD["reference"]
+DAC, ENABLE, TICK, TICK_UNKNOWN = (BOARD[k] for k in ("dac", "enable", "tick", "tick_unknown"))
 # RCC_CSR, RM0390 6.3.21.
 POWER_UP = 1 << 27 | 1 << 26 | 1 << 25
 BY_SOFTWARE = 1 << 28 | 1 << 26

@@ -4,7 +4,7 @@ import pytest
 from chip import DMA1_STREAM3, EXTI15_10, Chip
 from converters import Ad7193, Ads1256
 from drive_bench import stored
-from forceaxis.objects import BY_NAME
+from forceaxis.objects import BY_NAME, mask
 
 FAULT = BY_NAME["fault"].enum
 KINDS = {"ads1256": Ads1256, "ad7193": Ad7193}
@@ -38,7 +38,10 @@ def test_it_is_configured_as_the_data_sheet_says(kind):
     chip = chip_with(kind)
     device = chip.board.converter
     assert device.mistakes == [] and chip.board.mistakes == []
-    assert FAULT[chip.read("fault")] == "none" and chip.read("board_state") & 1024 == 0
+    assert (
+        FAULT[chip.read("fault")] == "none"
+        and chip.read("board_state") & mask("board_state", "converter") == 0
+    )
     assert device.continuous
     assert device.rate() == (7500 if kind == "ads1256" else pytest.approx(4805, abs=1))
     assert chip.board.nvic.priority(14) == chip.board.nvic.priority(40) < 0x80
@@ -90,7 +93,7 @@ def test_a_converter_that_cannot_be_configured_is_a_fault_for_good(kind, fault):
     chip.boot()
     chip.tick(2)
     assert FAULT[chip.read("fault")] == "board_unfit"
-    assert chip.read("board_state") & 1024
+    assert chip.read("board_state") & mask("board_state", "converter")
     assert chip.write("fault_reset", 1) == 0
     chip.tick(2)
     assert FAULT[chip.read("fault")] == "board_unfit"

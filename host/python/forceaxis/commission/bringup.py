@@ -84,10 +84,10 @@ class BoardFacts:
 BOARDS = {
     "stm32f446": BoardFacts(
         errors={
-            "clock_internal": "the 8 MHz of the ST-Link do not arrive at PH0, so the internal oscillator is in "
-            "use: check the solder bridges (UM1724)",
-            "option_bytes": "the option bytes for brown-out reset and write protection of the loader have other "
-            "values: run `forceaxis flash` again, which sets them",
+            "clock_internal": "the 8 MHz of the ST-Link do not arrive at PH0, so the internal "
+            "oscillator is in use: check the solder bridges (UM1724)",
+            "option_bytes": "the option bytes for brown-out reset and write protection of the "
+            "loader have other values: run `forceaxis flash` again, which sets them",
             "converter": "the converter of the force does not answer as expected: check SPI2 and "
             "force_converter, which is adc without a converter",
         },
@@ -97,12 +97,12 @@ BOARDS = {
     ),
     "stm32g474": BoardFacts(
         errors={
-            "clock_internal": "the crystal of 24 MHz at PF0 and PF1 does not start, so the internal oscillator is "
-            "in use: check the crystal and its solder bridges (UM2505)",
-            "option_bytes": "the option bytes for brown-out reset, start and write protection of the program "
-            "have other values: run `forceaxis flash` again, which sets them",
-            "converter": "this board has no connection for a converter of the force: set force_converter "
-            "to adc, save, and reset the board",
+            "clock_internal": "the crystal of 24 MHz at PF0 and PF1 does not start, so the "
+            "internal oscillator is in use: check the crystal and its solder bridges (UM2505)",
+            "option_bytes": "the option bytes for brown-out reset, start and write protection of "
+            "the program have other values: run `forceaxis flash` again, which sets them",
+            "converter": "this board has no connection for a converter of the force: set "
+            "force_converter to adc, save, and reset the board",
         },
         openocd_config="board/st_nucleo_g4.cfg",
         # The output buffer of the DAC ends at 8.79 V of the stage, code 1799.
