@@ -27,10 +27,10 @@ from test_board import LSB_V, OFF, enable
 from unicorn import arm_const
 
 FAULT = objects.BY_NAME["fault"].enum
-BOARD = {bit.key: 1 << bit.bit for bit in objects.BY_NAME["board_state"].bits}
-INTERNAL, OPTION_BYTES, SUPPLY = BOARD["clock_internal"], BOARD["option_bytes"], BOARD["supply"]
-IMAGE_DAMAGED, RAM_FAILED, REFERENCE = BOARD["image"], BOARD["ram"], BOARD["reference"]
-DAC, ENABLE, TICK, TICK_UNKNOWN = (BOARD[k] for k in ("dac", "enable", "tick", "tick_unknown"))
+STATE = {bit.key: 1 << bit.bit for bit in objects.BY_NAME["board_state"].bits}
+INTERNAL, OPTION_BYTES, SUPPLY = STATE["clock_internal"], STATE["option_bytes"], STATE["supply"]
+IMAGE_DAMAGED, RAM_FAILED, REFERENCE = STATE["image"], STATE["ram"], STATE["reference"]
+DAC, ENABLE, TICK, TICK_UNKNOWN = (STATE[k] for k in ("dac", "enable", "tick", "tick_unknown"))
 # RCC_CSR, RM0390 6.3.21.
 POWER_UP = 1 << 27 | 1 << 26 | 1 << 25
 BY_SOFTWARE = 1 << 28 | 1 << 26
