@@ -11,6 +11,7 @@ from objects.table import (
     canopen_address,
     describe_unit,
     expand,
+    fail,
     register,
     registers,
     title,
@@ -63,6 +64,18 @@ def enum_constants(table):
             yield [(f"AXIS_{kind}_{bit['name'].upper()}", bit["address"]) for bit in bits] + [
                 (f"AXIS_{kind}_COUNT", 1 + max(bit["address"] for bit in bits))
             ]
+
+
+def fault_texts(table):
+    """Names of the faults; each has the error code of its name."""
+    named = {o["name"]: o for o in table.entries}
+    if not {"fault", "error_code"} <= set(named):
+        return []
+    codes = {text for _, text in named["error_code"]["values"]}
+    for text in named["fault"]["enum"]:
+        if text not in codes:
+            fail("object error_code", "values", f"expected a code of the fault {text}")
+    return named["fault"]["enum"]
 
 
 def changes(table):
@@ -169,9 +182,13 @@ def generate_header(table):
         "/* Indexed by object number; entry 0 is unused. Objects of type u32 carry the 32\n"
         " * bits of their values in min, max and initial. */\n"
         "extern const axis_object_t axis_objects[AXIS_OBJ_COUNT];\n\n"
-        "/* Error code of CiA 402 (603Fh) for each fault: the one with the name of the fault. */\n"
-        "extern const uint16_t axis_fault_codes[AXIS_FAULT_COUNT];\n\n"
     )
+    if fault_texts(table):
+        out.append(
+            "/* Error code of CiA 402 (603Fh) for each fault: "
+            "the one with the name of the fault. */\n"
+            "extern const uint16_t axis_fault_codes[AXIS_FAULT_COUNT];\n\n"
+        )
     out.append(
         "/* What lies at a CANopen address. */\n"
         "enum {\n"
@@ -243,15 +260,15 @@ def generate_source(table):
             f"{int(o['stored'])}, {int(o['node_id'])}, {int(o['mappable'])}, "
             f"{int(o['not_zero'])}, AXIS_IN_CYCLE_{o['in_cycle'].upper()}}},\n"
         )
-    faults, codes = (next(o for o in entries if o["name"] == n) for n in ("fault", "error_code"))
-    named = {text for _, text in codes["values"]}
-    out.append("};\n\nconst uint16_t axis_fault_codes[AXIS_FAULT_COUNT] = {\n")
-    out.extend(
-        f"    [AXIS_FAULT_{text.upper()}] = AXIS_ERROR_CODE_{text.upper()},\n"
-        for text in faults["enum"]
-        if text in named
-    )
-    out.append("};\n\nconst axis_address_t axis_addresses[AXIS_ADDRESSES_COUNT] = {\n")
+    out.append("};\n\n")
+    if faults := fault_texts(table):
+        out.append("const uint16_t axis_fault_codes[AXIS_FAULT_COUNT] = {\n")
+        out.extend(
+            f"    [AXIS_FAULT_{text.upper()}] = AXIS_ERROR_CODE_{text.upper()},\n"
+            for text in faults
+        )
+        out.append("};\n\n")
+    out.append("const axis_address_t axis_addresses[AXIS_ADDRESSES_COUNT] = {\n")
     for (index, sub), at in addresses(entries, specials).items():
         value = {
             "OBJECT": f"AXIS_OBJ_{at.name.upper()}",

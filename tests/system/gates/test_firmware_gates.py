@@ -741,6 +741,26 @@ BAD_TABLES = {
         'name = "ready_to_switch_on"\naddress',
         "discrete ready_to_switch_on: name: expected a name used once",
     ),
+    "bit beyond its type": (
+        '[3, "limit", "limit"]]',
+        '[8, "limit", "limit"]]',
+        "object drive_report: bits: expected [0 to 7, snake case key, text], got [8, ",
+    ),
+    "key of a bit": (
+        '[3, "limit", "limit"]]',
+        '[3, "Limit", "limit"]]',
+        "object drive_report: bits: expected [0 to 7, snake case key, text], got [3, ",
+    ),
+    "key of a bit twice": (
+        '[3, "limit", "limit"]]',
+        '[3, "on", "limit"]]',
+        "object drive_report: bits: expected different keys",
+    ),
+    "bit without a text": (
+        'bits = [[0, "fitted", "fitted"]',
+        'bits = [[0, "fitted"]',
+        "object drive_report: bits: expected [0 to 7, snake case key, text], got [0, ",
+    ),
     "unknown kind": ("\n[[coil]]", "\n[[coils]]", "object table: coils: unknown key"),
 }
 
@@ -789,7 +809,7 @@ def test_python_objects_are_those_of_the_table(monkeypatch):
             | {"number": number, "name": name, "index": index, "sub": sub}
             | {"scale": float(o["scale"]), "default": o["defaults"][i], "enum": tuple(o["enum"])}
             | {"modbus": table.register(o, i), "title": table.title(o, i)}
-            | {"values": tuple(map(tuple, o["values"]))}
+            | {"values": tuple(map(tuple, o["values"])), "bits": tuple(o["bits"])}
         )
     assert [asdict(o) for o in objects.OBJECTS] == expected
     assert [bit._asdict() for bit in objects.COILS] == read.coils
