@@ -87,6 +87,15 @@ def range_of(o):
     return o.get("min", low), o.get("max", high)
 
 
+def meaning_of(o):
+    """The meaning with the bits of the value."""
+    texts = []
+    for number, _, text, *modes in o.get("bits", []):
+        shown = ", ".join(map(str, modes[0])) if modes else ""
+        texts.append(f"bit {number} {text}" + (f" (modes {shown})" if shown else ""))
+    return o["meaning"] + (": " + ", ".join(texts) if texts else "")
+
+
 @pytest.fixture(scope="module")
 def sheet():
     """The EDS as an ini file, without any CANopen library."""
@@ -456,7 +465,7 @@ def test_the_map_has_the_registers_of_the_table(modbus):
             space = "holding" if o["access"] == "rw" else "input"
             low, high = range_of(o)
             row = (space, o["modbus"] + i * width, width, o["type"], o["access"], low, high)
-            expected[name, space] = (*row, float(o.get("scale", 1)), o["unit"], o["meaning"])
+            expected[name, space] = (*row, float(o.get("scale", 1)), o["unit"], meaning_of(o))
     found = {
         (r["name"], r["space"]): (
             r["space"], int(r["address"]), int(r["registers"]), r["type"], r["access"],

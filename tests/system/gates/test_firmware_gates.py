@@ -809,7 +809,10 @@ def test_python_objects_are_those_of_the_table(monkeypatch):
             | {"number": number, "name": name, "index": index, "sub": sub}
             | {"scale": float(o["scale"]), "default": o["defaults"][i], "enum": tuple(o["enum"])}
             | {"modbus": table.register(o, i), "title": table.title(o, i)}
-            | {"values": tuple(map(tuple, o["values"])), "bits": tuple(o["bits"])}
+            | {
+                "values": tuple(map(tuple, o["values"])),
+                "bits": tuple((*bit, tuple(sorted(modes))) for *bit, modes in o["bits"]),
+            }
         )
     assert [asdict(o) for o in objects.OBJECTS] == expected
     assert [bit._asdict() for bit in objects.COILS] == read.coils
