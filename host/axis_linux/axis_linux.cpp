@@ -152,7 +152,7 @@ int main(int argc, char **argv) {
       ->check(CLI::Range(1U, 86400U));
   app.footer(
       "Example:\n  axis_linux axis.toml --lateness 600\n  axis_linux axis.toml\n  forceaxis axis "
-      "status --can can0");
+      "status --on can0");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError &error) {
