@@ -45,7 +45,7 @@ static int may_enable(const fw_t *fw, uint8_t source, uint16_t controlword) {
   if (source == FW_SOURCE_LOCAL || !cia402_enables(controlword)) {
     return FW_OK;
   }
-  const bool is_halted = (controlword & CIA402_CW_HALT) != 0;
+  const bool is_halted = (controlword & AXIS_CONTROLWORD_HALT) != 0;
   const bool is_refused = (is_held(fw) && !is_halted) ||
                           (is_enabling_unsafe(fw) && cia402_would_enable(&fw->drive, controlword));
   return is_refused ? FW_ERROR_STATE : FW_OK;

@@ -7,8 +7,8 @@
 
 enum { HEAD_CRC_BYTES = offsetof(update_head_t, head_crc), BOARD_BYTES = 16, WORD = 4 };
 
-/* Errors of program_flash_status (CiA 302-3) in bits 1 to 7, and bit 0. */
-enum { FORMAT_UNKNOWN = 4, FORMAT = 6, WRITE_FAILED = 10, ADDRESS = 12, SECURED = 14, ONGOING = 1 };
+/* Errors of program_flash_status (CiA 302-3), in bits 1 to 7. */
+enum { FORMAT_UNKNOWN = 4, FORMAT = 6, WRITE_FAILED = 10, ADDRESS = 12, SECURED = 14 };
 
 _Static_assert(UPDATE_HEAD_BYTES == 64, "read by other programs");
 
@@ -88,7 +88,7 @@ int update_begin(fw_t *fw, uint32_t size) {
     return refuse(fw, AXIS_PROGRAM_REFUSAL_NOT_CONFIRMED, FW_ERROR_STATE);
   }
   (void)refuse(fw, AXIS_PROGRAM_REFUSAL_NONE, FW_OK);
-  fw->canopen.signals.program_flash_status = ONGOING;
+  fw->canopen.signals.program_flash_status = AXIS_PROGRAM_FLASH_STATUS_BUSY;
   fw->update.size = size;
   fw->update.received = 0;
   fw->update.crc = UINT32_MAX;

@@ -12,6 +12,10 @@
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
 
+_Static_assert((AXIS_CYCLE_OUTPUTS_OUTPUT_1 | AXIS_CYCLE_OUTPUTS_OUTPUT_2 |
+                AXIS_CYCLE_OUTPUTS_OUTPUT_3 | AXIS_CYCLE_OUTPUTS_OUTPUT_4) == CYCLE_OUTPUTS_ALL,
+               "bits of cycle_outputs");
+
 /* The modes of the phases. */
 static const cia402_mode_t moves = {.lead = position_profile,
                                     .shaped = 1,
@@ -163,7 +167,7 @@ static uint8_t refusal_of(const cia402_t *drive, const axis_t *axis) {
   if (program == NULL) {
     return AXIS_CYCLE_STATE_NO_PROGRAM;
   }
-  if ((drive->params.controlword & CIA402_CW_HALT) != 0) {
+  if ((drive->params.controlword & AXIS_CONTROLWORD_HALT) != 0) {
     return AXIS_CYCLE_STATE_HALTED;
   }
   if (program->bank_crc != 0 && program->bank_crc != cycle_mode_bank(drive)) {
@@ -235,7 +239,7 @@ void cycle_mode_interrupt(cia402_t *drive) {
  * has found a fault that acts in the next tick. */
 static bool is_stopping(const cia402_t *drive) {
   return drive->leaving != 0 || contact_guard_has_fault(&drive->guards.contact_guard) ||
-         (drive->params.controlword & CIA402_CW_HALT) != 0 ||
+         (drive->params.controlword & AXIS_CONTROLWORD_HALT) != 0 ||
          drive->params.modes_of_operation != drive->signals.modes_of_operation_display;
 }
 

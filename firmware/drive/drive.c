@@ -314,15 +314,15 @@ static void interrupt(cia402_t *drive) {
 /* Reacts to bits 4 to 8 of the controlword. */
 static void command_mode(cia402_t *drive, const axis_t *axis, uint16_t controlword, uint16_t rising,
                          bool halt_changed) {
-  const bool started = (rising & CIA402_CW_MODE_4) != 0;
-  if ((controlword & CIA402_CW_MODE_4) == 0) {
+  const bool started = (rising & AXIS_CONTROLWORD_START) != 0;
+  if ((controlword & AXIS_CONTROLWORD_START) == 0) {
     drive->acknowledged = 0;
     interrupt(drive);
   }
   if (halt_changed) {
     drive->reached_tick = 0;
   }
-  if ((rising & CIA402_CW_HALT) != 0) {
+  if ((rising & AXIS_CONTROLWORD_HALT) != 0) {
     drive->position_written = 0; /* After the halt the axis moves only to the next target. */
     interrupt(drive);
   }
@@ -349,9 +349,9 @@ static void command_mode(cia402_t *drive, const axis_t *axis, uint16_t controlwo
  * enable the axis. Only a controlword that enables the axis and has no halt bit ends a halt; a
  * controlword without a transition, for example with bit 7, does not end the halt. */
 static uint16_t with_halt(cia402_t *drive, uint16_t controlword, uint16_t previous) {
-  if (state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED && (previous & CIA402_CW_HALT) != 0 &&
-      !cia402_enables(controlword)) {
-    drive->params.controlword = (uint16_t)(controlword | CIA402_CW_HALT);
+  if (state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
+      (previous & AXIS_CONTROLWORD_HALT) != 0 && !cia402_enables(controlword)) {
+    drive->params.controlword = (uint16_t)(controlword | AXIS_CONTROLWORD_HALT);
   }
   return drive->params.controlword;
 }
@@ -374,7 +374,8 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
     case AXIS_OBJ_CONTROLWORD:
       drive->signals.stopped_by = AXIS_STOPPED_BY_NOBODY;
       change_state(drive, axis, controlword, rising);
-      command_mode(drive, axis, controlword, rising, ((value ^ previous) & CIA402_CW_HALT) != 0);
+      command_mode(drive, axis, controlword, rising,
+                   ((value ^ previous) & AXIS_CONTROLWORD_HALT) != 0);
       break;
     case AXIS_OBJ_MODES_OF_OPERATION:
       if (wants_other_mode(drive)) {
@@ -441,7 +442,7 @@ static bool can_move_soon(uint8_t state) {
 bool cia402_would_stop(const cia402_t *drive, uint16_t controlword, uint16_t previous) {
   const uint8_t from = state_of(drive);
   return can_move_soon(from) && (cia402_state_below(from, controlword) != from ||
-                                 (controlword & ~(uint32_t)previous & CIA402_CW_HALT) != 0);
+                                 (controlword & ~(uint32_t)previous & AXIS_CONTROLWORD_HALT) != 0);
 }
 
 bool cia402_stop(cia402_t *drive, axis_t *axis, uint16_t controlword) {
@@ -449,9 +450,9 @@ bool cia402_stop(cia402_t *drive, axis_t *axis, uint16_t controlword) {
   if (!can_move_soon(from)) {
     return false;
   }
-  if ((controlword & ~(uint32_t)drive->params.controlword & CIA402_CW_HALT) != 0) {
-    drive->params.controlword = (uint16_t)(drive->params.controlword | CIA402_CW_HALT);
-    command_mode(drive, axis, drive->params.controlword, CIA402_CW_HALT, true);
+  if ((controlword & ~(uint32_t)drive->params.controlword & AXIS_CONTROLWORD_HALT) != 0) {
+    drive->params.controlword = (uint16_t)(drive->params.controlword | AXIS_CONTROLWORD_HALT);
+    command_mode(drive, axis, drive->params.controlword, AXIS_CONTROLWORD_HALT, true);
   }
   const uint8_t to = cia402_state_below(from, controlword);
   if (to != from) {

@@ -130,7 +130,7 @@ static void demand(cia402_t *drive, int32_t target_q8, bool at_once, bool halted
 /* Controls the force in the modes of CiA 402. The target is in per mille of the rated force. In
  * profile mode the demanded force changes along a ramp to the target. */
 static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
-  const bool halted = (drive->params.controlword & CIA402_CW_HALT) != 0;
+  const bool halted = (drive->params.controlword & AXIS_CONTROLWORD_HALT) != 0;
   const int32_t wanted = halted ? 0 : wanted_force_q8(drive);
   const int32_t target = bounded_force_q8(drive, wanted);
   drive->limited |= (uint8_t)(target != wanted);

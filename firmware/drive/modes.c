@@ -10,7 +10,7 @@
 #include "firmware/fx/fx.h"
 
 static bool follows_command(const cia402_t *drive) {
-  return (drive->params.controlword & CIA402_CW_HALT) == 0 && drive->leaving == 0 &&
+  return (drive->params.controlword & AXIS_CONTROLWORD_HALT) == 0 && drive->leaving == 0 &&
          drive->params.modes_of_operation == drive->signals.modes_of_operation_display;
 }
 
@@ -184,7 +184,7 @@ static void halt(cia402_t *drive, axis_t *axis) {
 
 void cia402_run(cia402_t *drive, axis_t *axis) {
   const cia402_mode_t *mode = drive->mode;
-  if (mode->halts_itself == 0 && (drive->params.controlword & CIA402_CW_HALT) != 0) {
+  if (mode->halts_itself == 0 && (drive->params.controlword & AXIS_CONTROLWORD_HALT) != 0) {
     halt(drive, axis);
   } else if (mode->lead != NULL) {
     drive->settling_tick = 0;
@@ -218,7 +218,7 @@ bool cia402_run_first_motion(cia402_t *drive, axis_t *axis) {
   }
   motion_override(drive, axis);
   first_motion_command(&drive->guards.first_motion, axis,
-                       (drive->params.controlword & CIA402_CW_HALT) != 0);
+                       (drive->params.controlword & AXIS_CONTROLWORD_HALT) != 0);
   return true;
 }
 

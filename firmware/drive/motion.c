@@ -130,7 +130,7 @@ void motion_move_at(cia402_t *drive, int32_t speed, trajectory_limits_t *limits)
   limits->speed = (int32_t)fx_magnitude(speed);
   if (speed != 0 && motion_has_limits(drive)) {
     const int32_t at = cia402_user(drive, fx_cnt_from_q32(drive->trajectory.position_q32));
-    const bool up = cia402_signed_by(drive, speed, CIA402_POLARITY_POSITION) > 0;
+    const bool up = cia402_signed_by(drive, speed, AXIS_POLARITY_POSITION) > 0;
     const int32_t end = up ? drive->params.position_limit_max : drive->params.position_limit_min;
     if (up ? at < end : at > end) {
       motion_move_to(drive, end, limits);

@@ -125,7 +125,7 @@ int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {
       right = value >= drive->params.position_limit_min;
       break;
     case AXIS_OBJ_POLARITY:
-      right = (value & ~(CIA402_POLARITY_POSITION | CIA402_POLARITY_VELOCITY)) == 0;
+      right = (value & ~(AXIS_POLARITY_POSITION | AXIS_POLARITY_VELOCITY)) == 0;
       break;
     default:
       right = !units_depend_on(object) || units_fit(&drive->params, object, value);

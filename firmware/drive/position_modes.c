@@ -13,13 +13,13 @@
 
 void position_take_setpoint(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
-  const bool at_once = (params->controlword & CIA402_CW_MODE_5) != 0;
+  const bool at_once = (params->controlword & AXIS_CONTROLWORD_AT_ONCE) != 0;
   if (drive->setpoint_buffered != 0 && !at_once) {
     return; /* The buffer is full, so the new set-point is not acknowledged. */
   }
   cia402_setpoint_t setpoint = {.position = params->target_position,
                                 .speed = params->trajectory_velocity};
-  if ((params->controlword & CIA402_CW_MODE_6) != 0) {
+  if ((params->controlword & AXIS_CONTROLWORD_RELATIVE) != 0) {
     const int64_t wide = (int64_t)drive->setpoint.position + params->target_position;
     setpoint.position = motion_has_limits(drive)
                             ? fx_saturate(wide, INT32_MIN, INT32_MAX)
@@ -74,7 +74,7 @@ static void pursue_setpoint(cia402_t *drive, const motion_distance_t *known) {
   const int32_t place = motion_within_limits(drive, drive->setpoint.position);
   motion_distance_t distance = (known != NULL) ? *known : motion_distance_to(drive, place);
   if (drive->setpoint_buffered != 0 &&
-      (drive->params.controlword & CIA402_CW_CHANGE_ON_SETPOINT) != 0) {
+      (drive->params.controlword & AXIS_CONTROLWORD_CHANGE_ON_SETPOINT) != 0) {
     const motion_distance_t to_buffered =
         motion_distance_to(drive, motion_within_limits(drive, drive->buffered.position));
     if (to_buffered.negative == distance.negative &&
@@ -109,7 +109,7 @@ static int32_t bounded_speed(cia402_t *drive, int32_t per_s) {
   const uint32_t size = fx_magnitude(per_s);
   drive->limited |= (uint8_t)(size > drive->params.velocity_max);
   const int32_t speed = cia402_speed_q16(drive, size);
-  return cia402_signed_by(drive, (per_s < 0) ? -speed : speed, CIA402_POLARITY_VELOCITY);
+  return cia402_signed_by(drive, (per_s < 0) ? -speed : speed, AXIS_POLARITY_VELOCITY);
 }
 
 /* Returns the target velocity. In cyclic velocity mode the result includes velocity_offset. */

@@ -11,6 +11,17 @@ enum {
   FAULT = AXIS_DRIVE_STATE_FAULT
 };
 
+/* Bits of the controlword that command a state. */
+enum {
+  OFF = 0,
+  SO = AXIS_CONTROLWORD_SWITCH_ON,
+  EV = AXIS_CONTROLWORD_ENABLE_VOLTAGE,
+  QS = AXIS_CONTROLWORD_NO_QUICK_STOP,
+  EO = AXIS_CONTROLWORD_ENABLE_OPERATION,
+  FR = AXIS_CONTROLWORD_FAULT_RESET,
+  RUN = EO | QS | EV | SO
+};
+
 typedef struct {
   uint8_t from;
   uint8_t mask;
@@ -22,26 +33,26 @@ typedef struct {
  * command; T13 and T14, which a fault causes; and T15, which needs a rising edge. */
 enum { TRANSITIONS = 15 };
 static const transition_t transitions[TRANSITIONS] = {
-    {DISABLED, 0x87, 0x06, READY},       /* T2 shutdown */
-    {READY, 0x8F, 0x07, SWITCHED_ON},    /* T3 switch on */
-    {READY, 0x8F, 0x0F, ENABLED},        /* T3 and T4 */
-    {SWITCHED_ON, 0x8F, 0x0F, ENABLED},  /* T4 enable operation */
-    {ENABLED, 0x8F, 0x07, SWITCHED_ON},  /* T5 disable operation */
-    {SWITCHED_ON, 0x87, 0x06, READY},    /* T6 shutdown */
-    {READY, 0x82, 0x00, DISABLED},       /* T7 disable voltage */
-    {READY, 0x86, 0x02, DISABLED},       /* T7 quick stop */
-    {ENABLED, 0x87, 0x06, READY},        /* T8 shutdown */
-    {ENABLED, 0x82, 0x00, DISABLED},     /* T9 disable voltage */
-    {SWITCHED_ON, 0x82, 0x00, DISABLED}, /* T10 disable voltage */
-    {SWITCHED_ON, 0x86, 0x02, DISABLED}, /* T10 quick stop */
-    {ENABLED, 0x86, 0x02, QUICK_STOP},   /* T11 quick stop */
-    {QUICK_STOP, 0x82, 0x00, DISABLED},  /* T12 disable voltage */
-    {QUICK_STOP, 0x8F, 0x0F, ENABLED},   /* T16 enable operation */
+    {DISABLED, FR | QS | EV | SO, QS | EV, READY},    /* T2 shutdown */
+    {READY, FR | RUN, QS | EV | SO, SWITCHED_ON},     /* T3 switch on */
+    {READY, FR | RUN, RUN, ENABLED},                  /* T3 and T4 */
+    {SWITCHED_ON, FR | RUN, RUN, ENABLED},            /* T4 enable operation */
+    {ENABLED, FR | RUN, QS | EV | SO, SWITCHED_ON},   /* T5 disable operation */
+    {SWITCHED_ON, FR | QS | EV | SO, QS | EV, READY}, /* T6 shutdown */
+    {READY, FR | EV, OFF, DISABLED},                  /* T7 disable voltage */
+    {READY, FR | QS | EV, EV, DISABLED},              /* T7 quick stop */
+    {ENABLED, FR | QS | EV | SO, QS | EV, READY},     /* T8 shutdown */
+    {ENABLED, FR | EV, OFF, DISABLED},                /* T9 disable voltage */
+    {SWITCHED_ON, FR | EV, OFF, DISABLED},            /* T10 disable voltage */
+    {SWITCHED_ON, FR | QS | EV, EV, DISABLED},        /* T10 quick stop */
+    {ENABLED, FR | QS | EV, EV, QUICK_STOP},          /* T11 quick stop */
+    {QUICK_STOP, FR | EV, OFF, DISABLED},             /* T12 disable voltage */
+    {QUICK_STOP, FR | RUN, RUN, ENABLED},             /* T16 enable operation */
 };
 
 uint8_t cia402_next_state(uint8_t state, uint16_t controlword, uint16_t rising, bool may_resume) {
   if (state == FAULT) {
-    return ((rising & CIA402_CW_FAULT_RESET) != 0) ? DISABLED : FAULT;
+    return ((rising & AXIS_CONTROLWORD_FAULT_RESET) != 0) ? DISABLED : FAULT;
   }
   for (uint8_t i = 0; i < TRANSITIONS; i++) {
     const transition_t *row = &transitions[i];
@@ -52,12 +63,13 @@ uint8_t cia402_next_state(uint8_t state, uint16_t controlword, uint16_t rising, 
   return state;
 }
 
-bool cia402_enables(uint16_t controlword) { return (controlword & 0x8F) == 0x0F; }
+bool cia402_enables(uint16_t controlword) { return (controlword & (FR | RUN)) == RUN; }
 
 bool cia402_is_stop(uint16_t object, int32_t value) {
   return (object == AXIS_OBJ_CONTROLWORD &&
-          (((uint32_t)value & CIA402_CW_HALT) != 0 ||
-           (((uint32_t)value & CIA402_CW_FAULT_RESET) == 0 && !cia402_enables((uint16_t)value)))) ||
+          (((uint32_t)value & AXIS_CONTROLWORD_HALT) != 0 ||
+           (((uint32_t)value & AXIS_CONTROLWORD_FAULT_RESET) == 0 &&
+            !cia402_enables((uint16_t)value)))) ||
          (object == AXIS_OBJ_MODE && value == AXIS_MODE_DISABLED);
 }
 
@@ -65,8 +77,3 @@ uint8_t cia402_state_below(uint8_t state, uint16_t controlword) {
   const uint8_t to = cia402_next_state(state, controlword, 0, false);
   return (to < state || to == QUICK_STOP) ? to : state;
 }
-
-const uint8_t cia402_state_bits[AXIS_DRIVE_STATE_COUNT] = {
-    [NOT_READY] = 0x00, [DISABLED] = 0x40,   [READY] = 0x21,    [SWITCHED_ON] = 0x23,
-    [ENABLED] = 0x27,   [QUICK_STOP] = 0x07, [REACTION] = 0x0F, [FAULT] = 0x08,
-};

@@ -9,20 +9,6 @@
 
 #include "firmware/objects/generated/axis_objects.h"
 
-/* Bits of the controlword. The mode of operation defines bits 4 to 6. */
-enum {
-  /* start bit: new set-point in profile position mode and guarded moves, start in homing */
-  CIA402_CW_MODE_4 = 0x0010,
-  /* in profile position mode, change to the new set-point immediately */
-  CIA402_CW_MODE_5 = 0x0020,
-  CIA402_CW_MODE_6 = 0x0040, /* in profile position mode, the new set-point is relative */
-  CIA402_CW_FAULT_RESET = 0x0080,
-  CIA402_CW_HALT = 0x0100,
-  /* in profile position mode, the axis does not stop at a set-point if another set-point is
-   * buffered */
-  CIA402_CW_CHANGE_ON_SETPOINT = 0x0200
-};
-
 /* Returns the state that a controlword commands in the state `state`, or `state` if the controlword
  * commands no transition. `rising` contains the bits that were 0 in the previous controlword,
  * because only the rising edge of its bit resets a fault. `may_resume` permits a transition from
@@ -48,8 +34,5 @@ bool cia402_is_stop(uint16_t object, int32_t value);
 /* Returns the next state for a controlword whose source may only stop the axis. The result is
  * `state` if the controlword would lead to a higher state. */
 uint8_t cia402_state_below(uint8_t state, uint16_t controlword);
-
-/* Bits 0 to 3, 5 and 6 of the statusword in each drive state. */
-extern const uint8_t cia402_state_bits[AXIS_DRIVE_STATE_COUNT];
 
 #endif

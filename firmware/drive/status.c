@@ -56,7 +56,7 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
   const uint8_t state = first_motion_is_running(&drive->guards.first_motion)
                             ? AXIS_DRIVE_STATE_SWITCHED_ON
                             : signals->drive_state;
-  uint16_t word = (uint16_t)(cia402_state_bits[state] | AXIS_STATUSWORD_REMOTE);
+  uint16_t word = (uint16_t)(axis_drive_state_words[state] | AXIS_STATUSWORD_REMOTE);
   if ((measured->digital_inputs & AXIS_DIGITAL_INPUTS_ENABLE) != 0) {
     word |= AXIS_STATUSWORD_VOLTAGE;
   }
@@ -132,7 +132,7 @@ static uint32_t inputs_bits(uint8_t din) {
 }
 
 static bool has_reached(const cia402_t *drive, const axis_t *axis) {
-  if ((drive->params.controlword & CIA402_CW_HALT) != 0) {
+  if ((drive->params.controlword & AXIS_CONTROLWORD_HALT) != 0) {
     return drive->tracking == CIA402_TRACKING_AXIS && drive->trajectory.velocity_q16 == 0;
   }
   const cia402_mode_t *mode = drive->mode;
@@ -171,8 +171,8 @@ void cia402_observe(cia402_t *drive, const axis_t *axis) {
    * shorter. */
   if ((axis->signals.tick_count & 1) != 0) {
     measure_force(drive, axis);
-    drive->signals.velocity_sensor = cia402_signed_by(
-        drive, fx_per_s_from_tick(axis->signals.velocity), CIA402_POLARITY_VELOCITY);
+    drive->signals.velocity_sensor =
+        cia402_signed_by(drive, fx_per_s_from_tick(axis->signals.velocity), AXIS_POLARITY_VELOCITY);
     drive->signals.drive_inputs = inputs_bits(axis->signals.digital_inputs);
   } else {
     check_target_and_standstill(drive, axis);

@@ -20,8 +20,6 @@
 #include "firmware/drive/trajectory.h"
 #include "firmware/fx/fx.h"
 
-enum { CIA402_POLARITY_VELOCITY = 0x40, CIA402_POLARITY_POSITION = 0x80 };
-
 /* Returns true if the ratio of user units to counts depends on this parameter (AXIS_OBJ_). */
 bool units_depend_on(uint16_t object);
 
@@ -39,8 +37,8 @@ static inline int32_t cia402_signed_by(const cia402_t *drive, int32_t value, uin
 
 /* Converts an encoder count to a position in user units. */
 static inline int32_t cia402_user(const cia402_t *drive, int32_t encoder_cnt) {
-  const int32_t count = cia402_signed_by(drive, fx_sum_wrap(encoder_cnt, drive->origin_cnt),
-                                         CIA402_POLARITY_POSITION);
+  const int32_t count =
+      cia402_signed_by(drive, fx_sum_wrap(encoder_cnt, drive->origin_cnt), AXIS_POLARITY_POSITION);
   return (drive->units.scaled == 0) ? count : fx_fraction_apply(count, &drive->units.user_of_cnt);
 }
 
@@ -48,7 +46,7 @@ static inline int32_t cia402_user(const cia402_t *drive, int32_t encoder_cnt) {
 static inline int32_t cia402_count(const cia402_t *drive, int32_t user) {
   const int32_t count =
       (drive->units.scaled == 0) ? user : fx_fraction_invert(user, &drive->units.user_of_cnt);
-  return cia402_signed_by(drive, count, CIA402_POLARITY_POSITION);
+  return cia402_signed_by(drive, count, AXIS_POLARITY_POSITION);
 }
 
 /* Converts a position in user units to an encoder count. */
@@ -63,7 +61,7 @@ int32_t units_rate_q16(const cia402_t *drive, uint32_t per_s2);
 
 /* Converts a speed in count/s to user units per second, in the direction of the user. */
 static inline int32_t units_user_speed(const cia402_t *drive, int32_t count_per_s) {
-  const int32_t speed = cia402_signed_by(drive, count_per_s, CIA402_POLARITY_VELOCITY);
+  const int32_t speed = cia402_signed_by(drive, count_per_s, AXIS_POLARITY_VELOCITY);
   return (drive->units.scaled == 0) ? speed
                                     : fx_ratio_apply(speed, drive->units.user_of_cnt.ratio, 0);
 }

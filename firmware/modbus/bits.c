@@ -3,7 +3,10 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
-enum { CONTROL_SHUTDOWN = 0x0006, CONTROL_ENABLE = 0x000F, CONTROL_HALT = 0x0100 };
+enum {
+  CONTROL_SHUTDOWN = AXIS_CONTROLWORD_ENABLE_VOLTAGE | AXIS_CONTROLWORD_NO_QUICK_STOP,
+  CONTROL_ENABLE = CONTROL_SHUTDOWN | AXIS_CONTROLWORD_SWITCH_ON | AXIS_CONTROLWORD_ENABLE_OPERATION
+};
 
 /* Steps of a request that reads or writes coils or discrete inputs. Each step waits for the result
  * of one access to an object. */
@@ -46,7 +49,7 @@ static bool coil(uint32_t n, uint32_t value) {
     case AXIS_COIL_ENABLE:
       return value == AXIS_DRIVE_STATE_OPERATION_ENABLED;
     case AXIS_COIL_HALT:
-      return (value & CONTROL_HALT) != 0;
+      return (value & AXIS_CONTROLWORD_HALT) != 0;
     case AXIS_COIL_STORE:
       return value == AXIS_STORE_STATE_SAVING;
     case AXIS_COIL_RECORDER_TRIGGER:
@@ -161,7 +164,8 @@ static void switch_axis(modbus_request_t *r) {
   if (r->one[AXIS_COIL_ENABLE]) {
     modbus_ask(r, STATE_TO_ENABLE, MODBUS_READ, AXIS_OBJ_DRIVE_STATE, 0);
   } else if (r->zero[AXIS_COIL_ENABLE]) {
-    write(r, DISABLE, AXIS_OBJ_CONTROLWORD, (r->controlword & CONTROL_HALT) | CONTROL_SHUTDOWN);
+    write(r, DISABLE, AXIS_OBJ_CONTROLWORD,
+          (r->controlword & AXIS_CONTROLWORD_HALT) | CONTROL_SHUTDOWN);
   } else {
     modbus_end(r, MODBUS_OK);
   }
@@ -170,9 +174,9 @@ static void switch_axis(modbus_request_t *r) {
 static void halt(modbus_request_t *r) {
   r->controlword = (uint32_t)r->access.value;
   if (r->one[AXIS_COIL_HALT]) {
-    r->controlword |= CONTROL_HALT;
+    r->controlword |= AXIS_CONTROLWORD_HALT;
   } else if (r->zero[AXIS_COIL_HALT]) {
-    r->controlword &= ~(uint32_t)CONTROL_HALT;
+    r->controlword &= ~(uint32_t)AXIS_CONTROLWORD_HALT;
   } else {
     switch_axis(r);
     return;
@@ -222,7 +226,8 @@ static void enable(modbus_request_t *r) {
   if (r->access.value == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
     modbus_end(r, MODBUS_OK);
   } else {
-    write(r, SHUTDOWN, AXIS_OBJ_CONTROLWORD, (r->controlword & CONTROL_HALT) | CONTROL_SHUTDOWN);
+    write(r, SHUTDOWN, AXIS_OBJ_CONTROLWORD,
+          (r->controlword & AXIS_CONTROLWORD_HALT) | CONTROL_SHUTDOWN);
   }
 }
 
@@ -268,7 +273,8 @@ void modbus_bits_resume(modbus_request_t *r) {
       enable(r);
       break;
     case SHUTDOWN:
-      write(r, ENABLE, AXIS_OBJ_CONTROLWORD, (r->controlword & CONTROL_HALT) | CONTROL_ENABLE);
+      write(r, ENABLE, AXIS_OBJ_CONTROLWORD,
+            (r->controlword & AXIS_CONTROLWORD_HALT) | CONTROL_ENABLE);
       break;
     case ENABLE:
       modbus_ask(r, STATE_AFTER, MODBUS_READ, AXIS_OBJ_DRIVE_STATE, 0);

@@ -21,25 +21,6 @@ typedef enum {
   FW_SOURCE_LOCAL
 } fw_source_t;
 
-/* Results of an access to an object. A refused access changes nothing. */
-typedef enum {
-  FW_OK = 0,
-  FW_ERROR_NO_OBJECT = -1,  /* no object of this number */
-  FW_ERROR_READ_ONLY = -2,  /* a signal cannot be written */
-  FW_ERROR_WRITE_ONLY = -3, /* a command cannot be read */
-  /* the value is outside the range of the object, or is in conflict with another object */
-  FW_ERROR_RANGE = -4,
-  FW_ERROR_STATE = -5,   /* the state of the axis, recorder or PDO does not permit the access */
-  FW_ERROR_NO_DATA = -6, /* there is no complete recording, or no sample of this index */
-  FW_ERROR_LOCKED = -7,  /* a source other than the writing source owns the axis */
-  FW_ERROR_BUSY = -8,    /* the store is working */
-  /* the object cannot be mapped into this PDO or exceeds the length of the PDO, or the heartbeat of
-   * the node is already monitored */
-  FW_ERROR_MAPPING = -9,
-  /* the memory of the parameter store, or of the programs of cycles, is missing or too small */
-  FW_ERROR_NO_MEMORY = -10
-} fw_error_t;
-
 /* Reads the raw value of an object (AXIS_OBJ_). An unsigned 32-bit value keeps its bits in `value`.
  * Every source may read. Returns FW_OK, FW_ERROR_NO_OBJECT or FW_ERROR_WRITE_ONLY. */
 int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value);
@@ -61,7 +42,8 @@ int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value
  * modes_of_operation; the mapping of a PDO while the PDO is valid.
  * FW_ERROR_BUSY: a stored parameter, a command to the store, or a write that would enable the axis,
  * while the store is working.
- * FW_ERROR_MAPPING: described at fw_error_t.
+ * FW_ERROR_MAPPING: the object cannot be mapped into this PDO or exceeds the length of the PDO, or
+ * the heartbeat of the node is already monitored.
  * FW_ERROR_NO_MEMORY: a command to the store if the board has no memory for the store.
  *
  * Only an accepted write of the owner resets his watchdog, and not one to an object that every bus

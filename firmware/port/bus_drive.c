@@ -5,6 +5,12 @@ enum { AGE_MAX = 255 }; /* largest age of an input in ticks */
 /* Node id of the master on the bus of the drive, and the next one for a drive that has this id. */
 enum { MASTER = 127 };
 
+#define SAME_BIT(name, bit, key, what)                  \
+  _Static_assert((bit) == (int)AXIS_DRIVE_LACKS_##name, \
+                 "drive_lacks of the object table differs from DRIVE402_OBJECTS");
+DRIVE402_OBJECTS(SAME_BIT)
+#undef SAME_BIT
+
 bool bus_drive_config(const device_params_t *params, drive402_config_t *config) {
   *config = (drive402_config_t){
       .scale_num = params->drive_target_num,

@@ -71,7 +71,7 @@ static void note_change(store_t *store, const entry_t *entry) {
   const bool dropped = entry->verdict != ENTRY_OLD_DEFAULT;
   if (store->change_count < STORE_CHANGES) {
     store->changes[store->change_count] =
-        entry->address | (dropped ? STORE_CHANGE_DROPPED : STORE_CHANGE_OLD_DEFAULT);
+        entry->address | (dropped ? STORE_CHANGE_DROPPED : AXIS_STORE_CHANGE_OLD_DEFAULT);
   }
   store->change_count = (uint16_t)(store->change_count + 1);
   store->dropped = dropped ? 1 : store->dropped;

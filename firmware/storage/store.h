@@ -57,9 +57,8 @@ enum {
 
 /* Kinds of a store_change. STORE_CHANGE_DROPPED: the stored value is not active, because the entry
  * was dropped or because the object is a mapping that is no longer permitted.
- * STORE_CHANGE_OLD_DEFAULT: the parameter keeps the default of an earlier object table. */
+ * AXIS_STORE_CHANGE_OLD_DEFAULT: the parameter keeps the default of an earlier object table. */
 #define STORE_CHANGE_DROPPED UINT32_C(0)
-#define STORE_CHANGE_OLD_DEFAULT UINT32_C(0x01000000)
 
 /* What is kept beside the parameter set. */
 enum { STORE_PROGRAMS = 0, STORE_COUNTS = 1, STORE_PARTS = 2, STORE_COUNTS_BYTES = 28 };

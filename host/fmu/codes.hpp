@@ -36,7 +36,7 @@ inline constexpr Code kCodes[kCodeCount] = {
     {"index_pulse", Type::boolean, "", "index pulse since the last tick"},
     {"home", Type::boolean, "", "home switch is active"},
     {"drive_report", Type::int32, "",
-     "report of the drive: 1 fitted, 2 on, 4 fault, as a sum; 0 without a report"},
+     "report of the drive with the bits of the object drive_report; 0 without a report"},
 };
 
 }  // namespace forceaxis::fmu

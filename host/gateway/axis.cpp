@@ -13,7 +13,7 @@ using namespace std::chrono_literals;
 using lcm_bus::kNotAvailable;
 
 constexpr std::uint32_t kEmergency = 0x080, kHeartbeat = 0x700;
-constexpr std::uint32_t kInvalid = 0x80000000, kNoRemote = 0x40000000;
+constexpr std::uint32_t kInvalid = AXIS_TPDO_COB_ID_OFF, kNoRemote = AXIS_TPDO_COB_ID_NO_REQUEST;
 constexpr std::uint8_t kStart = 1, kEnterPreOperational = 128;
 // Number of periods without heartbeat after which the axis is reported as lost.
 constexpr int kLateHeartbeats = 3;

@@ -12,18 +12,6 @@ extern "C" {
 namespace forceaxis::nodes {
 namespace {
 
-struct StateText {
-  int mask, value;
-  const char *text;
-};
-
-constexpr StateText kStates[] = {
-    {0x4F, 0x00, "not ready to switch on"}, {0x4F, 0x40, "switch on disabled"},
-    {0x6F, 0x21, "ready to switch on"},     {0x6F, 0x23, "switched on"},
-    {0x6F, 0x27, "operation enabled"},      {0x6F, 0x07, "quick stop active"},
-    {0x4F, 0x0F, "fault reaction active"},  {0x4F, 0x08, "fault"},
-};
-
 std::string hex(unsigned long long value, int digits) {
   char text[24];
   std::snprintf(text, sizeof text, "%0*llXh", digits, value);
@@ -55,7 +43,7 @@ std::string store_text(std::span<const std::uint8_t> manufacturer) {
 }  // namespace
 
 std::string drive_state_text(std::int64_t statusword) {
-  for (const StateText &state : kStates) {
+  for (const axis_status_state_t &state : axis_status_states) {
     if ((statusword & state.mask) == state.value) return state.text;
   }
   return "statusword " + hex(static_cast<unsigned long long>(statusword), 4);

@@ -78,6 +78,27 @@ def fault_texts(table):
     return named["fault"]["enum"]
 
 
+def arrays(table):
+    """(comment, declaration, rows) of each constant array that follows from names of values."""
+    if faults := fault_texts(table):
+        yield (
+            "Error code of CiA 402 (603Fh) for each fault: the one with the name of the fault.",
+            "uint16_t axis_fault_codes[AXIS_FAULT_COUNT]",
+            [f"[AXIS_FAULT_{text.upper()}] = AXIS_ERROR_CODE_{text.upper()}" for text in faults],
+        )
+    for o in table.entries:
+        if o["coding"]:
+            name = o["name"].upper()
+            yield (
+                "Bits of the statusword (6041h) in each state; the other bits of the state are 0.",
+                f"uint8_t axis_{o['name']}_words[AXIS_{name}_COUNT]",
+                [
+                    f"[AXIS_{name}_{text.upper()}] = {value:#04x}"
+                    for text, (_, value, _) in zip(o["enum"], o["coding"], strict=True)
+                ],
+            )
+
+
 def changes(table):
     """[(address, initial, fits)] of version 0.1.0's stored objects that this table describes
     otherwise: fits where only the default differs."""
@@ -116,9 +137,21 @@ def generate_header(table):
     out.extend(f"  AXIS_OBJ_{name.upper()} = {number},\n" for number, name, _, _ in objects)
     out.append(f"  AXIS_OBJ_COUNT = {len(objects) + 1} /* one past the last number */\n}};\n\n")
     for constants in enum_constants(table):
+        large = [(name, value) for name, value in constants if value > 0x7FFFFFFF]
+        out.extend(f"#define {name} UINT32_C({value})\n" for name, value in large)
+        constants = [constant for constant in constants if constant not in large]
+        if not constants:
+            continue
         out.append("enum {\n")
         out.append(",\n".join(f"  {name} = {value}" for name, value in constants))
         out.append("\n};\n\n")
+    out.append("/* Results of an access to an object. A refused access changes nothing. */\n")
+    out.append("typedef enum {\n  FW_OK = 0")
+    out.extend(
+        f",\n  /* {refusal['text']} */\n  FW_ERROR_{refusal['name'].upper()} = {refusal['number']}"
+        for refusal in table.refusals
+    )
+    out.append("\n} fw_error_t;\n\n")
     for part, kind, type_name in STRUCTS:
         # The widest members come first, so that the structure has no padding.
         fields = sorted(
@@ -183,12 +216,8 @@ def generate_header(table):
         " * bits of their values in min, max and initial. */\n"
         "extern const axis_object_t axis_objects[AXIS_OBJ_COUNT];\n\n"
     )
-    if fault_texts(table):
-        out.append(
-            "/* Error code of CiA 402 (603Fh) for each fault: "
-            "the one with the name of the fault. */\n"
-            "extern const uint16_t axis_fault_codes[AXIS_FAULT_COUNT];\n\n"
-        )
+    for comment, declaration, _ in arrays(table):
+        out.append(f"/* {comment} */\nextern const {declaration};\n\n")
     out.append(
         "/* What lies at a CANopen address. */\n"
         "enum {\n"
@@ -261,12 +290,9 @@ def generate_source(table):
             f"{int(o['not_zero'])}, AXIS_IN_CYCLE_{o['in_cycle'].upper()}}},\n"
         )
     out.append("};\n\n")
-    if faults := fault_texts(table):
-        out.append("const uint16_t axis_fault_codes[AXIS_FAULT_COUNT] = {\n")
-        out.extend(
-            f"    [AXIS_FAULT_{text.upper()}] = AXIS_ERROR_CODE_{text.upper()},\n"
-            for text in faults
-        )
+    for _, declaration, rows in arrays(table):
+        out.append(f"const {declaration} = {{\n")
+        out.extend(f"    {row},\n" for row in rows)
         out.append("};\n\n")
     out.append("const axis_address_t axis_addresses[AXIS_ADDRESSES_COUNT] = {\n")
     for (index, sub), at in addresses(entries, specials).items():
@@ -291,6 +317,86 @@ def generate_source(table):
     )
     out.append("    {0, 0, 0},\n};\n")
     return "".join(out)
+
+
+def array_of(comment, fields, name, type_name, rows):
+    """A type and a constant array of it."""
+    count = f"{name.upper()}_COUNT"
+    members = "".join(f"  {field};{note and f' /* {note} */'}\n" for field, note in fields)
+    body = "".join(f"    {{{', '.join(row)}}},\n" for row in rows)
+    return (
+        f"/* {comment} */\ntypedef struct {{\n{members}}} {type_name};\n\n"
+        f"#define {count} {len(rows)}\n"
+        f"static const {type_name} {name}[{count}] = {{\n{body}}};\n\n"
+    )
+
+
+def of_bits(table):
+    rows = [
+        (
+            *map(str, (number, bit)),
+            *(f'"{key}"', f'"{text}"'),
+            f"UINT32_C({sum(1 << (mode + 16) for mode in modes)})",
+        )
+        for number, _, o, _ in expand(table.entries)
+        for bit, key, text, modes in o["bits"]
+    ]
+    fields = (
+        ("uint16_t object", ""),
+        ("uint8_t bit", ""),
+        ("const char *key", "snake case"),
+        ("const char *text", ""),
+        ("uint32_t modes", "modes of operation with this meaning: bits mode + 16; 0: all"),
+    )
+    return "Bits of the values.", fields, "axis_object_bits", "axis_object_bit_t", rows
+
+
+def of_values(table):
+    rows = [
+        (*map(str, (number, value)), f'"{text}"', f'"{o["sentences"].get(text, "")}"')
+        for number, _, o, _ in expand(table.entries)
+        for value, text in o["values"]
+    ]
+    fields = (
+        ("uint16_t object", ""),
+        ("int32_t value", ""),
+        ("const char *text", "snake case"),
+        ("const char *sentence", "such as the cause of a fault, or empty"),
+    )
+    comment = "Names of single raw values, of objects that are no enum."
+    return comment, fields, "axis_value_texts", "axis_value_text_t", rows
+
+
+def of_states(table):
+    rows = [
+        (f"{mask:#04x}", f"{value:#04x}", f'"{text}"')
+        for o in table.entries
+        for mask, value, text in o["coding"]
+    ]
+    fields = (
+        ("uint16_t mask", ""),
+        ("uint16_t value", ""),
+        ("const char *text", "for people"),
+    )
+    comment = "States of CiA 402: (statusword & mask) == value in exactly one of them."
+    return comment, fields, "axis_status_states", "axis_status_state_t", rows
+
+
+def of_refusals(table):
+    rows = [
+        (
+            *(str(refusal["number"]), f'"{refusal["name"]}"', f'"{refusal["text"]}"'),
+            f"{{{', '.join(f'UINT32_C({code:#010x})' for code in refusal['aborts']) or '0'}}}",
+        )
+        for refusal in table.refusals
+    ]
+    fields = (
+        ("int32_t error", "FW_ERROR_"),
+        ("const char *name", "snake case"),
+        ("const char *text", "for people"),
+        ("uint32_t aborts[4]", "SDO abort codes that say so; 0: no further one"),
+    )
+    return "Results of a refused access.", fields, "axis_refusals", "axis_refusal_t", rows
 
 
 def generate_meta(table):
@@ -348,38 +454,10 @@ def generate_meta(table):
             f'{int(o["stored"])}, "{title(o, i)}", {int(o["node_id"])}, {int(o["mappable"])}, '
             f'"{o["quantity"]}", "{o["in_cycle"]}"}},\n'
         )
-    bits = [(number, *bit) for number, _, o, _ in objects for bit in o["bits"]]
+    out.append("};\n\n")
+    for rows in (of_bits(table), of_values(table), of_states(table), of_refusals(table)):
+        out.append(array_of(*rows))
     out.append(
-        "};\n\n"
-        "/* Bits of the objects whose value is a set of bits. */\n"
-        "typedef struct {\n"
-        "  uint16_t object;\n"
-        "  uint8_t bit;\n"
-        "  const char *key;   /* snake case */\n"
-        "  const char *text;\n"
-        "  uint32_t modes;    /* modes of operation with this meaning: bits mode + 16; 0: all */\n"
-        "} axis_object_bit_t;\n\n"
-        f"#define AXIS_OBJECT_BITS_COUNT {len(bits)}\n"
-        "static const axis_object_bit_t axis_object_bits[AXIS_OBJECT_BITS_COUNT] = {\n"
-    )
-    for number, bit, key, text, modes in bits:
-        mask = sum(1 << (mode + 16) for mode in modes)
-        out.append(f'    {{{number}, {bit}, "{key}", "{text}", UINT32_C({mask})}},\n')
-    named = [(number, *named) for number, _, o, _ in objects for named in o["values"]]
-    out.append(
-        "};\n\n"
-        "/* Names of single raw values, of objects that are no enum. */\n"
-        "typedef struct {\n"
-        "  uint16_t object;\n"
-        "  int32_t value;\n"
-        "  const char *text; /* snake case */\n"
-        "} axis_value_text_t;\n\n"
-        f"#define AXIS_VALUE_TEXTS_COUNT {len(named)}\n"
-        "static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {\n"
-    )
-    out.extend(f'    {{{number}, {value}, "{text}"}},\n' for number, value, text in named)
-    out.append(
-        "};\n\n"
         "/* Stored objects of version 0.1.0 at whose addresses there is none any more. */\n"
         "typedef struct {\n"
         "  uint32_t address; /* CANopen index times 256 plus sub-index; 0 ends the list */\n"

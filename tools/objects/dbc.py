@@ -16,7 +16,8 @@ NMT_COMMANDS = {
 }
 NMT_STATES = {0: "boot_up", 4: "stopped", 5: "operational", 127: "pre_operational"}
 NMT_ID, HEARTBEAT_ID = 0, 0x700
-SYNC_INDEX, EMCY_INDEX, HEARTBEAT_INDEX, ERROR_CODE_INDEX = 0x1005, 0x1014, 0x1017, 0x603F
+SYNC_INDEX, EMCY_INDEX, HEARTBEAT_INDEX = 0x1005, 0x1014, 0x1017
+ERROR_REGISTER_INDEX, ERROR_CODE_INDEX = 0x1001, 0x603F
 
 
 class Signal:
@@ -85,6 +86,7 @@ def cob_id(found, index, sub, node):
 def messages(found):
     error_code = found.get((ERROR_CODE_INDEX, 0))
     codes = value_texts(error_code.entry) if error_code else []
+    register = found.get((ERROR_REGISTER_INDEX, 0))
     command = Signal("nmt_command", 8, "what to do", list(NMT_COMMANDS.items()))
     target = Signal("nmt_node", 8, "node id; 0: all")
     yield Message(NMT_ID, "NMT", HOST, [command, target], "network management")
@@ -97,7 +99,7 @@ def messages(found):
         if emcy:
             signals = [
                 Signal("emcy_code", 16, "error code; none: an error has gone", codes),
-                Signal("emcy_register", 8, "error register 1001h"),
+                Signal("emcy_register", 8, register.entry["meaning"] if register else ""),
                 Signal("emcy_info", 8, "the fault, or what else the code stands for"),
             ]
             yield Message(emcy, f"{axis}_EMCY", axis, signals, "emergency")

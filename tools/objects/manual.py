@@ -163,6 +163,8 @@ def generate_page(table):
         ]
         if rows:
             out.append(f"## {HEADINGS[part]}\n\n{markdown_table(header, rows)}\n")
+    out.append("## Faults and error codes\n\n")
+    out.append(markdown_table(("name", "603Fh", "fault", "meaning"), fault_rows(table)) + "\n")
     if table.specials:
         rows = [
             (f"`{s['name']}`", special_address(s), special_type(s), s["meaning"])
@@ -171,6 +173,16 @@ def generate_page(table):
         out.append("## Texts and blocks of bytes\n\n")
         out.append(markdown_table(("name", "address", "type", "meaning"), rows))
     return "".join(out).rstrip("\n") + "\n"
+
+
+def fault_rows(table):
+    """Name, error code, number of the fault and sentence of each error code but that of none."""
+    named = {o["name"]: o for o in table.entries}
+    codes, faults = named["error_code"], named["fault"]["enum"]
+    for code, text in codes["values"]:
+        if code:
+            number = str(faults.index(text)) if text in faults else ""
+            yield f"`{text}`", f"{code:04X}h", number, codes["sentences"].get(text, "")
 
 
 def special_address(s):

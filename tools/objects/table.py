@@ -46,6 +46,8 @@ KEYS = {
     "values": list,
     "values_of": str,
     "bits": list,
+    "bits_of": list,
+    "coding": list,
     "count": int,
     "defaults": list,
     "index": int,
@@ -67,14 +69,17 @@ SPECIAL_KEYS = {
     "name": str, "title": str, "meaning": str, "type": str, "access": str, "index": int, "sub": int,
 }  # fmt: skip
 RECORD_KEYS = {"title": str, "index": int, "count": int, "array": bool}
-BIT_KEYS = {"name": str, "address": int, "meaning": str}
+BIT_KEYS = {"name": str, "address": int, "meaning": str, "bit_of": list}
+REFUSAL_KEYS = {"name": str, "number": int, "text": str, "aborts": list}
 OPTIONAL = {
-    "special": ("title", "access", "sub"), "record": ("count", "array"), "coil": (), "discrete": (),
+    "special": ("title", "access", "sub"), "record": ("count", "array"),
+    "coil": ("meaning", "bit_of"), "discrete": ("meaning", "bit_of"), "refusal": ("aborts",),
 }  # fmt: skip
 # Kind of the data of an entry [[special]], by its type and access.
 SPECIAL_TYPES = {
     ("visible_string", "ro"): "TEXT", ("domain", "ro"): "DOMAIN", ("domain", "wo"): "DOWNLOAD",
 }  # fmt: skip
+ONE_LINE = "expected one line without quotes, bars and backslashes"
 
 
 class TableError(Exception):
@@ -87,6 +92,7 @@ class Table(NamedTuple):
     records: dict  # {index: (title, whether it is an array)}
     coils: list
     discretes: list
+    refusals: list
     digest: str  # SHA-256 over the meaning of the objects, see meaning.py
     release: released.Release  # version 0.1.0
 
@@ -125,13 +131,16 @@ def check_keys(label, raw, keys, required):
             fail(label, key, "expected a value of type " + " or ".join(k.__name__ for k in kinds))
     # These texts are copied to files with a syntax of their own. In an EDS file, a semicolon begins
     # a comment.
-    for key, others in (("title", ";"), ("meaning", ""), ("unit", "")):
-        if key in raw and (
-            not raw[key].strip() or re.search(rf'["\\|\x00-\x1f{others}]', raw[key])
-        ):
-            fail(label, key, "expected one line without quotes, bars and backslashes")
+    for key, others in (("title", ";"), ("meaning", ""), ("unit", ""), ("text", "")):
+        if key in raw and not is_line(raw[key], others):
+            fail(label, key, ONE_LINE)
     if "name" in raw and not NAME.fullmatch(raw["name"]):
         fail(label, "name", "expected snake case")
+
+
+def is_line(text, others=""):
+    """Whether a text is one line without characters that a generated file gives a meaning."""
+    return bool(text.strip()) and not re.search(rf'["\\|\x00-\x1f{others}]', text)
 
 
 def check_object(raw, position, known):
@@ -177,8 +186,10 @@ def check_object(raw, position, known):
     if o["stored"] and o["kind"] != "parameter":
         fail(label, "stored", f"expected false for a {o['kind']}")
     check_texts(label, o, raw, known)
-    check_bits_of_value(label, o, raw)
+    check_bits_of_value(label, o, raw, known)
+    check_coding(label, o)
     check_range(label, o, raw, known)
+    check_bits_have_names(label, o)
     check_addresses(label, o)
     if refusal := meaning.set_mappable(o, raw.get("mappable", True)):
         fail(label, "mappable", refusal)
@@ -230,47 +241,94 @@ def check_texts(label, o, raw, known):
         ("values" in raw and not values)
         or not all(
             isinstance(v, list)
-            and len(v) == 2
+            and len(v) in (2, 3)
             and type(v[0]) is int
-            and isinstance(v[1], str)
+            and all(isinstance(t, str) and is_line(t) for t in v[1:])
             and NAME.fullmatch(v[1])
             for v in values
         )
         or any(len({v[k] for v in values}) != len(values) for k in (0, 1))
     ):
-        fail(label, "values", "expected a list of different [number, snake case text]")
+        fail(label, "values", "expected a list of different [number, snake case text, sentence]")
+    if "values" in raw:
+        o["sentences"] = {v[1]: v[2] for v in values if v[2:]}
+        o["values"] = [v[:2] for v in values]
+    shared = known.get(o["values_name"], {}).get("sentences", {})
+    o.setdefault("sentences", shared)
 
 
-def check_bits_of_value(label, o, raw):
-    """bits: those of a value that is a set of bits, each [number, key, text], and the modes of
-    operation in which the bit has this meaning if that is not so in all. Their texts end the
+def bits_of_other(label, raw, known):
+    """bits_of: the bits with these keys of an earlier object."""
+    name, *keys = raw["bits_of"] or [None]
+    found = {bit[1]: bit for bit in known.get(name, {}).get("bits", [])}
+    if "bits" in raw or not keys or not set(keys) <= set(found):
+        fail(label, "bits_of", "expected an earlier object that has bits, and keys of its bits")
+    return [list(bit) for key, bit in found.items() if key in keys]
+
+
+def is_bit(bit, width):
+    return (
+        isinstance(bit, list)
+        and len(bit) in (3, 4)
+        and type(bit[0]) is int
+        and 0 <= bit[0] < width
+        and all(isinstance(t, str) and is_line(t) for t in bit[1:3])
+        and NAME.fullmatch(bit[1])
+        and all(type(mode) is int and -16 <= mode < 16 for mode in (bit[3:] or [[]])[0])
+    )
+
+
+def check_bits_of_value(label, o, raw, known):
+    """bits: those of a value that is or has a set of bits, each [number, key, text], and the modes
+    of operation in which the bit has this meaning if that is not so in all. Their texts end the
     meaning of the object."""
     width = 8 * TYPES[o["type"]][0]
-    bits = o.setdefault("bits", [])
+    bits = bits_of_other(label, raw, known) if "bits_of" in raw else o.get("bits", [])
     if "bits" in raw and not bits:
         fail(label, "bits", "expected a list of [number, snake case key, text]")
-    found = []
     for bit in bits:
-        if not (
-            isinstance(bit, list)
-            and len(bit) in (3, 4)
-            and type(bit[0]) is int
-            and 0 <= bit[0] < width
-            and all(isinstance(t, str) for t in bit[1:3])
-            and NAME.fullmatch(bit[1])
-            and all(type(mode) is int and -16 <= mode < 16 for mode in (bit[3:] or [[]])[0])
-        ):
+        if not is_bit(bit, width):
             fail(label, "bits", f"expected [0 to {width - 1}, snake case key, text], got {bit!r}")
-        found.append((*bit[:3], tuple((bit[3:] or [[]])[0])))
-    if len({key for _, key, *_ in found}) != len(found):
+    if len({bit[1] for bit in bits}) != len(bits):
         fail(label, "bits", "expected different keys")
-    o["bits"] = found
-    texts = (
-        f"{number} {text}" + (f" (modes {', '.join(map(str, of))})" if of else "")
-        for number, _, text, of in found
-    )
-    if found:
-        o["meaning"] += ": bit " + ", bit ".join(texts)
+    o["bits"] = [(*bit[:3], tuple((bit[3:] or [[]])[0])) for bit in bits]
+    if bits:
+        o["meaning"] += ": " + ", ".join(bit_texts(o))
+
+
+def bit_texts(o, number=None):
+    """A text for each bit of an object, or for the meanings of one."""
+    for bit, _, text, modes in o["bits"]:
+        of = f" (mode{'s' * (len(modes) > 1)} {', '.join(map(str, modes))})" if modes else ""
+        if number is None:
+            yield f"bit {bit} {text}{of}"
+        elif bit == number:
+            yield text + of
+
+
+def check_bits_have_names(label, o):
+    """Each bit that a client may write has a name, up to the highest bit of the range, unless the
+    whole of the type may be written."""
+    if not o["bits"] or o["access"] == "ro" or o["max"] == TYPES[o["type"]][2]:
+        return
+    named = sum({1 << bit for bit, *_ in o["bits"]})
+    if named.bit_length() != o["max"].bit_length():
+        fail(label, "bits", f"expected a name of the highest bit of {o['max']} and of none above")
+
+
+def check_coding(label, o):
+    """coding: [mask, value, text for people] of each text of the enum in a statusword."""
+    coding = o.setdefault("coding", [])
+    for row in coding:
+        if not (
+            isinstance(row, list)
+            and [type(part) for part in row] == [int, int, str]
+            and row[1] & ~row[0] == 0
+            and is_line(row[2])
+        ):
+            fail(label, "coding", f"expected [mask, value, text], got {row!r}")
+    if coding and len(coding) != len(o["enum"]):
+        fail(label, "coding", "expected a row for each text of the enum")
 
 
 def range_of_names(o, known):
@@ -410,7 +468,7 @@ def check_records(table, found):
     return records
 
 
-def check_bits(table, kind):
+def check_bits(table, kind, known):
     """Single bits of Modbus: [[coil]] and [[discrete]] entries, by address."""
     bits, names = {}, set()
     for label, bit in check_list(table, kind, BIT_KEYS):
@@ -422,8 +480,35 @@ def check_bits(table, kind):
         if bit["name"] in names:
             fail(label, "name", "expected a name used once, this one is there twice")
         names.add(bit["name"])
+        if ("meaning" in bit) == ("bit_of" in bit):
+            fail(label, "meaning", "expected either meaning or bit_of")
+        if "bit_of" in bit:
+            bit["meaning"] = meaning_of_bit(label, bit.pop("bit_of"), known)
         bits[bit["address"]] = bit
     return [bits[address] for address in sorted(bits)]
+
+
+def meaning_of_bit(label, bit_of, known):
+    """The meaning of the single bit of an object, such as ["statusword", 10]."""
+    name, number = (*bit_of, None, None)[:2]
+    if len(bit_of) != 2 or not known.get(name, {}).get("bits") or type(number) is not int:
+        fail(label, "bit_of", "expected [object that has bits, number of the bit]")
+    texts = ", ".join(bit_texts(known[name], number))
+    return f"{name} bit {number}" + (f": {texts}" if texts else "")
+
+
+def check_refusals(table):
+    """The results of a refused access: [[refusal]] entries, from number -1 on."""
+    refusals = []
+    for label, refusal in check_list(table, "refusal", REFUSAL_KEYS):
+        if refusal["number"] != -len(refusals) - 1:
+            fail(label, "number", f"expected {-len(refusals) - 1}, the next one")
+        aborts = refusal.setdefault("aborts", [])
+        others = [code for r in refusals for code in r["aborts"]]
+        if len(aborts) > 4 or not all(type(c) is int and c not in others for c in aborts):
+            fail(label, "aborts", "expected up to 4 SDO abort codes that no other refusal has")
+        refusals.append(refusal)
+    return refusals
 
 
 def expanded_names(o):
@@ -543,12 +628,13 @@ def load_table(path):
     for writable in (True, False):
         registers(entries, writable)
     records = check_records(table, found)
-    bits = check_bits(table, "coil"), check_bits(table, "discrete")
+    bits = check_bits(table, "coil", known), check_bits(table, "discrete", known)
     objects = [
         (*canopen_address(o, i), name, register(o, i), o) for _, name, o, i in expand(entries)
     ]
     digest = meaning.digest(objects, specials, *bits)
-    return Table(entries, specials, records, *bits, digest, read_release(path))
+    refusals = check_refusals(table)
+    return Table(entries, specials, records, *bits, refusals, digest, read_release(path))
 
 
 def read_release(path):

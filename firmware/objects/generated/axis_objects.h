@@ -801,6 +801,19 @@ enum {
 };
 
 enum {
+  AXIS_CONTROLWORD_SWITCH_ON = 1,
+  AXIS_CONTROLWORD_ENABLE_VOLTAGE = 2,
+  AXIS_CONTROLWORD_NO_QUICK_STOP = 4,
+  AXIS_CONTROLWORD_ENABLE_OPERATION = 8,
+  AXIS_CONTROLWORD_START = 16,
+  AXIS_CONTROLWORD_AT_ONCE = 32,
+  AXIS_CONTROLWORD_RELATIVE = 64,
+  AXIS_CONTROLWORD_FAULT_RESET = 128,
+  AXIS_CONTROLWORD_HALT = 256,
+  AXIS_CONTROLWORD_CHANGE_ON_SETPOINT = 512
+};
+
+enum {
   AXIS_STATUSWORD_READY = 1,
   AXIS_STATUSWORD_SWITCHED_ON = 2,
   AXIS_STATUSWORD_ENABLED = 4,
@@ -939,6 +952,18 @@ enum {
 };
 
 enum {
+  AXIS_POLARITY_VELOCITY = 64,
+  AXIS_POLARITY_POSITION = 128
+};
+
+enum {
+  AXIS_INPUTS_FITTED_LIMIT_POSITIVE = 2,
+  AXIS_INPUTS_FITTED_LIMIT_NEGATIVE = 4,
+  AXIS_INPUTS_FITTED_INDEX = 8,
+  AXIS_INPUTS_FITTED_HOME = 16
+};
+
+enum {
   AXIS_DRIVE_INPUTS_LIMIT_NEGATIVE = 1,
   AXIS_DRIVE_INPUTS_LIMIT_POSITIVE = 2,
   AXIS_DRIVE_INPUTS_HOME = 4,
@@ -1063,6 +1088,10 @@ enum {
 };
 
 enum {
+  AXIS_STORE_CHANGE_OLD_DEFAULT = 16777216
+};
+
+enum {
   AXIS_MODBUS_WORD_ORDER_HIGH_FIRST = 0,
   AXIS_MODBUS_WORD_ORDER_LOW_FIRST = 1,
   AXIS_MODBUS_WORD_ORDER_COUNT = 2
@@ -1081,6 +1110,17 @@ enum {
   AXIS_ERROR_REGISTER_COMMUNICATION = 16,
   AXIS_ERROR_REGISTER_PROFILE = 32,
   AXIS_ERROR_REGISTER_MANUFACTURER = 128
+};
+
+#define AXIS_EMCY_COB_ID_OFF UINT32_C(2147483648)
+#define AXIS_SDO_MODBUS_RECEIVE_OFF UINT32_C(2147483648)
+#define AXIS_SDO_MODBUS_TRANSMIT_OFF UINT32_C(2147483648)
+#define AXIS_SDO_LCM_RECEIVE_OFF UINT32_C(2147483648)
+#define AXIS_SDO_LCM_TRANSMIT_OFF UINT32_C(2147483648)
+#define AXIS_RPDO_COB_ID_OFF UINT32_C(2147483648)
+#define AXIS_TPDO_COB_ID_OFF UINT32_C(2147483648)
+enum {
+  AXIS_TPDO_COB_ID_NO_REQUEST = 1073741824
 };
 
 enum {
@@ -1134,6 +1174,36 @@ enum {
   AXIS_DRIVE_TARGET_ACTS_ON_RECEPTION = 0,
   AXIS_DRIVE_TARGET_ACTS_AT_NEXT_SYNC = 1,
   AXIS_DRIVE_TARGET_ACTS_COUNT = 2
+};
+
+enum {
+  AXIS_DRIVE_LACKS_SYNC_ID = 1,
+  AXIS_DRIVE_LACKS_SYNC_PERIOD = 2,
+  AXIS_DRIVE_LACKS_INTERPOLATION = 4,
+  AXIS_DRIVE_LACKS_ABORT_OPTION = 8,
+  AXIS_DRIVE_LACKS_CONSUMER = 16,
+  AXIS_DRIVE_LACKS_PRODUCER = 32,
+  AXIS_DRIVE_LACKS_RPDO_MAPPING = 64,
+  AXIS_DRIVE_LACKS_RPDO_TYPE = 128,
+  AXIS_DRIVE_LACKS_TPDO_MAPPING = 256,
+  AXIS_DRIVE_LACKS_TPDO_TYPE = 512,
+  AXIS_DRIVE_LACKS_MODE = 1024,
+  AXIS_DRIVE_LACKS_TORQUE = 2048,
+  AXIS_DRIVE_LACKS_REQUEST_BIT = 4096,
+  AXIS_DRIVE_LACKS_REMOTE = 8192,
+  AXIS_DRIVE_LACKS_FOLLOWS = 16384
+};
+
+enum {
+  AXIS_DRIVE_DIFFERS_SYNC_ID = 1,
+  AXIS_DRIVE_DIFFERS_SYNC_PERIOD = 2,
+  AXIS_DRIVE_DIFFERS_INTERPOLATION = 4,
+  AXIS_DRIVE_DIFFERS_ABORT_OPTION = 8,
+  AXIS_DRIVE_DIFFERS_CONSUMER = 16,
+  AXIS_DRIVE_DIFFERS_PRODUCER = 32,
+  AXIS_DRIVE_DIFFERS_RPDO_TYPE = 128,
+  AXIS_DRIVE_DIFFERS_TPDO_TYPE = 512,
+  AXIS_DRIVE_DIFFERS_MODE = 1024
 };
 
 enum {
@@ -1256,6 +1326,13 @@ enum {
 };
 
 enum {
+  AXIS_CYCLE_OUTPUTS_OUTPUT_1 = 1,
+  AXIS_CYCLE_OUTPUTS_OUTPUT_2 = 2,
+  AXIS_CYCLE_OUTPUTS_OUTPUT_3 = 4,
+  AXIS_CYCLE_OUTPUTS_OUTPUT_4 = 8
+};
+
+enum {
   AXIS_CYCLE_PROGRAM_REFUSAL_NONE = 0,
   AXIS_CYCLE_PROGRAM_REFUSAL_NO_PROGRAM = 1,
   AXIS_CYCLE_PROGRAM_REFUSAL_OTHER_VERSION = 2,
@@ -1326,6 +1403,10 @@ enum {
 };
 
 enum {
+  AXIS_PROGRAM_FLASH_STATUS_BUSY = 1
+};
+
+enum {
   AXIS_PROGRAM_REFUSAL_NONE = 0,
   AXIS_PROGRAM_REFUSAL_NO_UPDATE = 1,
   AXIS_PROGRAM_REFUSAL_OTHER_BOARD = 2,
@@ -1383,6 +1464,31 @@ enum {
   AXIS_DISCRETE_LIMIT_CYCLE = 18,
   AXIS_DISCRETE_COUNT = 19
 };
+
+/* Results of an access to an object. A refused access changes nothing. */
+typedef enum {
+  FW_OK = 0,
+  /* there is no such object */
+  FW_ERROR_NO_OBJECT = -1,
+  /* it cannot be written */
+  FW_ERROR_READ_ONLY = -2,
+  /* it cannot be read */
+  FW_ERROR_WRITE_ONLY = -3,
+  /* outside its range or at odds with another object */
+  FW_ERROR_RANGE = -4,
+  /* not in this state of the axis */
+  FW_ERROR_STATE = -5,
+  /* there is no finished recording */
+  FW_ERROR_NO_DATA = -6,
+  /* another source owns the axis */
+  FW_ERROR_LOCKED = -7,
+  /* the store is at work */
+  FW_ERROR_BUSY = -8,
+  /* it cannot be mapped, or conflicts with another entry */
+  FW_ERROR_MAPPING = -9,
+  /* there is no memory for parameters */
+  FW_ERROR_NO_MEMORY = -10
+} fw_error_t;
 
 typedef struct {
   uint32_t excitation_frequency; /* frequency of the sine, or start frequency of the frequency sweep; below 750 Hz [3.49246e-07 Hz] */
@@ -1533,7 +1639,7 @@ typedef struct {
   int32_t tare_noise; /* largest permitted difference between two ADC codes of the force during the tare measurement [1/256 count] */
   int32_t calibration_reading[8]; /* measured force at this point of the calibration [1/256 count] */
   int32_t calibration_force[8]; /* force that the reference sensor showed at this point of the calibration [mN] */
-  uint16_t controlword; /* CiA 402 controlword; the firmware carries out each write immediately [1] */
+  uint16_t controlword; /* CiA 402 controlword; the firmware carries out each write immediately: bit 0 switch on, bit 1 enable voltage, bit 2 no quick stop, bit 3 enable operation, bit 4 a rising edge is a new set-point, or starts homing or a cycle (modes 1, 6, -5, -9), bit 5 change to the new set-point at once (mode 1), bit 6 the new set-point is relative (mode 1), bit 7 a rising edge resets the fault, bit 8 halt, bit 9 no stop at a set-point if another one is buffered (mode 1) [1] */
   int16_t abort_connection_option; /* reaction to the loss of the owner: 0 none, 1 fault, 2 disable voltage, 3 quick stop [1] */
   int16_t quick_stop_option; /* reaction to a quick stop: 0 disable immediately; 1 slow-down ramp, then disable; 2 quick-stop ramp, then disable; 5 slow-down ramp, 6 quick-stop ramp, both without leaving the state quick stop active [1] */
   int16_t shutdown_option; /* reaction to the command shutdown: 0 disable immediately; 1 slow-down ramp, then disable [1] */
@@ -1571,8 +1677,8 @@ typedef struct {
   uint16_t calibration_validity; /* number of days for which a calibration is valid; 0 means that a calibration does not expire [1] */
   uint16_t date; /* present day, in days since 1984-01-01, written by a master; 0 means that the day is not known [1] */
   int8_t modes_of_operation; /* requested mode of operation; negative numbers are manufacturer-specific modes [1] */
-  uint8_t polarity; /* sign of positions and velocities on the bus: bit 7 negates positions, bit 6 negates velocities [1] */
-  uint8_t inputs_fitted; /* digital inputs that are wired, as a sum: 2 positive limit switch, 4 negative limit switch, 8 index pulse, 16 home switch; homing methods need these inputs [1] */
+  uint8_t polarity; /* sign of positions and velocities on the bus: bit 6 velocities are negated, bit 7 positions are negated [1] */
+  uint8_t inputs_fitted; /* digital inputs that are wired; homing methods need these inputs: bit 1 positive limit switch, bit 2 negative limit switch, bit 3 index pulse, bit 4 home switch [1] */
   int8_t homing_method; /* method of homing: -1 contact, 17 and 18 limit switch, 19 to 22 home switch, 33 and 34 index pulse, 35 and 37 present position [1] */
   uint8_t interpolation_period; /* time between two cyclic set-points, as a mantissa to the power of ten interpolation_exponent; 0 means that each set-point acts immediately [1] */
   int8_t interpolation_exponent; /* power of ten of interpolation_period, in seconds [1] */
@@ -1606,7 +1712,7 @@ typedef struct {
   int32_t first_motion_moved; /* travel in encoder counts in the first motion test, from standstill to the position at which first_motion_code_reached was output [count] */
   int32_t first_motion_force; /* change of the measured force during the motion away from the start position in the first motion test [1/256 count] */
   uint32_t cycle_count; /* number of cycles that were started since power-up [1] */
-  uint16_t statusword; /* CiA 402 statusword: bit 0 ready to switch on, bit 1 switched on, bit 2 operation enabled, bit 3 fault, bit 4 voltage, bit 5 no quick stop, bit 6 switch on disabled, bit 7 warning, bit 9 remote, bit 10 target reached, bit 11 internal limit, bit 12 set-point acknowledged (modes 1, -5), bit 12 speed zero (modes 3), bit 12 homing attained (modes 6), bit 12 follows command (modes 8, 9, 10, -6, -7, -8), bit 12 cycle done (modes -9), bit 13 following error (modes 1, 8, -5), bit 13 homing error (modes 6), bit 13 part not good or no cycle started (modes -9), bit 14 stopped by another source [1] */
+  uint16_t statusword; /* CiA 402 statusword: bit 0 ready to switch on, bit 1 switched on, bit 2 operation enabled, bit 3 fault, bit 4 voltage, bit 5 no quick stop, bit 6 switch on disabled, bit 7 warning, bit 9 remote, bit 10 target reached, bit 11 internal limit, bit 12 set-point acknowledged (modes 1, -5), bit 12 speed zero (mode 3), bit 12 homing attained (mode 6), bit 12 follows command (modes 8, 9, 10, -6, -7, -8), bit 12 cycle done (mode -9), bit 13 following error (modes 1, 8, -5), bit 13 homing error (mode 6), bit 13 part not good or no cycle started (mode -9), bit 14 stopped by another source [1] */
   uint16_t error_code; /* CiA 402 error code of the latched fault; 0 without a latched fault [1] */
   int16_t force_demand; /* present set-point of the force law [per mille] */
   int16_t force_actual; /* measured contact force [per mille] */
@@ -1632,23 +1738,23 @@ typedef struct {
   uint8_t cycle_state; /* state of the cycle of mode -9: running; evaluating the last samples; the part is good or bad; aborted by a stop, a fault or the loss of the owner; or why no cycle started: no program, another bank than the one the program was made for, no reference position for an absolute position, too many results that wait for their acknowledgement, a lock after bad parts, the number of power-ups is not stored yet, a force of the program at or beyond the end of what the force sensor can show, or a halt [enum] */
   uint8_t cycle_phase; /* number of the phase of the cycle that runs, or of the last phase, from 0 [1] */
   uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late; a tare failed, because the axis was in contact or did not stand still, or because the offset is beyond tare_band; a sample of an evaluated phase is not valid, because the force was at an end of its range or because force or position was older than cycle_age_max; a value that decides the part was changed [enum] */
-  uint8_t cycle_outputs; /* digital outputs that the program of the cycle has switched on: bits 0 to 3 are outputs 1 to 4 [1] */
+  uint8_t cycle_outputs; /* digital outputs that the program of the cycle has switched on: bit 0 output 1, bit 1 output 2, bit 2 output 3, bit 3 output 4 [1] */
   uint8_t cycle_ended_by; /* number, from 1, of the condition that ended the last phase that has ended; 0: a limit or a stop ended the phase, or no phase has ended yet [1] */
 } drive_signals_t;
 
 typedef struct {
   uint32_t sync_cob_id; /* COB-ID of the SYNC messages that the axis receives [1] */
-  uint32_t emcy_cob_id; /* COB-ID of emergency messages; if bit 31 is 1, the axis sends no emergency messages [1] */
+  uint32_t emcy_cob_id; /* COB-ID of emergency messages: bit 31 the axis sends no emergency messages [1] */
   uint32_t consumer_heartbeat[4]; /* node whose heartbeat the axis monitors: node id in bits 16 to 22, longest time between two heartbeats in ms in bits 0 to 15 [1] */
   uint32_t configuration_date; /* day on which the configuration was verified, in days since 1984-01-01; a change of a stored parameter sets the day to 0 [1] */
   uint32_t configuration_time; /* time at which the configuration was verified, in ms since midnight; a change of a stored parameter sets the time to 0 [1] */
-  uint32_t sdo_modbus_receive; /* COB-ID of SDO requests of a gateway for its Modbus clients; if bit 31 is 1, the COB-ID is not valid [1] */
-  uint32_t sdo_modbus_transmit; /* COB-ID of SDO answers to a gateway for its Modbus clients; if bit 31 is 1, the COB-ID is not valid [1] */
-  uint32_t sdo_lcm_receive; /* COB-ID of SDO requests of a gateway for its LCM clients; if bit 31 is 1, the COB-ID is not valid [1] */
-  uint32_t sdo_lcm_transmit; /* COB-ID of SDO answers to a gateway for its LCM clients; if bit 31 is 1, the COB-ID is not valid [1] */
-  uint32_t rpdo_cob_id[4]; /* COB-ID of the RPDO; if bit 31 is 1, the RPDO is not valid [1] */
+  uint32_t sdo_modbus_receive; /* COB-ID of SDO requests of a gateway for its Modbus clients: bit 31 the COB-ID is not valid [1] */
+  uint32_t sdo_modbus_transmit; /* COB-ID of SDO answers to a gateway for its Modbus clients: bit 31 the COB-ID is not valid [1] */
+  uint32_t sdo_lcm_receive; /* COB-ID of SDO requests of a gateway for its LCM clients: bit 31 the COB-ID is not valid [1] */
+  uint32_t sdo_lcm_transmit; /* COB-ID of SDO answers to a gateway for its LCM clients: bit 31 the COB-ID is not valid [1] */
+  uint32_t rpdo_cob_id[4]; /* COB-ID of the RPDO: bit 31 the RPDO is not valid [1] */
   uint32_t rpdo_mapping[32]; /* mapped object of the RPDO: index, sub-index and length in bits [1] */
-  uint32_t tpdo_cob_id[4]; /* COB-ID of the TPDO; if bit 31 is 1, the TPDO is not valid; bit 30 (no remote request) is always 1 [1] */
+  uint32_t tpdo_cob_id[4]; /* COB-ID of the TPDO: bit 30 no remote request, always 1, bit 31 the TPDO is not valid [1] */
   uint32_t tpdo_mapping[32]; /* mapped object of the TPDO: index, sub-index and length in bits [1] */
   uint16_t emcy_inhibit_time; /* shortest time from one emergency message to the next [100 us] */
   uint16_t producer_heartbeat_time; /* time from one heartbeat of the axis to the next; 0 means no heartbeat [ms] */
@@ -1675,7 +1781,7 @@ typedef struct {
   uint32_t sdo_server_receive; /* COB-ID of SDO requests of a CANopen master to the axis [1] */
   uint32_t sdo_server_transmit; /* COB-ID of SDO answers of the axis to a CANopen master [1] */
   uint32_t program_crc[2]; /* CRC-32 of the image that runs, and of the complete image in the other slot; 0 without such an image [1] */
-  uint32_t program_flash_status; /* bit 0: a download is in progress; bits 1 to 7: error of the last download by CiA 302-3, which program_refusal names [1] */
+  uint32_t program_flash_status; /* error of the last download by CiA 302-3 in bits 1 to 7, which program_refusal names: bit 0 a download is in progress [1] */
   uint16_t sync_count; /* number of SYNC messages that were received [1] */
   uint8_t error_register; /* error register: bit 0 any error, bit 1 current, bit 4 communication, bit 5 profile, bit 7 manufacturer-specific [1] */
   uint8_t nmt_state; /* NMT state of the CANopen node [1] */
@@ -1695,8 +1801,8 @@ typedef struct {
   uint16_t watchdog; /* longest time between two writes of an owner other than canopen, not counting objects that every source may write; after a longer time the axis has lost its owner [ms] */
   uint16_t stored_bit_rate; /* CAN bit rate that the axis uses after the next reset of the node; must be a rate of CiA 301 that the code for the board supports [kbit/s] */
   uint16_t drive_bit_rate; /* bit rate of the bus of the drive, a rate of CiA 301 that the board supports; acts after the next power-up [kbit/s] */
-  uint16_t drive_lacks; /* what the drive lacks and the master leaves out, as a sum: 1 1005h, 2 1006h, 4 60C2h, 8 6007h, 16 1016h, 32 1017h, 64 a mapping in 1600h that can be changed, 128 1400h:2, 256 a mapping in 1A00h that can be changed, 512 1800h:2, 1024 6060h, 2048 6077h, 4096 bit 30 of 1800h:1, 8192 bit 9 and 16384 bit 12 of the statusword; the drive must then do the same by its own settings; acts after the next power-up [1] */
-  uint16_t drive_differs; /* objects that the drive may read back with another value than the master has written, as a sum of the numbers 1 to 1024 of drive_lacks, without 64 and 256 because mappings are always compared; acts after the next power-up [1] */
+  uint16_t drive_lacks; /* what the drive lacks and the master leaves out; the drive must then do the same by its own settings; acts after the next power-up: bit 0 1005h, bit 1 1006h, bit 2 60C2h, bit 3 6007h, bit 4 1016h, bit 5 1017h, bit 6 a mapping in 1600h that can be changed, bit 7 1400h:2, bit 8 a mapping in 1A00h that can be changed, bit 9 1800h:2, bit 10 6060h, bit 11 6077h, bit 12 bit 30 of 1800h:1, bit 13 bit 9 of the statusword, bit 14 bit 12 of the statusword [1] */
+  uint16_t drive_differs; /* objects that the drive may read back with another value than the master has written; mappings are always compared; acts after the next power-up: bit 0 1005h, bit 1 1006h, bit 2 60C2h, bit 3 6007h, bit 4 1016h, bit 5 1017h, bit 7 1400h:2, bit 9 1800h:2, bit 10 6060h [1] */
   uint16_t drive_wait; /* longest wait for the boot-up message of the drive, for its first TPDO, and until it is on; acts after the next power-up [ms] */
   uint16_t drive_sdo_timeout; /* longest wait for an answer of the drive by SDO; a request without an answer is repeated once; acts after the next power-up [ms] */
   uint16_t drive_quick_stop; /* longest time for which a quick stop is commanded before the voltage is disabled; it ends when the drive leaves the quick stop by itself; acts after the next power-up [ms] */
@@ -1725,7 +1831,7 @@ typedef struct {
 
 typedef struct {
   uint32_t object_table_hash; /* first 32 bits of the SHA-256 of the object table: addresses, names, types, units, scales, ranges, access and names of values [1] */
-  uint32_t store_change[8]; /* first parameter that store_change_count counts, as CANopen index times 256 plus sub-index; bit 24 is 1 if an earlier default was kept; 0 means none [1] */
+  uint32_t store_change[8]; /* first parameter that store_change_count counts, as CANopen index times 256 plus sub-index; 0 means none: bit 24 an earlier default was kept [1] */
   uint32_t incident_tick; /* value of tick_count at the incident; for an incident without a fault, value of tick_count at the last step of the main loop [tick] */
   uint32_t incident_crc; /* CRC-32 of the samples of the incident, in the order of recorder_data [1] */
   uint32_t drive_failed_object; /* object of the drive whose SDO transfer was the reason of its failure, index times 256 plus sub-index; 0 means none [1] */
@@ -1849,6 +1955,9 @@ extern const axis_object_t axis_objects[AXIS_OBJ_COUNT];
 
 /* Error code of CiA 402 (603Fh) for each fault: the one with the name of the fault. */
 extern const uint16_t axis_fault_codes[AXIS_FAULT_COUNT];
+
+/* Bits of the statusword (6041h) in each state; the other bits of the state are 0. */
+extern const uint8_t axis_drive_state_words[AXIS_DRIVE_STATE_COUNT];
 
 /* What lies at a CANopen address. */
 enum {

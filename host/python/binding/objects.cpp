@@ -31,6 +31,14 @@ py::tuple value_texts(const axis_object_meta_t &meta) {
   return py::tuple(texts);
 }
 
+py::tuple sentences(const axis_object_meta_t &meta) {
+  py::list texts;
+  for (const axis_value_text_t &named : axis_value_texts) {
+    if (named.object == meta.object) texts.append(named.sentence);
+  }
+  return py::tuple(texts);
+}
+
 // (bit, key, text, modes of operation) of an object whose value is a set of bits.
 py::tuple bits_of(const axis_object_meta_t &meta) {
   py::list found;
@@ -56,7 +64,7 @@ py::list objects() {
         "index"_a = meta.index, "sub"_a = meta.sub, "modbus"_a = meta.modbus,
         "stored"_a = meta.stored != 0, "title"_a = meta.title, "node_id"_a = meta.node_id != 0,
         "mappable"_a = meta.mappable, "quantity"_a = meta.quantity, "in_cycle"_a = meta.in_cycle,
-        "values"_a = value_texts(meta), "bits"_a = bits_of(meta)));
+        "values"_a = value_texts(meta), "sentences"_a = sentences(meta), "bits"_a = bits_of(meta)));
   }
   return found;
 }
@@ -68,6 +76,24 @@ py::list bits(const axis_bit_meta_t (&table)[Count]) {
   for (const axis_bit_meta_t &bit : table) {
     found.append(
         py::dict("address"_a = bit.address, "name"_a = bit.name, "meaning"_a = bit.meaning));
+  }
+  return found;
+}
+
+py::list status_states() {
+  py::list found;
+  for (const axis_status_state_t &state : axis_status_states)
+    found.append(py::make_tuple(state.mask, state.value, state.text));
+  return found;
+}
+
+py::list refusals() {
+  py::list found;
+  for (const axis_refusal_t &refusal : axis_refusals) {
+    py::list aborts;
+    for (const std::uint32_t abort : refusal.aborts)
+      if (abort != 0) aborts.append(abort);
+    found.append(py::make_tuple(refusal.error, refusal.name, refusal.text, py::tuple(aborts)));
   }
   return found;
 }
@@ -85,6 +111,9 @@ void add_objects(py::module_ &m) {
   m.attr("OBJECTS_HASH") = AXIS_OBJECTS_HASH;
   m.def("objects", &objects,
         "Returns the object table as one dictionary for each object, in the order of the numbers.");
+  m.def("status_states", &status_states, "Returns (mask, value, text) of each state of CiA 402.");
+  m.def("refusals", &refusals,
+        "Returns (error, name, text, SDO abort codes) of each result of a refused access.");
   m.def("certificate", &certificate, py::arg("bank_crc"), py::arg("adc_bits"),
         py::arg("force_scale"), "Returns the values of the certificate of a bank.");
   m.def(

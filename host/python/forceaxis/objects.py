@@ -17,6 +17,24 @@ class ObjectBit(NamedTuple):
     modes: tuple[int, ...]
 
 
+class StatusState(NamedTuple):
+    """A state of CiA 402: a statusword shows it if its bits in `mask` are `value`."""
+
+    mask: int
+    value: int
+    text: str
+
+
+class Refusal(NamedTuple):
+    """A result of a refused access: its number in the firmware, its text for the user, and the SDO
+    abort codes that say so."""
+
+    error: int
+    name: str
+    text: str
+    aborts: tuple[int, ...]
+
+
 @dataclass(frozen=True)
 class AxisObject:
     """One parameter, signal or command of the firmware. The engineering value is the raw value
@@ -49,7 +67,9 @@ class AxisObject:
     in_cycle: str
     # names of special raw values, for an object that is not an enumeration
     values: tuple[tuple[int, str], ...]
-    bits: tuple[ObjectBit, ...]  # of a value that is a set of bits
+    # a sentence for each of them, such as the cause of a fault; "" without one
+    sentences: tuple[str, ...]
+    bits: tuple[ObjectBit, ...]  # of a value that is or has a set of bits
 
     def bits_in(self, value: int, mode: int | None = None) -> list[ObjectBit]:
         """Returns the known bits that are 1 in a raw value, in a mode of operation."""
@@ -75,6 +95,9 @@ OBJECTS = tuple(
 BY_NAME = {o.name: o for o in OBJECTS}
 COILS = tuple(AxisBit(**bit) for bit in _core.coils())
 DISCRETES = tuple(AxisBit(**bit) for bit in _core.discretes())
+# A valid statusword shows exactly one of these states.
+STATUS_STATES = tuple(StatusState(*state) for state in _core.status_states())
+REFUSALS = {refusal[1]: Refusal(*refusal) for refusal in _core.refusals()}
 
 
 def certificate(bank_crc: int, adc_bits: int, force_scale: float) -> dict[str, int]:
@@ -91,6 +114,15 @@ def mask(name: str, *keys: str) -> int:
     KeyError for an unknown key."""
     known = {bit.key: 1 << bit.bit for bit in BY_NAME[name].bits}
     return sum({known[key] for key in keys})
+
+
+def sentence(fault: str) -> str | None:
+    """Returns what a fault or an emergency message means, or None for another name."""
+    codes = BY_NAME["error_code"]
+    for (_, text), meaning in zip(codes.values, codes.sentences, strict=True):
+        if text == fault:
+            return meaning or None
+    return None
 
 
 def default(name: str) -> float:

@@ -1,8 +1,10 @@
 #include <gtest/gtest.h>
 
+#include <map>
 #include <string>
 #include <vector>
 
+#include "firmware/objects/generated/axis_objects_meta.h"
 #include "tests/firmware/unit/cia402_fixture.hpp"
 
 extern "C" {
@@ -237,6 +239,21 @@ TEST_F(DriveState, ALostOwnerActsAsTheOptionSays) {
     cia402_owner_lost(&fw_.drive, &fw_.axis, AXIS_FAULT_SOURCE_LOST);
     Tick();
     EXPECT_EQ(State(), state);
+  }
+}
+
+// Bits 12 and 13 of the statusword have a name in the object table in the modes that set them
+// alone.
+TEST_F(DriveState, TheTableNamesBitsOfTheModesThatHaveThem) {
+  std::map<int, int> named;
+  for (const axis_object_bit_t &bit : axis_object_bits) {
+    if (bit.object != AXIS_OBJ_STATUSWORD || (bit.bit != 12 && bit.bit != 13)) continue;
+    for (int mode = -16; mode < 16; ++mode)
+      if ((bit.modes >> (mode + 16) & 1) != 0) named[mode] |= 1 << bit.bit;
+  }
+  for (int row = 0; row < CIA402_MODES; ++row) {
+    const int mode = row - CIA402_MODE_OFFSET;
+    EXPECT_EQ(named.count(mode) != 0, cia402_modes[row].bits != nullptr) << mode;
   }
 }
 

@@ -761,6 +761,56 @@ BAD_TABLES = {
         'bits = [[0, "fitted"]',
         "object drive_report: bits: expected [0 to 7, snake case key, text], got [0, ",
     ),
+    "bits of another object": (
+        'bits_of = ["digital_inputs", "limit_positive"',
+        'bits_of = ["digital_inputs", "limit"',
+        "object inputs_fitted: bits_of: expected an earlier object that has bits",
+    ),
+    "bit without a name": (
+        "max = 30\ndefault = 0",
+        "max = 62\ndefault = 0",
+        "object inputs_fitted: bits: expected a name of the highest bit of 62",
+    ),
+    "sentence of a value": (
+        '"the CAN controller went bus off"',
+        '"a|b"',
+        "object error_code: values: expected a list of different",
+    ),
+    "fault without a code": (
+        '"position_old", "force_old"]',
+        '"position_old", "force_odd"]',
+        "object error_code: values: expected a code of the fault force_odd",
+    ),
+    "coding of a state": (
+        "[0x4F, 0x08,",
+        "[0x4F, 0x80,",
+        "object drive_state: coding: expected [mask, value, text], got [79, 128,",
+    ),
+    "coding of too few states": (
+        '  [0x4F, 0x08, "fault"],\n',
+        "",
+        "object drive_state: coding: expected a row for each text of the enum",
+    ),
+    "bit of no object": (
+        'bit_of = ["statusword", 0]',
+        'bit_of = ["force", 0]',
+        "discrete ready_to_switch_on: bit_of: expected [object that has bits, number of the bit]",
+    ),
+    "bit with two meanings": (
+        'bit_of = ["statusword", 0]',
+        'bit_of = ["statusword", 0]\nmeaning = "ready"',
+        "discrete ready_to_switch_on: meaning: expected either meaning or bit_of",
+    ),
+    "number of a refusal": (
+        "number = -3",
+        "number = -4",
+        "refusal write_only: number: expected -3, the next one",
+    ),
+    "abort code twice": (
+        "aborts = [0x06010001]",
+        "aborts = [0x06010002]",
+        "refusal write_only: aborts: expected up to 4 SDO abort codes that no other refusal has",
+    ),
     "unknown kind": ("\n[[coil]]", "\n[[coils]]", "object table: coils: unknown key"),
 }
 
@@ -813,6 +863,7 @@ def test_python_objects_are_those_of_the_table(monkeypatch):
                 "values": tuple(map(tuple, o["values"])),
                 "bits": tuple((*bit, tuple(sorted(modes))) for *bit, modes in o["bits"]),
             }
+            | {"sentences": tuple(o["sentences"].get(text, "") for _, text in o["values"])}
         )
     assert [asdict(o) for o in objects.OBJECTS] == expected
     assert [bit._asdict() for bit in objects.COILS] == read.coils

@@ -17,12 +17,11 @@ from forceaxis.axis import quantity
 from forceaxis.axis.values import AxisValues, PlannedValues
 from forceaxis.bus.client import Value, to_raw
 from forceaxis.errors import ParameterError
-from forceaxis.objects import BY_NAME
+from forceaxis.objects import BY_NAME, mask
 
-INTERNAL_LIMIT = 1 << 11  # bit of the statusword: the axis limits a target or the output
-# Bit of the controlword: the target position is relative to the present position.
-RELATIVE_TARGET = 1 << 6
-REVERSED_POSITIONS = 0x80  # bit of the object polarity that reverses the direction of positions
+INTERNAL_LIMIT = mask("statusword", "limit")
+RELATIVE_TARGET = mask("controlword", "relative")
+REVERSED_POSITIONS = mask("polarity", "position")
 NO_LIMIT = 2**31 - 1  # magnitude of a position limit that means "no limit"
 DAC_CODE_MAX = 2047
 

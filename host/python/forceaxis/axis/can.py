@@ -15,6 +15,7 @@ from typing import BinaryIO
 import numpy as np
 
 from forceaxis._core import InputError
+from forceaxis.axis.drive import COMMAND_BITS, ENABLE
 from forceaxis.axis.link import (
     COMMAND_SOURCES,
     NoAnswer,
@@ -25,7 +26,7 @@ from forceaxis.axis.link import (
 )
 from forceaxis.bus.keeper import HeartbeatKeeper
 from forceaxis.errors import ParameterError
-from forceaxis.objects import BY_NAME
+from forceaxis.objects import BY_NAME, REFUSALS
 
 try:
     import can
@@ -73,12 +74,8 @@ STOPPED = (
     "enables no drive"
 )
 STRUCT_FORMATS = {"u8": "<B", "i8": "<b", "u16": "<H", "i16": "<h", "u32": "<I", "i32": "<i"}
-# Error code of the firmware (a key of link.REASONS) for each SDO abort code.
-REASON_OF_ABORT = {
-    0x06020000: -1, 0x06090011: -1, 0x06010002: -2, 0x06010001: -3, 0x06090030: -4,
-    0x06090031: -4, 0x06090032: -4, 0x08000020: -4, 0x08000021: -7, 0x08000022: -5,
-    0x08000024: -6, 0x06040041: -9, 0x06040043: -9, 0x06060000: -10,
-}  # fmt: skip
+# Error code of the firmware for each SDO abort code.
+REASON_OF_ABORT = {abort: r.error for r in REFUSALS.values() for abort in r.aborts}
 
 
 @contextlib.contextmanager
@@ -249,7 +246,7 @@ class CanLink(RecorderLink):
 
     def write(self, values: Mapping[str, int]) -> None:
         for name, raw in values.items():
-            enables = name == "controlword" and raw & 0x8F == 0x0F
+            enables = name == "controlword" and raw & COMMAND_BITS == ENABLE
             if enables and self._owns and self._watched is None:
                 self._be_watched()
             if name in STORING:

@@ -16,11 +16,15 @@ from forceaxis.objects import mask
 
 MODES = {text: number for number, text in state_names.MODES.items()}
 # Values of the controlword, and bits of the statusword (CiA 402).
-SHUTDOWN, SWITCH_ON, ENABLE, NEW_SETPOINT = 0x06, 0x07, 0x0F, 0x1F
-START_HOMING, FAULT_RESET = 0x1F, 0x80
+SHUTDOWN = mask("controlword", "enable_voltage", "no_quick_stop")
+SWITCH_ON = SHUTDOWN | mask("controlword", "switch_on")
+ENABLE = SWITCH_ON | mask("controlword", "enable_operation")
+NEW_SETPOINT = START_HOMING = ENABLE | mask("controlword", "start")
+FAULT_RESET = mask("controlword", "fault_reset")
+COMMAND_BITS = ENABLE | FAULT_RESET  # bits that command a state
 DISABLE_VOLTAGE = 0  # the only controlword that ends a latched quick stop
 TARGET_REACHED = mask("statusword", "reached")
-BIT_12, HOMING_ERROR = mask("statusword", "acknowledged"), mask("statusword", "homing_error")
+ACKNOWLEDGED = mask("statusword", "acknowledged")
 # End of the error text for an axis with a fault. The command line replaces this text by its own
 # command.
 FAULT_REMEDY = "; reset_fault() resets the fault"
@@ -212,7 +216,9 @@ class Drive(AxisValues):
         has changed meanwhile; NoAnswer."""
         self.set(target_position=position, controlword=NEW_SETPOINT)
         target = self.read("target_position")
-        self.wait_for(StatusObjects, lambda s: s.statusword & BIT_12, "the set-point acknowledged")
+        self.wait_for(
+            StatusObjects, lambda s: s.statusword & ACKNOWLEDGED, "the set-point acknowledged"
+        )
         self.set(controlword=ENABLE)
         reached = self.wait_for(
             ReachedPosition,

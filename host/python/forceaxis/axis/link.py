@@ -22,7 +22,7 @@ from forceaxis.bus.client import NoAnswer, Refused
 from forceaxis.bus.keeper import Keeper, WatchdogKeeper
 from forceaxis.bus.state_names import enum
 from forceaxis.linear import plant_facts
-from forceaxis.objects import BY_NAME, state_needed
+from forceaxis.objects import BY_NAME, REFUSALS, state_needed
 
 __all__ = ["Link", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned"]
 
@@ -38,19 +38,8 @@ DEVICE_NAME_INDEX, HARDWARE_INDEX, VERSION_INDEX = 0x1008, 0x1009, 0x100A
 
 
 # Text for the user for each error code FW_ERROR_ of the firmware.
-REASONS = {
-    -1: "there is no such object",
-    -2: "it cannot be written",
-    -3: "it cannot be read",
-    -4: "outside its range or at odds with another object",
-    -5: "not in this state of the axis",
-    -6: "there is no finished recording",
-    -7: "another source owns the axis",
-    -8: "the store is at work",
-    -9: "it cannot be mapped, or conflicts with another entry",
-    -10: "there is no memory for parameters",
-}
-NOT_NOW = -5
+REASONS = {refusal.error: refusal.text for refusal in REFUSALS.values()}
+NOT_NOW = REFUSALS["state"].error
 
 
 def reason(what: str, error: int) -> str | None:

@@ -21,7 +21,7 @@ from forceaxis.axis.link import (
 )
 from forceaxis.bus.keeper import WatchdogKeeper
 from forceaxis.errors import ParameterError
-from forceaxis.objects import BY_NAME, AxisObject, state_needed
+from forceaxis.objects import BY_NAME, REFUSALS, AxisObject, mask, state_needed
 
 if TYPE_CHECKING:
     from pymodbus.client.base import ModbusBaseSyncClient
@@ -32,6 +32,7 @@ SERIAL_URL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
 BAUD_RATE = 115_200  # baud rate, the default of the firmware, for 8 data bits and even parity
 PARITIES = "EN"
 PART_BYTES = 64  # of cycle_data_1 to _16; also the head of an update
+FLASH_BUSY = mask("program_flash_status", "busy")
 PART_TRIES = 3  # of a request whose answer is lost; the axis leaves out what it has already
 MOST_REGISTERS = 125  # largest number of registers in one request
 # Number of a text in Modbus function 43 / 14, for each CANopen index of the same text.
@@ -40,9 +41,9 @@ NOT_NOW = 4  # exception code "server device failure"
 TARGET_NO_ANSWER = 11  # exception code "gateway target device failed to respond"
 EXCEPTIONS = {
     2: "there is no such register",
-    3: "outside its range or at odds with another object",
+    3: REFUSALS["range"].text,
     4: "not in this state of the axis, or another source owns it",
-    6: "the store is at work",
+    6: REFUSALS["busy"].text,
     10: "the gateway has no axis of this unit",
     TARGET_NO_ANSWER: "the axis does not answer its gateway",
 }
@@ -260,7 +261,7 @@ class ModbusLink(Link):
             for low, high in struct.iter_unpack("<HH", data[at : at + PART_BYTES]):
                 registers += [low, high] if self._word_order() else [high, low]
             self._ask_again("the update", partial(write, first, registers, device_id=self._unit))
-            if at == 0 and not self._read("program_flash_status") & 1:
+            if at == 0 and not self._read("program_flash_status") & FLASH_BUSY:
                 raise Refused("the update was refused")
             written(at)
 

@@ -17,11 +17,11 @@ from forceaxis.axis.link import DEVICE_NAME_INDEX, POLL_PERIOD_S, VERSION_INDEX,
 from forceaxis.axis.parameter_file import MEASURED, PARAMETERS, About, engineering
 from forceaxis.bus import state_names
 from forceaxis.bus.state_names import texts
-from forceaxis.objects import BY_NAME, AxisObject
+from forceaxis.objects import BY_NAME, AxisObject, mask
 from forceaxis.results import json_field
 
 # Bit of a COB-ID that disables the PDO. Only a disabled PDO can be changed.
-INVALID_COB_ID = 1 << 31
+INVALID_COB_ID = mask("rpdo_cob_id_1", "off")
 PDO_COUNT, ENTRIES_PER_PDO = 4, 8
 # Objects whose names contain one of these texts are written last, in this order.
 WRITTEN_LAST = ("_mapped_", "_cob_id", "force_bank")

@@ -22,12 +22,14 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
 from forceaxis.axis import bounds
-from forceaxis.axis.drive import BIT_12, ENABLE, HOMING_ERROR, START_HOMING, Drive
+from forceaxis.axis.drive import ENABLE, START_HOMING, Drive
 from forceaxis.axis.gateway import READY_S, GatewayLink
 from forceaxis.bus import state_names
 from forceaxis.bus.client import AxisClient, NoAnswer, Refused, Value
 from forceaxis.bus.messages import axis_event_t, axis_state_t
+from forceaxis.objects import mask
 
+HOMING_ATTAINED, HOMING_ERROR = mask("statusword", "attained"), mask("statusword", "homing_error")
 STATES_KEPT = 30_000  # number of stored states: ten minutes at 50 states per second
 
 
@@ -129,7 +131,9 @@ class Session(AxisClient):
         """Homes the axis at the present position, which becomes `position` in encoder counts."""
         self.enable("homing", homing_method=37, home_offset=position)
         self.write("controlword", START_HOMING)
-        state = self.wait_for(lambda s: s.statusword & (BIT_12 | HOMING_ERROR), "to be homed")
+        state = self.wait_for(
+            lambda s: s.statusword & (HOMING_ATTAINED | HOMING_ERROR), "to be homed"
+        )
         if state.statusword & HOMING_ERROR:
             raise NoAnswer(f"axis {self.axis}: homing failed")
         self.write("controlword", ENABLE)

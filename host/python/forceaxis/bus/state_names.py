@@ -1,20 +1,7 @@
 """Texts for the numbers of a drive: CiA 402 state, mode of operation, EMCY code and
 enumerations."""
 
-from forceaxis.objects import BY_NAME, AxisObject
-
-# States of CiA 402: (mask, value, state of the drive).
-# A valid statusword matches exactly one entry.
-STATES = (
-    (0x4F, 0x00, "not ready to switch on"),
-    (0x4F, 0x40, "switch on disabled"),
-    (0x6F, 0x21, "ready to switch on"),
-    (0x6F, 0x23, "switched on"),
-    (0x6F, 0x27, "operation enabled"),
-    (0x6F, 0x07, "quick stop active"),
-    (0x4F, 0x0F, "fault reaction active"),
-    (0x4F, 0x08, "fault"),
-)
+from forceaxis.objects import BY_NAME, STATUS_STATES, AxisObject
 
 # CiA 402 states of the drive in which the amplifier is switched on.
 POWERED = ("operation enabled", "quick stop active", "fault reaction active")
@@ -42,9 +29,9 @@ PROFILE_MODES = {-9, -4, 3, 6, 9}
 
 def drive_state(statusword: int) -> str:
     """Returns the CiA 402 state of a statusword as text, or the number if no state matches."""
-    for mask, value, text in STATES:
-        if statusword & mask == value:
-            return text
+    for state in STATUS_STATES:
+        if statusword & state.mask == state.value:
+            return state.text
     return f"statusword {statusword:04X}h"
 
 

@@ -23,7 +23,7 @@ from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Recording, Refused
 from forceaxis.axis.values import object_names
 from forceaxis.bus.client import from_raw
-from forceaxis.objects import BY_NAME, OBJECTS, OBJECTS_HASH
+from forceaxis.objects import BY_NAME, OBJECTS, OBJECTS_HASH, STATUS_STATES
 from forceaxis.recordings.source import ArraySource
 from forceaxis.results import from_json
 
@@ -43,9 +43,6 @@ INCIDENT_STATES = ("incident", "incident_kept")
 # longest time in s until the axis has completed the recording of an incident and the CRC
 COMPLETE_TIMEOUT_S = 5.0
 FULL_SCALE_BITS = 8  # number of ADC bits to which force counts refer
-# Bits of the statusword that give the state of CiA 402, and their value in the state operation
-# enabled.
-STATE_BITS, OPERATION_ENABLED = 0x6F, 0x27
 NEAR_MS = 100  # time in ms before and after the error that the second column of the plot shows
 
 
@@ -304,7 +301,8 @@ def load(path: Path) -> Incident:
 
 def is_enabled(statusword: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Returns True for each tick in the state operation enabled, (n,)."""
-    return np.asarray((statusword & STATE_BITS) == OPERATION_ENABLED)
+    state = next(s for s in STATUS_STATES if s.text == "operation enabled")
+    return np.asarray((statusword & state.mask) == state.value)
 
 
 def source_of(incident: Incident, path: Path) -> ArraySource:

@@ -8,43 +8,15 @@ from numpy.typing import NDArray
 
 from forceaxis.axis.link import TICKS_PER_S
 from forceaxis.bus.state_names import enum, mode
-from forceaxis.commission.incident import Incident, words
-from forceaxis.objects import BY_NAME
+from forceaxis.commission.incident import Incident, is_enabled, words
+from forceaxis.objects import BY_NAME, sentence
 from forceaxis.words import counted
 
-ENABLED_STATUS = 0x27  # value of statusword & 0x6F in the state operation enabled
 TICK_MS = 1e3 / TICKS_PER_S
 SWING_TICKS = 450  # 0.3 s
 NEAR_TICKS = 75  # 50 ms
 CLOSE_TICKS = 10
 
-# {fault: text about the fault that is independent of the recording}.
-FAULT_TEXTS = {
-    "enable_lost": "the enable chain opened while the axis was enabled",
-    "limit_switches": "both limit switches were active at once",
-    "source_lost": "the owner of the axis wrote nothing for the time of its watchdog",
-    "heartbeat_lost": "the heartbeat that the axis monitors was not received in time",
-    "pdo_timeout": "an RPDO was not received before its deadline",
-    "can_off": "the CAN controller went bus off",
-    "main_loop_lost": "the main loop did not run for more than 15 ticks",
-    "duplicate_node": "another node with the same id is on the bus",
-    "sensor_invalid": "the inputs of a tick could not be read",
-    "contact_travel": "the axis moved on in contact by more than contact_travel_max",
-    "no_contact": "the approach ended without contact",
-    "contact_unstable": "contact was lost again and again, or the force oscillated",
-    "watchdog_reset": "the watchdog reset the processor in the middle of a tick",
-    "core_fault": "a fault of the processor, or a debugger, reset it",
-    "board_unfit": "the board failed a check at power-up",
-    "supply_wrong": "the supply of the board or the reference of the ADC left its range",
-    "clock_wrong": "a second clock measured another length of the tick",
-    "drive_not_ready": "the drive did not come on within drive_on_ticks_max, which on a bus has to "
-    "be longer than drive_wait (wait_ms of axis_linux)",
-    "drive_lost": "the drive went off while the axis was enabled",
-    "drive_fault": "the drive reported a fault of its own",
-    "position_old": "the position was older than position_age_max",
-    "force_old": "the force was older than force_age_max",
-    "output_wrong": "the value of DAC or amp_enable that was read back differs from the output",
-}
 # Bits of board_state (2431h) that report no fault by themselves.
 NO_FAULTS = ("clock_internal", "tick_unknown")
 CORE_WORDS = ("pc", "lr", "cfsr", "hfsr", "bfar")
@@ -98,7 +70,7 @@ class _Story:
         self.speed = np.diff(self.way, prepend=self.way[0])
         self.inputs = incident.column("digital_inputs")[until]
         self.reason = incident.column("limit_reason")[until]
-        self.enabled = (incident.column("statusword")[until] & 0x6F) == ENABLED_STATUS
+        self.enabled = is_enabled(incident.column("statusword")[until])
         self.threshold = incident.force.contact_force * incident.force.count_N
         self.contact = np.abs(self.force) > self.threshold
 
@@ -114,7 +86,7 @@ class _Story:
     def meaning(self, fault: str) -> str | None:
         """Returns an explanation of the fault with the state of the board, or None if the fault has
         no explanation."""
-        text, said = FAULT_TEXTS.get(fault), self.incident.parameters
+        text, said = sentence(fault), self.incident.parameters
         if fault == "core_fault" and said.get("core_fault_pc", 0) | said.get("core_fault_cfsr", 0):
             words = (
                 f"{w.upper()} {said[f'core_fault_{w}'] & 0xFFFFFFFF:#010x}" for w in CORE_WORDS
@@ -154,9 +126,10 @@ class _Story:
         if not len(changed):
             return None
         last = int(changed[-1])
-        names = ("enable chain", "positive limit switch", "negative limit switch", "home", "index")
-        bits = int(self.inputs[last]) ^ int(self.inputs[last + 1])
-        which = " and ".join(n for i, n in enumerate(names) if bits >> i & 1)
+        changed = BY_NAME["digital_inputs"].bits_in(
+            int(self.inputs[last]) ^ int(self.inputs[last + 1])
+        )
+        which = " and ".join(bit.text for bit in changed)
         ago = (self.at - last - 1) * TICK_MS
         return f"{which or 'a digital input'} changed {ago:.1f} ms before the error"
 
