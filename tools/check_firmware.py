@@ -50,6 +50,7 @@ CHIP_HEADER = "chip.h"
 OTHER_FILES = {
     "CMakeLists.txt",
     "objects/axis_objects.toml",
+    "objects/numbers.txt",
     "objects/released/0.1.0.csv",
     # Files that are generated for other programs.
     "objects/generated/forceaxis.eds",

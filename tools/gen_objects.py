@@ -4,7 +4,10 @@
 usage: gen_objects.py [--check] [--root DIR]
 
 Reads firmware/objects/axis_objects.toml, and what 0.1.0 stored in released/ beside it, and writes
-  firmware/objects/generated/axis_objects.h        object numbers, structures, enums
+  firmware/objects/numbers.txt                     the order of the numbers; new objects at the end
+  firmware/objects/generated/axis_table.h          types of the tables, results of accesses
+  firmware/objects/generated/axis_objects_*.h      numbers, structures, enums of one part
+  firmware/objects/generated/axis_objects.h        all parts, number of objects, hashes
   firmware/objects/generated/axis_objects.c        descriptor tables: no strings, no float
   firmware/objects/generated/axis_objects_meta.h   host, Python: names, units, scales, texts, hash
   firmware/objects/generated/forceaxis.eds         for CANopen masters, CiA 306
@@ -21,14 +24,14 @@ import argparse
 import sys
 from pathlib import Path
 
-from objects import c, dbc, eds, manual, modbus, ros2
+from objects import c, dbc, eds, manual, modbus, numbers, ros2
 from objects.table import TABLE, TableError, load_table
 
 
 def generate(root):
     """{path below the root: text} of every generated file."""
     table = load_table(root / TABLE)
-    files = {}
+    files = numbers.generate(table)
     for output in (c, eds, dbc, ros2, modbus, manual):
         files |= output.generate(table)
     return files

@@ -2,6 +2,9 @@
 
 #include <stddef.h>
 
+#include "firmware/objects/generated/axis_objects_device.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
+
 uint16_t board_reset_error(const fw_config_t *config) {
   const uint32_t cause = config->reset_cause;
   if (config->core_fault != NULL) {

@@ -20,6 +20,10 @@
 #include "firmware/objects/value.h"
 
 _Static_assert(sizeof(fw_t) < 65536, "offsets of objects have 16 bits");
+_Static_assert(FW_SOURCE_CANOPEN == (int)AXIS_COMMAND_SOURCE_CANOPEN &&
+                   FW_SOURCE_MODBUS == (int)AXIS_COMMAND_SOURCE_MODBUS &&
+                   FW_SOURCE_LCM == (int)AXIS_COMMAND_SOURCE_LCM,
+               "sources have the numbers of command_source");
 _Static_assert(offsetof(fw_t, objects) == 0, "offsets of objects count from the dictionary");
 /* TPDOs copy the bytes of mapped values directly from memory, so the processor must store the
  * lowest byte of a value first. */

@@ -20,6 +20,8 @@
 #include "firmware/drive/drive.h"
 #include "firmware/modbus/server.h"
 #include "firmware/objects/dictionary.h"
+#include "firmware/objects/generated/axis_objects_device.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 #include "firmware/storage/archive.h"
 #include "firmware/storage/slots.h"
 #include "firmware/storage/store.h"

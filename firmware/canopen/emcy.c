@@ -6,6 +6,7 @@
 #include "firmware/canopen/cob_id.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 /* Returns the bits of the error register for an error code. A warning is no error. */
 static uint8_t class_of(uint16_t code) {

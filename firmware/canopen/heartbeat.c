@@ -4,6 +4,8 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 #include "firmware/objects/access.h"
+#include "firmware/objects/generated/axis_objects_axis.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 /* Returns the node id that an entry of 1016h monitors, or 0 if the entry monitors no node. */
 static uint8_t watched_node(uint32_t entry) {

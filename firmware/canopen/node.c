@@ -13,6 +13,7 @@
 #include "firmware/canopen/sync.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/generated/axis_objects.h"
 #include "firmware/objects/value.h"
 
 /* ID_NMT: CAN identifier of the network management (NMT). NMT_: commands of the NMT. */

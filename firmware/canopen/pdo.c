@@ -7,6 +7,8 @@
 #include "firmware/canopen/mapping.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/generated/axis_objects_axis.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 #include "firmware/objects/value.h"
 
 static bool rpdo_valid(const canopen_t *canopen, uint8_t i) {

@@ -12,7 +12,7 @@
 #include "firmware/canopen/timers.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/objects/access.h"
-#include "firmware/objects/generated/axis_objects.h"
+#include "firmware/objects/generated/axis_objects_canopen.h"
 
 enum { EMCY_WAITING = 4, EMCY_HISTORY = 8 };
 

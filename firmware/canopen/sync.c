@@ -4,6 +4,7 @@
 #include "firmware/canopen/emcy.h"
 #include "firmware/canopen/pdo.h"
 #include "firmware/fx/bytes.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 void sync_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
   const bool has_counter = canopen->params.sync_counter_overflow != 0;

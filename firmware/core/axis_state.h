@@ -11,7 +11,7 @@
 #include "firmware/core/excitation.h"
 #include "firmware/core/force_law.h"
 #include "firmware/core/profile.h"
-#include "firmware/objects/generated/axis_objects.h"
+#include "firmware/objects/generated/axis_objects_axis.h"
 
 /* Range of permitted DAC codes, from `least` to `most`; least <= 0 <= most. */
 typedef struct {

@@ -2,6 +2,7 @@
 
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/generated/axis_objects.h"
 #include "firmware/objects/value.h"
 
 enum { CHECK_BYTES = 16 };

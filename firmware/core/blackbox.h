@@ -18,6 +18,7 @@
 #include <stdint.h>
 
 #include "firmware/core/recorder.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 enum {
   BLACKBOX_BEFORE = 1500, /* 1 s */

@@ -1,6 +1,7 @@
 #include "firmware/core/certificate.h"
 
 #include "firmware/fx/bytes.h"
+#include "firmware/objects/generated/axis_objects.h"
 
 enum { BANK, ADC, SCALE, LAW, PARTS };
 

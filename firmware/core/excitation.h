@@ -9,7 +9,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/objects/generated/axis_objects.h"
+#include "firmware/objects/generated/axis_objects_axis.h"
 
 typedef struct {
   uint32_t random;    /* state of the noise generator */

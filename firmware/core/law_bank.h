@@ -10,7 +10,7 @@
 #include <stdint.h>
 
 #include "firmware/core/axis.h"
-#include "firmware/objects/generated/axis_objects.h"
+#include "firmware/objects/generated/axis_objects_law.h"
 
 typedef struct {
   law_params_t params;

@@ -4,6 +4,7 @@
 
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 #include "firmware/objects/value.h"
 
 void recorder_init(recorder_t *recorder, void *buffer, uint32_t buffer_bytes) {

@@ -24,7 +24,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/objects/generated/axis_objects.h"
+#include "firmware/objects/generated/axis_objects_recorder.h"
 
 enum { RECORDER_CHANNELS = 8 };
 

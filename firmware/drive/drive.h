@@ -30,6 +30,7 @@
 #include "firmware/drive/shaper.h"
 #include "firmware/fx/fx.h"
 #include "firmware/guard/guards.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 /* States of homing: idle; requested by the controlword; begun, until the axis is at standstill;
  * searching the reference position; done; failed. */

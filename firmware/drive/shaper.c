@@ -2,7 +2,7 @@
 
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
-#include "firmware/objects/generated/axis_objects.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 static uint8_t state_of(uint8_t impulses, const uint32_t *amplitude, const uint8_t *delay_tick) {
   if (impulses == 0) {

@@ -1,5 +1,7 @@
 #include "firmware/drive/state.h"
 
+#include "firmware/objects/generated/axis_objects_axis.h"
+
 enum {
   NOT_READY = AXIS_DRIVE_STATE_NOT_READY,
   DISABLED = AXIS_DRIVE_STATE_SWITCH_ON_DISABLED,

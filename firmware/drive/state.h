@@ -7,7 +7,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/objects/generated/axis_objects.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 /* Returns the state that a controlword commands in the state `state`, or `state` if the controlword
  * commands no transition. `rising` contains the bits that were 0 in the previous controlword,

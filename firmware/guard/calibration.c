@@ -1,6 +1,7 @@
 #include "firmware/guard/calibration.h"
 
 #include "firmware/fx/fx.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 /* Deviations of the calibration points from their mean, multiplied by the number of points, so that
  * nothing is rounded. |x| <= 2^21, |y| <= 2^34, and sums of products are below 2^58. */

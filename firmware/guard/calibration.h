@@ -14,6 +14,7 @@
 #include <stdint.h>
 
 #include "firmware/core/axis.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 enum { CALIBRATION_POINTS = 8 };
 

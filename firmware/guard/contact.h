@@ -8,6 +8,7 @@
 #include <stdint.h>
 
 #include "firmware/core/axis.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 /* Number of slots of the window in which contact losses are counted. Each slot lasts as many ticks
  * as the value of limit_cycle_window. The oldest contact losses are discarded one complete slot at

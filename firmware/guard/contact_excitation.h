@@ -22,6 +22,7 @@
 #include <stdint.h>
 
 #include "firmware/core/axis.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 typedef struct {
   /* value of the excitation for the next tick; the inputs of the next tick may still end the

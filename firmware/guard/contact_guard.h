@@ -43,6 +43,7 @@
 
 #include "firmware/core/axis.h"
 #include "firmware/guard/contact.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 enum { CONTACT_GUARD_SLOT_TICKS = 152, TOUCH_HALVINGS = 3, CONTACT_GUARD_SETTLING_TICKS = 1500 };
 

@@ -50,6 +50,7 @@
 #include <stdint.h>
 
 #include "firmware/core/axis.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 enum {
   /* duration without a change at standstill: 43 ms, two periods of 50 Hz */

@@ -39,6 +39,7 @@
 #include "firmware/guard/first_motion.h"
 #include "firmware/guard/sensor.h"
 #include "firmware/guard/tare.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 /* States of all protections. A copy of this structure is a copy of the protections. */
 typedef struct {

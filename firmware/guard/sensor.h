@@ -37,6 +37,7 @@
 
 #include "firmware/core/axis.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 /* Condition that the firmware checks in the present time window. */
 enum { SENSOR_WINDOW_NONE, SENSOR_WINDOW_STUCK, SENSOR_WINDOW_DISCONNECTED };

@@ -19,6 +19,7 @@
 #include <stdint.h>
 
 #include "firmware/core/axis.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 enum { TARE_JITTER_CNT = 2 };
 

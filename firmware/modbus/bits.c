@@ -2,6 +2,10 @@
 
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/generated/axis_objects_axis.h"
+#include "firmware/objects/generated/axis_objects_device.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
+#include "firmware/objects/generated/axis_objects_recorder.h"
 
 enum {
   CONTROL_SHUTDOWN = AXIS_CONTROLWORD_ENABLE_VOLTAGE | AXIS_CONTROLWORD_NO_QUICK_STOP,

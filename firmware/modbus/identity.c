@@ -2,6 +2,8 @@
 
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/generated/axis_objects_device.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
 
 /* Steps of Modbus functions 17 and 43; each step waits for the result of one access to an
  * object. */

@@ -2,6 +2,7 @@
 
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/generated/axis_objects.h"
 #include "firmware/objects/value.h"
 
 /* Steps of a request that reads or writes registers. Each step waits for the result of one access

@@ -8,15 +8,15 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/objects/generated/axis_objects.h"
+#include "firmware/objects/generated/axis_table.h"
 
 typedef struct dictionary dictionary_t;
 
 /* Sources of an access to an object. The first three sources have the numbers of command_source. */
 typedef enum {
-  FW_SOURCE_CANOPEN = AXIS_COMMAND_SOURCE_CANOPEN,
-  FW_SOURCE_MODBUS = AXIS_COMMAND_SOURCE_MODBUS,
-  FW_SOURCE_LCM = AXIS_COMMAND_SOURCE_LCM,
+  FW_SOURCE_CANOPEN = 0,
+  FW_SOURCE_MODBUS = 1,
+  FW_SOURCE_LCM = 2,
   /* the code for the board or a test bench; its writes do not depend on the owner of the axis */
   FW_SOURCE_LOCAL
 } fw_source_t;

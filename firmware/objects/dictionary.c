@@ -4,6 +4,7 @@
 
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/generated/axis_objects.h"
 #include "firmware/objects/value.h"
 
 void dictionary_init(dictionary_t *objects, const dictionary_owner_t *owner) {

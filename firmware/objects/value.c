@@ -2,6 +2,7 @@
 
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/generated/axis_objects.h"
 
 const uint8_t value_bytes_of_type[AXIS_TYPE_I32 + 1] = {
     [AXIS_TYPE_U8] = 1,  [AXIS_TYPE_I8] = 1,  [AXIS_TYPE_U16] = 2,

@@ -7,7 +7,7 @@
 
 #include <stdint.h>
 
-#include "firmware/objects/generated/axis_objects.h"
+#include "firmware/objects/generated/axis_table.h"
 
 /* Size of each type in bytes: 1, 2 or 4. */
 extern const uint8_t value_bytes_of_type[AXIS_TYPE_I32 + 1];

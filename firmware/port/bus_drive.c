@@ -1,5 +1,7 @@
 #include "firmware/port/bus_drive.h"
 
+#include "firmware/objects/generated/axis_objects_device.h"
+
 enum { AGE_MAX = 255 }; /* largest age of an input in ticks */
 
 /* Node id of the master on the bus of the drive, and the next one for a drive that has this id. */

@@ -16,6 +16,7 @@
 
 #include "firmware/core/axis_state.h"
 #include "firmware/drive402/drive402.h"
+#include "firmware/objects/generated/axis_objects_device.h"
 
 typedef struct {
   drive402_t master;

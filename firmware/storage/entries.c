@@ -5,6 +5,7 @@
 #include "firmware/canopen/mapping.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/generated/axis_objects.h"
 
 /* Bit 24 of the first word of an entry: the stored parameter was at its default. */
 #define ENTRY_AT_DEFAULT UINT32_C(0x01000000)

@@ -45,6 +45,7 @@
 #include <stdint.h>
 
 #include "firmware/objects/dictionary.h"
+#include "firmware/objects/generated/axis_objects.h"
 #include "firmware/storage/entries.h"
 #include "firmware/storage/record.h"
 

@@ -380,7 +380,7 @@ def test_wrong_arguments_are_one_line(hal, arguments, line):
     assert [x.startswith(line) for x in error.splitlines()].count(True) == 1
 
 
-def test_the_page_names_every_pin_and_every_fault(hal):
+def test_the_page_names_every_pin(hal):
     status, out, error = hal(f"{THREAD}\nloadrt forceaxis\nshow pin\nshow param")
     assert status == 0, error
     pins = set(re.findall(r"forceaxis\.([a-z.-]+)$", out, re.M))
@@ -388,7 +388,5 @@ def test_the_page_names_every_pin_and_every_fault(hal):
     page = (PORT / "README.md").read_text()
     assert len(pins) == 29
     assert {p for p in pins if f"`{p}`" not in page} == set()
-    named = re.findall(r"(\d+) `(\w+)`", page)
-    assert {name: int(code) for code, name in named} == {n: c for n, c in FAULTS.items() if c > 0}
     wired = set(re.findall(r"forceaxis\.([a-z.-]+)", (PORT / "example.hal").read_text()))
     assert wired - pins <= {"in.mode", "in.force-setpoint", "in.fault-reset", "out.force", "update"}

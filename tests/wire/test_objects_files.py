@@ -89,10 +89,16 @@ def range_of(o):
 
 def meaning_of(o):
     """The meaning with the bits of the value."""
+    bits = o.get("bits", [])
+    if "bits_of" in o:
+        name, *keys = o["bits_of"]
+        bits = next(e["bits"] for e in CONTENT["object"] if e["name"] == name)
+        bits = [bit for bit in bits if bit[1] in keys]
     texts = []
-    for number, _, text, *modes in o.get("bits", []):
+    for number, _, text, *modes in bits:
         shown = ", ".join(map(str, modes[0])) if modes else ""
-        texts.append(f"bit {number} {text}" + (f" (modes {shown})" if shown else ""))
+        plural = "s" if modes and len(modes[0]) > 1 else ""
+        texts.append(f"bit {number} {text}" + (f" (mode{plural} {shown})" if shown else ""))
     return o["meaning"] + (": " + ", ".join(texts) if texts else "")
 
 
@@ -516,8 +522,8 @@ STATUSWORD = [
 
 
 def in_header(prefix):
-    """The C header's names, in lower case, and values."""
-    header = (GENERATED / "axis_objects.h").read_text()
+    """The names of the C headers, in lower case, and values."""
+    header = "".join(path.read_text() for path in GENERATED.glob("*.h"))
     found = re.findall(rf"\bAXIS_{prefix}_(\w+) = (\d+)", header)
     return {name.lower(): int(value) for name, value in found}
 

@@ -43,27 +43,38 @@ def struct_type(o):
     return next(t for part, kind, t in STRUCTS if (part, kind) == (o["part"], o["kind"]))
 
 
-def enum_constants(table):
-    """Named raw values: of objects with texts, and the addresses of Modbus bits."""
-    for o in table.entries:
-        prefix = "AXIS_" + o["name"].upper()
-        if o["enum"] and o["enum_name"] == o["name"]:
-            yield [(f"{prefix}_{text.upper()}", i) for i, text in enumerate(o["enum"])] + [
-                (f"{prefix}_COUNT", len(o["enum"]))
-            ]
-        if o["values"] and o["values_name"] == o["name"]:
-            named = [(f"{prefix}_{text.upper()}", value) for value, text in o["values"]]
-            written = o["access"] != "ro"
-            bounds = [(f"{prefix}_LEAST", o["min"]), (f"{prefix}_GREATEST", o["max"])]
-            yield [*named, *(bounds if written else [])]
-        if o["bits"]:
-            masks = dict.fromkeys((f"{prefix}_{key.upper()}", 1 << n) for n, key, *_ in o["bits"])
-            yield list(masks)
+def constants_of(o):
+    """Lists of the named raw values of an object with texts or bits."""
+    prefix = "AXIS_" + o["name"].upper()
+    if o["enum"] and o["enum_name"] == o["name"]:
+        yield [(f"{prefix}_{text.upper()}", i) for i, text in enumerate(o["enum"])] + [
+            (f"{prefix}_COUNT", len(o["enum"]))
+        ]
+    if o["values"] and o["values_name"] == o["name"]:
+        named = [(f"{prefix}_{text.upper()}", value) for value, text in o["values"]]
+        written = o["access"] != "ro"
+        bounds = [(f"{prefix}_LEAST", o["min"]), (f"{prefix}_GREATEST", o["max"])]
+        yield [*named, *(bounds if written else [])]
+    if o["bits"]:
+        masks = dict.fromkeys((f"{prefix}_{key.upper()}", 1 << n) for n, key, *_ in o["bits"])
+        yield list(masks)
+
+
+def addresses_of_bits(table):
+    """Lists of the addresses of Modbus bits."""
     for kind, bits in (("COIL", table.coils), ("DISCRETE", table.discretes)):
         if bits:
             yield [(f"AXIS_{kind}_{bit['name'].upper()}", bit["address"]) for bit in bits] + [
                 (f"AXIS_{kind}_COUNT", 1 + max(bit["address"] for bit in bits))
             ]
+
+
+def enumeration(constants):
+    """The constants as an enum; those beyond int as macros."""
+    large = [(name, value) for name, value in constants if value > 0x7FFFFFFF]
+    text = "".join(f"#define {name} UINT32_C({value})\n" for name, value in large)
+    small = ",\n".join(f"  {c[0]} = {c[1]}" for c in constants if c not in large)
+    return f"{text}enum {{\n{small}\n}};\n\n" if small else f"{text}\n"
 
 
 def fault_texts(table):
@@ -78,16 +89,16 @@ def fault_texts(table):
     return named["fault"]["enum"]
 
 
-def arrays(table):
-    """(comment, declaration, rows) of each constant array that follows from names of values."""
-    if faults := fault_texts(table):
+def arrays(table, part):
+    """(comment, declaration, rows) of each constant array of a part that follows from names."""
+    if part == "axis" and (faults := fault_texts(table)):
         yield (
             "Error code of CiA 402 (603Fh) for each fault: the one with the name of the fault.",
             "uint16_t axis_fault_codes[AXIS_FAULT_COUNT]",
             [f"[AXIS_FAULT_{text.upper()}] = AXIS_ERROR_CODE_{text.upper()}" for text in faults],
         )
     for o in table.entries:
-        if o["coding"]:
+        if o["coding"] and o["part"] == part:
             name = o["name"].upper()
             yield (
                 "Bits of the statusword (6041h) in each state; the other bits of the state are 0.",
@@ -122,29 +133,20 @@ def former_names(table):
     ]
 
 
-def generate_header(table):
-    entries, specials, digest = table.entries, table.specials, table.digest
-    objects = list(expand(entries))
-    out = [C_BANNER]
-    out.append(
-        "#ifndef FIRMWARE_OBJECTS_GENERATED_AXIS_OBJECTS_H_\n"
-        "#define FIRMWARE_OBJECTS_GENERATED_AXIS_OBJECTS_H_\n\n#include <stdint.h>\n\n"
-    )
-    out.append(
-        "/* Object numbers, the same in every interface of the firmware. */\nenum {\n"
-        "  AXIS_OBJ_NONE = 0,\n"
-    )
-    out.extend(f"  AXIS_OBJ_{name.upper()} = {number},\n" for number, name, _, _ in objects)
-    out.append(f"  AXIS_OBJ_COUNT = {len(objects) + 1} /* one past the last number */\n}};\n\n")
-    for constants in enum_constants(table):
-        large = [(name, value) for name, value in constants if value > 0x7FFFFFFF]
-        out.extend(f"#define {name} UINT32_C({value})\n" for name, value in large)
-        constants = [constant for constant in constants if constant not in large]
-        if not constants:
-            continue
-        out.append("enum {\n")
-        out.append(",\n".join(f"  {name} = {value}" for name, value in constants))
-        out.append("\n};\n\n")
+def guarded(name, includes, body):
+    """A header."""
+    guard = f"FIRMWARE_OBJECTS_GENERATED_{name.upper()}_H_"
+    lines = "".join(f"#include {include}\n" for include in includes)
+    return f"{C_BANNER}#ifndef {guard}\n#define {guard}\n\n{lines}\n{body}#endif\n"
+
+
+def part_header(part):
+    return f"axis_objects_{part}"
+
+
+def generate_table_header(table):
+    """What is the same whatever objects there are."""
+    out = ["enum { AXIS_OBJ_NONE = 0 };\n\n"]
     out.append("/* Results of an access to an object. A refused access changes nothing. */\n")
     out.append("typedef enum {\n  FW_OK = 0")
     out.extend(
@@ -152,32 +154,6 @@ def generate_header(table):
         for refusal in table.refusals
     )
     out.append("\n} fw_error_t;\n\n")
-    for part, kind, type_name in STRUCTS:
-        # The widest members come first, so that the structure has no padding.
-        fields = sorted(
-            (o for o in entries if (o["part"], o["kind"]) == (part, kind)),
-            key=lambda o: -TYPES[o["type"]][0],
-        )
-        out.append("typedef struct {\n")
-        for o in fields:
-            array = f"[{o['count']}]" if o["count"] > 1 else ""
-            out.append(
-                f"  {TYPES[o['type']][3]} {o['name']}{array}; "
-                f"/* {o['meaning']} [{describe_unit(o)}] */\n"
-            )
-        out.append(f"}} {type_name};\n\n")
-    out.append(
-        "/* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,\n"
-        " * scales, ranges, access, names of values. Programs with the same one mean the same.\n"
-        " * Defaults and wording are no part of it. */\n"
-        f"#define AXIS_OBJECTS_HASH32 UINT32_C(0x{digest[:8]})\n"
-        f'#define AXIS_OBJECTS_HASH_TEXT "{digest[:8]}"\n'
-        "/* CRC-32 of name, type, unit and scale of each object that the force law computes "
-        "with. */\n"
-        f"#define AXIS_LAW_SIGNATURE UINT32_C(0x{law_signature(entries):08x})\n"
-        "/* The table's hash of version 0.1.0, as its parameter sets carry it. */\n"
-        f"#define AXIS_OBJECTS_HASH32_0_1_0 UINT32_C(0x{table.release.digest})\n\n"
-    )
     out.append("enum {")
     out.append(",".join(f" AXIS_TYPE_{t.upper()} = {i}" for i, t in enumerate(TYPES)))
     out.append(" };\nenum { AXIS_ACCESS_RW = 0, AXIS_ACCESS_RO = 1, AXIS_ACCESS_WO = 2 };\n")
@@ -214,10 +190,8 @@ def generate_header(table):
         "} axis_object_t;\n\n"
         "/* Indexed by object number; entry 0 is unused. Objects of type u32 carry the 32\n"
         " * bits of their values in min, max and initial. */\n"
-        "extern const axis_object_t axis_objects[AXIS_OBJ_COUNT];\n\n"
+        "extern const axis_object_t axis_objects[];\n\n"
     )
-    for comment, declaration, _ in arrays(table):
-        out.append(f"/* {comment} */\nextern const {declaration};\n\n")
     out.append(
         "/* What lies at a CANopen address. */\n"
         "enum {\n"
@@ -247,6 +221,54 @@ def generate_header(table):
         "} axis_change_t;\n\n"
         "extern const axis_change_t axis_changes_0_1_0[];\n\n"
     )
+    out.extend(map(enumeration, addresses_of_bits(table)))
+    return guarded("axis_table", ["<stdint.h>"], "".join(out))
+
+
+def generate_part_header(table, part):
+    """Numbers, named values and structures of the objects of a part."""
+    entries = [o for o in table.entries if o["part"] == part]
+    out = ["/* Object numbers, the same in every interface of the firmware. */\nenum {\n"]
+    out.extend(f"  AXIS_OBJ_{n.upper()} = {number},\n" for number, n, _, _ in expand(entries))
+    out.append("};\n\n")
+    for o in entries:
+        out.extend(map(enumeration, constants_of(o)))
+    for _, kind, type_name in (struct for struct in STRUCTS if struct[0] == part):
+        # The widest members come first, so that the structure has no padding.
+        fields = sorted(
+            (o for o in entries if o["kind"] == kind), key=lambda o: -TYPES[o["type"]][0]
+        )
+        out.append("typedef struct {\n")
+        for o in fields:
+            array = f"[{o['count']}]" if o["count"] > 1 else ""
+            out.append(
+                f"  {TYPES[o['type']][3]} {o['name']}{array}; "
+                f"/* {o['meaning']} [{describe_unit(o)}] */\n"
+            )
+        out.append(f"}} {type_name};\n\n")
+    for comment, declaration, _ in arrays(table, part):
+        out.append(f"/* {comment} */\nextern const {declaration};\n\n")
+    includes = ["<stdint.h>", f'"{FOLDER}/axis_table.h"']
+    return guarded(part_header(part), includes, "".join(out))
+
+
+def generate_header(table):
+    """All parts, and what changes with each object: numbers of objects, hashes."""
+    entries, specials, digest = table.entries, table.specials, table.digest
+    count = sum(o["count"] for o in entries)
+    out = [f"enum {{ AXIS_OBJ_COUNT = {count + 1} /* one past the last number */ }};\n\n"]
+    out.append(
+        "/* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,\n"
+        " * scales, ranges, access, names of values. Programs with the same one mean the same.\n"
+        " * Defaults and wording are no part of it. */\n"
+        f"#define AXIS_OBJECTS_HASH32 UINT32_C(0x{digest[:8]})\n"
+        f'#define AXIS_OBJECTS_HASH_TEXT "{digest[:8]}"\n'
+        "/* CRC-32 of name, type, unit and scale of each object that the force law computes "
+        "with. */\n"
+        f"#define AXIS_LAW_SIGNATURE UINT32_C(0x{law_signature(entries):08x})\n"
+        "/* The table's hash of version 0.1.0, as its parameter sets carry it. */\n"
+        f"#define AXIS_OBJECTS_HASH32_0_1_0 UINT32_C(0x{table.release.digest})\n\n"
+    )
     counts = {
         "stored": sum(o["count"] for o in entries if o["stored"]),
         "addresses": len(addresses(entries, specials)),
@@ -261,9 +283,11 @@ def generate_header(table):
         "extern const axis_address_t axis_addresses[AXIS_ADDRESSES_COUNT];\n"
         "/* Modbus registers, by number: those that can be written, those that cannot. */\n"
         "extern const axis_register_t axis_holding[AXIS_HOLDING_COUNT];\n"
-        "extern const axis_register_t axis_input[AXIS_INPUT_COUNT];\n\n#endif\n"
+        "extern const axis_register_t axis_input[AXIS_INPUT_COUNT];\n\n"
+        "extern const axis_object_t axis_objects[AXIS_OBJ_COUNT];\n\n"
     )
-    return "".join(out)
+    includes = [f'"{FOLDER}/{part_header(part)}.h"' for part in PARTS]
+    return guarded("axis_objects", includes, "".join(out))
 
 
 def generate_source(table):
@@ -290,7 +314,7 @@ def generate_source(table):
             f"{int(o['not_zero'])}, AXIS_IN_CYCLE_{o['in_cycle'].upper()}}},\n"
         )
     out.append("};\n\n")
-    for _, declaration, rows in arrays(table):
+    for _, declaration, rows in (a for part in PARTS for a in arrays(table, part)):
         out.append(f"const {declaration} = {{\n")
         out.extend(f"    {row},\n" for row in rows)
         out.append("};\n\n")
@@ -434,7 +458,7 @@ def generate_meta(table):
         "  const char *in_cycle;   /* free, ends, refused: a change while a cycle runs */\n"
         "} axis_object_meta_t;\n\n"
     )
-    objects = list(expand(entries))
+    objects = sorted(expand(entries), key=lambda object: object[0])
     out.append(f'#define AXIS_OBJECTS_HASH "{digest}"\n')
     out.append(f"#define AXIS_OBJECTS_META_COUNT {len(objects)}\n\n")
     out.append(
@@ -490,6 +514,8 @@ def generate_meta(table):
 def generate(table):
     """{path below the root: text}"""
     return {
+        f"{FOLDER}/axis_table.h": generate_table_header(table),
+        **{f"{FOLDER}/{part_header(part)}.h": generate_part_header(table, part) for part in PARTS},
         f"{FOLDER}/axis_objects.h": generate_header(table),
         f"{FOLDER}/axis_objects.c": generate_source(table),
         f"{FOLDER}/axis_objects_meta.h": generate_meta(table),

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from objects import meaning, released
 
 TABLE = "firmware/objects/axis_objects.toml"
+NUMBERS = "numbers.txt"  # beside the table
 
 TYPES = {
     "u8": (1, 0, 0xFF, "uint8_t"),
@@ -87,7 +88,7 @@ class TableError(Exception):
 
 
 class Table(NamedTuple):
-    entries: list  # [[object]]; an entry with count > 1 is one element
+    entries: list  # [[object]], in the order of the file; an entry with count > 1 is one element
     specials: list
     records: dict  # {index: (title, whether it is an array)}
     coils: list
@@ -519,11 +520,9 @@ def expanded_names(o):
 
 def expand(entries):
     """(number, name, entry, index in the C array) of every object."""
-    number = 0
     for o in entries:
         for index, name in enumerate(expanded_names(o)):
-            number += 1
-            yield number, name, o, index
+            yield o["number"] + index, name, o, index
 
 
 def canopen_address(o, i):
@@ -622,6 +621,7 @@ def load_table(path):
             if name in expanded:
                 fail(f"object {o['name']}", "count", f"expected unused names, {name} is taken")
             expanded.add(name)
+    set_numbers(known, path.parent / NUMBERS)
     entries = list(known.values())
     specials = check_specials(table, expanded)
     found = addresses(entries, specials)
@@ -635,6 +635,17 @@ def load_table(path):
     digest = meaning.digest(objects, specials, *bits)
     refusals = check_refusals(table)
     return Table(entries, specials, records, *bits, refusals, digest, read_release(path))
+
+
+def set_numbers(known, path):
+    """Sets the number of the first object of each entry: those of the file first, in its order, and
+    then new ones, so that no number changes because an entry is new."""
+    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    before = dict.fromkeys(line for line in lines if line in known)
+    number = 1
+    for name in [*before, *(name for name in known if name not in before)]:
+        known[name]["number"] = number
+        number += known[name]["count"]
 
 
 def read_release(path):

@@ -18,6 +18,8 @@ ROOT = Path(__file__).resolve().parents[3]
 pytestmark = [pytest.mark.quick, pytest.mark.beside]
 TABLE = "firmware/objects/axis_objects.toml"
 GENERATED = (
+    "firmware/objects/generated/axis_table.h",
+    "firmware/objects/generated/axis_objects_drive.h",
     "firmware/objects/generated/axis_objects.h",
     "firmware/objects/generated/axis_objects.c",
     "firmware/objects/generated/axis_objects_meta.h",
@@ -475,6 +477,27 @@ def test_no_source_counts_on_the_last_mode():
             assert folder != "host" or set(modes) <= {"DISABLED"}, path
 
 
+def test_a_new_object_changes_no_other_number_and_no_other_part(tree):
+    """Wherever its entry is: it gets the next number, and its part alone is compiled for it."""
+    path, generated = tree / TABLE, tree / "firmware/objects/generated"
+    headers = {p.name: p.read_text() for p in generated.glob("*.h")}
+    entry = (
+        '[[object]]\nname = "planted"\nkind = "signal"\npart = "recorder"\nmeaning = "planted"\n'
+        'type = "u8"\nunit = "1"\naccess = "ro"\nindex = 0x5FFF\n\n'
+    )
+    path.write_text(path.read_text().replace("[[object]]", f"{entry}[[object]]", 1))
+    done = run(["gen_objects.py"], tree)
+    assert done.returncode == 0, done.stderr
+    changed = {name for name, text in headers.items() if (generated / name).read_text() != text}
+    assert changed == {"axis_objects_recorder.h", "axis_objects.h", "axis_objects_meta.h"}
+    numbers = re.compile(r"(AXIS_OBJ_\w+) = (\d+),")
+    before = dict(numbers.findall("".join(headers.values())))
+    after = dict(numbers.findall("".join(p.read_text() for p in generated.glob("*.h"))))
+    assert after == before | {"AXIS_OBJ_PLANTED": str(len(objects.OBJECTS) + 1)}
+    names = (tree / "firmware/objects/numbers.txt").read_text().split()
+    assert names == [*(ROOT / "firmware/objects/numbers.txt").read_text().split(), "planted"]
+
+
 def test_a_comment_in_the_table_changes_no_generated_file(tree):
     append(tree / TABLE, "# another line\n")
     assert run(["gen_objects.py", "--check"], tree).returncode == 0
@@ -865,6 +888,7 @@ def test_python_objects_are_those_of_the_table(monkeypatch):
             }
             | {"sentences": tuple(o["sentences"].get(text, "") for _, text in o["values"])}
         )
+    expected.sort(key=lambda o: o["number"])
     assert [asdict(o) for o in objects.OBJECTS] == expected
     assert [bit._asdict() for bit in objects.COILS] == read.coils
     assert [bit._asdict() for bit in objects.DISCRETES] == read.discretes
