@@ -9,7 +9,7 @@ Needs a running gateway (`forceaxis gateway`) with an axis behind it, real or si
         forceaxis gateway & sleep 2
         python examples/session.py'
 
-`forceaxis session` does all of this by itself, with a plot and a journal.
+`forceaxis thesis session` does all of this by itself, with a plot and a journal.
 """
 
 import sys

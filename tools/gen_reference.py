@@ -242,8 +242,8 @@ THESIS = """\
 # The thesis, sentence by sentence
 
 Every sentence of Chapters 2 to 6 that states a number, a ratio, an order or a count, in our own
-words, and what checks it: a row of `forceaxis check-thesis`, a test, a figure of the report. The
-others have the reason why they cannot be checked. `forceaxis check-thesis` prints each row with the
+words, and what checks it: a row of `forceaxis thesis check`, a test, a figure of the report. The
+others have the reason why they cannot be checked. `forceaxis thesis check` prints each row with the
 value of the thesis and ours. `host/python/forceaxis/thesis/sentences.toml` is the source.
 """
 CHAPTERS = {

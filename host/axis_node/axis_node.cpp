@@ -427,10 +427,10 @@ int main(int argc, char **argv) {
                  "this host's name and the number of the axis.");
   app.add_option("--store", own.store,
                  "File with the stored parameters; FILE.1, FILE.2, ... for several axes.");
-  app.add_option(
-      "--journal", own.journal,
-      "Journal file with all inputs of the firmware, for `forceaxis replay`; FILE.1, FILE.2, "
-      "... for several axes.");
+  app.add_option("--journal", own.journal,
+                 "Journal file with all inputs of the firmware, for `forceaxis recording replay`; "
+                 "FILE.1, FILE.2, "
+                 "... for several axes.");
   app.add_option("--hold", own.hold_s,
                  "Time in s in which the disabled axes still serve their buses after the plant "
                  "became silent.")

@@ -686,7 +686,8 @@ constexpr TableFormat kVelocityFormat{
     "A drive with a velocity loop of its own: a PI controller of the velocity above a current "
     "loop. The integral follows the limited target of the current, so it does not wind up. The "
     "gains are given, or computed from bandwidth, damping_ratio and the mass for which the loop "
-    "was tuned; `forceaxis linearise` prints them. VelocityDrive in sim/model/model.hpp has the "
+    "was tuned; `forceaxis loop linearise` prints them. VelocityDrive in sim/model/model.hpp has "
+    "the "
     "equations.",
     kVelocityKeys,
     false,

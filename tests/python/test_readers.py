@@ -706,7 +706,7 @@ def test_a_time_beyond_the_clock_of_mcap_is_damage_of_a_log(tmp_path):
     state = axis_state_t().encode()
     good = [(1_700_000_000_000_000 + i, b"AXIS_1_STATE", state) for i in range(3)]
     (tmp_path / "a.log").write_bytes(log_bytes([*good, (2**63 - 1, b"AXIS_1_STATE", state)]))
-    done = forceaxis("log", "convert", tmp_path / "a.log", tmp_path / "b.mcap")
+    done = forceaxis("recording", "convert", tmp_path / "a.log", tmp_path / "b.mcap")
     assert done.returncode == 0 and "3 messages" in done.stdout
     assert done.stderr.count("\n") == 1 and "3 messages saved" in done.stderr
 
@@ -737,7 +737,7 @@ def test_a_damaged_posterior_is_one_line_for_limit(formats, tmp_path):
     ):
         tree = {"posterior": {**form.seed["posterior"], **change}}
         file.write_bytes(hostile.json_text(tree))
-        assert "posterior" in refusal("limit", "contact", "--over", file)
+        assert "posterior" in refusal("loop", "limit", "contact", "--over", file)
 
 
 @pytest.mark.parametrize("reason", [63, "a new reason"])

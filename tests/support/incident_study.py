@@ -1,4 +1,4 @@
-"""Incidents of the laboratory axis that hidden causes provoke, for `forceaxis incident --explain`.
+"""Incidents of the laboratory axis that hidden causes provoke, for `forceaxis axis incident`.
 
 Each machine is the released model with one change. The firmware controls it until a protection
 acts, and its black box is read. What explains the incident sees only the released model and the

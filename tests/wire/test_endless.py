@@ -39,7 +39,7 @@ def start(name, *args, wait_s=20):
 
 
 def replayed(journal):
-    done = verbs.forceaxis("replay", journal, "--json")
+    done = verbs.forceaxis("recording", "replay", journal, "--json")
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -98,9 +98,9 @@ def test_an_interrupted_session_replays_to_one_hash(sessions, kind, tmp_path):
     assert summary["ticks"] == sessions[kind]["reports"]["axis"]["axes"][0]["ticks"] > 3000
     without = [x for x in journal.read_text().splitlines() if not x.startswith("sensorless")]
     journal.write_text("\n".join([*without, ""]))
-    assert verbs.forceaxis("replay", journal).returncode == 1
+    assert verbs.forceaxis("recording", "replay", journal).returncode == 1
     journal.write_text("\n".join([*without[:5], "sensorless 0 0", ""]))
-    done = verbs.forceaxis("replay", journal)
+    done = verbs.forceaxis("recording", "replay", journal)
     assert done.returncode == 2 and "line 6: expected a count" in done.stderr
 
 

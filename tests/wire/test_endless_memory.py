@@ -49,6 +49,6 @@ def test_memory_is_flat_beyond_ten_minutes_of_ticks(tmp_path, monkeypatch):
     assert [r["status"] for r in reports] == [0, 0]
     assert all(b - a < 512 for a, b in zip(before, after, strict=True)), (before, after)
     # A trace of so many ticks is not kept, its hash is.
-    done = verbs.forceaxis("replay", journal, "--out", tmp_path / "out")
+    done = verbs.forceaxis("recording", "replay", journal, "--out", tmp_path / "out")
     assert done.returncode == 2 and "--out" in done.stderr
     assert replayed(journal)["ticks"] == reports[0]["axes"][0]["ticks"] > LONG_TICKS

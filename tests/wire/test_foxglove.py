@@ -255,7 +255,7 @@ def test_states_of_two_axes_are_in_newtons_and_nothing_is_written(url, tmp_path)
                 "force_permille": "permille", "force_raw": "ADC code"}  # fmt: skip
     assert expected.items() <= units.items()
     # The same session is in the recording, which ends complete.
-    done = forceaxis("log", "info", record, "--json")
+    done = forceaxis("recording", "info", record, "--json")
     assert done.returncode == 0 and done.stderr == "", done.stderr
     channels = json.loads(done.stdout)["channels"]
     assert channels["AXIS_1_STATE"]["lost"] == 0 and channels["AXIS_2_STATE"]["count"] > 30

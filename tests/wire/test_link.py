@@ -49,7 +49,7 @@ def forceaxis(*args, status=0):
 
 
 def replay(*args, status=0):
-    done = verbs.forceaxis("replay", *args)
+    done = verbs.forceaxis("recording", "replay", *args)
     assert done.returncode == status, done.stderr
     return done
 

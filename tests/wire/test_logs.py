@@ -56,7 +56,7 @@ def recorded(tmp_path_factory):
 
 
 def test_exported_values_are_those_that_were_sent(recorded, tmp_path):
-    done = forceaxis("log", "export", recorded, "--out", tmp_path, "--json")
+    done = forceaxis("recording", "export", recorded, "--out", tmp_path, "--json")
     assert done.returncode == 0 and done.stderr == "", done.stderr
     summary = json.loads(done.stdout)
     assert summary["undecodable"] == 0 and summary["not_exported"] == []
@@ -98,14 +98,14 @@ def test_exported_values_are_those_that_were_sent(recorded, tmp_path):
 
 
 def test_export_of_one_kind_and_for_a_reader(recorded, tmp_path):
-    done = forceaxis("log", "export", recorded, "--out", tmp_path, "--csv")
+    done = forceaxis("recording", "export", recorded, "--out", tmp_path, "--csv")
     assert done.returncode == 0
     assert "AXIS_1_STATE.csv" in done.stdout and "npz" not in done.stdout
     assert not list(tmp_path.glob("*.npz"))
 
 
 def test_info_counts_messages_and_losses(recorded):
-    done = forceaxis("log", "info", recorded, "--json")
+    done = forceaxis("recording", "info", recorded, "--json")
     assert done.returncode == 0 and done.stderr == ""
     summary = json.loads(done.stdout)
     row = summary["channels"]["AXIS_1_STATE"]
@@ -118,7 +118,7 @@ def test_info_counts_messages_and_losses(recorded):
     assert row["count"] == COUNT - len(left_out) + len(doubled)
     assert summary["messages"] == sum(r["count"] for r in summary["channels"].values())
     assert 0.4 < summary["span_s"] < 15  # 61 states at 100 a second
-    text = forceaxis("log", "info", recorded).stdout
+    text = forceaxis("recording", "info", recorded).stdout
     assert "AXIS_2_STATE" in text and f"{summary['messages']} messages" in text
 
 
@@ -126,11 +126,11 @@ def test_a_log_that_is_cut_off_gives_what_is_whole(recorded, tmp_path):
     whole = list(logs.LogReader(recorded))
     data, path = recorded.read_bytes(), tmp_path / "cut.log"
     path.write_bytes(data[:-5])
-    done = forceaxis("log", "info", path)
+    done = forceaxis("recording", "info", path)
     assert done.returncode == 0
     assert done.stderr.count("\n") == 1
     assert "cut off" in done.stderr and f"{len(whole) - 1} messages saved" in done.stderr
-    done = forceaxis("log", "export", path, "--out", tmp_path / "out", "--json")
+    done = forceaxis("recording", "export", path, "--out", tmp_path / "out", "--json")
     assert done.returncode == 0 and "cut off" in done.stderr
     # Everything before the cut is read, wherever it is.
     starts = [0]
@@ -203,7 +203,7 @@ def test_ticks_beyond_64_bits_cost_only_their_block(kind, damage, ticks, tmp_pat
             data = message.encode()
             header = logs.HEADER.pack(logs.SYNC_MARK, 0, 1, len(channel), len(data))
             file.write(header + channel.encode() + data)
-    done = forceaxis("log", "export", path, "--out", tmp_path / "out")
+    done = forceaxis("recording", "export", path, "--out", tmp_path / "out")
     assert (done.returncode, done.stderr) == (0, "")
     assert "1 messages that are damaged" in done.stdout
     with np.load(next((tmp_path / "out").glob("*.npz"))) as table:
@@ -226,16 +226,18 @@ def test_a_foreign_log_has_channels_but_no_tables(tmp_path):
     log = lcm.EventLog(str(path), "w")
     log.write_event(1_000_000, "EXAMPLE", b"something else")
     log.close()
-    summary = json.loads(forceaxis("log", "info", path, "--json").stdout)
+    summary = json.loads(forceaxis("recording", "info", path, "--json").stdout)
     assert summary["channels"]["EXAMPLE"]["type"] is None
-    refused(forceaxis("log", "export", path, "--out", tmp_path / "o"), "foreign.log", "forceaxis")
+    refused(
+        forceaxis("recording", "export", path, "--out", tmp_path / "o"), "foreign.log", "forceaxis"
+    )
     # Our types are known on any channel.
     log = lcm.EventLog(str(path), "w", overwrite=True)
     state = state_of(1, 5)
     state.run_id, state.seq = 1, 0
     log.write_event(1_000_000, "COPY_OF_STATE", state.encode())
     log.close()
-    summary = json.loads(forceaxis("log", "info", path, "--json").stdout)
+    summary = json.loads(forceaxis("recording", "info", path, "--json").stdout)
     assert summary["channels"]["COPY_OF_STATE"]["type"] == "axis_state_t"
     assert log_tables.export(path, tmp_path / "o").tables[0].rows == 1
 

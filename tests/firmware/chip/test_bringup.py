@@ -1,5 +1,5 @@
-"""`forceaxis bringup` at the released image in the emulated chip: a board that is right, and boards
-with a fault each, which the step that has to find the fault names."""
+"""`forceaxis axis bringup` at the released image in the emulated chip: a board that is right, and
+boards with a fault each, which the step that has to find the fault names."""
 
 import contextlib
 

@@ -93,12 +93,12 @@ def test_the_same_run_gives_the_same_file(run, tmp_path):
 
 
 def test_commands_that_read_a_recording_read_mcap(run, tmp_path):
-    forceaxis("log", "convert", run / "run.mcap", tmp_path / "run.log")
-    info = [json.loads(forceaxis("log", "info", file, "--json").stdout)
+    forceaxis("recording", "convert", run / "run.mcap", tmp_path / "run.log")
+    info = [json.loads(forceaxis("recording", "info", file, "--json").stdout)
             for file in (run / "run.mcap", tmp_path / "run.log")]  # fmt: skip
     assert {**info[0], "file": ""} == {**info[1], "file": ""}
     assert info[0]["channels"]["SIM_TRUTH"]["lost"] == 0 and info[0]["damage"] is None
-    forceaxis("log", "export", run / "run.mcap", "--out", tmp_path / "tables", "--npz")
+    forceaxis("recording", "export", run / "run.mcap", "--out", tmp_path / "tables", "--npz")
     table, trace = np.load(tmp_path / "tables/SIM_TRUTH.npz"), np.load(run / "trace.npz")
     for name in trace:
         (column,) = [c for c in table if c == name or c.startswith(f"{name}_")][:1]
@@ -132,8 +132,8 @@ def messages_of_a_bus(folder):
 
 def test_a_log_becomes_mcap_and_the_same_log_again(tmp_path):
     log, there, back = messages_of_a_bus(tmp_path), tmp_path / "a.mcap", tmp_path / "b.log"
-    forceaxis("log", "convert", log, there)
-    forceaxis("log", "convert", there, back)
+    forceaxis("recording", "convert", log, there)
+    forceaxis("recording", "convert", there, back)
     assert list(logs.LogReader(back)) == list(logs.LogReader(log))
     # liblcm reads the log that came back.
     assert [e.channel for e in lcm.EventLog(str(back))] == [e.channel for e in logs.LogReader(log)]
@@ -165,7 +165,7 @@ def test_a_recording_that_was_cut_is_read_as_far_as_possible(cut, run, tmp_path)
     data = (run / "run.mcap").read_bytes()
     broken = tmp_path / "broken.mcap"
     broken.write_bytes(data[: int(cut * len(data))])
-    done = forceaxis("log", "info", broken, "--json")
+    done = forceaxis("recording", "info", broken, "--json")
     assert done.stderr.count("\n") == 1 and "broken.mcap: is damaged or cut off" in done.stderr
     found = json.loads(done.stdout)["channels"]["SIM_TRUTH"]["count"]
     assert 0 < found < 21
@@ -176,7 +176,7 @@ def test_a_damaged_chunk_is_noticed(run, tmp_path):
     data[len(data) // 2] ^= 0xFF
     broken = tmp_path / "broken.mcap"
     broken.write_bytes(data)
-    done = forceaxis("log", "info", broken, "--json")
+    done = forceaxis("recording", "info", broken, "--json")
     assert "is damaged" in done.stderr
     truth = json.loads(done.stdout)["channels"]["SIM_TRUTH"]
     assert 15 < truth["count"] < 21 and truth["lost"] == 21 - truth["count"]
@@ -191,7 +191,7 @@ def test_what_cannot_be_converted_is_refused_in_one_line(run, tmp_path):
         (tmp_path / "empty.log", tmp_path / "x.mcap", ("empty.log", "at least one message")),
         (tmp_path / "text.mcap", tmp_path / "x.log", ("text.mcap", "at least one message")),
     ):
-        done = verbs.forceaxis("log", "convert", source, target)
+        done = verbs.forceaxis("recording", "convert", source, target)
         assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
         assert all(word in done.stderr for word in words) and not target.exists()
 
@@ -199,7 +199,7 @@ def test_what_cannot_be_converted_is_refused_in_one_line(run, tmp_path):
 def test_without_the_package_one_line_says_what_to_install(run, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mcap", None)
     for command in (
-        ("log", "info", run / "run.mcap"),
+        ("recording", "info", run / "run.mcap"),
         ("run", EXPERIMENT, "--record", tmp_path / "x.mcap"),
     ):
         done = verbs.forceaxis(*command)

@@ -220,7 +220,7 @@ def test_limit_and_sweep_take_the_posterior(identified, tmp_path):
         'force_gain = 4.0\nforce_setpoint = "30 N"\n'
         "[verdict]\nwindow_s = 0.2\ncontact_held = true\n"
     )
-    limit = json_of("limit", experiment, "--over", file)
+    limit = json_of("loop", "limit", experiment, "--over", file)
     assert limit["over"]["plants"] > 10 and limit["over"]["ranges"] == {}
     assert limit["critical_gain"] <= limit["nominal"]["critical_gain"]
     sweep = tmp_path / "sweep"
@@ -332,7 +332,7 @@ def test_a_fit_without_a_posterior_ends_with_status_1_and_leaves_none(
     )
     assert kind in done.stdout and done.returncode == 1, done.stdout + done.stderr
     assert [file.name for file in out.iterdir()] == ["contacts.png"]
-    refused = verbs.forceaxis("limit", "contact", "--over", out / "posterior.json")
+    refused = verbs.forceaxis("loop", "limit", "contact", "--over", out / "posterior.json")
     assert refused.returncode == 2 and refused.stderr.count("\n") == 1
 
 

@@ -1,4 +1,5 @@
-"""`forceaxis incident`: faults provoked on a simulated axis, each named with what led to it."""
+"""`forceaxis axis incident`: faults provoked on a simulated axis, each named with what led to
+it."""
 
 import dataclasses
 import json
@@ -201,7 +202,7 @@ def test_an_incident_becomes_a_recording(tmp_path):
     sets = ("firmware.mode=force", "firmware.force_gain=5", "firmware.force_max=30")
     options = [word for text in sets for word in ("--set", text)]
     done = forceaxis(
-        "incident", "--on", f"sim:{CONTACT}", *options, "--wait", "5", "--out", tmp_path
+        "axis", "incident", "--on", f"sim:{CONTACT}", *options, "--wait", "5", "--out", tmp_path
     )
     assert done.returncode == 0, done.stderr
     found = incident.load(tmp_path / "incident.json")
@@ -231,7 +232,7 @@ def test_a_replay_names_what_an_incident_lacks(tmp_path):
     for name in ("force too large", "force sensor that is stuck"):
         found = incident.fetch(at_end_of(tmp_path, BY_NAME[name].provoked))
         incident.write(found, tmp_path / name, incident.figure(found))
-        done = forceaxis("replay", tmp_path / name / "incident.json")
+        done = forceaxis("recording", "replay", tmp_path / name / "incident.json")
         assert done.returncode == 1
         texts[name] = done.stderr
     assert all("targets and controlwords" in text for text in texts.values())
@@ -244,7 +245,7 @@ def test_the_verb(tmp_path):
     file = tmp_path / "hard.toml"
     file.write_text(experiment(pressing("force_max = 20"), ENABLE, sets=NEAR))
     out = tmp_path / "out"
-    words = ("incident", "--on", f"sim:{file}", "--wait", "3", "--counts-per-mm", "157.48")
+    words = ("axis", "incident", "--on", f"sim:{file}", "--wait", "3", "--counts-per-mm", "157.48")
     done = forceaxis(*words, "--out", out)
     assert done.returncode == 0, done.stderr
     assert "force max at tick" in done.stdout and "mm/s" in done.stdout
@@ -254,6 +255,6 @@ def test_the_verb(tmp_path):
 
 
 def test_the_verb_without_an_incident():
-    done = forceaxis("incident", "--on", f"sim:{CONTACT}")
+    done = forceaxis("axis", "incident", "--on", f"sim:{CONTACT}")
     assert done.returncode == 1
     assert "expected an incident, nothing has happened" in done.stderr

@@ -1,4 +1,4 @@
-"""`forceaxis incident --explain`: causes that are hidden from what explains the incident."""
+"""`forceaxis axis incident --explain`: causes that are hidden from what explains the incident."""
 
 import dataclasses
 import json
@@ -32,7 +32,15 @@ def stiff(tmp_path_factory):
 
 def test_a_stiff_workpiece_is_found_and_repeated(tmp_path, stiff):
     done = forceaxis(
-        "incident", "--file", stiff, "--explain", "laboratory", "--out", tmp_path / "why", "--json"
+        "axis",
+        "incident",
+        "--file",
+        stiff,
+        "--explain",
+        "laboratory",
+        "--out",
+        tmp_path / "why",
+        "--json",
     )
     told = json.loads(done.stdout)
     best, second = told["causes"][:2]
@@ -76,7 +84,7 @@ def test_the_exit_status_says_whether_a_cause_explains_the_second(stiff, monkeyp
     found = SimpleNamespace(result=SimpleNamespace(explained=explained))
     monkeypatch.setattr(incident_explain, "explain", lambda *_: found)
     monkeypatch.setattr(cli_incident, "rows_of", lambda _: ["cause"])
-    done = forceaxis("incident", "--file", stiff, "--explain", "laboratory")
+    done = forceaxis("axis", "incident", "--file", stiff, "--explain", "laboratory")
     assert done.returncode == (0 if explained else 1)
 
 
@@ -90,7 +98,7 @@ def test_a_second_that_begins_in_contact_is_refused(stiff):
 
 
 def test_a_posterior_without_its_model_is_refused(stiff, tmp_path):
-    done = forceaxis("incident", "--file", stiff, "--posterior", tmp_path / "p.json")
+    done = forceaxis("axis", "incident", "--file", stiff, "--posterior", tmp_path / "p.json")
     assert done.returncode == 2 and "--explain MODEL" in done.stderr
 
 

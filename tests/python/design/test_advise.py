@@ -1,4 +1,5 @@
-"""`forceaxis advise`: rows against independent computations, the mode that limits, simulation."""
+"""`forceaxis loop advise`: rows against independent computations, the mode that limits,
+simulation."""
 
 import json
 import sys

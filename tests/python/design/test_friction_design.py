@@ -35,14 +35,19 @@ MODE = "mode         seals slides, transmission closed, sensor pressed"
 
 def test_verbs_about_designs_take_the_sliding_mode(press):
     model = press / "model.toml"
-    assert MODE in printed("advise", model, "--linear")
-    assert MODE in printed("compliance", model, "--points", "2", "--from", "5e5", "--to", "1e6")
-    stuck = verbs.forceaxis("advise", str(model), "--linear", "--mode", "seals=stuck")
+    assert MODE in printed("loop", "advise", model, "--linear")
+    assert MODE in printed(
+        "loop", "compliance", model, "--points", "2", "--from", "5e5", "--to", "1e6"
+    )
+    stuck = verbs.forceaxis("loop", "advise", str(model), "--linear", "--mode", "seals=stuck")
     assert stuck.returncode == 2
     assert "while seals is stuck; --mode seals=forward gives a signal path" in stuck.stderr
-    for verb, *more in (("compliance",), ("design", "--over", "k_s=30%", "--no-simulate")):
-        done = verbs.forceaxis(verb, str(model), *more, "--mode", "seals=stuck")
-        assert done.returncode == 2 and "while seals is stuck" in done.stderr, verb
+    for words, *more in (
+        (("loop", "compliance"),),
+        (("design",), "--over", "k_s=30%", "--no-simulate"),
+    ):
+        done = verbs.forceaxis(*words, str(model), *more, "--mode", "seals=stuck")
+        assert done.returncode == 2 and "while seals is stuck" in done.stderr, words
 
 
 def test_a_measurement_says_that_friction_sticks(press):

@@ -33,7 +33,7 @@ def test_the_linear_motor_is_stable_below_the_limit_and_not_above():
     """With a tick of latency; the pad is three times as stiff where it is pressed further."""
     file = str(DRIVES / "linear_motor.toml")
     late = ("--set", "firmware.latency_ticks=1")
-    limit = json.loads(told("limit", file, "--timing", "zoh+1", "--json"))["firmware_gain"]
+    limit = json.loads(told("loop", "limit", file, "--timing", "zoh+1", "--json"))["firmware_gain"]
     assert 100 < limit < 230
     for share, verdict in ((0.3, "stable"), (1.1, "unstable")):
         gain = ("--set", f"firmware.force_gain={share * limit}")
@@ -43,5 +43,5 @@ def test_the_linear_motor_is_stable_below_the_limit_and_not_above():
 
 def test_the_gains_of_the_velocity_loop_are_printed():
     """8 kg, 40 Hz, damping ratio 0.8 behind a current loop of 600 Hz."""
-    text = told("linearise", str(DRIVES / "belt_axis_model.toml"), "--output", "pad.force")
+    text = told("loop", "linearise", str(DRIVES / "belt_axis_model.toml"), "--output", "pad.force")
     assert "drive        velocity loop: k_velocity 1405.3 N s/m, integral_time 0.014426 s" in text

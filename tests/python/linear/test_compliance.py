@@ -1,4 +1,4 @@
-"""`forceaxis compliance` and `forceaxis design --pareto`: maps against exact figures."""
+"""`forceaxis loop compliance` and `forceaxis design --pareto`: maps against exact figures."""
 
 import itertools
 import json
@@ -18,7 +18,20 @@ OVER = "k_w=30%,m_w=30%"
 def soft(tmp_path_factory):
     out = tmp_path_factory.mktemp("c") / "map.png"
     done = verbs.forceaxis(
-        *("compliance", "fig5_2", "--from", 2e4, "--to", 4e5, "--points", 2, "--json", "--out", out)
+        *(
+            "loop",
+            "compliance",
+            "fig5_2",
+            "--from",
+            2e4,
+            "--to",
+            4e5,
+            "--points",
+            2,
+            "--json",
+            "--out",
+            out,
+        )
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout), out
@@ -86,12 +99,12 @@ def test_the_front_rises_with_what_is_allowed(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("compliance", "fig4_19", "--element", "m_w"), "--element"),
-        (("compliance", "fig4_19", "--from", "1e5"), "--to"),
-        (("compliance", "fig4_19", "--from", "1e5", "--to", "1e4"), "--from"),
-        (("compliance", "fig4_27"), "adc"),
-        (("compliance", "nowhere"), "nowhere"),
-        (("compliance", "fig4_19", "--out", "x.jpg"), "x.jpg"),
+        (("loop", "compliance", "fig4_19", "--element", "m_w"), "--element"),
+        (("loop", "compliance", "fig4_19", "--from", "1e5"), "--to"),
+        (("loop", "compliance", "fig4_19", "--from", "1e5", "--to", "1e4"), "--from"),
+        (("loop", "compliance", "fig4_27"), "adc"),
+        (("loop", "compliance", "nowhere"), "nowhere"),
+        (("loop", "compliance", "fig4_19", "--out", "x.jpg"), "x.jpg"),
         (("design", "fig4_19", "--over", OVER, "--pareto", "bandwidth,mass"), "--pareto"),
         (("design", "fig4_19", "--over", OVER, "--pareto", "ms"), "--pareto"),
     ],

@@ -249,19 +249,25 @@ def test_the_verbs_print_their_data_and_draw(capsys, monkeypatch, tmp_path):
         assert status == 0, err
         return out
 
-    out = run("bode", "fig4_19", "--vary", "b_w=8.25,363", "--json", "--out", tmp_path / "b.png")
+    out = run(
+        "loop", "bode", "fig4_19", "--vary", "b_w=8.25,363", "--json", "--out", tmp_path / "b.png"
+    )
     curves = json.loads(out)["curves"]
     assert [c["label"] for c in curves] == ["b_w = 8.25", "b_w = 363"]
     wanted = np.abs(linear.linearise("fig4_19").response(curves[0]["frequency_hz"]))
     assert np.allclose(curves[0]["magnitude"], wanted)
     assert (tmp_path / "b.png").read_bytes()[:4] == b"\x89PNG"
 
-    out = run("rlocus", "fig4_19", "--firmware-gain", "5", "--json", "--out", tmp_path / "r.svg")
+    out = run(
+        "loop", "rlocus", "fig4_19", "--firmware-gain", "5", "--json", "--out", tmp_path / "r.svg"
+    )
     one = json.loads(out)["loci"][0]
     assert one["critical_gain"] == loops.force_loop("fig4_19").limit().gain
     assert "<svg" in (tmp_path / "r.svg").read_text()[:800]
 
-    out = run("nyquist", "fig4_19", "--firmware-gain", "5", "--json", "--out", tmp_path / "n.pdf")
+    out = run(
+        "loop", "nyquist", "fig4_19", "--firmware-gain", "5", "--json", "--out", tmp_path / "n.pdf"
+    )
     plot = json.loads(out)
     loop = loops.force_loop("fig4_19")
     assert plot["at"]["gain_margin"] == pytest.approx(loop.limit().gain / loop.gain_of(5))
@@ -270,13 +276,13 @@ def test_the_verbs_print_their_data_and_draw(capsys, monkeypatch, tmp_path):
     assert (tmp_path / "n.pdf").read_bytes()[:4] == b"%PDF"
 
     for verb in ("poles", "modes"):
-        plain = run(verb, "fig4_19", "--json")
-        assert run(verb, "fig4_19", "--json", "--out", tmp_path / f"{verb}.png") == plain
+        plain = run("loop", verb, "fig4_19", "--json")
+        assert run("loop", verb, "fig4_19", "--json", "--out", tmp_path / f"{verb}.png") == plain
         assert (tmp_path / f"{verb}.png").stat().st_size > 5000
-    out = run("bode", "fig4_19", "--firmware-gain", "5", "--timing", "zoh", "--json")
+    out = run("loop", "bode", "fig4_19", "--firmware-gain", "5", "--timing", "zoh", "--json")
     bode = json.loads(out)["curves"][0]["loop"]
     assert bode["at"] == plot["at"] and bode["critical_gain"] == loop.limit().gain
-    text = run("bode", "fig4_11", "--firmware-gain", "5")
+    text = run("loop", "bode", "fig4_11", "--firmware-gain", "5")
     assert "gain margin  factor" in text and "phase margin " in text
     assert "-180 degrees at 33.65 Hz" in text  # the limit without the hold, of fig4_11.toml
 
@@ -288,10 +294,12 @@ def test_a_parameter_may_be_a_quantity_with_a_unit(capsys, monkeypatch):
         return out
 
     for verb in (("nyquist",), ("rlocus", "--timing", "zoh+1"), ("limit",), ("poles",)):
-        plain = printed(*verb, "fig4_19", "--set", "k_w=400000")
-        assert plain == printed(*verb, "fig4_19", "--set", "k_w=400 kN/m")
-        assert plain != printed(*verb, "fig4_19")
-    two = json.loads(printed("rlocus", "fig4_19", "--vary", "k_w=400 kN/m,0.5 MN/m"))["loci"]
+        plain = printed("loop", *verb, "fig4_19", "--set", "k_w=400000")
+        assert plain == printed("loop", *verb, "fig4_19", "--set", "k_w=400 kN/m")
+        assert plain != printed("loop", *verb, "fig4_19")
+    two = json.loads(printed("loop", "rlocus", "fig4_19", "--vary", "k_w=400 kN/m,0.5 MN/m"))[
+        "loci"
+    ]
     assert [one["label"] for one in two] == ["k_w = 400 kN/m", "k_w = 0.5 MN/m"]
     assert (
         two[1]["critical_gain"] == loops.force_loop("fig4_19", overrides={"k_w": 5e5}).limit().gain
@@ -301,27 +309,27 @@ def test_a_parameter_may_be_a_quantity_with_a_unit(capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("bode", "fig4_19", "--output", "nothing.force"), "nothing.force"),
-        (("bode", "fig4_27"), "adc"),
-        (("bode", "fig2_26", "--free", "--output", "workpiece.position"), "path"),
-        (("bode", "fig4_19", "--out", "x.gif"), "x.gif"),
-        (("bode", "fig4_19", "--out", "no/such/folder/x.png"), "no/such/folder/x.png"),
-        (("bode", "fig4_19", "--vary", "b_w=1,two"), "--vary: b_w=1,two"),
-        (("bode", "fig4_19", "--vary", "b_q=1"), "b_q"),
-        (("bode", "fig4_19", "--vary", "b_w=1,2", "--set", "b_w=3"), "--vary: b_w=1,2"),
-        (("bode", "fig4_19", "--timing", "zoh", "--to-hz", "5000"), "750"),
-        (("poles", "fig4_19", "--span-hz", "nan"), "--span-hz"),
-        (("rlocus", "fig4_19", "--span-hz", "1e300"), "--span-hz"),
-        (("nyquist", "fig4_19", "--gain", "1e155"), "--gain"),
-        (("poles", "fig4_19", "--firmware-gain", "300"), "--firmware-gain"),
-        (("bode", "fig4_19", "--from-hz", "0"), "--from-hz"),
-        (("bode", "fig4_19", "--input", "drive.force", "--gain", "1"), "--gain"),
-        (("rlocus", "fig4_19", "--span-hz", "-1"), "--span-hz"),
-        (("rlocus", "fig4_19", "--law", "pi"), "integral-rad-per-s"),
-        (("nyquist", "nowhere"), "nowhere"),
-        (("nyquist", "fig4_19", "--gain", "1", "--firmware-gain", "2"), "--gain"),
-        (("poles", "fig4_19", "--out", "x.txt"), "x.txt"),
-        (("modes", "fig4_19", "--out", "x"), "--out"),
+        (("loop", "bode", "fig4_19", "--output", "nothing.force"), "nothing.force"),
+        (("loop", "bode", "fig4_27"), "adc"),
+        (("loop", "bode", "fig2_26", "--free", "--output", "workpiece.position"), "path"),
+        (("loop", "bode", "fig4_19", "--out", "x.gif"), "x.gif"),
+        (("loop", "bode", "fig4_19", "--out", "no/such/folder/x.png"), "no/such/folder/x.png"),
+        (("loop", "bode", "fig4_19", "--vary", "b_w=1,two"), "--vary: b_w=1,two"),
+        (("loop", "bode", "fig4_19", "--vary", "b_q=1"), "b_q"),
+        (("loop", "bode", "fig4_19", "--vary", "b_w=1,2", "--set", "b_w=3"), "--vary: b_w=1,2"),
+        (("loop", "bode", "fig4_19", "--timing", "zoh", "--to-hz", "5000"), "750"),
+        (("loop", "poles", "fig4_19", "--span-hz", "nan"), "--span-hz"),
+        (("loop", "rlocus", "fig4_19", "--span-hz", "1e300"), "--span-hz"),
+        (("loop", "nyquist", "fig4_19", "--gain", "1e155"), "--gain"),
+        (("loop", "poles", "fig4_19", "--firmware-gain", "300"), "--firmware-gain"),
+        (("loop", "bode", "fig4_19", "--from-hz", "0"), "--from-hz"),
+        (("loop", "bode", "fig4_19", "--input", "drive.force", "--gain", "1"), "--gain"),
+        (("loop", "rlocus", "fig4_19", "--span-hz", "-1"), "--span-hz"),
+        (("loop", "rlocus", "fig4_19", "--law", "pi"), "integral-rad-per-s"),
+        (("loop", "nyquist", "nowhere"), "nowhere"),
+        (("loop", "nyquist", "fig4_19", "--gain", "1", "--firmware-gain", "2"), "--gain"),
+        (("loop", "poles", "fig4_19", "--out", "x.txt"), "x.txt"),
+        (("loop", "modes", "fig4_19", "--out", "x"), "--out"),
     ],
 )
 def test_a_mistake_is_one_line(capsys, monkeypatch, arguments, says):

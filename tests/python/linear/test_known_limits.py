@@ -32,12 +32,12 @@ def says(*arguments):
 
 
 @pytest.mark.parametrize("arguments", [
-    ("limit", MODEL),
-    ("limit", MODEL, "--timing", "continuous"),
-    ("limit", MODEL, "--gain", 0.01),
-    ("limit", MODEL, "--over", "b_w=30%"),
-    ("limit", MODEL, "--over", "b_w=30%", "--gain", 0.01),
-    ("rlocus", MODEL),
+    ("loop", "limit", MODEL),
+    ("loop", "limit", MODEL, "--timing", "continuous"),
+    ("loop", "limit", MODEL, "--gain", 0.01),
+    ("loop", "limit", MODEL, "--over", "b_w=30%"),
+    ("loop", "limit", MODEL, "--over", "b_w=30%", "--gain", 0.01),
+    ("loop", "rlocus", MODEL),
 ])  # fmt: skip
 def test_every_verb_says_up_to_where_it_is_known(arguments, tmp_path):
     if arguments[0] == "rlocus":

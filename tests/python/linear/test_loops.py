@@ -299,7 +299,7 @@ def test_an_undamped_plant_tells_where_its_poles_leave_the_axis(undamped, deriva
 
 def test_poles_of_a_plant_without_zeros(undamped):
     """With drive, link, wrist and sensor in a row every zero is at infinity."""
-    done = forceaxis("poles", undamped, "--json")
+    done = forceaxis("loop", "poles", undamped, "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["zeros"] == [] and len(found["poles"]) == 6
@@ -309,12 +309,12 @@ def test_poles_of_a_plant_without_zeros(undamped):
 
 def test_the_verb_says_which_undamped_poles_leave(undamped):
     pd = ["--law", "pd", "--derivative-s", 0.019415877, "--timing", "continuous"]
-    done = forceaxis("limit", undamped, *pd)
+    done = forceaxis("loop", "limit", undamped, *pd)
     assert (done.returncode, done.stderr) == (0, "")
     assert "limit        0: stable at no gain" in done.stdout
     assert re.search(r"0 \S+ at 24.52 Hz, an undamped pole of the plant leaves", done.stdout)
     assert done.stdout.count("is drawn in") == 2
-    done = forceaxis("limit", undamped, *pd, "--json")
+    done = forceaxis("loop", "limit", undamped, *pd, "--json")
     assert [c["direction"] for c in json.loads(done.stdout)["crossings"]] == [-1, 1, -1]
 
 
@@ -733,7 +733,7 @@ def printed(*arguments):
 
 
 def test_limit_verb():
-    result = printed("limit", "fig4_19", "--timing", "zoh", "--set", "b_m=0.02")
+    result = printed("loop", "limit", "fig4_19", "--timing", "zoh", "--set", "b_m=0.02")
     expected = loops.force_loop("fig4_19", overrides={"b_m": 0.02})
     assert result["critical_gain"] == expected.limit().gain
     assert result["unit"] == "V/N"
@@ -744,55 +744,63 @@ def test_limit_verb():
     steps = result["largest_firmware_gain"] * 256
     assert steps == int(steps)
     assert 0 < result["firmware_gain"] - result["largest_firmware_gain"] <= 1 / 256
-    at = printed("limit", "fig4_19", "--firmware-gain", "4")["at"]
+    at = printed("loop", "limit", "fig4_19", "--firmware-gain", "4")["at"]
     assert at["gain"] == pytest.approx(4 / 512)
     assert at["stable"]
-    assert printed("limit", "fig2_3", "--timing", "continuous")["critical_gain"] is None
-    text = forceaxis("limit", "fig4_19")
+    assert printed("loop", "limit", "fig2_3", "--timing", "continuous")["critical_gain"] is None
+    text = forceaxis("loop", "limit", "fig4_19")
     assert "limit        0.020789 V/N at 45.71 Hz" in text.stdout
 
 
 def test_poles_verb():
-    plant = printed("poles", "fig4_19", "--timing", "continuous")
+    plant = printed("loop", "poles", "fig4_19", "--timing", "continuous")
     poles = [p["re_per_s"] + 1j * p["im_per_s"] for p in plant["poles"]]
     assert np.allclose(np.poly(poles), plant["denominator"], rtol=1e-6)
     assert any(z["hz"] == pytest.approx(39.8, abs=0.01) for z in plant["zeros"])
     loop = loops.force_loop("fig4_19", timing="zoh+1")
-    closed = printed("poles", "fig4_19", "--timing", "zoh+1", "--gain", str(loop.limit().gain))
+    closed = printed(
+        "loop", "poles", "fig4_19", "--timing", "zoh+1", "--gain", str(loop.limit().gain)
+    )
     assert max(abs(p["re_z"] + 1j * p["im_z"]) for p in closed["poles"]) == pytest.approx(1)
-    free = printed("poles", "fig4_19", "--free", "--output", "drive.tach")
+    free = printed("loop", "poles", "fig4_19", "--free", "--output", "drive.tach")
     assert free["poles"][0]["hz"] == 0
 
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["limit", "fig9_9"], "MODEL: fig9_9: expected"),
-        (["limit", "fig4_5"], "adc: expected a model with an ADC on channel 0"),
-        (["limit", "fig4_19", "--output", "robot.speed"], "output: expected one of"),
+        (["loop", "limit", "fig9_9"], "MODEL: fig9_9: expected"),
+        (["loop", "limit", "fig4_5"], "adc: expected a model with an ADC on channel 0"),
+        (["loop", "limit", "fig4_19", "--output", "robot.speed"], "output: expected one of"),
         (
-            ["limit", "fig4_19", "--mode", "sensor=apart"],
+            ["loop", "limit", "fig4_19", "--mode", "sensor=apart"],
             "expected a signal path from drive.command",
         ),
-        (["limit", "fig4_19", "--mode", "sensor=open"], "sensor: expected one of its states"),
-        (["limit", "fig4_19", "--set", "m_x=1"], "parameters.m_x: expected one of"),
-        (["limit", "fig2_3", "--set", "b_m=1"], "parameters.b_m: expected a parameter that"),
         (
-            ["limit", "fig4_19", "--law", "pi"],
+            ["loop", "limit", "fig4_19", "--mode", "sensor=open"],
+            "sensor: expected one of its states",
+        ),
+        (["loop", "limit", "fig4_19", "--set", "m_x=1"], "parameters.m_x: expected one of"),
+        (
+            ["loop", "limit", "fig2_3", "--set", "b_m=1"],
+            "parameters.b_m: expected a parameter that",
+        ),
+        (
+            ["loop", "limit", "fig4_19", "--law", "pi"],
             "--integral-rad-per-s: expected a value of this parameter, because law pi",
         ),
         (
-            ["limit", "fig4_19", "--lead-pole-hz", "9"],
+            ["loop", "limit", "fig4_19", "--lead-pole-hz", "9"],
             "--lead-pole-hz: expected this parameter only",
         ),
-        (["limit", "fig4_19", "--gain", "1", "--firmware-gain", "1"], "got both"),
-        (["limit", "fig4_19", "--gain", "-1"], "--gain: expected a number from"),
-        (["poles", "fig4_19", "--free"], "expected a signal path from drive.command to"),
+        (["loop", "limit", "fig4_19", "--gain", "1", "--firmware-gain", "1"], "got both"),
+        (["loop", "limit", "fig4_19", "--gain", "-1"], "--gain: expected a number from"),
+        (["loop", "poles", "fig4_19", "--free"], "expected a signal path from drive.command to"),
         (
-            ["poles", "fig4_19", "--law", "pi"],
+            ["loop", "poles", "fig4_19", "--law", "pi"],
             "--law: expected --gain or --firmware-gain together with a law",
         ),
-        (["poles", "fig4_19", "--input", "arm.force"], "input: expected one of"),
+        (["loop", "poles", "fig4_19", "--input", "arm.force"], "input: expected one of"),
     ],
 )
 def test_wrong_input_is_one_line(arguments, expected, monkeypatch, capsys):

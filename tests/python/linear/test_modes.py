@@ -188,7 +188,7 @@ def test_states_of_elements():
 
 def test_command_line():
     def call(*arguments):
-        return CliRunner().invoke(cli.cli, ["modes", *arguments])
+        return CliRunner().invoke(cli.cli, ["loop", "modes", *arguments])
 
     plain = call("fig4_19")
     assert plain.exit_code == 0

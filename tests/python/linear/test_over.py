@@ -356,22 +356,40 @@ def test_the_laws_of_motion_of_an_experiment(mode, law):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["limit", "move"], "a mode that controls force, got the mode profile_position"),
-        (["limit", "position_step"], "a mode that controls force, got the mode position"),
-        (["limit", "tables"], "lists the tables"),
-        (["limit", "contact", "--law", "bank"], "expected an experiment that selects a bank"),
-        (["limit", "contact", "--set", "firmware.force_bank=2"], "expected the values of bank_2"),
-        (["limit", "strike_biquad", "--timing", "continuous"], "computes a bank once per tick"),
-        (["limit", "laboratory", "--over", "k_x=30%"], "expected a parameter of the model"),
-        (["limit", "laboratory", "--over", "k_w=0%"], "NAME=PERCENT%"),
-        (["limit", "laboratory", "--over", "k_w=9..1"], "NAME=PERCENT%"),
-        (["limit", "laboratory", "--modes", "visited"], "expected an experiment"),
-        (["limit", "laboratory", "--modes", "all", "--mode", "drive.amplifier=inner"], "--mode"),
-        (["limit", "laboratory", "--modes", "all", "--free"], "--free"),
-        (["limit", "fig3_10", "--modes", "all"], "expected a model with an ADC on channel 0"),
-        (["limit", "fig4_19", "--modes", "all", "--output", "nothing"], "output: expected one of"),
-        (["bode", "laboratory", "--of", "plant", "--over", "k_w=30%"], "--of"),
-        (["bode", "contact", "--of", "loop", "--input", "drive.force"], "--of"),
+        (["loop", "limit", "move"], "a mode that controls force, got the mode profile_position"),
+        (["loop", "limit", "position_step"], "a mode that controls force, got the mode position"),
+        (["loop", "limit", "tables"], "lists the tables"),
+        (
+            ["loop", "limit", "contact", "--law", "bank"],
+            "expected an experiment that selects a bank",
+        ),
+        (
+            ["loop", "limit", "contact", "--set", "firmware.force_bank=2"],
+            "expected the values of bank_2",
+        ),
+        (
+            ["loop", "limit", "strike_biquad", "--timing", "continuous"],
+            "computes a bank once per tick",
+        ),
+        (["loop", "limit", "laboratory", "--over", "k_x=30%"], "expected a parameter of the model"),
+        (["loop", "limit", "laboratory", "--over", "k_w=0%"], "NAME=PERCENT%"),
+        (["loop", "limit", "laboratory", "--over", "k_w=9..1"], "NAME=PERCENT%"),
+        (["loop", "limit", "laboratory", "--modes", "visited"], "expected an experiment"),
+        (
+            ["loop", "limit", "laboratory", "--modes", "all", "--mode", "drive.amplifier=inner"],
+            "--mode",
+        ),
+        (["loop", "limit", "laboratory", "--modes", "all", "--free"], "--free"),
+        (
+            ["loop", "limit", "fig3_10", "--modes", "all"],
+            "expected a model with an ADC on channel 0",
+        ),
+        (
+            ["loop", "limit", "fig4_19", "--modes", "all", "--output", "nothing"],
+            "output: expected one of",
+        ),
+        (["loop", "bode", "laboratory", "--of", "plant", "--over", "k_w=30%"], "--of"),
+        (["loop", "bode", "contact", "--of", "loop", "--input", "drive.force"], "--of"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
@@ -389,11 +407,11 @@ def printed(*arguments):
 
 
 def test_limit_of_an_experiment_and_over_a_set():
-    one = json.loads(printed("limit", "strike_biquad", "--json"))
+    one = json.loads(printed("loop", "limit", "strike_biquad", "--json"))
     assert one["law"] == "bank" and one["bank"]["gain"] == 4.37109375
     assert one["at"]["stable"] and one["at"]["fS_Hz"] == pytest.approx(5.140, abs=1e-3)
     several = json.loads(
-        printed("limit", "hold_p", "--over", "k_w=30%", "--firmware-gain", "1.5", "--json")
+        printed("loop", "limit", "hold_p", "--over", "k_w=30%", "--firmware-gain", "1.5", "--json")
     )
     assert several["critical_gain"] < several["nominal"]["critical_gain"] / 3
     assert several["member"]["modes"] == OUTER
@@ -401,14 +419,14 @@ def test_limit_of_an_experiment_and_over_a_set():
     at = several["at"]
     assert at["stable"] and at["firmware_gain"] == pytest.approx(1.5)
     assert set(at["member"]) >= set(over.FIGURES) - {"phase_margin_deg"}
-    text = printed("limit", "hold_p", "--over", "k_w=30%", "--firmware-gain", "1.5")
+    text = printed("loop", "limit", "hold_p", "--over", "k_w=30%", "--firmware-gain", "1.5")
     assert "limit " in text and "drive.amplifier = high outer" in text and "Ms " in text
 
 
 @pytest.mark.parametrize("verb", ["nyquist", "bode", "step"])
 def test_figures_over_a_set(verb, tmp_path):
     out = tmp_path / "set.png"
-    asked = (verb, "strike_biquad", "--timing", "both", "--out", out)
+    asked = ("loop", verb, "strike_biquad", "--timing", "both", "--out", out)
     found = json.loads(printed(*asked, "--json"))
     assert out.stat().st_size > 10000
     rows = found["members" if verb == "step" else "curves"]
@@ -419,7 +437,9 @@ def test_figures_over_a_set(verb, tmp_path):
         assert found["worst"]["overshoot"]["value"] == max(row["overshoot"] for row in rows)
     else:
         assert found["at"]["Ms"] == pytest.approx(1.963, abs=1e-3)
-        sensitive = json.loads(printed("bode", "strike_biquad", "--of", "sensitivity", "--json"))
+        sensitive = json.loads(
+            printed("loop", "bode", "strike_biquad", "--of", "sensitivity", "--json")
+        )
         size = max(sensitive["curves"][0]["magnitude"])
         assert size == pytest.approx(sensitive["curves"][0]["loop"]["at"]["Ms"], rel=1e-3)
 

@@ -91,7 +91,7 @@ def test_a_law_with_integral_on_a_stepper_has_a_limit(tmp_path):
     law = ["--law", "pi", "--integral-rad-per-s", 4, "--timing", "zoh", "--json"]
     for stiffness, mass in ((576300.0, 1.5075), (576295.893583, 1.507515)):
         sets = ["--set", f"k_w={stiffness}", "--set", f"m_w={mass}"]
-        found = json.loads(forceaxis("limit", file, *law, *sets).stdout)
+        found = json.loads(forceaxis("loop", "limit", file, *law, *sets).stdout)
         assert found["critical_gain"] == pytest.approx(0.0484376, rel=3e-6)
         assert found["frequency_hz"] == pytest.approx(191.9, abs=0.05)
         limit = Limit(found["critical_gain"], found["frequency_hz"], [], [], "")
@@ -179,12 +179,12 @@ def test_a_law_whose_command_rounds_to_nothing_is_refused(tmp_path):
 
 def test_limit_names_a_law_that_rounds_to_nothing(tmp_path):
     (tmp_path / "model.toml").write_text(model(**FAST))
-    text = forceaxis("limit", tmp_path / "model.toml", "--firmware-gain", 0.003).stdout
+    text = forceaxis("loop", "limit", tmp_path / "model.toml", "--firmware-gain", 0.003).stdout
     named = "dead zone    expected a force law whose dead zone is smaller than the set-point"
     assert named in text and " codes per 8-bit count, with which each force error below " in text
     of_set = ("--over", "b_s=10%", "--firmware-gain", 0.003)
-    assert named in forceaxis("limit", tmp_path / "model.toml", *of_set).stdout
-    text = forceaxis("limit", tmp_path / "model.toml", "--firmware-gain", 0.02).stdout
+    assert named in forceaxis("loop", "limit", tmp_path / "model.toml", *of_set).stdout
+    text = forceaxis("loop", "limit", tmp_path / "model.toml", "--firmware-gain", 0.02).stdout
     assert "dead zone" not in text and "at           " in text
 
 

@@ -192,7 +192,8 @@ def test_advise_and_sets_of_plants_take_structures(pair, tmp_path):
         text = old.read_text().replace("mass = 5", 'mass = "m_w"')
         new.write_text('[parameters]\nm_w = { value = 5, unit = "kg", source = "given" }\n' + text)
     done = [
-        verbs.forceaxis("limit", str(path), "--over", "m_w=40%", "--json") for path in (body, mode)
+        verbs.forceaxis("loop", "limit", str(path), "--over", "m_w=40%", "--json")
+        for path in (body, mode)
     ]
     gains = [json.loads(one.stdout)["critical_gain"] for one in done]
     assert gains[1] == pytest.approx(gains[0], rel=1e-6)
@@ -242,7 +243,7 @@ def test_the_slider_sticks_in_linear_figures(tmp_path):
     slips = {"pad.hysteresis": "forward"}
     assert loops.force_loop(path, modes=slips).limit().gain == loops.force_loop(soft).limit().gain
     assert over.modes_all(path) == ({}, slips)
-    done = verbs.forceaxis("limit", str(path))
+    done = verbs.forceaxis("loop", "limit", str(path))
     assert "mode         pad pressed, pad.hysteresis stuck (small motions)\n" in done.stdout
     system = linear.linearise(path)
     assert system.states == linear.linearise(plain).states

@@ -195,12 +195,12 @@ def test_verbs_say_which_mode_they_took(tmp_path):
     said = "guide slides, bed slides, gear_spring closed, sensor pressed"
     verb_names = ("limit", "rlocus", "nyquist", "step", "bode", "poles", "linearise", "modes")
     for verb, *more in [*((v,) for v in verb_names), ("limit", "--over", "stiction=20..30")]:
-        done = verbs.forceaxis(verb, path, *more)
+        done = verbs.forceaxis("loop", verb, path, *more)
         assert done.returncode == 0, done.stderr
         assert f"mode         {said}\n" in done.stdout, verb
-    done = verbs.forceaxis("limit", path, "--mode", "bed=stuck")
+    done = verbs.forceaxis("loop", "limit", path, "--mode", "bed=stuck")
     assert "guide slides, bed stuck, gear_spring closed, sensor pressed\n" in done.stdout
-    plain = verbs.forceaxis("limit", str(model(tmp_path, name="plain")))
+    plain = verbs.forceaxis("loop", "limit", str(model(tmp_path, name="plain")))
     assert "mode" not in plain.stdout  # nothing was chosen
 
 

@@ -1,4 +1,4 @@
-"""`forceaxis check-thesis`: the claims are computed, and what differs has a reason."""
+"""`forceaxis thesis check`: the claims are computed, and what differs has a reason."""
 
 import json
 import math
@@ -15,7 +15,7 @@ from scipy import signal
 
 @pytest.fixture(scope="module")
 def result():
-    run = CliRunner().invoke(cli.cli, ["check-thesis", "--json"])
+    run = CliRunner().invoke(cli.cli, ["thesis", "check", "--json"])
     assert run.exit_code == 0, run.output
     return json.loads(run.stdout)
 

@@ -1,4 +1,4 @@
-"""`forceaxis bringup` at a terminal, with a simulated axis."""
+"""`forceaxis axis bringup` at a terminal, with a simulated axis."""
 
 import json
 import os

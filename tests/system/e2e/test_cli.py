@@ -20,7 +20,7 @@ import pytest
 import verbs
 from click.shell_completion import BashComplete
 from forceaxis import objects
-from forceaxis.cli import main
+from forceaxis.cli import main, moved
 
 ROOT = Path(__file__).resolve().parents[3]
 CONTACT = "sim/experiments/contact.toml"
@@ -369,10 +369,13 @@ def test_a_verdict_that_is_not_stable_says_why(overrides, verdict, because):
     ("arguments", "words"),
     [
         (
-            ["linearise", CONTACT],
+            ["loop", "linearise", CONTACT],
             ["expected a model, got an experiment", "../models/laboratory.toml"],
         ),
-        (["poles", "sim/measurements/fig3_9.toml"], ["expected a model", "../models/fig4_5.toml"]),
+        (
+            ["loop", "poles", "sim/measurements/fig3_9.toml"],
+            ["expected a model", "../models/fig4_5.toml"],
+        ),
         (["run", "sim/models/fig4_19.toml"], ["expected an experiment, got a model"]),
         (["run", "sim/measurements/fig3_9.toml"], ["got a measurement", "`forceaxis measure`"]),
         (
@@ -382,7 +385,7 @@ def test_a_verdict_that_is_not_stable_says_why(overrides, verdict, because):
     ],
 )
 def test_a_file_of_another_kind_is_named(arguments, words):
-    refused(forceaxis(*arguments), arguments[1], *words)
+    refused(forceaxis(*arguments), arguments[-1], *words)
 
 
 def test_a_grid_of_too_many_values_names_the_bound(tmp_path):
@@ -405,7 +408,7 @@ def test_paths_with_blanks_can_be_copied(tmp_path):
     folder = tmp_path / "two words"
     out = folder / "a figure.png"
     folder.mkdir()
-    assert f"figure       '{out}'" in forceaxis("poles", "fig4_19", "--out", out).stdout
+    assert f"figure       '{out}'" in forceaxis("loop", "poles", "fig4_19", "--out", out).stdout
     done = forceaxis("run", CONTACT, "--set", "experiment.duration_s=1.5", "--out", folder)
     assert f"files        '{folder}'" in done.stdout
     done = forceaxis("new", folder / "my press", "--yes")
@@ -478,30 +481,63 @@ def test_examples_can_be_typed(words, line):
             assert "does not exist" in error.format_message(), line
 
 
-def test_each_verb_is_listed_once_by_its_module():
-    """Verbs load when they are used, so a list says where they are."""
-    for name in {*main.MODULES.values()}:
-        listed = {verb for verb, module in main.MODULES.items() if module == name}
-        module = importlib.import_module(f"forceaxis.cli.{name}")
-        assert {verb.name for verb in module.VERBS} == listed, name
+def test_each_command_of_the_first_page_is_in_the_module_that_is_stated():
+    """A command loads when it is used, so a list says where it is."""
+    stated = {}
+    for word in main.WORDS:
+        stated.setdefault(main.MODULES.get(word, (word,))[0], set()).add(word)
     holders = {
-        path.stem
+        path.stem: {
+            verb.name for verb in importlib.import_module(f"forceaxis.cli.{path.stem}").VERBS
+        }
         for path in (ROOT / "host/python/forceaxis/cli").glob("*.py")
         if re.search(r"^VERBS = ", path.read_text(), re.M)
     }
-    assert holders == {*main.MODULES.values()}
+    assert holders == stated
+    assert main.MODULES.keys() <= {*main.WORDS}
 
 
-def test_bare_forceaxis_shows_three_jobs_with_commands_that_exist():
+def test_each_module_of_a_group_adds_commands_to_it():
+    for word, names in main.MODULES.items():
+        verb = main.cli.get_command(click.Context(main.cli), word)
+        for name in names[1:]:
+            of = {command.callback.__module__ for _, command in commands(verb, (word,))}
+            assert f"forceaxis.cli.{name}" in of, word
+
+
+def test_the_first_page_fits_a_terminal_and_says_where_everything_is():
     done = forceaxis()
     assert (done.returncode, done.stderr) == (0, "")
-    jobs = [line for line in main.JOBS.splitlines() if not line.startswith(" ")]
-    assert len(jobs) == 3 and all(job in done.stdout for job in jobs)
-    for line in main.JOBS.splitlines():
-        if line.startswith(" "):
-            assert line.split()[1] in main.MODULES
-    assert all(f"  {verb} " in done.stdout for verb in main.MODULES)
-    assert max(map(len, done.stdout.splitlines())) <= 80
+    assert done.stdout == forceaxis("--help").stdout
+    lines = done.stdout.splitlines()
+    assert len(lines) < 24 and max(map(len, lines)) <= 80  # the prompt has a line too
+    words = [word for line in lines if line.startswith("  ") for word in first_words(line)]
+    assert words == main.WORDS
+
+
+def first_words(line):
+    """The commands at the beginning of a line of the first page: "  monitor, gateway  watch"."""
+    return re.fullmatch(r"  (\w[\w, ]*?)  +\w.*", line).group(1).split(", ")
+
+
+def test_a_group_lists_all_its_commands_under_headings_or_none():
+    for words, group in VERBS:
+        if isinstance(group, click.Group):
+            listed = [name for names in group.sections.values() for name in names]
+            assert sorted(listed) == sorted(group.commands) or not listed, words
+            text = forceaxis(*words, "--help").stdout
+            assert all(re.search(rf"^  {name} ", text, re.M) for name in group.commands), words
+
+
+@pytest.mark.parametrize("earlier", moved.COMMANDS)
+def test_the_earlier_name_of_a_command_shows_the_line_of_today(earlier):
+    done = forceaxis(earlier, "a model", "--set", "b_m=1")
+    line = re.search("expected `(.*)`", done.stderr).group(1)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    typed = shlex.split(line)
+    assert typed[0] == "forceaxis" and typed[-3:] == ["a model", "--set", "b_m=1"]
+    words = tuple(typed[1:-3])
+    assert earlier not in main.WORDS and words in [known for known, _ in VERBS]
 
 
 def completed(*typed):
@@ -511,15 +547,15 @@ def completed(*typed):
 
 def test_a_shell_completes_models_experiments_and_objects():
     assert "sweep" in completed("sw")
-    assert {"fig4_19", "fig4_15"} <= set(completed("limit", "fig4_1"))
+    assert {"fig4_19", "fig4_15"} <= set(completed("loop", "limit", "fig4_1"))
     assert "contact" in completed("run", "conta") and "fig2_40" not in completed("run", "fig")
-    assert "contact" in completed("limit", "conta")
+    assert "contact" in completed("loop", "limit", "conta")
     assert "firmware.force_gain=" in completed("run", "contact", "--set", "firmware.force_g")
     assert "firmware.position=" not in completed("run", "contact", "--set", "firmware.pos")
     assert completed("run", "contact", "--set", "firmware.mode=fo") == ["firmware.mode=force"]
     assert "m_w=" in completed("run", "contact", "--set", "m_")
-    assert "b_w=" in completed("limit", "fig4_19", "--set", "b")
-    assert completed("limit", "nowhere", "--set", "b_") == []
+    assert "b_w=" in completed("loop", "limit", "fig4_19", "--set", "b")
+    assert completed("loop", "limit", "nowhere", "--set", "b_") == []
     assert "m_w=" in completed("sweep", "contact", "--grid", "m_")
     assert "firmware.force_gain=" in completed("sweep", "contact", "--bisect", "firmware.force_g")
     assert "k_w=" in completed("design", "laboratory", "--over", "k_")
@@ -604,7 +640,7 @@ TUNE = (
     "tune --on sim:sim/experiments/contact.toml --set firmware.position_gain=4 --model laboratory "
     "--force 30,75 --over k_w=30%,m_w=30% --force-max 150"
 )
-VERBS = [
+INTERRUPTED = [
     ("sweep contact --grid firmware.force_gain=4:6:2", "import", "matplotlib.pyplot"),
     ("report {axes}", "open", "index.html"),
     ("identify fit fig4_19 {measured} --fit m_r", "open", "result.json"),
@@ -613,21 +649,21 @@ VERBS = [
         "design fig4_19 --over k_w=30% --no-simulate", "open", "bank.toml", marks=pytest.mark.long
     ),
     ("measure fig4_19 --output sensor.force --bias 1 --averages 4", "open", "response.csv"),
-    ("compliance fig4_19 --points 2", "open", "c.png"),
-    ("advise fig4_19 --linear", "open", "a.png"),
+    ("loop compliance fig4_19 --points 2", "open", "c.png"),
+    ("loop advise fig4_19 --linear", "open", "a.png"),
     ("new", "open", "model.toml"),
     ("test sim/experiments/contact.toml", "import", "forceaxis.experiments.expect"),
-    ("tables", "import", "rich.progress"),
+    ("thesis tables", "import", "rich.progress"),
     (TUNE, "open", "response.csv"),
 ]
 
 
-@pytest.mark.parametrize(("line", "kind", "what"), VERBS, ids=lambda v: v.split(" -")[0])
+@pytest.mark.parametrize(("line", "kind", "what"), INTERRUPTED, ids=lambda v: v.split(" -")[0])
 def test_an_interrupt_of_any_verb_is_one_line_and_leaves_nothing_half_written(
     line, kind, what, tmp_path
 ):
     """A sweep keeps the journal of its finished runs, tune the steps that are done."""
-    verb = line.split()[0]
+    verb = next(word for word in line.split() if word not in ("loop", "thesis"))
     measured = tmp_path / "measured"
     if "{measured}" in line:
         simple = [

@@ -23,7 +23,7 @@ def run(*arguments):
 def test_exported_matrices_are_the_model(tmp_path):
     """JSON, .npz and .mat hold one and the same system."""
     plant = linear.linearise("fig4_19", outputs=("reading", "robot.velocity")).sampled(1)
-    options = ["linearise", "fig4_19", "--timing", "zoh+1", "--output", "reading"]
+    options = ["loop", "linearise", "fig4_19", "--timing", "zoh+1", "--output", "reading"]
     options += ["--output", "robot.velocity"]
     run(*options, "--out", tmp_path / "plant.npz")
     printed = json.loads(run(*options, "--out", tmp_path / "plant.mat", "--json"))
@@ -45,7 +45,16 @@ def test_step_is_python_controls():
     for timing in ("continuous", "zoh"):
         result = json.loads(
             run(
-                "step", "fig4_19", "--gain", gain, "--timing", timing, "--duration-s", 0.5, "--json"
+                "loop",
+                "step",
+                "fig4_19",
+                "--gain",
+                gain,
+                "--timing",
+                timing,
+                "--duration-s",
+                0.5,
+                "--json",
             )
         )
         plant = linear.linearise("fig4_19")
@@ -73,7 +82,7 @@ def test_step_is_python_controls():
 )
 def test_a_limit_says_how_the_firmware_runs_the_law(law, firmware):
     """force_gain is a setting of the proportional law alone."""
-    shown = run("limit", "laboratory", "--law", *law.split(), "--gain", 0.001)
+    shown = run("loop", "limit", "laboratory", "--law", *law.split(), "--gain", 0.001)
     assert ("force_gain" in shown) == (firmware is None)
     assert ("firmware  " in shown) == (firmware is not None)
     assert firmware is None or f"firmware     {firmware}" in shown
@@ -82,22 +91,24 @@ def test_a_limit_says_how_the_firmware_runs_the_law(law, firmware):
 @pytest.mark.parametrize("over", [[], ["--over", "k_w=30%", "--modes", "nominal"]])
 def test_a_step_without_a_gain_has_half_the_critical_one(over, tmp_path):
     figure = tmp_path / "step.png"
-    step = json.loads(run("step", "fig4_19", *over, "--out", figure, "--json"))
-    limit = json.loads(run("limit", "fig4_19", *over, "--json"))
+    step = json.loads(run("loop", "step", "fig4_19", *over, "--out", figure, "--json"))
+    limit = json.loads(run("loop", "limit", "fig4_19", *over, "--json"))
     critical = limit["critical_gain"]
     assert step["gain"] == pytest.approx(critical / 2, rel=1e-9)
     assert step["stable"] and figure.stat().st_size > 10_000
 
 
 def test_an_unstable_step_says_so():
-    result = json.loads(run("step", "fig4_19", "--firmware-gain", 20, "--duration-s", 3, "--json"))
+    result = json.loads(
+        run("loop", "step", "fig4_19", "--firmware-gain", 20, "--duration-s", 3, "--json")
+    )
     assert not result["stable"] and result["final"] is None
     value = np.abs(result["value"])
     assert value[-300:].max() > 5 * value[:300].max()
 
 
 def test_beam_has_the_classical_constants():
-    result = json.loads(run("beam", "--modes", "4", "--json"))
+    result = json.loads(run("thesis", "beam", "--modes", "4", "--json"))
     sliding = [2.365020372431352, 5.497803919000836, 8.63937982869974, 11.78097245102023]
     clamped = [1.875104068711961, 4.694091132974175, 7.854757438237613, 10.995540734875467]
     for k, mode in enumerate(result["modes"]):
@@ -114,45 +125,48 @@ def test_beam_has_the_classical_constants():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ("linearise fig4_19 --out plant.txt", "--out: plant.txt: expected a file ending in"),
-        ("linearise fig4_19 --output sensor.farce", "output: expected one of"),
-        ("linearise fig4_19 --input wall.force", "input: expected one of"),
-        ("linearise fig4_19 --set m_x=1", "m_x"),
+        ("loop linearise fig4_19 --out plant.txt", "--out: plant.txt: expected a file ending in"),
+        ("loop linearise fig4_19 --output sensor.farce", "output: expected one of"),
+        ("loop linearise fig4_19 --input wall.force", "input: expected one of"),
+        ("loop linearise fig4_19 --set m_x=1", "m_x"),
         (
-            "step fig4_19 --gain 0.01 --duration-s 0",
+            "loop step fig4_19 --gain 0.01 --duration-s 0",
             "--duration-s: expected a duration from two ticks",
         ),
         (
-            "step fig4_19 --gain 1e6 --duration-s 60",
+            "loop step fig4_19 --gain 1e6 --duration-s 60",
             "--duration-s: expected a response within the range",
         ),
         (
-            "step nl_friction --gain 0.01 --mode rail=stuck",
+            "loop step nl_friction --gain 0.01 --mode rail=stuck",
             "expected a signal path from drive.command",
         ),
         (
-            "linearise fig4_19 --output reading --output reading",
+            "loop linearise fig4_19 --output reading --output reading",
             "--output: expected each name once",
         ),
-        ("modes fig4_19 --output= ", "output"),
-        ("beam --length-m 1e-300", "length_m: expected a number from 1e-12"),
-        ("advise sim/experiments/tables.toml", "expected a model or an experiment"),
+        ("loop modes fig4_19 --output= ", "output"),
+        ("thesis beam --length-m 1e-300", "length_m: expected a number from 1e-12"),
+        ("loop advise sim/experiments/tables.toml", "expected a model or an experiment"),
         # What the model knows but does not use would change nothing, unnoticed.
-        ("modes fig2_3 --set b_m=1", "parameters.b_m: expected a parameter that the model uses"),
-        ("linearise fig2_3 --set b_m=1", "parameters.b_m"),
-        ("bode fig2_3 --set b_m=1", "parameters.b_m"),
-        ("bode fig2_3 --vary b_m=1,2", "parameters.b_m"),
-        ("advise fig2_3 --set b_m=1", "parameters.b_m"),
-        ("step fig2_3 --gain 1 --set b_m=1", "parameters.b_m"),
+        (
+            "loop modes fig2_3 --set b_m=1",
+            "parameters.b_m: expected a parameter that the model uses",
+        ),
+        ("loop linearise fig2_3 --set b_m=1", "parameters.b_m"),
+        ("loop bode fig2_3 --set b_m=1", "parameters.b_m"),
+        ("loop bode fig2_3 --vary b_m=1,2", "parameters.b_m"),
+        ("loop advise fig2_3 --set b_m=1", "parameters.b_m"),
+        ("loop step fig2_3 --gain 1 --set b_m=1", "parameters.b_m"),
         ("measure fig3_12 --plant-set k_g=1", "parameters.k_g"),
-        ("beam --length-m 0", "length_m: expected a number from 1e-12"),
-        ("limit fig9_99", "MODEL: fig9_99: expected"),
-        ("limit fig4_5", "expected a model with an ADC on channel 0"),
-        ("modes fig4_19 --output nowhere", "output: expected"),
-        ("bode fig4_19 --output nowhere", "output: expected"),
+        ("thesis beam --length-m 0", "length_m: expected a number from 1e-12"),
+        ("loop limit fig9_99", "MODEL: fig9_99: expected"),
+        ("loop limit fig4_5", "expected a model with an ADC on channel 0"),
+        ("loop modes fig4_19 --output nowhere", "output: expected"),
+        ("loop bode fig4_19 --output nowhere", "output: expected"),
         ("measure fig4_19 --output nowhere", "expected"),
         ("measure fig4_19 --output adc0 --inject codes --level 20 --band 1:5000", "band"),
-        ("advise nowhere", "expected"),
+        ("loop advise nowhere", "expected"),
     ],
 )
 def test_refusals_are_one_line(arguments, words):

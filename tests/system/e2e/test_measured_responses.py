@@ -72,10 +72,13 @@ def test_a_design_is_refused_where_the_fit_is(measured):
 @pytest.mark.parametrize(
     "words, text",
     [
-        (("bode", "--of", "loop"), "--of: expected only without --measured"),
-        (("bode", "--output", "encoder"), "--output: expected only without --measured"),
-        (("bode", "--measured", "free"), "expected responses with equal input and equal output"),
-        (("bode", "--measured", "nowhere"), "expected a CSV file or a file response.npz"),
+        (("loop", "bode", "--of", "loop"), "--of: expected only without --measured"),
+        (("loop", "bode", "--output", "encoder"), "--output: expected only without --measured"),
+        (
+            ("loop", "bode", "--measured", "free"),
+            "expected responses with equal input and equal output",
+        ),
+        (("loop", "bode", "--measured", "nowhere"), "expected a CSV file or a file response.npz"),
     ],
 )
 def test_what_does_not_belong_to_it_is_one_line(measured, words, text):

@@ -178,12 +178,12 @@ def printed(words, **environment):
 @pytest.mark.parametrize(
     "line",
     [
-        "poles contact --law p --timing zoh",
-        "advise fig4_11 --linear",
-        "limit contact",
-        "modes fig4_19",
+        "loop poles contact --law p --timing zoh",
+        "loop advise fig4_11 --linear",
+        "loop limit contact",
+        "loop modes fig4_19",
         "objects force_tare",
-        "limit hold_biquad --law bank",
+        "loop limit hold_biquad --law bank",
         "axis stop --on sim:contact",
         "axis check --on sim:contact --set firmware.position_gain=4 --yes",
         "measure --on sim:contact --set firmware.position_gain=4 --free",

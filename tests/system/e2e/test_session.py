@@ -1,5 +1,6 @@
 """A whole session of the thesis through the gateway alone, on real CAN and in real time: what
-`forceaxis session` says, what it leaves behind, and that its journal runs again in process."""
+`forceaxis thesis session` says, what it leaves behind, and that its journal runs again in
+process."""
 
 import json
 import subprocess

@@ -26,7 +26,7 @@ PRINTED = {
 
 @pytest.fixture(scope="module")
 def result():
-    done = verbs.forceaxis("tables", "--json", cwd=ROOT)
+    done = verbs.forceaxis("thesis", "tables", "--json", cwd=ROOT)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 

@@ -5,9 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 import verbs
-from forceaxis.cli.main import MODULES
+from forceaxis.cli import main
 
 ROOT = Path(__file__).resolve().parents[3]
 TUNE = (
@@ -49,14 +50,14 @@ WRONG = [
     ("run contact --out x.csv", "'--out'", "'x.csv' is a file"),
     ("run contact --link usb", "'--link'", "'lcm'"),
     ("run contact --sett m_w=1", "'--sett'", "'--set'"),
-    ("replay", "'JOURNAL'", "forceaxis replay --help"),
+    ("recording replay", "'JOURNAL'", "forceaxis recording replay --help"),
     (
         "run sim/experiments/contact.toml",
         "contact.toml: file",
         "contact alone is the file that comes",
     ),
-    ("replay none.journal", "none.journal: file", "expected a readable file, got none"),
-    ("replay x.csv", "x.csv: line 1", "expected a readable journal"),
+    ("recording replay none.journal", "none.journal: file", "expected a readable file, got none"),
+    ("recording replay x.csv", "x.csv: line 1", "expected a readable journal"),
     ("fmu plant laboratory", "'--out'", "forceaxis fmu plant --help"),
     ("fmu plant laboratory --set m_ww=3 --out u.fmu", "parameters.m_ww", "did you mean m_w?"),
     ("fmu plant no_model --out u.fmu", "expected a path ending in .toml or a name of"),
@@ -74,7 +75,7 @@ WRONG = [
     ("sweep contact --grid m_ww=1:2:3 --out maps", "m_ww", "did you mean m_w?"),
     ("sweep contact --grid force_gain=1:2:3 --out maps", "did you mean firmware.force_gain?"),
     ("sweep contact --grid firmware.force_gian=1:2:3 --out maps", "mean firmware.force_gain or"),
-    ("limit contact --over kw=30%", "kw=30%", "did you mean k_w"),
+    ("loop limit contact --over kw=30%", "kw=30%", "did you mean k_w"),
     ("sweep contact --random m_w=1:2 --out maps", "--count", "1 to 1000000"),
     ("sweep contact --bisect m_w=1:2:-1 --out maps", "expected TOLERANCE above 0"),
     ("sweep contact --grid m_w=1:2:3 --threads 0 --out maps", "'--threads'", "1<=x<=256"),
@@ -134,40 +135,40 @@ WRONG = [
     ("objects force --eds a.eds", "expected no pattern"),
     ("objects --eds same --dbc same", "expected a different file for each option"),
     ("objects --eds no/such/folder.eds", "no folder no/such"),
-    ("limit", "'MODEL|EXPERIMENT'"),
-    ("limit fig4_20", "fig4_20", "sim/models", "did you mean fig4_"),
-    ("limit contact --law pdd", "'--law'", "'lead'"),
-    ("limit fig4_19 --law lead", "expected"),
-    ("limit fig4_19 --gain much", "'--gain'", "float"),
-    ("limit fig4_19 --gain 1 --firmware-gain 2", "either --gain or --firmware-gain"),
-    ("limit fig4_19 --timing both --over k_q=30%", "k_q", "expected"),
-    ("limit fig4_19 --over k_w=30", "k_w=30", "expected"),
-    ("limit fig4_19 --mode sensor=open", "apart, pressed"),
-    ("limit x.csv", "expected a path ending in .toml"),
+    ("loop limit", "'MODEL|EXPERIMENT'"),
+    ("loop limit fig4_20", "fig4_20", "sim/models", "did you mean fig4_"),
+    ("loop limit contact --law pdd", "'--law'", "'lead'"),
+    ("loop limit fig4_19 --law lead", "expected"),
+    ("loop limit fig4_19 --gain much", "'--gain'", "float"),
+    ("loop limit fig4_19 --gain 1 --firmware-gain 2", "either --gain or --firmware-gain"),
+    ("loop limit fig4_19 --timing both --over k_q=30%", "k_q", "expected"),
+    ("loop limit fig4_19 --over k_w=30", "k_w=30", "expected"),
+    ("loop limit fig4_19 --mode sensor=open", "apart, pressed"),
+    ("loop limit x.csv", "expected a path ending in .toml"),
     ("design laboratry", "did you mean laboratory"),
     ("design laboratory --over nothing", "nothing", "expected"),
     ("design laboratory --pareto cost", "bandwidth and one of"),
-    ("advise laboratory --simulate --linear", "expected either --simulate or --linear"),
-    ("advise laboratory --factor 0", "expected a number above 1"),
-    ("advise laboratory --out advice.docx", "expected a file ending in .png"),
-    ("compliance laboratory --from 1e5", "expected both --from and --to"),
-    ("compliance laboratory --points 1", "2<=x<=40"),
-    ("compliance laboratory --element m_w", "one of k_rf, k_s, k_w"),
-    ("step fig4_19 --firmware-gain 5 --duration-s 0", "--duration-s", "two ticks to 600 s"),
-    ("step fig4_19 --firmware-gain 5 --out step.xyz", "expected a file ending in .png"),
-    ("nyquist fig4_19 --output tip.speed", "expected one of", "robot.position"),
-    ("nyquist fig4_19 --out no/such/folder.png", "no/such/folder.png"),
-    ("rlocus fig4_19 --span-hz 0", "'--span-hz'", "1e-06 to 1e+06"),
-    ("rlocus fig4_19 --vary b_w", "expected NAME=NUMBER,NUMBER"),
-    ("bode fig4_19 --from-hz 10 --to-hz 1", "expected FROM < TO"),
-    ("bode fig4_19 --of everything", "'--of'", "'sensitivity'"),
-    ("bode fig4_19 --input robot.speed", "expected one of drive.command"),
-    ("poles fig4_19 --input motor", "expected one of drive.command"),
-    ("modes fig4_19 --output", "'--output'", "--help` shows"),
-    ("modes nothing", "expected a path ending in .toml or a name of", "sim/models"),
-    ("linearise fig4_19 --out plant.doc", "expected a file ending in .npz or .mat"),
-    ("linearise contact.toml", "expected a model, got an experiment"),
-    ("beam --modes 0", "'--modes'", "1<=x<=200"),
+    ("loop advise laboratory --simulate --linear", "expected either --simulate or --linear"),
+    ("loop advise laboratory --factor 0", "expected a number above 1"),
+    ("loop advise laboratory --out advice.docx", "expected a file ending in .png"),
+    ("loop compliance laboratory --from 1e5", "expected both --from and --to"),
+    ("loop compliance laboratory --points 1", "2<=x<=40"),
+    ("loop compliance laboratory --element m_w", "one of k_rf, k_s, k_w"),
+    ("loop step fig4_19 --firmware-gain 5 --duration-s 0", "--duration-s", "two ticks to 600 s"),
+    ("loop step fig4_19 --firmware-gain 5 --out step.xyz", "expected a file ending in .png"),
+    ("loop nyquist fig4_19 --output tip.speed", "expected one of", "robot.position"),
+    ("loop nyquist fig4_19 --out no/such/folder.png", "no/such/folder.png"),
+    ("loop rlocus fig4_19 --span-hz 0", "'--span-hz'", "1e-06 to 1e+06"),
+    ("loop rlocus fig4_19 --vary b_w", "expected NAME=NUMBER,NUMBER"),
+    ("loop bode fig4_19 --from-hz 10 --to-hz 1", "expected FROM < TO"),
+    ("loop bode fig4_19 --of everything", "'--of'", "'sensitivity'"),
+    ("loop bode fig4_19 --input robot.speed", "expected one of drive.command"),
+    ("loop poles fig4_19 --input motor", "expected one of drive.command"),
+    ("loop modes fig4_19 --output", "'--output'", "--help` shows"),
+    ("loop modes nothing", "expected a path ending in .toml or a name of", "sim/models"),
+    ("loop linearise fig4_19 --out plant.doc", "expected a file ending in .npz or .mat"),
+    ("loop linearise contact.toml", "expected a model, got an experiment"),
+    ("thesis beam --modes 0", "'--modes'", "1<=x<=200"),
     ("measure fig3_12 --band 5", "expected LOW:HIGH"),
     ("measure fig3_12 --averages 0", "averages", "4..4096"),
     ("measure", "expected one axis, as --on"),
@@ -176,7 +177,7 @@ WRONG = [
     ("identify contact laboratory", "'RECORDING...'", "forceaxis identify contact --help"),
     ("identify contact laboratory no.npz --fit k_w", "no.npz: expected a readable file"),
     ("identify contact laboratory x.csv --fit k_w", "x.csv: expected a recording"),
-    ("limit contact --over no.json", "no.json: expected a posterior.json"),
+    ("loop limit contact --over no.json", "no.json: expected a posterior.json"),
     ("sweep contact --over no.json --out swept", "--count: expected a number of points"),
     ("sweep contact --over no.json --count 5 --out swept", "no.json: expected a posterior.json"),
     ("identify decrement none.csv", "none.csv: expected a file, but there is no such file"),
@@ -233,8 +234,8 @@ WRONG = [
     (f"{TUNE} --prior m_w=2+-0%", "--prior: m_w=2+-0%: expected", "above 0"),
     (f"{TUNE} --over m_x=30%", "m_x", "expected"),
     (f"{TUNE} --prior", "'--prior'", "requires an argument"),
-    ("incident", "expected one axis, as --on"),
-    ("incident --on lcm:1 --wait never", "'--wait'", "expected a number"),
+    ("axis incident", "expected one axis, as --on"),
+    ("axis incident --on lcm:1 --wait never", "'--wait'", "expected a number"),
     ("monitor --json", "--json", "--once"),
     (
         "monitor --replay x.csv --on lcm@udpm://239.255.76.67:7700",
@@ -243,8 +244,8 @@ WRONG = [
     ),
     ("monitor --speed 2", "--speed", "--replay"),
     ("monitor --replay none.log --once", "none.log", "expected an LCM log"),
-    ("recording", "expected a command: import, info"),
-    ("recording info x.csv", "x.csv", "expected a recording that `forceaxis recording import`"),
+    ("recording", "expected a command: convert, export, import"),
+    ("recording info x.csv", "x.csv", "expected an LCM log"),
     ("recording import x.csv --out r", "'--map'"),
     ("recording import x.csv --map force=a:N", "'--out'"),
     ("recording import x.csv --map force=c:N --out r", "--map", "expected a column", "got c"),
@@ -255,15 +256,14 @@ WRONG = [
     ("compare contact x.csv --samples 2", "--samples", "expected 8 to 2000"),
     ("compare contact x.csv --span 0", "--span", "expected at least 0.02 s"),
     ("compare contct x.csv", "contct", "did you mean contact?"),
-    ("log", "expected a command: convert, export, info"),
-    ("log info none.log", "none.log", "expected an LCM log"),
-    ("log export x.csv", "'--out'"),
-    ("log convert x.csv y.csv", "y.csv", ".mcap or .log"),
-    ("log convert x.csv y.mcap", "x.csv", "expected an LCM log"),
+    ("recording info none.log", "none.log", "expected an LCM log"),
+    ("recording export x.csv", "'--out'"),
+    ("recording convert x.csv y.csv", "y.csv", ".mcap or .log"),
+    ("recording convert x.csv y.mcap", "x.csv", "expected an LCM log"),
     ("run contact --record trace.csv", "--record", ".mcap or .log"),
     ("cycle serve nothing", "nothing", "expected a folder with records"),
     ("monitor --foxglove --once", "--foxglove", "--once"),
-    ("log export x.csv --out tables", "x.csv", "expected an LCM log"),
+    ("recording export x.csv --out tables", "x.csv", "expected an LCM log"),
     ("flash", "'FILE'"),
     ("flash x.csv", "x.csv", "expected a file ending in .elf, .hex or .bin"),
     ("flash x.csv --address 99999999999", "'--address'", "32 bits"),
@@ -271,12 +271,12 @@ WRONG = [
     ("flash x.csv --on lcm:1", "--on: lcm:1", "over CAN or Modbus"),
     ("flash x.csv --on can0 --serial 7", "--serial", "belong to a debug probe"),
     ("flash x.csv --new-table", "--new-table", "expected --on ADDRESS"),
-    ("bringup --on sim:contact", "expected a terminal"),
-    ("bringup", "expected one axis, as --on"),
-    ("bringup --on sim:contact --step all", "'--step'"),
-    ("tables --fit --link lcm", "expected --fit without --link"),
-    ("check-thesis now", "(now)", "forceaxis check-thesis --help"),
-    ("session --out x.csv", "'--out'", "is a file"),
+    ("axis bringup --on sim:contact", "expected a terminal"),
+    ("axis bringup", "expected one axis, as --on"),
+    ("axis bringup --on sim:contact --step all", "'--step'"),
+    ("thesis tables --fit --link lcm", "expected --fit without --link"),
+    ("thesis check now", "(now)", "forceaxis thesis check --help"),
+    ("thesis session --out x.csv", "'--out'", "is a file"),
     ("bench --case C", "'--case'", "'full'"),
     ("bench --check --case A", "expected --check without"),
     ("new", "'NAME'"),
@@ -322,7 +322,11 @@ def test_a_wrong_usage_is_one_line_and_writes_nothing(folder, line, words):
 def test_there_are_a_hundred_over_all_verbs():
     assert len({w[0] for w in WRONG}) >= 100
     typed = {shlex.split(w[0])[0] for w in WRONG}
-    assert set(MODULES) - {"gateway"} <= typed
+    assert {*main.WORDS} - {"gateway"} <= typed
+    context = click.Context(main.cli)
+    for group in ("loop", "thesis"):
+        names = main.cli.get_command(context, group).commands
+        assert names.keys() <= {shlex.split(w[0])[1] for w in WRONG if w[0].startswith(group)}
 
 
 def test_a_wrong_usage_of_a_program_of_the_build(tmp_path):
@@ -338,4 +342,4 @@ def test_the_folder_of_those_usages_is_a_good_one(folder):
     """None of them is refused for another reason than the one that it is there for."""
     short = ["--set", "experiment.duration_s=0.1", "--set", "verdict.window_s=0.1"]
     assert verbs.forceaxis("run", "contact.toml", *short, cwd=folder).returncode == 0
-    assert verbs.forceaxis("modes", "model.toml", cwd=folder).returncode == 0
+    assert verbs.forceaxis("loop", "modes", "model.toml", cwd=folder).returncode == 0

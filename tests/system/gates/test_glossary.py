@@ -61,9 +61,10 @@ def commands(command, path):
 
 def helps():
     """(where, text) of each text that `--help` shows, without the examples."""
-    yield "forceaxis", main.JOBS
+    for heading, rows in main.PAGE.items():
+        yield "forceaxis", ". ".join((heading, *rows.values()))
     for path, command in commands(main.cli, "forceaxis"):
-        yield path, command.help or ""
+        yield path, f"{command.help or ''}\n\n{command.short_help or ''}"
         for parameter in command.params:
             if text := getattr(parameter, "help", None):
                 yield f"{path} {parameter.opts[0]}", text

@@ -18,7 +18,7 @@ precision. The other simulators and this reference exist only in a checkout (tes
 dopri5 at 1e-4 with located events, mujoco is RK4 with one step a tick (four in "full", where one is
 unstable) and without events, scipy is RK45 at 1e-4 with terminal events, for the cases A and B.
 
-On request, sweeps, frequency responses, critical gains and the table of `forceaxis advise` are
+On request, sweeps, frequency responses, critical gains and the table of `forceaxis loop advise` are
 timed too.
 """
 

@@ -1,4 +1,4 @@
-"""Texts that `forceaxis advise` and `forceaxis compliance` print on a terminal."""
+"""Texts that `forceaxis loop advise` and `forceaxis loop compliance` print on a terminal."""
 
 import textwrap
 from dataclasses import dataclass
@@ -30,8 +30,8 @@ def short(value: float | None) -> str:
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the table of `forceaxis advise`: the heading, of one or two text lines, and a
-    note that explains the column. The note is "" if the heading is enough."""
+    """A column of the table of `forceaxis loop advise`: the heading, of one or two text lines, and
+    a note that explains the column. The note is "" if the heading is enough."""
 
     head: str
     note: str = ""
@@ -39,7 +39,7 @@ class Column:
 
 
 def describe(result: Advice, width: int | None = None) -> str:
-    """Return the text that `forceaxis advise` prints, at most `width` characters wide. Without
+    """Return the text that `forceaxis loop advise` prints, at most `width` characters wide. Without
     `width`, no text line is wrapped."""
     lines = [f"model        {result.title}", f"timing       {result.timing}"]
     lines += [*_limit_lines(result), *_gain_lines(result)]
@@ -133,8 +133,8 @@ def _gain_lines(result: Advice) -> list[str]:
 
 
 def _columns(result: Advice) -> dict[int, Column]:
-    """Return the columns of the table of `forceaxis advise` for which the result has values, as
-    {index of the text in `_cells`: column}."""
+    """Return the columns of the table of `forceaxis loop advise` for which the result has values,
+    as {index of the text in `_cells`: column}."""
     hz = short(result.reference_hz)
     columns = [
         Column(result.unit),
@@ -157,8 +157,8 @@ def _columns(result: Advice) -> dict[int, Column]:
 
 
 def _cells(row: PresentDesign | AdviceRow) -> list[str]:
-    """Return the texts of one row of the table of `forceaxis advise`, one text for each column, in
-    the order of `_columns`."""
+    """Return the texts of one row of the table of `forceaxis loop advise`, one text for each
+    column, in the order of `_columns`."""
     factors: tuple[float | None, ...] = (1.0, 1.0, 1.0)
     if isinstance(row, AdviceRow):
         factors = (row.ratio.critical_gain, row.ratio.loop_gain_at, row.ratio.crossover_hz)
@@ -190,7 +190,7 @@ def _cells(row: PresentDesign | AdviceRow) -> list[str]:
 
 
 def _notes(result: Advice, shown: list[Column]) -> list[str]:
-    """Return the notes below the table of `forceaxis advise`, which explain the columns of the
+    """Return the notes below the table of `forceaxis loop advise`, which explain the columns of the
     table."""
     notes = ["; ".join(column.note for column in shown if column.note)]
     if any(row.known_to is not None for row in (result.present, *result.rows)):
@@ -210,7 +210,7 @@ def _notes(result: Advice, shown: list[Column]) -> list[str]:
 
 
 def describe_compliance(result: Compliance) -> str:
-    """Return the text that `forceaxis compliance` prints: a table with one row for each
+    """Return the text that `forceaxis loop compliance` prints: a table with one row for each
     stiffness."""
 
     def number(value: float | None, scale: float = 1.0) -> str:

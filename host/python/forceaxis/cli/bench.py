@@ -33,7 +33,7 @@ from forceaxis.cli.common import Folder, Verb, as_json, print_result
 )
 @click.option("--repeat", type=click.IntRange(1, 1000), default=10, show_default=True)
 @click.option("--sweeps", is_flag=True, help="Also sweeps: runs per second, time per event.")
-@click.option("--linear", is_flag=True, help="Also the linear analysis and `advise`.")
+@click.option("--linear", is_flag=True, help="Also the linear analysis and `loop advise`.")
 @click.option(
     "--link",
     "links",

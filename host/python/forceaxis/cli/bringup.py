@@ -1,4 +1,4 @@
-"""`forceaxis bringup`: brings a new board into operation, step by step."""
+"""`forceaxis axis bringup`: brings a new board into operation, step by step."""
 
 import json
 import sys
@@ -8,7 +8,8 @@ import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.cli.common import File, Verb, coloured
+from forceaxis.cli.axis import axis
+from forceaxis.cli.common import File, coloured
 from forceaxis.cli.live_options import AxisConnection, live, owned
 from forceaxis.commission import bringup as steps
 from forceaxis.results import to_json
@@ -44,10 +45,9 @@ class Terminal:
                 click.echo(f"  expected a number in {unit}, got {answer}", err=True)
 
 
-@click.command(
-    cls=Verb,
-    epilog="""forceaxis bringup --on serial:/dev/ttyACM0 --out protocol.json
-    forceaxis bringup --on serial:/dev/ttyACM0 --step encoder --step can""",
+@axis.command(
+    epilog="""forceaxis axis bringup --on serial:/dev/ttyACM0 --out protocol.json
+    forceaxis axis bringup --on serial:/dev/ttyACM0 --step encoder --step can""",
 )
 @live
 @click.option(
@@ -84,6 +84,3 @@ def bringup(connection: AxisConnection, names: tuple[str, ...], out: Path | None
                 paths.replace_text(out, json.dumps(to_json(protocol), indent=2) + "\n")
     if not protocol.passed:
         sys.exit(1)
-
-
-VERBS = (bringup,)

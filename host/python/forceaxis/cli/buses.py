@@ -1,4 +1,4 @@
-"""The commands `gateway`, `monitor` and `log`, for axes on buses and for recorded messages."""
+"""The commands `gateway` and `monitor`, for axes on buses."""
 
 import os
 import sys
@@ -13,15 +13,12 @@ from forceaxis._core import InputError
 from forceaxis.axis.address import Address, LcmAddress
 from forceaxis.cli.common import (
     File,
-    Folder,
     Positive,
     Subject,
     Verb,
-    Verbs,
     as_json,
     given,
     print_json,
-    print_result,
     show,
 )
 from forceaxis.cli.live_options import Kinds, on_option
@@ -33,9 +30,6 @@ if TYPE_CHECKING:
 
 GATEWAYS = Kinds(("lcm",), "because a monitor shows what gateways publish over LCM")
 LOOPBACK, WEB_PORT, FOXGLOVE_PORT = "127.0.0.1", 8780, 8765
-log_file = click.argument(
-    "log_path", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path)
-)
 
 
 @click.command(
@@ -280,98 +274,6 @@ def snapshot(
         sys.exit(1)
 
 
-@click.group(
-    cls=Verbs,
-    epilog="""forceaxis log info out/axis2.log
-    forceaxis log export out/axis2.log --out out/axis2
-    forceaxis log convert out/axis2.log out/axis2.mcap""",
-)
-def log() -> None:
-    """Show the contents of recordings of LCM messages, export the messages as tables, or convert
-    a recording to MCAP and back.
-
-    A recording is an LCM log or an MCAP file. It may come from `forceaxis monitor --record`, `run
-    --record` or lcm-logger, and may have further channels.
-    """
-
-
-@log.command(epilog="forceaxis log info out/axis2.log")
-@log_file
-@as_json
-def info(log_path: Path, as_json: bool) -> None:
-    """Print the contents of a log: the time span, and for each channel the type of the messages,
-    their number, their rate per second and the number of lost messages.
-
-    A log that is damaged or incomplete is read as far as possible; one line names what was skipped.
-    """
-    from forceaxis.bus import recordings
-    from forceaxis.cli.buses_text import log_text
-
-    summary = recordings.info(log_path)
-    print_result(summary, as_json, lambda: log_text(summary))
-    report_damage(summary.damage)
-
-
-@log.command(
-    epilog="""forceaxis log export out/axis2.log --out out/axis2
-    forceaxis log export out/axis2.log --out out/axis2 --npz --json"""
-)
-@log_file
-@click.option("--out", type=Folder(), required=True, help="Folder for the tables.")
-@click.option("--csv", is_flag=True, help="Write CSV only, unless --npz is given too.")
-@click.option("--npz", is_flag=True, help="Write NPZ only, unless --csv is given too.")
-@as_json
-def export(log_path: Path, out: Path, csv: bool, npz: bool, as_json: bool) -> None:
-    """Write the messages of a log (states, events, commands, captures, clock, plant signals) as
-    tables in CSV and NPZ files.
-
-    Each channel becomes one table with the name of the channel; each capture becomes a table, as
-    AXIS_1_CAPTURE_1. The unit is part of a column's name: force_cnt_q8 is in 1/256 count,
-    force_count in counts, time_s in s. A missing value is an empty field in CSV and nan in NPZ.
-    """
-    from forceaxis.bus import log_tables
-    from forceaxis.cli.buses_text import export_text
-
-    kinds = tuple(k for k, wanted in (("csv", csv), ("npz", npz)) if wanted) or ("csv", "npz")
-    summary = log_tables.export(log_path, out, kinds)
-    if not summary.tables:
-        raise InputError(
-            f"{paths.display(log_path)}: expected a log with messages of forceaxis, got none; "
-            "choose another file"
-        )
-    print_result(summary, as_json, lambda: export_text(summary), out)
-    report_damage(summary.damage)
-
-
-@log.command(
-    epilog="""forceaxis log convert out/axis2.log out/axis2.mcap
-    forceaxis log convert out/axis2.mcap out/axis2.log"""
-)
-@log_file
-@click.argument("target", type=File())
-@as_json
-def convert(log_path: Path, target: Path, as_json: bool) -> None:
-    """Convert a recording: TARGET is an MCAP file if its name ends in .mcap, an LCM log if it ends
-    in .log. An existing file is replaced.
-
-    An MCAP file has two topics for each channel. /lcm/AXIS_1_STATE has the bytes of the messages,
-    so a recording that is converted back has the same messages at the same times. /axis_1/state has
-    the same messages as JSON for viewers, with the unit of each number in the schema; the samples
-    of a block become one message each, with tick and time_s.
-    """
-    from forceaxis.bus import recordings
-
-    done = recordings.convert(log_path, target)
-    print_result(done, as_json, lambda: f"{paths.quoted(target)}: {done.messages} messages")
-    report_damage(done.damage)
-
-
-def report_damage(damage: str | None) -> None:
-    """Print on standard error which part of a damaged log was skipped."""
-    if damage:
-        click.echo(f"forceaxis: {damage}", err=True)
-
-
 @click.command(
     cls=Verb,
     context_settings={"ignore_unknown_options": True, "help_option_names": []},
@@ -392,4 +294,4 @@ def gateway(args: tuple[str, ...]) -> None:
     os.execv(program, ["forceaxis gateway", *args])
 
 
-VERBS = (gateway, monitor, log)
+VERBS = (gateway, monitor)

@@ -11,9 +11,9 @@ import sys
 import textwrap
 import threading
 import time
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, TextIO, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO, TypeVar, cast
 
 import click
 from click.shell_completion import CompletionItem
@@ -179,14 +179,31 @@ def listed(context: click.Context, formatter: click.HelpFormatter, verbs: Iterab
 
 class Verbs(click.Group):
     """A group of commands, such as `forceaxis axis` with the command `forceaxis axis
-    move`."""
+    move`. The help lists the commands under the headings of `sections`, else in alphabetical
+    order."""
 
     command_class = Verb
     format_epilog = Verb.format_epilog
 
+    def __init__(
+        self,
+        name: str | None = None,
+        sections: Mapping[str, Sequence[str]] | None = None,
+        **attributes: Any,
+    ) -> None:
+        super().__init__(name, **attributes)
+        self.sections = sections or {}
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of all commands, those of `sections` first and in their order."""
+        first = [name for names in self.sections.values() for name in names]
+        return first + [name for name in super().list_commands(ctx) if name not in first]
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            listed(ctx, formatter, self.list_commands(ctx))
+        sections = self.sections or {"Commands": self.list_commands(ctx)}
+        for heading, names in sections.items():
+            with formatter.section(heading):
+                listed(ctx, formatter, names)
 
 
 class Folder(click.Path):
@@ -404,6 +421,11 @@ def _parameters(ctx: click.Context) -> list[str]:
 
 as_json = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."
+)
+codes_option = click.option(
+    "--codes",
+    is_flag=True,
+    help="Plot codes of ADC and DAC and encoder counts instead of N, V and mm.",
 )
 threads = click.option(
     "--threads",

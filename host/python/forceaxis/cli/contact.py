@@ -106,7 +106,7 @@ def element_rows(found: ContactFit) -> list[str]:
     epilog="""forceaxis recording import touch.csv --map code=dac --map force=Fz:N \\
     --map position=pos:mm --out touch
     forceaxis identify contact press/model.toml touch.npz --fit m_w,k_w,b_w --out out/press
-    forceaxis limit press/contact.toml --over out/press/posterior.json""",
+    forceaxis loop limit press/contact.toml --over out/press/posterior.json""",
 )
 @click.argument("model", type=Subject(paths.MODELS))
 @click.argument(
@@ -157,7 +157,7 @@ def contact(
     controller may have made the recording.
 
     The result is a posterior: samples of plants that explain all recordings and what was known
-    before. `limit`, `design`, `compare`, `sweep`, `cycle rates` and `tune` take out/posterior.json
+    before. `loop limit`, `design`, `compare`, `sweep`, `cycle rates` and `tune` take out/posterior.json
     in place of a range of --over. A parameter whose deviation is more than a third of that of its
     prior is named as not told. A p value says whether the model explains the recordings; below 0.05
     the command names the stretches that do not fit, and ranks elements that the model may lack.

@@ -1,4 +1,4 @@
-"""The commands `run`, `replay`, `sweep` and `test`, which run experiments with the simulator."""
+"""The commands `run`, `sweep` and `test`, which run experiments with the simulator."""
 
 import sys
 from collections.abc import Callable
@@ -17,8 +17,8 @@ from forceaxis.cli.common import (
     Subject,
     Verb,
     as_json,
+    codes_option,
     coloured,
-    fail,
     link_of,
     linked,
     options_in,
@@ -35,12 +35,6 @@ from forceaxis.results import to_json
 
 if TYPE_CHECKING:
     from forceaxis.experiments.regression import RegressionOutcome
-
-codes_option = click.option(
-    "--codes",
-    is_flag=True,
-    help="Plot codes of ADC and DAC and encoder counts instead of N, V and mm.",
-)
 
 
 @click.command(
@@ -112,65 +106,6 @@ def run(
         show([*summaries.rows(done.result, done.overrides), *files])
     if done.result.link:
         link.expect_same(done.result.link)
-
-
-@click.command(
-    cls=Verb,
-    epilog="""axis_node sim/experiments/contact.toml --can vcan0 --journal axis.journal &
-    plant_node sim/experiments/contact.toml --pace real
-    forceaxis replay axis.journal""",
-)
-@click.argument("journal", type=click.Path(dir_okay=False, path_type=Path))
-@click.option("--out", type=Folder(), help="Folder of the results, as for run.")
-@codes_option
-@as_json
-def replay(journal: Path, out: Path | None, codes: bool, as_json: bool) -> None:
-    """Repeat an earlier run of the program axis_node (the firmware on this computer) from the
-    journal of the run, and check that all DAC codes are the same.
-
-    The replay has to give the trace hash of the journal; otherwise the exit status is 1. If the
-    node was killed, its journal has no hash: the recorded part is replayed and the exit status is
-    1. An incident of `forceaxis incident` does not contain all inputs; the command names those
-    that are missing.
-    """
-    from forceaxis.commission import incident
-
-    if incident.is_incident(journal):
-        missing = ", ".join(incident.missing(incident.load(journal)))
-        fail(
-            f"{journal}: expected a journal with all inputs of the axis, got an incident without "
-            f"{missing}",
-            status=1,
-        )
-    with waiting(f"replaying {paths.display(journal)}"):
-        done = runs.replay(journal)
-    replayed = done.result.replay
-    assert replayed is not None
-    if out and not replayed.traced:
-        fail(
-            f"--out: expected a journal of at most 600 s, got a longer one, {journal}; replay "
-            "this journal without --out"
-        )
-    if out:
-        trace.write(done, out, codes)
-    if as_json:
-        print_json(done.summary)
-    else:
-        known = replayed.trace_hash or "none, it is broken off"
-        text = f"{replayed.entries} entries, trace hash {known}"
-        show([*summaries.rows(done.result, done.overrides), ("journal", text)])
-    if replayed.ticks is None:
-        fail(
-            f"{journal}: expected a line `end`, got none, because the node was killed; only the "
-            f"{done.result.ticks} ticks in the journal were replayed",
-            status=1,
-        )
-    if not replayed.same:
-        fail(
-            f"{journal}: expected the trace hash {replayed.trace_hash} of the journal, got "
-            "another hash from the replay",
-            status=1,
-        )
 
 
 def named(
@@ -398,4 +333,4 @@ def test(
     sys.exit(regression.status(outcomes))
 
 
-VERBS = (run, replay, sweep, test)
+VERBS = (run, sweep, test)

@@ -1,4 +1,4 @@
-"""`forceaxis incident`: read and explain the recording of an error that an axis has stored."""
+"""`forceaxis axis incident`: read and explain the recording of an error that an axis has stored."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
+from forceaxis.cli.axis import axis
 from forceaxis.cli.common import (
     Folder,
     Positive,
@@ -28,13 +29,13 @@ if TYPE_CHECKING:
     from forceaxis.commission.incident_explain import CauseChange, Explanation
 
 
-@click.command(
+@axis.command(
     cls=Slow,
-    epilog="""forceaxis incident --on lcm:1 --out out/incident
-    forceaxis incident --on can0:3 --clear
-    forceaxis incident --on sim:contact --set firmware.mode=force \\
+    epilog="""forceaxis axis incident --on lcm:1 --out out/incident
+    forceaxis axis incident --on can0:3 --clear
+    forceaxis axis incident --on sim:contact --set firmware.mode=force \\
         --set firmware.force_gain=5 --set firmware.force_max=30 --wait 5
-    forceaxis incident --file out/incident/incident.json --explain press/model.toml \\
+    forceaxis axis incident --file out/incident/incident.json --explain press/model.toml \\
         --posterior out/press/posterior.json --out out/why""",
 )
 @options(RECORDED)
@@ -184,6 +185,3 @@ def _change(change: CauseChange) -> tuple[str, str]:
     released = "" if not change.released else f", released {plain(change.released, 4)}"
     low, high = (plain(value, 4) for value in change.interval)
     return f"{change.name} = {plain(change.value, 4)}{unit}{released}", f"{low} to {high}"
-
-
-VERBS = (incident,)

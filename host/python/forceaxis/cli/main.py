@@ -3,7 +3,6 @@ The exit status is 0 on success, 1 if the run or check failed, and 2 for wrong u
 
 import importlib
 import os
-import pkgutil
 import re
 import subprocess
 import sys
@@ -17,70 +16,55 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import click
 
-import forceaxis.cli
-from forceaxis.cli.common import Verb, fail, listed, printed_streams
+from forceaxis._core import InputError
+from forceaxis.cli import moved
+from forceaxis.cli.common import fail, printed_streams
 
-JOBS = """\
-Check my axis
-  forceaxis new press               writes its model from the data sheets
-  forceaxis run press/contact.toml --out out/press
-  forceaxis report press            one page: gain, margins, runs
-Put it on the bus
-  forceaxis axis list --on can0    lists the axes and their states
-  forceaxis axis check --on can0   guided first motion
-  forceaxis tune --help             measures, designs, verifies, stores a law
-Keep it from breaking in CI
-  forceaxis test press --update     records the results of today
-  forceaxis test press              status 1 and the figures if one changed"""
-
-# The Python module of each command, in groups for the help. The list VERBS of a Python module
-# contains its commands. A module MODULE is loaded when one of its commands is used. Modules
-# MODULE_... are then also loaded, because they add commands to MODULE.
-GROUPS = {
-    "An axis and its runs": {
-        "new": "new",
-        "run": "experiments",
-        "sweep": "experiments",
-        "cycle": "cycle",
-        "test": "experiments",
-        "replay": "experiments",
-        "recording": "recording",
-        "compare": "compare",
-        "report": "thesis",
-        "objects": "objects",
-        "fmu": "fmu",
-        "examples": "examples",
+# The first page of the help, from the first question of a user to the last: {heading: {commands:
+# what they do}}. It has to fit a terminal of 24 lines with 80 columns.
+PAGE = {
+    "Will my axis be stable?": {
+        "new": "write a model and experiments of your axis from data sheets",
+        "run": "run one experiment: the firmware controls the simulated axis",
+        "sweep": "run it over ranges of parameters: where is it stable?",
+        "loop": "analyse the force loop: largest gain, margins, plots, advice",
+        "design": "design the force law with the largest bandwidth for all tolerances",
+        "report": "write one page about a folder: gains, margins, verdicts, signals",
     },
-    "Its force loop": {
-        "limit": "loops",
-        "design": "design",
-        "advise": "advise",
-        "compliance": "advise",
-        "step": "loops",
-        "nyquist": "loops",
-        "rlocus": "loops",
-        "bode": "models",
-        "poles": "models",
-        "modes": "models",
-        "linearise": "models",
-        "beam": "models",
-        "measure": "measure",
-        "identify": "identify",
+    "Does the model describe my machine?": {
+        "recording": "import, show, export, convert and replay recorded files",
+        "compare": "compare recordings of the machine with what the model predicts",
+        "measure": "measure the frequency response of a simulated or live axis",
+        "identify": "identify parameters from recordings and measured responses",
     },
-    "On a bus or a chip": {
-        "axis": "axis",
-        "tune": "tune",
-        "incident": "incident",
-        "monitor": "buses",
-        "log": "buses",
-        "gateway": "buses",
-        "flash": "flash",
-        "bringup": "bringup",
+    "How do I run it on the bus?": {
+        "axis": "check, move, press, set and record one axis, explain its incident",
+        "tune": "measure a live axis, design its force law, verify and store the law",
+        "cycle": "try the program of a press, load it, start it, collect results",
+        "monitor, gateway": "watch running axes; put a CAN bus on LCM and Modbus TCP",
+        "flash": "write the firmware to a board or, over the bus, to axes",
     },
-    "The thesis": {"tables": "thesis", "check-thesis": "thesis", "session": "thesis"},
-    "This program": {"bench": "bench", "completion": "completion"},
+    "How does it stay so, and what else is there?": {
+        "test": "compare experiments with their recorded results, in CI",
+        "objects, fmu": "objects of the firmware; plant or firmware as an FMI unit",
+        "examples, thesis, bench, completion": "copies, checks, speed, the Tab key",
+    },
 }
-MODULES = {verb: module for verbs in GROUPS.values() for verb, module in verbs.items()}
+WORDS = [word for rows in PAGE.values() for words in rows for word in words.split(", ")]
+
+# The Python modules of each command that is not in a module of its own name. The list VERBS of the
+# first module has the command. If this is a group, the others add commands to it. A module is
+# loaded when its command is used.
+MODULES = {
+    **dict.fromkeys(("run", "sweep", "test"), ("experiments",)),
+    **dict.fromkeys(("monitor", "gateway"), ("buses",)),
+    "axis": (
+        "axis", "axis_actions", "axis_check", "axis_health", "axis_params", "bringup", "incident",
+    ),
+    "cycle": ("cycle", "cycle_records"),
+    "loop": ("loop", "loop_margins", "loop_models", "loop_advise"),
+    "recording": ("recording", "recording_logs"),
+}  # fmt: skip
 
 # Exceptions that end a command with one text line and exit status 1. The exceptions are listed
 # by name, so that the Python modules of the exceptions need not be loaded.
@@ -109,44 +93,44 @@ class Program(click.Group):
     only when the command is used, so that the program starts fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(MODULES)
+        return WORDS
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in MODULES:
+        if cmd_name not in WORDS:
             return None
-        name = MODULES[cmd_name]
-        for found in pkgutil.iter_modules(forceaxis.cli.__path__):
-            # A module "..._text" has no commands, only functions for printed text.
-            if found.name.endswith("_text"):
-                continue
-            if found.name.startswith(f"{name}_"):
-                importlib.import_module(f"forceaxis.cli.{found.name}")
-        module = importlib.import_module(f"forceaxis.cli.{name}")
-        verbs: tuple[click.Command, ...] = module.VERBS
+        first, *_ = [
+            importlib.import_module(f"forceaxis.cli.{name}")
+            for name in MODULES.get(cmd_name, (cmd_name,))
+        ]
+        verbs: tuple[click.Command, ...] = first.VERBS
         return next(verb for verb in verbs if verb.name == cmd_name)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args and args[0] not in MODULES and not args[0].startswith("-"):
-            raise click.exceptions.NoSuchCommand(args[0], possibilities=MODULES, ctx=ctx)
+        if args and args[0] in moved.COMMANDS:
+            raise InputError(
+                f"{args[0]}: expected `{moved.present_line(args)}`, got the earlier name of this "
+                "command"
+            )
+        if args and args[0] not in WORDS and not args[0].startswith("-"):
+            raise click.exceptions.NoSuchCommand(args[0], possibilities=WORDS, ctx=ctx)
         return super().resolve_command(ctx, args)
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        for group, verbs in GROUPS.items():
-            with formatter.section(group):
-                listed(ctx, formatter, verbs)
-
-    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        Verb.format_epilog(self, ctx, formatter)
+    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        formatter.write(
+            "Usage: forceaxis COMMAND ...    forceaxis COMMAND --help    forceaxis --version\n"
+        )
+        for heading, rows in PAGE.items():
+            formatter.write(f"{heading}\n")
+            for words, about in rows.items():
+                formatter.write(f"  {words:<9}  {about}\n")
 
 
 @click.group(
     cls=Program,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="forceaxis run contact --set firmware.force_gain=7 --out out/g7\n"
-    "forceaxis COMMAND --help",
 )
 @click.option(
     "--version",
@@ -160,9 +144,7 @@ class Program(click.Group):
 def cli(context: click.Context) -> None:
     """Simulate the firmware of a force-controlled axis before you flash the firmware."""
     if context.invoked_subcommand is None:
-        formatter = context.make_formatter()
-        cli.format_commands(context, formatter)
-        click.echo(f"{cli.help}\n\n{JOBS}\n\n{formatter.getvalue()}\nforceaxis COMMAND --help")
+        click.echo(context.get_help())
 
 
 def with_help(error: click.ClickException) -> str:

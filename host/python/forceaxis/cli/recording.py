@@ -1,4 +1,4 @@
-"""`forceaxis recording`: import files of other programs as recordings, and show recordings."""
+"""`forceaxis recording`: import files of other programs as recordings, and show recorded files."""
 
 from pathlib import Path
 
@@ -21,11 +21,18 @@ readable = click.Path(dir_okay=False, path_type=Path)
 @click.group(
     cls=Verbs,
     epilog="""forceaxis recording import scope.csv --map force=Fz:N,code=dac --out touch
-    forceaxis recording info touch.npz""",
+    forceaxis recording info touch.npz
+    forceaxis recording export out/axis2.log --out out/axis2""",
 )
 def recording() -> None:
-    """Import recordings of a real machine from files of other programs, for `forceaxis compare` and
-    `forceaxis identify contact`."""
+    """Import recordings of a machine from files of other programs, and read, export, convert and
+    replay recorded files.
+
+    A recording of signals (.npz) is imported for `forceaxis compare` and `forceaxis identify
+    contact`. A log has LCM messages: an LCM log or an MCAP file, from `forceaxis monitor --record`,
+    `forceaxis run --record` or lcm-logger; it may have further channels. A journal has every input
+    of a run of axis_node.
+    """
 
 
 def source_of(file: Path, separator: str | None) -> Source:
@@ -98,17 +105,39 @@ def import_(
         print_result(done.recording, False, lambda: text_of(done), written)
 
 
-@recording.command(epilog="forceaxis recording info touch.npz")
+@recording.command(
+    epilog="""forceaxis recording info touch.npz
+    forceaxis recording info out/axis2.log"""
+)
 @click.argument("file", type=readable)
 @as_json
 def info(file: Path, as_json: bool) -> None:
-    """Show the signals of a recording, where they come from, and their gaps, jumps, saturation and
-    constant stretches."""
-    found = signal_recording.read(file)
-    if as_json:
-        print_json(summary(found))
-    else:
-        print_result(found, False, lambda: text_of(Imported(found, ())))
+    """Show what a recorded file contains.
+
+    For a recording of signals: where they come from, and their gaps, jumps, saturation and constant
+    stretches. For a log of LCM messages: the time span, and for each channel the type of the
+    messages, their number, their rate per second and the number of lost messages. A log that is
+    damaged or incomplete is read as far as possible; one line names what was skipped.
+    """
+    if file.suffix == ".npz" or signal_recording.is_recording(file):
+        found = signal_recording.read(file)
+        if as_json:
+            print_json(summary(found))
+        else:
+            print_result(found, False, lambda: text_of(Imported(found, ())))
+        return
+    from forceaxis.bus import recordings
+    from forceaxis.cli.buses_text import log_text
+
+    log = recordings.info(file)
+    print_result(log, as_json, lambda: log_text(log))
+    report_damage(log.damage)
+
+
+def report_damage(damage: str | None) -> None:
+    """Print on standard error which part of a damaged log was skipped."""
+    if damage:
+        click.echo(f"forceaxis: {damage}", err=True)
 
 
 def summary(found: SignalRecording) -> JsonObject:

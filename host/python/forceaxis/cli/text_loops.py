@@ -59,7 +59,7 @@ AT_REST = {
 
 
 def describe_limit(result: LimitResult) -> str:
-    """Return the text that `forceaxis limit` prints: critical gain, crossings of the stability
+    """Return the text that `forceaxis loop limit` prints: critical gain, crossings of the stability
     boundary, and margins of one force loop."""
     unit, in_firmware = result.unit, IN_FIRMWARE.get(result.loop.law)
     lines = [loop_line(result.loop), *mode_lines(result.loop.working)]
@@ -88,8 +88,8 @@ def describe_limit(result: LimitResult) -> str:
 
 
 def describe_nyquist(result: NyquistResult) -> str:
-    """Return the text that `forceaxis nyquist` prints for one force loop. The text has the content
-    of `forceaxis limit` at the gain of the plot."""
+    """Return the text that `forceaxis loop nyquist` prints for one force loop. The text has the
+    content of `forceaxis loop limit` at the gain of the plot."""
     return describe_limit(replace(result.limit, at=result.at))
 
 
@@ -135,8 +135,8 @@ def figures_text(figures: Figures) -> list[str]:
 
 
 def describe_step(result: StepResult) -> str:
-    """Return the text that `forceaxis step` prints for one force loop: final value, overshoot, rise
-    time and settling time."""
+    """Return the text that `forceaxis loop step` prints for one force loop: final value, overshoot,
+    rise time and settling time."""
     response = result.response
     lines = [
         f"{loop_line(result.loop)}, {result.gain:.6g} {result.unit}",
@@ -155,7 +155,7 @@ def describe_step(result: StepResult) -> str:
 
 
 def describe_loci(result: LocusResult) -> str:
-    """Return the text that `forceaxis rlocus` prints: the critical gain of each root locus."""
+    """Return the text that `forceaxis loop rlocus` prints: the critical gain of each root locus."""
     lines = mode_lines(result.loop.working)
     for one in result.loci:
         limit = one.critical_gain
@@ -211,8 +211,8 @@ def worst_lines(at: WorstAtGain, unit: str) -> list[str]:
 
 
 def describe_limit_of_set(result: LimitOfSet) -> str:
-    """Return the text that `forceaxis limit --over` prints: the largest gain at which all plants of
-    a set are stable."""
+    """Return the text that `forceaxis loop limit --over` prints: the largest gain at which all
+    plants of a set are stable."""
     unit, gain, known_to = result.unit, result.critical_gain, result.known_to
     lines = [loop_line(result.analysed.loop), *_set_lines(result.analysed)]
     if gain is None:
@@ -234,15 +234,15 @@ def describe_limit_of_set(result: LimitOfSet) -> str:
 
 
 def describe_curves_of_set(result: CurvesOfSet) -> str:
-    """Return the text that `forceaxis bode` and `forceaxis nyquist` print for a set of plants: the
-    worst bandwidth and margins."""
+    """Return the text that `forceaxis loop bode` and `forceaxis loop nyquist` print for a set of
+    plants: the worst bandwidth and margins."""
     head = [loop_line(result.analysed.loop), *_set_lines(result.analysed)]
     return "\n".join(head + worst_lines(result.at, result.unit))
 
 
 def describe_step_of_set(result: StepOfSet) -> str:
-    """Return the text that `forceaxis step --over` prints: the largest overshoot and settling time
-    over a set of plants."""
+    """Return the text that `forceaxis loop step --over` prints: the largest overshoot and settling
+    time over a set of plants."""
     lines = [
         f"{loop_line(result.analysed.loop)}, {result.gain:.6g} {result.unit}",
         *_set_lines(result.analysed),

@@ -14,7 +14,8 @@ from forceaxis.linear.working import Working
 
 
 def describe_poles(result: PolesResult) -> str:
-    """Return the text that `forceaxis poles` prints: a text line for each pole and each zero."""
+    """Return the text that `forceaxis loop poles` prints: a text line for each pole and each
+    zero."""
     subject = result.subject
     head = f"from         {result.input} to {result.output}, {subject.timing}"
     if isinstance(subject, ClosedLoop):
@@ -38,7 +39,7 @@ def _root_line(kind: str, root: Root) -> str:
 
 
 def describe_bode(result: LoopBode | PlantBode) -> str:
-    """Return the text that `forceaxis bode` prints: for each curve the lowest and highest
+    """Return the text that `forceaxis loop bode` prints: for each curve the lowest and highest
     frequency, and the frequencies at which the phase is -180 degrees."""
     lines = mode_lines(result.working)
     for c in result.curves:
@@ -62,8 +63,8 @@ def describe_bode(result: LoopBode | PlantBode) -> str:
 
 
 def describe_measured(result: MeasuredBode) -> str:
-    """Return the text that `forceaxis bode --measured` prints: the curves, and for each measurement
-    a statement if the model explains the measurement."""
+    """Return the text that `forceaxis loop bode --measured` prints: the curves, and for each
+    measurement a statement if the model explains the measurement."""
     lines = [describe_bode(result)]
     for row in result.measured:
         found = row.comparison
@@ -77,8 +78,8 @@ def describe_measured(result: MeasuredBode) -> str:
 
 
 def describe_modes(result: ModeAnalysis) -> str:
-    """Return the text that `forceaxis modes` prints: a table row for each mode of vibration, and
-    the shape of each mode of vibration."""
+    """Return the text that `forceaxis loop modes` prints: a table row for each mode of vibration,
+    and the shape of each mode of vibration."""
     lines = [
         f"{result.model}, contact {result.contact or 'none'}: {result.input} to {result.output}",
         *mode_lines(result.working),
@@ -113,8 +114,8 @@ def _number(value: float | None) -> str:
 
 
 def describe_system(system: System, mode: Working | None, drive: DriveFacts | None = None) -> str:
-    """Return the text that `forceaxis linearise` prints: the gains of a drive's velocity loop, and
-    one row of the matrices for each state and output."""
+    """Return the text that `forceaxis loop linearise` prints: the gains of a drive's velocity loop,
+    and one row of the matrices for each state and output."""
     kind = "continuous" if system.dt is None else f"sampled every {system.dt:.6g} s"
     lines = [f"system       {kind}, inputs {', '.join(system.inputs)}"]
     lines += mode_lines(mode)
@@ -128,7 +129,7 @@ def describe_system(system: System, mode: Working | None, drive: DriveFacts | No
 
 
 def describe_beam(result: BeamAnalysis) -> str:
-    """Return the text that `forceaxis beam` prints: poles and zeros, and the errors of the
+    """Return the text that `forceaxis thesis beam` prints: poles and zeros, and the errors of the
     approximation."""
     lines = [f"{'mode':4}{'b l':>16}{'pole':>18}{'actuator zero':>20}{'tip zero':>18}"]
     for k, mode in enumerate(result.modes, 1):

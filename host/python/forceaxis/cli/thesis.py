@@ -1,5 +1,4 @@
-"""The commands `tables`, `check-thesis` and `session`, which repeat results of the thesis, and
-the command `report`, which writes a page about a folder of experiments."""
+"""`forceaxis thesis`, the group of commands that repeat results of the thesis."""
 
 import json
 import signal
@@ -9,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from forceaxis import paths
 from forceaxis.cli.common import (
     Folder,
     Slow,
-    Verb,
+    Verbs,
     as_json,
+    fitted_lines,
     link_of,
     linked,
     print_result,
@@ -29,7 +28,17 @@ if TYPE_CHECKING:
     from forceaxis.thesis.session import SessionResult
 
 
-@click.command(name="tables", cls=Verb, epilog="forceaxis tables --json")
+@click.group(
+    cls=Verbs,
+    epilog="""forceaxis thesis tables
+    forceaxis thesis check""",
+)
+def thesis() -> None:
+    """Repeat results of the thesis: its stability tables, the numbers in its text, a session in the
+    laboratory."""
+
+
+@thesis.command(name="tables", epilog="forceaxis thesis tables --json")
 @click.option("--fit", is_flag=True, help="Fit the constants again instead of using stored ones.")
 @threads
 @linked
@@ -83,50 +92,9 @@ def tables_text(result: tables.TablesResult) -> str:
     return "\n".join(lines)
 
 
-@click.command(
-    cls=Slow,
-    epilog="""forceaxis report --out report && xdg-open report/index.html
-    forceaxis report press --out press/report""",
-)
-@click.argument("folder", required=False, type=click.Path(path_type=Path))
-@click.option(
-    "--out",
-    type=Folder(),
-    default="report",
-    show_default=True,
-    help="Folder for index.html.",
-)
-@threads
-@as_json
-def report(folder: Path | None, out: Path, threads: int | None, as_json: bool) -> None:
-    """Run every experiment in FOLDER, and write one HTML page about the axis with gains, margins,
-    verdicts and plots of the signals.
-
-    For each model the page shows the recommended P gain and the margins of each designed bank, for
-    each experiment the verdict, the controlled force and the traces. Without FOLDER the command
-    runs the experiments and tables of the thesis. The exit status is 1 if an experiment could not
-    be run; the page then shows the others.
-    """
-    from forceaxis.pages import report as page
-
-    summary = page.write(folder, out, threads)
-    lines = [
-        f"report       {paths.quoted(out / 'index.html')}",
-        f"experiments  {summary.experiments} run",
-    ]
-    if summary.total is not None:
-        lines.append(f"tables       {summary.matched} of {summary.total} cells match the thesis")
-    print_result(summary, as_json, lambda: "\n".join(lines))
-    for error in summary.errors:
-        click.echo(f"forceaxis: {error}", err=True)
-    if summary.errors:
-        sys.exit(1)
-
-
-@click.command(
-    cls=Verb,
-    epilog="""forceaxis session --out out/session
-    forceaxis replay out/session/axis.journal""",
+@thesis.command(
+    epilog="""forceaxis thesis session --out out/session
+    forceaxis recording replay out/session/axis.journal""",
 )
 @click.option(
     "--out", type=Folder(), default="out/session", show_default=True, help="Folder of the results."
@@ -139,8 +107,8 @@ def session(out: Path, as_json: bool) -> None:
     The session boots the axis, sets the gains, moves 36,000 counts, makes contact at k_f = 5 and
     f_d = 30, applies an impact, reads the recorder and draws a plot. Plant, firmware and gateway
     are separate processes. The command writes session.png, session.svg and axis.journal;
-    `forceaxis replay` of the journal gives the same trace hash. If the kernel has no CAN, the
-    session runs in a guest kernel (tools/vcan).
+    `forceaxis recording replay` of the journal gives the same trace hash. If the kernel has no CAN,
+    the session runs in a guest kernel (tools/vcan).
     """
     link.under_vcan(link.LinkOptions("socketcan"))
     from forceaxis.thesis import session as thesis_session
@@ -185,11 +153,9 @@ def session_text(found: "SessionResult") -> str:
     )
 
 
-@click.command(
-    name="check-thesis", cls=Slow, epilog="forceaxis check-thesis\nforceaxis check-thesis --json"
-)
+@thesis.command(cls=Slow, epilog="forceaxis thesis check\nforceaxis thesis check --json")
 @as_json
-def check_thesis(as_json: bool) -> None:
+def check(as_json: bool) -> None:
     """Compare the numbers in the text of the thesis with the numbers that the models of the thesis
     give in this program.
 
@@ -221,4 +187,35 @@ def claims_text(result: "claims.CheckedClaims") -> str:
     return "\n".join(lines)
 
 
-VERBS = (tables_, check_thesis, report, session)
+@thesis.command(
+    cls=Slow,
+    epilog="""forceaxis thesis beam
+    forceaxis thesis beam --modes 4 --json""",
+)
+@click.option("--bending-stiffness-nm2", type=float, default=1.0, show_default=True, help="E I.")
+@click.option("--mass-per-length-kg-per-m", type=float, default=1.0, show_default=True)
+@click.option("--length-m", type=float, default=1.0, show_default=True)
+@click.option("--modes", type=click.IntRange(1, 200), default=4, show_default=True)
+@as_json
+def beam(modes: int, as_json: bool, **given: float) -> None:
+    """Compute the exact poles and zeros of the elastic beam of thesis section 2.4.4, and the error
+    if a few modes of vibration approximate the beam.
+
+    The beam slides at the actuator; its tip is free. The command prints the undamped poles and
+    zeros and the error of an approximation by the first n modes, for the first four modes. JSON:
+    modes, each with b l, pole_rad_per_s, actuator_zero_rad_per_s (imaginary pairs) and
+    tip_zero_per_s (a real pair); approximation_errors for n = 4 to 40.
+    """
+    from forceaxis.cli import text_models
+    from forceaxis.linear import beam as bending
+
+    result = bending.analyse(
+        bending.Beam(
+            given["bending_stiffness_nm2"], given["mass_per_length_kg_per_m"], given["length_m"]
+        ),
+        modes,
+    )
+    print_result(result, as_json, lambda: fitted_lines(text_models.describe_beam(result)))
+
+
+VERBS = (thesis,)

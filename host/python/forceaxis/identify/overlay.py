@@ -1,5 +1,5 @@
-"""Measured responses together with the model's response between the same signals: `forceaxis bode
---measured`."""
+"""Measured responses together with the model's response between the same signals:
+`forceaxis loop bode --measured`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

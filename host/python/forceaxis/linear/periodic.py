@@ -95,8 +95,8 @@ class PeriodicLoop(Loop):
         """Not known for a loop with several codes in a period. Raises InputError."""
         raise _core.InputError(
             f"{self.model}: adc.sample_rate: expected a loop with one code in the period after "
-            f"which its ticks repeat, got {self.whole.B.shape[1]} codes; use `forceaxis limit`, or "
-            "remove the keys of the samples for this"
+            f"which its ticks repeat, got {self.whole.B.shape[1]} codes; only the critical gain of "
+            "such a loop is known; remove the keys of the samples for this"
         )
 
     @cached_property

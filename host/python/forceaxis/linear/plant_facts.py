@@ -267,7 +267,7 @@ class PlantFacts:
             raise _core.InputError(
                 f"{self.path}: drive.cycle_ticks: expected 1 and no delays for {purpose}, got "
                 f"{self.bus.label()}; remove the keys of the bus for this, and check the result "
-                "with `forceaxis limit` and `forceaxis run` of the model with these keys"
+                "with `forceaxis loop limit` and `forceaxis run` of the model with these keys"
             )
 
     @property

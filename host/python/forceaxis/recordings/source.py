@@ -176,8 +176,8 @@ def read_messages(path: Path) -> Source:
     where = paths.display(path)
     if damage:
         raise InputError(
-            f"{damage}; expected a complete file; `forceaxis log convert` writes a file of the "
-            "messages that are complete"
+            f"{damage}; expected a complete file; `forceaxis recording convert` writes a file of "
+            "the messages that are complete"
         )
     if not tables:
         raise InputError(

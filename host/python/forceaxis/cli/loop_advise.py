@@ -1,4 +1,5 @@
-"""The commands `advise` and `compliance`, which compare possible changes of an axis."""
+"""The commands `advise` and `compliance` of `forceaxis loop`, which compare possible changes of an
+axis."""
 
 import shutil
 from pathlib import Path
@@ -17,7 +18,7 @@ from forceaxis.cli.common import (
     set_option,
     threads,
 )
-from forceaxis.cli.models import TIMINGS, check_drawing, drawn, present
+from forceaxis.cli.loop import TIMINGS, check_drawing, drawn, loop, present
 
 
 def over_options(verb: Callback) -> Callback:
@@ -39,12 +40,13 @@ def over_options(verb: Callback) -> Callback:
     )(verb)
 
 
-@click.command(
+@loop.command(
     cls=Slow,
-    epilog="""forceaxis advise laboratory
-    forceaxis advise laboratory --over k_w=30%,m_w=30%
-    forceaxis advise contact --simulate --out advice.png
-    forceaxis advise nl_stick_slip --linear --mode rail=stuck""",
+    short_help="What limits the bandwidth, and what each change would gain.",
+    epilog="""forceaxis loop advise laboratory
+    forceaxis loop advise laboratory --over k_w=30%,m_w=30%
+    forceaxis loop advise contact --simulate --out advice.png
+    forceaxis loop advise nl_stick_slip --linear --mode rail=stuck""",
 )
 @click.argument(
     "model",
@@ -127,11 +129,12 @@ def advise(
     present(to_json(result), as_json, lambda _: describe(result, width), out)
 
 
-@click.command(
+@loop.command(
     cls=Slow,
-    epilog="""forceaxis compliance laboratory_grip --out compliance.png
-    forceaxis compliance laboratory --element k_w --from 1e5 --to 2e6 --points 6 --json
-    forceaxis compliance nl_friction --mode rail=forward --points 3""",
+    short_help="Margins over the stiffness of pad, sensor or workpiece.",
+    epilog="""forceaxis loop compliance laboratory_grip --out compliance.png
+    forceaxis loop compliance laboratory --element k_w --from 1e5 --to 2e6 --points 6 --json
+    forceaxis loop compliance nl_friction --mode rail=forward --points 3""",
 )
 @click.argument(
     "model",
@@ -215,6 +218,3 @@ def compliance(
 
         drawing.save(design_plots.compliance(result), out)
     present(to_json(result), as_json, lambda _: describe_compliance(result), out)
-
-
-VERBS = (advise, compliance)

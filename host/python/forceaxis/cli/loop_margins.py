@@ -1,4 +1,5 @@
-"""The commands `limit`, `rlocus`, `nyquist` and `step`, which analyse a linear force loop."""
+"""The commands `limit`, `rlocus`, `nyquist` and `step` of `forceaxis loop`, which analyse a linear
+force loop."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -6,12 +7,13 @@ from typing import TYPE_CHECKING
 import click
 
 from forceaxis.cli.common import Positive, Slow, as_json
-from forceaxis.cli.models import (
+from forceaxis.cli.loop import (
     check_drawing,
     draw,
     drawn,
     free,
     law_options,
+    loop,
     loop_output,
     loop_timing,
     over_options,
@@ -25,12 +27,13 @@ if TYPE_CHECKING:
     from forceaxis.linear.request import LoopRequest
 
 
-@click.command(
+@loop.command(
     cls=Slow,
-    epilog="""forceaxis limit fig4_19 --set b_m=0.02 --json
-    forceaxis limit fig4_19 --law lead --lead-zero-hz 40 --lead-pole-hz 400 --timing zoh+1
-    forceaxis limit strike_biquad
-    forceaxis limit contact --over k_w=30%,m_w=30% --timing both""",
+    short_help="The gain at which the loop becomes unstable, and margins at a gain.",
+    epilog="""forceaxis loop limit fig4_19 --set b_m=0.02 --json
+    forceaxis loop limit fig4_19 --law lead --lead-zero-hz 40 --lead-pole-hz 400 --timing zoh+1
+    forceaxis loop limit strike_biquad
+    forceaxis loop limit contact --over k_w=30%,m_w=30% --timing both""",
 )
 @subject_options
 @free
@@ -72,10 +75,11 @@ def limit(
     present(limits.limit_result(loop, request.gain_of(loop)), as_json, describe_limit)
 
 
-@click.command(
+@loop.command(
     cls=Slow,
-    epilog="""forceaxis rlocus fig4_19 --timing continuous --out locus.png
-    forceaxis rlocus fig4_19 --vary b_w=8.25,363 --span-hz 70 --firmware-gain 5 --out b_w.png""",
+    short_help="Closed-loop poles over the gain, as a plot.",
+    epilog="""forceaxis loop rlocus fig4_19 --timing continuous --out locus.png
+    forceaxis loop rlocus fig4_19 --vary b_w=8.25,363 --firmware-gain 5 --out b_w.png""",
 )
 @subject_options
 @law_options
@@ -103,8 +107,8 @@ def rlocus(
 
     The figure shows the upper half-plane in Hz, with x for open-loop poles and o for zeros; the
     poles of a sampled loop are drawn as log(z) / T. A filled diamond is the critical gain of
-    `forceaxis limit`. --gain, --firmware-gain or the gain of an experiment marks the poles at that
-    gain. JSON: loci, each with gains, branches, poles, zeros in 1/s, crossings.
+    `forceaxis loop limit`. --gain, --firmware-gain or the gain of an experiment marks the poles at
+    that gain. JSON: loci, each with gains, branches, poles, zeros in 1/s, crossings.
     """
     from forceaxis.cli.text_loops import describe_loci
     from forceaxis.linear import locus
@@ -115,10 +119,11 @@ def rlocus(
     present(result, as_json, describe_loci, out)
 
 
-@click.command(
+@loop.command(
     cls=Slow,
-    epilog="""forceaxis nyquist fig4_19 --firmware-gain 5 --out nyquist.png
-    forceaxis nyquist strike_biquad --over k_w=30%,m_w=30% --timing both --out set.png""",
+    short_help="Loop gain as a curve, and margins.",
+    epilog="""forceaxis loop nyquist fig4_19 --firmware-gain 5 --out nyquist.png
+    forceaxis loop nyquist strike_biquad --over k_w=30%,m_w=30% --timing both --out set.png""",
 )
 @subject_options
 @law_options
@@ -139,7 +144,7 @@ def nyquist(
     force loop.
 
     The gain is that of the options, of the experiment, or half the critical gain. JSON: as
-    `forceaxis limit` at that gain (margins under "at"), and the curve of the loop gain:
+    `forceaxis loop limit` at that gain (margins under "at"), and the curve of the loop gain:
     frequency_hz_of_curve, real, imag, magnitude, phase_deg. For a set of plants: the worst values
     under "at", and `curves`, the nominal plant first.
     """
@@ -157,10 +162,11 @@ def nyquist(
     present(result, as_json, describe_nyquist, out)
 
 
-@click.command(
+@loop.command(
     cls=Slow,
-    epilog="""forceaxis step fig4_19 --firmware-gain 5 --out step.png
-    forceaxis step fig4_15 --law pd --derivative-s 0.004 --gain 0.01 --timing continuous""",
+    short_help="Step response: rise time, settling time, overshoot.",
+    epilog="""forceaxis loop step fig4_19 --firmware-gain 5 --out step.png
+    forceaxis loop step fig4_15 --law pd --derivative-s 0.004 --gain 0.01 --timing continuous""",
 )
 @subject_options
 @law_options
@@ -200,6 +206,3 @@ def step(
     result = limits.step_result(loop, request.drawn_gain(loop), duration_s)
     draw(out, lambda plots: plots.step_response(result))
     present(result, as_json, describe_step, out)
-
-
-VERBS = (limit, rlocus, nyquist, step)
