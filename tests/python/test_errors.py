@@ -80,5 +80,5 @@ def test_every_verb_maps_parameters():
     limit = next(verb for verb in found if verb.name == "limit")
     asked = ("overrides", "modes", "states", "over", "output", "damping_Ns_per_m")
     assert [option_of(limit, name) for name in asked] == [
-        "--set", "--modes", "--mode", "--over", "--output", "--damping-ns-per-m",
+        "--set", "--modes", "--mode", "--over", "--output", "--law damping",
     ]  # fmt: skip

@@ -259,14 +259,14 @@ def test_the_verbs_print_their_data_and_draw(capsys, monkeypatch, tmp_path):
     assert (tmp_path / "b.png").read_bytes()[:4] == b"\x89PNG"
 
     out = run(
-        "loop", "rlocus", "fig4_19", "--firmware-gain", "5", "--json", "--out", tmp_path / "r.svg"
+        "loop", "rlocus", "fig4_19", "--law", "force_gain=5", "--json", "--out", tmp_path / "r.svg"
     )
     one = json.loads(out)["loci"][0]
     assert one["critical_gain"] == loops.force_loop("fig4_19").limit().gain
     assert "<svg" in (tmp_path / "r.svg").read_text()[:800]
 
     out = run(
-        "loop", "nyquist", "fig4_19", "--firmware-gain", "5", "--json", "--out", tmp_path / "n.pdf"
+        "loop", "nyquist", "fig4_19", "--law", "force_gain=5", "--json", "--out", tmp_path / "n.pdf"
     )
     plot = json.loads(out)
     loop = loops.force_loop("fig4_19")
@@ -279,10 +279,10 @@ def test_the_verbs_print_their_data_and_draw(capsys, monkeypatch, tmp_path):
         plain = run("loop", verb, "fig4_19", "--json")
         assert run("loop", verb, "fig4_19", "--json", "--out", tmp_path / f"{verb}.png") == plain
         assert (tmp_path / f"{verb}.png").stat().st_size > 5000
-    out = run("loop", "bode", "fig4_19", "--firmware-gain", "5", "--timing", "zoh", "--json")
+    out = run("loop", "bode", "fig4_19", "--law", "force_gain=5", "--timing", "zoh", "--json")
     bode = json.loads(out)["curves"][0]["loop"]
     assert bode["at"] == plot["at"] and bode["critical_gain"] == loop.limit().gain
-    text = run("loop", "bode", "fig4_11", "--firmware-gain", "5")
+    text = run("loop", "bode", "fig4_11", "--law", "force_gain=5")
     assert "gain margin  factor" in text and "phase margin " in text
     assert "-180 degrees at 33.65 Hz" in text  # the limit without the hold, of fig4_11.toml
 
@@ -320,14 +320,14 @@ def test_a_parameter_may_be_a_quantity_with_a_unit(capsys, monkeypatch):
         (("loop", "bode", "fig4_19", "--timing", "zoh", "--to-hz", "5000"), "750"),
         (("loop", "poles", "fig4_19", "--span-hz", "nan"), "--span-hz"),
         (("loop", "rlocus", "fig4_19", "--span-hz", "1e300"), "--span-hz"),
-        (("loop", "nyquist", "fig4_19", "--gain", "1e155"), "--gain"),
-        (("loop", "poles", "fig4_19", "--firmware-gain", "300"), "--firmware-gain"),
+        (("loop", "nyquist", "fig4_19", "--law", "gain=1e155"), "--law gain"),
+        (("loop", "poles", "fig4_19", "--law", "force_gain=300"), "--law force_gain"),
         (("loop", "bode", "fig4_19", "--from-hz", "0"), "--from-hz"),
-        (("loop", "bode", "fig4_19", "--input", "drive.force", "--gain", "1"), "--gain"),
+        (("loop", "bode", "fig4_19", "--input", "drive.force", "--law", "gain=1"), "--law gain"),
         (("loop", "rlocus", "fig4_19", "--span-hz", "-1"), "--span-hz"),
-        (("loop", "rlocus", "fig4_19", "--law", "pi"), "integral-rad-per-s"),
+        (("loop", "rlocus", "fig4_19", "--law", "pi"), "--law integral"),
         (("loop", "nyquist", "nowhere"), "nowhere"),
-        (("loop", "nyquist", "fig4_19", "--gain", "1", "--firmware-gain", "2"), "--gain"),
+        (("loop", "nyquist", "fig4_19", "--law", "gain=1,force_gain=2"), "--law gain"),
         (("loop", "poles", "fig4_19", "--out", "x.txt"), "x.txt"),
         (("loop", "modes", "fig4_19", "--out", "x"), "--out"),
     ],

@@ -34,9 +34,9 @@ def says(*arguments):
 @pytest.mark.parametrize("arguments", [
     ("loop", "limit", MODEL),
     ("loop", "limit", MODEL, "--timing", "continuous"),
-    ("loop", "limit", MODEL, "--gain", 0.01),
+    ("loop", "limit", MODEL, "--law", "gain=0.01"),
     ("loop", "limit", MODEL, "--over", "b_w=30%"),
-    ("loop", "limit", MODEL, "--over", "b_w=30%", "--gain", 0.01),
+    ("loop", "limit", MODEL, "--over", "b_w=30%", "--law", "gain=0.01"),
     ("loop", "rlocus", MODEL),
 ])  # fmt: skip
 def test_every_verb_says_up_to_where_it_is_known(arguments, tmp_path):

@@ -308,7 +308,7 @@ def test_poles_of_a_plant_without_zeros(undamped):
 
 
 def test_the_verb_says_which_undamped_poles_leave(undamped):
-    pd = ["--law", "pd", "--derivative-s", 0.019415877, "--timing", "continuous"]
+    pd = ["--law", "pd:derivative=0.019415877", "--timing", "continuous"]
     done = forceaxis("loop", "limit", undamped, *pd)
     assert (done.returncode, done.stderr) == (0, "")
     assert "limit        0: stable at no gain" in done.stdout
@@ -526,7 +526,7 @@ def test_a_step_shorter_than_its_response_has_no_figures_of_it(capsys, monkeypat
         assert short.overshoot == (whole.overshoot if peak_s <= seen_s else None)
         assert short.settle_s == (whole.settle_s if whole.settle_s <= seen_s else None)
         assert (short.final, short.stable) == (whole.final, True)
-    arguments = "step fig4_15 --firmware-gain 2 --duration-s 0.03"
+    arguments = "loop step fig4_15 --law force_gain=2 --duration-s 0.03"
     monkeypatch.setattr(sys, "argv", ["forceaxis", *arguments.split()])
     cli.main()
     assert capsys.readouterr().out.count("not within 0.03 s") == 3
@@ -744,7 +744,7 @@ def test_limit_verb():
     steps = result["largest_firmware_gain"] * 256
     assert steps == int(steps)
     assert 0 < result["firmware_gain"] - result["largest_firmware_gain"] <= 1 / 256
-    at = printed("loop", "limit", "fig4_19", "--firmware-gain", "4")["at"]
+    at = printed("loop", "limit", "fig4_19", "--law", "force_gain=4")["at"]
     assert at["gain"] == pytest.approx(4 / 512)
     assert at["stable"]
     assert printed("loop", "limit", "fig2_3", "--timing", "continuous")["critical_gain"] is None
@@ -759,7 +759,7 @@ def test_poles_verb():
     assert any(z["hz"] == pytest.approx(39.8, abs=0.01) for z in plant["zeros"])
     loop = loops.force_loop("fig4_19", timing="zoh+1")
     closed = printed(
-        "loop", "poles", "fig4_19", "--timing", "zoh+1", "--gain", str(loop.limit().gain)
+        "loop", "poles", "fig4_19", "--timing", "zoh+1", "--law", f"gain={loop.limit().gain}"
     )
     assert max(abs(p["re_z"] + 1j * p["im_z"]) for p in closed["poles"]) == pytest.approx(1)
     free = printed("loop", "poles", "fig4_19", "--free", "--output", "drive.tach")
@@ -787,18 +787,18 @@ def test_poles_verb():
         ),
         (
             ["loop", "limit", "fig4_19", "--law", "pi"],
-            "--integral-rad-per-s: expected a value of this parameter, because law pi",
+            "--law integral: expected a value of this parameter, because law pi",
         ),
         (
-            ["loop", "limit", "fig4_19", "--lead-pole-hz", "9"],
-            "--lead-pole-hz: expected this parameter only",
+            ["loop", "limit", "fig4_19", "--law", "pole=9"],
+            "--law pole: expected this parameter only",
         ),
-        (["loop", "limit", "fig4_19", "--gain", "1", "--firmware-gain", "1"], "got both"),
-        (["loop", "limit", "fig4_19", "--gain", "-1"], "--gain: expected a number from"),
+        (["loop", "limit", "fig4_19", "--law", "gain=1,force_gain=1"], "got both"),
+        (["loop", "limit", "fig4_19", "--law", "gain=-1"], "--law gain: expected a number from"),
         (["loop", "poles", "fig4_19", "--free"], "expected a signal path from drive.command to"),
         (
             ["loop", "poles", "fig4_19", "--law", "pi"],
-            "--law: expected --gain or --firmware-gain together with a law",
+            "--law: expected --law gain or --law force_gain together with a law",
         ),
         (["loop", "poles", "fig4_19", "--input", "arm.force"], "input: expected one of"),
     ],

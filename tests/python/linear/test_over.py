@@ -411,7 +411,7 @@ def test_limit_of_an_experiment_and_over_a_set():
     assert one["law"] == "bank" and one["bank"]["gain"] == 4.37109375
     assert one["at"]["stable"] and one["at"]["fS_Hz"] == pytest.approx(5.140, abs=1e-3)
     several = json.loads(
-        printed("loop", "limit", "hold_p", "--over", "k_w=30%", "--firmware-gain", "1.5", "--json")
+        printed("loop", "limit", "hold_p", "--over", "k_w=30%", "--law", "force_gain=1.5", "--json")
     )
     assert several["critical_gain"] < several["nominal"]["critical_gain"] / 3
     assert several["member"]["modes"] == OUTER
@@ -419,7 +419,7 @@ def test_limit_of_an_experiment_and_over_a_set():
     at = several["at"]
     assert at["stable"] and at["firmware_gain"] == pytest.approx(1.5)
     assert set(at["member"]) >= set(over.FIGURES) - {"phase_margin_deg"}
-    text = printed("loop", "limit", "hold_p", "--over", "k_w=30%", "--firmware-gain", "1.5")
+    text = printed("loop", "limit", "hold_p", "--over", "k_w=30%", "--law", "force_gain=1.5")
     assert "limit " in text and "drive.amplifier = high outer" in text and "Ms " in text
 
 

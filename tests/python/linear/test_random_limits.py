@@ -88,7 +88,7 @@ def test_a_law_with_integral_on_a_stepper_has_a_limit(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     file = tmp_path / "s/model.toml"
-    law = ["--law", "pi", "--integral-rad-per-s", 4, "--timing", "zoh", "--json"]
+    law = ["--law", "pi:integral=4", "--timing", "zoh", "--json"]
     for stiffness, mass in ((576300.0, 1.5075), (576295.893583, 1.507515)):
         sets = ["--set", f"k_w={stiffness}", "--set", f"m_w={mass}"]
         found = json.loads(forceaxis("loop", "limit", file, *law, *sets).stdout)
@@ -179,12 +179,12 @@ def test_a_law_whose_command_rounds_to_nothing_is_refused(tmp_path):
 
 def test_limit_names_a_law_that_rounds_to_nothing(tmp_path):
     (tmp_path / "model.toml").write_text(model(**FAST))
-    text = forceaxis("loop", "limit", tmp_path / "model.toml", "--firmware-gain", 0.003).stdout
+    text = forceaxis("loop", "limit", tmp_path / "model.toml", "--law", "force_gain=0.003").stdout
     named = "dead zone    expected a force law whose dead zone is smaller than the set-point"
     assert named in text and " codes per 8-bit count, with which each force error below " in text
-    of_set = ("--over", "b_s=10%", "--firmware-gain", 0.003)
+    of_set = ("--over", "b_s=10%", "--law", "force_gain=0.003")
     assert named in forceaxis("loop", "limit", tmp_path / "model.toml", *of_set).stdout
-    text = forceaxis("loop", "limit", tmp_path / "model.toml", "--firmware-gain", 0.02).stdout
+    text = forceaxis("loop", "limit", tmp_path / "model.toml", "--law", "force_gain=0.02").stdout
     assert "dead zone" not in text and "at           " in text
 
 

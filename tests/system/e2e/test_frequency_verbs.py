@@ -48,8 +48,8 @@ def test_step_is_python_controls():
                 "loop",
                 "step",
                 "fig4_19",
-                "--gain",
-                gain,
+                "--law",
+                f"gain={gain}",
                 "--timing",
                 timing,
                 "--duration-s",
@@ -73,16 +73,16 @@ def test_step_is_python_controls():
 @pytest.mark.parametrize(
     ("law", "firmware"),
     [
-        ("p", None),
-        ("pi --integral-rad-per-s 3", "runs this law as a bank with an integral"),
-        ("lead --lead-zero-hz 20 --lead-pole-hz 80", "runs this law as a bank with a section"),
-        ("pd --derivative-s 0.002", "runs this law by differences"),
-        ("derivative --derivative-s 0.002", "does not have this law"),
+        ("p:", None),
+        ("pi:integral=3,", "runs this law as a bank with an integral"),
+        ("lead:zero=20,pole=80,", "runs this law as a bank with a section"),
+        ("pd:derivative=0.002,", "runs this law by differences"),
+        ("derivative:derivative=0.002,", "does not have this law"),
     ],
 )
 def test_a_limit_says_how_the_firmware_runs_the_law(law, firmware):
     """force_gain is a setting of the proportional law alone."""
-    shown = run("loop", "limit", "laboratory", "--law", *law.split(), "--gain", 0.001)
+    shown = run("loop", "limit", "laboratory", "--law", f"{law}gain=0.001")
     assert ("force_gain" in shown) == (firmware is None)
     assert ("firmware  " in shown) == (firmware is not None)
     assert firmware is None or f"firmware     {firmware}" in shown
@@ -100,7 +100,7 @@ def test_a_step_without_a_gain_has_half_the_critical_one(over, tmp_path):
 
 def test_an_unstable_step_says_so():
     result = json.loads(
-        run("loop", "step", "fig4_19", "--firmware-gain", 20, "--duration-s", 3, "--json")
+        run("loop", "step", "fig4_19", "--law", "force_gain=20", "--duration-s", 3, "--json")
     )
     assert not result["stable"] and result["final"] is None
     value = np.abs(result["value"])
@@ -130,15 +130,15 @@ def test_beam_has_the_classical_constants():
         ("loop linearise fig4_19 --input wall.force", "input: expected one of"),
         ("loop linearise fig4_19 --set m_x=1", "m_x"),
         (
-            "loop step fig4_19 --gain 0.01 --duration-s 0",
+            "loop step fig4_19 --law gain=0.01 --duration-s 0",
             "--duration-s: expected a duration from two ticks",
         ),
         (
-            "loop step fig4_19 --gain 1e6 --duration-s 60",
+            "loop step fig4_19 --law gain=1e6 --duration-s 60",
             "--duration-s: expected a response within the range",
         ),
         (
-            "loop step nl_friction --gain 0.01 --mode rail=stuck",
+            "loop step nl_friction --law gain=0.01 --mode rail=stuck",
             "expected a signal path from drive.command",
         ),
         (
@@ -157,7 +157,7 @@ def test_beam_has_the_classical_constants():
         ("loop bode fig2_3 --set b_m=1", "parameters.b_m"),
         ("loop bode fig2_3 --vary b_m=1,2", "parameters.b_m"),
         ("loop advise fig2_3 --set b_m=1", "parameters.b_m"),
-        ("loop step fig2_3 --gain 1 --set b_m=1", "parameters.b_m"),
+        ("loop step fig2_3 --law gain=1 --set b_m=1", "parameters.b_m"),
         ("measure fig3_12 --plant-set k_g=1", "parameters.k_g"),
         ("thesis beam --length-m 0", "length_m: expected a number from 1e-12"),
         ("loop limit fig9_99", "MODEL: fig9_99: expected"),

@@ -87,8 +87,13 @@ OTHER_NAMES = {
 
 def option_of(command: click.Command, parameter: str) -> str | None:
     """Return the name of the option of `command` that sets a parameter of the library, such as
-    "--gain" for "gain". If an argument of the command sets the parameter, return the name of the
-    argument in the help. Otherwise return None."""
+    "--timing" for "timing". If an argument of the command sets the parameter, return the name of
+    the argument in the help. Otherwise return None."""
+    if any("--law" in known.opts for known in command.params):
+        from forceaxis.linear.law_text import KEY_OF
+
+        if parameter in KEY_OF:
+            return f"--law {KEY_OF[parameter]}"
     wanted = OTHER_NAMES.get(parameter, "--" + parameter.lower().replace("_", "-"))
     for known in command.params:
         if wanted in known.opts:

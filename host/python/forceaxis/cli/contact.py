@@ -157,13 +157,13 @@ def contact(
     controller may have made the recording.
 
     The result is a posterior: samples of plants that explain all recordings and what was known
-    before. `loop limit`, `design`, `compare`, `sweep`, `cycle rates` and `tune` take out/posterior.json
-    in place of a range of --over. A parameter whose deviation is more than a third of that of its
-    prior is named as not told. A p value says whether the model explains the recordings; below 0.05
-    the command names the stretches that do not fit, and ranks elements that the model may lack.
-    Below 0.001 the model is rejected. If it is rejected, or the chains of the sampler do not agree
-    in time, no posterior.json is written, one of an earlier call is removed, and the exit status is
-    1.
+    before. `loop limit`, `design`, `compare`, `sweep`, `cycle rates` and `tune` take
+    out/posterior.json in place of a range of --over. A parameter whose deviation is more than a
+    third of that of its prior is named as not told. A p value says whether the model explains the
+    recordings; below 0.05 the command names the stretches that do not fit, and ranks elements that
+    the model may lack. Below 0.001 the model is rejected. If it is rejected, or the chains of the
+    sampler do not agree in time, no posterior.json is written, one of an earlier call is removed,
+    and the exit status is 1.
     """
     from forceaxis import linear
     from forceaxis.commission import contact_fit

@@ -10,6 +10,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+from click.shell_completion import CompletionItem
 
 from forceaxis import paths
 from forceaxis.cli.common import (
@@ -101,55 +102,39 @@ model_options = _model_options("MODEL", paths.MODELS)
 subject_options = _model_options("MODEL|EXPERIMENT", paths.MODELS, paths.EXPERIMENTS)
 
 
-LAWS = click.Choice(
-    ["p", "pi", "pd", "lead", "derivative", "stiffness", "damping", "impedance", "bank"]
-)
-
-
 TIMINGS = click.Choice(["continuous", "zoh", "zoh+1"])
 
 
-def law_options(verb: Callback) -> Callback:
-    """Add the options of a control law to a command: --law, the parameters of each law, and the
-    gain in two units."""
-    for name, text in reversed(
-        {
-            "--integral-rad-per-s": "w_i of law pi: k (1 + w_i / s).",
-            "--derivative-s": "T_d of laws pd and derivative: k (f_d - f - T_d f'). pd "
-            "differentiates the measured force; derivative has a sensor of its rate "
-            "(LINK.spring_force_rate).",
-            "--lead-zero-hz": "w_z of law lead: k (1 + s / w_z) / (1 + s / w_p).",
-            "--lead-pole-hz": "w_p of law lead.",
-            "--stiffness-n-per-m": "K_fs of laws stiffness and impedance; x from the encoder.",
-            "--damping-ns-per-m": "K_fd of laws damping and impedance.",
-            "--velocity-gain-vs-per-m": "Velocity gain K_v of the force laws and of stiffness.",
-            "--gain": "Gain k of the law, V/N.",
-            "--firmware-gain": "Gain as firmware.force_gain, DAC codes per force count.",
-        }.items()
-    ):
-        verb = click.option(name, type=float, help=text)(verb)
-    return click.option(
-        "--law",
-        type=LAWS,
-        help="Control law of force, or of force and motion (thesis 1.1.3, 6.2.1). bank: the bank "
-        "that an experiment selects. Default: that of the experiment, else p.",
-    )(verb)
+class Law(click.ParamType[str]):
+    """Type of the option --law, the text of a control law. A shell can complete names and keys."""
+
+    name = "law"
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        from forceaxis.linear import law_text
+
+        if ":" in incomplete or "=" in incomplete:
+            end = max(incomplete.rfind(mark) for mark in ":,") + 1
+            texts = [f"{incomplete[:end]}{key}=" for key in law_text.KEYS]
+        else:
+            texts = [*law_text.LAWS, *(f"{key}=" for key in ("gain", "force_gain"))]
+        return [CompletionItem(text) for text in texts if text.startswith(incomplete)]
 
 
-# Parameter of the control law for each parameter of the command's function. The names of the
-# function's parameters are in lower case, as the library click writes them.
-LAW_PARAMETERS = {
-    name.lower(): name
-    for name in (
-        "integral_rad_per_s",
-        "derivative_s",
-        "lead_zero_hz",
-        "lead_pole_hz",
-        "stiffness_N_per_m",
-        "damping_Ns_per_m",
-        "velocity_gain_Vs_per_m",
-    )
-}
+law_option = click.option(
+    "--law",
+    type=Law(),
+    metavar="NAME:KEY=VALUE,...",
+    help="Control law: p; pi:integral=RAD_PER_S, k (1 + integral / s); pd:derivative=S, which "
+    "differentiates the measured force; lead:zero=HZ,pole=HZ; derivative:derivative=S with a "
+    "sensor of the rate (LINK.spring_force_rate); stiffness:stiffness=N_PER_M, "
+    "damping:damping=NS_PER_M and impedance with both, from the encoder (thesis 1.1.3, 6.2.1); "
+    "bank: the bank that an experiment selects. Each also takes its gain, gain=V_PER_N or "
+    "force_gain=CODES_PER_COUNT as firmware.force_gain, and force laws and stiffness "
+    "velocity_gain=VS_PER_M. Without NAME, as in force_gain=5: the law of the experiment, else p.",
+)
 
 
 def requests_loop(verb: Callable[..., None]) -> Callable[..., None]:
@@ -159,16 +144,21 @@ def requests_loop(verb: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(verb)
     def with_request(
-        *arguments: Any, overrides: tuple[str, ...], modes: tuple[str, ...], **given: Any
+        *arguments: Any,
+        overrides: tuple[str, ...],
+        modes: tuple[str, ...],
+        law: str | None,
+        **given: Any,
     ) -> None:
         from forceaxis import linear
+        from forceaxis.linear.law_text import LawText, parse_law
         from forceaxis.linear.request import LoopRequest
 
-        values = {name: given.pop(option) for option, name in LAW_PARAMETERS.items()}
+        chosen = LawText() if law is None else parse_law(law)
         request = LoopRequest(
             overrides=linear.overrides(overrides),
             states=linear.states(modes),
-            parameters={name: value for name, value in values.items() if value is not None},
+            **vars(chosen),
             **{name: given.pop(name) for name in [*given] if name not in own},
         )
         verb(*arguments, request=request, **given)

@@ -12,7 +12,7 @@ from forceaxis.cli.loop import (
     draw,
     drawn,
     free,
-    law_options,
+    law_option,
     loop,
     loop_output,
     loop_timing,
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
     cls=Slow,
     short_help="The gain at which the loop becomes unstable, and margins at a gain.",
     epilog="""forceaxis loop limit fig4_19 --set b_m=0.02 --json
-    forceaxis loop limit fig4_19 --law lead --lead-zero-hz 40 --lead-pole-hz 400 --timing zoh+1
+    forceaxis loop limit fig4_19 --law lead:zero=40,pole=400 --timing zoh+1
     forceaxis loop limit strike_biquad
     forceaxis loop limit contact --over k_w=30%,m_w=30% --timing both""",
 )
 @subject_options
 @free
-@law_options
+@law_option
 @over_options
 @click.option(
     "--output", default="reading", help="Feed back this signal. Default: the input of ADC 0."
@@ -79,10 +79,10 @@ def limit(
     cls=Slow,
     short_help="Closed-loop poles over the gain, as a plot.",
     epilog="""forceaxis loop rlocus fig4_19 --timing continuous --out locus.png
-    forceaxis loop rlocus fig4_19 --vary b_w=8.25,363 --firmware-gain 5 --out b_w.png""",
+    forceaxis loop rlocus fig4_19 --vary b_w=8.25,363 --law force_gain=5 --out b_w.png""",
 )
 @subject_options
-@law_options
+@law_option
 @vary
 @free
 @loop_timing
@@ -107,7 +107,7 @@ def rlocus(
 
     The figure shows the upper half-plane in Hz, with x for open-loop poles and o for zeros; the
     poles of a sampled loop are drawn as log(z) / T. A filled diamond is the critical gain of
-    `forceaxis loop limit`. --gain, --firmware-gain or the gain of an experiment marks the poles at
+    `forceaxis loop limit`. A gain in --law, or the gain of an experiment, marks the poles at
     that gain. JSON: loci, each with gains, branches, poles, zeros in 1/s, crossings.
     """
     from forceaxis.cli.text_loops import describe_loci
@@ -122,11 +122,11 @@ def rlocus(
 @loop.command(
     cls=Slow,
     short_help="Loop gain as a curve, and margins.",
-    epilog="""forceaxis loop nyquist fig4_19 --firmware-gain 5 --out nyquist.png
+    epilog="""forceaxis loop nyquist fig4_19 --law force_gain=5 --out nyquist.png
     forceaxis loop nyquist strike_biquad --over k_w=30%,m_w=30% --timing both --out set.png""",
 )
 @subject_options
-@law_options
+@law_option
 @free
 @over_options
 @loop_output
@@ -165,11 +165,11 @@ def nyquist(
 @loop.command(
     cls=Slow,
     short_help="Step response: rise time, settling time, overshoot.",
-    epilog="""forceaxis loop step fig4_19 --firmware-gain 5 --out step.png
-    forceaxis loop step fig4_15 --law pd --derivative-s 0.004 --gain 0.01 --timing continuous""",
+    epilog="""forceaxis loop step fig4_19 --law force_gain=5 --out step.png
+    forceaxis loop step fig4_15 --law pd:derivative=0.004,gain=0.01 --timing continuous""",
 )
 @subject_options
-@law_options
+@law_option
 @over_options
 @loop_output
 @click.option("--duration-s", type=float, default=1.0, show_default=True)

@@ -15,7 +15,7 @@ from forceaxis.cli.loop import (
     draw,
     drawn,
     free,
-    law_options,
+    law_option,
     loop,
     model_options,
     outputs_option,
@@ -106,11 +106,11 @@ def modes_(
     short_help="Poles and zeros of the plant or the closed loop.",
     epilog="""forceaxis loop poles fig4_19
     forceaxis loop poles fig4_19 --free --output drive.tach
-    forceaxis loop poles fig4_19 --firmware-gain 10 --timing zoh+1
+    forceaxis loop poles fig4_19 --law force_gain=10 --timing zoh+1
     forceaxis loop poles strike_biquad""",
 )
 @subject_options
-@law_options
+@law_option
 @click.option(
     "--timing",
     type=TIMINGS,
@@ -156,7 +156,7 @@ def poles(
     forceaxis loop bode press/model.toml --measured out/m/30N --set k_w=4.1e5 --out both.png""",
 )
 @subject_options
-@law_options
+@law_option
 @vary
 @free
 @over_options
@@ -165,7 +165,7 @@ def poles(
     "part",
     type=click.Choice(["plant", "loop", "closed", "sensitivity"]),
     help="plant: from --input to --output; loop: loop gain L; closed: T from set-point to signal; "
-    "sensitivity: S = 1 / (1 + L). Default: plant for a MODEL, loop for an EXPERIMENT or --law.",
+    "sensitivity: S = 1 / (1 + L). Default: plant for a MODEL, loop for an EXPERIMENT or a law.",
 )
 @click.option(
     "--input",

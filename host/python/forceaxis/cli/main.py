@@ -149,9 +149,15 @@ def cli(context: click.Context) -> None:
 
 def with_help(error: click.ClickException) -> str:
     """Return the message of a usage error. If the message does not state what was expected, a hint
-    to `--help` is added."""
+    to `--help` is added. The message about an earlier option of a control law shows the line of
+    today."""
     text = error.format_message()
     context = getattr(error, "ctx", None)
+    if isinstance(error, click.exceptions.NoSuchOption) and context:
+        known = [name for option in context.command.params for name in option.opts]
+        if error.option_name in moved.LAW_OPTIONS and "--law" in known:
+            line = moved.present_line(sys.argv[1:])
+            return f"{error.option_name}: expected `{line}`, got an earlier option"
     if re.search(r"\bexpected\b", text):
         return text
     end = "" if text[-1] in ".?" else ";"

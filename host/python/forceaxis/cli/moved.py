@@ -20,8 +20,47 @@ COMMANDS = {
     "replay": "recording replay",
 }  # fmt: skip
 
+# The key in the text of --law for each earlier option of a control law.
+LAW_OPTIONS = {
+    "--integral-rad-per-s": "integral",
+    "--derivative-s": "derivative",
+    "--lead-zero-hz": "zero",
+    "--lead-pole-hz": "pole",
+    "--stiffness-n-per-m": "stiffness",
+    "--damping-ns-per-m": "damping",
+    "--velocity-gain-vs-per-m": "velocity_gain",
+    "--gain": "gain",
+    "--firmware-gain": "force_gain",
+}
+
 
 def present_line(arguments: Sequence[str]) -> str:
     """Return the command line of today for `arguments`, which begin with the command."""
     command, *rest = arguments
-    return shlex.join(["forceaxis", *COMMANDS.get(command, command).split(), *rest])
+    words = COMMANDS.get(command, command).split()
+    if words[0] == "loop":
+        rest = _with_one_law(rest)
+    return shlex.join(["forceaxis", *words, *rest])
+
+
+def _with_one_law(arguments: Sequence[str]) -> list[str]:
+    """Return `arguments` with one option --law, at the place of the first option of a control law,
+    in place of --law and of the earlier options."""
+    kept: list[str] = []
+    name, pairs, place = "", list[str](), None
+    rest = iter(arguments)
+    for word in rest:
+        option, equals, value = word.partition("=")
+        if option != "--law" and option not in LAW_OPTIONS:
+            kept.append(word)
+            continue
+        place = len(kept) if place is None else place
+        value = value if equals else next(rest, "")
+        if option == "--law":
+            name, _, more = value.partition(":")
+            pairs += [more] if more else []
+        else:
+            pairs.append(f"{LAW_OPTIONS[option]}={value}")
+    if place is not None:
+        kept[place:place] = ["--law", ":".join(filter(None, (name, ",".join(pairs))))]
+    return kept
