@@ -33,6 +33,7 @@ static void settle(force_section_t *section, int32_t x) {
 }
 
 static void begin(force_law_t *law, int32_t x) {
+  /* A comment with @ is a contract in ACSL, for the proof by Frama-C in tests/firmware/proof. */
   /*@ loop invariant 0 <= i <= law->bank.sections && legal_sections(law);
       loop assigns i, law->sections[0 .. 2]; */
   for (uint8_t i = 0; i < law->bank.sections; i++) {

@@ -73,8 +73,8 @@ PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
 }
 
 void PlantSide::find_reading_ends(const sim::Adc &adc) {
-  const double limit_N = std::min(adc.sensor_limit.value_or(kNoLimit_N),
-                                  adc.conditioning_limit.value_or(kNoLimit_N));
+  const double limit_N =
+      std::min(adc.sensor_limit.value_or(kNoLimit_N), adc.conditioning_limit.value_or(kNoLimit_N));
   const double span = limit_N / std::fabs(adc.per_count);
   const double zero = adc.zero_code + adc.rounding;
   const double top = (1 << adc.bits) - 1;

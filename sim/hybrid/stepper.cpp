@@ -25,7 +25,8 @@ constexpr double kDoubtGrowth = 4.0;
 // Largest argument of set_doubt(), for an assumed rounding error of 1.5e-11 of the state.
 constexpr double kMostDoubt = 0x1p10;
 constexpr std::size_t kRecentModes = 64;
-// The energies of a mode are added in so many parts of the grid before its forms are built.
+// Number of parts of the grid over which the energy of a mode is summed before its quadratic forms
+// are built, which costs as much as these sums.
 constexpr int kPartsWithoutForms = 256;
 
 constexpr double kNever = std::numeric_limits<double>::infinity();

@@ -1,5 +1,5 @@
 """Machines that are drawn at random, touch a workpiece, and are identified from their recordings by
-`forceaxis identify contact`; docs/contact_study.md has the results."""
+`forceaxis identify contact`; docs/studies/contact_study.md has the results."""
 
 import math
 from pathlib import Path

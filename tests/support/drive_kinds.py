@@ -1,6 +1,6 @@
 """Eight kinds of drive and sensor, each from `forceaxis new` to a tuned axis by commands alone.
 
-`drive_kinds.py [FILE]` prints the table, or writes it to FILE, docs/drive_kinds.md.
+`drive_kinds.py [FILE]` prints the table, or writes it to FILE, docs/studies/drive_kinds.md.
 """
 
 import csv

@@ -1,6 +1,6 @@
 """An axis on Linux whose drive is another axis of this project on vcan1, in real time, with
 python-canopen as the supervisor on vcan0. Run under tools/vcan with a folder; stores its steps
-there. tests/loop/test_axis_on_axis.cpp has the same in lock-step."""
+there. tests/loop/axis_on_axis_test.cpp has the same in lock-step."""
 
 import json
 import subprocess

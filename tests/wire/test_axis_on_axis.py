@@ -1,5 +1,5 @@
 """An axis on Linux presses by another axis of this project as its drive, with python-canopen as the
-supervisor, on real CAN and in real time: the bands of tests/loop/test_axis_on_axis.cpp.
+supervisor, on real CAN and in real time: the bands of tests/loop/axis_on_axis_test.cpp.
 axis_on_axis_session.py did it; the tests check its records.
 """
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from steps import found_by
 
-pytestmark = pytest.mark.long  # half a minute; in lock-step it is tests/loop/test_axis_on_axis.cpp
+pytestmark = pytest.mark.long  # half a minute; in lock-step it is tests/loop/axis_on_axis_test.cpp
 
 SESSION = Path(__file__).with_name("axis_on_axis_session.py")
 SETPOINT, NEWTONS, CYCLE_MS = 30, 2.5, 20  # codes, N a code

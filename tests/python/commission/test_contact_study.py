@@ -1,5 +1,5 @@
 """Hidden machines that another program simulates: identified, refused where the model lacks an
-element, and predicted. docs/contact_study.md has the results of all machines."""
+element, and predicted. docs/studies/contact_study.md has the results of all machines."""
 
 import json
 import os
@@ -13,8 +13,8 @@ from forceaxis.words import plain
 
 pytestmark = [pytest.mark.beside, pytest.mark.long]
 
-# FORCEAXIS_MACHINES=20 runs the study of docs/contact_study.md, with its rows in FORCEAXIS_ROWS;
-# otherwise a few of its machines.
+# FORCEAXIS_MACHINES=20 runs the study of docs/studies/contact_study.md, with its rows in
+# FORCEAXIS_ROWS; otherwise a few of its machines.
 MACHINES = int(os.environ.get("FORCEAXIS_MACHINES", "0"))
 RANKS = 10 * MACHINES or 2
 SAMPLES = 99  # of a posterior, among which a true value has a rank

@@ -1,4 +1,4 @@
-"""Many parts of tests/loop/test_cycle_truth.cpp, of which each build presses a sample."""
+"""Many parts of tests/loop/cycle_truth_test.cpp, of which each build presses a sample."""
 
 import os
 import subprocess

@@ -659,7 +659,7 @@ def test_pytest_help_names_both(tmp_path):
 
 
 def test_the_ci_example_does_what_it_says(tmp_path):
-    job = yaml.safe_load((ROOT / "docs/ci-example.yml").read_text())["jobs"]["axes"]
+    job = yaml.safe_load((ROOT / "docs/files/ci-example.yml").read_text())["jobs"]["axes"]
     (command,) = (s["run"] for s in job["steps"] if "forceaxis test" in s.get("run", ""))
     program, *arguments = shlex.split(command)
     assert program == "forceaxis"
@@ -687,7 +687,7 @@ BROUGHT_BY = {
 
 
 def test_the_ci_example_installs_what_the_wheel_is_built_from():
-    job = yaml.safe_load((ROOT / "docs/ci-example.yml").read_text())["jobs"]["axes"]
+    job = yaml.safe_load((ROOT / "docs/files/ci-example.yml").read_text())["jobs"]["axes"]
     (install,) = (s["run"] for s in job["steps"] if "apt-get install" in s.get("run", ""))
     (command,) = re.findall(r"apt-get install -y (.*)", install.replace("\\\n", " "))
     needed = set()

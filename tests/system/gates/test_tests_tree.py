@@ -23,6 +23,8 @@ def complaints(tests):
             lines.append(f"python/{folder.name}: expected a folder of the package")
     for path in sorted((tests / "support").rglob("test_*")):
         lines.append(f"{path.name}: expected no test among the helpers")
+    for path in sorted(tests.rglob("test_*.cpp")):
+        lines.append(f"{path.name}: expected a name that ends in _test.cpp")
     return lines
 
 
@@ -37,6 +39,7 @@ def test_tests_are_in_the_folder_of_their_subject():
         ("wire/test_axis.py", "test_axis.py: expected one file"),
         ("python/attic/test_new.py", "python/attic: expected a folder of the package"),
         ("support/test_new.py", "test_new.py: expected no test among the helpers"),
+        ("loop/test_new.cpp", "test_new.cpp: expected a name that ends in _test.cpp"),
     ],
 )
 def test_a_test_at_the_wrong_place_is_found(tmp_path, file, says):
