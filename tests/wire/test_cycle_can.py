@@ -95,7 +95,7 @@ def test_parts_have_the_verdicts_and_the_values_of_the_simulation(parts, tmp_pat
 @pytest.mark.parametrize("part", IDS)
 def test_each_example_is_loaded_and_without_it_no_part_is_pressed(parts, part):
     found, wanted = parts[part], live.live_program(file_of(part.split("-")[0]))
-    assert isinstance(found["early"], str) and "forceaxis cycle load" in found["early"]
+    assert isinstance(found["early"], str) and "`load_program`" in found["early"]
     assert int(found["loaded"]["crc"], 16) == wanted.crc
     assert found["loaded"]["number"] == wanted.number
 

@@ -47,8 +47,8 @@ def suggestion(name: str, known: Iterable[str]) -> str:
 
 def option_words(**options: OptionValue | Sequence[OptionValue]) -> list[str]:
     """Returns the arguments of a Python function as options of a command line: lcm_url="x" becomes
-    --lcm-url x. The value True gives the option without a value, and a list gives the option once
-    for each element. None, False and an empty text give no option."""
+    two words, the option lcm-url and x. The value True gives the option without a value, and a list
+    gives the option once for each element. None, False and an empty text give no option."""
     words = []
     for name, given in options.items():
         option = f"--{name.replace('_', '-')}"

@@ -203,7 +203,7 @@ def broken_wire(board):
 @pytest.mark.parametrize(
     "step, prepare, direction, words",
     [
-        ("board", brown_out_off, 1, ["brown-out reset", "`forceaxis flash`"]),
+        ("board", brown_out_off, 1, ["brown-out reset", "`write_image`"]),
         ("board", no_crystal, 1, ["8 MHz", "PH0"]),
         ("force", weak_source(FORCE), 1, ["PA6", "more than 10 kOhm", "follower"]),
         ("current", weak_source(CURRENT), 1, ["PA7", "more than 10 kOhm", "follower"]),

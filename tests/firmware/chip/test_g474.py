@@ -902,7 +902,7 @@ def test_a_board_that_is_right_passes_every_step_of_the_bring_up(monkeypatch):
 @pytest.mark.parametrize(
     "step, what, words",
     most_long(
-        ("board", "options", ["option bytes", "`forceaxis flash`"]),
+        ("board", "options", ["option bytes", "`write_image`"]),
         ("board", "crystal", ["24 MHz", "PF0"]), ("outputs", "enable", ["PB0"]),
         ("outputs", "output", ["PA4"]), ("can", "partner", ["acknowledges"]),
     ),

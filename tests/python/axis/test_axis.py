@@ -486,7 +486,7 @@ def test_an_enabled_axis_of_another_client_is_shared_only_if_wanted(axis, monkey
     with pytest.raises(
         Refused,
         match="the axis is operation enabled by another client of this bus; end that client, or "
-        "stop the axis with `forceaxis axis stop`",
+        "stop the axis with `stop_axis`",
     ):
         other.acquire()
     other.acquire(shared=True)

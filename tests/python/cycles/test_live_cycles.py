@@ -73,7 +73,7 @@ def test_a_program_for_another_axis_is_refused(axis, wanted):
 
 def test_no_cycle_starts_with_another_program(axis, wanted):
     live.load(axis, live.live_program(SNAP_FIT))
-    with pytest.raises(Refused, match="forceaxis cycle load"):
+    with pytest.raises(Refused, match="`load_program`"):
         live.start(axis, wanted)
 
 
@@ -91,9 +91,9 @@ def test_a_part_that_a_fault_ends_names_the_fault_and_its_remedy(axis, wanted):
     axis.set(force_max="100 N")
     record = results.press(axis, wanted)
     assert (record.state, record.outcome) == ("aborted", "stopped")
-    assert record.notes == ["fault force_max: `forceaxis axis reset` resets it"]
+    assert record.notes == ["fault force_max: reset it before the next part"]
     shown = "\n".join(" ".join(row) for row in cycle_text.record_rows(record))
-    assert "fault force_max: `forceaxis axis reset` resets it" in shown
+    assert "fault force_max: reset it before the next part" in shown
     axis.reset_fault()
     axis.set(force_max=0)
     assert results.press(axis, wanted).notes == []

@@ -84,7 +84,7 @@ firmware.force_gain = { least = 2.5, most = 3.5 }
             "[set]\nk_bore = { mean = 1, deviation = 1, least = 10, most = 12 }\n" + KIND,
             ["set.k_bore.mean", "a millionth"],
         ),
-        ("[set]\nfirmware.force_gian = 1\n" + KIND, ["force_gian", "forceaxis objects"]),
+        ("[set]\nfirmware.force_gian = 1\n" + KIND, ["force_gian", "`list_objects`"]),
         ("[set]\nfirmware.force = 1\n" + KIND, ["firmware.force", "can be written"]),
         ("[set]\nexperiment.seed = 1\n" + KIND, ["experiment.seed", "its own"]),
         ("set = 3" + KIND, ["set", "a table of parameters"]),

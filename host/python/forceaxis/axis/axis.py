@@ -47,7 +47,7 @@ class Axis(Drive):
 
     @classmethod
     def on(cls, address: str, model: str | Path | None = None) -> Axis:
-        """Returns the axis at an address, as the option --on of `forceaxis axis` has it: "can0:5",
+        """Returns the axis at an address, for example "can0:5",
         "tcp://192.168.1.5/3", "serial:/dev/ttyUSB0:3", "lcm:2", "sim:contact". `model`: as in
         can(). Raises InputError, NoAnswer."""
         return cls(_with_model(addresses.parse(address).link(), model))
@@ -113,7 +113,7 @@ class Axis(Drive):
             )
             raise Refused(
                 f"{self.link.where}: the axis is {now.state} by {whose}; end that client, or stop "
-                "the axis with `forceaxis axis stop`"
+                "the axis with `stop_axis`"
             )
         self.link.acquire()
         self._owned = True

@@ -235,7 +235,7 @@ def _uncertified(
     yield bound(
         most, -most, f"{_object('uncertified_force')}, {share:g} per mille of force_limit, "
         f"while the certificate of {law} is {str(state).replace('_', ' ')}",
-        "ask for less, give the bank a certificate (`forceaxis design`) or raise it",
+        "ask for less, give the bank a certificate (`design_law`) or raise it",
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ certificate depend on it.
 
 others = "defaults": the file holds what differs from the defaults; all else is a default, but for
 what `without` names, which could not be read or belonged to a gateway. Without `others`, as in the
-bank.toml of `forceaxis design`, a file concerns what it names and nothing else.
+bank.toml of a designed law, a file concerns what it names and nothing else.
 """
 
 import itertools
@@ -223,13 +223,11 @@ def _pop_header(path: Path | str, tables: dict[str, toml.TomlValue]) -> Header:
     about, described = tables.pop("about", {}), tables.pop("objects", {})
     if not isinstance(about, dict):
         raise InputError(
-            f"{path}: expected a file with a table [about]; `forceaxis axis params dump` writes "
-            "such a file"
+            f"{path}: expected a file with a table [about]; `dump_parameters` writes such a file"
         )
     if not isinstance(described, dict):
         raise InputError(
-            f"{path}: expected a file with a table [objects]; `forceaxis axis params dump` writes "
-            "such a file"
+            f"{path}: expected a file with a table [objects]; `dump_parameters` writes such a file"
         )
     if about.get("format", FILE_FORMAT) != FILE_FORMAT:
         raise InputError(
@@ -363,7 +361,7 @@ def _elements(key: str, given: toml.TomlValue) -> list[tuple[AxisObject, toml.To
     if key in IDENTITY:
         raise InputError(
             f"{key}: expected a file without node id and bit rate, because each axis has separate "
-            "values of these objects; remove this line and use `forceaxis axis set`"
+            "values of these objects; remove this line and use `write_objects`"
         )
     if key in objects.BY_NAME:
         raise InputError(

@@ -3,7 +3,7 @@ object, a text of an enumeration, or a quantity such as "75 N", "10 mm" or "4mm/
 
 Forces are converted by the axis' own force_scale and rated_force; times and codes have fixed
 factors. Lengths need the size of a position count: from user units of the axis (6092h, named by
-60A8h), or from the encoder of a model, which a simulated axis has and `--model` gives for a real
+60A8h), or from the encoder of a model, which a simulated axis has and the caller gives for a real
 axis. Lengths have the zero and the direction of the axis' positions.
 """
 

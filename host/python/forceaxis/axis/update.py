@@ -107,7 +107,7 @@ def update(
         if record.table != table and not new_table:
             raise InputError(
                 f"{where}: expected an update with the object table {table:08x} of the axis, got "
-                f"{record.table:08x}; use --new-table after reading what changes"
+                f"{record.table:08x}; use `new_table` after reading what changes"
             )
         axis.acquire()
         _write(axis, record.download(table if new_table else record.table))

@@ -34,7 +34,7 @@ def known_object(name: str) -> AxisObject:
     known = object_named(name)
     if known is None:
         raise InputError(
-            f"{name}: expected the name of an object, got an unknown name; `forceaxis objects` "
+            f"{name}: expected the name of an object, got an unknown name; `list_objects` "
             "lists the names"
         )
     return known

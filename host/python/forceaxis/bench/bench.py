@@ -1,4 +1,4 @@
-"""`forceaxis bench`: measures the speed of the simulator and of other tools, on the same task in
+"""Measures the speed of the simulator and of other tools, on the same task in
 the same run.
 
 The task is a force loop of 2 s at 1500 Hz around one plant. Contact force, two positions, motor
@@ -18,7 +18,7 @@ precision. The other simulators and this reference exist only in a checkout (tes
 dopri5 at 1e-4 with located events, mujoco is RK4 with one step a tick (four in "full", where one is
 unstable) and without events, scipy is RK45 at 1e-4 with terminal events, for the cases A and B.
 
-On request, sweeps, frequency responses, critical gains and the table of `forceaxis loop advise` are
+On request, sweeps, frequency responses, critical gains and the table of an advice are
 timed too.
 """
 
@@ -436,7 +436,7 @@ def linear_analysis(repeat: int, advance: Advance) -> list[AnalysisSpeed]:
     forceaxis and with python-control.
 
     Both use the same matrices. The time of a frequency response of 10,000 frequencies includes the
-    transformation of the matrices to Hessenberg form. The critical gain of forceaxis comes with all
+    transformation of the matrices to Hessenberg form. This critical gain comes with all
     crossings; that of python-control is a bisection on the poles of control.feedback, because
     control.stability_margins uses a grid for these loops and does not find the critical gain.
     """

@@ -1,13 +1,13 @@
-"""`forceaxis bench --growth`: how CPU time and peak memory grow with the number of states, of
+"""How CPU time and peak memory grow with the number of states, of
 switching events and of runs, beside odeint.
 
 States: a chain of bodies between springs, driven by the motor of the benchmark and pressed on a
 wall, for 2 s. Events: an oscillator that hits a stop in each period and rubs at each reversal, for
-2 s; its frequency sets the number of events. forceaxis counts six events in a period, odeint four,
-because it does not count a friction that stops and slides on at one instant as two. At odeint's
-tolerance of 1e-4 the phase of the oscillator is lost within 2 s from 100 Hz on, and some events in
-10,000; with a tolerance of 1e-12 the forces are those of forceaxis. Runs: a sweep of case A over
-gain and set-point with 0.15 s in each run. All points are measured; nothing is extrapolated.
+2 s; its frequency sets the number of events. This simulator counts six events in a period, odeint
+four, because it does not count a friction that stops and slides on at one instant as two. At
+odeint's tolerance of 1e-4 the phase of the oscillator is lost within 2 s from 100 Hz on, and some
+events in 10,000; with a tolerance of 1e-12 the forces are those of forceaxis. Runs: a sweep of case
+A over gain and set-point with 0.15 s in each run. All points are measured; nothing is extrapolated.
 
 Each point has a process of its own. The cost of a run is the smallest CPU time of some runs. The
 cost of a sweep of forceaxis includes reading, firmware, verdicts and the table of results; odeint
@@ -70,7 +70,7 @@ class GrowthPoint:
 
 @dataclass(frozen=True)
 class Growth:
-    """The result of `forceaxis bench --growth`."""
+    """CPU time and peak memory over states, events and runs."""
 
     points: list[GrowthPoint]
     missing: dict[str, str]  # {tool: reason why the tool was not measured}

@@ -87,7 +87,7 @@ def object_named(name: str) -> AxisObject | None:
     if name not in BY_NAME:
         raise InputError(
             f"{name}: expected the name of an object, or 0xINDEX[:SUB], got an unknown name; "
-            f"`forceaxis objects` lists the names{suggestion(name, BY_NAME)}"
+            f"`list_objects` lists the names{suggestion(name, BY_NAME)}"
         )
     return BY_NAME[name]
 

@@ -1,4 +1,4 @@
-"""The terminal program `forceaxis monitor`, which shows the state of axes live. The program sends
+"""The monitor, a terminal program that shows the state of axes live. The program sends
 nothing to an axis."""
 
 import contextlib
@@ -43,7 +43,7 @@ class Monitor(App[None]):
     """The screen for the axes of one source: a panel for each axis at the top, and charts of the
     selected axis below the panels."""
 
-    TITLE = "forceaxis monitor"
+    TITLE = "Monitor of forceaxis"
     ENABLE_COMMAND_PALETTE = False
     CSS = """
     Screen { background: #121212; }

@@ -126,7 +126,7 @@ class MonitorServer(textual_server.Server):
 
     def __init__(self, settings: MonitorSettings, host: str, port: int) -> None:
         command = [sys.executable, "-m", "forceaxis.bus.monitor_web", json.dumps(to_json(settings))]
-        super().__init__(f"exec {shlex.join(command)}", host, port, title="forceaxis monitor")
+        super().__init__(f"exec {shlex.join(command)}", host, port, title="Monitor of forceaxis")
         self.sockets: set[asyncio.Task[None]] = set()
 
     async def _make_app(self) -> web.Application:

@@ -91,7 +91,7 @@ class ChannelSummary:
 
 @dataclass(frozen=True)
 class LogSummary:
-    """Summary of a log, the result of `forceaxis recording info --json`."""
+    """Summary of a log."""
 
     file: Path
     messages: int

@@ -6,7 +6,7 @@ Each LCM channel becomes two topics:
     /axis_1/state       the same as JSON, with a JSON schema that names the unit of each number
 
 The samples of a block (SIM_TRUTH, AXIS_n_CAPTURE) become one JSON message each, with the tick and
-the time of the sample. Names of fields contain the unit as those of `forceaxis recording export`; a
+the time of the sample. Names of fields contain the unit as those of exported tables; a
 point in the name of a signal separates nested objects, so "sensor.force_N" is {"sensor":
 {"force_N": 1}}. A number that is not available has no field. The nested schema has the key "unit"
 beside "type".

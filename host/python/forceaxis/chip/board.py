@@ -4,7 +4,7 @@ image of the board is built, measured, emulated and flashed.
 Paths in board.toml are relative to this folder; a source that is not there is sought below
 firmware/port, so that a board elsewhere uses the parts that boards share.
 
-    name            of `--link pil-NAME`
+    name            of the link pil-NAME
     image           of the files build/image/IMAGE.{elf,hex,bin}
     [build]         compiler: prefix of its tools, the system package it comes in, flags of the
                     processor; linker script; sources of every image

@@ -50,7 +50,7 @@ class FlashError(Exception):
 
 @dataclass(frozen=True)
 class Plan:
-    """The changes of a board by `forceaxis flash`: image, flash sectors, parameter store."""
+    """The changes of a board when an image is written: image, flash sectors, parameter store."""
 
     board: boards.Board
     probe: boards.Probe
@@ -184,7 +184,7 @@ def span(addresses: range) -> str:
 
 @dataclass(frozen=True)
 class FlashSummary:
-    """The result that `forceaxis flash --json` prints. `probe` and `chip` are present only after an
+    """The result of writing an image. `probe` and `chip` are present only after an
     image was written."""
 
     version: str
@@ -296,7 +296,7 @@ def expect_options(plan: Plan, output: str) -> None:
     if [h & mask for h, (_, mask, _) in zip(held, options.settings, strict=False)] != wanted:
         raise FlashError(
             f"openocd: expected {options.title}, got {found.group(1)[1:] if found else 'nothing'} "
-            "when reading back; the axis stays disabled, run `forceaxis flash` again"
+            "when reading back; the axis stays disabled, run `write_image` again"
         )
 
 

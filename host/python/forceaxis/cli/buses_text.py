@@ -1,4 +1,4 @@
-"""Texts that `forceaxis monitor --once` and `forceaxis log` print on a terminal."""
+"""Texts that `forceaxis monitor --once` and `forceaxis recording` print on a terminal."""
 
 import time
 

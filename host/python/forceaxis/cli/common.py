@@ -41,10 +41,42 @@ FIRST_SENTENCE_LENGTH = 300
 OWN_SEQUENCES = re.compile("((?:\r?\x1b\\[(?:0|1|22|3[0-9]|39|9[0-7])?m|\r\x1b\\[2K)+)")
 
 
+# What a user can do, as texts of the library name it between backticks, and the command that does
+# it. The library does not know the command line.
+ACTIONS = {
+    "convert_log": "recording convert",
+    "critical_gain": "loop limit",
+    "design_law": "design",
+    "dump_parameters": "axis params dump",
+    "fit_contact": "identify contact",
+    "fit_tables": "thesis tables",
+    "import_recording": "recording import",
+    "list_objects": "objects",
+    "load_program": "cycle load",
+    "new_axis": "new NAME",
+    "plant_unit": "fmu plant",
+    "read_incident": "axis incident",
+    "read_results": "cycle result EXPERIMENT --out FOLDER",
+    "reset_fault": "axis reset",
+    "run_experiment": "run",
+    "start_cycle": "cycle start EXPERIMENT --out FOLDER",
+    "start_node": "axis start",
+    "stop_axis": "axis stop",
+    "write_image": "flash",
+    "write_objects": "axis set",
+}
+_ACTION = re.compile(f"`({'|'.join(ACTIONS)})`")
+
+
+def with_commands(text: str) -> str:
+    """Return the text with the commands of `forceaxis` in place of actions between backticks."""
+    return _ACTION.sub(lambda named: f"`forceaxis {ACTIONS[named[1]]}`", text)
+
+
 class Printed(io.TextIOWrapper):
     """A standard stream for output to a terminal. Control sequences in texts from buses and files
     are printed as visible characters, so that these texts cannot change the terminal. The colours
-    of the program are still shown."""
+    of the program are still shown. Actions that texts of the library name become commands."""
 
     def __init__(self, stream: TextIO) -> None:
         super().__init__(
@@ -54,7 +86,7 @@ class Printed(io.TextIOWrapper):
     def write(self, text: str) -> int:
         """Write `text` to the stream, with control sequences from other programs as visible
         characters. Return the length of `text`."""
-        pieces = OWN_SEQUENCES.split(text)
+        pieces = OWN_SEQUENCES.split(with_commands(text))
         pieces[::2] = [printable(piece, keep="\n\t\r") for piece in pieces[::2]]
         super().write("".join(pieces))
         return len(text)
@@ -80,6 +112,7 @@ def printed_streams() -> Iterator[None]:
 
 # Name of the option for each parameter of the library whose option has another name.
 OTHER_NAMES = {
+    "names": "--fit",
     "states": "--mode", "overrides": "--set", "forces_N": "--force",
     "can": "--on", "modbus": "--on", "url": "--on",
 }  # fmt: skip

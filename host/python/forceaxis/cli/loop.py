@@ -113,13 +113,13 @@ class Law(click.ParamType[str]):
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        from forceaxis.linear import law_text
+        from forceaxis.linear import law_text, loops
 
         if ":" in incomplete or "=" in incomplete:
             end = max(incomplete.rfind(mark) for mark in ":,") + 1
             texts = [f"{incomplete[:end]}{key}=" for key in law_text.KEYS]
         else:
-            texts = [*law_text.LAWS, *(f"{key}=" for key in ("gain", "force_gain"))]
+            texts = [*loops.LAWS, *(f"{key}=" for key in ("gain", "force_gain"))]
         return [CompletionItem(text) for text in texts if text.startswith(incomplete)]
 
 

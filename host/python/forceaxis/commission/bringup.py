@@ -59,7 +59,7 @@ OUTPUT_ERRORS = {
     "enable": "the level at PB0 differs from amp_enable: PB0 is shorted, or something drives it",
 }
 BOARD_ERRORS = {
-    "image": "the image in the flash memory is damaged: run `forceaxis flash` again",
+    "image": "the image in the flash memory is damaged: run `write_image` again",
     "ram": "the RAM has failed: replace the chip",
     "supply": "the supply voltage is below 2.9 V: check the supply at 3V3",
     "reference": "the ADC reference is outside its band: the supply is not 3.3 V within 10 %",
@@ -87,7 +87,7 @@ BOARDS = {
             "clock_internal": "the 8 MHz of the ST-Link do not arrive at PH0, so the internal "
             "oscillator is in use: check the solder bridges (UM1724)",
             "option_bytes": "the option bytes for brown-out reset and write protection of the "
-            "loader have other values: run `forceaxis flash` again, which sets them",
+            "loader have other values: run `write_image` again, which sets them",
             "converter": "the converter of the force does not answer as expected: check SPI2 and "
             "force_converter, which is adc without a converter",
         },
@@ -100,7 +100,7 @@ BOARDS = {
             "clock_internal": "the crystal of 24 MHz at PF0 and PF1 does not start, so the "
             "internal oscillator is in use: check the crystal and its solder bridges (UM2505)",
             "option_bytes": "the option bytes for brown-out reset, start and write protection of "
-            "the program have other values: run `forceaxis flash` again, which sets them",
+            "the program have other values: run `write_image` again, which sets them",
             "converter": "this board has no connection for a converter of the force: set "
             "force_converter to adc, save, and reset the board",
         },

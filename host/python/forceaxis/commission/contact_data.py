@@ -290,7 +290,7 @@ def _signal(name: str, recording: SignalRecording, signal: str) -> RecordedSigna
     except KeyError:
         raise InputError(
             f"{name}: expected a recording with the signal {signal}, got "
-            f"{', '.join(recording.names)}; import it with --map {signal}=COLUMN"
+            f"{', '.join(recording.names)}; `import_recording` gives it a column"
         ) from None
 
 

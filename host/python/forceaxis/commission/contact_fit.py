@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from forceaxis import linear, paths, progress
-from forceaxis._core import InputError
 from forceaxis.commission import (
     contact_check,
     contact_data,
@@ -34,6 +33,7 @@ from forceaxis.commission.contact_results import (
 )
 from forceaxis.commission.contact_sampler import Convergence, Drawn, Sampled
 from forceaxis.commission.known import WORKPIECE_SPREAD, Prior, priors
+from forceaxis.errors import ParameterError
 from forceaxis.experiments.workers import Workers
 from forceaxis.linear import posterior as posterior_file
 from forceaxis.linear.plant_facts import Overrides
@@ -74,14 +74,16 @@ def prior_of(order: ContactOrder) -> dict[str, Prior]:
     found = {}
     for name in order.names:
         if name not in facts.parameters or facts.parameters[name].value <= 0:
-            raise InputError(
-                f"--fit: {name}: expected a parameter of the model above 0, one of "
-                f"{', '.join(sorted(n for n, p in facts.parameters.items() if p.value > 0))}"
+            raise ParameterError(
+                "names",
+                f"{name}: expected a parameter of the model above 0, one of "
+                f"{', '.join(sorted(n for n, p in facts.parameters.items() if p.value > 0))}",
             )
         if name in order.held:
-            raise InputError(
-                f"--set: {name}: expected a parameter that is not fitted, got a fitted parameter; "
-                "give its prior with --prior"
+            raise ParameterError(
+                "overrides",
+                f"{name}: expected a parameter that is not fitted, got a fitted parameter; give "
+                "its prior with `priors`",
             )
         found[name] = own.get(name, Prior(facts.parameters[name].value, WORKPIECE_SPREAD))
     return found

@@ -10,6 +10,7 @@ from forceaxis.commission.contact_sampler import Convergence, Sampled
 from forceaxis.commission.contact_secant import SecantStiffness
 from forceaxis.linear.posterior import Posterior
 from forceaxis.results import json_field
+from forceaxis.words import option_words
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,9 @@ class ContactFit:
     @property
     def set_options(self) -> str:
         """Returns the most likely values as options of a command."""
-        return " ".join(f"--set {name}={p.value:.6g}" for name, p in self.parameters.items())
+        return " ".join(
+            option_words(set=[f"{name}={p.value:.6g}" for name, p in self.parameters.items()])
+        )
 
 
 @dataclass(frozen=True)

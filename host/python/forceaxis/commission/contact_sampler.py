@@ -172,7 +172,7 @@ def _load(file: Path | None, key: str, chains: list[_Chain]) -> bool:
     if file is None or not file.exists():
         return False
     try:
-        kept = files.read_arrays(file, "chains of `forceaxis identify contact`")
+        kept = files.read_arrays(file, "chains of a posterior")
     except (OSError, InputError):
         return False
     own = [{n: kept.get(f"{n}_{c.number}") for n in c.arrays()} for c in chains]

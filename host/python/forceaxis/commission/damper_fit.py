@@ -60,14 +60,14 @@ class RecordedFriction:
 def recorded_friction(
     path: str | Path, model: str, overrides: linear.Overrides
 ) -> RecordedFriction:
-    """Reads the dry friction from a folder that `forceaxis measure` has written.
+    """Reads the dry friction from the folder of a measurement.
 
     If the file states the friction in DAC codes only, the model converts the codes to newtons.
     Without a friction file, the friction is unknown.
     """
     file = Path(path) / "result.json"
     try:
-        table = files.read_json(file, "a summary of `forceaxis measure`", has_constants=True)
+        table = files.read_json(file, "the summary of a measurement", has_constants=True)
         about = from_json(AxisMeasurementSummary, table, str(file))
     except (OSError, InputError):
         return RecordedFriction()
@@ -118,7 +118,7 @@ class FittedDampers:
 
 @dataclass(frozen=True)
 class AxisFitSummary(fit_response.FitSummary):
-    """A fit in the form of `identify fit --json`. `friction` contains the dampers that replace dry
+    """A fit. `friction` contains the dampers that replace dry
     friction. None means that the model explains the response without dampers, or that the model is
     rejected."""
 

@@ -150,8 +150,8 @@ class SlowLoading:
 
 @dataclass(frozen=True)
 class FrictionSummary:
-    """Dry friction that was measured together with a response, as the entry "friction" of `measure
-    --json`. None means that the quantity was not measured.
+    """Dry friction that was measured together with a response, as the entry "friction" of a
+    summary. None means that the quantity was not measured.
 
     rubs: whether dry friction was found. dead_zone_codes, moving_N: friction of guide and gear in
     DAC codes and in N. glide, directions, slow: results of the motion out of contact, of the

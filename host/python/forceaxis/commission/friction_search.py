@@ -1,4 +1,4 @@
-"""Searches for the dry friction of an axis in `forceaxis measure`, before the responses are
+"""Searches for the dry friction of an axis, before the responses are
 measured.
 
 As in a tuning, constant codes in both directions measure the friction of guide and gear out of

@@ -57,8 +57,8 @@ HANN_FACTOR = 8 / 3
 class HealthOrder:
     """What to compare: the model of the machine, the measurements of today, and the release.
 
-    `today`: recordings of touch-downs, or one folder of `forceaxis measure`; `released`: the
-    posterior of `forceaxis identify contact`, or a folder of `forceaxis measure`. `level`: largest
+    `today`: recordings of touch-downs, or the folder of one measurement; `released`: a
+    posterior, or the folder of a measurement. `level`: largest
     probability of refusing an unchanged machine.
     """
 

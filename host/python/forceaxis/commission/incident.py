@@ -269,7 +269,7 @@ def is_incident(path: str | Path) -> bool:
 
 def load(path: Path) -> Incident:
     """Reads an incident file. Raises InputError, OSError."""
-    expected = "a file with an incident, which `forceaxis axis incident` has written"
+    expected = "a file with an incident, which `read_incident` has written"
     remedy = "read the incident from the axis again"
     held = files.read_json(path, expected, remedy)
     version, samples = held.pop("forceaxis_incident", None), held.pop("samples", None)

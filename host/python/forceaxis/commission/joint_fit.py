@@ -32,6 +32,7 @@ from forceaxis.identify.fit import REJECTED_BELOW
 from forceaxis.identify.measurement import COHERENT, CONFIDENCE, Measurement
 from forceaxis.linear import loops, plant_set
 from forceaxis.linear.over import LOAD_ANGLE
+from forceaxis.words import option_words
 
 Values = dict[str, float]  # {parameter: SI value}
 States = dict[str, str]  # {element: state}
@@ -153,7 +154,7 @@ class JointFit:
         return replace(
             summary, values=self.values, over=self.over,
             correlation=tuple(map(tuple, self.correlation.tolist())),
-            set=" ".join(f"--set {n}={v:.6g}" for n, v in self.values.items()),
+            set=" ".join(option_words(set=[f"{n}={v:.6g}" for n, v in self.values.items()])),
         )  # fmt: skip
 
 

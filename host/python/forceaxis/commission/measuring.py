@@ -1,4 +1,4 @@
-"""The measurement of `forceaxis measure`: responses out of contact and at several forces, and their
+"""The measurement of an axis: responses out of contact and at several forces, and their
 files."""
 
 from collections.abc import Callable, Sequence
@@ -23,7 +23,7 @@ FREE = "free"
 
 @dataclass(frozen=True, kw_only=True)
 class AxisMeasurementSummary:
-    """A measured response of an axis in the form of `measure --json`.
+    """The summary of a measured response of an axis.
 
     amplitude: of the excitation in DAC codes; bias_N: mean force, None out of contact; force_min_N,
     force_max_N: range of the measured force. swing: range of the output from peak to peak, and

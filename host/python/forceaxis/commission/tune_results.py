@@ -165,7 +165,7 @@ class FittedLoop(Figures):
 
 @dataclass(frozen=True, kw_only=True)
 class Designed(DesignResult):
-    """Result of `design`: the content of `forceaxis design --json` and more.
+    """Result of the step design: the result of a design and more.
 
     `on_fitted`: {"before" and "designed": bandwidth and margins on the fitted plant, None without a
     law}. `objects`: values in the order of writing. `cut`: text about the gain reduction by
@@ -261,7 +261,7 @@ class StepRefusal:
 
 @dataclass(frozen=True, kw_only=True)
 class TuningSummary:
-    """Results of a tuning as `forceaxis tune --json` prints the results.
+    """Results of a tuning.
 
     A field is None if the result is not known yet. `levels`: levels of Verified. `cuts`: texts of
     the gain_cuts. `holds`: texts of tune_fit.validity_lines(). `seconds`: {step: wall time in s}.

@@ -44,6 +44,7 @@ from forceaxis.cycles.outcome import ABORTED, BAD, GOOD, MEASURED
 from forceaxis.cycles.part import ElementFigure
 from forceaxis.cycles.record import LOST, PartRecord, state_text
 from forceaxis.cycles.records import PARTS, Key, files_of, read_record
+from forceaxis.errors import ParameterError
 
 Structure = Any  # a structure of OPC UA; asyncua makes its class from a nodeset
 PACKAGE = "node-opcua-nodesets"
@@ -257,9 +258,10 @@ def expect_nodesets(folder: Path) -> None:
     """Raises InputError if a nodeset is missing in `folder`."""
     for name in FILES:
         if not (folder / name).is_file():
-            raise InputError(
-                f"--nodesets {paths.display(folder)}: expected the file {name}; install the "
-                f"nodesets with `npm install --prefix {paths.quoted(sys.prefix)} {PACKAGE}`"
+            raise ParameterError(
+                "nodesets",
+                f"{paths.display(folder)}: expected the file {name}; install the "
+                f"nodesets with `npm install --prefix {paths.quoted(sys.prefix)} {PACKAGE}`",
             )
 
 
@@ -516,8 +518,8 @@ def serve(folder: Path, nodesets: Path, host: str, port: int, ready: Callable[[s
     Calls ready(url) when the server listens. Raises InputError, AddressError."""
     if not (folder / PARTS).is_dir():
         raise InputError(
-            f"{paths.display(folder)}: expected a folder with records of parts; `forceaxis cycle "
-            "start EXPERIMENT --out FOLDER` writes records"
+            f"{paths.display(folder)}: expected a folder with records of parts; "
+            "`start_cycle` writes records"
         )
     expect_nodesets(nodesets)
     logging.getLogger("asyncua").setLevel(logging.CRITICAL)

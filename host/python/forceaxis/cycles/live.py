@@ -200,7 +200,7 @@ def select(axis: Drive, wanted: LiveProgram) -> None:
         has = "none" if crc == 0 else f"the CRC {crc:08X}"
         raise Refused(
             f"{axis.link.where}: expected the program {paths.display(wanted.program.file)} with "
-            f"the CRC {wanted.crc:08X}, got {has}; use `forceaxis cycle load`"
+            f"the CRC {wanted.crc:08X}, got {has}; use `load_program`"
         )
 
 

@@ -196,14 +196,14 @@ def _distribution(name: str, given: Any, where: str, inputs: Inputs, fail: Fail)
     """Returns the distribution of one parameter."""
     key = f"{where}.{name}"
     if name == NOISE_SEED:
-        fail(key, "expected no seed, because each part has its own; remove it and give --seed")
+        fail(key, "expected no seed, because each part has its own; remove it and give `seed`")
     known = [*inputs.parameters]
     if "." not in name and name not in known:
         fail(key, f"expected a parameter of the model or firmware.OBJECT{suggestion(name, known)}")
     try:
         unit = unit_of(name, inputs)
     except StopIteration:
-        fail(key, "expected an object of the firmware; `forceaxis objects` lists them")
+        fail(key, "expected an object of the firmware; `list_objects` lists them")
 
     def value(of: str, entry: Any) -> float:
         found = float(entry) if _is_number(entry) else None

@@ -1,7 +1,7 @@
 """The record of one pressed part: a JSON object, and a row of a table.
 
 `PartRecord` is both for a part of an axis and for a part that was read from a table. The columns of
-an element are the same in the table of recorded parts and in that of `forceaxis cycle rates`.
+an element are the same in the table of recorded parts and in that of many simulated parts.
 """
 
 from collections.abc import Mapping, Sequence

@@ -273,7 +273,7 @@ def _read_table(file: Path) -> RecordedParts:
     """Returns the parts of a CSV table. Of the parts of `cycle rates` only the good ones."""
     where = paths.display(file)
     expected = "a folder with records of parts, or a table parts.csv"
-    remedy = "`forceaxis cycle start EXPERIMENT --out FOLDER` writes records"
+    remedy = "`start_cycle` writes records"
     if not file.is_file():
         files.refuse(file, expected, "neither", remedy)
     with files.parsing(file, expected, remedy), file.open(encoding="utf-8", newline="") as stream:

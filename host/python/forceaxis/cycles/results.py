@@ -450,6 +450,6 @@ def press(axis: Drive, wanted: LiveProgram, serial: str = "") -> PartRecord:
         parameters_crc=now.parameters_crc,
         notes=[
             *Reminders().notes(record, now.calibration_expired),
-            *([f"fault {fault}: `forceaxis axis reset` resets it"] if fault else []),
+            *([f"fault {fault}: reset it before the next part"] if fault else []),
         ],
     )

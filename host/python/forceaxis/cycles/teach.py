@@ -41,7 +41,7 @@ def teach(
         raise InputError(
             f"{parts.source}: expected parts with the program {wanted.program.file}, CRC "
             f"{wanted.crc:08X}, got {len(parts.records)} others; give the program that the parts "
-            "were pressed with in --program"
+            "were pressed with in `program`"
         )
     target = propose.Target(file, wanted.experiment, wanted.overrides)
     outcomes = [outcome_of(record) for record in records]

@@ -193,7 +193,7 @@ class NextCrossing:
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """The content of `forceaxis loop advise --json`.
+    """What limits the bandwidth of an axis, and its changes.
 
     `unit`: unit of the gains. `reference_hz`: crossover frequency of the present design, at which
     `loop_gain_at` is computed. `present_gain`: `force_gain` of the experiment. `over` and `modes`:
@@ -221,7 +221,7 @@ class Advice:
 
 @dataclass(frozen=True)
 class AdviceOrder:
-    """The order for `forceaxis loop advise`. Each field is an option of the command.
+    """The order for an advice.
 
     text: model or experiment. timing: one of loops.TIMINGS, None: that of the experiment, otherwise
     zoh. factor: by which a parameter is multiplied and divided. runs: what is simulated with the

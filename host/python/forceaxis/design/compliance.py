@@ -60,7 +60,7 @@ class CompliancePoint:
 
 @dataclass(frozen=True, kw_only=True)
 class Compliance:
-    """The content of `forceaxis loop compliance --json`. `present`: stiffness in the model in N/m.
+    """Margins over a stiffness. `present`: stiffness in the model in N/m.
     `over`: tolerances of the set of plants. `strike_max_N_s`: impulse of the largest simulated
     impact in N s."""
 
@@ -79,8 +79,8 @@ class Compliance:
 
 @dataclass(frozen=True)
 class ComplianceOrder:
-    """The order for `forceaxis loop compliance`: model, element, stiffness values and set of
-    plants. Each field is an option of the command."""
+    """The order for margins over a stiffness: model, element, stiffness values and set of
+    plants."""
 
     text: str  # MODEL or EXPERIMENT
     # name of a stiffness parameter in N/m; None: stiffness of the contact

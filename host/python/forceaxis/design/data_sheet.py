@@ -1,4 +1,4 @@
-"""Data sheet of `forceaxis new`: the fields, the default of each field, and derived values."""
+"""Data sheet of a new axis: the fields, the default of each field, and derived values."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""Creates a model and two experiments of a user's axis from data-sheet values (`forceaxis new`)."""
+"""Creates a model and two experiments of a user's axis from data-sheet values."""
 
 import functools
 import math
@@ -500,7 +500,7 @@ class NoBank:
 
 @dataclass(frozen=True)
 class NewAxis:
-    """The content of `forceaxis new --json`."""
+    """The result of creating an axis."""
 
     folder: str
     files: list[str]

@@ -1,4 +1,4 @@
-"""Order and result of `forceaxis design`, and tables of the simulated contacts."""
+"""Order and result of a design, and tables of the simulated contacts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,8 +24,7 @@ MEMBERS = 12  # number of random plants on which contacts are simulated
 
 @dataclass(frozen=True)
 class DesignOrder:
-    """The order for `forceaxis design`: model, set of plants, margins and simulated contacts. Each
-    field is an option of the command."""
+    """The order for a design: model, set of plants, margins and simulated contacts."""
 
     text: str  # MODEL or EXPERIMENT
     over: tuple[str, ...] = ()  # tolerances as texts NAME=PERCENT% or NAME=LOW..HIGH
@@ -134,7 +133,7 @@ class SlowedApproach:
 
 @dataclass(frozen=True, kw_only=True)
 class DesignResult:
-    """The content of `forceaxis design --json`, which `tune` also stores.
+    """The result of a design, which a tuning also stores.
 
     over: {parameter: (nominal, low, high)} in SI units; together: {parameter: SI value} that change
     together; modes: {element: state} of each mode; friction_N: {parameter: (low, high)} of the
@@ -215,7 +214,7 @@ class DesignOutcome:
         return self.loss.objects if self.loss else {}
 
     def result(self) -> DesignResult:
-        """Returns the design in the form of `forceaxis design --json`."""
+        """Returns the design as a result."""
         shown = self.working if self.working.text else None
         return DesignResult(
             model=paths.display(Path(self.plants.model)),

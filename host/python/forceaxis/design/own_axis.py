@@ -1,4 +1,4 @@
-"""The last step of `forceaxis new`: designs a filter bank for the new axis, and writes an
+"""The last step of a new axis: designs a filter bank for the new axis, and writes an
 experiment in which the axis makes contact with this bank."""
 
 import itertools

@@ -208,7 +208,7 @@ class ContactBench:
 
     def _position_gain(self) -> float:
         """Returns the position gain in DAC codes per count: a sixth of the highest stable gain out
-        of contact, as in `forceaxis new`."""
+        of contact, as for a new axis."""
         loop = loops.force_loop(self.model, overrides=self.overrides, output="encoder", free=True)
         return first_gain(highest_gain(loop, self.facts.volts_per_code))
 

@@ -48,7 +48,7 @@ class TradeoffRow:
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """The content of `forceaxis design --pareto --json`. `against` is the name of the second
+    """The trade-off between bandwidth and a second property. `against` is the name of the second
     property, `what` is the meaning of this property."""
 
     model: str

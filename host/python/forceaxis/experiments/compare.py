@@ -62,8 +62,7 @@ class ComparedFigure:
 
 @dataclass(frozen=True)
 class RecordingComparison:
-    """The comparison of one recording with an experiment, as `forceaxis compare --json` prints
-    it."""
+    """The comparison of one recording with an experiment."""
 
     recording: str  # file
     title: str

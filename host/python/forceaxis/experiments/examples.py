@@ -25,7 +25,7 @@ FILES = {
 
 @dataclass(frozen=True)
 class CopiedExamples:
-    """The result of `forceaxis examples`: the folder, and the number of files in each of its
+    """The copied examples: the folder, and the number of files in each of its
     folders."""
 
     folder: str

@@ -88,7 +88,7 @@ FORMAT = (
     FormatTable(
         path="expect",
         header="[expect]",
-        meaning="Expected results of the run, which `forceaxis test` compares with the run. A "
+        meaning="Expected results of the run, which a test compares with the run. A "
         "number without a table has the tolerance that the meaning of its key names. A "
         "`final_value` below 1e-9 of the largest value of `signal` counts as 0.",
         keys=(
@@ -169,15 +169,15 @@ FORMAT = (
                 "recording",
                 "file name or list of file names",
                 "none",
-                "Recordings of the real machine (`forceaxis recording import`), relative to this "
-                "file. Each is compared as `forceaxis compare` does, and the test fails if a "
+                "Recordings of the real machine (`import_recording`), relative to this "
+                "file. Each is compared with the predicted signals, and the test fails if a "
                 "figure is outside its band.",
             ),
             FormatKey(
                 "recording_over",
                 "list of texts",
                 "none",
-                'Uncertainty of parameters for these bands, as `--over`: ["k_w=10%", "b_w=5..20"], '
+                'Uncertainty of parameters for these bands: ["k_w=10%", "b_w=5..20"], '
                 'or ["posterior.json"], relative to this file.',
             ),
             FormatKey(
@@ -502,7 +502,7 @@ def _check_texts(reader: Reader, table: ExpectTable, has_verdict: bool) -> None:
         )
     text = table.get("trace_hash", "0" * 64)
     if not (isinstance(text, str) and len(text) == 64 and set(text) <= set("0123456789abcdef")):
-        reader.fail("trace_hash", "expected 64 hexadecimal digits, as `forceaxis run` prints them")
+        reader.fail("trace_hash", "expected 64 hexadecimal digits, as a run prints them")
     if not isinstance(table.get("signal", ""), str):
         reader.fail("signal", "expected the name of a column of the trace")
 

@@ -296,7 +296,7 @@ class Result:
         return drawn
 
     def __str__(self) -> str:
-        """The summary that `forceaxis run` prints."""
+        """The summary of the run in words."""
         return words.describe(self._run.result, self._run.overrides)
 
     def __repr__(self) -> str:

@@ -57,7 +57,7 @@ class LinkOptions:
     timeout_s: float = 1.0  # longest waiting time in s between two messages
 
     def words(self) -> list[str]:
-        """Returns the arguments of the command `forceaxis run` that select this connection."""
+        """Returns the arguments of a run that select this connection."""
         can = self.can if self.can != LinkOptions.can else None
         return option_words(link=self.kind, lcm_url=self.lcm_url, link_can=can, inject=self.inject)
 

@@ -205,10 +205,7 @@ def _problem_of(name: str, experiment: Path, inputs: Inputs, overrides: Sequence
             return "a parameter that changes the model"
     elif room == "firmware":
         if not any(o.name == key and "w" in o.access for o in objects.OBJECTS):
-            return (
-                f"a firmware object that can be written{meant(name)}; `forceaxis objects` lists "
-                "them"
-            )
+            return f"a firmware object that can be written{meant(name)}; `list_objects` lists them"
     elif key not in KEYS.get(room, ()):
         known = [f"{r}.{k}" for r, keys in KEYS.items() for k in keys]
         return f"a model parameter, firmware.OBJECT or one of {', '.join(known)}{meant(name)}"

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addini(
         "forceaxis_experiments",
-        "folders in which every *.toml file with a table [expect] is a test; the help of the "
-        "command `forceaxis test` describes the table; in a function, the fixture "
+        "folders in which every *.toml file with a table [expect] is a test; the page "
+        "Experiments of the reference describes the table; in a function, the fixture "
         'forceaxis_experiment runs an experiment: forceaxis_experiment("contact.toml").check()',
         type="paths",
         default=[],
@@ -106,7 +106,7 @@ class CheckedExperiment:
         if not self.checks:
             raise InputError(
                 f"{self.file}: expect: expected a table [expect] with at least one value; "
-                "the option update of `forceaxis test` fills the table"
+                "the option update of a test fills the table"
             )
         lines = [str(check) for check in self.checks if not check.passed]
         if lines:

@@ -65,7 +65,7 @@ class Run:
 
     @property
     def summary(self) -> JsonObject:
-        """Returns the result in the form of `forceaxis run --json`."""
+        """Returns the result for JSON."""
         return to_json(self.result)
 
 

@@ -252,9 +252,9 @@ NOT_STARTED = {
     "no_program": "the axis has no program",
     "other_bank": "the program is for another bank",
     "not_homed": "the program has a move to a position, and the axis is not homed",
-    "results_full": "too many results wait; use `forceaxis cycle result EXPERIMENT --out FOLDER`",
-    "locked": "the axis is locked after bad parts; acknowledge their results with `forceaxis cycle "
-    "result EXPERIMENT --out FOLDER`, or write cycle_unlock after cycle_bad_in_row_max parts",
+    "results_full": "too many results wait; use `read_results`",
+    "locked": "the axis is locked after bad parts; acknowledge their results with "
+    "`read_results`, or write cycle_unlock after cycle_bad_in_row_max parts",
     "not_stored": "the axis has not stored the number of its power-ups yet; try again",
     "beyond_sensor": "a force of the program (force_max, force_above, force_below, zero_force) is "
     "at or beyond the end of what the force sensor can show; lower it, or check adc_bits, "

@@ -273,7 +273,7 @@ class Sweep:
 
     @property
     def summary(self) -> JsonObject:
-        """Returns the result in the form of `forceaxis sweep --json`. The values of a point are
+        """Returns the result for JSON. The values of a point are
         keys of the JSON object of the point."""
         failures = [_flattened(point) for point in self.result.failures]
         alone = [_flattened(point) for point in self.result.alone]

@@ -86,7 +86,7 @@ def _expect_input(name: str) -> None:
         raise ParameterError(
             "input",
             f"{name}: expected a writable object of the parts {', '.join(PARTS)}"
-            f"{suggestion(name, writable)}; `forceaxis objects` lists them",
+            f"{suggestion(name, writable)}; `list_objects` lists them",
         )
 
 
@@ -97,11 +97,11 @@ def _writes(source: Path | None, overrides: Sequence[str]) -> dict[str, Any]:
             return _core.fmu_writes(source, list(overrides))
         if "body" in content:
             raise InputError(
-                f"{source}: expected an experiment or a parameter file, got a model; `forceaxis "
-                "fmu plant` takes a model"
+                f"{source}: expected an experiment or a parameter file, got a model; "
+                "`plant_unit` takes a model"
             )
     if overrides:
-        raise InputError("--set: expected an experiment, whose values it replaces")
+        raise ParameterError("overrides", "expected an experiment, whose values it replaces")
     values = parameter_file.read(source, NODE_ID).values if source is not None else {}
     initial = [(n, raw) for n, raw in values.items() if objects.BY_NAME[n].part in PARTS]
     bits = values.get("dac_bits", objects.BY_NAME["dac_bits"].default)

@@ -306,7 +306,7 @@ def read_response(
     overrides: linear.Overrides | None = None,
     settings: ResponseSettings | None = None,
 ) -> Measurement:
-    """Reads the Measurement in a folder (or response.npz) of `forceaxis measure --out`, or in a CSV
+    """Reads the Measurement in the folder of a measurement (or its response.npz), or in a CSV
     file.
 
     A CSV file has the columns frequency_hz, magnitude and phase_deg or real and imag, and
@@ -318,7 +318,7 @@ def read_response(
     model = str(linear.find_model(model))
     if file.suffix == ".csv":
         return checked(response_of_csv(file, model, overrides or {}, settings), file)
-    expected = "a CSV file or a file response.npz, which `forceaxis measure` writes"
+    expected = "a CSV file or a file response.npz of a measurement"
     if not file.is_file():
         files.refuse(file, expected, "neither", "measure first")
     saved = files.read_arrays(file, expected)
@@ -476,8 +476,8 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class FitSummary:
-    """A ParameterFit in the form of `identify fit --json`. `set` contains the fitted values as
-    options of the command line; `set` is None if the model is rejected or the search has not
+    """A ParameterFit for JSON. `set` contains the fitted values as
+    overrides of the command line; `set` is None if the model is rejected or the search has not
     converged."""
 
     model: str

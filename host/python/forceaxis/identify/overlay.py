@@ -1,5 +1,4 @@
-"""Measured responses together with the model's response between the same signals:
-`forceaxis loop bode --measured`."""
+"""Measured responses together with the model's response between the same signals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +29,7 @@ def overlay(
 ) -> tuple[list[curves.Curve], MeasuredBode]:
     """Returns (curves of the model, result) of measured responses between the same signals.
 
-    model: a path or stem. folders: as written by `forceaxis measure --out`. overrides: {parameter:
+    model: a path or stem. folders: of measurements. overrides: {parameter:
     value}. span_hz: range of the curves, limited by the sampling. Responses in different states of
     the plant have a model curve each. Raises InputError.
     """

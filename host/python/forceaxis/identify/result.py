@@ -25,7 +25,7 @@ STOP_CONTACTS = (".low", ".high")  # endings of the names of the two contacts th
 
 @dataclass(frozen=True)
 class MeasurementSummary:
-    """A measurement and the linear model of the plant in the form of `measure --json`.
+    """A measurement and the linear model of the plant for JSON.
 
     `contact`: share of the time in which each contact was closed. `floor_median`: standard
     deviation due to quantisation alone, in the unit of the response. `saturated`: share of samples
@@ -68,7 +68,7 @@ Summary = TypeVar("Summary", bound="DataclassInstance")
 
 @dataclass(frozen=True)
 class MeasurementResult(Generic[Summary]):
-    """A measurement, the response of the linear model, and the summary that `--json` prints. The
+    """A measurement, the response of the linear model, and the summary. The
     summary is a MeasurementSummary for a model, and commission.measuring.AxisMeasurementSummary for
     an axis."""
 

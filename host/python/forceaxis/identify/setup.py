@@ -80,7 +80,7 @@ def read_setup(target: str | Path, options: SetupTable | None = None) -> tuple[S
         if "duration_s" in table:
             raise InputError(
                 f"{where}: duration_s: expected the file of a measurement or a model, got an "
-                "experiment; use `forceaxis run` for an experiment"
+                "experiment; use `run_experiment` for an experiment"
             )
         if isinstance(table.get("model"), str):
             given = table | {"model": os.path.normpath(path.parent / table["model"])}

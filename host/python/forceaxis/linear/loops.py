@@ -372,7 +372,7 @@ def _samples(
             f"{path}: adc.sample_rate: expected a rate whose samples repeat after at most "
             f"{PERIOD_TICKS_MAX} ticks of 1/1500 s and whole bus cycles, got "
             f"{sampling.rate_hz:g} Hz; give the nearest such rate, and check the result with "
-            "`forceaxis run` at the rate of the sensor"
+            "`run_experiment` at the rate of the sensor"
         )
     latency = Fraction(sampling.latency_s / TICK_S).limit_denominator(10**6)
     if sampling.phase_s is None:

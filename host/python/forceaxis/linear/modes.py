@@ -96,7 +96,7 @@ class VibrationMode:
 
 @dataclass(frozen=True, kw_only=True)
 class ModeAnalysis:
-    """Result of `forceaxis loop modes`: the modes of vibration of a model with their labels, in
+    """The modes of vibration of a model with their labels, in
     ascending order of frequency.
 
     model: stem of the model file. contact: "pressed", "apart", or None for a model without contact.

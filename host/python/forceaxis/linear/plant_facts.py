@@ -256,7 +256,7 @@ class PlantFacts:
                 f"{self.path}: adc.sample_rate: expected a sample at each tick, without latency, "
                 f"for {purpose}, got {self.reading.sampling.label()}; remove sample_rate, "
                 "sample_phase, latency and converter_filter for this, and check the result with "
-                "`forceaxis run` of the model with these keys"
+                "`run_experiment` of the model with these keys"
             )
 
     def expect_no_bus(self, purpose: str) -> None:
@@ -267,7 +267,7 @@ class PlantFacts:
             raise _core.InputError(
                 f"{self.path}: drive.cycle_ticks: expected 1 and no delays for {purpose}, got "
                 f"{self.bus.label()}; remove the keys of the bus for this, and check the result "
-                "with `forceaxis loop limit` and `forceaxis run` of the model with these keys"
+                "with `critical_gain` and `run_experiment` of the model with these keys"
             )
 
     @property

@@ -1,5 +1,5 @@
 """A posterior of the parameters of a model as a set of plants: joint samples of parameters that
-`forceaxis identify contact` has written, in place of ranges of the parameters."""
+explain recordings of contacts, in place of ranges of the parameters."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -73,7 +73,7 @@ def is_posterior(text: str) -> bool:
 
 def read(path: str | Path) -> Posterior:
     """Reads the posterior of a file. Raises InputError."""
-    file, wrong = Path(path), "a posterior.json of `forceaxis identify contact --out`"
+    file, wrong = Path(path), "a posterior.json of `fit_contact`"
     if not file.is_file():
         files.refuse(file, wrong, "no such file", "check the path")
     table = files.read_json(file, wrong, has_constants=True).get("posterior")

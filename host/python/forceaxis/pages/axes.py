@@ -170,9 +170,7 @@ def _map(entries: Sequence[Entry]) -> list[Picture]:
             ],
         }
         done = sweep.sweep(sweep.SweepRequest(entry.file, grid=grid), threads=1)
-        caption = (
-            f"Stability of {entry.name} over gain and set-point; forceaxis sweep makes finer ones."
-        )
+        caption = f"Stability of {entry.name} over gain and set-point; A sweep makes finer ones."
         return [(caption, pictures.figure(sweep_plots.sweep(done)))]
     return []
 

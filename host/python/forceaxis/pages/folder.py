@@ -118,8 +118,8 @@ def files(folder: Path) -> list[Path]:
     Raises InputError if the folder contains no experiment."""
     if not folder.is_dir():
         raise InputError(
-            f"{folder}: expected a folder with experiments, got no such folder; `forceaxis new "
-            "NAME` writes a folder with experiments"
+            f"{folder}: expected a folder with experiments, got no such folder; `new_axis` "
+            "writes a folder with experiments"
         )
     below = sorted(p for p in folder.rglob("*.toml") if p.is_file())
     found = [
@@ -131,7 +131,7 @@ def files(folder: Path) -> list[Path]:
     if not found:
         raise InputError(
             f"{folder}: expected at least one experiment (a .toml file with model and "
-            f"duration_s), got {len(below)} other .toml files; `forceaxis new NAME` writes two "
+            f"duration_s), got {len(below)} other .toml files; `new_axis` writes two "
             "experiments"
         )
     return found

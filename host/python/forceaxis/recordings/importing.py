@@ -80,7 +80,7 @@ def parse_map(text: str, source: Source) -> SignalMap:
             )
         head, unit = rest, ""
     is_negative = head.startswith("-") and head not in known
-    column = source.find(head[is_negative:], "--map")
+    column = source.find(head[is_negative:], "maps")
     return SignalMap(name, column, unit or None, -1 if is_negative else 1)
 
 
@@ -159,7 +159,7 @@ def _unit_of(
     if given is None and wanted not in ("count", "1", None):
         raise InputError(
             f"{where}: expected the unit of this column, the source gives none; write "
-            f"--map {one.name}={one.column}:UNIT, such as :{wanted}"
+            f"`maps` {one.name}={one.column}:UNIT, such as :{wanted}"
         )
     given = given or ""
     if wanted is None:
@@ -171,7 +171,7 @@ def _unit_of(
         what = f"a unit of {one.name}, such as {wanted}" if wanted else "an SI unit"
         raise InputError(
             f"{where}: expected {what}, got {given!r}; write another unit in "
-            f"--map {one.name}={one.column}:UNIT, also as the size of a count, such as 0.5um"
+            f"`maps` {one.name}={one.column}:UNIT, also as the size of a count, such as 0.5um"
         )
     if column.unit not in (None, "count") and one.unit is not None:
         size = factor_of(column.unit or "", found[0])
@@ -239,7 +239,7 @@ class _Times:
         head, colon, unit = text.rpartition(":")
         if not colon or text in self._source.names():
             head, unit = text, ""
-        return self._source.find(head, "--time"), unit or None
+        return self._source.find(head, "time"), unit or None
 
     def _name(self, column: SourceColumn) -> str:
         source = self._source
@@ -247,7 +247,7 @@ class _Times:
         if name is None or name not in source.names():
             raise InputError(
                 f"{source.where}: expected a column of times, got {', '.join(source.names()[:12])};"
-                " write --time COLUMN:UNIT, or --rate HZ for samples at a constant rate"
+                " write `time` COLUMN:UNIT, or `rate` HZ for samples at a constant rate"
             )
         return name
 
@@ -261,7 +261,7 @@ class _Times:
             if factor is None:
                 raise InputError(
                     f"{self._source.where}: {name}: expected the unit of the times, got "
-                    f"{unit or 'none'}; write --time {name}:ms, or :s, :us"
+                    f"{unit or 'none'}; write `time` {name}:ms, or :s, :us"
                 )
             self.used.add(name)
             known = column.values[~np.isnan(column.values)]

@@ -263,7 +263,7 @@ def read(path: Path | str) -> SignalRecording:
     """Reads the file of a recording. Raises InputError with the file and what was expected."""
     file = Path(path)
     where = paths.display(file)
-    wrong = "a recording that `forceaxis recording import` has written"
+    wrong = "a recording that `import_recording` has written"
     if not file.exists():
         raise InputError(f"{where}: expected a readable file, got none")
     with files.parsing(file, wrong, "import the data again"), zipfile.ZipFile(file) as archive:

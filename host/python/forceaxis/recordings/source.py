@@ -14,6 +14,7 @@ from forceaxis._core import InputError
 from forceaxis.bus import log_tables
 from forceaxis.bus.message_rows import Row
 from forceaxis.bus.recordings import MCAP_MAGIC, reader_of
+from forceaxis.errors import ParameterError
 from forceaxis.recordings.signal_recording import Floats
 from forceaxis.recordings.units import split_name
 from forceaxis.words import suggestion
@@ -70,16 +71,18 @@ class Source(abc.ABC):
             if len(found) == 1:
                 return found[0]
             if found:
-                raise InputError(
-                    f"{parameter}: expected the name of one column of {self.where}, got {text}, "
-                    f"which is {', '.join(found)}; write one of these names"
+                raise ParameterError(
+                    parameter,
+                    f"expected the name of one column of {self.where}, got {text}, which is "
+                    f"{', '.join(found)}; write one of these names",
                 )
         if text.isdigit() and 1 <= int(text) <= len(known):
             return known[int(text) - 1]
         few = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
-        raise InputError(
-            f"{parameter}: expected a column of {self.where} ({few or 'none'}), got {text}"
-            f"{suggestion(text, known) or '; write one of these names'}"
+        raise ParameterError(
+            parameter,
+            f"expected a column of {self.where} ({few or 'none'}), got {text}"
+            f"{suggestion(text, known) or '; write one of these names'}",
         )
 
     def time_name(self) -> str | None:
@@ -176,7 +179,7 @@ def read_messages(path: Path) -> Source:
     where = paths.display(path)
     if damage:
         raise InputError(
-            f"{damage}; expected a complete file; `forceaxis recording convert` writes a file of "
+            f"{damage}; expected a complete file; `convert_log` writes a file of "
             "the messages that are complete"
         )
     if not tables:

@@ -1,5 +1,5 @@
 """The numbers that the thesis quotes, and the numbers that the models of the thesis give.
-`forceaxis thesis check` compares both.
+A check compares both.
 
 Each chapter has a module with its claims; sentences.toml lists the sentences of the thesis to which
 they belong.

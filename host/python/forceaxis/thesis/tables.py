@@ -592,9 +592,7 @@ def neighbours(point: Point, grids: Sequence[Sequence[float]]) -> list[Point]:
 def evidence() -> FitRecord:
     """Returns the stored fit of the constants. Raises StaleFit if there is no stored fit, or if the
     stored fit was made with other files."""
-    again = (
-        "repeat the fit of `forceaxis thesis tables`, which takes some minutes, and commit the file"
-    )
+    again = "repeat the fit with `fit_tables`, which takes some minutes, and commit the file"
     if not EVIDENCE.exists():
         raise StaleFit(f"{paths.display(EVIDENCE)}: expected the record of a fit; {again}")
     record = json.loads(EVIDENCE.read_text())
