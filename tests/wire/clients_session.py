@@ -1,6 +1,6 @@
 """The session of test_clients.py on real CAN, in one guest: run under tools/vcan with a folder to
-write to. Third-party clients drive axis_node; each step writes its figures, or why it failed, to
-results.json, and all frames of the session are in session.log, as candump writes them.
+write to. Third-party clients drive axis_node; each step stores its figures, or why it failed
+(steps.py), and all frames of the session are in session.log, as candump writes them.
 """
 
 import itertools

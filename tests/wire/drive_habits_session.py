@@ -1,5 +1,5 @@
 """axis_linux with kinds of drives of drive_habits.py on vcan1 and a supervisor on vcan0, in real
-time. Run under tools/vcan with a folder; writes results.json there."""
+time. Run under tools/vcan with a folder; stores its steps there."""
 
 import contextlib
 import json

@@ -1,5 +1,5 @@
 """The session of test_lss.py on real CAN, in one guest: run under tools/vcan with a folder to write
-to. python-canopen is the LSS master of four axis_nodes without id; results.json has what it saw.
+to. python-canopen is the LSS master of four axis_nodes without id; its steps have what it saw.
 """
 
 import contextlib
