@@ -163,8 +163,9 @@ def generate_page(table):
         ]
         if rows:
             out.append(f"## {HEADINGS[part]}\n\n{markdown_table(header, rows)}\n")
-    out.append("## Faults and error codes\n\n")
-    out.append(markdown_table(("name", "603Fh", "fault", "meaning"), fault_rows(table)) + "\n")
+    if rows := list(fault_rows(table)):
+        out.append("## Faults and error codes\n\n")
+        out.append(markdown_table(("name", "603Fh", "fault", "meaning"), rows) + "\n")
     if table.specials:
         rows = [
             (f"`{s['name']}`", special_address(s), special_type(s), s["meaning"])
@@ -178,6 +179,8 @@ def generate_page(table):
 def fault_rows(table):
     """Name, error code, number of the fault and sentence of each error code but that of none."""
     named = {o["name"]: o for o in table.entries}
+    if not {"fault", "error_code"} <= set(named):
+        return
     codes, faults = named["error_code"], named["fault"]["enum"]
     for code, text in codes["values"]:
         if code:

@@ -283,8 +283,9 @@ TEST_F(Canopen, DecisionsAboutTheAxisAreReceivedByNoPdo) {
     const uint16_t communication = static_cast<uint16_t>(mapping - 0x200);
     ASSERT_EQ(Download(communication, 1, transmit ? 0xC0000000u : 0x80000000u, 4), 0u);
     ASSERT_EQ(Download(mapping, 0, 0, 1), 0u);
-    for (uint16_t object : {AXIS_OBJ_FAULT_RESET, AXIS_OBJ_COMMAND_SOURCE, AXIS_OBJ_MODE,
-                            AXIS_OBJ_INCIDENT_COMMAND}) {
+    for (uint16_t object :
+         std::initializer_list<uint16_t>{AXIS_OBJ_FAULT_RESET, AXIS_OBJ_COMMAND_SOURCE,
+                                         AXIS_OBJ_MODE, AXIS_OBJ_INCIDENT_COMMAND}) {
       const axis_address_t *at = AddressOf(object);
       const auto bits = 8u * value_bytes(axis_objects[object].type);
       const uint32_t entry = uint32_t{at->index} << 16 | uint32_t{at->sub} << 8 | bits;

@@ -121,7 +121,7 @@ TEST(Store, IsRefusedWhileAModeIsActive) {
 // between the same two ticks.
 TEST(Store, NothingEnablesWhileItWorksNorInTheSameTick) {
   for (const bool native : {true, false}) {
-    const uint16_t object = native ? AXIS_OBJ_MODE : AXIS_OBJ_CONTROLWORD;
+    const uint16_t object = native ? uint16_t{AXIS_OBJ_MODE} : uint16_t{AXIS_OBJ_CONTROLWORD};
     const int32_t on = native ? static_cast<int32_t>(AXIS_MODE_OPEN_LOOP) : 0x0F;
     Flash flash;
     Axis axis(flash.memory());

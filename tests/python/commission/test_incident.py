@@ -106,6 +106,14 @@ def test_what_the_board_said_of_its_fault_is_told():
     assert "DAC output differs from its code" in "\n".join(incident_text.tell(board))
 
 
+def test_the_input_that_changed_is_named():
+    """By the bits of digital_inputs in the manual: 3 is the index pulse, 4 the home switch."""
+    for bit, name in enumerate(("enable chain", "positive", "negative", "index", "home")):
+        story = object.__new__(incident_text._Story)
+        story.inputs, story.at = np.array([0, 0, 1 << bit]), 2
+        assert name in story.switches() and "0.0 ms before" in story.switches()
+
+
 def test_speed():
     axis = moving()
     axis.set(speed_max=5)

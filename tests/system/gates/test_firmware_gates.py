@@ -485,7 +485,7 @@ def test_a_new_object_changes_no_other_number_and_no_other_part(tree):
         '[[object]]\nname = "planted"\nkind = "signal"\npart = "recorder"\nmeaning = "planted"\n'
         'type = "u8"\nunit = "1"\naccess = "ro"\nindex = 0x5FFF\n\n'
     )
-    path.write_text(path.read_text().replace("[[object]]", f"{entry}[[object]]", 1))
+    path.write_text(path.read_text().replace("\n[[object]]", f"\n{entry}[[object]]", 1))
     done = run(["gen_objects.py"], tree)
     assert done.returncode == 0, done.stderr
     changed = {name for name, text in headers.items() if (generated / name).read_text() != text}

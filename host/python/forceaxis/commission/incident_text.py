@@ -126,10 +126,8 @@ class _Story:
         if not len(changed):
             return None
         last = int(changed[-1])
-        changed = BY_NAME["digital_inputs"].bits_in(
-            int(self.inputs[last]) ^ int(self.inputs[last + 1])
-        )
-        which = " and ".join(bit.text for bit in changed)
+        bits = int(self.inputs[last]) ^ int(self.inputs[last + 1])
+        which = " and ".join(bit.text for bit in BY_NAME["digital_inputs"].bits_in(bits))
         ago = (self.at - last - 1) * TICK_MS
         return f"{which or 'a digital input'} changed {ago:.1f} ms before the error"
 
