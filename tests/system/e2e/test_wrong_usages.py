@@ -145,6 +145,7 @@ WRONG = [
     ("loop limit fig4_19 --law pi:integral=1,integral=2", "for integral, got a second one"),
     ("loop limit fig4_19 --gain=4 --law pi", "`forceaxis loop limit fig4_19 --law pi:gain=4`"),
     ("loop advise fig4_19 --gain 4", "No such option"),
+    ("loop poles strike_biquad --law pi:integral=4", "--law gain or --law force_gain together"),
     ("loop limit fig4_19 --law gain=1,force_gain=2", "either --law gain or --law force_gain"),
     ("loop limit fig4_19 --timing both --over k_q=30%", "k_q", "expected"),
     ("loop limit fig4_19 --over k_w=30", "k_w=30", "expected"),

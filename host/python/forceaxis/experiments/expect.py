@@ -169,9 +169,8 @@ FORMAT = (
                 "recording",
                 "file name or list of file names",
                 "none",
-                "Recordings of the real machine (`import_recording`), relative to this "
-                "file. Each is compared with the predicted signals, and the test fails if a "
-                "figure is outside its band.",
+                "Imported recordings of the real machine, relative to this file. Each is compared "
+                "with the predicted signals, and the test fails if a figure is outside its band.",
             ),
             FormatKey(
                 "recording_over",

@@ -368,6 +368,12 @@ def _poles_result(system: System, subject: AnalysedPlant | ClosedLoop) -> PolesR
     )
 
 
+GAIN_EXPECTED = (
+    "expected `gain` or `firmware_gain` together with a law, because only a gain closes the loop; "
+    "add a gain or remove the law"
+)
+
+
 def poles_of(request: LoopRequest, input: str | None, output: str | None) -> PolesResult:
     """Returns the poles and zeros of the force loop of `request`, closed at the gain of the
     request. Without a gain, or with an input, returns the poles and zeros of the plant from `input`
@@ -375,11 +381,7 @@ def poles_of(request: LoopRequest, input: str | None, output: str | None) -> Pol
     own = request.settings(plant=input is not None)
     if not request.has_gain and (input is not None or own.firmware_gain is None):
         if request.law not in (None, "p") or request.parameters:
-            raise ParameterError(
-                "law",
-                "expected `gain` or `firmware_gain` together with a law, because only a gain "
-                "closes the loop; add a gain or remove the law",
-            )
+            raise ParameterError("law", GAIN_EXPECTED)
         return _plant_poles(request, own, input or "drive.command", output or "reading")
     if input is not None:
         raise ParameterError(
@@ -389,7 +391,8 @@ def poles_of(request: LoopRequest, input: str | None, output: str | None) -> Pol
         )
     loop = replace(request, output=output or "reading").loop()
     gain = request.gain_of(loop)
-    assert gain is not None  # the caller has checked that the force loop has a gain
+    if gain is None:  # another law than that of the experiment, whose gain is that of its bank
+        raise ParameterError("law", GAIN_EXPECTED)
     closing = ClosingGain(gain, loop.unit, loop.optional_firmware_gain(gain))
     return _poles_result(loop.closed(gain), ClosedLoop(loop=AnalysedLoop.of(loop), closed=closing))
 
