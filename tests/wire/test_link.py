@@ -686,7 +686,9 @@ def test_two_nodes_of_a_run_have_serial_numbers_of_their_own(tmp_path):
     by_lss = identities(tmp_path, "--node-id", "255")
     assert by_lss == [(255, serial) for _, serial in first]
     replay = subprocess.run(
-        [FORCEAXIS, "replay", tmp_path / "axis.journal.2"], capture_output=True, check=False
+        [FORCEAXIS, "recording", "replay", tmp_path / "axis.journal.2"],
+        capture_output=True,
+        check=False,
     )
     assert replay.returncode == 0
 

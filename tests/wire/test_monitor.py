@@ -329,7 +329,7 @@ def test_bad_usage_is_one_line_and_status_2(arguments, words):
 
 
 def test_every_verb_has_help_with_an_example():
-    for verb in ("monitor", "log", "log info", "log export"):
+    for verb in ("monitor", "recording", "recording info", "recording export"):
         assert (
             f"forceaxis {verb}"
             in forceaxis(*verb.split(), "--help").stdout.partition("Example:")[2]

@@ -182,7 +182,7 @@ def test_what_does_not_know_the_bus_refuses(tmp_path):
     path = model(tmp_path, (3, 3, 0))
     with pytest.raises(_core.InputError, match=r"drive\.cycle_ticks: expected 1 and no delays"):
         LoopSpec(timing="continuous").around(path)
-    bode = [sys.executable, "-m", "forceaxis", "bode", str(path)]
+    bode = [sys.executable, "-m", "forceaxis", "loop", "bode", str(path)]
     found = subprocess.run(bode, capture_output=True, text=True, check=False)
     assert found.returncode == 2 and "drive.cycle_ticks" in found.stderr, found
 

@@ -240,7 +240,7 @@ def test_what_cannot_know_the_samples_refuses(tmp_path):
         LoopSpec(timing="continuous").around(path)
     with pytest.raises(_core.InputError, match=r"adc\.sample_rate: expected a rate whose samples"):
         force_loop(model(tmp_path, (977, None, "0", 1)))
-    bode = [sys.executable, "-m", "forceaxis", "bode", str(path)]
+    bode = [sys.executable, "-m", "forceaxis", "loop", "bode", str(path)]
     found = subprocess.run(bode, capture_output=True, text=True, check=False)
     assert found.returncode == 2 and "adc.sample_rate" in found.stderr, found
 

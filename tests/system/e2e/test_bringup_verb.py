@@ -17,7 +17,7 @@ def at_a_terminal(answers, *arguments):
     ours, theirs = pty.openpty()
     os.write(ours, answers)
     done = subprocess.run(
-        [FORCEAXIS, "bringup", "--on", "sim:contact", *map(str, arguments)],
+        [FORCEAXIS, "axis", "bringup", "--on", "sim:contact", *map(str, arguments)],
         stdin=theirs,
         capture_output=True,
         text=True,
@@ -50,6 +50,6 @@ def test_one_step_that_passes_is_no_complete_bring_up():
 
 
 def test_the_help_names_every_group_of_steps():
-    done = subprocess.run([FORCEAXIS, "bringup", "--help"], capture_output=True, text=True)
+    done = subprocess.run([FORCEAXIS, "axis", "bringup", "--help"], capture_output=True, text=True)
     for name in bringup.STEPS:
         assert name in done.stdout

@@ -30,7 +30,7 @@ def options(folders):
 
 def test_points_lie_on_the_model_that_was_measured_and_not_on_another(measured, tmp_path):
     model, folders = measured
-    bode = "bode", model, *options(folders[1:])
+    bode = "loop", "bode", model, *options(folders[1:])
     true = json.loads(verbs.forceaxis(*bode, "--set", "k_w=5e5", "--json").stdout)
     (curve,) = true["curves"]
     for row in true["measured"]:
@@ -72,19 +72,19 @@ def test_a_design_is_refused_where_the_fit_is(measured):
 @pytest.mark.parametrize(
     "words, text",
     [
-        (("loop", "bode", "--of", "loop"), "--of: expected only without --measured"),
-        (("loop", "bode", "--output", "encoder"), "--output: expected only without --measured"),
+        (("bode", "--of", "loop"), "--of: expected only without --measured"),
+        (("bode", "--output", "encoder"), "--output: expected only without --measured"),
         (
-            ("loop", "bode", "--measured", "free"),
+            ("bode", "--measured", "free"),
             "expected responses with equal input and equal output",
         ),
-        (("loop", "bode", "--measured", "nowhere"), "expected a CSV file or a file response.npz"),
+        (("bode", "--measured", "nowhere"), "expected a CSV file or a file response.npz"),
     ],
 )
 def test_what_does_not_belong_to_it_is_one_line(measured, words, text):
     model, folders = measured
     words = [folders[0] if word == "free" else word for word in words]
-    done = verbs.forceaxis(words[0], model, "--measured", folders[1], *words[1:])
+    done = verbs.forceaxis("loop", words[0], model, "--measured", folders[1], *words[1:])
     assert done.returncode == 2 and done.stdout == ""
     assert text in done.stderr and done.stderr.count("\n") == 1, done.stderr
 

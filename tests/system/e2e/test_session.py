@@ -18,7 +18,7 @@ FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 def held(tmp_path_factory):
     folder = tmp_path_factory.mktemp("session")
     done = subprocess.run(
-        [FORCEAXIS, "session", "--out", folder, "--json"],
+        [FORCEAXIS, "thesis", "session", "--out", folder, "--json"],
         cwd=ROOT, capture_output=True, text=True, timeout=120, check=False,
         stdin=subprocess.DEVNULL,
     )  # fmt: skip
@@ -56,7 +56,7 @@ def test_plant_firmware_and_replay_agree(held):
     found, folder = held
     assert len({*found["trace_hash"].values(), found["replayed_hash"]}) == 1
     done = subprocess.run(
-        [FORCEAXIS, "replay", folder / "axis.journal", "--json"],
+        [FORCEAXIS, "recording", "replay", folder / "axis.journal", "--json"],
         cwd=ROOT, capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
