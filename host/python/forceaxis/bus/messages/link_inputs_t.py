@@ -55,7 +55,7 @@ class link_inputs_t(object):
         """ LCM Type: byte """
         self.position_age = 0
         """
-        AXIS_DRIVE_ bits; 0 for an amplifier for +-10 V
+        AXIS_DRIVE_REPORT_ bits; 0 for an amplifier for +-10 V
         LCM Type: byte
         """
 
