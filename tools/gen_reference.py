@@ -272,7 +272,7 @@ def of_chapter(number):
 
 
 def thesis():
-    """The sentences of the thesis by chapter, and the rows of check-thesis that differ."""
+    """The sentences of the thesis by chapter, and the rows of thesis check that differ."""
     differs = {claim.what: claim for claim in claims.CLAIMS if claim.why}
     counts, chapters = [], ""
     for number, title in CHAPTERS.items():

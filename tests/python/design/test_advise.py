@@ -325,7 +325,7 @@ def test_an_experiments_own_values_and_delay_count(tmp_path):
 
 
 def call(capsys, monkeypatch, *arguments):
-    monkeypatch.setattr(sys, "argv", ["forceaxis", "advise", *map(str, arguments)])
+    monkeypatch.setattr(sys, "argv", ["forceaxis", "loop", "advise", *map(str, arguments)])
     status = 0
     try:
         cli.main()

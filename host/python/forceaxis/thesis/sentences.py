@@ -16,7 +16,7 @@ class Sentence:
     """One quantitative sentence of the thesis. It has rows, tests or figures, or a reason."""
 
     says: str  # content of the sentence in our own words
-    rows: tuple[str, ...] = ()  # names (`what`) of claims of check-thesis
+    rows: tuple[str, ...] = ()  # names (`what`) of claims of the check of the thesis
     tests: tuple[str, ...] = ()  # tests of the tree: "tests/FOLDER/FILE.py::NAME", "ctest:NAME"
     figures: tuple[str, ...] = ()  # numbers of figures that the report draws
     reason: str = ""  # reason why the sentence cannot be checked
