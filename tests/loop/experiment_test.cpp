@@ -1,4 +1,6 @@
 // Every mistake in an experiment is one line: file, key, what was expected.
+#include "host/run/experiment.hpp"
+
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -7,7 +9,6 @@
 #include <fstream>
 
 #include "firmware/objects/generated/axis_objects.h"
-#include "host/run/experiment.hpp"
 #include "host/run/objects.hpp"
 #include "host/run/plant_side.hpp"
 #include "host/run/run.hpp"

@@ -1,3 +1,5 @@
+#include "host/run/run.hpp"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,7 +10,6 @@
 #include "host/run/firmware_side.hpp"
 #include "host/run/objects.hpp"
 #include "host/run/plant_side.hpp"
-#include "host/run/run.hpp"
 #include "host/run/sha256.hpp"
 
 namespace forceaxis::host {

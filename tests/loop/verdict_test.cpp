@@ -1,6 +1,8 @@
 // The four words of a verdict, from what its user asks for: a run that oscillates, bounces on or
 // latches a fault is unstable; one that is calm and still not what was asked for is not met, with
 // the limit, its number and unit; one that never pressed was never in contact.
+#include "host/run/verdict.hpp"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -9,7 +11,6 @@
 
 #include "host/run/experiment.hpp"
 #include "host/run/result.hpp"
-#include "host/run/verdict.hpp"
 
 namespace {
 
