@@ -18,6 +18,7 @@
 #include <tuple>
 #include <vector>
 
+#include "firmware/objects/generated/axis_objects.h"
 #include "host/gateway/modbus_self.hpp"
 #include "host/modbus/tcp_server.hpp"
 
