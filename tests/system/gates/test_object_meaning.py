@@ -52,6 +52,9 @@ SAME = {
     "the order of texts": swapped("special", "device_name", "software_version"),
     "the order of keys": edited(f'{GAIN}type = "u16"', f'type = "u16"\n{GAIN}'),
     "what is the default of a key": edited(GAIN, f"{GAIN}count = 1\n"),
+    "the sentence of a value": edited(
+        "the parameter store has failed, or", "the store has failed, or"
+    ),
     "a default": edited("default = 6554", "default = 6555"),
     "one of several defaults": edited("[512, 768, 1024, 1280]", "[512, 768, 1024, 1281]"),
     "of what a count is a step": edited('quantity = "force"', 'quantity = "encoder"'),
@@ -83,8 +86,8 @@ OTHER = {
     "one text more": edited('["noise", "sine"]', '["noise", "sine", "chirp"]'),
     "another text": edited('"raw_step"', '"step"'),
     "texts in another order": edited('["noise", "sine"]', '["sine", "noise"]'),
-    "a value's name": edited('[0x5530, "store_failed"]', '[0x5530, "no_store"]'),
-    "a value": edited('[0x5530, "store_failed"]', '[0x5531, "store_failed"]'),
+    "a value's name": edited('[0x5530, "store_failed", ', '[0x5530, "no_store", '),
+    "a value": edited('[0x5530, "store_failed", ', '[0x5531, "store_failed", '),
     "following the node id": edited("index = 0x1014\nnode_id = true", "index = 0x1014"),
     "the address of a coil": edited('name = "store"\naddress = 3', 'name = "store"\naddress = 7'),
     "the name of a discrete input": edited(
