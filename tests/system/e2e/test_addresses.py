@@ -11,7 +11,6 @@ from pathlib import Path
 import click
 import pytest
 from click.shell_completion import BashComplete
-from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.axis import address, scan
 from forceaxis.bus import sources
@@ -104,12 +103,9 @@ def call(monkeypatch, tmp_path):
 
 
 def named(name, kind):
-    """An address as a command takes it, and the address that it connects to."""
+    """An address as a command takes it, and connects to it."""
     text = ADDRESSES[kind]
-    if name in BUS_ONLY:
-        text = str(address.bus(address.parse(text)))
-    there = text.replace("press_fit", str(paths.EXPERIMENTS / "press_fit.toml"))
-    return text, there
+    return str(address.bus(address.parse(text))) if name in BUS_ONLY else text
 
 
 def test_the_commands_are_drawn_from_the_program():
@@ -121,11 +117,11 @@ def test_every_command_takes_the_kinds_that_it_says_and_refuses_others_in_one_li
     call, capsys, name, kind
 ):
     words, kinds = example(name), VERBS[name][1]
-    text, there = named(name, kind)
+    text = named(name, kind)
     if kind in kinds.kinds:
         with pytest.raises(ReachedError) as done:
             call([*words, "--on", text])
-        assert str(done.value) == paths_of(there)
+        assert str(done.value) == text
         assert "from" not in capsys.readouterr().err
         return
     with pytest.raises(InputError) as refused:
@@ -133,14 +129,6 @@ def test_every_command_takes_the_kinds_that_it_says_and_refuses_others_in_one_li
     said = str(refused.value)
     assert said.startswith(f"--on: {text}: expected an address such as ") and "\n" not in said
     assert all(address.EXAMPLES[other] in said for other in kinds.kinds) and "because" in said
-
-
-def paths_of(text):
-    head, colon, rest = text.partition(":")
-    if head != "sim":
-        return text
-    file, at, store = rest.partition("@")
-    return f"{head}{colon}{paths.display(file)}{at}{store}"
 
 
 @pytest.mark.parametrize("name", VERBS)
@@ -155,8 +143,8 @@ def test_an_axis_of_the_environment_is_named_before_anything_is_connected(
     if name == "monitor":  # shows all axes
         assert str(done.value) == "lcm"
         return
-    text, there = named(name, kind)
-    assert str(done.value) == paths_of(there)
+    text = named(name, kind)
+    assert str(done.value) == text
     assert capsys.readouterr().err.splitlines()[0] == f"axis {ADDRESSES[kind]} from FORCEAXIS_AXIS"
     with pytest.raises(ReachedError) as done:  # --on is stronger
         call([*example(name), "--on", text])

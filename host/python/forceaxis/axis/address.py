@@ -149,7 +149,9 @@ class SimAddress:
         path = Path(self.experiment)
         if path.suffix != ".toml":
             path = paths.EXPERIMENTS / f"{path.name}.toml"
-        return SimLink(path, self.overrides, self.store)
+        link = SimLink(path, self.overrides, self.store)
+        link.where = f"the simulated axis of {self.experiment}"  # as the user named it
+        return link
 
 
 Address: TypeAlias = CanAddress | TcpAddress | SerialAddress | LcmAddress | SimAddress

@@ -81,7 +81,9 @@ class AxisAddress(click.ParamType[Address]):
         if not isinstance(found, SimAddress):
             return found
         path = EXPERIMENT.convert(found.experiment, None, None)
-        return dataclasses.replace(found, experiment=str(path))
+        # A name stays a name, in messages too; the address finds its file.
+        is_name = found.experiment == Path(path).stem
+        return found if is_name else dataclasses.replace(found, experiment=str(path))
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
