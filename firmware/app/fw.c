@@ -499,6 +499,14 @@ void fw_prepare(fw_t *fw) {
   }
 }
 
+/* Asserts that an axis with a fault is off in the same tick, whatever has found the fault. */
+static inline void assert_outputs(const fw_t *fw, const axis_outputs_t *outputs) {
+  if (fw->axis.signals.fault != AXIS_FAULT_NONE) {
+    fx_assert(outputs->dac_fine == 0 && outputs->dac_code == 0);
+    fx_assert(outputs->amp_enable == 0 && outputs->brake_release == 0);
+  }
+}
+
 void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
   cia402_with_inputs(&fw->drive, &fw->axis, inputs);
   axis_tick(&fw->axis, inputs, outputs);
@@ -506,6 +514,7 @@ void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) 
   if (fw->live != 0) {
     cia402_control(&fw->drive, &fw->axis, outputs);
   }
+  assert_outputs(fw, outputs);
 }
 
 bool fw_report(fw_t *fw) {

@@ -51,6 +51,7 @@ static void remember(canopen_t *canopen, uint16_t code, uint8_t info) {
 
 void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail) {
   emcy_t *emcy = &canopen->emcy;
+  fx_assert(emcy->count <= EMCY_WAITING && canopen->params.error_history_count <= EMCY_HISTORY);
   emcy_update(canopen);
   if (code != AXIS_ERROR_CODE_NONE) {
     remember(canopen, code, info);
@@ -99,6 +100,7 @@ void emcy_drive(canopen_t *canopen, uint16_t code, uint8_t fault) {
 
 void emcy_tick(canopen_t *canopen) {
   emcy_t *emcy = &canopen->emcy;
+  fx_assert(emcy->count <= EMCY_WAITING);
   const uint8_t state = canopen->signals.nmt_state;
   if (state != AXIS_NMT_STATE_PRE_OPERATIONAL && state != AXIS_NMT_STATE_OPERATIONAL) {
     return;

@@ -357,7 +357,18 @@ static void make_up(canopen_t *canopen) {
   }
 }
 
+/* Asserts what holds of a node in each tick: its sets have only services that exist. */
+static inline void assert_node(const canopen_t *canopen) {
+  const uint32_t pdos = (uint32_t)canopen->rpdos_late | canopen->rpdos_waiting |
+                        canopen->tpdos_watched | canopen->tpdos_timed | canopen->tpdos_inhibited;
+  fx_assert(pdos < fx_bit(CANOPEN_PDOS) && canopen->sdos_sending < fx_bit(CANOPEN_SDOS));
+  fx_assert(canopen->heartbeats_lost < fx_bit(CANOPEN_HEARTBEATS));
+  fx_assert(canopen->deferred <= CANOPEN_DEFERRED_ALL && canopen->reset <= CANOPEN_RESET_NODE);
+  fx_assert(canopen->bus < AXIS_CAN_STATE_COUNT && canopen->emcy.count <= EMCY_WAITING);
+}
+
 void canopen_tick_end(canopen_t *canopen, const dictionary_t *objects, const canopen_axis_t *axis) {
+  assert_node(canopen);
   if (canopen->deferred == CANOPEN_DEFERRED_ALL) {
     if (canopen->rpdos_waiting != 0 && axis->active != 0) {
       pdo_axis_active(canopen);

@@ -6,6 +6,7 @@ void can_output_clear(can_output_t *output) {
 }
 
 bool can_output_take(can_output_t *output, can_frame_t *frame) {
+  fx_assert(output->first < CAN_OUTPUT_FRAMES && output->count <= CAN_OUTPUT_FRAMES);
   if (output->count == 0) {
     return false;
   }

@@ -46,6 +46,7 @@ static inline can_frame_t *can_output_add(can_output_t *output, uint16_t id, uin
     output->lost = (uint16_t)(output->lost + ((output->lost < UINT16_MAX) ? 1 : 0));
     return NULL;
   }
+  fx_assert(output->first < CAN_OUTPUT_FRAMES && length <= 8 && id <= 0x7FF);
   const uint32_t at = output->first + count;
   output->count = (uint8_t)(count + 1);
   can_frame_t *frame = &output->frames[(at < CAN_OUTPUT_FRAMES) ? at : at - CAN_OUTPUT_FRAMES];

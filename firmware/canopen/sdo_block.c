@@ -162,6 +162,8 @@ static void send_segment(canopen_t *canopen, const dictionary_t *objects, uint8_
     sdo_abort_transfer(canopen, number, SDO_ABORT_NO_DATA);
     return;
   }
+  fx_assert(server->state == SDO_BLOCK_SENDING && server->offset < server->size);
+  fx_assert(is_block_size(server->block_size) && server->sequence < server->block_size);
   const uint32_t remaining = server->size - server->offset;
   const bool last = remaining <= SDO_SEGMENT_BYTES;
   const uint32_t count = last ? remaining : SDO_SEGMENT_BYTES;

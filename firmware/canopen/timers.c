@@ -13,7 +13,20 @@ void canopen_timers_init(canopen_timers_t *timers) {
   }
 }
 
+/* Asserts what holds before each tick: every running timer is in a slot, and none was missed. */
+static inline void assert_timers(const canopen_timers_t *timers) {
+  uint32_t listed = 0;
+  for (uint8_t i = 0; i < CANOPEN_TIMER_SLOTS; i++) {
+    listed |= timers->slots[i];
+  }
+  fx_assert((timers->running & ~listed) == 0);
+  for (uint8_t i = 0; i < CANOPEN_TIMERS; i++) {
+    fx_assert(!canopen_timer_runs(timers, i) || fx_s32_from_u32(timers->at[i] - timers->now) >= 0);
+  }
+}
+
 uint32_t canopen_timers_due(canopen_timers_t *timers) {
+  assert_timers(timers);
   uint32_t *slot = canopen_timer_slot(timers, timers->now);
   uint32_t remaining = *slot & timers->running;
   uint32_t due = 0;

@@ -60,6 +60,7 @@ static inline void canopen_timer_stop(canopen_timers_t *timers, uint32_t timer) 
 /* Starts a timer that expires `ticks` (1..2^30) ticks after the tick `timers->now`. If `ticks` is
  * 0, the timer is stopped. */
 static inline void canopen_timer_start(canopen_timers_t *timers, uint32_t timer, uint32_t ticks) {
+  fx_assert(timer < CANOPEN_TIMERS && ticks <= UINT32_C(1073741824));
   const uint32_t at = timers->now + ticks;
   if (ticks == 0) {
     canopen_timer_stop(timers, timer);

@@ -16,6 +16,7 @@ _Static_assert(sizeof(axis_t) <= 512, "state of an axis, parameters included");
  * counts over, which belong to the next velocity, so that the sum of the velocities is the travel.
  * Without a newer position the velocity stays. */
 static int32_t mean_velocity(axis_t *axis, const axis_inputs_t *inputs) {
+  fx_assert(axis->velocity_rest_cnt > -256 && axis->velocity_rest_cnt < 256);
   const int32_t moved_cnt = fx_diff_wrap(inputs->encoder_cnt, axis->signals.position);
   const int32_t ticks = 1 + axis->position_age - inputs->position_age;
   if (ticks == 1 && axis->velocity_rest_cnt == 0) {
@@ -150,6 +151,28 @@ static uint8_t begin_mode(axis_t *restrict axis, const axis_inputs_t *restrict i
   return mode;
 }
 
+/* Asserts what holds after each tick: no output beyond output_limit, none at all with a fault, and
+ * no brake that is released without torque. */
+static inline void assert_after_tick(const axis_t *axis, const axis_outputs_t *outputs) {
+  const axis_params_t *params = &axis->params;
+  const axis_signals_t *signals = &axis->signals;
+  const int32_t fine = outputs->dac_fine;
+  fx_assert(fx_within(fine, fx_scale(params->output_limit, AXIS_FINE_BITS)));
+  fx_assert(outputs->dac_code == fx_code_from_q16(fx_scale(fine, 16 - AXIS_FINE_BITS)));
+  if (signals->active_mode == AXIS_MODE_DISABLED) {
+    fx_assert(fine == 0 && outputs->brake_release == 0);
+  }
+  if (signals->fault != AXIS_FAULT_NONE) {
+    fx_assert(signals->active_mode == AXIS_MODE_DISABLED && outputs->amp_enable == 0);
+  }
+  fx_assert(signals->active_mode < AXIS_MODE_COUNT);
+  fx_assert(signals->limit_reason < AXIS_LIMIT_REASON_COUNT);
+  fx_assert(axis->step_mask == fx_step_mask(params->dac_bits));
+  fx_assert(axis->bounded <= AXIS_BOUNDED_TICKS);
+  fx_assert(axis->law.bank.sections <= FORCE_LAW_SECTIONS);
+  fx_assert(fx_within(axis->profile.velocity_q16, INT32_C(134217728)));
+}
+
 /* Sets the output of this tick from a command in 1/65536 code. The limits use the sensor values of
  * this tick. */
 static inline void set_output(axis_t *restrict axis, uint8_t digital_inputs, int32_t due_q16) {
@@ -176,12 +199,14 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
     axis->primed = 0;
     latch_fault(axis, AXIS_FAULT_SENSOR_INVALID);
     switch_off(axis, outputs);
+    assert_after_tick(axis, outputs);
     return;
   }
   measure(axis, inputs);
 
   const uint8_t mode = begin_mode(axis, inputs, outputs);
   if (mode == AXIS_MODE_DISABLED) {
+    assert_after_tick(axis, outputs);
     return;
   }
 
@@ -203,6 +228,8 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
     signals->bump_bias = fx_decay(signals->bump_bias, axis->bias_shift);
   }
   signals->active_mode = mode;
+  fx_assert(fx_magnitude(law_q16) <= UINT32_C(4098) * 65536 &&
+            fx_magnitude(signals->bump_bias) <= UINT32_C(6146) * 65536);
   /* The limits act only on the output. So command_code also shows a saturation if the code is
    * output one tick later. With an excitation |law| < 4098 codes; |bias| < 6146: the sum is within
    * +-2^30. */
@@ -218,6 +245,7 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   outputs->dac_fine = signals->dac_fine;
   outputs->amp_enable = 1;
   outputs->brake_release = 1;
+  assert_after_tick(axis, outputs);
 }
 
 void axis_init(axis_t *axis) {
@@ -299,6 +327,7 @@ static void halve_bank(force_law_t *law, uint8_t halvings) {
 }
 
 void axis_bank_selected(axis_t *axis, uint8_t number) {
+  fx_assert(number <= FORCE_LAW_BANKS && axis->law.bank.sections <= FORCE_LAW_SECTIONS);
   axis->law.selected = number;
   axis->law.whole_gain_q8 = axis->law.bank.gain_q8;
   halve_bank(&axis->law, axis->law.halvings);
@@ -314,11 +343,13 @@ void axis_halve_force_gain(axis_t *axis, uint8_t halvings) {
 }
 
 void axis_fault(axis_t *axis, uint8_t fault) {
+  fx_assert(fault > AXIS_FAULT_NONE && fault < AXIS_FAULT_COUNT);
   axis->fault_waits = 1;
   latch_fault(axis, fault);
 }
 
 void axis_trip(axis_t *axis, uint8_t fault, axis_outputs_t *outputs) {
+  fx_assert(fault > AXIS_FAULT_NONE && fault < AXIS_FAULT_COUNT);
   latch_fault(axis, fault);
   switch_off(axis, outputs);
 }

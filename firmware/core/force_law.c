@@ -67,6 +67,8 @@ int32_t force_law_step(force_law_t *law, int32_t error_q8, int32_t velocity_cnt,
   if ((proportional_q16 > 0) ? tick.up : tick.down) {
     integrate(law, proportional_q16);
   }
+  fx_assert(law->integral_q16 >= LAW_MIN_Q16 && law->integral_q16 <= LAW_MAX_Q16 &&
+            bank->sections <= FORCE_LAW_SECTIONS);
   const int64_t damping_q16 = fx_mul(bank->velocity_gain_q8, velocity_cnt) * 256;
   return fx_saturate((int64_t)proportional_q16 + law->integral_q16 - damping_q16, LAW_MIN_Q16,
                      LAW_MAX_Q16);

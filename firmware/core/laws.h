@@ -29,6 +29,8 @@
  * +-2^25. */
 static inline int32_t law_force_reading(uint16_t adc_code, uint16_t zero_code, int8_t sign,
                                         uint8_t adc_bits, int32_t tare_q8) {
+  fx_assert((sign == 1 || sign == -1) && adc_bits >= 8 && adc_bits <= 16);
+  fx_assert(tare_q8 >= -65536 * 256 && tare_q8 <= 65536 * 256);
   const int32_t above_zero = (int32_t)adc_code - (int32_t)zero_code;
   const int32_t signed_code = above_zero * (int32_t)sign;
   return fx_scale(signed_code, (uint32_t)16 - (uint32_t)adc_bits) - tare_q8;
@@ -38,6 +40,8 @@ static inline int32_t law_force_reading(uint16_t adc_code, uint16_t zero_code, i
  * the forces are in 1/256 count, and |f_d - f| is below 2^31. The result is exact within
  * LAW_MIN_Q16..LAW_MAX_Q16 and saturates outside this range. */
 static inline int32_t law_force(uint16_t gain_q8, int32_t setpoint_q8, int32_t force_q8) {
+  fx_assert((int64_t)setpoint_q8 - force_q8 >= -INT32_MAX &&
+            (int64_t)setpoint_q8 - force_q8 <= INT32_MAX);
   const int64_t u_q16 = fx_mul((int32_t)gain_q8, setpoint_q8 - force_q8);
   return fx_saturate(u_q16, LAW_MIN_Q16, LAW_MAX_Q16);
 }
@@ -55,12 +59,16 @@ static inline int32_t law_position(uint16_t position_gain_q8, uint16_t velocity_
 }
 
 /* Open loop: returns the given DAC code, -2048..2047, as the command. */
-static inline int32_t law_open_loop(int16_t code) { return fx_scale(code, 16); }
+static inline int32_t law_open_loop(int16_t code) {
+  fx_assert(code >= LAW_DAC_MIN && code <= LAW_DAC_MAX);
+  return fx_scale(code, 16);
+}
 
 /* Excitation: returns `code` + `amplitude` * `wave` as the command. `amplitude` is 0..2048 codes,
  * `wave` -32768..32767 in Q15. The result is exact within LAW_MIN_Q16..LAW_MAX_Q16 and saturates
  * outside this range. */
 static inline int32_t law_excitation(int16_t code, uint16_t amplitude, int32_t wave_q15) {
+  fx_assert(amplitude <= 2048 && wave_q15 >= INT16_MIN && wave_q15 <= INT16_MAX);
   const int32_t swing_q16 = fx_scale((int32_t)amplitude * wave_q15, 1);
   return fx_clamp(law_open_loop(code) + swing_q16, LAW_MIN_Q16, LAW_MAX_Q16);
 }

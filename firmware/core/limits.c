@@ -10,12 +10,14 @@ static int32_t clamp_to(int32_t command_q16, axis_codes_t codes) {
 }
 
 int32_t limits_bound(axis_t *axis, int32_t command_q16) {
+  fx_assert(axis->bounded != 0 && axis->bounded <= AXIS_BOUNDED_TICKS);
   const axis_codes_t codes = codes_of(axis);
   axis->bounded = 0; /* No code of this tick is output in a later tick. */
   return clamp_to(command_q16, codes);
 }
 
 int32_t limits_bound_late(axis_t *axis, int32_t command_q16) {
+  fx_assert(axis->bounded != 0 && axis->bounded <= AXIS_BOUNDED_TICKS);
   axis_codes_t due = axis->late_codes;
   if (axis->bounded == AXIS_BOUNDED_TICKS) {
     const axis_codes_t codes = codes_of(axis);

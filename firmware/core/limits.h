@@ -15,6 +15,7 @@
 static inline axis_codes_t limits_both(axis_codes_t a, axis_codes_t b) {
   const axis_codes_t both = {.least = (a.least > b.least) ? a.least : b.least,
                              .most = (a.most < b.most) ? a.most : b.most};
+  fx_assert(both.least <= 0 && both.most >= 0);
   return both;
 }
 
@@ -43,6 +44,8 @@ int32_t limits_bound_late(axis_t *axis, int32_t command_q16);
  * directly, so the encoder must not wrap. */
 static inline int32_t limits_apply(const axis_params_t *params, int32_t position_cnt,
                                    uint8_t digital_inputs, int32_t command_q16, uint8_t *reason) {
+  fx_assert(fx_magnitude(command_q16) <= UINT32_C(2147450880));
+  fx_assert(params->position_min <= params->position_max && params->output_limit <= 2048);
   const int32_t limit = (int32_t)params->output_limit;
   const int32_t highest = (limit > LAW_DAC_MAX) ? LAW_DAC_MAX : limit;
   const int32_t limited = fx_clamp(command_q16, -fx_scale(limit, 16), fx_scale(highest, 16));

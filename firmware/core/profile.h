@@ -35,6 +35,7 @@ static inline void profile_set(profile_t *profile, int32_t position_cnt) {
  * deceleration. */
 static inline int32_t profile_next_speed(uint64_t d, int32_t v, int32_t wanted, int32_t most,
                                          int32_t up, int32_t down) {
+  fx_assert(up > 0 && down > 0 && most >= 0 && (wanted <= most || v > most));
   const uint64_t room = fx_stopping_room(down, d);
   if (wanted > down && fx_stops_within(wanted, down, room)) {
     return wanted;

@@ -58,6 +58,19 @@ void recorder_prime(recorder_t *recorder, int32_t value) {
   recorder->trigger_primed = 1;
 }
 
+/* Asserts what holds of a recording: it has room, its indices are within its capacity, and it has
+ * no more samples than it can have. */
+static inline void assert_recording(const recorder_t *recorder) {
+  const recorder_signals_t *signals = &recorder->signals;
+  const uint32_t capacity = signals->recorder_capacity;
+  fx_assert(recorder->channel_count > 0 && recorder->channel_count <= RECORDER_CHANNELS);
+  fx_assert(recorder->wide_count <= recorder->channel_count);
+  fx_assert(capacity > 0 && (uint64_t)capacity * recorder->sample_bytes <= recorder->buffer_bytes);
+  fx_assert(recorder->write_index < capacity && recorder->first_index < capacity);
+  fx_assert(signals->recorder_count <= capacity && recorder->samples_remaining <= capacity);
+  fx_assert(signals->recorder_trigger_index <= signals->recorder_count);
+}
+
 int recorder_arm(recorder_t *recorder, const recorder_channel_t *channels, uint8_t count,
                  recorder_channel_t trigger) {
   if (count == 0 || count > RECORDER_CHANNELS) {
@@ -109,6 +122,7 @@ static bool triggered(recorder_t *recorder, const void *base) {
 }
 
 static void store_sample(recorder_t *recorder, const void *base) {
+  assert_recording(recorder);
   /* Samples are stored with the least significant byte first, which is the byte order of the
    * processor. */
   uint8_t *to = recorder->buffer + recorder->write_index * recorder->sample_bytes;

@@ -395,7 +395,23 @@ static bool take_condition(cycle_t *cycle, const cycle_phase_t *phase, const cyc
   return false;
 }
 
+/* Asserts what holds of a cycle that has begun: it is in a phase of its program, its force is in
+ * the range of a sample, and after its end only outputs are on that the program keeps. */
+static inline void assert_begun(const cycle_t *cycle) {
+  const cycle_header_t *program = cycle->program;
+  fx_assert(program != NULL && cycle->phase < program->phases);
+  fx_assert(program->phases <= CYCLE_PHASES_MAX && program->elements <= CYCLE_ELEMENTS_MAX);
+  fx_assert(fx_within(cycle->force_q8, CYCLE_FORCE_MAX_Q8));
+  fx_assert(cycle->outcome < CYCLE_OUTCOMES && cycle->target <= CYCLE_TARGET_MET);
+  fx_assert(cycle->ended_by <= CYCLE_CONDITIONS && cycle->outputs <= CYCLE_OUTPUTS_ALL);
+  if (cycle->state == CYCLE_ENDED) {
+    fx_assert((cycle->outputs & (uint8_t)~program->outputs_keep) == 0);
+  }
+}
+
 bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now) {
+  fx_assert(cycle->state == CYCLE_RUNNING);
+  assert_begun(cycle);
   take_force(cycle, now);
   cycle->has_depth = 0;
   if (now->defects != CYCLE_SAMPLE_VALID) {
@@ -464,6 +480,7 @@ void cycle_evaluate(cycle_t *cycle) {
   if (cycle->state == CYCLE_IDLE || cycle->state == CYCLE_DONE) {
     return;
   }
+  assert_begun(cycle);
   const bool has_ended = cycle->state == CYCLE_ENDED;
   const cycle_element_t *elements = cycle_elements(cycle->program);
   while (cycle->evaluated != cycle->written) {
@@ -481,6 +498,7 @@ void cycle_evaluate(cycle_t *cycle) {
 }
 
 cycle_element_result_t cycle_result(const cycle_t *cycle, uint8_t element) {
+  fx_assert(cycle->program != NULL && element < cycle->program->elements);
   cycle_element_result_t result =
       cycle_element_result(&cycle_elements(cycle->program)[element], &cycle->elements[element]);
   if (result.verdict == CYCLE_NOT_REACHED && cycle->outcome == CYCLE_STOPPED) {

@@ -32,6 +32,8 @@ static cycle_part_t *place_of(const cycle_results_t *results, uint32_t number) {
 }
 
 void cycle_results_add(cycle_results_t *results, const cycle_part_t *part) {
+  fx_assert(part->number != 0 && part->elements <= CYCLE_ELEMENTS_MAX &&
+            part->verdict < CYCLE_PART_VERDICTS && results->waiting <= results->room);
   cycle_part_t *place = place_of(results, 0);
   if (place != NULL) {
     fx_copy_words(place, part, sizeof(*place));
@@ -48,6 +50,7 @@ bool cycle_results_acknowledge(cycle_results_t *results, uint32_t number) {
   if (place == NULL) {
     return false;
   }
+  fx_assert(results->waiting > 0);
   place->number = 0;
   results->waiting = (uint8_t)(results->waiting - 1);
   return true;

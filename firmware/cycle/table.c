@@ -19,6 +19,7 @@ bool cycle_table_is_valid(const cycle_point_t *points, uint8_t count) {
 }
 
 uint32_t cycle_line_at(const cycle_point_t *points, uint32_t count, int32_t x) {
+  fx_assert(count >= 2 && points[0].x <= x && x <= points[count - 1].x);
   uint32_t line = 0;
   for (uint32_t lines = count - 1; lines > 1;) {
     const uint32_t half = fx_half(lines);
@@ -31,6 +32,7 @@ uint32_t cycle_line_at(const cycle_point_t *points, uint32_t count, int32_t x) {
 }
 
 int32_t cycle_table_at(const cycle_point_t *points, uint8_t count, int32_t x) {
+  fx_assert(cycle_table_is_valid(points, count));
   if (x <= points[0].x) {
     return points[0].y;
   }

@@ -37,6 +37,7 @@ static stretch_t stretch_of(int32_t from, int32_t to, const sides_t *sides) {
 
 /* Returns true if a / p <= b / q for lengths p and q, with a <= p and b <= q. */
 static bool is_not_later(uint32_t a, uint32_t p, uint32_t b, uint32_t q) {
+  fx_assert(a <= p && b <= q);
   return (uint64_t)a * q <= (uint64_t)b * p;
 }
 

@@ -1,5 +1,7 @@
 #include "firmware/drive/drive.h"
 
+#include <stddef.h>
+
 #include "firmware/drive/cycle_mode.h"
 #include "firmware/drive/homing.h"
 #include "firmware/drive/modes.h"
@@ -220,6 +222,28 @@ void cia402_before(cia402_t *drive, axis_t *axis) {
   cia402_excite_before(drive, axis);
 }
 
+/* Asserts what holds after each tick: the parameters of the axis are those of the user again, and
+ * no field is beyond its range. */
+static inline void assert_after_tick(const cia402_t *drive) {
+  fx_assert(drive->overridden.active == 0 && drive->mode != NULL);
+  fx_assert(drive->signals.drive_state < AXIS_DRIVE_STATE_COUNT);
+  fx_assert(drive->signals.stopped_by < AXIS_STOPPED_BY_COUNT);
+  fx_assert(drive->tracking <= CIA402_TRACKING_VIRTUAL);
+  fx_assert(drive->homing.state <= CIA402_HOMING_ERROR);
+  fx_assert(drive->stopping_tick <= CIA402_STOPPING_TICKS);
+  fx_assert(drive->speed_max > 0 && drive->acceleration > 0);
+  fx_assert(drive->deceleration > 0 && drive->quick_deceleration > 0);
+  const cia402_force_bounds_t *bounds = &drive->force_bounds;
+  fx_assert(bounds->least <= 0 && bounds->most >= 0);
+  fx_assert(bounds->least_q8 <= 0 && bounds->most_q8 >= 0 && bounds->law_q8 >= 0);
+  fx_assert(drive->pressed >= -1 && drive->pressed <= 1);
+  int32_t travel = 0;
+  for (uint8_t i = 0; i < CIA402_MEAN_TICKS; i++) {
+    travel = fx_sum_wrap(travel, drive->velocities[i]);
+  }
+  fx_assert(drive->velocity_next < CIA402_MEAN_TICKS && drive->velocity_sum == travel);
+}
+
 void cia402_after(cia402_t *drive, axis_t *axis) {
   cia402_excite_after(drive, axis);
   if (axis->primed == 0) {
@@ -243,6 +267,7 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
   cia402_observe(drive, axis);
   cycle_mode_after(drive, axis);
   motion_restore(drive, axis);
+  assert_after_tick(drive);
 }
 
 /* Leaves the state operation enabled after the commands shutdown and disable operation, immediately

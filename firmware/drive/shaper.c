@@ -32,6 +32,8 @@ uint8_t shaper_set(shaper_t *shaper, uint8_t impulses, const uint32_t amplitude[
 }
 
 int32_t shaper_step(shaper_t *shaper, int32_t x, int32_t before) {
+  fx_assert(shaper->impulses >= 1 && shaper->impulses <= SHAPER_IMPULSES &&
+            shaper->age <= SHAPER_TICKS && shaper->delay_tick[0] == 0);
   if (shaper->age == 0) {
     shaper->before = before;
     shaper->remainder_q16 = 0;
@@ -49,5 +51,7 @@ int32_t shaper_step(shaper_t *shaper, int32_t x, int32_t before) {
   }
   shaper->next = (uint8_t)(shaper->next + 1);
   shaper->remainder_q16 = fx_field((uint32_t)sum_q16, 0, 16);
+  fx_assert(fx_floor_shift_wide(sum_q16, 16) >= INT32_MIN &&
+            fx_floor_shift_wide(sum_q16, 16) <= INT32_MAX);
   return (int32_t)fx_floor_shift_wide(sum_q16, 16);
 }

@@ -3,6 +3,7 @@
 #include "firmware/fx/fx.h"
 
 void trajectory_step(profile_t *trajectory, int32_t speed) {
+  fx_assert(fx_within(speed, INT32_C(134217728)));
   trajectory->velocity_q16 = speed;
   trajectory->position_q32 = fx_q32_advance(trajectory->position_q32, speed);
 }

@@ -257,6 +257,8 @@ void drive402_tick(drive402_t *master, const drive402_command_t *command) {
   if (is_refused(master)) {
     return;
   }
+  fx_assert(master->frame_next <= master->frame_count && master->frame_count <= DRIVE402_FRAMES);
+  fx_assert(master->phase < DRIVE402_PHASE_COUNT && master->reason < DRIVE402_REASON_COUNT);
   if (master->frame_next < master->frame_count) {
     drive402_fail(master, DRIVE402_FRAMES_KEPT);
   }

@@ -3,6 +3,7 @@
 #include "firmware/fx/fx.h"
 
 uint32_t fx_load_le(const uint8_t *from, uint8_t bytes) {
+  fx_assert(bytes == 1 || bytes == 2 || bytes == 4);
   uint32_t value = 0;
   for (uint8_t i = bytes; i > 0; i--) {
     value = (value << 8) | (uint32_t)from[i - 1];
@@ -18,6 +19,7 @@ void fx_clear(void *to, uint32_t count) {
 }
 
 void fx_copy_words(void *to, const void *from, uint32_t count) {
+  fx_assert((count & 3u) == 0);
   uint8_t *out = to;
   const uint8_t *in = from;
   for (uint32_t i = 0; i < count; i += 4) {
@@ -26,11 +28,14 @@ void fx_copy_words(void *to, const void *from, uint32_t count) {
 }
 
 int32_t fx_sign_extend(uint32_t value, uint8_t bits) {
+  fx_assert(bits >= 1 && bits <= 32);
+  fx_assert(bits == 32 || value >> bits == 0);
   const uint32_t sign = (uint32_t)1 << (bits - 1);
   return fx_s32_from_u32((value ^ sign) - sign);
 }
 
 uint64_t fx_load_payload(const uint8_t *from, uint8_t bytes) {
+  fx_assert(bytes <= 8);
   uint64_t payload = 0;
   for (uint8_t i = bytes; i > 0; i--) {
     payload = (payload << 8) | (uint64_t)from[i - 1];

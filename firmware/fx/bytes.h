@@ -7,11 +7,17 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/fx/assertion.h"
+
 /* Returns a word in which only bit n (0..31) is 1. */
-static inline uint32_t fx_bit(uint32_t n) { return (uint32_t)1 << n; }
+static inline uint32_t fx_bit(uint32_t n) {
+  fx_assert(n <= 31);
+  return (uint32_t)1 << n;
+}
 
 /* Returns the number of the lowest bit that is 1. `bits` must not be 0. */
 static inline uint8_t fx_lowest_bit(uint32_t bits) {
+  fx_assert(bits != 0);
   /* De Bruijn sequence: the upper five bits are different for each of the 32 shifts. */
   static const uint8_t number[32] = {0,  1,  28, 2,  29, 14, 24, 3, 30, 22, 20, 15, 25, 17, 4,  8,
                                      31, 27, 13, 23, 21, 19, 16, 7, 26, 12, 18, 6,  11, 5,  10, 9};
@@ -20,12 +26,14 @@ static inline uint8_t fx_lowest_bit(uint32_t bits) {
 
 /* Returns a field of a word: `width` (1..31) bits from bit `first` (0..31) upwards. */
 static inline uint32_t fx_field(uint32_t bits, uint32_t first, uint32_t width) {
+  fx_assert(first <= 31 && width >= 1 && width <= 31);
   return (bits >> first) & (((uint32_t)1 << width) - 1);
 }
 
 /* Stores the low `bytes` (1, 2 or 4) bytes of a value, least significant byte first. The compiler
  * joins these single assignments into one store if the processor supports an unaligned store. */
 static inline void fx_store_le(uint8_t *to, uint32_t value, uint8_t bytes) {
+  fx_assert(bytes == 1 || bytes == 2 || bytes == 4);
   to[0] = (uint8_t)(value & 0xFFu);
   if (bytes > 1) {
     to[1] = (uint8_t)((value >> 8) & 0xFFu);
@@ -108,6 +116,7 @@ static inline uint32_t fx_octets(uint32_t bits) { return (bits + 7) >> 3; }
 /* Returns `width` (1..32) bits of a payload from bit `first` upwards; first + width <= 64. The
  * upper bits of the result are 0. */
 static inline uint32_t fx_payload_get(uint64_t payload, uint32_t first, uint32_t width) {
+  fx_assert(width >= 1 && width <= 32 && first + width <= 64);
   const uint32_t mask = UINT32_MAX >> (32 - width);
   return (uint32_t)(payload >> first) & mask;
 }

@@ -1,6 +1,7 @@
 #include "firmware/fx/fx.h"
 
 uint32_t fx_ticks_from_period(uint8_t mantissa, int8_t exponent) {
+  fx_assert(exponent >= -6 && exponent <= 0);
   /* Number of ticks in 10^exponent s, as a fraction: 1500 * 10^exponent. The first entry is the one
    * of exponent 0. */
   static const uint16_t ticks[] = {1500, 150, 15, 3, 3, 3, 3};
@@ -10,6 +11,8 @@ uint32_t fx_ticks_from_period(uint8_t mantissa, int8_t exponent) {
 }
 
 fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e) {
+  fx_assert(a > 0 && b > 0);
+  fx_assert(e >= -32 - 32 && e <= 32 + 32);
   uint64_t remaining = a;
   uint64_t by = b;
   int32_t shift = 31 - (int32_t)e;
@@ -33,6 +36,8 @@ fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e) {
 }
 
 fx_ratio_t fx_ratio_wide(uint64_t a, uint64_t b, int8_t e) {
+  fx_assert(a > 0 && b > 0);
+  fx_assert(e >= -32 && e <= 32);
   int32_t exponent = e;
   for (; a > UINT32_MAX; a >>= 1) {
     exponent += 1;
@@ -43,9 +48,14 @@ fx_ratio_t fx_ratio_wide(uint64_t a, uint64_t b, int8_t e) {
   return fx_ratio((uint32_t)a, (uint32_t)b, (int8_t)exponent);
 }
 
-uint32_t fx_quotient(uint32_t a, uint32_t b) { return a / b; }
+uint32_t fx_quotient(uint32_t a, uint32_t b) {
+  fx_assert(b > 0);
+  return a / b;
+}
 
 fx_ratio_t fx_ratio_divided(fx_ratio_t ratio, uint32_t by, int8_t n) {
+  fx_assert(by > 0);
+  fx_assert(n >= -16 && n <= 16);
   fx_ratio_t result = fx_ratio(ratio.mantissa, by, 0);
   result.shift = (uint8_t)(result.shift + ratio.shift + n);
   return result;
@@ -99,6 +109,7 @@ bool fx_fraction(const uint32_t over[3], const uint32_t under[3], fx_fraction_t 
  * quotient is too small by less than 2. The remainder is less than twice the denominator, so the
  * remainder has at most 32 bits. */
 static int32_t scale_exactly(int32_t x, uint32_t num, uint32_t den, fx_ratio_t ratio) {
+  fx_assert(num > 0 && num <= INT32_MAX && den > 0 && den <= INT32_MAX);
   const uint32_t size = fx_magnitude(x);
   const uint64_t product = (uint64_t)size * ratio.mantissa;
   const uint32_t high = (uint32_t)(product >> 32);
@@ -132,6 +143,10 @@ int32_t fx_fraction_invert(int32_t x, const fx_fraction_t *fraction) {
 /* The quotient has at most 32 bits, because x is between x0 and x1. */
 int32_t fx_interpolate(int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t x,
                        uint8_t rounding) {
+  fx_assert(x0 != x1);
+  fx_assert((x0 <= x && x <= x1) || (x1 <= x && x <= x0));
+  fx_assert(rounding <= FX_ROUND_HALF_UP);
+  fx_assert(fx_magnitude(y0) <= UINT32_C(1073741824) && fx_magnitude(y1) <= UINT32_C(1073741824));
   const uint32_t length = fx_magnitude(fx_diff_wrap(x1, x0));
   const bool falls = y1 < y0;
   const uint64_t product =
@@ -158,6 +173,8 @@ int32_t fx_interpolate(int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t x
 /* The sum is raised by 2^17 n, so that it is not negative; it is then at most 2^18 n, below 2^32.
  */
 int32_t fx_mean_half_up(int32_t sum, uint32_t n) {
+  fx_assert(n >= 1 && n <= 16383);
+  fx_assert(fx_magnitude(sum) <= n << 17);
   const uint32_t raised = (uint32_t)sum + (n << 17);
   return (int32_t)((raised + (n >> 1)) / n) - (INT32_C(1) << 17);
 }

@@ -15,6 +15,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/fx/assertion.h"
+
 /* Reads 32 bits as a two's complement number. Scaling: none. Cannot overflow. */
 static inline int32_t fx_s32_from_u32(uint32_t bits) {
   /* In the C standard the result of a plain cast above INT32_MAX depends on the compiler. The
@@ -35,12 +37,14 @@ static inline int32_t fx_sum_wrap(int32_t a, int32_t b) {
 
 /* Returns x, limited to low..high; low <= high. Cannot overflow. */
 static inline int32_t fx_clamp(int32_t x, int32_t low, int32_t high) {
+  fx_assert(low <= high);
   return (x < low) ? low : ((x > high) ? high : x);
 }
 
 /* Returns a 64-bit value, limited to low..high; low <= high. A value outside this range
  * saturates. */
 static inline int32_t fx_saturate(int64_t x, int32_t low, int32_t high) {
+  fx_assert(low <= high);
   return (x < (int64_t)low) ? low : ((x > (int64_t)high) ? high : (int32_t)x);
 }
 
@@ -51,6 +55,7 @@ static inline uint32_t fx_magnitude(int32_t x) {
 
 /* Returns true if -limit <= x <= limit; 0 <= limit. Cannot overflow. */
 static inline bool fx_within(int32_t x, int32_t limit) {
+  fx_assert(limit >= 0);
   /* One comparison is sufficient, because the interval is shifted to 0..2 limit, modulo 2^32. */
   return (uint32_t)x + (uint32_t)limit <= (uint32_t)limit * 2;
 }
@@ -61,11 +66,15 @@ static inline int64_t fx_mul(int32_t a, int32_t b) { return (int64_t)a * (int64_
 
 /* Returns x * 2^n, n 0..30. Scaling: the result has n more fractional bits than x. Domain: |x| *
  * 2^n < 2^31; outside this domain the result is the product modulo 2^32. */
-static inline int32_t fx_scale(int32_t x, uint32_t n) { return fx_s32_from_u32((uint32_t)x << n); }
+static inline int32_t fx_scale(int32_t x, uint32_t n) {
+  fx_assert(n <= 30);
+  return fx_s32_from_u32((uint32_t)x << n);
+}
 
 /* Returns floor(x / 2^n) for a 32-bit value, n 0..31. Scaling: the result has n fractional bits
  * fewer than x. Cannot overflow. */
 static inline int32_t fx_floor_shift(int32_t x, uint32_t n) {
+  fx_assert(n <= 31);
   /* In the C standard the right shift of a negative value depends on the compiler; ~x is not
    * negative. */
   return (x < 0) ? (int32_t) ~(int32_t)(~x >> n) : (int32_t)(x >> n);
@@ -79,23 +88,28 @@ static inline int32_t fx_round_q16(int32_t x_q16) {
 /* Returns the code nearest to a Q16 number of codes: floor(x / 2^16 + 1/2). Domain: |x| < 2^31 -
  * 2^15. */
 static inline int32_t fx_code_from_q16(int32_t x_q16) {
+  fx_assert(x_q16 < INT32_MAX - 32767);
   return fx_floor_shift(fx_sum_wrap(x_q16, 32768), 16);
 }
 
 /* Returns the step of a converter whose codes have `bits` bits, 12..16, as a mask for
  * fx_round_to(): -2^(28 - bits). A code of 12 bits is 2^16 of these units. */
 static inline int32_t fx_step_mask(uint8_t bits) {
+  fx_assert(bits >= 12 && bits <= 16);
   return -(int32_t)((uint32_t)1 << ((uint32_t)28 - bits));
 }
 
 /* Returns x rounded to a multiple of 2^n: floor(x / 2^n + 1/2) 2^n, for mask = -2^n, n 1..16.
  * Domain: |x| < 2^31 - 2^15. */
 static inline int32_t fx_round_to(int32_t x, int32_t mask) {
+  fx_assert(mask < -1 && mask >= -65536);
+  fx_assert(x < INT32_MAX - 32767 && x > INT32_MIN + 32768);
   return fx_s32_from_u32(((uint32_t)x - (uint32_t)fx_floor_shift(mask, 1)) & (uint32_t)mask);
 }
 
 /* Returns true if an ADC with `bits` bits, 0..16, can output this code. */
 static inline bool fx_fits_bits(uint16_t code, uint8_t bits) {
+  fx_assert(bits <= 16);
   return ((uint32_t)code >> bits) == 0;
 }
 
@@ -119,6 +133,7 @@ static inline int32_t fx_sine_q15(uint32_t phase_q32) {
  * 0..31. So x reaches 0 exactly, its sign never changes, and 0 gives 0. For n = 0 the first step
  * gives 0. Cannot overflow. */
 static inline int32_t fx_decay(int32_t x, uint32_t n) {
+  fx_assert(n <= 31);
   const uint32_t size = fx_magnitude(x);
   const uint32_t step = size >> n;
   const uint32_t remaining = (size == 0) ? 0 : size - ((step == 0) ? 1 : step);
@@ -158,6 +173,8 @@ static inline uint64_t fx_distance_q16(uint64_t to_q32, uint64_t from_q32, bool 
  * is the deceleration in Q16 counts per tick squared, 0 < a <= 2^24. d is the distance, at most
  * FX_DISTANCE_MAX_Q16. Cannot overflow, because 8 a d < 2^64. */
 static inline uint64_t fx_stopping_room(int32_t a_q16, uint64_t d_q16) {
+  fx_assert(a_q16 > 0 && a_q16 <= INT32_C(16777216));
+  fx_assert(d_q16 <= FX_DISTANCE_MAX_Q16);
   return (uint64_t)((uint32_t)a_q16 * 8) * d_q16;
 }
 
@@ -168,6 +185,8 @@ static inline uint64_t fx_stopping_room(int32_t a_q16, uint64_t d_q16) {
  * condition requires at most a/8 more distance than necessary. Rounding: none. Cannot overflow,
  * because (2v+a)^2 < 2^59. */
 static inline bool fx_stops_within(int32_t v_q16, int32_t a_q16, uint64_t room) {
+  fx_assert(a_q16 > 0 && a_q16 <= INT32_C(16777216));
+  fx_assert(v_q16 >= 0 && v_q16 <= INT32_C(268435456));
   const uint32_t side = (uint32_t)v_q16 * 2 + (uint32_t)a_q16;
   return (uint64_t)side * (uint64_t)side <= room;
 }
@@ -178,7 +197,10 @@ enum { FX_TICK_RATE_HZ = 1500 };
 
 /* Returns the smallest number of ticks of 1/1500 s that last at least `ms` milliseconds. Rounding:
  * up. Cannot overflow, ms <= 2^31. */
-static inline uint32_t fx_ticks_from_ms(uint32_t ms) { return ms + (ms >> 1) + (ms & 1); }
+static inline uint32_t fx_ticks_from_ms(uint32_t ms) {
+  fx_assert(ms <= UINT32_C(2147483648));
+  return ms + (ms >> 1) + (ms & 1);
+}
 
 /* Returns the smallest number of ticks that last at least n times 100 us, n at most 65535.
  * Rounding: up. Cannot overflow. */
@@ -203,12 +225,14 @@ static inline int32_t fx_q16_from_per_s(uint32_t x) {
 /* Converts units per second squared to Q16 units per tick squared: floor(x * 2^16 / 1500^2); x
  * below 2^30. */
 static inline int32_t fx_q16_from_per_s2(uint32_t x) {
+  fx_assert(x < UINT32_C(1073741824));
   return (int32_t)(((x / 140625) << 12) + (((x % 140625) << 12) / 140625));
 }
 
 /* Returns floor(x / 2^n) for a 64-bit value, n 1..31. Scaling: the result has n fractional bits
  * fewer than x. Cannot overflow. */
 static inline int64_t fx_floor_shift_wide(int64_t x, uint32_t n) {
+  fx_assert(n >= 1 && n <= 31);
   /* The lower and the upper half are shifted separately, so that only the upper half has a sign.
    * The compiler needs no instruction for the last line. */
   const uint64_t bits = (uint64_t)x;
@@ -238,6 +262,8 @@ static inline int32_t fx_per_s_from_tick(int32_t x) {
  * last division left over, within +-255, and receives what this division leaves over. So the sum of
  * the changes is the sum of n times each mean, plus the last rest. Overflow: wraps, for n = 1. */
 static inline int32_t fx_mean(int32_t x, int32_t n, int16_t *rest) {
+  fx_assert(n >= 1 && n <= 256);
+  fx_assert(*rest > -256 && *rest < 256);
   const int32_t left = x % n + *rest;
   *rest = (int16_t)(left % n);
   return fx_sum_wrap(x / n, left / n);
@@ -246,6 +272,7 @@ static inline int32_t fx_mean(int32_t x, int32_t n, int16_t *rest) {
 /* Returns the step that reaches the end of a distance in n ticks: 1/n of the distance, at most
  * `most`; n > 0. Rounding: down, by less than 2^-10 count; exact for n = 1. Cannot overflow. */
 static inline int32_t fx_part_q16(uint64_t d_q16, uint32_t n, int32_t most) {
+  fx_assert(n > 0 && most >= 0 && d_q16 <= FX_DISTANCE_MAX_Q16);
   if (d_q16 >= (uint64_t)(uint32_t)most * n) {
     return most;
   }
@@ -270,6 +297,7 @@ fx_ratio_t fx_ratio_wide(uint64_t a, uint64_t b, int8_t e);
 /* Returns x * ratio / 2^n, n 0..32. Rounding: half away from 0. Overflow: saturates to
  * +-INT32_MAX. */
 static inline int32_t fx_ratio_apply(int32_t x, fx_ratio_t ratio, uint32_t n) {
+  fx_assert(n <= 32);
   const uint32_t shift = (uint32_t)ratio.shift + n;
   const uint64_t product = (uint64_t)fx_magnitude(x) * ratio.mantissa;
   const uint32_t high = (uint32_t)(product >> 32);
@@ -317,6 +345,7 @@ int32_t fx_fraction_invert(int32_t x, const fx_fraction_t *fraction);
 
 /* Returns true if 2^-bits <= ratio < 2^(bits+1), bits 0..20. */
 static inline bool fx_ratio_is_moderate(fx_ratio_t ratio, uint8_t bits) {
+  fx_assert(bits <= 20);
   return ratio.shift >= 31 - bits && ratio.shift <= 31 + bits;
 }
 
@@ -327,12 +356,14 @@ fx_ratio_t fx_ratio_divided(fx_ratio_t ratio, uint32_t by, int8_t n);
 /* Converts an ADC code to per mille of its range: code * 1000 / 2^bits, bits 0..16. Rounding: down.
  * Cannot overflow. */
 static inline int16_t fx_per_mille_of_bits(uint16_t code, uint8_t bits) {
+  fx_assert(bits <= 16);
   const uint32_t share = ((uint32_t)code * 1000) >> bits;
   return (int16_t)((share > INT16_MAX) ? INT16_MAX : share);
 }
 
 /* Returns the largest code of an ADC with `bits` bits: 2^bits - 1, bits 0..16. */
 static inline uint16_t fx_highest_code(uint8_t bits) {
+  fx_assert(bits <= 16);
   return (uint16_t)(((uint32_t)1 << bits) - 1);
 }
 
@@ -348,6 +379,8 @@ int32_t fx_interpolate(int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t x
  * x1, x1 - x0 is 1 to 2^19-1, and |y1 - y0| < 2^24. */
 static inline int32_t fx_interpolate_short(int32_t x0, int32_t y0, int32_t x1, int32_t y1,
                                            int32_t x) {
+  fx_assert(x0 <= x && x <= x1 && x0 < x1 && x1 - x0 < 524288);
+  fx_assert(fx_magnitude(y1 - y0) < 16777216);
   const uint32_t length = (uint32_t)(x1 - x0);
   const uint32_t part = (uint32_t)(x - x0);
   const bool falls = y1 < y0;
@@ -366,7 +399,10 @@ static inline int32_t fx_interpolate_short(int32_t x0, int32_t y0, int32_t x1, i
 static inline uint16_t fx_half(uint32_t n) { return (uint16_t)(n >> 1); }
 
 /* floor(x / 2^n), n 0..15. */
-static inline uint16_t fx_halved(uint16_t x, uint8_t n) { return (uint16_t)(x >> n); }
+static inline uint16_t fx_halved(uint16_t x, uint8_t n) {
+  fx_assert(n <= 15);
+  return (uint16_t)(x >> n);
+}
 
 /* floor(a / b), b > 0. */
 uint32_t fx_quotient(uint32_t a, uint32_t b);

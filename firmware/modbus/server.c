@@ -105,6 +105,7 @@ static void take_frame(modbus_t *modbus, dictionary_t *objects) {
   }
   append_crc(modbus, answer);
   modbus->answer_length = (uint16_t)(answer + BYTES_CRC);
+  fx_assert(modbus->answer_length <= MODBUS_FRAME_BYTES);
   modbus->answer_sent = 0;
 }
 

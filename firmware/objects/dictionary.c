@@ -35,6 +35,7 @@ static uint16_t place_of(const dictionary_t *objects, const axis_object_t *entry
 }
 
 uint16_t dictionary_place(const dictionary_t *objects, uint16_t object) {
+  fx_assert(object == AXIS_OBJ_NONE || dictionary_has_value(object));
   return (object == AXIS_OBJ_NONE) ? (uint16_t)offsetof(dictionary_t, zero)
                                    : place_of(objects, &axis_objects[object]);
 }

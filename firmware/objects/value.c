@@ -10,6 +10,7 @@ const uint8_t value_bytes_of_type[AXIS_TYPE_I32 + 1] = {
 };
 
 int32_t value_load(const void *base, uint32_t offset, uint8_t type) {
+  fx_assert((offset & (value_bytes(type) - UINT32_C(1))) == 0);
   const void *at = (const uint8_t *)base + offset;
   switch (type) {
     case AXIS_TYPE_U8:
@@ -28,6 +29,7 @@ int32_t value_load(const void *base, uint32_t offset, uint8_t type) {
 }
 
 void value_store(void *base, uint32_t offset, uint8_t type, int32_t value) {
+  fx_assert((offset & (value_bytes(type) - UINT32_C(1))) == 0);
   void *at = (uint8_t *)base + offset;
   switch (type) {
     case AXIS_TYPE_U8:

@@ -7,11 +7,15 @@
 
 #include <stdint.h>
 
+#include "firmware/fx/assertion.h"
 #include "firmware/objects/generated/axis_table.h"
 
 /* Size of each type in bytes: 1, 2 or 4. */
 extern const uint8_t value_bytes_of_type[AXIS_TYPE_I32 + 1];
-static inline uint8_t value_bytes(uint8_t type) { return value_bytes_of_type[type]; }
+static inline uint8_t value_bytes(uint8_t type) {
+  fx_assert(type <= AXIS_TYPE_I32);
+  return value_bytes_of_type[type];
+}
 
 int32_t value_load(const void *base, uint32_t offset, uint8_t type);
 

@@ -398,6 +398,7 @@ static uint8_t begin_parts(store_t *store) {
 
 /* Programs the next bytes of the record. Returns false if the memory reports a failure. */
 static bool program_at(const store_t *store, uint32_t at, const uint8_t *bytes, uint32_t count) {
+  fx_assert(count <= 16 && at + count <= 2 * store->memory->sector_bytes);
   return store->memory->program(store->memory->context, at, bytes, count);
 }
 
@@ -592,6 +593,8 @@ static bool take_step(store_t *store, const dictionary_t *objects) {
 }
 
 static uint8_t work(store_t *store, const dictionary_t *objects) {
+  fx_assert(store->sector < 2 && (store->home < 2 || store->home == STORE_NOWHERE));
+  fx_assert(store->tail <= store->memory->sector_bytes && store->item <= ITEM_END);
   if (!take_step(store, objects)) {
     return give_up(store);
   }

@@ -14,10 +14,12 @@ names=("$@")
 [ ${#names[@]} -gt 0 ] || for f in tests/firmware/fuzz/*_fuzz.c*; do names+=("$(basename "${f%.*}")"); done
 
 mkdir -p build/fuzz/messages build/fuzz/objects
-flags=(-O1 -g -I. -Wall -Wextra -Werror -fno-omit-frame-pointer
+# With the assertions of the firmware.
+flags=(-O1 -g -Itests/firmware/asserted -I. -Wall -Wextra -Werror -fno-omit-frame-pointer
   -fsanitize=address,undefined,fuzzer -fno-sanitize-recover=all)
 # Everything but the ports.
 mapfile -t firmware < <(find firmware -name '*.c' -not -path 'firmware/port/*' | sort)
+firmware+=(tests/firmware/asserted/failed.c)
 # Once for all fuzzers of it, and apart from the gateway's C++.
 # Two folders may have a file of the same name.
 rm -f build/fuzz/objects/*
@@ -34,7 +36,8 @@ build() {
   else
     /usr/bin/lcm-gen -x --cpp-hpath build/fuzz/messages host/lcm/*.lcm
     clang++ -std=c++20 "${flags[@]}" -isystem build/fuzz/messages "tests/firmware/fuzz/$1.cpp" \
-      host/lcm/assembly.cpp host/lcm/command_message.cpp -o "$2"
+      host/lcm/assembly.cpp host/lcm/command_message.cpp \
+      build/fuzz/objects/tests_firmware_asserted_failed.o -o "$2"
   fi
 }
 status=0

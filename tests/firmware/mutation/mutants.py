@@ -294,20 +294,20 @@ def mutants_of(source: str, line: int) -> list[Mutant]:
 
 
 @functools.cache
-def commands() -> dict[str, dict[str, str]]:
-    """How each C file is compiled, by its path below firmware/."""
-    path = BUILD / "compile_commands.json"
+def commands(build: Path) -> dict[str, dict[str, str]]:
+    """How each C file is compiled in a build, by its path below firmware/."""
+    path = build / "compile_commands.json"
     if not path.exists():
-        raise Unfit(f"{path} is not there: run `cmake --preset release`")
+        raise Unfit(f"{path} is not there: run `cmake --preset {build.name}`")
     entries = json.loads(path.read_text())
     prefix = f"{ROOT}/firmware/"
     return {e["file"].removeprefix(prefix): e for e in entries if e["file"].startswith(prefix)}
 
 
 @functools.cache
-def link_command(program: str) -> tuple[str, ...]:
-    """The command that links a program of the build, up to its output."""
-    asked = ["ninja", "-C", BUILD, "-t", "commands", "-s", program]
+def link_command(program: str, build: Path) -> tuple[str, ...]:
+    """The command that links a program of a build, up to its output."""
+    asked = ["ninja", "-C", build, "-t", "commands", "-s", program]
     done = subprocess.run(asked, capture_output=True, text=True, check=False)
     lines = [x for x in done.stdout.splitlines() if f"-o {program}" in x]
     if not lines:
@@ -316,23 +316,25 @@ def link_command(program: str) -> tuple[str, ...]:
     return tuple(shlex.split(command))
 
 
-def compile_to(file: str, source: Path, target: Path) -> bool:
+def compile_to(file: str, source: Path, target: Path, build: Path = BUILD) -> bool:
     """Compiles one file of the firmware with its own flags, but without warnings."""
-    if file not in commands():
-        raise Unfit(f"{file}: not a file of the firmware that the release preset compiles")
-    words = shlex.split(commands()[file]["command"])
+    if file not in commands(build):
+        raise Unfit(f"{file}: not a file of the firmware that {build} compiles")
+    words = shlex.split(commands(build)[file]["command"])
     kept = [w for w in words[:-4] if w not in ("-Werror", "-O3")]
     command = [*kept, "-O1", "-w", "-o", str(target), "-c", str(source)]
-    return subprocess.run(command, cwd=BUILD, capture_output=True, check=False).returncode == 0
+    return subprocess.run(command, cwd=build, capture_output=True, check=False).returncode == 0
 
 
-def link(program: str, mutant: Path, folder: Path, kind: str = "tests/firmware/unit") -> Path:
+def link(
+    program: str, mutant: Path, folder: Path, kind: str = "tests/firmware/unit", build: Path = BUILD
+) -> Path:
     """A program of the tests with this object in place of the library's."""
-    words = list(link_command(f"{kind}/{program}"))
+    words = list(link_command(f"{kind}/{program}", build))
     executable = folder / program
     at = words.index("-o")
     words[at : at + 2] = [str(mutant), "-o", str(executable)]
-    linked = subprocess.run(words, cwd=BUILD, capture_output=True, text=True, check=False)
+    linked = subprocess.run(words, cwd=build, capture_output=True, text=True, check=False)
     if linked.returncode:
         raise Unfit(f"{program} does not link; build it first: {linked.stderr[-300:]}")
     return executable

@@ -88,13 +88,15 @@ TEST_F(StoreFile, AKilledProcessLeavesAWholeSet) {
         if (axis_objects[i].stored != 0) dictionary_restore(&axis.fw().objects, i, made.Read(i));
       }
       if (axis.Stored() != made.Stored()) _exit(2);
+      axis_output_loaded(&axis.fw().axis, AXIS_DAC_BITS_MAX);  // as after a load
       if (axis.Write(AXIS_OBJ_STORE_PARAMETERS, 1) != FW_OK) _exit(3);
       for (int i = 0; i < ticks; ++i) axis.Tick();
       kill(getpid(), SIGKILL);
     }
     int status = 0;
     ASSERT_EQ(waitpid(child, &status, 0), child);
-    ASSERT_TRUE(WIFSIGNALED(status)) << "round " << round << ", status " << status;
+    ASSERT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL)
+        << "round " << round << ", status " << status;
     store_file_t file;
     ASSERT_EQ(store_file_open(&file, path_.c_str()), nullptr);
     const Values found = Axis(&file.memory).Stored();
