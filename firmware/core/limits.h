@@ -45,7 +45,8 @@ int32_t limits_bound_late(axis_t *axis, int32_t command_q16);
 static inline int32_t limits_apply(const axis_params_t *params, int32_t position_cnt,
                                    uint8_t digital_inputs, int32_t command_q16, uint8_t *reason) {
   fx_assert(fx_magnitude(command_q16) <= UINT32_C(2147450880));
-  fx_assert(params->position_min <= params->position_max && params->output_limit <= 2048);
+  fx_assert(params->position_min <= params->position_max);
+  fx_assert(params->output_limit <= 2048);
   const int32_t limit = (int32_t)params->output_limit;
   const int32_t highest = (limit > LAW_DAC_MAX) ? LAW_DAC_MAX : limit;
   const int32_t limited = fx_clamp(command_q16, -fx_scale(limit, 16), fx_scale(highest, 16));
