@@ -365,6 +365,10 @@ static inline void assert_node(const canopen_t *canopen) {
   fx_assert(canopen->heartbeats_lost < fx_bit(CANOPEN_HEARTBEATS));
   fx_assert(canopen->deferred <= CANOPEN_DEFERRED_ALL && canopen->reset <= CANOPEN_RESET_NODE);
   fx_assert(canopen->bus < AXIS_CAN_STATE_COUNT && canopen->emcy.count <= EMCY_WAITING);
+  for (uint8_t i = 0; i < CANOPEN_TIMERS; i++) {
+    fx_assert(!canopen_timer_runs(&canopen->timers, i) ||
+              fx_s32_from_u32(canopen->timers.at[i] - canopen->timers.now) >= 0);
+  }
 }
 
 void canopen_tick_end(canopen_t *canopen, const dictionary_t *objects, const canopen_axis_t *axis) {
