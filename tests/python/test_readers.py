@@ -522,8 +522,10 @@ def test_hostile_files_of_every_format_end_in_one_line(formats, tmp_path):
 
 # Places that read no file of a user or of another program, or do not look into it.
 PROGRAM, OWN = "what a program of the package prints or sends", "a file of the package"
+KERNEL = "what the kernel shows of its devices"
 ACCEPTED, BYTES = "a file that another reader has accepted", "bytes that are not looked into"
 NO_FILES = {
+    "cli.live_options:can_interfaces": KERNEL,
     **dict.fromkeys(("axis.can:CanLink._domain", "axis.can:CanLink._upload"), PROGRAM),
     **dict.fromkeys(
         (
