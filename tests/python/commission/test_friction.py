@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import shutil
 
 import drawn_axes
@@ -302,6 +303,9 @@ def measured(hidden, model, *words, **given):
 
 def test_measure_finds_friction_raises_the_amplitude_until_it_slides_and_says_both(press, tmp_path):
     hidden = rubbing_press(press, tmp_path / "hidden", seals=12.0, table=5.0)
+    contact = hidden / "contact.toml"
+    # With less gain the friction of the axis takes too much of the swing.
+    contact.write_text(re.sub(r"\bforce_gain = .*", "force_gain = 7.29", contact.read_text()))
     model = press / "model.toml"
     done, extremes = measured(hidden, model, "free", 30.0, 100.0)
     assert extremes["force_N"] < FORCE_MAX_N
