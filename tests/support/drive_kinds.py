@@ -74,7 +74,7 @@ def results(name: str, folder: Path) -> dict[str, Result]:
     options = [word for pair in (SENSOR | KINDS[name]).items() for word in pair]
     contact, model = "axis/contact.toml", "axis/model.toml"
     found = {"new": command(folder, "new", "axis", "--yes", *options)}
-    found["limit"] = command(folder, "limit", contact)
+    found["limit"] = command(folder, "loop", "limit", contact)
     most = min(250.0, 2 * found["limit"]["largest_firmware_gain"])
     least = found["new"]["force_gain"]
     gains = f"firmware.force_gain={least}:{most}"
