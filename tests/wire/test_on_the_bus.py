@@ -55,7 +55,7 @@ def test_an_axis_is_tuned_on_the_bus(tmp_path, vcan):
     assert len(printed) == 13
     assert "failed" not in printed["forceaxis axis check"]
     assert "store: parameters and certificate are stored" in printed["forceaxis tune"]
-    held = re.search(r"held ([\d.]+) N", printed["forceaxis axis press"])
+    held = re.search(r"held ([\d.]+) N", printed['forceaxis axis press "50 N"'])
     assert float(held[1]) == pytest.approx(50, rel=0.01)
     assert printed["forceaxis axis params diff press/axis.toml"].strip() == ""
     assert (tmp_path / "tuned/index.html").stat().st_size > 0
