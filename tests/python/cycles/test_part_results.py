@@ -314,7 +314,7 @@ def test_a_locked_axis_starts_again_when_its_bad_part_is_acknowledged(store, wan
         live.load(axis, wanted)
         axis.set(cycle_lock_on_bad="on")
         bad = results.press(axis, wanted)
-        with pytest.raises(Refused, match="no cycle started: .* `read_results`"):
+        with pytest.raises(Refused, match=r"no cycle started: .* `read_results`"):
             results.press(axis, wanted)
         results.acknowledge(axis, bad.number)
         assert results.press(axis, wanted).number == 2
