@@ -1,7 +1,9 @@
 """Assertions of the firmware (firmware/fx/assertion.h): each fault of planted.toml breaks one, and
 the unit tests, the fuzzers, the random masters and an emulated chip say which.
 
-Before, for the first three: cmake --build --preset debug --target ctest_programs
+All but the chip use programs of the debug preset. Build them first:
+
+    cmake --build --preset debug --target ctest_programs
 """
 
 import shutil
