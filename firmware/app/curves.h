@@ -16,12 +16,13 @@
 /* Sets the state at power-up: there is no curve. */
 void curves_init(fw_t *fw);
 
-/* Takes the samples that were just evaluated, whose travel is the depth that the elements have.
- * `first` is cycle.evaluated before the evaluation. Call curves_between() in fw_between() after
- * cycle_mode_between(). */
+/* Adds the samples that were just evaluated to the curve. Their travel is the depth that the
+ * evaluation elements use. `first` is cycle.evaluated before the evaluation. Call curves_between()
+ * in fw_between() after cycle_mode_between(). */
 void curves_between(fw_t *fw, uint8_t first);
 
-/* Check a write to an object and act on it. Other objects of the same part pass. */
+/* Check a write to an object and act on it. A write to an object that curves.c does not handle
+ * passes. */
 int curves_check(const fw_t *fw, uint16_t object);
 void curves_written(fw_t *fw, uint16_t object);
 

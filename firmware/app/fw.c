@@ -121,7 +121,7 @@ static void drive_written(dictionary_t *objects, uint8_t source, uint16_t object
   fw_t *fw = fw_of(objects);
   if (object == AXIS_OBJ_CONTROLWORD) {
     if (fw->drive.cycle.state == CYCLE_ENDED) {
-      serve_cycle(fw); /* A start finds the result of the last part complete. */
+      serve_cycle(fw); /* The result of the last part must be complete before a start. */
     }
     results_follow(fw);
     ownership_command(fw, source, (uint16_t)previous, (uint16_t)value);
@@ -225,8 +225,9 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
   }
 }
 
-/* Ends a cycle whose part the value decides. Resets the date 1020h after a change of a stored
- * parameter, because the configuration then differs from the verified configuration. */
+/* Ends a running cycle if the written value affects the verdict on its part. Resets the date 1020h
+ * after a change of a stored parameter, because the configuration then differs from the verified
+ * configuration. */
 static void changed(dictionary_t *objects, uint16_t object) {
   fw_t *fw = fw_of(objects);
   if (axis_objects[object].in_cycle == AXIS_IN_CYCLE_ENDS) {

@@ -140,7 +140,7 @@ typedef struct {
   uint32_t length;         /* of the image, in bytes; a multiple of 4 */
   uint32_t crc;            /* CRC-32 of the image */
   uint32_t table;          /* AXIS_OBJECTS_HASH32 of the image */
-  uint32_t replaced_table; /* AXIS_OBJECTS_HASH32 of the axis that may take the update */
+  uint32_t replaced_table; /* AXIS_OBJECTS_HASH32 of the axis for which the update is */
   char board[16];          /* as in identity.h */
   char version[16];
   uint32_t unused;
@@ -162,27 +162,27 @@ typedef struct {
   uint8_t restart_ticks; /* ticks until the restart, 0: none */
 } update_t;
 
-/* Counts that the parameter store keeps (results.h). */
+/* Numbers that the parameter store keeps (results.h). */
 typedef struct {
   uint32_t power_up; /* number of power-ups with programs */
-  uint32_t number;   /* number of the last part that ended */
+  uint32_t number;   /* number of the last pressed part */
   uint32_t parts[CYCLE_PART_VERDICTS];
-  uint32_t oldest_waiting; /* smallest number of a result that waits, 0: none; only in the store */
-  uint32_t bad_in_row;     /* parts in a row that are not good, at most UINT16_MAX */
+  uint32_t oldest_waiting; /* smallest number of a waiting result, 0: none; only in the store */
+  uint32_t bad_in_row;     /* consecutive parts that are not good, at most UINT16_MAX */
 } results_counts_t;
 
 typedef struct {
   cycle_results_t waiting;
-  cycle_part_t last; /* the last part that ended; number 0: none */
+  cycle_part_t last; /* the last pressed part; number 0: none */
   results_counts_t counts;
   results_counts_t stored; /* the counts that the store has, or writes */
   uint32_t given_tick;     /* tick in which the counts were last given to the store */
   uint32_t starts;         /* cycle_count of the last cycle whose serial number was taken */
-  uint32_t serial[CYCLE_SERIAL_WORDS]; /* of the part of the cycle that runs */
+  uint32_t serial[CYCLE_SERIAL_WORDS]; /* of the part that the running cycle presses */
   uint8_t changed;                     /* 1 if `counts` differ from `stored` */
   uint8_t urgent;                      /* 1 if they shall be stored at once */
-  uint8_t has_power_up;                /* 1 if the store has counted this power-up */
-  uint8_t is_loaded;                   /* 1 after the counts of the last power-up were taken */
+  uint8_t has_power_up;                /* 1 if the store has the number of this power-up */
+  uint8_t is_loaded;                   /* 1 after the counts were read from the store */
 } results_t;
 
 typedef struct {
@@ -205,7 +205,7 @@ typedef struct {
   uint32_t source_silence; /* number of ticks since the last write of the owner */
   uint32_t ticks_alone;    /* number of ticks since the last call of fw_between() */
   uint32_t curve_cycle;    /* cycle_count of the cycle of the curve */
-  uint32_t parts_tick;     /* tick of the last part of a record in parts (programs.h) */
+  uint32_t parts_tick;     /* tick of the last piece of a program (programs.h) */
   /* tick in which each rate-limited emergency message (FF01h to FF04h) was last sent */
   uint32_t reported_tick[FW_HELD];
   uint8_t reported[FW_HELD]; /* 1 if this rate-limited emergency message was sent since power-up */
@@ -217,7 +217,7 @@ typedef struct {
   uint8_t owner_on_can; /* 1 if the owner reaches the axis over CAN (ownership.h) */
   /* 1 if the black box uses the recorder buffer; 0 if the recorder uses this buffer (incident.h) */
   uint8_t boxed;
-  uint8_t has_parts; /* 1 while a record comes in parts (programs.h) */
+  uint8_t has_parts; /* 1 while a client sends a program in pieces (programs.h) */
   uint8_t live;      /* 1 if fw_tick() also computes the drive and the protocols */
 } fw_t;
 
@@ -250,14 +250,14 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  * Every owner is on CAN, except a Modbus client that acquired the axis over the serial line. */
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 
-/* fw_tick() in four parts, for a board whose tick is an interrupt. In the interrupt, fw_prepare()
- * lets the drive set the targets of this tick. fw_prepare() needs no inputs, so the conversion of
- * the inputs may still run. fw_control() then computes the outputs from the inputs, and the code
- * for the board outputs them immediately. fw_report() does what most ticks need: status of the
- * drive, recorder, one event-driven TPDO. fw_between() must run after the interrupt, before any
- * other use of fw, and no tick may interrupt it. fw_between() does the rare and long work:
- * emergency messages, node timers that expire, the silence of Modbus, resets (longer than a tick),
- * and a step of the store (an erase is also longer than a tick). Cost on a Cortex-M4:
+/* fw_tick() as four functions, for a board whose tick is an interrupt. In the interrupt,
+ * fw_prepare() lets the drive set the targets of this tick. fw_prepare() needs no inputs, so the
+ * conversion of the inputs may still run. fw_control() then computes the outputs from the inputs,
+ * and the code for the board outputs them immediately. fw_report() does what most ticks need:
+ * status of the drive, recorder, one event-driven TPDO. fw_between() must run after the interrupt,
+ * before any other use of fw, and no tick may interrupt it. fw_between() does the rare and long
+ * work: emergency messages, node timers that expire, the silence of Modbus, resets (longer than a
+ * tick), and a step of the store (an erase is also longer than a tick). Cost on a Cortex-M4:
  * docs/chip/instructions.md.
  *
  * While fw_between() does not run, a lost heartbeat and NMT commands are not detected. After more

@@ -25,9 +25,9 @@ bool lss_settings_load(fw_t *fw);
  * LSS has configured. Returns false if the stored parameter set is damaged. */
 bool lss_settings_reset_communication(fw_t *fw);
 
-/* lss_settings_serve() serves LSS requests and counts `ticks` ticks of the silence before and after
- * a change of the bit rate. Call lss_settings_serve() in fw_between() if lss_settings_pending()
- * returns true. */
+/* lss_settings_serve() serves LSS requests. If the bit rate is being changed, it also reduces the
+ * switch delay (CiA 305), in which the node neither sends nor receives, by `ticks` ticks. Call
+ * lss_settings_serve() in fw_between() if lss_settings_pending() returns true. */
 static inline bool lss_settings_pending(const fw_t *fw) {
   return fw->canopen.lss.silence != 0 || fw->canopen.lss.store == LSS_STORE_REQUESTED;
 }

@@ -82,9 +82,9 @@ static bool is_fixed(const fw_t *fw, uint16_t object, int32_t value) {
           dictionary_read(&fw->objects, object, &present) != FW_OK || present != value);
 }
 
-/* Returns true if the work on the flash does not permit a write now. A saved parameter set must
- * contain the values that all parameters had at the same moment, so stored parameters cannot change
- * during a save. */
+/* Returns true if a save of parameters or an update forbids this write now. A saved parameter set
+ * must contain the values that all parameters had at the same moment, so stored parameters cannot
+ * change during a save. */
 static bool is_prevented(const fw_t *fw, const axis_object_t *entry, bool starts) {
   return (store_is_busy(&fw->store) && (entry->stored != 0 || starts)) ||
          (update_is_busy(fw) && starts);

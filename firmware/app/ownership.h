@@ -74,7 +74,7 @@ void ownership_lost(fw_t *fw, uint8_t fault);
  * bits. */
 bool ownership_ends(const fw_t *fw, uint8_t lost);
 
-/* Parts of ownership_tick(). */
+/* Steps of ownership_tick(). */
 void ownership_watch_canopen(fw_t *fw);
 /* Ends the warning about an unsupervised owner when the loss of the owner would be detected
  * again. */

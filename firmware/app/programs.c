@@ -87,7 +87,7 @@ static bool has_parts(const fw_t *fw) {
          fw->axis.signals.tick_count - fw->parts_tick < PROGRAMS_SILENCE_TICKS;
 }
 
-/* Returns true if an SDO server other than `server` downloads a record. */
+/* Returns true if an SDO server other than `server` is receiving a download. */
 static bool is_downloading(const fw_t *fw, uint8_t server) {
   bool found = false;
   for (uint8_t i = 0; i < CANOPEN_SDOS; i++) {
@@ -116,7 +116,8 @@ int programs_check(const fw_t *fw, uint16_t object, int32_t value) {
   return (is_part(object) && is_downloading(fw, CANOPEN_SDOS)) ? FW_ERROR_BUSY : FW_OK;
 }
 
-/* Begins a record with this first word, or continues an update whose offset has passed 65535. */
+/* Begins a program or an update with its first word, or continues an update whose offset has passed
+ * 65535. */
 static void begin_parts(fw_t *fw, uint32_t first) {
   const bool continues =
       update_is_receiving(fw) && fw->update.received != 0 && (fw->update.received & 0xFFFFu) == 0;
@@ -127,8 +128,8 @@ static void begin_parts(fw_t *fw, uint32_t first) {
   }
 }
 
-/* Takes a part of a record, or its offset. A part that does not follow the others is dropped; the
- * end of the record is then refused, because too few bytes are staged. */
+/* Stages one piece of a program, or stores the offset of the next piece. A piece after a gap is
+ * dropped; the command that ends the program is then refused, because bytes are missing. */
 static void take_part(fw_t *fw, uint16_t object, uint32_t value) {
   fw->has_parts = 1;
   fw->parts_tick = fw->axis.signals.tick_count;
@@ -190,7 +191,7 @@ static int remove_program(fw_t *fw, uint32_t number) {
   return FW_OK;
 }
 
-/* Puts the staged record into the library. */
+/* Adds the staged program to the library. */
 static int accept(fw_t *fw, uint32_t size) {
   const int refusal = refusal_of_change(fw);
   if (refusal != FW_OK) {

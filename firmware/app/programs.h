@@ -2,13 +2,14 @@
 #define FIRMWARE_APP_PROGRAMS_H_
 
 /* The programs of cycles as objects: the library (firmware/cycle/library.h), the download of a
- * record, the selection, and the result of an element.
+ * program, the selection, and the result of one evaluation element.
  *
- * One transfer at a time uses the staging area: the download of one SDO server, or a record in
- * parts (cycle_data). A record in parts gives way after PROGRAMS_SILENCE_TICKS without a part. A
- * download and a removal are refused unless the axis is disabled, because the check of a record can
- * outlast a tick, as an erase of the flash does. The selection is short; it is refused only while a
- * cycle runs or is evaluated. A change of the library is stored while the axis is disabled. */
+ * One transfer at a time uses the staging area: a download by one SDO server, or a program that a
+ * client writes piece by piece to the objects cycle_data. After PROGRAMS_SILENCE_TICKS without a
+ * piece, another transfer may replace the latter. A download and a removal are refused unless the
+ * axis is disabled, because the check of a program can last longer than a tick, as can an erase of
+ * the flash. The selection is short; it is refused only while a cycle runs or is evaluated. A
+ * change of the library is stored while the axis is disabled. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -22,7 +23,8 @@ enum { PROGRAMS_SILENCE_TICKS = 7500 };
  * program is selected. */
 void programs_init(fw_t *fw);
 
-/* Check a write to an object and act on it. Other objects of the same part pass. */
+/* Check a write to an object and act on it. A write to an object that programs.c does not handle
+ * passes. */
 int programs_check(const fw_t *fw, uint16_t object, int32_t value);
 void programs_written(fw_t *fw, uint16_t object, int32_t previous, int32_t value);
 

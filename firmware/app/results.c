@@ -6,7 +6,8 @@
 #include "firmware/fx/bytes.h"
 
 _Static_assert(sizeof(results_counts_t) == STORE_COUNTS_BYTES, "the stored counts");
-/* A verdict of the object table is that of an element (CYCLE_GOOD and so on) plus 1. */
+/* A verdict in the object table is the verdict on an evaluation element (CYCLE_GOOD and so on) plus
+ * 1. */
 _Static_assert(AXIS_CYCLE_RESULT_VERDICT_GOOD == CYCLE_GOOD + 1 &&
                    AXIS_CYCLE_RESULT_VERDICT_COUNT == CYCLE_VERDICTS + 1,
                "verdicts of elements");
@@ -14,7 +15,7 @@ _Static_assert(AXIS_CYCLE_STATE_BAD == AXIS_CYCLE_STATE_GOOD + CYCLE_PART_BAD &&
                    AXIS_CYCLE_STATE_ABORTED == AXIS_CYCLE_STATE_GOOD + CYCLE_PART_ABORTED,
                "verdicts of parts");
 
-/* Returns the part that is shown. Its number is 0 if there is none. */
+/* Returns the result that the objects show. Its number is 0 if there is no such result. */
 static const cycle_part_t *shown_part(const fw_t *fw) {
   static const cycle_part_t none;
   const uint32_t number = fw->device.cycle_result_number;
@@ -67,7 +68,7 @@ static void show_counts(fw_t *fw) {
   signals->cycle_bad_in_row = (uint16_t)counts->bad_in_row;
 }
 
-/* Makes a part one that does not exist. */
+/* Clears a result, so that it is the result of no part. */
 static void clear_part(cycle_part_t *part) {
   part->number = 0;
   part->power_up = 0;
@@ -112,7 +113,7 @@ void results_init(fw_t *fw) {
   }
 }
 
-/* Takes the counts of the last power-up. */
+/* Reads the counts that the last power-up has stored. */
 static void take_stored(fw_t *fw) {
   results_counts_t *counts = &fw->results.counts;
   if (store_part_bytes(&fw->store, STORE_COUNTS) == sizeof(*counts)) {
@@ -146,7 +147,7 @@ void results_loaded(fw_t *fw) {
   show_part(fw);
 }
 
-/* Returns true while a part that is not good was not acknowledged, also a lost one. */
+/* Returns true while a result that is not good, or a lost result, waits for its acknowledgement. */
 static bool has_failed(const fw_t *fw) {
   return fw->device_signals.cycle_lost_first != 0 ||
          cycle_results_have_failed(&fw->results.waiting);
@@ -216,7 +217,7 @@ static uint8_t verdict_of(const cycle_t *cycle) {
   return (cycle->outcome == CYCLE_STOPPED) ? CYCLE_PART_ABORTED : CYCLE_PART_BAD;
 }
 
-/* Takes the result of the cycle that has just ended. */
+/* Stores the result of the cycle that has just ended. */
 static void take_part(fw_t *fw) {
   results_t *results = &fw->results;
   const cycle_t *cycle = &fw->drive.cycle;

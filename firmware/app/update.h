@@ -6,14 +6,15 @@
  *
  * An update is a head (update_head_t) and the image. The head is checked as soon as it is complete:
  * an update for another board, another object table or the other slot is refused, and the slot is
- * unchanged. Then the slot is erased, which takes up to 2 s, and the image is programmed as it
- * comes, word by word, and read back. The trailer is programmed when the CRC of the whole image was
- * right. The bytes come as the download program_data, or as parts (cycle_data), in a time without
- * enabled axis: an update begins only while the axis is disabled, and the axis cannot be enabled
- * before the update ends, or UPDATE_SILENCE_TICKS after its last byte.
+ * unchanged. Then the slot is erased, which takes up to 2 s. Each word of the image is programmed
+ * when it has been received, and read back. The trailer is programmed if the CRC of the whole image
+ * is correct. A client sends the bytes as the download program_data, or piece by piece to the
+ * objects cycle_data. An update begins only while the axis is disabled, and the axis cannot be
+ * enabled before the update has ended, or before UPDATE_SILENCE_TICKS have passed since its last
+ * byte.
  *
- * Only a confirmed image takes an update, because the update overwrites the image that would return
- * in its place. */
+ * Only a confirmed image accepts an update, because the update overwrites the other image, to which
+ * the chip would return if the running image were not confirmed. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -40,16 +41,16 @@ void update_show(fw_t *fw);
  * if the axis is enabled or the running image is not confirmed. */
 int update_begin(fw_t *fw, uint32_t size);
 
-/* Takes the next bytes of the update. Returns FW_OK; FW_ERROR_STATE if no update is in progress;
+/* Programs the next bytes of the update. Returns FW_OK; FW_ERROR_STATE if no update is in progress;
  * FW_ERROR_RANGE if the update is refused, and FW_ERROR_NO_DATA if the flash fails: the update has
  * then ended, and program_refusal has the reason. */
 int update_append(fw_t *fw, const uint8_t *bytes, uint32_t count);
 
-/* Takes 4 bytes at an offset modulo 65536. Bytes that came before are left out, so that a request
- * may be repeated; bytes after a gap are dropped. */
+/* Programs 4 bytes of the update at an offset modulo 65536. Bytes that were already received are
+ * ignored, so that a request may be repeated; bytes after a gap are dropped. */
 void update_part(fw_t *fw, uint16_t offset, const uint8_t bytes[4]);
 
-/* Returns FW_OK if the last update is complete. Ends an update that is not. */
+/* Returns FW_OK if the last update is complete. Ends an update that is incomplete. */
 int update_end(fw_t *fw);
 
 /* Ends an update in progress, because another download begins. */

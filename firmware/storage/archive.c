@@ -59,8 +59,8 @@ static sector_t read_sector(const store_memory_t *memory, uint32_t number) {
   return sector;
 }
 
-/* Returns true if this part of the memory is blank. Bytes that are not blank can be left by a power
- * cut during a write. */
+/* Returns true if this range of the memory is blank. Bytes that are not blank can be left by a
+ * power cut during a write. */
 static bool is_blank(const store_memory_t *memory, uint32_t at, uint32_t end) {
   uint8_t piece[READ_BYTES];
   uint32_t bits = UINT32_MAX;

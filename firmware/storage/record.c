@@ -4,7 +4,7 @@
 
 enum { PIECE_BYTES = 16 };
 
-/* Returns true for the records that are no parameter set. */
+/* Returns true for a first word that marks programs, counts or a copy, and not a parameter set. */
 static bool is_part(uint32_t magic) {
   return magic == RECORD_PROGRAMS || magic == RECORD_COUNTS || magic == RECORD_COPY;
 }
@@ -112,8 +112,8 @@ static void note(record_sector_t *sector, record_t sets[2], const record_t *reco
   }
 }
 
-/* Returns true for a word that is not blank, at the place of a record, with a blank word after
- * it. */
+/* Returns true if the address `at` is one at which a record may begin, its word is not blank, and
+ * the next word is blank: the writing of a record was interrupted after one word. */
 static bool is_single(const store_memory_t *memory, uint32_t at, uint32_t end) {
   return (at & 15u) == 0 && end - at > 4 && record_word(memory, at) != UINT32_MAX &&
          record_word(memory, at + 4) == UINT32_MAX;
@@ -126,8 +126,8 @@ bool record_is_copied(const store_memory_t *memory, uint32_t sector) {
          record_word(memory, end - RECORD_MARK_END) == UINT32_MAX;
 }
 
-/* Returns the number of bytes at `at` that are no complete record: an interrupted record, or a
- * word. */
+/* Returns the number of bytes to skip at `at`, where no complete record begins: the space of an
+ * interrupted record, or one word. */
 static uint32_t skip(const store_memory_t *memory, uint32_t at, uint32_t end, bool has_head,
                      const record_t *record, record_sector_t *sector) {
   const uint32_t word = record_word(memory, at);

@@ -9,8 +9,8 @@
  * with a correct CRC is used. The record with the highest sequence number is the newest.
  *
  * Parameter sets are searched word by word, because a set whose writing was interrupted has no
- * valid end. Any other record takes the space that its head announces, also if its writing was
- * interrupted: its bytes come from a user and must not be taken for a parameter set.
+ * valid end. Any other record occupies the space that its head announces, also if its writing was
+ * interrupted, because its bytes come from a user and could look like a parameter set.
  *
  * Records begin at multiples of 16. The first word of a parameter set is programmed after the three
  * words behind it. So a single word that is not blank, at a multiple of 16, is the begin of another
@@ -34,7 +34,7 @@ typedef struct {
 
 enum { RECORD_HEAD_BYTES = 16, RECORD_CRC_BYTES = 4 };
 
-/* First word of a record, which tells the kind of the record. */
+/* First word of a record, which states the kind of the record. */
 #define RECORD_SET_0_1_0 UINT32_C(0x31534146) /* "FAS1" marks a parameter set of version 0.1.0 */
 #define RECORD_SET UINT32_C(0x32534146)       /* "FAS2" marks a parameter set */
 #define RECORD_FORGOTTEN UINT32_C(0x31464146) /* "FAF1" marks that all defaults are restored */
@@ -66,7 +66,7 @@ static inline uint32_t record_bytes(uint32_t entries) {
 /* Returns the 32-bit word at an address of the memory. */
 uint32_t record_word(const store_memory_t *memory, uint32_t at);
 
-/* Continue a CRC-32 over `count` bytes, or over a part of the memory whose length is a multiple of
+/* Continue a CRC-32 over `count` bytes, or over a range of the memory whose length is a multiple of
  * 4. The first call begins with the CRC UINT32_MAX. A record stores the bitwise complement of the
  * last result. */
 uint32_t record_crc(uint32_t crc, const uint8_t *bytes, uint32_t count);
@@ -77,7 +77,7 @@ uint32_t record_crc_of_memory(const store_memory_t *memory, uint32_t crc, uint32
  * RECORD_COPY and a word that is blank as long as the mark is valid. */
 enum { RECORD_MARK = 32, RECORD_MARK_END = RECORD_MARK - RECORD_HEAD_BYTES - RECORD_CRC_BYTES };
 
-/* Returns the space in bytes that a record takes. */
+/* Returns the space in bytes that a record occupies. */
 static inline uint32_t record_space(uint32_t entries) {
   return (record_bytes(entries) + 15) & ~UINT32_C(15);
 }

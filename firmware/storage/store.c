@@ -12,7 +12,7 @@ enum { READ_BACK_BYTES = 64, PIECE_BYTES = 16 };
 /* Offset of the size of the entries in the head of a record. */
 enum { ENTRIES_WORD = 12 };
 
-/* Number of records of counts for which a sector has room beside the largest library. */
+/* Number of records with counts of parts for which a sector has room beside the largest library. */
 enum { COUNTS_RESERVED = 8 };
 
 enum {
@@ -26,13 +26,13 @@ enum {
   STEP_READ_BACK
 };
 
-/* What the store works on: the parameters, or a write of parts. */
+/* What the store writes: parameters, the mark that all defaults are restored, or extra records. */
 enum { JOB_SAVE, JOB_FORGET, JOB_PARTS };
 
 /* The records of a job, in the order in which they are written. */
 enum {
   ITEM_COPY,
-  ITEM_PARTS, /* the first of the parts */
+  ITEM_PARTS, /* the first extra record */
   ITEM_SET = ITEM_PARTS + STORE_PARTS,
   ITEM_END
 };
@@ -107,7 +107,8 @@ static void find_part(store_t *store, uint8_t part, const record_t *record) {
 }
 
 /* Sets the sector of a parameter set as the home of the store. The next record is programmed after
- * all its bytes that are not blank. The CRC of this record may look like blank bytes. */
+ * all bytes of the sector that are not blank. The CRC of the newest set may look like blank
+ * bytes. */
 static void settle(store_t *store, const record_sector_t sectors[2], const record_t *record) {
   store->home = sector_of(store, record->begin);
   const record_sector_t *home = &sectors[store->home];
@@ -208,7 +209,7 @@ bool store_load_block(const store_t *store, dictionary_t *objects, uint8_t block
   return true;
 }
 
-/* Returns the number of bytes of the entries of a record of this job. */
+/* Returns the size in bytes of the entries of one record that this job writes. */
 static uint32_t bytes_of_item(const store_t *store, uint8_t item) {
   if (is_part(item)) {
     return store->parts[item - ITEM_PARTS].count;
@@ -220,7 +221,7 @@ static uint32_t bytes_of_item(const store_t *store, uint8_t item) {
                                   : store->basis.entries;
 }
 
-/* Returns the address at which the entries of the record end and its CRC begins. */
+/* Returns the address after the entries of the record, at which its CRC begins. */
 static uint32_t entries_end(const store_t *store) {
   return store->begin + RECORD_HEAD_BYTES + bytes_of_item(store, store->item);
 }
@@ -285,14 +286,15 @@ static uint32_t bytes_of_job(const store_t *store) {
   return bytes;
 }
 
-/* Returns the number of bytes that are free for records in the home of the store. */
+/* Returns the number of free bytes in the home of the store, the sector with the newest set. */
 static uint32_t room_of(const store_t *store) {
   const uint32_t used = store->tail + RECORD_MARK;
   const uint32_t bytes = store->memory->sector_bytes;
   return (store->home == STORE_NOWHERE || used > bytes) ? 0 : bytes - used;
 }
 
-/* Begins a job whose records are `items` in the home of the store, and all in the other sector. */
+/* Begins a job. In the home of the store it writes the records `items`, in the other sector all
+ * records. */
 static void begin_job(store_t *store, uint8_t job, uint8_t items) {
   store->job = job;
   store->again = 0;
@@ -376,7 +378,7 @@ static uint8_t give_up(store_t *store) {
   return AXIS_STORE_STATE_FAILED;
 }
 
-/* Begins to write the parts that have changed. */
+/* Begins to write the extra records that have changed. */
 static uint8_t begin_parts(store_t *store) {
   if (!read_set(store, &store->basis)) {
     return AXIS_STORE_STATE_FAILED;
@@ -483,7 +485,7 @@ static int32_t value_to_save(const store_t *store, const dictionary_t *objects) 
   return value;
 }
 
-/* Programs the next bytes of a part, or of a set that is copied. */
+/* Programs the next bytes of an extra record, or of a set that is copied. */
 static bool step_bytes(store_t *store) {
   const uint32_t end = entries_end(store);
   const uint32_t offset = store->at - store->begin - RECORD_HEAD_BYTES;

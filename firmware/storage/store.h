@@ -33,13 +33,14 @@
  * If programming fails, the store makes a second attempt in the other sector; if the second attempt
  * fails too, the old set stays stored.
  *
- * Two other records are kept beside the set: the programs of cycles and the counts of parts. They
- * are valid in the sector of the newest set only. When the store continues in the other sector, it
- * writes them there first and a set last, so one record makes the whole sector valid. If only they
- * have changed, this set is a copy, and a mark at the end of the present sector says so: a power
- * cut then leaves no sign of an interrupted save of parameters. The store changes the sector before
- * it is full, so that the counts of the next power-up have room. The caller may abandon this work
- * at any time, because an axis that is enabled must not wait for it. */
+ * Two other records are kept beside the set, here called extra records (STORE_PARTS): the programs
+ * of cycles and the numbers of pressed parts. They are valid only in the sector with the newest
+ * set. When the store continues in the other sector, it writes the extra records there first and a
+ * set last, so one record makes the whole sector valid. If only extra records have changed, this
+ * set is a copy, and a mark at the end of the present sector says so: a power cut then does not
+ * look like an interrupted save of parameters. The store continues in the other sector before the
+ * present one is full, so that the numbers of the next power-up have room. The caller may abandon
+ * this work at any time, because an axis that is enabled must not wait for it. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -61,14 +62,14 @@ enum {
  * AXIS_STORE_CHANGE_OLD_DEFAULT: the parameter keeps the default of an earlier object table. */
 #define STORE_CHANGE_DROPPED UINT32_C(0)
 
-/* What is kept beside the parameter set. */
+/* The extra records that are kept beside the parameter set. */
 enum { STORE_PROGRAMS = 0, STORE_COUNTS = 1, STORE_PARTS = 2, STORE_COUNTS_BYTES = 28 };
 
-/* States of the work on these parts: nothing to write; writing or waiting; the last write failed.
- */
+/* Whether the extra records are stored: nothing to write; writing or waiting; the last write
+ * failed. */
 enum { STORE_PARTS_STORED = 0, STORE_PARTS_WRITING = 1, STORE_PARTS_FAILED = 2 };
 
-/* Bytes of a part; their number is a multiple of 4. */
+/* Content of an extra record; its number of bytes is a multiple of 4. */
 typedef struct {
   const uint8_t *bytes;
   uint32_t count;
@@ -85,17 +86,18 @@ typedef struct {
   uint32_t changes[STORE_CHANGES];
   uint16_t change_count; /* number of all changes that the load of the parameter set found */
   uint8_t dropped;       /* 1 if at least one change is a STORE_CHANGE_DROPPED */
-  store_part_t parts[STORE_PARTS]; /* present bytes of the parts */
+  store_part_t parts[STORE_PARTS]; /* present content of the extra records */
   uint32_t found[STORE_PARTS]; /* addresses of the stored bytes at the load, and their numbers */
   uint32_t found_bytes[STORE_PARTS];
-  uint8_t changed;      /* bits of the records of parts whose present bytes are not stored */
-  uint8_t parts_failed; /* 1 if the last write of parts failed */
-  /* 1 if the other sector may be erased without a command: it has nothing that a user could miss */
+  uint8_t changed;      /* bits of the extra records whose present content is not stored */
+  uint8_t parts_failed; /* 1 if the last write of an extra record failed */
+  /* 1 if the other sector may be erased without a command, because it has no data that a user
+   * needs */
   uint8_t may_move;
   /* Work in progress. */
   uint8_t step;
   uint8_t sector;
-  uint8_t job;     /* what the user has commanded, or a write of parts */
+  uint8_t job;     /* command of the user, or a write of extra records */
   uint8_t item;    /* record that is being written */
   uint8_t items;   /* bits of the records that this job writes */
   uint8_t again;   /* 1 during the second attempt to write the record */
@@ -124,7 +126,7 @@ void store_init(store_t *store, const store_memory_t *memory);
  *   EMPTY                there is no set, or restore_defaults was commanded;
  *   LOADED_PARTLY        a set of another table, of which some entries are not active;
  *   LOADED_OLD_DEFAULTS  every value is as stored, but some are defaults of an earlier table;
- *   LOADED_OLDER         as one of these, but the memory also has parts of a newer set (a save that
+ *   LOADED_OLDER         as one of these, but the memory also has bytes of a newer set (a save that
  *                        was interrupted, a damaged sector);
  *   OTHER_TABLE          the newest set has no signatures and is not of version 0.1.0: it is
  *                        ignored;
@@ -152,11 +154,11 @@ int store_save(store_t *store);
 int store_save_only(store_t *store, uint16_t first, uint16_t last);
 int store_forget(store_t *store);
 
-/* Returns true if the parameter store works on a command: parameters must not change. */
+/* Returns true while the parameter store executes a command: parameters must not change. */
 bool store_is_busy(const store_t *store);
 
-/* Parts. store_part_bytes() returns the number of bytes of a part that the last store_load() found,
- * and store_part_read() reads them. */
+/* store_part_bytes() returns the size in bytes of the extra record `part` that the last
+ * store_load() found, and store_part_read() copies these bytes. */
 static inline uint32_t store_part_bytes(const store_t *store, uint8_t part) {
   return store->found_bytes[part];
 }
@@ -165,22 +167,22 @@ void store_part_read(const store_t *store, uint8_t part, uint8_t *bytes);
 /* Returns the largest number of bytes of the programs. */
 uint32_t store_programs_max(const store_t *store);
 
-/* Gives the present bytes of a part, while the store is not busy; a write of parts in progress
- * begins again. The bytes stay unchanged until the next call or store_abandon(). With `changed`
- * they shall be written. */
+/* Sets the present content of an extra record. Call this function only while the store is not busy;
+ * a write of extra records in progress begins again. The bytes must not change until the next call
+ * or store_abandon(). If `changed` is true, the store will write them. */
 void store_part_set(store_t *store, uint8_t part, store_part_t bytes, bool changed);
 
-/* Returns true if the present bytes of a part are stored. */
+/* Returns true if the present content of an extra record is stored. */
 bool store_part_is_stored(const store_t *store, uint8_t part);
 
-/* Returns the state of the work on the parts, STORE_PARTS_. */
+/* Returns whether the extra records are stored, STORE_PARTS_. */
 uint8_t store_parts_state(const store_t *store);
 
-/* Does the next step of the work on the parts, as store_tick() for a command, while the store is
- * not busy and the axis is disabled. */
+/* Does the next step of a write of extra records, as store_tick() does for a command. Call this
+ * function only while the store is not busy and the axis is disabled. */
 void store_parts_tick(store_t *store, const dictionary_t *objects);
 
-/* Abandons a write of parts in progress. It begins again with the next store_parts_tick(). */
+/* Abandons a write of extra records in progress. The next store_parts_tick() begins it again. */
 void store_abandon(store_t *store);
 
 /* Does one bounded step of the store: one erase, at most 16 bytes programmed, or 64 bytes read
