@@ -32,8 +32,8 @@ enum { ADDRESS_PARTS = 4, IDENTIFY_PARTS = 6 };
 enum { SCAN_ALL = 128, SCAN_BITS = 32 };
 enum { OK = 0, OUT_OF_RANGE = 1, SPECIFIC = 255, SPECIFIC_FIXED = 1 };
 
-/* Phases of a change of the bit rate: no change, silence before the new bit rate, silence after the
- * new bit rate. */
+/* Phases of a change of the bit rate: no change, switch delay before the new bit rate, switch delay
+ * after the new bit rate. */
 enum { NO_SILENCE, BEFORE, AFTER };
 
 /* Bit rates of CiA 305, table 0, in kbit/s; 0 marks a reserved index. */
@@ -89,8 +89,8 @@ static bool is_non_configured(const canopen_t *canopen) {
   return canopen->node_id == LSS_NO_NODE_ID && canopen->lss.node_id == LSS_NO_NODE_ID;
 }
 
-/* Returns how many parts of the address have matched in their order, after the comparison of one
- * more part. `count` is the number before this comparison. */
+/* Returns how many parts of the LSS address have matched, in their order, after one more part was
+ * compared. `count` is the number before this comparison. */
 static uint8_t matched(uint8_t count, uint8_t part, bool matches) {
   const bool follows = part == 0 || count == part;
   return (uint8_t)((follows && matches) ? part + 1 : 0);

@@ -67,7 +67,7 @@ void lss_stored(canopen_t *canopen, uint8_t result);
 /* Returns true while the node neither sends nor receives because the bit rate changes. */
 static inline bool lss_is_silent(const canopen_t *canopen) { return canopen->lss.silence != 0; }
 
-/* Reduces the remaining time of the silence by `ticks` ticks. Returns true when the silence has
+/* Reduces the remaining switch delay by `ticks` ticks. Returns true when the switch delay has
  * ended. */
 bool lss_tick(canopen_t *canopen, uint32_t ticks);
 

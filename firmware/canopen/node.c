@@ -123,7 +123,7 @@ static void enter(canopen_t *canopen, uint8_t state) {
   }
 }
 
-/* Stops the axis for every owner, and reports all sources on this bus as lost. */
+/* Stops the axis whichever bus owns it, and reports all sources on this bus as lost. */
 static void stop_axis(canopen_t *canopen, uint8_t fault) {
   canopen_lose_all(canopen, fault);
   canopen->requests.stop = 1;

@@ -227,10 +227,10 @@ static void report(canopen_t *canopen, uint8_t i, uint8_t what, uint16_t code) {
 
 typedef struct {
   bool refused; /* true: an object refused the received value */
-  bool skipped; /* true: the RPDO has objects that are not in the written part */
+  bool skipped; /* true: the RPDO has mapped objects that are not written by this call */
 } written_t;
 
-/* Writes one part of the objects of RPDO i: either the controlword, or all other objects. */
+/* Writes mapped objects of RPDO i: either the controlword alone, or all other objects. */
 static written_t write_part(canopen_t *canopen, dictionary_t *objects, uint8_t i,
                             bool controlword) {
   const pdo_t *pdo = &canopen->rpdo[i];

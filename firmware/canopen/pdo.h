@@ -66,8 +66,8 @@ bool pdo_has_deadline(const canopen_t *canopen);
  * active axis. */
 void pdo_axis_active(canopen_t *canopen);
 
-/* pdo_check() does the part of canopen_check() for the objects of PDOs, and pdo_written() the part
- * of canopen_written(). pdo_check() returns PDO_NOT_MINE if the object belongs to no PDO. */
+/* For the objects of PDOs, pdo_check() does the work of canopen_check(), and pdo_written() that of
+ * canopen_written(). pdo_check() returns PDO_NOT_MINE if the object belongs to no PDO. */
 enum { PDO_NOT_MINE = 1 };
 int pdo_check(const canopen_t *canopen, uint16_t object, int32_t value);
 void pdo_written(canopen_t *canopen, const dictionary_t *objects, uint16_t object);

@@ -25,8 +25,8 @@ enum { DOWNLOAD_END = 1 };
  * segment. */
 enum { SEQUENCE = 0x7F, LAST = 0x80 };
 
-/* Number of segments in a block of the download of a value: one segment has room for every
- * value. */
+/* Block size, in segments, of a block download to an object with a value: one segment has room for
+ * every value. */
 enum { VALUE_BLOCK = 1 };
 
 /* Number of segments in a block of a download to the flash. The head of an update (64 bytes) is
@@ -225,7 +225,7 @@ static void begin_download(const sdo_request_t *request) {
   }
 }
 
-/* Takes `count` bytes of the segment that is held. Returns 0 or an abort code. */
+/* Appends `count` bytes of the segment that is held to the download. Returns 0 or an abort code. */
 static uint32_t take_held(const sdo_request_t *request, uint32_t count) {
   sdo_server_t *server = request->server;
   server->held = 0;
@@ -233,7 +233,7 @@ static uint32_t take_held(const sdo_request_t *request, uint32_t count) {
   return sdo_take(request, server->data, count);
 }
 
-/* Takes the last segment of a download and ends the download. Returns 0 or an abort code. */
+/* Processes the last segment of a download and ends the download. Returns 0 or an abort code. */
 static uint32_t take_end(const sdo_request_t *request) {
   sdo_server_t *server = request->server;
   const uint32_t count = SDO_SEGMENT_BYTES - fx_field(request->data[0], 2, 3);

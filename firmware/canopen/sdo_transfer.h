@@ -103,7 +103,7 @@ uint16_t sdo_index(const uint8_t *data);
 /* Prepares the download that a request begins. Returns 0 or an abort code. */
 uint32_t sdo_open_download(const sdo_request_t *request, bool sized, uint32_t size);
 
-/* Takes the next bytes of a download. Returns 0 or an abort code. */
+/* Appends the next bytes of a download. Returns 0 or an abort code. */
 uint32_t sdo_take(const sdo_request_t *request, const uint8_t *bytes, uint32_t count);
 
 /* Checks the announced size of a download in bytes. Returns 0 or an abort code. */

@@ -102,9 +102,10 @@ typedef struct {
 /* LSS settings, see lss.h. A reset of communication changes only the fields `state`, `selected`,
  * `identified` and `scanned`. */
 typedef struct {
-  /* length in ticks of each of the two silences of a change of the bit rate */
+  /* switch delay of CiA 305 in ticks: the time without sending and receiving, once before and once
+   * after a change of the bit rate */
   uint32_t delay_ticks;
-  uint32_t ticks;    /* remaining ticks of the present silence */
+  uint32_t ticks;    /* remaining ticks of the switch delay that runs */
   uint16_t rates;    /* set of supported bit rates, one bit for each index; 0: all rates */
   uint8_t rate;      /* index of the present bit rate */
   uint8_t next_rate; /* index of the bit rate that the next command activate bit timing activates */
@@ -116,13 +117,13 @@ typedef struct {
   /* number of address parts that have matched in the command identify remote slave */
   uint8_t identified;
   uint8_t scanned; /* number of the address part that fast scan searches */
-  /* phase of a change of the bit rate: 1: silence before the new rate; 2: silence after the new
-   * rate; 0: no change in progress */
+  /* phase of a change of the bit rate: 1: switch delay before the new rate; 2: switch delay after
+   * it; 0: no change in progress */
   uint8_t silence;
   uint8_t store; /* LSS_STORE_ */
 } lss_t;
 
-/* The part of a tick that is deferred: nothing, the part after the PDOs, or the complete tick. */
+/* What the node defers to fw_between(): nothing, the work after the PDOs, or the complete tick. */
 enum { CANOPEN_DEFERRED_NOTHING = 0, CANOPEN_DEFERRED_OUTPUT = 1, CANOPEN_DEFERRED_ALL = 2 };
 
 enum { CANOPEN_RESET_NONE = 0, CANOPEN_RESET_COMMUNICATION = 1, CANOPEN_RESET_NODE = 2 };
@@ -133,7 +134,7 @@ typedef struct {
   /* set of sources (FW_SOURCE_) that can no longer reach the axis over the CAN bus */
   uint8_t sources_lost;
   uint8_t fault;     /* reason (AXIS_FAULT_) for the loss of the first source in sources_lost */
-  uint8_t stop;      /* 1: the reason in `fault` must stop the axis for every owner */
+  uint8_t stop;      /* 1: the cause in `fault` must stop the axis whichever bus owns it */
   uint8_t duplicate; /* 1: another node has the same node id */
 } canopen_requests_t;
 

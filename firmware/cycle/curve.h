@@ -36,7 +36,7 @@ typedef struct {
   int32_t force_phase; /* measured force in 1/256 count, times 256, plus the number of the phase */
 } cycle_curve_point_t;
 
-/* Number of points of the host and of the STM32. */
+/* Number of points of a curve on the host and on the STM32. */
 enum { CYCLE_CURVE_POINTS = 1000 };
 
 typedef struct {

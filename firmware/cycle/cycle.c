@@ -8,7 +8,7 @@ static int32_t within_force(int32_t force_q8) {
   return fx_clamp(force_q8, -CYCLE_FORCE_MAX_Q8, CYCLE_FORCE_MAX_Q8);
 }
 
-/* Takes the force less the offset of the program, in the range of a sample. */
+/* Stores the measured force less the offset of the program, limited to the range of a sample. */
 static void take_force(cycle_t *cycle, const cycle_inputs_t *now) {
   cycle->force_q8 = within_force(fx_diff_wrap(now->force_q8, cycle->offset_q8));
 }
@@ -262,13 +262,13 @@ static bool is_met(cycle_t *cycle, const cycle_condition_t *condition, const cyc
   }
 }
 
-/* Returns true if the samples of this tick decide on the part. Until travel 0 is found, those of
- * each phase do. */
+/* Returns true if the verdict on the part depends on the samples of this tick. Until travel 0 is
+ * found, those of each phase do. */
 static bool is_judged(const cycle_t *cycle) {
   return cycle->zeroed == 0 || (cycle->judged & (uint16_t)fx_scale(1, cycle->phase)) != 0;
 }
 
-/* Counts a sample that is not valid, if it would decide on the part. */
+/* Counts a sample that is not valid, if the verdict on the part depends on it. */
 static void count_invalid(cycle_t *cycle) {
   if (!is_judged(cycle)) {
     return;

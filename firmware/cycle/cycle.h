@@ -1,9 +1,9 @@
 #ifndef FIRMWARE_CYCLE_CYCLE_H_
 #define FIRMWARE_CYCLE_CYCLE_H_
 
-/* A cycle: its phases follow each other by conditions, its limits end it as not good, and its
- * elements evaluate the part. The cycle moves nothing; the drive does what cycle_phase() says
- * (firmware/drive/cycle_mode.h).
+/* A cycle: conditions lead from phase to phase, an exceeded limit ends the cycle as not good, and
+ * evaluation elements decide whether the pressed part is good. The cycle moves nothing; the drive
+ * does what cycle_phase() says (firmware/drive/cycle_mode.h).
  *
  *   cycle_start()     between two ticks
  *   cycle_step()      once in each tick, after its signals. A tick that is missing makes the part
@@ -22,14 +22,14 @@
 /* Number of samples that wait for their evaluation, a power of two. */
 enum { CYCLE_SAMPLES = 16 };
 
-/* ENDED: the last phase is over, and elements still have samples to evaluate. */
+/* ENDED: the last phase is over, and samples still wait for their evaluation. */
 enum { CYCLE_IDLE = 0, CYCLE_RUNNING = 1, CYCLE_ENDED = 2, CYCLE_DONE = 3 };
 
-/* How a cycle ended: as the program intends; a limit of a phase was exceeded; stopped from outside;
- * samples were lost, because nobody evaluated them or because ticks were missing; the tare of a
- * phase failed, because the axis was in contact or did not stand still, or because the offset is
- * beyond tare_band; a sample of an evaluated phase is not valid; a value that decides the part was
- * changed. */
+/* How a cycle ended: as the program intends; a limit of a phase was exceeded; the cycle was stopped
+ * from outside; samples were lost, because nobody evaluated them or because ticks were missing; the
+ * tare of a phase failed, because the axis was in contact or did not stand still, or because the
+ * offset is beyond tare_band; a sample of an evaluated phase is not valid; a value that affects the
+ * verdict was changed. */
 enum {
   CYCLE_BY_PROGRAM = 0,
   CYCLE_OVER_FORCE = 1,
@@ -45,8 +45,8 @@ enum {
   CYCLE_OUTCOMES = 11
 };
 
-/* Whether a phase is reached: not, because the tare is not complete, or the demand is not yet that
- * of the end of the table; when the drive reports so; yes. */
+/* Whether the target of a phase is reached: no, because the tare is not complete or the demand has
+ * not yet reached the last point of its table; as soon as the drive reports it; yes. */
 enum { CYCLE_TARGET_OPEN = 0, CYCLE_TARGET_BY_DRIVE = 1, CYCLE_TARGET_MET = 2 };
 
 /* What the axis measured in a tick. */
@@ -65,7 +65,7 @@ typedef struct {
   uint32_t phase_ticks;          /* duration of the phase up to now */
   uint32_t begin_tick;           /* tick of the start */
   uint32_t last_tick;            /* tick of the last sample */
-  uint32_t invalid_ticks;        /* number of ticks in evaluated phases that are not valid */
+  uint32_t invalid_ticks;        /* number of ticks in evaluated phases whose sample is not valid */
   int32_t start_cnt;             /* position at the start of the phase */
   int32_t zero_cnt;              /* position of travel 0: the start, until it is found */
   int32_t begin_cnt;             /* zero_cnt at the start of the cycle */
@@ -75,8 +75,8 @@ typedef struct {
    * rated_force, without the offset */
   int32_t demand_q8;
   int32_t offset_q8; /* offset of the force, 0 until a tare has measured it */
-  /* TARE: smallest and largest offset, which the caller sets when the phase begins; position, sum
-   * of the forces and number of ticks of the measurement */
+  /* TARE: smallest and largest offset, which the caller sets when the phase begins; then the
+   * position, the sum of the forces and the number of ticks of the measurement */
   int32_t tare_least;
   int32_t tare_most;
   int32_t tare_cnt;
@@ -101,26 +101,28 @@ typedef struct {
   uint8_t state;   /* CYCLE_IDLE to CYCLE_DONE */
   uint8_t phase;   /* the phase that runs, or the last one */
   uint8_t outcome; /* CYCLE_BY_PROGRAM to CYCLE_SAMPLES_INVALID */
-  /* the phase in which a limit was exceeded first, the cycle stopped, or the first sample was not
-   * valid */
+  /* the phase in which a limit was exceeded first, the cycle was stopped, or the first sample was
+   * not valid */
   uint8_t failed_phase;
   /* number, from 1, of the condition that ended the last phase that has ended; 0: a limit, a stop,
    * or no phase has ended yet */
   uint8_t ended_by;
-  uint8_t target; /* whether the phase is reached, CYCLE_TARGET_ */
+  uint8_t target; /* whether the target of the phase is reached, CYCLE_TARGET_ */
   uint8_t has_depth;
   uint8_t tared;          /* 1 if offset_q8 is new; the drive clears this flag */
   uint8_t outputs;        /* outputs that are on */
   uint8_t outputs_before; /* outputs that were on before the start */
   uint8_t zeroed;         /* 1 if travel 0 is found */
-  uint8_t incomplete;     /* 1 if a tick was missing */
-  uint8_t good;           /* 1 if the cycle ended by its program and all elements are good */
+  uint8_t incomplete;     /* 1 if the cycle missed a tick */
+  uint8_t good;           /* 1 if the cycle ended by its program and the verdict on each evaluation
+                           * element is good */
 } cycle_t;
 
 /* Sets the state at power-up: no cycle has run. */
 void cycle_init(cycle_t *cycle);
 
-/* Prepares cycles with a program that was checked, or none with NULL, in the state of power-up. */
+/* Selects the program of the next cycles, which must have been checked; NULL selects no program.
+ * The state is then as at power-up. */
 void cycle_select(cycle_t *cycle, const cycle_header_t *program);
 
 /* Starts a cycle with the selected program. The program must not change until the cycle is done.
@@ -135,23 +137,23 @@ static inline const cycle_phase_t *cycle_phase(const cycle_t *cycle) {
   return &cycle_phases(cycle->program)[cycle->phase];
 }
 
-/* Takes the signals of a tick. Returns true if another phase began or the cycle ended, in this
+/* Processes the signals of a tick. Returns true if another phase began or the cycle ended in this
  * tick. */
 bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now);
 
 /* Ends a running cycle with an outcome in the phase that runs. */
 void cycle_end(cycle_t *cycle, uint8_t outcome);
 
-/* Ends a running cycle as CYCLE_STOPPED. A cycle that no tick has seen yet has never begun: its
- * state becomes that of power-up, with the outputs of before. */
+/* Ends a running cycle as CYCLE_STOPPED. A cycle that is aborted before its first tick has not
+ * begun: the state becomes that of power-up, and the outputs are as before the start. */
 void cycle_abort(cycle_t *cycle);
 
 /* Evaluates the samples that wait, whose travel becomes the depth. At the end of the cycle the
  * state becomes CYCLE_DONE. */
 void cycle_evaluate(cycle_t *cycle);
 
-/* Returns the result of an element, 0 .. elements - 1 of the program. In a cycle that was stopped
- * from outside, an element that found nothing is CYCLE_ABORTED. */
+/* Returns the result of an evaluation element, 0 .. elements - 1 of the program. In a cycle that
+ * was stopped from outside, the verdict on an element without a value is CYCLE_ABORTED. */
 cycle_element_result_t cycle_result(const cycle_t *cycle, uint8_t element);
 
 #endif

@@ -37,7 +37,7 @@ static bool has_window(const cycle_element_t *element) {
          element->enters != 0 && element->enters <= sides && element->leaves <= sides;
 }
 
-/* What every kind of element needs. */
+/* Conditions that every kind of evaluation element must meet. */
 static bool has_curve(const cycle_element_t *element) {
   return element->phases != 0 && element->over_time <= 1 && element->of_force <= 1 &&
          element->reserved == 0 && element->reserved_2 == 0 &&
@@ -212,7 +212,7 @@ static void take_envelope(const cycle_element_t *element, const cycle_point_t *p
   }
 }
 
-/* Takes the first of the largest (PEAK) or smallest (VALLEY) forces. */
+/* Keeps the largest (PEAK) or smallest (VALLEY) force, of equal forces the first. */
 static void take_extreme(const cycle_element_t *element, cycle_element_state_t *state,
                          const cycle_sample_t *sample, int32_t x) {
   const int32_t y = sample->force_q8;

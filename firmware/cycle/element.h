@@ -33,10 +33,11 @@ typedef struct {
   int32_t force_q8; /* measured force, +-CYCLE_FORCE_MAX_Q8 */
   uint8_t phase;    /* number of the phase, 0..15 */
   uint8_t zeroed;   /* 1 from travel 0 on, where the travel begins anew */
-  uint8_t is_valid; /* 1: force and position are valid (sample.h); 0: no element takes the sample */
+  uint8_t is_valid; /* 1: force and position are valid (sample.h); 0: all evaluation elements ignore
+                     * the sample */
 } cycle_sample_t;
 
-/* The kinds of element. Their value is what is compared with y_least and y_most.
+/* The kinds of evaluation elements, each with the value that is compared with y_least and y_most.
  *   PEAK, VALLEY  largest and smallest force of the samples with x in x_least..x_most
  *   AT            the force where x crosses `level`, or x where the force crosses it
  *   DIFFERENCE    the value of AT at level_2, less that at `level`
@@ -88,7 +89,8 @@ typedef struct {
   int32_t level_2;
 } cycle_element_t;
 
-/* What an element found. ABORTED: nothing was found before a stop. */
+/* Verdict on an evaluation element. ABORTED: the cycle was stopped before the element had a
+ * value. */
 enum {
   CYCLE_GOOD = 0,
   CYCLE_BELOW = 1,       /* the value is below y_least, or the curve below the envelope */
@@ -123,25 +125,25 @@ typedef struct {
 } cycle_element_state_t;
 
 typedef struct {
-  int32_t value;       /* 0 if nothing was found */
+  int32_t value;       /* 0 if there is no value */
   uint32_t found_tick; /* tick of the sample, or of the end of the line, that gave the value */
   uint8_t verdict;
 } cycle_element_result_t;
 
-/* Returns true if an element can be evaluated with `count` points: known kind, direction, ordinal
- * and sides, bounds in order and within the largest magnitudes, curves that rise in x and cover
- * x_least..x_most. */
+/* Returns true if an element can be evaluated with `count` points: its kind, direction, ordinal and
+ * sides are known, its bounds are in order and within the largest magnitudes, and its curves rise
+ * in x and cover x_least..x_most. */
 bool cycle_element_is_valid(const cycle_element_t *element, const cycle_point_t *points,
                             uint16_t count);
 
 /* Sets the state at the start of a cycle. */
 void cycle_element_begin(cycle_element_state_t *state);
 
-/* Takes the sample of a tick. Samples of other phases are passed over. */
+/* Evaluates the sample of a tick. Samples of phases that the element does not name are ignored. */
 void cycle_element_take(const cycle_element_t *element, const cycle_point_t *points,
                         cycle_element_state_t *state, const cycle_sample_t *sample);
 
-/* Returns the result for the samples up to now, as at the end of the cycle. */
+/* Returns the result that the element would have if the cycle ended now. */
 cycle_element_result_t cycle_element_result(const cycle_element_t *element,
                                             const cycle_element_state_t *state);
 

@@ -1,9 +1,9 @@
 #ifndef FIRMWARE_CYCLE_LIBRARY_H_
 #define FIRMWARE_CYCLE_LIBRARY_H_
 
-/* The programs of an axis: records (program.h) behind each other in a memory that the caller gives,
- * and a staging area, in which one record is assembled. Only a record that was checked completely
- * enters the library, so a transfer that ends early changes nothing.
+/* The programs of an axis: records (program.h), one after the other in a memory of the caller, and
+ * a staging area, in which one record is assembled. A record is added to the library only after it
+ * was checked completely, so an incomplete transfer changes nothing.
  *
  *   cycle_library_begin()    begins a record in the staging area
  *   cycle_library_append()   bytes of the record, in any number of pieces
@@ -32,27 +32,27 @@ typedef struct {
  * bytes become the staging area. With NULL, or too few bytes, there is no library. */
 void cycle_library_init(cycle_library_t *library, void *memory, uint32_t bytes);
 
-/* Takes the records that the caller has copied to the begin of the library, `bytes` in all. Records
- * that are refused, and those after a record without a right size, are left out. Returns the number
- * of bytes that were left out. */
+/* Checks the records that the caller has copied to the begin of the library, `bytes` bytes in
+ * total. Refused records, and all records after one with a wrong size, are left out. Returns the
+ * number of bytes that were left out. */
 uint32_t cycle_library_restore(cycle_library_t *library, uint32_t bytes);
 
-/* Begins a record: the bytes that were staged before no longer count. */
+/* Begins a record: the bytes that were staged before are discarded. */
 void cycle_library_begin(cycle_library_t *library);
 
-/* Stages `count` bytes at an offset in the record. Returns false without a change if they would
- * leave a gap or exceed the staging area. */
+/* Copies `count` bytes to an offset of the record in the staging area. Returns false, without a
+ * change, if the bytes would leave a gap or exceed the staging area. */
 bool cycle_library_append(cycle_library_t *library, uint32_t offset, const uint8_t *bytes,
                           uint32_t count);
 
-/* Checks the first `size` staged bytes as a record and puts the record into the library, in place
- * of a program with the same number. If the record is refused, the library is as it was. */
+/* Checks the first `size` staged bytes as a record and adds the record to the library, in place of
+ * a program with the same number. If the record is refused, the library does not change. */
 cycle_check_t cycle_library_accept(cycle_library_t *library, uint32_t size);
 
 /* Returns the program with a number, or NULL. */
 const cycle_header_t *cycle_library_find(const cycle_library_t *library, uint32_t number);
 
-/* Returns the program at a place, 0 .. count - 1 in the order of the library. */
+/* Returns the program with the index `place`, 0 .. count - 1 in the order of the library. */
 const cycle_header_t *cycle_library_at(const cycle_library_t *library, uint8_t place);
 
 /* Removes the program with a number. Returns false if there is none. */

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_CYCLE_RESULTS_H_
 #define FIRMWARE_CYCLE_RESULTS_H_
 
-/* Results of parts. A result waits in a memory that the caller gives until it is acknowledged; then
- * its place is free. */
+/* Results of pressed parts. A result waits, in a memory of the caller, until it is acknowledged;
+ * then its place is free. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -11,23 +11,25 @@
 
 enum { CYCLE_SERIAL_WORDS = 4 };
 
-/* Verdict on a part. ABORTED: the cycle was stopped from outside. */
+/* Verdict on a pressed part. ABORTED: the cycle was stopped from outside. */
 enum { CYCLE_PART_GOOD = 0, CYCLE_PART_BAD = 1, CYCLE_PART_ABORTED = 2, CYCLE_PART_VERDICTS = 3 };
 
-/* Result of a part. */
+/* Result of a pressed part. */
 typedef struct {
-  uint32_t number;   /* of the part, > 0; 0: there is no result */
-  uint32_t power_up; /* power-up of the axis in which the part has this number */
+  uint32_t number;   /* number of the part, > 0; 0: there is no result */
+  uint32_t power_up; /* number of the power-up in which the part was pressed */
   uint32_t program_crc;
   uint32_t bank_crc;   /* CRC of the law, 0 without a bank */
   uint32_t begin_tick; /* tick at which the cycle started */
   uint32_t ticks;      /* duration of the cycle */
-  uint32_t invalid;    /* number of ticks in evaluated phases that are not valid (sample.h) */
+  uint32_t invalid;    /* number of ticks in evaluated phases whose sample is not valid
+                        * (sample.h) */
   uint32_t serial[CYCLE_SERIAL_WORDS];
-  int32_t values[CYCLE_ELEMENTS_MAX];       /* of the elements, in the units of program.h */
+  int32_t values[CYCLE_ELEMENTS_MAX];       /* of the evaluation elements, in the units of
+                                             * program.h */
   uint32_t found_ticks[CYCLE_ELEMENTS_MAX]; /* tick_count of the sample that gave the value */
   uint8_t verdicts[CYCLE_ELEMENTS_MAX];     /* CYCLE_GOOD and so on (element.h) */
-  uint8_t elements;                         /* number of elements */
+  uint8_t elements;                         /* number of evaluation elements */
   uint8_t verdict;                          /* CYCLE_PART_ */
   uint8_t outcome;                          /* CYCLE_BY_PROGRAM and so on (cycle.h) */
   uint8_t phase;                            /* last phase, or the phase that failed */
@@ -39,7 +41,8 @@ typedef struct {
   uint8_t waiting;     /* number of results that wait */
 } cycle_results_t;
 
-/* Sets an empty memory of results. `memory` begins at a multiple of 4; NULL: no result waits. */
+/* Initialises a memory without results. `memory` begins at a multiple of 4; with NULL, results do
+ * not wait. */
 void cycle_results_init(cycle_results_t *results, void *memory, uint32_t bytes);
 
 /* Returns true if there is a memory and it has no free place. */
@@ -59,7 +62,7 @@ bool cycle_results_acknowledge(cycle_results_t *results, uint32_t number);
 /* Returns the smallest number of the results that wait, or 0. */
 uint32_t cycle_results_oldest(const cycle_results_t *results);
 
-/* Returns true if a result waits that is not good. */
+/* Returns true if a result that is not good waits. */
 bool cycle_results_have_failed(const cycle_results_t *results);
 
 #endif

@@ -117,13 +117,14 @@ void contact_guard_evaluate(contact_guard_t *guard, contact_t *contact,
 void contact_guard_phase(contact_guard_t *guard, const drive_params_t *params,
                          const drive_signals_t *signals, const axis_t *axis, bool controls);
 
-/* Returns true if a finding will be a fault in the next tick, whatever the options are. */
+/* Returns true if a detected violation will be a fault in the next tick, whatever the options
+ * are. */
 static inline bool contact_guard_has_fault(const contact_guard_t *guard) {
   return guard->finding == AXIS_FAULT_CONTACT_TRAVEL || guard->finding == AXIS_FAULT_NO_CONTACT;
 }
 
-/* Reacts to a finding of the contact guard. Either halves the gain and returns AXIS_FAULT_NONE, or
- * returns the fault that the drive must raise. */
+/* Reacts to a violation that the contact guard has detected. Either halves the gain and returns
+ * AXIS_FAULT_NONE, or returns the fault that the drive must raise. */
 uint8_t contact_guard_answer(contact_guard_t *guard, contact_t *contact,
                              const drive_params_t *params, drive_signals_t *signals, axis_t *axis);
 

@@ -173,7 +173,7 @@ static void coast(first_motion_t *first, const axis_t *axis) {
   }
 }
 
-/* Each check_ function checks a tick of one phase. It returns the finding, or
+/* Each check_ function checks a tick of one phase. It returns the reason why the test failed, or
  * AXIS_FIRST_MOTION_RESULT_RUNNING. */
 
 /* Returns true if the measured force has stayed within contact_force since the phase began. */

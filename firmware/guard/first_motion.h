@@ -20,17 +20,17 @@
  *              at its start count or a limit stops the axis.
  *
  * In the phases "out" and "back" the fault is `runaway` if the axis is faster than
- * first_motion_speed or moves further than FIRST_MOTION_REACH times first_motion_counts. This
- * bound is for the travel of all attempts together that were halted or disabled since the last
- * finding, pass or motion by the code for the board. The travel of an attempt consists of the
- * motion with the amplifier on, and of the coasting after the stop, which lasts until the axis has
- * stood for FIRST_MOTION_STAND_TICKS. The coasting of an attempt is counted only when the attempt
- * after it is stopped too, so an axis that was stopped once still passes. If the counted travel is
- * beyond the bound, the next attempt ends as `runaway` before the amplifier is on. The axis can
- * therefore exceed the bound by the coasting of the last two attempts. Coasting begins with at most
- * first_motion_speed, or with the speed that made the attempt `runaway`. In the phase "out" the
- * measured force must not change against the motion by more than contact_force. If the
- * measured force is beyond contact_force at the start, it must change in the direction of the
+ * first_motion_speed or moves further than FIRST_MOTION_REACH times first_motion_counts. This bound
+ * applies to the total travel of all attempts that were halted or disabled since the test last
+ * failed or passed, or since the code for the board last moved the axis. The travel of an attempt
+ * consists of the motion with the amplifier on, and of the coasting after the stop, which lasts
+ * until the axis has stood for FIRST_MOTION_STAND_TICKS. The coasting of an attempt is counted only
+ * when the attempt after it is stopped too, so an axis that was stopped once still passes. If the
+ * counted travel is beyond the bound, the next attempt ends as `runaway` before the amplifier is
+ * on. The axis can therefore exceed the bound by the coasting of the last two attempts. Coasting
+ * begins with at most first_motion_speed, or with the speed that made the attempt `runaway`. In the
+ * phase "out" the measured force must not change against the motion by more than contact_force. If
+ * the measured force is beyond contact_force at the start, it must change in the direction of the
  * motion. With the default bounds the test takes about 0.3 s and at most 1.8 s. Masters permit 0.4
  * s for a transition of the drive state.
  *
@@ -43,8 +43,8 @@
  * fault if force_zero_code is 0. A current of 0 is no fault, because an axis without a current
  * sensor measures 0.
  *
- * Every finding disables the axis in the same tick, is latched as a fault, and is also shown by
- * first_motion_result. */
+ * If the test fails, the axis is disabled in the same tick; the reason is latched as a fault, and
+ * is also shown by first_motion_result. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -146,7 +146,7 @@ void first_motion_command(first_motion_t *first, axis_t *axis, bool halted);
 void first_motion_refuse(first_motion_t *first, drive_signals_t *signals, axis_t *axis);
 
 /* Checks a tick of a running test. Call this function after axis_tick() and before the outputs are
- * written, because a finding sets the outputs to the safe state. */
+ * written, because a failed test sets the outputs to the safe state. */
 void first_motion_check_running(first_motion_t *first, const drive_params_t *params,
                                 drive_signals_t *signals, axis_t *axis, axis_outputs_t *outputs);
 static inline void first_motion_check(first_motion_t *first, const drive_params_t *params,

@@ -15,16 +15,16 @@
  *   contact_guard       x      x               x       x                               x        x
  *   contact_excitation  x                                    x
  *
- *   init      at power-up: clears findings, tests and measurements
+ *   init      at power-up: clears violations, tests and measurements
  *   derive    after a write to a parameter of the drive: computes derived values
  *   written   after a change of a parameter of the axis or drive: discards invalid results
  *   start     when a mode that controls force or a cycle begins: resets the protection
  *   before    before each tick, when the targets of the drive are not set yet
  *   limit     before axis_tick(), with the inputs of the tick
- *   check     after axis_tick(), before the outputs are written: a finding disables the axis
+ *   check     after axis_tick(), before the outputs are written: a violation disables the axis
  *   observe   after each tick: updates the signals of the protection
- *   evaluate  after every second tick: a finding acts in the next tick
- *   answer    in the tick after a finding: raises a fault or reduces the gain
+ *   evaluate  after every second tick: a violation acts in the next tick
+ *   answer    in the tick after a violation: raises a fault or reduces the gain
  *
  * Each phase calls the protections directly. A loop over a table of functions would need 17 more
  * instructions for each protection, too many for the interrupt (docs/decisions/0046). */
@@ -111,13 +111,13 @@ static inline void guards_evaluate(guards_t *guards, const drive_params_t *param
   }
 }
 
-/* Returns true if a finding needs a reaction by guards_answer(). */
+/* Returns true if a detected violation needs a reaction by guards_answer(). */
 static inline bool guards_have_finding(const guards_t *guards) {
   return guards->contact_guard.finding != AXIS_FAULT_NONE;
 }
 
 /* Returns the fault (AXIS_FAULT_) that the drive must raise, or AXIS_FAULT_NONE if the protection
- * itself has reacted to its finding. */
+ * itself has reacted to the violation. */
 uint8_t guards_answer(guards_t *guards, const drive_params_t *params, drive_signals_t *signals,
                       axis_t *axis);
 

@@ -2,7 +2,7 @@
 #define FIRMWARE_GUARD_SENSOR_H_
 
 /* Monitors the force sensor while the measured force guides the axis: in the force modes, guarded
- * moves and homing, including their approaches, and in every phase of a cycle. Each finding
+ * moves and homing, including their approaches, and in every phase of a cycle. Each detected error
  * disables the axis in the same tick and is a fault with its own name. Each check is switched on by
  * an object; by default all checks are off.
  *
@@ -70,7 +70,7 @@ void sensor_derive(sensor_t *sensor, const drive_params_t *params);
 void sensor_guides(sensor_t *sensor, const axis_t *axis, bool guides);
 
 /* Checks the force sensor. Call this function after axis_tick() and before the outputs are written,
- * because a finding sets the outputs to the safe state. */
+ * because a detected error sets the outputs to the safe state. */
 void sensor_check_active(sensor_t *sensor, const drive_params_t *params, axis_t *axis,
                          axis_outputs_t *outputs);
 static inline void sensor_check(sensor_t *sensor, const drive_params_t *params, axis_t *axis,
