@@ -63,7 +63,7 @@ class Axis {
   int number() const { return number_; }
   std::int64_t coming() const { return firmware_->next_tick(); }
 
-  std::string lost;  // text for the report: reaction of the axis to the silence of the plant
+  std::string lost;  // text for the report: how the axis reacted when the plant no longer sent
 
  private:
   fw_t *axis() { return firmware_->axis(); }

@@ -65,8 +65,8 @@ void receive_modbus(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort 
   }
 }
 
-// Computes ticks without sensor values after the plant has become silent, 1500 ticks per second of
-// the wall clock, so that clients on the buses can read the fault.
+// Computes ticks without sensor values after the plant has stopped sending, 1500 ticks per second
+// of the wall clock, so that clients on the buses can read the fault.
 void hold(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort *modbus, double seconds) {
   const auto start = Clock::now();
   const auto ticks = static_cast<std::int64_t>(seconds * sim::kTickRateHz);
@@ -77,8 +77,8 @@ void hold(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort *modbus, d
   }
 }
 
-// The firmware's end of a session, which continues after a suspension of this process and after a
-// silence of the plant.
+// The firmware's side of a session. The session continues after a suspension of this process, and
+// after the plant has sent nothing for some time.
 class Session {
  public:
   Session(const nodes::NodeOptions &options, std::vector<std::unique_ptr<Axis>> &axes,
@@ -103,7 +103,7 @@ class Session {
   }
 
   // Serves the plants until a signal is received or plant_node has ended, then disables the axes.
-  // Returns the axes whose plant has never sent a record, as a word with bit 0 for axis 1.
+  // Returns the axes whose plant has never sent anything, as a word with bit 0 for axis 1.
   unsigned serve(host::AxisExchange &exchange) {
     while (stopped == 0 && ended.empty()) {
       const unsigned silent = exchange.serve(absent_ != 0 ? milliseconds{1} : kServe);
@@ -148,7 +148,7 @@ class Session {
   }
 
   // Ends the session if plant_node has ended; otherwise the axes wait. To be called if the plants
-  // of these axes are silent.
+  // of these axes no longer send.
   void lose(unsigned axes) {
     for (const auto &axis : axes_) {
       const unsigned of = bit(axis->number());
@@ -232,7 +232,7 @@ void report_own_commands(const AxisOptions &own, int first_axis,
   }
 }
 
-// Disables an axis whose plant is silent, and sends the outputs of the axis to the plant.
+// Disables an axis whose plant no longer sends, and sends the outputs of the axis to the plant.
 void lose(Axis &axis, nodes::ModbusPort *modbus, host::AxisTransport &transport) {
   const host::LinkOutputs out = axis.lose_sensors(modbus);
   transport.send({&out, 1});

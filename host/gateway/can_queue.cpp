@@ -32,8 +32,8 @@ std::string error_text(const can_frame &frame) {
 }  // namespace
 
 CanQueue::CanQueue(const std::string &interface)
-    // A filter in the kernel discards the frames that receive() ignores, so that these frames take
-    // no time of this program.
+    // A filter in the kernel discards the frames that receive() ignores, so that this program
+    // spends no time on these frames.
     : socket_(interface,
               {.filter = {0, CAN_EFF_FLAG | CAN_RTR_FLAG}, .errors = CAN_ERR_MASK, .deep = true}) {}
 

@@ -445,8 +445,8 @@ Task<void> GatewayCommands::publish_capture(const axis_command_t &command, lcm_b
                     canopen::abort_text(got.ok() ? canopen::kAbortTimeout : got.abort));
     co_return;
   }
-  // The recorder is free for the black box again. If another source than CANopen owns the axis, the
-  // client writes this, if it is the owner.
+  // This write leaves the recorder to the black box again. It is refused if a source other than
+  // CANopen owns the axis; a client that is the owner then writes the value itself.
   co_await port.write(AXIS_OBJ_RECORDER_ARM, 0);
   Recording &kept = recording_;
   for (const std::string &name : command.signal) {
@@ -470,7 +470,7 @@ Task<void> GatewayCommands::publish_capture(const axis_command_t &command, lcm_b
                   " signals captured");
 }
 
-// Publishes a part of the recording of a command, until another recording starts.
+// Publishes the samples `range` of the recording, until another recording starts.
 Task<void> GatewayCommands::publish_samples(Id id, Range range) {
   for (std::int64_t first = range.first; first < range.second; first += kBlock) {
     if (recording_.id != id) co_return;

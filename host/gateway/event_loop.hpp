@@ -88,7 +88,7 @@ class EventLoop {
   bool stopped_ = false;
 };
 
-// A value that one part of the program sets and that one coroutine awaits. Any function may set the
+// A value that one function sets and that one coroutine awaits. Any function may set the
 // value. The coroutine then continues in the next cycle of the loop.
 template <class T>
 class Completion {
@@ -112,8 +112,8 @@ class Completion {
   std::coroutine_handle<> waiting_;
 };
 
-// A queue to which several parts of the program add values. One coroutine takes the values in the
-// same order.
+// A queue to which several coroutines or functions add values. One coroutine removes the values in
+// the same order.
 template <class T>
 class Mailbox {
  public:

@@ -166,8 +166,8 @@ class CanTransport : public Transport<Out, In> {
   std::uint64_t foreign() const override { return decoder_.foreign(); }
 
  private:
-  // The plant sends at most one record for each axis, which takes two frames. The firmware sends at
-  // most two records for each axis, of one frame.
+  // The plant sends at most one record for each axis, in two frames. The firmware sends at most two
+  // records for each axis, each in one frame.
   static constexpr std::size_t kFrames = 2 * kMostAxes;
   static_assert(kFrames <= canopen::CanSocket::kBatch);
 

@@ -18,9 +18,10 @@ namespace {
 
 enum : std::uint8_t { kTick = 1, kWrite = 2, kEnd = 3, kRead = 4, kCycle = 5 };
 
-// Words of the record of a program in one part of a download.
+// Number of 32-bit words of a program that the objects cycle_data_1 to cycle_data_16 transfer
+// together.
 constexpr int kPartWords = AXIS_OBJ_CYCLE_DATA_16 - AXIS_OBJ_CYCLE_DATA_1 + 1;
-// Number of a program that has the number 0, which no library takes.
+// Number that a program with the number 0 gets, because a library refuses the number 0.
 constexpr std::uint32_t kFirstNumber = 1;
 
 void put(std::uint8_t *to, std::uint32_t value, int bytes) {
@@ -39,7 +40,7 @@ cycle_header_t header_of(const std::vector<std::uint32_t> &record) {
   return header;
 }
 
-// Returns the record of a program with a number by which a library keeps it.
+// Returns the program with a number that a library accepts.
 std::vector<std::uint32_t> numbered(std::vector<std::uint32_t> record) {
   cycle_header_t header = header_of(record);
   if (header.number != 0) return record;

@@ -22,9 +22,9 @@
 // reads the next record, so that in lock-step the evaluation of a cycle ends in the same tick as in
 // process.
 //
-// The program of a cycle is written in parts (cycle_data_offset and the next objects) into the
-// library of the chip and then selected. There a program has another number than 0; a program
-// with the number 0 gets the number 1. The number does not change what the axis does.
+// The program of a cycle is written piece by piece (cycle_data_offset and the next objects) into
+// the library of the chip and then selected. The library refuses the number 0, so a program with
+// the number 0 gets the number 1. The number does not change what the axis does.
 #include <array>
 #include <chrono>
 #include <cstdint>

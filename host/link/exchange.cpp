@@ -7,15 +7,16 @@ namespace {
 
 using std::chrono::milliseconds;
 
-// Time after which the plant repeats a record for the first time, several round-trip times of an
+// Time after which the plant repeats a message for the first time: several round-trip times on an
 // idle machine. The time doubles with every repetition, to limit the load of a busy machine.
 constexpr milliseconds kFirstRepeat{3};
 constexpr milliseconds kLongestRepeat{100};
 
-// After this number of received records without effect, the plant reads the clock.
+// After this number of received messages without effect, the plant reads the clock.
 constexpr unsigned kUselessWithoutClock = 16;
 
-// The firmware reads the clock after a call without a record, and after every kCallsPerClock calls.
+// The firmware reads the clock after a call without a message, and after every kCallsPerClock
+// calls.
 constexpr unsigned kCallsPerClock = 512;
 
 std::string seconds_text(milliseconds time) {
@@ -37,7 +38,7 @@ std::string axes_text(unsigned axes) {
   return (text.size() > 1 ? "axes " : "axis ") + text;
 }
 
-// Receives records. Bit i of the result is set if a record answers inputs[i].
+// Receives messages. Bit i of the result is set if a message answers inputs[i].
 unsigned PlantExchange::take(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs,
                              milliseconds wait) {
   std::array<LinkOutputs, 2 * kMostAxes> came;

@@ -3,7 +3,7 @@
 // repeats these inputs until it has received the outputs of the same tick. The firmware computes
 // each tick once. If the inputs of the last tick arrive again, the firmware repeats the stored
 // outputs. The firmware ignores the inputs of all other ticks. So plant and firmware compute the
-// same ticks with the same values, even if the transport loses, duplicates or delays records.
+// same ticks with the same values, even if the transport loses, duplicates or delays messages.
 #include <array>
 #include <chrono>
 #include <cstdint>
@@ -17,27 +17,28 @@
 
 namespace forceaxis::host {
 
-// Numbers of records that one side of the link has counted.
+// Numbers of messages that one side of the link has counted. A message is a record of records.hpp.
 struct LinkStatistics {
-  // Number of records passed to the transport, including repeated records.
+  // Number of messages passed to the transport, including repeated messages.
   std::uint64_t sent = 0;
-  // Number of received records of this run for the axes of this process.
+  // Number of received messages that belong to this run and to an axis of this process.
   std::uint64_t received = 0;
-  // Number of records that were sent again. The plant repeats a record if its answer is late. The
-  // firmware repeats a record if the same inputs arrive again.
+  // Number of messages that were sent again. The plant repeats a message if the answer is late. The
+  // firmware repeats its answer if the same inputs arrive again.
   std::uint64_t repeated = 0;
-  std::uint64_t duplicates = 0;  // number of records received for a tick that was already complete
-  std::uint64_t foreign = 0;     // number of malformed records and records of other runs
+  std::uint64_t duplicates = 0;  // number of messages received for a tick that was already complete
+  std::uint64_t foreign = 0;     // number of malformed messages and of messages of other runs
 };
 
-// Times without a record after which the other side of the link is regarded as silent.
+// Times without a message after which a process is regarded as silent, that is, as stopped or no
+// longer connected.
 struct LinkTimeouts {
-  // Longest time to wait for the first record of the other side of the link.
+  // Longest time to wait for the first message of the other process.
   std::chrono::milliseconds start{5000};
   std::chrono::milliseconds running{1000};
 };
 
-// The other side of the link has sent nothing for a time in LinkTimeouts.
+// The other process has sent nothing for a time in LinkTimeouts.
 struct LinkSilent : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -53,10 +54,10 @@ class PlantExchange {
 
   // Called at intervals while an answer is late. An exception from this function ends exchange().
   std::function<void()> late;
-  // Called if axes that have answered before are silent for longer than the timeout, and again
-  // after each further timeout. Bit axis - 1 of `axes` is set for each silent axis. If this
-  // function returns true, the exchange continues to wait. If the function returns false or is
-  // empty, the exchange throws LinkSilent.
+  // Called if axes that have answered before do not answer for longer than the timeout, and again
+  // after each further timeout. Bit axis - 1 of `axes` is set for each axis that does not answer.
+  // If this function returns true, the exchange continues to wait. If the function returns false or
+  // is empty, the exchange throws LinkSilent.
   std::function<bool(unsigned axes)> silent;
 
   LinkStatistics statistics() const;
@@ -70,11 +71,11 @@ class PlantExchange {
   PlantTransport &transport_;
   LinkTimeouts timeouts_;
   LinkStatistics statistics_;
-  bool idle_ = false;      // true: no record arrived during the last wait
+  bool idle_ = false;      // true: no message arrived during the last wait
   unsigned answered_ = 0;  // axes that have answered: bit 0 for axis 1, bit 1 for axis 2
 };
 
-// The firmware's end of the link, for the axes of one process.
+// The firmware's side of the link, for the axes of one process.
 class AxisExchange {
  public:
   // `compute` is called once for each tick and axis, in the order of the ticks. `axes` has the
@@ -85,16 +86,16 @@ class AxisExchange {
                std::span<const std::uint8_t> axes, std::span<const std::int64_t> last_ticks,
                Compute compute);
 
-  // Answers the records that arrive within the time `wait`. Returns the axes whose plant has become
-  // silent, as a word with bit 0 for axis 1. These axes are then finished.
+  // Answers the messages that arrive within the time `wait`. Returns the axes whose plant has sent
+  // nothing for the timeout, as a word with bit 0 for axis 1. These axes are then finished.
   unsigned serve(std::chrono::milliseconds wait);
 
-  // Returns true if every axis has computed its last tick or has a silent plant. Because the last
-  // answer may have been lost, the caller must continue to call serve() until quiet(), the time
-  // since the last record, is long enough.
+  // Returns true if every axis has computed its last tick or its plant no longer sends. Because the
+  // last answer may have been lost, the caller must continue to call serve() until quiet(), the
+  // time since the last message, is long enough.
   bool finished() const { return running_ == 0; }
-  // Continues to serve axes after their plant became silent. Bit axis - 1 of `axes` is set for each
-  // of these axes.
+  // Continues to serve axes whose plant had sent nothing for the timeout. Bit axis - 1 of `axes` is
+  // set for each of these axes.
   void resume(unsigned axes);
   std::chrono::milliseconds quiet() const;
 
@@ -105,7 +106,7 @@ class AxisExchange {
 
   struct Axis {
     bool hosted = false;
-    bool fresh = false;  // true: a record has arrived since the clock was last read
+    bool fresh = false;  // true: a message has arrived since the clock was last read
     std::int64_t last_tick = 0;
     Clock::time_point received{};
     // Outputs of the last computed tick. answer.tick is -1 before the first tick.

@@ -120,8 +120,8 @@ LinkedPlants::LinkedPlants(std::span<const Experiment> experiments, std::uint8_t
 
 LinkedPlants::~LinkedPlants() = default;
 
-// The plants' end of a session, which continues after a suspension of this process and after a
-// silence of axis_node.
+// The plants' side of a session. The session continues after a suspension of this process, and
+// after axis_node has sent nothing for some time.
 class LinkedPlants::Session {
  public:
   Session(Ends &ends, const LinkSession &session)

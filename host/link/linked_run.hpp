@@ -52,7 +52,7 @@ struct LinkSession {
   // answer is late.
   std::function<bool()> ended;
   // Called with one line of text when the session is interrupted or continues. `paused` is true
-  // while the plants wait for a silent axis_node.
+  // while the plants wait for an axis_node that sends nothing.
   std::function<void(std::int64_t tick, bool paused, const std::string &text)> report;
 };
 
@@ -83,8 +83,8 @@ class LinkedPlants {
   // Simulates all ticks. With `real_time`, a tick does not begin before its time on the wall clock.
   // RunResult::refused is empty, because the other process reports refused writes. `watch` is
   // called every kTicksBetweenMoments ticks, beginning at tick 0, after the firmware has answered.
-  // A session ends when LinkSession::ended returns true or axis_node has ended. While axis_node is
-  // silent, the plants of a session wait, and the time of this silence is not simulated later.
+  // A session ends when LinkSession::ended returns true or axis_node has ended. While axis_node
+  // sends nothing, the plants of a session wait, and the time of this wait is not simulated later.
   // Throws TransportError, LinkSilent (in a session only before the first answer) and the
   // exceptions of host::run(). report() is valid after an exception too.
   std::vector<RunResult> run(bool real_time, const LinkWatch &watch = {},

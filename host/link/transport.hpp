@@ -1,6 +1,6 @@
 #pragma once
-// Transports records as datagrams, which can be lost, duplicated or late. The protocol in
-// exchange.hpp ensures that each tick is computed exactly once.
+// Sends and receives the records of records.hpp as datagrams, which can be lost, duplicated or
+// late. The protocol in exchange.hpp ensures that each tick is computed exactly once.
 #include <chrono>
 #include <cstdint>
 #include <span>
@@ -28,8 +28,8 @@ class Transport {
   virtual void send(std::span<const Out> records) = 0;
 
   // Waits for a record, at most the time `wait`, then receives all pending records. Returns the
-  // number of received records of this run. This number is 0 if no record or only foreign records
-  // have arrived.
+  // number of received records of this run. This number is 0 if no record has arrived, or only
+  // records of other runs.
   virtual std::size_t receive(std::span<In> records, std::chrono::milliseconds wait) = 0;
 
   // Returns the number of received records that do not belong to this run or are malformed.

@@ -26,7 +26,8 @@ using sim::Sign;
 constexpr double kTicks = sim::kTickRateHz;
 constexpr const char *kText = "expected a text in quotes";
 
-// A phase, a condition or an element needs its names before all of them are read.
+// The names of all phases. They are read first, because phases, conditions and evaluation elements
+// refer to phases by name.
 struct Names {
   std::vector<std::string> phases;
 
@@ -56,7 +57,7 @@ struct Scales {
   double q8_per_N = 0;  // 1/256 count of measured force
   double rated_N = 0;
   double limit_N = 0;                            // force_limit
-  double tare_band_q8 = 0;                       // 0: the axis takes no tare
+  double tare_band_q8 = 0;                       // 0: the axis has no tare
   double position_least = 0, position_most = 0;  // soft limits in counts from the reference
   double span = 0;  // largest travel between two soft limits, in counts
   // Ends of what the force sensor can show in compression and in tension, in 1/256 count; infinite
@@ -92,7 +93,7 @@ struct Scales {
                     1.0 * raw_of(initial, AXIS_OBJ_POSITION_MAX, INT32_MAX) -
                         raw_of(initial, AXIS_OBJ_POSITION_MIN, INT32_MIN));
     set_ends(initial, sign);
-    // The firmware takes positions, distances and speeds of a program in user units.
+    // In a program, the firmware expects positions, distances and speeds in user units.
     if (raw_of(initial, AXIS_OBJ_FEED, 0) != 0 || raw_of(initial, AXIS_OBJ_POLARITY, 0) != 0)
       source.fail("phase",
                   "expected an axis whose user unit is the encoder count; remove feed and polarity "
@@ -267,7 +268,7 @@ class Reader {
     return *value;
   }
 
-  // Refuses keys that the action of a phase, or the kind of an element, does not use.
+  // Refuses keys that the action of a phase, or the kind of an evaluation element, does not use.
   static void only(Section &section, const std::string &of, std::initializer_list<const char *> all,
                    const std::set<std::string> &used) {
     for (const char *key : all)

@@ -19,7 +19,7 @@ namespace forceaxis::host {
 
 extern const sim::TableFormat kCycleFormat;
 
-// An element as the file describes it.
+// An evaluation element as the file describes it.
 struct CycleElement {
   std::string name;
   std::string kind;        // "peak", "window" and so on

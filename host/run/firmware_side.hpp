@@ -53,7 +53,7 @@ class FirmwareSide {
     return out;
   }
 
-  // Computes one tick after the plant has become silent. sensor_valid is 0, and the other inputs
+  // Computes one tick after the plant has stopped sending. sensor_valid is 0, and the other inputs
   // are those of the last tick. This tick is not part of the trace. The firmware outputs DAC code
   // 0, disables the drive and latches the fault sensor_invalid.
   LinkOutputs lose_sensors(std::uint8_t axis) {

@@ -64,8 +64,8 @@ class JournalWriter {
   void modbus(std::int64_t tick, std::span<const std::uint8_t> bytes);
   void overrun(std::int64_t tick);
   // Records one tick of the firmware without sensor values, before `tick`. Consecutive ticks
-  // without sensor values share one entry if there is no input between them, so a long silence
-  // needs little space.
+  // without sensor values share one entry if there is no input between them, so a long time without
+  // messages needs little space.
   void sensorless(std::int64_t tick);
   void end(std::int64_t ticks, const std::string &hash);
   // Must be called at intervals, because all entries that are not flushed are lost if the process

@@ -1,6 +1,6 @@
 #pragma once
-// The records that plant and firmware exchange: one record in each direction for every tick and
-// axis.
+// The messages that plant and firmware exchange, here called records: one in each direction for
+// every tick and axis.
 #include <cstddef>
 #include <cstdint>
 

@@ -91,7 +91,7 @@ struct Metrics {
   std::optional<HeldForce> held_force;
 };
 
-// What a cycle found in one element.
+// Value of one evaluation element in a cycle, and the verdict on it.
 struct CycleFigure {
   double value = 0;  // in the unit of CycleElement
   std::uint32_t tick = 0;
@@ -103,7 +103,8 @@ struct CycleResult {
   std::string state;         // cycle_state of the firmware
   std::string outcome;       // cycle_outcome
   std::string failed_phase;  // phase in which the cycle failed; "" if it ended by its program
-  std::vector<CycleFigure> figures;  // one for each element; empty before the end of a cycle
+  std::vector<CycleFigure> figures;  // one for each evaluation element; empty before the end of a
+                                     // cycle
   std::int64_t cycles = 0;           // number of cycles that were started
   // number of ticks in evaluated phases whose sample is not valid; 0 before the end of a cycle
   std::int64_t invalid_ticks = 0;
