@@ -252,8 +252,8 @@ class ModbusLink(Link):
                     self._low_first = bool(raw)
 
     def download_update(self, data: bytes, written: Callable[[int], None]) -> None:
-        """Writes the update in parts: one request for each cycle_data_offset with 16 words behind
-        it. The axis erases the slot in the request with the head of the update."""
+        """Writes the update piece by piece: one request for each cycle_data_offset and the 16 words
+        after it. The axis erases the slot in the request with the head of the update."""
         first = BY_NAME["cycle_data_offset"].modbus
         write = self.client.write_registers
         for at in range(0, len(data), PART_BYTES):

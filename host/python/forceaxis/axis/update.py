@@ -19,7 +19,8 @@ START, CONFIRM = 1, 128
 # by the watchdog, and one of the image before it.
 RESTART_MAX_S = 20.0
 POLL_S = 0.25
-# Time in s without an overrun before an axis takes a confirmation, and how long this program asks.
+# Time in s without an overrun before an axis accepts a confirmation, and time in s for which this
+# program repeats its request.
 CONFIRM_S, CONFIRM_MAX_S = 10.0, 20.0
 REFUSALS = {
     "no_update": "expected an update of forceaxis, got another file",

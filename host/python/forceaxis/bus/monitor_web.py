@@ -87,7 +87,7 @@ class Screen(AppService):
         """Asks the process to end, then sends SIGTERM, then SIGKILL. A process that is starting, or
         that waits for its page to read, ignores the request.
 
-        AppService.stop() is not called: the task for which it waits takes the cancellation by a
+        AppService.stop() is not called: the task for which it waits mistakes the cancellation by a
         time limit for its own, so the limit has no effect.
         """
         process, task = self._process, self._task

@@ -19,7 +19,7 @@ NODE_STATES = {
     -1: "silent",
 }
 
-STALE_AFTER_S = 1.0  # age in s of the drive's values from which on an axis counts as silent
+STALE_AFTER_S = 1.0  # age in s of the drive's values from which on an axis is regarded as silent
 
 # Modes of operation that control a force, a position target, or a position on a profile.
 FORCE_MODES = {-8, -7, -6, -1, 4, 10}

@@ -342,7 +342,7 @@ def check_outputs(bench: Bench) -> BringupStep:
     if found:
         return failed(f"{found} (while the axis is disabled)")
     axis.reset_fault()
-    # The first motion test would wait for a motion. Its place takes the bound of the speed.
+    # The first motion test would wait for a motion, so it is off; speed_max bounds the speed.
     before = axis.get("first_motion_test", "speed_max")
     axis.set(first_motion_test="off", speed_max=SPEED_MAX)
     position = axis.integer("position")
@@ -481,7 +481,7 @@ def check_can(bench: Bench) -> BringupStep:
 
 
 def check_can_off(bench: Bench) -> BringupStep:
-    """Takes the bus away and gives it back."""
+    """Disconnects the bus and connects it again."""
     bench.act("Short CAN_H to CAN_L while a node sends, and leave them shorted.")
     state = can_state(bench, "off")
     if state != "off":

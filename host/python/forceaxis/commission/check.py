@@ -270,8 +270,9 @@ class MotionCheck:
                     "above 0", ": set them, the axis would not move")  # fmt: skip
 
     def _drive_times(self) -> None:
-        """Compares times of the axis with the bus of its drive, if it has one: with a shorter time,
-        a sound drive is a fault, or each part of a cycle is bad."""
+        """Compares times of the axis with the bus of its drive, if it has one: if a time of the
+        axis is too short, a drive without a defect causes a fault, or each part that a cycle
+        presses is bad."""
         known = self.known
         if not known.drive_node_id:
             return

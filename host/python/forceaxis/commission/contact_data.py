@@ -21,7 +21,8 @@ from forceaxis.recordings.touch import RISEN_SHARE, contacts_of, level_of, onset
 Floats: TypeAlias = NDArray[np.float64]
 
 PARTS_MAX = 8  # largest number of steps of the plant in a tick
-# Part of a step of the values that a recording without visible noise may have as noise.
+# Noise that is assumed for a recording without visible noise, as a fraction of the step between its
+# values.
 LEAST_NOISE_STEPS = 0.12
 LONG_STRETCH = 20  # samples
 HELD_SAMPLES = 100  # largest number of samples of a held force that are used

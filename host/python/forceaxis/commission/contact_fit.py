@@ -41,7 +41,8 @@ from forceaxis.linear.posterior import Posterior
 from forceaxis.recordings import signal_recording
 from forceaxis.results import to_json
 
-# A parameter is told by the recordings if its deviation is at most this part of the prior's.
+# The recordings determine a parameter if its posterior standard deviation is at most this fraction
+# of the prior one.
 TOLD_SHARE = 1 / 3
 DOUBTED_BELOW, REJECTED_BELOW = 0.05, 1e-3  # of the p value
 CHAINS_FILE = "chains.npz"

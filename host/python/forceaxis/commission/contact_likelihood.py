@@ -1,9 +1,9 @@
 """Likelihood of recorded touch-downs for many plants at once.
 
-The plant is fed the recorded command, so it needs no law. Besides the fitted parameters each
-touch-down has unknowns of its own: where the axis stood before it (`place`), by which part of a
-count the encoder was off (`count`), and without a recorded command the speed at the start and the
-command. The zero of the force sensor is one further unknown.
+The recorded command is the input of the simulated plant, so no control law is needed. Besides the
+fitted parameters each touch-down has unknowns of its own: where the axis stood before it (`place`),
+the fraction of a count by which the encoder was off (`count`), and without a recorded command the
+speed at the start and the command. The zero of the force sensor is one further unknown.
 """
 
 import hashlib

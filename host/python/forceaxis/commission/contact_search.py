@@ -9,7 +9,7 @@ from forceaxis.commission.contact_likelihood import ContactProblem
 
 STEP_LOG, STEP_UNKNOWN = 1e-4, 1e-3  # steps of numerical derivatives
 STARTS = 6  # number of starts that are drawn from the prior, besides its centre
-START_SHARE = 0.7  # part of the deviations of the prior with which starts are drawn
+START_SHARE = 0.7  # standard deviation of the random starts, as a fraction of that of the prior
 # Stretches of the continuation in s after the onset, and largest numbers of iterations.
 STRETCHES_S, ITERATIONS, LAST_ITERATIONS = (0.012, 0.03, 0.08), 8, 30
 TOLERANCE = 1e-4  # decrease of the cost at which a search ends

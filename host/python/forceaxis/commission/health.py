@@ -35,7 +35,8 @@ from forceaxis.linear.plant_facts import Overrides
 from forceaxis.recordings import signal_recording
 
 LEVEL = 0.05
-# A parameter is told by the measurement of today if so large a change of its logarithm is seen.
+# The measurement of today determines a parameter if it can detect a change of its logarithm of this
+# size.
 TOLD_CHANGE = 0.5
 # Twice the logarithm of the likelihood below the best parameter, up to which another one explains
 # the change nearly as well.

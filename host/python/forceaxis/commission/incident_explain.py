@@ -4,11 +4,11 @@ fault best.
 found = explain(incident, ExplainOrder("press/model.toml"))
 found.result.causes[0].name, found.result.causes[0].changes
 
-The plant is fed the recorded codes. Each cause has up to three numbers, which are fitted together
-with the parameters of the released machine, within their uncertainty. The rank is the decrease of
-chi-square, less ln n for each number of the cause, where n is the number of samples (Schwarz, The
-Annals of Statistics 6, 1978). In contrast to the evidence of Laplace it needs no prior of the size
-of a change, which nobody knows.
+The recorded codes are the input of the simulated plant. Each cause has up to three numbers, which
+are fitted together with the parameters of the released machine, within their uncertainty. The rank
+is the decrease of chi-square, less ln n for each number of the cause, where n is the number of
+samples (Schwarz, The Annals of Statistics 6, 1978). In contrast to the evidence of Laplace it needs
+no prior of the size of a change, which nobody knows.
 """
 
 import json

@@ -1,7 +1,7 @@
 """The recorded second before a fault as a touch-down whose plant or sensors may have changed.
 
-The plant is fed the recorded codes. A change of the plant is an element of the model, a change of a
-sensor is a further unknown, so the likelihood is that of `contact_likelihood`.
+The recorded codes are the input of the simulated plant. A change of the plant is an element of the
+model, a change of a sensor is a further unknown, so the likelihood is that of `contact_likelihood`.
 """
 
 from collections.abc import Sequence

@@ -1,5 +1,5 @@
 """Explains an incident in text: applies rules to the recorded signals, and lists the most important
-findings first."""
+observations first."""
 
 from dataclasses import dataclass
 
@@ -176,7 +176,7 @@ class _Story:
 
     def still(self) -> str | None:
         """Returns text about a measured force that does not change although the axis moves in
-        contact or presses, or None without this finding."""
+        contact or presses, or None if this was not observed."""
         ticks = _last_run(self.raw == self.raw[-1])
         is_sign = self.incident.fault in ("force_stuck", "force_disconnected")
         if ticks < 5 or not (is_sign or self.contact[-1]):
@@ -222,7 +222,7 @@ class _Story:
 
     def standing(self) -> str | None:
         """Returns text about an axis that does not move although the firmware outputs a DAC code,
-        or None without this finding."""
+        or None if this was not observed."""
         ticks = min(NEAR_TICKS, self.at)
         if ticks < NEAR_TICKS or not self.enabled[-ticks - 1 : -1].all():
             return None

@@ -1,2 +1,2 @@
-"""Cycles in the simulation: one part with its phases, error rates over many parts, and bounds of
-the elements from good parts."""
+"""Cycles in the simulation: one pressed part with its phases, error rates over many parts, and
+bounds of the evaluation elements from good parts."""

@@ -1,5 +1,5 @@
-"""Statistics of pressed parts: shares of good parts, and of each element mean, standard deviation,
-capability, and the values in the order of the parts.
+"""Statistics of pressed parts: shares of good parts, and for each evaluation element its mean,
+standard deviation, capability, and values in the order of the parts.
 
 With the mean m, the standard deviation s (n - 1) of all values and the bounds L and U:
 
@@ -44,7 +44,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class ElementStatistics:
-    """The values that one element found in parts that are good or bad, in `unit`. Bounds are those
+    """The values of one evaluation element over all good and bad parts, in `unit`. Bounds are those
     of the last part."""
 
     name: str
@@ -52,8 +52,8 @@ class ElementStatistics:
     least: float | None
     most: float | None
     n: int  # number of values
-    not_found: int  # number of parts in which the element found no value
-    good: Share  # share of the parts that the element finds good
+    not_found: int  # number of parts in which the element has no value
+    good: Share  # share of the parts whose value the element accepts
     mean: float | None
     deviation: float | None  # standard deviation (n - 1)
     smallest: float | None
@@ -66,8 +66,8 @@ class ElementStatistics:
 
 @dataclass(frozen=True)
 class PartStatistics:
-    """Statistics of recorded or simulated parts. The elements are those of parts with the program
-    of the last part."""
+    """Statistics of recorded or simulated parts. The figures of the evaluation elements are
+    computed from parts with the program of the last part."""
 
     source: str
     title: str  # of the program
@@ -81,12 +81,12 @@ class PartStatistics:
     good_share: Share  # good parts among those that are good or bad
     bad_in_row: int  # number of bad or aborted parts at the end
     other_programs: int  # parts with another program, which are in no figure of an element
-    left_out: int  # simulated bad parts, which are in no figure at all
+    left_out: int  # simulated bad parts, which are excluded from all figures
     elements: list[ElementStatistics]
 
 
 def statistics(parts: RecordedParts) -> PartStatistics:
-    """Returns the statistics of parts, of which there is at least one."""
+    """Returns the statistics of at least one part."""
     records = parts.records
     last = next((r for r in reversed(records) if r.state != LOST), records[-1])
     known = [record for record in records if record.state != LOST]

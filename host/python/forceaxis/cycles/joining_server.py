@@ -71,7 +71,7 @@ UNIT_CODES = {
 }  # fmt: skip
 CEFACT = "http://www.opcfoundation.org/UA/units/un/cefact"
 SIMULATED = "the simulated axis"  # begin of the connection of a simulated axis (axis/sim.py)
-RESULTS_MOST = 200  # newest parts that are results; the folder keeps all
+RESULTS_MOST = 200  # newest parts that the server offers as results
 POLL_S = 0.5  # between two looks into the folder
 SETTLED_NS = 1_000_000_000  # after a change, far longer than the resolution of a file's time
 # Bounds of what clients send: requests are short, results go the other way.
@@ -176,7 +176,7 @@ def unit(text: str) -> ua.EUInformation:
 
 
 def measured_value(element: ElementFigure) -> Structure:
-    """Returns one element of a part as a measured value, nan if it found nothing."""
+    """Returns the value of one evaluation element as a measured value, nan without a value."""
     known = ua.ResultEvaluationEnum
     if element.verdict == GOOD:
         verdict = known.OK

@@ -1,8 +1,8 @@
 """Cycles of an axis on a connection: download of a program, and a cycle.
 
 An experiment describes the axis for which the program was made: its model gives counts and newtons,
-its table [firmware] the parameters. The axis has to agree with it, because the program's record has
-counts of force and travel.
+its table [firmware] the parameters. The scales of the axis have to agree with it, because the bytes
+of the program contain forces and travels in counts.
 """
 
 import contextlib
@@ -36,7 +36,8 @@ PART_TIMEOUT_S = 3600.0  # the longest phase
 
 @dataclass(frozen=True)
 class LiveProgram:
-    """The program of an experiment, as an axis takes it and as its file describes it."""
+    """The program of an experiment: the bytes that an axis accepts, and the description in its
+    file."""
 
     experiment: Path
     overrides: Sequence[str]
@@ -81,7 +82,7 @@ class PartObjects(StatusObjects):
     """State of the cycle while a part is pressed."""
 
     cycle_state: str
-    cycle_number: int  # of the last part that ended
+    cycle_number: int  # number of the last pressed part
     fault: str
 
 

@@ -38,8 +38,8 @@ class PartOutcome:
         return self.outcome == BY_PROGRAM
 
     def is_good_by(self, elements: Sequence[Element], moved: Sequence[int]) -> bool:
-        """Returns True if the part is good by the bounds of `elements`. `moved` are the indices of
-        the elements with other bounds than in the simulation."""
+        """Returns True if the part would be good with the bounds of `elements`. `moved` are the
+        indices of the evaluation elements whose bounds differ from those of the simulation."""
         return (
             self.is_judged
             and self.is_within_limits

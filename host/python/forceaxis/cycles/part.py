@@ -1,4 +1,5 @@
-"""One simulated part: verdict, values of the elements, and when and why each phase ended."""
+"""One simulated part: its verdict, the values of the evaluation elements, and when and why each
+phase ended."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -158,7 +159,8 @@ def _traced(experiment: Path) -> str:
 
 
 def figure_of(element: Element, verdict: str, value: float | None) -> ElementFigure:
-    """Returns what an element found, with its bounds. Without a finding there is no value."""
+    """Returns what an element found, with its bounds. It has no value if nothing was
+    found."""
     is_shape = element.kind in SHAPES
     return ElementFigure(
         name=element.name,

@@ -1,9 +1,9 @@
-"""Files of parts: kinds of parts, whose parameters have distributions, and the parts drawn from
-them.
+"""Files of parts: kinds of parts, whose parameters have distributions, and the parts that are
+sampled at random from these distributions.
 
-A part is the values of its parameters and the seed of its measurement noise. The values of the part
-with number i of a group follow from the seed, the name of the group and i alone, so that it is the
-same part whatever number of parts is drawn and in whatever order.
+A part is described by the values of its parameters and the seed of its measurement noise. The
+values of the part with number i of a group follow from the seed, the name of the group and i alone,
+so that it is the same part whatever number of parts is drawn and in whatever order.
 """
 
 import hashlib

@@ -1,5 +1,5 @@
-"""Plot of one part: force over travel and over time, with phases, and windows, envelopes and bounds
-of the elements."""
+"""Plot of one pressed part: force over travel and over time, with the phases, and with the windows,
+envelopes and bounds of the evaluation elements."""
 
 import matplotlib.pyplot as plt
 import numpy as np

@@ -1,16 +1,17 @@
-"""Bounds of the elements of a program from good parts, to a stated share of good parts that the
-program refuses.
+"""Proposes bounds for the evaluation elements of a program from the values of good parts, so that
+the program refuses a stated share of later good parts.
 
-The bounds come from statistically equivalent blocks (Tukey 1947): the bounds take the parts away
-one by one, each bound in turn the part that is then the most extreme on its side, until the wanted
-number is gone. Each bound is then at the value of the last part that it took. Whatever the
-distributions of the values, and whatever their dependence, the share of later parts that is beyond
-any of the bounds has the distribution Beta(k, n + 1 - k) after k of n parts, with the mean
-k / (n + 1), as long as no two values are equal. So the rate is that of the whole part, not that of
-one element. Bounds between equal values refuse less.
+The bounds come from statistically equivalent blocks (Tukey 1947): the parts are removed one by one.
+The bounds take turns, and each removes the part that is then the most extreme on its side, until
+`k` of the `n` parts are removed. Each bound is then the value of the last part that it has removed.
+Whatever the distributions of the values, and whatever their dependence, the share of later parts
+that is beyond any of the bounds has the distribution Beta(k, n + 1 - k) after k of n parts, with
+the mean k / (n + 1), as long as no two values are equal. So the stated share is the share of parts
+that the program refuses, and not that of one evaluation element. Bounds between equal values refuse
+less.
 
-Parts that other bounds would refuse too (a limit of a phase, a window, an envelope, a value that
-was not found) are the first of the k.
+Parts that the program refuses whatever these bounds are (because of a limit of a phase, a window,
+an envelope, or a missing value) are the first of the k.
 """
 
 import math
@@ -81,7 +82,7 @@ class Proposal:
 
     program: str  # file that was written
     rate: float  # that was asked for
-    parts: int  # good parts from which the bounds come
+    parts: int  # good parts from which the bounds were computed
     refused_anyway: int  # of them, whatever the bounds
     expected: float  # share of later good parts that will be refused
     low: float  # 95 % of such proposals refuse a share from here ...
@@ -133,11 +134,12 @@ def refused_anyway(outcome: PartOutcome, moved: Sequence[int]) -> bool:
 def bounds_by_blocks(
     values: NDArray[np.float64], sides: Sequence[tuple[int, int]], take: int
 ) -> list[float]:
-    """Returns a bound for each side: the value of the last part that the side took.
+    """Returns a bound for each side: the value of the last part that was removed on this side.
 
     values: (n, m) of n parts. sides: (column, 1 for a lower or -1 for an upper bound). take: number
-    of parts to take, at least one for each side. Sides take in turn. Equal values: a part at a
-    bound is good, so the count has the parts beyond a bound and one part for each bound.
+    of parts to remove, at least one for each side. The sides take turns. A part whose value equals
+    a bound is good, so with equal values only the parts beyond a bound, and one part for each
+    bound, are counted as removed.
     """
     parts = len(values)
     keyed = [sign * values[:, column] for column, sign in sides]
@@ -320,8 +322,8 @@ def _written(bound: float, element: Element, before: Any) -> float | str:
 
 
 def _write(old: Program, new: Program, target: Target) -> None:
-    """Writes a program whose bounds have changed. The compiled module reads the new file before it
-    takes the place of an old one."""
+    """Writes a program whose bounds have changed. The compiled module reads the new file before
+    this file replaces an old one."""
     with old.file.open(encoding="utf-8", newline="") as stream:
         text = edited(stream.read(), new)
     with paths.replacing(target.file.parent, target.file.name) as (fresh,):

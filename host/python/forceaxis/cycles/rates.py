@@ -26,13 +26,13 @@ from forceaxis.results import json_field, to_json
 from forceaxis.words import counted, option_words
 
 PARTS_MOST = 1_000_000
-GOOD_GROUP = "good parts"  # name of the random numbers of good parts
+GOOD_GROUP = "good parts"  # name of the stream of random numbers for good parts
 FILES = ("rates.json", "parts.csv")
 
 
 @dataclass(frozen=True)
 class RatesRequest:
-    """An experiment with a program, and the parts that it is tried with."""
+    """An experiment with a program, and the simulated parts that the program shall evaluate."""
 
     experiment: Path
     good: Path  # file of parts
@@ -91,7 +91,8 @@ class PartCounts:
 
 @dataclass(frozen=True)
 class ElementRefusals:
-    """How often one element refuses a good part. It is a share of the judged parts."""
+    """How often one evaluation element refuses a good part, as a share of the parts with the
+    verdict good or bad."""
 
     name: str
     kind: str
@@ -100,7 +101,7 @@ class ElementRefusals:
 
 @dataclass(frozen=True)
 class GoodRates:
-    """What becomes of good parts."""
+    """How often the program accepts and refuses good parts."""
 
     counts: PartCounts
     refused: Share  # of the judged parts
@@ -110,7 +111,7 @@ class GoodRates:
 
 @dataclass(frozen=True)
 class ElementPasses:
-    """How often one element alone would let a bad part pass."""
+    """How often a bad part would pass if the program had only this evaluation element."""
 
     name: str
     kind: str
@@ -119,7 +120,7 @@ class ElementPasses:
 
 @dataclass(frozen=True)
 class BadRates:
-    """What becomes of the parts of one bad kind."""
+    """How often the program accepts and refuses the parts of one bad kind."""
 
     name: str
     weight: float
@@ -292,7 +293,7 @@ def counts_of(outcomes: Sequence[PartOutcome]) -> PartCounts:
 
 
 def good_rates(outcomes: Sequence[PartOutcome], program: Program) -> GoodRates:
-    """Returns what becomes of good parts."""
+    """Returns how often the program accepts and refuses good parts."""
     judged = [outcome for outcome in outcomes if outcome.is_judged]
     of = len(judged)
     return GoodRates(
@@ -307,7 +308,7 @@ def good_rates(outcomes: Sequence[PartOutcome], program: Program) -> GoodRates:
 
 
 def bad_rates(group: Group, program: Program) -> BadRates:
-    """Returns what becomes of the parts of one bad kind."""
+    """Returns how often the program accepts and refuses the parts of one bad kind."""
     judged, of = group.judged, len(group.judged)
     return BadRates(
         name=group.name,
@@ -376,7 +377,8 @@ def write(done: Rates, out: Path) -> None:
 
 
 def _figures(outcome: PartOutcome, elements: Sequence[Element]) -> list[ElementFigure]:
-    """Returns what the elements found in a part; a failed run has neither values nor verdicts."""
+    """Returns the values and verdicts of the evaluation elements for a part; a failed run has
+    neither."""
     values: Sequence[float | None] = outcome.values or [None] * len(elements)
     verdicts = outcome.verdicts or [""] * len(elements)
     return [

@@ -1,7 +1,8 @@
 """The record of one pressed part: a JSON object, and a row of a table.
 
-`PartRecord` is both for a part of an axis and for a part that was read from a table. The columns of
-an element are the same in the table of recorded parts and in that of many simulated parts.
+`PartRecord` describes a part that an axis has pressed, and also a part that was read from a table.
+An evaluation element has the same columns in a table of recorded parts and in a table of simulated
+parts.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,7 +29,7 @@ LOST = "lost"  # state of a part whose result a power cut of the axis has lost
 
 @dataclass(frozen=True)
 class PartRecord:
-    """One part of an axis, with everything that decided on its verdict. The power-up and the number
+    """One pressed part, with everything on which its verdict depends. The power-up and the number
     together identify the part."""
 
     number: int
@@ -107,8 +108,9 @@ def elements_of(columns: Sequence[str]) -> list[str]:
 
 
 def from_row(row: Mapping[str, str], names: Sequence[str], where: str) -> PartRecord:
-    """Returns the record of a row of a table with the elements `names`. The record leaves out
-    columns that it does not know. Raises InputError, with `where`, for a cell that is no number."""
+    """Returns the record that a row of a table describes; `names` are the evaluation elements of
+    the table. Unknown columns are ignored. Raises InputError, with `where`,
+    for a cell that is no number."""
 
     def number(column: str) -> float | None:
         text = row.get(column, "")

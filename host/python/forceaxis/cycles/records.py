@@ -97,7 +97,8 @@ class RecordFolder:
             raise
 
     def _open(self) -> None:
-        """Takes what an earlier command has left, and repairs the table."""
+        """Removes the unfinished files of an earlier command that was killed, and repairs the
+        table."""
         for rest in (self.folder / PARTS).glob("*.new"):  # of a killed command
             rest.unlink()
         for path in (self.folder.parent, self.folder):
@@ -235,8 +236,8 @@ class RecordedParts:
 
 
 def read_parts(source: Path, last: int | None = None) -> RecordedParts:
-    """Returns the parts of a folder with records, of its file parts.jsonl, of a folder of `cycle
-    rates`, or of a table of either of them; only the `last` ones if it is given. Raises
+    """Returns the parts in a folder with records, in its file parts.jsonl, in a folder of `cycle
+    rates`, or in the table of one of these folders; with `last`, only the last parts. Raises
     InputError."""
     if (source / PARTS).is_dir():
         files = list(files_of(source).values())

@@ -1,4 +1,4 @@
-"""Results of parts on an axis: read, record, acknowledge.
+"""Reads the results of pressed parts from an axis, records them, and acknowledges them.
 
 A result waits in the memory of the axis until it is acknowledged. `collect` acknowledges a result
 only after its record is on the disk, so that a killed program, a full disk or a lost connection
@@ -38,8 +38,8 @@ ELEMENTS_MOST = 16  # of a program (firmware/cycle/program.h)
 READ_TRIES = 20  # of a result, while another master selects results
 POLL_S = 0.2  # between two looks at the number of waiting results
 RECONNECT_S = 1.0
-# The parameters' CRC is computed again for a part if the last one is older than this, because it
-# reads some hundred objects.
+# Age from which the CRC of the parameters is computed again for the next part. It is not computed
+# for each part, because it needs the values of some hundred objects.
 CRC_KEPT_S = 60.0
 
 
@@ -77,7 +77,7 @@ class ResultObjects:
 
 @dataclass(frozen=True)
 class ElementObjects:
-    """The result of one element of this part."""
+    """The result of one evaluation element for this part."""
 
     cycle_result_value: int
     cycle_result_verdict: str
@@ -85,7 +85,7 @@ class ElementObjects:
 
 @dataclass(frozen=True)
 class Circumstances:
-    """What a record says of an axis beside the result."""
+    """What a record states about the axis, in addition to the result."""
 
     axis: str = ""
     device: str = ""
@@ -103,7 +103,7 @@ COUNTED = tuple(
 
 
 def circumstances(axis: Drive) -> Circumstances:
-    """Returns what a record says of an axis. Raises Refused, NoAnswer."""
+    """Returns what a record states about the axis. Raises Refused, NoAnswer."""
     names = [n for n in COUNTED if axis.link.reaches(n) and not axis.link.manages(n)]
     raw = axis.link.read(names)
     text = "".join(f"{name}={raw[name]}\n" for name in sorted(names))
@@ -263,7 +263,7 @@ def acknowledge(axis: Drive, number: int) -> None:
 
 @dataclass
 class Reminders:
-    """What is due on an axis, as notes of its records."""
+    """Reminders of work that is due on an axis, as notes in its records."""
 
     master_every_h: float | None = None  # None: no master part is asked for
     master_serial: str = ""
@@ -271,13 +271,13 @@ class Reminders:
     master_pressed: datetime.datetime | None = None  # when a master part was last found good
 
     def resume(self, folder: RecordFolder) -> None:
-        """Takes the time of the last good master part from the records of a folder."""
+        """Reads the time of the last good master part from the records of a folder."""
         if self.master_every_h is not None:
             for record in folder.records():
                 self.press(record)
 
     def press(self, record: PartRecord) -> None:
-        """Takes the time of a master part that is good."""
+        """Stores the time at which a master part was found good."""
         if record.serial == self.master_serial and record.state == GOOD:
             self.master_pressed = datetime.datetime.fromisoformat(record.recorded)
 

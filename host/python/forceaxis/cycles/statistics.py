@@ -1,4 +1,5 @@
-"""Shares of parts with exact 95 % intervals, and how many parts a statement needs."""
+"""Shares of parts with exact 95 % confidence intervals, and the number of parts that a statement
+about a share needs."""
 
 import math
 from dataclasses import dataclass
@@ -42,7 +43,8 @@ def refused_range(blocks: int, parts: int, confidence: float = CONFIDENCE) -> tu
 
 
 def parts_needed(rate: float, bounds: int) -> int:
-    """Returns the fewest good parts for a proposal: each bound takes at least one part, and the
-    extremes alone say with 95 % confidence that at most `rate` is beyond them."""
+    """Returns the smallest number of good parts for a proposal: each bound needs at least one part,
+    and the most extreme parts must show with 95 % confidence that at most the share `rate` of later
+    parts is beyond them."""
     wilks = math.ceil(math.log(1 - CONFIDENCE) / math.log1p(-rate))
     return max(PARTS_LEAST, wilks, math.ceil(bounds / rate - 1e-9) - 1)

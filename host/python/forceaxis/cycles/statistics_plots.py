@@ -1,4 +1,5 @@
-"""Plots of statistics of parts: run chart and histogram of each element, and the last curves."""
+"""Plots of the statistics of pressed parts: run chart and histogram of each evaluation element, and
+the last curves."""
 
 from collections.abc import Sequence
 

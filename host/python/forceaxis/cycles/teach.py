@@ -1,4 +1,5 @@
-"""Bounds of the elements of a program from recorded parts, by the method of propose.py."""
+"""Proposes bounds for the evaluation elements of a program from recorded parts, by the method of
+propose.py."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -35,7 +36,7 @@ def teach(
     file: Path,
 ) -> propose.Proposal:
     """Writes the program `wanted` to `file` with bounds that refuse the share `rate` of parts like
-    the recorded ones, all of which count as good. Raises ParameterError, InputError."""
+    the recorded ones, all of which are assumed to be good. Raises ParameterError, InputError."""
     records = own_parts(parts.records, wanted)
     if not records:
         raise InputError(

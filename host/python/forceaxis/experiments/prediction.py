@@ -1,5 +1,5 @@
-"""Predictions for a recording: runs of an experiment that are fed as the recording was made, with
-parameters and noise sampled at random."""
+"""Predictions for a recording: runs of an experiment with the recorded inputs, and with parameters
+and noise sampled at random."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -81,7 +81,7 @@ class Predictor:
     signals: tuple[SignalModel, ...] = ()
     gap: str | None = None
     notes: list[str] = field(default_factory=list)
-    until_s: float = math.inf  # time of the recording at which a fed run may end
+    until_s: float = math.inf  # time of the recording at which a run with its inputs may end
     # shift of the recorded set-points in s, once the first contact is known in both
     setpoint_shift_s: float = 0.0
     _commands: Floats | None = None
@@ -280,7 +280,8 @@ class Predictor:
 
     @property
     def start_s(self) -> float:
-        """Returns the time of tick 0 of a fed run in the recording, in s."""
+        """Returns the time in the recording, in s, that corresponds to tick 0 of a run with its
+        inputs."""
         return float(self.recording[self.input].true_time_s[0]) if self.is_fed else 0.0
 
     def _per_command(self) -> float:
@@ -337,8 +338,9 @@ class Predictor:
         return touch_of(time_s, force, ForceLevel(0.0, level.noise, level.contact))
 
     def with_gap(self, member: Member, touch_s: float, level: ForceLevel) -> dict[str, float]:
-        """Returns a member with the gap at which a fed run makes contact `touch_s` after tick 0.
-        Without such a parameter the member itself is returned. Raises InputError."""
+        """Returns a member with the gap at which a run with the recorded inputs makes contact
+        `touch_s` after tick 0. Without such a parameter the member itself is returned. Raises
+        InputError."""
         if self.gap is None or not self.is_fed:
             return dict(member)
         own = self.inputs.parameters[self.gap].value

@@ -4,8 +4,8 @@ loops whose sensor samples with a clock of its own.
 A loop with several codes in a period has no single curve of the loop gain. Its limits and margins
 are those of the eigenvalues of the lifted loop: the gain margin is the factor, and the phase margin
 the turn, of all codes together at which a pole reaches the stability boundary. Ms is the largest
-gain of S for a disturbance of the codes of any frequency or mix of frequencies, and fS belongs to
-the part of the answer that has the frequency of the disturbance.
+gain of S for a disturbance of the codes of any frequency or mix of frequencies, and fS is computed
+from the component of the response at the frequency of the disturbance.
 """
 
 import cmath
@@ -248,7 +248,7 @@ class PeriodicLoop(Loop):
         return best
 
     def sensitivity_at(self, gain: float, hz: ArrayLike) -> Matrix:
-        """Returns the part of S that has the frequency of the disturbance, at frequencies in Hz up
+        """Returns the component of S at the frequency of the disturbance, for frequencies in Hz up
         to half the rate of the codes."""
         at = np.atleast_1d(np.asarray(hz, float))
         S = self._sensitivities(gain, at)

@@ -58,7 +58,7 @@ def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loop
 
 def loop_gain(loop: Loop, gain: float, frequency_hz: Samples) -> Response:
     """Returns the loop gain L, of the phase with the oldest readings if the samples have any phase.
-    With several codes in a period, L belongs to the part of S that has the frequency of the
+    With several codes in a period, L is computed from the component of S at the frequency of the
     disturbance."""
     oldest = loop.each[0] if isinstance(loop, FreeLoop) else loop
     if isinstance(oldest, PeriodicLoop):

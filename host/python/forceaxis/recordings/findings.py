@@ -27,8 +27,9 @@ STATE_ENDINGS = (
 
 
 def find(name: str, time_s: Floats, values: Floats) -> tuple[SignalFinding, ...]:
-    """Returns the findings of a signal with the samples `values` (n,) at the times `time_s` (n,) in
-    s. A set-point or a command may jump and stay constant."""
+    """Returns what is suspicious in a signal (gaps, jumps, saturation, constant stretches) with the
+    samples `values` (n,) at the times `time_s` (n,) in s. A set-point or a command may jump and
+    stay constant."""
     found = list(gaps(time_s))
     if len(values) > 2 * JUMP_NEIGHBOURS and not name.endswith(STATE_ENDINGS):
         found += saturations(time_s, values)

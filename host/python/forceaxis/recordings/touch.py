@@ -23,7 +23,7 @@ COARSE_SHARE = 0.5  # largest level for quanta, as a share of the largest force
 # before the force exceeds the second.
 QUIET_FACTOR, RISEN_SHARE = 3.0, 0.1
 LOST_SHARE = 0.5  # of that level, below which the contact is lost
-HELD_SHARE, HELD_LEAST = 0.2, 10  # part of the signal at its end whose mean is the held force
+HELD_SHARE, HELD_LEAST = 0.2, 10  # fraction of the signal, at its end, whose mean is the held force
 SETTLED_SHARE = 0.05  # of the held force
 IMPULSE_S = 0.025
 CONTACTS = 3  # number of contacts whose beginnings and ends are figures

@@ -23,7 +23,7 @@ STABLE, UNSTABLE = "stable at any gain", "unstable at high gain"
 BETWEEN = "unstable between two gains"
 # Largest damping ratio of a pole that is counted as a resonance.
 LIGHT = 0.3
-# Largest distance of a pole from its zero, as a part of the frequency of the pole, at which the
+# Largest distance of a pole from its zero, as a fraction of the frequency of the pole, at which the
 # two are called near.
 NEAR = 0.2
 
@@ -110,8 +110,8 @@ def resonances_hz(
 
 
 def spacing(model: str, pole_hz: float, zero_hz: float, **overrides: float) -> float:
-    """Returns the distance of a pole of the force response from a zero, as a part of the frequency
-    of the pole. Pole and zero are those nearest to the frequencies."""
+    """Returns the distance of a pole of the force response from a zero, as a fraction of the
+    frequency of the pole. Pole and zero are those nearest to the frequencies."""
     system = linear.linearise(model, overrides=overrides)
     at = nearest(system.poles(), pole_hz)
     return abs(at - nearest(system.zeros(), zero_hz)) / abs(at)
@@ -204,8 +204,9 @@ def label(model: str, number: int) -> str:
 
 
 def sampled_part(model: str, ticks: float) -> float:
-    """Returns the critical gain of a force loop whose sampling rate is `ticks` times the frequency
-    of its crossing in continuous time, as a part of the critical gain in continuous time."""
+    """Returns the critical gain of a sampled force loop, as a fraction of the critical gain in
+    continuous time. The sampling rate is `ticks` times the crossover frequency in continuous
+    time."""
     spec = loops.LoopSpec(timing="zoh", tick_s=1 / (ticks * crossing_hz(model)))
     found = spec.around(model).limit().gain
     return (math.inf if found is None else found) / critical_gain(model)

@@ -40,7 +40,8 @@ BASE_DAMPING = (2000.0, 9500.0, 38000.0)  # of Figs 2.17 to 2.20, N s/m
 LIGHT_BASE = {"b_b": BASE_DAMPING[0]}
 # Damping of the arm of Fig 2.42 in N s/m: lightly damped, and of Fig 4.26.
 LIGHT_ARM, PRINTED_ARM = 60.0, 640.0
-# Gains of runs with contact that can be lost, as parts of the linear limit, and initial gaps in m.
+# Gains of the runs in which contact can be lost, as fractions of the linear limit, and initial gaps
+# in m.
 ABOVE, BELOW, FAR_BELOW = (1.04, 1.2, 1.5), (0.84, 0.88, 0.92), (0.5, 0.6, 0.7)
 GAPS = (0.0, 3e-4, 1e-3, 5e-3, 2e-2)
 STIFF_GRIP = {"k_g": 1e7}
@@ -186,7 +187,7 @@ def workpiece_spacings() -> str:
 
 
 def workpiece_damping_rises() -> str:
-    """Returns a text that states if damping takes the poles of the workpiece away from the
+    """Returns a text that states if damping moves the poles of the workpiece away from the
     imaginary axis."""
     ratios = [
         pole("fig2_26", 45.0, {"b_w": b_w}, drive=False)[1]
@@ -249,7 +250,7 @@ def crossing_ratio(model: str, without: str, **overrides: float) -> float:
 
 def cycles(b_rf: float, parts: tuple[float, ...]) -> np.ndarray:
     """Returns an array with True for each run of the flexible robot with contact that ends in a
-    limit cycle. Rows are gains, as parts of the linear limit, and columns are initial gaps."""
+    limit cycle. Rows are gains, as fractions of the linear limit, and columns are initial gaps."""
     largest, _ = nonlinear.flexible_robot(b_rf)
     found = verdicts(
         "fig2_43_settles",

@@ -129,7 +129,7 @@ def stiffnesses() -> str:
 
 
 def least_zeta(model: str, part: float) -> float:
-    """Returns the smallest damping ratio of the closed-loop poles at a part of the critical
+    """Returns the smallest damping ratio of the closed-loop poles at a fraction of the critical
     gain."""
     poles = loops.force_loop(model, timing="continuous").closed_poles(part * critical_gain(model))
     return float((-poles.real / abs(poles)).min())

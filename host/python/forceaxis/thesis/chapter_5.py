@@ -88,8 +88,8 @@ def lead() -> str:
 
 
 def contact_hz(part: float, k_s: float) -> float:
-    """Returns the frequency in Hz of the vibration of rigid robot and motor in contact, for a gain
-    as a part of the printed limit and a stiffness of the sensor in N/m."""
+    """Returns the frequency in Hz of the vibration of rigid robot and motor in contact, for a gain,
+    given as a fraction of the printed limit, and a stiffness of the sensor in N/m."""
     loop = loops.force_loop("fig4_11", timing="continuous", overrides={"k_s": k_s})
     poles = loop.closed_poles(part * critical_gain("fig4_11"))
     return abs(nearest(poles, 0.0)) / (2 * math.pi)

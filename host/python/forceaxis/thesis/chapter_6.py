@@ -73,7 +73,8 @@ def bandwidth_ratio(law: str, **parameters: float) -> str:
 
 
 def steady_error(model: str) -> float:
-    """Returns the error of the force, as a part of the set-point, at half of the critical gain."""
+    """Returns the error of the force, as a fraction of the set-point, at half of the critical
+    gain."""
     loop = loops.force_loop(model, timing="continuous")
     return float(1 / (1 + critical_gain(model) / 2 * abs(loop.open.response(1e-4))))
 
