@@ -64,7 +64,7 @@ typedef struct {
 /* The two slots of a board whose firmware can be updated in operation (update.h). */
 typedef struct {
   const store_memory_t *memory; /* one sector for each slot */
-  uint32_t address[SLOTS];      /* for which the image of each slot is linked */
+  uint32_t address[SLOTS];      /* address for which the image of each slot is linked */
   const char *board;            /* name of the board in an update, 16 bytes, filled with zeros */
   void (*restart)(void);        /* restarts the chip through its loader; does not return */
   uint8_t running;              /* slot of the running image, which has a trailer */
@@ -136,12 +136,12 @@ typedef struct {
 /* The head of an update, in front of the image; numbers are little-endian. */
 typedef struct {
   uint32_t magic;          /* UPDATE_MAGIC */
-  uint32_t address;        /* for which the image is linked */
-  uint32_t length;         /* of the image, in bytes; a multiple of 4 */
+  uint32_t address;        /* address for which the image is linked */
+  uint32_t length;         /* length of the image in bytes; a multiple of 4 */
   uint32_t crc;            /* CRC-32 of the image */
   uint32_t table;          /* AXIS_OBJECTS_HASH32 of the image */
   uint32_t replaced_table; /* AXIS_OBJECTS_HASH32 of the axis for which the update is */
-  char board[16];          /* as in identity.h */
+  char board[16];          /* name of the board, as in identity.h */
   char version[16];
   uint32_t unused;
   uint32_t head_crc; /* CRC-32 of the bytes before */
@@ -153,9 +153,9 @@ typedef struct {
   update_head_t head;
   uint32_t size;         /* announced number of bytes, 0: none */
   uint32_t received;     /* number of bytes */
-  uint32_t crc;          /* of the bytes of the image that were programmed */
+  uint32_t crc;          /* CRC-32 of the bytes of the image programmed so far */
   uint32_t tick;         /* tick of the last bytes */
-  uint32_t sequence;     /* of the running image */
+  uint32_t sequence;     /* sequence number of the running image */
   uint32_t overrun_tick; /* tick of the last overrun */
   uint8_t word[4];       /* bytes of the word that is not complete */
   uint8_t is_receiving;
@@ -178,7 +178,7 @@ typedef struct {
   results_counts_t stored; /* the counts that the store has, or writes */
   uint32_t given_tick;     /* tick in which the counts were last given to the store */
   uint32_t starts;         /* cycle_count of the last cycle whose serial number was taken */
-  uint32_t serial[CYCLE_SERIAL_WORDS]; /* of the part that the running cycle presses */
+  uint32_t serial[CYCLE_SERIAL_WORDS]; /* serial number of the part in the running cycle */
   uint8_t changed;                     /* 1 if `counts` differ from `stored` */
   uint8_t urgent;                      /* 1 if they shall be stored at once */
   uint8_t has_power_up;                /* 1 if the store has the number of this power-up */

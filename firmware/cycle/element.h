@@ -107,7 +107,7 @@ typedef struct {
   uint32_t begin_tick; /* tick of the first sample of the element */
   uint32_t last_tick;
   uint32_t found_tick; /* tick of the value */
-  int32_t x;           /* of the last sample, as y */
+  int32_t x;           /* x of the last sample */
   int32_t y;
   int32_t x_seen_least; /* ENVELOPE: smallest and largest x of all samples */
   int32_t x_seen_most;
@@ -116,12 +116,12 @@ typedef struct {
   uint8_t has_sample;  /* 1 after the first sample */
   uint8_t found;       /* bits: 1 the value, 2 value_2 */
   uint8_t crossings;   /* of `level`; number of crossings, at most 255 */
-  uint8_t crossings_2; /* of level_2 */
+  uint8_t crossings_2; /* number of crossings of level_2 */
   uint8_t entries;     /* WINDOW: at most 255, as exits */
   uint8_t exits;
   uint8_t wrong_side; /* WINDOW: 1 if another side was crossed; ENVELOPE: 1 below, 2 above */
   uint8_t inside;     /* WINDOW: 1 if the last sample is in the window */
-  uint8_t zeroed;     /* of the last sample */
+  uint8_t zeroed;     /* `zeroed` of the last sample */
 } cycle_element_state_t;
 
 typedef struct {

@@ -31,7 +31,7 @@ typedef struct {
   /* Largest magnitude of the target in units of the drive, 1..2147483642, in cst 1..32767. */
   int32_t target_max;
   uint16_t heartbeat_ms;         /* period of both heartbeats (1017h), from 1 */
-  uint16_t heartbeat_timeout_ms; /* of both consumers (1016h), longer than heartbeat_ms */
+  uint16_t heartbeat_timeout_ms; /* time of both heartbeat consumers (1016h), > heartbeat_ms */
   uint16_t sdo_timeout_ms;       /* longest wait for an answer by SDO, from 1; there are two */
   /* longest wait for the boot-up message, for the first TPDO, and until an enabled drive is on, a
    * fault reset included; from 1 */
@@ -48,8 +48,8 @@ typedef struct {
   uint8_t cycle_ms;    /* bus cycle, an even number 2..100: a multiple of 3 ticks */
   uint8_t mode;        /* DRIVE402_CSP, DRIVE402_CSV or DRIVE402_CST */
   uint8_t rpdo_type;   /* 1: a target acts at the next SYNC; 254, 255: on reception */
-  uint8_t node_id;     /* of the drive, 1..127 */
-  uint8_t own_node_id; /* of the master, 1..127 */
+  uint8_t node_id;     /* node id of the drive, 1..127 */
+  uint8_t own_node_id; /* node id of the master, 1..127 */
   uint8_t scale_shift; /* number of fractional bits of the command's target, 0..16 */
 } drive402_config_t;
 
@@ -96,7 +96,7 @@ typedef struct {
   fx_fraction_t scale;
   drive402_entry_t entries[DRIVE402_ENTRIES];
   drive402_sdo_t sdo;
-  can_frame_t frames[DRIVE402_FRAMES]; /* of this tick, the next one first */
+  can_frame_t frames[DRIVE402_FRAMES]; /* frames to send in this tick, the next one first */
   uint8_t frame_count;
   uint8_t frame_next;
 
@@ -123,7 +123,7 @@ typedef struct {
   int32_t position_cnt;
   int16_t torque;
   uint8_t state;
-  uint8_t entry_count;    /* of the master's own entries */
+  uint8_t entry_count;    /* number of the master's own entries */
   uint16_t entry;         /* number of the entry of the present SDO transfer, extra ones first */
   uint8_t command_sent;   /* 1: the NMT command of this phase was sent */
   uint8_t operational;    /* 1: a heartbeat in this phase or later said operational */

@@ -17,7 +17,7 @@ enum {
   ADS_BUFFER = 0x02, /* bit of STATUS: input buffer on */
   ADS_AIN0_AIN1 = 0x01,
   ADS_7500 = 0xD0,        /* DRATE */
-  ADS_STATUS_MASK = 0xFE, /* without the bit that says whether a conversion is ready */
+  ADS_STATUS_MASK = 0xFE, /* all bits but the one that says whether a conversion is ready */
   ADS_ADCON_MASK = 0x7F
 };
 

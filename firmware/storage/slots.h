@@ -27,7 +27,7 @@ enum {
 
 typedef struct {
   uint32_t magic;             /* SLOT_MAGIC */
-  uint32_t length;            /* of the image, in bytes; a multiple of 4 */
+  uint32_t length;            /* length of the image in bytes; a multiple of 4 */
   uint32_t crc;               /* CRC-32 of the image */
   uint32_t sequence;          /* the image with the highest number is the newest */
   uint32_t confirmed;         /* SLOT_PROGRAMMED: the image is confirmed */

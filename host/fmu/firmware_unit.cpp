@@ -304,7 +304,7 @@ class FirmwareUnit final : public Unit {
   std::unique_ptr<Memory> memory_;
   std::vector<const axis_object_meta_t *> objects_;  // of the variables from kFirstObject on
   std::optional<host::ExperimentWrites> writes_;
-  std::vector<double> values_;  // of inputs and parameters, as they were set last
+  std::vector<double> values_;  // inputs and parameters, as they were set last
   axis_inputs_t inputs_{};
   axis_outputs_t outputs_{};
   std::int64_t tick_ = 0;

@@ -69,7 +69,7 @@ class Instance {
   TickClock clock_;
   Phase phase_ = Phase::created;
   bool failed_ = false;  // true after an error of the simulation, until reset()
-  std::map<const void *, std::unique_ptr<Saved>> saved_;  // by handle
+  std::map<const void *, std::unique_ptr<Saved>> saved_;  // saved states by their handles
 };
 
 inline constexpr Instance::Types of(Type type) { return 1U << static_cast<unsigned>(type); }

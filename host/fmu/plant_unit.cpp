@@ -175,7 +175,7 @@ class PlantUnit final : public Unit {
   std::size_t first_code_ = 0;
   std::size_t first_signal_ = 0;
   std::size_t seed_ = 0;        // variable of the seed; the parameters of the model follow it
-  std::vector<double> values_;  // of inputs and parameters
+  std::vector<double> values_;  // values of inputs and parameters
   std::optional<Plant> plant_;  // empty until a value of it is needed
   // Codes of this tick. Plant::codes() is called once in each tick, because it reads the index
   // pulse.

@@ -50,8 +50,8 @@ class SincFilter {
   double period_ = 0.0;
   /// Factor of each moment of a period in the sample that ends it, in the next sample, and so on.
   std::array<Row, kHighestOrder> weights_{};
-  Row moments_{};        // of the present period up to now
-  double length_ = 0.0;  // of the present period up to now
+  Row moments_{};        // moments of the signal over the present period up to now
+  double length_ = 0.0;  // length of the present period up to now
   /// What past periods add to the next samples, the nearest one first.
   Row due_{};
 };

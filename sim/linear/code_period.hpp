@@ -55,7 +55,7 @@ class CodePeriod {
   };
   struct Reading {
     std::size_t first, end;  // terms
-    std::vector<int> ticks;  // of the cycle in which the law has this reading
+    std::vector<int> ticks;  // ticks of the cycle in which the law has this reading
   };
 
   int cycle_ticks_;

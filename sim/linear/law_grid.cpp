@@ -135,8 +135,8 @@ struct LawGrid::Loop {
   void resize(std::size_t points, std::size_t delays, std::size_t aliases);
 
   std::vector<double> real, imag, square, noise;
-  std::vector<Turned> turned;  // of each delay
-  Turned apart;                // of one delay, before the sum over the frequencies
+  std::vector<Turned> turned;  // the loop with each delay
+  Turned apart;                // the loop with one delay, before the sum over the frequencies
 };
 
 // A loop with a delay around one plant: real and imaginary part and |L|^2 at its frequencies.
@@ -426,7 +426,7 @@ namespace {
 
 // Frequencies from 0 on at which a loop with two integrals is close to -1 at some gain.
 struct LowEnd {
-  std::size_t points = 0;  // of the grid
+  std::size_t points = 0;  // number of points of the grid
   double least_gain = 0;   // gain from which on |S| keeps its bound at these points
 };
 
@@ -732,7 +732,7 @@ double gain_at_rest(const LawShape &law, double rest) {
 
 // Poles and zeros of a plant below the grid.
 struct SlowRoots {
-  std::size_t poles = 0;  // without those of pairs
+  std::size_t poles = 0;  // number of poles, without those of pairs
   std::size_t zeros = 0;
   // Pairs of a pole and a zero, both stable and real, that differ by at most 1 %, as the creep of a
   // sensor has them. Below the grid, a pair changes the loop by at most 1 % and turns it by less

@@ -19,7 +19,7 @@ constexpr std::size_t kHarmonics = 256;  // largest number of odd harmonics
 constexpr std::size_t kPeriod = 2048;    // number of instants in a period
 constexpr std::size_t kPart = kPeriod / 8;  // length of one Fourier transform
 constexpr double kHighestShare = 0.49;      // highest harmonic as a share of the tick rate
-constexpr double kOvershootMax = 0.055;     // of the set-point
+constexpr double kOvershootMax = 0.055;     // largest overshoot, as a share of the set-point
 // (instant in ramp times, largest undershoot from this instant on as a share of the set-point)
 constexpr std::array<std::pair<double, double>, 2> kShortMax{{{1.25, 0.02}, {1.6, 0.025}}};
 

@@ -17,7 +17,7 @@ enum { SYSTICK_CLOCKED_BY_CORE_WITH_INTERRUPT = 7 };
 extern const uint8_t core_hz[]; /* the address is the number */
 
 static volatile uint32_t entries;
-static uint32_t fraction; /* of the next tick */
+static uint32_t fraction; /* remainder for the next tick, in 1/1500 count */
 
 /* Sets the length of the tick after the present one: a new reload value acts from the next reload
  * on (ARMv7-M Architecture Reference Manual, B3.3). */

@@ -63,7 +63,7 @@ static atomic_bool is_stopping;
 static uint16_t force_code = ADC_MIDDLE;
 static uint32_t force_age = AGE_MAX;
 static bool has_force;  /* a force was received */
-static bool is_enabled; /* by the last tick */
+static bool is_enabled; /* true: the last tick has enabled the axis */
 static bool is_too_late;
 static uint32_t missed; /* ticks since the last call of port_overran(); under the lock */
 

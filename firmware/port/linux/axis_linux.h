@@ -37,7 +37,7 @@ typedef struct {
   uint32_t late_ticks_max; /* largest lateness of a tick in ticks that is no fault */
   int priority;            /* of SCHED_FIFO, 1..99; 0: ordinary scheduling, memory not locked */
   int cpu;                 /* number of the CPU of the ticks; -1: any */
-  uint8_t node_id;         /* of the axis on the bus of the supervisor, 1..127 */
+  uint8_t node_id;         /* node id of the axis on the bus of the supervisor, 1..127 */
 } axis_linux_config_t;
 
 /* Runs the axis until SIGTERM or SIGINT; then stops the drive, writes a line of JSON with the

@@ -15,7 +15,7 @@ extern "C" {
 enum { CAN_RAW_BATCH = 16, CAN_RAW_NAME = 16 };
 
 typedef struct {
-  struct can_filter filter; /* of data frames */
+  struct can_filter filter; /* filter for data frames */
   can_err_mask_t errors;    /* classes of error frames that are received */
   bool blocks;              /* can_raw_receive() waits for a frame */
   int buffer_bytes;         /* of the receive buffer; 0: the default, and drops are not counted */

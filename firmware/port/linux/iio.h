@@ -37,16 +37,16 @@ typedef struct {
   bool is_big;    /* the highest byte comes first */
   bool is_signed; /* two's complement */
   uint8_t bits;   /* valid bits, 1..64 */
-  uint8_t bytes;  /* of one value with its padding: 1, 2, 4 or 8 */
+  uint8_t bytes;  /* size of one value with its padding: 1, 2, 4 or 8 */
   uint8_t repeat; /* values of the channel in a scan, 1, 2, 4 or 8 */
   uint8_t shift;  /* unused bits below the valid ones, with bits at most 8 x bytes */
 } iio_type_t;
 
 typedef struct {
   int fd;
-  iio_type_t type; /* of the channel */
+  iio_type_t type; /* format of the values of the channel */
   uint8_t shift;   /* 0..31 */
-  uint16_t offset; /* of the channel in a scan, in bytes */
+  uint16_t offset; /* offset of the channel in a scan, in bytes */
   uint16_t scan;   /* bytes of a scan, 1..IIO_SCAN_MAX */
   uint16_t used;   /* bytes of `bytes` that hold the begin of a scan */
   int error;       /* errno of the last read that has failed, else 0 */

@@ -13,7 +13,7 @@ extern "C" {
 /* The force of a load cell in a CAN frame: an integer of 1 to 4 bytes, the lowest byte first, whose
  * ADC code is that of load_cell_code(). */
 typedef struct {
-  uint16_t identifier; /* of the frame, 1..2047; 0: no frame has the force */
+  uint16_t identifier; /* CAN identifier of the frame, 1..2047; 0: no frame has the force */
   uint8_t byte;        /* number of the lowest byte in the frame, 0..7 */
   uint8_t bytes;       /* 1..4 */
   uint8_t shift;       /* 0..31 */

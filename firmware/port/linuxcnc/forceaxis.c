@@ -65,7 +65,7 @@ typedef struct {
   const char *name;
   hal_type_t type;
   int direction; /* hal_pin_dir_t or hal_param_dir_t */
-  size_t offset; /* in pins_t */
+  size_t offset; /* offset in pins_t, in bytes */
 } pin_t;
 
 #define PIN(name, type, direction, member) \

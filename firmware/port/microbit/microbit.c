@@ -34,7 +34,7 @@ enum { MODE_TIMER = 0, BITMODE_32_BITS = 3, INTENSET_COMPARE0 = 1 << 16 };
 enum { COUNTS_AHEAD = 16 };
 
 static volatile uint32_t entries;
-static uint32_t fraction; /* of the next tick */
+static uint32_t fraction; /* remainder for the next tick, in 1/1500 count */
 
 /* Sets the compare value of the next tick, at least 1 us ahead of the counter: a value that the
  * counter has passed would be reached again after 268 s only. Ticks between are missed. */

@@ -24,7 +24,7 @@ void start(void);
 
 static volatile uint32_t entries;
 static uint64_t due;      /* count of the next tick */
-static uint32_t fraction; /* of the next tick */
+static uint32_t fraction; /* remainder for the next tick, in 1/1500 count */
 
 /* The first instructions of the image. A hart begins in machine mode with interrupts off. */
 __attribute__((naked, used, section(".vectors"))) void reset(void) {

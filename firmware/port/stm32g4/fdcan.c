@@ -9,8 +9,8 @@
 #include "firmware/port/stm32/can.h"
 
 enum { FUNCTION_FDCAN = 9 };
-enum { PIN_RX = 11, PIN_TX = 12 };           /* of port A */
-enum { DRIVE_PIN_RX = 5, DRIVE_PIN_TX = 6 }; /* of port B */
+enum { PIN_RX = 11, PIN_TX = 12 };           /* numbers of the pins of port A */
+enum { DRIVE_PIN_RX = 5, DRIVE_PIN_TX = 6 }; /* numbers of the pins of port B */
 
 /* Bit timing of CAN. With the crystal a bit has 24 quanta; at 1000 kbit/s a quantum is one cycle of
  * 24 MHz. The sample point is after 21 quanta, at 87.5 % of the bit (CiA 301). Without the crystal

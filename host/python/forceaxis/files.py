@@ -34,8 +34,8 @@ DAMAGE = (
     *(ValueError, LookupError, EOFError, ArithmeticError, RuntimeError, MemoryError),
     *(struct.error, zlib.error, lzma.LZMAError, zipfile.BadZipFile, csv.Error),
 )
-UNPACKED_MOST_BYTES = 1 << 30  # of all arrays of one file
-INTEGER_MOST = 1 << 64  # of a number in JSON
+UNPACKED_MOST_BYTES = 1 << 30  # largest size of all arrays of one file together
+INTEGER_MOST = 1 << 64  # bound of the magnitude of an integer in JSON
 TEXT_MOST = 200  # characters of an error of another package in a message
 
 

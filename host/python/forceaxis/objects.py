@@ -69,7 +69,7 @@ class AxisObject:
     values: tuple[tuple[int, str], ...]
     # a sentence for each of them, such as the cause of a fault; "" without one
     sentences: tuple[str, ...]
-    bits: tuple[ObjectBit, ...]  # of a value that is or has a set of bits
+    bits: tuple[ObjectBit, ...]  # bits of a value that is, or contains, a set of bits
 
     def bits_in(self, value: int, mode: int | None = None) -> list[ObjectBit]:
         """Returns the known bits that are 1 in a raw value, in a mode of operation."""

@@ -24,10 +24,10 @@ from forceaxis._core import InputError
 if TYPE_CHECKING:
     from forceaxis.axis.link import Link
 
-NUMBERS = range(1, 128)  # of nodes, units and axes
+NUMBERS = range(1, 128)  # numbers of nodes, units and axes
 DEFAULT_NUMBER = 1
 PORTS = range(1, 65536)
-BIT_RATES = range(300, 4_000_001)  # of a serial line, bit/s
+BIT_RATES = range(300, 4_000_001)  # bit rates of a serial line in bit/s
 INTERFACE_LENGTH = 15  # longest name of a network interface in Linux
 
 CAN = re.compile(r"([A-Za-z][\w.-]*)(?::(?!//)([^@]*))?(?:@(.*))?", re.ASCII)

@@ -62,7 +62,7 @@ HEARTBEAT_ENTRIES = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
 STORING = ("store_all", "store_parameters")
 # CANopen addresses of the domains.
 RECORDER_DATA, CYCLE_CURVE_DATA, PROGRAM_DATA = (0x2120, 0), (0x243B, 6), (0x1F50, 1)
-SEGMENT_BYTES = 7  # of an SDO transfer
+SEGMENT_BYTES = 7  # most bytes in a segment of an SDO transfer
 # Largest sizes of an SDO transfer in bytes: of a name, and of a recording (30 KiB in the firmware)
 # or a curve (12 KB). At this size, the program aborts the transfer of a node that sends segments
 # without end.

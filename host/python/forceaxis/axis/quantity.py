@@ -21,7 +21,7 @@ from forceaxis.bus.state_names import texts
 from forceaxis.errors import ParameterError
 from forceaxis.objects import BY_NAME, AxisObject, default
 
-CODES_PER_V = 4096 / 20  # of the DAC
+CODES_PER_V = 4096 / 20  # DAC codes per volt
 METRE_UNIT = 0x01  # of CiA 303-2
 NUMBER_WITH_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 # Objects whose unit is per mille of the object rated_force.

@@ -558,7 +558,7 @@ def linear_checks(rows: Iterable[AnalysisSpeed]) -> list[Requirement]:
     """Returns the requirements of the linear analysis. An advice table is compared with the time of
     python-control for one critical gain of the same model."""
     checks = []
-    control_seconds: float | None = None  # of the last row with a time of python-control
+    control_seconds: float | None = None  # time of python-control in the last row that has one
     for a in rows:
         if a.control_seconds is None:
             quantity = f"{a.work} / python-control's critical gain"

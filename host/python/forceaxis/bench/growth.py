@@ -38,7 +38,7 @@ from forceaxis.results import from_json, to_json
 
 TOOLS = ("forceaxis", "odeint")
 RUN_TICKS = 225  # number of ticks of a run of the sweep; the touch-down is at tick 190
-GAIN, SETPOINT_N = 4, 59  # of a chain; in DAC codes per ADC code, and in N
+GAIN, SETPOINT_N = 4, 59  # gain of a chain in DAC codes per ADC code, and its set-point in N
 # The law of the oscillator commands small motions of the robot, without limits of the motor.
 RATTLE_GAIN, RATTLE_SETPOINT_N = 1, 0
 DRIVE_KEYS = ("[drive]", "[[adc]]\nchannel = 1")  # first and next table of the drive in a model
@@ -48,9 +48,9 @@ DRIVE_KEYS = ("[drive]", "[[adc]]\nchannel = 1")  # first and next table of the 
 class GrowthPlan:
     """The points at which growth is measured."""
 
-    bodies: Sequence[int] = (2, 5, 11, 20, 29)  # of the chain, which has 2 bodies + 2 states
+    bodies: Sequence[int] = (2, 5, 11, 20, 29)  # bodies of the chain; it has 2 bodies + 2 states
     frequencies_Hz: Sequence[float] = (0, 1, 10, 100, 780)  # of the oscillator; 0: at rest
-    runs: Sequence[int] = (1, 10, 100, 1000, 10_000, 100_000)  # of the sweep; powers of 10
+    runs: Sequence[int] = (1, 10, 100, 1000, 10_000, 100_000)  # runs of the sweep; powers of 10
 
 
 @dataclass(frozen=True)

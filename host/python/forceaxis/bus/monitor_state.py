@@ -39,7 +39,7 @@ COMMAND_KINDS = {
     axis_command_t.KIND_RELEASE: "release the axis",
     axis_command_t.KIND_REPEAT: "send again",
 }
-VOLT_PER_CODE = 20 / 4096  # of the DAC
+VOLT_PER_CODE = 20 / 4096  # volts per code of the DAC
 T = TypeVar("T")
 # {unit of CiA 303-2: (displayed unit, number of displayed units in one unit)}
 # The units of CiA 303-2 are metre, radian and degree.

@@ -70,7 +70,7 @@ class Topic(NamedTuple):
     """A topic and the schema of its messages. A topic of another program has the empty schema."""
 
     name: str
-    encoding: str  # of the messages: LCM or JSON
+    encoding: str  # encoding of the messages: LCM or JSON
     schema_name: str = ""
     schema_encoding: str = ""
     schema: bytes = b""

@@ -19,7 +19,7 @@ FS = (
     "lowest frequency at which |S| reaches -3 dB, of the worst member with the largest gain at "
     "gain margin 2.3 and |S| <= 2"
 )
-FIRMWARE_GAIN_MAX = 256  # of force_gain
+FIRMWARE_GAIN_MAX = 256  # largest force_gain
 NAME_WIDTH_MIN = 20  # smallest number of characters for the name of a change
 
 

@@ -35,8 +35,8 @@ class UpdateSummary:
     version: str
     table_hash: str
     board: str
-    addresses: list[str]  # of the slots, for which the images are linked
-    sizes: list[int]  # of the images in bytes
+    addresses: list[str]  # addresses of the slots, for which the images are linked
+    sizes: list[int]  # sizes of the images in bytes
 
 
 @dataclass(frozen=True)

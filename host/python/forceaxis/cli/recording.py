@@ -13,7 +13,7 @@ from forceaxis.recordings.source import Source
 from forceaxis.results import JsonObject, to_json
 from forceaxis.words import counted
 
-SHOWN_FINDINGS = 8  # of one kind and signal
+SHOWN_FINDINGS = 8  # most observations shown of one kind and signal
 
 readable = click.Path(dir_okay=False, path_type=Path)
 

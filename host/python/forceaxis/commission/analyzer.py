@@ -654,7 +654,7 @@ class Analyzer:
                 f"has it, but {len(arrivals)} changes do not show this cycle: correct cycle_ticks, "
                 "or measure with a larger amplitude",
             )
-        start = int(arrivals[0]) % cycle - late_in  # of a cycle
+        start = int(arrivals[0]) % cycle - late_in  # tick at which a cycle starts
         ticks = np.arange(len(code)) - late_out - start
         return np.asarray(code[(ticks // cycle * cycle + start) % len(code)])
 

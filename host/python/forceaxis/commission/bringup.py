@@ -49,7 +49,7 @@ CODES = (0, 50, -50, 500, 1000, 1700, 2000, -500, -1000, -1700, -2000)
 # While the step "outputs" lasts, a speed above this one in counts/tick is a fault of the axis, and
 # a motion of the encoder by more counts than this ends the step.
 SPEED_MAX, MOTION_MAX = 1, 3
-CODE_V = 20 / 4096  # of the +-10 V stage
+CODE_V = 20 / 4096  # volts per code of the +-10 V stage
 STAGE_MAX_V = 0.1
 
 NOT_COMPARED = mask("board_state", "tick_unknown")  # no error

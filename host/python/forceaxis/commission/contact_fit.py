@@ -44,7 +44,7 @@ from forceaxis.results import to_json
 # The recordings determine a parameter if its posterior standard deviation is at most this fraction
 # of the prior one.
 TOLD_SHARE = 1 / 3
-DOUBTED_BELOW, REJECTED_BELOW = 0.05, 1e-3  # of the p value
+DOUBTED_BELOW, REJECTED_BELOW = 0.05, 1e-3  # limits of the p value
 CHAINS_FILE = "chains.npz"
 FILES = ("posterior.json", "pairs.png", "contacts.png")
 

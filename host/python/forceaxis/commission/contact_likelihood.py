@@ -27,8 +27,8 @@ from forceaxis.experiments.workers import Workers
 from forceaxis.linear.plant_facts import Overrides
 
 LOG_MAX = 300.0  # largest logarithm of a parameter
-WORST_RESIDUAL = 1e5  # of a plant that cannot be simulated, in standard deviations
-PLACE_DEVIATION_M = 1e-3  # prior deviation of the place of the axis from that of the first guess
+WORST_RESIDUAL = 1e5  # residual, in standard deviations, of a plant that cannot be simulated
+PLACE_DEVIATION_M = 1e-3  # prior standard deviation of the position about the first guess
 ZERO_SHARE = 0.01  # prior deviation of the zero of the force, as a share of the recorded range
 START_VALUES = 3  # values in the starts of _core.Contacts: shift in m, speed in m/s, volts
 # simulate(values, starts): readings and places of _core.Contacts.run

@@ -98,7 +98,7 @@ def r_hat(chains: Floats) -> float:
 
 def effective(chain: Floats) -> float:
     """Returns the smallest effective number of samples of a chain, (steps, walkers, size)."""
-    with np.errstate(divide="ignore", invalid="ignore"):  # of a walker that has not moved
+    with np.errstate(divide="ignore", invalid="ignore"):  # a walker that has not moved divides by 0
         tau = np.nan_to_num(emcee.autocorr.integrated_time(chain, tol=0, quiet=True), nan=np.inf)
     return float(chain.shape[0] * chain.shape[1] / np.max(np.maximum(tau, 1.0)))
 

@@ -47,7 +47,7 @@ STARTS_LOG = (0.0, -0.05, 0.05, -0.1, 0.1, -0.2, 0.2, -0.4, 0.4)
 # Largest number of parameters that are named, and smallest share of the chi-square of the first one
 # that a further one has to explain.
 MOVED_MAX, SHARE_MIN = 3, 0.02
-LEAST_SHARE = 1e-6  # of the information on a parameter that other parameters leave
+LEAST_SHARE = 1e-6  # least share of the information on a parameter that others leave
 STEP_LOG = 1e-4
 # Increase of the variance of a sum over neighbouring frequencies by the window "hann", which
 # correlates errors by 2/3 and 1/6: 1 + 2 (2/3 + 1/6).

@@ -650,7 +650,7 @@ AGAIN_FROM = {
     "force_max_N": "simulate", "band_hz": "free", "averages": "free", "travel_mm": "free",
     "seed": "free",
 }  # fmt: skip
-AXIS_KEYS = ("object_table_hash", "serial_number")  # of a TuningIdentity, in its order
+AXIS_KEYS = ("object_table_hash", "serial_number")  # keys of a TuningIdentity, in its order
 
 
 def _changes(before: TuningOrder, after: TuningOrder) -> dict[str, str]:

@@ -114,7 +114,7 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
         found = fitted(before | again)
     if found.rejected:
         raise Refusal(found.rejected, *_explained(tuning, found))
-    assert found.plants is not None and found.intervals is not None  # of an accepted fit
+    assert found.plants is not None and found.intervals is not None  # an accepted fit has both
     changes: list[str] = []
     if frictions:
         found.plants, changes = _with_tolerances(

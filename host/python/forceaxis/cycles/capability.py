@@ -61,7 +61,7 @@ class ElementStatistics:
     cp: Interval | None
     cpk: Interval | None
     without: str  # why there is no Cpk; empty if there is one
-    values: list[float | None]  # in the order of the parts; None: no value was found
+    values: list[float | None]  # values in the order of the parts; None: no value was found
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class PartStatistics:
     computed from parts with the program of the last part."""
 
     source: str
-    title: str  # of the program
+    title: str  # title of the program
     program_crc: str
     parts: int
     good: int

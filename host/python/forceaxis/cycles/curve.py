@@ -24,7 +24,7 @@ from forceaxis.cycles.record import CurvePoint, PartRecord
 
 # A point as the firmware has it (firmware/cycle/curve.h).
 POINT = np.dtype([("time", "<u4"), ("travel", "<i4"), ("force_phase", "<i4")])
-FORCE_BIT = 8  # of force_phase, whose lower bits are the number of the phase
+FORCE_BIT = 8  # lowest bit of the force in force_phase; the bits below are the phase
 COUNTS_PER_FORCE = 256  # force is in 1/256 count
 # A write of cycle_curve_first shows so many points in the words of cycle_data.
 SHOWN_POINTS = 5

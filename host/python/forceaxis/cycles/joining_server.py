@@ -76,7 +76,7 @@ POLL_S = 0.5  # between two looks into the folder
 SETTLED_NS = 1_000_000_000  # after a change, far longer than the resolution of a file's time
 # Bounds of what clients send: requests are short, results go the other way.
 CHUNK_BYTES, MESSAGE_BYTES, WAITING_MESSAGES = 65535, 1 << 20, 16
-HEADER_BYTES, SIZE_AT = 8, 4  # of a message of OPC 10000-6, 7.1.2.2
+HEADER_BYTES, SIZE_AT = 8, 4  # size of the head of a message of OPC 10000-6, 7.1.2.2
 SESSION_S = 15.0  # longest time in s from the connection to the active session
 COMPLETED, STATE_ABORTED, STATE_FAILED = 1, 3, 4  # ResultState of OPC 40001-101
 NO_HANDLE, NO_ERROR, UNKNOWN_RESULT = 0, 0, 1
@@ -314,7 +314,7 @@ class JoiningServer:
     def __init__(self, server: Server, folder: Path) -> None:
         self._server, self._folder = server, folder
         self._known: set[Key] = set()
-        self._nodes: dict[str, Node] = {}  # of the results, in the order of the parts
+        self._nodes: dict[str, Node] = {}  # nodes of the results, in the order of the parts
         self._values: dict[str, Structure] = {}
         self._own = 0
         self._read_ns = 0  # time of the last change of the folder, if it has been read since

@@ -28,7 +28,7 @@ WORD_BYTES = 4
 NUMBER_OFFSET = 16
 # Objects that give the numbers of a program their meaning. `force_scale` is compared apart.
 SCALING = ("adc_bits", "force_sign", "rated_force", "feed", "polarity")
-FORCE_SCALE_TOLERANCE = 0.01  # of the force sensor against the model, relative
+FORCE_SCALE_TOLERANCE = 0.01  # relative tolerance of force_scale against the model
 ENDED = ("good", "bad", "aborted")
 STORE_MAX_S = 15.0  # a full sector of flash is erased first
 PART_TIMEOUT_S = 3600.0  # the longest phase

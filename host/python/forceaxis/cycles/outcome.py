@@ -19,11 +19,11 @@ MEASURED = ("good", "below", "above")
 class PartOutcome:
     """Outcome of the cycle of one part. A failed run has only the field `error`."""
 
-    state: str = ""  # of the cycle: good, bad, aborted, or why there is no verdict
+    state: str = ""  # state of the cycle: good, bad, aborted, or why there is no verdict
     outcome: str = ""  # how the cycle ended
     failed_phase: str = ""
-    verdicts: Sequence[str] = ()  # of each element
-    values: Sequence[float] = ()  # of each element, in SI units
+    verdicts: Sequence[str] = ()  # verdict on each evaluation element
+    values: Sequence[float] = ()  # value of each evaluation element in SI units
     error: str = ""
 
     @property

@@ -64,7 +64,7 @@ class Element:
     phases: list[str]
     over: str  # "travel" or "time"
     of: str  # "x" or "force": what crosses the level of `at` and `difference`
-    unit: str  # of the value, empty for a number
+    unit: str  # unit of the value, empty for a number
     x_from: float | None
     x_to: float | None
     least: float | None

@@ -81,9 +81,9 @@ class Proposal:
     """Proposed bounds of a program."""
 
     program: str  # file that was written
-    rate: float  # that was asked for
+    rate: float  # share of good parts that shall be refused
     parts: int  # good parts from which the bounds were computed
-    refused_anyway: int  # of them, whatever the bounds
+    refused_anyway: int  # good parts that are refused whatever the bounds
     expected: float  # share of later good parts that will be refused
     low: float  # 95 % of such proposals refuse a share from here ...
     high: float  # ... to here

@@ -84,7 +84,7 @@ class PartCounts:
     parts: int
     good: int
     bad: int
-    aborted: int  # by a stop, a fault, a halt or another mode
+    aborted: int  # parts whose cycle was aborted by a stop, a fault, a halt or another mode
     no_result: int  # the cycle did not start, or was not over at the end of the experiment
     failed: int  # runs with an error
 
@@ -104,7 +104,7 @@ class GoodRates:
     """How often the program accepts and refuses good parts."""
 
     counts: PartCounts
-    refused: Share  # of the judged parts
+    refused: Share  # share of the parts with a verdict
     limits: Share  # parts whose cycle did not end as its program intends
     elements: list[ElementRefusals]
 
@@ -125,7 +125,7 @@ class BadRates:
     name: str
     weight: float
     counts: PartCounts
-    passed: Share  # of the judged parts
+    passed: Share  # share of the parts with a verdict
     limits: Share  # parts whose cycle ended as its program intends
     elements: list[ElementPasses]
 

@@ -39,12 +39,12 @@ class PartRecord:
     axis: str = ""  # connection, such as "node 1 on can0"
     device: str = ""  # serial number of the axis as 0x and 8 digits
     program: str = ""  # file
-    title: str = ""  # of the program
+    title: str = ""  # title of the program
     program_number: int = 0
     program_crc: str = ""  # 8 hexadecimal digits, as the other two
     law: str = ""  # "bank", or "P" for the law with force_gain alone
-    law_crc: str = ""  # of the bank; empty for the law P
-    parameters_crc: str = ""  # of all parameters that the axis stores
+    law_crc: str = ""  # CRC of the bank; empty for the law P
+    parameters_crc: str = ""  # CRC of all parameters that the axis stores
     begin_tick: int = 0  # tick counter of the axis at the start of the cycle
     duration_s: float = 0.0
     state: str = ""  # "good", "bad", "aborted" or "lost"

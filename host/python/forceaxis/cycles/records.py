@@ -99,7 +99,7 @@ class RecordFolder:
     def _open(self) -> None:
         """Removes the unfinished files of an earlier command that was killed, and repairs the
         table."""
-        for rest in (self.folder / PARTS).glob("*.new"):  # of a killed command
+        for rest in (self.folder / PARTS).glob("*.new"):  # unfinished file of a killed command
             rest.unlink()
         for path in (self.folder.parent, self.folder):
             _synced(path)

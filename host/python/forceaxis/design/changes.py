@@ -48,7 +48,7 @@ class Change:
     # group of the change: stiffness, mass, damping, grip, sampling, converter, amplifier or control
     kind: str = ""
     overrides: Mapping[str, float] = field(default_factory=dict)  # {parameter: SI value}
-    edits: tuple[TableEdit, ...] = ()  # of the model file
+    edits: tuple[TableEdit, ...] = ()  # edits of the model file
     # control law and delay of the loop; None means law p with the delay of the design
     spec: LoopSpec | None = None
     states: Mapping[str, str] = field(default_factory=dict)  # {element: state}

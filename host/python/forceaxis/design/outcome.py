@@ -188,7 +188,7 @@ class DesignOutcome:
     out: str | None = None
     written: list[str] = field(default_factory=list)
     working: Working = field(default_factory=lambda: Working({}))
-    frictions: tuple[FrictionRange, ...] = ()  # of the simulated contacts
+    frictions: tuple[FrictionRange, ...] = ()  # friction ranges in the simulated contacts
     slowed: SlowedApproach | None = None
 
     @property

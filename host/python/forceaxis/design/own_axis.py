@@ -20,7 +20,7 @@ from forceaxis.design.simulate import PEAK_MAX, SPEED_SHARES, ContactBench, Plan
 from forceaxis.linear.bank import Bank
 from forceaxis.progress import phase
 
-GAIN_SHARES = (1.0, 0.7, 0.5)  # of the designed gain
+GAIN_SHARES = (1.0, 0.7, 0.5)  # gains to try, as shares of the designed gain
 # Permitted contact losses of a first contact in the first attempt and in the second attempt.
 # The second attempt is for a light workpiece.
 LOSSES_MAX = (1, 3)

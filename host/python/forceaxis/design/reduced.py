@@ -27,7 +27,7 @@ BOUND_FACTOR, BANDWIDTH_RATIO_MIN = 1.3, 1.02
 # Smallest integral rate as a share of the bandwidth of the PI law.
 # With a smaller rate, a static error disappears too slowly.
 INTEGRAL_MIN = 0.15
-POPULATION, GENERATIONS = 30, 40  # of the differential evolution on a thin grid
+POPULATION, GENERATIONS = 30, 40  # size of the differential evolution on a thin grid
 EVALUATIONS = 200  # largest number of control laws that the simplex search evaluates
 ZEROS_MAX = 3  # largest number of antiresonances from which a search begins
 # lowest frequency of the second-order section as a multiple of the bandwidth of the PI law

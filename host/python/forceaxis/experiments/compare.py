@@ -36,14 +36,14 @@ from forceaxis.recordings.touch import (
     touch_of,
 )
 
-CONFIDENCE = 0.95  # of all bands of a recording together
+CONFIDENCE = 0.95  # confidence of all bands of a recording together
 SAMPLES = (8, 2000)  # fewest and most runs
 BEFORE_S = 0.05  # time before the first contact that is compared and drawn
 LEAST_SPAN_S = 0.02
 AFTER_S = 0.05  # time for which a run lasts longer than it is compared
 POINT_BAND = 1.96  # standard deviations of the band of a single sample
 SAME_TICKS = 2  # largest distance of two first contacts that are at the same time
-LEAST_SHARE = 0.5  # of the runs that must have a figure, so that it is expected
+LEAST_SHARE = 0.5  # share of the runs that must have a figure, so that it is expected
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class _Measured:
 
     where: str
     predictor: Predictor
-    touch_s: float  # in the time of the recording
+    touch_s: float  # time of the first contact in the recording
     level: ForceLevel
     notes: list[str] = field(default_factory=list)
     gap_m: float | None = None

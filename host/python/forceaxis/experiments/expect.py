@@ -280,7 +280,7 @@ class Expectation:
     band: float  # half of the settling band
     # True: the band is in the unit of `signal`; False: the band is a fraction of the step
     band_is_absolute: bool
-    recordings: tuple[Path, ...] = ()  # of the real machine
+    recordings: tuple[Path, ...] = ()  # recordings of the real machine
     recording_over: tuple[str, ...] = ()  # uncertainty of parameters for their bands
 
 
@@ -305,7 +305,7 @@ class ExpectationCheck:
     key: str
     expected: Expected
     obtained: Obtained
-    unit: str = ""  # of a number
+    unit: str = ""  # unit of a number
     why: str = ""  # reason for the verdict of the run
     agrees: bool | None = None  # of a figure of a recording that is missing
 

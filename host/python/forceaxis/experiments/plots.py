@@ -84,7 +84,7 @@ OVERLAP_SHARE = 0.015  # distance below which marks overlap, as a share of the w
 MOST_MARKS = 3  # largest number of overlapping marks that are drawn separately
 LINE_WIDTH = THIN["linewidth"]
 CONTACT_COLOUR = "#dbe6f1"
-KEYS_PER_LINE = 5  # of a legend
+KEYS_PER_LINE = 5  # most keys in a line of a legend
 
 
 def trace(
@@ -101,7 +101,7 @@ def trace(
     chars = round(18.5 * width)
     notes = [(line, colour) for text, colour in notes for line in textwrap.wrap(text, chars)]
     handles = keys(marks, time_s, rows)
-    lines = -(-len(handles) // KEYS_PER_LINE)  # of the legend
+    lines = -(-len(handles) // KEYS_PER_LINE)  # lines of the legend
     head, foot, tall = 0.3 + 0.14 * len(notes), 0.5 + 0.18 * lines, 1.2
     height = head + tall * len(rows) + foot
     figure, axes = plt.subplots(len(rows), 1, sharex=True, figsize=(width, height), squeeze=False)
@@ -284,7 +284,7 @@ def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Ar
 class ExpectedLevel:
     """An expected range of a value, and the value of the run, in the unit of the trace."""
 
-    row: int  # of the figure
+    row: int  # row of the figure
     name: str  # key of [expect]
     from_s: float  # time in s from which the value is evaluated
     low: float  # end of the expected range

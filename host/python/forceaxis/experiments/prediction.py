@@ -60,7 +60,7 @@ class SignalModel:
     unit: str
     column: str
     factor: float = 1.0
-    zero: float = 0.0  # in the column
+    zero: float = 0.0  # zero of the quantity, in the unit of the column
 
     def of(self, columns: Columns) -> Floats:
         """Returns the values of the signal in `unit`, (ticks,)."""
@@ -76,7 +76,7 @@ class Predictor:
     inputs: Inputs
     plant: PlantFacts
     ranges: dict[str, Range]
-    posterior: Posterior | None = None  # of further parameters
+    posterior: Posterior | None = None  # posterior of further parameters
     input: str = "law"
     signals: tuple[SignalModel, ...] = ()
     gap: str | None = None

@@ -14,7 +14,7 @@ from forceaxis.experiments import verdicts
 from forceaxis.results import json_field
 
 CoreTable: TypeAlias = Mapping[str, Any]  # a dict that the compiled module returns
-Array: TypeAlias = np.ndarray[Any, np.dtype[Any]]  # of numbers or texts
+Array: TypeAlias = np.ndarray[Any, np.dtype[Any]]  # array of numbers or texts
 Columns: TypeAlias = dict[str, Array]  # {name of a column: values of the column}
 
 
@@ -60,8 +60,8 @@ class HeldForce:
     setpoint_N: float
     held_N: float  # mean over the window
     error_N: float
-    error_percent: float  # of the set-point
-    overshoot_percent: float  # of the set-point
+    error_percent: float  # error in per cent of the set-point
+    overshoot_percent: float  # overshoot in per cent of the set-point
     # time at which `settle_s` begins: last change of the set-point, or a later first contact
     from_s: float
     settle_s: float | None  # settling time in s; None means that the force does not settle
@@ -79,11 +79,11 @@ class Metrics:
     # position ripple in the second half of the window, in encoder counts
     position_ripple_late_count: float
     contacts: int  # number of contacts of the model
-    contact_losses: int  # in the window
-    contact_losses_run: int  # in the whole run
+    contact_losses: int  # number of contact losses in the window
+    contact_losses_run: int  # number of contact losses in the whole run
     first_contact_s: float | None
-    contact_at_window: bool  # at the start of the window
-    in_contact: bool  # at the end
+    contact_at_window: bool  # in contact at the start of the window
+    in_contact: bool  # in contact at the end of the run
     peak_force_N: float
     final_force_N: float
     # number of ticks of the window in which the DAC code is at an end of the DAC range
@@ -183,7 +183,7 @@ class RecordCounts:
 class LinkReport:
     """Report of a run over a connection between two processes."""
 
-    kind: str  # of the connection
+    kind: str  # kind of the connection
     where: str  # address of the connection
     run_id: int | None
     pids: ProcessIds
@@ -193,8 +193,8 @@ class LinkReport:
     real_time: float  # ratio of simulated time to elapsed time
     repeated: int  # number of messages that were sent again
     statistics: RecordCounts | None
-    interrupts: int | None = json_field(omit_none=True)  # of an emulated chip
-    ticks: int | None = json_field(omit_none=True)  # of an emulated chip
+    interrupts: int | None = json_field(omit_none=True)  # timer interrupts of an emulated chip
+    ticks: int | None = json_field(omit_none=True)  # ticks of an emulated chip
     # number of ticks that the main loop of an emulated chip had not completed before the next one
     late_ticks: int | None = json_field(omit_none=True)
 
@@ -233,10 +233,10 @@ class CycleFigure:
     """The figure of an evaluation element over the last cycle of a run."""
 
     name: str
-    kind: str  # of element: "peak", "window", ...
+    kind: str  # kind of evaluation element: "peak", "window", ...
     value: float  # in `unit`; 0 if nothing was found
     unit: str  # empty for a number
-    tick: int  # in which the value was found
+    tick: int  # tick in which the value was found
     # "good", "below", "above", "wrong side", "again", "not reached" or "aborted"
     verdict: str
 
@@ -245,10 +245,10 @@ class CycleFigure:
 class CycleReport:
     """The last cycle of a run."""
 
-    title: str  # of the program
+    title: str  # title of the program
     state: str  # value of the object cycle_state
     outcome: str  # value of the object cycle_outcome
-    failed_phase: str  # in which the cycle failed; empty if it ended by its program
+    failed_phase: str  # phase that failed; empty if the cycle ended by its program
     cycles: int  # number of cycles that were started
     invalid_ticks: int  # ticks in evaluated phases whose sample is not valid
     phases: list[str]  # names by number

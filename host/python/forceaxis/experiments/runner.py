@@ -288,7 +288,7 @@ class RunSite:
     """Where runs are made, and the folder that keeps them."""
 
     out: Path | None  # None: nothing is written
-    threads: int  # of this process
+    threads: int  # threads of this process
     scheduler: str | None  # address of a Dask scheduler, whose workers then make the runs
 
 

@@ -67,7 +67,7 @@ class SweepRequest:
     # {name: "FROM:TO" or "FROM:TO:log"}
     random: Mapping[str, str] = field(default_factory=dict)
     count: int | None = None  # number of random points
-    seed: int = 0  # of the random points
+    seed: int = 0  # seed of the random points
     bisect: Mapping[str, str] = field(default_factory=dict)  # name -> "FROM:TO:TOLERANCE"
     overrides: Sequence[str] = ()  # texts NAME=VALUE that apply to all points of the sweep
     # file of a posterior from which `count` points are drawn, in place of `random`
@@ -265,7 +265,7 @@ def write(done: Sweep, out: Path) -> None:
 
     drawn = sweep_plots.sweep(done)
     if not done.closer:
-        (out / "closer.csv").unlink(missing_ok=True)  # of an earlier sweep
+        (out / "closer.csv").unlink(missing_ok=True)  # file of an earlier sweep
     names = [*FILES, "closer.csv"] if done.closer else FILES
     with paths.replacing(out, *names) as (table, npz, parquet, png, svg, summary, *closer):
         write_table(table, done.columns)

@@ -70,7 +70,7 @@ class Boundary:
     unstable: float = math.nan  # nearest value beyond the boundary at which the run is not stable
     beyond: str = ""  # verdict at `unstable`
     note: str = ""  # reason for a missing boundary
-    error: str = ""  # of the last run that failed
+    error: str = ""  # error of the last run that failed
     runs: int = 0
     # True if the verdict changes between the values `stable` and `unstable`
     searching: bool = False
@@ -220,7 +220,7 @@ class SweepResult:
     warnings: list[str]
     refined: bool
     alone: list[IsolatedPoint]
-    seed: int | None  # of random points
+    seed: int | None  # seed of random points
     inputs_hash: str
     firmware_hash: str
     simulator_hash: str

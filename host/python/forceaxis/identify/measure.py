@@ -34,8 +34,8 @@ from forceaxis.identify.setup import CODES, Setup, SetupTable, read_setup
 
 TRANSIENT_SHARE = 1e-8  # share of a transient that may remain at the start of a recording
 FIRST_HANN_LINE = 3  # number of the lowest spectral line that is used with a Hann window
-MOST_STEPS = 20_000_000  # of a measurement
-MOST_PARTS = 64  # of a tick
+MOST_STEPS = 20_000_000  # most steps of a measurement
+MOST_PARTS = 64  # most steps of the plant in a tick
 
 Lines = NDArray[np.int_]  # numbers of spectral lines
 # list of (spectral lines, input and output at these lines as an array (averages, 2, samples))
@@ -454,7 +454,7 @@ def estimate(
                 record, step = converter(record, setup.bits, rng)
                 factor = 4
             spectra.append(fft.rfft(record, axis=-1)[:, used])
-            power = 0.375 if setup.window == "hann" else 1.0  # of the window
+            power = 0.375 if setup.window == "hann" else 1.0  # mean power of the window
             noise.append(step**2 / factor * count * power)
         U, Y = spectra
         here = slice(place, place + len(used))

@@ -19,7 +19,7 @@ from forceaxis.identify.columns import header_of, read_columns
 from forceaxis.identify.distributions import t_bound
 from forceaxis.identify.measurement import CONFIDENCE, Reals
 
-LEAST_CYCLES = 3  # of a ring-down
+LEAST_CYCLES = 3  # fewest periods of a ring-down
 # smallest number of samples of a ring-down; fewer samples of noise may resemble a ring-down
 LEAST_SAMPLES = 30
 # start values for the ratio of decay rate to angular frequency

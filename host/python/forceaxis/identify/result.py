@@ -77,7 +77,7 @@ class MeasurementResult(Generic[Summary]):
     # response of the linear model with nominal parameters, (n,); None without a model
     model: Complexes | None
     summary: Summary
-    title: str  # of the figure
+    title: str  # title of the figure
 
 
 def run(

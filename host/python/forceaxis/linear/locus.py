@@ -73,7 +73,7 @@ class Locus:
     ends: Array  # poles and zeros of the open loop in 1/s
     crossings: list[Crossing]  # all gains at which a closed-loop pole is on the stability boundary
     limit: Limit
-    unit: str  # of the gain
+    unit: str  # unit of the gain
     codes: float | None  # firmware gain in DAC codes per 8-bit count that corresponds to k = 1
     span_hz: float
     at_gain: Roots  # closed-loop poles in 1/s at the marked gain

@@ -35,7 +35,7 @@ from forceaxis.linear.system import System
 # unstable loops within one step stay unseen.
 TURN_STEP_DEG = 3.0
 GAIN_SPAN = 1e4  # factor of the gain up to which a margin is searched
-POINTS_PER_DECADE = 60  # of a grid of frequencies
+POINTS_PER_DECADE = 60  # points of a grid of frequencies in a decade
 LOWEST_SHARE = 1e-6  # lowest frequency of a grid, as a share of the highest one
 STABLE_BELOW = 1 - 1e-11  # largest magnitude of a pole of a stable loop
 PHASES = 3  # that are analysed in each order of samples and ticks, see Samples.phases()

@@ -37,7 +37,7 @@ CHECKED_GAINS = 10.0 ** np.arange(-10, 7)
 # Factor from one gain to the next one of a search. Two changes between stable and unstable loops
 # within one step stay unseen.
 GAIN_STEP_FACTOR = 1.1
-GAINS_AT_ONCE = 24  # of a search
+GAINS_AT_ONCE = 24  # gains that a search evaluates together
 ROUNDED_AGAIN = 3  # number of times that a matrix is rounded otherwise, to see what this changes
 # Distance from a limit at which the loop must be seen to be stable and unstable, as a share of it.
 EDGE_SHARE = 1e-7

@@ -80,7 +80,7 @@ class _Elements(NamedTuple):
 
     frictions: tuple[_FrictionRow, ...] = ()
     backlashes: tuple[str, ...] = ()
-    sliders: tuple[str, ...] = ()  # of contacts with hysteresis
+    sliders: tuple[str, ...] = ()  # names of contacts with hysteresis
 
 
 @lru_cache(maxsize=64)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from forceaxis import drawing
 from forceaxis.experiments.run import Run
 
-WIDTH, HEIGHT = 160, 56  # of a thumbnail
+WIDTH, HEIGHT = 160, 56  # size of a thumbnail in pixels
 # number of steps of the line in a small plot; each step shows the lowest and highest value
 STEPS = 80
 

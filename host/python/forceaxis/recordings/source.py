@@ -31,10 +31,10 @@ class SourceColumn:
     """One column of a source. `lines` are the places of its values in the file, for messages."""
 
     name: str
-    unit: str | None  # that the source gives
+    unit: str | None  # unit that the source states
     values: Floats = field(repr=False)  # NaN: no value
     lines: Sequence[int] = field(repr=False, default=())
-    time_column: str | None = None  # that belongs to it, or None for that of the source
+    time_column: str | None = None  # time column of this column, or None for that of the source
 
     def place(self, sample: int) -> str:
         """Returns the place of a sample in words, such as "line 7, Fz"."""

@@ -22,9 +22,9 @@ COARSE_SHARE = 0.5  # largest level for quanta, as a share of the largest force
 # noise, and a share of the largest force. The sample is the last one below the first threshold
 # before the force exceeds the second.
 QUIET_FACTOR, RISEN_SHARE = 3.0, 0.1
-LOST_SHARE = 0.5  # of that level, below which the contact is lost
+LOST_SHARE = 0.5  # share of the level below which the contact is lost
 HELD_SHARE, HELD_LEAST = 0.2, 10  # fraction of the signal, at its end, whose mean is the held force
-SETTLED_SHARE = 0.05  # of the held force
+SETTLED_SHARE = 0.05  # settling band, as a share of the held force
 IMPULSE_S = 0.025
 CONTACTS = 3  # number of contacts whose beginnings and ends are figures
 
@@ -36,7 +36,7 @@ class ForceLevel:
 
     zero: float
     noise: float  # standard deviation
-    contact: float  # above the zero
+    contact: float  # force above the zero from which on there is contact
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,10 @@ class ContactFigures:
     means that the contact has no such figure."""
 
     peak_N: float
-    impulse_N_s: float  # of the first 25 ms
+    impulse_N_s: float  # impulse of the first 25 ms
     bounces: int  # contact losses
-    starts_s: tuple[float, ...]  # of the second contact, the third, ...
-    ends_s: tuple[float, ...]  # of the first contact, the second, ...
+    starts_s: tuple[float, ...]  # starts of the second contact, the third, ...
+    ends_s: tuple[float, ...]  # ends of the first contact, the second, ...
     settling_s: float | None
     held_N: float
 
