@@ -93,7 +93,7 @@ typedef struct {
   /* text of hardware_version, which must outlive the firmware; NULL selects the text "none" */
   const char *hardware;
   uint32_t serial_number;
-  /* bit rate of the Modbus serial line in bit/s, which determines the silence at the end of a
+  /* bit rate of the Modbus serial line in bit/s, which determines the silent interval that ends a
    * frame; 0 selects MODBUS_BAUD_DEFAULT */
   uint32_t modbus_baud;
   /* CANopen node id and Modbus unit, 1 to 127. 0: the axis uses stored_node_id, or 1 if no id is
@@ -231,8 +231,8 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  * These events set code 0 and switch amplifier and brake off. The number is the tick in which this
  * happens; 1 is the first tick after the event:
  *   invalid sensors, enable chain, switches, ADC range, speed, force       1
- *   findings of the first motion test (guard/first_motion.h)               1
- *   findings of the force sensor's monitoring (guard/sensor.h)             1
+ *   failure of the first motion test (guard/first_motion.h)                1
+ *   errors of the force sensor that guard/sensor.h detects                 1
  *   no call of fw_between() for FW_BETWEEN_TICKS_MAX ticks; fw_board()     1
  *   CAN bus off (fw_can_bus), NMT stop, reset of communication             1
  *   a stop by any source: controlword, halt, native mode disabled          1
@@ -256,8 +256,8 @@ void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
  * and the code for the board outputs them immediately. fw_report() does what most ticks need:
  * status of the drive, recorder, one event-driven TPDO. fw_between() must run after the interrupt,
  * before any other use of fw, and no tick may interrupt it. fw_between() does the rare and long
- * work: emergency messages, node timers that expire, the silence of Modbus, resets (longer than a
- * tick), and a step of the store (an erase is also longer than a tick). Cost on a Cortex-M4:
+ * work: emergency messages, node timers that expire, the silent interval of Modbus, resets (which
+ * can last longer than a tick), and a step of the store (an erase can, too). Cost on a Cortex-M4:
  * docs/chip/instructions.md.
  *
  * While fw_between() does not run, a lost heartbeat and NMT commands are not detected. After more

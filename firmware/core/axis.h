@@ -32,10 +32,10 @@ void axis_init(axis_t *axis);
 
 /* Computes one tick of an axis.
  *
- * A fitted drive (AXIS_DRIVE_REPORT_FITTED) comes on some ticks after the amplifier is enabled.
- * Until it is on, the axis outputs code 0 with the brake on, active_mode remains disabled, and
- * profile, integral and excitation have not begun. The mode begins in the first tick in which the
- * drive is on. AXIS_DRIVE_REPORT_LIMIT acts on the integral like a limit of the DAC code.
+ * A fitted drive (AXIS_DRIVE_REPORT_FITTED) has power only some ticks after the amplifier is
+ * enabled. Until it is on, the axis outputs code 0 with the brake on, active_mode remains disabled,
+ * and profile, integral and excitation have not begun. The mode begins in the first tick in which
+ * the drive is on. AXIS_DRIVE_REPORT_LIMIT acts on the integral like a limit of the DAC code.
  *
  * A fault (faults.h) acts in the same tick for every value of latency_ticks: the DAC code becomes
  * 0, the amplifier is switched off and the brake closes. The fault is latched, and the requested

@@ -13,8 +13,8 @@
  * The first sample is taken in the first tick after arming. Then one sample is taken every
  * `decimation` ticks, independent of the trigger. The recorder checks the trigger condition in
  * every tick, so no trigger is missed. recorder_trigger_index is the index of the first sample at
- * or after the trigger. If the trigger comes before `pretrigger` samples were taken, the recording
- * has fewer samples before the trigger.
+ * or after the trigger. If the trigger occurs before `pretrigger` samples were stored, the
+ * recording has fewer samples before the trigger.
  *
  * For the edge excitation_start the caller passes the signal excitation_state to recorder_arm() as
  * the trigger. If the recorder is armed before the excitation starts, a sample after
@@ -60,7 +60,7 @@ typedef struct {
   uint16_t decimation_remaining; /* number of ticks until the next sample */
   uint32_t write_index;          /* index of the next sample in the ring buffer, 0..capacity-1 */
   uint32_t first_index;          /* index of the oldest sample in the ring buffer */
-  /* number of samples after the trigger that the recorder still has to take */
+  /* number of samples after the trigger that the recorder still has to store */
   uint32_t samples_remaining;
 } recorder_t;
 

@@ -25,7 +25,7 @@ enum {
   CYCLE_ELEMENTS_MAX = 16,
   CYCLE_COMPLIANCE_MAX = 16,
   CYCLE_VERSION = 2,
-  CYCLE_END = 255 /* in place of a phase: the cycle ends */
+  CYCLE_END = 255 /* number in place of a phase: the cycle ends */
 };
 #define CYCLE_MAGIC UINT32_C(0x59435846) /* "FXCY" */
 
@@ -134,7 +134,7 @@ typedef struct {
   uint8_t points;      /* FOLLOW: number of points */
   uint8_t over_travel; /* FOLLOW. 1: x of the table is the travel; 0: the time in ticks */
   uint8_t outputs_on;  /* outputs that the begin of the phase switches on */
-  uint8_t outputs_off; /* outputs that it switches off */
+  uint8_t outputs_off; /* outputs that the begin of the phase switches off */
   cycle_condition_t conditions[CYCLE_CONDITIONS];
 } cycle_phase_t;
 
@@ -158,12 +158,13 @@ typedef struct {
   uint8_t reserved;     /* 0 */
 } cycle_header_t;
 
-/* Why a record is refused, and the number of the phase or element that is wrong. */
+/* Why a program is refused, and the number of the phase or evaluation element that is wrong. */
 enum {
   CYCLE_ACCEPTED = 0,
   CYCLE_NO_PROGRAM = 1,    /* too short, or another magic */
   CYCLE_OTHER_VERSION = 2, /* another layout */
-  CYCLE_WRONG_SIZE = 3,    /* the size is not that of its parts, or there are too many parts */
+  CYCLE_WRONG_SIZE = 3,    /* the size does not match the numbers of phases, elements and points, or
+                            * one of these is too large */
   CYCLE_WRONG_CRC = 4,
   CYCLE_WRONG_PHASE = 5,
   CYCLE_WRONG_ELEMENT = 6,
@@ -172,7 +173,7 @@ enum {
   CYCLE_NO_NUMBER = 9, /* a program of the library has another number than 0 */
   CYCLE_WRONG_ZERO = 10,
   CYCLE_WRONG_HEADER = 11, /* compliance, outputs_keep or the reserved byte */
-  CYCLE_LOCKED = 12,       /* the axis takes no program */
+  CYCLE_LOCKED = 12,       /* the axis accepts no program */
   CYCLE_REASONS = 13
 };
 typedef struct {
@@ -184,7 +185,7 @@ typedef struct {
  * is refused. Some 10 instructions for each byte. */
 cycle_check_t cycle_program_check(const void *record, uint32_t size);
 
-/* Parts of a record that was checked. */
+/* Return the phases, evaluation elements and points of a program that was checked. */
 static inline const cycle_phase_t *cycle_phases(const cycle_header_t *program) {
   return (const cycle_phase_t *)(const void *)(program + 1);
 }
@@ -195,11 +196,11 @@ static inline const cycle_point_t *cycle_points(const cycle_header_t *program) {
   return (const cycle_point_t *)(const void *)(cycle_elements(program) + program->elements);
 }
 
-/* Returns the set of the evaluated phases, as bits: those whose samples of force and position
- * decide on the part. These are the phases that an element names, the phases approach, press,
- * follow and tare, and the phases with a condition of force, contact or stiffness, or of depth if
- * the press has a compliance. While travel 0 of touch or force is not found, every phase is
- * evaluated. */
+/* Returns the set of the evaluated phases, as bits: the verdict on the part depends on their
+ * samples of force and position. These are the phases that an evaluation element names, the phases
+ * approach, press, follow and tare, and the phases with a condition of force, contact or stiffness,
+ * or of depth if the press has a compliance. While travel 0 of touch or force is not found, every
+ * phase is evaluated. */
 uint16_t cycle_program_judged(const cycle_header_t *program);
 
 /* Forces that the sensor has to be able to show, in 1/256 count of measured force. */

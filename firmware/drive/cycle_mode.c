@@ -64,7 +64,7 @@ static cycle_inputs_t inputs_of(const cia402_t *drive, const axis_t *axis) {
                                       axis->position_age, drive->params.cycle_age_max)};
 }
 
-/* The position from which a distance of a phase counts, in user units. */
+/* The position from which a distance of a phase is measured, in user units. */
 static int32_t base_of(const cia402_t *drive, const axis_t *axis, uint8_t action) {
   if (action == CYCLE_MOVE) {
     return 0;
@@ -86,7 +86,7 @@ static void begin_tare(cia402_t *drive, const axis_t *axis) {
   drive->cycle.tare_most = band - axis->params.force_tare;
 }
 
-/* Takes the new offset of the program into the demanded force. */
+/* Converts the new offset of the program to the unit of the demanded force and stores it. */
 static void take_offset(cia402_t *drive) {
   drive->cycle.tared = 0;
   drive->cycle_offset_q8 =
@@ -94,8 +94,8 @@ static void take_offset(cia402_t *drive) {
                -CYCLE_TABLE_Y_MAX, CYCLE_TABLE_Y_MAX);
 }
 
-/* Sets the mode and the targets of the phase that has begun. A place beyond 32 bits, which no axis
- * can reach, ends the cycle as over_travel. Returns false then. */
+/* Sets the mode and the targets of the phase that has begun. A target position beyond 32 bits,
+ * which no axis can reach, ends the cycle as over_travel; the result is then false. */
 static bool begin_phase(cia402_t *drive, const axis_t *axis) {
   const cycle_phase_t *phase = cycle_phase(&drive->cycle);
   const cia402_mode_t *mode = mode_of(phase->action);
@@ -126,7 +126,8 @@ static bool begin_phase(cia402_t *drive, const axis_t *axis) {
   return true;
 }
 
-/* Returns true if the program has positions that count from the reference of the axis. */
+/* Returns true if the program has positions that are measured from the reference position of the
+ * axis. */
 static bool needs_reference(const cycle_header_t *program) {
   if (program->zero == CYCLE_ZERO_POSITION) {
     return true;
@@ -145,8 +146,8 @@ static int32_t reading_of(const axis_params_t *params, uint16_t code) {
 }
 
 /* Returns true if a force of a program is at or beyond an end of the range of the sensor
- * (sensor_is_railed()), so that no valid sample shows it. force_max is compared with the end in the
- * direction of compression, or with the other one if the zero of the force is there. */
+ * (sensor_is_railed()), so that no valid sample can have it. force_max is compared with the end for
+ * compression, or with the end for tension if the force 0 is at the end for compression. */
 static bool is_beyond_sensor(const axis_params_t *params, const cycle_reach_t *reach) {
   const bool rises = params->force_sign > 0;
   const uint16_t last = fx_highest_code(params->adc_bits);
@@ -235,8 +236,8 @@ void cycle_mode_interrupt(cia402_t *drive) {
   }
 }
 
-/* Returns true if the axis no longer follows the cycle, because a ramp stops it, or because a guard
- * has found a fault that acts in the next tick. */
+/* Returns true if the axis no longer follows the cycle, because a ramp stops it, or because a
+ * protection has detected a fault that acts in the next tick. */
 static bool is_stopping(const cia402_t *drive) {
   return drive->leaving != 0 || contact_guard_has_fault(&drive->guards.contact_guard) ||
          (drive->params.controlword & AXIS_CONTROLWORD_HALT) != 0 ||

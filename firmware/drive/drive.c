@@ -330,7 +330,7 @@ static bool may_start(const cia402_t *drive) {
          !wants_other_mode(drive) && !first_motion_is_running(&drive->guards.first_motion);
 }
 
-/* Ends what the axis does by itself: a homing method or a cycle. */
+/* Ends a homing method or a cycle. */
 static void interrupt(cia402_t *drive) {
   homing_interrupt(drive);
   cycle_mode_interrupt(drive);

@@ -103,8 +103,8 @@ static void cap_pressing(const cia402_t *drive, axis_t *axis) {
 }
 
 /* Changes the demanded force by one tick towards the target. A bound that was reduced acts at once,
- * on the ramp and on what the input shaper makes of it. A halt bypasses the input shaper, and
- * its ramp starts from the present demanded force. */
+ * on the ramp and on the output of the input shaper. A halt bypasses the input shaper, and its ramp
+ * starts from the present demanded force. */
 static void demand(cia402_t *drive, int32_t target_q8, bool at_once, bool halted) {
   const uint32_t slope = cycle_is_running(&drive->cycle) ? cycle_phase(&drive->cycle)->slope
                                                          : drive->params.force_slope;
@@ -209,7 +209,7 @@ static inline int64_t damper(const cia402_t *drive, const axis_t *axis) {
 }
 
 /* Sets the force set-point to force_q8, limited to the bounds of the demanded force. `demand` is
- * the part of the set-point that does not depend on the motion of the axis. */
+ * the term of the set-point that does not depend on the motion of the axis. */
 static inline void press_limited(cia402_t *drive, axis_t *axis, int64_t force_q8, int32_t demand) {
   press(drive, axis,
         fx_saturate(force_q8, drive->force_bounds.least_q8, drive->force_bounds.most_q8));

@@ -67,7 +67,8 @@ bool cia402_run_first_motion(cia402_t *drive, axis_t *axis);
 
 /* Returns true if the measured force guides the axis: in force modes, guarded moves and homing on
  * contact, including their approaches, and in every phase of a running cycle, because the force
- * ends phases and decides about the part. Returns false during the first motion test. */
+ * ends phases, and the verdict on the part depends on it. Returns false during the first motion
+ * test. */
 bool cia402_is_guided_by_force(const cia402_t *drive);
 
 /* Computes one tick of the active mode of operation. */
@@ -87,16 +88,16 @@ static inline void cia402_excite_after(cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* Returns bits 12 and 13 of the statusword in mode -9: the cycle is done; its part is not good, or
- * no cycle could start. */
+/* Returns bits 12 and 13 of the statusword in mode -9. Bit 12: the cycle is done. Bit 13: its part
+ * is not good, or no cycle could start. */
 uint16_t cia402_cycle_bits(const cia402_t *drive);
 
 /* Shows state, phase and outcome of the cycle in the signals. */
 void cia402_show_cycle(cia402_t *drive);
 
-/* Resets the state of a mode of operation when the mode ends or the axis is disabled; a cycle that
- * runs is ended as aborted. cia402_end_mode() is the part that also the change between phases of a
- * cycle needs. */
+/* cia402_leave_mode() resets the state of a mode of operation when the mode ends or the axis is
+ * disabled, and aborts a running cycle. cia402_end_mode() does only what a change between two
+ * phases of a cycle needs, too. */
 void cia402_leave_mode(cia402_t *drive);
 void cia402_end_mode(cia402_t *drive);
 

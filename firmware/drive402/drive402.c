@@ -69,8 +69,8 @@ static void receive_heartbeat(drive402_t *master, const can_frame_t *frame) {
   }
 }
 
-/* Takes an emergency message: error code and error register (1001h). Code 0 is the end of an error.
- * Without a bit in the register no error is present, so the message is a warning. */
+/* Processes an emergency message: error code and error register (1001h). Code 0 is the end of an
+ * error. Without a bit in the register no error is present, so the message is a warning. */
 static void receive_emergency(drive402_t *master, const can_frame_t *frame) {
   const uint16_t code = (frame->length == 8) ? (uint16_t)fx_load_le(frame->data, 2) : 0;
   if (code == 0) {

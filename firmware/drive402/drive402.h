@@ -38,8 +38,8 @@
  * Stop. If `enable` becomes 0 or something fails, the next frame commands quick stop and target 0.
  * It is sent in the same tick, also between two cycles. When the drive shows switch on disabled or
  * fault, at the latest after quick_stop_ms, the master disables voltage. It accepts a stop in every
- * state and keeps the cycle going after a failure. The drive comes on again only from switch on
- * disabled.
+ * state and keeps the cycle going after a failure. The drive is enabled again only from the state
+ * switch on disabled.
  *
  * Emergency messages. The code of each one is kept. It is a failure if the error register in it
  * (1001h) is not 0; with the register 0 it is a warning. Code 0, the end of an error, is neither.
@@ -57,11 +57,12 @@
 
 #include "firmware/drive402/drive402_state.h"
 
-/* Starts a master. *master has to be all zeros, and *config to live as long as it. Returns
+/* Starts a master. *master must be all zeros, and *config must exist as long as *master. Returns
  * DRIVE402_NONE, or the reason of a refusal; a refused master sends nothing and stays in fault. */
 uint8_t drive402_init(drive402_t *master, const drive402_config_t *config);
 
-/* Takes a received frame. Frames that are not from the drive, and remote requests, are ignored. */
+/* Processes a received frame. Frames that are not from the drive, and remote requests, are
+ * ignored. */
 void drive402_receive(drive402_t *master, const can_frame_t *frame);
 
 /* Tells the state of the bus (CAN_BUS_) and how many received frames were lost since the last call.

@@ -151,7 +151,8 @@ static bool act(drive402_t *master, const drive402_command_t *command, bool begi
     send_rpdo(master, controlword_of(master, wanted), target);
   }
   const bool is_on = wanted && drive402_is_on(master);
-  /* The wait for the drive goes on while it is to come on, and begins after a stop. */
+  /* The wait for the drive continues while the drive is being enabled, and begins again after a
+   * stop. */
   const bool is_waiting = wanted ? !is_on : master->resets_fault != 0;
   if (master->phase == DRIVE402_RUNNING && (master->stop_ticks > 0 || !is_waiting)) {
     master->wait_ticks = fx_ticks_from_ms(master->config->wait_ms) + 1;

@@ -13,7 +13,7 @@ void drive402_cycle_start(drive402_t *master);
  * when the drive has to stop. */
 void drive402_cycle_tick(drive402_t *master, const drive402_command_t *command);
 
-/* Takes a TPDO of the drive. A frame without exactly 8 bytes, or before the first
+/* Processes a TPDO of the drive. A frame without exactly 8 bytes, or before the first
  * SYNC, is ignored. */
 void drive402_cycle_receive(drive402_t *master, const can_frame_t *frame);
 

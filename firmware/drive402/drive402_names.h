@@ -38,7 +38,7 @@
   X(MODE, 0x0400, "6060h", "object 6060h, the mode of operation")
 
 /* All that a drive may lack. A drive cannot keep a mapping of its own, because the master would
- * take other bytes for the statusword and the position. */
+ * then read the statusword and the position from wrong bytes. */
 #define DRIVE402_OBJECTS(X)                                                                 \
   DRIVE402_VALUES(X)                                                                        \
   X(RPDO_MAPPING, 0x0040, "1600h", "mapping in 1600h and 1400h:1 that could be changed")    \

@@ -84,7 +84,7 @@ static void take_upload(drive402_sdo_t *sdo, const uint8_t *data) {
   }
 }
 
-/* Takes the first segment, which has up to 7 bytes and no address. */
+/* Stores the value of the first segment, which has up to 7 bytes and no address. */
 static void take_segment(drive402_sdo_t *sdo, const uint8_t *data) {
   const bool is_whole = (data[0] & (TOGGLE | IS_LAST)) == IS_LAST;
   take_value(sdo, data + 1, is_whole ? 7 - fx_field(data[0], 1, 3) : 0);
@@ -94,14 +94,15 @@ static bool is_address(const drive402_sdo_t *sdo, const uint8_t *data) {
   return fx_load_le(data + 1, 2) == sdo->entry.index && data[3] == sdo->entry.sub;
 }
 
-/* Counts an acknowledgement of a download that nobody waits for. */
+/* Counts an acknowledgement of a download for which no transfer waits. */
 static void take_second_ack(drive402_sdo_t *sdo) {
   if (sdo->has_late_ack == 0 && sdo->doubled < UINT8_MAX) {
     sdo->doubled++;
   }
 }
 
-/* Takes the answer that the transfer waits for, to a download or to the request of an upload. */
+/* Processes the answer for which the transfer waits: to a download, or to the request of an
+ * upload. */
 static void take_answer(drive402_sdo_t *sdo, const uint8_t *data) {
   if (data[0] == ABORT) {
     sdo->answer = fx_load_le32(data + 4);

@@ -5,7 +5,7 @@
  * expedited. The answer to an upload may be expedited with any size or none, or one segment; the
  * lowest bytes count, and fewer bytes than those of the object are refused. A request without an
  * answer is repeated once. Between two requests are at least DRIVE402_SDO_PAUSE ticks, because some
- * drives lose frames that come closer than 3 ms. An answer about another object, or without a
+ * drives lose frames that arrive less than 3 ms apart. An answer about another object, or without a
  * request, is ignored. */
 
 #include <stdbool.h>
@@ -57,7 +57,7 @@ bool drive402_sdo_tick(drive402_sdo_t *sdo);
 /* Fills the 8 bytes of this request, whose answer is missing after `ticks`. */
 void drive402_sdo_request(drive402_sdo_t *sdo, uint32_t ticks, uint8_t data[8]);
 
-/* Takes an answer of the server. */
+/* Processes an answer of the server. */
 void drive402_sdo_receive(drive402_sdo_t *sdo, const can_frame_t *frame);
 
 #endif

@@ -57,7 +57,7 @@ typedef struct {
   /* csv, cst: speed or torque, csp: position; in units of the axis, see scale_num. It acts while
    * `on` is reported. */
   int32_t target;
-  uint8_t enable; /* 1: the drive has to come to operation enabled; 0: it has to stop */
+  uint8_t enable; /* 1: the drive must reach operation enabled; 0: it must stop */
   uint8_t reset;  /* a change from 0 to 1 resets a fault, or starts again after a failure */
 } drive402_command_t;
 
@@ -118,7 +118,7 @@ typedef struct {
   uint16_t age_ticks;
   uint16_t statusword;
   uint16_t error_code;
-  uint16_t controlword; /* last one that was sent */
+  uint16_t controlword; /* last controlword that was sent */
   uint16_t needed;      /* bits of the statusword without which targets do not act */
   int32_t position_cnt;
   int16_t torque;

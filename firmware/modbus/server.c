@@ -18,8 +18,9 @@ static void count(modbus_t *modbus, uint8_t which) {
   modbus->counters[which] = (uint16_t)(modbus->counters[which] + 1);
 }
 
-/* Returns the length of the silence that ends a frame, in ticks of 1/1500 s, rounded up: 3.5
- * characters of 11 bits, or 1.75 ms above 19200 bit/s (Modbus over serial line 1.02, 2.5.1.1). */
+/* Returns the length of the silent interval that ends a frame, in ticks of 1/1500 s, rounded up:
+ * 3.5 characters of 11 bits, or 1.75 ms above 19200 bit/s (Modbus over serial line 1.02,
+ * 2.5.1.1). */
 static uint32_t ticks_of_silence(uint32_t baud) {
   /* 3.5 characters of 11 bits are 3.5 x 11 x 1500 = 57750 ticks divided by the bit rate; 1.75 ms
    * are 0.00175 x 1500 = 2.6 ticks. */

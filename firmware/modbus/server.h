@@ -5,10 +5,10 @@
  * returns the bytes of answers.
  *
  * A request is served as soon as its last byte is received, because the function of the request
- * determines its length. The silence on the line ends a frame with an unknown function, or without
- * a valid CRC at that length. So frames of other units and damaged frames are skipped without an
- * additional timeout; these frames are counted and not answered. All values that a request reads
- * belong to the same tick, because a request is served between two ticks.
+ * determines its length. A silent interval on the line ends a frame with an unknown function, or
+ * without a valid CRC at that length. So frames of other units and damaged frames are skipped
+ * without an additional timeout; these frames are counted and not answered. All values that a
+ * request reads belong to the same tick, because a request is served between two ticks.
  *
  * Bytes that are received while an answer waits to be sent are lost and counted. */
 
@@ -21,7 +21,7 @@
 enum { MODBUS_FRAME_BYTES = 256, MODBUS_BAUD_DEFAULT = 115200, MODBUS_UNIT_MAX = 247 };
 
 typedef struct {
-  uint32_t silence_ticks; /* number of ticks of silence that end a frame */
+  uint32_t silence_ticks; /* length in ticks of the silent interval that ends a frame */
   uint32_t silence;       /* number of ticks since the last received byte */
   /* length of the frame received so far, in bytes; bytes that exceed the buffer are discarded */
   uint16_t length;
@@ -44,8 +44,8 @@ void modbus_init(modbus_t *modbus, uint8_t unit, uint32_t baud);
  * these bytes, at most one request and all broadcasts that these bytes complete. */
 void modbus_receive(modbus_t *modbus, dictionary_t *objects, const uint8_t *bytes, uint16_t count);
 
-/* Call modbus_tick() once in each tick. A frame ends after a silence of 3.5 characters, or of
- * 1.75 ms above 19200 bit/s; both times are rounded up to ticks. */
+/* Call modbus_tick() once in each tick. A frame ends after a silent interval of 3.5 characters, or
+ * of 1.75 ms above 19200 bit/s; both times are rounded up to ticks. */
 void modbus_tick(modbus_t *modbus, dictionary_t *objects);
 
 /* Writes at most `room` bytes of the answer into `bytes`. Returns the number of these bytes, or 0

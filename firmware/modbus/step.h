@@ -64,10 +64,9 @@ typedef enum { MODBUS_ENDED, MODBUS_REGISTERS, MODBUS_BITS, MODBUS_IDENTITY } mo
 
 typedef struct {
   modbus_access_t access;
-  /* part of the code (modbus_part_t) that continues the request; MODBUS_ENDED if the answer is
-   * complete */
+  /* which functions continue the request (modbus_part_t); MODBUS_ENDED if the answer is complete */
   uint8_t part;
-  uint8_t step; /* step of this part */
+  uint8_t step; /* step of the request */
   uint8_t unit;
   uint8_t *pdu;       /* function code and data of the request, and later of the answer */
   uint16_t length;    /* length in bytes of the request PDU, and later of the answer PDU */
@@ -98,7 +97,7 @@ typedef struct {
   uint8_t exception; /* exception with which the request ends after its writes are undone */
 
   /* For requests that write coils: one[n] or zero[n] is true if coil n is written with 1 or 0. If
-   * both are false, coil n is not part of the request. */
+   * both are false, the request does not write coil n. */
   bool one[AXIS_COIL_COUNT];
   bool zero[AXIS_COIL_COUNT];
   uint32_t controlword;

@@ -2,8 +2,8 @@
 #define FIRMWARE_OBJECTS_ACCESS_H_
 
 /* Object dictionary for the protocols: values are accessed by object number, entries by CANopen
- * address. dictionary.c implements these functions and depends neither on the protocols nor on the
- * owners of the values. */
+ * address. dictionary.c implements these functions. It depends neither on the protocols nor on the
+ * modules that have the values. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -46,11 +46,12 @@ int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value
  * the heartbeat of the node is already monitored.
  * FW_ERROR_NO_MEMORY: a command to the store if the board has no memory for the store.
  *
- * Only an accepted write of the owner resets his watchdog, and not one to an object that every bus
- * may write: otherwise a client that only reads would keep an axis in motion that nobody commands.
- * A write of the present value is sufficient. The soft limits and position_setpoint are not
- * compared with each other, in either order: a soft limit can always be reduced, and the axis stops
- * at the soft limit on its path to a set-point beyond this limit. */
+ * The watchdog of the owner is reset only by an accepted write of the owner, and not by a write to
+ * an object that every bus may write. Otherwise a client that only reads results could keep an axis
+ * in motion although its owner has stopped writing. A write of the present value is sufficient. The
+ * soft limits and position_setpoint are not compared with each other, in either order: a soft limit
+ * can always be reduced, and the axis stops at the soft limit on its path to a set-point beyond
+ * this limit. */
 int dictionary_write(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
 /* Returns the result that dictionary_write() would return now, without a write. Commands are

@@ -1,16 +1,16 @@
 #ifndef FIRMWARE_OBJECTS_DICTIONARY_H_
 #define FIRMWARE_OBJECTS_DICTIONARY_H_
 
-/* Object dictionary for the code that owns the values. This owner has a table with one row for each
- * block of objects: the position of the values and the functions that the dictionary calls.
- * Protocols use access.h instead. */
+/* Object dictionary for the module that has the values (app/fw.c). This module gives the dictionary
+ * a table with one row for each block of objects: the position of the values and the functions that
+ * the dictionary calls. Protocols use access.h instead. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/objects/access.h"
 
-/* One block of objects (AXIS_BLOCK_): a structure with the values of one owner. */
+/* One block of objects (AXIS_BLOCK_): their values are the members of one structure. */
 typedef struct {
   uint16_t offset; /* offset of the structure with the values, in bytes from the dictionary_t */
   /* Returns FW_OK if a value within its range may be written; changes no state. The pointer is NULL
@@ -24,8 +24,8 @@ typedef struct {
 
 typedef struct {
   dictionary_block_t blocks[AXIS_BLOCK_NONE];
-  /* Returns FW_OK if this source may write this object now; the owner of the axis and the state
-   * decide. */
+  /* Returns FW_OK if this source may write this object now. This depends on the owner and the state
+   * of the axis. */
   int (*permit)(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
   /* Called after a write has changed the value of a parameter that is stored, or that ends a cycle
    * (AXIS_IN_CYCLE_ENDS). */
@@ -67,7 +67,8 @@ bool dictionary_has_value(uint16_t object);
 int dictionary_write_value(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
 /* Returns true for an object that every source may write: it names the result or the points of the
- * curve that are read, or acknowledges a result. A write to it does not show that the owner lives.
+ * curve that are read, or acknowledges a result. A write to such an object does not show that the
+ * owner is still active.
  */
 bool dictionary_is_open(uint16_t object);
 
@@ -78,8 +79,8 @@ void dictionary_written_by(dictionary_t *objects, uint8_t source);
 /* Returns true if a stored value may be restored to this object at power-up. */
 bool dictionary_restorable(uint16_t object, int32_t value);
 
-/* Restores a stored value to an object without calling the owner of the object. The owner applies
- * all restored values afterwards. */
+/* Restores a stored value to an object without calling the functions of its block. The caller
+ * applies all restored values afterwards. */
 void dictionary_restore(dictionary_t *objects, uint16_t object, int32_t value);
 
 #endif

@@ -27,7 +27,7 @@ typedef struct {
  * false if drive_node_id is 0: there is no drive. */
 bool bus_drive_config(const device_params_t *params, drive402_config_t *config);
 
-/* Starts the master. *drive has to be all zeros, and *config to live as long as it. Returns
+/* Starts the master. *drive must be all zeros, and *config must exist as long as *drive. Returns
  * DRIVE402_NONE or the reason of a refusal. */
 uint8_t bus_drive_init(bus_drive_t *drive, const drive402_config_t *config);
 

@@ -51,7 +51,7 @@ bool converter_is_right(const converter_step_t *step, const uint8_t *received);
 /* Returns the number of bytes of a reading. */
 uint8_t converter_bytes(uint8_t kind);
 
-/* Takes the bytes of a reading. Returns false if the converter reports an error (AD7193: input or
+/* Stores the bytes of a reading. Returns false if the converter reports an error (AD7193: input or
  * reference out of range, another channel, parity), or if a line or the converter stands still. */
 bool converter_take(converter_t *converter, uint8_t kind, const uint8_t *received);
 

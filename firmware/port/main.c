@@ -37,8 +37,8 @@ static void serial_in(void) {
   }
 }
 
-/* Passes the received bytes to Modbus before the tick ends, because Modbus would otherwise count
- * the time of these bytes as silence. */
+/* Passes the received bytes to Modbus before the tick ends, because Modbus would otherwise measure
+ * the time of these bytes as a silent interval. */
 void port_settle(void) {
   if (is_ticked) {
     is_ticked = false;

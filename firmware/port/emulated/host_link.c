@@ -1,7 +1,7 @@
 /* The inputs and outputs of an emulated board: the host sends inputs and receives outputs as
- * records, whose bytes are defined in host/link/chip_side.hpp. Each tick interrupt waits for a
- * record and answers it; the time of the emulator stops while it waits. Without a host the sensors
- * read zero and the outputs are discarded. */
+ * messages (records), whose bytes are defined in host/link/chip_side.hpp. Each tick interrupt waits
+ * for a record and answers it; the time of the emulator stops while it waits. Without a host the
+ * sensors read zero and the outputs are discarded. */
 
 #include "firmware/port/emulated/host_link.h"
 

@@ -42,7 +42,7 @@ typedef struct {
 
 /* Runs the axis until SIGTERM or SIGINT; then stops the drive, writes a line of JSON with the
  * lateness of the ticks to standard output, and ends the process with status 0. Returns a text with
- * the error if the axis cannot be started. *config has to live as long as the process. */
+ * the error if the axis cannot be started. *config must exist as long as the process. */
 const char *axis_linux_run(const axis_linux_config_t *config);
 
 #ifdef __cplusplus

@@ -41,7 +41,7 @@ static bool is_off(const can_line_t *line) {
   return line->is_down || line->controller == CAN_BUS_OFF;
 }
 
-/* Takes the state of the controller from an error frame. */
+/* Reads the state of the controller from an error frame. */
 static void take_error(can_line_t *line, const struct can_frame *frame) {
   const uint8_t controller = ((frame->can_id & CAN_ERR_CRTL) != 0) ? frame->data[1] : 0;
   if ((frame->can_id & CAN_ERR_BUSOFF) != 0) {

@@ -37,7 +37,7 @@ can_raw_result_t can_line_open(can_line_t *line, const char *interface);
 /* Returns the text of a failure of can_line_open(). */
 const char *can_line_error(can_raw_result_t result);
 
-/* Takes the next received frame. Returns false if there is none. Error frames change the state.
+/* Reads the next received frame. Returns false if there is none. Error frames change the state.
  * Must be called at least in each tick: with the bus off, every 150th call looks whether it is
  * back. */
 bool can_line_receive(can_line_t *line, can_frame_t *frame);

@@ -99,7 +99,7 @@ int can_raw_send(const can_raw_t *raw, const struct can_frame *frames, unsigned 
   return (sent < 0) ? -errno : sent;
 }
 
-/* Takes the number of dropped frames, which comes with a frame. */
+/* Reads the number of dropped frames, which the kernel passes with a frame. */
 static void take_dropped(can_raw_t *raw, struct msghdr *message) {
   for (struct cmsghdr *part = CMSG_FIRSTHDR(message); part != NULL;
        part = CMSG_NXTHDR(message, part)) {

@@ -263,7 +263,8 @@ static bool read_more(iio_t *iio) {
   return count > 0;
 }
 
-/* Takes the newest whole scan and keeps what follows it. Returns false if there is none. */
+/* Uses the newest complete scan and keeps the bytes that follow it. Returns false if there is
+ * none. */
 static bool take_newest(iio_t *iio, uint16_t *code) {
   const uint16_t whole = (uint16_t)(iio->used / iio->scan * iio->scan);
   if (whole == 0) {

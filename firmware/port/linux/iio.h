@@ -65,10 +65,10 @@ int64_t iio_value(const iio_type_t *type, const uint8_t *bytes);
  * enabled, without a repetition, and an enabled buffer. */
 const char *iio_open(iio_t *iio, const iio_settings_t *settings);
 
-/* Takes all scans that wait, at most IIO_READS x IIO_BYTES bytes, without waiting. Returns true if
- * there was a whole one; *code then is the ADC code of the newest: (value >> shift) + 32768 for a
- * signed channel, value >> shift otherwise, both limited to 0..65535. Otherwise *code stays as it
- * is. The rest of a scan that has begun follows in a later call. Call it in each tick. */
+/* Reads all scans that are available, at most IIO_READS x IIO_BYTES bytes, without waiting. Returns
+ * true if there was a whole one; *code then is the ADC code of the newest: (value >> shift) + 32768
+ * for a signed channel, value >> shift otherwise, both limited to 0..65535. Otherwise *code stays
+ * as it is. The rest of a scan that has begun follows in a later call. Call it in each tick. */
 bool iio_take(iio_t *iio, uint16_t *code);
 
 /* Returns why the last iio_take() has read nothing more, as a sentence without a full stop; NULL

@@ -24,7 +24,7 @@ typedef struct {
  * negative, and integer >> shift otherwise, both limited to 0..65535; shift 0..31. */
 uint16_t load_cell_code(int64_t value, uint8_t shift, bool is_signed);
 
-/* Takes the ADC code of a frame. Returns false if the frame is not that of the load cell, is a
+/* Reads the ADC code from a frame. Returns false if the frame is not that of the load cell, is a
  * remote request, or is too short; *code then stays as it is. */
 bool load_cell_take(const load_cell_t *cell, const can_frame_t *frame, uint16_t *code);
 

@@ -1,10 +1,11 @@
 #ifndef FIRMWARE_PORT_STM32_BOARD_H_
 #define FIRMWARE_PORT_STM32_BOARD_H_
 
-/* The parts of the code for a board with an STM32, one file each. What is the same in all chips is
- * in this folder; the folder of the board has the other parts, and chip.h, which names what differs
- * in the registers. In the emulator, emulated/io.c of the STM32F4 replaces the parts whose
- * peripherals the emulator does not model; start-up, serial line, tick and board.c are the same. */
+/* The modules of the code for a board with an STM32, one source file each. What is the same in all
+ * chips is in this folder; the folder of the board has the other modules, and chip.h, which names
+ * what differs in the registers. In the emulator, emulated/io.c of the STM32F4 replaces the parts
+ * whose peripherals the emulator does not model; start-up, serial line, tick and board.c are the
+ * same. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -163,7 +164,7 @@ void spi_force_read_interrupt(void);
 /* serial.c */
 void serial_init(uint32_t clock_hz);
 
-/* flash.c: memories of the parameter store and of the archive of incidents; NULL if the board has
+/* flash.c: memory of the parameter store and memory of the incident archive; NULL if the board has
  * no such memory. */
 const store_memory_t *flash_memory(void);
 const store_memory_t *flash_archive(void);

@@ -144,7 +144,7 @@ bool can_line_receive(can_line_t *line, can_frame_t *frame) {
   return true;
 }
 
-/* Takes one frame. Returns false if the controller has none. */
+/* Reads one frame from the controller. Returns false if the controller has none. */
 static bool take_one(can_line_t *line) {
   const bool has_room = (uint8_t)(line->ring_in - line->ring_out) < CAN_LINE_RING;
   can_frame_t *frame = has_room ? &line->ring[line->ring_in % CAN_LINE_RING] : NULL;

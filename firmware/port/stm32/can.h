@@ -84,8 +84,8 @@ bool can_controller_is_empty(const can_line_t *line);
 bool can_controller_abort(can_line_t *line);
 bool can_controller_send(can_line_t *line, const can_frame_t *frame);
 
-/* Takes the oldest received frame from the controller, and writes it to *frame unless `frame` is
- * NULL. Returns false if there is no frame; the interrupt comes again with the next one. */
+/* Removes the oldest received frame from the controller, and writes it to *frame unless `frame` is
+ * NULL. Returns false if there is no frame; the next frame causes the interrupt again. */
 bool can_controller_take(can_line_t *line, can_frame_t *frame);
 
 /* Returns true if the controller has lost a received frame since the last call. */

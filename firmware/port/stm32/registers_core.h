@@ -1,7 +1,8 @@
 #ifndef FIRMWARE_PORT_STM32_REGISTERS_CORE_H_
 #define FIRMWARE_PORT_STM32_REGISTERS_CORE_H_
 
-/* Registers of the core and of its debug part. The registers.h of a chip has all others. */
+/* Registers of the processor core and of its debug unit. The registers.h of a chip has all
+ * others. */
 
 #include "firmware/port/stm32/registers_bits.h"
 

@@ -10,9 +10,9 @@
 #define PLL_FIELDS (MASK(0, 6) | MASK(6, 9) | MASK(16, 2) | MASK(24, 4) | RCC_PLLCFGR_PLLSRC)
 #define CACHES (FLASH_ACR_PRFTEN | FLASH_ACR_ICEN | FLASH_ACR_DCEN)
 
-/* Largest numbers of polls; a poll takes at least 6 cycles of the internal oscillator. POLLS_MAX:
- * the PLL locks within 300 us, 4800 cycles. POLLS_OF_INPUT: an external clock is ready after a few
- * cycles of this clock. */
+/* Largest numbers of polls of a clock that has to start; a poll takes at least 6 cycles of the
+ * internal oscillator. POLLS_MAX: the PLL locks within 300 us, 4800 cycles. POLLS_OF_INPUT: an
+ * external clock is ready after a few cycles of this clock. */
 enum { POLLS_MAX = 4000, POLLS_OF_INPUT = 400 };
 
 static bool is_external;

@@ -23,8 +23,8 @@ __attribute__((naked, noreturn)) static void start(const uint32_t *vectors) {
       "bx r1\n");
 }
 
-/* Returns true if the image in the slot may be started now. An image that is not confirmed uses one
- * of its tries, and is not started if the flash does not take this. */
+/* Returns true if the image in the slot may be started now. The start of an image that is not
+ * confirmed uses up one of its tries. The image is not started if the flash cannot store this. */
 static bool use_try(uint32_t slot) {
   const uint32_t *begin = (const uint32_t *)(uintptr_t)slot;
   const slot_trailer_t *trailer = slots_trailer(begin, BOARD_SLOT_BYTES);

@@ -545,8 +545,8 @@ typedef struct {
 
 /* Unique device ID: three words. */
 #define UID_BASE 0x1FFF7A10
-/* Address of the ADC code of the internal reference at a supply of 3.3 V, a value of 16 bits that
- * is measured when the chip is made. */
+/* Address of a value of 16 bits: the ADC code of the internal reference at a supply of 3.3 V, which
+ * the manufacturer has measured. */
 #define VREFINT_CAL_BASE 0x1FFF7A2A
 
 /* Independent watchdog. */

@@ -9,9 +9,9 @@
 #define PLL_INTERNAL (PLL | RCC_PLLCFGR_PLLSRC_HSI | RCC_PLLCFGR_PLLM_4)
 #define CACHES (FLASH_ACR_PRFTEN | FLASH_ACR_ICEN | FLASH_ACR_DCEN)
 
-/* Largest numbers of polls; a poll takes at least 6 cycles of the internal oscillator. POLLS_MAX:
- * the PLL locks within 40 us, 640 cycles. POLLS_OF_CRYSTAL: the crystal starts within 2 ms, 32,000
- * cycles; twice that time is accepted. */
+/* Largest numbers of polls of a clock that has to start; a poll takes at least 6 cycles of the
+ * internal oscillator. POLLS_MAX: the PLL locks within 40 us, 640 cycles. POLLS_OF_CRYSTAL: the
+ * crystal starts within 2 ms, 32,000 cycles; twice that time is accepted. */
 enum { POLLS_MAX = 4000, POLLS_OF_CRYSTAL = 11000 };
 
 /* Number of loops of at least 3 cycles of 84 MHz in which the core waits for 1 us, with half the

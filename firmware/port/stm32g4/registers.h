@@ -515,8 +515,8 @@ typedef struct {
 
 /* Unique device ID: three words. */
 #define UID_BASE 0x1FFF7590
-/* Address of the ADC code of the internal reference at a supply of 3.0 V, a value of 16 bits that
- * is measured when the chip is made. */
+/* Address of a value of 16 bits: the ADC code of the internal reference at a supply of 3.0 V, which
+ * the manufacturer has measured. */
 #define VREFINT_CAL_BASE 0x1FFF75AA
 
 /* Independent watchdog. */
