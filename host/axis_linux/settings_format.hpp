@@ -3,7 +3,7 @@
 
 namespace forceaxis::axis_linux {
 
-// The declared format of the file of settings of axis_linux.
+// The declared format of the settings file that axis_linux reads.
 extern const sim::TableFormat kSettingsFormat;
 
 }  // namespace forceaxis::axis_linux

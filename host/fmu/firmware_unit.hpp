@@ -1,8 +1,8 @@
 #pragma once
 // The firmware of an axis on no bus as a unit: codes of encoder and ADCs in, DAC code and enable
-// out, and the objects of its parts axis, law, recorder and drive as variables PART.OBJECT in the
-// units of the object table. Writable objects are tunable parameters, or inputs if they are asked
-// for.
+// out, and the objects of the parts axis, law, recorder and drive of the object table, as variables
+// PART.OBJECT in the units of this table. Writable objects are tunable parameters, or inputs if
+// they are asked for.
 #include <cstdint>
 #include <memory>
 #include <vector>

@@ -1,5 +1,5 @@
-// The functions of FMI 3.0 for co-simulation without events. Functions of other kinds of simulation
-// and of types that no variable has refuse every call.
+// The functions of FMI 3.0 for co-simulation without events. Two kinds of functions refuse every
+// call: those for other kinds of simulation, and those for types that no variable has.
 #include <fmi3Functions.h>
 
 #include <algorithm>

@@ -3,8 +3,8 @@
 // versions of FMI (fmi2.cpp, fmi3.cpp) and the writer of modelDescription.xml read this list, so a
 // value reference is always the index of its variable.
 //
-// One tick of the loop of both units is a step of the firmware, whose new outputs are then set as
-// inputs of the plant, and a step of the plant. In this order the codes are those of a run of
+// In one tick of the loop, the firmware unit makes a step, its new outputs are set as inputs of the
+// plant unit, and the plant unit makes a step. In this order the codes are those of a run of
 // forceaxis. A unit has no data in common with another unit.
 #include <cstddef>
 #include <cstdint>

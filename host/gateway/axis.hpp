@@ -29,7 +29,7 @@ struct AxisSettings {
   int number = 1;
   // Node id of the gateway.
   int master = 127;
-  // First of the four CAN identifiers of the axis for the SDO channels of LCM and Modbus.
+  // First of four CAN identifiers, with which the axis serves the SDO channels for LCM and Modbus.
   std::uint32_t first_sdo = 0x680;
   // Heartbeat period of the axis and of the gateway.
   std::chrono::milliseconds heartbeat{100};

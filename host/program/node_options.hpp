@@ -45,7 +45,7 @@ std::string axes_range(const NodeOptions &options);
 // signal ended the session.
 std::string session_json(const host::Interruptions &interruptions, const std::string &ended);
 
-// Returns the statistics of one end of the link and the numbers of injected faults as JSON.
+// Returns the statistics of one side of the link, and the numbers of injected faults, as JSON.
 std::string statistics_json(const host::LinkStatistics &statistics,
                             const host::InjectionCounts &injected);
 

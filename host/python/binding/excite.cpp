@@ -206,7 +206,7 @@ class Excited {
   }
 
   std::unique_ptr<Plant> plant_;
-  // Number of samples for each combination of the states of all elements.
+  // Number of samples for each combination of element states.
   std::map<std::vector<std::string>, std::int64_t> met_;
   std::map<std::vector<std::string>, std::int64_t>::iterator here_;
   std::int64_t changes_ = -1;

@@ -317,7 +317,7 @@ def _disagreement(path: Path | str, header: Header, problems: Sequence[str]) -> 
 
 
 def table_hash() -> str:
-    """Returns the hash of the object table of this program in the form of the object
+    """Returns the hash of this program's object table, in the form of the object
     object_table_hash."""
     return f"0x{objects.OBJECTS_HASH[:8]}"
 

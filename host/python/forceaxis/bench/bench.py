@@ -108,7 +108,7 @@ class SweepSpeed:
 
 @dataclass(frozen=True)
 class EventCost:
-    """CPU time of a run as a linear function of the number of switching events."""
+    """Linear model of the CPU time of a run over its number of switching events."""
 
     events_least: int
     events_most: int
@@ -370,8 +370,8 @@ def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
 
 
 def event_cost(repeat: int, gains: Sequence[int] = range(2, 26)) -> EventCost:
-    """Fits the CPU time of case B as a linear function of the number of events, seconds = a + b
-    events, from runs with several gains."""
+    """Fits the CPU time of case B by seconds = a + b events, where `events` is the number of
+    switching events, from runs with several gains."""
     plant = CASES["B"].plant()
     seconds: dict[int, list[float]] = {gain: [] for gain in gains}
     for _ in range(max(repeat, 3)):
@@ -513,8 +513,8 @@ def run(
 def check(result: BenchResult) -> list[Requirement]:
     """Returns the requirements of the benchmark with the measured values.
 
-    All speeds are ratios of CPU times of one run of the benchmark. A quantity that was not measured
-    does not meet its requirement; MuJoCo counts only if it is installed.
+    All speeds are ratios of CPU times that one run of the benchmark has measured. A quantity that
+    was not measured does not meet its requirement; MuJoCo counts only if it is installed.
     """
     row = {(r.case, r.tool): r for r in result.results}
 

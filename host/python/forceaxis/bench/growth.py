@@ -37,7 +37,7 @@ from forceaxis.bench.scipy_peer import TimedRun
 from forceaxis.results import from_json, to_json
 
 TOOLS = ("forceaxis", "odeint")
-RUN_TICKS = 225  # number of ticks of a run of the sweep; the touch-down is at tick 190
+RUN_TICKS = 225  # number of ticks in each run of the sweep; the touch-down is at tick 190
 GAIN, SETPOINT_N = 4, 59  # gain of a chain in DAC codes per ADC code, and its set-point in N
 # The law of the oscillator commands small motions of the robot, without limits of the motor.
 RATTLE_GAIN, RATTLE_SETPOINT_N = 1, 0
@@ -92,7 +92,7 @@ class Job:
 
 
 def drive() -> str:
-    """Returns the tables of motor and encoder of the model of case A, with numbers in place of
+    """Returns the tables for motor and encoder from the model of case A, with numbers in place of
     parameters."""
     text = (paths.SIM / "models" / "axis_contact.toml").read_text()
     values = dict(re.findall(r"^(\w+) = \{ value = ([^,]+),", text, re.MULTILINE))
@@ -134,7 +134,7 @@ def rattle_model(frequency_Hz: float) -> str:
 
 
 def adc(per_count_N: float) -> str:
-    """Returns the tables of the guide of the robot and of the converter of the contact force."""
+    """Returns two tables: the guide of the robot, and the converter for the contact force."""
     return (
         '[[damper]]\nname = "guide"\nbetween = ["robot", "ground"]\ndamping = 500\n'
         f'[[adc]]\nchannel = 0\nsignal = "tip.force"\nper_count = {per_count_N!r}\n'

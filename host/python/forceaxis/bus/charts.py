@@ -98,7 +98,7 @@ def number(value: float, digits: int = 6) -> str:
     return f"{value:.{digits}g}"
 
 
-SCALE_WIDTH = 9  # number of characters on the left of a chart for the labels of its scale
+SCALE_WIDTH = 9  # number of characters to the left of a chart, for the labels of the scale
 
 
 def panel(

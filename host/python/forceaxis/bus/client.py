@@ -49,7 +49,7 @@ COMMAND_TRIES = 40
 PROGRESS_WAIT_S, LATE_BLOCKS_WAIT_S = 1.0, 0.25
 # Bounds of a capture after its trigger: longest time in s until all samples are here, and number of
 # successive requests for lost samples that bring no new sample. If a network loses half of all
-# datagrams, the last block of one capture of a million is lost so often.
+# datagrams, the last block is lost this number of times in one of a million captures.
 TRANSFER_MAX_S, FRUITLESS_MAX = 120.0, 20
 RANGES_MAX = 100  # largest number of ranges of lost samples in one request
 WAKE_S = 0.25  # longest time in s between two looks at what was received
@@ -148,7 +148,7 @@ class AxisClient(Closable):
         self._captures: dict[int, Assembly] = {}
         self._events: deque[tuple[int, axis_event_t]] = deque(maxlen=10_000)
         self._news, self._received_s = threading.Condition(), -math.inf
-        # Time of the latest block of a capture of this client, or of the latest request for one.
+        # Time at which the latest block of this client's capture arrived or was requested.
         self._block_s = -math.inf
         self._bus = Bus(url, self._take, f"AXIS_{axis}_(STATE|EVENT|CAPTURE)")
 

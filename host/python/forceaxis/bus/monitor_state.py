@@ -388,7 +388,7 @@ class Watch:
         self.clock: sim_clock_t | None = None
         self.events: deque[WatchedEvent] = deque(maxlen=500)
         self.received = self.undecodable = 0
-        self.gaps: dict[str, Gaps] = {}  # numbers of lost messages of each channel of the simulator
+        self.gaps: dict[str, Gaps] = {}  # number of lost messages for each channel of the simulator
 
     def axis(self, number: int) -> AxisWatch:
         if number not in self.axes:

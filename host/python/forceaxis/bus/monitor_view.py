@@ -17,7 +17,7 @@ from forceaxis.bus.monitor_state import (
     TraceColumns,
 )
 
-# Numbers of text lines of a panel of an axis, including the border of the panel.
+# Numbers of text lines in the panel of one axis, including the border.
 FULL, COMPACT, SLIM = 8, 4, 3
 
 GOOD, WARN, BAD, QUIET = "#5fd7a7", "#e5c07b", "#ff5f5f", "#8a8a8a"
@@ -122,7 +122,7 @@ def fault_text(words: AxisSnapshot) -> Text:
     if fault in (None, "none"):
         if not code:
             return Text("fault -" if fault is None else "no fault", style=QUIET)
-        # an error of the drive profile or of a bus that is not a fault of the axis
+        # an error of the drive profile or of a bus that causes no fault of the axis
         return Text(f"FAULT {state_names.emergency(code)}", f"bold {BAD}")
     return Text(f"FAULT {fault}" + (f" {code:04X}h" if code else ""), f"bold {BAD}")
 

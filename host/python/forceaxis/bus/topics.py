@@ -85,8 +85,8 @@ class TopicMessage(NamedTuple):
 
 
 def topic_name(channel: str) -> str:
-    """Returns the name of the JSON topic of an LCM channel of forceaxis, such as "/axis_1/state"
-    for "AXIS_1_STATE"."""
+    """Returns the name of the JSON topic for an LCM channel, such as "/axis_1/state" for
+    "AXIS_1_STATE"."""
     match = CHANNEL.fullmatch(channel)
     if not match:
         return f"/{channel}"
@@ -113,7 +113,8 @@ def lcm_text(carried: type[Message]) -> str:
 
 
 def unit_of_field(name: str) -> str:
-    """Returns the unit of a field of a message by the end of its name, or "1"."""
+    """Returns the unit that the end of the name of a message field states, or "1" without a
+    unit."""
     if name in FIELD_UNITS:
         return FIELD_UNITS[name]
     return next((unit for end, unit in UNIT_ENDINGS.items() if name.endswith(end)), "1")

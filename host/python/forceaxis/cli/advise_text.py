@@ -157,8 +157,8 @@ def _columns(result: Advice) -> dict[int, Column]:
 
 
 def _cells(row: PresentDesign | AdviceRow) -> list[str]:
-    """Return the texts of one row of the table of `forceaxis loop advise`, one text for each
-    column, in the order of `_columns`."""
+    """Return one row of the table that `forceaxis loop advise` prints: one text for each column, in
+    the order of `_columns`."""
     factors: tuple[float | None, ...] = (1.0, 1.0, 1.0)
     if isinstance(row, AdviceRow):
         factors = (row.ratio.critical_gain, row.ratio.loop_gain_at, row.ratio.crossover_hz)

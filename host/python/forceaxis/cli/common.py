@@ -143,9 +143,9 @@ def option_of(command: click.Command, parameter: str) -> str | None:
 
 
 def with_options(command: click.Command, error: InputError) -> str:
-    """Return the message of `error` for the user: names of parameters of the library are replaced
-    by the names of options of `command`. A parameter is replaced between backticks or at the
-    beginning of the message."""
+    """Return the message of `error` for the user, in which the options of `command` replace the
+    parameters of the library. A parameter is replaced between backticks or at the beginning of the
+    message."""
     text = str(error)
     if isinstance(error, ParameterError):
         text = f"{option_of(command, error.parameter) or error.parameter}: {error.text}"
@@ -165,7 +165,7 @@ def given(value: T | None, default: T) -> T:
 
 class Verb(click.Command):
     """A command of `forceaxis`. The help of the command prints an example with the line
-    breaks of the source. Error messages name options of the command instead of parameters of the
+    breaks of the source. Error messages name the options of the command, not the parameters of the
     library."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:

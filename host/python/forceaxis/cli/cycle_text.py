@@ -80,7 +80,8 @@ def record_rows(record: PartRecord) -> Rows:
 
 
 def record_line(record: PartRecord) -> str:
-    """Return a recorded part as one line: number, verdict, elements that are not good, notes."""
+    """Return a recorded part as one line: its number, verdict, evaluation elements that are not
+    good, and notes."""
     if record.state == LOST:
         return f"part {record.number}: the axis has lost its result in a power cut"
     serial = f" {record.serial}" if record.serial else ""
@@ -109,7 +110,7 @@ def curve_rows(curve: CurvePoints | None, files: Sequence[Path]) -> Rows:
 
 
 def element_cells(figure: ElementFigure) -> list[str]:
-    """Return the row of an element in the table of a part."""
+    """Return the row for one evaluation element in the table for a pressed part."""
     texts = [number(v, figure.unit) for v in (figure.value, figure.least, figure.most)]
     return [figure.name, figure.verdict, *texts, shown_unit(figure.unit)]
 
@@ -187,7 +188,7 @@ def proposal_rows(proposal: Proposal) -> Rows:
 
 
 def bound_cells(bounds: MovedBounds) -> list[str]:
-    """Return the row of an element in the table of proposed bounds."""
+    """Return the row for one evaluation element in the table of proposed bounds."""
     new, old = (
         [number(value, bounds.unit) for value in pair]
         for pair in ((bounds.least, bounds.most), (bounds.least_before, bounds.most_before))
@@ -228,7 +229,7 @@ def interval_cells(interval: Interval | None, without: str) -> list[str]:
 
 
 def bounds_text(one: ElementStatistics) -> str:
-    """Return the bounds of an element as text."""
+    """Return the bounds of an evaluation element as text."""
     least, most = (number(bound, one.unit) for bound in (one.least, one.most))
     if one.least is None and one.most is None:
         return "-"
@@ -238,7 +239,8 @@ def bounds_text(one: ElementStatistics) -> str:
 
 
 def element_table(found: PartStatistics) -> list[list[str]]:
-    """Return the table of the elements with their statistics; the first row is its head."""
+    """Return the table of the evaluation elements with their statistics; the first row is the
+    header."""
     rows = [["element", "values", "mean", "deviation", "bounds", "unit", "good", "Cp", "Cpk",
              "95 % interval"]]  # fmt: skip
     for one in found.elements:

@@ -157,7 +157,7 @@ def summary(found: SignalRecording) -> JsonObject:
 
 
 def text_of(done: Imported) -> str:
-    """Return the table of the signals and a text line for each finding."""
+    """Return the table of the signals, and a text line for each gap, jump or other observation."""
     found = done.recording
     head = ("signal", "unit", "samples", "rate Hz", "from s", "to s", "min", "max", "delay s", "of")
     rows = [head, *(_row(signal) for signal in found)]
@@ -195,8 +195,8 @@ def _row(signal: RecordedSignal) -> tuple[str, ...]:
 
 
 def findings_of(signal: RecordedSignal) -> list[str]:
-    """Return a text line for each finding of a signal, with the number of those that are left
-    out."""
+    """Return a text line for each gap, jump or other observation in a signal, and a line with the
+    number of those that are not shown."""
     lines, left = [], dict[str, int]()
     for finding in signal.findings:
         count = left[finding.kind] = left.get(finding.kind, 0) + 1

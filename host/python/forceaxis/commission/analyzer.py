@@ -58,8 +58,8 @@ BIAS_TRIES = 8  # largest number of target_force values that are tried to reach 
 QUIET_LSB = 0.4  # rms noise in ADC codes below which rounding hides the noise of the measured force
 # number of realisations from which the distortion of the response is computed
 DISTORTION_RECORDS = 3
-# Smallest numbers of changes of the position that agree with the cycle of a bus, and that show that
-# the cycle is no multiple of it.
+# Smallest number of changes of the position that have to agree with the bus cycle, and smallest
+# number that shows that the real cycle is not a multiple of it.
 ARRIVALS_MIN, ARRIVALS_SURE = 6, 8
 AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor of one increase of the amplitude in the search
 # Factor by which the amplitude is reduced after a bound was exceeded.
@@ -735,8 +735,7 @@ class Analyzer:
 
 
 def _most_samples(signals: Sequence[str]) -> int:
-    """Returns the largest number of samples of the given signals that the memory of the recorder
-    can store."""
+    """Returns the largest number of samples that the recorder can store for the given signals."""
     return RECORDER_BYTES // sum(int(BY_NAME[name].type[1:]) // 8 for name in signals)
 
 

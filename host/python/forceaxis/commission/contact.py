@@ -38,7 +38,7 @@ from forceaxis.linear import plant_set
 from forceaxis.linear.bank import HF_CODES_MAX, Bank
 from forceaxis.linear.plant_set import PlantSet
 
-# number of random plants of the set of plants, and seed of the random numbers
+# number of plants that are sampled at random from the set, and seed of the random numbers
 MEMBER_COUNT, MEMBER_SEED = 6, 1988
 BEFORE_S, AFTER_S = 0.1, 2.0  # longest recording in s before and after a first contact
 # To leave the contact, the axis first makes short moves, then one move over the whole travel.
@@ -92,8 +92,8 @@ def firmware_of(tuning: TuningFolder, checked: Checked) -> Settings:
 
 
 def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
-    """Simulates contacts: one contact at each force, an impact at each force except the largest,
-    and contacts of random plants of the set of plants.
+    """Simulates contacts: one at each force, an impact at each force except the largest, and
+    contacts with plants that are sampled at random from the set.
 
     Each returned row states its kind. Raises Refusal `hf_gain` or `simulated_KIND`.
     """

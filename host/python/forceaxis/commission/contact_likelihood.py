@@ -212,7 +212,7 @@ class ContactProblem:
 
     def residuals(self, points: Floats) -> Floats:
         """Returns residuals of force, position and prior in standard deviations for n points:
-        (n, all). Half of their sum of squares is the negative logarithm of the posterior
+        (n, all). Half the sum of their squares is the negative logarithm of the posterior
         density."""
         predicted = self.predict(points)
         parts = [

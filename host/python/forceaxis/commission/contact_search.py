@@ -44,7 +44,7 @@ def derivatives(problem: ContactProblem, point: Floats) -> tuple[Floats, Floats]
 
 
 def _cost(residuals: Floats, bend: float) -> Floats:
-    """Returns half of the sum of squares of each row, which grows only linearly beyond `bend`."""
+    """Returns half the sum of squares of each row; a residual beyond `bend` adds only linearly."""
     size = np.abs(residuals)
     return np.asarray(np.sum(np.where(size < bend, size**2 / 2, bend * (size - bend / 2)), axis=-1))
 

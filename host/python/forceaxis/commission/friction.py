@@ -44,8 +44,8 @@ DEAD_ZONE_MIN_CODES = 0.12  # smallest dead zone in DAC codes that is treated as
 # Amplitude of a noise with which the axis slides most of the time, as a multiple of the dead zone.
 NOISE_SLIDES = 2.5
 
-# Constants of record_slow_change(), the slow change of the force:
-# duration in s and number of samples of the rise and of the fall of the force
+# Constants of record_slow_change(), which changes the force slowly: duration in s and number of
+# samples, both for the rise and for the fall of the force
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
 # Above this relative force error, friction has stopped an axis without integral action.
 FORCE_ERROR_MIN = 0.06

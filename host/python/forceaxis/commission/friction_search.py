@@ -18,7 +18,7 @@ from forceaxis.commission.analyzer import FORCE_MARGIN_SHARE, FORCE_MIN_SHARE, S
 from forceaxis.commission.level import Level, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
 
-# Start of the slow change of the force as a share of the smallest force of the measurement.
+# Force at which the slow change of the force starts, as a share of the smallest measured force.
 LOWEST_FORCE_SHARE = FORCE_MIN_SHARE + FORCE_MARGIN_SHARE
 # relative force error at which friction may have stopped an axis without integral action
 FORCE_TOLERANCE = 0.2

@@ -181,8 +181,8 @@ def _holm(values: Sequence[float]) -> Floats:
 
 
 def _moved(change: _Change, level: float) -> list[int]:
-    """Returns the parameters that have moved: one after the other the parameter whose change
-    explains most of what the changes before it leave, as long as it explains a good part."""
+    """Returns the parameters that have changed. Each next one is the parameter whose change
+    explains most of the remaining difference, as long as it explains a considerable share of it."""
     chosen: list[int] = []
     first = 0.0
     while len(chosen) < MOVED_MAX:
@@ -223,8 +223,8 @@ class _LinearChange:
 
 class _ResponseChange:
     """A change between two frequency responses. A change of parameters multiplies the released
-    response by the ratio of two responses of the model, so an error of the model that is the same
-    on both days does not count."""
+    response by the ratio of two responses of the model, so a model error that is the same on both
+    days has no effect."""
 
     def __init__(self, today: Measurement, released: Measurement, priors: dict[str, Prior]) -> None:
         self.today, self.released = today, released

@@ -259,7 +259,7 @@ def write(incident: Incident, folder: Path, figure: "Figure") -> None:
 
 
 def is_incident(path: str | Path) -> bool:
-    """Returns True if the beginning of a file is that of an incident file."""
+    """Returns True if a file begins as an incident file does."""
     try:
         with open(path, "rb") as file:
             return file.read(32).startswith(b'{"forceaxis_incident"')
@@ -322,8 +322,8 @@ def source_of(incident: Incident, path: Path) -> ArraySource:
 
 
 def missing(incident: Incident) -> list[str]:
-    """Returns the names of the quantities that a replay of an incident needs in addition to the
-    samples of the incident."""
+    """Returns the names of the quantities that a replay needs in addition to the samples of the
+    incident."""
     enabled = is_enabled(incident.column("statusword")[: incident.recording.trigger_sample])
     lacks = ["the targets and controlwords that were written", "current_raw", "sensor_valid"]
     if len(enabled) and enabled[0]:

@@ -1,5 +1,5 @@
-"""Causes that may have made an incident: changes of the sensors, as further unknowns of the
-likelihood, and changes of the plant, as elements of the model."""
+"""Possible causes of an incident: changes of the sensors, as further unknowns of the likelihood,
+and changes of the plant, as further elements of the model."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -22,12 +22,12 @@ from forceaxis.design import model_file
 from forceaxis.linear import posterior, working
 from forceaxis.linear.plant_facts import Overrides
 
-# Largest deviation of the logarithm of a parameter of a machine that was released without a
-# posterior: the machine has been as its model says.
+# Largest deviation of the logarithm of a parameter, if the machine was released without a
+# posterior: the machine is then assumed to have been as its model says.
 RELEASED_SPREAD = 0.05
 ITERATIONS, BEND = 12, 30.0
 FORCE_MIN_N = 1.0  # least force from which the start values of a change of the plant follow
-# Prior deviations of a gain, of the scale of the encoder and of the place of the workpiece.
+# Prior standard deviations of a gain, of the encoder scale and of the position of the workpiece.
 GAIN_DEVIATION, SCALE_DEVIATION, PLACE_DEVIATION_M = 0.5, 0.3, 5e-3
 COMMAND = "command"
 CHANGED = "changed_"  # prefix of a parameter of the model with a cause
@@ -72,7 +72,7 @@ class FittedCause:
     model_text: str = ""
 
     def values(self) -> dict[str, float]:
-        """Returns the numbers of the cause in SI units, by name."""
+        """Returns the fitted constants of the cause in SI units, by name."""
         found = dict(zip(self.problem.names, np.exp(self.point).tolist(), strict=False))
         for unknown in self.cause.unknowns:
             found[unknown.kind] = float(self._number(unknown, self.point))

@@ -8,7 +8,7 @@ The recorded codes are the input of the simulated plant. Each cause has up to th
 are fitted together with the parameters of the released machine, within their uncertainty. The rank
 is the decrease of chi-square, less ln n for each number of the cause, where n is the number of
 samples (Schwarz, The Annals of Statistics 6, 1978). In contrast to the evidence of Laplace it needs
-no prior of the size of a change, which nobody knows.
+no prior for the size of a change, which is not known.
 """
 
 import json

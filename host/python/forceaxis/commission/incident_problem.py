@@ -27,8 +27,8 @@ from forceaxis.linear.plant_facts import Overrides
 
 # Accuracy in m with which the place of an axis is known that is homed as its model says.
 PLACE_KNOWN_M = 2e-5
-# Force above which the workpiece is touched, in deviations of the force out of contact and in steps
-# of its converter.
+# Force above which the workpiece is touched, as a multiple of the standard deviation of the force
+# out of contact, and in steps of its converter.
 TOUCH_DEVIATIONS, TOUCH_STEPS = 6.0, 2.0
 FREE_TICKS_MIN = 10  # ticks out of contact with which a recorded second has to begin
 REST_TICKS = 4  # first ticks from which the speed at the start is found

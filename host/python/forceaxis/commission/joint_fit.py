@@ -599,8 +599,8 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
 def _ratios(
     best: Values, covariance: Samples, size: float
 ) -> dict[str, tuple[float, float, float]]:
-    """Returns {"a/b" or "a*b": (value, low, high)} of pairs of parameters whose quotient or product
-    has at most half of the uncertainty of each parameter alone."""
+    """Returns {"a/b" or "a*b": (value, low, high)} for pairs of parameters whose quotient or
+    product is known with at most half the uncertainty of each parameter alone."""
     found = {}
     names = list(best)
     for i, j in itertools.combinations(range(len(names)), 2):

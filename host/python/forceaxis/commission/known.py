@@ -53,9 +53,9 @@ def priors(
     model: str | Path, over: Sequence[str] = (), given: Sequence[str] = (),
     overrides: linear.Overrides | None = None,
 ) -> dict[str, Prior]:  # fmt: skip
-    """Returns {parameter: Prior} of a model. Masses and constants of the drive and of the contact
-    have the accuracy of a data sheet. The workpiece and the parameters in `over` are nearly
-    unknown, unless `over` names the file of a posterior, which then is the prior of its parameters.
+    """Returns {parameter: Prior} of a model. Masses, drive constants and contact constants have the
+    accuracy of a data sheet. The workpiece and the parameters in `over` are nearly unknown, unless
+    `over` names the file of a posterior, which then is the prior of its parameters.
 
     given: texts NAME=VALUE (as accurate as a mass) or NAME=VALUE+-PERCENT%. Raises InputError.
     """

@@ -20,11 +20,11 @@ from forceaxis.design import model_file
 from forceaxis.identify.distributions import chi_square_tail
 from forceaxis.identify.fit import REJECTED_BELOW
 
-START_MODES = 10  # number of start frequencies for the search of a mode of vibration
+START_MODES = 10  # number of start frequencies when a mode of vibration is searched
 SHOWN_CANDIDATES = 3  # largest number of candidates that a text names
 START_LAG_S = 4e-4  # initial value of a lag
 GAIN_SPREAD = 0.2  # prior standard deviation of the logarithm of a gain that differs between forces
-START_SPLIT = 1.05  # start value of the ratio of pole frequency to zero frequency of a mode
+START_SPLIT = 1.05  # start value of the ratio (pole frequency / zero frequency) for a mode
 EVALUATIONS_MAX = 25
 
 

@@ -67,8 +67,8 @@ def estimate(
 
     waveform, inputs, outputs: (K, n), one whole period of each of K >= 2 realisations in the same
     ticks. steps: size of one code in units of (input, output), for the lowest variance that
-    rounding alone causes. The coherence is the smaller of that of waveform and input and that of
-    waveform and output.
+    rounding alone causes. Coherences are computed between waveform and input, and between waveform
+    and output; the result is the smaller one.
     """
     count, samples = waveform.shape
     R, U, Y = (_spectrum(values, lines) for values in (waveform, inputs, outputs))

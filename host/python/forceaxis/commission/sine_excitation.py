@@ -1,9 +1,9 @@
 """Measures stiffness and mass of a workpiece with dry friction by sinusoidal forces.
 
-The displacement of the workpiece is that of the encoder minus the deflection of the sensor, so the
-ratio of force to displacement is known at each frequency. While the workpiece slides, Coulomb
-friction is in phase with the speed. It then changes only the imaginary part of the ratio; the real
-part is k - m w^2 for any friction.
+The displacement of the workpiece is the displacement of the encoder minus the deflection of the
+sensor, so the ratio of force to displacement is known at each frequency. While the workpiece
+slides, Coulomb friction is in phase with the speed. It then changes only the imaginary part of the
+ratio; the real part is k - m w^2 for any friction.
 """
 
 import math

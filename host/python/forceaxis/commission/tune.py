@@ -91,7 +91,8 @@ RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
 CROSSOVER_RAD_PER_S = 3.0
 MS_TOLERANCE = 0.3  # permitted excess of a measured Ms over the predicted Ms
 AVERAGES_FACTOR = 4  # factor for the number of averages if |S| is certain at no frequency
-# Ratio of the highest frequency of the responses to the highest frequency of instability.
+# Highest frequency of the measured responses, as a multiple of the highest frequency at which a
+# loop becomes unstable.
 RESPONSE_BAND_FACTOR = 1.3
 # highest frequency at which |S| is verified, as a multiple of the bandwidth fT
 VERIFIED_BAND_FACTOR = 3.0
@@ -397,8 +398,8 @@ def _hf_gain(tuning: TuningFolder, checked: Checked) -> float | None:
 def simulate(
     tuning: TuningFolder, designed: Designed, checked: Checked, fitted: Fitted
 ) -> Simulated:
-    """Simulates contacts, impacts and contacts of random plants of the set of plants, with the
-    fitted plant and the firmware."""
+    """Simulates contacts and impacts with the fitted plant, and contacts with plants sampled at
+    random from the set, all with the firmware."""
     return Simulated(contact.simulated(contact.FittedAxis(tuning, checked, fitted, designed)))
 
 
@@ -726,8 +727,8 @@ class Tuning(TuningFolder):
         TUNE.write(self.folder, identity)
 
     def _renew(self, held: TuningIdentity, identity: TuningIdentity) -> None:
-        """Deletes the results of the steps that depend on a change of the order or of the model,
-        and reports this change."""
+        """If the order or the model has changed, deletes the results of the steps that depend on
+        it, and reports the change."""
         changes = _changes(held.order, identity.order)
         first = [STEPS.index(AGAIN_FROM[name]) for name in changes]
         if held.model_sha256 != identity.model_sha256:

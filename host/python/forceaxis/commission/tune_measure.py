@@ -145,8 +145,9 @@ def _go_home(tuning: TuningFolder, checked: Checked) -> None:
 def _between(
     tuning: TuningFolder, law: Settings, order: TuningOrder
 ) -> tuple[SlowChange, Settings]:
-    """Returns (result of a slow change of the force over all forces and the range of the
-    excitation, the settings `law` with the present `contact_loss_cap` of the axis)."""
+    """Returns two values: the result of a slow change of the force over all forces and over the
+    range of the excitation, and the settings `law` with the present `contact_loss_cap` of the
+    axis."""
     low, high = LOWEST_FORCE_SHARE * min(order.forces), (1 + SWING / 2) * max(order.forces)
     with analyzing(tuning, law, measuring_order(tuning, order), Analyzer) as measures:
         force, place, _ = friction.record_slow_change(measures, low, high)

@@ -199,7 +199,7 @@ def cpk(
 
 def histogram(values: Sequence[float | None]) -> tuple[list[int], list[float]]:
     """Returns the counts of the classes of equal width and the n + 1 edges of the classes. The
-    number of classes is the root of the number of values, at most 30."""
+    number of classes is the square root of the number of values, at most 30."""
     numbers = np.array([value for value in values if value is not None])
     if not len(numbers):
         return [], []

@@ -269,7 +269,7 @@ def performance(loop: Loop, reference_hz: float | None = None) -> Performance:
 
 
 def ratios(new: Performance, old: Performance) -> Ratios:
-    """Returns the ratio of each performance value of a changed design to the value of the present
+    """Returns each performance value of a changed design, divided by the value of the present
     design."""
 
     def factor(one: float | None, other: float | None) -> float | None:
@@ -284,7 +284,7 @@ def ratios(new: Performance, old: Performance) -> Ratios:
 
 
 def strain(model: Path, overrides: Overrides, shape: Mapping[str, float]) -> str | None:
-    """Returns the name of the spring or contact with most of the elastic energy of a mode of
+    """Returns the name of the spring or contact that stores most of the elastic energy in a mode of
     vibration, or None if the model has no spring and no contact. `shape` is {body: amplitude} of
     the mode."""
     facts = linear.facts(model, overrides)
@@ -411,7 +411,7 @@ class _Over:
     def problem(
         self, change: Change = NO_CHANGE, goal: Goal | None = None, random: int = reduced.RANDOM
     ) -> ShortSearch:
-        """Returns the search of control laws for the set of plants with a change of the design."""
+        """Returns the search for control laws over the set of plants of a changed design."""
         model = str(self.design.changed_model(change))
         overrides = self.design.overrides | dict(change.overrides)
         ranges, together = set_of(model, self.over, overrides)

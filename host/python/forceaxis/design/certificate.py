@@ -1,5 +1,5 @@
-"""Exact worst values of bandwidth and margins of a control law over a set of plants, and the bound
-that limits the gain of the law.
+"""Computes, exactly, the worst bandwidth and margins of a control law over a set of plants, and the
+bound that limits the gain.
 
 The search evaluates a law on a grid of frequencies and on a sample of the set. The functions of
 this module lower the gain until the exact figures of the worst members keep the margins.
@@ -43,7 +43,7 @@ Row = tuple[float | None, ...]
 
 @dataclass(frozen=True)
 class WorstFigures:
-    """The worst values of bandwidth and margins of a law over a set of plants. None means that a
+    """The worst bandwidth and the worst margins of a law over a set of plants. None means that a
     value does not exist."""
 
     fS_Hz: float | None  # lowest frequency at which |S| reaches -3 dB

@@ -330,14 +330,14 @@ def contact_members(
 
 def random_members(plants: PlantSet, count: int, seed: int = 1988) -> list[Plant]:
     """Returns random plants of a set of plants in the nominal mode, each as {parameter: SI value}.
-    Values that change together take their alternatives in turn."""
+    Values that change together have the same alternative; the alternatives are used in turn."""
     turns = len(plants.together)
     drawn = replace(plants, modes=({},)).random(count, seed)
     return [drawn[turns * i + i % turns].values for i in range(count)]
 
 
 def reassessed(outcome: DesignOutcome, bank: Bank) -> WorstFigures:
-    """Returns the worst bandwidth and margins of a filter bank over the set of plants of a design.
+    """Returns the worst bandwidth and margins of a filter bank over the plants of a design.
     The gain of the bank was reduced before."""
     found = {
         timing: sets.worst(outcome.plants, (timing,), LoopSpec("bank", bank=bank))

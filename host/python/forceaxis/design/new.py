@@ -270,9 +270,9 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
     """Returns the first gains of a new axis as a share of the critical gains of the force loop and
     the position loop. `lower`: gain of the force loop that replaces its share.
 
-    The force set-point is a quarter of the sensor range or of the peak force of the drive,
-    whichever is smaller. The set-point is larger if the approach has to overcome the weight and
-    twice the dry friction.
+    The force set-point is a quarter of the sensor range, or a quarter of the drive's peak force if
+    that is smaller. The set-point is larger if the approach has to overcome the weight and twice
+    the dry friction.
     """
     from forceaxis import linear
     from forceaxis.linear import loops

@@ -58,8 +58,8 @@ class ShapedDesign(ShortDesign):
 
 
 class ShortSearch:
-    """Search of the best filter bank for a set of plants at the margins of a goal. A search can
-    also find the largest gain of a bank whose filters are given."""
+    """Search for the filter bank with the best bandwidth over a set of plants that keeps the
+    margins of a goal. A search can also find the largest gain of a bank whose filters are given."""
 
     def __init__(self, plants: PlantSet, goal: Goal, random: int = RANDOM) -> None:
         self.plants, self.goal = plants, goal

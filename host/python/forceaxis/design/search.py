@@ -28,7 +28,7 @@ from forceaxis.linear.precise import DELAYS, Responses
 
 # smallest ratio of bandwidths at which the search selects the larger structure of the law
 LARGER_STRUCTURE_MIN = 1.1
-# Smallest ratio of the bandwidth of a law to that of a smaller structure that needs no reason.
+# A law whose bandwidth is below this share of that of a smaller structure needs an explanation.
 SMALLER_SHARE = 0.99
 # Smallest ratio of bandwidths without and with the ramp at which the result names the ramp.
 RAMP_COST_MIN = 1.1
@@ -41,7 +41,7 @@ SEED = 1988
 # rise time of the set-point ramp as a multiple of 1 / (bandwidth of a PI law)
 RAMP_PERIODS = 0.2
 RAMP_MIN_S = 0.1  # shortest rise time
-# The differential evolution: strategy, share of the numbers that a trial law takes over, and number
+# The differential evolution: strategy, share of the numbers that a trial law inherits, and number
 # of generations. Decision 48 (docs/decisions) compares this choice with others.
 STRATEGY, RECOMBINATION, GENERATIONS = "randtobest1bin", 0.9, 100
 POPULATION_PER_NUMBER = 6

@@ -82,7 +82,8 @@ def fit_quality() -> str:
 
 
 def trough_ratio() -> float:
-    """Returns the frequency of the base's trough over that of its peak in the fitted model."""
+    """Returns the ratio of two frequencies in the fitted model: trough of the base over peak of the
+    base."""
     first = fitted().resonances[0]
     return (first.trough_hz or math.nan) / first.peak_hz
 
