@@ -63,7 +63,7 @@ typedef struct {
 
 /* The two slots of a board whose firmware can be updated in operation (update.h). */
 typedef struct {
-  const store_memory_t *memory; /* one sector for each slot */
+  const store_memory_t *memory; /* memory with one sector for each slot */
   uint32_t address[SLOTS];      /* address for which the image of each slot is linked */
   const char *board;            /* name of the board in an update, 16 bytes, filled with zeros */
   void (*restart)(void);        /* restarts the chip through its loader; does not return */
@@ -175,7 +175,7 @@ typedef struct {
   cycle_results_t waiting;
   cycle_part_t last; /* the last pressed part; number 0: none */
   results_counts_t counts;
-  results_counts_t stored; /* the counts that the store has, or writes */
+  results_counts_t stored; /* counts that the store has, or is writing */
   uint32_t given_tick;     /* tick in which the counts were last given to the store */
   uint32_t starts;         /* cycle_count of the last cycle whose serial number was taken */
   uint32_t serial[CYCLE_SERIAL_WORDS]; /* serial number of the part in the running cycle */

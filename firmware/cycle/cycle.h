@@ -99,7 +99,7 @@ typedef struct {
   uint8_t written; /* number of samples written and evaluated, modulo 256 */
   uint8_t evaluated;
   uint8_t state;   /* CYCLE_IDLE to CYCLE_DONE */
-  uint8_t phase;   /* the phase that runs, or the last one */
+  uint8_t phase;   /* running phase, or the last one */
   uint8_t outcome; /* CYCLE_BY_PROGRAM to CYCLE_SAMPLES_INVALID */
   /* the phase in which a limit was exceeded first, the cycle was stopped, or the first sample was
    * not valid */

@@ -112,7 +112,7 @@ enum {
 
 typedef struct {
   uint8_t when;
-  uint8_t next;   /* the phase that follows, or CYCLE_END: the cycle ends as intended */
+  uint8_t next;   /* number of the next phase, or CYCLE_END: the cycle ends as intended */
   uint16_t count; /* largest number of times in a cycle that the condition is taken; 0: any */
   int32_t level;
 } cycle_condition_t;
@@ -149,7 +149,7 @@ typedef struct {
   uint32_t number;    /* number that the user gave the program */
   uint8_t name[12];   /* text, filled up with 0 */
   int32_t zero_level; /* 0 with CYCLE_ZERO_TOUCH, not 0 with CYCLE_ZERO_FORCE */
-  uint8_t zero;       /* where travel 0 is, CYCLE_ZERO_ */
+  uint8_t zero;       /* what defines travel 0, CYCLE_ZERO_ */
   /* Number of points of the curve of compliance, at most CYCLE_COMPLIANCE_MAX, which are the first
    * ones of the program's points: deflection of the press in encoder counts over the force in 1/256
    * count. 0: no deflection. */

@@ -183,7 +183,7 @@ typedef struct {
   /* number of ticks for which the trajectory has been at standstill at the end of a ramp */
   uint8_t settling_tick;
   uint16_t stopping_tick; /* number of ticks since a quick stop or fault reaction began */
-  uint8_t slowing;        /* not 0 if the last tick was part of a ramp to standstill */
+  uint8_t slowing;        /* not 0 if a ramp to standstill was active in the last tick */
   /* 1 if a ramp to standstill is active, after which the drive changes to the state leaving_to */
   uint8_t leaving;
   uint8_t leaving_to; /* state after the ramp, AXIS_DRIVE_STATE_ */

@@ -35,7 +35,7 @@ enum {
 typedef struct {
   drive402_entry_t entry; /* object of the transfer */
   uint32_t answer;        /* value that was read, or abort code */
-  uint32_t ticks;         /* until the answer is missing, at least 1 while it waits */
+  uint32_t ticks;         /* ticks until the answer is missing, at least 1 while it waits */
   uint8_t writes;         /* 1: download, 0: upload */
   uint8_t state;          /* DRIVE402_TRANSFER_ */
   uint8_t pause;          /* ticks until a request may be sent */

@@ -108,11 +108,11 @@ typedef struct {
   uint32_t refused;               /* abort code of the last download, or 0 */
   uint32_t read_only;             /* bit n: own entry n is compared, but not written */
   uint32_t uncompared;            /* bit n: own entry n is written, but not compared */
-  uint32_t wait_ticks;            /* until a wait (wait_ms) ends */
-  uint32_t own_heartbeat_ticks;   /* until the next heartbeat of the master */
-  uint32_t drive_heartbeat_ticks; /* until the heartbeat of the drive is missing */
-  uint32_t stop_ticks;            /* until voltage is disabled after a quick stop */
-  uint32_t read_ticks;            /* until the next read of 6061h or 603Fh */
+  uint32_t wait_ticks;            /* ticks until a wait (wait_ms) ends */
+  uint32_t own_heartbeat_ticks;   /* ticks until the next heartbeat of the master */
+  uint32_t drive_heartbeat_ticks; /* ticks until the heartbeat of the drive is missing */
+  uint32_t stop_ticks;            /* ticks until voltage is disabled after a quick stop */
+  uint32_t read_ticks;            /* ticks until the next read of 6061h or 603Fh */
   uint16_t cycle_ticks;
   uint16_t since_sync; /* ticks from the last SYNC to the next tick; 65535 before the first one */
   uint16_t age_ticks;

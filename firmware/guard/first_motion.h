@@ -86,7 +86,7 @@ typedef struct {
   int32_t origin_cnt;    /* encoder count at which the test has switched the amplifier on */
   uint32_t moved_cnt;    /* largest distance from origin_cnt in this attempt, coasting included */
   uint32_t stopped_cnt;  /* moved_cnt when the amplifier was switched off */
-  uint32_t coasted_cnt;  /* what the attempt before has coasted */
+  uint32_t coasted_cnt;  /* travel for which the previous attempt has coasted */
   uint32_t spent_cnt;    /* all other travel of the attempts before that were stopped */
   int32_t force_start;   /* measured force at the start of the phase */
   int32_t force_low;     /* smallest measured force at standstill */

@@ -117,7 +117,7 @@ void modbus_identify(modbus_request_t *r) {
       r->after++;
     }
     r->pdu[3] = 0x83; /* conformity level: all categories, stream and individual access */
-    r->pdu[4] = 0;    /* no more objects follow */
+    r->pdu[4] = 0;    /* end of the list: no more objects follow */
     r->pdu[5] = 0;
     r->pdu[6] = 0; /* number of objects */
     r->length = 7;

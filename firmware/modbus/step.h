@@ -17,7 +17,7 @@ enum {
    * malformed */
   MODBUS_EXCEPTION_VALUE = 3,
   MODBUS_EXCEPTION_STATE = 4,  /* the state forbids the access, or another source owns the axis */
-  MODBUS_EXCEPTION_BUSY = 6,   /* the parameter store is working */
+  MODBUS_EXCEPTION_BUSY = 6,   /* the parameter store is busy */
   MODBUS_EXCEPTION_PATH = 10,  /* the gateway has no axis with this unit */
   MODBUS_EXCEPTION_TARGET = 11 /* the axis does not answer the gateway */
 };

@@ -36,7 +36,7 @@ class MachineLaw {
 
  private:
   static double value(const MachineTable &table, double time) {
-    constexpr double kRounding_s = 1e-9;  // a time of the table that is a tick counts as that tick
+    constexpr double kRounding_s = 1e-9;  // largest difference at which two times are equal
     const auto next = std::upper_bound(table.times.begin(), table.times.end(), time + kRounding_s);
     if (next == table.times.begin()) return table.values.front();
     const auto i = static_cast<std::size_t>(next - table.times.begin());

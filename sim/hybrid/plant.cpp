@@ -190,7 +190,7 @@ void Plant::step(int dac_code, bool amp_enable, bool brake_release) {
     return;
   }
   if (bus_.fitted()) {
-    codes();  // the drive measures its encoder also in a tick in which nobody reads it
+    codes();  // the drive measures its encoder in every tick, whether or not the value is used
     const DriveBus::Frame frame = bus_.act(tick(), {dac_code, amp_enable});
     dac_code = frame.dac_code;
     amp_enable = frame.amp_enable;

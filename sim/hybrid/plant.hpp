@@ -94,7 +94,7 @@ struct Event {
 struct EnergyAudit {
   double initial = 0.0;
   double supplied = 0.0;  ///< work of drive, gravity and impulses on the bodies
-  double impulses = 0.0;  ///< part of `supplied`: work of the impulses
+  double impulses = 0.0;  ///< work of the impulses on bodies in J; included in `supplied`
   double kinetic = 0.0;
   double stored = 0.0;     ///< energy stored in springs and in closed contacts
   double discarded = 0.0;  ///< spring energy that opened contacts and disabled steppers lost
@@ -104,7 +104,7 @@ struct EnergyAudit {
     std::string element;
     double energy = 0.0;
   };
-  std::vector<Damper> dissipated;  ///< each element once
+  std::vector<Damper> dissipated;  ///< one entry for each element
   double residual = 0.0;
 };
 

@@ -145,7 +145,7 @@ class Stepper {
 
   std::size_t listed_events_ = 0;
   std::vector<SwitchEvent> events_;
-  SwitchEvent last_{-1.0, -1, 0, 0, false};  // the last counted event
+  SwitchEvent last_{-1.0, -1, 0, 0, false};  // last event that was counted
   bool last_listed_ = false;
   std::int64_t crossings_ = 0;
   std::int64_t jumps_ = 0;

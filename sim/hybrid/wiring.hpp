@@ -64,8 +64,8 @@ struct Wiring {
   };
   /// A position, a velocity and a mass: a body, or a mode of a structure.
   struct Coordinate {
-    int position;  ///< index of the state
-    int velocity;  ///< index of the state
+    int position;  ///< index of the state that is the position
+    int velocity;  ///< index of the state that is the velocity
     double mass;
   };
   /// The motion of a point is the sum of its shares: a factor times a coordinate.

@@ -23,7 +23,7 @@ from forceaxis.bus.topics import LCM, NS_PER_US, RAW, Topic, Topics
 PROFILE = "forceaxis"
 # A killed program loses the messages of one chunk.
 CHUNK_BYTES = 1 << 18
-RECORD_MOST_BYTES = 1 << 28  # longer records are damage
+RECORD_MOST_BYTES = 1 << 28  # a longer record is damaged
 
 
 class McapWriter:

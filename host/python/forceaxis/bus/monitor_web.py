@@ -32,7 +32,7 @@ PAGE = Path(__file__).with_name("monitor.html")
 PAGES_MAX = 8
 # Longest times in s that a process may need to end after a request, and after a signal.
 QUIT_S, SIGNAL_S = 3.0, 2.0
-SIZE_MAX = 500, 200  # largest width and height of a screen in characters; others are cut to that
+SIZE_MAX = 500, 200  # largest width and height in characters; larger screens are cut to it
 PATH_MAX = 255  # longest path of a request in characters
 POLICY = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "

@@ -180,7 +180,7 @@ class Conversion:
     file: Path
     target: Path
     messages: int
-    damage: str | None  # what was not read of a damaged recording
+    damage: str | None  # data of a damaged recording that could not be read
 
 
 def convert(path: Path, target: Path) -> Conversion:

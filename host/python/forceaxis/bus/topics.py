@@ -162,7 +162,7 @@ def engineering_row(axis: AxisWatch, state: axis_state_t, wall_us: int) -> dict[
     """Returns forces in N, lengths in the unit that the monitor shows, and voltages of a state."""
     axis.take_state(state, wall_us)
     shown = axis.words(wall_us)
-    assert shown is not None  # a state was taken
+    assert shown is not None  # take_state() has set a state
     found = {
         "force_N": shown.force_N,
         "target_force_N": shown.target_force_N,

@@ -52,7 +52,7 @@ SPEED_MAX, MOTION_MAX = 1, 3
 CODE_V = 20 / 4096  # volts per code of the +-10 V stage
 STAGE_MAX_V = 0.1
 
-NOT_COMPARED = mask("board_state", "tick_unknown")  # no error
+NOT_COMPARED = mask("board_state", "tick_unknown")  # bit of board_state that is not an error
 # {key of a bit of board_state: what is wrong and what to do}
 OUTPUT_ERRORS = {
     "dac": "the voltage at PA4 differs from the DAC code: nothing may load PA4 or drive it",

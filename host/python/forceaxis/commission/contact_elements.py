@@ -96,7 +96,7 @@ def _append(document: Document, kind: str, values: Mapping[str, Any]) -> None:
 
 def _stiffening(scales: Scales) -> Element | None:
     contact = scales.contact
-    if contact.stiffness is None:  # a curve already
+    if contact.stiffness is None:  # the contact already has a curve
         return None
 
     def add(document: Document) -> None:

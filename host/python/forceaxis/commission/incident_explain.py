@@ -39,7 +39,7 @@ POSSIBLE_BELOW = 10.0
 # Causes whose rank is at most so much below that of the best one are fitted once more, with
 # derivatives of their own plant.
 AGAIN_BELOW = 50.0
-SPEED_TICKS = 15  # before the touch, from which its speed is found
+SPEED_TICKS = 15  # ticks before the touch from which the speed is found
 UNITS = {"gain": "", "offset": "N", "place": "m", "scale": "", "slip": "m"}
 FILES = ("explanation.json", "explanation.png", "model.toml", "experiment.toml")
 

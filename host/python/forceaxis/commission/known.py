@@ -162,7 +162,7 @@ def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> f
     acceleration."""
     s = 2j * math.pi * STEADY_HZ
     plant = linear.linearise(str(model), outputs=("encoder",), overrides=overrides, free=True)
-    speed = float((s * plant.at(s).item()).real)  # per V
+    speed = float((s * plant.at(s).item()).real)  # speed per volt
     return speed * linear.facts(model, overrides).volts_per_code
 
 

@@ -81,7 +81,7 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     path = tuning.folder / RESPONSES_MODEL
     path.unlink(missing_ok=True)
     (tuning.folder / FITTED_MODEL).unlink(missing_ok=True)
-    own: list[dict[str, Prior]] = []  # relative error of each response, as in `errors`
+    own: list[dict[str, Prior]] = []  # relative errors of each response, as in `errors`
     errors: list[float] = []
     if frictions:
         dampers = friction_models.at_both_ends(given, frictions)

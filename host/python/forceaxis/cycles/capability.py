@@ -79,7 +79,7 @@ class PartStatistics:
     lost: int  # parts whose results a power cut of the axis has lost
     without_result: int
     good_share: Share  # good parts among those that are good or bad
-    bad_in_row: int  # number of bad or aborted parts at the end
+    bad_in_row: int  # number of consecutive bad or aborted parts at the end
     other_programs: int  # parts with another program, which are in no figure of an element
     left_out: int  # simulated bad parts, which are excluded from all figures
     elements: list[ElementStatistics]

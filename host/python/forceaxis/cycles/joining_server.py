@@ -73,7 +73,7 @@ CEFACT = "http://www.opcfoundation.org/UA/units/un/cefact"
 SIMULATED = "the simulated axis"  # begin of the connection of a simulated axis (axis/sim.py)
 RESULTS_MOST = 200  # newest parts that the server offers as results
 POLL_S = 0.5  # between two looks into the folder
-SETTLED_NS = 1_000_000_000  # after a change, far longer than the resolution of a file's time
+SETTLED_NS = 1_000_000_000  # age in ns from which a change of the folder is not read again
 # Bounds of what clients send: requests are short, results go the other way.
 CHUNK_BYTES, MESSAGE_BYTES, WAITING_MESSAGES = 65535, 1 << 20, 16
 HEADER_BYTES, SIZE_AT = 8, 4  # size of the head of a message of OPC 10000-6, 7.1.2.2
@@ -123,7 +123,7 @@ class Connection(binary_server_asyncio.OPCUAProtocol):
                 del self._received[:whole]
                 self._stop_clock()
                 super().data_received(message)
-                if self._buffer:  # no message of this protocol
+                if self._buffer:  # the bytes are no message of this protocol
                     self.transport.close()
         self._wait()
 

@@ -30,8 +30,8 @@ NUMBER_OFFSET = 16
 SCALING = ("adc_bits", "force_sign", "rated_force", "feed", "polarity")
 FORCE_SCALE_TOLERANCE = 0.01  # relative tolerance of force_scale against the model
 ENDED = ("good", "bad", "aborted")
-STORE_MAX_S = 15.0  # a full sector of flash is erased first
-PART_TIMEOUT_S = 3600.0  # the longest phase
+STORE_MAX_S = 15.0  # includes the erase of a full flash sector
+PART_TIMEOUT_S = 3600.0  # as long as the longest phase may last
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from forceaxis.experiments.points import SweepParameter, check_names, tidy, unit
 from forceaxis.experiments.sweep_result import Row
 from forceaxis.words import suggestion
 
-NOISE_SEED = "experiment.seed"  # each part has its own
+NOISE_SEED = "experiment.seed"  # each part has its own seed
 NOISE_SEED_MOST = 2**31 - 1
 
 UNIFORM = {"least", "most"}

@@ -36,7 +36,7 @@ class End:
 
     when: str
     value: float | None  # s, N, N/m or m
-    next: str  # the phase that follows, or "end"
+    next: str  # name of the phase that follows, or "end"
 
     @property
     def text(self) -> str:
@@ -87,7 +87,7 @@ class Program:
 
     file: Path
     title: str
-    zero: str  # where travel 0 is: "touch", "force" or "position"
+    zero: str  # what defines travel 0: "touch", "force" or "position"
     zero_at: float | None  # the force in N, or the position in m
     phases: list[Phase]
     elements: list[Element]

@@ -35,7 +35,7 @@ class PartRecord:
     number: int
     power_up: int = 0  # number of the power-up of the axis in which the part was pressed
     serial: str = ""  # serial number of the part, from outside
-    recorded: str = ""  # when the record was made, in UTC, such as 2026-11-28T03:00:00+00:00
+    recorded: str = ""  # time of the record in UTC, such as 2026-11-28T03:00:00+00:00
     axis: str = ""  # connection, such as "node 1 on can0"
     device: str = ""  # serial number of the axis as 0x and 8 digits
     program: str = ""  # file
@@ -49,7 +49,7 @@ class PartRecord:
     duration_s: float = 0.0
     state: str = ""  # "good", "bad", "aborted" or "lost"
     outcome: str = ""  # how the cycle ended
-    phase: str = ""  # the last phase, or the one in which the cycle failed
+    phase: str = ""  # last phase, or the phase in which the cycle failed
     invalid_ticks: int = 0  # ticks in evaluated phases whose sample was not valid
     notes: list[str] = json_field(default_factory=list)
     elements: list[ElementFigure] = json_field(default_factory=list)

@@ -268,7 +268,7 @@ class Reminders:
     master_every_h: float | None = None  # None: no master part is asked for
     master_serial: str = ""
     calibration_due: datetime.date | None = None
-    master_pressed: datetime.datetime | None = None  # when a master part was last found good
+    master_pressed: datetime.datetime | None = None  # time of the last good master part
 
     def resume(self, folder: RecordFolder) -> None:
         """Reads the time of the last good master part from the records of a folder."""
@@ -335,7 +335,7 @@ class Collector:
         last = now.cycle_lost_last
         if now.cycle_lost_first == 0:
             return []
-        before = now.cycle_power_up - 1  # the power-up to which they belong
+        before = now.cycle_power_up - 1  # power-up to which the lost parts belong
         found = []
         for number in range(max(now.cycle_lost_first, last + 1 - WAITING_MOST), last + 1):
             record = self._completed(PartRecord(number, before, recorded=_now(), state=LOST))

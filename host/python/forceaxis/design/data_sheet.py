@@ -35,7 +35,7 @@ class SheetField:
     low: float  # smallest accepted value
     high: float  # largest accepted value
     default: float | DefaultValue | None  # None: the default is `word`
-    why: str  # the origin of the default
+    why: str  # origin of the default
     # question to the user: the quantity, and the section of data sheets that states the quantity
     ask: str
     word: str | None = None  # text that the user may enter in place of a number, such as "none"

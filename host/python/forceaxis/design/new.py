@@ -280,7 +280,7 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
     v = axis.v
     sliding = {"seals": "forward"} if v.guide_coulomb_n else {}
     if v.transmission_stiffness_n_per_m and v.backlash_mm:
-        sliding["transmission.high"] = "pressed"  # the backlash closed
+        sliding["transmission.high"] = "pressed"  # the backlash is closed
     # Forces along the axis that act on the pressing body: gravity and dry friction.
     pull = f"{'axis' if v.transmission_stiffness_n_per_m is None else 'load'}.force"
     inputs = ("drive.command", pull)

@@ -72,7 +72,7 @@ class RecordingComparison:
     touch_s: float  # first contact in the time of the recording
     gap_m: float | None  # gap of the model at which a run makes contact at that time
     zero_N: float  # measured force before the first contact, which is subtracted
-    noise_N: float  # its standard deviation
+    noise_N: float  # standard deviation of the noise
     runs: int
     span_s: float  # time after the first contact that is compared
     figures: tuple[ComparedFigure, ...]

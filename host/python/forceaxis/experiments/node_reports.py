@@ -11,7 +11,7 @@ from forceaxis.experiments.run_result import RefusedWrite, read_refused
 class PlantReport:
     """The report of the program plant_node."""
 
-    trace_hashes: list[str]  # one for each axis
+    trace_hashes: list[str]  # trace hash of each axis
     ticks_per_s: float
     overruns: int  # number of ticks that were computed too late for real time
     repeated: int  # number of messages that were sent again

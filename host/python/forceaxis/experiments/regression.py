@@ -31,7 +31,7 @@ class RegressionOutcome:
     file: Path
     status: str
     seconds: float = 0.0  # duration of the test
-    message: str = ""  # the reason why the test could not run
+    message: str = ""  # reason why the test could not run
     checks: list[expect.ExpectationCheck] = field(default_factory=list)
     # run and checks, stored while a plot or an update needs the run
     examined: expect.Examined | None = None

@@ -273,7 +273,7 @@ class RunResult:
     # None if no value was converted.
     edge_margin: float | None
     ticks: int  # number of ticks
-    events: int  # number of changes of state of elements
+    events: int  # number of state changes of elements
     energy: Energy
     metrics: Metrics
     criterion: Criterion | None

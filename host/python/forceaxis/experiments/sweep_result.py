@@ -216,7 +216,7 @@ class SweepResult:
     title: str
     parameters: dict[str, str]  # name -> unit
     counts: SweepCounts
-    failures: list[FailedPoint]  # the first ten
+    failures: list[FailedPoint]  # first ten points whose run failed
     warnings: list[str]
     refined: bool
     alone: list[IsolatedPoint]

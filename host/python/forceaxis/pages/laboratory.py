@@ -291,7 +291,7 @@ class TablesSection:
     grids: list[CellGrid]
     # Table cells of the thesis whose simulated verdict differs from the measured verdict.
     misses: list[tuple[str, CellResult]]
-    trials: trials.TrialsResult  # what could give these cells
+    trials: trials.TrialsResult  # trials that could explain these cells
     constants: list[FittedConstant]
     assumed: list[tuple[str, tables.SourcedParameter]]
     found: tables.FitRecord
