@@ -51,7 +51,7 @@ class Axis {
   // Passes the received bus data to the firmware, then computes the next tick of the firmware.
   host::LinkOutputs tick(const host::LinkInputs &in, ModbusPort *modbus);
   // Computes a tick without sensor values, in which the drive is disabled and the DAC code is 0.
-  // This tick is not part of the trace.
+  // The trace does not contain this tick.
   host::LinkOutputs lose_sensors(ModbusPort *modbus);
   void receive_modbus(std::span<const std::uint8_t> bytes);
 

@@ -61,7 +61,7 @@ struct Scales {
   double position_least = 0, position_most = 0;  // soft limits in counts from the reference
   double span = 0;  // largest travel between two soft limits, in counts
   // Ends of what the force sensor can show in compression and in tension, in 1/256 count; infinite
-  // where the zero of the force is at the end of the code (firmware/cycle/sample.h).
+  // where the force 0 is at an end of the range of codes (firmware/cycle/sample.h).
   double most_q8 = std::numeric_limits<double>::infinity();
   double least_q8 = -std::numeric_limits<double>::infinity();
 
@@ -779,8 +779,8 @@ class Reader {
     own.per_value = is_window ? 1.0 : 1.0 / per_unit;
   }
 
-  // Ways from a phase to the next one: all; those without a limit that is exceeded; of these, those
-  // without a count.
+  // Transitions from a phase to the next one: all of them; only those that are not caused by an
+  // exceeded limit; of the latter, only those without a count.
   enum class Ways { all, intended, uncounted };
 
   std::set<std::size_t> next_of(std::size_t phase, Ways ways) const {
@@ -850,7 +850,8 @@ class Reader {
     }
   }
 
-  // No good part has a force beyond force_max of its phases.
+  // Refuses a bound or level of an evaluation element beyond force_max of its phases, because no
+  // good part has such a force.
   void check_forces(const std::string &key, const cycle_element_t &element, std::int64_t most) {
     const auto beyond = [&](const char *of, const char *what) {
       root_.fail(key + of, std::string("expected a ") + what +

@@ -32,7 +32,8 @@ struct Impulse {
 
 // The code of ADC 0: the converted signal of the plant ("live"), the code of the previous tick
 // ("held"), the highest or lowest code ("high", "low"), the code for the force 0 ("zero"), as with
-// a disconnected sensor, or the last code, whose age grows ("silent").
+// a disconnected sensor, or the last code with an increasing age, as from a converter that no
+// longer sends ("silent").
 enum class ForceSensor : std::uint8_t { live, held, high, low, zero, silent };
 
 // The actions of one table [[at]].

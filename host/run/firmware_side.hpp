@@ -54,7 +54,7 @@ class FirmwareSide {
   }
 
   // Computes one tick after the plant has stopped sending. sensor_valid is 0, and the other inputs
-  // are those of the last tick. This tick is not part of the trace. The firmware outputs DAC code
+  // are those of the last tick. The trace does not contain this tick. The firmware outputs DAC code
   // 0, disables the drive and latches the fault sensor_invalid.
   LinkOutputs lose_sensors(std::uint8_t axis) {
     axis_inputs_t inputs = last_;

@@ -57,7 +57,7 @@ class Network {
   /// For each state, the name of a body or of a mode (STRUCTURE.NUMBER), or the complete name of a
   /// state of an element, of the drive or of a filter.
   const std::vector<std::string> &state_names() const { return wiring_.state_names; }
-  /// Indices, in ascending order, of the states that are no part of a response to an input: the
+  /// Indices, in ascending order, of the states that do not belong to the response to an input: the
   /// time, the drift of a sensor, and the integrals of a converter's filter.
   const std::vector<int> &apart() const { return wiring_.apart; }
   const std::vector<double> &initial() const { return wiring_.initial; }

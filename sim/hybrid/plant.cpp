@@ -222,7 +222,7 @@ class Plant::SamplePauses final : public Stepper::Pauses {
   Plant &plant_;
 };
 
-// Takes a sample of a converter at this instant.
+// Samples the signal of one converter at this instant.
 void Plant::take_sample(std::size_t channel) {
   Converter &adc = converters_[channel];
   double reading = 0.0;
@@ -245,7 +245,7 @@ void Plant::collect(std::size_t channel, double instant) {
   stepper_.clear(first, order);
 }
 
-// Takes the samples of this instant.
+// Samples the signals of all converters that sample at this instant.
 void Plant::take_samples() {
   SamplePauses pauses(*this);
   if (pauses.next() <= 0.0) pauses.pause();

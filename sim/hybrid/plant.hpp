@@ -113,11 +113,12 @@ class Plant {
   explicit Plant(std::shared_ptr<const Model> model, PlantOptions options = {});
   explicit Plant(std::shared_ptr<ModeCache> cache, PlantOptions options = {});
 
-  /// Simulates one step with a constant DAC code: one tick of 1/1500 s, or the part of a tick that
-  /// the ModeCache uses. If `amp_enable` is false, the current (or force) of the drive is 0 from
-  /// this instant on and the code has no effect. Throws std::invalid_argument if the code is
-  /// outside the range of the DAC, SimulationError if the simulation cannot continue, InputError if
-  /// a mode is too fast. After SimulationError or InputError the plant must not be used.
+  /// Simulates one step with a constant DAC code: one tick of 1/1500 s, or the fraction of a tick
+  /// that is the step of the ModeCache. If `amp_enable` is false, the current (or force) of the
+  /// drive is 0 from this instant on and the code has no effect. Throws std::invalid_argument if
+  /// the code is outside the range of the DAC, SimulationError if the simulation cannot continue,
+  /// InputError if a mode is too fast. After SimulationError or InputError the plant must not be
+  /// used.
   void step(int dac_code, bool amp_enable) { step(dac_code, amp_enable, amp_enable); }
   /// Simulates one step. The third argument is the output brake_release of the firmware, which
   /// releases and engages the brakes of the model. If the model has a bus (DriveBus), code and

@@ -17,7 +17,7 @@ constexpr int kMostChangesPerTick = 5000;
 // Largest number of switch changes in one call of settle().
 constexpr int kMostChangesPerInstant = 1000;
 // Length of the period that is simulated without changes of switches after states contradicted each
-// other, as a part of Mode::reach.
+// other, as a fraction of Mode::reach.
 constexpr double kMoment = 0x1p-20;
 // Factor by which the assumed rounding error increases each time that the states of switches
 // contradict each other.
@@ -25,8 +25,8 @@ constexpr double kDoubtGrowth = 4.0;
 // Largest argument of set_doubt(), for an assumed rounding error of 1.5e-11 of the state.
 constexpr double kMostDoubt = 0x1p10;
 constexpr std::size_t kRecentModes = 64;
-// Number of parts of the grid over which the energy of a mode is summed before its quadratic forms
-// are built, which costs as much as these sums.
+// The quadratic forms of a mode are built after its energy was summed over this number of grid
+// parts; to build them costs as much as these sums.
 constexpr int kPartsWithoutForms = 256;
 
 constexpr double kNever = std::numeric_limits<double>::infinity();

@@ -168,7 +168,7 @@ struct Wiring {
   /// Index of the first integral of the filter of each converter; -1: no filter. The other ones
   /// follow.
   std::array<int, 2> filter_states = {-1, -1};
-  /// Indices, in ascending order, of the states that are no part of a response to an input: the
+  /// Indices, in ascending order, of the states that do not belong to the response to an input: the
   /// clock, the drift of a sensor, and the integrals of a converter's filter.
   std::vector<int> apart;
 

@@ -199,8 +199,8 @@ void ForcePlant::response(std::span<const double> w, std::span<std::complex<doub
 }
 
 // Without a bus, the samples repeat after `readings_` ticks. In these ticks, the age of the reading
-// has as many values, at equal distances from the latency on. Over a bus, the reading in the first
-// tick of a cycle decides on the code, so the plant has the largest age of these ticks.
+// has as many values, at equal distances from the latency on. Over a bus, the code depends on the
+// reading in the first tick of a cycle, so the largest age in these ticks is used.
 void ForcePlant::set_ages(const Sampling &sampling) {
   constexpr int kReadingsMax = 150;
   const Extended every = 1 / (Extended{sampling.rate_hz} * tick_s_);

@@ -65,7 +65,7 @@ class ForcePlant {
   /// w = tan(pi f tick_s): the delay of the command, the mean of the ticks for which the drive
   /// holds it, and the ages of the readings: their mean, which leaves out that different ages mix
   /// frequencies, or over a bus the largest age. Without a known phase the ages are the largest
-  /// ones. The filter of the converter is a part of it.
+  /// ones. The effect includes the filter of the converter.
   std::complex<double> held(double w) const;
   std::complex<Extended> filtered(Extended angle) const;
 

@@ -25,7 +25,7 @@ constexpr Extended kFarthestHalfWidths = 25;
 constexpr double kDampingMax = 0.3;  // a pole or zero with more damping needs no denser grid
 constexpr double kNone = std::numeric_limits<double>::infinity();
 constexpr double kHalfPower = 0.5;     // |S|^2 at -3 dB
-constexpr double kStableShare = 1e-9;  // least damping ratio of a pole that counts as stable
+constexpr double kStableShare = 1e-9;  // smallest damping ratio of a stable pole
 constexpr double kRounding = 1e-11;    // error of a pole at z = 1, as a share of the tick rate
 // The bandwidth of a law is that at this share of its largest gain. Without this share, the
 // bandwidth would jump if a peak of |S| is close to -3 dB.
@@ -736,7 +736,7 @@ struct SlowRoots {
   std::size_t zeros = 0;
   // Pairs of a pole and a zero, both stable and real, that differ by at most 1 %, as the creep of a
   // sensor has them. Below the grid, a pair changes the loop by at most 1 % and turns it by less
-  // than 0.3 degrees, both monotonically; within the grid it is a part of the response.
+  // than 0.3 degrees, both monotonically; within the grid it is included in the response.
   std::size_t pairs = 0;
 };
 

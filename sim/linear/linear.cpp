@@ -147,7 +147,7 @@ std::optional<RowVector> output_row(const Model &model, const Network &network,
 
 // Sets A and C. The deflection of the spring of a hysteresis is expressed by the positions: while
 // the slider sticks, it is the deflection of the contact and a constant; otherwise it is a
-// constant. It is then no part of the response.
+// constant. It then does not belong to the response.
 void set_matrices(Linear &linear, const Network &network, const ModeEquations &equations,
                   const ExtendedMatrix &rows) {
   const Eigen::Index n = network.states();
@@ -163,7 +163,7 @@ void set_matrices(Linear &linear, const Network &network, const ModeEquations &e
   linear.C = seen.cast<double>();
 }
 
-// Removes a state that is no part of the response.
+// Removes a state that does not belong to the response.
 void remove_state(Linear &linear, Eigen::Index at) {
   const Eigen::Index behind = linear.A.rows() - at - 1;
   const auto cut_rows = [&](Eigen::MatrixXd &m) {
@@ -181,8 +181,8 @@ void remove_state(Linear &linear, Eigen::Index at) {
   linear.states.erase(linear.states.begin() + at);
 }
 
-// Removes the states that are no part of the response: those of Network::apart() and the springs of
-// hystereses.
+// Removes the states that do not belong to the response: those of Network::apart() and the springs
+// of hystereses.
 void remove_apart(Linear &linear, const Network &network) {
   std::vector<Eigen::Index> apart(network.apart().begin(), network.apart().end());
   for (const Wiring::Memory &memory : network.memories()) apart.push_back(memory.state);

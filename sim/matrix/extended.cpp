@@ -306,8 +306,8 @@ ExtendedMatrix sampled(const ExtendedMatrix &A, const ExtendedMatrix &B, double 
     for (Index j = 0; j < n; ++j) whole(i, j) = A(i, j) * d(j) / d(i) * T;
     for (Index j = 0; j < m; ++j) whole(i, n + j) = B(i, j) / d(i) * T;
   }
-  // The Taylor series is computed for a part of the sample time in which |A| T is at most 1/2. With
-  // this order, the series is accurate to the last digit.
+  // The Taylor series is computed for a fraction of the sample time for which |A| T is at most 1/2.
+  // With this order, the series is accurate to the last digit.
   constexpr int kOrder = 18;
   Extended norm = 0;
   for (Index j = 0; j < n; ++j) norm = std::max(norm, whole.col(j).cwiseAbs().sum());

@@ -30,8 +30,9 @@ Eigen::VectorXd balance(const ExtendedMatrix &A);
 /// finite A.
 std::vector<std::complex<double>> eigenvalues(const ExtendedMatrix &A);
 
-/// The fast part of the flow of x' = A x: x is the sum of right (left x) and of a part that the
-/// fast eigenvalues do not move. A conjugate pair of eigenvalues has one place in each matrix.
+/// The fast modes of the flow of x' = A x: x is the sum of right (left x), which the fast
+/// eigenvalues move, and of a remainder that they do not move. A conjugate pair of eigenvalues has
+/// one place in each matrix.
 struct FastModes {
   ComplexMatrix values;  ///< f x 1, eigenvalues with an imaginary part of at least 0
   ComplexMatrix right;   ///< n x f, right eigenvectors
@@ -51,9 +52,9 @@ FastModes fast_modes(const ExtendedMatrix &A, Extended above);
 /// pivots and corrects the residual in one step. X is not finite if A is singular.
 ExtendedMatrix solve(const ExtendedMatrix &A, const ExtendedMatrix &B);
 
-/// Returns an n x (n + m) matrix for the sample time T in s. Its left part is e^(A T) - 1; its
-/// right part is the integral of e^(A t) B over T. The method computes e^(A T) - 1 without forming
-/// e^(A T), which preserves the accuracy of slow states beside fast states.
+/// Returns an n x (n + m) matrix for the sample time T in s. Its left n columns are e^(A T) - 1;
+/// its right m columns are the integral of e^(A t) B over T. The method computes e^(A T) - 1
+/// without forming e^(A T), which preserves the accuracy of slow states beside fast states.
 ExtendedMatrix sampled(const ExtendedMatrix &A, const ExtendedMatrix &B, double T);
 
 /// The matrices H, Q^T B and C Q for hessenberg_response() in double. H = Q^T A Q is an upper

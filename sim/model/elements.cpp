@@ -70,7 +70,7 @@ std::string Elements::claim_name(Section &section) {
   return name;
 }
 
-// Returns the mass of a body with that of its inertias, which turn with it.
+// Returns the mass of a body, including the equivalent masses of the inertias that turn with it.
 double read_mass(Section &section) {
   if (!section.has("inertia")) {
     if (section.has("r_trans"))

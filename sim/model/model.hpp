@@ -206,8 +206,8 @@ struct Brake {
   std::string name;
   Ends ends;
   double holding = 0.0;    ///< friction force of the engaged brake in N, > 0
-  double release_s = 0.0;  ///< time in s that the brake takes to release, >= 0
-  double engage_s = 0.0;   ///< time in s that the brake takes to engage, >= 0
+  double release_s = 0.0;  ///< time in s that the brake needs to release, >= 0
+  double engage_s = 0.0;   ///< time in s that the brake needs to engage, >= 0
 };
 
 struct Gravity {
@@ -303,7 +303,7 @@ struct PerfectDrive {
   std::optional<double> force_limit;  ///< largest drive force in N, > 0; empty: not limited
 };
 
-/// A motor with a current loop, the common part of a torque and a velocity drive:
+/// A motor with a current loop, which a torque drive and a velocity drive have in common:
 ///   i' = rate (c - i)            c is the limited target of the current in A
 ///   F  = force_per_amp i         on the body, -F on reaction
 /// |c| is at most peak_current. With a rated current, |c| is at most rated_current while the mean
@@ -464,7 +464,7 @@ struct Switches {
 struct Sampling {
   double rate_hz = 1500.0;  ///< 1 to 30000
   double phase_s = 0.0;     ///< 0 to less than 1 / rate_hz
-  /// False if the clock of the converter has any phase: then phase_s is that of runs alone.
+  /// False if the phase of the converter's clock is not known: then only runs use phase_s.
   bool phase_known = true;
   double latency_s = 0.0;  ///< 0 to 0.1
 };
@@ -504,8 +504,8 @@ struct Adc {
   double per_count = 0.0;
   int zero_code = 0;  ///< ADC code at the signal 0, from 0 to 2^bits - 1
   int bits = 8;       ///< 8..16
-  /// Part of a code step that is added before the code is rounded down: 1/2, and less for the upper
-  /// 16 bits of a longer code.
+  /// Fraction of a code step that is added before the code is rounded down: 1/2, and less if the
+  /// code is the upper 16 bits of a longer code.
   double rounding = 0.5;
   std::optional<Sampling>
       sampling;  ///< empty: a sample at each tick, which the firmware has at once

@@ -143,7 +143,7 @@ class BenchCase {
   }
 
   // Computes side x side runs with evenly spaced gains and set-points, including the ends of the
-  // ranges. Returns only metrics. Each thread takes the number of its next run from a common
+  // ranges. Returns only metrics. Each thread gets the number of its next run from a common
   // counter. All runs start with copies of one plant and share the cache of modes.
   py::dict sweep(std::pair<double, double> gains, std::pair<double, double> setpoints_N, int side,
                  unsigned threads) {

@@ -190,7 +190,7 @@ class Excited {
   }
 
   // Counts a sample for the present states of all elements. The texts of the states are built only
-  // after a change of a state, because building them takes much time.
+  // after a change of a state, because building them is slow.
   void count_mode() {
     const std::int64_t changes = plant_->crossings() + plant_->jumps();
     if (changes != changes_) here_ = met_.try_emplace(plant_->mode(), 0).first;

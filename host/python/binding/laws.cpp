@@ -67,8 +67,9 @@ void in_parallel(std::size_t count, unsigned threads, const Work &work) {
 }
 
 // The grid of the plants with a path from the command to the force, and the indices of these plants
-// in the given list. If their sensor has no known phase, the same plants follow with another phase,
-// then all of them with the next one. Figures of a plant are the worst of its phases.
+// in the given list. If the phase of their sensor is not known, the same plants follow for the
+// second phase, then for the third one, and so on. The figures of a plant are then the worst ones
+// over the phases.
 struct Grid {
   std::vector<std::size_t> kept;
   std::optional<LawGrid> grid;
@@ -196,7 +197,7 @@ py::tuple largest_gain(const Grid &grid, const LawShape &law, double hf_gain,
                         limit.plant % grid.kept.size(), limit.delay, limit.frequency_hz);
 }
 
-// Replaces each figure of a loop by that of another loop where the other one is worse.
+// Replaces each figure of `worst` that is better than the same figure of `other`.
 void add_worse(LoopFigures &worst, const LoopFigures &other) {
   worst = {std::min(worst.fS_hz, other.fS_hz), std::min(worst.fT_hz, other.fT_hz),
            std::max(worst.Ms, other.Ms), std::min(worst.gain_margin, other.gain_margin),

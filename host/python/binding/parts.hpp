@@ -1,5 +1,6 @@
 #pragma once
-// Each of these functions adds one part to the Python module. Each part is in one file.
+// Each of these functions adds a group of functions or classes to the Python module, from one
+// source file.
 #include <pybind11/pybind11.h>
 
 void add_bench(pybind11::module_ &m);     // bench.cpp

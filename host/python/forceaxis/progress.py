@@ -8,7 +8,7 @@ from typing import TypeVar
 T = TypeVar("T")
 
 shown = ""  # text about the present progress, such as "34/98 experiments"
-_tell: Callable[[str], None] | None = None  # of told()
+_tell: Callable[[str], None] | None = None  # function that told() has set
 
 
 @contextlib.contextmanager

@@ -33,7 +33,7 @@ BAUD_RATE = 115_200  # baud rate, the default of the firmware, for 8 data bits a
 PARITIES = "EN"
 PART_BYTES = 64  # size of cycle_data_1 to _16; also that of the head of an update
 FLASH_BUSY = mask("program_flash_status", "busy")
-PART_TRIES = 3  # of a request whose answer is lost; the axis leaves out what it has already
+PART_TRIES = 3  # tries of a request whose answer is lost; the axis ignores repeated bytes
 MOST_REGISTERS = 125  # largest number of registers in one request
 # Number of a text in Modbus function 43 / 14, for each CANopen index of the same text.
 IDENTIFICATION_OBJECTS = {DEVICE_NAME_INDEX: 4, HARDWARE_INDEX: 5, VERSION_INDEX: 2}

@@ -279,8 +279,9 @@ class AxisClient(Closable):
             self._await(lambda: self._whole(number) or self._stalled(number, is_read), timeout_s)
 
     def _stalled(self, number: int, is_read: bool) -> bool | None:
-        """Returns True if a capture has failed or no block of it has come for so long that the
-        client has to ask, otherwise None. `is_read`: the gateway has the samples."""
+        """Returns True if a capture has failed, or if the last block was received so long ago that
+        the client has to ask for the next one, otherwise None. `is_read`: the gateway has the
+        samples."""
         ended = self._ended(number)
         if ended and ended.code < 0:
             return True

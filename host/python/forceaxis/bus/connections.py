@@ -5,12 +5,13 @@
 
 A connection whose first request is not complete, and therefore not answered, after REQUEST_S is
 closed. Of more than CONNECTIONS_MAX connections, those that were never answered are closed first,
-then those that have been idle for the longest time, so silent clients lock nobody out
-(host/modbus/tcp_server.hpp has the same rules). A peer that no longer exists, or no longer reads,
-loses its connection after PEER_S.
+then those that have been idle for the longest time, so idle clients cannot prevent others from
+connecting (host/modbus/tcp_server.hpp has the same rules). A peer that no longer exists, or no
+longer reads, loses its connection after PEER_S.
 
-The thread looks at the sockets of the process and at what the kernel counts for each (TCP_INFO). It
-needs no free descriptor, so it also works when a crowd has taken all of them.
+A thread checks the sockets of the process and the numbers that the kernel has for each of them
+(TCP_INFO). It needs no free file descriptor, so it also works when a large number of clients uses
+all of them.
 """
 
 import contextlib
@@ -37,8 +38,8 @@ T = TypeVar("T")
 
 
 class Counted(NamedTuple):
-    """What the kernel counts for a connection: its state, the time in ms since the last data of the
-    peer, and the number of bytes that the peer has acknowledged."""
+    """Numbers that the kernel has for a connection: its state, the time in ms since the last data
+    of the peer, and the number of bytes that the peer has acknowledged."""
 
     state: int
     idle_ms: int
@@ -60,7 +61,8 @@ class Bounds:
     def __init__(self, port: int) -> None:
         self._port = port
         self._looks: dict[int, int] = {}  # {inode of an unanswered connection: looks}
-        # A second descriptor of a connection while it is looked at, and what it is otherwise.
+        # `_view` is a second descriptor of the connection that is being checked, otherwise of
+        # /dev/null.
         self._nothing = os.open(os.devnull, os.O_RDONLY)
         self._view = os.dup(self._nothing)
 
@@ -121,8 +123,8 @@ def descriptors() -> Iterable[int]:
 
 
 def watched(connection: socket.socket) -> Counted:
-    """Has the kernel end a connection whose peer does not answer for PEER_S, and returns what the
-    kernel counts."""
+    """Sets that the kernel ends a connection whose peer does not answer for PEER_S, and returns the
+    numbers that the kernel has for the connection."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, PEER_S // 2)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, PEER_S // 6)

@@ -29,12 +29,13 @@ HELD_SAMPLES = 100  # largest number of samples of a held force that are used
 PERIODS = 4  # longest period in samples after which rounding errors are taken to repeat
 GRID_TOLERANCE = 1e-2  # largest distance of a rounded value from its grid, in steps
 GRID_ERROR = 1e-7  # largest error of a value in a file, relative to the range of all values
-# A contact without a recorded command is followed so long before its touch, and at most so long
-# after it: until the first maximum of the force, because the unknown command changes with the
-# force.
+# Times in s for a contact without a recorded command. It is compared from BEFORE_S before its touch
+# to the first maximum of the force, at most to AFTER_S after the touch, because the unknown command
+# changes with the force. The simulation begins RUN_UP_S earlier.
 BEFORE_S, AFTER_S, RUN_UP_S = 0.01, 0.1, 0.05
-# Touch-downs of one recording are simulated one by one if the contact is open for so long between
-# them that the workpiece comes to rest; the later one begins at least so long before its contact.
+# Touch-downs of one recording are simulated separately if the contact is open between them for at
+# least OPEN_S, in which the workpiece comes to rest; the simulation of the later one begins at
+# least AHEAD_S before its contact.
 OPEN_S, AHEAD_S = 0.5, 0.1
 SPEED_SHARE = 0.3  # deviation of an unknown speed or command, relative to its value
 MOVING_STEPS = 1.0  # speed in steps of the encoder per tick above which an axis moves at first
@@ -85,7 +86,8 @@ class Samples:
         """Returns for each sample the number of samples around it with the same rounding error,
         (n,). The changes of the code repeat there, after `period` samples; the mean error of a
         period is smaller by this number. A long stretch with only two codes, such as a held force,
-        also counts as one error, because the phase of a small motion to the codes hardly changes.
+        is also treated as one error, because the position of a small motion relative to the code
+        steps hardly changes.
         """
         codes = np.round(self.values / self.step)
         changes = np.diff(codes)

@@ -16,7 +16,8 @@ from forceaxis.words import option_words
 @dataclass(frozen=True)
 class ContactParameter:
     """A parameter with its prior and posterior. `value`: the most likely value; `interval`: 95 %;
-    `deviation`, `prior_deviation`: of the logarithm. `told`: True if the recordings tell it."""
+    `deviation`, `prior_deviation`: of the logarithm. `told`: True if the recordings determine the
+    parameter."""
 
     unit: str
     value: float

@@ -114,7 +114,8 @@ class _Tests:
 
     @property
     def p(self) -> Floats:
-        """Returns the probability of so large a change of an unchanged machine, (k,)."""
+        """Returns the probability that an unchanged machine shows a change at least as large,
+        (k,)."""
         score = np.minimum(self.gain, (self.size / self.deviation) ** 2)
         return np.asarray(special.chdtrc(1, np.maximum(score, 0.0)))
 
@@ -125,7 +126,7 @@ class _Tests:
 
 
 class _Change(Protocol):
-    """What the measurement of today says about changes of parameters."""
+    """Evidence of today's measurement for changes of parameters."""
 
     @property
     def names(self) -> tuple[str, ...]:

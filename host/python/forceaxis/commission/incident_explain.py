@@ -33,11 +33,11 @@ from forceaxis.results import to_json
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# A cause whose rank is at most so much below that of the best one is possible: a factor of 150 in
-# the probability (Kass and Raftery, J. American Statistical Association 90, 1995).
+# Largest difference in rank from the best cause at which another cause is possible: a factor of 150
+# in the probability (Kass and Raftery, J. American Statistical Association 90, 1995).
 POSSIBLE_BELOW = 10.0
-# Causes whose rank is at most so much below that of the best one are fitted once more, with
-# derivatives of their own plant.
+# Largest difference in rank from the best cause at which another cause is fitted once more, with
+# the derivatives of its own plant.
 AGAIN_BELOW = 50.0
 SPEED_TICKS = 15  # ticks before the touch from which the speed is found
 UNITS = {"gain": "", "offset": "N", "place": "m", "scale": "", "slip": "m"}

@@ -105,7 +105,8 @@ class IncidentProblem(ContactProblem):
         return np.asarray(found + float(position.values[0]) * (1 / scale - 1))
 
     def predict(self, points: Floats) -> Predicted:
-        """Simulates the second for n points, and changes what the sensors tell of it."""
+        """Simulates the second before the fault for n points, and applies the changes of the
+        sensors to the signals."""
         found = super().predict(points)
         force = found.force * self.changed("gain", points, 1.0)[:, None]
         force = force + self.changed("offset", points, 0.0)[:, None]

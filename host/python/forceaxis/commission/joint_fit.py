@@ -526,11 +526,12 @@ def _left_open(
 ) -> Samples:
     """Returns the standard errors of the logarithms in which plants at the ends of `ranges` differ.
 
-    The measured plant has the same response whatever the fit leaves open, but a plant at the end of
-    a tolerance has not: a stiffness that the fit has too large beside another one that is too small
-    moves the mode of a workpiece of another mass. A direction of the parameters that changes these
-    responses by less than MODEL_ERROR counts in proportion less. An example is a common factor of
-    all masses and stiffnesses.
+    Parameter combinations that the fit does not determine have no effect on the response of the
+    measured plant, but they have an effect on a plant at the end of a tolerance. For example, a
+    stiffness that is fitted too large beside another one that is too small moves the mode of a
+    workpiece with another mass. A direction of the parameters that changes these responses by less
+    than MODEL_ERROR has a proportionally smaller error. An example is a common factor of all masses
+    and stiffnesses.
     """
     ends = []
     for i, name in enumerate(problem.names):

@@ -27,7 +27,7 @@ Range = tuple[float, float]  # low, high
 
 @dataclass(frozen=True)
 class Checked:
-    """Result of `check`. `settings`: values from the model for objects that nobody has set on the
+    """Result of `check`. `settings`: values from the model for objects that are not set on the
     axis.
 
     `law`: the force law for the measurement. `band_hz`: lowest and highest frequency of the

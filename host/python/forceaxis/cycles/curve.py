@@ -26,7 +26,7 @@ from forceaxis.cycles.record import CurvePoint, PartRecord
 POINT = np.dtype([("time", "<u4"), ("travel", "<i4"), ("force_phase", "<i4")])
 FORCE_BIT = 8  # lowest bit of the force in force_phase; the bits below are the phase
 COUNTS_PER_FORCE = 256  # force is in 1/256 count
-# A write of cycle_curve_first shows so many points in the words of cycle_data.
+# Number of points that cycle_data shows after a write of cycle_curve_first.
 SHOWN_POINTS = 5
 WORDS = [f"cycle_data_{i}" for i in range(1, SHOWN_POINTS * POINT.itemsize // 4 + 1)]
 BUSY = ("running", "evaluating")

@@ -282,7 +282,8 @@ class Reminders:
             self.master_pressed = datetime.datetime.fromisoformat(record.recorded)
 
     def notes(self, record: PartRecord, is_expired: bool) -> list[str]:
-        """Returns the notes of a record. `is_expired`: what the axis says of its calibration."""
+        """Returns the notes of a record. `is_expired`: True if the axis reports that its
+        calibration has expired."""
         self.press(record)
         now = datetime.datetime.fromisoformat(record.recorded)
         found = []

@@ -18,7 +18,7 @@ from forceaxis.drawing import FAINT, INK, style
 from forceaxis.words import plain
 
 ROW_IN, CURVES_IN, WIDTH_IN = 1.9, 3.4, 7.6  # height of a row and of the curves, width, in inches
-MARKED_MOST = 500  # up to so many values are joined by a line
+MARKED_MOST = 500  # largest number of values that are joined by a line
 Curves = Sequence[tuple[str, Sequence[CurvePoint]]]  # state of the part, curve
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from forceaxis import paths
 from forceaxis._core import InputError
 
-# Patterns of the files, relative to paths.ROOT, with what they are.
+# Patterns of the files, relative to paths.ROOT, and a description of each.
 FILES = {
     "sim/*/*.toml": "models, experiments, cycles, parts, measurements",
     "sim/*/*.json": "records of the thesis",

@@ -551,9 +551,9 @@ def modes_visited(
     contain the states `fixed`, and the result has at least one combination. `experiment`: a path;
     `overrides`: texts NAME=VALUE.
 
-    Each friction counts as both stuck and sliding, even if the run visits only one of these states:
-    a friction that always sticks slides after a larger step, and one that always slides sticks at
-    the set-point.
+    For each friction both states are included, stuck and sliding, even if the run visits only one
+    of them: a friction that always sticks slides after a larger step, and one that always slides
+    sticks at the set-point.
     """
     path, texts = str(experiment), list(overrides)
     events = _core.run(path, texts).events

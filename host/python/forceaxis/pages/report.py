@@ -43,7 +43,7 @@ def write(source: Path | None, out: Path, threads: int | None = None) -> ReportS
     """Runs every experiment below `source` and writes the page out/index.html.
 
     source None: the folder of the thesis, whose page also has its tables and its frequency domain.
-    An experiment that cannot be run counts as an error and has its own entry. Raises InputError.
+    An experiment that cannot be run is listed as an error with its own entry. Raises InputError.
     """
     own = source is None or source.resolve() == paths.SIM.resolve()
     experiments = paths.EXPERIMENTS if source is None or own else source

@@ -75,7 +75,7 @@ class SignalFinding:
 
 @dataclass(frozen=True)
 class SignalHeader:
-    """What the header of a recording says about one signal.
+    """The entry of one signal in the header of a recording.
 
     values = sign * factor * (value in the source), in `unit`. A value was true `delay_s` before its
     time (a filter or a bus makes a signal late).
@@ -162,8 +162,8 @@ class SignalRecording:
 
     def held(self, name: str, at_s: Floats) -> Floats:
         """Returns the last value of a signal at or before each of the true times `at_s` in s, (n,),
-        as a converter holds it. A stamp that is later than a time by at most EVEN_SHARE of the
-        period of the signal and of the smallest step of `at_s` counts as this time. Raises
+        as a converter holds it. A stamp is treated as equal to a time of `at_s` if it is later by
+        at most EVEN_SHARE of the period of the signal and of the smallest step of `at_s`. Raises
         KeyError."""
         signal = self[name]
         late_s = 0.0

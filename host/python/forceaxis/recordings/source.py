@@ -44,8 +44,8 @@ class SourceColumn:
 
 
 class Source(abc.ABC):
-    """A file that is a source of recordings. `where` is the file in messages, `kind` what it is in
-    words."""
+    """A file that is a source of recordings. `where` names the file in messages, `kind` describes
+    the kind of file."""
 
     where: str
     kind: str

@@ -59,7 +59,7 @@ def level_of(force: Floats, where: str) -> ForceLevel:
     head = force[: max(LEAST_BEFORE, len(force) // 50)]
     zero = float(np.median(head))
     largest = float(np.max(force - zero, initial=0.0))
-    # The levels of a converter that has few of them may be far apart.
+    # The levels of a converter with few bits may be far apart.
     steps = min(QUANTA * quantum_of(force), COARSE_SHARE * largest)
     rough = 1.4826 * float(np.median(np.abs(head - zero)))
     level = max(NOISE_FACTOR * rough, PEAK_SHARE * largest, steps)

@@ -43,7 +43,7 @@ class TrialScores:
 
 @dataclass(frozen=True)
 class TrialsResult:
-    """The scores of all trials, and the score of those that are taken, together."""
+    """The scores of all trials, and the common score of the trials that were chosen."""
 
     trials: list[TrialScores]
     together: int  # number of table cells with equal verdicts
