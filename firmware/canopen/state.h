@@ -45,7 +45,7 @@ typedef struct {
   /* TPDO: ticks at which the event time and the inhibit time end, if these two times run */
   uint32_t event_tick;
   uint32_t inhibit_tick;
-  uint8_t bits; /* total number of bits of all mapped objects; with 0 the PDO does nothing */
+  uint8_t bits; /* total number of bits of all mapped objects; 0: the PDO is not used */
   /* RPDO: 1 while `value` waits for a SYNC. TPDO: 1 if the TPDO must be sent although its values
    * have not changed. */
   uint8_t pending;

@@ -103,7 +103,8 @@ typedef struct {
   int32_t x0, y0, x1, y1;
 } line_t;
 
-/* Returns true if the line is the crossing of the level that counts, with the value there. */
+/* Returns true if the line crosses the level for the time that the element asks for (its ordinal),
+ * and returns the value at this crossing. */
 static bool crosses(const cycle_element_t *element, const line_t *line, int32_t level,
                     uint8_t *number, int32_t *value) {
   const bool of_force = element->of_force != 0;

@@ -171,7 +171,7 @@ typedef struct {
   int32_t cycle_offset_q8; /* offset of the program's force in 1/256 per mille of the rated force */
   uint8_t cycle_refusal;   /* state (AXIS_CYCLE_STATE_) that says why no cycle started, or idle */
   uint32_t law_crc;        /* CRC of the selected bank, 0 without one */
-  uint32_t cycle_bank_crc; /* CRC of the bank with which the cycle started, as cycle_mode_bank() */
+  uint32_t cycle_bank_crc; /* value of cycle_mode_bank() at the start of the cycle */
   cia402_overridden_t overridden;
   uint8_t velocity_next;   /* index of the oldest velocity sample in `velocities` */
   uint8_t tracking;        /* use of the trajectory, CIA402_TRACKING_ */

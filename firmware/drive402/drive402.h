@@ -69,7 +69,7 @@ void drive402_receive(drive402_t *master, const can_frame_t *frame);
  * Bus off and lost frames are failures. */
 void drive402_bus(drive402_t *master, uint8_t state, uint16_t frames_lost);
 
-/* Returns what the drive says, with all frames received so far. */
+/* Returns the state and the values of the drive, from all frames received so far. */
 drive402_feedback_t drive402_feedback(const drive402_t *master);
 
 /* The one call in each tick of 1/1500 s. Frames of the last tick that were not fetched are

@@ -90,7 +90,8 @@ static void watch_state(drive402_t *master, bool enabled) {
   if (faulted && (master->resets_fault == 0 || is_late)) {
     drive402_fail(master, DRIVE402_DRIVE_FAULT);
   }
-  /* A drive that was on has left without a command, even if this tick has one. */
+  /* A drive that was on has left operation enabled without a command. This also applies if a
+   * command follows in this tick. */
   if ((enabled && is_late) || (master->was_on != 0 && !drive402_follows(master))) {
     drive402_fail(master, off_reason(master));
   }

@@ -68,8 +68,8 @@ typedef struct {
    * long or longer, or never */
   uint16_t age_ticks;
   uint16_t statusword; /* 6041h */
-  uint16_t error_code; /* last one that the drive has sent by EMCY or shown in 603Fh, or 0 */
-  uint8_t fitted;      /* 1: the configuration was accepted, so that there has to be a drive */
+  uint16_t error_code; /* last error code that the drive has sent by EMCY or shown in 603Fh, or 0 */
+  uint8_t fitted;      /* 1: the configuration was accepted, so the axis must have a drive */
   /* 1: targets act: operation enabled with bits 9 and 12, 6061h displays the mode, no fault */
   uint8_t on;
   uint8_t fault;     /* 1: something has failed, or the drive is in fault */

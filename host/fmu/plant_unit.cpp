@@ -174,9 +174,9 @@ class PlantUnit final : public Unit {
   std::vector<std::string> impulse_bodies_;
   std::size_t first_code_ = 0;
   std::size_t first_signal_ = 0;
-  std::size_t seed_ = 0;        // variable of the seed; the parameters of the model follow it
+  std::size_t seed_ = 0;        // index of the variable `seed`, before the parameters of the model
   std::vector<double> values_;  // values of inputs and parameters
-  std::optional<Plant> plant_;  // empty until a value of it is needed
+  std::optional<Plant> plant_;  // empty until a value of the plant is needed
   // Codes of this tick. Plant::codes() is called once in each tick, because it reads the index
   // pulse.
   SensorCodes codes_;

@@ -27,7 +27,7 @@ struct Variable {
   std::string name;
   Type type = Type::real;
   Role role = Role::output;
-  std::string unit;     // a spelling of sim/model/units.hpp or of the object table; "" without unit
+  std::string unit;     // as in sim/model/units.hpp or in the object table; "" without unit
   std::string meaning;  // meaning in one sentence
   double start = 0.0;   // value of an input or parameter after the creation of the unit
 };

@@ -246,7 +246,7 @@ class Plant {
     double limit = 0.0;  // largest magnitude of the analog value before the conversion
     double noise = 0.0;
     double counts_per_unit = 0.0;
-    double rounding = 0.5;  // Adc::rounding
+    double rounding = 0.5;  // as Adc::rounding
     // Values of the signal at which the code changes from 0 to 1 (`low`) and from 2^bits - 2 to
     // 2^bits - 1 (`high`), in counts + `rounding`.
     double low = 0.0;

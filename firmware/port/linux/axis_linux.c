@@ -235,7 +235,7 @@ static void receive_all(void) {
 static void send_drive(void) {
   can_frame_t frame;
   while (drive402_transmit(&drive.master, &frame)) {
-    /* A frame that the interface refuses is lost, which the drive and its master notice. */
+    /* A frame that the interface refuses is lost. The drive and its master detect this loss. */
     (void)can_line_send(&drive_line, &frame);
   }
 }

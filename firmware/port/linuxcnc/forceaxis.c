@@ -22,7 +22,7 @@ enum {
   OBJECTS_MAX = 32,         /* largest number of inputs, and of outputs, that are objects */
   LATE_TICKS = 3,           /* initial value of late-ticks-max */
   LATE_TICKS_MAX = 1000,    /* largest late-ticks-max */
-  WATCH_UNTIMED_TICKS = 15, /* between two looks at the fault */
+  WATCH_UNTIMED_TICKS = 15, /* ticks between two checks of the fault */
   AGE_MAX = 255
 };
 

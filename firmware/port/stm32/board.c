@@ -30,7 +30,7 @@ const fw_config_t *port_config(void) {
   config.serial_number = io_serial_number();
   config.node_id = (io_node_id() == 0) ? FW_NODE_ID_BY_LSS : io_node_id();
   config.bit_rates = CAN_RATES;
-  config.dac_bits = 12; /* without a drive at the second CAN */
+  config.dac_bits = 12; /* the chip's DAC; not used with a drive at the second CAN */
   config.buses = 1;
   config.program_memory = programs_begin;
   config.program_bytes = image_bytes(programs_begin, programs_end);

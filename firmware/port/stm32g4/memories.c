@@ -5,9 +5,9 @@
 
 #include "firmware/port/stm32/board.h"
 
-/* The vector of the reset. The first write after a reset to each of the four parts of the RAM may
- * be lost (ES0430 2.2.7), also a push, so a word of each part is read first. What the RAM has kept,
- * an incident, stays as it is. */
+/* The reset handler. After a reset, the first write to each of the four RAM areas may be lost
+ * (ES0430 2.2.7), also if it is a push, so a word of each area is read first. An incident that the
+ * RAM has kept does not change. */
 __attribute__((naked)) void touch_memories(void) {
   __asm volatile(
       "mov r0, #0x20000000\n"

@@ -63,11 +63,11 @@ class AxisObject:
     node_id: bool  # True for a COB-ID whose default value is a number plus the node id
     mappable: int  # 0: in no PDO, 1: in all PDOs that its access permits, 2: in TPDOs only
     quantity: str  # quantity of a count: "force" or "encoder"; "" if the unit defines the quantity
-    # what a change of the value does while a cycle runs: "free", "ends" the part, "refused"
+    # effect of a write while a cycle runs: "free" (none), "ends" (ends the cycle), "refused"
     in_cycle: str
     # names of special raw values, for an object that is not an enumeration
     values: tuple[tuple[int, str], ...]
-    # a sentence for each of them, such as the cause of a fault; "" without one
+    # a sentence for each named value, such as the cause of a fault; "" without a sentence
     sentences: tuple[str, ...]
     bits: tuple[ObjectBit, ...]  # bits of a value that is, or contains, a set of bits
 

@@ -220,7 +220,7 @@ class Analyzer:
         self.ages = mean_s * TICKS_PER_S, width_s * TICKS_PER_S
         self.sinc_order = sampling.sinc_order if sampling else 0
         samples = round(TICKS_PER_S / self.order.resolution_hz)
-        # A period has whole cycles of the bus.
+        # A period of the excitation is a whole number of bus cycles.
         self.samples = samples - samples % self.bus.cycle_ticks
         low, high = self.order.band_hz
         if not 0 < low < high < TICKS_PER_S / 2:

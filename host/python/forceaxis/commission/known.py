@@ -27,8 +27,8 @@ STEADY_HZ = 0.02  # frequency in Hz at which the axis has reached its steady spe
 # Ratio of the largest DAC code of a noise to the DAC code that keeps a step linear.
 # A noise rarely reaches its peak.
 NOISE_PEAK_FACTOR = 2
-# Share of the drive's limit that a noise may use.
-# A step of the noise is up to twice the amplitude.
+# Share of the drive's limit that the excitation by noise may use.
+# A step from one noise value to the next is up to twice the amplitude.
 LINEAR_SHARE = 0.7
 # Smallest ratio of the compliance behind the contact to the compliance of the contact.
 # Below this ratio, a workpiece that always sticks cannot be detected.

@@ -72,7 +72,7 @@ UNIT_CODES = {
 CEFACT = "http://www.opcfoundation.org/UA/units/un/cefact"
 SIMULATED = "the simulated axis"  # begin of the connection of a simulated axis (axis/sim.py)
 RESULTS_MOST = 200  # newest parts that the server offers as results
-POLL_S = 0.5  # between two looks into the folder
+POLL_S = 0.5  # time in s between two checks of the folder
 SETTLED_NS = 1_000_000_000  # age in ns from which a change of the folder is not read again
 # Bounds of what clients send: requests are short, results go the other way.
 CHUNK_BYTES, MESSAGE_BYTES, WAITING_MESSAGES = 65535, 1 << 20, 16

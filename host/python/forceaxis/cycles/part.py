@@ -74,7 +74,7 @@ class PartResult:
 class Curve:
     """The curve of a cycle as its elements see it, with one value for each of its n samples."""
 
-    time_s: Array  # since the start of the run, or of the cycle of a live axis
+    time_s: Array  # time since the start of the run; on a live axis, since the start of the cycle
     travel_m: Array  # depth: travel from travel 0, less the deflection of the press
     force_N: Array  # measured force less the offset of a tare
     phase: NDArray[np.int64]  # number of the phase to which the sample belongs

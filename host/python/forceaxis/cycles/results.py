@@ -36,7 +36,7 @@ SERIAL_BYTES = 4 * len(SERIAL_WORDS)
 WAITING_MOST = 255  # results that an axis keeps (firmware/cycle/results.h)
 ELEMENTS_MOST = 16  # most evaluation elements of a program (firmware/cycle/program.h)
 READ_TRIES = 20  # tries to read a result while another master selects results
-POLL_S = 0.2  # between two looks at the number of waiting results
+POLL_S = 0.2  # time in s between two reads of the number of waiting results
 RECONNECT_S = 1.0
 # Age from which the CRC of the parameters is computed again for the next part. It is not computed
 # for each part, because it needs the values of some hundred objects.

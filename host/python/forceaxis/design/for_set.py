@@ -141,8 +141,8 @@ def design(
 
 
 def expect_no_dead_law(plant: Design, outcome: DesignOutcome) -> None:
-    """Raises InputError if the smallest set-point of a design, or without set-points the range of
-    the sensor, rounds to no command."""
+    """Raises InputError if the command for the smallest set-point of a design rounds to 0. Without
+    set-points, the range of the sensor is used in place of the set-point."""
     whole = 128 * abs(plant.facts.required_reading.per_count)
     setpoint = min(outcome.order.forces_N, default=whole)
     if why := plant.facts.dead_law(outcome.bank.gain_at_rest(), setpoint):

@@ -127,7 +127,8 @@ class ContactBench:
         `share`."""
         scale = abs(self.facts.required_encoder.scale)
         count = max(1, round(share * self.cases[0].speed_m_per_s * scale))
-        # empty, because the files of the two benches have equal names but different contents
+        # The cache is emptied, because the files of the two benches have equal names but different
+        # contents.
         self._files = {}
         return ContactBench(
             self.design, self._bits, self.own, self._asked | {"approach_velocity_max": count},

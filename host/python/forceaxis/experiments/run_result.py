@@ -126,7 +126,7 @@ class MissedLimit:
     """A limit of [verdict] that a run exceeds."""
 
     limit: str  # key of [verdict], or the name of another condition
-    verdict: str  # that follows
+    verdict: str  # verdict that follows
     value: float | None  # value of the run; None means infinite, because the force does not settle
     bound: float
     unit: str

@@ -381,7 +381,7 @@ def record_periods(
             bench.prepare(rng, line)
             before = bench.play(lead_in * n)[:, -n:]
             now = bench.play(n)
-            # The range may grow once by chance if a contact opens and closes.
+            # If a contact opens and closes, the range of the signals may increase once by chance.
             if grown(before, now):
                 before, now = now, bench.play(n)
                 if (factor := grown(before, now)) is not None:

@@ -38,7 +38,7 @@ GAIN_SPAN = 1e4  # factor of the gain up to which a margin is searched
 POINTS_PER_DECADE = 60  # points of a grid of frequencies in a decade
 LOWEST_SHARE = 1e-6  # lowest frequency of a grid, as a share of the highest one
 STABLE_BELOW = 1 - 1e-11  # largest magnitude of a pole of a stable loop
-PHASES = 3  # that are analysed in each order of samples and ticks, see Samples.phases()
+PHASES = 3  # analysed phases in each order of samples and ticks, see Samples.phases()
 # Share of a limit below which a lower one at another phase is not searched, and largest number of
 # parabolas of such a search in one order of samples and ticks.
 PHASE_SHARE, PARABOLAS_MAX = 1e-5, 4
