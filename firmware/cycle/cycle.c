@@ -195,7 +195,7 @@ static void sample(cycle_t *cycle, const cycle_inputs_t *now) {
   cycle->written = (uint8_t)(cycle->written + 1);
 }
 
-/* Conditions of the stiffness. */
+/* Returns true if a condition on the stiffness is met. */
 static bool has_stiffness(const cycle_t *cycle, const cycle_condition_t *condition) {
   if (cycle->section_travel == 0) {
     return false;
@@ -395,8 +395,8 @@ static bool take_condition(cycle_t *cycle, const cycle_phase_t *phase, const cyc
   return false;
 }
 
-/* Asserts what holds of a cycle that has begun: it is in a phase of its program, its force is in
- * the range of a sample, and after its end only outputs are on that the program keeps. */
+/* Asserts the invariants of a cycle that has begun: it is in a phase of its program, its force is
+ * in the range of a sample, and after its end only those outputs are on that the program keeps. */
 static inline void assert_begun(const cycle_t *cycle) {
   const cycle_header_t *program = cycle->program;
   fx_assert(program != NULL && cycle->phase < program->phases);

@@ -115,9 +115,9 @@ typedef struct {
   int32_t value_2;     /* DIFFERENCE: the value at level_2 */
   uint8_t has_sample;  /* 1 after the first sample */
   uint8_t found;       /* bits: 1 the value, 2 value_2 */
-  uint8_t crossings;   /* of `level`; number of crossings, at most 255 */
+  uint8_t crossings;   /* number of crossings of `level`, at most 255 */
   uint8_t crossings_2; /* number of crossings of level_2 */
-  uint8_t entries;     /* WINDOW: at most 255, as exits */
+  uint8_t entries;     /* WINDOW: number of entries, at most 255, as `exits` */
   uint8_t exits;
   uint8_t wrong_side; /* WINDOW: 1 if another side was crossed; ENVELOPE: 1 below, 2 above */
   uint8_t inside;     /* WINDOW: 1 if the last sample is in the window */

@@ -141,7 +141,7 @@ static void time_stop(drive402_t *master, bool stops) {
   }
 }
 
-/* Sends what this tick has to send, and returns whether targets act from it on. */
+/* Sends the frames of this tick, and returns whether targets act from this tick on. */
 static bool act(drive402_t *master, const drive402_command_t *command, bool begins) {
   const bool wanted =
       master->phase == DRIVE402_RUNNING && command->enable != 0 && master->reason == DRIVE402_NONE;

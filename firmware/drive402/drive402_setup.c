@@ -116,7 +116,8 @@ static bool is_step(uint16_t index, uint32_t value) {
   return value == 0 && (index == 0x1006 || index == 0x1600 || index == 0x1A00);
 }
 
-/* Adds an entry, unless it is left out. A mapping that nobody can change is compared only. */
+/* Adds an entry, unless the configuration leaves it out. A mapping that the drive does not permit
+ * to change is only compared. */
 static void add(drive402_t *master, uint16_t index, uint8_t sub, uint8_t bytes, uint32_t value) {
   const uint16_t bit = drive402_object_bit(index, sub);
   const bool differs = (master->config->differs & bit) != 0 || is_step(index, value);

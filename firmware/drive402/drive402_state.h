@@ -131,9 +131,9 @@ typedef struct {
   uint8_t tpdos;          /* received since the last SYNC, at most 255 */
   uint8_t tpdo_bytes;     /* length of a TPDO */
   uint8_t other_length;   /* 1: a TPDO of another length was received since the start of the node */
-  uint8_t missing;        /* SYNCs in succession that no TPDO has answered, at most 2 */
-  uint8_t doubled;        /* cycles in succession with more than one TPDO, at most 2 */
-  uint8_t mode_displayed; /* 1: 6061h was the mode at the last read */
+  uint8_t missing;        /* number of consecutive SYNCs without a TPDO as the answer, at most 2 */
+  uint8_t doubled;        /* number of consecutive cycles with more than one TPDO, at most 2 */
+  uint8_t mode_displayed; /* 1: the last read of 6061h gave the configured mode */
   uint8_t was_on;         /* 1: `on` in the last tick */
   uint8_t resets_fault;   /* 1: controlwords in the state fault reset the fault */
   uint8_t saturated;

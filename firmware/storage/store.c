@@ -630,8 +630,8 @@ void store_part_set(store_t *store, uint8_t part, store_part_t bytes, bool chang
   }
 }
 
-/* Returns true if the home of the store has no room for the next counts, so that the next power-up
- * would have to wait for an erase; and if the other sector would have room. */
+/* Returns true if the home of the store has no room for the next counts, but the other sector would
+ * have room. Without a change of the sector the next power-up would have to wait for an erase. */
 static bool lacks_room(const store_t *store) {
   const uint32_t counts = record_space(STORE_COUNTS_BYTES);
   if (store->home == STORE_NOWHERE || store->may_move == 0 ||

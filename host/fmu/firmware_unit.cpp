@@ -302,7 +302,7 @@ class FirmwareUnit final : public Unit {
 
   FirmwareFacts facts_;
   std::unique_ptr<Memory> memory_;
-  std::vector<const axis_object_meta_t *> objects_;  // of the variables from kFirstObject on
+  std::vector<const axis_object_meta_t *> objects_;  // objects, from variable kFirstObject on
   std::optional<host::ExperimentWrites> writes_;
   std::vector<double> values_;  // inputs and parameters, as they were set last
   axis_inputs_t inputs_{};

@@ -13,9 +13,11 @@
 namespace forceaxis::fmu {
 
 struct FirmwareFacts {
-  host::Experiment experiment;  // its writes: `initial` at once, `actions` before their ticks
+  host::Experiment experiment;  // the unit writes `initial` at once and `actions` before their
+                                // ticks
   int dac_bits = 12;
-  std::vector<std::uint32_t> program;  // words of firmware/cycle/program.h; empty without program
+  std::vector<std::uint32_t> program;  // words of the program (firmware/cycle/program.h); empty
+                                       // without one
   std::vector<std::uint16_t> inputs;   // objects (AXIS_OBJ_) that are inputs
 };
 

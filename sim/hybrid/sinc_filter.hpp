@@ -52,7 +52,7 @@ class SincFilter {
   std::array<Row, kHighestOrder> weights_{};
   Row moments_{};        // moments of the signal over the present period up to now
   double length_ = 0.0;  // length of the present period up to now
-  /// What past periods add to the next samples, the nearest one first.
+  /// Contributions of past periods to the next samples, the nearest sample first.
   Row due_{};
 };
 

@@ -27,8 +27,8 @@ constexpr double kNone = std::numeric_limits<double>::infinity();
 constexpr double kHalfPower = 0.5;     // |S|^2 at -3 dB
 constexpr double kStableShare = 1e-9;  // smallest damping ratio of a stable pole
 constexpr double kRounding = 1e-11;    // error of a pole at z = 1, as a share of the tick rate
-// The bandwidth of a law is that at this share of its largest gain. Without this share, the
-// bandwidth would jump if a peak of |S| is close to -3 dB.
+// The bandwidth of a law is computed at this share of its largest gain. At the largest gain itself
+// the bandwidth would jump if a peak of |S| is close to -3 dB.
 constexpr double kGainShare = 0.97;
 // A force that leaves the band of the ramp by a share x of the set-point divides the value of a law
 // by 1 + kRampWeight x.

@@ -133,7 +133,8 @@ class LawGrid {
   double tick_s_;
   // Number of frequencies of each point: the ticks of a bus cycle, 1 without a bus.
   std::size_t aliases_;
-  std::vector<std::size_t> begin_;  // index of the first point of each plant, and of the end
+  std::vector<std::size_t> begin_;  // index of the first point of each plant; last: number of
+                                    // points
   std::vector<bool> integrates_;    // for each plant: true if one of its poles is an integral
   std::vector<double> hz_;          // frequency of each point
   // Of each frequency of each point: w = tan(pi f T), real and imaginary part of z, real and

@@ -363,7 +363,8 @@ struct StepperDrive {
   double holding_force = 0.0;      ///< largest f in N, > 0
   double full_step = 0.0;          ///< travel of the body for a full step in m, > 0
   double damping = 0.0;            ///< in N s/m, >= 0
-  int segments = 16;               ///< straight segments in a period: 4, 8, .. 32
+  int segments = 16;               ///< number of straight segments for one period of the sine: 4,
+                                   ///< 8, .. 32
 };
 
 /// The bus between firmware and drive, as sim/hybrid/drive_bus.hpp describes it.

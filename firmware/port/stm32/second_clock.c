@@ -60,7 +60,7 @@ static bool counter_start(void) {
   RTC_INITIALISATION |= RTC_INITIALISATION_INIT;
   const bool done =
       becomes(&RTC_INITIALISATION, RTC_INITIALISATION_INITF, RTC_INITIALISATION_INITF);
-  /* written twice, because the two fields must be written one after the other */
+  /* Two writes, because the two fields of this register must be written one after the other. */
   RTC->PRER = RTC_PRER_PREDIV_S;
   RTC->PRER = RTC_PRER_PREDIV_S;
   RTC_INITIALISATION &= ~RTC_INITIALISATION_INIT;

@@ -33,7 +33,7 @@ static const sectors_t *sectors_of(const void *context) { return context; }
  * 1000 cycles of the core, 6 us. The erase of a page takes 22 ms, at most 25 ms. */
 enum { ERASE_POLLS_MAX = 8400, ERASE_POLL_LOOPS = 50 };
 
-/* What read_word() does: nothing, a read of a double word of bank 2, or a read of one that was
+/* State of read_word(): it does not run; it reads a double word of bank 2; the double word was
  * found to have two wrong bits. */
 enum { IDLE, ASKED, DAMAGED };
 static volatile uint8_t reading;

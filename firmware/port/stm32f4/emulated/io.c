@@ -1,5 +1,5 @@
-/* What QEMU's machine netduinoplus2 has in place of CAN, and how it waits. ../../stm32/emulated.c
- * replaces the other peripherals that this machine lacks. */
+/* The functions of CAN, of the flash and of the wait for a tick, for QEMU's machine netduinoplus2.
+ * ../../stm32/emulated.c replaces the other peripherals that this machine lacks. */
 
 #include "firmware/fx/bytes.h"
 #include "firmware/port/emulated/host_link.h"

@@ -236,7 +236,7 @@ def causes_of(reset_cause: int) -> str:
 
 
 def check_identity(bench: Bench) -> BringupStep:
-    """Compares the object table of the firmware with that of this program."""
+    """Compares the object table of the firmware with the object table of this program."""
     found = bench.axis.integer("object_table_hash")
     version = bench.axis.link.text(VERSION_INDEX) or ""
     if found != TABLE_HASH:

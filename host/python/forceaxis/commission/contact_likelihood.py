@@ -159,8 +159,8 @@ class ContactProblem:
         return found
 
     def number(self, kind: str, touch: int, points: Floats, known: float = 0.0) -> Floats:
-        """Returns an unknown in SI units for n points, (n,); `known` if the problem does not have
-        it."""
+        """Returns the value of an unknown in SI units at n points, (n,), or `known` if the problem
+        does not have this unknown."""
         for i, unknown in enumerate(self.unknowns):
             if (unknown.kind, unknown.touch) == (kind, touch):
                 scaled = points[:, len(self.names) + i]

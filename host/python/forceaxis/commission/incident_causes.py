@@ -292,8 +292,8 @@ class Released:
     def _key(
         self, cause: str, text: str, where: tuple[str, str, str], factors: tuple[float, ...]
     ) -> list[Cause]:
-        """Returns the cause of another value of a key (kind, name, key) of the model, or none for
-        a key without one value above 0."""
+        """Returns the cause "another value" for a key (kind, name, key) of the model, or no cause
+        if the key has no single value above 0."""
         kind, name, key = where
         given = _named(model_file.document(self.path), kind, name).get(key)
         known = linear.facts(str(self.path), self.held).parameters

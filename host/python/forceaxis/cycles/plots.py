@@ -132,7 +132,8 @@ def _draw_element(ax: Axes, done: PartPicture, element: Element, verdict: str) -
 def _draw_crossing(
     ax: Axes, element: Element, begin: float, scale: float, verdict: str, colour: str
 ) -> None:
-    """Draws where the curve has to cross a level of force: a bar between the bounds."""
+    """Draws the range in which the curve has to cross a level of force, as a bar between the
+    bounds."""
     level = element.level
     assert level is not None
     edges = [e for e in (element.least, element.most) if e is not None]

@@ -33,7 +33,7 @@ LONGEST_S = 600.0
 SETPOINTS_MAX = 500  # changes of a recorded set-point
 OF_FIRMWARE = ("code", "force_setpoint")  # inputs that only the firmware has
 DEFAULT_GAP = "gap"  # parameter that moves the first contact, if the model has it
-FAR_M = 1.0  # added to the gap for a run without contact
+FAR_M = 1.0  # length that is added to the gap for a run without contact
 
 Member = Mapping[str, float]  # values of parameters in SI units
 Columns = Mapping[str, Floats]

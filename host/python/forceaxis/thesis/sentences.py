@@ -17,8 +17,8 @@ class Sentence:
 
     says: str  # content of the sentence in our own words
     rows: tuple[str, ...] = ()  # names (`what`) of claims of the check of the thesis
-    tests: tuple[str, ...] = ()  # tests of the tree: "tests/FOLDER/FILE.py::NAME", "ctest:NAME"
-    figures: tuple[str, ...] = ()  # numbers of figures that the report draws
+    tests: tuple[str, ...] = ()  # names of tests: "tests/FOLDER/FILE.py::NAME", "ctest:NAME"
+    figures: tuple[str, ...] = ()  # figures of the thesis that the report draws, by their number
     reason: str = ""  # reason why the sentence cannot be checked
 
     @property
