@@ -73,7 +73,7 @@ static bool starts_axis(const fw_t *fw, uint16_t object, int32_t value) {
 }
 
 /* Returns true if this write would change a value that must not change while a cycle runs. A
- * command has no value, so it always counts as a change. */
+ * command has no value, so it is always treated as a change. */
 static bool is_fixed(const fw_t *fw, uint16_t object, int32_t value) {
   int32_t present = 0;
   return axis_objects[object].in_cycle == AXIS_IN_CYCLE_REFUSED &&

@@ -16,9 +16,10 @@
  * begins a phase, the second one stays, so a change of phase keeps its place. The first and the
  * last sample are always points.
  *
- * The travel is that of the samples: in a cycle the depth (program.h), which counts from travel 0
- * of the program, and the force is less the offset of the program. The points before travel 0 was
- * found change by the same number of counts when it is found, so every point has the same zero.
+ * The travel is that of the samples: in a cycle it is the depth (program.h), measured from travel 0
+ * of the program. The offset of the program is subtracted from the force. The points before travel
+ * 0 was found change by the same number of counts when it is found, so every point has the same
+ * zero.
  *
  * Cost on a Cortex-M4: at most 60 instructions for a sample. Once in a cycle, when travel 0 is
  * found, 6 more for each point; each time the curve is thinned, 13 for each point: 13,000 with

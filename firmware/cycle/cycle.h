@@ -26,10 +26,10 @@ enum { CYCLE_SAMPLES = 16 };
 enum { CYCLE_IDLE = 0, CYCLE_RUNNING = 1, CYCLE_ENDED = 2, CYCLE_DONE = 3 };
 
 /* How a cycle ended: as the program intends; a limit of a phase was exceeded; the cycle was stopped
- * from outside; samples were lost, because nobody evaluated them or because ticks were missing; the
- * tare of a phase failed, because the axis was in contact or did not stand still, or because the
- * offset is beyond tare_band; a sample of an evaluated phase is not valid; a value that affects the
- * verdict was changed. */
+ * from outside; samples were lost, because they were not evaluated in time or because ticks were
+ * missing; the tare of a phase failed, because the axis was in contact or did not stand still, or
+ * because the offset is beyond tare_band; a sample of an evaluated phase is not valid; a value that
+ * affects the verdict was changed. */
 enum {
   CYCLE_BY_PROGRAM = 0,
   CYCLE_OVER_FORCE = 1,

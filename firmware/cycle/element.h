@@ -72,7 +72,7 @@ typedef struct {
   uint8_t over_time; /* 1: x is the time in ticks since the element began; 0: x is the travel */
   uint16_t phases;   /* set of the phases whose samples count */
   uint8_t of_force;  /* AT, DIFFERENCE. 1: the force crosses the level; 0: x crosses it */
-  uint8_t direction; /* AT, DIFFERENCE: crossings that count */
+  uint8_t direction; /* AT, DIFFERENCE: crossings that are counted */
   uint8_t ordinal;   /* AT, DIFFERENCE: number of the crossing, from 1 */
   uint8_t enters;    /* WINDOW: sides through which the curve may enter */
   uint8_t leaves;    /* WINDOW: sides through which it may leave; 0: it ends in the window */

@@ -242,8 +242,8 @@ static bool is_marked(const drive402_t *master, uint32_t bits) {
   return master->entry >= extra && (bits & fx_bit(master->entry - (uint32_t)extra)) != 0;
 }
 
-/* Returns true if an entry has the value that was read. Bit 30 of a COB-ID says what the drive does
- * with remote requests, which nobody sends. */
+/* Returns true if an entry has the value that was read. Bit 30 of a COB-ID states how the drive
+ * answers remote requests, which the master never sends. */
 static bool is_same(const drive402_sdo_t *sdo) {
   uint8_t wanted[4] = {0, 0, 0, 0};
   fx_store_le(wanted, sdo->entry.value, sdo->entry.bytes);

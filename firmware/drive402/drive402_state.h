@@ -40,8 +40,9 @@ typedef struct {
    * drive shows switch on disabled or fault */
   uint16_t quick_stop_ms;
   int16_t abort_option; /* 6007h: what the drive does without the master */
-  /* DRIVE402_WITHOUT_ bits: what this drive lacks, or lets nobody write, and what is left out. The
-   * drive then has to do the same by settings of its maker. A mapping is still compared. */
+  /* DRIVE402_WITHOUT_ bits: objects that this drive does not have or does not permit to write, and
+   * objects that are left out. The drive then has to do the same by settings of its maker. A
+   * mapping is still compared. */
   uint16_t without;
   uint16_t differs; /* bits of DRIVE402_DIFFERS_ALL: written, but not compared, may be refused */
   uint8_t extra_count;
@@ -149,7 +150,8 @@ static inline void drive402_fail(drive402_t *master, uint8_t reason) {
   }
 }
 
-/* Returns true if the drive says that it is enabled, obeys and follows its target. */
+/* Returns true if the statusword reports that the drive is enabled, obeys and follows its
+ * target. */
 static inline bool drive402_follows(const drive402_t *master) {
   return master->state == DRIVE402_OPERATION_ENABLED &&
          (master->statusword & master->needed) == master->needed;

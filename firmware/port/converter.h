@@ -20,9 +20,9 @@
 
 enum { CONVERTER_BYTES = 6 };
 
-/* Number of equal readings in a row after which the data line or the converter counts as stuck. The
- * noise of both converters is several codes, so a working converter does not repeat a reading so
- * often. */
+/* Number of consecutive equal readings after which the data line or the converter is regarded as
+ * stuck. The noise of both converters is several codes, so a working converter does not repeat a
+ * reading so often. */
 enum { CONVERTER_EQUAL_MAX = 16 };
 
 typedef struct {

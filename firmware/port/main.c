@@ -13,8 +13,8 @@ static uint8_t bus = CAN_BUS_ACTIVE;
 fw_t *port_firmware(void) { return &firmware; }
 
 void port_tick(void) {
-  /* A port writes only the fields that its board has: most boards have no drive and no old values.
-   */
+  /* port_sample() sets only the fields that its board has. Most boards have no report of a drive
+   * and no ages. */
   axis_inputs_t inputs = {0};
   if (port_sample(&inputs)) {
     axis_outputs_t outputs;

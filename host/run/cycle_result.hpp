@@ -15,8 +15,8 @@ struct CycleValues {
   std::int32_t state;    // cycle_state
   std::int32_t outcome;  // cycle_outcome
   std::int64_t cycles;   // cycle_count
-  // Number of the phase in which a limit was exceeded first, or the cycle was stopped. It counts
-  // only with another outcome than by_program.
+  // Number of the phase in which a limit was exceeded first, or the cycle was stopped. It has a
+  // meaning only if the outcome is not by_program.
   std::optional<std::uint8_t> failed_phase;
   std::int64_t invalid_ticks = 0;  // cycle_result_invalid
   struct Element {
@@ -24,7 +24,8 @@ struct CycleValues {
     std::int32_t verdict;  // cycle_result_verdict
     std::uint32_t tick;    // cycle_result_tick
   };
-  std::vector<Element> elements;  // in the order of the program; empty before the end of a cycle
+  std::vector<Element> elements;  // evaluation elements in the order of the program; empty before
+                                  // the end of a cycle
 };
 
 // Returns true if the cycle has ended and was evaluated, by its cycle_state.

@@ -379,8 +379,8 @@ class Assembly : public Wiring {
   }
 
   void add(const Gravity &gravity) {
-    // A model file has gravity on bodies alone. linearise() pushes any point in this way, and then
-    // a point that is not a body counts as 1 kg.
+    // A model file has gravity on bodies alone. linearise() applies a force to any point in this
+    // way; a point that is not a body then has the mass 1 kg.
     const auto place_of_body = static_cast<std::size_t>(gravity.body);
     const double mass = place_of_body < bodies_ ? coordinates[place_of_body].mass : 1.0;
     std::vector<double> forces;

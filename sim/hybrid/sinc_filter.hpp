@@ -40,7 +40,8 @@ class SincFilter {
   /// Adds the moments of the signal over the last `ticks` ticks.
   void add(std::span<const double> moments, double ticks);
   /// Returns the sample at the end of the last moments, which is the end of a period. A period may
-  /// differ from T by the instants that count as a tick (SampledSensor); it then counts as T.
+  /// differ from T because instants close to a tick are treated as this tick (SampledSensor); it is
+  /// then treated as T.
   double take();
 
  private:

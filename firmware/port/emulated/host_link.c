@@ -68,7 +68,7 @@ static void read_object(const uint8_t *record) {
 /* Serves the records of the host up to the record of the next tick, which is returned in `record`.
  * If the host waits for each tick, the previous tick is completed first, as in process, so that the
  * results do not depend on the speed of the main loop. Writes of the host prolong an interrupt;
- * until the main loop has caught up with them, no tick counts as late. */
+ * until the main loop has processed them, no tick is reported as late. */
 static void serve_host(uint8_t *record) {
   static bool is_behind;
   const bool is_late = port_firmware()->ticks_alone != 0;

@@ -54,8 +54,8 @@ uint16_t can_line_lost(can_line_t *line);
 void can_line_take(can_line_t *line);
 bool can_line_receive(can_line_t *line, can_frame_t *frame);
 
-/* Gives a frame to the controller. Returns false if it has no room; true also for a frame that
- * is given up because nobody has acknowledged a frame for 100 ms. */
+/* Gives a frame to the controller. Returns false if it has no room. Returns true also for a frame
+ * that is discarded because no node has acknowledged a frame for 100 ms. */
 bool can_line_send(can_line_t *line, const can_frame_t *frame);
 
 /* The controller, implemented by bxcan.c or fdcan.c in the folder of the board.

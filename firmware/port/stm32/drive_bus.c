@@ -93,7 +93,7 @@ void drive_bus_interrupt(void) {
 }
 
 /* Writes waiting frames into empty mailboxes. Frames that wait while the controller is off the bus,
- * or behind frames that nobody acknowledges, are too old when the bus works again. */
+ * or behind frames that no node acknowledges, are too old when the bus works again. */
 static void fill_mailboxes(void) {
   if (is_stuck || line.state != CAN_LINE_RUNNING) {
     is_stuck = false;

@@ -37,7 +37,8 @@ void io_start(void) {
   if (!spi_force_start(params)) {
     found |= AXIS_BOARD_STATE_CONVERTER;
   }
-  adc_start_one(false); /* nobody reads it: the first conversion after a rest may be wrong */
+  adc_start_one(false); /* the result is not used: the first conversion after a pause may be
+                         * wrong */
 }
 
 bool io_clock_is_right(void) { return clock_is_right; }

@@ -20,7 +20,7 @@ enum { WINDOW_TICKS = 15, PERMILLE_MAX = 250 };
  * oscillator, and a poll takes at least 6 cycles. */
 enum { POLLS_MAX = 4000 };
 
-/* number of cycles of the 16 MHz oscillator in MEASURED counts of the slow oscillator; 0: not
+/* cycles of the 16 MHz oscillator during the last MEASURED counts of the slow oscillator; 0: not
  * known */
 static uint32_t cycles;
 static uint32_t before; /* count of the real-time clock at the beginning of the window */

@@ -1,4 +1,4 @@
-// Contacts of a plant that is fed a recorded command, for many values of its parameters. The
+// Contacts of a plant whose input is a recorded command, for many values of its parameters. The
 // comparison with a recording is in commission/contact_likelihood.py.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>

@@ -27,7 +27,7 @@ class StatusState(NamedTuple):
 
 class Refusal(NamedTuple):
     """A result of a refused access: its number in the firmware, its text for the user, and the SDO
-    abort codes that say so."""
+    abort codes that report it."""
 
     error: int
     name: str

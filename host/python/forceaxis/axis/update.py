@@ -117,7 +117,7 @@ def update(
 
 
 def _expect_updatable(axis: Axis) -> ProgramObjects:
-    """Returns the images of an axis that is disabled, owned by nobody else, and runs a confirmed
+    """Returns the images of an axis that is disabled, has no other owner, and runs a confirmed
     image. Raises InputError."""
     where, now = axis.link.where, axis.record(OwnerObjects)
     if now.state in POWERED:

@@ -114,7 +114,7 @@ class _ChannelCount:
     gaps: Gaps = field(default_factory=Gaps)
 
     def summary(self) -> ChannelSummary:
-        """Returns the message counts as a result."""
+        """Returns the numbers of messages as a result."""
         span_s = (self.last_us - self.first_us) / 1e6
         ours = self.type is not None
         return ChannelSummary(

@@ -161,7 +161,8 @@ def exact(
         else:
             failed = bank.force_gain
         if kept:
-            # The gain was lowered far, so that a larger one may keep the bounds.
+            # The last step has lowered the gain by a large factor, so a larger gain may also keep
+            # the bounds.
             between = lowered(bank, math.sqrt(kept[0].force_gain * failed) / bank.force_gain)
             if between.force_gain <= kept[0].force_gain:
                 break

@@ -105,8 +105,8 @@ class Boundary:
         )
 
     def halve(self, verdict: str | None) -> None:
-        """Sets the verdict in the middle of the range. None means that the run failed and that the
-        boundary is unknown."""
+        """Halves the range by the verdict of the run in its middle. None means that this run
+        failed, so that the boundary is unknown."""
         if verdict is None:
             self.searching, self.stable, self.unstable = False, math.nan, math.nan
         elif verdict == STABLE:

@@ -86,8 +86,8 @@ class Measurement:
     The errors of the n points are independent, and the error of `response` at each point has a
     circular complex normal distribution. `variance` estimates the variance of this error from `dof`
     complex residuals, so that |response - true|^2 / variance follows F(2, 2 dof). With a window,
-    neighbouring points have common noise, and leakage counts as noise; confidence bands and tests
-    are then conservative.
+    neighbouring points have common noise, and leakage is included in the noise; confidence bands
+    and tests are then conservative.
     """
 
     frequency_hz: Reals  #: (n,) ascending frequencies, > 0, below 1 / (2 dt)
