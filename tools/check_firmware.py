@@ -23,8 +23,7 @@ Everywhere in firmware, sim and host:
                quotes, from the root ("firmware/...", "sim/...", "host/..."), without ".."; a port
                includes the chip.h of its board by that name
   circle       no file reaches itself by includes, and in those folders of firmware/ none by
-               includes and calls; but in drive and app, whose files share the structure of one
-               header, no module (NAME.h with NAME.c) reaches itself by includes either
+               includes and calls, nor a module (NAME.h with NAME.c) by includes
   folder       nothing lies below firmware/ but in those folders and port
 """
 
@@ -41,8 +40,6 @@ FOLDERS = (
     "fx", "objects", "core", "cycle", "guard", "drive", "canopen", "drive402", "modbus", "storage",
     "app",
 )  # fmt: skip
-# All files of these folders use one structure, cia402_t or fw_t, which drive.h and fw.h define.
-ONE_STRUCTURE = ("drive", "app")
 PORTS = "port"  # may include all of firmware, the library of the compiler and conditionals
 # The header of a board with an STM32 that the shared files include by its name alone (tools/image).
 CHIP_HEADER = "chip.h"
@@ -384,9 +381,7 @@ def check_module_circles(root, findings):
     """No module, NAME.h with NAME.c, includes itself through others."""
     uses = {}
     for folder in FOLDERS:
-        for path in (
-            sources_below(root / "firmware" / folder) if folder not in ONE_STRUCTURE else ()
-        ):
+        for path in sources_below(root / "firmware" / folder):
             own = path.relative_to(root).with_suffix("").as_posix()
             for _, header, kind in included(read(path)):
                 other = Path(header).with_suffix("").as_posix()

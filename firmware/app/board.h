@@ -2,9 +2,9 @@
 #define FIRMWARE_APP_BOARD_H_
 
 /* Information about the board: the cause of the last reset, read at power-up, and the errors that
- * the board detects in a tick (fw_board(), in fw.h). */
+ * the board detects in a tick. */
 
-#include "firmware/app/fw.h"
+#include "firmware/app/fw_state.h"
 
 /* Returns the error code (AXIS_ERROR_CODE_) for the cause of the last reset. The firmware sends
  * this code in the emergency message at power-up and stores the code in an interrupted incident. A
@@ -13,5 +13,21 @@ uint16_t board_reset_error(const fw_config_t *config);
 
 /* Sets the signal reset_cause and the signals that describe a fault of the processor core. */
 void board_show_reset(fw_t *fw);
+
+/* Accepts the errors that the board has detected in its own hardware, as a set of AXIS_BOARD_STATE_
+ * bits, and the deviation of the tick length from a second clock in 1/1000. Call fw_board() between
+ * fw_prepare() and fw_control(). It disables the axis in that tick with one of the faults
+ *   board_unfit   OPTION_BYTES, IMAGE, RAM, CONVERTER, which are detected at power-up
+ *   supply_wrong  SUPPLY, REFERENCE
+ *   clock_wrong   TICK
+ *   output_wrong  DAC, ENABLE
+ * as long as the error is detected; the other bits are only reported. board_state keeps the
+ * detected errors until the axis has no fault. */
+void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation);
+
+/* Accepts the time that a tick took and by how much it began late, in us, or the greatest ones of
+ * several ticks. tick_time_max and tick_late_max keep the greatest ones. Call fw_tick_times()
+ * between two ticks. */
+void fw_tick_times(fw_t *fw, uint16_t time_us, uint16_t late_us);
 
 #endif

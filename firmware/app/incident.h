@@ -6,7 +6,7 @@
  * the black box is discarded, and the recorder uses the buffer until recorder_arm becomes 0. The
  * archive (archive.h) keeps an incident over a power cut. */
 
-#include "firmware/app/fw.h"
+#include "firmware/app/fw_state.h"
 
 /* Initialises the black box at power-up; the recorder must be initialised before. blackbox_init()
  * describes `reset_error`. */

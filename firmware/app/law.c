@@ -2,6 +2,7 @@
 
 #include "firmware/app/ownership.h"
 #include "firmware/core/certificate.h"
+#include "firmware/drive/drive.h"
 
 int law_check(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
   (void)source;

@@ -7,7 +7,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/app/fw.h"
+#include "firmware/app/fw_state.h"
 
 /* The dictionary calls law_check() before and law_written() after a write to an object of the force
  * law. */

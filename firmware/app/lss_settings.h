@@ -7,7 +7,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/app/fw.h"
+#include "firmware/app/fw_state.h"
 #include "firmware/canopen/lss.h"
 
 /* Checks whether `value` is permitted for stored_node_id, stored_bit_rate or drive_bit_rate.

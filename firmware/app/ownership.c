@@ -1,6 +1,6 @@
 #include "firmware/app/ownership.h"
 
-#include "firmware/app/update.h"
+#include "firmware/drive/drive.h"
 #include "firmware/drive/state.h"
 
 /* Returns true if the drive has power. The signal active_mode belongs to the last tick, so the
@@ -87,7 +87,7 @@ static bool is_fixed(const fw_t *fw, uint16_t object, int32_t value) {
  * change during a save. */
 static bool is_prevented(const fw_t *fw, const axis_object_t *entry, bool starts) {
   return (store_is_busy(&fw->store) && (entry->stored != 0 || starts)) ||
-         (update_is_busy(fw) && starts);
+         (update_is_busy(&fw->update, fw->axis.signals.tick_count) && starts);
 }
 
 int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {

@@ -22,7 +22,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/app/fw.h"
+#include "firmware/app/fw_state.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 

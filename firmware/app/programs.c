@@ -119,8 +119,8 @@ int programs_check(const fw_t *fw, uint16_t object, int32_t value) {
 /* Begins a program or an update with its first word, or continues an update whose offset has passed
  * 65535. */
 static void begin_parts(fw_t *fw, uint32_t first) {
-  const bool continues =
-      update_is_receiving(fw) && fw->update.received != 0 && (fw->update.received & 0xFFFFu) == 0;
+  const bool continues = update_is_receiving(&fw->update, fw->axis.signals.tick_count) &&
+                         fw->update.received != 0 && (fw->update.received & 0xFFFFu) == 0;
   if (first == UPDATE_MAGIC) {
     (void)update_begin(fw, 0);
   } else if (!continues) {
@@ -140,7 +140,7 @@ static void take_part(fw_t *fw, uint16_t object, uint32_t value) {
     if (place == 0) {
       begin_parts(fw, value);
     }
-    if (update_is_receiving(fw)) {
+    if (update_is_receiving(&fw->update, fw->axis.signals.tick_count)) {
       update_part(fw, (uint16_t)place, bytes);
     } else {
       (void)cycle_library_append(&fw->library, place, bytes, sizeof(bytes));

@@ -14,7 +14,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/app/fw.h"
+#include "firmware/app/fw_state.h"
 
 /* 5 s, as an SDO transfer waits. */
 enum { PROGRAMS_SILENCE_TICKS = 7500 };

@@ -7,7 +7,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/app/fw.h"
+#include "firmware/app/fw_state.h"
 
 /* Checks a write to a recorder channel or to the trigger source: the value must be 0 for none, or
  * the address of an object that has a value. Returns FW_OK or FW_ERROR_RANGE. */

@@ -6,7 +6,7 @@
 
 #include <stdint.h>
 
-#include "firmware/app/fw.h"
+#include "firmware/app/fw_state.h"
 
 /* Sends one of the emergency messages FF01h to FF04h. The firmware limits the rate of these
  * messages, because the cause of a message could occur in every tick. */

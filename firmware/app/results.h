@@ -15,7 +15,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/app/fw.h"
+#include "firmware/app/fw_state.h"
 
 /* 10 minutes: a sector of the store then lasts for years (storage/store.h). */
 enum { RESULTS_STORE_TICKS = 900000 };

@@ -4,7 +4,7 @@
 /* Commands and results of the tare and of the calibration of the force sensor. These functions run
  * between ticks. */
 
-#include "firmware/app/fw.h"
+#include "firmware/app/fw_state.h"
 
 /* Executes the command `tare` or `calibrate`. Returns FW_OK; FW_ERROR_RANGE if the calibration
  * failed (calibration_state gives the reason); or FW_ERROR_BUSY while the parameter store is

@@ -185,7 +185,7 @@ static int take_byte(fw_t *fw, uint8_t byte) {
 }
 
 int update_append(fw_t *fw, const uint8_t *bytes, uint32_t count) {
-  if (!update_is_receiving(fw)) {
+  if (!update_is_receiving(&fw->update, fw->axis.signals.tick_count)) {
     return FW_ERROR_STATE;
   }
   int result = FW_OK;
@@ -244,7 +244,7 @@ int update_command(fw_t *fw, uint32_t value) {
   if (fw->config.slots == NULL) {
     return FW_ERROR_NO_MEMORY;
   }
-  if (update_is_busy(fw)) {
+  if (update_is_busy(&fw->update, fw->axis.signals.tick_count)) {
     return FW_ERROR_BUSY;
   }
   switch (value) {

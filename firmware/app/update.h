@@ -19,10 +19,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/app/fw.h"
+#include "firmware/app/fw_state.h"
 
 enum {
-  UPDATE_SILENCE_TICKS = 7500,  /* 5 s, as an SDO transfer waits */
   UPDATE_RESTART_TICKS = 150,   /* 100 ms from the command until the chip restarts */
   UPDATE_CONFIRM_TICKS = 15000, /* 10 s without an overrun, before an image may be confirmed */
   UPDATE_BYTES_MAX = (int)UPDATE_HEAD_BYTES + (int)SLOT_IMAGE_BYTES_MAX
@@ -61,15 +60,5 @@ int update_command(fw_t *fw, uint32_t value);
 
 /* Call update_serve() between two ticks. Restarts the chip after the command. */
 void update_serve(fw_t *fw);
-
-static inline bool update_is_receiving(const fw_t *fw) {
-  return fw->update.is_receiving != 0 &&
-         fw->axis.signals.tick_count - fw->update.tick < UPDATE_SILENCE_TICKS;
-}
-
-/* Returns true while the axis must not be enabled. */
-static inline bool update_is_busy(const fw_t *fw) {
-  return fw->update.restart_ticks != 0 || update_is_receiving(fw);
-}
 
 #endif

@@ -23,7 +23,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/drive/drive.h"
+#include "firmware/drive/drive_state.h"
 
 /* Returns true while a cycle runs or its last samples are evaluated. */
 static inline bool cycle_mode_is_busy(const cia402_t *drive) {

@@ -7,7 +7,7 @@
 
 #include <stdbool.h>
 
-#include "firmware/drive/drive.h"
+#include "firmware/drive/drive_state.h"
 
 void force_profile(cia402_t *drive, axis_t *axis);
 void force_cyclic(cia402_t *drive, axis_t *axis);

@@ -36,7 +36,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/drive/drive.h"
+#include "firmware/drive/drive_state.h"
 
 /* Computes one tick of homing, or of the mode "none", in which the axis stays at its position. */
 void homing_run(cia402_t *drive, axis_t *axis);

@@ -7,7 +7,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/drive/drive.h"
+#include "firmware/drive/drive_state.h"
 
 /* Force set-point that a mode controls: no set-point; force_setpoint in counts of the measured
  * force; target_force with force_offset in per mille of rated_force. */
@@ -100,5 +100,9 @@ void cia402_show_cycle(cia402_t *drive);
  * phases of a cycle needs, too. */
 void cia402_leave_mode(cia402_t *drive);
 void cia402_end_mode(cia402_t *drive);
+
+/* Reacts to a write to excitation_run, which starts or stops the excitation. Returns FW_OK or
+ * FW_ERROR_STATE. */
+int cia402_excite(cia402_t *drive, const axis_t *axis, bool start);
 
 #endif

@@ -9,7 +9,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/drive/drive.h"
+#include "firmware/drive/drive_state.h"
 #include "firmware/drive/trajectory.h"
 #include "firmware/fx/fx.h"
 

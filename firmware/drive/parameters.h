@@ -8,7 +8,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/drive/drive.h"
+#include "firmware/drive/drive_state.h"
 
 /* Reactions of the drive when it has to stop the axis: values of 6007h and 605Ah, and the values
  * that 605Bh to 605Eh have in common. */
@@ -24,5 +24,15 @@ void parameters_derive(cia402_t *drive);
 /* Computes the values that are derived from the changed parameter `object` (AXIS_OBJ_). Returns
  * true if the change gives another meaning to a target that was written before. */
 bool parameters_written(cia402_t *drive, uint16_t object);
+
+/* Checks whether a value within its range may be written to an object of the drive. Returns FW_OK
+ * or FW_ERROR_RANGE. */
+int cia402_check(const cia402_t *drive, uint16_t object, int32_t value);
+
+/* Restricts a force law without a certificate, or removes the restriction. In every mode that
+ * controls force, the restriction limits the demanded force to `force` per mille of force_limit,
+ * limits the code of the law to +-`output`, and shows a warning. */
+void cia402_restrict_law(cia402_t *drive, uint16_t force, uint16_t output);
+void cia402_release_law(cia402_t *drive);
 
 #endif

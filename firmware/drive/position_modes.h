@@ -7,7 +7,7 @@
 
 #include <stdbool.h>
 
-#include "firmware/drive/drive.h"
+#include "firmware/drive/drive_state.h"
 
 void position_profile(cia402_t *drive, axis_t *axis);
 void position_guarded_move(cia402_t *drive, axis_t *axis);

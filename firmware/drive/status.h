@@ -3,7 +3,7 @@
 
 /* The outputs of the drive: the signals in user units, and the statusword. */
 
-#include "firmware/drive/drive.h"
+#include "firmware/drive/drive_state.h"
 
 /* Computes every signal of the drive after a tick, and counts the ticks for which the target has
  * been reached and the axis has been at standstill. */

@@ -1,5 +1,5 @@
 """The update file of a board: the images of the firmware for both slots, each behind its head
-(firmware/app/fw.h: update_head_t).
+(firmware/app/update_state.h: update_head_t).
 
 The file has 64 bytes {"FAXF", version 1, offset and size of both records, SHA-256 of everything
 behind these 64 bytes}, then two records. A record is a head and an image. An axis takes the record

@@ -1,0 +1,52 @@
+#ifndef FIRMWARE_APP_UPDATE_STATE_H_
+#define FIRMWARE_APP_UPDATE_STATE_H_
+
+/* The state of an update of the firmware in operation (update.h). */
+
+#include <stdbool.h>
+#include <stdint.h>
+
+/* The head of an update, in front of the image; numbers are little-endian. */
+typedef struct {
+  uint32_t magic;          /* UPDATE_MAGIC */
+  uint32_t address;        /* address for which the image is linked */
+  uint32_t length;         /* length of the image in bytes; a multiple of 4 */
+  uint32_t crc;            /* CRC-32 of the image */
+  uint32_t table;          /* AXIS_OBJECTS_HASH32 of the image */
+  uint32_t replaced_table; /* AXIS_OBJECTS_HASH32 of the axis for which the update is */
+  char board[16];          /* name of the board, as in identity.h */
+  char version[16];
+  uint32_t unused;
+  uint32_t head_crc; /* CRC-32 of the bytes before */
+} update_head_t;
+
+enum { UPDATE_HEAD_BYTES = sizeof(update_head_t) };
+
+typedef struct {
+  update_head_t head;
+  uint32_t size;         /* announced number of bytes, 0: none */
+  uint32_t received;     /* number of bytes */
+  uint32_t crc;          /* CRC-32 of the bytes of the image programmed so far */
+  uint32_t tick;         /* tick of the last bytes */
+  uint32_t sequence;     /* sequence number of the running image */
+  uint32_t overrun_tick; /* tick of the last overrun */
+  uint8_t word[4];       /* bytes of the word that is not complete */
+  uint8_t is_receiving;
+  uint8_t restart_ticks; /* ticks until the restart, 0: none */
+} update_t;
+
+/* Number of ticks without bytes after which an update is over: 5 s, as an SDO transfer waits. */
+enum { UPDATE_SILENCE_TICKS = 7500 };
+
+/* Returns true while bytes of an update are expected, at the tick `tick`. */
+static inline bool update_is_receiving(const update_t *update, uint32_t tick) {
+  return update->is_receiving != 0 && tick - update->tick < UPDATE_SILENCE_TICKS;
+}
+
+/* Returns true while the axis must not be enabled, because an update or a restart is in progress.
+ */
+static inline bool update_is_busy(const update_t *update, uint32_t tick) {
+  return update->restart_ticks != 0 || update_is_receiving(update, tick);
+}
+
+#endif

@@ -1,0 +1,191 @@
+#ifndef FIRMWARE_DRIVE_DRIVE_STATE_H_
+#define FIRMWARE_DRIVE_DRIVE_STATE_H_
+
+/* The state of a drive (drive.h), which all files of this folder share. */
+
+#include <stdint.h>
+
+#include "firmware/core/axis.h"
+#include "firmware/cycle/cycle.h"
+#include "firmware/drive/shaper.h"
+#include "firmware/fx/fx.h"
+#include "firmware/guard/guards.h"
+
+/* States of homing: idle; requested by the controlword; begun, until the axis is at standstill;
+ * searching the reference position; done; failed. */
+enum {
+  CIA402_HOMING_IDLE = 0,
+  CIA402_HOMING_ASKED = 1,
+  CIA402_HOMING_BEGUN = 2,
+  CIA402_HOMING_SEEKING = 3,
+  CIA402_HOMING_DONE = 4,
+  CIA402_HOMING_ERROR = 5
+};
+
+/* Use of the trajectory: not used, followed by the axis, or virtual. A virtual trajectory is only a
+ * reference from which the force laws compute errors of position and velocity. */
+enum { CIA402_TRACKING_NONE = 0, CIA402_TRACKING_AXIS = 1, CIA402_TRACKING_VIRTUAL = 2 };
+
+/* Longest duration of a ramp to standstill: 10 s. This bound applies to quick stop, fault reaction,
+ * shutdown, disable operation, halt and a change of mode. If the deceleration is too small for this
+ * duration, the drive uses a larger deceleration. The longest travel of the ramp is speed times 5
+ * s. If the axis does not follow the ramp, the axis is switched off in motion. */
+enum { CIA402_STOPPING_TICKS = 15000 };
+
+/* Value of the field `slowing` during a tick of a ramp to standstill. In the next tick `slowing` is
+ * 1. */
+enum { CIA402_SLOWING = 2 };
+
+/* Number of ticks over which velocity_actual is averaged. */
+enum { CIA402_MEAN_TICKS = 16 };
+
+/* A set-point of profile position mode or of a guarded move. */
+typedef struct {
+  int32_t position; /* target position in user units, as the client wrote it */
+  uint32_t speed;   /* profile velocity of the set-point in user units per second */
+} cia402_setpoint_t;
+
+typedef struct {
+  int32_t start_cnt;       /* encoder count at which homing began */
+  int32_t step_cnt;        /* encoder count at the start of the present step of homing */
+  uint32_t remaining_tick; /* number of ticks that remain until homing_timeout */
+  uint8_t state;           /* state of homing, CIA402_HOMING_ */
+  uint8_t method; /* index of the homing method in homing.c; step: index of its present step */
+  uint8_t step;
+} cia402_homing_t;
+
+/* Factors between user units and counts, derived from 608Fh, 6091h and 6092h (units.h). */
+typedef struct {
+  fx_fraction_t user_of_cnt; /* number of user units per count; valid only if `scaled` is 1 */
+  fx_ratio_t speed_of_user;  /* speed in Q16 counts per tick that equals one user unit per second */
+  /* acceleration in Q16 counts per tick squared that equals one user unit per second squared */
+  fx_ratio_t rate_of_user;
+  uint8_t scaled; /* 0 if the user unit is the encoder count */
+} cia402_units_t;
+
+/* Bounds of the demanded force. A bound is force_limit, or the limit of one direction if that limit
+ * is smaller. Without a certificate the bounds also include the force permitted to a force law
+ * without a certificate. */
+typedef struct {
+  int32_t least; /* lower bound of the demanded force in per mille of the rated force, -32767..0 */
+  int32_t most;  /* upper bound of the demanded force in per mille of the rated force, 0..32767 */
+  int32_t least_q8; /* lower bound of the demanded force in 1/256 count of measured force */
+  int32_t most_q8;
+  /* bound of the force set-point of mode -1 without a certificate, in 1/256 count of measured
+   * force; mode -1 has no other bound */
+  int32_t law_q8;
+} cia402_force_bounds_t;
+
+/* Values of those parameters of the axis that the drive overrides during a tick; they are restored
+ * after the tick. */
+typedef struct {
+  int32_t position_setpoint;
+  int32_t force_setpoint;
+  int16_t open_loop_code;
+  uint16_t output_limit;
+  uint8_t profile_enable;
+  uint8_t bump_decay_shift;
+  uint8_t active; /* 1 if the drive overrides these parameters of the axis now */
+} cia402_overridden_t;
+
+typedef struct cia402_mode cia402_mode_t; /* One row of the table of modes (modes.h). */
+
+/* State of the drive. A copy of this structure is a copy of the drive. The signals are those of the
+ * latest tick. In every second tick the drive computes the forces, current_actual, velocity_sensor
+ * and drive_inputs. In the other ticks the drive computes velocity_actual, and checks whether the
+ * target is reached and whether the axis is at standstill. */
+typedef struct {
+  drive_params_t params;
+  drive_signals_t signals;
+  const cia402_mode_t *mode; /* table row of the mode that modes_of_operation_display shows */
+  profile_t trajectory;      /* trajectory in encoder counts; valid unless `tracking` is none */
+  /* trajectory after input shaping; valid after the first step of motion_shaper */
+  profile_t shaped;
+  /* user position in counts minus encoder count, before the polarity is applied */
+  int32_t origin_cnt;
+  /* lead of the position set-point over the trajectory, in counts, for velocity_offset */
+  int32_t lead_cnt;
+  cia402_units_t units;
+  /* Limits of the trajectory in Q16 counts per tick and Q16 counts per tick squared, derived from
+   * the parameters. */
+  int32_t speed_max;
+  int32_t acceleration;
+  int32_t deceleration;
+  int32_t quick_deceleration;
+  /* smallest decrease per tick with which the present ramp to standstill ends in time */
+  int32_t stop_step;
+  /* measured force in 1/256 count that equals one per mille of the rated force */
+  fx_ratio_t reading_of_force;
+  /* force in per mille of the rated force that equals 1/256 count of measured force */
+  fx_ratio_t force_of_reading;
+  cia402_force_bounds_t force_bounds;
+  /* bound of the demanded force without a certificate, in per mille of force_limit */
+  uint16_t law_force;
+  uint16_t law_output;    /* bound of the DAC code of a force law without a certificate */
+  int32_t force_ramp_q16; /* demanded force after the ramp, in Q16 per mille of the rated force */
+  /* demanded force after ramp and input shaping, in Q16 per mille of the rated force */
+  int32_t force_demand_q16;
+  cia402_setpoint_t setpoint; /* active or last set-point of profile position mode */
+  cia402_setpoint_t buffered; /* next set-point of profile position mode */
+  /* number of ticks for which the force law still acts after a contact loss */
+  uint32_t dwell_remaining;
+  /* number of ticks until the axis shall reach the cyclic target */
+  uint32_t interpolation_remaining;
+  /* number of ticks for which the following error has been outside its window */
+  uint32_t outside_tick;
+  uint32_t reached_tick;  /* number of ticks for which the target has been reached */
+  uint32_t standing_tick; /* number of ticks for which the axis has been at standstill */
+  /* travel of the last CIA402_MEAN_TICKS ticks in counts, modulo 2^32 */
+  int32_t velocity_sum;
+  int32_t velocities[CIA402_MEAN_TICKS];
+  /* input shaper of the force demand: in Q16 per mille in modes 4 and 10, in 1/256 count in mode
+   * -1 */
+  shaper_t force_shaper;
+  shaper_t motion_shaper; /* input shaper of the speed of the trajectory */
+  guards_t guards;
+  cia402_homing_t homing;
+  cycle_t cycle;                 /* cycle of mode -9 */
+  const cycle_header_t *program; /* selected program, checked; NULL: none */
+  uint8_t cycle_lock; /* state (AXIS_CYCLE_STATE_) for which the caller permits no start, or idle */
+  int32_t cycle_offset_q8; /* offset of the program's force in 1/256 per mille of the rated force */
+  uint8_t cycle_refusal;   /* state (AXIS_CYCLE_STATE_) that says why no cycle started, or idle */
+  uint32_t law_crc;        /* CRC of the selected bank, 0 without one */
+  uint32_t cycle_bank_crc; /* value of cycle_mode_bank() at the start of the cycle */
+  cia402_overridden_t overridden;
+  uint8_t velocity_next;   /* index of the oldest velocity sample in `velocities` */
+  uint8_t tracking;        /* use of the trajectory, CIA402_TRACKING_ */
+  uint8_t setpoint_active; /* 1 if the drive moves to the set-point in `setpoint` */
+  /* 1 if `buffered` contains a set-point that the drive has not started yet */
+  uint8_t setpoint_buffered;
+  /* 1 if the drive has accepted the new set-point of the present controlword */
+  uint8_t acknowledged;
+  /* number of ticks for which the trajectory has been at standstill at the end of a ramp */
+  uint8_t settling_tick;
+  uint16_t stopping_tick; /* number of ticks since a quick stop or fault reaction began */
+  uint8_t slowing;        /* not 0 if a ramp to standstill was active in the last tick */
+  /* 1 if a ramp to standstill is active, after which the drive changes to the state leaving_to */
+  uint8_t leaving;
+  uint8_t leaving_to; /* state after the ramp, AXIS_DRIVE_STATE_ */
+  uint8_t fault;      /* fault (AXIS_FAULT_) that is latched at the end of the fault reaction */
+  uint8_t homed;      /* 1 after homing has found the reference position, up to invalid sensors */
+  uint8_t controlled; /* 1 if a force mode was active in the last tick */
+  uint8_t pressing;   /* 1 if the force law is active in mode 4 or 10 */
+  int8_t pressed;     /* sign of the measured force at the latest contact in mode 4 or 10 */
+  /* 1 if the guarded move ended because the axis touched the workpiece */
+  uint8_t stopped_by_contact;
+  uint8_t limited; /* 1 if the drive has limited a target to a bound */
+  /* 1 if the force law has no certificate, so that the bounds law_force and law_output apply */
+  uint8_t uncertified;
+  /* 1 if the bounds law_force and law_output act in this tick; updated in every second tick */
+  uint8_t restricted;
+  /* 1 if neither a watchdog nor a heartbeat would detect the loss of the owner that enabled the
+   * axis */
+  uint8_t unsupervised;
+  /* position_written, velocity_written, force_written: 1 if the target was written for its present
+   * use */
+  uint8_t position_written;
+  uint8_t velocity_written;
+  uint8_t force_written;
+} cia402_t;
+
+#endif
