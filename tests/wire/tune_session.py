@@ -1,6 +1,6 @@
 """The session of test_tune_killed.py on real CAN, in one guest: run under tools/vcan with a folder
-to write to and a seed. `forceaxis tune` is killed once in each of its steps, at a random moment,
-and begun again.
+to write to, a seed and the steps of `forceaxis tune` in which it is killed, each once, at a random
+moment, and begun again.
 """
 
 import json
@@ -110,7 +110,7 @@ def killed_in_step(step, folder, axis):
     return one
 
 
-def main(folder, seed, steps):
+def main(folder, seed, kills, steps):
     random.seed(seed)
     new.write(folder / "press", *data_sheet.collect({k: str(v) for k, v in SHEET.items()}))
     common = [folder / "press/contact.toml", "--link", "socketcan", "--endless", "--pace", "real"]
@@ -130,7 +130,7 @@ def main(folder, seed, steps):
             axis.set(**SETTINGS)
         axis = Axis(CanLink("vcan0", 1))  # that only reads
         steps["seed"], steps["before"] = seed, as_found.read(axis)
-        for step in STEPS:
+        for step in kills:
             steps(f"killed {step}", killed_in_step, step, folder, axis)
         steps["status"], steps["lines"] = Tool(folder, "--json").end()
         names = ("drive_state", "fault", "force_bank", "bank_state_1", "certificate_state_1")
@@ -148,4 +148,4 @@ def main(folder, seed, steps):
 
 if __name__ == "__main__":
     with Steps(sys.argv[1]) as found:
-        main(Path(sys.argv[1]), int(sys.argv[2]), found)
+        main(Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3:], found)
