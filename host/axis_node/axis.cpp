@@ -45,32 +45,30 @@ std::string exact(double value) {
   return digits.data();
 }
 
-// Returns the result of the last cycle in the form of the property `cycle` of _core.Result.
-std::string json_of(const host::CycleResult &cycle, const host::CycleProgram &program) {
-  std::string phases, figures;
-  for (const std::string &phase : program.phases) append(phases, json_text(phase));
-  for (std::size_t i = 0; i < cycle.figures.size(); ++i) {
-    const host::CycleFigure &figure = cycle.figures[i];
-    const host::CycleElement &element = program.elements[i];
-    append(figures, JsonObject()
-                        .add("name", element.name)
-                        .add("kind", element.kind)
-                        .raw("value", exact(figure.value))
-                        .add("unit", element.unit)
-                        .add("tick", figure.tick)
-                        .add("verdict", figure.verdict)
-                        .text());
+// Return a value, or a struct with items(), as JSON.
+std::string json_of(double value) { return exact(value); }
+std::string json_of(const std::string &value) { return json_text(value); }
+template <class T>
+std::string json_of(const T &value);
+template <class T>
+std::string json_of(const std::vector<T> &values) {
+  std::string text;
+  for (const T &value : values) append(text, json_of(value));
+  return "[" + text + "]";
+}
+template <class T>
+std::string json_of(const T &value) {
+  if constexpr (std::is_integral_v<T>) {
+    return std::to_string(value);
+  } else {
+    JsonObject object;
+    std::apply(
+        [&](const auto &...items) {
+          ((void)object.raw(items.key, json_of(std::invoke(items.get, value))), ...);
+        },
+        T::items());
+    return object.text();
   }
-  return JsonObject()
-      .add("title", program.title)
-      .add("state", cycle.state)
-      .add("outcome", cycle.outcome)
-      .add("failed_phase", cycle.failed_phase)
-      .add("cycles", cycle.cycles)
-      .add("invalid_ticks", cycle.invalid_ticks)
-      .raw("phases", "[" + phases + "]")
-      .raw("figures", "[" + figures + "]")
-      .text();
 }
 
 std::unique_ptr<store_file_t, StoreCloser> open_store(const std::string &file,
@@ -199,7 +197,7 @@ std::string Axis::json() {
       .add("fault", host::enum_text(AXIS_OBJ_FAULT, firmware_->read(AXIS_OBJ_FAULT)))
       .add("overruns", firmware_->read(AXIS_OBJ_OVERRUNS))
       .raw("refused", "[" + refused + "]");
-  if (const auto cycle = firmware_->cycle()) o.raw("cycle", json_of(*cycle, *experiment_.cycle));
+  if (const auto cycle = firmware_->cycle()) o.raw("cycle", json_of(*cycle));
   if (!lost.empty()) o.raw("after_silence", lost);
   return o.text();
 }

@@ -11,6 +11,7 @@
 #include "host/fmu/codes.hpp"
 #include "host/run/experiment_writes.hpp"
 #include "host/run/objects.hpp"
+#include "sim/model/elements/drive.hpp"
 #include "sim/model/text.hpp"
 
 namespace forceaxis::fmu {

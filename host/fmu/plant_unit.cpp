@@ -7,6 +7,7 @@
 
 #include "host/fmu/codes.hpp"
 #include "sim/hybrid/plant.hpp"
+#include "sim/model/elements/all.hpp"
 #include "sim/model/text.hpp"
 
 namespace forceaxis::fmu {
@@ -163,7 +164,7 @@ class PlantUnit final : public Unit {
     std::vector<sim::Override> overrides;
     for (const auto &[name, override] : changed) overrides.push_back(override);
     auto model = std::make_shared<const sim::Model>(file_.model(overrides));
-    top_ = 1 << (model->dac.bits - 1);
+    top_ = 1 << (model->dac->bits - 1);
     const auto seed = static_cast<std::uint64_t>(values_[seed_]);
     plant_.emplace(std::move(model), sim::PlantOptions{.listed_events = 0, .seed = seed});
     codes_ = plant_->codes();

@@ -12,6 +12,7 @@
 #include "host/run/cycle_result.hpp"
 #include "host/run/objects.hpp"
 #include "host/run/plant_side.hpp"
+#include "sim/model/elements/dac.hpp"
 
 namespace forceaxis::host {
 namespace {
@@ -63,7 +64,7 @@ ChipSide::ChipSide(const Experiment &experiment, const ChipPipes &pipes)
     : experiment_(&experiment),
       pipes_(pipes),
       writes_(experiment),
-      steps_per_code_(1 << (experiment.model->dac.bits - 12)) {
+      steps_per_code_(1 << (experiment.model->dac->bits - 12)) {
   if (experiment.cycle) load_program();
   writes_.write_initial(writer());
 }

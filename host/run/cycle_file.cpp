@@ -11,7 +11,10 @@
 #include <utility>
 
 #include "firmware/port/host/firmware.hpp"
+#include "host/run/cycle_conditions.hpp"
 #include "sim/hybrid/mode.hpp"
+#include "sim/model/elements/adc.hpp"
+#include "sim/model/elements/encoder.hpp"
 #include "sim/model/section.hpp"
 #include "sim/model/text.hpp"
 #include "sim/model/toml.hpp"
@@ -139,6 +142,7 @@ class Reader {
     program_.title = root_.text("title", kText);
     read_name();
     header_.number = static_cast<std::uint32_t>(root_.integer("number"));
+    program_.number = header_.number;
     if (const auto crc = root_.optional_text("bank_crc", kText)) header_.bank_crc = crc_of(*crc);
     read_zero();
     header_.outputs_keep = read_outputs(root_, "keep_outputs");
@@ -148,7 +152,6 @@ class Reader {
     if (names_.phases.size() > CYCLE_PHASES_MAX)
       root_.fail("phase", "expected at most 16 phases, got " +
                               std::to_string(names_.phases.size()) + "; remove some");
-    program_.phases = names_.phases;
     root_.each("phase", [&](Section &section) { read_phase(section); });
     root_.each("element", [&](Section &section) { read_element(section); });
     root_.finish();
@@ -219,11 +222,20 @@ class Reader {
     return static_cast<std::uint8_t>(x.size());
   }
 
+  static CyclePoints points_of(Section &section, const std::string &x_key,
+                               const std::string &y_key) {
+    const std::vector<double> x = section.numbers(x_key), y = section.numbers(y_key);
+    CyclePoints points;
+    for (std::size_t i = 0; i < x.size(); ++i) points.emplace_back(x[i], y[i]);
+    return points;
+  }
+
   void read_compliance() {
     const char *const force = "compliance_force", *const deflection = "compliance_deflection";
     if (!root_.has(force) && !root_.has(deflection)) return;
     header_.compliance =
         read_table(root_, force, scales_.q8_per_N, deflection, scales_.counts_per_m);
+    program_.compliance = points_of(root_, force, deflection);
     if (std::max(-points_.front().x, points_.back().x) > CYCLE_FORCE_MAX_Q8)
       root_.fail(force, "expected forces within the range of the sensor; lower them");
     if (points_.size() > CYCLE_COMPLIANCE_MAX)
@@ -237,9 +249,13 @@ class Reader {
   }
 
   void read_zero() {
+    static const char *const kZeros[] = {"touch", "force", "position"};
     static const std::set<std::string> kKeys[] = {{}, {"zero_force"}, {"zero_position"}};
     header_.zero = static_cast<std::uint8_t>(root_.choice("zero", "choose where travel 0 is"));
     only(root_, "this zero", {"zero_force", "zero_position"}, kKeys[header_.zero]);
+    program_.zero = kZeros[header_.zero];
+    if (header_.zero != CYCLE_ZERO_TOUCH)
+      program_.zero_at = root_.optional_number("zero_" + program_.zero);
     if (header_.zero == CYCLE_ZERO_FORCE) {
       const double force = needed(root_, "zero_force", "zero = \"force\"");
       header_.zero_level = force_q8(root_, "zero_force", force);
@@ -392,8 +408,7 @@ class Reader {
   }
 
   void read_action(Section &section, cycle_phase_t &phase, double force_max_N) {
-    static const char *const kActions[] = {"move", "move_by", "move_to_depth", "approach", "press",
-                                           "wait", "follow",  "tare",          "output"};
+    const std::string action = section.text("do", kText);
     switch (phase.action) {
       case CYCLE_PRESS:
         return read_press(section, phase, force_max_N);
@@ -403,9 +418,9 @@ class Reader {
         return read_tare(section, phase);
       case CYCLE_WAIT:
       case CYCLE_OUTPUT:
-        return only_of_action(section, kActions[phase.action], {});
+        return only_of_action(section, action, {});
       default:
-        return read_motion(section, phase, kActions[phase.action]);
+        return read_motion(section, phase, action);
     }
   }
 
@@ -434,7 +449,8 @@ class Reader {
 
   void read_phase(Section &section) {
     cycle_phase_t phase{};
-    (void)section.name();
+    CyclePhase &own = program_.phases.emplace_back();
+    own.name = section.name();
     phase.action = static_cast<std::uint8_t>(section.choice("do", "choose what the phase does"));
     const double force_max = section.number("force_max"), travel_max = section.number("travel_max");
     phase.force_max_q8 =
@@ -445,13 +461,15 @@ class Reader {
     phase.time_max = static_cast<std::uint32_t>(ticks_of(section.number("time_max")));
     const std::string reaction = section.optional_text("on_limit", kText).value_or("end");
     phase.reaction = names_.find(section, "on_limit", reaction);
+    own.on_limit = reaction;
+    own.tare_s = section.optional_number("tare_time");
     read_action(section, phase, force_max);
     read_phase_outputs(section, phase);
     std::size_t count = 0;
     section.each("end", [&](Section &end) {
       if (count == CYCLE_CONDITIONS)
         end.fail("when", "expected at most 4 conditions of a phase; remove some");
-      phase.conditions[count++] = read_end(end, phase);
+      phase.conditions[count++] = read_end(end, phase, own.ends.emplace_back());
     });
     if (count == 0)
       section.fail("end", "expected a condition that ends the phase, got none; add [[phase.end]]");
@@ -549,18 +567,23 @@ class Reader {
                             : std::string("expected no ") + key + " for this condition; remove it");
   }
 
-  cycle_condition_t read_end(Section &section, const cycle_phase_t &phase) {
+  cycle_condition_t read_end(Section &section, const cycle_phase_t &phase, CycleEnd &own) {
+    const CycleCondition &kind =
+        kCycleConditions[section.choice("when", "choose what ends the phase")];
     cycle_condition_t end{};
-    end.when = static_cast<std::uint8_t>(section.choice("when", "choose what ends the phase") + 1);
-    end.next = names_.find(section, "next", section.text("next", kText));
+    end.when = kind.code;
+    own.when = kind.name;
+    own.next = section.text("next", kText);
+    end.next = names_.find(section, "next", own.next);
     end.count = static_cast<std::uint16_t>(section.integer("count"));
-    const bool of_inputs = end.when == CYCLE_INPUT_ON || end.when == CYCLE_INPUT_OFF;
-    const bool has_value =
-        (end.when >= CYCLE_TIME && end.when <= CYCLE_DEPTH_BELOW) || is_stiffness(end.when);
-    expect_key(section, "value", has_value);
-    expect_key(section, "inputs", of_inputs);
-    if (of_inputs) end.level = read_inputs(section);
-    if (has_value) end.level = read_level(section, end.when, phase);
+    expect_key(section, "value", kind.value.has_value());
+    expect_key(section, "inputs", kind.inputs);
+    if (kind.inputs) end.level = read_inputs(section);
+    if (kind.value) {
+      end.level = read_level(section, end.when, phase);
+      own.value = section.value("value", *kind.value, Sign::any);
+      own.unit = sim::unit_of(*kind.value);
+    }
     return end;
   }
 
@@ -633,6 +656,11 @@ class Reader {
     double per_unit;  // counts or ticks for each m or s
   };
 
+  static std::optional<double> optional_value(Section &section, const char *key,
+                                              Dimension dimension) {
+    return section.optional_value(key, dimension, Sign::any);
+  }
+
   std::int32_t x_value(Section &section, const char *key, const Axis &x) {
     return static_cast<std::int32_t>(
         rounded(section, key, section.value(key, x.dimension, Sign::any) * x.per_unit,
@@ -698,7 +726,7 @@ class Reader {
     return static_cast<std::uint8_t>(points.size());
   }
 
-  void read_envelope(Section &section, cycle_element_t &element, const Axis &x) {
+  void read_envelope(Section &section, cycle_element_t &element, CycleElement &own, const Axis &x) {
     for (const char *key : {"least", "most"})
       if (section.has(key))
         section.fail(key,
@@ -707,6 +735,8 @@ class Reader {
     element.first = static_cast<std::uint16_t>(points_.size());
     element.lower = read_curve(section, "lower", x);
     element.upper = read_curve(section, "upper", x);
+    own.lower = points_of(section, "lower_x", "lower_force");
+    own.upper = points_of(section, "upper_x", "upper_force");
     const auto begin = points_.begin() + element.first;
     const auto middle = begin + element.lower;
     if (!section.has("from")) element.x_least = std::max(begin->x, middle->x);
@@ -722,8 +752,6 @@ class Reader {
   }
 
   void read_element(Section &section) {
-    static const char *const kKinds[] = {"peak", "valley", "at",     "difference",
-                                         "work", "last",   "window", "envelope"};
     if (elements_.size() == CYCLE_ELEMENTS_MAX)
       section.fail("name", "expected at most 16 elements; remove some");
     cycle_element_t element{};
@@ -734,9 +762,11 @@ class Reader {
         section.fail("name", "expected a name that no other element has, got " +
                                  sim::in_quotes(own.name) + "; rename one of the elements");
     element.kind = static_cast<std::uint8_t>(section.choice("kind", "choose a kind of element"));
-    own.kind = kKinds[element.kind];
+    own.kind = section.text("kind", kText);
     element.over_time = static_cast<std::uint8_t>(section.choice("over", "choose x of the curve"));
-    for (const std::string &phase : texts(section, "phases"))
+    own.over = element.over_time != 0 ? "time" : "travel";
+    own.phases = texts(section, "phases");
+    for (const std::string &phase : own.phases)
       element.phases =
           static_cast<std::uint16_t>(element.phases | 1U << names_.index(section, "phases", phase));
     const Axis x = element.over_time != 0 ? Axis{Dimension::time, kTicks}
@@ -752,6 +782,8 @@ class Reader {
           "lower_force", "upper_x", "upper_force"},
          found == kOwn.end() ? std::set<std::string>{} : found->second);
     read_range(section, element, x);
+    own.x_from = optional_value(section, "from", x.dimension);
+    own.x_to = optional_value(section, "to", x.dimension);
     read_kind(section, element, own, x);
     program_.elements.push_back(std::move(own));
     elements_.push_back(element);
@@ -772,9 +804,14 @@ class Reader {
     if (is_window) read_window(section, element);
     const auto [dimension, per_unit] = quantity_of(element, x);
     if (element.kind == CYCLE_ENVELOPE)
-      read_envelope(section, element, x);
+      read_envelope(section, element, own, x);
     else
       read_bounds(section, element, dimension, per_unit);
+    own.of = element.of_force != 0 ? "force" : "x";
+    own.level =
+        optional_value(section, "level", element.of_force != 0 ? Dimension::force : x.dimension);
+    own.least = optional_value(section, "least", dimension);
+    own.most = optional_value(section, "most", dimension);
     own.unit = is_window ? "" : std::string(sim::unit_of(dimension));
     own.per_value = is_window ? 1.0 : 1.0 / per_unit;
   }
@@ -930,6 +967,7 @@ CycleProgram read_cycle(const std::filesystem::path &file, const sim::Model &mod
   Section root(source, table, "", kCycleFormat);
   const Scales scales(source, model, initial);
   CycleProgram program;
+  program.file = file;
   Reader(root, scales, program).read();
   return program;
 }

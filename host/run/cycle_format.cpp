@@ -1,3 +1,4 @@
+#include "host/run/cycle_conditions.hpp"
 #include "host/run/cycle_file.hpp"
 
 namespace forceaxis::host {
@@ -18,10 +19,7 @@ using S = sim::Sign;
 constexpr double kLongest_s = 3600.0;
 
 constexpr KeyFormat kEndKeys[] = {
-    other("when",
-          "reached, time, force_above, force_below, travel_above, depth_above, depth_below, "
-          "contact, lost, input_on, input_off, stiffness_above, stiffness_below",
-          "", "What ends the phase."),
+    other("when", kCycleConditionNames.data(), "", "What ends the phase."),
     other("value", "number", "none",
           "Value of the quantity: s for time, N for a force, m for a travel, N/m for a stiffness. "
           "force: the measured force less the offset of tare. travel counts from the start of the "

@@ -30,16 +30,19 @@ CycleResult cycle_result_of(const CycleProgram &program, const CycleValues &valu
                                           "wrong side", "again", "not reached", "aborted"};
   static_assert(std::size(kVerdicts) == AXIS_CYCLE_RESULT_VERDICT_COUNT);
   CycleResult result;
+  result.title = program.title;
+  result.phases = program.phase_names();
   result.state = enum_text(AXIS_OBJ_CYCLE_STATE, values.state);
   result.outcome = enum_text(AXIS_OBJ_CYCLE_OUTCOME, values.outcome);
   result.cycles = values.cycles;
   result.invalid_ticks = values.invalid_ticks;
   if (values.failed_phase && values.outcome != AXIS_CYCLE_OUTCOME_BY_PROGRAM)
-    result.failed_phase = program.phases.at(*values.failed_phase);
+    result.failed_phase = program.phases.at(*values.failed_phase).name;
   for (std::size_t i = 0; i < values.elements.size(); ++i) {
-    const CycleValues::Element &element = values.elements[i];
-    result.figures.push_back({rounded(element.value * program.elements.at(i).per_value),
-                              element.tick, kVerdicts[element.verdict]});
+    const CycleValues::Element &found = values.elements[i];
+    const CycleElement &element = program.elements.at(i);
+    result.figures.push_back({element.name, element.kind, rounded(found.value * element.per_value),
+                              element.unit, found.tick, kVerdicts[found.verdict]});
   }
   return result;
 }

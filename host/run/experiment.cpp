@@ -16,6 +16,11 @@
 #include "host/run/held_force.hpp"
 #include "host/run/objects.hpp"
 #include "host/run/sha256.hpp"
+#include "sim/model/elements/adc.hpp"
+#include "sim/model/elements/contact.hpp"
+#include "sim/model/elements/dac.hpp"
+#include "sim/model/elements/drive.hpp"
+#include "sim/model/elements/encoder.hpp"
 #include "sim/model/section.hpp"
 #include "sim/model/toml.hpp"
 
@@ -295,16 +300,16 @@ std::optional<std::int64_t> written(const Experiment &experiment, std::uint16_t 
 // nothing. Refuses an output that is finer than the DAC, and a DAC that is coarser than any output.
 void match_dac(const Section &root, Experiment &experiment) {
   const sim::Model &model = *experiment.model;
-  if (model.dac.bits < AXIS_DAC_BITS_MIN) {
+  if (model.dac->bits < AXIS_DAC_BITS_MIN) {
     throw InputError(model.file, "dac.bits",
                      "expected 12 to 16, the resolution of the firmware's output in bits, got " +
-                         std::to_string(model.dac.bits));
+                         std::to_string(model.dac->bits));
   }
   const std::optional<std::int64_t> bits = written(experiment, AXIS_OBJ_DAC_BITS);
-  if (!bits && model.dac.bits != AXIS_DAC_BITS_MIN) {
-    experiment.initial.insert(experiment.initial.begin(), {AXIS_OBJ_DAC_BITS, model.dac.bits});
-  } else if (bits.value_or(AXIS_DAC_BITS_MIN) > model.dac.bits) {
-    root.fail("firmware.dac_bits", "expected at most " + std::to_string(model.dac.bits) +
+  if (!bits && model.dac->bits != AXIS_DAC_BITS_MIN) {
+    experiment.initial.insert(experiment.initial.begin(), {AXIS_OBJ_DAC_BITS, model.dac->bits});
+  } else if (bits.value_or(AXIS_DAC_BITS_MIN) > model.dac->bits) {
+    root.fail("firmware.dac_bits", "expected at most " + std::to_string(model.dac->bits) +
                                        ", the resolution of the model's DAC in bits, got " +
                                        std::to_string(*bits));
   }

@@ -13,10 +13,13 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <tuple>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "host/run/cycle_file.hpp"
+#include "host/run/item.hpp"
 #include "host/run/object_values.hpp"
 #include "sim/hybrid/drive_bus.hpp"
 #include "sim/hybrid/mode.hpp"
@@ -49,11 +52,11 @@ struct Action {
 // the last `window_s` of the run, unless a comment states otherwise. A limit without a value is not
 // checked.
 struct Criterion {
-  // Length in s, > 0, of the window at the end of the run.
+  static constexpr const char *kName = "Criterion";
+  static constexpr const char *kMeaning =
+      "The limits of the table [verdict]. None means that the experiment does not have the limit.";
   double window_s = 1.0;
-  // Largest peak-to-peak ripple of the measured force, in 8-bit counts.
   std::optional<double> force_ripple_max_count;
-  // Largest peak-to-peak ripple of the encoder, in counts.
   std::optional<double> position_ripple_max_count;
   // true: contacts must stay closed throughout the window. `contacts` has the names of these
   // contacts, from contact_held = "tip" or ["tip", "grip"]. With `contact_held = true`, `contacts`
@@ -71,6 +74,36 @@ struct Criterion {
   std::optional<double> peak_force_max_N;
   std::optional<double> contact_losses_max;
   std::optional<double> saturated_max_s;
+
+  struct Held {
+    using Value = std::variant<bool, std::vector<std::string>>;
+    Value operator()(const Criterion &c) const {
+      return c.contacts.empty() ? Value(c.contact_held) : Value(c.contacts);
+    }
+    void set(Criterion &c, const Value &value) const {
+      const auto *names = std::get_if<std::vector<std::string>>(&value);
+      c.contact_held = names != nullptr ? !names->empty() : std::get<bool>(value);
+    }
+  };
+  static constexpr auto items() {
+    return std::tuple{
+        item("window_s", &Criterion::window_s, "length of the window at the end of the run, > 0"),
+        item("force_ripple_max_count", &Criterion::force_ripple_max_count,
+             "largest peak-to-peak ripple of the measured force, in 8-bit counts"),
+        item("position_ripple_max_count", &Criterion::position_ripple_max_count,
+             "largest peak-to-peak ripple of the encoder, in counts"),
+        item("held_force_error_max_N", &Criterion::held_force_error_max_N),
+        item("held_force_error_max_percent", &Criterion::held_force_error_max_percent),
+        item("overshoot_max_percent", &Criterion::overshoot_max_percent),
+        item("settle_max_s", &Criterion::settle_max_s),
+        item("peak_force_max_N", &Criterion::peak_force_max_N),
+        item("peak_force_max_percent", &Criterion::peak_force_max_percent),
+        item("contact_losses_max", &Criterion::contact_losses_max),
+        item("saturated_max_s", &Criterion::saturated_max_s),
+        item("contact_held", Held{},
+             "True if all contacts must remain closed, or a list of contacts that must remain "
+             "closed")};
+  }
 
   bool limits_force() const {
     return held_force_error_max_N || held_force_error_max_percent || overshoot_max_percent ||

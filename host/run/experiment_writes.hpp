@@ -4,18 +4,28 @@
 #include <cstdint>
 #include <functional>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "host/run/experiment.hpp"
+#include "host/run/item.hpp"
 
 namespace forceaxis::host {
 
 // A write of a table [[at]] that the firmware has refused, for example because of the state of the
 // drive.
 struct Refusal {
+  static constexpr const char *kName = "RefusedWrite";
+  static constexpr const char *kMeaning =
+      "A refused write: the firmware refused the write to an object in [[at]] of the experiment.";
   std::int64_t tick;
   std::string object;
   std::string reason;
+
+  static constexpr auto items() {
+    return std::tuple{item("tick", &Refusal::tick), item("object", &Refusal::object),
+                      item("reason", &Refusal::reason)};
+  }
 };
 
 // Returns a text for people about FW_ERROR_, the answer to a refused write.

@@ -5,6 +5,7 @@
 
 #include "firmware/port/host/firmware.hpp"
 #include "host/run/cycle_result.hpp"
+#include "sim/model/elements/dac.hpp"
 
 namespace forceaxis::host {
 namespace {
@@ -12,7 +13,7 @@ namespace {
 // Returns an axis whose output has at most the bits of the model's DAC.
 fw_t *power_up(const Experiment &experiment, const fw_config_t *given) {
   fw_config_t config = given ? *given : fw_config_t{};
-  config.dac_bits = static_cast<std::uint8_t>(experiment.model->dac.bits);
+  config.dac_bits = static_cast<std::uint8_t>(experiment.model->dac->bits);
   return axis_host_create_with(&config);
 }
 

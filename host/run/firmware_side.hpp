@@ -14,6 +14,7 @@
 #include "host/run/records.hpp"
 #include "host/run/result.hpp"
 #include "host/run/trace_hash.hpp"
+#include "sim/model/elements/dac.hpp"
 
 namespace forceaxis::host {
 
@@ -96,7 +97,7 @@ class FirmwareSide {
     const auto out =
         static_cast<std::uint8_t>((outputs.amp_enable ? 1 : 0) | (outputs.brake_release ? 2 : 0));
     return {tick,
-            axis_host_dac_code(&outputs, experiment_->model->dac.bits),
+            axis_host_dac_code(&outputs, experiment_->model->dac->bits),
             out,
             signals_->fault,
             signals_->limit_reason,

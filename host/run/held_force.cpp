@@ -12,6 +12,7 @@
 
 extern "C" {
 #include "firmware/drive/modes.h"
+#include "sim/model/elements/adc.hpp"
 }
 
 namespace forceaxis::host {

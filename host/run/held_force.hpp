@@ -5,8 +5,10 @@
 #include <limits>
 #include <optional>
 #include <string>
+#include <tuple>
 #include <vector>
 
+#include "host/run/item.hpp"
 #include "host/run/object_values.hpp"
 #include "sim/model/model.hpp"
 
@@ -41,20 +43,32 @@ std::vector<ForceSetpoint> force_setpoints(const Experiment &);
 std::optional<ForceTask> force_task(const Experiment &);
 
 struct HeldForce {
+  static constexpr const char *kName = "HeldForce";
+  static constexpr const char *kMeaning = "The controlled force over the window of the verdict.";
   double setpoint_N = 0.0;
-  // Mean of the force in N over the window of the criterion.
   double held_N = 0.0;
-  // Set-point minus held_N, in N.
   double error_N = 0.0;
-  // Magnitude of error_N, in percent of the set-point.
   double error_percent = 0.0;
-  // Largest excess of the force over the set-point after from_s, in percent of the set-point.
   double overshoot_percent = 0;
-  // Time in s of ForceTask::from_tick, or of the first contact after this tick.
   double from_s = 0.0;
-  // Time from from_s until the signal stays within kSettledPart of held_N. Infinite if the signal
-  // does not settle before the window.
   double settle_s = std::numeric_limits<double>::infinity();
+
+  static constexpr auto items() {
+    return std::tuple{
+        item("setpoint_N", &HeldForce::setpoint_N),
+        item("held_N", &HeldForce::held_N, "mean over the window of the verdict"),
+        item("error_N", &HeldForce::error_N, "set-point less held_N"),
+        item("error_percent", &HeldForce::error_percent,
+             "magnitude of error_N, in per cent of the set-point"),
+        item("overshoot_percent", &HeldForce::overshoot_percent,
+             "largest excess of the force over the set-point after from_s, in per cent of the set-point"),
+        item("from_s", &HeldForce::from_s,
+             "time at which `settle_s` begins: last change of the set-point, last impulse, start "
+             "or end of an excitation, or a later first contact"),
+        item("settle_s", Finite{&HeldForce::settle_s},
+             "time from from_s until the force stays within 5 % of held_N; None: it does not "
+             "settle before the window")};
+  }
 };
 
 inline constexpr double kSettledPart = 0.05;

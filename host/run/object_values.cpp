@@ -11,6 +11,12 @@
 #include "host/run/objects.hpp"
 #include "host/run/shaper_values.hpp"
 #include "sim/hybrid/mode.hpp"
+#include "sim/model/elements/adc.hpp"
+#include "sim/model/elements/contact.hpp"
+#include "sim/model/elements/dac.hpp"
+#include "sim/model/elements/drive.hpp"
+#include "sim/model/elements/encoder.hpp"
+#include "sim/model/elements/force.hpp"
 #include "sim/model/toml.hpp"
 
 namespace forceaxis::host {
@@ -32,7 +38,7 @@ class Scales {
  public:
   Scales(const sim::Model &model, std::int32_t force_sign, bool drive_moved)
       : encoder_(model.encoder),
-        codes_per_volt_(1.0 / model.dac.volts_per_code()),
+        codes_per_volt_(1.0 / model.dac->volts_per_code()),
         drive_moved_(drive_moved) {
     if (const auto &adc = model.adc[0]) {
       for (const sim::SignalInfo &signal : model.signal_list())
@@ -105,7 +111,7 @@ class Scales {
     return "the unit of this object has no conversion";
   }
 
-  std::optional<sim::Encoder> encoder_;
+  sim::Boxed<sim::Encoder> encoder_;
   double codes_per_volt_;
   bool drive_moved_;
   double rated_force_mN_ = 0.0;

@@ -9,6 +9,11 @@
 #include "firmware/objects/generated/axis_objects.h"
 #include "firmware/port/host/axis_host.h"
 #include "host/run/objects.hpp"
+#include "sim/model/elements/adc.hpp"
+#include "sim/model/elements/contact.hpp"
+#include "sim/model/elements/dac.hpp"
+#include "sim/model/elements/drive.hpp"
+#include "sim/model/elements/encoder.hpp"
 
 namespace forceaxis::host {
 namespace {
@@ -45,7 +50,7 @@ PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
     result_.firmware.reserve(rows);
     result_.signals.resize(rows * width_);
   }
-  const int steps_per_code = 1 << (experiment.model->dac.bits - AXIS_DAC_BITS_MIN);
+  const int steps_per_code = 1 << (experiment.model->dac->bits - AXIS_DAC_BITS_MIN);
   dac_top_ = 2047 * steps_per_code;
   dac_bottom_ = -2048 * steps_per_code;
   const Criterion criterion = experiment.criterion.value_or(Criterion{});

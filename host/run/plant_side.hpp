@@ -16,6 +16,8 @@
 #include "host/run/result.hpp"
 #include "host/run/trace_hash.hpp"
 #include "sim/hybrid/plant.hpp"
+#include "sim/model/elements/dac.hpp"
+#include "sim/model/elements/encoder.hpp"
 
 namespace forceaxis::host {
 

@@ -5,6 +5,7 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "host/run/experiment.hpp"
@@ -49,65 +50,131 @@ struct Ripple {
 // Metrics over the window of the criterion, or over the last second if the experiment has no
 // criterion.
 struct Metrics {
+  static constexpr const char *kName = "Metrics";
+  static constexpr const char *kMeaning =
+      "The quantities of a run from which the verdict is evaluated.";
   std::int64_t window_ticks = 0;
   double window_start_s = 0;
-  // Ripple of the code of ADC 0, in 8-bit counts.
   Ripple force_ripple;
-  // Ripple of the encoder.
   Ripple position_ripple;
-  // Number of contacts that the criterion names. If the criterion names no contact, number of all
-  // contacts in the model.
   std::int64_t contacts = 0;
-  // Number of contact losses in the window of the criterion.
   std::int64_t contact_losses = 0;
-  // Number of contact losses in the complete run.
   std::int64_t contact_losses_run = 0;
-  // Time in s at which each contact of the criterion had been closed at least once; empty if a
-  // contact never closed. See PlantSide.
   std::optional<double> first_contact_s;
-  // true: all contacts of the criterion are closed at the start of the window.
   bool contact_at_window = false;
-  // true: all contacts of the criterion are closed at the end of the run.
   bool in_contact = false;
-  // Largest contact force at any tick of the complete run.
   double peak_force_N = 0;
-  // Force of the first contact of the model at the last tick.
   double final_force_N = 0;
-  // Number of ticks at which the DAC code is at an end of its range, in the window and in the
-  // complete run.
   std::int64_t saturated_ticks = 0;
   std::int64_t saturated_run_ticks = 0;
-  // Number of ticks in the window at which the code of ADC 0 is at an end of its range, or at the
-  // limit of the sensor or its electronics, and is not the code of the force 0.
   std::int64_t reading_range_ticks = 0;
-  // Last force set-point in N, if ADC 0 cannot measure this force; otherwise empty.
   std::optional<double> setpoint_beyond_N;
-  // Largest or smallest force in N that ADC 0 can measure: the one that the set-point exceeds, or
-  // the one at which the force reading was last in the window; otherwise 0.
   double reading_end_N = 0;
-  // Tick of the last change of the code of ADC 0 in the complete run; 0 if this code never changed.
   std::int64_t last_adc_change_tick = 0;
-  // Measured values of the controlled force; empty without a ForceTask.
   std::optional<HeldForce> held_force;
+
+  static constexpr auto items() {
+    using M = Metrics;
+    return std::tuple{
+        item("window_ticks", &M::window_ticks),
+        item("window_start_s", &M::window_start_s),
+        item("force_ripple_count", Within{&M::force_ripple, &Ripple::count},
+             "force ripple in the window of the verdict, in 8-bit counts"),
+        item("force_ripple_late_count", Within{&M::force_ripple, &Ripple::late_count},
+             "force ripple in the second half of the window, in 8-bit counts"),
+        item("position_ripple_count", Within{&M::position_ripple, &Ripple::count},
+             "position ripple in the window of the verdict, in encoder counts"),
+        item("position_ripple_late_count", Within{&M::position_ripple, &Ripple::late_count},
+             "position ripple in the second half of the window, in encoder counts"),
+        item("contacts", &M::contacts,
+             "number of contacts that the criterion names, or of all contacts of the model"),
+        item("contact_losses", &M::contact_losses, "number of contact losses in the window"),
+        item("contact_losses_run", &M::contact_losses_run,
+             "number of contact losses in the whole run"),
+        item("first_contact_s", &M::first_contact_s,
+             "time at which each of these contacts had been closed at least once; None: one never "
+             "closed"),
+        item("contact_at_window", &M::contact_at_window,
+             "True if all of these contacts are closed at the start of the window"),
+        item("in_contact", &M::in_contact,
+             "True if all of these contacts are closed at the end of the run"),
+        item("peak_force_N", &M::peak_force_N, "largest contact force in the whole run"),
+        item("final_force_N", &M::final_force_N,
+             "force of the first contact of the model at the last tick"),
+        item("saturated_ticks", &M::saturated_ticks,
+             "number of ticks of the window in which the DAC code is at an end of the DAC range"),
+        item("saturated_run_ticks", &M::saturated_run_ticks,
+             "number of ticks of the whole run in which the DAC code is at an end of the DAC "
+             "range"),
+        item("reading_range_ticks", &M::reading_range_ticks,
+             "number of ticks of the window in which the code of ADC 0 is at an end of its range, "
+             "or at the limit of the sensor or its electronics, and is not the code of the force "
+             "0"),
+        item("setpoint_beyond_N", &M::setpoint_beyond_N,
+             "last force set-point if it is outside the range of the measured force; otherwise "
+             "None"),
+        item("reading_end_N", &M::reading_end_N,
+             "end of the range of the measured force that the set-point exceeds, or at which the "
+             "reading was last in the window; otherwise 0"),
+        item("last_adc_change_tick", &M::last_adc_change_tick,
+             "last tick in which the code of ADC 0 changed; 0 if it never changed"),
+        item("held_force", &M::held_force,
+             "the controlled force; None if the experiment controls no force")};
+  }
 };
 
 // Value of one evaluation element in a cycle, and the verdict on it.
 struct CycleFigure {
-  double value = 0;  // in the unit of CycleElement
+  static constexpr const char *kName = "CycleFigure";
+  static constexpr const char *kMeaning =
+      "The figure of an evaluation element over the last cycle of a run.";
+  std::string name;
+  std::string kind;
+  double value = 0;
+  std::string unit;
   std::uint32_t tick = 0;
-  std::string verdict;  // "good", "below", "above", "wrong side", "again", "not reached", "aborted"
+  std::string verdict;
+
+  static constexpr auto items() {
+    return std::tuple{item("name", &CycleFigure::name),
+                      item("kind", &CycleFigure::kind, "kind of evaluation element: peak, window, ..."),
+                      item("value", &CycleFigure::value, "in `unit`; 0 if nothing was found"),
+                      item("unit", &CycleFigure::unit, "empty for a number"),
+                      item("tick", &CycleFigure::tick, "tick in which the value was found"),
+                      item("verdict", &CycleFigure::verdict,
+                           "good, below, above, wrong side, again, not reached or aborted")};
+  }
 };
 
 // Result of the last cycle of a run.
 struct CycleResult {
-  std::string state;         // cycle_state of the firmware
-  std::string outcome;       // cycle_outcome
-  std::string failed_phase;  // phase in which the cycle failed; "" if it ended by its program
-  std::vector<CycleFigure> figures;  // one for each evaluation element; empty before the end of a
-                                     // cycle
-  std::int64_t cycles = 0;           // number of cycles that were started
-  // number of ticks in evaluated phases whose sample is not valid; 0 before the end of a cycle
+  static constexpr const char *kName = "CycleReport";
+  static constexpr const char *kMeaning = "The last cycle of a run.";
+  std::string title;
+  std::string state;
+  std::string outcome;
+  std::string failed_phase;
+  std::int64_t cycles = 0;
   std::int64_t invalid_ticks = 0;
+  std::vector<std::string> phases;
+  std::vector<CycleFigure> figures;
+
+  static constexpr auto items() {
+    using C = CycleResult;
+    return std::tuple{
+        item("title", &C::title, "title of the program"),
+        item("state", &C::state, "value of the object cycle_state"),
+        item("outcome", &C::outcome, "value of the object cycle_outcome"),
+        item("failed_phase", &C::failed_phase,
+             "phase in which the cycle failed; empty if the cycle ended by its program"),
+        item("cycles", &C::cycles, "number of cycles that were started"),
+        item("invalid_ticks", &C::invalid_ticks,
+             "number of ticks in evaluated phases whose sample is not valid; 0 before the end of a "
+             "cycle"),
+        item("phases", &C::phases, "names by number"),
+        item("figures", &C::figures, 
+             "one for each evaluation element; empty before the end of a cycle")};
+  }
 };
 
 struct RunResult {

@@ -8,6 +8,7 @@
 #include "host/run/experiment.hpp"
 #include "host/run/result.hpp"
 #include "sim/hybrid/mode.hpp"
+#include "sim/model/elements/contact.hpp"
 
 namespace forceaxis::host {
 namespace {

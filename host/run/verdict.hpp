@@ -11,7 +11,10 @@
 // The criterion needs a contact in two cases: the table has `contact_held`, or the experiment
 // controls force and the table limits the measured force or the force ripple.
 #include <string>
+#include <tuple>
 #include <vector>
+
+#include "host/run/item.hpp"
 
 namespace forceaxis::host {
 
@@ -33,11 +36,23 @@ inline constexpr double kDyingPart = 0.6;
 // bound: end of the measuring range); "reading_range" and "output_range" (ticks of the window at an
 // end of the range).
 struct Missed {
+  static constexpr const char *kName = "MissedLimit";
+  static constexpr const char *kMeaning = "A limit of [verdict] that a run exceeds.";
   std::string limit;
-  std::string verdict;  // verdict that this missed limit alone would give
-  double value = 0.0;   // value that missed the limit; infinite if the force never settles
+  std::string verdict;
+  double value = 0.0;
   double bound = 0.0;
-  std::string unit;  // unit of value and bound: "N", "%", "s", "count", "tick", or "" for no unit
+  std::string unit;
+
+  static constexpr auto items() {
+    return std::tuple{
+        item("limit", &Missed::limit, "key of [verdict], or the name of another condition"),
+        item("verdict", &Missed::verdict, "verdict that this missed limit alone would give"),
+        item("value", Finite{&Missed::value},
+             "value of the run; None means infinite, because the force does not settle"),
+        item("bound", &Missed::bound),
+        item("unit", &Missed::unit, "N, %, s, count, tick, or empty")};
+  }
 };
 
 struct Evaluation {

@@ -8,6 +8,8 @@
 #include <utility>
 #include <variant>
 
+#include "sim/model/elements/all.hpp"
+
 namespace forceaxis::sim {
 namespace {
 
@@ -34,6 +36,7 @@ class Assembly : public Wiring {
     add_all(model.springs);
     add_all(model.dampers);
     add_all(model.contacts);
+    add_all(model.backlashes);
     add_all(model.stops);
     add_all(model.gravities);
     add_all(model.coggings);
@@ -566,7 +569,7 @@ class Assembly : public Wiring {
     Terms &filter = derivatives[static_cast<std::size_t>(filtered)];
     filter = {wire(tach, gain), state(filtered, -a)};
     Terms sum = {state(filtered, -1)};
-    if (motor.input_tach)
+    if (motor.input == DcMotor::Input::tach)
       filter.push_back(command(gain));
     else
       sum.insert(sum.begin(), command(motor.k_preamp_cmd));

@@ -6,6 +6,8 @@
 #include <numbers>
 #include <utility>
 
+#include "sim/model/elements/slopes.hpp"
+
 namespace forceaxis::sim {
 namespace {
 

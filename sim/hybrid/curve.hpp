@@ -4,9 +4,10 @@
 #include <vector>
 
 #include "sim/matrix/extended.hpp"
-#include "sim/model/model.hpp"
 
 namespace forceaxis::sim {
+
+struct Slopes;
 
 /// A piecewise-linear function. Segment k lies between breaks[k-1] and breaks[k] and has the value
 /// slope * input + offset. Input and output are in SI units.

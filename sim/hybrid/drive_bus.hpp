@@ -14,7 +14,7 @@
 #include <optional>
 #include <vector>
 
-#include "sim/model/model.hpp"
+#include "sim/model/elements/bus_cycle.hpp"
 
 namespace forceaxis::sim {
 

@@ -1,6 +1,6 @@
 #pragma once
 // The controller of a machine that commands the drive in place of the firmware. It is a model of
-// somebody else's controller (MachineController in model.hpp has the equations). It computes a
+// somebody else's controller (MachineController in its header has the equations). It computes a
 // command in the first tick of a cycle from the force of that tick and holds the command for the
 // cycle, so within a tick the voltage is constant and the plant is simulated exactly.
 #include <algorithm>
@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "sim/model/model.hpp"
+#include "sim/model/elements/machine_controller.hpp"
 
 namespace forceaxis::sim {
 
@@ -19,7 +19,9 @@ class MachineLaw {
   MachineLaw(MachineController controller, double tick_s)
       : controller_(std::move(controller)),
         tick_s_(tick_s),
-        forces_(static_cast<std::size_t>(controller_.delay_ticks) + 1) {}
+        forces_(
+            static_cast<std::size_t>(controller_.force() ? controller_.force()->delay_ticks : 0) +
+            1) {}
 
   /// Returns the voltage for the drive in this tick. Must be called once in each tick, with the
   /// present force in N.
@@ -30,7 +32,7 @@ class MachineLaw {
       return command_ * controller_.volts_per_command;
     }
     const double measured = late(tick, filtered(tick, force));
-    if (tick % controller_.cycle_ticks == 0) follow(controller_.setpoint - measured);
+    if (tick % controller_.cycle_ticks == 0) follow(controller_.force()->setpoint - measured);
     return command_ * controller_.volts_per_command;
   }
 
@@ -47,10 +49,10 @@ class MachineLaw {
 
   // The low pass is exact for a force that is constant between ticks.
   double filtered(std::int64_t tick, double force) {
-    if (!controller_.filter || tick == 0)
+    if (!controller_.force()->filter || tick == 0)
       low_ = force;
     else
-      low_ += -std::expm1(-*controller_.filter * tick_s_) * (force - low_);
+      low_ += -std::expm1(-*controller_.force()->filter * tick_s_) * (force - low_);
     return low_;
   }
 
@@ -63,7 +65,7 @@ class MachineLaw {
 
   void follow(double error) {
     const double cycle_s = tick_s_ * controller_.cycle_ticks;
-    const double most = controller_.speed_max;
+    const double most = controller_.force()->speed_max;
     if (const auto *admittance = std::get_if<MachineAdmittance>(&controller_.law)) {
       if (admittance->damping > 0.0) {
         const double decay = -std::expm1(-admittance->damping / admittance->mass * cycle_s);

@@ -6,6 +6,11 @@
 #include <utility>
 
 #include "sim/hybrid/kernel.hpp"
+#include "sim/model/elements/adc.hpp"
+#include "sim/model/elements/dac.hpp"
+#include "sim/model/elements/drive.hpp"
+#include "sim/model/elements/encoder.hpp"
+#include "sim/model/elements/machine_controller.hpp"
 
 namespace forceaxis::sim {
 namespace {
@@ -78,9 +83,9 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
   auto names = std::make_shared<std::vector<std::string>>();
   for (const SignalInfo &signal : description.signal_list()) names->push_back(signal.name);
   signal_names_ = std::move(names);
-  volts_per_step_ = description.dac.volts_per_step();
-  dac_offset_ = description.dac.offset;
-  lowest_code_ = -(1 << (description.dac.bits - 1));
+  volts_per_step_ = description.dac->volts_per_step();
+  dac_offset_ = description.dac->offset;
+  lowest_code_ = -(1 << (description.dac->bits - 1));
   highest_code_ = -lowest_code_ - 1;
   for (std::size_t channel = 0; channel < 2; ++channel)
     if (const auto &adc = description.adc[channel]) {
@@ -90,14 +95,16 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
   has_encoder_ = description.encoder.has_value();
   if (has_encoder_) {
     read_encoder(*description.encoder);
-    switches_ = SwitchBank(description.switches);
+    switches_ = SwitchBank(*description.switches);
   }
   if (const auto &drive = description.drive;
       drive && (drive->enable_ticks || !drive->bus.immediate()))
     bus_ = DriveBus(drive->bus, drive->enable_ticks);
   if (const auto &controller = description.machine_controller) {
     machine_law_.emplace(*controller, 1.0 / stepper_.cache().rate_hz());
-    const auto place = std::find(signal_names_->begin(), signal_names_->end(), controller->signal);
+    const MachineForce *force = controller->force();
+    const auto place = std::find(signal_names_->begin(), signal_names_->end(),
+                                 force == nullptr ? "" : force->signal);
     if (place != signal_names_->end())
       machine_signal_ = static_cast<std::size_t>(place - signal_names_->begin());
   }
@@ -179,7 +186,7 @@ double Plant::volts(int dac_code) const {
                                 std::to_string(lowest_code_) + ".." +
                                 std::to_string(highest_code_));
   double volts = static_cast<double>(dac_code) * volts_per_step_ + dac_offset_;
-  if (const double noise = model().dac.noise; noise > 0.0)
+  if (const double noise = model().dac->noise; noise > 0.0)
     volts += noise * deviate(seed_, kDacChannel, tick());
   return volts;
 }

@@ -9,7 +9,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "sim/model/model.hpp"
+#include "sim/model/elements/sampling.hpp"
 
 namespace forceaxis::sim {
 

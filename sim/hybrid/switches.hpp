@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <optional>
 
-#include "sim/model/model.hpp"
+#include "sim/model/elements/encoder.hpp"
 
 namespace forceaxis::sim {
 

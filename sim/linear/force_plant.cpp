@@ -11,6 +11,10 @@
 #include <utility>
 
 #include "sim/matrix/hessenberg.hpp"
+#include "sim/model/elements/adc.hpp"
+#include "sim/model/elements/dac.hpp"
+#include "sim/model/elements/drive.hpp"
+#include "sim/model/elements/sampling.hpp"
 
 namespace forceaxis::sim {
 namespace {
@@ -179,7 +183,7 @@ std::optional<ForcePlant> ForcePlant::of(const Model &model, const LinearMode &m
   }
   plant.balanced_ = hessenberg(system.A, system.B, system.C);
   const auto &adc = *model.adc[0];
-  plant.count_per_code_ = model.dac.volts_per_code() /
+  plant.count_per_code_ = model.dac->volts_per_code() /
                           (std::abs(adc.per_count) * static_cast<double>(1 << (adc.bits - 8)));
   const Sampled<MatrixXd> rounded{system.A.cast<double>(), system.B.cast<double>(),
                                   system.C.cast<double>()};

@@ -9,6 +9,8 @@
 #include "sim/linear/code_period.hpp"
 #include "sim/linear/linear.hpp"
 #include "sim/matrix/extended.hpp"
+#include "sim/model/elements/bus_cycle.hpp"
+#include "sim/model/elements/sampling.hpp"
 #include "sim/model/model.hpp"
 
 namespace forceaxis::sim {

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "sim/hybrid/network.hpp"
+#include "sim/model/elements/all.hpp"
 
 namespace forceaxis::sim {
 namespace {
@@ -66,7 +67,7 @@ Model pushed(Model model, int point, double force_N) {
   if (point == kGround) return model;
   const double mass =
       model.is_body(point) ? model.bodies[static_cast<std::size_t>(point)].mass : 1.0;
-  model.gravities.push_back({"applied force", point, {}, {force_N / mass}});
+  model.gravities.push_back({"applied force", point, {force_N / mass}, {}});
   return model;
 }
 
@@ -241,7 +242,7 @@ Linear linearise(const Model &given, const LinearMode &mode, std::span<const str
     } else if (input == "drive.tach" && model.drive && mode.drive &&
                std::holds_alternative<DcMotor>(model.drive->type)) {
       Model moved = model;
-      std::get<DcMotor>(moved.drive->type).input_tach = true;
+      std::get<DcMotor>(moved.drive->type).input = DcMotor::Input::tach;
       const Network with(moved);
       const ModeEquations e = with.equations(key);
       linear.B.col(at) = e.flow.col(n + 1).cast<double>();

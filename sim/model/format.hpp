@@ -43,6 +43,13 @@ struct KeyFormat {
   /// Format of the table or tables, if the value of the key is a table or a list of tables.
   const TableFormat *table = nullptr;
   bool list = false;  ///< The value of the key is a list of tables, [[key]].
+  /// Key beside which alone this key has a meaning; empty if it has one by itself.
+  std::string_view beside = {};
+  bool needed_beside = false;    ///< The key is required if the table has the key `beside`.
+  bool rising = false;           ///< The numbers of a list must be in ascending order.
+  std::string_view advice = {};  ///< What to do, for the message about a text that is no choice.
+  /// The number has the unit of the signal that the table names, or this unit for one ADC code.
+  enum class Unit { own, of_signal, of_signal_per_count } unit = Unit::own;
 
   constexpr bool required() const { return absent.empty() && !fallback; }
 };
@@ -134,6 +141,44 @@ constexpr KeyFormat numbers(std::string_view key, Dimension dimension, Sign sign
                             std::string_view absent, std::string_view meaning) {
   KeyFormat format = optional(key, dimension, sign, absent, meaning);
   format.form = "number or list";
+  return format;
+}
+
+/// Declares a key whose value is one of the texts `names`, "a, b, c". It is required if `absent` is
+/// empty; otherwise `absent` is the default.
+constexpr KeyFormat choice(std::string_view key, std::string_view names, std::string_view absent,
+                           std::string_view advice, std::string_view meaning) {
+  KeyFormat format = other(key, names, absent, meaning);
+  format.advice = advice;
+  return format;
+}
+
+/// Declares a key for a number in the unit of the signal that the table names.
+constexpr KeyFormat of_signal(std::string_view key, Sign sign, std::string_view absent,
+                              std::string_view meaning,
+                              KeyFormat::Unit unit = KeyFormat::Unit::of_signal) {
+  KeyFormat format = other(key, "number", absent, meaning);
+  format.sign = sign;
+  format.unit = unit;
+  return format;
+}
+
+/// Declares that the numbers of a list are in ascending order.
+constexpr KeyFormat rising(KeyFormat format) {
+  format.rising = true;
+  return format;
+}
+
+/// Declares that a key is refused without the key `other`.
+constexpr KeyFormat beside(std::string_view other, KeyFormat format) {
+  format.beside = other;
+  return format;
+}
+
+/// Declares that a key is refused without the key `other`, and required with it.
+constexpr KeyFormat needed_beside(std::string_view other, KeyFormat format) {
+  format.beside = other;
+  format.needed_beside = true;
   return format;
 }
 

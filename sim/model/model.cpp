@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "sim/model/elements.hpp"
+#include "sim/model/elements/all.hpp"
 #include "sim/model/expression.hpp"
 #include "sim/model/model_format.hpp"
 #include "sim/model/section.hpp"
@@ -181,6 +182,19 @@ class Overriding {
   bool in_set_;
 };
 
+// Calls `visit` for each element with two ends, except the drive, in the order of the signals.
+template <class Visit>
+void each_link(const Model &model, Visit visit) {
+  for (const Spring &spring : model.springs) visit(spring);
+  for (const Damper &damper : model.dampers) visit(damper);
+  for (const Contact &contact : model.contacts) visit(contact);
+  for (const Backlash &backlash : model.backlashes) visit(backlash);
+  for (const Stop &stop : model.stops) visit(stop);
+  for (const Friction &friction : model.frictions) visit(friction);
+  for (const Brake &brake : model.brakes) visit(brake);
+  for (const Cogging &cogging : model.coggings) visit(cogging);
+}
+
 bool same_ends(Ends one, Ends other) {
   return (one.a == other.a && one.b == other.b) || (one.a == other.b && one.b == other.a);
 }
@@ -201,7 +215,7 @@ std::vector<Ends> links_of(const Structure &structure, int first_port) {
 // follows all elements with two ends.
 void check_connected(const Model &model) {
   std::vector<Ends> links;
-  model.each_link([&](const auto &link) { links.push_back(link.ends); });
+  each_link(model, [&](const auto &link) { links.push_back(link.ends); });
   if (model.drive) links.push_back({model.drive->body, model.drive->reaction});
   auto port = static_cast<int>(model.bodies.size());
   for (const Structure &structure : model.structures) {
@@ -365,6 +379,17 @@ InputError::InputError(std::string file_name, std::string key_name, std::string 
       key(one_line(key_name)),
       message(one_line(text)) {}
 
+Model::Model() : switches(Switches{}), dac(Dac{}) {}
+Model::Model(const Model &) = default;
+Model::Model(Model &&) noexcept = default;
+Model &Model::operator=(const Model &) = default;
+Model &Model::operator=(Model &&) noexcept = default;
+Model::~Model() = default;
+
+bool Model::is_body(int point) const {
+  return point >= 0 && point < static_cast<int>(bodies.size());
+}
+
 std::vector<SignalInfo> Model::signal_list() const {
   std::vector<SignalInfo> list;
   for (const std::string &point : point_names()) {
@@ -372,7 +397,7 @@ std::vector<SignalInfo> Model::signal_list() const {
     list.push_back({point + ".velocity", Dimension::velocity});
     list.push_back({point + ".acceleration", Dimension::acceleration});
   }
-  each_link([&](const auto &link) {
+  each_link(*this, [&](const auto &link) {
     list.push_back({link.name + ".force", Dimension::force});
     list.push_back({link.name + ".spring_force", Dimension::force});
     list.push_back({link.name + ".spring_force_rate", Dimension::force_rate});

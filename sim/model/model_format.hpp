@@ -9,12 +9,5 @@ extern const TableFormat kModelFormat;
 extern const TableFormat kParameterFormat;
 /// The format of the file whose name is the value of the key parameters_file.
 extern const TableFormat kSharedParametersFormat;
-/// The further keys of the table [drive] for each type of drive.
-extern const TableFormat kDcMotorFormat;
-extern const TableFormat kFirstOrderFormat;
-extern const TableFormat kPerfectFormat;
-extern const TableFormat kTorqueFormat;
-extern const TableFormat kVelocityFormat;
-extern const TableFormat kStepperFormat;
 
 }  // namespace forceaxis::sim

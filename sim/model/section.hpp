@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "sim/model/elements/ends.hpp"
 #include "sim/model/format.hpp"
 #include "sim/model/model.hpp"
 #include "sim/model/text.hpp"

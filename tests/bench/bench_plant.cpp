@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "sim/hybrid/plant.hpp"
+#include "sim/model/elements/adc.hpp"
 
 namespace {
 

@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "sim/hybrid/plant.hpp"
+#include "sim/model/elements/adc.hpp"
 #include "tests/loop/axis_contact_reference.hpp"
 
 namespace {

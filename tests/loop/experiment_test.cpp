@@ -12,6 +12,7 @@
 #include "host/run/objects.hpp"
 #include "host/run/plant_side.hpp"
 #include "host/run/run.hpp"
+#include "sim/model/elements/all.hpp"
 
 namespace forceaxis::host {
 namespace {

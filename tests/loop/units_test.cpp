@@ -14,6 +14,7 @@
 #include "host/fmu/instance.hpp"
 #include "host/fmu/plant_unit.hpp"
 #include "host/run/run.hpp"
+#include "sim/model/elements/all.hpp"
 
 namespace forceaxis::fmu {
 namespace {
@@ -38,7 +39,7 @@ struct Loop {
       : plant(plant_unit(experiment.model->file, set_of(experiment),
                          static_cast<std::int32_t>(experiment.seed))),
         firmware(firmware_unit(
-            {experiment, experiment.model->dac.bits,
+            {experiment, experiment.model->dac->bits,
              experiment.cycle ? experiment.cycle->record : std::vector<std::uint32_t>{},
              std::move(inputs)})) {
     for (const Code &code : kCodes)

@@ -11,6 +11,7 @@
 
 #include "host/run/experiment.hpp"
 #include "host/run/result.hpp"
+#include "sim/model/elements/all.hpp"
 
 namespace {
 

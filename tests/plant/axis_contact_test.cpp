@@ -6,6 +6,7 @@
 #include <thread>
 #include <vector>
 
+#include "sim/model/elements/all.hpp"
 #include "tests/plant/plant_test.hpp"
 
 namespace forceaxis::sim::test {

@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "sim/model/elements/all.hpp"
 #include "tests/plant/plant_test.hpp"
 
 namespace forceaxis::sim::test {

@@ -4,6 +4,7 @@
 #include <numbers>
 #include <string>
 
+#include "sim/model/elements/all.hpp"
 #include "tests/plant/plant_test.hpp"
 
 namespace forceaxis::sim::test {

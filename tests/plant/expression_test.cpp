@@ -1,6 +1,7 @@
 // Parameters whose values are products and quotients of others.
 #include <string>
 
+#include "sim/model/elements/all.hpp"
 #include "tests/plant/plant_test.hpp"
 
 namespace forceaxis::sim::test {

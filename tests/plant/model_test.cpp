@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "sim/model/elements/all.hpp"
 #include "sim/model/section.hpp"
 #include "sim/model/toml.hpp"
 #include "tests/plant/plant_test.hpp"
@@ -64,7 +65,7 @@ TEST(Model, ReadsWhatItSays) {
   EXPECT_EQ(model.springs[0].damping, 0.0);
   ASSERT_EQ(model.parameters.size(), 2U);
   EXPECT_FALSE(model.drive.has_value());
-  EXPECT_EQ(model.dac.volts_per_code(), 20.0 / 4096.0);
+  EXPECT_EQ(model.dac->volts_per_code(), 20.0 / 4096.0);
   EXPECT_EQ(model.point_index("robot"), 0);
   EXPECT_THROW((void)model.point_index("rabbit"), std::invalid_argument);
 }

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "sim/linear/linear.hpp"
+#include "sim/model/elements/all.hpp"
 #include "tests/plant/plant_test.hpp"
 
 namespace forceaxis::sim::test {

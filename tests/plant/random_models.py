@@ -455,8 +455,8 @@ def compare(seed, ticks=TICKS, more=False, modal=False):
         errors = np.abs(ours - theirs).max(axis=0) / np.where(size > 0, size, 1.0)
         out.error, out.where = float(errors.max()), names[int(errors.argmax())]
     energy = plant.energy()
-    turned = energy["initial_J"] + sum(energy["dissipated_J"].values()) + abs(energy["supplied_J"])
-    out.energy = abs(energy["residual_J"]) / turned
+    turned = energy.initial_J + sum(energy.dissipated_J.values()) + abs(energy.supplied_J)
+    out.energy = abs(energy.residual_J) / turned
     return out
 
 

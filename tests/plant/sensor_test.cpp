@@ -3,6 +3,7 @@
 #include <limits>
 #include <string>
 
+#include "sim/model/elements/all.hpp"
 #include "tests/plant/plant_test.hpp"
 
 namespace forceaxis::sim::test {

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "sim/model/elements/all.hpp"
 #include "tests/plant/plant_test.hpp"
 
 namespace forceaxis::sim::test {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "sim/linear/linear.hpp"
+#include "sim/model/elements/all.hpp"
 #include "tests/plant/plant_test.hpp"
 
 namespace forceaxis::sim::test {

@@ -24,7 +24,7 @@ def stepped(model, overrides, codes):
     for ticks, code, enabled in codes:
         for _ in range(ticks):
             plant.step(code, bool(enabled))
-    assert plant.energy()["residual_J"] == pytest.approx(0.0, abs=1e-11)
+    assert plant.energy().residual_J == pytest.approx(0.0, abs=1e-11)
     return plant
 
 

@@ -188,7 +188,7 @@ def test_an_experiment_selects_no_mode_beside_the_controller(tmp_path):
     text += "peak_force_max_N = 400.0\n"
     done = _core.run(str(tmp_path / "robot.toml"), text=text)
     assert done.verdict == "stable"
-    assert done.metrics["final_force_N"] == pytest.approx(50 / 1.02, rel=1e-3)
+    assert done.metrics.final_force_N == pytest.approx(50 / 1.02, rel=1e-3)
     assert not done.columns()["dac"].any()  # the firmware is idle
     with pytest.raises(InputError, match=r"firmware: expected no mode of operation"):
         _core.run(str(tmp_path / "robot.toml"), text=text + '[firmware]\nmode = "force"\n')

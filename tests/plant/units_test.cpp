@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "sim/model/elements/all.hpp"
 #include "sim/model/model.hpp"
 #include "tests/plant/plant_test.hpp"
 

@@ -310,10 +310,7 @@ def formats(tmp_path_factory):
         tables(
             "cycle.toml",
             paths.SIM / "cycles/press_fit.toml",
-            lambda p: (
-                inputs.read_inputs(experiment, [f"experiment.cycle={p}"]),
-                program.read_program(p),
-            ),
+            lambda p: program.read_program(experiment, [f"experiment.cycle={p}"]),
             "toml:read",
         ),
         tables(

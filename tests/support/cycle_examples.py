@@ -23,7 +23,7 @@ def expect_the_same(result, cycle, here):
     """A run elsewhere is that in process: its trace, and state and figures of its cycle."""
     assert result.trace_hash == here.trace_hash
     assert cycle == here.cycle
-    assert cycle["cycles"] == 1 and len(cycle["figures"]) > 1
+    assert cycle.cycles == 1 and len(cycle.figures) > 1
 
 
 def expect_the_same_objects(result, here):

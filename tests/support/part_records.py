@@ -14,6 +14,10 @@ def recorded(done, wanted, count=599, **given):
                 done.program.elements, one.verdicts, one.values, strict=True
             )
         ]
-        about = {"state": one.state, "outcome": one.outcome, "program_crc": f"{wanted.crc:08X}"}
+        about = {
+            "state": one.state,
+            "outcome": one.outcome,
+            "program_crc": f"{wanted.program.crc:08X}",
+        }
         made.append(PartRecord(number, 1, **{**about, "elements": elements, **given}))
     return made

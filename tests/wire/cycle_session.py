@@ -16,7 +16,7 @@ import re
 import signal
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
@@ -297,7 +297,7 @@ def links(_folder, steps):
         for key, (name, overrides) in zip(IDS, PARTS, strict=True):
             result, report, _, cycle = link.run_with(node, file_of(name), overrides, trace=False)
             steps[key] = {
-                "hashes": [result.trace_hash, report.hashes.axis], "cycle": cycle
+                "hashes": [result.trace_hash, report.hashes.axis], "cycle": asdict(cycle),
             }  # fmt: skip
 
 

@@ -8,6 +8,7 @@ import csv
 import json
 import re
 import signal
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -63,9 +64,9 @@ def simulated(file, overrides, start_tick):
     longer = [*overrides, f"experiment.duration_s={start_tick / 1500 + LONGEST_S}"]
     cycle = _core.run(str(file), longer, text=later).cycle
     nothing = ("not reached", "aborted")
-    return cycle["state"], cycle["outcome"], [
-        (f["name"], f["verdict"], None if f["verdict"] in nothing else f["value"])
-        for f in cycle["figures"]
+    return cycle.state, cycle.outcome, [
+        (f.name, f.verdict, None if f.verdict in nothing else f.value)
+        for f in cycle.figures
     ]  # fmt: skip
 
 
@@ -96,15 +97,15 @@ def test_parts_have_the_verdicts_and_the_values_of_the_simulation(parts, tmp_pat
 def test_each_example_is_loaded_and_without_it_no_part_is_pressed(parts, part):
     found, wanted = parts[part], live.live_program(file_of(part.split("-")[0]))
     assert isinstance(found["early"], str) and "`load_program`" in found["early"]
-    assert int(found["loaded"]["crc"], 16) == wanted.crc
-    assert found["loaded"]["number"] == wanted.number
+    assert int(found["loaded"]["crc"], 16) == wanted.program.crc
+    assert found["loaded"]["number"] == wanted.program.number
 
 
 def test_over_can_frames_in_lock_step_trace_and_part_are_those_in_process(links):
     for key, (name, overrides) in zip(IDS, PARTS, strict=True):
         here = _core.run(str(file_of(name)), list(overrides))
         assert links[key]["hashes"] == [here.trace_hash] * 2, key
-        assert links[key]["cycle"] == here.cycle, key
+        assert links[key]["cycle"] == asdict(here.cycle), key
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -114,7 +115,7 @@ def test_the_commands_press_a_part_by_each_way(ways, way):
     assert early["status"] == 1
     assert "forceaxis cycle load" in early["said"] and early["said"].count("\n") == 1
     assert loaded["status"] == 0, loaded["said"]
-    assert int(loaded["result"]["crc"], 16) == live.live_program(EXPERIMENT).crc
+    assert int(loaded["result"]["crc"], 16) == live.live_program(EXPERIMENT).program.crc
     assert pressed["status"] == 0, pressed["said"]
     assert (pressed["result"]["state"], pressed["result"]["number"]) == ("good", 1)
     assert pressed["result"]["elements"] == ways["can"]["part"]["result"]["elements"]

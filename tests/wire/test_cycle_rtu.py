@@ -50,7 +50,7 @@ def test_a_program_is_loaded_in_parts_and_a_part_is_pressed(way, monkeypatch):
     monkeypatch.setattr(modbus, "ModbusLink", patient)
     loaded = verbs.forceaxis("cycle", "load", EXPERIMENT, *way, "--json")
     assert loaded.returncode == 0, loaded.stderr
-    assert int(json.loads(loaded.stdout)["crc"], 16) == live.live_program(EXPERIMENT).crc
+    assert int(json.loads(loaded.stdout)["crc"], 16) == live.live_program(EXPERIMENT).program.crc
     done = verbs.forceaxis("cycle", "start", EXPERIMENT, *way, "--json")
     assert done.returncode == 0, done.stderr
     pressed, simulated = json.loads(done.stdout), part.run(EXPERIMENT).result

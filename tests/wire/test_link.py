@@ -13,6 +13,7 @@ import struct
 import subprocess
 import sys
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import lcm
@@ -418,7 +419,7 @@ def test_the_replay_of_a_cycle_has_its_part(tmp_path):
     axis = start("axis_node", *run_id, "--journal", journal, experiment=press_fit)
     assert end(start("plant_node", *run_id, experiment=press_fit))["status"] == 0
     told = end(axis)["axes"][0]["cycle"]
-    assert told == _core.run(str(press_fit)).cycle
+    assert told == asdict(_core.run(str(press_fit)).cycle)
     assert json.loads(replay(journal, "--json").stdout)["cycle"] == told
 
 

@@ -21,6 +21,11 @@
 #include "host/python/binding/parts.hpp"
 #include "host/run/experiment.hpp"
 #include "sim/hybrid/plant.hpp"
+#include "sim/model/elements/adc.hpp"
+#include "sim/model/elements/body.hpp"
+#include "sim/model/elements/dac.hpp"
+#include "sim/model/elements/drive.hpp"
+#include "sim/model/elements/encoder.hpp"
 
 namespace py = pybind11;
 using forceaxis::host::Experiment;
@@ -68,7 +73,7 @@ class BenchCase {
     robot_ = 2 * static_cast<std::size_t>(model.point_index(robot));
     workpiece_ = 2 * static_cast<std::size_t>(model.point_index(workpiece));
     current_ = 2 * model.bodies.size();
-    zero_ = model.adc[0].value().zero_code;
+    zero_ = model.adc[0]->zero_code;
   }
 
   // Computes one run of 3000 ticks. Returns the values of f, xr, xw, i and n at each tick, before
@@ -117,7 +122,7 @@ class BenchCase {
           in.adc_code[0] = codes.adc[0];
           in.adc_code[1] = codes.adc[1];
           fw_tick(axis.get(), &in, &out);
-          plant.step(axis_host_dac_code(&out, plant.model().dac.bits), out.amp_enable != 0,
+          plant.step(axis_host_dac_code(&out, plant.model().dac->bits), out.amp_enable != 0,
                      out.brake_release != 0);
         }
       } else {

@@ -19,6 +19,9 @@
 #include "host/python/binding/model.hpp"
 #include "host/python/binding/parts.hpp"
 #include "sim/hybrid/plant.hpp"
+#include "sim/model/elements/adc.hpp"
+#include "sim/model/elements/body.hpp"
+#include "sim/model/elements/encoder.hpp"
 
 namespace py = pybind11;
 using forceaxis::sim::BodyStart;

@@ -27,63 +27,12 @@ namespace py = pybind11;
 using forceaxis::host::Criterion;
 using forceaxis::host::Experiment;
 using forceaxis::host::ExperimentFile;
+using forceaxis::host::item;
 using forceaxis::host::Metrics;
 using forceaxis::host::RunResult;
+using forceaxis::host::Within;
 
 namespace {
-
-Criterion criterion_from(const py::dict &d) {
-  Criterion c;
-  c.window_s = d["window_s"].cast<double>();
-  c.force_ripple_max_count = d["force_ripple_max_count"].cast<std::optional<double>>();
-  c.position_ripple_max_count = d["position_ripple_max_count"].cast<std::optional<double>>();
-  const auto limit = [&d](const char *key) {
-    return d.contains(key) ? d[key].cast<std::optional<double>>() : std::nullopt;
-  };
-  c.held_force_error_max_N = limit("held_force_error_max_N");
-  c.held_force_error_max_percent = limit("held_force_error_max_percent");
-  c.overshoot_max_percent = limit("overshoot_max_percent");
-  c.settle_max_s = limit("settle_max_s");
-  c.peak_force_max_N = limit("peak_force_max_N");
-  c.peak_force_max_percent = limit("peak_force_max_percent");
-  c.contact_losses_max = limit("contact_losses_max");
-  c.saturated_max_s = limit("saturated_max_s");
-  // `contact_held` is true or a list of names.
-  c.contact_held = static_cast<bool>(py::bool_(d["contact_held"]));
-  return c;
-}
-
-Metrics metrics_from(const py::dict &d) {
-  Metrics m;
-  const auto number = [&d](const char *key) { return d[key].cast<double>(); };
-  const auto whole = [&d](const char *key) { return d[key].cast<std::int64_t>(); };
-  m.window_ticks = whole("window_ticks");
-  m.window_start_s = number("window_start_s");
-  m.force_ripple = {number("force_ripple_count"), number("force_ripple_late_count")};
-  m.position_ripple = {number("position_ripple_count"), number("position_ripple_late_count")};
-  m.contacts = whole("contacts");
-  m.contact_losses = whole("contact_losses");
-  m.contact_losses_run = whole("contact_losses_run");
-  m.first_contact_s = d["first_contact_s"].cast<std::optional<double>>();
-  m.contact_at_window = d["contact_at_window"].cast<bool>();
-  m.in_contact = d["in_contact"].cast<bool>();
-  m.peak_force_N = number("peak_force_N");
-  m.saturated_ticks = whole("saturated_ticks");
-  m.saturated_run_ticks = whole("saturated_run_ticks");
-  m.reading_range_ticks = whole("reading_range_ticks");
-  m.setpoint_beyond_N = d["setpoint_beyond_N"].cast<std::optional<double>>();
-  m.reading_end_N = number("reading_end_N");
-  if (!d.contains("held_force") || d["held_force"].is_none()) return m;
-  const py::dict force = d["held_force"];
-  forceaxis::host::HeldForce &held = m.held_force.emplace();
-  held.setpoint_N = force["setpoint_N"].cast<double>();
-  held.held_N = force["held_N"].cast<double>();
-  held.error_N = force["error_N"].cast<double>();
-  held.error_percent = force["error_percent"].cast<double>();
-  held.overshoot_percent = force["overshoot_percent"].cast<double>();
-  held.settle_s = force["settle_s"].cast<std::optional<double>>().value_or(held.settle_s);
-  return m;
-}
 
 std::unique_ptr<Result> run_one(const std::filesystem::path &file,
                                 const std::vector<std::string> &overrides, bool firmware_hash,
@@ -109,15 +58,16 @@ std::vector<std::string> contact_names(const forceaxis::sim::Model &model) {
 }
 
 // Returns the table [expect] of an experiment, or None if the file has no such table.
-py::object expect_of(const Experiment &e) {
-  return e.expect ? py::object(::to_dict(*e.expect)) : py::none();
+std::optional<py::dict> expect_of(const Experiment &e) {
+  if (!e.expect) return std::nullopt;
+  return ::to_dict(*e.expect);
 }
 
 py::dict plot_of(const Experiment &e) {
-  py::dict d;
-  if (!e.plot.rows.empty()) d["rows"] = e.plot.rows;
-  if (e.plot.from_s) d["from_s"] = *e.plot.from_s;
-  if (e.plot.to_s) d["to_s"] = *e.plot.to_s;
+  py::dict d = table::object(PlotTable{e.plot});
+  for (const char *key : {"rows", "from_s", "to_s"})
+    if (d[key].is_none() || (std::string(key) == "rows" && e.plot.rows.empty()))
+      PyDict_DelItemString(d.ptr(), key);
   return d;
 }
 
@@ -126,7 +76,8 @@ forceaxis::host::CycleProgram cycle_program(const std::filesystem::path &file,
   Experiment experiment = forceaxis::host::load_experiment(file, overrides, std::nullopt);
   if (!experiment.cycle)
     throw forceaxis::sim::InputError(file.string(), "cycle",
-                                     "expected the file of a program, the key is missing");
+                                     "expected an experiment that names a program in this key; "
+                                     "add it, or give another experiment");
   return *std::move(experiment.cycle);
 }
 
@@ -137,84 +88,77 @@ py::bytes cycle_record(const std::filesystem::path &file,
   return {reinterpret_cast<const char *>(record.data()), record.size() * sizeof(record[0])};
 }
 
-// Returns the value in SI units of one unit of the firmware, for each element of the program.
-std::vector<double> cycle_scales(const std::filesystem::path &file,
-                                 const std::vector<std::string> &overrides) {
-  std::vector<double> scales;
-  for (const auto &element : cycle_program(file, overrides).elements)
-    scales.push_back(element.per_value);
-  return scales;
-}
-
-// Returns the last cycle of a run of this program, or None if the run had no program.
-py::object cycle_of(const RunResult &run, const forceaxis::host::CycleProgram *own) {
-  if (!run.cycle) return py::none();
-  const forceaxis::host::CycleProgram &program = *own;
-  py::dict d;
-  d["title"] = program.title;
-  d["state"] = run.cycle->state;
-  d["outcome"] = run.cycle->outcome;
-  d["failed_phase"] = run.cycle->failed_phase;
-  d["cycles"] = run.cycle->cycles;
-  d["invalid_ticks"] = run.cycle->invalid_ticks;
-  d["phases"] = program.phases;
-  py::list figures;
-  for (std::size_t i = 0; i < run.cycle->figures.size(); ++i) {
-    const forceaxis::host::CycleFigure &figure = run.cycle->figures[i];
-    py::dict f;
-    f["name"] = program.elements[i].name;
-    f["kind"] = program.elements[i].kind;
-    f["value"] = figure.value;
-    f["unit"] = program.elements[i].unit;
-    f["tick"] = figure.tick;
-    f["verdict"] = figure.verdict;
-    figures.append(f);
-  }
-  d["figures"] = figures;
-  return d;
-}
-
-// Returns the reason why the table [verdict] of the experiment cannot be evaluated, or None.
-py::object not_evaluable(const Experiment &e) {
+// Returns the reason why the table [verdict] of the experiment cannot be evaluated, or nothing.
+std::optional<std::string> not_evaluable(const Experiment &e) {
   try {
     forceaxis::host::expect_evaluable(e);
-    return py::none();
+    return std::nullopt;
   } catch (const forceaxis::sim::InputError &error) {
-    return py::cast(std::string(error.what()));
+    return error.what();
   }
 }
 
-// Returns the inputs of an experiment without a run.
-py::dict inputs(const std::filesystem::path &file, const std::vector<std::string> &overrides,
-                const std::optional<std::string> &text) {
-  const Experiment e = forceaxis::host::load_experiment(file, overrides, text);
-  py::dict parameters;
-  for (const auto &p : e.model->parameters) {
-    py::dict d;
-    d["value"] = p.value;
-    d["unit"] = p.unit;
-    parameters[py::str(p.name)] = d;
+struct Parameter {
+  static constexpr const char *kName = "ParameterTable";
+  static constexpr const char *kMeaning = "A parameter of the model.";
+  static constexpr bool kDict = true;
+  double value;
+  std::string unit;
+
+  static constexpr auto items() {
+    return std::tuple{item("value", &Parameter::value), item("unit", &Parameter::unit)};
   }
-  py::dict d;
-  py::dict firmware;
-  for (const auto &w : e.initial) {
-    const auto &meta = forceaxis::host::object_meta(w.object);
-    const double raw = meta.min < 0 ? static_cast<double>(w.raw)
-                                    : static_cast<double>(static_cast<std::uint32_t>(w.raw));
-    firmware[py::str(meta.name)] = raw * meta.scale;
+};
+
+// The inputs of an experiment without a run.
+struct Inputs {
+  static constexpr const char *kName = "Inputs";
+  static constexpr const char *kMeaning = "The experiment that inputs() has read.";
+  static constexpr bool kDict = true;
+  Experiment e;
+
+  std::string title() const { return e.title; }
+  std::string model() const { return e.model->file; }
+  std::vector<std::string> contacts() const { return contact_names(*e.model); }
+  table::Ordered<Converter> converters() const { return converters_of(*e.model); }
+  table::Ordered<double> firmware() const {
+    table::Ordered<double> all;
+    for (const auto &w : e.initial) {
+      const auto &meta = forceaxis::host::object_meta(w.object);
+      const double raw = meta.min < 0 ? static_cast<double>(w.raw)
+                                      : static_cast<double>(static_cast<std::uint32_t>(w.raw));
+      all.emplace_back(meta.name, raw * meta.scale);
+    }
+    return all;
   }
-  d["title"] = e.title;
-  d["model"] = e.model->file;
-  d["contacts"] = contact_names(*e.model);
-  d["converters"] = converters_of(*e.model);
-  d["firmware"] = firmware;
-  d["expect"] = expect_of(e);
-  d["inputs_hash"] = e.hash;
-  d["criterion"] = to_dict(e.criterion);
-  d["not_evaluable"] = not_evaluable(e);
-  d["parameters"] = parameters;
-  d["unused"] = e.unused;
-  return d;
+  std::optional<py::dict> expect() const { return expect_of(e); }
+  std::optional<std::string> why() const { return not_evaluable(e); }
+  table::Ordered<Parameter> parameters() const {
+    table::Ordered<Parameter> all;
+    for (const auto &p : e.model->parameters) all.push_back({p.name, {p.value, p.unit}});
+    return all;
+  }
+
+  static constexpr auto items() {
+    using I = Inputs;
+    return std::tuple{
+        item("title", &I::title),
+        item("model", &I::model),
+        item("contacts", &I::contacts),
+        item("converters", &I::converters),
+        item("firmware", &I::firmware, "{object: value at the start}"),
+        item("expect", &I::expect),
+        item("inputs_hash", Within{&I::e, &Experiment::hash}),
+        item("criterion", Within{&I::e, &Experiment::criterion}),
+        item("not_evaluable", &I::why, "reason why [verdict] cannot be evaluated, or None"),
+        item("parameters", &I::parameters),
+        item("unused", Within{&I::e, &Experiment::unused}, "overrides that have no effect")};
+  }
+};
+
+py::object inputs(const std::filesystem::path &file, const std::vector<std::string> &overrides,
+                  const std::optional<std::string> &text) {
+  return table::object(Inputs{forceaxis::host::load_experiment(file, overrides, text)});
 }
 
 // A cache of experiment files, so that each file is read only once.
@@ -233,29 +177,35 @@ class Experiments {
 using Job = std::pair<std::string, std::vector<std::string>>;
 
 struct Outcome {
+  static constexpr const char *kName = "RunOutcome";
+  static constexpr const char *kMeaning =
+      "A result of run_many(). A run that has failed has only the text `error`.";
+  static constexpr bool kDict = true, kPartial = true;
   std::optional<Criterion> criterion;
   std::vector<std::string> overridden;
-  std::shared_ptr<const forceaxis::host::CycleProgram> program;
   RunResult run;
-  // Text of the error if the run has failed. The other members are then not set.
   std::string error;
+
+  static constexpr auto items() {
+    using R = RunResult;
+    constexpr auto run = &Outcome::run;
+    return std::tuple{item("error", &Outcome::error),
+                      item("verdict", Within{run, &R::verdict}),
+                      item("missed", Within{run, &R::missed}),
+                      item("fault", Within{run, &R::fault}),
+                      item("metrics", Within{run, &R::metrics}),
+                      item("criterion", &Outcome::criterion),
+                      item("overridden", &Outcome::overridden),
+                      item("trace_hash", Within{run, &R::trace_hash}),
+                      item("edge_margin", Within{run, &R::edge_margin}),
+                      item("cycle", Within{run, &R::cycle})};
+  }
 };
 
 py::dict to_dict(const Outcome &o) {
-  py::dict d;
-  if (!o.error.empty()) {
-    d["error"] = o.error;
-    return d;
-  }
-  d["verdict"] = o.run.verdict;
-  d["missed"] = to_list(o.run.missed);
-  d["fault"] = o.run.fault;
-  d["metrics"] = ::to_dict(o.run.metrics);
-  d["criterion"] = ::to_dict(o.criterion);
-  d["overridden"] = o.overridden;
-  d["trace_hash"] = o.run.trace_hash;
-  d["edge_margin"] = o.run.edge_margin;
-  d["cycle"] = cycle_of(o.run, o.program.get());
+  if (!o.error.empty()) return py::dict(py::arg("error") = o.error);
+  py::dict d = table::object(o);
+  PyDict_DelItemString(d.ptr(), "error");
   return d;
 }
 
@@ -278,7 +228,7 @@ py::list run_many(const std::vector<Job> &jobs, unsigned threads, const py::obje
   const auto run_job = [&](std::size_t i) {
     try {
       const Experiment e = files[i]->with(jobs[i].second);
-      outcomes[i] = {e.criterion, overridden(*e.model), e.cycle,
+      outcomes[i] = {e.criterion, overridden(*e.model),
                      forceaxis::host::run(
                          e, {.trace = false, .audit = false, .stop = [&] { return stop.load(); }}),
                      ""};
@@ -367,12 +317,12 @@ PYBIND11_MODULE(_core, m) {
           "table [plot] of the experiment: the given keys of rows, from_s and to_s")
       .def_property_readonly("verdict", [](const Result &r) { return r.run.verdict; })
       .def_property_readonly(
-          "missed", [](const Result &r) { return to_list(r.run.missed); },
+          "missed", [](const Result &r) { return table::object(r.run.missed); },
           "limits that the run missed, each with limit, verdict, value (None: infinite), bound, "
           "unit")
       .def_property_readonly("fault", [](const Result &r) { return r.run.fault; })
       .def_property_readonly(
-          "cycle", [](const Result &r) { return cycle_of(r.run, r.experiment.cycle.get()); },
+          "cycle", [](const Result &r) { return table::object(r.run.cycle); },
           "result of the last cycle: title, state, outcome, failed_phase, cycles, invalid_ticks, "
           "phases and "
           "figures, each with name, kind, value, unit, tick and verdict; None without a program")
@@ -387,17 +337,18 @@ PYBIND11_MODULE(_core, m) {
       .def_property_readonly("edge_margin", [](const Result &r) { return r.run.edge_margin; })
       .def_property_readonly("event_count", [](const Result &r) { return r.run.event_count; })
       .def_property_readonly(
-          "refused", &Result::refused,
+          "refused", [](const Result &r) { return table::object(r.run.refused); },
           "writes of [[at]] that the firmware has refused, each with tick, object and reason")
       .def_property_readonly(
           "events", &Result::events,
           "list of (time_s, element, from, to) with the exact time of each change")
       .def_property_readonly(
-          "energy", [](const Result &r) { return energy_dict(r.run.energy); },
+          "energy", [](const Result &r) { return table::object(Energy{r.run.energy}); },
           "energy balance of the plant in J")
-      .def_property_readonly("metrics", [](const Result &r) { return to_dict(r.run.metrics); })
+      .def_property_readonly("metrics",
+                             [](const Result &r) { return table::object(r.run.metrics); })
       .def_property_readonly("criterion",
-                             [](const Result &r) { return to_dict(r.experiment.criterion); })
+                             [](const Result &r) { return table::object(r.experiment.criterion); })
       .def_property_readonly("tick",
                              [](const Result &r) {
                                return column<std::uint32_t>(r.run.records,
@@ -411,8 +362,10 @@ PYBIND11_MODULE(_core, m) {
                              "list of (time_s, body, impulse in N s)")
       .def_property_readonly("contacts", &Result::contacts, "names of the contacts of the model")
       .def_property_readonly("signal_units", &Result::signal_units, "signal of the model -> unit")
-      .def_property_readonly("converters", &Result::converters,
-                             "column of codes -> signal, unit, per_code, zero, bits")
+      .def_property_readonly(
+          "converters",
+          [](const Result &r) { return table::object(converters_of(*r.experiment.model)); },
+          "column of codes -> signal, unit, per_code, zero, bits")
       .def("columns", &Result::columns,
            "name -> array with one value for each tick: codes, firmware state, then true signals");
 
@@ -432,10 +385,15 @@ PYBIND11_MODULE(_core, m) {
         py::arg("overrides") = std::vector<std::string>{},
         "Returns the record of an experiment's program of a cycle, as an axis takes it in object "
         "2435h:1. Raises InputError, also for an experiment without a program.");
-  m.def("cycle_scales", &cycle_scales, py::arg("experiment"),
-        py::arg("overrides") = std::vector<std::string>{},
-        "Returns, for each element of an experiment's program, the value in SI units of one unit "
-        "of the firmware (object cycle_result_value). Raises InputError as cycle_record().");
+  m.def(
+      "cycle_program",
+      [](const std::filesystem::path &file, const std::vector<std::string> &overrides) {
+        return table::object(cycle_program(file, overrides));
+      },
+      py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
+      "Returns the program of a cycle of an experiment, as its file describes it. Raises "
+      "InputError "
+      "as cycle_record().");
   py::class_<Experiments>(
       m, "Experiments",
       "Experiment files with the content that was read first, and the models and "
@@ -451,10 +409,10 @@ PYBIND11_MODULE(_core, m) {
         "new result.");
   m.def(
       "evaluate",
-      [](const py::dict &criterion, const py::dict &metrics, const std::string &fault) {
-        const auto evaluated = forceaxis::host::evaluate(criterion_from(criterion),
-                                                         metrics_from(metrics), fault != "none");
-        return std::pair(evaluated.verdict, to_list(evaluated.missed));
+      [](const py::object &criterion, const py::object &metrics, const std::string &fault) {
+        const auto evaluated = forceaxis::host::evaluate(
+            table::from<Criterion>(criterion), table::from<Metrics>(metrics), fault != "none");
+        return py::make_tuple(evaluated.verdict, table::object(evaluated.missed));
       },
       py::arg("criterion"), py::arg("metrics"), py::arg("fault"),
       "Returns (verdict, missed limits) of a finished run by another criterion with the same "
@@ -473,4 +431,19 @@ PYBIND11_MODULE(_core, m) {
   add_objects(m);
   add_plant(m);
   add_toml(m);
+  m.def(
+      "result_types",
+      [] {
+        py::list types;
+        table::describe_all<
+            forceaxis::host::HeldForce, Metrics, Criterion, forceaxis::host::Missed, Energy,
+            forceaxis::host::Refusal, forceaxis::host::CycleFigure, forceaxis::host::CycleResult,
+            forceaxis::host::CycleEnd, forceaxis::host::CyclePhase, forceaxis::host::CycleElement,
+            forceaxis::host::CycleProgram, Converter, PlotTable, Parameter, Inputs, Outcome>(types);
+        describe_linear(types);
+        describe_link(types);
+        return types;
+      },
+      "Returns the types of results for tools/gen_results.py: name, meaning, whether it is a dict, "
+      "and (field, type, meaning) of each field.");
 }

@@ -21,6 +21,12 @@
 #include "host/python/binding/parts.hpp"
 #include "host/run/objects.hpp"
 #include "sim/hybrid/plant.hpp"
+#include "sim/model/elements/adc.hpp"
+#include "sim/model/elements/contact.hpp"
+#include "sim/model/elements/dac.hpp"
+#include "sim/model/elements/drive.hpp"
+#include "sim/model/elements/encoder.hpp"
+#include "sim/model/elements/spring.hpp"
 
 namespace py = pybind11;
 using forceaxis::sim::ModeCache;
@@ -50,7 +56,7 @@ class Excited {
     if (clamped) {
       for (const auto &contact : loaded.contacts)
         loaded.springs.push_back(
-            {contact.name, contact.ends, contact.stiffness, contact.damping, contact.maxwell});
+            {{contact.name, contact.ends}, contact.stiffness, contact.damping, contact.maxwell});
       loaded.contacts.clear();
     }
     auto model = std::make_shared<const Model>(std::move(loaded));
@@ -176,7 +182,7 @@ class Excited {
   }
 
   // Returns the number of bits of the firmware's output.
-  int dac_bits() const { return std::max<int>(plant_->model().dac.bits, AXIS_DAC_BITS_MIN); }
+  int dac_bits() const { return std::max<int>(plant_->model().dac->bits, AXIS_DAC_BITS_MIN); }
 
   std::vector<std::size_t> places_of(const std::vector<std::string> &signals) const {
     const auto &names = plant_->signal_names();

@@ -8,6 +8,7 @@
 #include "host/python/binding/parts.hpp"
 #include "host/run/experiment.hpp"
 #include "host/run/objects.hpp"
+#include "sim/model/elements/dac.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -38,7 +39,7 @@ py::dict writes(const std::filesystem::path &file, const std::vector<std::string
     for (const auto &w : action.writes) at.append(py::make_tuple(action.tick, name_of(w), w.raw));
   std::vector<std::uint32_t> program;
   if (experiment.cycle) program = experiment.cycle->record;
-  return py::dict("title"_a = experiment.title, "dac_bits"_a = experiment.model->dac.bits,
+  return py::dict("title"_a = experiment.title, "dac_bits"_a = experiment.model->dac->bits,
                   "initial"_a = initial, "at"_a = at, "program"_a = program);
 }
 

@@ -15,10 +15,14 @@
 
 #include "host/python/binding/model.hpp"
 #include "host/python/binding/parts.hpp"
+#include "host/python/binding/table.hpp"
+#include "host/run/item.hpp"
 #include "sim/matrix/extended.hpp"
 #include "sim/matrix/hessenberg.hpp"
+#include "sim/model/elements/all.hpp"
 
 namespace py = pybind11;
+using forceaxis::host::item;
 using forceaxis::sim::BoundaryResponse;
 using forceaxis::sim::ExtendedMatrix;
 using forceaxis::sim::kGround;
@@ -27,135 +31,252 @@ using forceaxis::sim::Model;
 
 namespace {
 
-py::dict linear(const std::filesystem::path &file, const std::vector<std::string> &inputs,
-                const std::vector<std::string> &outputs, const Overrides &overrides,
-                const std::map<std::string, std::string> &modes, bool free, bool drive) {
+using Pair = std::tuple<std::string, std::string>;
+// Rate in Hz, phase in s or None for any phase, latency in s and order of the filter.
+using Samples = std::tuple<double, std::optional<double>, double, int>;
+
+struct LinearTable {
+  static constexpr const char *kName = "LinearTable";
+  static constexpr const char *kMeaning = "The linear equations of a model in one mode.";
+  static constexpr bool kDict = true;
+  Eigen::MatrixXd A;
+  Eigen::MatrixXd B;
+  Eigen::MatrixXd C;
+  Eigen::MatrixXd D;
+  std::vector<std::string> states;
+
+  static constexpr auto items() {
+    return std::tuple{item("A", &LinearTable::A), item("B", &LinearTable::B),
+                      item("C", &LinearTable::C), item("D", &LinearTable::D),
+                      item("states", &LinearTable::states)};
+  }
+};
+
+struct StructureTable {
+  static constexpr const char *kName = "StructureTable";
+  static constexpr const char *kMeaning =
+      "A structure of a model that is given by its modes; for the fields see StructureFacts.";
+  static constexpr bool kDict = true;
+  std::string name;
+  table::Fixed<std::string> ports;
+  std::vector<double> modal_masses_kg;
+  std::vector<std::vector<double>> shapes;
+
+  static constexpr auto items() {
+    return std::tuple{item("name", &StructureTable::name), item("ports", &StructureTable::ports),
+                      item("modal_masses_kg", &StructureTable::modal_masses_kg),
+                      item("shapes", &StructureTable::shapes, "modes x ports")};
+  }
+};
+
+struct ContactTable {
+  static constexpr const char *kName = "ContactTable";
+  static constexpr const char *kMeaning =
+      "A contact of a model and the two points between which it acts.";
+  static constexpr bool kDict = true;
+  std::string name;
+  Pair between;
+
+  static constexpr auto items() {
+    return std::tuple{item("name", &ContactTable::name), item("between", &ContactTable::between)};
+  }
+};
+
+struct DriveTable {
+  static constexpr const char *kName = "DriveTable";
+  static constexpr const char *kMeaning = "The drive of a model; for the fields see DriveFacts.";
+  static constexpr bool kDict = true;
+  std::string type;
+  std::string body;
+  std::string reaction;
+  table::Ordered<double> values;
+  std::tuple<int, int, int> bus;
+
+  static constexpr auto items() {
+    return std::tuple{item("type", &DriveTable::type), item("body", &DriveTable::body),
+                      item("reaction", &DriveTable::reaction),
+                      item("values", &DriveTable::values, "{key: parameter}"),
+                      item("bus", &DriveTable::bus)};
+  }
+};
+
+struct ReadingTable {
+  static constexpr const char *kName = "ReadingTable";
+  static constexpr const char *kMeaning =
+      "The force sensor of a model; for the fields see SensorFacts.";
+  static constexpr bool kDict = true;
+  std::string signal;
+  double per_count;
+  int bits;
+  std::optional<Samples> sampling;
+
+  static constexpr auto items() {
+    return std::tuple{
+        item("signal", &ReadingTable::signal),
+        item("per_count", &ReadingTable::per_count, "unit of the signal per 8-bit count"),
+        item("bits", &ReadingTable::bits), item("sampling", &ReadingTable::sampling)};
+  }
+};
+
+struct EncoderTable {
+  static constexpr const char *kName = "EncoderTable";
+  static constexpr const char *kMeaning =
+      "The encoder of a model; for the fields see EncoderFacts.";
+  static constexpr bool kDict = true;
+  std::string body;
+  std::string reference;
+  double scale;
+
+  static constexpr auto items() {
+    return std::tuple{item("body", &EncoderTable::body),
+                      item("reference", &EncoderTable::reference),
+                      item("scale", &EncoderTable::scale)};
+  }
+};
+
+struct FactsTable {
+  static constexpr const char *kName = "FactsTable";
+  static constexpr const char *kMeaning =
+      "The contents of a model file; for the fields see PlantFacts.";
+  static constexpr bool kDict = true;
+  std::string title;
+  table::Ordered<double> masses_kg;
+  std::vector<StructureTable> structures;
+  table::Ordered<std::string> signals;
+  table::Ordered<std::tuple<double, std::string>> parameters;
+  std::vector<ContactTable> contacts;
+  table::Ordered<table::Fixed<std::string>> switches;
+  std::optional<DriveTable> drive;
+  std::optional<ReadingTable> reading;
+  std::optional<EncoderTable> encoder;
+  double volts_per_code;
+  double volts_per_step;
+
+  static constexpr auto items() {
+    return std::tuple{
+        item("title", &FactsTable::title),
+        item("masses_kg", &FactsTable::masses_kg),
+        item("structures", &FactsTable::structures),
+        item("signals", &FactsTable::signals, "{signal: unit}"),
+        item("parameters", &FactsTable::parameters, "{used parameter: value and unit}"),
+        item("contacts", &FactsTable::contacts),
+        item("switches", &FactsTable::switches, "{element: its states}"),
+        item("drive", &FactsTable::drive),
+        item("reading", &FactsTable::reading),
+        item("encoder", &FactsTable::encoder),
+        item("volts_per_code", &FactsTable::volts_per_code),
+        item("volts_per_step", &FactsTable::volts_per_step)};
+  }
+};
+
+py::object linear(const std::filesystem::path &file, const std::vector<std::string> &inputs,
+                  const std::vector<std::string> &outputs, const Overrides &overrides,
+                  const std::map<std::string, std::string> &modes, bool free, bool drive) {
   const Model model = load(file, overrides);
-  auto result = forceaxis::sim::linearise(model, {modes, free, drive}, inputs, outputs);
-  py::dict d;
-  d["A"] = std::move(result.A);
-  d["B"] = std::move(result.B);
-  d["C"] = std::move(result.C);
-  d["D"] = std::move(result.D);
-  d["states"] = std::move(result.states);
-  return d;
+  auto found = forceaxis::sim::linearise(model, {modes, free, drive}, inputs, outputs);
+  return table::object(LinearTable{std::move(found.A), std::move(found.B), std::move(found.C),
+                                   std::move(found.D), std::move(found.states)});
 }
 
 // Returns the parameters of the drive with their keys, without the parameters that act only outside
 // the linear range around the error 0.
-py::dict drive_values(const forceaxis::sim::Drive &drive) {
-  using py::literals::operator""_a;
+table::Ordered<double> drive_values(const forceaxis::sim::Drive &drive) {
   if (const auto *perfect = std::get_if<forceaxis::sim::PerfectDrive>(&drive.type))
-    return py::dict("force_per_volt"_a = perfect->force_per_volt);
+    return {{"force_per_volt", perfect->force_per_volt}};
   if (const auto *simple = std::get_if<forceaxis::sim::FirstOrderDrive>(&drive.type))
-    return py::dict("k_act"_a = simple->k_act, "a_act"_a = simple->a_act,
-                    "velocity_per_volt"_a = simple->velocity_per_volt);
+    return {{"k_act", simple->k_act},
+            {"a_act", simple->a_act},
+            {"velocity_per_volt", simple->velocity_per_volt}};
   if (const auto *torque = std::get_if<forceaxis::sim::TorqueDrive>(&drive.type))
-    return py::dict("current_per_volt"_a = torque->current_per_volt,
-                    "k_force"_a = torque->motor.force_per_amp,
-                    "current_bandwidth"_a = torque->motor.rate, "damping"_a = torque->damping);
+    return {{"current_per_volt", torque->current_per_volt},
+            {"k_force", torque->motor.force_per_amp},
+            {"current_bandwidth", torque->motor.rate},
+            {"damping", torque->damping}};
   if (const auto *velocity = std::get_if<forceaxis::sim::VelocityDrive>(&drive.type)) {
-    py::dict values("velocity_per_volt"_a = velocity->velocity_per_volt,
-                    "k_force"_a = velocity->motor.force_per_amp,
-                    "current_bandwidth"_a = velocity->motor.rate,
-                    "k_velocity"_a = velocity->k_velocity);
-    if (velocity->integral_time) values["integral_time"] = *velocity->integral_time;
+    table::Ordered<double> values{{"velocity_per_volt", velocity->velocity_per_volt},
+                                  {"k_force", velocity->motor.force_per_amp},
+                                  {"current_bandwidth", velocity->motor.rate},
+                                  {"k_velocity", velocity->k_velocity}};
+    if (velocity->integral_time) values.emplace_back("integral_time", *velocity->integral_time);
     return values;
   }
   if (const auto *stepper = std::get_if<forceaxis::sim::StepperDrive>(&drive.type))
-    return py::dict("velocity_per_volt"_a = stepper->velocity_per_volt,
-                    "holding_force"_a = stepper->holding_force, "full_step"_a = stepper->full_step,
-                    "damping"_a = stepper->damping);
+    return {{"velocity_per_volt", stepper->velocity_per_volt},
+            {"holding_force", stepper->holding_force},
+            {"full_step", stepper->full_step},
+            {"damping", stepper->damping}};
   const auto &motor = std::get<forceaxis::sim::DcMotor>(drive.type);
-  return py::dict("k_preamp_cmd"_a = motor.k_preamp_cmd, "k_preamp_fdbk"_a = motor.k_preamp_fdbk,
-                  "a_preamp_fdbk"_a = motor.a_preamp_fdbk, "k_tach"_a = motor.k_tach,
-                  "k_torque"_a = motor.k_torque, "k_back_emf"_a = motor.k_back_emf,
-                  "L"_a = motor.inductance, "R"_a = motor.resistance, "r_trans"_a = motor.r_trans,
-                  "b_m"_a = motor.b_m, "k_current"_a = motor.k_current, "k_amp"_a = motor.k_amp);
+  return {{"k_preamp_cmd", motor.k_preamp_cmd},
+          {"k_preamp_fdbk", motor.k_preamp_fdbk},
+          {"a_preamp_fdbk", motor.a_preamp_fdbk},
+          {"k_tach", motor.k_tach},
+          {"k_torque", motor.k_torque},
+          {"k_back_emf", motor.k_back_emf},
+          {"L", motor.inductance},
+          {"R", motor.resistance},
+          {"r_trans", motor.r_trans},
+          {"b_m", motor.b_m},
+          {"k_current", motor.k_current},
+          {"k_amp", motor.k_amp}};
 }
 
-// Returns rate in Hz, phase in s, latency in s and order of the filter of the samples, or None for
-// an ADC whose code is fresh in each tick.
-py::object sampling(const forceaxis::sim::Adc &adc) {
-  if (!adc.sampling) return py::none();
+// Returns nothing for an ADC whose code is fresh in each tick.
+std::optional<Samples> sampling(const forceaxis::sim::Adc &adc) {
+  if (!adc.sampling) return std::nullopt;
   const auto &[rate_hz, phase_s, phase_known, latency_s] = *adc.sampling;
-  return py::make_tuple(rate_hz, phase_known ? py::cast(phase_s) : py::none(), latency_s,
-                        adc.sinc_order);
+  return Samples(rate_hz, phase_known ? std::optional(phase_s) : std::nullopt, latency_s,
+                 adc.sinc_order);
 }
 
-py::list structures_of(const Model &model) {
-  py::list structures;
+std::vector<StructureTable> structures_of(const Model &model) {
+  std::vector<StructureTable> structures;
   for (const auto &structure : model.structures) {
-    std::vector<double> modal_masses;
-    std::vector<std::vector<double>> shapes;
+    StructureTable &found = structures.emplace_back();
+    found.name = structure.name;
+    found.ports = {structure.ports};
     for (const auto &mode : structure.modes) {
-      modal_masses.push_back(mode.mass);
-      shapes.push_back(mode.shape);
+      found.modal_masses_kg.push_back(mode.mass);
+      found.shapes.push_back(mode.shape);
     }
-    structures.append(py::dict(
-        py::arg("name") = structure.name, py::arg("ports") = py::tuple(py::cast(structure.ports)),
-        py::arg("modal_masses_kg") = modal_masses, py::arg("shapes") = shapes));
   }
   return structures;
 }
 
 // Returns the data of a model, other than the equations, that a linear analysis needs.
-py::dict facts(const std::filesystem::path &file, const Overrides &overrides) {
+py::object facts(const std::filesystem::path &file, const Overrides &overrides) {
   const Model model = load(file, overrides);
   const std::vector<std::string> points = model.point_names();
   const auto name = [&](int point) {
     return point == kGround ? std::string("ground") : points[static_cast<std::size_t>(point)];
   };
-  py::dict masses;
-  for (const auto &body : model.bodies) masses[py::str(body.name)] = body.mass;
-  py::list signals;
-  py::dict units;
+  FactsTable d{};
+  d.title = model.title;
+  for (const auto &body : model.bodies) d.masses_kg.emplace_back(body.name, body.mass);
+  d.structures = structures_of(model);
   for (const auto &signal : model.signal_list())
-    units[py::str(signal.name)] = forceaxis::sim::unit_of(signal.dimension);
-  py::dict parameters;
+    d.signals.emplace_back(signal.name, forceaxis::sim::unit_of(signal.dimension));
   for (const auto &p : model.parameters)
-    if (p.used) parameters[py::str(p.name)] = py::make_tuple(p.value, p.unit);
-  py::dict d;
-  d["title"] = model.title;
-  d["masses_kg"] = masses;
-  d["structures"] = structures_of(model);
-  d["signals"] = units;
-  d["parameters"] = parameters;
-  py::list contacts;
+    if (p.used) d.parameters.push_back({p.name, {p.value, p.unit}});
   for (const auto &contact : model.contacts)
-    contacts.append(
-        py::dict(py::arg("name") = contact.name,
-                 py::arg("between") = py::make_tuple(name(contact.ends.a), name(contact.ends.b))));
-  d["contacts"] = contacts;
-  py::dict switches;
+    d.contacts.push_back({contact.name, {name(contact.ends.a), name(contact.ends.b)}});
   for (const auto &s : forceaxis::sim::switches_of(model))
-    switches[py::str(s.element)] = py::tuple(py::cast(s.states));
-  d["switches"] = switches;
-  d["drive"] = py::none();
-  if (model.drive) {
+    d.switches.push_back({s.element, {s.states}});
+  if (const auto &drive = model.drive) {
     static const char *const kTypes[] = {"dc_motor", "first_order", "perfect",
                                          "torque",   "velocity",    "stepper"};
-    d["drive"] = py::dict(
-        py::arg("type") = kTypes[model.drive->type.index()],
-        py::arg("body") = name(model.drive->body),
-        py::arg("reaction") = name(model.drive->reaction),
-        py::arg("values") = drive_values(*model.drive),
-        py::arg("bus") = py::make_tuple(model.drive->bus.ticks, model.drive->bus.delay_ticks_out,
-                                        model.drive->bus.delay_ticks_in));
+    d.drive = {kTypes[drive->type.index()],
+               name(drive->body),
+               name(drive->reaction),
+               drive_values(*drive),
+               {drive->bus.ticks, drive->bus.delay_ticks_out, drive->bus.delay_ticks_in}};
   }
-  d["reading"] = py::none();
   if (const auto &adc = model.adc[0])
-    d["reading"] = py::dict(py::arg("signal") = adc->signal,
-                            py::arg("per_count") = adc->per_count * (1 << (adc->bits - 8)),
-                            py::arg("bits") = adc->bits, py::arg("sampling") = sampling(*adc));
-  d["encoder"] = py::none();
+    d.reading = {adc->signal, adc->per_count * (1 << (adc->bits - 8)), adc->bits, sampling(*adc)};
   if (const auto &encoder = model.encoder)
-    d["encoder"] = py::dict(py::arg("body") = name(encoder->body),
-                            py::arg("reference") = name(encoder->reference),
-                            py::arg("scale") = encoder->scale);
-  d["volts_per_code"] = model.dac.volts_per_code();
-  d["volts_per_step"] = model.dac.volts_per_step();
-  return d;
+    d.encoder = {name(encoder->body), name(encoder->reference), encoder->scale};
+  d.volts_per_code = model.dac->volts_per_code();
+  d.volts_per_step = model.dac->volts_per_step();
+  return table::object(d);
 }
 
 using Points = py::array_t<std::complex<double>, py::array::c_style | py::array::forcecast>;
@@ -231,16 +352,16 @@ void add_linear(py::module_ &m) {
         py::arg("free") = false, py::arg("drive") = true,
         "Returns A, B, C, D and the names of the states in one mode. See "
         "forceaxis.linear.linearise.");
-  m.def(
-      "facts", &facts, py::arg("model"), py::arg("overrides") = Overrides{},
-      "Returns the data of a model: masses, structures (name, ports, modal masses, shapes: modes x "
-      "ports), signals with units, used parameters (value, unit), "
-      "contacts (name, between), switches (states of each element), drive (values: parameters by "
-      "key), reading (per_count: unit of the signal per 8-bit count), encoder, volts_per_code, "
-      "volts_per_step");
+  m.def("facts", &facts, py::arg("model"), py::arg("overrides") = Overrides{},
+        "Returns the data of a model.");
   m.def("hessenberg_response", &response, py::arg("H"), py::arg("B"), py::arg("C"), py::arg("D"),
         py::arg("points"),
         "Returns C (s I - H)^-1 B + D as an array (points, outputs, inputs). H is an upper "
         "Hessenberg matrix.");
   add_extended(m);
+}
+
+void describe_linear(py::list &types) {
+  table::describe_all<LinearTable, StructureTable, ContactTable, DriveTable, ReadingTable,
+                      EncoderTable, FactsTable>(types);
 }

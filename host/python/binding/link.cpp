@@ -8,37 +8,103 @@
 #include "host/link/linked_run.hpp"
 #include "host/python/binding/parts.hpp"
 #include "host/python/binding/result.hpp"
+#include "host/python/binding/table.hpp"
 #include "host/run/replay.hpp"
 
 namespace py = pybind11;
 
 namespace {
 
+using forceaxis::host::item;
 using forceaxis::host::LinkOptions;
 using forceaxis::host::LinkReport;
+using forceaxis::host::Within;
 
 std::chrono::milliseconds milliseconds_of(double seconds) {
   return std::chrono::milliseconds(static_cast<std::int64_t>(seconds * 1000 + 0.5));
 }
 
-py::dict to_dict(const LinkReport &r) {
-  const double rate = r.seconds > 0 ? static_cast<double>(r.ticks - 1) / r.seconds : 0;
-  py::dict d, s;
-  s["sent"] = r.statistics.sent;
-  s["received"] = r.statistics.received;
-  s["repeated"] = r.statistics.repeated;
-  s["duplicates"] = r.statistics.duplicates;
-  s["foreign"] = r.statistics.foreign;
-  s["dropped"] = r.injected.dropped;
-  s["doubled"] = r.injected.doubled;
-  s["flipped"] = r.injected.flipped;
-  s["on_wire"] = r.statistics.sent - r.injected.dropped + r.injected.doubled;
-  d["ticks_per_s"] = rate;
-  d["real_time"] = rate / forceaxis::sim::kTickRateHz;
-  d["overruns"] = r.overruns;
-  d["statistics"] = s;
-  return d;
-}
+// Speed of a run over a connection, and numbers of messages.
+struct LinkDetails {
+  static constexpr const char *kName = "LinkDetails";
+  static constexpr const char *kMeaning =
+      "Speed of a run over a connection, and numbers of messages.";
+  LinkReport report;
+
+  double ticks_per_s() const {
+    return report.seconds > 0 ? static_cast<double>(report.ticks - 1) / report.seconds : 0;
+  }
+  double real_time() const { return ticks_per_s() / forceaxis::sim::kTickRateHz; }
+  table::Ordered<std::int64_t> statistics() const {
+    const auto &s = report.statistics;
+    const auto &injected = report.injected;
+    return {{"sent", s.sent},
+            {"received", s.received},
+            {"repeated", s.repeated},
+            {"duplicates", s.duplicates},
+            {"foreign", s.foreign},
+            {"dropped", injected.dropped},
+            {"doubled", injected.doubled},
+            {"flipped", injected.flipped},
+            {"on_wire", s.sent - injected.dropped + injected.doubled}};
+  }
+
+  static constexpr auto items() {
+    using L = LinkDetails;
+    return std::tuple{item("ticks_per_s", &L::ticks_per_s),
+                      item("real_time", &L::real_time, "ratio of simulated time to elapsed time"),
+                      item("overruns", Within{&L::report, &LinkReport::overruns}),
+                      item("statistics", &L::statistics,
+                           "{name of an event, such as repeated: number of messages}")};
+  }
+};
+
+struct ChipDetails {
+  static constexpr const char *kName = "ChipDetails";
+  static constexpr const char *kMeaning = "Speed of a run on an emulated chip.";
+  forceaxis::host::ChipCounts counts{};
+  double seconds = 0;
+
+  double ticks_per_s() const { return static_cast<double>(counts.ticks) / seconds; }
+
+  static constexpr auto items() {
+    using C = forceaxis::host::ChipCounts;
+    using D = ChipDetails;
+    return std::tuple{item("interrupts", Within{&D::counts, &C::interrupts},
+                           "number of interrupts in which the chip has computed a tick"),
+                      item("ticks", Within{&D::counts, &C::ticks}),
+                      item("late_ticks", Within{&D::counts, &C::late_ticks},
+                           "number of ticks that the main loop had not completed before the next "
+                           "one"),
+                      item("ticks_per_s", &D::ticks_per_s)};
+  }
+};
+
+struct JournalHeader {
+  static constexpr const char *kName = "JournalHeader";
+  static constexpr const char *kMeaning = "What a journal of axis_node says about its run.";
+  forceaxis::host::Journal journal;
+
+  std::string experiment() const { return journal.experiment.string(); }
+  std::size_t entries() const { return journal.entries.size(); }
+  std::optional<std::int64_t> ticks() const {
+    return journal.ticks < 0 ? std::nullopt : std::optional<std::int64_t>(journal.ticks);
+  }
+  std::int64_t replayed() const { return journal.known_ticks(); }
+
+  static constexpr auto items() {
+    using J = forceaxis::host::Journal;
+    using H = JournalHeader;
+    return std::tuple{
+        item("experiment", &H::experiment),
+        item("overrides", Within{&H::journal, &J::overrides}),
+        item("entries", &H::entries),
+        item("ticks", &H::ticks, "number of ticks of the recorded run; None if the journal is incomplete"),
+        item("replayed", &H::replayed, "number of ticks that a replay repeats"),
+        item("trace_hash", Within{&H::journal, &J::trace_hash},
+             "of the recorded run; empty if the journal is incomplete")};
+  }
+};
 
 py::tuple run_linked(const std::filesystem::path &file, const std::vector<std::string> &overrides,
                      const std::string &kind, std::int64_t run_id, const std::string &lcm_url,
@@ -65,7 +131,7 @@ py::tuple run_linked(const std::filesystem::path &file, const std::vector<std::s
   } catch (const forceaxis::host::RunStopped &) {
     throw py::error_already_set();
   }
-  return py::make_tuple(std::move(result), to_dict(report));
+  return py::make_tuple(std::move(result), table::object(LinkDetails{report}));
 }
 
 py::tuple run_on_chip(const std::filesystem::path &file, const std::vector<std::string> &overrides,
@@ -86,12 +152,7 @@ py::tuple run_on_chip(const std::filesystem::path &file, const std::vector<std::
     throw py::error_already_set();
   }
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begin;
-  py::dict report;
-  report["interrupts"] = counts.interrupts;
-  report["ticks"] = counts.ticks;
-  report["late_ticks"] = counts.late_ticks;
-  report["ticks_per_s"] = counts.ticks / took.count();
-  return py::make_tuple(std::move(result), report);
+  return py::make_tuple(std::move(result), table::object(ChipDetails{counts, took.count()}));
 }
 
 // Largest number of ticks for which a replay stores the trace. This number is ten minutes of ticks,
@@ -117,14 +178,7 @@ py::tuple replay(const std::filesystem::path &file) {
   } catch (const forceaxis::host::RunStopped &) {
     throw py::error_already_set();
   }
-  py::dict header;
-  header["experiment"] = journal.experiment.string();
-  header["overrides"] = journal.overrides;
-  header["entries"] = journal.entries.size();
-  header["ticks"] = journal.ticks < 0 ? py::object(py::none()) : py::cast(journal.ticks);
-  header["replayed"] = journal.known_ticks();
-  header["trace_hash"] = journal.trace_hash;
-  return py::make_tuple(std::move(result), header);
+  return py::make_tuple(std::move(result), table::object(JournalHeader{std::move(journal)}));
 }
 
 }  // namespace
@@ -156,4 +210,8 @@ void add_link(py::module_ &m) {
       "{experiment, overrides, entries, ticks, trace_hash}), where ticks and trace_hash are those "
       "of the recorded run. If the journal has no end, ticks is None and trace_hash is empty. "
       "Raises InputError.");
+}
+
+void describe_link(py::list &types) {
+  table::describe_all<LinkDetails, ChipDetails, JournalHeader>(types);
 }

@@ -18,6 +18,7 @@
 #include "host/python/binding/parts.hpp"
 #include "host/run/firmware_side.hpp"
 #include "host/run/plant_side.hpp"
+#include "sim/model/elements/contact.hpp"
 
 namespace py = pybind11;
 using forceaxis::host::Experiment;

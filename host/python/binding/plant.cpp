@@ -144,7 +144,7 @@ void add_plant(py::module_ &m) {
            "code "
            "or an impulse at a tick has caused the change.")
       .def(
-          "energy", [](const Plant &plant) { return energy_dict(plant.energy()); },
+          "energy", [](const Plant &plant) { return table::object(Energy{plant.energy()}); },
           "Returns the energy balance in J. Needs audit = True.")
       .def_property_readonly("signal_names", &Plant::signal_names)
       .def_property_readonly(

@@ -11,10 +11,15 @@
 #include <string_view>
 #include <vector>
 
+#include "host/python/binding/table.hpp"
 #include "host/run/experiment.hpp"
 #include "host/run/held_force.hpp"
 #include "host/run/objects.hpp"
 #include "host/run/result.hpp"
+#include "sim/model/elements/adc.hpp"
+#include "sim/model/elements/contact.hpp"
+#include "sim/model/elements/dac.hpp"
+#include "sim/model/elements/encoder.hpp"
 
 template <class T, class Rows, class Get>
 pybind11::array_t<T> column(const Rows &rows, Get get) {
@@ -24,103 +29,60 @@ pybind11::array_t<T> column(const Rows &rows, Get get) {
   return values;
 }
 
-// Converts the controlled force to Python. settle_s is None if the force does not settle.
-inline pybind11::dict to_dict(const forceaxis::host::HeldForce &f) {
-  pybind11::dict d;
-  d["setpoint_N"] = f.setpoint_N;
-  d["held_N"] = f.held_N;
-  d["error_N"] = f.error_N;
-  d["error_percent"] = f.error_percent;
-  d["overshoot_percent"] = f.overshoot_percent;
-  d["from_s"] = f.from_s;
-  d["settle_s"] = std::isfinite(f.settle_s) ? std::optional(f.settle_s) : std::nullopt;
-  return d;
-}
+/// A converter of the model, where quantity in `unit` = (code - zero) * per_code.
+struct Converter {
+  static constexpr const char *kName = "ConverterTable";
+  static constexpr const char *kMeaning =
+      "A converter of the model, where quantity in `unit` = (code - zero) * per_code.";
+  static constexpr bool kDict = true;
+  std::string signal;
+  std::string unit;
+  double per_code;
+  int zero;
+  int bits;
 
-inline pybind11::dict to_dict(const forceaxis::host::Metrics &m) {
-  pybind11::dict d;
-  d["window_ticks"] = m.window_ticks;
-  d["window_start_s"] = m.window_start_s;
-  d["force_ripple_count"] = m.force_ripple.count;
-  d["force_ripple_late_count"] = m.force_ripple.late_count;
-  d["position_ripple_count"] = m.position_ripple.count;
-  d["position_ripple_late_count"] = m.position_ripple.late_count;
-  d["contacts"] = m.contacts;
-  d["contact_losses"] = m.contact_losses;
-  d["contact_losses_run"] = m.contact_losses_run;
-  d["first_contact_s"] = m.first_contact_s;
-  d["contact_at_window"] = m.contact_at_window;
-  d["in_contact"] = m.in_contact;
-  d["peak_force_N"] = m.peak_force_N;
-  d["final_force_N"] = m.final_force_N;
-  d["saturated_ticks"] = m.saturated_ticks;
-  d["saturated_run_ticks"] = m.saturated_run_ticks;
-  d["reading_range_ticks"] = m.reading_range_ticks;
-  d["setpoint_beyond_N"] = m.setpoint_beyond_N;
-  d["reading_end_N"] = m.reading_end_N;
-  d["last_adc_change_tick"] = m.last_adc_change_tick;
-  d["held_force"] = m.held_force ? pybind11::object(to_dict(*m.held_force)) : pybind11::none();
-  return d;
-}
-
-// Converts missed limits to Python. An infinite value, for a force that never settles, becomes
-// None.
-inline pybind11::list to_list(const std::vector<forceaxis::host::Missed> &missed) {
-  pybind11::list list;
-  for (const auto &m : missed) {
-    pybind11::dict d;
-    d["limit"] = m.limit;
-    d["verdict"] = m.verdict;
-    d["value"] = std::isfinite(m.value) ? std::optional(m.value) : std::nullopt;
-    d["bound"] = m.bound;
-    d["unit"] = m.unit;
-    list.append(d);
+  static constexpr auto items() {
+    using forceaxis::host::item;
+    return std::tuple{item("signal", &Converter::signal), item("unit", &Converter::unit),
+                      item("per_code", &Converter::per_code), item("zero", &Converter::zero),
+                      item("bits", &Converter::bits)};
   }
-  return list;
-}
+};
 
-inline pybind11::object to_dict(const std::optional<forceaxis::host::Criterion> &c) {
-  if (!c) return pybind11::none();
-  pybind11::dict d;
-  d["window_s"] = c->window_s;
-  d["force_ripple_max_count"] = c->force_ripple_max_count;
-  d["position_ripple_max_count"] = c->position_ripple_max_count;
-  d["held_force_error_max_N"] = c->held_force_error_max_N;
-  d["held_force_error_max_percent"] = c->held_force_error_max_percent;
-  d["overshoot_max_percent"] = c->overshoot_max_percent;
-  d["settle_max_s"] = c->settle_max_s;
-  d["peak_force_max_N"] = c->peak_force_max_N;
-  d["peak_force_max_percent"] = c->peak_force_max_percent;
-  d["contact_losses_max"] = c->contact_losses_max;
-  d["saturated_max_s"] = c->saturated_max_s;
-  d["contact_held"] = c->contacts.empty() ? pybind11::object(pybind11::bool_(c->contact_held))
-                                          : pybind11::cast(c->contacts);
-  return d;
-}
-
-// Returns the physical quantity for each column of codes. The value in `unit` is (code - zero) *
-// per_code.
-inline pybind11::dict converters_of(const forceaxis::sim::Model &model) {
-  pybind11::dict d;
-  const auto add = [&d](const char *column, const std::string &signal, std::string_view unit,
-                        double per_code, int zero, int bits) {
-    d[column] = pybind11::dict(pybind11::arg("signal") = signal, pybind11::arg("unit") = unit,
-                               pybind11::arg("per_code") = per_code, pybind11::arg("zero") = zero,
-                               pybind11::arg("bits") = bits);
-  };
-  if (model.encoder) add("encoder", "position", "m", 1.0 / model.encoder->scale, 0, 32);
+// Returns the converter of each column of codes.
+inline table::Ordered<Converter> converters_of(const forceaxis::sim::Model &model) {
+  table::Ordered<Converter> all;
+  if (model.encoder)
+    all.push_back({"encoder", {"position", "m", 1.0 / model.encoder->scale, 0, 32}});
   static const char *const kColumns[] = {"adc0", "adc1"};
   for (std::size_t i = 0; i < model.adc.size(); ++i) {
     if (!model.adc[i]) continue;
     const forceaxis::sim::Adc &adc = *model.adc[i];
     for (const auto &signal : model.signal_list())
       if (signal.name == adc.signal)
-        add(kColumns[i], adc.signal, forceaxis::sim::unit_of(signal.dimension), adc.per_count,
-            adc.zero_code, adc.bits);
+        all.push_back({kColumns[i],
+                       {adc.signal, std::string(forceaxis::sim::unit_of(signal.dimension)),
+                        adc.per_count, adc.zero_code, adc.bits}});
   }
-  add("dac", "drive.command", "V", model.dac.volts_per_step(), 0, model.dac.bits);
-  return d;
+  all.push_back({"dac", {"drive.command", "V", model.dac->volts_per_step(), 0, model.dac->bits}});
+  return all;
 }
+
+/// The table [plot] of an experiment.
+struct PlotTable {
+  static constexpr const char *kName = "PlotKeys";
+  static constexpr const char *kMeaning = "The keys that the table [plot] of an experiment has.";
+  static constexpr bool kDict = true, kPartial = true;
+  forceaxis::host::Plot plot;
+  static constexpr auto items() {
+    using forceaxis::host::item;
+    using forceaxis::host::Within;
+    using P = forceaxis::host::Plot;
+    return std::tuple{item("rows", Within{&PlotTable::plot, &P::rows}),
+                      item("from_s", Within{&PlotTable::plot, &P::from_s}),
+                      item("to_s", Within{&PlotTable::plot, &P::to_s})};
+  }
+};
 
 struct Result {
   forceaxis::host::Experiment experiment;
@@ -178,18 +140,6 @@ struct Result {
     return d;
   }
 
-  pybind11::list refused() const {
-    pybind11::list list;
-    for (const auto &r : run.refused) {
-      pybind11::dict d;
-      d["tick"] = r.tick;
-      d["object"] = r.object;
-      d["reason"] = r.reason;
-      list.append(d);
-    }
-    return list;
-  }
-
   static double time_of(std::int64_t tick) {
     return static_cast<double>(tick) / forceaxis::sim::kTickRateHz;
   }
@@ -221,8 +171,6 @@ struct Result {
     for (const auto &contact : experiment.model->contacts) names.append(contact.name);
     return names;
   }
-
-  pybind11::dict converters() const { return converters_of(*experiment.model); }
 
   pybind11::list events() const {
     pybind11::list list;

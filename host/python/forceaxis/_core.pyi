@@ -5,6 +5,19 @@ from typing import Any, TypedDict
 
 import numpy as np
 
+from forceaxis._results import (
+    ChipDetails,
+    Criterion,
+    CycleProgram,
+    CycleReport,
+    Energy,
+    JournalHeader,
+    LinkDetails,
+    Metrics,
+    MissedLimit,
+    RefusedWrite,
+)
+
 _Floats = np.ndarray[Any, np.dtype[np.float64]]
 _Complex = np.ndarray[Any, np.dtype[np.complex128]]
 _Wide = np.ndarray[Any, np.dtype[np.longdouble]]  # extended precision
@@ -32,11 +45,11 @@ class Result:
     figure: str
     shows: str
     model: str
-    plot: dict[str, Any]
+    plot: PlotKeys
     verdict: str
-    missed: list[dict[str, Any]]
+    missed: list[MissedLimit]
     fault: str
-    cycle: dict[str, Any] | None
+    cycle: CycleReport | None
     trace_hash: str
     firmware_hash: str
     overridden: list[str]
@@ -44,18 +57,18 @@ class Result:
     seed: int
     edge_margin: float
     event_count: int
-    refused: list[dict[str, Any]]
+    refused: list[RefusedWrite]
     events: list[tuple[float, str, str, str]]
-    energy: dict[str, Any]
-    metrics: dict[str, Any]
-    criterion: dict[str, Any] | None
+    energy: Energy
+    metrics: Metrics
+    criterion: Criterion | None
     tick: np.ndarray[Any, np.dtype[np.uint32]]
     objects: dict[str, str]
     setpoints: list[tuple[float, float]]
     impulses: list[tuple[float, str, float]]
     contacts: list[str]
     signal_units: dict[str, str]
-    converters: dict[str, dict[str, Any]]
+    converters: dict[str, ConverterTable]
     def columns(self) -> dict[str, np.ndarray[Any, np.dtype[Any]]]: ...
 
 class DriveMaster:
@@ -99,10 +112,6 @@ class Excited:
 class Experiments:
     """Experiment files, each with the content that was read first."""
 
-class _Parameter(TypedDict):
-    value: float
-    unit: str
-
 class ObjectTable(TypedDict):
     """One object of the firmware; for the fields see objects.AxisObject."""
 
@@ -140,50 +149,11 @@ class BitTable(TypedDict):
     name: str
     meaning: str
 
-class ConverterTable(TypedDict):
-    """A converter of the model, where quantity in `unit` = (code - zero) * per_code."""
-
-    signal: str
-    unit: str
-    per_code: float
-    zero: int
-    bits: int
-
-class Inputs(TypedDict):
-    """The experiment that inputs() has read. Tables are dicts as in Result."""
-
-    title: str
-    model: str
-    contacts: list[str]
-    converters: dict[str, ConverterTable]
-    firmware: dict[str, float]
-    expect: dict[str, Any] | None
-    inputs_hash: str
-    criterion: dict[str, Any] | None
-    not_evaluable: str | None
-    parameters: dict[str, _Parameter]
-    unused: list[str]
-
-class RunOutcome(TypedDict, total=False):
-    """A result of run_many(). A run that has failed has only the text `error`. Tables are dicts as
-    in Result."""
-
-    error: str
-    verdict: str
-    missed: list[dict[str, Any]]
-    fault: str
-    metrics: dict[str, Any]
-    criterion: dict[str, Any]
-    overridden: list[str]
-    trace_hash: str
-    edge_margin: float
-    cycle: dict[str, Any] | None
-
 class LiveAxis:
     """The simulated axis of an experiment, which runs in steps of ticks."""
 
     ticks: int
-    extremes: tuple[float, int, int]
+    extremes: dict[str, float]
     def __init__(self, experiment: str, overrides: Sequence[str], store: str) -> None: ...
     def step(self, ticks: int) -> None: ...
     def read(self, number: int) -> int: ...
@@ -316,18 +286,7 @@ class Plant:
     def signal(self, name: str) -> float: ...
     def mode(self) -> str: ...
     def events(self) -> list[tuple[float, str, str, str, bool]]: ...
-    def energy(self) -> EnergyTable: ...
-
-class EnergyTable(TypedDict):
-    """The energy balance of a plant in J; `dissipated_J` by element."""
-
-    initial_J: float
-    supplied_J: float
-    dissipated_J: dict[str, float]
-    kinetic_J: float
-    stored_J: float
-    discarded_J: float
-    residual_J: float
+    def energy(self) -> Energy: ...
 
 class Contacts:
     """Contacts of a plant without firmware, each with a recorded command."""
@@ -348,69 +307,6 @@ class BoundaryResponse:
 
     def __init__(self, A: _Numbers, B: _Numbers, C: _Numbers, D: float, dt: float) -> None: ...
     def __call__(self, w: _Numbers | Sequence[float]) -> tuple[_Complex, _Complex, _Floats]: ...
-
-class LinearTable(TypedDict):
-    """The linear equations of a model in one mode."""
-
-    A: _Floats
-    B: _Floats
-    C: _Floats
-    D: _Floats
-    states: list[str]
-
-class StructureTable(TypedDict):
-    """A structure of a model that is given by its modes; for the fields see StructureFacts."""
-
-    name: str
-    ports: tuple[str, ...]
-    modal_masses_kg: list[float]
-    shapes: list[list[float]]
-
-class ContactTable(TypedDict):
-    """A contact of a model and the two points between which it acts."""
-
-    name: str
-    between: tuple[str, str]
-
-class DriveTable(TypedDict):
-    """The drive of a model; for the fields see DriveFacts."""
-
-    type: str
-    body: str
-    reaction: str
-    values: dict[str, float]
-    bus: tuple[int, int, int]
-
-class ReadingTable(TypedDict):
-    """The force sensor of a model; for the fields see SensorFacts."""
-
-    signal: str
-    per_count: float
-    bits: int
-    sampling: tuple[float, float | None, float, int] | None
-
-class EncoderTable(TypedDict):
-    """The encoder of a model; for the fields see EncoderFacts."""
-
-    body: str
-    reference: str
-    scale: float
-
-class FactsTable(TypedDict):
-    """The contents of a model file; for the fields see PlantFacts."""
-
-    title: str
-    masses_kg: dict[str, float]
-    structures: list[StructureTable]
-    signals: dict[str, str]
-    parameters: dict[str, tuple[float, str]]
-    contacts: list[ContactTable]
-    switches: dict[str, tuple[str, ...]]
-    drive: DriveTable | None
-    reading: ReadingTable | None
-    encoder: EncoderTable | None
-    volts_per_code: float
-    volts_per_step: float
 
 class KeyTable(TypedDict):
     """A key of a table of an input file, for its reference page."""
@@ -472,7 +368,7 @@ def inputs(
 def fmu_variables(resources: str | Path) -> list[dict[str, Any]]: ...
 def fmu_writes(experiment: str | Path, overrides: Sequence[str] = ...) -> dict[str, Any]: ...
 def cycle_record(experiment: str | Path, overrides: Sequence[str] = ...) -> bytes: ...
-def cycle_scales(experiment: str | Path, overrides: Sequence[str] = ...) -> list[float]: ...
+def cycle_program(experiment: str | Path, overrides: Sequence[str] = ...) -> CycleProgram: ...
 def run(
     experiment: str | Path,
     overrides: Sequence[str] = ...,
@@ -482,11 +378,11 @@ def run(
 def lcm_url_of(run_id: int) -> str: ...
 def run_linked(
     experiment: str, overrides: Sequence[str], kind: str, run_id: int, **options: Any
-) -> tuple[Result, dict[str, Any]]: ...
+) -> tuple[Result, LinkDetails]: ...
 def run_on_chip(
     experiment: str, overrides: Sequence[str], *pipes: int, timeout_s: float, trace: bool
-) -> tuple[Result, dict[str, Any]]: ...
-def replay(journal: str) -> tuple[Result, dict[str, Any]]: ...
+) -> tuple[Result, ChipDetails]: ...
+def replay(journal: str) -> tuple[Result, JournalHeader]: ...
 def run_many(
     jobs: Sequence[tuple[str, Sequence[str]]],
     threads: int = ...,
@@ -496,5 +392,122 @@ def run_many(
     experiments: Experiments | None = ...,
 ) -> list[RunOutcome]: ...
 def evaluate(
-    criterion: dict[str, Any], metrics: dict[str, Any], fault: str
-) -> tuple[str, list[dict[str, Any]]]: ...
+    criterion: Criterion, metrics: Metrics, fault: str
+) -> tuple[str, list[MissedLimit]]: ...
+def result_types() -> list[tuple[str, str, str, list[tuple[str, str, str]]]]: ...
+
+# Written by tools/gen_results.py from here to the end.
+
+class ConverterTable(TypedDict):
+    """A converter of the model, where quantity in `unit` = (code - zero) * per_code."""
+
+    signal: str
+    unit: str
+    per_code: float
+    zero: int
+    bits: int
+
+class PlotKeys(TypedDict, total=False):
+    """The keys that the table [plot] of an experiment has."""
+
+    rows: list[list[str]]
+    from_s: float | None
+    to_s: float | None
+
+class ParameterTable(TypedDict):
+    """A parameter of the model."""
+
+    value: float
+    unit: str
+
+class Inputs(TypedDict):
+    """The experiment that inputs() has read."""
+
+    title: str
+    model: str
+    contacts: list[str]
+    converters: dict[str, ConverterTable]
+    firmware: dict[str, float]  # {object: value at the start}
+    expect: dict[str, Any] | None
+    inputs_hash: str
+    criterion: Criterion | None
+    not_evaluable: str | None  # reason why [verdict] cannot be evaluated, or None
+    parameters: dict[str, ParameterTable]
+    unused: list[str]  # overrides that have no effect
+
+class RunOutcome(TypedDict, total=False):
+    """A result of run_many(). A run that has failed has only the text `error`."""
+
+    error: str
+    verdict: str
+    missed: list[MissedLimit]
+    fault: str
+    metrics: Metrics
+    criterion: Criterion | None
+    overridden: list[str]
+    trace_hash: str
+    edge_margin: float
+    cycle: CycleReport | None
+
+class LinearTable(TypedDict):
+    """The linear equations of a model in one mode."""
+
+    A: _Floats
+    B: _Floats
+    C: _Floats
+    D: _Floats
+    states: list[str]
+
+class StructureTable(TypedDict):
+    """A structure of a model that is given by its modes; for the fields see StructureFacts."""
+
+    name: str
+    ports: tuple[str, ...]
+    modal_masses_kg: list[float]
+    shapes: list[list[float]]  # modes x ports
+
+class ContactTable(TypedDict):
+    """A contact of a model and the two points between which it acts."""
+
+    name: str
+    between: tuple[str, str]
+
+class DriveTable(TypedDict):
+    """The drive of a model; for the fields see DriveFacts."""
+
+    type: str
+    body: str
+    reaction: str
+    values: dict[str, float]  # {key: parameter}
+    bus: tuple[int, int, int]
+
+class ReadingTable(TypedDict):
+    """The force sensor of a model; for the fields see SensorFacts."""
+
+    signal: str
+    per_count: float  # unit of the signal per 8-bit count
+    bits: int
+    sampling: tuple[float, float | None, float, int] | None
+
+class EncoderTable(TypedDict):
+    """The encoder of a model; for the fields see EncoderFacts."""
+
+    body: str
+    reference: str
+    scale: float
+
+class FactsTable(TypedDict):
+    """The contents of a model file; for the fields see PlantFacts."""
+
+    title: str
+    masses_kg: dict[str, float]
+    structures: list[StructureTable]
+    signals: dict[str, str]  # {signal: unit}
+    parameters: dict[str, tuple[float, str]]  # {used parameter: value and unit}
+    contacts: list[ContactTable]
+    switches: dict[str, tuple[str, ...]]  # {element: its states}
+    drive: DriveTable | None
+    reading: ReadingTable | None
+    encoder: EncoderTable | None
+    volts_per_code: float
+    volts_per_step: float

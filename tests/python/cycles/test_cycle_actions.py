@@ -158,7 +158,7 @@ def test_outputs_are_in_the_trace_and_go_off_at_the_end(tmp_path):
     seat = 'name = "seat"\n'
     file.write_text(file.read_text().replace(seat, seat + 'outputs_on = ["output_3"]\n'))
     result = _core.run(PRESS_FIT, [f"experiment.cycle={file}", "firmware.tare_band=8"], text=text)
-    assert result.cycle["state"] == "good"
+    assert result.cycle.state == "good"
     columns = result.columns()
     outputs, running = columns["cycle_outputs"], columns["cycle_state"] == 1
     assert set(outputs[running]) == {1, 5}

@@ -34,11 +34,11 @@ def programs(axis):
 def test_a_program_is_loaded_and_selected(axis, wanted):
     loaded = live.load(axis, wanted)
     assert (loaded.number, loaded.programs, loaded.size_bytes) == (1, 1, len(wanted.record))
-    assert int(loaded.crc, 16) == wanted.crc == axis.integer("cycle_program_crc")
+    assert int(loaded.crc, 16) == wanted.program.crc == axis.integer("cycle_program_crc")
     live.load(axis, live.live_program(SNAP_FIT))
     assert programs(axis) == {
         "cycle_program_count": 2, "cycle_program": 3,
-        "cycle_program_crc": live.live_program(SNAP_FIT).crc,
+        "cycle_program_crc": live.live_program(SNAP_FIT).program.crc,
     }  # fmt: skip
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from forceaxis import InputError, _core
 from forceaxis.cycles import part, plots
-from forceaxis.cycles.program import program_file, read_program
+from forceaxis.cycles.program import is_within, read_program
 
 PRESS_FIT = Path(__file__).resolve().parents[3] / "sim/experiments/press_fit.toml"
 PROGRAM = PRESS_FIT.parents[1] / "cycles/press_fit.toml"
@@ -137,7 +137,7 @@ def test_an_experiment_without_a_program_is_refused():
     other = PRESS_FIT.with_name("contact.toml")
     with pytest.raises(InputError, match=r"contact.toml: cycle: expected an experiment that names"):
         part.run(other)
-    assert program_file(PRESS_FIT).resolve() == PROGRAM
+    assert read_program(PRESS_FIT).file.resolve() == PROGRAM
 
 
 def test_of_several_conditions_the_one_that_the_firmware_took_is_named(tmp_path):
@@ -159,12 +159,12 @@ def test_of_several_conditions_the_one_that_the_firmware_took_is_named(tmp_path)
 
 
 def test_the_program_is_read_as_it_is_written():
-    program = read_program(PROGRAM)
+    program = read_program(PRESS_FIT)
     assert [phase.name for phase in program.phases] == ["approach", "join", "seat", "retract"]
     window, _, work, force, seated = program.elements
     assert (window.x_from, window.x_to, window.least, window.most) == (0.002, 0.003, 80, 200)
     assert (work.unit, work.most) == ("J", 0.8)
-    assert force.is_within(390) and force.is_within(425) and not force.is_within(425.01)
+    assert [is_within(force, N) for N in (390, 425, 425.01)] == [True, True, False]
     assert seated.lower == [(0, 390), (1, 390)] and seated.over == "time"
 
 

@@ -53,7 +53,7 @@ def test_a_part_has_the_figures_of_the_simulated_one(axis, wanted):
     assert (record.state, record.outcome, record.number) == ("good", "by_program", 1)
     assert record.serial == "AB-1 ü" and record.power_up == axis.integer("cycle_power_up") > 0
     assert (record.title, record.program_number) == (simulated.title, 1)
-    assert int(record.program_crc, 16) == wanted.crc and record.law == "P"
+    assert int(record.program_crc, 16) == wanted.program.crc and record.law == "P"
     for own, other in zip(record.elements, simulated.elements, strict=True):
         assert (own.name, own.verdict, own.unit) == (other.name, other.verdict, other.unit)
         assert (own.kind, own.least, own.most) == (other.kind, other.least, other.most)
@@ -160,12 +160,13 @@ def test_parts_of_another_program_have_raw_values(axis, wanted, folder):
     results.press(axis, wanted)
     collector = results.Collector(axis, live.live_program(SNAP_FIT), folder)
     (record,) = collector.collect()
-    assert record.program_crc == f"{wanted.crc:08X}" and record.title == ""
+    assert record.program_crc == f"{wanted.program.crc:08X}" and record.title == ""
     assert [e.name for e in record.elements] == [f"element_{i}" for i in range(5)]
     own = results.press(axis, wanted)
-    for raw, known, scale in zip(record.elements, own.elements, wanted.scales, strict=True):
+    wanted_elements = wanted.program.elements
+    for raw, known, element in zip(record.elements, own.elements, wanted_elements, strict=True):
         assert raw.verdict == known.verdict
-        assert raw.value * scale == pytest.approx(known.value, rel=0.02, abs=0.1)
+        assert raw.value * element.per_value == pytest.approx(known.value, rel=0.02, abs=0.1)
 
 
 def stopped(axis, wanted):
@@ -335,7 +336,7 @@ def test_after_a_power_up_the_program_is_selected_again(store, wanted, axis):
         again.link.write({"cycle_program": 0})
         assert again.integer("cycle_program_count") == 1
         record = results.press(again, wanted)
-        assert record.state == "good" and int(record.program_crc, 16) == wanted.crc
+        assert record.state == "good" and int(record.program_crc, 16) == wanted.program.crc
 
 
 @pytest.mark.parametrize("text", ["12345678901234567", "ü" * 9, "a\nb", "\0"])

@@ -94,11 +94,13 @@ def test_a_single_bound_takes_the_parts_of_its_side():
 
 
 def element(name, kind="peak", least=0.0, most=1.0, unit="N"):
-    return Element(name, kind, ["seat"], "travel", "x", unit, None, None, least, most, None, [], [])
+    return Element(
+        name, kind, ["seat"], "travel", "x", unit, 1.0, None, None, least, most, None, [], []
+    )
 
 
 def program(*elements):
-    return Program(Path("cycle.toml"), "A program", "touch", None, [], list(elements), [])
+    return Program(Path("cycle.toml"), "A program", 1, 0, "touch", None, [], list(elements), [])
 
 
 def outcomes(values, verdicts=None, how="by_program"):
@@ -188,7 +190,7 @@ def test_the_number_of_parts_that_a_refusal_names_is_enough():
 def test_the_page_names_the_parts_that_its_example_needs():
     page = (paths.ROOT / "docs/guide/cycles.md").read_text(encoding="utf-8")
     stated = re.search(r"The six bounds of the\s+press-fit need (\d+) parts at 1 %", page)
-    own = read_program(paths.ROOT / "sim/cycles/press_fit.toml")
+    own = read_program(paths.EXPERIMENTS / "press_fit.toml")
     bounds = len(propose.sides_of(own))
     assert bounds == 6 and int(stated[1]) == parts_needed(0.01, bounds)
 

@@ -50,8 +50,8 @@ def test_good_parts_are_good_and_no_bad_one_passes(one):
 def test_each_part_is_the_run_of_its_overrides(one):
     part, outcome = one.good.parts[7], one.good.outcomes[7]
     single = _core.run(PRESS_FIT, [f"{n}={v!r}" for n, v in part.values.items()]).cycle
-    assert outcome.state == single["state"]
-    assert list(outcome.values) == [figure["value"] for figure in single["figures"]]
+    assert outcome.state == single.state
+    assert list(outcome.values) == [figure.value for figure in single.figures]
     assert len({outcome.values[2] for outcome in one.good.outcomes}) == 20
 
 

@@ -106,10 +106,10 @@ def outcomes(experiment, members):
     for one, run in zip(members, _core.run_many(jobs, 2, None, True, None, _core.Experiments()),
                         strict=True):  # fmt: skip
         metrics = run["metrics"]
-        held = metrics["held_force"]
+        held = metrics.held_force
         yield (
-            one, (run["verdict"], run["fault"]), abs(held["error_percent"]),
-            metrics["peak_force_N"] / held["setpoint_N"], metrics["contact_losses_run"],
+            one, (run["verdict"], run["fault"]), abs(held.error_percent),
+            metrics.peak_force_N / held.setpoint_N, metrics.contact_losses_run,
         )  # fmt: skip
 
 

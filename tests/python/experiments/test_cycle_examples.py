@@ -15,17 +15,17 @@ def cycle_of(name, *overrides):
 
 def wrong(cycle):
     """The elements that are not good."""
-    return {figure["name"] for figure in cycle["figures"] if figure["verdict"] != "good"}
+    return {figure.name for figure in cycle.figures if figure.verdict != "good"}
 
 
 def figure(cycle, name):
-    return next(f["value"] for f in cycle["figures"] if f["name"] == name)
+    return next(f.value for f in cycle.figures if f.name == name)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_a_good_part_is_good(name):
     cycle = cycle_of(name)
-    assert (cycle["state"], cycle["outcome"], wrong(cycle)) == ("good", "by_program", set())
+    assert (cycle.state, cycle.outcome, wrong(cycle)) == ("good", "by_program", set())
 
 
 @pytest.mark.parametrize(("name", "overrides", "outcome", "reasons"), [
@@ -48,7 +48,7 @@ def test_a_good_part_is_good(name):
 ])  # fmt: skip
 def test_each_bad_part_has_its_reason(name, overrides, outcome, reasons):
     cycle = cycle_of(name, *overrides)
-    assert (cycle["state"], cycle["outcome"]) == ("bad", outcome)
+    assert (cycle.state, cycle.outcome) == ("bad", outcome)
     assert reasons <= wrong(cycle), wrong(cycle)
 
 

@@ -225,7 +225,7 @@ def inputs(folder, program=PROGRAM, experiment=EXPERIMENT):
 
 def test_a_right_program_is_read(tmp_path):
     cycle = inputs(tmp_path).cycle
-    assert cycle["state"] == "idle" and cycle["phases"] == ["approach", "press", "back"]
+    assert cycle.state == "idle" and cycle.phases == ["approach", "press", "back"]
 
 
 # (text, its replacement, key, words of the message)
@@ -320,7 +320,7 @@ MISTAKES = [
 
 def test_each_action_and_key_is_read(tmp_path):
     cycle = inputs(tmp_path, MORE).cycle
-    assert cycle["phases"] == ["clamp", "tare", "approach", "follow", "yield", "back"]
+    assert cycle.phases == ["clamp", "tare", "approach", "follow", "yield", "back"]
 
 
 # As MISTAKES, in the program MORE.
@@ -515,7 +515,7 @@ position_gain = 1.0
         for k, word in enumerate((6, 7, 15, 31), 1)
     ) + '[trace]\nobjects = ["cycle_state"]\n'  # fmt: skip
     result = inputs(tmp_path, program, experiment)
-    assert result.cycle["state"] == "good"
+    assert result.cycle.state == "good"
     states = result.columns()["cycle_state"]
     running = next(state for state in states if state != states[0])
     assert (states == running).sum() == 104  # the last tick ends the cycle

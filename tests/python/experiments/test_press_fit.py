@@ -19,16 +19,16 @@ def run(*overrides, more=""):
 
 
 def verdicts(cycle):
-    return {figure["name"]: figure["verdict"] for figure in cycle["figures"]}
+    return {figure.name: figure.verdict for figure in cycle.figures}
 
 
 def test_a_good_part_is_good_and_its_figures_are_those_of_the_trace():
     result = run()
     cycle, columns = result.cycle, result.columns()
-    assert (cycle["state"], cycle["outcome"], cycle["cycles"]) == ("good", "by_program", 1)
+    assert (cycle.state, cycle.outcome, cycle.cycles) == ("good", "by_program", 1)
     assert set(verdicts(cycle).values()) == {"good"}
     assert result.fault == "none"
-    figures = {figure["name"]: figure["value"] for figure in cycle["figures"]}
+    figures = {figure.name: figure.value for figure in cycle.figures}
     force = (columns["adc0"].astype(float) - 0) * 0.01
     phase = columns["cycle_phase"]
     running = columns["cycle_state"] == 1
@@ -55,7 +55,7 @@ def test_a_good_part_is_good_and_its_figures_are_those_of_the_trace():
 ])  # fmt: skip
 def test_bad_parts_are_never_good(overrides, state, outcome, wrong):
     cycle = run(*overrides).cycle
-    assert (cycle["state"], cycle["outcome"]) == (state, outcome)
+    assert (cycle.state, cycle.outcome) == (state, outcome)
     assert verdicts(cycle)[wrong] != "good"
 
 
@@ -78,7 +78,7 @@ def action(time_s, text):
 def test_a_cycle_that_is_stopped_is_aborted_and_never_good(what, when):
     result = run("firmware.force_max=200", more=action(when, what))
     cycle = result.cycle
-    assert (cycle["state"], cycle["outcome"], cycle["cycles"]) == ("aborted", "stopped", 1)
+    assert (cycle.state, cycle.outcome, cycle.cycles) == ("aborted", "stopped", 1)
     # The axis stands after the stop.
     encoder = result.columns()["encoder"]
     assert np.ptp(encoder[-300:]) <= 20
@@ -88,7 +88,7 @@ def test_a_cycle_that_is_stopped_is_aborted_and_never_good(what, when):
 def test_a_bound_that_is_changed_ends_the_part(what):
     result = run(more=action(0.8, f"firmware = {{ {what} }}"))
     cycle = result.cycle
-    assert (cycle["state"], cycle["outcome"], cycle["cycles"]) == ("bad", "changed", 1)
+    assert (cycle.state, cycle.outcome, cycle.cycles) == ("bad", "changed", 1)
     assert np.ptp(result.columns()["encoder"][-300:]) <= 20
 
 
@@ -105,7 +105,7 @@ def test_a_program_for_another_bank_does_not_start(tmp_path):
     (tmp_path / "cycle.toml").write_text('bank_crc = "12345678"\n' + program)
     text = PRESS_FIT.read_text().replace("../cycles/press_fit.toml", str(tmp_path / "cycle.toml"))
     result = _core.run(PRESS_FIT, text=text)
-    assert result.cycle["state"] == "other_bank" and result.cycle["cycles"] == 0
+    assert result.cycle.state == "other_bank" and result.cycle.cycles == 0
     assert np.ptp(result.columns()["encoder"][300:]) <= 2
 
 
@@ -116,29 +116,29 @@ def test_an_absolute_move_needs_a_homed_axis(tmp_path):
     )
     (tmp_path / "cycle.toml").write_text(program)
     text = PRESS_FIT.read_text().replace("../cycles/press_fit.toml", str(tmp_path / "cycle.toml"))
-    assert _core.run(PRESS_FIT, text=text).cycle["state"] == "not_homed"
+    assert _core.run(PRESS_FIT, text=text).cycle.state == "not_homed"
     homed = text.replace(
         "modes_of_operation = -9", "modes_of_operation = 6\nhoming_method = 35"
     ) + action(0.2, "firmware = { modes_of_operation = -9 }")
     homed += action(0.22, "firmware = { controlword = 15 }")
     homed += action(0.24, "firmware = { controlword = 31 }")
     cycle = _core.run(PRESS_FIT, text=homed).cycle
-    assert cycle["state"] == "good"
+    assert cycle.state == "good"
 
 
 def test_two_cycles_in_a_row_have_the_same_figures():
     more = action(2.6, "firmware = { controlword = 15 }")
     more += action(2.7, "firmware = { controlword = 31 }")
     first, second = run().cycle, run("experiment.duration_s=6", more=more).cycle
-    assert (second["cycles"], second["state"]) == (2, "good")
-    for one, two in zip(first["figures"], second["figures"], strict=True):
-        assert two["value"] == pytest.approx(one["value"], rel=0.01), one["name"]
+    assert (second.cycles, second.state) == (2, "good")
+    for one, two in zip(first.figures, second.figures, strict=True):
+        assert two.value == pytest.approx(one.value, rel=0.01), one.name
 
 
 def test_the_bound_of_force_holds_whatever_the_program_wants():
     # 400 N of the program are 800 per mille; force_limit lets 300 N.
     result = run(more=action(0.05, "firmware = { force_limit = 600 }"))
-    assert result.cycle["state"] == "bad"
+    assert result.cycle.state == "bad"
     seat = result.columns()["cycle_phase"] == 2
     assert result.columns()["sensor.force"][seat][600:].max() < 301
 
@@ -153,7 +153,9 @@ def test_the_record_of_the_program_is_what_an_axis_takes():
     record = _core.cycle_record(PRESS_FIT)
     assert record[:4] == b"FXCY" and int.from_bytes(record[6:8], "little") == len(record)
     assert zlib.crc32(record[:-4]) == int.from_bytes(record[-4:], "little")
-    with pytest.raises(_core.InputError, match="cycle: expected the file of a program"):
+    with pytest.raises(
+        _core.InputError, match="cycle: expected an experiment that names a program"
+    ):
         _core.cycle_record(PRESS_FIT.with_name("contact.toml"))
 
 
@@ -211,5 +213,5 @@ def test_the_axis_refuses_at_the_start_what_its_sensor_cannot_show():
     # The zero of the sensor is written after the program was selected: the range ends at 435 N.
     late = "\n[[at]]\ntime_s = 0.01\nfirmware = { force_zero_code = 22000 }\n"
     result = run(more=late)
-    assert (result.cycle["state"], result.cycle["cycles"]) == ("beyond_sensor", 0)
+    assert (result.cycle.state, result.cycle.cycles) == ("beyond_sensor", 0)
     assert np.ptp(result.columns()["encoder"][300:]) <= 2

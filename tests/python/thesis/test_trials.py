@@ -87,4 +87,5 @@ def test_an_element_that_never_acts_leaves_the_laboratory(experiment, model, lin
     other = [f"experiment.model=../models/{model}.toml", *never]
     plain, extended = run_many([(path, linear), (path, other)], 2)
     for name in ("peak_force_N", "final_force_N", "force_ripple_count", "contact_losses_run"):
-        assert extended["metrics"][name] == pytest.approx(plain["metrics"][name], rel=1e-6), name
+        found, expected = getattr(extended["metrics"], name), getattr(plain["metrics"], name)
+        assert found == pytest.approx(expected, rel=1e-6), name

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import forceaxis
@@ -121,9 +122,9 @@ def test_a_verdict_may_ask_for_overshoot_and_settling(tmp_path):
 def test_another_limit_judges_finished_runs_anew():
     done = runs.run(EXPERIMENTS / "hold_p.toml").summary
     (result,) = forceaxis.run_many([(str(EXPERIMENTS / "hold_p.toml"), [])])
-    assert result["metrics"]["held_force"] == done["metrics"]["held_force"]
+    assert asdict(result["metrics"].held_force) == done["metrics"]["held_force"]
     for limit, verdict in ((11.0, "not_met"), (13.0, "stable")):
-        criterion = result["criterion"] | {"held_force_error_max_percent": limit}
+        criterion = replace(result["criterion"], held_force_error_max_percent=limit)
         assert _core.evaluate(criterion, result["metrics"], "none")[0] == verdict
 
 

@@ -511,9 +511,9 @@ def test_a_part_on_a_fresh_machine_is_good(tmp_path, given, needed):
     part.write_text(text.replace("[firmware]", 'cycle = "program.toml"\n[firmware]', 1) + START)
     (tmp_path / "mine/program.toml").write_text(PART)
     cycle = _core.run(str(part)).cycle
-    assert (cycle["state"], cycle["outcome"]) == ("good", "by_program"), cycle
+    assert (cycle.state, cycle.outcome) == ("good", "by_program"), cycle
     cycle = _core.run(str(part), ["firmware.cycle_age_max=3"]).cycle
-    assert (cycle["state"] == "bad") == (cycle["invalid_ticks"] > 0) == needed
+    assert (cycle.state == "bad") == (cycle.invalid_ticks > 0) == needed
     if "bus_cycle_ms" in given:
         ticks = tomllib.loads(text)["firmware"]
         assert ticks["cycle_age_max"] == 2 * 1.5 * given["bus_cycle_ms"] - 1

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -261,7 +262,7 @@ def test_a_map_marks_them_and_refine_looks_closer(tmp_path, monkeypatch):
         for i, (_, sets) in enumerate(jobs):
             values = dict(text.split("=") for text in sets)
             gain, wanted = (float(values[f"firmware.force_{n}"]) for n in ("gain", "setpoint"))
-            metrics = dict.fromkeys(sweep_result.METRICS, 1.0)
+            metrics = SimpleNamespace(**dict.fromkeys(sweep_result.METRICS, 1.0))
             verdict = "stable" if (gain, abs(wanted - 20) <= 5) == (4.0, True) else "unstable"
             finished(i, {"verdict": verdict, "fault": "none", "metrics": metrics,
                          "edge_margin": 0.1, "trace_hash": "0"})  # fmt: skip

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 import verbs
 from forceaxis import evaluate, run_many
+from forceaxis.experiments.run_result import Criterion, Metrics
+from forceaxis.results import from_json
 from forceaxis.thesis import tables
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -106,7 +108,8 @@ def test_the_number_of_threads_changes_nothing(result):
 
 def test_judging_again_gives_the_same_verdicts(result):
     for c in result["cells"]:
-        assert evaluate(c["criterion"], c["metrics"], c["fault"])[0] == c["ours"]
+        criterion, metrics = Criterion(**c["criterion"]), from_json(Metrics, c["metrics"])
+        assert evaluate(criterion, metrics, c["fault"])[0] == c["ours"]
 
 
 def test_the_fit_on_record_belongs_to_these_files_and_to_these_constants():

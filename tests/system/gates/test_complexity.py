@@ -44,7 +44,6 @@ EXCEPTIONS = {
         "verdict: check_contact": 16,
     },
     "a file or text with a refusal for each thing that may be wrong in it": {
-        "elements: read_slopes": 16,
         "experiment: ExperimentFile::with": 15,
         "experiment: read_criterion": 13,
         "journal: read_journal": 17,

@@ -23,6 +23,34 @@ def test_the_package_has_no_type_error():
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+# A use of a field of each result, in which the name of the field has a wrong end.
+MISTYPED = (
+    "run.metrics.peak_force", "run.criterion.window", "run.missed[0].limits", "run.energy.initial",
+    "run.refused[0].object_name", "run.cycle.figures[0].val", 'run.converters["adc0"]["unity"]',
+    '_core.run_many([])[0]["verdikt"]', '_core.inputs("contact")["criteria"]',
+    '_core.facts("contact")["drive"]["kind"]', '_core.linear("contact", [], [])["E"]',
+    '_core.replay("j")[1].entry', '_core.run_linked("c", [], "can", 1)[1].overrun',
+    '_core.cycle_program("c").phases[0].ends[0].values', '_core.cycle_program("c").elements[0].low',
+)  # fmt: skip
+
+
+def test_a_mistyped_field_of_a_result_is_found(tmp_path):
+    script = tmp_path / "script.py"
+    head = "from forceaxis import _core\nrun = _core.run('c')\nassert run.criterion and run.cycle\n"
+    right = ["run.metrics.peak_force_N", '_core.cycle_program("c").elements[0].least']
+    script.write_text(head + "\n".join([*right, *MISTYPED]) + "\n")
+    done = mypy("--config-file", str(ROOT / "pyproject.toml"), str(script))
+    found = {int(line.split(":")[1]) for line in done.stdout.splitlines() if ": error:" in line}
+    first = 4 + len(right)
+    assert found == set(range(first, first + len(MISTYPED))), done.stdout
+
+
+def test_the_types_of_results_are_those_of_the_compiled_module():
+    tool = ROOT / "tools/gen_results.py"
+    done = subprocess.run([sys.executable, tool, "--check"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, ""), done.stdout + done.stderr
+
+
 def test_scripts_see_the_types(tmp_path):
     """What a wrong script of a user is told, and that nothing else is."""
     script = tmp_path / "script.py"

@@ -13,10 +13,9 @@ from pathlib import Path
 
 from forceaxis import _core, paths
 from forceaxis._core import InputError
-from forceaxis.axis.axis import Axis
 from forceaxis.axis.drive import ENABLE, NEW_SETPOINT, Drive, StatusObjects
 from forceaxis.axis.link import POLL_PERIOD_S, Refused
-from forceaxis.cycles.program import Program, program_file, read_program
+from forceaxis.cycles.program import Program, read_program
 from forceaxis.cycles.program import with_program as overrides_of
 from forceaxis.experiments.summary import NOT_STARTED
 from forceaxis.objects import BY_NAME
@@ -24,10 +23,9 @@ from forceaxis.objects import BY_NAME
 MODE = "cycle"
 PART_WORDS = BY_NAME["cycle_data_16"].number - BY_NAME["cycle_data_1"].number + 1
 WORD_BYTES = 4
-# Where the number of a program is in its record (firmware/cycle/program.h).
-NUMBER_OFFSET = 16
-# Objects that give the numbers of a program their meaning. `force_scale` is compared apart.
+# Objects that give the numbers of a program their meaning. SCALE is compared with a tolerance.
 SCALING = ("adc_bits", "force_sign", "rated_force", "feed", "polarity")
+SCALE = "force_scale"
 FORCE_SCALE_TOLERANCE = 0.01  # relative tolerance of force_scale against the model
 ENDED = ("good", "bad", "aborted")
 STORE_MAX_S = 15.0  # includes the erase of a full flash sector
@@ -42,18 +40,7 @@ class LiveProgram:
     experiment: Path
     overrides: Sequence[str]
     record: bytes
-    scales: Sequence[float]  # SI units for one unit of the firmware, of each element
     program: Program
-
-    @property
-    def number(self) -> int:
-        """The number by which the axis selects the program."""
-        return int(struct.unpack_from("<I", self.record, NUMBER_OFFSET)[0])
-
-    @property
-    def crc(self) -> int:
-        """The CRC of the record, in its last four bytes."""
-        return int(struct.unpack_from("<I", self.record, len(self.record) - WORD_BYTES)[0])
 
 
 @dataclass(frozen=True)
@@ -92,24 +79,20 @@ def live_program(
     """Returns the program of an experiment, or another one for the same axis. Raises InputError,
     also for a program with the number 0, which no axis keeps."""
     given = overrides_of(overrides, program)
-    file = program_file(experiment, given)
-    found = LiveProgram(
-        experiment, given, _core.cycle_record(experiment, given),
-        _core.cycle_scales(experiment, given), read_program(file),
-    )  # fmt: skip
-    if found.number == 0:
+    compiled = read_program(experiment, given)
+    if compiled.number == 0:
         raise InputError(
-            f"{file}: number: expected a number other than 0, by which an axis keeps the program; "
-            "add it"
+            f"{compiled.file}: number: expected a number other than 0, by which an axis keeps the "
+            "program; add it"
         )
-    return found
+    return LiveProgram(experiment, given, _core.cycle_record(experiment, given), compiled)
 
 
 def expect_same_axis(axis: Drive, wanted: LiveProgram) -> None:
     """Raises Refused if the axis differs from that of the experiment in an object that gives the
     numbers of the program their meaning."""
-    with Axis.sim(wanted.experiment, wanted.overrides) as simulated:
-        own = {name: simulated.number(name) for name in (*SCALING, "force_scale")}
+    given = _core.inputs(wanted.experiment, list(wanted.overrides))["firmware"]
+    own = {n: given.get(n, BY_NAME[n].default * BY_NAME[n].scale) for n in (*SCALING, SCALE)}
     for name in SCALING:
         found = axis.number(name)
         if found != own[name]:
@@ -118,11 +101,11 @@ def expect_same_axis(axis: Drive, wanted: LiveProgram) -> None:
                 f"{paths.display(wanted.experiment)}, got {found:g}; set {name}, or change the "
                 "experiment"
             )
-    found = axis.number("force_scale")
-    if abs(found / own["force_scale"] - 1) > FORCE_SCALE_TOLERANCE:
+    found = axis.number(SCALE)
+    if abs(found / own[SCALE] - 1) > FORCE_SCALE_TOLERANCE:
         raise Refused(
             f"{axis.link.where}: expected force_scale within {FORCE_SCALE_TOLERANCE:.0%} of "
-            f"{own['force_scale']:g} uN/count, that of the experiment, got {found:g}; give the "
+            f"{own[SCALE]:g} uN/count, that of the experiment, got {found:g}; give the "
             "sensor of the model this scale"
         )
 
@@ -149,18 +132,19 @@ def load(axis: Drive, wanted: LiveProgram) -> LoadedProgram:
             f"{axis.link.where}: the axis refuses the program: {why}, part "
             f"{reason['cycle_program_refused_part']}"
         ) from None
-    axis.link.write({"cycle_program": wanted.number})
+    axis.link.write({"cycle_program": wanted.program.number})
     crc = axis.integer("cycle_program_crc")
-    if crc != wanted.crc:
+    if crc != wanted.program.crc:
         raise Refused(
-            f"{axis.link.where}: expected the CRC {wanted.crc:08X} of the program, got {crc:08X}; "
+            f"{axis.link.where}: expected the CRC {wanted.program.crc:08X} of the program, got "
+            f"{crc:08X}; "
             "load it again"
         )
     return LoadedProgram(
         program=paths.display(wanted.program.file),
         title=wanted.program.title,
-        number=wanted.number,
-        crc=f"{wanted.crc:08X}",
+        number=wanted.program.number,
+        crc=f"{wanted.program.crc:08X}",
         size_bytes=len(record),
         programs=axis.integer("cycle_program_count"),
         store=wait_stored(axis),
@@ -190,18 +174,18 @@ def select(axis: Drive, wanted: LiveProgram) -> None:
     """Selects a program of an axis that is owned, if another one or none is selected, as after a
     power-up. Raises Refused if the axis does not have this program, and then changes nothing."""
     crc = axis.integer("cycle_program_crc")
-    if crc != wanted.crc:
+    if crc != wanted.program.crc:
         before = axis.integer("cycle_program")
         with contextlib.suppress(Refused):  # the library has no program with this number
-            axis.link.write({"cycle_program": wanted.number})
-            if axis.integer("cycle_program_crc") == wanted.crc:
+            axis.link.write({"cycle_program": wanted.program.number})
+            if axis.integer("cycle_program_crc") == wanted.program.crc:
                 return
             axis.link.write({"cycle_program": before})
-    if crc != wanted.crc:
+    if crc != wanted.program.crc:
         has = "none" if crc == 0 else f"the CRC {crc:08X}"
         raise Refused(
             f"{axis.link.where}: expected the program {paths.display(wanted.program.file)} with "
-            f"the CRC {wanted.crc:08X}, got {has}; use `load_program`"
+            f"the CRC {wanted.program.crc:08X}, got {has}; use `load_program`"
         )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from forceaxis.cycles.program import Element
+from forceaxis.cycles.program import Element, is_within
 
 if TYPE_CHECKING:
     from forceaxis import _core
@@ -44,7 +44,7 @@ class PartOutcome:
             self.is_judged
             and self.is_within_limits
             and all(
-                (verdict in MEASURED and elements[i].is_within(self.values[i]))
+                (verdict in MEASURED and is_within(elements[i], self.values[i]))
                 if i in moved
                 else verdict == GOOD
                 for i, verdict in enumerate(self.verdicts)
@@ -60,9 +60,9 @@ def outcome_of(result: "_core.RunOutcome") -> PartOutcome:
     if cycle is None:
         return PartOutcome(error="expected an experiment with a cycle, got one without")
     return PartOutcome(
-        state=cycle["state"],
-        outcome=cycle["outcome"],
-        failed_phase=cycle["failed_phase"],
-        verdicts=[figure["verdict"] for figure in cycle["figures"]],
-        values=[figure["value"] for figure in cycle["figures"]],
+        state=cycle.state,
+        outcome=cycle.outcome,
+        failed_phase=cycle.failed_phase,
+        verdicts=[figure.verdict for figure in cycle.figures],
+        values=[figure.value for figure in cycle.figures],
     )

@@ -14,7 +14,7 @@ from forceaxis.cycles.program import (
     SHAPES,
     Element,
     Program,
-    program_file,
+    end_text,
     read_program,
     with_program,
 )
@@ -113,15 +113,14 @@ class PartRun:
 def run(experiment: Path, overrides: Sequence[str] = (), program: Path | None = None) -> PartRun:
     """Simulates one part. `program` replaces the program of the experiment. Raises InputError."""
     given = with_program(overrides, program)
-    file = program_file(experiment, given)
+    known = read_program(experiment, given)
     done = runs.run(experiment, given, text=_traced(experiment))
     report = done.result.cycle
     assert report is not None
-    known = read_program(file)
     curve = _curve(done, known)
     result = PartResult(
         experiment=paths.display(experiment),
-        program=paths.display(file),
+        program=paths.display(known.file),
         title=report.title,
         state=report.state,
         outcome=report.outcome,
@@ -271,7 +270,7 @@ def timeline(curve: TickCurve, program: Program, report: CycleReport) -> list[Ph
         if is_last and report.state == "running":
             why = "the run ended"
         elif by:
-            why = phase.ends[by - 1].text
+            why = end_text(phase.ends[by - 1])
         elif is_last if report.outcome == "stopped" else not has_failed:
             why = CYCLE_OUTCOMES.get(report.outcome, report.outcome)
             has_failed = True

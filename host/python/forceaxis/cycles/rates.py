@@ -15,11 +15,10 @@ from forceaxis._core import InputError, SimulationError
 from forceaxis.cycles.outcome import ABORTED, BAD, GOOD, PartOutcome, outcome_of
 from forceaxis.cycles.part import ElementFigure, figure_of
 from forceaxis.cycles.parts import Kind, Part, Parts, draw, read_parts
-from forceaxis.cycles.program import Element, Program, program_file, read_program, with_program
+from forceaxis.cycles.program import Element, Program, read_program, with_program
 from forceaxis.cycles.record import element_cells, element_columns
 from forceaxis.cycles.statistics import Share, share
 from forceaxis.errors import ParameterError
-from forceaxis.experiments.inputs import read_inputs
 from forceaxis.experiments.runner import RunSite, identity_of, runner_at
 from forceaxis.linear import posterior
 from forceaxis.results import json_field, to_json
@@ -51,9 +50,7 @@ class RatesRequest:
 
     def read_program(self) -> Program:
         """Returns the program that the parts are pressed with. Raises InputError."""
-        file = program_file(self.experiment, self.all_overrides)
-        read_inputs(self.experiment, self.all_overrides)  # the compiled module checks all files
-        return read_program(file)
+        return read_program(self.experiment, self.all_overrides)
 
     @property
     def bad_count(self) -> int:

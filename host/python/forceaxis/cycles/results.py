@@ -198,7 +198,7 @@ def read(axis: Drive, number: int, wanted: LiveProgram) -> PartRecord | None:
         found = _selected(axis, number, 0, ResultObjects)
         if found.cycle_result_part == 0:
             return None
-        is_known = found.cycle_result_program_crc == wanted.crc
+        is_known = found.cycle_result_program_crc == wanted.program.crc
         count = len(wanted.program.elements) if is_known else ELEMENTS_MOST
         elements = [_selected(axis, number, i, ElementObjects) for i in range(count)]
     record = PartRecord(
@@ -232,13 +232,11 @@ def read(axis: Drive, number: int, wanted: LiveProgram) -> PartRecord | None:
         record,
         program=paths.display(program.file),
         title=program.title,
-        program_number=wanted.number,
+        program_number=program.number,
         phase=program.phases[found.cycle_result_phase].name,
         elements=[
-            figure_of(element, verdict, tidy(value * scale))
-            for element, verdict, value, scale in zip(
-                program.elements, verdicts, values, wanted.scales, strict=True
-            )
+            figure_of(element, verdict, tidy(value * element.per_value))
+            for element, verdict, value in zip(program.elements, verdicts, values, strict=True)
         ],
     )
 

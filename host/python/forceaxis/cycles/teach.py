@@ -14,7 +14,7 @@ from forceaxis.cycles.records import RecordedParts
 
 def own_parts(records: Iterable[PartRecord], wanted: LiveProgram) -> list[PartRecord]:
     """Returns the parts that are good or bad by their verdict and have the program `wanted`."""
-    crc = f"{wanted.crc:08X}"
+    crc = f"{wanted.program.crc:08X}"
     return [r for r in records if r.program_crc == crc and r.state in (GOOD, BAD)]
 
 
@@ -41,8 +41,8 @@ def teach(
     if not records:
         raise InputError(
             f"{parts.source}: expected parts with the program {wanted.program.file}, CRC "
-            f"{wanted.crc:08X}, got {len(parts.records)} others; give the program that the parts "
-            "were pressed with in `program`"
+            f"{wanted.program.crc:08X}, got {len(parts.records)} others; give the program that the "
+            "parts were pressed with in `program`"
         )
     target = propose.Target(file, wanted.experiment, wanted.overrides)
     outcomes = [outcome_of(record) for record in records]

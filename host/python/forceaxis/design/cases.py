@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from forceaxis import _core
-from forceaxis.experiments.run_result import Metrics, MissedLimit, read_metrics, read_missed
+from forceaxis.experiments.run_result import Metrics, MissedLimit
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ def read_run(outcome: "_core.RunOutcome") -> ContactRun:
     return ContactRun(
         verdict=outcome["verdict"],
         fault=outcome["fault"],
-        missed=tuple(read_missed(outcome["missed"])),
-        metrics=read_metrics(outcome["metrics"]),
+        missed=tuple(outcome["missed"]),
+        metrics=outcome["metrics"],
     )
 
 

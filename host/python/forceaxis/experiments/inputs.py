@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from forceaxis import _core
-from forceaxis.experiments.run_result import Converters, Criterion, read_converters, read_criterion
+from forceaxis.experiments.run_result import Converters, Criterion, read_converters
 from forceaxis.linear.plant_facts import ParameterFacts
 
 # table [expect] of an experiment file before the check of its keys and values
@@ -46,7 +46,7 @@ def read_inputs(
         firmware=given["firmware"],
         expect=given["expect"],
         inputs_hash=given["inputs_hash"],
-        criterion=read_criterion(given["criterion"]),
+        criterion=given["criterion"],
         not_evaluable=given["not_evaluable"],
         parameters={name: ParameterFacts(**p) for name, p in given["parameters"].items()},
         unused=given["unused"],

@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, NamedTuple, Self
+from typing import IO, NamedTuple, Self
 
 from forceaxis import _core, paths
 from forceaxis._core import InputError, LinkSilent, TransportError
@@ -26,12 +26,12 @@ from forceaxis.chip import emulator as chip
 from forceaxis.errors import ParameterError
 from forceaxis.experiments.node_reports import AxisReport, read_axis_report
 from forceaxis.experiments.run_result import (
+    CycleReport,
     LinkReport,
     ProcessIds,
     RecordCounts,
     RefusedWrite,
     TraceHashes,
-    read_refused,
 )
 from forceaxis.words import option_words
 
@@ -68,7 +68,7 @@ class LinkedRun(NamedTuple):
     result: _core.Result
     report: LinkReport
     refused: list[RefusedWrite]  # writes that the firmware has refused
-    cycle: dict[str, Any] | None  # last cycle, in the form of _core.Result.cycle
+    cycle: CycleReport | None  # last cycle
 
 
 def program(name: str) -> str:
@@ -105,27 +105,6 @@ def _has_can(interface: str) -> bool:
     except OSError:
         return False
     return True
-
-
-@dataclass(frozen=True)
-class LinkDetails:
-    """Speed of a run over a connection, and numbers of messages, in the form that _core.run_linked
-    returns."""
-
-    ticks_per_s: float
-    real_time: float  # ratio of simulated time to elapsed time
-    overruns: int
-    statistics: dict[str, int]  # {name of an event, such as repeated: number of messages}
-
-
-@dataclass(frozen=True)
-class ChipDetails:
-    """Speed of a run on an emulated chip, in the form that _core.run_on_chip returns."""
-
-    interrupts: int  # number of interrupts in which the chip has computed a tick
-    ticks: int
-    late_ticks: int  # number of ticks that the main loop had not completed before the next one
-    ticks_per_s: float
 
 
 @dataclass
@@ -245,7 +224,7 @@ def run_with(
     link, run_id = node.link, new_run_id()
     node.begin(run_id, experiment, overrides)
     try:
-        result, given = _core.run_linked(
+        result, details = _core.run_linked(
             str(experiment),
             list(overrides),
             link.kind,
@@ -263,7 +242,7 @@ def run_with(
         if isinstance(error, InputError):
             raise
         raise ParameterError("inject", str(error)) from None
-    details, report = LinkDetails(**given), node.end()
+    report = node.end()
     axis_hash = report.trace_hashes[0]
     found = LinkReport(
         kind=link.kind,
@@ -288,12 +267,12 @@ def run_on_chip(
     board = chip.board_of(link.kind)
     with chip.Emulator(board) as emulator:
         try:
-            result, given = _core.run_on_chip(
+            result, details = _core.run_on_chip(
                 str(experiment), list(overrides), *emulator.pipes, timeout_s=5.0, trace=trace
             )
         except TransportError as error:
             raise LinkError(f"{error}; {emulator.last_words()}") from None
-    details, emulated = ChipDetails(**given), chip.emulated_image(board)
+    emulated = chip.emulated_image(board)
     where = f"{emulated.machine} in {emulated.program}"
     report = replace(
         _report_here(link.kind, where, result, emulator.process.pid, details.ticks_per_s),
@@ -301,7 +280,7 @@ def run_on_chip(
         ticks=details.ticks,
         late_ticks=details.late_ticks,
     )
-    return LinkedRun(result, report, read_refused(result.refused), result.cycle)
+    return LinkedRun(result, report, result.refused, result.cycle)
 
 
 def _report_here(
@@ -334,7 +313,7 @@ def run(link: LinkOptions, experiment: str | Path, overrides: Sequence[str]) -> 
     result = _core.run(str(experiment), list(overrides), firmware_hash=True)
     rate = len(result.tick) / (time.perf_counter() - start)
     report = _report_here("inproc", "one call", result, os.getpid(), rate)
-    return LinkedRun(result, report, read_refused(result.refused), result.cycle)
+    return LinkedRun(result, report, result.refused, result.cycle)
 
 
 def run_many(

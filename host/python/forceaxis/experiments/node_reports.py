@@ -2,9 +2,9 @@
 
 import json
 from dataclasses import dataclass
-from typing import Any
 
-from forceaxis.experiments.run_result import RefusedWrite, read_refused
+from forceaxis.experiments.run_result import CycleReport, RefusedWrite
+from forceaxis.results import from_json
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,8 @@ class AxisReport:
     trace_hashes: list[str]
     faults: list[str]  # name of the latched fault of each axis; "none" without a fault
     refused: list[list[RefusedWrite]]
-    # last cycle of each axis, in the form of _core.Result.cycle; None without a program
-    cycles: list[dict[str, Any] | None]
+    # last cycle of each axis; None without a program
+    cycles: list[CycleReport | None]
     messages: dict[str, int]  # {sent, repeated, dropped, ...: number of messages}
 
 
@@ -49,7 +49,7 @@ def read_axis_report(output: str) -> AxisReport:
         pid=report["pid"],
         trace_hashes=[axis["trace_hash"] for axis in axes],
         faults=[axis["fault"] for axis in axes],
-        refused=[read_refused(axis["refused"]) for axis in axes],
-        cycles=[axis.get("cycle") for axis in axes],
+        refused=[[RefusedWrite(**write) for write in axis["refused"]] for axis in axes],
+        cycles=[axis.get("cycle") and from_json(CycleReport, axis["cycle"]) for axis in axes],
         messages=report["statistics"],
     )

@@ -93,7 +93,7 @@ def run(
         done.result,
         link=linked.report,
         refused=linked.refused,
-        cycle=run_result.read_cycle(linked.cycle),
+        cycle=linked.cycle,
     )
     return done
 
@@ -104,16 +104,19 @@ def replay(journal: Path) -> Run:
 
     A run longer than ten minutes has no trace, only a trace hash. Raises InputError.
     """
-    result, report = _core.replay(str(journal))
-    ticks = report.pop("replayed")
+    result, header = _core.replay(str(journal))
     replayed = ReplayedJournal(
-        **report,
+        experiment=header.experiment,
+        overrides=header.overrides,
+        entries=header.entries,
+        ticks=header.ticks,
+        trace_hash=header.trace_hash,
         traced=len(result.tick) > 0,
-        same=result.trace_hash == report["trace_hash"],
+        same=result.trace_hash == header.trace_hash,
     )
     command = ["forceaxis", "replay", paths.display(journal)]
     done = finished(Path(replayed.experiment), result, command)
-    ticks = done.result.ticks if replayed.traced else ticks
+    ticks = done.result.ticks if replayed.traced else header.replayed
     done.result = replace(done.result, ticks=ticks, replay=replayed)
     return done
 
@@ -128,25 +131,23 @@ def finished(
     command that repeats the run."""
     columns: Columns = {"tick": result.tick, "time_s": result.tick / _core.TICKS_PER_SECOND}
     converters = run_result.read_converters(result.converters)
-    metrics = run_result.read_metrics(result.metrics)
-    missed = run_result.read_missed(result.missed)
     found = RunResult(
         experiment=paths.display(experiment),
         title=result.title,
         figure=result.figure,
         verdict=result.verdict or None,
-        because=reasons(missed, metrics, result.fault, converters),
-        missed=missed,
+        because=reasons(result.missed, result.metrics, result.fault, converters),
+        missed=result.missed,
         warnings=warnings(result.setpoints, converters),
         fault=result.fault,
-        refused=run_result.read_refused(result.refused),
+        refused=result.refused,
         trace_hash=result.trace_hash,
         edge_margin=result.edge_margin if math.isfinite(result.edge_margin) else None,
         ticks=len(result.tick),
         events=result.event_count,
-        energy=run_result.Energy(**result.energy),
-        metrics=metrics,
-        criterion=run_result.read_criterion(result.criterion),
+        energy=result.energy,
+        metrics=result.metrics,
+        criterion=result.criterion,
         converters=converters,
         objects=result.objects,
         inputs_hash=result.inputs_hash,
@@ -154,7 +155,7 @@ def finished(
         objects_hash=objects.OBJECTS_HASH,
         seed=result.seed,
         command=shlex.join(command),
-        cycle=run_result.read_cycle(result.cycle),
+        cycle=result.cycle,
     )
     return Run(
         experiment=experiment,

@@ -1,19 +1,29 @@
 """Types of the result of a run. Their fields are the keys of the JSON output of the command
 `run`.
 
-The functions read_... convert dicts of the compiled module, whose keys are the names of the fields.
+Those that the compiled module gives are in _results.py, which is written from their rows in C++.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from forceaxis._results import Criterion as Criterion
+from forceaxis._results import CycleFigure as CycleFigure
+from forceaxis._results import CycleReport as CycleReport
+from forceaxis._results import Energy as Energy
+from forceaxis._results import HeldForce as HeldForce
+from forceaxis._results import Metrics as Metrics
+from forceaxis._results import MissedLimit as MissedLimit
+from forceaxis._results import RefusedWrite as RefusedWrite
 from forceaxis.experiments import verdicts
 from forceaxis.results import json_field
 
-CoreTable: TypeAlias = Mapping[str, Any]  # a dict that the compiled module returns
+if TYPE_CHECKING:
+    from forceaxis import _core
+
 Array: TypeAlias = np.ndarray[Any, np.dtype[Any]]  # array of numbers or texts
 Columns: TypeAlias = dict[str, Array]  # {name of a column: values of the column}
 
@@ -51,107 +61,6 @@ class Converter:
 Converters: TypeAlias = dict[
     str, Converter
 ]  # {column of codes ("encoder", "adc0", ...): converter of these codes}
-
-
-@dataclass(frozen=True)
-class HeldForce:
-    """The controlled force over the window of the verdict."""
-
-    setpoint_N: float
-    held_N: float  # mean over the window
-    error_N: float
-    error_percent: float  # error in per cent of the set-point
-    overshoot_percent: float  # overshoot in per cent of the set-point
-    # time at which `settle_s` begins: last change of the set-point, or a later first contact
-    from_s: float
-    settle_s: float | None  # settling time in s; None means that the force does not settle
-
-
-@dataclass(frozen=True)
-class Metrics:
-    """The quantities of a run from which the verdict is evaluated."""
-
-    window_ticks: int
-    window_start_s: float
-    force_ripple_count: float  # force ripple in the window of the verdict, in 8-bit counts
-    force_ripple_late_count: float  # force ripple in the second half of the window, in 8-bit counts
-    position_ripple_count: float  # position ripple in the window of the verdict, in encoder counts
-    # position ripple in the second half of the window, in encoder counts
-    position_ripple_late_count: float
-    contacts: int  # number of contacts of the model
-    contact_losses: int  # number of contact losses in the window
-    contact_losses_run: int  # number of contact losses in the whole run
-    first_contact_s: float | None
-    contact_at_window: bool  # in contact at the start of the window
-    in_contact: bool  # in contact at the end of the run
-    peak_force_N: float
-    final_force_N: float
-    # number of ticks of the window in which the DAC code is at an end of the DAC range
-    saturated_ticks: int
-    # largest number of successive ticks in which the DAC code is at an end of the DAC range
-    saturated_run_ticks: int
-    # number of ticks of the window in which the measured force is at an end of the ADC range
-    reading_range_ticks: int
-    # first force set-point outside the range of the measured force; None if there is none
-    setpoint_beyond_N: float | None
-    # end of the range of the measured force that the set-point exceeds, or at which the reading was
-    # last in the window; otherwise 0
-    reading_end_N: float
-    last_adc_change_tick: int  # last tick in which the code of ADC 0 changed
-    # the controlled force; None if the experiment controls no force
-    held_force: HeldForce | None
-
-
-@dataclass(frozen=True)
-class Criterion:
-    """The limits of the table [verdict]. None means that the experiment does not have the limit."""
-
-    window_s: float
-    force_ripple_max_count: float | None
-    position_ripple_max_count: float | None
-    held_force_error_max_N: float | None
-    held_force_error_max_percent: float | None
-    overshoot_max_percent: float | None
-    settle_max_s: float | None
-    peak_force_max_N: float | None
-    peak_force_max_percent: float | None
-    contact_losses_max: float | None
-    saturated_max_s: float | None
-    # True if all contacts must remain closed, or a list of contacts that must remain closed
-    contact_held: bool | list[str]
-
-
-@dataclass(frozen=True)
-class MissedLimit:
-    """A limit of [verdict] that a run exceeds."""
-
-    limit: str  # key of [verdict], or the name of another condition
-    verdict: str  # verdict that follows
-    value: float | None  # value of the run; None means infinite, because the force does not settle
-    bound: float
-    unit: str
-
-
-@dataclass(frozen=True)
-class Energy:
-    """Balance of the mechanical energy over a run."""
-
-    initial_J: float
-    supplied_J: float
-    dissipated_J: dict[str, float]  # {element of the model: dissipated energy in J}
-    kinetic_J: float
-    stored_J: float
-    discarded_J: float
-    residual_J: float
-
-
-@dataclass(frozen=True)
-class RefusedWrite:
-    """A refused write: the firmware refused the write to an object in [[at]] of the experiment."""
-
-    tick: int
-    object: str
-    reason: str
 
 
 @dataclass(frozen=True)
@@ -229,33 +138,6 @@ class PlotTable:
 
 
 @dataclass(frozen=True)
-class CycleFigure:
-    """The figure of an evaluation element over the last cycle of a run."""
-
-    name: str
-    kind: str  # kind of evaluation element: "peak", "window", ...
-    value: float  # in `unit`; 0 if nothing was found
-    unit: str  # empty for a number
-    tick: int  # tick in which the value was found
-    # "good", "below", "above", "wrong side", "again", "not reached" or "aborted"
-    verdict: str
-
-
-@dataclass(frozen=True)
-class CycleReport:
-    """The last cycle of a run."""
-
-    title: str  # title of the program
-    state: str  # value of the object cycle_state
-    outcome: str  # value of the object cycle_outcome
-    failed_phase: str  # phase that failed; empty if the cycle ended by its program
-    cycles: int  # number of cycles that were started
-    invalid_ticks: int  # ticks in evaluated phases whose sample is not valid
-    phases: list[str]  # names by number
-    figures: list[CycleFigure]  # empty before the end of a cycle
-
-
-@dataclass(frozen=True)
 class RunResult:
     """The result of a run: verdict, quantities of the verdict, and hashes of the inputs."""
 
@@ -306,35 +188,6 @@ class RunResult:
         return self.converters.get("adc0")
 
 
-def read_converters(given: Mapping[str, CoreTable]) -> Converters:
+def read_converters(given: "Mapping[str, _core.ConverterTable]") -> Converters:
     """Returns the converters of a model by their columns of codes."""
     return {column: Converter(**converter) for column, converter in given.items()}
-
-
-def read_cycle(given: CoreTable | None) -> CycleReport | None:
-    """Returns the last cycle of a run, or None if the experiment has no program."""
-    if given is None:
-        return None
-    figures = [CycleFigure(**figure) for figure in given["figures"]]
-    return CycleReport(**{**given, "figures": figures})
-
-
-def read_metrics(given: CoreTable) -> Metrics:
-    """Returns the metrics of a run from a dict of the compiled module."""
-    held = given["held_force"]
-    return Metrics(**{**given, "held_force": HeldForce(**held) if held else None})
-
-
-def read_criterion(given: CoreTable | None) -> Criterion | None:
-    """Returns the limits of the table [verdict] from a dict of the compiled module."""
-    return Criterion(**given) if given else None
-
-
-def read_missed(given: Sequence[CoreTable]) -> list[MissedLimit]:
-    """Returns the limits that a run exceeds."""
-    return [MissedLimit(**limit) for limit in given]
-
-
-def read_refused(given: Sequence[CoreTable]) -> list[RefusedWrite]:
-    """Returns the writes that the firmware refused."""
-    return [RefusedWrite(**write) for write in given]

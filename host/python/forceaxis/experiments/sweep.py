@@ -296,7 +296,7 @@ def outcome_of(result: "_core.RunOutcome") -> PointOutcome:
     return PointOutcome(
         verdict=result["verdict"],
         fault=result["fault"],
-        **{name: metrics[name] for name in METRICS},
+        **{name: getattr(metrics, name) for name in METRICS},
         edge_margin=margin if math.isfinite(margin) else None,
         trace_hash=result["trace_hash"],
     )

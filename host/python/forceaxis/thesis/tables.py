@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from forceaxis import _core, paths, progress, toml
 from forceaxis._core import InputError
 from forceaxis.experiments import link
-from forceaxis.experiments.run_result import Criterion, Metrics, read_metrics
+from forceaxis.experiments.run_result import Criterion, Metrics
 from forceaxis.experiments.verdicts import stability
 from forceaxis.results import from_json, json_field, to_json
 
@@ -297,6 +297,13 @@ def fitted() -> dict[str, float]:
     return {c.name: values[c.name].value for c in load().constants}
 
 
+def _criterion_of(outcome: "_core.RunOutcome") -> Criterion:
+    """Returns the criterion of a run, whose experiment has a [verdict]."""
+    criterion = outcome["criterion"]
+    assert criterion is not None
+    return criterion
+
+
 def run_jobs(
     jobs: Sequence[Job], threads: int | None, title: str, over: link.LinkOptions | None = None
 ) -> list[CellRun]:
@@ -312,8 +319,8 @@ def run_jobs(
     return [
         CellRun(
             verdict=outcome["verdict"],
-            metrics=read_metrics(outcome["metrics"]),
-            criterion=Criterion(**outcome["criterion"]),
+            metrics=outcome["metrics"],
+            criterion=_criterion_of(outcome),
             fault=outcome["fault"],
             trace_hash=outcome["trace_hash"],
             overridden=outcome["overridden"],
@@ -438,7 +445,7 @@ def criterion_sensitivity(
 
     def verdict_with(cell: CellResult, ripple_limit_count: float) -> str:
         criterion = replace(cell.criterion, force_ripple_max_count=ripple_limit_count)
-        return _core.evaluate(to_json(criterion), to_json(cell.metrics), cell.fault)[0]
+        return _core.evaluate(criterion, cell.metrics, cell.fault)[0]
 
     rows = []
     for factor in (0.8, 1.2):

@@ -1,0 +1,226 @@
+"""Results of the compiled module. Their fields are the keys of the JSON output.
+
+Written by tools/gen_results.py.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class HeldForce:
+    """The controlled force over the window of the verdict."""
+
+    setpoint_N: float
+    held_N: float  # mean over the window of the verdict
+    error_N: float  # set-point less held_N
+    error_percent: float  # magnitude of error_N, in percent of the set-point
+    # largest excess of the force over the set-point after from_s, in percent of it
+    overshoot_percent: float
+    # time at which `settle_s` begins: last change of the set-point, last impulse, start or end of
+    # an excitation, or a later first contact
+    from_s: float
+    # time from from_s until the force stays within 5 % of held_N; None: it does not settle before
+    # the window
+    settle_s: float | None
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """The quantities of a run from which the verdict is evaluated."""
+
+    window_ticks: int
+    window_start_s: float
+    force_ripple_count: float  # force ripple in the window of the verdict, in 8-bit counts
+    force_ripple_late_count: float  # force ripple in the second half of the window, in 8-bit counts
+    position_ripple_count: float  # position ripple in the window of the verdict, in encoder counts
+    # position ripple in the second half of the window, in encoder counts
+    position_ripple_late_count: float
+    contacts: int  # number of contacts that the criterion names, or of all contacts of the model
+    contact_losses: int  # in the window
+    contact_losses_run: int  # in the whole run
+    # time at which each of these contacts had been closed at least once; None: one never closed
+    first_contact_s: float | None
+    contact_at_window: bool  # True if all of these contacts are closed at the start of the window
+    in_contact: bool  # at the end
+    peak_force_N: float  # largest contact force in the whole run
+    final_force_N: float  # of the first contact of the model at the last tick
+    # number of ticks of the window in which the DAC code is at an end of the DAC range
+    saturated_ticks: int
+    # number of ticks of the whole run in which the DAC code is at an end of the DAC range
+    saturated_run_ticks: int
+    # number of ticks of the window in which the code of ADC 0 is at an end of its range and is not
+    # the code of the force 0
+    reading_range_ticks: int
+    # last force set-point if it is outside the range of the measured force; otherwise None
+    setpoint_beyond_N: float | None
+    reading_end_N: float  # end of the range of the measured force that this set-point exceeds
+    last_adc_change_tick: int  # last tick in which the code of ADC 0 changed; 0 if it never changed
+    held_force: HeldForce | None  # the controlled force; None if the experiment controls no force
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """The limits of the table [verdict]. None means that the experiment does not have the limit."""
+
+    window_s: float  # length of the window at the end of the run, > 0
+    # largest peak-to-peak ripple of the measured force, in 8-bit counts
+    force_ripple_max_count: float | None
+    position_ripple_max_count: float | None  # largest peak-to-peak ripple of the encoder, in counts
+    held_force_error_max_N: float | None
+    held_force_error_max_percent: float | None
+    overshoot_max_percent: float | None
+    settle_max_s: float | None
+    peak_force_max_N: float | None
+    peak_force_max_percent: float | None
+    contact_losses_max: float | None
+    saturated_max_s: float | None
+    # True if all contacts must remain closed, or a list of contacts that must remain closed
+    contact_held: bool | list[str]
+
+
+@dataclass(frozen=True)
+class MissedLimit:
+    """A limit of [verdict] that a run exceeds."""
+
+    limit: str  # key of [verdict], or the name of another condition
+    verdict: str  # that this missed limit alone would give
+    value: float | None  # value of the run; None means infinite, because the force does not settle
+    bound: float
+    unit: str  # N, %, s, count, tick, or empty
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Balance of the mechanical energy of a plant or a run."""
+
+    initial_J: float
+    supplied_J: float
+    dissipated_J: dict[str, float]  # {element of the model: dissipated energy in J}
+    kinetic_J: float
+    stored_J: float
+    discarded_J: float
+    residual_J: float
+
+
+@dataclass(frozen=True)
+class RefusedWrite:
+    """A refused write: the firmware refused the write to an object in [[at]] of the experiment."""
+
+    tick: int
+    object: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class CycleFigure:
+    """The figure of an evaluation element over the last cycle of a run."""
+
+    name: str
+    kind: str  # of the element: peak, window, ...
+    value: float  # in `unit`; 0 if nothing was found
+    unit: str  # empty for a number
+    tick: int  # in which the value was found
+    verdict: str  # good, below, above, wrong side, again, not reached or aborted
+
+
+@dataclass(frozen=True)
+class CycleReport:
+    """The last cycle of a run."""
+
+    title: str  # of the program
+    state: str  # value of the object cycle_state
+    outcome: str  # value of the object cycle_outcome
+    failed_phase: str  # in which the cycle failed; empty if it ended by its program
+    cycles: int  # number of cycles that were started
+    # number of ticks in evaluated phases whose sample is not valid; 0 before the end of a cycle
+    invalid_ticks: int
+    phases: list[str]  # names by number
+    figures: list[CycleFigure]  # one for each element; empty before the end of a cycle
+
+
+@dataclass(frozen=True)
+class CycleEnd:
+    """A condition that ends a phase."""
+
+    when: str
+    value: float | None  # in `unit`; None if it has none
+    unit: str  # s, N, N/m, m, or empty
+    next: str  # the phase that follows, or end
+
+
+@dataclass(frozen=True)
+class CyclePhase:
+    """A phase, with the conditions that end it in the order of the file."""
+
+    name: str
+    ends: list[CycleEnd]
+    on_limit: str
+    tare_s: float | None  # time over which the phase measures the offset of the force
+
+
+@dataclass(frozen=True)
+class CycleElement:
+    """An evaluation element, with bounds in SI units. None means that there is no such bound."""
+
+    name: str
+    kind: str  # peak, window, ...
+    phases: list[str]
+    over: str  # travel or time
+    of: str  # x or force: what crosses the level of `at` and `difference`
+    unit: str  # of the value, empty for a window
+    per_value: float  # SI units for one unit of the firmware
+    x_from: float | None
+    x_to: float | None
+    least: float | None
+    most: float | None
+    level: float | None
+    lower: list[tuple[float, float]]  # points (x, N) of the curves of an envelope
+    upper: list[tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class CycleProgram:
+    """A program of a cycle, compiled for an axis."""
+
+    file: Path
+    title: str
+    number: int  # by which the axis selects the program; 0: none
+    crc: int  # of the record
+    zero: str  # where travel 0 is: touch, force or position
+    zero_at: float | None  # the force in N, or the position in m
+    phases: list[CyclePhase]
+    elements: list[CycleElement]
+    compliance: list[tuple[float, float]]  # points (N, m): deflection of the press over the force
+
+
+@dataclass(frozen=True)
+class LinkDetails:
+    """Speed of a run over a connection, and numbers of messages."""
+
+    ticks_per_s: float
+    real_time: float  # ratio of simulated time to elapsed time
+    overruns: int
+    statistics: dict[str, int]  # {name of an event, such as repeated: number of messages}
+
+
+@dataclass(frozen=True)
+class ChipDetails:
+    """Speed of a run on an emulated chip."""
+
+    interrupts: int  # number of interrupts in which the chip has computed a tick
+    ticks: int
+    late_ticks: int  # number of ticks that the main loop had not completed before the next one
+    ticks_per_s: float
+
+
+@dataclass(frozen=True)
+class JournalHeader:
+    """What a journal of axis_node says about its run."""
+
+    experiment: str
+    overrides: list[str]
+    entries: int
+    ticks: int | None  # of the recorded run; None if the journal is incomplete
+    replayed: int  # number of ticks that a replay repeats
+    trace_hash: str  # of the recorded run; empty if the journal is incomplete

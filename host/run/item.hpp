@@ -1,0 +1,55 @@
+#pragma once
+// Rows that declare the fields of a result for Python, with the member or function that gives each.
+//
+// A struct that Python receives has
+//   static constexpr const char *kName       name of its Python class
+//   static constexpr const char *kMeaning    its docstring
+//   static constexpr auto items()            its fields: a tuple of item()
+// host/python/binding/table.hpp converts it by these rows; tools/gen_results.py writes the Python
+// class, so a field is its row and nothing else.
+#include <cmath>
+#include <optional>
+
+namespace forceaxis::host {
+
+template <class Get>
+struct Item {
+  const char *key;
+  Get get;
+  const char *meaning;  ///< empty if the name says it
+};
+
+/// Declares a field: `get` is a member, or a function of the struct.
+template <class Get>
+constexpr Item<Get> item(const char *key, Get get, const char *meaning = "") {
+  return {key, get, meaning};
+}
+
+/// A number that is None in Python while it is infinite.
+template <class Owner>
+struct Finite {
+  double Owner::*member;
+
+  std::optional<double> operator()(const Owner &owner) const {
+    return std::isfinite(owner.*member) ? std::optional(owner.*member) : std::nullopt;
+  }
+  void set(Owner &owner, std::optional<double> value) const {
+    owner.*member = value.value_or(HUGE_VAL);
+  }
+};
+template <class Owner>
+Finite(double Owner::*) -> Finite<Owner>;
+
+/// A member of a member.
+template <class Owner, class Middle, class Value>
+struct Within {
+  Middle Owner::*outer;
+  Value Middle::*inner;
+
+  const Value &operator()(const Owner &owner) const { return owner.*outer.*inner; }
+  void set(Owner &owner, const Value &value) const { owner.*outer.*inner = value; }
+};
+template <class Owner, class Middle, class Value>
+Within(Middle Owner::*, Value Middle::*) -> Within<Owner, Middle, Value>;
+
+}  // namespace forceaxis::host

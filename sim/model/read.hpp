@@ -1,0 +1,93 @@
+#pragma once
+// Reads a table of a file into a struct by the rows of the struct (field.hpp).
+//
+// A key that the file omits leaves its member as it is, or sets the default of its declaration.
+// Every value is checked by its declaration: kind, unit, sign or range, and the key beside which
+// alone it has a meaning. Rules between keys are in complete() of the struct.
+#include <cstddef>
+#include <optional>
+#include <set>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "sim/model/elements/ends.hpp"
+#include "sim/model/field.hpp"
+#include "sim/model/section.hpp"
+#include "sim/model/signal.hpp"
+
+namespace forceaxis::sim {
+
+/// Names to which a table may refer.
+struct Names {
+  std::vector<std::string> points;  ///< bodies, then ports
+  std::size_t bodies = 0;
+  std::vector<SignalInfo> signals;
+  std::optional<Dimension> signal;  ///< unit of the signal that the table being read names
+  std::set<std::string> taken;      ///< names of all elements and ports
+
+  /// Refuses a name that another element or port has.
+  void claim(const Section &section, const std::string &key, const std::string &name);
+};
+
+// The values of a key by the type of its member. An empty result leaves the member as it is.
+std::optional<double> value_of(Section &section, Names &names, const KeyFormat &key, double *);
+std::optional<int> value_of(Section &section, Names &names, const KeyFormat &key, int *);
+std::optional<bool> value_of(Section &section, Names &names, const KeyFormat &key, bool *);
+std::optional<Ends> value_of(Section &section, Names &names, const KeyFormat &key, Ends *);
+std::optional<std::string> value_of(Section &section, Names &names, const KeyFormat &key,
+                                    std::string *);
+std::optional<std::vector<double>> value_of(Section &section, Names &names, const KeyFormat &key,
+                                            std::vector<double> *);
+std::optional<std::vector<std::string>> value_of(Section &section, Names &names,
+                                                 const KeyFormat &key, std::vector<std::string> *);
+
+/// Refuses the key `key` without the key `beside`.
+void expect_beside(Section &section, std::string_view key, std::string_view beside);
+
+/// Refuses a table that has both or none of two keys. `what` is what the keys give.
+void one_of(Section &section, const char *one, const char *other, const std::string &what);
+
+template <class T>
+T read_table(Section &section, Names &names);
+
+template <class... Types>
+void read_type(Section &section, Names &names, const KeyFormat &key,
+               std::variant<Types...> &member) {
+  const std::size_t type = section.choice(key.key, key.advice);
+  section.add(*Alternatives<std::variant<Types...>>::formats[type]);
+  std::size_t index = 0;
+  ((index++ == type ? void(member = read_table<Types>(section, names)) : void()), ...);
+}
+
+template <class T, class Row>
+void read_row(Section &section, Names &names, const Row &row, T &target) {
+  using Member = std::remove_reference_t<decltype(row.member(target))>;
+  using Value = typename Unwrapped<Member>::Type;
+  if constexpr (requires { std::variant_size<Value>::value; }) {
+    read_type(section, names, row.key, row.member(target));
+  } else if constexpr (std::is_enum_v<Value>) {
+    row.member(target) = static_cast<Value>(section.choice(row.key.key, row.key.advice));
+  } else if constexpr (requires(Value v) { v.front().rows(); }) {
+    section.each(row.key.key, [&](Section &inner) {
+      row.member(target).push_back(read_table<typename Value::value_type>(inner, names));
+    });
+  } else {
+    if (!row.key.beside.empty()) expect_beside(section, row.key.key, row.key.beside);
+    if (auto value = value_of(section, names, row.key, static_cast<Value *>(nullptr)))
+      row.member(target) = std::move(*value);
+  }
+}
+
+/// Returns the struct that a table describes. Throws InputError.
+template <class T>
+T read_table(Section &section, Names &names) {
+  T target;
+  std::apply([&](const auto &...row) { (read_row(section, names, row, target), ...); }, T::rows());
+  if constexpr (requires { target.complete(section, names); }) target.complete(section, names);
+  return target;
+}
+
+}  // namespace forceaxis::sim
