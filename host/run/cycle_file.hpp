@@ -118,16 +118,17 @@ struct CycleProgram {
 
   static constexpr auto items() {
     using P = CycleProgram;
-    return std::tuple{item("file", &P::file),
-                      item("title", &P::title),
-                      item("number", &P::number, "number by which the axis selects the program; 0: none"),
-                      item("crc", &P::crc, "CRC of the record"),
-                      item("zero", &P::zero, "what defines travel 0: touch, force or position"),
-                      item("zero_at", &P::zero_at, "the force in N, or the position in m"),
-                      item("phases", &P::phases),
-                      item("elements", &P::elements),
-                      item("compliance", &P::compliance,
-                           "points (N, m): deflection of the press over the force")};
+    return std::tuple{
+        item("file", &P::file),
+        item("title", &P::title),
+        item("number", &P::number, "number by which the axis selects the program; 0: none"),
+        item("crc", &P::crc, "CRC of the record"),
+        item("zero", &P::zero, "what defines travel 0: touch, force or position"),
+        item("zero_at", &P::zero_at, "the force in N, or the position in m"),
+        item("phases", &P::phases),
+        item("elements", &P::elements),
+        item("compliance", &P::compliance,
+             "points (N, m): deflection of the press over the force")};
   }
 };
 

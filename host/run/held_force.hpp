@@ -61,7 +61,8 @@ struct HeldForce {
         item("error_percent", &HeldForce::error_percent,
              "magnitude of error_N, in per cent of the set-point"),
         item("overshoot_percent", &HeldForce::overshoot_percent,
-             "largest excess of the force over the set-point after from_s, in per cent of the set-point"),
+             "largest excess of the force over the set-point after from_s, in per cent of the "
+             "set-point"),
         item("from_s", &HeldForce::from_s,
              "time at which `settle_s` begins: last change of the set-point, last impulse, start "
              "or end of an excitation, or a later first contact"),

@@ -136,13 +136,14 @@ struct CycleFigure {
   std::string verdict;
 
   static constexpr auto items() {
-    return std::tuple{item("name", &CycleFigure::name),
-                      item("kind", &CycleFigure::kind, "kind of evaluation element: peak, window, ..."),
-                      item("value", &CycleFigure::value, "in `unit`; 0 if nothing was found"),
-                      item("unit", &CycleFigure::unit, "empty for a number"),
-                      item("tick", &CycleFigure::tick, "tick in which the value was found"),
-                      item("verdict", &CycleFigure::verdict,
-                           "good, below, above, wrong side, again, not reached or aborted")};
+    return std::tuple{
+        item("name", &CycleFigure::name),
+        item("kind", &CycleFigure::kind, "kind of evaluation element: peak, window, ..."),
+        item("value", &CycleFigure::value, "in `unit`; 0 if nothing was found"),
+        item("unit", &CycleFigure::unit, "empty for a number"),
+        item("tick", &CycleFigure::tick, "tick in which the value was found"),
+        item("verdict", &CycleFigure::verdict,
+             "good, below, above, wrong side, again, not reached or aborted")};
   }
 };
 
@@ -172,7 +173,7 @@ struct CycleResult {
              "number of ticks in evaluated phases whose sample is not valid; 0 before the end of a "
              "cycle"),
         item("phases", &C::phases, "names by number"),
-        item("figures", &C::figures, 
+        item("figures", &C::figures,
              "one for each evaluation element; empty before the end of a cycle")};
   }
 };

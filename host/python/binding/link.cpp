@@ -99,7 +99,8 @@ struct JournalHeader {
         item("experiment", &H::experiment),
         item("overrides", Within{&H::journal, &J::overrides}),
         item("entries", &H::entries),
-        item("ticks", &H::ticks, "number of ticks of the recorded run; None if the journal is incomplete"),
+        item("ticks", &H::ticks,
+             "number of ticks of the recorded run; None if the journal is incomplete"),
         item("replayed", &H::replayed, "number of ticks that a replay repeats"),
         item("trace_hash", Within{&H::journal, &J::trace_hash},
              "of the recorded run; empty if the journal is incomplete")};

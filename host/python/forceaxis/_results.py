@@ -14,8 +14,8 @@ class HeldForce:
     setpoint_N: float
     held_N: float  # mean over the window of the verdict
     error_N: float  # set-point less held_N
-    error_percent: float  # magnitude of error_N, in percent of the set-point
-    # largest excess of the force over the set-point after from_s, in percent of it
+    error_percent: float  # magnitude of error_N, in per cent of the set-point
+    # largest excess of the force over the set-point after from_s, in per cent of the set-point
     overshoot_percent: float
     # time at which `settle_s` begins: last change of the set-point, last impulse, start or end of
     # an excitation, or a later first contact
@@ -37,24 +37,26 @@ class Metrics:
     # position ripple in the second half of the window, in encoder counts
     position_ripple_late_count: float
     contacts: int  # number of contacts that the criterion names, or of all contacts of the model
-    contact_losses: int  # in the window
-    contact_losses_run: int  # in the whole run
+    contact_losses: int  # number of contact losses in the window
+    contact_losses_run: int  # number of contact losses in the whole run
     # time at which each of these contacts had been closed at least once; None: one never closed
     first_contact_s: float | None
     contact_at_window: bool  # True if all of these contacts are closed at the start of the window
-    in_contact: bool  # at the end
+    in_contact: bool  # True if all of these contacts are closed at the end of the run
     peak_force_N: float  # largest contact force in the whole run
-    final_force_N: float  # of the first contact of the model at the last tick
+    final_force_N: float  # force of the first contact of the model at the last tick
     # number of ticks of the window in which the DAC code is at an end of the DAC range
     saturated_ticks: int
     # number of ticks of the whole run in which the DAC code is at an end of the DAC range
     saturated_run_ticks: int
-    # number of ticks of the window in which the code of ADC 0 is at an end of its range and is not
-    # the code of the force 0
+    # number of ticks of the window in which the code of ADC 0 is at an end of its range, or at the
+    # limit of the sensor or its electronics, and is not the code of the force 0
     reading_range_ticks: int
     # last force set-point if it is outside the range of the measured force; otherwise None
     setpoint_beyond_N: float | None
-    reading_end_N: float  # end of the range of the measured force that this set-point exceeds
+    # end of the range of the measured force that the set-point exceeds, or at which the reading was
+    # last in the window; otherwise 0
+    reading_end_N: float
     last_adc_change_tick: int  # last tick in which the code of ADC 0 changed; 0 if it never changed
     held_force: HeldForce | None  # the controlled force; None if the experiment controls no force
 
@@ -84,7 +86,7 @@ class MissedLimit:
     """A limit of [verdict] that a run exceeds."""
 
     limit: str  # key of [verdict], or the name of another condition
-    verdict: str  # that this missed limit alone would give
+    verdict: str  # verdict that this missed limit alone would give
     value: float | None  # value of the run; None means infinite, because the force does not settle
     bound: float
     unit: str  # N, %, s, count, tick, or empty
@@ -117,10 +119,10 @@ class CycleFigure:
     """The figure of an evaluation element over the last cycle of a run."""
 
     name: str
-    kind: str  # of the element: peak, window, ...
+    kind: str  # kind of evaluation element: peak, window, ...
     value: float  # in `unit`; 0 if nothing was found
     unit: str  # empty for a number
-    tick: int  # in which the value was found
+    tick: int  # tick in which the value was found
     verdict: str  # good, below, above, wrong side, again, not reached or aborted
 
 
@@ -128,15 +130,15 @@ class CycleFigure:
 class CycleReport:
     """The last cycle of a run."""
 
-    title: str  # of the program
+    title: str  # title of the program
     state: str  # value of the object cycle_state
     outcome: str  # value of the object cycle_outcome
-    failed_phase: str  # in which the cycle failed; empty if it ended by its program
+    failed_phase: str  # phase in which the cycle failed; empty if the cycle ended by its program
     cycles: int  # number of cycles that were started
     # number of ticks in evaluated phases whose sample is not valid; 0 before the end of a cycle
     invalid_ticks: int
     phases: list[str]  # names by number
-    figures: list[CycleFigure]  # one for each element; empty before the end of a cycle
+    figures: list[CycleFigure]  # one for each evaluation element; empty before the end of a cycle
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,7 @@ class CycleEnd:
     when: str
     value: float | None  # in `unit`; None if it has none
     unit: str  # s, N, N/m, m, or empty
-    next: str  # the phase that follows, or end
+    next: str  # name of the phase that follows, or end
 
 
 @dataclass(frozen=True)
@@ -164,12 +166,12 @@ class CycleElement:
     """An evaluation element, with bounds in SI units. None means that there is no such bound."""
 
     name: str
-    kind: str  # peak, window, ...
+    kind: str  # kind of evaluation element: peak, window, ...
     phases: list[str]
     over: str  # travel or time
     of: str  # x or force: what crosses the level of `at` and `difference`
-    unit: str  # of the value, empty for a window
-    per_value: float  # SI units for one unit of the firmware
+    unit: str  # SI unit of the value; empty for a number
+    per_value: float  # value in SI units = value of the firmware * per_value
     x_from: float | None
     x_to: float | None
     least: float | None
@@ -185,9 +187,9 @@ class CycleProgram:
 
     file: Path
     title: str
-    number: int  # by which the axis selects the program; 0: none
-    crc: int  # of the record
-    zero: str  # where travel 0 is: touch, force or position
+    number: int  # number by which the axis selects the program; 0: none
+    crc: int  # CRC of the record
+    zero: str  # what defines travel 0: touch, force or position
     zero_at: float | None  # the force in N, or the position in m
     phases: list[CyclePhase]
     elements: list[CycleElement]
@@ -221,6 +223,6 @@ class JournalHeader:
     experiment: str
     overrides: list[str]
     entries: int
-    ticks: int | None  # of the recorded run; None if the journal is incomplete
+    ticks: int | None  # number of ticks of the recorded run; None if the journal is incomplete
     replayed: int  # number of ticks that a replay repeats
     trace_hash: str  # of the recorded run; empty if the journal is incomplete

@@ -10,8 +10,8 @@ namespace forceaxis::sim {
 /// breaks[k]. A curve with one slope and no break is a straight line.
 struct Slopes {
   std::vector<double> slopes;
-  std::vector<double> breaks;  ///< inputs at which the slope changes, in ascending order
-  std::vector<double> loads = {};   ///< values at which it changes, if the file has them for breaks
+  std::vector<double> breaks;      ///< inputs at which the slope changes, in ascending order
+  std::vector<double> loads = {};  ///< values at which it changes, if the file has them for breaks
 
   /// Derives the breaks from the loads. `key` is that of the slopes.
   void complete(Section &section, const char *key);
