@@ -19,7 +19,9 @@
 
 #include "firmware/port/host/axis_host.h"
 #include "host/python/binding/parts.hpp"
+#include "host/python/binding/table.hpp"
 #include "host/run/experiment.hpp"
+#include "host/run/item.hpp"
 #include "sim/hybrid/plant.hpp"
 #include "sim/model/elements/adc.hpp"
 #include "sim/model/elements/body.hpp"
@@ -29,6 +31,7 @@
 
 namespace py = pybind11;
 using forceaxis::host::Experiment;
+using forceaxis::host::item;
 using forceaxis::sim::ModeCache;
 using forceaxis::sim::Plant;
 using forceaxis::sim::SensorCodes;
@@ -61,6 +64,49 @@ int double_law(int n, double gain, double setpoint_N) {
   return static_cast<int>(code < -2048.0 ? -2048.0 : code > 2047.0 ? 2047.0 : code);
 }
 
+struct BenchRun {
+  static constexpr const char *kName = "BenchRun";
+  static constexpr const char *kMeaning =
+      "A run of 2 s: the value of each tick, before the control law is computed.";
+  static constexpr bool kDict = true;
+  py::array_t<double> force, robot, workpiece, current;
+  py::array_t<int> count;
+  double seconds;
+  std::int64_t events;
+
+  static constexpr auto items() {
+    using R = BenchRun;
+    return std::tuple{item("force", &R::force, "contact force in N"),
+                      item("robot", &R::robot, "position in m"),
+                      item("workpiece", &R::workpiece, "position in m"),
+                      item("current", &R::current, "current of the motor in A"),
+                      item("count", &R::count, "code of ADC 0 minus the code of the force 0"),
+                      item("seconds", &R::seconds, "CPU time in s"),
+                      item("events", &R::events, "number of state changes of elements")};
+  }
+};
+
+struct BenchSweep {
+  static constexpr const char *kName = "BenchSweep";
+  static constexpr const char *kMeaning =
+      "Metrics of the runs of a sweep, in which the set-point changes fastest, and its time.";
+  static constexpr bool kDict = true;
+  py::array_t<double> peak_force_N, end_force_N;
+  py::array_t<int> contact_losses, last_change;
+  double wall_s, cpu_s;
+
+  static constexpr auto items() {
+    using S = BenchSweep;
+    return std::tuple{
+        item("peak_force_N", &S::peak_force_N),
+        item("end_force_N", &S::end_force_N),
+        item("contact_losses", &S::contact_losses),
+        item("last_change", &S::last_change, "last tick in which the code of ADC 0 changed"),
+        item("wall_s", &S::wall_s),
+        item("cpu_s", &S::cpu_s, "CPU time of all threads")};
+  }
+};
+
 class BenchCase {
  public:
   BenchCase(const std::filesystem::path &file, const std::string &force, const std::string &robot,
@@ -76,9 +122,8 @@ class BenchCase {
     zero_ = model.adc[0]->zero_code;
   }
 
-  // Computes one run of 3000 ticks. Returns the values of f, xr, xw, i and n at each tick, before
-  // the control law is computed.
-  py::dict run(int gain, int setpoint_N, bool firmware) {
+  // Computes one run of 3000 ticks.
+  py::object run(int gain, int setpoint_N, bool firmware) {
     py::array_t<double> force(kTicks + 1), robot(kTicks + 1), workpiece(kTicks + 1),
         current(kTicks + 1);
     py::array_t<int> count(kTicks + 1);
@@ -136,22 +181,14 @@ class BenchCase {
       seconds = thread_cpu_s() - start;
       crossings = plant.crossings();
     }
-    py::dict d;
-    d["force"] = force;
-    d["robot"] = robot;
-    d["workpiece"] = workpiece;
-    d["current"] = current;
-    d["count"] = count;
-    d["seconds"] = seconds;
-    d["events"] = crossings;
-    return d;
+    return table::object(BenchRun{force, robot, workpiece, current, count, seconds, crossings});
   }
 
   // Computes side x side runs with evenly spaced gains and set-points, including the ends of the
   // ranges. Returns only metrics. Each thread gets the number of its next run from a common
   // counter. All runs start with copies of one plant and share the cache of modes.
-  py::dict sweep(std::pair<double, double> gains, std::pair<double, double> setpoints_N, int side,
-                 unsigned threads) {
+  py::object sweep(std::pair<double, double> gains, std::pair<double, double> setpoints_N, int side,
+                   unsigned threads) {
     const auto runs = static_cast<std::size_t>(side) * static_cast<std::size_t>(side);
     if (side < 2) throw std::invalid_argument("a sweep wants two points a side");
     const auto size = static_cast<py::ssize_t>(runs);
@@ -215,14 +252,7 @@ class BenchCase {
       wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - from).count();
       if (failure) std::rethrow_exception(failure);
     }
-    py::dict d;
-    d["peak_force_N"] = peak;
-    d["end_force_N"] = end;
-    d["contact_losses"] = losses;
-    d["last_change"] = last_change;
-    d["wall_s"] = wall_s;
-    d["cpu_s"] = cpu_s;
-    return d;
+    return table::object(BenchSweep{peak, end, losses, last_change, wall_s, cpu_s});
   }
 
  private:
@@ -235,19 +265,14 @@ class BenchCase {
 }  // namespace
 
 void add_bench(py::module_ &m) {
+  table::add_results<BenchRun, BenchSweep>();
   py::class_<BenchCase>(m, "BenchCase",
                         "The simulated plant of a case of the benchmark, with its force loop.")
       .def(py::init<const std::filesystem::path &, const std::string &, const std::string &,
                     const std::string &>(),
            py::arg("experiment"), py::arg("force"), py::arg("robot"), py::arg("workpiece"))
       .def("run", &BenchCase::run, py::arg("gain"), py::arg("setpoint_N"),
-           py::arg("firmware") = false,
-           "Computes one run of 2 s. Returns the arrays force, robot, workpiece, current and "
-           "count, the "
-           "CPU time in s and the events.")
-      .def(
-          "sweep", &BenchCase::sweep, py::arg("gains"), py::arg("setpoints_N"),
-          py::arg("side") = 64, py::arg("threads") = 1,
-          "Computes side x side runs of 2 s. Returns the metrics as arrays, in which the set-point "
-          "changes fastest, and the wall time and CPU time in s.");
+           py::arg("firmware") = false, "Computes one run of 2 s.")
+      .def("sweep", &BenchCase::sweep, py::arg("gains"), py::arg("setpoints_N"),
+           py::arg("side") = 64, py::arg("threads") = 1, "Computes side x side runs of 2 s.");
 }

@@ -298,8 +298,8 @@ PYBIND11_MODULE(_core, m) {
   m.doc() = "The firmware, the simulated plant and runs of both in one process.";
   static_assert(static_cast<int>(forceaxis::sim::kTickRateHz) == FX_TICK_RATE_HZ);
   m.attr("TICKS_PER_SECOND") = static_cast<int>(forceaxis::sim::kTickRateHz);
-  m.attr("FIRMWARE_HASH") = FORCEAXIS_FIRMWARE_HASH;
-  m.attr("SIMULATOR_HASH") = FORCEAXIS_SIMULATOR_HASH;
+  m.attr("FIRMWARE_HASH") = kFirmwareHash;
+  m.attr("SIMULATOR_HASH") = kSimulatorHash;
   m.attr("FIRMWARE_VERSION") = FW_VERSION;
   m.attr("FILE_FORMAT") = forceaxis::sim::kFileFormat;
   m.attr("JOURNAL_FORMAT") = forceaxis::host::kJournalTitle;
@@ -418,6 +418,11 @@ PYBIND11_MODULE(_core, m) {
       "Returns (verdict, missed limits) of a finished run by another criterion with the same "
       "window.");
 
+  table::add_results<
+      forceaxis::host::HeldForce, Metrics, Criterion, forceaxis::host::Missed, Energy,
+      forceaxis::host::Refusal, forceaxis::host::CycleFigure, forceaxis::host::CycleResult,
+      forceaxis::host::CycleEnd, forceaxis::host::CyclePhase, forceaxis::host::CycleElement,
+      forceaxis::host::CycleProgram, Converter, PlotTable, Parameter, Inputs, Outcome>();
   add_laws(m);
   add_linear(m);
   add_bench(m);
@@ -435,13 +440,7 @@ PYBIND11_MODULE(_core, m) {
       "result_types",
       [] {
         py::list types;
-        table::describe_all<
-            forceaxis::host::HeldForce, Metrics, Criterion, forceaxis::host::Missed, Energy,
-            forceaxis::host::Refusal, forceaxis::host::CycleFigure, forceaxis::host::CycleResult,
-            forceaxis::host::CycleEnd, forceaxis::host::CyclePhase, forceaxis::host::CycleElement,
-            forceaxis::host::CycleProgram, Converter, PlotTable, Parameter, Inputs, Outcome>(types);
-        describe_linear(types);
-        describe_link(types);
+        for (const auto describe : table::described) describe(types);
         return types;
       },
       "Returns the types of results for tools/gen_results.py: name, meaning, whether it is a dict, "

@@ -14,6 +14,8 @@
 
 #include "firmware/port/host/firmware.hpp"
 #include "host/python/binding/parts.hpp"
+#include "host/python/binding/table.hpp"
+#include "host/run/item.hpp"
 
 namespace py = pybind11;
 
@@ -32,6 +34,59 @@ const char *const kPhases[] = {DRIVE402_PHASES(NAME)};
 const char *const kStates[] = {DRIVE402_STATES(NAME)};
 const char *const kReasons[] = {DRIVE402_REASONS(NAME)};
 #undef NAME
+
+// What the master knows of its drive, with names in place of numbers.
+struct Feedback {
+  static constexpr const char *kName = "DriveFeedback";
+  static constexpr const char *kMeaning =
+      "What a master knows of its drive: drive402_feedback_t in "
+      "firmware/drive402/drive402_state.h.";
+  static constexpr bool kDict = true;
+  drive402_feedback_t f;
+
+  struct Flag {
+    std::uint8_t drive402_feedback_t::*member;
+    bool operator()(const Feedback &feedback) const { return feedback.f.*member != 0; }
+  };
+  struct Text {
+    const char *const *names;
+    std::uint8_t drive402_feedback_t::*member;
+    std::string operator()(const Feedback &feedback) const {
+      return lower(names[feedback.f.*member]);
+    }
+  };
+  std::string reason_text() const { return drive402_reason_text(f.reason); }
+  std::string key() const {
+    const char *key = drive402_key(&f);
+    return key == nullptr ? "" : key;
+  }
+
+  static constexpr auto items() {
+    using forceaxis::host::item;
+    using forceaxis::host::Within;
+    using F = drive402_feedback_t;
+    constexpr auto f = &Feedback::f;
+    return std::tuple{
+        item("position_cnt", Within{f, &F::position_cnt}),
+        item("torque", Within{f, &F::torque}, "per mille of the rated torque"),
+        item("age_ticks", Within{f, &F::age_ticks}, "age of position and torque"),
+        item("statusword", Within{f, &F::statusword}),
+        item("error_code", Within{f, &F::error_code}),
+        item("fitted", Flag{&F::fitted}, "True if the configuration was accepted"),
+        item("on", Flag{&F::on}, "True if targets act"),
+        item("fault", Flag{&F::fault}),
+        item("limit", Flag{&F::limit}),
+        item("saturated", Flag{&F::saturated}),
+        item("phase", Text{kPhases, &F::phase}),
+        item("state", Text{kStates, &F::state}),
+        item("reason", Text{kReasons, &F::reason}, "first failure since the last reset"),
+        item("reason_text", &Feedback::reason_text),
+        item("failed_index", Within{f, &F::failed_index}),
+        item("failed_sub", Within{f, &F::failed_sub}),
+        item("abort_code", Within{f, &F::abort_code}),
+        item("key", &Feedback::key, "setting that the drive refused; empty if there is none")};
+  }
+};
 
 class DriveMaster {
  public:
@@ -90,30 +145,7 @@ class DriveMaster {
     return frames;
   }
 
-  py::dict feedback() const {
-    const drive402_feedback_t f = drive402_feedback(&master_);
-    py::dict said;
-    said["position_cnt"] = f.position_cnt;
-    said["torque"] = f.torque;
-    said["age_ticks"] = f.age_ticks;
-    said["statusword"] = f.statusword;
-    said["error_code"] = f.error_code;
-    said["fitted"] = f.fitted != 0;
-    said["on"] = f.on != 0;
-    said["fault"] = f.fault != 0;
-    said["limit"] = f.limit != 0;
-    said["saturated"] = f.saturated != 0;
-    said["phase"] = lower(kPhases[f.phase]);
-    said["state"] = lower(kStates[f.state]);
-    said["reason"] = lower(kReasons[f.reason]);
-    said["reason_text"] = drive402_reason_text(f.reason);
-    said["failed_index"] = f.failed_index;
-    said["failed_sub"] = f.failed_sub;
-    said["abort_code"] = f.abort_code;
-    const char *key = drive402_key(&f);
-    said["key"] = key == nullptr ? "" : key;
-    return said;
-  }
+  py::object feedback() const { return table::object(Feedback{drive402_feedback(&master_)}); }
 
  private:
   // Moves a setting to its field; every setting is required.
@@ -135,6 +167,7 @@ class DriveMaster {
 }  // namespace
 
 void add_drive402(py::module_ &m) {
+  table::add_results<Feedback>();
   py::class_<DriveMaster>(m, "DriveMaster",
                           "A master of one CiA 402 drive on CANopen (firmware/drive402), in ticks "
                           "of 1/1500 s.")
@@ -147,6 +180,5 @@ void add_drive402(py::module_ &m) {
            "Tells that the bus is off, and the number of lost frames.")
       .def("tick", &DriveMaster::tick, py::arg("target"), py::arg("enable"), py::arg("reset"),
            "Computes a tick. Returns the frames to send, (identifier, bytes).")
-      .def("feedback", &DriveMaster::feedback,
-           "Returns the fields of drive402_feedback_t; phase, state and reason by name.");
+      .def("feedback", &DriveMaster::feedback, "Returns what the master knows of the drive.");
 }

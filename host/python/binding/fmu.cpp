@@ -6,55 +6,95 @@
 
 #include "host/fmu/unit.hpp"
 #include "host/python/binding/parts.hpp"
+#include "host/python/binding/table.hpp"
 #include "host/run/experiment.hpp"
+#include "host/run/item.hpp"
 #include "host/run/objects.hpp"
 #include "sim/model/elements/dac.hpp"
 
 namespace py = pybind11;
-using namespace py::literals;
+using forceaxis::host::item;
 
 namespace {
 
-py::list variables(const std::filesystem::path &resources) {
-  constexpr const char *kTypes[] = {"real", "int32", "uint32", "boolean"};
-  constexpr const char *kRoles[] = {"input", "output", "fixed", "tunable", "independent"};
+struct UnitVariable {
+  static constexpr const char *kName = "UnitVariable";
+  static constexpr const char *kMeaning = "A variable of a co-simulation unit.";
+  forceaxis::fmu::Variable v;
+
+  std::string type() const {
+    constexpr const char *kTypes[] = {"real", "int32", "uint32", "boolean"};
+    return kTypes[static_cast<int>(v.type)];
+  }
+  std::string role() const {
+    constexpr const char *kRoles[] = {"input", "output", "fixed", "tunable", "independent"};
+    return kRoles[static_cast<int>(v.role)];
+  }
+  static constexpr auto items() {
+    using forceaxis::host::Within;
+    using V = forceaxis::fmu::Variable;
+    constexpr auto v = &UnitVariable::v;
+    return std::tuple{
+        item("name", Within{v, &V::name}),
+        item("type", &UnitVariable::type, "real, int32, uint32 or boolean"),
+        item("role", &UnitVariable::role, "input, output, fixed, tunable or independent"),
+        item("unit", Within{v, &V::unit}, "empty without unit"),
+        item("meaning", Within{v, &V::meaning}),
+        item("start", Within{v, &V::start},
+             "value of an input or parameter after the creation of the unit")};
+  }
+};
+
+py::object variables(const std::filesystem::path &resources) {
   const auto opened = forceaxis::fmu::open_unit(resources);
-  py::list found;
-  for (const forceaxis::fmu::Variable &v : opened.unit->variables())
-    found.append(py::dict("name"_a = v.name, "type"_a = kTypes[static_cast<int>(v.type)],
-                          "role"_a = kRoles[static_cast<int>(v.role)], "unit"_a = v.unit,
-                          "meaning"_a = v.meaning, "start"_a = v.start));
-  return found;
+  std::vector<UnitVariable> found;
+  for (const forceaxis::fmu::Variable &v : opened.unit->variables()) found.push_back({v});
+  return table::object(found);
 }
 
-py::dict writes(const std::filesystem::path &file, const std::vector<std::string> &overrides) {
-  const auto name_of = [](const forceaxis::host::ObjectWrite &w) {
+struct FirmwareWrites {
+  static constexpr const char *kName = "FirmwareWrites";
+  static constexpr const char *kMeaning = "What the firmware of an experiment has.";
+  static constexpr bool kDict = true;
+  std::string title;
+  int dac_bits = 0;
+  std::vector<std::tuple<std::string, std::int32_t>> initial;
+  std::vector<std::tuple<std::int64_t, std::string, std::int32_t>> at;
+  std::vector<std::uint32_t> program;
+
+  static constexpr auto items() {
+    using W = FirmwareWrites;
+    return std::tuple{item("title", &W::title), item("dac_bits", &W::dac_bits),
+                      item("initial", &W::initial, "(object, raw value) of each initial write"),
+                      item("at", &W::at, "(tick, object, raw value) of each later write"),
+                      item("program", &W::program, "words of its program of a cycle")};
+  }
+};
+
+py::object writes(const std::filesystem::path &file, const std::vector<std::string> &overrides) {
+  const auto name_of = [](const forceaxis::host::ObjectWrite &w) -> std::string {
     return forceaxis::host::object_meta(w.object).name;
   };
   const auto experiment = forceaxis::host::load_experiment(file, overrides);
   expect_used(experiment);
-  py::list initial, at;
-  for (const auto &w : experiment.initial) initial.append(py::make_tuple(name_of(w), w.raw));
+  FirmwareWrites all;
+  all.title = experiment.title;
+  all.dac_bits = experiment.model->dac->bits;
+  for (const auto &w : experiment.initial) all.initial.emplace_back(name_of(w), w.raw);
   for (const auto &action : experiment.actions)
-    for (const auto &w : action.writes) at.append(py::make_tuple(action.tick, name_of(w), w.raw));
-  std::vector<std::uint32_t> program;
-  if (experiment.cycle) program = experiment.cycle->record;
-  return py::dict("title"_a = experiment.title, "dac_bits"_a = experiment.model->dac->bits,
-                  "initial"_a = initial, "at"_a = at, "program"_a = program);
+    for (const auto &w : action.writes) all.at.emplace_back(action.tick, name_of(w), w.raw);
+  if (experiment.cycle) all.program = experiment.cycle->record;
+  return table::object(all);
 }
 
 }  // namespace
 
 void add_fmu(py::module_ &m) {
+  table::add_results<UnitVariable, FirmwareWrites>();
   m.def("fmu_variables", &variables, py::arg("resources"),
         "Returns the variables of the co-simulation unit whose resources are in a folder, in the "
-        "order of their value references: name, type (real, int32, uint32, boolean), role (input, "
-        "output, fixed, tunable, independent), unit, meaning, and start value of inputs and "
-        "parameters. Raises "
-        "InputError.");
+        "order of their value references. Raises InputError.");
   m.def("fmu_writes", &writes, py::arg("experiment"),
         py::arg("overrides") = std::vector<std::string>{},
-        "Returns what the firmware of an experiment has: title, dac_bits, initial writes (object, "
-        "raw value), later writes (tick, object, raw value), and the words of its program. Raises "
-        "InputError.");
+        "Returns what the firmware of an experiment has. Raises InputError.");
 }

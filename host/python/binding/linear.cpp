@@ -347,6 +347,8 @@ void add_extended(py::module_ &m) {
 }  // namespace
 
 void add_linear(py::module_ &m) {
+  table::add_results<LinearTable, StructureTable, ContactTable, DriveTable, ReadingTable,
+                     EncoderTable, FactsTable>();
   m.def("linear", &linear, py::arg("model"), py::arg("inputs"), py::arg("outputs"),
         py::arg("overrides") = Overrides{}, py::arg("modes") = std::map<std::string, std::string>{},
         py::arg("free") = false, py::arg("drive") = true,
@@ -359,9 +361,4 @@ void add_linear(py::module_ &m) {
         "Returns C (s I - H)^-1 B + D as an array (points, outputs, inputs). H is an upper "
         "Hessenberg matrix.");
   add_extended(m);
-}
-
-void describe_linear(py::list &types) {
-  table::describe_all<LinearTable, StructureTable, ContactTable, DriveTable, ReadingTable,
-                      EncoderTable, FactsTable>(types);
 }

@@ -185,6 +185,7 @@ py::tuple replay(const std::filesystem::path &file) {
 }  // namespace
 
 void add_link(py::module_ &m) {
+  table::add_results<LinkDetails, ChipDetails, JournalHeader>();
   py::register_exception<forceaxis::host::TransportError>(m, "TransportError", PyExc_RuntimeError);
   py::register_exception<forceaxis::host::LinkSilent>(m, "LinkSilent", PyExc_RuntimeError);
   m.def(
@@ -211,8 +212,4 @@ void add_link(py::module_ &m) {
       "{experiment, overrides, entries, ticks, trace_hash}), where ticks and trace_hash are those "
       "of the recorded run. If the journal has no end, ticks is None and trace_hash is empty. "
       "Raises InputError.");
-}
-
-void describe_link(py::list &types) {
-  table::describe_all<LinkDetails, ChipDetails, JournalHeader>(types);
 }

@@ -16,7 +16,9 @@
 #include "firmware/port/host/axis_host.h"
 #include "firmware/port/host/store_file.h"
 #include "host/python/binding/parts.hpp"
+#include "host/python/binding/table.hpp"
 #include "host/run/firmware_side.hpp"
+#include "host/run/item.hpp"
 #include "host/run/plant_side.hpp"
 #include "sim/model/elements/contact.hpp"
 
@@ -37,6 +39,23 @@ Experiment endless(const std::filesystem::path &file, const std::vector<std::str
   forceaxis::host::make_endless(experiment);
   return experiment;
 }
+
+struct Extremes {
+  static constexpr const char *kName = "Extremes";
+  static constexpr const char *kMeaning =
+      "What a simulated axis has reached since a reset of them.";
+  static constexpr bool kDict = true;
+  double force_N = 0;
+  std::int32_t position_min_cnt = INT32_MAX;
+  std::int32_t position_max_cnt = INT32_MIN;
+
+  static constexpr auto items() {
+    using forceaxis::host::item;
+    return std::tuple{item("force_N", &Extremes::force_N, "largest true contact force"),
+                      item("position_min_cnt", &Extremes::position_min_cnt),
+                      item("position_max_cnt", &Extremes::position_max_cnt)};
+  }
+};
 
 class LiveAxis {
  public:
@@ -61,20 +80,19 @@ class LiveAxis {
       const auto found = std::find(names.begin(), names.end(), contact.name + ".force");
       contact_forces_.push_back(static_cast<std::size_t>(found - names.begin()));
     }
-    reset_extremes();
   }
 
   void step(std::int64_t ticks) {
     const py::gil_scoped_release release;
     for (std::int64_t i = 0; i < ticks; ++i) {
       const LinkInputs &in = plant_.sense();
-      least_cnt_ = std::min(least_cnt_, in.encoder_cnt);
-      most_cnt_ = std::max(most_cnt_, in.encoder_cnt);
+      reached_.position_min_cnt = std::min(reached_.position_min_cnt, in.encoder_cnt);
+      reached_.position_max_cnt = std::max(reached_.position_max_cnt, in.encoder_cnt);
       const LinkOutputs out = firmware_->tick(in);
       firmware_->discard_output();
       plant_.act(out);
       for (const std::size_t place : contact_forces_)
-        most_N_ = std::max(most_N_, plant_.plant().signal_at(place));
+        reached_.force_N = std::max(reached_.force_N, plant_.plant().signal_at(place));
     }
   }
 
@@ -106,19 +124,8 @@ class LiveAxis {
     return rows;
   }
 
-  py::dict extremes() const {
-    py::dict all;
-    all["force_N"] = most_N_;
-    all["position_min_cnt"] = least_cnt_;
-    all["position_max_cnt"] = most_cnt_;
-    return all;
-  }
-
-  void reset_extremes() {
-    most_N_ = 0;
-    least_cnt_ = INT32_MAX;
-    most_cnt_ = INT32_MIN;
-  }
+  py::object extremes() const { return table::object(reached_); }
+  void reset_extremes() { reached_ = {}; }
 
   double signal(const std::string &name) const { return plant_.plant().signal(name); }
   std::int64_t ticks() const { return plant_.tick(); }
@@ -148,14 +155,13 @@ class LiveAxis {
   fw_config_t config_{};
   std::unique_ptr<FirmwareSide> firmware_;
   std::vector<std::size_t> contact_forces_;
-  double most_N_ = 0;
-  std::int32_t least_cnt_ = 0;
-  std::int32_t most_cnt_ = 0;
+  Extremes reached_;
 };
 
 }  // namespace
 
 void add_live(py::module_ &m) {
+  table::add_results<Extremes>();
   py::class_<LiveAxis>(
       m, "LiveAxis",
       "The simulated axis of an experiment: the firmware with buses and store, and the plant. The "

@@ -1,125 +1,222 @@
-// Passes the metadata of the object table to Python. forceaxis.objects converts the metadata to
-// named tuples.
+// Passes the metadata of the object table to Python.
 #include <pybind11/pybind11.h>
 
+#include <cstddef>
+#include <cstdint>
+#include <string>
 #include <string_view>
+#include <tuple>
+#include <vector>
 
 #include "firmware/objects/generated/axis_objects_meta.h"
 #include "firmware/port/host/firmware.hpp"
 #include "host/python/binding/parts.hpp"
+#include "host/python/binding/table.hpp"
+#include "host/run/item.hpp"
 
 namespace py = pybind11;
+using forceaxis::host::item;
+using forceaxis::host::Within;
 
 namespace {
 
-py::tuple enum_texts(const axis_object_meta_t &meta) {
-  py::list texts;
-  std::string_view rest = meta.enum_texts;
-  while (!rest.empty()) {
-    const std::size_t comma = rest.find(',');
-    texts.append(rest.substr(0, comma));
-    rest = comma == std::string_view::npos ? std::string_view() : rest.substr(comma + 1);
-  }
-  return py::tuple(texts);
-}
+struct ObjectBit {
+  static constexpr const char *kName = "ObjectBit";
+  static constexpr const char *kMeaning = "One bit of an object whose value is a set of bits.";
+  axis_object_bit_t b;
 
-py::tuple value_texts(const axis_object_meta_t &meta) {
-  py::list texts;
-  for (const axis_value_text_t &named : axis_value_texts) {
-    if (named.object == meta.object) texts.append(py::make_tuple(named.value, named.text));
-  }
-  return py::tuple(texts);
-}
-
-py::tuple sentences(const axis_object_meta_t &meta) {
-  py::list texts;
-  for (const axis_value_text_t &named : axis_value_texts) {
-    if (named.object == meta.object) texts.append(named.sentence);
-  }
-  return py::tuple(texts);
-}
-
-// (bit, key, text, modes of operation) of an object whose value is a set of bits.
-py::tuple bits_of(const axis_object_meta_t &meta) {
-  py::list found;
-  for (const axis_object_bit_t &bit : axis_object_bits) {
-    if (bit.object != meta.object) continue;
-    py::list modes;
+  table::Fixed<int> modes() const {
+    table::Fixed<int> all;
     for (int mode = -16; mode < 16; ++mode)
-      if ((bit.modes >> (mode + 16) & 1U) != 0) modes.append(mode);
-    found.append(py::make_tuple(bit.bit, bit.key, bit.text, py::tuple(modes)));
+      if ((b.modes >> (mode + 16) & 1U) != 0) all.values.push_back(mode);
+    return all;
   }
-  return py::tuple(found);
-}
-
-py::list objects() {
-  using namespace py::literals;
-  py::list found;
-  for (const axis_object_meta_t &meta : axis_objects_meta) {
-    found.append(py::dict(
-        "number"_a = meta.object, "name"_a = meta.name, "kind"_a = meta.kind, "part"_a = meta.part,
-        "meaning"_a = meta.meaning, "type"_a = meta.type, "unit"_a = meta.unit,
-        "scale"_a = meta.scale, "min"_a = meta.min, "max"_a = meta.max, "default"_a = meta.initial,
-        "access"_a = meta.access, "writable"_a = meta.writable, "enum"_a = enum_texts(meta),
-        "index"_a = meta.index, "sub"_a = meta.sub, "modbus"_a = meta.modbus,
-        "stored"_a = meta.stored != 0, "title"_a = meta.title, "node_id"_a = meta.node_id != 0,
-        "mappable"_a = meta.mappable, "quantity"_a = meta.quantity, "in_cycle"_a = meta.in_cycle,
-        "values"_a = value_texts(meta), "sentences"_a = sentences(meta), "bits"_a = bits_of(meta)));
+  static constexpr auto items() {
+    using B = axis_object_bit_t;
+    constexpr auto b = &ObjectBit::b;
+    return std::tuple{item("bit", Within{b, &B::bit}), item("key", Within{b, &B::key}),
+                      item("text", Within{b, &B::text}),
+                      item("modes", &ObjectBit::modes,
+                           "modes of operation in which the bit has this meaning; empty for all")};
   }
-  return found;
-}
+};
 
-template <std::size_t Count>
-py::list bits(const axis_bit_meta_t (&table)[Count]) {
-  using namespace py::literals;
-  py::list found;
-  for (const axis_bit_meta_t &bit : table) {
-    found.append(
-        py::dict("address"_a = bit.address, "name"_a = bit.name, "meaning"_a = bit.meaning));
+struct AxisObject {
+  static constexpr const char *kName = "AxisObject";
+  static constexpr const char *kMeaning =
+      "One parameter, signal or command of the firmware. The engineering value is the raw value "
+      "times `scale`.";
+  axis_object_meta_t o;
+
+  template <class T>
+  struct As {
+    int axis_object_meta_t::*member;
+    T operator()(const AxisObject &object) const { return static_cast<T>(object.o.*member); }
+  };
+  table::Fixed<std::string> texts() const {
+    table::Fixed<std::string> all;
+    std::string_view rest = o.enum_texts;
+    while (!rest.empty()) {
+      const std::size_t comma = rest.find(',');
+      all.values.emplace_back(rest.substr(0, comma));
+      rest = comma == std::string_view::npos ? std::string_view() : rest.substr(comma + 1);
+    }
+    return all;
   }
-  return found;
-}
-
-py::list status_states() {
-  py::list found;
-  for (const axis_status_state_t &state : axis_status_states)
-    found.append(py::make_tuple(state.mask, state.value, state.text));
-  return found;
-}
-
-py::list refusals() {
-  py::list found;
-  for (const axis_refusal_t &refusal : axis_refusals) {
-    py::list aborts;
-    for (const std::uint32_t abort : refusal.aborts)
-      if (abort != 0) aborts.append(abort);
-    found.append(py::make_tuple(refusal.error, refusal.name, refusal.text, py::tuple(aborts)));
+  table::Fixed<std::tuple<std::int32_t, std::string>> values() const {
+    table::Fixed<std::tuple<std::int32_t, std::string>> all;
+    for (const axis_value_text_t &named : axis_value_texts)
+      if (named.object == o.object) all.values.emplace_back(named.value, named.text);
+    return all;
   }
-  return found;
+  table::Fixed<std::string> sentences() const {
+    table::Fixed<std::string> all;
+    for (const axis_value_text_t &named : axis_value_texts)
+      if (named.object == o.object) all.values.emplace_back(named.sentence);
+    return all;
+  }
+  table::Fixed<ObjectBit> bits() const {
+    table::Fixed<ObjectBit> all;
+    for (const axis_object_bit_t &bit : axis_object_bits)
+      if (bit.object == o.object) all.values.push_back({bit});
+    return all;
+  }
+
+  static constexpr auto items() {
+    using M = axis_object_meta_t;
+    constexpr auto o = &AxisObject::o;
+    return std::tuple{
+        item("number", Within{o, &M::object}),
+        item("name", Within{o, &M::name}),
+        item("kind", Within{o, &M::kind}, "parameter, signal or command"),
+        item("part", Within{o, &M::part}),
+        item("meaning", Within{o, &M::meaning}),
+        item("type", Within{o, &M::type}, "u8, i8, u16, i16, u32 or i32"),
+        item("unit", Within{o, &M::unit}, "unit of the engineering value"),
+        item("scale", Within{o, &M::scale}),
+        item("min", Within{o, &M::min}, "smallest raw value"),
+        item("max", Within{o, &M::max}, "largest raw value"),
+        item("default", Within{o, &M::initial}, "raw value after power-up"),
+        item("access", Within{o, &M::access}, "rw, ro or wo"),
+        item("writable", Within{o, &M::writable}, "any, disabled or recorder_idle"),
+        item("enum", &AxisObject::texts, "texts of the raw values 0, 1, 2, ..."),
+        item("index", Within{o, &M::index}, "CANopen index"),
+        item("sub", Within{o, &M::sub}),
+        item("modbus", Within{o, &M::modbus},
+             "first register: holding register for rw, input register for ro; -1 without a "
+             "register"),
+        item("stored", As<bool>{&M::stored}, "True if the parameter store contains the object"),
+        item("title", Within{o, &M::title}, "name of the object in CANopen"),
+        item("node_id", As<bool>{&M::node_id},
+             "True for a COB-ID whose default value is a number plus the node id"),
+        item("mappable", Within{o, &M::mappable},
+             "0: in no PDO, 1: in all PDOs that its access permits, 2: in TPDOs only"),
+        item("quantity", Within{o, &M::quantity},
+             "quantity of a count: force or encoder; empty if the unit defines the quantity"),
+        item("in_cycle", Within{o, &M::in_cycle},
+             "effect of a write while a cycle runs: free (none), ends (ends the cycle), refused"),
+        item("values", &AxisObject::values,
+             "names of special raw values, for an object that is not an enumeration"),
+        item("sentences", &AxisObject::sentences,
+             "a sentence for each named value, such as the cause of a fault; empty without a "
+             "sentence"),
+        item("bits", &AxisObject::bits, "bits of a value that is, or contains, a set of bits")};
+  }
+};
+
+struct AxisBit {
+  static constexpr const char *kName = "AxisBit";
+  static constexpr const char *kMeaning = "One coil or discrete input of the Modbus server.";
+  axis_bit_meta_t b;
+
+  static constexpr auto items() {
+    using B = axis_bit_meta_t;
+    constexpr auto b = &AxisBit::b;
+    return std::tuple{item("address", Within{b, &B::address}), item("name", Within{b, &B::name}),
+                      item("meaning", Within{b, &B::meaning})};
+  }
+};
+
+struct StatusState {
+  static constexpr const char *kName = "StatusState";
+  static constexpr const char *kMeaning =
+      "A state of CiA 402: a statusword shows it if its bits in `mask` are `value`.";
+  axis_status_state_t s;
+
+  static constexpr auto items() {
+    using S = axis_status_state_t;
+    constexpr auto s = &StatusState::s;
+    return std::tuple{item("mask", Within{s, &S::mask}), item("value", Within{s, &S::value}),
+                      item("text", Within{s, &S::text})};
+  }
+};
+
+struct Refusal {
+  static constexpr const char *kName = "Refusal";
+  static constexpr const char *kMeaning = "A result of a refused access to an object.";
+  axis_refusal_t r;
+
+  table::Fixed<std::uint32_t> aborts() const {
+    table::Fixed<std::uint32_t> all;
+    for (const std::uint32_t abort : r.aborts)
+      if (abort != 0) all.values.push_back(abort);
+    return all;
+  }
+  static constexpr auto items() {
+    using R = axis_refusal_t;
+    constexpr auto r = &Refusal::r;
+    return std::tuple{item("error", Within{r, &R::error}, "number in the firmware"),
+                      item("name", Within{r, &R::name}),
+                      item("text", Within{r, &R::text}, "text for the user"),
+                      item("aborts", &Refusal::aborts, "SDO abort codes that report it")};
+  }
+};
+
+// Returns a list of the rows of a C table, each as a Row.
+template <class Row, class C, std::size_t Count>
+py::object list_of(const C (&rows)[Count]) {
+  std::vector<Row> all;
+  for (const C &row : rows) all.push_back({row});
+  return table::object(all);
 }
 
-py::dict certificate(std::uint32_t bank_crc, std::uint8_t adc_bits, std::uint32_t force_scale) {
-  using namespace py::literals;
-  const certificate_t certificate = certificate_of(bank_crc, adc_bits, force_scale);
-  return py::dict("certificate_hash"_a = certificate.hash,
-                  "certificate_parts"_a = certificate.parts);
-}
+struct Certificate {
+  static constexpr const char *kName = "CertificateValues";
+  static constexpr const char *kMeaning = "Raw values of the certificate of a bank.";
+  static constexpr bool kDict = true;
+  certificate_t c;
+
+  static constexpr auto items() {
+    constexpr auto c = &Certificate::c;
+    return std::tuple{item("certificate_hash", Within{c, &certificate_t::hash}),
+                      item("certificate_parts", Within{c, &certificate_t::parts})};
+  }
+};
 
 }  // namespace
 
 void add_objects(py::module_ &m) {
+  table::add_results<ObjectBit, AxisObject, AxisBit, StatusState, Refusal, Certificate>();
   m.attr("OBJECTS_HASH") = AXIS_OBJECTS_HASH;
-  m.def("objects", &objects,
-        "Returns the object table as one dictionary for each object, in the order of the numbers.");
-  m.def("status_states", &status_states, "Returns (mask, value, text) of each state of CiA 402.");
-  m.def("refusals", &refusals,
-        "Returns (error, name, text, SDO abort codes) of each result of a refused access.");
-  m.def("certificate", &certificate, py::arg("bank_crc"), py::arg("adc_bits"),
-        py::arg("force_scale"), "Returns the values of the certificate of a bank.");
   m.def(
-      "coils", [] { return bits(axis_coils_meta); },
-      "Returns address, name and meaning of all Modbus coils.");
+      "objects", [] { return list_of<AxisObject>(axis_objects_meta); },
+      "Returns the object table in the order of the numbers.");
   m.def(
-      "discretes", [] { return bits(axis_discretes_meta); },
-      "Returns address, name and meaning of all discrete inputs of Modbus.");
+      "status_states", [] { return list_of<StatusState>(axis_status_states); },
+      "Returns the states of CiA 402.");
+  m.def(
+      "refusals", [] { return list_of<Refusal>(axis_refusals); },
+      "Returns the results of a refused access.");
+  m.def(
+      "certificate",
+      [](std::uint32_t bank_crc, std::uint8_t adc_bits, std::uint32_t force_scale) {
+        return table::object(Certificate{certificate_of(bank_crc, adc_bits, force_scale)});
+      },
+      py::arg("bank_crc"), py::arg("adc_bits"), py::arg("force_scale"),
+      "Returns the values of the certificate of a bank.");
+  m.def(
+      "coils", [] { return list_of<AxisBit>(axis_coils_meta); }, "Returns all Modbus coils.");
+  m.def(
+      "discretes", [] { return list_of<AxisBit>(axis_discretes_meta); },
+      "Returns all discrete inputs of Modbus.");
 }

@@ -17,6 +17,7 @@ void add_objects(pybind11::module_ &m);   // objects.cpp
 void add_plant(pybind11::module_ &m);     // plant.cpp
 void add_toml(pybind11::module_ &m);      // toml.cpp
 
-/// Describe the results of linear.cpp and link.cpp (table.hpp).
-void describe_linear(pybind11::list &types);
-void describe_link(pybind11::list &types);
+/// SHA-256 of the source files of firmware and simulator (hashes.cpp, the only file that a change
+/// of a hash compiles again).
+extern const char *const kFirmwareHash;
+extern const char *const kSimulatorHash;

@@ -5,6 +5,7 @@
 // A struct becomes the dataclass forceaxis._results.NAME, or a dict if the struct has
 // `static constexpr bool kDict = true`; then _core.pyi has a TypedDict NAME.
 #include <pybind11/eigen.h>
+#include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
@@ -69,6 +70,16 @@ struct Kind<T> : Plain<T> {
 template <>
 struct Kind<Eigen::MatrixXd> : Plain<Eigen::MatrixXd> {
   static std::string python() { return "_Floats"; }
+};
+template <class T>
+struct Kind<py::array_t<T>> {
+  static std::string python() {
+    if constexpr (std::is_same_v<T, double>)
+      return "_Floats";
+    else
+      return "np.ndarray[Any, np.dtype[np.int32]]";
+  }
+  static py::object of(const py::array_t<T> &value) { return value; }
 };
 template <>
 struct Kind<py::dict> {
@@ -186,6 +197,9 @@ T from(const py::handle &source) {
   return target;
 }
 
+/// Calls `describe` of every struct that Python receives.
+inline std::vector<void (*)(py::list &)> described;
+
 /// Adds the description of a struct: name, meaning, "class", "dict" or "partial dict", whose keys
 /// may be missing, and (field, type, meaning) of each field.
 template <Described T>
@@ -204,9 +218,10 @@ void describe(py::list &types) {
                               fields));
 }
 
+/// Declares the structs T for tools/gen_results.py, each after those that its fields contain.
 template <class... T>
-void describe_all(py::list &types) {
-  (describe<T>(types), ...);
+void add_results() {
+  (described.push_back(&describe<T>), ...);
 }
 
 }  // namespace table

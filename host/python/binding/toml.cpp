@@ -11,8 +11,10 @@
 
 #include "host/axis_linux/settings_format.hpp"
 #include "host/python/binding/parts.hpp"
+#include "host/python/binding/table.hpp"
 #include "host/run/cycle_file.hpp"
 #include "host/run/experiment_format.hpp"
+#include "host/run/item.hpp"
 #include "sim/model/model_format.hpp"
 #include "sim/model/section.hpp"
 #include "sim/model/text.hpp"
@@ -20,6 +22,10 @@
 #include "sim/model/units.hpp"
 
 namespace py = pybind11;
+using forceaxis::host::item;
+using forceaxis::host::Within;
+using forceaxis::sim::KeyFormat;
+using forceaxis::sim::TableFormat;
 
 namespace {
 
@@ -36,7 +42,7 @@ double quantity(const std::string &text) {
 }
 
 // Returns the permitted range of a key, such as "> 0" or "0 to 600", or an empty text.
-std::string range_of(const forceaxis::sim::KeyFormat &key) {
+std::string range_of(const KeyFormat &key) {
   using forceaxis::sim::Sign;
   if (!key.dimension) return "";
   if (key.high < forceaxis::sim::kUnlimited)
@@ -53,37 +59,79 @@ std::string range_of(const forceaxis::sim::KeyFormat &key) {
   }
 }
 
-// Adds a table, followed by the tables that it contains in the order of their declaration.
-void add_tables(py::list &tables, const std::string &path, const std::string &header,
-                const forceaxis::sim::TableFormat &format) {
-  py::list keys;
-  for (const auto &key : format.keys) {
-    const bool in_text = !key.dimension || key.form == "integer";
-    py::dict d;
-    d["key"] = key.key;
-    d["form"] = key.form;
-    d["unit"] = in_text ? "" : std::string(forceaxis::sim::unit_of(*key.dimension));
-    d["range"] = range_of(key);
-    d["required"] = key.required();
-    d["default"] =
-        key.fallback ? forceaxis::sim::number_text(*key.fallback) : std::string(key.absent);
-    d["meaning"] = key.meaning;
-    keys.append(d);
+struct KeyTable {
+  static constexpr const char *kName = "KeyTable";
+  static constexpr const char *kMeaning =
+      "A key of a table of an input file, as its reader declares it.";
+  static constexpr bool kDict = true;
+  KeyFormat k;
+
+  std::string unit() const {
+    const bool in_text = !k.dimension || k.form == "integer";
+    return in_text ? "" : std::string(forceaxis::sim::unit_of(*k.dimension));
   }
-  py::dict table;
-  table["path"] = path;
-  table["header"] = header;
-  table["meaning"] = format.meaning;
-  table["when"] = format.when;
-  table["open"] = format.open;
-  table["keys"] = keys;
-  tables.append(table);
+  std::string range() const { return range_of(k); }
+  bool required() const { return k.required(); }
+  std::string default_text() const {
+    return k.fallback ? forceaxis::sim::number_text(*k.fallback) : std::string(k.absent);
+  }
+  static constexpr auto items() {
+    constexpr auto k = &KeyTable::k;
+    return std::tuple{item("key", Within{k, &KeyFormat::key}),
+                      item("form", Within{k, &KeyFormat::form}, "kind of value"),
+                      item("unit", &KeyTable::unit),
+                      item("range", &KeyTable::range),
+                      item("required", &KeyTable::required),
+                      item("default", &KeyTable::default_text, "value or effect without the key"),
+                      item("meaning", Within{k, &KeyFormat::meaning})};
+  }
+};
+
+struct FormatTable {
+  static constexpr const char *kName = "FormatTable";
+  static constexpr const char *kMeaning = "A table of an input file, as its reader declares it.";
+  static constexpr bool kDict = true;
+  std::string path;
+  std::string header;
+  TableFormat format;
+
+  std::vector<KeyTable> keys() const {
+    std::vector<KeyTable> all;
+    for (const KeyFormat &key : format.keys) all.push_back({key});
+    return all;
+  }
+  static constexpr auto items() {
+    using F = FormatTable;
+    constexpr auto format = &F::format;
+    return std::tuple{item("path", &F::path),
+                      item("header", &F::header, "as it is written in a file; empty for the file"),
+                      item("meaning", Within{format, &TableFormat::meaning}),
+                      item("when", Within{format, &TableFormat::when},
+                           "condition under which a table has these keys"),
+                      item("open", Within{format, &TableFormat::open},
+                           "True if the table accepts keys with any name"),
+                      item("keys", &F::keys)};
+  }
+};
+
+// Adds a table, followed by the tables that it contains in the order of their declaration.
+void add_tables(std::vector<FormatTable> &tables, const std::string &path,
+                const std::string &header, const TableFormat &format) {
+  tables.push_back({path, header, format});
   for (const auto *added : format.added) add_tables(tables, path, header, *added);
   for (const auto &key : format.keys) {
     if (key.table == nullptr) continue;
     const std::string name = (path.empty() ? "" : path + ".") + std::string(key.key);
     add_tables(tables, name, key.list ? "[[" + name + "]]" : "[" + name + "]", *key.table);
   }
+}
+
+py::object tables_of(const TableFormat &format, const TableFormat *parameter = nullptr) {
+  std::vector<FormatTable> tables;
+  add_tables(tables, "", "", format);
+  if (parameter != nullptr)
+    add_tables(tables, "parameters.NAME", "[parameters] NAME = { ... }", *parameter);
+  return table::object(tables);
 }
 
 py::object to_python(const toml::node &node) {
@@ -130,6 +178,7 @@ py::dict to_dict(const toml::table &table) {
 }
 
 void add_toml(py::module_ &m) {
+  table::add_results<KeyTable, FormatTable>();
   m.def(
       "read_toml",
       [](const std::filesystem::path &file) {
@@ -161,40 +210,17 @@ void add_toml(py::module_ &m) {
       "text is not a quantity of this dimension.");
   m.def(
       "model_format",
-      [] {
-        py::list tables;
-        add_tables(tables, "", "", forceaxis::sim::kModelFormat);
-        add_tables(tables, "parameters.NAME", "[parameters] NAME = { ... }",
-                   forceaxis::sim::kParameterFormat);
-        return tables;
-      },
-      "Returns the declared tables of a model file: path, header, meaning, when, open, and the "
-      "keys "
-      "with form, unit, range, required, default and meaning.");
+      [] { return tables_of(forceaxis::sim::kModelFormat, &forceaxis::sim::kParameterFormat); },
+      "Returns the declared tables of a model file.");
   m.def(
-      "experiment_format",
-      [] {
-        py::list tables;
-        add_tables(tables, "", "", forceaxis::host::kExperimentFormat);
-        return tables;
-      },
-      "Returns the declared tables of an experiment file, like model_format().");
+      "experiment_format", [] { return tables_of(forceaxis::host::kExperimentFormat); },
+      "Returns the declared tables of an experiment file.");
   m.def(
-      "cycle_format",
-      [] {
-        py::list tables;
-        add_tables(tables, "", "", forceaxis::host::kCycleFormat);
-        return tables;
-      },
-      "Returns the declared tables of the program of a cycle, like model_format().");
+      "cycle_format", [] { return tables_of(forceaxis::host::kCycleFormat); },
+      "Returns the declared tables of the program of a cycle.");
   m.def(
-      "axis_linux_format",
-      [] {
-        py::list tables;
-        add_tables(tables, "", "", forceaxis::axis_linux::kSettingsFormat);
-        return tables;
-      },
-      "Returns the declared tables of the settings of axis_linux, like model_format().");
+      "axis_linux_format", [] { return tables_of(forceaxis::axis_linux::kSettingsFormat); },
+      "Returns the declared tables of the settings of axis_linux.");
   m.def(
       "units",
       [] {

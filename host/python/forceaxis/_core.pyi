@@ -6,6 +6,8 @@ from typing import Any, TypedDict
 import numpy as np
 
 from forceaxis._results import (
+    AxisBit,
+    AxisObject,
     ChipDetails,
     Criterion,
     CycleProgram,
@@ -15,7 +17,10 @@ from forceaxis._results import (
     LinkDetails,
     Metrics,
     MissedLimit,
+    Refusal,
     RefusedWrite,
+    StatusState,
+    UnitVariable,
 )
 
 _Floats = np.ndarray[Any, np.dtype[np.float64]]
@@ -80,7 +85,7 @@ class DriveMaster:
     def receive(self, id: int, data: bytes) -> None: ...
     def bus(self, off: bool, frames_lost: int) -> None: ...
     def tick(self, target: int, enable: bool, reset: bool) -> list[tuple[int, bytes]]: ...
-    def feedback(self) -> dict[str, Any]: ...
+    def feedback(self) -> DriveFeedback: ...
 
 def evaluate_elements(
     elements: Sequence[Mapping[str, int]],
@@ -112,48 +117,11 @@ class Excited:
 class Experiments:
     """Experiment files, each with the content that was read first."""
 
-class ObjectTable(TypedDict):
-    """One object of the firmware; for the fields see objects.AxisObject."""
-
-    number: int
-    name: str
-    kind: str
-    part: str
-    meaning: str
-    type: str
-    unit: str
-    scale: float
-    min: int
-    max: int
-    default: int
-    access: str
-    writable: str
-    enum: tuple[str, ...]
-    index: int
-    sub: int
-    modbus: int
-    stored: bool
-    title: str
-    node_id: bool
-    mappable: int
-    quantity: str
-    in_cycle: str
-    values: tuple[tuple[int, str], ...]
-    sentences: tuple[str, ...]
-    bits: tuple[tuple[int, str, str, tuple[int, ...]], ...]
-
-class BitTable(TypedDict):
-    """A coil or a discrete input of Modbus; for the fields see objects.AxisBit."""
-
-    address: int
-    name: str
-    meaning: str
-
 class LiveAxis:
     """The simulated axis of an experiment, which runs in steps of ticks."""
 
     ticks: int
-    extremes: dict[str, float]
+    extremes: Extremes
     def __init__(self, experiment: str, overrides: Sequence[str], store: str) -> None: ...
     def step(self, ticks: int) -> None: ...
     def read(self, number: int) -> int: ...
@@ -169,14 +137,14 @@ class BenchCase:
     """The simulated plant of a case of the benchmark, with its force loop."""
 
     def __init__(self, file: Path, force: str, robot: str, workpiece: str) -> None: ...
-    def run(self, gain: int, setpoint_N: int, firmware: bool = ...) -> dict[str, Any]: ...
+    def run(self, gain: int, setpoint_N: int, firmware: bool = ...) -> BenchRun: ...
     def sweep(
         self,
         gains: tuple[float, float],
         setpoints_N: tuple[float, float],
         side: int,
         threads: int,
-    ) -> dict[str, Any]: ...
+    ) -> BenchSweep: ...
 
 class ModelFile:
     """A model file that is read once, for many plants."""
@@ -308,33 +276,12 @@ class BoundaryResponse:
     def __init__(self, A: _Numbers, B: _Numbers, C: _Numbers, D: float, dt: float) -> None: ...
     def __call__(self, w: _Numbers | Sequence[float]) -> tuple[_Complex, _Complex, _Floats]: ...
 
-class KeyTable(TypedDict):
-    """A key of a table of an input file, for its reference page."""
-
-    key: str
-    form: str
-    unit: str
-    range: str
-    required: bool
-    default: str
-    meaning: str
-
-class FormatTable(TypedDict):
-    """A table of an input file, for its reference page."""
-
-    path: str
-    header: str
-    meaning: str
-    when: str
-    open: bool
-    keys: list[KeyTable]
-
-def objects() -> list[ObjectTable]: ...
-def status_states() -> list[tuple[int, int, str]]: ...
-def refusals() -> list[tuple[int, str, str, tuple[int, ...]]]: ...
-def coils() -> list[BitTable]: ...
-def discretes() -> list[BitTable]: ...
-def certificate(bank_crc: int, adc_bits: int, force_scale: float) -> dict[str, int]: ...
+def objects() -> list[AxisObject]: ...
+def status_states() -> list[StatusState]: ...
+def refusals() -> list[Refusal]: ...
+def coils() -> list[AxisBit]: ...
+def discretes() -> list[AxisBit]: ...
+def certificate(bank_crc: int, adc_bits: int, force_scale: float) -> CertificateValues: ...
 def quantity_in(text: str, unit: str) -> float | None: ...
 def quantity(text: str) -> float: ...
 def units() -> list[tuple[str, str]]: ...
@@ -365,8 +312,8 @@ def parse_toml(text: str) -> dict[str, Any]: ...
 def inputs(
     experiment: str | Path, overrides: Sequence[str] = ..., text: str | None = ...
 ) -> Inputs: ...
-def fmu_variables(resources: str | Path) -> list[dict[str, Any]]: ...
-def fmu_writes(experiment: str | Path, overrides: Sequence[str] = ...) -> dict[str, Any]: ...
+def fmu_variables(resources: str | Path) -> list[UnitVariable]: ...
+def fmu_writes(experiment: str | Path, overrides: Sequence[str] = ...) -> FirmwareWrites: ...
 def cycle_record(experiment: str | Path, overrides: Sequence[str] = ...) -> bytes: ...
 def cycle_program(experiment: str | Path, overrides: Sequence[str] = ...) -> CycleProgram: ...
 def run(
@@ -511,3 +458,90 @@ class FactsTable(TypedDict):
     encoder: EncoderTable | None
     volts_per_code: float
     volts_per_step: float
+
+class BenchRun(TypedDict):
+    """A run of 2 s: the value of each tick, before the control law is computed."""
+
+    force: _Floats  # contact force in N
+    robot: _Floats  # position in m
+    workpiece: _Floats  # position in m
+    current: _Floats  # current of the motor in A
+    count: np.ndarray[Any, np.dtype[np.int32]]  # code of ADC 0 minus the code of the force 0
+    seconds: float  # CPU time in s
+    events: int  # number of state changes of elements
+
+class BenchSweep(TypedDict):
+    """Metrics of the runs of a sweep, in which the set-point changes fastest, and its time."""
+
+    peak_force_N: _Floats
+    end_force_N: _Floats
+    contact_losses: np.ndarray[Any, np.dtype[np.int32]]
+    last_change: np.ndarray[Any, np.dtype[np.int32]]  # last tick in which the code of ADC 0 changed
+    wall_s: float
+    cpu_s: float  # CPU time of all threads
+
+class DriveFeedback(TypedDict):
+    """What a master knows of its drive: drive402_feedback_t in
+    firmware/drive402/drive402_state.h."""
+
+    position_cnt: int
+    torque: int  # per mille of the rated torque
+    age_ticks: int  # age of position and torque
+    statusword: int
+    error_code: int
+    fitted: bool  # True if the configuration was accepted
+    on: bool  # True if targets act
+    fault: bool
+    limit: bool
+    saturated: bool
+    phase: str
+    state: str
+    reason: str  # first failure since the last reset
+    reason_text: str
+    failed_index: int
+    failed_sub: int
+    abort_code: int
+    key: str  # setting that the drive refused; empty if there is none
+
+class FirmwareWrites(TypedDict):
+    """What the firmware of an experiment has."""
+
+    title: str
+    dac_bits: int
+    initial: list[tuple[str, int]]  # (object, raw value) of each initial write
+    at: list[tuple[int, str, int]]  # (tick, object, raw value) of each later write
+    program: list[int]  # words of its program of a cycle
+
+class Extremes(TypedDict):
+    """What a simulated axis has reached since a reset of them."""
+
+    force_N: float  # largest true contact force
+    position_min_cnt: int
+    position_max_cnt: int
+
+class CertificateValues(TypedDict):
+    """Raw values of the certificate of a bank."""
+
+    certificate_hash: int
+    certificate_parts: int
+
+class KeyTable(TypedDict):
+    """A key of a table of an input file, as its reader declares it."""
+
+    key: str
+    form: str  # kind of value
+    unit: str
+    range: str
+    required: bool
+    default: str  # value or effect without the key
+    meaning: str
+
+class FormatTable(TypedDict):
+    """A table of an input file, as its reader declares it."""
+
+    path: str
+    header: str  # as it is written in a file; empty for the file
+    meaning: str
+    when: str  # condition under which a table has these keys
+    open: bool  # True if the table accepts keys with any name
+    keys: list[KeyTable]

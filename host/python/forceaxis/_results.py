@@ -197,6 +197,18 @@ class CycleProgram:
 
 
 @dataclass(frozen=True)
+class UnitVariable:
+    """A variable of a co-simulation unit."""
+
+    name: str
+    type: str  # real, int32, uint32 or boolean
+    role: str  # input, output, fixed, tunable or independent
+    unit: str  # empty without unit
+    meaning: str
+    start: float  # value of an input or parameter after the creation of the unit
+
+
+@dataclass(frozen=True)
 class LinkDetails:
     """Speed of a run over a connection, and numbers of messages."""
 
@@ -226,3 +238,78 @@ class JournalHeader:
     ticks: int | None  # number of ticks of the recorded run; None if the journal is incomplete
     replayed: int  # number of ticks that a replay repeats
     trace_hash: str  # of the recorded run; empty if the journal is incomplete
+
+
+@dataclass(frozen=True)
+class ObjectBit:
+    """One bit of an object whose value is a set of bits."""
+
+    bit: int
+    key: str
+    text: str
+    modes: tuple[int, ...]  # modes of operation in which the bit has this meaning; empty for all
+
+
+@dataclass(frozen=True)
+class AxisObject:
+    """One parameter, signal or command of the firmware. The engineering value is the raw value
+    times `scale`."""
+
+    number: int
+    name: str
+    kind: str  # parameter, signal or command
+    part: str
+    meaning: str
+    type: str  # u8, i8, u16, i16, u32 or i32
+    unit: str  # unit of the engineering value
+    scale: float
+    min: int  # smallest raw value
+    max: int  # largest raw value
+    default: int  # raw value after power-up
+    access: str  # rw, ro or wo
+    writable: str  # any, disabled or recorder_idle
+    enum: tuple[str, ...]  # texts of the raw values 0, 1, 2, ...
+    index: int  # CANopen index
+    sub: int
+    # first register: holding register for rw, input register for ro; -1 without a register
+    modbus: int
+    stored: bool  # True if the parameter store contains the object
+    title: str  # name of the object in CANopen
+    node_id: bool  # True for a COB-ID whose default value is a number plus the node id
+    mappable: int  # 0: in no PDO, 1: in all PDOs that its access permits, 2: in TPDOs only
+    quantity: str  # quantity of a count: force or encoder; empty if the unit defines the quantity
+    # effect of a write while a cycle runs: free (none), ends (ends the cycle), refused
+    in_cycle: str
+    # names of special raw values, for an object that is not an enumeration
+    values: tuple[tuple[int, str], ...]
+    # a sentence for each named value, such as the cause of a fault; empty without a sentence
+    sentences: tuple[str, ...]
+    bits: tuple[ObjectBit, ...]  # bits of a value that is, or contains, a set of bits
+
+
+@dataclass(frozen=True)
+class AxisBit:
+    """One coil or discrete input of the Modbus server."""
+
+    address: int
+    name: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class StatusState:
+    """A state of CiA 402: a statusword shows it if its bits in `mask` are `value`."""
+
+    mask: int
+    value: int
+    text: str
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A result of a refused access to an object."""
+
+    error: int  # number in the firmware
+    name: str
+    text: str  # text for the user
+    aborts: tuple[int, ...]  # SDO abort codes that report it

@@ -890,8 +890,8 @@ def test_python_objects_are_those_of_the_table(monkeypatch):
         )
     expected.sort(key=lambda o: o["number"])
     assert [asdict(o) for o in objects.OBJECTS] == expected
-    assert [bit._asdict() for bit in objects.COILS] == read.coils
-    assert [bit._asdict() for bit in objects.DISCRETES] == read.discretes
+    assert [asdict(bit) for bit in objects.COILS] == read.coils
+    assert [asdict(bit) for bit in objects.DISCRETES] == read.discretes
     assert read.digest == objects.OBJECTS_HASH
     assert objects.BY_NAME["force_setpoint"].scale == 1 / 256
     assert objects.BY_NAME["mode"].enum[:3] == ("disabled", "open_loop", "position")

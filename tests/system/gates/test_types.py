@@ -31,17 +31,25 @@ MISTYPED = (
     '_core.facts("contact")["drive"]["kind"]', '_core.linear("contact", [], [])["E"]',
     '_core.replay("j")[1].entry', '_core.run_linked("c", [], "can", 1)[1].overrun',
     '_core.cycle_program("c").phases[0].ends[0].values', '_core.cycle_program("c").elements[0].low',
+    "_core.objects()[0].minimum", "_core.objects()[0].bits[0].name", "_core.coils()[0].text",
+    '_core.fmu_variables("unit")[0].units', '_core.fmu_writes("c")["words"]',
+    '_core.certificate(1, 12, 2)["hash"]', '_core.model_format()[0]["keys"][0]["ranges"]',
+    '_core.DriveMaster({}).feedback()["states"]', 'bench.run(7, 100)["forces"]',
+    'bench.sweep((1, 2), (3, 4), 2, 1)["ends"]',
 )  # fmt: skip
 
 
 def test_a_mistyped_field_of_a_result_is_found(tmp_path):
     script = tmp_path / "script.py"
-    head = "from forceaxis import _core\nrun = _core.run('c')\nassert run.criterion and run.cycle\n"
+    head = (
+        "from pathlib import Path\nfrom forceaxis import _core\nrun = _core.run('c')\n"
+        "bench = _core.BenchCase(Path('c'), 'f', 'r', 'w')\nassert run.criterion and run.cycle\n"
+    )
     right = ["run.metrics.peak_force_N", '_core.cycle_program("c").elements[0].least']
     script.write_text(head + "\n".join([*right, *MISTYPED]) + "\n")
     done = mypy("--config-file", str(ROOT / "pyproject.toml"), str(script))
     found = {int(line.split(":")[1]) for line in done.stdout.splitlines() if ": error:" in line}
-    first = 4 + len(right)
+    first = 1 + head.count("\n") + len(right)
     assert found == set(range(first, first + len(MISTYPED))), done.stdout
 
 

@@ -1,7 +1,7 @@
 """Texts for the numbers of a drive: CiA 402 state, mode of operation, EMCY code and
 enumerations."""
 
-from forceaxis.objects import BY_NAME, STATUS_STATES, AxisObject
+from forceaxis.objects import BY_NAME, STATUS_STATES, AxisObject, bits_in
 
 # CiA 402 states of the drive in which the amplifier is switched on.
 POWERED = ("operation enabled", "quick stop active", "fault reaction active")
@@ -52,7 +52,7 @@ def condition(statusword: int, fault: str) -> str:
 def status_bits(statusword: int, mode: int | None = None) -> list[str]:
     """Returns the names of bits 7 and 10 to 14 of a statusword that are 1, in a mode of
     operation."""
-    bits = BY_NAME["statusword"].bits_in(statusword, mode)
+    bits = bits_in("statusword", statusword, mode)
     return [bit.text for bit in bits if bit.bit == 7 or bit.bit >= 10]
 
 

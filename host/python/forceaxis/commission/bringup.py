@@ -25,7 +25,7 @@ from forceaxis.axis.link import (
     Refused,
 )
 from forceaxis.bus.lcm import TABLE_HASH
-from forceaxis.objects import BY_NAME, mask
+from forceaxis.objects import bits_in, mask
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
 # Longest tick in us that a board may need: 15 % of a tick. The model of core and flash memory gives
@@ -225,13 +225,13 @@ def failed(text: str, **values: float) -> BringupStep:
 
 def errors_of(state: int, known: dict[str, str]) -> str:
     """Returns the texts of the errors in a board state, or an empty text."""
-    bits = BY_NAME["board_state"].bits_in(state)
+    bits = bits_in("board_state", state)
     return "; ".join(known[bit.key] for bit in bits if bit.key in known)
 
 
 def causes_of(reset_cause: int) -> str:
     """Returns the names of the causes of a reset."""
-    bits = BY_NAME["reset_cause"].bits_in(reset_cause)
+    bits = bits_in("reset_cause", reset_cause)
     return ", ".join(bit.text for bit in bits) or "not known"
 
 

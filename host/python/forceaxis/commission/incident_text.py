@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from forceaxis.axis.link import TICKS_PER_S
 from forceaxis.bus.state_names import enum, mode
 from forceaxis.commission.incident import Incident, is_enabled, words
-from forceaxis.objects import BY_NAME, sentence
+from forceaxis.objects import bits_in, sentence
 from forceaxis.words import counted
 
 TICK_MS = 1e3 / TICKS_PER_S
@@ -92,7 +92,7 @@ class _Story:
                 f"{w.upper()} {said[f'core_fault_{w}'] & 0xFFFFFFFF:#010x}" for w in CORE_WORDS
             )
             return f"a fault of the processor reset it: {', '.join(words)}"
-        bits = BY_NAME["board_state"].bits_in(said.get("board_state", 0))
+        bits = bits_in("board_state", said.get("board_state", 0))
         found = [bit.text for bit in bits if bit.key not in NO_FAULTS]
         if fault in ("board_unfit", "supply_wrong", "clock_wrong", "output_wrong") and found:
             return f"{text}: {', '.join(found)}"
@@ -127,7 +127,7 @@ class _Story:
             return None
         last = int(changed[-1])
         bits = int(self.inputs[last]) ^ int(self.inputs[last + 1])
-        which = " and ".join(bit.text for bit in BY_NAME["digital_inputs"].bits_in(bits))
+        which = " and ".join(bit.text for bit in bits_in("digital_inputs", bits))
         ago = (self.at - last - 1) * TICK_MS
         return f"{which or 'a digital input'} changed {ago:.1f} ms before the error"
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from forceaxis._core import FIRMWARE_VERSION, TICKS_PER_SECOND
+from forceaxis._results import UnitVariable
 
 Version = Literal["2.0", "3.0"]
 LIBRARY = "forceaxis_fmu"  # file name of the library, without suffix
@@ -41,15 +42,8 @@ FACTORS = {"mN": 1e-3, "uN": 1e-6, "ms": 1e-3, "us": 1e-6, "tick": STEP_S}
 
 
 @dataclass(frozen=True)
-class Variable:
-    """A variable of a unit. `start` is the value of an input or parameter after the creation."""
-
-    name: str
-    type: str  # real, int32, uint32 or boolean
-    role: str  # input, output, fixed, tunable or independent
-    unit: str  # "" without unit
-    meaning: str
-    start: float
+class Variable(UnitVariable):
+    """A variable of a unit, and what modelDescription.xml says of it."""
 
     @property
     def has_start(self) -> bool:

@@ -75,7 +75,9 @@ def write_firmware(
     are inputs of the unit. Raises InputError and OSError."""
     for name in inputs:
         _expect_input(name)
-    facts = {"kind": "firmware", "inputs": list(inputs)} | _writes(source, overrides)
+    facts: dict[str, Any] = {
+        "kind": "firmware", "inputs": list(inputs), **_writes(source, overrides),
+    }  # fmt: skip
     title = str(facts.pop("title"))
     return _write(facts, {}, source, title, version, out)
 
@@ -90,7 +92,7 @@ def _expect_input(name: str) -> None:
         )
 
 
-def _writes(source: Path | None, overrides: Sequence[str]) -> dict[str, Any]:
+def _writes(source: Path | None, overrides: Sequence[str]) -> "_core.FirmwareWrites":
     if source is not None:
         content = toml.read(source)
         if "model" in content:
@@ -163,4 +165,4 @@ def _variables(resources: Mapping[str, bytes]) -> list[Variable]:
     with tempfile.TemporaryDirectory() as folder:
         for name, content in resources.items():
             (Path(folder) / name).write_bytes(content)
-        return [Variable(**v) for v in _core.fmu_variables(folder)]
+        return [Variable(**vars(v)) for v in _core.fmu_variables(folder)]
