@@ -175,23 +175,23 @@ typedef struct {
   int16_t open_loop_code; /* DAC code that is output in open-loop mode; in excitation mode, mean value of the output [code] */
   uint16_t excitation_amplitude; /* largest magnitude of the excitation; noise is distributed uniformly between the negative and the positive amplitude [code] */
   uint16_t excitation_seed; /* start value of the excitation waveform: seed of the noise, or start phase of the sine in 1/65536 turn [1] */
-  uint16_t excitation_hold; /* number of ticks for which each noise value is output, which limits the bandwidth of the noise; a new number acts after the present value [tick] */
+  uint16_t excitation_hold; /* number of ticks for which each noise value is output, which limits the bandwidth of the noise; a new number acts from the next noise value on [tick] */
   uint16_t force_gain; /* gain k_f of the explicit force law [1/256 code/count] */
   uint16_t force_zero_code; /* ADC code at zero force: 0 for an unsigned code, 2^(adc_bits-1) for a signed code [1] */
-  uint16_t position_gain; /* gain k_p of the position law. With 0 the position law does not move the axis: not in the position, velocity and homing modes, and not in the approach of force modes 4 and 10 [1/256 code/count] */
-  uint16_t velocity_gain; /* gain k_d of the position law, a factor of the velocity in counts per tick [1/256 code tick/count] */
+  uint16_t position_gain; /* gain k_p of the position law. With 0 the axis does not move in the position, velocity and homing modes, nor in the approach of force modes 4 and 10 [1/256 code/count] */
+  uint16_t velocity_gain; /* gain k_d of the position law, by which the velocity in counts per tick is multiplied [1/256 code tick/count] */
   uint16_t output_limit; /* largest magnitude of the DAC code; 2048 means the full range of the DAC [code] */
-  uint16_t drive_on_ticks_max; /* largest number of ticks from the enabling of the amplifier until a fitted drive reports that it is on; after it the fault is drive_not_ready [tick] */
+  uint16_t drive_on_ticks_max; /* largest number of ticks from the enabling of the amplifier until the drive on the bus reports that it is on; a longer time causes the fault drive_not_ready [tick] */
   uint8_t mode; /* requested native mode; a fault changes the mode to disabled [enum] */
   uint8_t excitation_waveform; /* waveform that is added to open_loop_code in excitation mode [enum] */
   int8_t force_sign; /* sign of the measured force, +1 or -1; with the correct sign a compression gives a positive measured force [1] */
   uint8_t adc_bits; /* resolution of both ADC channels in bits; an ADC code of 2^adc_bits or more is a fault [1] */
-  uint8_t dac_bits; /* resolution of the output in bits: the output is a multiple of 2^(12-dac_bits) of a DAC code. More than 12 bits need a drive on a bus or a board with such a DAC [1] */
-  uint8_t profile_enable; /* type of motion to a new position set-point, as a step or along the trapezoidal profile [enum] */
+  uint8_t dac_bits; /* resolution of the output in bits: the smallest step of the output is 2^(12-dac_bits) DAC codes. More than 12 bits need a drive on a bus or a board with such a DAC [1] */
+  uint8_t profile_enable; /* type of the motion to a new position set-point: a step of the set-point, or a profile with a trapezoidal speed [enum] */
   uint8_t latency_ticks; /* number of ticks from reading the sensors to the output of the DAC code that is computed from these sensor values [tick] */
   uint8_t bump_decay_shift; /* exponent n of the decay of bump_bias. After a change of mode or gain, this bias keeps the output continuous; in each tick the bias is reduced by the fraction 2^-n of its value. 0 means no bias [1] */
-  uint8_t position_age_max; /* largest permitted age of the encoder count while a mode is active; above it the fault is position_old [tick] */
-  uint8_t force_age_max; /* largest permitted age of the ADC code of the force sensor while a mode is active; above it the fault is force_old [tick] */
+  uint8_t position_age_max; /* largest permitted age of the encoder count while a mode is active; a larger age causes the fault position_old [tick] */
+  uint8_t force_age_max; /* largest permitted age of the ADC code of the force sensor while a mode is active; a larger age causes the fault force_old [tick] */
 } axis_params_t;
 
 typedef struct {
@@ -212,8 +212,8 @@ typedef struct {
   uint8_t active_mode; /* native mode that was active in the latest tick [enum] */
   uint8_t fault; /* latched fault: the first fault since the last reset of a fault [enum] */
   uint8_t limit_reason; /* limit that bounded dac_code in the latest tick [enum] */
-  uint8_t digital_inputs; /* digital inputs: bit 0 enable chain closed, bit 1 positive limit switch, bit 2 negative limit switch, bit 3 index pulse, bit 4 home switch [1] */
-  uint8_t drive_report; /* report of a drive with a control loop of its own; 0 with an amplifier for +-10 V: bit 0 fitted, bit 1 on, bit 2 fault, bit 3 limit [1] */
+  uint8_t digital_inputs; /* levels of the digital inputs, one bit for each input: bit 0 enable chain closed, bit 1 positive limit switch, bit 2 negative limit switch, bit 3 index pulse, bit 4 home switch [1] */
+  uint8_t drive_report; /* state that the drive on the bus reports; 0 with an amplifier for +-10 V: bit 0 fitted, bit 1 on, bit 2 fault, bit 3 limit [1] */
 } axis_signals_t;
 
 /* Error code of CiA 402 (603Fh) for each fault: the one with the name of the fault. */

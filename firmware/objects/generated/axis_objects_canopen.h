@@ -226,7 +226,7 @@ typedef struct {
   uint8_t rpdo_transmission[4]; /* transmission type of the RPDO: with 0 to 240 the received values act at the next SYNC, with 254 and 255 immediately [1] */
   uint8_t rpdo_mapped[4]; /* number of mapped objects of the RPDO; must be 0 while a master writes rpdo_mapping [1] */
   uint8_t tpdo_transmission[4]; /* transmission type of the TPDO: with 0 the axis sends the TPDO at the SYNC after a change of a mapped value, with 1 to 240 at every n-th SYNC, with 254 and 255 at a change of a mapped value and by the event timer [1] */
-  uint8_t tpdo_sync_start[4]; /* counter value of the SYNC message that is the first SYNC of the TPDO; 0 means any counter value; has no effect if SYNC messages have no counter [1] */
+  uint8_t tpdo_sync_start[4]; /* counter value of the SYNC message with which the TPDO begins to count SYNC messages; 0 means any counter value; has no effect if SYNC messages have no counter [1] */
   uint8_t tpdo_mapped[4]; /* number of mapped objects of the TPDO; must be 0 while a master writes tpdo_mapping [1] */
 } canopen_params_t;
 
@@ -239,10 +239,10 @@ typedef struct {
   uint32_t serial_number; /* serial number of the device, from the code for the board [1] */
   uint32_t sdo_server_receive; /* COB-ID of SDO requests of a CANopen master to the axis [1] */
   uint32_t sdo_server_transmit; /* COB-ID of SDO answers of the axis to a CANopen master [1] */
-  uint32_t program_crc[2]; /* CRC-32 of the image that runs, and of the complete image in the other slot; 0 without such an image [1] */
-  uint32_t program_flash_status; /* error of the last download by CiA 302-3 in bits 1 to 7, which program_refusal names: bit 0 a download is in progress [1] */
+  uint32_t program_crc[2]; /* CRC-32 of a firmware image: sub-index 1 of the image that runs, sub-index 2 of the image in the other slot; 0 if the slot has no complete image [1] */
+  uint32_t program_flash_status; /* result of the last firmware download by CiA 302-3: bits 1 to 7 have the number of an error, which program_refusal names: bit 0 a download is in progress [1] */
   uint16_t sync_count; /* number of SYNC messages that were received [1] */
-  uint8_t error_register; /* error register: bit 0 any error, bit 1 current, bit 4 communication, bit 5 profile, bit 7 manufacturer-specific [1] */
+  uint8_t error_register; /* CiA 301 error register: one bit for each kind of error that is present: bit 0 any error, bit 1 current, bit 4 communication, bit 5 profile, bit 7 manufacturer-specific [1] */
   uint8_t nmt_state; /* NMT state of the CANopen node [1] */
 } canopen_signals_t;
 

@@ -442,113 +442,113 @@ enum {
 };
 
 typedef struct {
-  uint32_t drive_target_num; /* target of the drive, in units of the drive, for DAC code drive_target_den; acts after the next power-up [1] */
-  uint32_t drive_target_den; /* DAC code for which drive_target_num is the target of the drive; acts after the next power-up [code] */
+  uint32_t drive_target_num; /* target that the drive receives for the DAC code drive_target_den, in units of the drive; acts after the next power-up [1] */
+  uint32_t drive_target_den; /* DAC code for which the drive receives the target drive_target_num; acts after the next power-up [code] */
   uint32_t drive_target_max; /* largest magnitude of the target in units of the drive, at most 32767 for torque; acts after the next power-up [1] */
-  uint32_t cycle_program; /* number of the selected program of the library; 0 means none; not while a cycle runs [1] */
-  uint32_t cycle_data[16]; /* 4 bytes of the record, the lowest byte first, at 4 (n - 1) bytes after cycle_data_offset; parts follow each other without a gap; a record that begins with the head of an update is an update of the firmware; after a write of cycle_curve_first, points of the curve [1] */
-  uint32_t cycle_curve_step_travel; /* change of the travel from one point of the curve of a cycle to the next; the first of the three steps that is reached makes a point; 0 means that travel makes none; acts from the next cycle on [count] */
-  uint32_t cycle_curve_step_force; /* change of the measured force from one point of the curve of a cycle to the next; 0 means that force makes none; acts from the next cycle on [1/256 count] */
-  uint32_t cycle_result_number; /* number of the part whose result is shown, also by cycle_result_element; 0: the last part [1] */
-  uint32_t cycle_acknowledge; /* number of the part whose result is acknowledged: the axis need not keep it any longer; every source may write it; 0 acknowledges nothing [1] */
-  uint32_t cycle_serial[4]; /* serial number of the next part, 4 bytes, the lowest byte first, filled up with 0; taken at the start of a cycle and then 0 [1] */
-  uint16_t watchdog; /* longest time between two writes of an owner other than canopen, not counting objects that every source may write; after a longer time the axis has lost its owner [ms] */
+  uint32_t cycle_program; /* number of the cycle program that is selected from the library; 0 means none; cannot be written while a cycle runs [1] */
+  uint32_t cycle_data[16]; /* bytes 4 (n - 1) to 4 n - 1 after cycle_data_offset of the cycle program that a client writes, the lowest byte first; the pieces must follow each other without a gap. A first piece that is the head of an update begins an update of the firmware. After a write of cycle_curve_first: points of the curve [1] */
+  uint32_t cycle_curve_step_travel; /* change of the travel after which the curve of a cycle gets its next point, unless the step of force or of time is reached before; 0 means that the travel alone gives no point; acts from the next cycle on [count] */
+  uint32_t cycle_curve_step_force; /* change of the measured force after which the curve of a cycle gets its next point; 0 means that the force alone gives no point; acts from the next cycle on [1/256 count] */
+  uint32_t cycle_result_number; /* number of the pressed part whose result the objects cycle_result_ show; 0: the last part [1] */
+  uint32_t cycle_acknowledge; /* a write of the number of a pressed part acknowledges the result of this part, so that the axis need not keep the result; every bus may write this object; 0 acknowledges nothing [1] */
+  uint32_t cycle_serial[4]; /* 4 bytes of the serial number of the next part, the lowest byte first; unused bytes are 0. The start of a cycle uses the number and sets these objects to 0 [1] */
+  uint16_t watchdog; /* longest time between two writes of an owner that is not canopen; after a longer time the owner is lost. Writes to objects that every bus may write do not restart this time [ms] */
   uint16_t stored_bit_rate; /* CAN bit rate that the axis uses after the next reset of the node; must be a rate of CiA 301 that the code for the board supports [kbit/s] */
-  uint16_t drive_bit_rate; /* bit rate of the bus of the drive, a rate of CiA 301 that the board supports; acts after the next power-up [kbit/s] */
-  uint16_t drive_lacks; /* what the drive lacks and the master leaves out; the drive must then do the same by its own settings; acts after the next power-up: bit 0 1005h, bit 1 1006h, bit 2 60C2h, bit 3 6007h, bit 4 1016h, bit 5 1017h, bit 6 a mapping in 1600h that can be changed, bit 7 1400h:2, bit 8 a mapping in 1A00h that can be changed, bit 9 1800h:2, bit 10 6060h, bit 11 6077h, bit 12 bit 30 of 1800h:1, bit 13 bit 9 of the statusword, bit 14 bit 12 of the statusword [1] */
-  uint16_t drive_differs; /* objects that the drive may read back with another value than the master has written; mappings are always compared; acts after the next power-up: bit 0 1005h, bit 1 1006h, bit 2 60C2h, bit 3 6007h, bit 4 1016h, bit 5 1017h, bit 7 1400h:2, bit 9 1800h:2, bit 10 6060h [1] */
-  uint16_t drive_wait; /* longest wait for the boot-up message of the drive, for its first TPDO, and until it is on; acts after the next power-up [ms] */
-  uint16_t drive_sdo_timeout; /* longest wait for an answer of the drive by SDO; a request without an answer is repeated once; acts after the next power-up [ms] */
-  uint16_t drive_quick_stop; /* longest time for which a quick stop is commanded before the voltage is disabled; it ends when the drive leaves the quick stop by itself; acts after the next power-up [ms] */
-  uint16_t drive_heartbeat; /* period of the heartbeats of the drive and of its master, shorter than drive_heartbeat_timeout; acts after the next power-up [ms] */
-  uint16_t drive_heartbeat_timeout; /* time without a heartbeat after which the drive and its master stop; acts after the next power-up [ms] */
-  int16_t drive_abort_option; /* what the drive does without its master (6007h); 3 is a quick stop; acts after the next power-up [1] */
-  uint16_t cycle_data_offset; /* offset in bytes of cycle_data_1 in the record, at most 4092; 0 begins a new record; for an update of the firmware the offset modulo 65536 [1] */
-  uint16_t cycle_curve_step_time; /* time from one point of the curve of a cycle to the next; 0 means that time makes none; acts from the next cycle on [tick] */
-  uint16_t cycle_curve_first; /* a write shows five points of the curve from this number on, the first one is 0, in cycle_data: three words for a point as in cycle_curve_data, 0 without a point; not while a cycle runs [1] */
-  uint16_t cycle_bad_in_row_max; /* after this number of parts in a row that are not good no cycle starts until cycle_unlock; 0 means off [1] */
-  uint8_t command_source; /* owner of the axis: the bus that may write objects. Another bus becomes the owner when it writes its number while the axis is disabled. The owner may write the number of another bus to make that bus the owner [enum] */
-  uint8_t unsupervised_owner; /* reaction when a canopen master enables the axis although neither the heartbeat of the master nor an RPDO is monitored [enum] */
+  uint16_t drive_bit_rate; /* bit rate of the CAN bus of the drive, a rate of CiA 301 that the board supports; acts after the next power-up [kbit/s] */
+  uint16_t drive_lacks; /* objects and status bits that the drive does not have, so that the axis does not use them; the drive must then have the same effect by its own settings; acts after the next power-up: bit 0 1005h, bit 1 1006h, bit 2 60C2h, bit 3 6007h, bit 4 1016h, bit 5 1017h, bit 6 a mapping in 1600h that can be changed, bit 7 1400h:2, bit 8 a mapping in 1A00h that can be changed, bit 9 1800h:2, bit 10 6060h, bit 11 6077h, bit 12 bit 30 of 1800h:1, bit 13 bit 9 of the statusword, bit 14 bit 12 of the statusword [1] */
+  uint16_t drive_differs; /* objects for which the drive may report another value than the axis has written; mappings must always be equal; acts after the next power-up: bit 0 1005h, bit 1 1006h, bit 2 60C2h, bit 3 6007h, bit 4 1016h, bit 5 1017h, bit 7 1400h:2, bit 9 1800h:2, bit 10 6060h [1] */
+  uint16_t drive_wait; /* longest wait for the boot-up message of the drive, for its first TPDO, and until it reports that it is on; acts after the next power-up [ms] */
+  uint16_t drive_sdo_timeout; /* longest wait for the answer of the drive to an SDO request; a request without an answer is repeated once; acts after the next power-up [ms] */
+  uint16_t drive_quick_stop; /* longest time for which the axis commands a quick stop of the drive before it disables the voltage; the time ends earlier if the drive leaves the quick stop by itself; acts after the next power-up [ms] */
+  uint16_t drive_heartbeat; /* period of the heartbeats that the drive and the axis send to each other, shorter than drive_heartbeat_timeout; acts after the next power-up [ms] */
+  uint16_t drive_heartbeat_timeout; /* time after which the axis stops without a heartbeat of the drive, and the drive stops without a heartbeat of the axis; acts after the next power-up [ms] */
+  int16_t drive_abort_option; /* reaction of the drive to a missing heartbeat of the axis, as in object 6007h of the drive; 3 is a quick stop; acts after the next power-up [1] */
+  uint16_t cycle_data_offset; /* offset in bytes of cycle_data_1 in the cycle program that a client writes piece by piece, at most 4092; 0 begins a new program. In an update of the firmware: offset modulo 65536 [1] */
+  uint16_t cycle_curve_step_time; /* time after which the curve of a cycle gets its next point; 0 means that the time alone gives no point; acts from the next cycle on [tick] */
+  uint16_t cycle_curve_first; /* a write of the number of a point, from 0, makes cycle_data show this point of the curve and the next four: three words for each point as in cycle_curve_data, 0 beyond the last point; not while a cycle runs [1] */
+  uint16_t cycle_bad_in_row_max; /* number of consecutive bad or aborted parts after which no cycle starts until cycle_unlock is written; 0 means off [1] */
+  uint8_t command_source; /* owner of the axis: the bus that may write objects. Another bus becomes the owner if it writes its own number to this object while the axis is disabled. The owner may make another bus the owner by writing the number of that bus [enum] */
+  uint8_t unsupervised_owner; /* reaction if a CANopen master enables the axis although the axis monitors neither the heartbeat of the master nor an RPDO [enum] */
   uint8_t modbus_word_order; /* order of the two Modbus registers of a 32-bit object [enum] */
-  uint8_t stored_node_id; /* node id, 1 to 127, that the axis uses after the next reset of the node if the straps of the board select no node id [1] */
-  uint8_t blackbox_option; /* on makes the black box keep the signals of the last second before an error, as long as no recording is active [enum] */
+  uint8_t stored_node_id; /* node id, 1 to 127, that the axis uses after the next reset of the node if the board has no pins that select a node id, or if they select none [1] */
+  uint8_t blackbox_option; /* on: the black box keeps the signals of the last second before an error, as long as no recording is active [enum] */
   uint8_t drive_node_id; /* CANopen node id of a CiA 402 drive on the second CAN bus of the board; 0: the axis has an amplifier for +-10 V; acts after the next power-up [1] */
-  uint8_t drive_mode; /* cyclic synchronous mode of the drive; acts after the next power-up [1] */
-  uint8_t drive_cycle; /* cycle of the bus of the drive, a multiple of 2 ms, which are 3 ticks; acts after the next power-up [2 ms] */
-  uint8_t drive_target_acts; /* when the drive applies a target, its transmission type of the RPDO: on reception (255), or at the next SYNC (1); acts after the next power-up [enum] */
-  uint8_t force_converter; /* converter of the force: the ADC of the board, or a converter of 24 bits on its SPI bus; acts after the next power-up [enum] */
-  uint8_t force_converter_gain; /* amplification in the converter of 24 bits; the AD7193 lacks x2 and x4, the ADS1256 lacks x128; acts after the next power-up [enum] */
-  uint8_t cycle_result_element; /* number of the element whose result is shown, from 0 [1] */
-  uint8_t cycle_lock_on_bad; /* 1: while a result that is not good waits for its acknowledgement, no cycle starts [enum] */
-  uint8_t cycle_program_lock; /* 1: the axis takes and removes no program [enum] */
+  uint8_t drive_mode; /* cyclic synchronous mode (CiA 402) in which the drive runs; acts after the next power-up [1] */
+  uint8_t drive_cycle; /* period of SYNC on the CAN bus of the drive, a multiple of 2 ms, which are 3 ticks; acts after the next power-up [2 ms] */
+  uint8_t drive_target_acts; /* instant at which the drive applies a received target, given as the transmission type of its RPDO: on reception (255), or at the next SYNC (1); acts after the next power-up [enum] */
+  uint8_t force_converter; /* converter that measures the force: the ADC of the board, or a 24-bit converter on the SPI bus of the board; acts after the next power-up [enum] */
+  uint8_t force_converter_gain; /* amplification in the 24-bit converter; the AD7193 has no x2 and x4, the ADS1256 has no x128; acts after the next power-up [enum] */
+  uint8_t cycle_result_element; /* number, from 0, of the evaluation element whose result the objects cycle_result_value, cycle_result_verdict and cycle_result_tick show [1] */
+  uint8_t cycle_lock_on_bad; /* 1: no cycle starts while the result of a bad or aborted part waits for its acknowledgement [enum] */
+  uint8_t cycle_program_lock; /* 1: the axis accepts no download and no removal of a cycle program [enum] */
 } device_params_t;
 
 typedef struct {
   uint32_t object_table_hash; /* first 32 bits of the SHA-256 of the object table: addresses, names, types, units, scales, ranges, access and names of values [1] */
-  uint32_t store_change[8]; /* first parameter that store_change_count counts, as CANopen index times 256 plus sub-index; 0 means none: bit 24 an earlier default was kept [1] */
+  uint32_t store_change[8]; /* a parameter with a difference that store_change_count contains, as CANopen index times 256 plus sub-index; 0 means none: bit 24 an earlier default was kept [1] */
   uint32_t incident_tick; /* value of tick_count at the incident; for an incident without a fault, value of tick_count at the last step of the main loop [tick] */
   uint32_t incident_crc; /* CRC-32 of the samples of the incident, in the order of recorder_data [1] */
-  uint32_t drive_failed_object; /* object of the drive whose SDO transfer was the reason of its failure, index times 256 plus sub-index; 0 means none [1] */
-  uint32_t drive_abort_code; /* abort code with which the drive has refused this transfer; 0 means none [1] */
+  uint32_t drive_failed_object; /* object of the drive whose SDO transfer failed and caused drive_reason, as index times 256 plus sub-index; 0 means none [1] */
+  uint32_t drive_abort_code; /* SDO abort code with which the drive refused the transfer of drive_failed_object; 0 means none [1] */
   uint32_t core_fault_pc; /* program counter at the core fault or clock failure that reset the processor; 0 if the last reset had another cause [1] */
   uint32_t core_fault_lr; /* return address of the program at the core fault [1] */
   uint32_t core_fault_cfsr; /* register CFSR (fault status) of the core at the core fault [1] */
   uint32_t core_fault_hfsr; /* register HFSR (hard fault status) of the core at the core fault [1] */
   uint32_t core_fault_bfar; /* register BFAR (fault address) of the core at the core fault; valid only if CFSR marks the address as valid [1] */
-  uint32_t cycle_program_crc; /* CRC-32 at the end of the record of the selected program; 0 without a program [1] */
-  int32_t cycle_result_value; /* value of the element in the units of its record: force in 1/256 count, travel in encoder counts, time in ticks; 0 without a value [1] */
-  uint32_t cycle_result_tick; /* tick_count of the sample that gave the value; 0 without a value [tick] */
-  uint32_t cycle_number; /* number of the last part that ended; after a power cut it continues from the number that was stored last [1] */
-  uint32_t cycle_power_up; /* number of power-ups with programs; a part has a number of its own within a power-up; 0 without a parameter store [1] */
-  uint32_t cycle_parts_good; /* number of good parts since the counts began; stored at most every ten minutes, while the axis is disabled [1] */
-  uint32_t cycle_parts_bad; /* number of bad parts since the counts began; stored at most every ten minutes, while the axis is disabled [1] */
-  uint32_t cycle_parts_aborted; /* number of aborted parts since the counts began; stored at most every ten minutes, while the axis is disabled [1] */
-  uint32_t cycle_result_part; /* number of the part that is shown; 0: no such result [1] */
-  uint32_t cycle_result_power_up; /* cycle_power_up of the part that is shown [1] */
-  uint32_t cycle_result_program_crc; /* CRC-32 of the program of the part that is shown [1] */
-  uint32_t cycle_result_bank_crc; /* CRC-32 of the law with which the part that is shown began; 0 without a bank, or with a gain that contact_unstable_option had halved [1] */
-  uint32_t cycle_result_invalid; /* number of ticks in evaluated phases of the part that is shown whose sample is not valid; 0 for a good part [tick] */
-  uint32_t cycle_result_begin; /* tick_count at which the cycle of the part that is shown started [tick] */
-  uint32_t cycle_result_duration; /* duration of the cycle of the part that is shown [tick] */
-  uint32_t cycle_result_serial[4]; /* serial number of the part that is shown, 4 bytes, the lowest byte first [1] */
-  uint32_t cycle_lost_first; /* first number of the results of an earlier power-up that waited for an acknowledgement when the counts were last stored; 0: none; the memory of results does not survive a power cut [1] */
-  uint32_t cycle_lost_last; /* last number of these results [1] */
-  uint16_t store_change_count; /* number of stored parameters that the present object table changes: a parameter with another meaning is discarded, and an earlier default is kept [1] */
+  uint32_t cycle_program_crc; /* CRC-32 of the selected cycle program; 0 if none is selected [1] */
+  int32_t cycle_result_value; /* value of the selected evaluation element: a force in 1/256 count, a travel in encoder counts, a time in ticks; 0 without a value [1] */
+  uint32_t cycle_result_tick; /* value of tick_count at the sample from which the value of the evaluation element comes; 0 without a value [tick] */
+  uint32_t cycle_number; /* number of the last pressed part; after a power cut the numbers continue from the number that was stored last [1] */
+  uint32_t cycle_power_up; /* number of power-ups at which the axis had cycle programs; this number and cycle_number together identify a pressed part; 0 without a parameter store [1] */
+  uint32_t cycle_parts_good; /* number of good parts since the axis began to count parts; stored at most every ten minutes, while the axis is disabled [1] */
+  uint32_t cycle_parts_bad; /* number of bad parts since the axis began to count parts; stored at most every ten minutes, while the axis is disabled [1] */
+  uint32_t cycle_parts_aborted; /* number of aborted parts since the axis began to count parts; stored at most every ten minutes, while the axis is disabled [1] */
+  uint32_t cycle_result_part; /* number of the pressed part whose result is shown; 0: the axis has no such result [1] */
+  uint32_t cycle_result_power_up; /* value of cycle_power_up when the shown part was pressed [1] */
+  uint32_t cycle_result_program_crc; /* CRC-32 of the cycle program with which the shown part was pressed [1] */
+  uint32_t cycle_result_bank_crc; /* CRC-32 of the bank of the force law that was active when the shown part was begun; 0 without a bank, or if contact_unstable_option had halved the gain [1] */
+  uint32_t cycle_result_invalid; /* number of samples of the shown part that are in evaluated phases and not valid; 0 for a good part [tick] */
+  uint32_t cycle_result_begin; /* value of tick_count at which the cycle of the shown part started [tick] */
+  uint32_t cycle_result_duration; /* duration of the cycle of the shown part [tick] */
+  uint32_t cycle_result_serial[4]; /* 4 bytes of the serial number of the shown part, the lowest byte first [1] */
+  uint32_t cycle_lost_first; /* number of the first part whose result a power cut has erased: results that waited for their acknowledgement when the axis last stored its counts; 0: none [1] */
+  uint32_t cycle_lost_last; /* number of the last part whose result a power cut has erased; see cycle_lost_first [1] */
+  uint16_t store_change_count; /* number of differences between the stored parameter set and the object table of this firmware: parameters that were discarded because their meaning has changed, and parameters that keep the default of the earlier firmware [1] */
   uint16_t overruns; /* number of ticks that started late or were missed [1] */
   uint16_t bit_rate; /* present CAN bit rate [kbit/s] */
   uint16_t can_lost; /* number of CAN frames that were lost because a queue was full [1] */
   uint16_t incident_error_code; /* value of error_code at the incident [1] */
   uint16_t incident_later; /* number of errors after the incident [1] */
-  uint16_t drive_error_code; /* last error code that the drive on the second CAN bus has sent; 0 means none [1] */
-  uint16_t board_state; /* errors of the board: bit 0 internal oscillator in use, bit 1 option bytes differ from those of the board (brown-out reset, write protection, start), bit 2 image damaged, bit 3 RAM failed, bit 4 supply voltage low, bit 5 ADC reference outside its band, bit 6 DAC output differs from its code, bit 7 pin amp_enable differs from its command, bit 8 tick length differs from the second clock, bit 9 tick length not compared yet, bit 10 converter of the force without the expected identity and settings [1] */
+  uint16_t drive_error_code; /* error code of the last emergency message of the drive on the second CAN bus; 0 means none [1] */
+  uint16_t board_state; /* errors that the board has found in itself: bit 0 internal oscillator in use, bit 1 option bytes differ from those of the board (brown-out reset, write protection, start), bit 2 image damaged, bit 3 RAM failed, bit 4 supply voltage low, bit 5 ADC reference outside its band, bit 6 DAC output differs from its code, bit 7 pin amp_enable differs from its command, bit 8 tick length differs from the second clock, bit 9 tick length not compared yet, bit 10 converter of the force without the expected identity and settings [1] */
   int16_t tick_deviation; /* relative change of the tick length since power-up, measured with a second clock [1/1000 1] */
-  uint16_t flash_corrected; /* number of reads of the flash in which its error correction corrected a wrong bit, since the last reset of the processor; reads that follow one another within a tick count once; always 0 without an error correction [1] */
+  uint16_t flash_corrected; /* number of reads of the flash memory in which its error correction corrected a wrong bit, since the last reset of the processor; consecutive reads within a tick are one read here; always 0 on a chip without error correction [1] */
   uint16_t tick_time_max; /* longest time from the begin of a tick to its end since the last reset of the processor, measured by the board; 0 if the board does not measure it [us] */
-  uint16_t tick_late_max; /* longest time from the moment at which a tick was due to its begin since the last reset of the processor, measured by the board; ticks that did not run are counted in overruns and do not count here [us] */
-  uint16_t cycle_curve_points; /* number of points of the curve of the cycle that runs, or of the last one [1] */
-  uint16_t cycle_bits; /* state of the cycles: bit 0 ready, bit 1 busy, bit 2 the last part is good, bit 3 bad, bit 4 aborted, bit 5 a result waits for its acknowledgement, bit 6 locked, bit 7 results full [1] */
-  uint16_t cycle_bad_in_row; /* number of parts in a row that are not good [1] */
+  uint16_t tick_late_max; /* longest time from the moment at which a tick was due to its begin since the last reset of the processor, measured by the board; a tick that did not run has no such time and only increases overruns [us] */
+  uint16_t cycle_curve_points; /* number of points in the curve of the cycle that runs, or of the last cycle [1] */
+  uint16_t cycle_bits; /* state of the cycle, of the results and of the locks, one bit for each: bit 0 ready, bit 1 busy, bit 2 the last part is good, bit 3 bad, bit 4 aborted, bit 5 a result waits for its acknowledgement, bit 6 locked, bit 7 results full [1] */
+  uint16_t cycle_bad_in_row; /* number of consecutive bad or aborted parts at present [1] */
   uint8_t store_state; /* result of the last action of the parameter store [enum] */
   uint8_t node_id; /* CANopen node id and Modbus unit id of the axis; 255 means no node id [1] */
   uint8_t blackbox_state; /* state of the black box; recorder means that a recording uses the buffer of the black box until the recorder is stopped [enum] */
   uint8_t incident_fault; /* fault that caused the incident [enum] */
-  uint8_t incident_stored; /* state of the incident that is kept over a power cut. This is the first incident after power-up, at most one incident in 24 hours [enum] */
-  uint8_t drive_reason; /* first failure of the drive on the second CAN bus since its last reset [enum] */
+  uint8_t incident_stored; /* state of the incident that is kept over a power cut: the first one after power-up, and at most one in 24 hours [enum] */
+  uint8_t drive_reason; /* reason of the first failure of the drive on the second CAN bus since the last reset of the drive [enum] */
   uint8_t reset_cause; /* causes of the last reset of the processor; 0 means not known: bit 1 brown-out, bit 2 reset pin, bit 3 power-up, bit 4 software, bit 5 watchdog, bit 6 window watchdog, bit 7 low power [1] */
   uint8_t can_state; /* state of the CAN controller: active; passive, because many frames were not acknowledged or were damaged; off, because the controller has left the bus [enum] */
-  uint8_t cycle_program_count; /* number of programs in the library [1] */
-  uint8_t cycle_program_refusal; /* why the record of the last download was refused; busy: a cycle was running; no_room: the library is full; no_number: the number of the program is 0; wrong_zero: travel 0 is not defined rightly; wrong_header: the curve of compliance or the outputs to keep are wrong; locked: cycle_program_lock is on [enum] */
-  uint8_t cycle_program_refused_part; /* number of the phase or the element for which the record of the last download was refused, from 0 [1] */
-  uint8_t cycle_result_verdict; /* verdict on the element; none: no cycle is done, or the program has no such element [enum] */
-  uint8_t cycle_curve_thinned; /* how often the memory of the curve was full; each time one of two points was dropped and the steps were doubled [1] */
-  uint8_t cycle_results_waiting; /* number of results that wait for an acknowledgement; when the memory of the axis is full of them, no cycle starts [1] */
-  uint8_t cycle_result_state; /* verdict on the part that is shown, as cycle_state [enum] */
-  uint8_t cycle_result_outcome; /* how the cycle of the part that is shown ended, as cycle_outcome [enum] */
-  uint8_t cycle_result_phase; /* last phase of the part that is shown, or the phase in which a limit was exceeded, the cycle was stopped or the first sample was not valid, from 0 [1] */
-  uint8_t cycle_store_state; /* whether programs and counts are stored; waiting: until the axis is disabled; failed: the last write failed, or parameters must be saved or restored first [enum] */
-  uint8_t program_refusal; /* reason for which the last update was refused; the first six reasons leave the slot unchanged [enum] */
-  uint8_t program_state; /* state of the image that runs; trial: it is not confirmed yet, and the image before it returns after four restarts [enum] */
-  uint8_t program_slot; /* slot of the image that runs [enum] */
+  uint8_t cycle_program_count; /* number of cycle programs in the library of the axis [1] */
+  uint8_t cycle_program_refusal; /* reason why the last downloaded cycle program was refused. busy: a cycle was running; no_room: the library is full; no_number: the number of the program is 0; wrong_zero: the zero point of the travel is not valid; wrong_header: the curve of compliance or the outputs that stay on are not valid; locked: cycle_program_lock is on [enum] */
+  uint8_t cycle_program_refused_part; /* number, from 0, of the phase or evaluation element because of which the last downloaded cycle program was refused [1] */
+  uint8_t cycle_result_verdict; /* verdict on the selected evaluation element; none: no cycle has ended yet, or the program has no such element [enum] */
+  uint8_t cycle_curve_thinned; /* number of times that the memory of the curve was full; each time, every second point was dropped and the steps were doubled [1] */
+  uint8_t cycle_results_waiting; /* number of results that wait for their acknowledgement; if the memory for results is full, no cycle starts [1] */
+  uint8_t cycle_result_state; /* verdict on the shown part, with the values of cycle_state [enum] */
+  uint8_t cycle_result_outcome; /* how the cycle of the shown part ended, with the values of cycle_outcome [enum] */
+  uint8_t cycle_result_phase; /* number, from 0, of the last phase of the shown part; after a failure, number of the phase in which a limit was exceeded, the cycle was stopped or the first sample was not valid [1] */
+  uint8_t cycle_store_state; /* whether the cycle programs and the numbers of pressed parts are stored. waiting: the axis stores them once it is disabled; failed: the last write failed, or the parameters must be saved or restored first [enum] */
+  uint8_t program_refusal; /* reason why the last update of the firmware was refused; the first six reasons leave the slot unchanged [enum] */
+  uint8_t program_state; /* state of the firmware image that runs; trial: the image is not confirmed yet, and after four restarts the earlier image runs again [enum] */
+  uint8_t program_slot; /* slot of the flash memory that has the running firmware image [enum] */
 } device_signals_t;
 
 #endif

@@ -498,12 +498,12 @@ typedef struct {
   int32_t home_offset; /* user position that the reference position has after homing [count] */
   int32_t position_limit_min; /* smallest target position; the drive replaces a smaller target by this limit. The smallest i32 value, -2147483648, means no limit. The force modes ignore this limit and use position_min (2016h) [count] */
   int32_t position_limit_max; /* largest target position; the drive replaces a larger target by this limit. The largest i32 value, 2147483647, means no limit. The force modes ignore this limit and use position_max (2017h) [count] */
-  uint32_t encoder_increments; /* number of encoder counts in encoder_revolutions motor revolutions [count] */
-  uint32_t encoder_revolutions; /* number of motor revolutions in which the encoder counts encoder_increments [1] */
-  uint32_t gear_motor_revolutions; /* number of motor revolutions in gear_shaft_revolutions revolutions of the driving shaft [1] */
-  uint32_t gear_shaft_revolutions; /* number of revolutions of the driving shaft in gear_motor_revolutions motor revolutions [1] */
-  uint32_t feed; /* number of user units of position in feed_shaft_revolutions revolutions of the driving shaft; with 0 the user unit is the encoder count [1] */
-  uint32_t feed_shaft_revolutions; /* number of revolutions of the driving shaft in which the axis moves by feed [1] */
+  uint32_t encoder_increments; /* number of encoder counts while the motor turns encoder_revolutions times [count] */
+  uint32_t encoder_revolutions; /* number of motor revolutions that give encoder_increments encoder counts [1] */
+  uint32_t gear_motor_revolutions; /* number of motor revolutions while the driving shaft of the gear turns gear_shaft_revolutions times [1] */
+  uint32_t gear_shaft_revolutions; /* number of revolutions of the driving shaft of the gear while the motor turns gear_motor_revolutions times [1] */
+  uint32_t feed; /* number of user units by which the axis moves while the driving shaft turns feed_shaft_revolutions times; with 0 the user unit is the encoder count [1] */
+  uint32_t feed_shaft_revolutions; /* number of revolutions of the driving shaft while the axis moves by the distance feed [1] */
   uint32_t position_unit; /* code of the user unit of position by CiA 303-2, for example 0xFA010000 for um; has no effect on values [1] */
   uint32_t velocity_unit; /* code of the user unit of velocity by CiA 303-2, for example 0xFA010300 for um/s; has no effect on values [1] */
   uint32_t velocity_max; /* largest magnitude of every target velocity and profile velocity [count/s] */
@@ -564,14 +564,14 @@ typedef struct {
   uint16_t excitation_ramp; /* time in which the amplitude of the excitation rises from 0 after the start and falls to 0 after the stop [ms] */
   uint16_t limit_cycle_losses; /* number of contact losses within limit_cycle_window at which the firmware reports a limit cycle; 0 means off [1] */
   uint16_t first_motion_code; /* largest magnitude of the DAC code in the first motion test [code] */
-  uint16_t first_motion_counts; /* number of encoder counts by which the first motion test must move the axis; a motion of more than eight times this number, added up over the attempts that were stopped, causes the fault runaway [count] */
+  uint16_t first_motion_counts; /* number of encoder counts by which the first motion test must move the axis. If the axis moves by more than eight times this number, as a sum over all attempts that were stopped, the fault runaway occurs [count] */
   uint16_t first_motion_speed; /* largest speed in the first motion test; a higher speed causes the fault runaway [count/tick] */
   uint16_t force_railed_time; /* longest time for which the ADC code of the force may be at an end of its range; a longer time causes the fault force_railed; 0 means off [ms] */
-  uint16_t force_stuck_travel; /* travel in contact, in encoder counts, that causes the fault force_stuck if the ADC code of the force does not change during this travel within force_stuck_time; 0 means off [count] */
-  uint16_t force_stuck_time; /* time window of the check for a stuck force sensor: the fault force_stuck is raised if the axis moves by force_stuck_travel within this time and the ADC code of the force does not change [ms] */
-  uint16_t force_disconnected_code; /* magnitude of the DAC code at which the axis must move or be in contact; standstill without contact at such a code causes the fault force_disconnected; 0 means off [code] */
-  uint16_t force_disconnected_time; /* time for which the axis must be at standstill before the fault force_disconnected occurs [ms] */
-  uint16_t force_disconnected_travel; /* largest motion in encoder counts within force_disconnected_time that the firmware still regards as standstill [count] */
+  uint16_t force_stuck_travel; /* if the axis in contact moves by this travel within force_stuck_time and the ADC code of the force does not change, the fault force_stuck occurs; 0 means off [count] */
+  uint16_t force_stuck_time; /* longest time in which a travel of force_stuck_travel without a change of the ADC code of the force causes the fault force_stuck [ms] */
+  uint16_t force_disconnected_code; /* magnitude of the DAC code from which on the axis must move or be in contact; standstill without contact at this or a larger code causes the fault force_disconnected; 0 means off [code] */
+  uint16_t force_disconnected_time; /* time of standstill without contact after which the fault force_disconnected occurs [ms] */
+  uint16_t force_disconnected_travel; /* largest motion within force_disconnected_time that the firmware still regards as standstill [count] */
   uint16_t calibration_linearity_max; /* largest permitted linearity error of a calibration [1/100 per mille] */
   uint16_t calibration_date; /* day of the calibration, in days since 1984-01-01; 0 means that the sensor was never calibrated [1] */
   uint16_t calibration_validity; /* number of days for which a calibration is valid; 0 means that a calibration does not expire [1] */
@@ -580,10 +580,10 @@ typedef struct {
   uint8_t polarity; /* sign of positions and velocities on the bus: bit 6 velocities are negated, bit 7 positions are negated [1] */
   uint8_t inputs_fitted; /* digital inputs that are wired; homing methods need these inputs: bit 1 positive limit switch, bit 2 negative limit switch, bit 3 index pulse, bit 4 home switch [1] */
   int8_t homing_method; /* method of homing: -1 contact, 17 and 18 limit switch, 19 to 22 home switch, 33 and 34 index pulse, 35 and 37 present position [1] */
-  uint8_t interpolation_period; /* time between two cyclic set-points, as a mantissa to the power of ten interpolation_exponent; 0 means that each set-point acts immediately [1] */
-  int8_t interpolation_exponent; /* power of ten of interpolation_period, in seconds [1] */
+  uint8_t interpolation_period; /* time between two cyclic set-points: this number times 10 to the power of interpolation_exponent, in seconds; 0 means that each set-point acts immediately [1] */
+  int8_t interpolation_exponent; /* exponent n of the factor 10^n s by which interpolation_period is multiplied [1] */
   uint8_t excitation_point; /* signal to which the excitation is added: the output of the force law or the force set-point [enum] */
-  uint8_t contact_unstable_option; /* reaction to a limit cycle: a warning only; half of the gain of the force law, at most three times, and then the fault contact_unstable; or the fault contact_unstable immediately [enum] */
+  uint8_t contact_unstable_option; /* reaction to a limit cycle: a warning only; the gain of the force law is halved, at most three times, and then the fault contact_unstable occurs; or the fault contact_unstable occurs immediately [enum] */
   uint8_t limit_cycle_window; /* duration of the window in which contact losses are counted for limit_cycle_losses [10 ms] */
   uint8_t force_ripple_time; /* time for which the force ripple must exceed force_ripple_max before the firmware reports a limit cycle [100 ms] */
   uint8_t force_shaper_impulses; /* number of impulses of the force shaper, which shapes the demanded force in modes 4, 10 and -1; 0 means off [1] */
@@ -592,8 +592,8 @@ typedef struct {
   uint8_t motion_shaper_delay[3]; /* delays of the impulses of the motion shaper in ascending order; the first delay is 0 [tick] */
   uint8_t first_motion_test; /* on makes the first enabling after power-up begin with the first motion test, which checks sensors, amplifier and signs by a small motion. If the store has no parameter set, the value after power-up is on [enum] */
   uint8_t tare_averaging; /* exponent n of the tare measurement: the tare is the mean over 2^n ticks [1] */
-  uint8_t calibration_points; /* number of calibration points, from the first element of calibration_reading and calibration_force on [1] */
-  uint8_t cycle_age_max; /* largest age of force and position of a valid sample of a cycle: at least one and less than two periods of the bus or of a slower sensor; the default is for a period of 2 ms [tick] */
+  uint8_t calibration_points; /* number of calibration points; the axis uses this number of values of calibration_reading and of calibration_force, beginning with the first [1] */
+  uint8_t cycle_age_max; /* largest age of force and position at which a sample of a cycle is valid. Set at least one and less than two periods of the bus, or of a sensor that is slower than the bus; the default is for a period of 2 ms [tick] */
 } drive_params_t;
 
 typedef struct {
@@ -606,11 +606,11 @@ typedef struct {
   int32_t velocity_demand; /* velocity demand of the trajectory [count/s] */
   int32_t velocity_actual; /* actual velocity of the axis, mean of the last 16 ticks [count/s] */
   uint32_t drive_inputs; /* digital inputs in the order of CiA 402: bit 0 negative limit switch, bit 1 positive limit switch, bit 2 home switch, bit 16 enable chain, bit 17 index pulse [1] */
-  int32_t excitation_value; /* value of the excitation in this tick: in DAC codes at the output of the force law, or in counts of the measured force at the force set-point [1/256 1] */
+  int32_t excitation_value; /* value of the excitation in this tick: in DAC codes if excitation_point is the output of the force law, in counts of the measured force if it is the force set-point [1/256 1] */
   int32_t force_peak; /* largest measured force since the start of force control [1/256 count] */
   int32_t force_ripple; /* force ripple: largest minus smallest measured force in the last 100 ms; 0 if force_ripple_max is 0 [1/256 count] */
-  int32_t first_motion_moved; /* travel in encoder counts in the first motion test, from standstill to the position at which first_motion_code_reached was output [count] */
-  int32_t first_motion_force; /* change of the measured force during the motion away from the start position in the first motion test [1/256 count] */
+  int32_t first_motion_moved; /* travel in the first motion test, from standstill to the position at which the DAC code first_motion_code_reached was output [count] */
+  int32_t first_motion_force; /* change of the measured force while the first motion test moved the axis away from the start position [1/256 count] */
   uint32_t cycle_count; /* number of cycles that were started since power-up [1] */
   uint16_t statusword; /* CiA 402 statusword: bit 0 ready to switch on, bit 1 switched on, bit 2 operation enabled, bit 3 fault, bit 4 voltage, bit 5 no quick stop, bit 6 switch on disabled, bit 7 warning, bit 9 remote, bit 10 target reached, bit 11 internal limit, bit 12 set-point acknowledged (modes 1, -5), bit 12 speed zero (mode 3), bit 12 homing attained (mode 6), bit 12 follows command (modes 8, 9, 10, -6, -7, -8), bit 12 cycle done (mode -9), bit 13 following error (modes 1, 8, -5), bit 13 homing error (mode 6), bit 13 part not good or no cycle started (mode -9), bit 14 stopped by another source [1] */
   uint16_t error_code; /* CiA 402 error code of the latched fault; 0 without a latched fault [1] */
@@ -618,11 +618,11 @@ typedef struct {
   int16_t force_actual; /* measured contact force [per mille] */
   int16_t current_actual; /* measured motor current in per mille of the range of its ADC [per mille] */
   uint16_t contact_losses; /* number of contact losses since the start of force control [1] */
-  int16_t first_motion_code_reached; /* DAC code at the end of the motion away from the start position in the first motion test [code] */
+  int16_t first_motion_code_reached; /* DAC code at which the first motion test ended the motion away from the start position [code] */
   uint16_t calibration_linearity; /* linearity error: largest distance of a calibration point from the straight line, in per mille of the span of the reference forces [1/100 per mille] */
   int8_t modes_of_operation_display; /* active mode of operation [1] */
   uint8_t drive_state; /* state of the CiA 402 state machine [enum] */
-  uint8_t stopped_by; /* source other than the owner that stopped the axis. The owner can enable the axis again after the owner has sent a controlword that does not enable the axis [enum] */
+  uint8_t stopped_by; /* bus that stopped the axis although another bus owns the axis. Before the owner can enable the axis again, the owner must send a controlword that does not enable the axis [enum] */
   int8_t homing_methods[11]; /* homing methods that are available with the inputs in inputs_fitted; 0 means none [1] */
   uint8_t contact; /* 1 while the magnitude of the measured force is above contact_force [1] */
   uint8_t excitation_state; /* state of the excitation in a force mode, or the reason why the excitation ended or was refused [enum] */
@@ -636,10 +636,10 @@ typedef struct {
   uint8_t calibration_state; /* result of the last calibration, or the reason why the calibration was refused [enum] */
   uint8_t calibration_expired; /* 1 if the calibration is no longer valid: date is later than calibration_date plus calibration_validity [1] */
   uint8_t cycle_state; /* state of the cycle of mode -9: running; evaluating the last samples; the part is good or bad; aborted by a stop, a fault or the loss of the owner; or why no cycle started: no program, another bank than the one the program was made for, no reference position for an absolute position, too many results that wait for their acknowledgement, a lock after bad parts, the number of power-ups is not stored yet, a force of the program at or beyond the end of what the force sensor can show, or a halt [enum] */
-  uint8_t cycle_phase; /* number of the phase of the cycle that runs, or of the last phase, from 0 [1] */
+  uint8_t cycle_phase; /* number, from 0, of the phase that runs, or of the last phase that ran [1] */
   uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late; a tare failed, because the axis was in contact or did not stand still, or because the offset is beyond tare_band; a sample of an evaluated phase is not valid, because the force was at an end of its range or because force or position was older than cycle_age_max; a value that decides the part was changed [enum] */
-  uint8_t cycle_outputs; /* digital outputs that the program of the cycle has switched on: bit 0 output 1, bit 1 output 2, bit 2 output 3, bit 3 output 4 [1] */
-  uint8_t cycle_ended_by; /* number, from 1, of the condition that ended the last phase that has ended; 0: a limit or a stop ended the phase, or no phase has ended yet [1] */
+  uint8_t cycle_outputs; /* digital outputs that the program of the cycle has switched on, one bit for each output: bit 0 output 1, bit 1 output 2, bit 2 output 3, bit 3 output 4 [1] */
+  uint8_t cycle_ended_by; /* number, from 1, of the condition by which the last phase ended; 0: the phase ended by a limit or a stop, or no phase has ended yet [1] */
 } drive_signals_t;
 
 /* Bits of the statusword (6041h) in each state; the other bits of the state are 0. */
