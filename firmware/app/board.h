@@ -25,9 +25,9 @@ void board_show_reset(fw_t *fw);
  * detected errors until the axis has no fault. */
 void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation);
 
-/* Accepts the time that a tick took and by how much it began late, in us, or the greatest ones of
- * several ticks. tick_time_max and tick_late_max keep the greatest ones. Call fw_tick_times()
- * between two ticks. */
+/* Accepts two times of a tick in us: how long the tick took, and how late it began. For several
+ * ticks, pass the largest values. tick_time_max and tick_late_max keep the largest values. Call
+ * fw_tick_times() between two ticks. */
 void fw_tick_times(fw_t *fw, uint16_t time_us, uint16_t late_us);
 
 #endif

@@ -52,7 +52,7 @@ static bool is_frozen(const fw_t *fw, uint16_t object) {
   return guards_freeze(&fw->drive.guards, object);
 }
 
-/* Returns the largest permitted dac_bits. A drive on a bus gets all of them. */
+/* Returns the largest permitted value of dac_bits. A drive on a bus receives all 16 bits. */
 static uint8_t most_dac_bits(const fw_t *fw) {
   const bool is_any = fw->config.dac_bits == 0 || fw->device.drive_node_id != 0;
   return is_any ? (uint8_t)AXIS_DAC_BITS_MAX : fw->config.dac_bits;
@@ -95,7 +95,7 @@ static void axis_written(dictionary_t *objects, uint8_t source, uint16_t object,
   }
 }
 
-/* Evaluates the samples of a cycle, and keeps the result of a cycle that has ended. */
+/* Evaluates the samples of the running cycle. Stores the result if the cycle has ended. */
 static void serve_cycle(fw_t *fw) {
   bool ended = false;
   if (cycle_mode_is_busy(&fw->drive)) {
@@ -181,7 +181,7 @@ static int begin_store(fw_t *fw, int refusal) {
 }
 
 static int command_recorder(fw_t *fw, bool arm) {
-  /* To record signals of the drive, the drive must run. */
+  /* Signals of the drive can be recorded only if the firmware computes the drive. */
   if (arm && fw->live == 0 && recording_needs_drive(fw)) {
     wake(fw);
   }

@@ -48,7 +48,8 @@ typedef struct {
   uint32_t address[SLOTS];      /* address for which the image of each slot is linked */
   const char *board;            /* name of the board in an update, 16 bytes, filled with zeros */
   void (*restart)(void);        /* restarts the chip through its loader; does not return */
-  uint8_t running;              /* slot of the running image, which has a trailer */
+  uint8_t running;              /* number of the slot from which the running image was started; this
+                                 * image has a trailer */
 } fw_slots_t;
 
 /* Largest number of ticks between two calls of fw_between(): 15 ticks are 10 ms. */
@@ -77,9 +78,9 @@ typedef struct {
   /* bit rate of the Modbus serial line in bit/s, which determines the silent interval that ends a
    * frame; 0 selects MODBUS_BAUD_DEFAULT */
   uint32_t modbus_baud;
-  /* CANopen node id and Modbus unit, 1 to 127. 0: the axis uses stored_node_id, or 1 if no id is
-   * stored. FW_NODE_ID_BY_LSS: the axis uses stored_node_id, or has no id until an LSS master gives
-   * an id. */
+  /* CANopen node id and number of the Modbus unit, 1 to 127. 0: the axis uses stored_node_id, or 1
+   * if no id is stored. FW_NODE_ID_BY_LSS: the axis uses stored_node_id, or has no id until an LSS
+   * master gives an id. */
   uint8_t node_id;
   uint8_t buses; /* 1 if the firmware serves CANopen and Modbus; 0 if the axis is on no bus */
   /* causes of the last reset, as a set of AXIS_RESET_CAUSE_ bits; 0 if no cause is known. When only
@@ -116,25 +117,27 @@ typedef struct {
 
 /* Numbers that the parameter store keeps (results.h). */
 typedef struct {
-  uint32_t power_up; /* number of power-ups with programs */
+  uint32_t power_up; /* number of power-ups at which the axis had cycle programs */
   uint32_t number;   /* number of the last pressed part */
   uint32_t parts[CYCLE_PART_VERDICTS];
-  uint32_t oldest_waiting; /* smallest number of a waiting result, 0: none; only in the store */
-  uint32_t bad_in_row;     /* consecutive parts that are not good, at most UINT16_MAX */
+  uint32_t oldest_waiting; /* only in the store: smallest number of a result that waits for its
+                            * acknowledgement; 0: none */
+  uint32_t bad_in_row;     /* number of consecutive bad or aborted parts, at most UINT16_MAX */
 } results_counts_t;
 
 typedef struct {
   cycle_results_t waiting;
-  cycle_part_t last; /* the last pressed part; number 0: none */
+  cycle_part_t last; /* result of the last pressed part; its number is 0 if no part was pressed */
   results_counts_t counts;
-  results_counts_t stored; /* counts that the store has, or is writing */
-  uint32_t given_tick;     /* tick in which the counts were last given to the store */
-  uint32_t starts;         /* cycle_count of the last cycle whose serial number was taken */
+  results_counts_t stored; /* counts that the store has or is about to write */
+  uint32_t given_tick;     /* tick in which the store was last asked to write the counts */
+  uint32_t starts;         /* value of cycle_count for the last cycle that has got a serial
+                            * number */
   uint32_t serial[CYCLE_SERIAL_WORDS]; /* serial number of the part in the running cycle */
   uint8_t changed;                     /* 1 if `counts` differ from `stored` */
-  uint8_t urgent;                      /* 1 if they shall be stored at once */
-  uint8_t has_power_up;                /* 1 if the store has the number of this power-up */
-  uint8_t is_loaded;                   /* 1 after the counts were read from the store */
+  uint8_t urgent;                      /* 1 if the counts shall be stored at once */
+  uint8_t has_power_up;                /* 1 if the number of this power-up is stored */
+  uint8_t is_loaded;                   /* 1 once the counts were read from the store */
 } results_t;
 
 typedef struct {
@@ -156,8 +159,9 @@ typedef struct {
   fw_config_t config;
   uint32_t source_silence; /* number of ticks since the last write of the owner */
   uint32_t ticks_alone;    /* number of ticks since the last call of fw_between() */
-  uint32_t curve_cycle;    /* cycle_count of the cycle of the curve */
-  uint32_t parts_tick;     /* tick of the last piece of a program (programs.h) */
+  uint32_t curve_cycle;    /* value of cycle_count for the cycle to which the curve belongs */
+  uint32_t parts_tick;     /* tick in which the last piece of a cycle program was received
+                            * (programs.h) */
   /* tick in which each rate-limited emergency message (FF01h to FF04h) was last sent */
   uint32_t reported_tick[FW_HELD];
   uint8_t reported[FW_HELD]; /* 1 if this rate-limited emergency message was sent since power-up */

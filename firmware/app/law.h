@@ -23,8 +23,8 @@ void law_adc_written(fw_t *fw);
  * certificate depends. */
 void law_certify(fw_t *fw);
 
-/* Updates the force law after the stored values were loaded. Returns false if the selected bank is
- * not valid. */
+/* Updates the force law after the stored parameters were loaded. Returns false if the selected
+ * filter bank is not valid. */
 bool law_loaded(fw_t *fw);
 
 #endif

@@ -20,7 +20,7 @@ static bool may_acquire(const fw_t *fw, uint8_t source, int32_t value) {
          fw->axis.signals.active_mode == AXIS_MODE_DISABLED;
 }
 
-/* Returns true if the firmware would detect the loss of the owner. */
+/* Returns true if the firmware would detect that the owner no longer responds. */
 static bool is_watched(const fw_t *fw) {
   return fw->device.command_source != AXIS_COMMAND_SOURCE_CANOPEN ||
          canopen_is_watched(&fw->canopen);
@@ -109,8 +109,8 @@ int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t objec
   return is_prevented(fw, entry, starts_axis(fw, object, value)) ? FW_ERROR_BUSY : FW_OK;
 }
 
-/* A value of stopped_by is the number of the source that stopped the axis, plus 1; 0 means that no
- * source stopped the axis. */
+/* The value of stopped_by is 1 more than the number of the source that stopped the axis. 0 means
+ * that no source stopped it. */
 _Static_assert(AXIS_STOPPED_BY_CANOPEN == FW_SOURCE_CANOPEN + 1 &&
                    AXIS_STOPPED_BY_MODBUS == FW_SOURCE_MODBUS + 1 &&
                    AXIS_STOPPED_BY_LCM == FW_SOURCE_LCM + 1 &&

@@ -13,7 +13,7 @@ _Static_assert(AXIS_CYCLE_PROGRAM_REFUSAL_COUNT == (int)CYCLE_REASONS, "reasons 
 
 enum { DATA_WORDS = AXIS_OBJ_CYCLE_DATA_16 - AXIS_OBJ_CYCLE_DATA_1 + 1 };
 
-/* Shows the library and the selected program. */
+/* Writes the state of the library and of the selected program to the signals. */
 static void show_programs(fw_t *fw) {
   const cycle_header_t *program = fw->drive.program;
   fw->device_signals.cycle_program_crc = (program == NULL) ? 0 : cycle_program_crc(program);
@@ -25,13 +25,13 @@ static void show_check(fw_t *fw, cycle_check_t check) {
   fw->device_signals.cycle_program_refused_part = check.number;
 }
 
-/* Gives the bytes of the library to the store. */
+/* Passes the bytes of the library to the parameter store. */
 static void give_programs(fw_t *fw, bool changed) {
   store_part_set(&fw->store, STORE_PROGRAMS, (store_part_t){fw->library.records, fw->library.used},
                  changed);
 }
 
-/* Loads the stored programs. The library has room for what the store can keep. */
+/* Loads the stored programs. The library has room for all bytes that the store can have. */
 static void load_programs(fw_t *fw) {
   cycle_library_t *library = &fw->library;
   const uint32_t most = store_programs_max(&fw->store);
@@ -66,8 +66,8 @@ static bool select(fw_t *fw, const cycle_header_t *program) {
   return true;
 }
 
-/* Selects the program with a number anew after the library has changed. Only if the program itself
- * has changed, the result of its last cycle is lost. */
+/* Selects a program by its number again, after the library has changed. The result of the last
+ * cycle is lost only if this program itself has changed. */
 static void follow_library(fw_t *fw, uint32_t changed) {
   const uint32_t number = fw->device.cycle_program;
   if (number != 0) {
@@ -166,7 +166,7 @@ cycle_check_t programs_select(fw_t *fw, const cycle_header_t *program) {
   return (cycle_check_t){CYCLE_ACCEPTED, 0};
 }
 
-/* Returns whether the library may change now. */
+/* Returns FW_OK if the library may change now, otherwise the reason why not. */
 static int refusal_of_change(const fw_t *fw) {
   if (fw->library.staging == NULL) {
     return FW_ERROR_NO_MEMORY;

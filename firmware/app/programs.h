@@ -16,7 +16,7 @@
 
 #include "firmware/app/fw_state.h"
 
-/* 5 s, as an SDO transfer waits. */
+/* Longest time in ticks between two pieces of a program: 5 s, as in an SDO transfer. */
 enum { PROGRAMS_SILENCE_TICKS = 7500 };
 
 /* Sets the state at power-up, after store_load(): the library has the stored programs, and no

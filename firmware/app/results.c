@@ -15,7 +15,8 @@ _Static_assert(AXIS_CYCLE_STATE_BAD == AXIS_CYCLE_STATE_GOOD + CYCLE_PART_BAD &&
                    AXIS_CYCLE_STATE_ABORTED == AXIS_CYCLE_STATE_GOOD + CYCLE_PART_ABORTED,
                "verdicts of parts");
 
-/* Returns the result that the objects show. Its number is 0 if there is no such result. */
+/* Returns the result that the objects cycle_result_ show. Its number is 0 if there is no such
+ * result. */
 static const cycle_part_t *shown_part(const fw_t *fw) {
   static const cycle_part_t none;
   const uint32_t number = fw->device.cycle_result_number;
@@ -68,7 +69,7 @@ static void show_counts(fw_t *fw) {
   signals->cycle_bad_in_row = (uint16_t)counts->bad_in_row;
 }
 
-/* Clears a result, so that it is the result of no part. */
+/* Clears a result: its number becomes 0, which means that it belongs to no part. */
 static void clear_part(cycle_part_t *part) {
   part->number = 0;
   part->power_up = 0;
@@ -113,7 +114,7 @@ void results_init(fw_t *fw) {
   }
 }
 
-/* Reads the counts that the last power-up has stored. */
+/* Reads the counts of parts that the axis stored in an earlier power-up. */
 static void take_stored(fw_t *fw) {
   results_counts_t *counts = &fw->results.counts;
   if (store_part_bytes(&fw->store, STORE_COUNTS) == sizeof(*counts)) {
@@ -134,7 +135,8 @@ void results_loaded(fw_t *fw) {
     take_stored(fw);
     fw->results.is_loaded = 1;
   }
-  /* The counts that are in the memory; they are copied whenever the store changes its sector. */
+  /* The counts as they are in the memory of the store, which copies them when it changes to the
+   * other sector. */
   const uint8_t *bytes = (const uint8_t *)(const void *)&fw->results.stored;
   const bool exist = store_part_bytes(&fw->store, STORE_COUNTS) == STORE_COUNTS_BYTES;
   if (exist) {
@@ -159,7 +161,7 @@ static bool is_locked(const fw_t *fw) {
          (most != 0 && fw->results.counts.bad_in_row >= most);
 }
 
-/* Returns why no cycle may start, or AXIS_CYCLE_STATE_IDLE. */
+/* Returns the reason why no cycle may start, or AXIS_CYCLE_STATE_IDLE if a cycle may start. */
 static uint8_t lock_of(const fw_t *fw) {
   if (cycle_results_are_full(&fw->results.waiting)) {
     return AXIS_CYCLE_STATE_RESULTS_FULL;
@@ -278,7 +280,8 @@ void results_follow(fw_t *fw) {
   results->starts = fw->drive.signals.cycle_count;
 }
 
-/* Returns true if the counts shall be written now. `is_given` means that a write of them failed. */
+/* Returns true if the counts shall be written to the store now. `is_given` means that an earlier
+ * write of these counts failed. */
 static bool are_due(const fw_t *fw, bool is_given) {
   const results_t *results = &fw->results;
   const uint32_t age = fw->axis.signals.tick_count - results->given_tick;
@@ -287,7 +290,7 @@ static bool are_due(const fw_t *fw, bool is_given) {
          (age >= RESULTS_STORE_TICKS && (is_given || results->changed != 0));
 }
 
-/* Gives the counts to the store when they shall be written. */
+/* Passes the counts to the parameter store when they shall be written. */
 static void give_counts(fw_t *fw) {
   results_t *results = &fw->results;
   const bool has_failed = store_parts_state(&fw->store) == STORE_PARTS_FAILED;

@@ -17,7 +17,8 @@
 
 #include "firmware/app/fw_state.h"
 
-/* 10 minutes: a sector of the store then lasts for years (storage/store.h). */
+/* Shortest time between two writes of the counts: 10 minutes, with which a sector of the store
+ * lasts for years (storage/store.h). */
 enum { RESULTS_STORE_TICKS = 900000 };
 
 /* Sets the state at power-up, not at a reset of the node: no result waits. */
@@ -44,7 +45,7 @@ void results_follow(fw_t *fw);
  * were evaluated. `ended` means that the cycle has just ended. */
 void results_serve(fw_t *fw, bool ended);
 
-/* Shows whether programs and counts are stored. */
+/* Writes to cycle_store_state whether cycle programs and counts are stored. */
 void results_show_store(fw_t *fw);
 
 #endif

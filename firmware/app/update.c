@@ -158,7 +158,7 @@ static int finish(fw_t *fw) {
   return refuse(fw, AXIS_PROGRAM_REFUSAL_NONE, FW_OK);
 }
 
-/* Programs the 4 bytes before `received`. */
+/* Programs the last 4 received bytes, those before the offset `received`. */
 static int take_word(fw_t *fw) {
   const uint32_t end = fw->update.received - UPDATE_HEAD_BYTES;
   const uint32_t slot = other_slot(fw) * fw->config.slots->memory->sector_bytes;
@@ -173,7 +173,8 @@ static int take_byte(fw_t *fw, uint8_t byte) {
   const uint32_t at = fw->update.received;
   void *head = &fw->update.head;
   if (fw->update.is_receiving == 0) {
-    return FW_ERROR_RANGE; /* more bytes than the head has announced */
+    return FW_ERROR_RANGE; /* the client has sent more bytes than the head of the update has
+                            * announced */
   }
   fw->update.received = at + 1;
   if (at < UPDATE_HEAD_BYTES) {
@@ -209,7 +210,7 @@ int update_end(fw_t *fw) {
   return (fw->device_signals.program_refusal == AXIS_PROGRAM_REFUSAL_NONE) ? FW_OK : FW_ERROR_RANGE;
 }
 
-/* Returns true if the parameters that were stored are active, or none were stored. */
+/* Returns true if the stored parameters were loaded, or if none were stored. */
 static bool is_store_loaded(const fw_t *fw) {
   switch (fw->device_signals.store_state) {
     case AXIS_STORE_STATE_EMPTY:

@@ -22,8 +22,8 @@
 #include "firmware/app/fw_state.h"
 
 enum {
-  UPDATE_RESTART_TICKS = 150,   /* 100 ms from the command until the chip restarts */
-  UPDATE_CONFIRM_TICKS = 15000, /* 10 s without an overrun, before an image may be confirmed */
+  UPDATE_RESTART_TICKS = 150,   /* time from the command until the chip restarts: 100 ms */
+  UPDATE_CONFIRM_TICKS = 15000, /* 10 s without an overrun, after which an image may be confirmed */
   UPDATE_BYTES_MAX = (int)UPDATE_HEAD_BYTES + (int)SLOT_IMAGE_BYTES_MAX
 };
 

@@ -12,8 +12,8 @@ typedef struct {
   uint32_t address;        /* address for which the image is linked */
   uint32_t length;         /* length of the image in bytes; a multiple of 4 */
   uint32_t crc;            /* CRC-32 of the image */
-  uint32_t table;          /* AXIS_OBJECTS_HASH32 of the image */
-  uint32_t replaced_table; /* AXIS_OBJECTS_HASH32 of the axis for which the update is */
+  uint32_t table;          /* AXIS_OBJECTS_HASH32 (hash of the object table) of the image */
+  uint32_t replaced_table; /* AXIS_OBJECTS_HASH32 of the axes that may receive this update */
   char board[16];          /* name of the board, as in identity.h */
   char version[16];
   uint32_t unused;
@@ -24,15 +24,15 @@ enum { UPDATE_HEAD_BYTES = sizeof(update_head_t) };
 
 typedef struct {
   update_head_t head;
-  uint32_t size;         /* announced number of bytes, 0: none */
+  uint32_t size;         /* number of bytes that the client has announced; 0: not announced */
   uint32_t received;     /* number of bytes */
   uint32_t crc;          /* CRC-32 of the bytes of the image programmed so far */
   uint32_t tick;         /* tick of the last bytes */
   uint32_t sequence;     /* sequence number of the running image */
   uint32_t overrun_tick; /* tick of the last overrun */
-  uint8_t word[4];       /* bytes of the word that is not complete */
+  uint8_t word[4];       /* received bytes of a word that is not complete yet */
   uint8_t is_receiving;
-  uint8_t restart_ticks; /* ticks until the restart, 0: none */
+  uint8_t restart_ticks; /* number of ticks until the restart; 0: no restart is due */
 } update_t;
 
 /* Number of ticks without bytes after which an update is over: 5 s, as an SDO transfer waits. */

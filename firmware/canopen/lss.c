@@ -22,7 +22,7 @@ enum {
   IDENTIFIED = 0x4F,
   IDENTIFIED_NON_CONFIGURED = 0x50,
   FAST_SCAN = 0x51,
-  INQUIRE_FIRST = 0x5A, /* first part of the LSS address, as SELECT_FIRST */
+  INQUIRE_FIRST = 0x5A, /* first field of the LSS address, in the order of SELECT_FIRST */
   INQUIRE_LAST = 0x5D,
   INQUIRE_NODE_ID = 0x5E
 };

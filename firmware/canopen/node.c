@@ -155,7 +155,8 @@ static void communication_error(canopen_t *canopen) {
 
 static void request_reset(canopen_t *canopen, uint8_t reset) {
   stop_axis(canopen, AXIS_FAULT_SOURCE_LOST);
-  take_output_lost(canopen); /* done now, because the reset empties the output queue */
+  take_output_lost(canopen); /* the lost frames are counted now, because the reset empties the
+                              * output queue */
   enter(canopen, AXIS_NMT_STATE_INITIALISING);
   canopen->reset = reset;
 }
@@ -317,7 +318,7 @@ static bool has_timers_due(canopen_t *canopen) {
   return *canopen_timer_slot(&canopen->timers, canopen->timers.now) != 0;
 }
 
-/* Returns true if a set has more than one element. */
+/* Returns true if more than one bit of a set is 1. */
 static bool has_many(uint8_t set) { return (set & (set - UINT32_C(1))) != 0; }
 
 static void serve_pdos(canopen_t *canopen, const dictionary_t *objects) {

@@ -226,7 +226,7 @@ static void report(canopen_t *canopen, uint8_t i, uint8_t what, uint16_t code) {
 }
 
 typedef struct {
-  bool refused; /* true: an object refused the received value */
+  bool refused; /* true: at least one object refused its received value */
   bool skipped; /* true: the RPDO has mapped objects that are not written by this call */
 } written_t;
 

@@ -19,7 +19,7 @@ void sdo_timeout(canopen_t *canopen, uint8_t server);
 /* Returns true while a server downloads an entry AXIS_ADDRESS_DOWNLOAD. */
 bool sdo_downloads_bytes(const canopen_t *canopen, uint8_t server);
 
-/* Discards the transfers of all servers without an abort message. */
+/* Ends the transfers of all SDO servers without sending an abort message. */
 void sdo_drop(canopen_t *canopen);
 
 /* Aborts the upload of a domain whose bytes are lost: of a recording, because the recorder was

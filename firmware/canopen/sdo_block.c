@@ -29,9 +29,9 @@ enum { SEQUENCE = 0x7F, LAST = 0x80 };
  * every value. */
 enum { VALUE_BLOCK = 1 };
 
-/* Number of segments in a block of a download to the flash. The head of an update (64 bytes) is
- * complete with the last segment of the first block, because a segment is taken when the next one
- * arrives: the client waits while the flash is erased, and no segment is lost. */
+/* Number of segments in a block of a download to the flash. A segment is processed when the next
+ * one arrives. With this number, the head of an update (64 bytes) is complete at the end of the
+ * first block, so that the client waits while the flash is erased and no segment is lost. */
 enum { FLASH_BLOCK = 11 };
 
 static uint8_t block_of_download(const sdo_server_t *server) {
@@ -225,7 +225,8 @@ static void begin_download(const sdo_request_t *request) {
   }
 }
 
-/* Appends `count` bytes of the segment that is held to the download. Returns 0 or an abort code. */
+/* Appends `count` bytes of the held segment, the last one received, to the download. Returns 0 or
+ * an abort code. */
 static uint32_t take_held(const sdo_request_t *request, uint32_t count) {
   sdo_server_t *server = request->server;
   server->held = 0;
@@ -280,8 +281,8 @@ static void answer_block(const sdo_request_t *request, bool is_complete) {
   server->sequence = 0;
 }
 
-/* Keeps a segment that follows the others, until the next one or the end shows its length. Returns
- * 0 or an abort code. */
+/* Holds a received segment until the next segment, or the end of the download, shows how many of
+ * its bytes are valid. Returns 0 or an abort code. */
 static uint32_t hold_segment(const sdo_request_t *request, bool last) {
   sdo_server_t *server = request->server;
   const uint32_t code = (server->held != 0) ? take_held(request, SDO_SEGMENT_BYTES) : 0;

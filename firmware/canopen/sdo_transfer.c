@@ -67,7 +67,8 @@ bool sdo_uses(const canopen_t *canopen, uint16_t object, uint16_t id) {
   bool found = false;
   for (int i = 0; i < CANOPEN_SDOS; i++) {
     const channel_t channel = channel_of(canopen, (uint8_t)i);
-    /* negative for the default server, whose COB-IDs cannot be written */
+    /* index of the COB-ID object; negative for the default server, whose COB-IDs cannot be
+     * written */
     const int first = 2 * (i - 1);
     found = found || (place != first && canopen_cob_is(channel.receive, id)) ||
             (place != first + 1 && canopen_cob_is(channel.transmit, id));
@@ -192,7 +193,7 @@ static uint32_t write_value(const sdo_request_t *request) {
   return (result == FW_OK) ? 0 : abort_of(object, value, result);
 }
 
-/* Returns 0, or the abort code of a download that is no value. */
+/* Returns 0 or an abort code for a download that is a stream of bytes and no value. */
 static uint32_t abort_of_download(int result) {
   if (result == FW_OK) {
     return 0;
@@ -240,7 +241,8 @@ uint32_t sdo_close(const sdo_request_t *request) {
              : write_value(request);
 }
 
-/* Returns 0, or an abort code if a download of `size` bytes that is no value cannot begin. */
+/* Returns 0, or an abort code if a download of `size` bytes, which is a stream and no value, cannot
+ * begin. */
 static uint32_t refuse_bytes(const sdo_request_t *request, uint16_t index, bool sized,
                              uint32_t size) {
   const uint32_t most = dictionary_download_most(request->objects, index);

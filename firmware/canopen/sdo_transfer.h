@@ -19,7 +19,7 @@
 /* The number of a received or acknowledged segment is wrong. */
 #define SDO_ABORT_SEQUENCE UINT32_C(0x05040003)
 #define SDO_ABORT_CRC UINT32_C(0x05040004)
-/* The bytes of the download have no room. */
+/* The axis has no room for the bytes of the download. */
 #define SDO_ABORT_MEMORY UINT32_C(0x05040005)
 /* The object is a command, which cannot be read. */
 #define SDO_ABORT_WRITE_ONLY UINT32_C(0x06010001)

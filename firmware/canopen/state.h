@@ -151,12 +151,12 @@ typedef struct canopen {
   canopen_requests_t requests;
   /* Sets of services: bit i of a set is 1 if the service with the number i belongs to the set. */
   uint8_t heartbeats_lost;
-  uint8_t rpdos_late;      /* RPDOs whose deadline expired while the axis was active */
-  uint8_t rpdos_waiting;   /* RPDOs whose deadline starts when the axis becomes active */
-  uint8_t tpdos_watched;   /* TPDOs that are sent when their values change */
+  uint8_t rpdos_late;      /* set of the RPDOs whose deadline expired while the axis was active */
+  uint8_t rpdos_waiting;   /* set of the RPDOs whose deadline starts when the axis becomes active */
+  uint8_t tpdos_watched;   /* set of the TPDOs that are sent when their values change */
   uint8_t tpdos_timed;     /* TPDOs that are sent at their event_tick at the latest */
   uint8_t tpdos_inhibited; /* TPDOs that are not sent before their inhibit_tick */
-  uint8_t sdos_sending;    /* SDO servers that have segments of a block to send */
+  uint8_t sdos_sending;    /* set of the SDO servers that have segments of a block to send */
   uint8_t sync_reported;   /* 1: error code 8240h was reported since the last correct SYNC */
   uint8_t bus;             /* CAN_BUS_ */
   uint8_t reset;           /* reset (CANOPEN_RESET_) that the firmware has not yet fetched */

@@ -211,7 +211,8 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   }
 
   const int32_t law_q16 = evaluate_law(axis, mode);
-  /* The limits act on the output of the tick in which a command is output. */
+  /* The limits apply in the tick in which a command is output, also if it was computed one tick
+   * before. */
   const bool late = params->latency_ticks != 0;
   if (late) {
     const int32_t due_q16 =

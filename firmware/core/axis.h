@@ -78,8 +78,9 @@ int axis_check(const axis_t *axis, uint16_t object, int32_t value);
  * gives a new set-point. */
 void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value);
 
-/* Reports that params.dac_bits was set otherwise than by a write, as by the load of the stored
- * parameters. A value above `most`, the bits that the port can output, becomes `most`. */
+/* Call this function after params.dac_bits was changed without a write, for example by the load of
+ * the stored parameters. `most` is the largest number of bits that the board can output; a larger
+ * dac_bits is reduced to `most`. */
 void axis_output_loaded(axis_t *axis, uint8_t most);
 
 /* Reports that axis->law.bank has received the coefficients of bank `number` (1..4, law_bank.h).

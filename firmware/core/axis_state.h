@@ -34,18 +34,20 @@ static inline axis_codes_t axis_codes_all(void) {
 
 typedef struct {
   int32_t encoder_cnt; /* encoder count of the position; the count wraps at 32 bits */
-  /* unsigned ADC codes, 0..2^adc_bits-1: [0] of the force, [1] of the motor current. A converter
-   * of more than 16 bits gives the upper 16 bits of each code, and adc_bits is 16: below the tick
-   * rate, the noise of such a converter exceeds the bits that are lost. A converter that measures
-   * both directions gives an offset code, so that force_zero_code is 2^(adc_bits-1). */
+  /* unsigned ADC codes, 0..2^adc_bits-1: element [0] of the force, element [1] of the motor
+   * current. A converter of more than 16 bits gives the upper 16 bits of each code, and adc_bits is
+   * 16: below the tick rate, the noise of such a converter exceeds the bits that are lost. A
+   * converter that measures both directions gives an offset code, so that force_zero_code is
+   * 2^(adc_bits-1). */
   uint16_t adc_code[2];
   /* AXIS_DIGITAL_INPUTS_ bits. ENABLE: the enable chain, with the emergency stop, is closed; INDEX:
    * the encoder sent an index pulse since the last tick */
   uint8_t din;
   uint8_t sensor_valid; /* 0 if the sensor values of this tick must not be used */
-  /* AXIS_DRIVE_REPORT_ bits: what a drive with a control loop of its own reports. Without FITTED
-   * the axis has an amplifier for +-10 V, which reports nothing, and the other bits have no
-   * meaning. ON: the drive follows the DAC code; LIMIT: a limit of the drive bounds its output */
+  /* State that a drive on a bus reports, as AXIS_DRIVE_REPORT_ bits. FITTED: the axis has such a
+   * drive; without this bit it has an amplifier for +-10 V, which reports nothing, and the other
+   * bits have no meaning. ON: the drive follows the DAC code; LIMIT: a limit of the drive bounds
+   * its output */
   uint8_t drive;
   /* Ages of encoder_cnt and of adc_code[0]: number of ticks since the value was read. 0 is a value
    * of this tick, and 255 is 255 ticks or more. A velocity is the travel between two positions by
@@ -71,7 +73,8 @@ typedef struct {
  */
 enum { AXIS_FINE_BITS = 4, AXIS_DAC_BITS_MIN = 12, AXIS_DAC_BITS_MAX = 16 };
 
-/* Returns true if a drive is fitted and not on. `drive` has AXIS_DRIVE_REPORT_ bits. */
+/* Returns true if the axis has a drive on a bus that is not on. `drive`: its report,
+ * AXIS_DRIVE_REPORT_ bits. */
 static inline bool axis_drive_is_off(uint8_t drive) {
   return (drive & (AXIS_DRIVE_REPORT_FITTED | AXIS_DRIVE_REPORT_ON)) == AXIS_DRIVE_REPORT_FITTED;
 }
@@ -89,9 +92,9 @@ typedef struct {
   int32_t command_q16;     /* command before any limit, rounded to dac_bits, in 1/65536 code */
   int32_t step_mask;       /* fx_step_mask(dac_bits) */
   axis_codes_t free_codes; /* range of the output code in a tick without contact */
-  /* range of the code that a tick computes, also if the code is output one tick later */
+  /* range of the DAC code that this tick computes, also if the code is output one tick later */
   axis_codes_t law_codes;
-  /* range of the code that the previous tick computed; used if latency_ticks is 1 */
+  /* range of the DAC code that the previous tick computed; used if latency_ticks is 1 */
   axis_codes_t late_codes;
   /* number of ticks for which the ranges of DAC codes still act; AXIS_BOUNDED_TICKS after the drive
    * has set a range */
@@ -108,11 +111,13 @@ typedef struct {
   uint8_t setpoint_new;
   /* 1 if a fault was latched between two ticks; the fault acts in the next tick */
   uint8_t fault_waits;
-  /* number of ticks for which the amplifier was enabled and a fitted drive was not on yet */
+  /* number of ticks since the amplifier was enabled, while the drive on the bus has not reported
+   * yet that it is on */
   uint16_t drive_wait_tick;
-  uint8_t position_age; /* axis_inputs_t.position_age of the last tick, as force_age */
+  uint8_t position_age; /* axis_inputs_t.position_age in the last tick; `force_age` likewise */
   uint8_t force_age;
-  /* counts that the division of the last velocities left over; the magnitude is below 256 */
+  /* remainder in counts of the divisions that gave the last velocities; the magnitude is below
+   * 256 */
   int16_t velocity_rest_cnt;
 } axis_t;
 

@@ -22,7 +22,7 @@
 
 enum {
   BLACKBOX_BEFORE = 1500, /* 1 s */
-  BLACKBOX_AFTER = 30,    /* number of samples from the tick of the error on: 20 ms */
+  BLACKBOX_AFTER = 30,    /* number of samples recorded from the tick of the error on: 20 ms */
   BLACKBOX_SAMPLES = BLACKBOX_BEFORE + BLACKBOX_AFTER
 };
 
@@ -37,12 +37,12 @@ typedef struct {
   /* CRC-32 of the samples, oldest first; complete when `checked` has reached the last sample */
   uint32_t crc;
   uint32_t checked;
-  uint32_t enabled_tick; /* value of tick_count in the last tick in which the axis was enabled */
+  uint32_t enabled_tick; /* tick_count of the last tick in which the axis was enabled */
   uint16_t later;        /* number of errors that occurred after the incident */
   uint16_t error_code;   /* error code of the incident, AXIS_ERROR_CODE_ */
   uint16_t error_before; /* error code at the last call of blackbox_follow() */
   uint8_t fault;         /* fault of the incident, AXIS_FAULT_ */
-  uint8_t kept;          /* 1 if the incident happened before a restart */
+  uint8_t kept;          /* 1 if the incident is older than the last restart */
   uint8_t was_enabled;   /* 1 if the field enabled_tick is valid */
 } blackbox_t;
 

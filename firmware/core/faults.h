@@ -9,8 +9,8 @@
 #include "firmware/core/axis_state.h"
 #include "firmware/fx/fx.h"
 
-/* Returns true if the magnitude of a value exceeds `limit`. A limit of 0 switches this check
- * off. */
+/* Returns true if the magnitude of a value exceeds `limit`. If `limit` is 0, the result is always
+ * false. */
 static inline bool fault_exceeds(int32_t value, int32_t limit) {
   return limit != 0 && !fx_within(value, limit);
 }

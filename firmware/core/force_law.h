@@ -35,7 +35,7 @@ typedef struct {
 } force_bank_t;
 
 typedef struct {
-  /* x: inputs of the section in the two previous ticks, in 1/65536 count, the later tick first; y:
+  /* x: inputs of the section in the two previous ticks, in 1/65536 count, the newer input first; y:
    * outputs of the section in the same ticks */
   int32_t x[2];
   int32_t y[2];

@@ -18,8 +18,9 @@
 #include "firmware/fx/fx.h"
 
 typedef struct {
-  uint64_t position_q32; /* position in counts modulo 2^32, with 32 fractional bits */
-  int32_t velocity_q16;  /* velocity in counts per tick, |v| <= 2^27 */
+  uint64_t position_q32; /* position of the profile in counts modulo 2^32, with 32 fractional
+                          * bits */
+  int32_t velocity_q16;  /* velocity of the profile in Q16 counts per tick, |v| <= 2^27 */
 } profile_t;
 
 /* Sets the profile to standstill at a position in counts. */

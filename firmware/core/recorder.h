@@ -43,7 +43,7 @@ typedef struct {
   recorder_channel_t channels[RECORDER_CHANNELS];
   recorder_channel_t trigger;
   uint8_t channel_count;
-  /* number of leading channels whose value can be copied as 4 bytes within the sample */
+  /* number of the first channels whose value can be copied as 4 bytes without leaving the sample */
   uint8_t wide_count;
   uint8_t sample_bytes;
   /* 1 if trigger_previous is the value of the trigger signal in the last tick */

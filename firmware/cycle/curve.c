@@ -35,11 +35,11 @@ static uint32_t doubled(uint32_t step) {
   return (twice < step) ? UINT32_MAX : twice;
 }
 
-/* Keeps one of each two points, and doubles the steps. */
+/* Keeps one point of each pair of points, and doubles the steps. */
 static void thin(cycle_curve_t *curve) {
   cycle_curve_point_t *points = curve->points;
   uint32_t kept = 0;
-  uint8_t phase = phase_of(points); /* phase of the point before the two */
+  uint8_t phase = phase_of(points); /* phase of the point before the two compared points */
   for (uint32_t i = 0; i < curve->count; i += 2) {
     const uint32_t second = (i + 1 < curve->count) ? i + 1 : i;
     const uint8_t first_phase = phase_of(&points[i]);

@@ -32,7 +32,7 @@
 
 /* One point: 12 bytes, the lowest byte of a number first. */
 typedef struct {
-  uint32_t time;       /* ticks since the start of the cycle; its first tick is 1 */
+  uint32_t time;       /* number of the tick in the cycle, from 1 */
   int32_t travel;      /* encoder counts */
   int32_t force_phase; /* measured force in 1/256 count, times 256, plus the number of the phase */
 } cycle_curve_point_t;
@@ -48,12 +48,12 @@ typedef struct {
 
 typedef struct {
   cycle_curve_point_t *points;
-  uint32_t bytes;      /* size of the memory; 0: there is no curve */
+  uint32_t bytes;      /* size of the memory in bytes; 0: no curve is recorded */
   uint32_t count;      /* number of points */
   uint32_t begin_tick; /* tick of time 0 */
   cycle_curve_steps_t steps;
-  cycle_curve_point_t last; /* the last sample; only with a point */
-  uint8_t thinned;          /* how often the curve was thinned, at most 255 */
+  cycle_curve_point_t last; /* the last sample; valid only if the curve has a point */
+  uint8_t thinned;          /* number of times that the curve was thinned, at most 255 */
   uint8_t zeroed;           /* 1 from travel 0 on */
 } cycle_curve_t;
 
@@ -64,11 +64,11 @@ void cycle_curve_init(cycle_curve_t *curve, void *memory, uint32_t bytes);
 /* Begins the curve of a cycle that starts in tick begin_tick. */
 void cycle_curve_begin(cycle_curve_t *curve, const cycle_curve_steps_t *steps, uint32_t begin_tick);
 
-/* Takes a sample. zero_travel is the travel from the start of the cycle to travel 0, from the
- * sample on in which travel 0 is found. */
+/* Adds a sample to the curve. zero_travel: travel from the start of the cycle to travel 0, once
+ * travel 0 was found. */
 void cycle_curve_take(cycle_curve_t *curve, const cycle_sample_t *sample, int32_t zero_travel);
 
-/* Makes the last sample a point, if it is none. */
+/* Adds the last sample as a point, unless it already is one. */
 void cycle_curve_end(cycle_curve_t *curve);
 
 /* Copies up to `count` bytes of the points from `offset` on. Returns the number of bytes. */

@@ -8,7 +8,7 @@ static int32_t within_force(int32_t force_q8) {
   return fx_clamp(force_q8, -CYCLE_FORCE_MAX_Q8, CYCLE_FORCE_MAX_Q8);
 }
 
-/* Stores the measured force less the offset of the program, limited to the range of a sample. */
+/* Stores the measured force minus the offset of the program, limited to the range of a sample. */
 static void take_force(cycle_t *cycle, const cycle_inputs_t *now) {
   cycle->force_q8 = within_force(fx_diff_wrap(now->force_q8, cycle->offset_q8));
 }
@@ -21,7 +21,7 @@ static int32_t travel_of(const cycle_inputs_t *now, int32_t from_cnt) {
   return within_travel(fx_diff_wrap(now->position, from_cnt));
 }
 
-/* Sets the target of FOLLOW for the next tick. */
+/* Sets the force target of a phase with the action FOLLOW for the next tick. */
 static void follow(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
   const cycle_point_t *table = &cycle_points(cycle->program)[phase->first];
   const uint32_t time =
@@ -37,7 +37,7 @@ static void begin_tare(cycle_t *cycle, const cycle_inputs_t *now) {
   cycle->tare_ticks = 0;
 }
 
-/* Begins FOLLOW, TARE or OUTPUT. */
+/* Begins a phase with the action FOLLOW, TARE or OUTPUT. */
 static void begin_action(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
   if (phase->action == CYCLE_FOLLOW) {
     const cycle_point_t *last = &cycle_points(cycle->program)[phase->first + phase->points - 1];
@@ -65,7 +65,7 @@ static void begin_phase(cycle_t *cycle, uint8_t number, const cycle_inputs_t *no
   }
 }
 
-/* Ends the cycle, with the outputs in their safe state. */
+/* Ends the cycle and sets the digital outputs to their safe state. */
 static void end(cycle_t *cycle) {
   cycle->state = CYCLE_ENDED;
   cycle->outputs &= cycle->program->outputs_keep;
@@ -80,7 +80,7 @@ void cycle_end(cycle_t *cycle, uint8_t outcome) {
   end(cycle);
 }
 
-/* Returns the deflection of the press at a force less the offset. */
+/* Returns the deflection of the press at a force, from which the offset was subtracted. */
 static int32_t deflection_at(const cycle_header_t *program, int32_t force_q8) {
   return (program->compliance == 0)
              ? 0
@@ -92,7 +92,7 @@ static int32_t depth_of(const cycle_header_t *program, int32_t travel, int32_t f
   return travel - deflection_at(program, force_q8);
 }
 
-/* Makes the place of a sample that of travel 0. */
+/* Makes the position of a sample travel 0, from which the travel of the cycle is measured. */
 static void set_zero(cycle_t *cycle, const cycle_inputs_t *now) {
   cycle->zero_cnt = fx_diff_wrap(now->position, deflection_at(cycle->program, cycle->force_q8));
   cycle->depth = 0;
@@ -227,7 +227,8 @@ static bool has_travelled(cycle_t *cycle, const cycle_condition_t *condition,
   }
 }
 
-/* Returns true if a condition can be met in this tick: its sample is valid, or it needs none. */
+/* Returns true if a condition can be met in this tick: either the sample is valid, or the condition
+ * needs no sample. */
 static bool has_sample(const cycle_t *cycle, uint8_t when, const cycle_inputs_t *now) {
   return now->defects == CYCLE_SAMPLE_VALID || when == CYCLE_TIME || when == CYCLE_INPUT_ON ||
          when == CYCLE_INPUT_OFF || (when == CYCLE_REACHED && cycle->target == CYCLE_TARGET_MET);
@@ -262,13 +263,13 @@ static bool is_met(cycle_t *cycle, const cycle_condition_t *condition, const cyc
   }
 }
 
-/* Returns true if the verdict on the part depends on the samples of this tick. Until travel 0 is
- * found, those of each phase do. */
+/* Returns true if the verdict on the pressed part depends on the sample of this tick. Until travel
+ * 0 is found, this is true in each phase. */
 static bool is_judged(const cycle_t *cycle) {
   return cycle->zeroed == 0 || (cycle->judged & (uint16_t)fx_scale(1, cycle->phase)) != 0;
 }
 
-/* Counts a sample that is not valid, if the verdict on the part depends on it. */
+/* Counts a sample that is not valid, if the verdict on the pressed part depends on this sample. */
 static void count_invalid(cycle_t *cycle) {
   if (!is_judged(cycle)) {
     return;
@@ -324,7 +325,8 @@ static uint8_t measure_tare(cycle_t *cycle, const cycle_phase_t *phase, const cy
   return CYCLE_BY_PROGRAM;
 }
 
-/* Returns the limit that is exceeded, or why the tare of the phase fails. */
+/* Returns the limit of the phase that is exceeded, or the reason why its tare fails, or
+ * CYCLE_BY_PROGRAM. */
 static uint8_t failure_of(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
   const uint8_t limit = limit_of(cycle, phase, now);
   if (phase->action != CYCLE_TARE || cycle->target != CYCLE_TARGET_OPEN) {
@@ -366,8 +368,8 @@ static bool is_at_zero(const cycle_t *cycle, const cycle_inputs_t *now) {
   return (level > 0) ? cycle->force_q8 >= level : cycle->force_q8 <= level;
 }
 
-/* Ends the section of stiffness_travel if it is complete, and begins the next one. The changes over
- * a section in the negative direction both get the other sign. */
+/* Ends the present section of travel (stiffness_travel) if it is complete, and begins the next one.
+ * For a section in the negative direction, the signs of both changes are inverted. */
 static void measure_stiffness(cycle_t *cycle, uint32_t section, const cycle_inputs_t *now) {
   const int32_t travel = travel_of(now, cycle->section_cnt);
   if (fx_magnitude(travel) >= section) {
@@ -379,7 +381,8 @@ static void measure_stiffness(cycle_t *cycle, uint32_t section, const cycle_inpu
   }
 }
 
-/* Goes on by the first condition of the phase that is met. Returns false if none is met. */
+/* Continues with the phase that the first fulfilled condition names. Returns false if no condition
+ * is fulfilled. */
 static bool take_condition(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
   uint16_t *taken = cycle->taken[cycle->phase];
   for (uint8_t i = 0; i < CYCLE_CONDITIONS; i++) {

@@ -22,7 +22,7 @@
 /* Number of samples that wait for their evaluation, a power of two. */
 enum { CYCLE_SAMPLES = 16 };
 
-/* ENDED: the last phase is over, and samples still wait for their evaluation. */
+/* ENDED: the last phase has ended, and some samples are not evaluated yet. */
 enum { CYCLE_IDLE = 0, CYCLE_RUNNING = 1, CYCLE_ENDED = 2, CYCLE_DONE = 3 };
 
 /* How a cycle ended: as the program intends; a limit of a phase was exceeded; the cycle was stopped
@@ -45,36 +45,38 @@ enum {
   CYCLE_OUTCOMES = 11
 };
 
-/* Whether the target of a phase is reached: no, because the tare is not complete or the demand has
- * not yet reached the last point of its table; as soon as the drive reports it; yes. */
+/* Whether the target of a phase is reached: no, because its tare is not complete or the demand has
+ * not yet reached the last point of its table; if the drive reports it; yes. */
 enum { CYCLE_TARGET_OPEN = 0, CYCLE_TARGET_BY_DRIVE = 1, CYCLE_TARGET_MET = 2 };
 
-/* What the axis measured in a tick. */
+/* Measured values of the axis in one tick. */
 typedef struct {
   uint32_t tick;
-  int32_t position; /* encoder counts, which may wrap */
+  int32_t position; /* position in encoder counts, which may wrap */
   int32_t force_q8; /* measured force in 1/256 count */
   uint8_t contact;  /* 1 in contact */
-  uint8_t reached;  /* CYCLE_TARGET_BY_DRIVE: 1 if the drive has reached its target */
+  uint8_t reached;  /* 1 if the drive has reached its target; used with CYCLE_TARGET_BY_DRIVE */
   uint8_t inputs;   /* digital inputs, AXIS_DIGITAL_INPUTS_ */
-  uint8_t defects;  /* why force or position is not valid, CYCLE_SAMPLE_ */
+  uint8_t defects;  /* reasons why force or position is not valid, CYCLE_SAMPLE_ bits; 0: valid */
 } cycle_inputs_t;
 
 typedef struct {
   const cycle_header_t *program; /* NULL before the first cycle */
-  uint32_t phase_ticks;          /* duration of the phase up to now */
+  uint32_t phase_ticks;          /* number of ticks since the phase began */
   uint32_t begin_tick;           /* tick of the start */
   uint32_t last_tick;            /* tick of the last sample */
   uint32_t invalid_ticks;        /* number of ticks in evaluated phases whose sample is not valid */
   int32_t start_cnt;             /* position at the start of the phase */
-  int32_t zero_cnt;              /* position of travel 0: the start, until it is found */
+  int32_t zero_cnt;              /* position of travel 0; until travel 0 is found, the position at
+                                  * the start of the cycle */
   int32_t begin_cnt;             /* zero_cnt at the start of the cycle */
-  int32_t force_q8;              /* force of the last sample, less offset_q8, in its range */
+  int32_t force_q8;              /* force of the last sample minus offset_q8, limited to the range
+                                  * of a sample */
   int32_t depth;                 /* depth of the last sample, if has_depth is 1 */
   /* PRESS, FOLLOW: target of the demanded force for the next tick, in 1/256 per mille of
    * rated_force, without the offset */
   int32_t demand_q8;
-  int32_t offset_q8; /* offset of the force, 0 until a tare has measured it */
+  int32_t offset_q8; /* offset of the measured force; 0 until a tare has measured the offset */
   /* TARE: smallest and largest offset, which the caller sets when the phase begins; then the
    * position, the sum of the forces and the number of ticks of the measurement */
   int32_t tare_least;
@@ -82,25 +84,28 @@ typedef struct {
   int32_t tare_cnt;
   int32_t tare_sum;
   uint16_t tare_ticks;
-  /* Begin of the section of stiffness_travel that is not complete yet, and the changes over the
-   * last complete one, with the sign that makes section_travel positive; section_travel is 0 if
-   * there is none yet. */
+  /* Begin of the present section of travel (stiffness_travel), and the changes of force and travel
+   * over the last complete section, with the sign that makes section_travel positive.
+   * section_travel is 0 until a section is complete. */
   int32_t section_cnt;
   int32_t section_force_q8;
   int32_t section_change_q8;
   int32_t section_travel;
-  /* FOLLOW: demand_q8 at the begin of each phase, which cycle_select() computes */
+  /* value of demand_q8 at the begin of each phase with the action FOLLOW; cycle_select() computes
+   * these values */
   int32_t first_q8[CYCLE_PHASES_MAX];
-  cycle_reach_t reach;                                /* forces that the sensor has to show */
-  uint16_t taken[CYCLE_PHASES_MAX][CYCLE_CONDITIONS]; /* how often each condition was taken */
+  cycle_reach_t reach;                                /* range of forces that the force sensor has
+                                                       * to measure for this program */
+  uint16_t taken[CYCLE_PHASES_MAX][CYCLE_CONDITIONS]; /* number of times that each condition was
+                                                       * fulfilled in this cycle */
   cycle_element_state_t elements[CYCLE_ELEMENTS_MAX];
   cycle_sample_t samples[CYCLE_SAMPLES];
   uint16_t judged; /* set of the evaluated phases, which cycle_select() computes */
-  uint8_t written; /* number of samples written and evaluated, modulo 256 */
+  uint8_t written; /* numbers of samples that were written and that were evaluated, modulo 256 */
   uint8_t evaluated;
   uint8_t state;   /* CYCLE_IDLE to CYCLE_DONE */
-  uint8_t phase;   /* running phase, or the last one */
-  uint8_t outcome; /* CYCLE_BY_PROGRAM to CYCLE_SAMPLES_INVALID */
+  uint8_t phase;   /* number of the running phase, or of the last phase */
+  uint8_t outcome; /* how the cycle ended, CYCLE_BY_PROGRAM to CYCLE_SAMPLES_INVALID */
   /* the phase in which a limit was exceeded first, the cycle was stopped, or the first sample was
    * not valid */
   uint8_t failed_phase;
@@ -111,7 +116,7 @@ typedef struct {
   uint8_t has_depth;
   uint8_t tared;          /* 1 if offset_q8 is new; the drive clears this flag */
   uint8_t outputs;        /* outputs that are on */
-  uint8_t outputs_before; /* outputs that were on before the start */
+  uint8_t outputs_before; /* digital outputs that were on before the start of the cycle */
   uint8_t zeroed;         /* 1 if travel 0 is found */
   uint8_t incomplete;     /* 1 if the cycle missed a tick */
   uint8_t good;           /* 1 if the cycle ended by its program and the verdict on each evaluation

@@ -4,7 +4,7 @@
 #include "firmware/fx/fx.h"
 
 enum { FOUND = 1, FOUND_2 = 2, UNDER = 1, OVER = 2 };
-/* Twice the largest sum of WORK in counts of force times counts, times 256. */
+/* Largest sum of the element WORK, times 2, in 1/256 force count times encoder count. */
 #define SUM_MAX ((int64_t)INT32_MAX * 512)
 
 static bool is_ordered(int32_t least, int32_t most, int32_t bound) {
@@ -103,8 +103,8 @@ typedef struct {
   int32_t x0, y0, x1, y1;
 } line_t;
 
-/* Returns true if the line crosses the level for the time that the element asks for (its ordinal),
- * and returns the value at this crossing. */
+/* Returns true if this is the crossing of the level that the element evaluates (its ordinal, such
+ * as the second one), and returns the value at the crossing. */
 static bool crosses(const cycle_element_t *element, const line_t *line, int32_t level,
                     uint8_t *number, int32_t *value) {
   const bool of_force = element->of_force != 0;
@@ -189,7 +189,8 @@ static void take_line(const cycle_element_t *element, cycle_element_state_t *sta
   }
 }
 
-/* Returns the force of a curve of points at x, rounded into the curve's side. */
+/* Returns the force of an envelope's curve at x, rounded so that the curve does not permit more
+ * than its points. */
 static int32_t force_at(const cycle_point_t *points, uint8_t count, int32_t x, uint8_t rounding) {
   const cycle_point_t *line = &points[cycle_line_at(points, count, x)];
   return fx_interpolate(line[0].x, line[0].y, line[1].x, line[1].y, x, rounding);

@@ -28,7 +28,7 @@
 #define CYCLE_TRAVEL_MAX CYCLE_TABLE_X_MAX
 
 typedef struct {
-  uint32_t tick;    /* number of the tick, which may wrap */
+  uint32_t tick;    /* number of the tick of this sample, which may wrap */
   int32_t travel;   /* depth (program.h) in encoder counts, +-CYCLE_TRAVEL_MAX */
   int32_t force_q8; /* measured force, +-CYCLE_FORCE_MAX_Q8 */
   uint8_t phase;    /* number of the phase, 0..15 */
@@ -70,12 +70,13 @@ enum { CYCLE_RISING = 1, CYCLE_FALLING = 2, CYCLE_EITHER = 3 };
 typedef struct {
   uint8_t kind;
   uint8_t over_time; /* 1: x is the time in ticks since the element began; 0: x is the travel */
-  uint16_t phases;   /* set of the phases whose samples count */
+  uint16_t phases;   /* set of the phases whose samples the element evaluates */
   uint8_t of_force;  /* AT, DIFFERENCE. 1: the force crosses the level; 0: x crosses it */
-  uint8_t direction; /* AT, DIFFERENCE: crossings that are counted */
+  uint8_t direction; /* AT, DIFFERENCE: direction of the crossings that are counted */
   uint8_t ordinal;   /* AT, DIFFERENCE: number of the crossing, from 1 */
   uint8_t enters;    /* WINDOW: sides through which the curve may enter */
-  uint8_t leaves;    /* WINDOW: sides through which it may leave; 0: it ends in the window */
+  uint8_t leaves;    /* WINDOW: sides through which the curve may leave; 0: the curve must end in
+                      * the window */
   uint8_t lower;     /* ENVELOPE: number of points of the lower curve, 2 at least */
   uint8_t upper;    /* ENVELOPE: number of points of the upper curve, which follow the lower ones */
   uint8_t reserved; /* 0 */
@@ -95,9 +96,11 @@ enum {
   CYCLE_GOOD = 0,
   CYCLE_BELOW = 1,       /* the value is below y_least, or the curve below the envelope */
   CYCLE_ABOVE = 2,       /* the value is above y_most, or the curve above the envelope */
-  CYCLE_WRONG_SIDE = 3,  /* WINDOW: another side; LAST: x is outside */
-  CYCLE_AGAIN = 4,       /* WINDOW: entered or left more than once */
-  CYCLE_NOT_REACHED = 5, /* no sample, no crossing, or the curve ended too early */
+  CYCLE_WRONG_SIDE = 3,  /* WINDOW: the curve crossed another side; LAST: x is outside of its
+                          * bounds */
+  CYCLE_AGAIN = 4,       /* WINDOW: the curve entered or left more than once */
+  CYCLE_NOT_REACHED = 5, /* there is no value: no sample, no crossing, or a curve that ended too
+                          * early */
   CYCLE_ABORTED = 6,
   CYCLE_VERDICTS = 7
 };
@@ -109,17 +112,19 @@ typedef struct {
   uint32_t found_tick; /* tick of the value */
   int32_t x;           /* x of the last sample */
   int32_t y;
-  int32_t x_seen_least; /* ENVELOPE: smallest and largest x of all samples */
+  int32_t x_seen_least; /* ENVELOPE: smallest and largest x of all evaluated samples */
   int32_t x_seen_most;
   int32_t value;
-  int32_t value_2;     /* DIFFERENCE: the value at level_2 */
+  int32_t value_2;     /* DIFFERENCE: value at the crossing of level_2 */
   uint8_t has_sample;  /* 1 after the first sample */
   uint8_t found;       /* bits: 1 the value, 2 value_2 */
   uint8_t crossings;   /* number of crossings of `level`, at most 255 */
   uint8_t crossings_2; /* number of crossings of level_2 */
-  uint8_t entries;     /* WINDOW: number of entries, at most 255, as `exits` */
+  uint8_t entries;     /* WINDOW: number of times that the curve entered the window, at most 255;
+                        * `exits` likewise */
   uint8_t exits;
-  uint8_t wrong_side; /* WINDOW: 1 if another side was crossed; ENVELOPE: 1 below, 2 above */
+  uint8_t wrong_side; /* WINDOW: 1 if the curve crossed a side that is not permitted; ENVELOPE: 1 if
+                       * it was below, 2 if above */
   uint8_t inside;     /* WINDOW: 1 if the last sample is in the window */
   uint8_t zeroed;     /* `zeroed` of the last sample */
 } cycle_element_state_t;
@@ -143,7 +148,7 @@ void cycle_element_begin(cycle_element_state_t *state);
 void cycle_element_take(const cycle_element_t *element, const cycle_point_t *points,
                         cycle_element_state_t *state, const cycle_sample_t *sample);
 
-/* Returns the result that the element would have if the cycle ended now. */
+/* Returns the result of the element as if the cycle ended now. */
 cycle_element_result_t cycle_element_result(const cycle_element_t *element,
                                             const cycle_element_state_t *state);
 

@@ -24,8 +24,9 @@ typedef struct {
   uint8_t *records;
   uint32_t bytes;  /* size of the library */
   uint32_t used;   /* bytes of all records */
-  uint32_t staged; /* bytes of the staging area that were written, from its begin without a gap */
-  uint8_t count;   /* number of records, at most 255 */
+  uint32_t staged; /* number of bytes that were written to the staging area, from its begin and
+                    * without a gap */
+  uint8_t count;   /* number of programs in the library, at most 255 */
 } cycle_library_t;
 
 /* Sets an empty library. `memory` begins at a multiple of 4; its first CYCLE_PROGRAM_BYTES_MAX

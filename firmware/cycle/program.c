@@ -45,7 +45,7 @@ static bool is_move(uint8_t action) {
          action == CYCLE_APPROACH;
 }
 
-/* The fields that an action does not use are 0. */
+/* Returns true if all fields that the action of a phase does not use are 0. */
 static bool has_right_action(const cycle_phase_t *phase) {
   const uint8_t action = phase->action;
   const bool presses = action == CYCLE_PRESS || action == CYCLE_FOLLOW;
@@ -59,7 +59,7 @@ static bool has_right_action(const cycle_phase_t *phase) {
   return is_move(action) || phase->target == 0;
 }
 
-/* FOLLOW has a table of the program's points. */
+/* Returns true if a phase with the action FOLLOW has a valid table among the program's points. */
 static bool has_right_table(const cycle_header_t *program, const cycle_phase_t *phase) {
   if (phase->action != CYCLE_FOLLOW) {
     return phase->first == 0 && phase->points == 0 && phase->over_travel == 0;
@@ -68,7 +68,7 @@ static bool has_right_table(const cycle_header_t *program, const cycle_phase_t *
          cycle_table_is_valid(&cycle_points(program)[phase->first], phase->points);
 }
 
-/* OUTPUT has an output that it switches. */
+/* Returns true if a phase with the action OUTPUT switches at least one output. */
 static bool has_right_outputs(const cycle_phase_t *phase) {
   const uint8_t all = phase->outputs_on | phase->outputs_off;
   return all <= CYCLE_OUTPUTS_ALL && (phase->outputs_on & phase->outputs_off) == 0 &&
@@ -80,7 +80,8 @@ static bool has_right_limits(const cycle_phase_t *phase) {
          phase->travel_max > 0 && phase->travel_max <= CYCLE_TRAVEL_MAX && phase->time_max > 0;
 }
 
-/* Each condition is right, and stiffness_travel is there if a condition uses it. */
+/* Returns true if each condition of a phase is valid, and if stiffness_travel is given for the
+ * conditions that use it. */
 static bool has_right_conditions(const cycle_header_t *program, const cycle_phase_t *phase) {
   bool uses_stiffness = false;
   for (uint8_t i = 0; i < CYCLE_CONDITIONS; i++) {
@@ -159,7 +160,7 @@ static bool has_right_zero(const cycle_header_t *program) {
   }
 }
 
-/* The forces of the compliance are those that a sample may have. */
+/* Returns true if the curve of compliance is valid: its forces are within the range of a sample. */
 static bool has_right_compliance(const cycle_header_t *program) {
   const cycle_point_t *points = cycle_points(program);
   const uint8_t count = program->compliance;

@@ -113,35 +113,40 @@ enum {
 typedef struct {
   uint8_t when;
   uint8_t next;   /* number of the next phase, or CYCLE_END: the cycle ends as intended */
-  uint16_t count; /* largest number of times in a cycle that the condition is taken; 0: any */
+  uint16_t count; /* largest number of times in a cycle that the condition may end the phase; 0: not
+                   * limited */
   int32_t level;
 } cycle_condition_t;
 
 typedef struct {
   uint8_t action;
-  uint8_t reaction; /* phase after a limit is exceeded, or CYCLE_END: the cycle ends */
+  uint8_t reaction; /* number of the phase that follows if a limit is exceeded, or CYCLE_END: the
+                     * cycle ends */
   int16_t force;    /* PRESS: target in per mille of rated_force */
   uint32_t slope;   /* PRESS, FOLLOW: change of the demanded force in per mille per second, > 0 */
-  int32_t target;   /* moves: position or distance in user units; TARE: number of ticks */
-  uint32_t speed;   /* moves: user units per second, > 0 */
+  int32_t target;   /* actions that move the axis: position or distance in user units; TARE: number
+                     * of ticks */
+  uint32_t speed;   /* actions that move the axis: speed in user units per second, > 0 */
   /* Limits, each > 0: magnitude of the measured force, travel since the phase began, duration. */
   uint32_t force_max_q8;
   uint32_t travel_max;
   uint32_t time_max;
   /* Travel of one section for STIFFNESS_ABOVE and BELOW, > 0 with such a condition and else 0. */
   uint16_t stiffness_travel;
-  uint16_t first;      /* FOLLOW: index of the first point of its table in the program's points */
+  uint16_t first;      /* action FOLLOW: index, among the program's points, of the first point of
+                        * the table that the phase follows */
   uint8_t points;      /* FOLLOW: number of points */
-  uint8_t over_travel; /* FOLLOW. 1: x of the table is the travel; 0: the time in ticks */
-  uint8_t outputs_on;  /* outputs that the begin of the phase switches on */
-  uint8_t outputs_off; /* outputs that the begin of the phase switches off */
+  uint8_t over_travel; /* action FOLLOW: 1 if x of the table is the travel, 0 if x is the time in
+                        * ticks */
+  uint8_t outputs_on;  /* digital outputs that are switched on when the phase begins */
+  uint8_t outputs_off; /* digital outputs that are switched off when the phase begins */
   cycle_condition_t conditions[CYCLE_CONDITIONS];
 } cycle_phase_t;
 
 typedef struct {
   uint32_t magic;
   uint16_t version;
-  uint16_t size; /* bytes of the record, with the CRC */
+  uint16_t size; /* size of the record in bytes, including the CRC */
   uint8_t phases;
   uint8_t elements;
   uint16_t points;
@@ -154,7 +159,7 @@ typedef struct {
    * ones of the program's points: deflection of the press in encoder counts over the force in 1/256
    * count. 0: no deflection. */
   uint8_t compliance;
-  uint8_t outputs_keep; /* outputs that stay as they are at the end of the cycle */
+  uint8_t outputs_keep; /* digital outputs that keep their state at the end of the cycle */
   uint8_t reserved;     /* 0 */
 } cycle_header_t;
 
@@ -172,7 +177,7 @@ enum {
   CYCLE_NO_ROOM = 8,   /* the library is full */
   CYCLE_NO_NUMBER = 9, /* a program of the library has another number than 0 */
   CYCLE_WRONG_ZERO = 10,
-  CYCLE_WRONG_HEADER = 11, /* compliance, outputs_keep or the reserved byte */
+  CYCLE_WRONG_HEADER = 11, /* the header is wrong: compliance, outputs_keep or the reserved byte */
   CYCLE_LOCKED = 12,       /* the axis accepts no program */
   CYCLE_REASONS = 13
 };
@@ -206,8 +211,10 @@ uint16_t cycle_program_judged(const cycle_header_t *program);
 /* Forces that the sensor has to be able to show, in 1/256 count of measured force. */
 typedef struct {
   int32_t force_max_q8; /* largest force_max */
-  int32_t most_q8;      /* largest of 0, zero_level and the levels of FORCE_ABOVE */
-  int32_t least_q8;     /* smallest of 0, zero_level and the levels of FORCE_BELOW */
+  int32_t most_q8;      /* largest force: the largest of 0, zero_level and the levels of
+                         * FORCE_ABOVE */
+  int32_t least_q8;     /* smallest force: the smallest of 0, zero_level and the levels of
+                         * FORCE_BELOW */
 } cycle_reach_t;
 cycle_reach_t cycle_program_reach(const cycle_header_t *program);
 

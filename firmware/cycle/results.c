@@ -4,7 +4,7 @@
 
 #include "firmware/fx/bytes.h"
 
-/* Linker scripts have this size. */
+/* The linker scripts of the boards contain this size as a number. */
 _Static_assert(sizeof(cycle_part_t) == 192, "size of a result");
 
 enum { ROOM_MAX = 255 };
@@ -21,7 +21,8 @@ void cycle_results_init(cycle_results_t *results, void *memory, uint32_t bytes) 
   }
 }
 
-/* Returns the place of the result with a number, 0 for a free place, or NULL. */
+/* Returns the place in the memory that has the result with this number, or NULL. The number 0 finds
+ * a free place. */
 static cycle_part_t *place_of(const cycle_results_t *results, uint32_t number) {
   for (uint8_t i = 0; i < results->room; i++) {
     if (results->parts[i].number == number) {

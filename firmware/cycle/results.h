@@ -19,20 +19,23 @@ typedef struct {
   uint32_t number;   /* number of the part, > 0; 0: there is no result */
   uint32_t power_up; /* number of the power-up in which the part was pressed */
   uint32_t program_crc;
-  uint32_t bank_crc;   /* CRC of the law, 0 without a bank */
+  uint32_t bank_crc;   /* CRC of the bank of the force law; 0 without a bank */
   uint32_t begin_tick; /* tick at which the cycle started */
   uint32_t ticks;      /* duration of the cycle */
   uint32_t invalid;    /* number of ticks in evaluated phases whose sample is not valid
                         * (sample.h) */
   uint32_t serial[CYCLE_SERIAL_WORDS];
-  int32_t values[CYCLE_ELEMENTS_MAX];       /* of the evaluation elements, in the units of
+  int32_t values[CYCLE_ELEMENTS_MAX];       /* values of the evaluation elements, in the units of
                                              * program.h */
   uint32_t found_ticks[CYCLE_ELEMENTS_MAX]; /* tick_count of the sample that gave the value */
-  uint8_t verdicts[CYCLE_ELEMENTS_MAX];     /* CYCLE_GOOD and so on (element.h) */
+  uint8_t verdicts[CYCLE_ELEMENTS_MAX];     /* verdict on each evaluation element, CYCLE_GOOD and so
+                                             * on (element.h) */
   uint8_t elements;                         /* number of evaluation elements */
   uint8_t verdict;                          /* CYCLE_PART_ */
-  uint8_t outcome;                          /* CYCLE_BY_PROGRAM and so on (cycle.h) */
-  uint8_t phase;                            /* last phase, or the phase that failed */
+  uint8_t outcome;                          /* how the cycle ended, CYCLE_BY_PROGRAM and so on
+                                             * (cycle.h) */
+  uint8_t phase;                            /* number of the last phase, or of the phase that
+                                             * failed */
 } cycle_part_t;
 
 typedef struct {
@@ -56,7 +59,7 @@ void cycle_results_add(cycle_results_t *results, const cycle_part_t *part);
 /* Returns the waiting result with a number > 0, or NULL. */
 const cycle_part_t *cycle_results_find(const cycle_results_t *results, uint32_t number);
 
-/* Frees the place of the result with a number. Returns false if no such result waits. */
+/* Frees the place of the result with this number. Returns false if no such result waits. */
 bool cycle_results_acknowledge(cycle_results_t *results, uint32_t number);
 
 /* Returns the smallest number of the results that wait, or 0. */

@@ -7,7 +7,7 @@
 #include <stdint.h>
 
 typedef struct {
-  int32_t x; /* rises from one point of a curve to the next */
+  int32_t x; /* x of the point, which rises from one point of a curve to the next */
   int32_t y;
 } cycle_point_t;
 

@@ -5,12 +5,14 @@
 /* A line from its begin (0) to its end (1) along one coordinate. It is within the two sides of this
  * coordinate from enter / length to leave / length. */
 typedef struct {
-  uint32_t enter; /* 0: the begin is not before the first side */
-  uint32_t leave; /* `length`: the end is not behind the second side */
+  uint32_t enter; /* distance from the begin of the line to the first side; 0: the begin is not
+                   * before it */
+  uint32_t leave; /* distance from the begin of the line to the second side; `length`: the end is
+                   * not behind it */
   uint32_t length;
   uint8_t first; /* side at which the line enters, and side at which it leaves */
   uint8_t second;
-  bool is_reached; /* some place of the line is within both sides */
+  bool is_reached; /* true if some place of the line is between both sides */
 } stretch_t;
 
 /* The sides of one coordinate. */

@@ -145,11 +145,12 @@ typedef struct {
   guards_t guards;
   cia402_homing_t homing;
   cycle_t cycle;                 /* cycle of mode -9 */
-  const cycle_header_t *program; /* selected program, checked; NULL: none */
+  const cycle_header_t *program; /* selected cycle program, which was checked; NULL: none */
   uint8_t cycle_lock; /* state (AXIS_CYCLE_STATE_) for which the caller permits no start, or idle */
-  int32_t cycle_offset_q8; /* offset of the program's force in 1/256 per mille of the rated force */
+  int32_t cycle_offset_q8; /* offset of the cycle program's force, in 1/256 per mille of the rated
+                            * force */
   uint8_t cycle_refusal;   /* state (AXIS_CYCLE_STATE_) that says why no cycle started, or idle */
-  uint32_t law_crc;        /* CRC of the selected bank, 0 without one */
+  uint32_t law_crc;        /* CRC of the selected bank of the force law; 0 without a bank */
   uint32_t cycle_bank_crc; /* value of cycle_mode_bank() at the start of the cycle */
   cia402_overridden_t overridden;
   uint8_t velocity_next;   /* index of the oldest velocity sample in `velocities` */
@@ -162,12 +163,13 @@ typedef struct {
   /* number of ticks for which the trajectory has been at standstill at the end of a ramp */
   uint8_t settling_tick;
   uint16_t stopping_tick; /* number of ticks since a quick stop or fault reaction began */
-  uint8_t slowing;        /* not 0 if a ramp to standstill was active in the last tick */
+  uint8_t slowing;        /* 1 or more if a ramp to standstill was active in the last tick */
   /* 1 if a ramp to standstill is active, after which the drive changes to the state leaving_to */
   uint8_t leaving;
   uint8_t leaving_to; /* state after the ramp, AXIS_DRIVE_STATE_ */
   uint8_t fault;      /* fault (AXIS_FAULT_) that is latched at the end of the fault reaction */
-  uint8_t homed;      /* 1 after homing has found the reference position, up to invalid sensors */
+  uint8_t homed;      /* 1 from the homing that has found the reference position until the sensors
+                       * become invalid */
   uint8_t controlled; /* 1 if a force mode was active in the last tick */
   uint8_t pressing;   /* 1 if the force law is active in mode 4 or 10 */
   int8_t pressed;     /* sign of the measured force at the latest contact in mode 4 or 10 */

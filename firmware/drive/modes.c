@@ -282,7 +282,7 @@ void cia402_leave_mode(cia402_t *drive) {
   if (cycle_is_running(&drive->cycle)) {
     cycle_abort(&drive->cycle);
     if (drive->cycle.state == CYCLE_IDLE) {
-      drive->signals.cycle_count -= 1; /* The cycle was stopped before its first tick. */
+      drive->signals.cycle_count -= 1; /* this cycle was stopped before its first tick */
     }
     cia402_show_cycle(drive);
   }

@@ -68,7 +68,8 @@ bool motion_begin(cia402_t *drive, axis_t *axis, uint8_t tracking, int32_t most)
   }
   if (drive->tracking != tracking) {
     drive->settling_tick = 0;
-    drive->slowing = 0; /* A new ramp to standstill starts from another speed. */
+    drive->slowing = 0; /* A new ramp to standstill has another start speed, so its deceleration is
+                         * computed again. */
     shaper_clear(&drive->force_shaper);
     shaper_clear(&drive->motion_shaper);
     profile_set(&drive->trajectory, axis->signals.position);

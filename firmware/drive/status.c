@@ -157,7 +157,8 @@ static void check_target_and_standstill(cia402_t *drive, const axis_t *axis) {
   const bool slow =
       fx_magnitude(drive->signals.velocity_actual) <= drive->params.velocity_threshold;
   drive->restricted = (uint8_t)(drive->controlled & drive->uncertified);
-  /* A cycle that runs has conditions of its own, and the drive does not report its targets. */
+  /* A running cycle has its own conditions, so the drive does not report whether its targets are
+   * reached. */
   const bool reports = is_enabled(drive) && !cycle_is_running(&drive->cycle);
   drive->reached_tick = lasting(drive->reached_tick, reports && has_reached(drive, axis));
   drive->standing_tick = lasting(drive->standing_tick, slow);

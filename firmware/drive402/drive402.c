@@ -61,7 +61,7 @@ static void receive_heartbeat(drive402_t *master, const can_frame_t *frame) {
     receive_boot_up(master);
     return;
   }
-  /* One more, because the frame came after the last tick. */
+  /* one tick more, because the frame was received after the last tick */
   master->drive_heartbeat_ticks = fx_ticks_from_ms(master->config->heartbeat_timeout_ms) + 1;
   master->operational = (state == NMT_OPERATIONAL) ? 1 : 0;
   if (master->phase == DRIVE402_RUNNING && state != NMT_OPERATIONAL) {
@@ -177,7 +177,7 @@ static void configure(drive402_t *master) {
   }
 }
 
-/* Returns what a drive still lacks that was started. */
+/* Returns the reason why a started drive is not ready yet, such as a missing TPDO. */
 static uint8_t start_reason(const drive402_t *master) {
   if (master->sampled != 0) {
     return DRIVE402_START_TIMEOUT;
@@ -207,8 +207,8 @@ static void supervise(drive402_t *master) {
   drive402_setup_watch(master);
 }
 
-/* What a phase does in a tick beside the cycle. Nothing goes on after a failure, except that a
- * running drive is still read. */
+/* The work of a phase in a tick, in addition to the cyclic frames. After a failure no phase
+ * continues, but a running drive is still read. */
 static void step(drive402_t *master) {
   if (master->phase == DRIVE402_RUNNING) {
     supervise(master);
@@ -231,8 +231,8 @@ static void step(drive402_t *master) {
   }
 }
 
-/* Acts on a wish to reset. A failure that no tick has answered yet stays. A drive that is not yet
- * running may turn out to be in fault. */
+/* Acts on a command to reset. A failure to which no tick has reacted yet stays. A drive that is not
+ * running yet may still report a fault. */
 static void reset(drive402_t *master) {
   const bool in_place =
       master->phase == DRIVE402_RUNNING && (master->reason <= DRIVE402_RESET_IN_PLACE_LAST ||
@@ -270,7 +270,7 @@ void drive402_tick(drive402_t *master, const drive402_command_t *command) {
     reset(master);
   }
   master->reset_before = command->reset;
-  /* The cycle goes on until the node is reset. */
+  /* The cyclic frames continue until the node is reset. */
   if (master->phase >= DRIVE402_STARTING || master->since_sync != DRIVE402_NO_SYNC) {
     drive402_cycle_tick(master, command);
   }

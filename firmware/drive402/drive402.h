@@ -72,14 +72,14 @@ void drive402_bus(drive402_t *master, uint8_t state, uint16_t frames_lost);
 /* Returns the state and the values of the drive, from all frames received so far. */
 drive402_feedback_t drive402_feedback(const drive402_t *master);
 
-/* The one call in each tick of 1/1500 s. Frames of the last tick that were not fetched are
- * discarded, and are a failure. */
+/* Call this function once in each tick of 1/1500 s. If frames of the last tick were not fetched,
+ * they are discarded, and this is a failure. */
 void drive402_tick(drive402_t *master, const drive402_command_t *command);
 
 /* Fetches the next frame to send. Returns false if there is none. */
 bool drive402_transmit(drive402_t *master, can_frame_t *frame);
 
-/* Texts for a phase, state or reason, for people: a sentence without a full stop. */
+/* Return the text for a phase, state or reason, for a user: a sentence without a full stop. */
 const char *drive402_phase_text(uint8_t phase);
 const char *drive402_state_text(uint8_t state);
 const char *drive402_reason_text(uint8_t reason);

@@ -30,7 +30,7 @@ void drive402_cycle_receive(drive402_t *master, const can_frame_t *frame) {
     master->other_length = 1;
     return;
   }
-  /* The first of the frames that follow a missing one may be the missing one, late. */
+  /* After a missing frame, the next received frame may be this frame, which is only late. */
   const bool late = master->missing > 0 && master->tpdos == 0;
   master->age_ticks = (uint16_t)(master->since_sync + (late ? master->cycle_ticks : 0));
   master->statusword = (uint16_t)fx_load_le(frame->data, 2);
@@ -45,8 +45,8 @@ void drive402_cycle_receive(drive402_t *master, const can_frame_t *frame) {
   }
 }
 
-/* Returns true if a cycle had more than one TPDO, none of which was a late one. A drive whose TPDO
- * is not synchronous may send more. */
+/* Returns true if a cycle had more than one TPDO and none of them was late. A drive whose TPDO is
+ * not synchronous may send several. */
 static bool is_doubled(const drive402_t *master) {
   return master->tpdos > 1 && master->missing == 0 && master->phase != DRIVE402_RESETTING &&
          (master->config->without & DRIVE402_WITHOUT_TPDO_TYPE) == 0;
@@ -71,7 +71,7 @@ static void close_cycle(drive402_t *master) {
   }
 }
 
-/* Returns why the drive is not on, or is no longer. */
+/* Returns the reason why the drive is not on yet, or is no longer on. */
 static uint8_t off_reason(const drive402_t *master) {
   if ((~master->statusword & master->needed & DRIVE402_REMOTE) != 0) {
     return DRIVE402_NOT_REMOTE;

@@ -15,7 +15,7 @@ enum { COUNTER = 0x1019, ERROR_CODE = 0x603F, MODE_DISPLAY = 0x6061 };
  * disturbed bus has doubled. */
 enum { DOUBLED_MAX = 2 };
 
-/* Ticks between the end of a read of MODE_DISPLAY or ERROR_CODE and the next one: 10 ms. */
+/* Pause in ticks between two reads of MODE_DISPLAY or ERROR_CODE: 10 ms. */
 enum { READ_TICKS = 15 };
 
 static bool is_node(uint8_t node_id) { return node_id >= 1 && node_id <= 127; }
@@ -80,7 +80,8 @@ uint8_t drive402_setup_check(const drive402_config_t *config) {
   return check_target(config);
 }
 
-/* Objects of the bits of `without`. Sub-index ANY: each; the mappings have the COB-IDs too. */
+/* The objects to which the bits of `without` belong. Sub-index ANY means every sub-index. The bits
+ * of the mappings also include the COB-IDs. */
 enum { ANY = 0xFF, OBJECT_COUNT = 13 };
 static const struct {
   uint16_t index;
@@ -236,7 +237,8 @@ static const drive402_entry_t *entry_of(const drive402_t *master) {
                                  : &master->entries[master->entry - extra];
 }
 
-/* Returns the bit of the present entry; those of the configuration have none. */
+/* Returns true if the bit of the present entry is 1 in `bits`, a set with one bit for each of the
+ * master's own entries. Extra entries of the configuration have no bit. */
 static bool is_marked(const drive402_t *master, uint32_t bits) {
   const uint8_t extra = master->config->extra_count;
   return master->entry >= extra && (bits & fx_bit(master->entry - (uint32_t)extra)) != 0;
@@ -274,7 +276,7 @@ static bool next_transfer(drive402_t *master) {
     drive402_sdo_start(&master->sdo, entry_of(master), false);
     return false;
   }
-  /* A drive without 1019h counts no SYNC. */
+  /* A drive without object 1019h does not count SYNC messages. */
   if (is_compared && is_aborted && master->sdo.entry.index != COUNTER) {
     fail(master, DRIVE402_SDO_ABORTED);
     return false;

@@ -32,19 +32,21 @@ typedef struct {
   int32_t target_max;
   uint16_t heartbeat_ms;         /* period of both heartbeats (1017h), from 1 */
   uint16_t heartbeat_timeout_ms; /* time of both heartbeat consumers (1016h), > heartbeat_ms */
-  uint16_t sdo_timeout_ms;       /* longest wait for an answer by SDO, from 1; there are two */
+  uint16_t sdo_timeout_ms;       /* longest wait for the answer to an SDO request, from 1; a request
+                                  * is sent at most twice */
   /* longest wait for the boot-up message, for the first TPDO, and until an enabled drive is on, a
    * fault reset included; from 1 */
   uint16_t wait_ms;
-  /* longest time for which quick stop is commanded before voltage is disabled; it ends when the
-   * drive shows switch on disabled or fault */
+  /* longest time for which the master commands quick stop before it disables the voltage; the quick
+   * stop ends earlier if the drive reports switch on disabled or fault */
   uint16_t quick_stop_ms;
-  int16_t abort_option; /* 6007h: what the drive does without the master */
+  int16_t abort_option; /* reaction of the drive to the loss of the master, for its object 6007h */
   /* DRIVE402_WITHOUT_ bits: objects that this drive does not have or does not permit to write, and
    * objects that are left out. The drive then has to do the same by settings of its maker. A
    * mapping is still compared. */
   uint16_t without;
-  uint16_t differs; /* bits of DRIVE402_DIFFERS_ALL: written, but not compared, may be refused */
+  uint16_t differs; /* bits of DRIVE402_DIFFERS_ALL: objects that are written but not compared, and
+                     * whose write may be refused */
   uint8_t extra_count;
   uint8_t cycle_ms;    /* bus cycle, an even number 2..100: a multiple of 3 ticks */
   uint8_t mode;        /* DRIVE402_CSP, DRIVE402_CSV or DRIVE402_CST */
@@ -71,7 +73,8 @@ typedef struct {
   uint16_t statusword; /* 6041h */
   uint16_t error_code; /* last error code that the drive has sent by EMCY or shown in 603Fh, or 0 */
   uint8_t fitted;      /* 1: the configuration was accepted, so the axis must have a drive */
-  /* 1: targets act: operation enabled with bits 9 and 12, 6061h displays the mode, no fault */
+  /* 1: the drive follows its targets: operation enabled with bits 9 and 12, mode displayed in
+   * 6061h, no fault */
   uint8_t on;
   uint8_t fault;     /* 1: something has failed, or the drive is in fault */
   uint8_t limit;     /* 1: statusword bit 11, internal limit active */
@@ -79,7 +82,7 @@ typedef struct {
   uint8_t phase;     /* DRIVE402_PHASES */
   uint8_t state;     /* DRIVE402_STATES */
   uint8_t reason;    /* DRIVE402_REASONS: the first failure since the last reset */
-  /* object whose SDO transfer has failed, else 0, and the abort code of the drive, else 0 */
+  /* object whose SDO transfer has failed, or 0; and the abort code of the drive, or 0 */
   uint8_t failed_sub;
   uint16_t failed_index;
   uint32_t abort_code;
@@ -106,30 +109,34 @@ typedef struct {
   uint8_t failed_sub;
   uint16_t failed_index;
   uint32_t abort_code;
-  uint32_t refused;               /* abort code of the last download, or 0 */
-  uint32_t read_only;             /* bit n: own entry n is compared, but not written */
-  uint32_t uncompared;            /* bit n: own entry n is written, but not compared */
-  uint32_t wait_ticks;            /* ticks until a wait (wait_ms) ends */
-  uint32_t own_heartbeat_ticks;   /* ticks until the next heartbeat of the master */
-  uint32_t drive_heartbeat_ticks; /* ticks until the heartbeat of the drive is missing */
-  uint32_t stop_ticks;            /* ticks until voltage is disabled after a quick stop */
-  uint32_t read_ticks;            /* ticks until the next read of 6061h or 603Fh */
+  uint32_t refused;               /* SDO abort code of the last download; 0 without one */
+  uint32_t read_only;             /* bit n: entry n of the master is compared, but not written */
+  uint32_t uncompared;            /* bit n: entry n of the master is written, but not compared */
+  uint32_t wait_ticks;            /* number of ticks until the present wait (wait_ms) ends */
+  uint32_t own_heartbeat_ticks;   /* number of ticks until the master sends its next heartbeat */
+  uint32_t drive_heartbeat_ticks; /* number of ticks until the heartbeat of the drive counts as
+                                   * missing */
+  uint32_t stop_ticks;            /* number of ticks until the voltage is disabled after a quick
+                                   * stop */
+  uint32_t read_ticks;            /* number of ticks until object 6061h or 603Fh is read again */
   uint16_t cycle_ticks;
   uint16_t since_sync; /* ticks from the last SYNC to the next tick; 65535 before the first one */
   uint16_t age_ticks;
   uint16_t statusword;
   uint16_t error_code;
   uint16_t controlword; /* last controlword that was sent */
-  uint16_t needed;      /* bits of the statusword without which targets do not act */
+  uint16_t needed;      /* bits of the statusword that must be 1 before targets act */
   int32_t position_cnt;
   int16_t torque;
   uint8_t state;
   uint8_t entry_count;    /* number of the master's own entries */
-  uint16_t entry;         /* number of the entry of the present SDO transfer, extra ones first */
+  uint16_t entry;         /* number of the entry in the present SDO transfer; extra entries are
+                           * numbered first */
   uint8_t command_sent;   /* 1: the NMT command of this phase was sent */
-  uint8_t operational;    /* 1: a heartbeat in this phase or later said operational */
+  uint8_t operational;    /* 1: the drive has reported the state operational by a heartbeat, in this
+                           * phase or later */
   uint8_t sampled;        /* 1: a TPDO was received since the start of the node */
-  uint8_t tpdos;          /* received since the last SYNC, at most 255 */
+  uint8_t tpdos;          /* number of TPDOs received since the last SYNC, at most 255 */
   uint8_t tpdo_bytes;     /* length of a TPDO */
   uint8_t other_length;   /* 1: a TPDO of another length was received since the start of the node */
   uint8_t missing;        /* number of consecutive SYNCs without a TPDO as the answer, at most 2 */
@@ -138,9 +145,9 @@ typedef struct {
   uint8_t was_on;         /* 1: `on` in the last tick */
   uint8_t resets_fault;   /* 1: controlwords in the state fault reset the fault */
   uint8_t saturated;
-  uint8_t reset_asked;   /* 1: a fault of the drive is reset once it runs */
+  uint8_t reset_asked;   /* 1: a fault of the drive will be reset once the drive is running */
   uint8_t reset_before;  /* `reset` of the last command */
-  uint8_t failed_before; /* 1: the cyclic frames of the last tick knew of a failure */
+  uint8_t failed_before; /* 1: the cyclic frames of the last tick already reacted to the failure */
 } drive402_t;
 
 /* Keeps the first failure since the last reset. */
@@ -157,7 +164,7 @@ static inline bool drive402_follows(const drive402_t *master) {
          (master->statusword & master->needed) == master->needed;
 }
 
-/* Returns true while targets act. */
+/* Returns true while the drive follows its targets. */
 static inline bool drive402_is_on(const drive402_t *master) {
   return master->phase == DRIVE402_RUNNING && master->reason == DRIVE402_NONE &&
          drive402_follows(master) && master->mode_displayed != 0 &&

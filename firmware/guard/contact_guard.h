@@ -61,7 +61,7 @@ typedef struct {
    * phases of a cycle without force control are added */
   int32_t approach_cnt;
   uint32_t approach_tick;
-  int32_t paused_cnt; /* encoder count and tick at which such a phase began */
+  int32_t paused_cnt; /* encoder count and tick at which such a phase of a cycle began */
   uint32_t paused_tick;
   int32_t low; /* smallest measured force in the present slot of the force ripple */
   int32_t high;

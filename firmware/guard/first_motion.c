@@ -49,7 +49,7 @@ static void end_coasting(first_motion_t *first) {
   first->phase = FIRST_MOTION_OPEN;
 }
 
-/* Notes that the amplifier is switched off, if the attempt has switched it on. */
+/* Stores that the amplifier is switched off, if the present attempt has switched it on. */
 static void stop_attempt(first_motion_t *first) {
   if (first->phase >= FIRST_MOTION_ZERO && first->phase <= FIRST_MOTION_BACK) {
     first->stopped_cnt = first->moved_cnt;
@@ -71,7 +71,7 @@ void first_motion_begin(first_motion_t *first, const drive_params_t *params,
                         drive_signals_t *signals) {
   if (params->first_motion_test == AXIS_FIRST_MOTION_TEST_OFF) {
     if (first->phase == FIRST_MOTION_COASTING) {
-      end_coasting(first); /* What follows is a motion without the test. */
+      end_coasting(first); /* the motion from here on does not belong to the test */
     }
     return;
   }
@@ -160,7 +160,8 @@ static bool stands(const first_motion_t *first, const axis_t *axis) {
   return fx_within(fx_diff_wrap(axis->signals.position, first->start_cnt), FIRST_MOTION_JITTER_CNT);
 }
 
-/* Adds a tick of a disabled axis to the travel of the attempt before, until the axis has stood. */
+/* Adds the travel of the disabled axis in this tick to the previous attempt, until the axis is at
+ * standstill. */
 static void coast(first_motion_t *first, const axis_t *axis) {
   add_travel(first, axis);
   if (!stands(first, axis)) {

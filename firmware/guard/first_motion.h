@@ -77,7 +77,7 @@ enum {
   FIRST_MOTION_BACK = 4,
   FIRST_MOTION_WATCHING = 5,
   FIRST_MOTION_DONE = 6,
-  /* An attempt was stopped, and the disabled axis has not stood since. */
+  /* An attempt was stopped, and the disabled axis has not been at standstill since. */
   FIRST_MOTION_COASTING = 7
 };
 
@@ -85,9 +85,9 @@ typedef struct {
   int32_t start_cnt;     /* encoder count at the start of the phase */
   int32_t origin_cnt;    /* encoder count at which the test has switched the amplifier on */
   uint32_t moved_cnt;    /* largest distance from origin_cnt in this attempt, coasting included */
-  uint32_t stopped_cnt;  /* moved_cnt when the amplifier was switched off */
+  uint32_t stopped_cnt;  /* value of moved_cnt when the amplifier was switched off */
   uint32_t coasted_cnt;  /* travel for which the previous attempt has coasted */
-  uint32_t spent_cnt;    /* all other travel of the attempts before that were stopped */
+  uint32_t spent_cnt;    /* travel of all earlier stopped attempts, without coasted_cnt */
   int32_t force_start;   /* measured force at the start of the phase */
   int32_t force_low;     /* smallest measured force at standstill */
   int32_t force_high;    /* largest measured force at standstill */
@@ -104,7 +104,7 @@ typedef struct {
   /* 1 if the encoder changed last at standstill; 0 if the measured force changed last */
   uint8_t moves;
   uint8_t rises; /* 1 if the test increases the DAC code in this tick */
-  /* 1 from the stop of an attempt whose amplifier was on, until the axis stands */
+  /* 1 from the stop of an attempt with the amplifier on until the axis is at standstill */
   uint8_t coasts;
 } first_motion_t;
 

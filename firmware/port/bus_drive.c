@@ -2,7 +2,7 @@
 
 #include "firmware/objects/generated/axis_objects_device.h"
 
-enum { AGE_MAX = 255 }; /* largest age of an input in ticks */
+enum { AGE_MAX = 255 }; /* largest value of an age in the inputs, in ticks */
 
 /* Node id of the master on the bus of the drive, and the next one for a drive that has this id. */
 enum { MASTER = 127 };

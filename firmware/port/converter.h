@@ -28,15 +28,16 @@ enum { CONVERTER_EQUAL_MAX = 16 };
 typedef struct {
   uint8_t sent[CONVERTER_BYTES];
   uint8_t wanted[CONVERTER_BYTES]; /* what has to be received */
-  uint8_t mask[CONVERTER_BYTES];   /* bits of `wanted` that are compared */
+  uint8_t mask[CONVERTER_BYTES];   /* mask of the bits of `wanted` that are compared with the
+                                    * received bytes */
   uint8_t count;                   /* number of bytes */
   bool after_ready;                /* the bytes are exchanged when a conversion is ready */
-  uint16_t pause_us;               /* shortest pause after the bytes */
+  uint16_t pause_us;               /* shortest pause in us after the bytes of this step */
 } converter_step_t;
 
-/* A reading and what is known of the readings before it; all zeros at the start. */
+/* State of a converter: the last reading, and a count of equal readings; all zeros at the start. */
 typedef struct {
-  int32_t code;  /* -2^23..2^23-1; 0 is the input voltage 0 */
+  int32_t code;  /* signed code of 24 bits, -2^23..2^23-1; 0 is the input voltage 0 */
   uint8_t equal; /* number of equal readings in a row, at most CONVERTER_EQUAL_MAX */
 } converter_t;
 

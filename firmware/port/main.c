@@ -3,7 +3,7 @@
 
 #include "firmware/port/port.h"
 
-/* bytes in one transfer, which limits the time for which the tick is masked */
+/* largest number of bytes in one transfer, which limits the time for which the tick is masked */
 enum { SERIAL_CHUNK_BYTES = 32 };
 
 static fw_t firmware;

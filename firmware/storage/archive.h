@@ -46,11 +46,11 @@ typedef struct {
   uint32_t samples_crc; /* CRC-32 of the samples of `record` */
   uint32_t sequence;    /* highest sequence number of all records */
   uint32_t bytes;       /* size in bytes of the largest incident that can occur */
-  /* address at which the next record is written; ARCHIVE_NOWHERE if there is no room until the next
+  /* address for the next record; ARCHIVE_NOWHERE if there is no room for it until the next
    * power-up */
   uint32_t begin;
-  uint32_t day_tick; /* tick in which the writing of the last incident since power-up began */
-  uint32_t at;       /* address of the next bytes to read or program */
+  uint32_t day_tick; /* tick in which the archive last began to write an incident since power-up */
+  uint32_t at;       /* address of the bytes that are read or programmed next */
   uint32_t crc;      /* CRC of the bytes before the address `at` */
   uint8_t step;      /* kind of the work in progress */
   uint8_t is_new;    /* 1 if the record that is being checked was just written */

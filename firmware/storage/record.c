@@ -99,7 +99,7 @@ uint32_t record_tail(const store_memory_t *memory, uint32_t sector) {
   return tail;
 }
 
-/* Notes a complete record of a sector. */
+/* Adds a complete record to the contents of a sector. */
 static void note(record_sector_t *sector, record_t sets[2], const record_t *record) {
   if (is_set(record->magic)) {
     sort_in(sets, record);

@@ -98,7 +98,7 @@ typedef struct {
   uint32_t tail;
   uint8_t has_set;   /* 1 if there is a complete parameter set */
   uint8_t is_copy;   /* 1 if the sector begins with a RECORD_COPY, which may be interrupted */
-  uint8_t is_copied; /* 1 if the mark at the end of the sector is valid */
+  uint8_t is_copied; /* 1 if the mark at the end of the sector, which announces a copy, is valid */
   /* 1 if bytes that are not blank, after the last complete parameter set, belong to no record: the
    * writing of a set was interrupted */
   uint8_t has_remains;

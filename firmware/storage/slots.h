@@ -31,11 +31,12 @@ typedef struct {
   uint32_t crc;               /* CRC-32 of the image */
   uint32_t sequence;          /* the image with the highest number is the newest */
   uint32_t confirmed;         /* SLOT_PROGRAMMED: the image is confirmed */
-  uint32_t tries[SLOT_TRIES]; /* SLOT_BLANK: this try was not used yet */
+  uint32_t tries[SLOT_TRIES]; /* SLOT_BLANK: this attempt to start the image was not used yet */
   uint32_t unused[7];
 } slot_trailer_t;
 
-/* Returns the number of the first try that was not used, or SLOT_TRIES. */
+/* Returns the number of the first attempt to start the image that was not used yet, or
+ * SLOT_TRIES. */
 uint32_t slots_next_try(const slot_trailer_t *trailer);
 
 /* Returns the slot whose image the loader starts: the highest sequence of all images that have a

@@ -29,7 +29,7 @@ enum {
 /* What the store writes: parameters, the mark that all defaults are restored, or extra records. */
 enum { JOB_SAVE, JOB_FORGET, JOB_PARTS };
 
-/* The records of a job, in the order in which they are written. */
+/* The records that a job writes, in the order of writing. */
 enum {
   ITEM_COPY,
   ITEM_PARTS, /* the first extra record */
@@ -241,7 +241,8 @@ static void begin_item(store_t *store, uint32_t at, uint8_t item) {
   store->step = (item < ITEM_END) ? STEP_HEAD : STEP_IDLE;
 }
 
-/* The items of a sector that becomes the home of the store. A copy is marked at its begin. */
+/* Returns the records to write to a sector that becomes the home of the store. A copy begins with a
+ * mark. */
 static uint8_t items_of_sector(const store_t *store) {
   uint32_t items = fx_bit(ITEM_SET) | ((store->job == JOB_PARTS) ? fx_bit(ITEM_COPY) : 0);
   for (uint32_t i = 0; i < STORE_PARTS; i++) {

@@ -54,7 +54,7 @@ enum {
   STORE_SET_BYTES = RECORD_HEAD_BYTES + RECORD_CRC_BYTES + (int)ENTRY_BYTES * AXIS_STORED_COUNT,
   /* smallest sector in bytes: room for a parameter set and more parameters */
   STORE_SECTOR_MIN = 8192,
-  STORE_CHANGES = 8 /* number of changes that store_change_1 to _8 report */
+  STORE_CHANGES = 8 /* number of objects store_change_1 to _8, each of which reports one change */
 };
 
 /* Kinds of a store_change. STORE_CHANGE_DROPPED: the stored value is not active, because the entry
@@ -69,7 +69,7 @@ enum { STORE_PROGRAMS = 0, STORE_COUNTS = 1, STORE_PARTS = 2, STORE_COUNTS_BYTES
  * failed. */
 enum { STORE_PARTS_STORED = 0, STORE_PARTS_WRITING = 1, STORE_PARTS_FAILED = 2 };
 
-/* Content of an extra record; its number of bytes is a multiple of 4. */
+/* Content of an extra record. The size in bytes is a multiple of 4. */
 typedef struct {
   const uint8_t *bytes;
   uint32_t count;
@@ -99,10 +99,10 @@ typedef struct {
   uint8_t sector;
   uint8_t job;     /* command of the user, or a write of extra records */
   uint8_t item;    /* record that is being written */
-  uint8_t items;   /* bits of the records that this job writes */
+  uint8_t items;   /* set of the records that this job writes, as bits */
   uint8_t again;   /* 1 during the second attempt to write the record */
   uint16_t object; /* next object whose entry is programmed */
-  /* first object of the range `first` to `last`, whose present values are saved */
+  /* first object of a range of objects, `first` to `last`, whose present values are saved */
   uint16_t first;
   uint16_t last;
   /* stored record that gives the values of all objects outside `first` to `last`, or the set that
@@ -110,8 +110,8 @@ typedef struct {
   record_t basis;
   uint32_t begin; /* address of the record that is being written */
   uint32_t at;    /* address of the next bytes */
-  uint32_t crc;   /* CRC of the bytes programmed so far */
-  uint32_t check; /* CRC of the bytes read back so far */
+  uint32_t crc;   /* CRC of the bytes of the record that were programmed so far */
+  uint32_t check; /* CRC of the bytes of the record that were read back so far */
 } store_t;
 
 #define STORE_NOWHERE UINT32_MAX

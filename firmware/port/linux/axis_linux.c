@@ -32,11 +32,12 @@ enum {
   NS_IN_THREE_TICKS = 2000000,
   NS_IN_TICK = NS_IN_THREE_TICKS / 3,
   TICKS_IN_S = 1500,
-  ADC_MIDDLE = 32768,     /* ADC code of force and current 0 */
+  ADC_MIDDLE = 32768,     /* ADC code that represents a force or a current of 0 */
   AGE_MAX = 255,          /* largest age of an input in ticks */
   FRAMES_AT_ONCE = 64,    /* largest number of frames of the drive's bus in a tick */
-  START_TICKS_MAX = 7500, /* longest wait for drive and force before the axis starts: 5 s */
-  STOP_TICKS = 300,       /* after a quick stop, before the process ends: 0.2 s */
+  START_TICKS_MAX = 7500, /* longest wait for values of the drive and the force sensor before the
+                           * axis starts: 5 s */
+  STOP_TICKS = 300,       /* time from a quick stop to the end of the process: 0.2 s */
   IDLE_MS = 2
 };
 
@@ -65,7 +66,8 @@ static uint32_t force_age = AGE_MAX;
 static bool has_force;  /* a force was received */
 static bool is_enabled; /* true: the last tick has enabled the axis */
 static bool is_too_late;
-static uint32_t missed; /* ticks since the last call of port_overran(); under the lock */
+static uint32_t missed; /* number of missed ticks since the last call of port_overran(); protected
+                         * by the lock */
 
 const fw_config_t *port_config(void) { return &firmware_config; }
 
@@ -83,7 +85,7 @@ bool port_overran(uint32_t *count) {
 
 void port_feed_watchdog(void) {} /* the drive monitors the heartbeat of this process */
 
-/* Writes which key of the settings helps a drive whose object has failed. */
+/* Writes to standard error which key of the settings helps if an object of the drive has failed. */
 static void report_key(const drive402_feedback_t *said) {
   const char *key = drive402_key(said);
   if (key != NULL && said->reason == DRIVE402_SDO_DIFFERS) {
@@ -114,7 +116,7 @@ static void report_drive(void) {
   reported = said.reason;
 }
 
-/* Writes why a bus is off, and that it is back, to standard error. */
+/* Writes to standard error why a bus is off, and later that it is back. */
 static void report_bus(const char *interface, const can_line_t *line, const char **reported) {
   port_lock();
   const char *trouble = can_line_trouble(line);

@@ -30,13 +30,15 @@ typedef struct {
   const char *archive_path;   /* file of the archive of incidents; NULL: no incident is kept */
   drive402_config_t drive;
   load_cell_t load_cell; /* identifier 0: there is none */
-  iio_settings_t iio;    /* device NULL: there is none; one of both is needed */
+  iio_settings_t iio;    /* converter that measures the force; device NULL: there is none. Either
+                          * a load cell or a converter is needed */
   /* 0: the axis runs. Otherwise it only measures for so many seconds how late ticks are: it opens
    * no interface and no file, and ends with the report. */
   uint32_t lateness_s;
-  uint32_t late_ticks_max; /* largest lateness of a tick in ticks that is no fault */
-  int priority;            /* of SCHED_FIFO, 1..99; 0: ordinary scheduling, memory not locked */
-  int cpu;                 /* number of the CPU of the ticks; -1: any */
+  uint32_t late_ticks_max; /* largest delay of a tick, in ticks, that causes no fault */
+  int priority;            /* priority of the tick under SCHED_FIFO, 1..99; 0: ordinary scheduling,
+                            * memory not locked */
+  int cpu;                 /* number of the CPU on which the ticks run; -1: any CPU */
   uint8_t node_id;         /* node id of the axis on the bus of the supervisor, 1..127 */
 } axis_linux_config_t;
 

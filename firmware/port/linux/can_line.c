@@ -10,7 +10,8 @@
 enum {
   /* Size of the receive buffer in bytes. The default of the kernel is too small for bursts. */
   BUFFER_BYTES = 4 << 20,
-  CALLS_PER_LOOK = 150 /* 0.1 s with a call in each tick */
+  CALLS_PER_LOOK = 150 /* number of calls between two checks of a bus that is off: 0.1 s with one
+                        * call in each tick */
 };
 
 can_raw_result_t can_line_open(can_line_t *line, const char *interface) {

@@ -22,12 +22,14 @@ extern "C" {
 
 typedef struct {
   can_raw_t raw;
-  uint8_t controller;  /* CAN_BUS_ by the error frames of the controller */
+  uint8_t controller;  /* state of the bus (CAN_BUS_), as the error frames of the controller report
+                        * it */
   bool is_down;        /* the interface is down or was removed */
   bool was_removed;    /* the interface was removed, so that the socket belongs to none */
   bool has_no_carrier; /* the controller was seen without carrier since it is bus off */
   bool was_off;        /* the bus was off since the last call of can_line_state() */
-  uint8_t calls;       /* of can_line_receive() with the bus off, until the next look */
+  uint8_t calls;       /* number of calls of can_line_receive() until a bus that is off is checked
+                        * again */
   uint32_t last_lost;  /* value of raw.dropped at the last call of can_line_lost() */
 } can_line_t;
 

@@ -18,7 +18,8 @@ typedef struct {
   struct can_filter filter; /* filter for data frames */
   can_err_mask_t errors;    /* classes of error frames that are received */
   bool blocks;              /* can_raw_receive() waits for a frame */
-  int buffer_bytes;         /* of the receive buffer; 0: the default, and drops are not counted */
+  int buffer_bytes;         /* size of the receive buffer in bytes; 0: the default size, and dropped
+                             * frames are not counted */
 } can_raw_settings_t;
 
 typedef struct {
@@ -28,7 +29,7 @@ typedef struct {
   uint32_t dropped; /* frames that the kernel has dropped since the socket was opened; wraps */
 } can_raw_t;
 
-/* Why a socket was not opened; errno says more. */
+/* The reason why a socket was not opened; errno has the details. */
 typedef enum {
   CAN_RAW_OPEN,
   CAN_RAW_NO_CAN,       /* the kernel has no SocketCAN */

@@ -22,7 +22,7 @@ typedef struct {
   bool is_force;
 } channel_t;
 
-/* The last sentence of iio_open(). */
+/* The error sentence that iio_open() returned last. */
 static char message[2 * PATH_BYTES];
 
 /* Reads a decimal number from 0 to `most` and moves *text behind it. */
@@ -96,7 +96,7 @@ int64_t iio_value(const iio_type_t *type, const uint8_t *bytes) {
   return is_negative ? (int64_t)value - (int64_t)range : (int64_t)value;
 }
 
-/* Writes the sentence of iio_open(). */
+/* Writes the error sentence that iio_open() returns. */
 #define FAIL(...) ((void)snprintf(message, sizeof(message), __VA_ARGS__), message)
 
 /* Reads the first line of a file below `folder`. */
@@ -251,7 +251,7 @@ const char *iio_open(iio_t *iio, const iio_settings_t *settings) {
   return NULL;
 }
 
-/* Reads once. Returns true if there may be more. */
+/* Reads from the device once. Returns true if more bytes may be available. */
 static bool read_more(iio_t *iio) {
   const ssize_t count = read(iio->fd, iio->bytes + iio->used, sizeof(iio->bytes) - iio->used);
   const bool is_none = count < 0 && (errno == EAGAIN || errno == EINTR);

@@ -18,17 +18,18 @@ extern "C" {
 #endif
 
 enum {
-  IIO_CHANNELS = 32,  /* enabled channels of a device, at most */
+  IIO_CHANNELS = 32,  /* largest number of enabled channels of a device */
   IIO_SCAN_MAX = 256, /* bytes of a scan, at most */
-  IIO_BYTES = 4096,   /* bytes that are read at once, several scans */
-  IIO_READS = 4,      /* reads in a call of iio_take(), at most */
+  IIO_BYTES = 4096,   /* number of bytes that are read at once; this is several scans */
+  IIO_READS = 4,      /* largest number of reads in one call of iio_take() */
   IIO_SHIFT_OWN = 255 /* iio_settings_t.shift: the upper 16 bits of the value */
 };
 
 typedef struct {
   const char *device;  /* folder of the device, such as /sys/bus/iio/devices/iio:device0; or NULL */
-  const char *buffer;  /* its character device, such as /dev/iio:device0 */
-  const char *channel; /* name without in_ and without an ending, such as voltage0 */
+  const char *buffer;  /* character device of the same converter, such as /dev/iio:device0 */
+  const char *channel; /* name of the force channel without in_ and without an ending, such as
+                        * voltage0 */
   uint8_t shift;       /* lowest bits of the value that are cut off, 0..31, or IIO_SHIFT_OWN */
 } iio_settings_t;
 
@@ -38,7 +39,7 @@ typedef struct {
   bool is_signed; /* two's complement */
   uint8_t bits;   /* valid bits, 1..64 */
   uint8_t bytes;  /* size of one value with its padding: 1, 2, 4 or 8 */
-  uint8_t repeat; /* values of the channel in a scan, 1, 2, 4 or 8 */
+  uint8_t repeat; /* number of values of the channel in a scan: 1, 2, 4 or 8 */
   uint8_t shift;  /* unused bits below the valid ones, with bits at most 8 x bytes */
 } iio_type_t;
 
@@ -47,8 +48,8 @@ typedef struct {
   iio_type_t type; /* format of the values of the channel */
   uint8_t shift;   /* 0..31 */
   uint16_t offset; /* offset of the channel in a scan, in bytes */
-  uint16_t scan;   /* bytes of a scan, 1..IIO_SCAN_MAX */
-  uint16_t used;   /* bytes of `bytes` that hold the begin of a scan */
+  uint16_t scan;   /* size of a scan in bytes, 1..IIO_SCAN_MAX */
+  uint16_t used;   /* number of bytes in `bytes` that are the begin of an incomplete scan */
   int error;       /* errno of the last read that has failed, else 0 */
   bool has_ended;  /* the last read was at the end of the file */
   uint8_t bytes[IIO_BYTES];

@@ -11,7 +11,8 @@ typedef struct {
   uint64_t ticks;
   uint64_t missed; /* ticks that were not computed */
   uint64_t longest_us;
-  uint64_t counts[LATENESS_STEPS + 1]; /* of each step; the last one counts all that are later */
+  uint64_t counts[LATENESS_STEPS + 1]; /* number of ticks with a lateness within each step; the last
+                                        * step also counts all later ticks */
 } lateness_t;
 
 /* Counts one tick that began `late_ns` nanoseconds after it was due. */

@@ -127,11 +127,13 @@ static object_t shown[OBJECTS_MAX];
 static uint8_t written_count;
 static uint8_t shown_count;
 static long long last_ns; /* time of the last tick; 0 before the first tick */
-static bool was_enabled;  /* by the last tick; the watcher may have cleared the pin since */
+static bool was_enabled;  /* true if the last tick has enabled the axis; the watcher may have
+                           * cleared the pin since */
 static int component;
 static pthread_t watcher;
 static atomic_uint ticks;
-static atomic_bool is_halted; /* the watcher has found that the thread stands still */
+static atomic_bool is_halted; /* true: the watcher has found that the thread of HAL no longer
+                               * runs */
 static atomic_bool is_ending;
 
 static void set_outputs(const axis_outputs_t *outputs_now) {
@@ -262,7 +264,7 @@ static void update(void *unused, long period_ns) {
   (void)fw_report(&firmware);
   fw_between(&firmware);
   if (late > 0) {
-    fw_overrun(&firmware, 0); /* HAL computes late ticks later, so none is missed */
+    fw_overrun(&firmware, 0); /* HAL makes up for late ticks, so no tick is missed */
   }
   show_objects();
   (void)atomic_fetch_add(&ticks, 1);

@@ -30,7 +30,7 @@ void drive_bus_start(const device_params_t *params) {
   if (!is_fitted) {
     return;
   }
-  (void)bus_drive_init(&drive, &config); /* a refusal is a reason of the master */
+  (void)bus_drive_init(&drive, &config); /* the master itself reports the reason of a refusal */
   if (!io_clock_is_right()) {
     line.reported = CAN_BUS_OFF;
     return;

@@ -97,7 +97,8 @@ void port_sense(axis_inputs_t *inputs) {
   /* An ADC code has 12 bits. The axis uses the upper adc_bits of the code; if adc_bits is above 12,
    * zeros are appended. */
   const uint8_t bits = port_firmware()->axis.params.adc_bits;
-  const uint8_t channels = drive_bus_is_fitted() ? 1 : 2; /* the drive says its current itself */
+  const uint8_t channels = drive_bus_is_fitted() ? 1 : 2; /* a drive on a bus reports its own
+                                                           * current */
   for (uint8_t i = 0; i < channels; i++) {
     inputs->adc_code[i] = (uint16_t)((uint32_t)codes[i] << 4 >> (16 - bits));
   }

@@ -18,7 +18,8 @@ enum { IN_A_ROW = 2 };
 
 static uint8_t dac_wrong;
 static uint8_t reference_wrong;
-static bool is_reference; /* true: the present conversion is of the internal reference */
+static bool is_reference; /* true: the present conversion measures the internal reference; false: it
+                           * measures pin PA4 */
 static bool is_started;
 static int16_t expected; /* DAC code that is output during the present conversion */
 static int32_t nominal = REFERENCE_CODE;

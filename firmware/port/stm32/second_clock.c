@@ -7,8 +7,8 @@
 #include "firmware/port/stm32/board.h"
 #include "firmware/port/stm32/tick.h"
 
-/* Number of counts of the slow oscillator over which its rate is measured: 0.4 to 1.2 ms, with an
- * error of 5 %. */
+/* Number of counts of the slow oscillator (nominally 32 kHz) over which its rate is measured: 0.4
+ * to 1.2 ms, with an error of 5 %. */
 enum { MEASURED = 20 };
 
 /* WINDOW_TICKS: number of ticks in one comparison, 10 ms or 170 to 470 counts of the slow
@@ -41,7 +41,8 @@ static bool becomes(const reg_t *reg, uint32_t mask, uint32_t wanted) {
 /* Starts the real-time clock, which counts the slow oscillator downwards from 32767 and is read
  * without synchronisation. Returns false if the clock does not start. */
 static bool counter_start(void) {
-  set_bits(ACCESS_OF_BACKUP); /* the backup domain can be written after the read */
+  set_bits(ACCESS_OF_BACKUP); /* after this read, the registers of the backup domain can be
+                               * written */
   /* A reset of the backup domain permits a new selection of the clock source. After a power-up it
    * is also needed where the slow oscillator was selected before, because the oscillator may be
    * unstable otherwise (erratum "Unstable LSI when it clocks RTC", ES0430). Nothing is kept there.

@@ -14,7 +14,7 @@ enum { COUNTS_MAX = 5 * (CLOCK_APB1_HZ / 500000) };
  * counts. */
 enum { COUNTS_MIN = 250, STABLE_COUNTS = 3 * (CLOCK_APB1_HZ / 500000) };
 
-/* The timer of the tick starts the injected group. */
+/* The timer of the tick starts the two conversions of the injected group. */
 #define ON (ADC_CR2_ADON | ADC_CR2_JEXTEN_RISING | ADC_CR2_JEXTSEL_TIM4_TRGO)
 
 static uint32_t begun;
@@ -34,7 +34,8 @@ void adc_init(void) {
   /* A group of two conversions uses the last two of the four entries in JSQR. */
   ADC1->JSQR = ADC_JSQR_JL_2 | ADC_JSQR_JSQ3_6 | ADC_JSQR_JSQ4_7;
   ADC1->CR2 = ON;
-  /* The converter is stable after 3 us, before which nothing may start it (RM0390 13.3.6). */
+  /* The ADC is stable 3 us after it was switched on; until then no conversion may be started
+   * (RM0390 13.3.6). */
   const uint32_t begin = clock_count();
   while (clock_count() - begin < STABLE_COUNTS) {
   }

@@ -21,7 +21,7 @@
 #define CLOCK_OF_SYSCFG &RCC->APB2ENR, RCC_APB2ENR_SYSCFGEN
 #define ACCESS_OF_BACKUP &PWR->CR, PWR_CR_DBP
 
-/* Lines of the external interrupts. */
+/* Numbers of the external interrupt lines of the inputs. */
 #define LINES_ENABLED EXTI->IMR
 #define LINES_RISING EXTI->RTSR
 #define LINES_PENDING EXTI->PR

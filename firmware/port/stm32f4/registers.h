@@ -184,7 +184,7 @@ typedef struct {
 /* Levels of the brown-out reset: 0 is level 3, at least 2.7 V; 3 is off, as the chip is
  * delivered. */
 #define FLASH_OPTCR_BOR_LEV MASK(2, 2)
-/* 0: sector 0 is protected from programming and erasing */
+/* bit that is 0 if sector 0 is protected from programming and erasing */
 #define FLASH_OPTCR_nWRP_0 BIT(16)
 /* 1: nWRP protects from reading as data; the STM32F405 has none */
 #define FLASH_OPTCR_SPRMOD BIT(31)

@@ -19,7 +19,7 @@ enum { COUNTS_MIN = 190 };
 enum { REGULATOR_COUNTS = 20 * (CLOCK_APB1_HZ / 500000), POLLS_MAX = 4000 };
 
 static uint32_t begun;
-static const adc_t *single; /* the converter of the conversion between two ticks */
+static const adc_t *single; /* ADC that makes the single conversion between two ticks */
 
 static bool becomes(const reg_t *reg, uint32_t mask, uint32_t wanted) {
   for (uint32_t polls = 0; polls < POLLS_MAX; polls++) {
@@ -48,7 +48,7 @@ static void converter_start(adc_t *adc) {
   if (!becomes(&adc->CR, ADC_CR_ADCAL, 0)) {
     return;
   }
-  await_counts(REGULATOR_COUNTS); /* at least four cycles of the converter's clock */
+  await_counts(REGULATOR_COUNTS); /* wait of at least four cycles of the ADC clock */
   adc->ISR = ADC_ISR_ADRDY;
   adc->CR = ADC_CR_ADVREGEN | ADC_CR_ADEN;
   (void)becomes(&adc->ISR, ADC_ISR_ADRDY, ADC_ISR_ADRDY);

@@ -47,10 +47,11 @@ uint16_t flash_corrected(void) {
   return count;
 }
 
-/* Continues after the read of a double word in bank 2 with two wrong bits, as a power cut while it
- * is programmed or erased can leave it. Such an error in the program is one of the core. What was
- * read decides, and not the address in ECCR, which is not updated while one of its flags is set and
- * may be wrong after an erase that was interrupted (RM0440 3.3.2, ES0430 2.2.3). */
+/* Continues after a read found two wrong bits in a double word of bank 2, which a power cut during
+ * programming or erasing can cause. The same error in the program memory is treated as a fault of
+ * the core. The function decides by what was being read and not by the address in ECCR: this
+ * address is not updated while one of its flags is set, and may be wrong after an interrupted erase
+ * (RM0440 3.3.2, ES0430 2.2.3). */
 __attribute__((used)) static void note_damage(void) {
   if (reading != ASKED) {
     board_fail();
@@ -110,7 +111,7 @@ static uint32_t read_word(const sectors_t *sectors, uint32_t address) {
   reading = ASKED;
   BARRIER();
   const uint32_t word = *place;
-  __asm volatile("dsb\nisb" ::: "memory"); /* the NMI comes before the next instruction */
+  __asm volatile("dsb\nisb" ::: "memory"); /* an error causes the NMI before the next instruction */
   const bool is_damaged = reading == DAMAGED;
   reading = IDLE;
   return is_damaged ? 0 : word;
@@ -121,7 +122,7 @@ static uint32_t read_word(const sectors_t *sectors, uint32_t address) {
 static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
   const uint32_t access = FLASH->ACR;
   FLASH->ACR = access & ~FLASH_ACR_DCEN;
-  (void)flash_corrected(); /* the flag of another read must not be left */
+  (void)flash_corrected(); /* an error flag of another read must not remain */
   /* Most reads are complete words at aligned addresses. */
   for (; count >= 4 && (address & 3u) == 0; address += 4, bytes += 4, count -= 4) {
     const uint32_t word = read_word(sectors_of(context), address);

@@ -10,7 +10,8 @@
 
 /* Memories in the file of the flash (flash.h); there are none without this file. */
 
-static int32_t flash_file; /* negative without a file; flash_memory() opens it */
+static int32_t flash_file; /* descriptor of the file, which flash_memory() opens; negative without a
+                            * file */
 
 #define STORE_BEGIN UINT32_C(0x08004000)
 enum { STORE_SECTOR_BYTES = 0x4000 };
