@@ -17,8 +17,8 @@ namespace forceaxis::nodes {
 
 // The options of axis_node that plant_node does not have.
 struct AxisOptions {
-  std::string can;     // CAN interface of all axes; empty: no CANopen
-  std::string modbus;  // serial device of all axes; empty: no Modbus
+  std::string can;     // name of the CAN interface that all axes use; empty: no CANopen
+  std::string modbus;  // path of the serial device that all axes use; empty: no Modbus
   int modbus_baud = 115200;
   std::string store;
   std::string journal;

@@ -25,7 +25,8 @@ std::string abort_text(std::uint32_t abort);
 
 struct SdoResult {
   std::uint32_t abort = 0;         // SDO abort code of the transfer; 0: no error
-  bool silent = false;             // true: no response arrived, and `abort` is kAbortTimeout
+  bool silent = false;             // true: the server sent no response; `abort` is then
+                                   // kAbortTimeout
   std::vector<std::uint8_t> data;  // uploaded data
 
   bool ok() const { return abort == 0; }

@@ -303,9 +303,10 @@ class FirmwareUnit final : public Unit {
 
   FirmwareFacts facts_;
   std::unique_ptr<Memory> memory_;
-  std::vector<const axis_object_meta_t *> objects_;  // objects, from variable kFirstObject on
+  std::vector<const axis_object_meta_t *> objects_;  // variables of the objects, which begin at the
+                                                     // index kFirstObject
   std::optional<host::ExperimentWrites> writes_;
-  std::vector<double> values_;  // inputs and parameters, as they were set last
+  std::vector<double> values_;  // values to which inputs and parameters were last set
   axis_inputs_t inputs_{};
   axis_outputs_t outputs_{};
   std::int64_t tick_ = 0;

@@ -13,12 +13,13 @@
 namespace forceaxis::fmu {
 
 struct FirmwareFacts {
-  host::Experiment experiment;  // the unit writes `initial` at once and `actions` before their
-                                // ticks
+  host::Experiment experiment;  // experiment whose `initial` values are written at once and whose
+                                // `actions` before their ticks
   int dac_bits = 12;
-  std::vector<std::uint32_t> program;  // words of the program (firmware/cycle/program.h); empty
-                                       // without one
-  std::vector<std::uint16_t> inputs;   // objects (AXIS_OBJ_) that are inputs
+  std::vector<std::uint32_t> program;  // cycle program as 32-bit words (firmware/cycle/program.h);
+                                       // empty without a program
+  std::vector<std::uint16_t> inputs;   // numbers (AXIS_OBJ_) of the objects that are inputs of the
+                                       // unit
 };
 
 // Powers up a firmware and makes the initial writes. Throws sim::InputError.

@@ -68,7 +68,7 @@ class Instance {
   std::unique_ptr<Unit> unit_;
   TickClock clock_;
   Phase phase_ = Phase::created;
-  bool failed_ = false;  // true after an error of the simulation, until reset()
+  bool failed_ = false;  // true after the simulation has failed, until reset() is called
   std::map<const void *, std::unique_ptr<Saved>> saved_;  // saved states by their handles
 };
 

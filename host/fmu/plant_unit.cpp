@@ -176,12 +176,12 @@ class PlantUnit final : public Unit {
   std::size_t first_code_ = 0;
   std::size_t first_signal_ = 0;
   std::size_t seed_ = 0;        // index of the variable `seed`, before the parameters of the model
-  std::vector<double> values_;  // values of inputs and parameters
+  std::vector<double> values_;  // present values of the inputs and of the parameters
   std::optional<Plant> plant_;  // empty until a value of the plant is needed
   // Codes of this tick. Plant::codes() is called once in each tick, because it reads the index
   // pulse.
   SensorCodes codes_;
-  int top_ = 0;  // number of codes of the DAC from 0 on
+  int top_ = 0;  // number of DAC codes from 0 to the largest code
 };
 
 }  // namespace

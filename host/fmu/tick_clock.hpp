@@ -20,7 +20,7 @@ class TickClock {
   // Largest deviation of a step from a whole number of ticks, as a share of the step. A step that
   // is cut to whole nanoseconds deviates by 1e-6.
   static constexpr double kTolerance = 2e-6;
-  static constexpr double kTicksMax = 1e9;  // largest number of ticks in one step
+  static constexpr double kTicksMax = 1e9;  // largest number of ticks in one step of the importer
 
   explicit TickClock(double start_s = 0.0) : start_s_(start_s) {}
 

@@ -27,9 +27,11 @@ struct Variable {
   std::string name;
   Type type = Type::real;
   Role role = Role::output;
-  std::string unit;     // as in sim/model/units.hpp or in the object table; "" without unit
+  std::string unit;     // unit as spelled in sim/model/units.hpp or in the object table; "" without
+                        // a unit
   std::string meaning;  // meaning in one sentence
-  double start = 0.0;   // value of an input or parameter after the creation of the unit
+  double start = 0.0;   // start value of an input or parameter, which it has after the creation of
+                        // the unit
 };
 
 // The unit refuses a value and keeps the value before; it can continue. what() is one line.

@@ -125,7 +125,7 @@ class GatewayAxis {
   AxisSettings settings_;
   SdoChannel master_, modbus_, lcm_channel_;
 
-  bool present_ = false;  // true: the axis answers requests or sends heartbeats
+  bool present_ = false;  // true: the axis is present: it answers requests or sends heartbeats
   bool reported_waiting_ = false;
   bool reported_locked_ = false;
   bool heartbeats_ = false;  // true: the axis sends heartbeats
@@ -135,10 +135,10 @@ class GatewayAxis {
   bool published_ = true;  // true: the state after the last SYNC was published
   std::int64_t table_hash_ = lcm_bus::kNotAvailable;
   std::int64_t nmt_state_ = axis_state_t::NMT_SILENT;
-  Time heard_;    // time of the latest heartbeat of the node
-  Time started_;  // time of the latest NMT command to the node
+  Time heard_;    // time at which the latest heartbeat of the node was received
+  Time started_;  // time at which the latest NMT command was sent to the node
   std::uint64_t boots_ = 1, set_up_boots_ = 0, open_boots_ = 0;
-  std::chrono::milliseconds silence_{0};  // time without a heartbeat of the axis
+  std::chrono::milliseconds silence_{0};  // time since the last heartbeat of the axis
   std::size_t next_poll_ = 0;
 };
 

@@ -515,7 +515,7 @@ GatewayCommands::Answer GatewayCommands::repeat(const axis_command_t &command) {
   }
   const std::int64_t total = recording_.complete ? recording_.block.total_samples : 0;
   std::vector<Range> ranges;
-  std::int64_t left = total;  // no request sends more samples than the recording has
+  std::int64_t left = total;  // a request cannot ask for more samples than the recording has
   for (std::size_t i = 1; i < command.value.size(); i += 2) {
     const std::int64_t first = std::clamp<std::int64_t>(command.value[i], 0, total);
     const std::int64_t end = std::clamp<std::int64_t>(command.value[i + 1], 0, first + left);

@@ -21,7 +21,8 @@ class GatewayCommands {
  private:
   // The answer to a command of a client. A command in progress has an Answer with kind 0.
   struct Answer {
-    std::int64_t kind = 0;  // kind of answer; 0: the command is in progress
+    std::int64_t kind = 0;  // kind of the answer to the command; 0: the command is still in
+                            // progress
     std::int64_t code = 0;
     std::string text;
     std::vector<lcm_bus::Item> items;
@@ -42,8 +43,8 @@ class GatewayCommands {
   struct Recording {
     Id id{};
     bool complete = false;
-    std::string failure;     // reason why there are no samples; empty otherwise
-    axis_capture_t block{};  // all fields but the samples and their tick
+    std::string failure;     // reason why the recording has no samples; empty if it has samples
+    axis_capture_t block{};  // message with all fields except the samples and their tick
     std::vector<std::uint8_t> bytes;
     std::vector<ObjectAddress> columns;
     std::size_t row_bytes = 0;
@@ -88,7 +89,7 @@ class GatewayCommands {
   GatewayAxis &axis_;
   Mailbox<axis_command_t> waiting_;
   std::map<Id, Answer> answers_;
-  std::deque<Id> order_;  // ids of the commands in answers_, starting with the oldest
+  std::deque<Id> order_;  // ids of the commands whose answers are in answers_, the oldest first
   std::map<std::int64_t, Forgotten> forgotten_;  // key: run_id of the client
   std::size_t kept_items_ = 0, waiting_items_ = 0;
   int stopping_ = 0;  // number of stop commands that are in progress

@@ -290,7 +290,7 @@ class Gateway {
   std::uint64_t reported_drops_ = 0;
   EventLoop::Time next_drops_;
   bool claimed_ = false, ending_ = false, met_other_ = false;
-  std::size_t unstopped_ = 0;  // number of axes that did not reach standstill before the end
+  std::size_t unstopped_ = 0;  // number of axes that were still moving when the program ended
   int status_ = 0;
 };
 

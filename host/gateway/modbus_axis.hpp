@@ -36,7 +36,7 @@ class ModbusAxis {
   Task<int> check(std::uint16_t object, std::int32_t value, bool as_owner);
 
   GatewayAxis &axis_;
-  std::string text_;  // text that the last read access has returned
+  std::string text_;  // text that was read by the last access
   std::array<std::uint16_t, MODBUS_COUNTERS> counters_{};
 };
 

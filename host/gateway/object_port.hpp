@@ -19,7 +19,7 @@ struct ObjectResult {
 struct ObjectAddress {
   std::uint16_t index = 0;
   std::uint8_t sub = 0;
-  std::uint8_t bytes = 0;  // length of the value; 0: not known
+  std::uint8_t bytes = 0;  // length of the value in bytes; 0: not known
   bool is_signed = false;
 };
 

@@ -45,7 +45,8 @@ class CanInputs {
   std::uint64_t foreign() const { return foreign_; }
 
  private:
-  std::array<std::optional<LinkInputs>, kMostAxes> status_{};  // last status frame of each axis
+  std::array<std::optional<LinkInputs>, kMostAxes> status_{};  // latest status frame that each axis
+                                                               // has sent
   std::uint64_t foreign_ = 0;
 };
 

@@ -72,7 +72,7 @@ class PlantExchange {
   LinkTimeouts timeouts_;
   LinkStatistics statistics_;
   bool idle_ = false;      // true: no message arrived during the last wait
-  unsigned answered_ = 0;  // axes that have answered: bit 0 for axis 1, bit 1 for axis 2
+  unsigned answered_ = 0;  // set of the axes that have answered: bit 0 for axis 1, bit 1 for axis 2
 };
 
 // The firmware's side of the link, for the axes of one process.
@@ -119,7 +119,8 @@ class AxisExchange {
   LinkTimeouts timeouts_;
   Compute compute_;
   std::array<Axis, kMostAxes> axes_{};
-  unsigned running_ = 0;  // axes that have not finished: bit 0 for axis 1, bit 1 for axis 2
+  unsigned running_ = 0;  // set of the axes whose run has not ended: bit 0 for axis 1, bit 1 for
+                          // axis 2
   unsigned calls_ = 0;
   Clock::time_point received_;
   LinkStatistics statistics_;

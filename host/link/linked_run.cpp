@@ -94,7 +94,7 @@ struct LinkedPlants::Ends {
       const int axis = first + static_cast<int>(i);
       claims.push_back(std::make_unique<LinkClaim>(claimed(options), plant_role(options, axis)));
       if (options.kind != "lcm")
-        break;  // a CAN interface needs only one lock for the plants of all axes
+        break;  // the plants of all axes share the one lock of a CAN interface
     }
     transport = open_plant_transport(options, report.injected);
     exchange = std::make_unique<PlantExchange>(*transport, options.timeouts);

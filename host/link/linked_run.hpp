@@ -65,7 +65,7 @@ struct LinkMoment {
   std::int64_t tick = 0;
   // Delay of this tick in us relative to the wall clock; empty if the run is not paced.
   std::optional<std::int64_t> late_us;
-  std::vector<Axis> axes;  // axes whose run has not ended at this tick
+  std::vector<Axis> axes;  // the axes whose run has not ended at this tick
 };
 constexpr std::int64_t kTicksBetweenMoments = 150;  // 0.1 s
 using LinkWatch = std::function<void(const LinkMoment &)>;

@@ -76,12 +76,12 @@ class TcpServer {
   struct Client {
     // Socket of the client, or -1 if the client has disconnected while its request is in progress.
     int socket = -1;
-    FrameBuffer bytes;              // received bytes that are not yet processed
-    std::optional<Header> pending;  // header of the request that is in progress
-    Time begun;                     // time at which the first of these bytes was received
-    Time last;                      // time of the connection, or of the last request or answer
-    bool asked = false;             // true: the client has sent a complete request
-    std::optional<Time> written;    // time of the last accepted write of the client
+    FrameBuffer bytes;              // received bytes that were not processed yet
+    std::optional<Header> pending;  // header of the request that is being processed
+    Time begun;                     // time at which the first unprocessed byte was received
+    Time last;                      // time of the last activity: connection, request or answer
+    bool asked = false;             // true: the client has sent at least one complete request
+    std::optional<Time> written;    // time at which a write of the client was last accepted
   };
   using Clients = std::map<std::uint64_t, Client>;
 

@@ -22,7 +22,8 @@ struct NodeOptions {
   std::string pace = "fast";  // Speed of the run: "fast" or "real".
   double start_timeout_s = 5;
   double timeout_s = 1;
-  bool endless = false;  // true: the nodes run a session (host/link/session.hpp)
+  bool endless = false;  // true: the programs run a session without an end time
+                         // (host/link/session.hpp)
   host::LinkOptions link;
 };
 

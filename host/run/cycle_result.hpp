@@ -24,8 +24,8 @@ struct CycleValues {
     std::int32_t verdict;  // cycle_result_verdict
     std::uint32_t tick;    // cycle_result_tick
   };
-  std::vector<Element> elements;  // evaluation elements in the order of the program; empty before
-                                  // the end of a cycle
+  std::vector<Element> elements;  // results of the evaluation elements in the order of the program;
+                                  // empty before the end of a cycle
 };
 
 // Returns true if the cycle has ended and was evaluated, by its cycle_state.

@@ -381,7 +381,8 @@ struct ExperimentFile::Variant {
   std::once_flag read;
   std::shared_ptr<const sim::Model> model;
   std::shared_ptr<sim::ModeCache> modes;
-  std::set<std::string> named;  // model parameters whose names are values in the table [set]
+  std::set<std::string> named;  // model parameters whose names are used as values in the table
+                                // [set]
 };
 
 struct ExperimentFile::Contents {

@@ -41,7 +41,7 @@ enum class ForceSensor : std::uint8_t { live, held, high, low, zero, silent };
 
 // The actions of one table [[at]].
 struct Action {
-  std::int64_t tick;  // The actions are applied before this tick.
+  std::int64_t tick;  // number of the tick before which the actions are applied
   std::vector<ObjectWrite> writes;
   std::vector<Impulse> impulses;
   std::optional<ForceSensor> force_sensor;
@@ -117,7 +117,7 @@ struct Plot {
   // Names of the columns of the trace in each diagram; empty for the default diagrams.
   std::vector<std::vector<std::string>> rows;
   std::optional<double> from_s;
-  std::optional<double> to_s;  // end of the time axis in s, > from_s; empty: end of the run
+  std::optional<double> to_s;  // end of the plotted time in s, > from_s; empty: end of the run
 };
 
 struct Experiment {
@@ -129,7 +129,8 @@ struct Experiment {
   std::string figure;
   std::string shows;
   std::shared_ptr<const sim::Model> model;
-  std::shared_ptr<sim::ModeCache> modes;  // cache of modes that all plants of the model share
+  std::shared_ptr<sim::ModeCache> modes;  // cache of the matrices of modes, which all plants of the
+                                          // model share
   std::uint64_t seed = 0;
   // Number of ticks that the plant simulates. The firmware computes ticks + 1 ticks.
   std::int64_t ticks = 0;

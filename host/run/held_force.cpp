@@ -115,7 +115,7 @@ HeldForce held_force(const ForceTask &task, const std::vector<double> &values,
   if (begin == values.end()) return held;
   const auto from = begin - values.begin();
   held.from_s = static_cast<double>(from) / sim::kTickRateHz;
-  double ratio = 1.0;  // largest quotient of force and set-point
+  double ratio = 1.0;  // largest ratio of the force to its set-point, at least 1
   for (auto force = begin; force != values.end(); ++force)
     ratio = std::max(ratio, *force / held.setpoint_N);
   held.overshoot_percent = 100.0 * (ratio - 1.0);

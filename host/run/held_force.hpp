@@ -27,7 +27,7 @@ struct ForceTask {
 };
 
 struct ForceSetpoint {
-  std::int64_t tick = 0;  // The set-point applies from this tick on.
+  std::int64_t tick = 0;  // number of the tick from which the set-point applies
   double setpoint_N = 0.0;
 };
 

@@ -128,7 +128,8 @@ struct Journal {
   std::vector<std::uint8_t> archive;
   bool has_archive = false;
   std::vector<Entry> entries;
-  std::int64_t ticks = -1;  // number of ticks of the run; -1: the journal has no entry `end`
+  std::int64_t ticks = -1;  // number of ticks of the recorded run; -1: the journal has no entry
+                            // `end`
   std::string trace_hash;
 
   // Returns the number of ticks of the recorded run. If the journal has no entry `end`, returns the

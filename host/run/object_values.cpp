@@ -123,7 +123,8 @@ class Scales {
 struct Value {
   double number;
   bool converted;      // true: the number was converted from a quantity and must be rounded
-  std::string origin;  // Value as the file has it, for messages: " (\"75 N\")", or empty.
+  std::string origin;  // Text of the value in the file, for error messages: " (\"75 N\")", or
+                       // empty.
 };
 
 // Refuses a text that is not a quantity and not the name of a parameter.

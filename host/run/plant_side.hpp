@@ -161,7 +161,7 @@ class PlantSide {
   int adc_low_ = 0, adc_high_ = -1;
   int adc_zero_ = -1;  // code of ADC 0 at force 0
   std::int64_t window_start_;
-  std::int64_t second_half_;  // first tick of the second half of the criterion's window
+  std::int64_t second_half_;  // first tick of the second half of the window of the verdict
   std::int64_t losses_before_window_ = 0;
   std::int64_t tick_ = 0;
   LinkInputs in_{};
@@ -170,7 +170,7 @@ class PlantSide {
   std::uint8_t first_fault_ = kNoFault;
   std::optional<ForceTask> force_task_;
   std::size_t task_place_ = 0;      // index of the signal that ForceTask::signal names
-  std::vector<double> task_force_;  // value of ForceTask::signal in N at each tick
+  std::vector<double> task_force_;  // value in N, at each tick, of the signal ForceTask::signal
   Span<int> force_, force_late_;
   Span<std::int64_t> position_, position_late_;
   Metrics metrics_;

@@ -43,8 +43,8 @@ struct RunStopped : std::runtime_error {
 
 // Peak-to-peak ripple of a quantity in counts.
 struct Ripple {
-  double count = 0;       // peak-to-peak ripple in the complete window
-  double late_count = 0;  // peak-to-peak ripple in the second half of the window
+  double count = 0;       // peak-to-peak ripple of the signal in the complete window of the verdict
+  double late_count = 0;  // peak-to-peak ripple of the signal in the second half of the window
 };
 
 // Metrics over the window of the criterion, or over the last second if the experiment has no
@@ -201,7 +201,8 @@ struct RunResult {
   std::string fault;  // name of the first fault in the run, or "none"
   std::vector<Refusal> refused;
   std::string verdict;               // verdict of evaluate(); "" if the experiment has no criterion
-  std::vector<Missed> missed;        // limits that the run has missed, by evaluate()
+  std::vector<Missed> missed;        // limits of the verdict that the run exceeds, found by
+                                     // evaluate()
   std::optional<CycleResult> cycle;  // empty without a program
 };
 

@@ -101,7 +101,7 @@ class Sha256 {
                                       0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19};
   std::array<std::uint8_t, kBlockBytes> block_;  // data that fills no block yet
   std::size_t used_ = 0;                         // number of bytes in block_
-  std::uint64_t bytes_ = 0;                      // number of bytes that were added
+  std::uint64_t bytes_ = 0;                      // number of bytes that were added to the hash
 };
 
 }  // namespace forceaxis::host

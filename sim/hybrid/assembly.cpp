@@ -53,7 +53,7 @@ class Assembly : public Wiring {
   }
 
  private:
-  std::size_t bodies_ = 0;  // number of bodies, which are the first of the coordinates
+  std::size_t bodies_ = 0;  // number of bodies; their positions are the first coordinates
 
   template <class Element>
   void add_all(const std::vector<Element> &elements) {

@@ -12,11 +12,14 @@ namespace forceaxis::sim {
 /// Rows that give the factors of each power and of each stored energy in one mode. A row multiplies
 /// the vector z.
 struct EnergyRows {
-  std::vector<double> first;           ///< first factor of each power: supplies, then dampers
-  std::vector<double> second;          ///< second factor of each power: supplies, then dampers
-  std::vector<double> store_first;     ///< first factor of each stored energy
-  std::vector<double> store_second;    ///< second factor of each stored energy
-  std::vector<double> store_constant;  ///< constant part of each stored energy in J
+  std::vector<double> first;           ///< first factor of the power of each supply, then of each
+                                       ///< damper
+  std::vector<double> second;          ///< second factor of the power of each supply, then of each
+                                       ///< damper
+  std::vector<double> store_first;     ///< first factor of the energy in each storage element
+  std::vector<double> store_second;    ///< second factor of the energy in each storage element
+  std::vector<double> store_constant;  ///< constant part, in J, of the energy in each storage
+                                       ///< element
 };
 
 EnergyRows energy_rows(const Network &network, const ModeEquations &equations);

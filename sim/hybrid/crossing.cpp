@@ -46,7 +46,7 @@ double refine(const Polynomial &g, double a, double ga, double b, double gb, dou
   double last_width = b - a;
   for (int step = 0; step < 200; ++step) {
     if (!(s > a && s < b)) s = a + 0.5 * (b - a);
-    if (!(s > a && s < b)) break;  // there is no double between a and b
+    if (!(s > a && s < b)) break;  // no floating-point number lies between a and b
     double slope = 0.0;
     const double value = g.value_and_slope(s, &slope);
     if (value >= 0.0) {

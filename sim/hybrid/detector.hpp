@@ -22,7 +22,8 @@ class Detector {
   struct Change {
     std::size_t channel = 0;
     bool above = false;
-    double after = 0.0;  ///< time from the instant of z to the change of the switch, in ticks
+    double after = 0.0;  ///< time in ticks from the instant of the state z to the change of the
+                         ///< switch
   };
 
   /// Sets the assumed rounding error of Taylor coefficients to `factor` times its normal bound. If
@@ -96,7 +97,8 @@ class Detector {
   kernel::Calm calm_test_ = kernel::best_calm();
   kernel::Grid grid_ = kernel::best_grid();
   const Mode *mode_ = nullptr;
-  const Mode *calm_mode_ = nullptr;  // last mode in which quiet() failed and calm() passed
+  const Mode *calm_mode_ = nullptr;  // last mode in which the check quiet() failed and the check
+                                     // calm() passed
   int calm_left_ = 0;
   const Mode *expected_calm_ = nullptr;
   // Assumed relative rounding error of the Taylor coefficients.

@@ -107,7 +107,8 @@ class DriveBus {
   BusCycle cycle_;
   std::optional<int> enable_ticks_;
   DriveFailure failure_ = DriveFailure::none;
-  int enabled_ticks_ = 0;  // ticks for which the drive has been enabled, at most enable_ticks + 1
+  int enabled_ticks_ = 0;  // number of ticks for which the drive has been enabled, at most
+                           // enable_ticks + 1
   std::vector<Frame> frames_;
   std::vector<Measured> sent_;
   Measured first_;

@@ -16,7 +16,7 @@ struct EnergyIntegrals {
   std::vector<double> dissipated;
   /// Spring energy that was lost: of contacts that opened, and of a stepper that was disabled.
   double discarded = 0.0;
-  double impulse = 0.0;  ///< work of all impulses on bodies
+  double impulse = 0.0;  ///< work of all impulses on bodies, in J
 };
 
 /// Returns the spring energy in J of each element of Network::storages().
@@ -59,7 +59,7 @@ class EnergyAccount {
   kernel::Multiply multiply_ = kernel::best_multiply();
   const Mode *mode_ = nullptr;
   kernel::Vector products_;
-  kernel::Vector integrals_;  // energies of all supplies, followed by the energies of all dampers
+  kernel::Vector integrals_;  // energies in J of all supplies, followed by those of all dampers
   std::vector<Sum> supplied_;
   std::vector<Sum> dissipated_;
   Sum discarded_;

@@ -38,7 +38,8 @@ class MachineLaw {
 
  private:
   static double value(const MachineTable &table, double time) {
-    constexpr double kRounding_s = 1e-9;  // largest difference at which two times are equal
+    constexpr double kRounding_s = 1e-9;  // largest difference of two times that are treated as
+                                          // equal
     const auto next = std::upper_bound(table.times.begin(), table.times.end(), time + kRounding_s);
     if (next == table.times.begin()) return table.values.front();
     const auto i = static_cast<std::size_t>(next - table.times.begin());
@@ -89,7 +90,7 @@ class MachineLaw {
   double command_ = 0.0;
   double integral_ = 0.0;
   double low_ = 0.0;
-  std::vector<double> forces_;  // measured forces of the last ticks
+  std::vector<double> forces_;  // forces that were measured in the last ticks
 };
 
 }  // namespace forceaxis::sim

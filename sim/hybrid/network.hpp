@@ -37,7 +37,7 @@ struct Channel {
 struct ModeEquations {
   /// Matrix of n x (n + 2) elements that gives the derivatives of the states x from z: x' = flow z.
   ExtendedMatrix flow;
-  ExtendedMatrix wires;  ///< matrix that gives the values of all wires from z
+  ExtendedMatrix wires;  ///< matrix that computes the values of all wires from the state z
   std::vector<Channel> channels;
   /// Matrix of n x n elements for the correction x - slip x of the states x. After this correction,
   /// the relative velocity of the ends of each sticking friction is 0. Empty if no friction sticks.
@@ -88,9 +88,9 @@ class Network {
 
   /// The state of the plant that has the shortest time constant in a mode.
   struct Fastest {
-    std::string state;    ///< name of the state: a body, a state of the drive, or a filter
+    std::string state;    ///< name of what the state belongs to: a body, the drive or a filter
     std::string element;  ///< name of the element that affects this state most
-    double rate;          ///< inverse of the time constant of the state, in 1/s
+    double rate;          ///< inverse of the time constant with which the state changes, in 1/s
   };
   Fastest fastest(const ModeEquations &equations) const;
 

@@ -38,13 +38,14 @@ struct Pieces {
 
   /// The finest piece has 2^-halvings ticks, which is Mode::reach.
   std::size_t halvings = 0;
-  std::size_t fast = 0;  ///< number of fast modes; a conjugate pair counts once
+  std::size_t fast = 0;  ///< number of fast modes of the system, in which a conjugate pair is one
+                         ///< mode
 
   /// Matrix stored by columns. Its rows give B^2 z, r B^2 z, the real and imaginary parts of w z,
   /// and the signals r z.
   kernel::Vector head;
   std::size_t head_stride = 0;
-  std::size_t bend_place = 0;   ///< first row of r B^2 z in `head`
+  std::size_t bend_place = 0;   ///< index of the first row of `head` that computes r B^2 z
   std::size_t fast_place = 0;   ///< first row of w z in `head`
   std::size_t start_place = 0;  ///< first row of r z in `head`
 

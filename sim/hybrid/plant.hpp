@@ -86,18 +86,19 @@ struct Event {
   /// segment 0, segment 1 and so on.
   std::string from;
   std::string to;
-  bool jump = false;  ///< true: a new DAC code or an impulse has caused the change
+  bool jump = false;  ///< true: the cause of the change is a new DAC code or an impulse
 };
 
 /// Mechanical energy since tick 0, in J: initial + supplied = kinetic + stored + dissipated +
 /// discarded + residual. The residual is the rounding error.
 struct EnergyAudit {
   double initial = 0.0;
-  double supplied = 0.0;  ///< work of drive, gravity and impulses on the bodies
-  double impulses = 0.0;  ///< work of the impulses on bodies in J; included in `supplied`
+  double supplied = 0.0;  ///< work in J of drive, gravity and impulses on the bodies
+  double impulses = 0.0;  ///< work in J of the impulses on the bodies, which `supplied` includes
   double kinetic = 0.0;
-  double stored = 0.0;     ///< energy stored in springs and in closed contacts
-  double discarded = 0.0;  ///< spring energy that opened contacts and disabled steppers lost
+  double stored = 0.0;     ///< energy in J that springs and closed contacts store
+  double discarded = 0.0;  ///< spring energy in J that was lost when contacts opened and steppers
+                           ///< were disabled
   struct Damper {
     /// Name of a spring, damper, contact, friction, brake or structure. "drive" is the friction b_m
     /// of a motor.
@@ -243,7 +244,7 @@ class Plant {
     bool present = false;
     int top = 0;
     int zero_code = 0;
-    double limit = 0.0;  // largest magnitude of the analog value before the conversion
+    double limit = 0.0;  // largest magnitude that the analog value may have before the conversion
     double noise = 0.0;
     double counts_per_unit = 0.0;
     double rounding = 0.5;  // as Adc::rounding
@@ -253,11 +254,12 @@ class Plant {
     double high = 0.0;
     SampledSensor samples;
     SincFilter filter;
-    double collected = 0.0;  // instant in steps up to which the filter has the signal's moments
+    double collected = 0.0;  // instant, in steps, up to which the filter contains the moments of
+                             // the signal
   };
   static Converter converter_of(const Adc &adc);
   Converter converters_[2];
-  bool sampled_ = false;  // true if a converter samples at instants of its own
+  bool sampled_ = false;  // true if a converter samples at other instants than the ticks
   std::uint64_t seed_ = 0;
   bool audit_ = false;
   double initial_energy_ = 0.0;
@@ -269,7 +271,7 @@ class Plant {
   // behind the others, so that they keep their places in the lines of the cache.
   std::vector<double> encoder_row_;
   std::optional<MachineLaw> machine_law_;
-  std::size_t machine_signal_ = 0;  // index of the force that the controller measures
+  std::size_t machine_signal_ = 0;  // index of the signal of the force that the controller measures
 };
 
 }  // namespace forceaxis::sim

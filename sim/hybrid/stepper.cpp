@@ -402,7 +402,8 @@ static std::size_t longest_piece(const Pieces &pieces, std::uint64_t place, doub
 Stepper::Progress Stepper::cross_pieces(double rest) {
   const Mode &m = *mode_;
   const std::size_t halvings = m.pieces->halvings;
-  std::uint64_t place = 0;  // start of the next piece, in pieces of the finest length
+  std::uint64_t place = 0;  // start of the next piece of the tick, counted in pieces of the
+                            // smallest length
   for (;;) {
     const double done = static_cast<double>(place) * m.reach;
     const double left = rest - done;
@@ -434,7 +435,7 @@ Stepper::Progress Stepper::cross_pieces(double rest) {
 // has the state at the end of the tick.
 bool Stepper::cross(double from, double until) {
   check_finite();
-  double done = from;  // time since the start of the tick, in ticks
+  double done = from;  // time that has passed since the start of the tick, in ticks
   bool quiet = false;
   int changes = 0;
   int changes_here = 0;

@@ -91,7 +91,7 @@ class Stepper {
  private:
   // A search for the next change of a switch.
   struct Progress {
-    double passed = 0.0;  // time in ticks by which the state has advanced
+    double passed = 0.0;  // time in ticks by which the step has advanced the state
     bool changed = false;
     Detector::Change next;  // valid if `changed` is true
   };
@@ -157,7 +157,8 @@ class Stepper {
     ModeKey key = 0;
     const Mode *mode = nullptr;
     const EnergyForms *forms = nullptr;  // nullptr: not yet requested
-    int parts = 0;  // number of parts of the grid in which the energies were added without `forms`
+    int parts = 0;  // number of parts of the time grid in which energies were added without the
+                    // matrices `forms`
   };
   std::vector<Recent> recent_;
   Recent *current_ = nullptr;  // place of *mode_ in recent_

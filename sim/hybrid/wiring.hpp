@@ -41,7 +41,8 @@ struct Wiring {
   /// Selector of a wire with two sums: drive disabled, drive enabled.
   static constexpr int kEnable = -2;
   struct WireNode {
-    int selector;  ///< index of the switch that selects the sum of this wire; kAlways or kEnable
+    int selector;  ///< index of the switch that selects the sum that this wire carries; or kAlways
+                   ///< or kEnable
     std::vector<Terms> cases;
   };
   struct Switch {
@@ -64,8 +65,8 @@ struct Wiring {
   };
   /// A position, a velocity and a mass: a body, or a mode of a structure.
   struct Coordinate {
-    int position;  ///< index of the state that is the position
-    int velocity;  ///< index of the state that is the velocity
+    int position;  ///< index of the state that is the position of the body or mode
+    int velocity;  ///< index of the state that is the velocity of the body or mode
     double mass;
   };
   /// The motion of a point is the sum of its shares: a factor times a coordinate.
@@ -144,7 +145,7 @@ struct Wiring {
   /// For each state, the name of a body, of a drive's state or of a filter.
   std::vector<std::string> state_names;
   std::vector<double> initial;
-  std::vector<Terms> derivatives;  ///< terms of the sum that is the derivative of each state
+  std::vector<Terms> derivatives;  ///< for each state: the terms whose sum is its derivative
   std::vector<int> drive_states;   ///< indices of the states that are 0 while the drive is disabled
   std::vector<WireNode> wires;
   std::vector<Switch> switches;
@@ -157,7 +158,8 @@ struct Wiring {
   /// The points of the model (Model::point_names), followed by the modes of its structures.
   std::vector<Point> points;
   std::vector<Memory> memories;
-  std::vector<FrictionEnds> frictions;  ///< all frictions of the model, followed by all brakes
+  std::vector<FrictionEnds> frictions;  ///< all friction elements of the model, followed by all
+                                        ///< brakes
   std::vector<BrakeTimes> brakes;
   std::vector<Product> supplies;
   std::vector<Product> dampers;

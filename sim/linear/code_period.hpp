@@ -55,7 +55,8 @@ class CodePeriod {
   };
   struct Reading {
     std::size_t first, end;  // terms
-    std::vector<int> ticks;  // ticks of the cycle in which the law has this reading
+    std::vector<int> ticks;  // ticks of the bus cycle in which the law uses this reading of the
+                             // sensor
   };
 
   int cycle_ticks_;

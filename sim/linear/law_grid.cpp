@@ -14,7 +14,8 @@ namespace {
 using Complex = std::complex<double>;
 using Extended = long double;
 
-constexpr double kLowestHz = 0.02;  // lowest frequency of a grid; the highest is half the tick rate
+constexpr double kLowestHz = 0.02;  // lowest frequency of a grid in Hz; its highest frequency is
+                                    // half the tick rate
 // Below this frequency a grid has fewer points per decade.
 constexpr double kSlowHz = 1.0;
 constexpr double kPointsPerDecade = 60, kFastPointsPerDecade = 270;
@@ -22,11 +23,13 @@ constexpr double kPointsPerDecade = 60, kFastPointsPerDecade = 270;
 // half-widths of the resonance.
 constexpr double kPointsPerSide = 42;
 constexpr Extended kFarthestHalfWidths = 25;
-constexpr double kDampingMax = 0.3;  // a pole or zero with more damping needs no denser grid
+constexpr double kDampingMax = 0.3;  // damping ratio above which a pole or zero needs no denser
+                                     // grid
 constexpr double kNone = std::numeric_limits<double>::infinity();
 constexpr double kHalfPower = 0.5;     // |S|^2 at -3 dB
 constexpr double kStableShare = 1e-9;  // smallest damping ratio of a stable pole
-constexpr double kRounding = 1e-11;    // error of a pole at z = 1, as a share of the tick rate
+constexpr double kRounding = 1e-11;    // distance of a computed pole from z = 1 that is a rounding
+                                       // error, as a share of the tick rate
 // The bandwidth of a law is computed at this share of its largest gain. At the largest gain itself
 // the bandwidth would jump if a peak of |S| is close to -3 dB.
 constexpr double kGainShare = 0.97;
@@ -94,9 +97,10 @@ class GridMaker {
   }
 
   double tick_s_;
-  double cycle_hz_;  // rate at which the drive receives commands
+  double cycle_hz_;  // rate in Hz at which the drive receives commands
   std::vector<Point> common_;
-  std::vector<double> around_;  // distances from a resonance in widths of the resonance
+  std::vector<double> around_;  // distances of grid points from a resonance, as multiples of the
+                                // width of the resonance
 };
 
 // Returns true if a pole of the plant is an integral.
@@ -136,7 +140,8 @@ struct LawGrid::Loop {
 
   std::vector<double> real, imag, square, noise;
   std::vector<Turned> turned;  // the loop with each delay
-  Turned apart;                // the loop with one delay, before the sum over the frequencies
+  Turned apart;                // loop gain with one delay, before the sum over the alias
+                               // frequencies
 };
 
 // A loop with a delay around one plant: real and imaginary part and |L|^2 at its frequencies.
@@ -427,7 +432,7 @@ namespace {
 // Frequencies from 0 on at which a loop with two integrals is close to -1 at some gain.
 struct LowEnd {
   std::size_t points = 0;  // number of points of the grid
-  double least_gain = 0;   // gain from which on |S| keeps its bound at these points
+  double least_gain = 0;   // gain above which |S| keeps its bound at these frequencies
 };
 
 // `share`: as in first_root(). A loop that begins behind -180 degrees is unstable at every gain at
@@ -732,7 +737,7 @@ double gain_at_rest(const LawShape &law, double rest) {
 
 // Poles and zeros of a plant below the grid.
 struct SlowRoots {
-  std::size_t poles = 0;  // number of poles, without those of pairs
+  std::size_t poles = 0;  // number of real poles, which belong to no conjugate pair
   std::size_t zeros = 0;
   // Pairs of a pole and a zero, both stable and real, that differ by at most 1 %, as the creep of a
   // sensor has them. Below the grid, a pair changes the loop by at most 1 % and turns it by less
@@ -930,7 +935,7 @@ LawValue value_of(const GainLimit &limit, double hz) {
 
 LawValue LawGrid::evaluate(const LawShape &law, const LawBounds &bounds, const RampResponse *ramp,
                            double floor_hz) const {
-  thread_local Loop loop;  // some 100 kB for each thread, which all later calls use again
+  thread_local Loop loop;  // memory of some 100 kB for each thread, which all later calls reuse
   loop.resize(hz_.size(), delays_.size(), aliases_);
   GainLimit limit;
   limit.gain = bounds.hf_gain / law.hf_gain();

@@ -25,7 +25,7 @@ namespace forceaxis::sim {
 
 /// Bounds that all loops have to keep. Infinity means no bound.
 struct LawBounds {
-  std::vector<double> ms;         ///< largest |S| for each delay of the loop, above 1
+  std::vector<double> ms;         ///< largest permitted |S| for each delay of the loop, above 1
   double gain_margin = 1.0;       ///< factor
   double phase_margin_deg = 0.0;  ///< 0: no bound
   double hf_gain = std::numeric_limits<double>::infinity();  ///< DAC codes per 8-bit count
@@ -36,7 +36,7 @@ struct GainLimit {
   enum class Bound { hf, ms, gm, pm };
   double gain = 0.0;
   Bound bound = Bound::hf;
-  std::size_t plant = 0, delay = 0;  ///< indices; not used for Bound::hf
+  std::size_t plant = 0, delay = 0;  ///< indices of plant and delay; not used for Bound::hf
   double frequency_hz = 0.0;
   /// Smallest gain that the bounds permit. It is 0 unless plant and law have an integral each: such
   /// a loop has little phase margin at low frequency if its gain is small.
@@ -52,8 +52,9 @@ struct LoopFigures {
   /// grid, and half the tick rate if |T| is above at the last one.
   double fT_hz;
   double Ms;                ///< largest |S|
-  double gain_margin;       ///< factor; infinity if the loop has no gain margin
-  double phase_margin_rad;  ///< smallest magnitude; infinity if |L| is 1 at no frequency
+  double gain_margin;       ///< gain margin as a factor; infinity if the loop has none
+  double phase_margin_rad;  ///< phase margin of the smallest magnitude; infinity if |L| is 1 at no
+                            ///< frequency
 };
 
 /// Figures of one loop that are not limited by the steps of a grid: roots and peaks are searched
@@ -68,8 +69,9 @@ struct PreciseFigures {
   /// -1. Otherwise the other fields are 0, and poles have to decide. This is also so for a loop
   /// with a pole, a zero or a bandwidth below the lowest frequency of the grid.
   bool known_stable = false;
-  double fS_hz = 0;  ///< as in LoopFigures; infinity if |S| stays below -3 dB
-  double fT_hz = 0;  ///< last frequency at which |T| falls below -3 dB; infinity if it stays above
+  double fS_hz = 0;  ///< frequency as in LoopFigures; infinity if |S| stays below -3 dB
+  double fT_hz = 0;  ///< last frequency at which |T| falls below -3 dB; infinity if |T| stays above
+                     ///< -3 dB
   double Ms = 0;
   double gain_margin = 0;
   double phase_margin_rad = 0;
@@ -133,9 +135,10 @@ class LawGrid {
   double tick_s_;
   // Number of frequencies of each point: the ticks of a bus cycle, 1 without a bus.
   std::size_t aliases_;
-  std::vector<std::size_t> begin_;  // index of the first point of each plant; last: number of
-                                    // points
-  std::vector<bool> integrates_;    // for each plant: true if one of its poles is an integral
+  std::vector<std::size_t> begin_;  // index of the first point of each plant; the last element is
+                                    // the number of points
+  std::vector<bool> integrates_;    // for each plant: true if the plant integrates, with a pole at
+                                    // frequency 0
   std::vector<double> hz_;          // frequency of each point
   // Of each frequency of each point: w = tan(pi f T), real and imaginary part of z, real and
   // imaginary part of the plant's response with its bus. A plant has all its points at the first

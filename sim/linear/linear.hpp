@@ -26,7 +26,7 @@ struct Linear {
 /// its range. `states` gives other states, as element -> state with the names of Event.
 struct LinearMode {
   std::map<std::string, std::string> states;
-  bool free = false;  ///< true: contacts are open by default
+  bool free = false;  ///< true: contacts without a given state are open
   bool drive = true;  ///< false: the drive is removed, and the input drive.force replaces its force
 };
 

@@ -14,11 +14,14 @@ using Extended = long double;
 using Pair = RampResponse::Pair;
 using ComplexPair = RampResponse::ComplexPair;
 
-constexpr double kPeriodRamps = 30.0;    // period of the set-point as a multiple of the ramp time
-constexpr std::size_t kHarmonics = 256;  // largest number of odd harmonics
-constexpr std::size_t kPeriod = 2048;    // number of instants in a period
+constexpr double kPeriodRamps = 30.0;    // ratio of the period of the set-point to the ramp time
+constexpr std::size_t kHarmonics = 256;  // largest number of odd harmonics of the set-point that
+                                         // are summed
+constexpr std::size_t kPeriod = 2048;    // number of instants in a period at which the response is
+                                         // computed
 constexpr std::size_t kPart = kPeriod / 8;  // length of one Fourier transform
-constexpr double kHighestShare = 0.49;      // highest harmonic as a share of the tick rate
+constexpr double kHighestShare = 0.49;      // ratio of the highest harmonic's frequency to the tick
+                                            // rate
 constexpr double kOvershootMax = 0.055;     // largest overshoot, as a share of the set-point
 // (instant in ramp times, largest undershoot from this instant on as a share of the set-point)
 constexpr std::array<std::pair<double, double>, 2> kShortMax{{{1.25, 0.02}, {1.6, 0.025}}};

@@ -38,7 +38,8 @@ class RampResponse {
   // tan(pi f T) of all harmonics, then of their other frequencies (alias_of)
   std::vector<double> w_;
   std::vector<std::complex<double>> setpoint_;  // spectrum of the set-point
-  std::vector<ComplexPair> plants_;  // delayed responses, pair after pair; a last one is repeated
+  std::vector<ComplexPair> plants_;  // responses with delay, in pairs; the last one is repeated if
+                                     // their number is odd
 };
 
 }  // namespace forceaxis::sim

@@ -219,7 +219,7 @@ py::list run_many(const std::vector<Job> &jobs, unsigned threads, const py::obje
   std::vector<Outcome> outcomes(jobs.size());
   std::atomic<std::size_t> next{0};
   std::atomic<bool> stop{false};
-  std::mutex mutex;  // lock for changed, failure and fresh
+  std::mutex mutex;  // lock that protects `changed`, `failure` and `fresh`
   std::condition_variable changed;
   std::exception_ptr failure;
   std::vector<std::size_t> fresh;  // indices of the jobs that are complete but not yet reported

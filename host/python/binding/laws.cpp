@@ -58,7 +58,8 @@ void in_parallel(std::size_t count, unsigned threads, const Work &work) {
         errors[i] = std::current_exception();
       }
   };
-  std::vector<std::jthread> pool;  // the destructor joins them, also if a thread cannot be started
+  std::vector<std::jthread> pool;  // the destructor joins all threads, also if one of them cannot
+                                   // be started
   for (std::size_t i = 1; i < std::min<std::size_t>(threads, count); ++i) pool.emplace_back(run);
   run();
   pool.clear();
