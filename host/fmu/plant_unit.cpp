@@ -177,7 +177,8 @@ class PlantUnit final : public Unit {
   std::size_t first_signal_ = 0;
   std::size_t seed_ = 0;        // index of the variable `seed`, before the parameters of the model
   std::vector<double> values_;  // present values of the inputs and of the parameters
-  std::optional<Plant> plant_;  // empty until a value of the plant is needed
+  // Empty until a value of the plant is needed.
+  std::optional<Plant> plant_;
   // Codes of this tick. Plant::codes() is called once in each tick, because it reads the index
   // pulse.
   SensorCodes codes_;

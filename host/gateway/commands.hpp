@@ -50,8 +50,8 @@ class GatewayCommands {
     std::size_t row_bytes = 0;
     std::optional<std::size_t> tick_at;  // column of tick_count
   };
-  using Range = std::pair<std::int64_t, std::int64_t>;  // first sample, and the sample after the
-                                                        // last one
+  // First sample, and the sample after the last one.
+  using Range = std::pair<std::int64_t, std::int64_t>;
   // The object whose name or address is in an item of a command.
   struct Target {
     ObjectAddress address;

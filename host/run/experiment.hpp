@@ -135,7 +135,8 @@ struct Experiment {
   // Number of ticks that the plant simulates. The firmware computes ticks + 1 ticks.
   std::int64_t ticks = 0;
   std::vector<ObjectWrite> initial;
-  std::vector<Action> actions;  // actions, sorted by tick
+  // Actions, sorted by tick.
+  std::vector<Action> actions;
   // Program of the cycle that mode -9 runs; NULL without one.
   std::shared_ptr<const CycleProgram> cycle;
   std::optional<Criterion> criterion;

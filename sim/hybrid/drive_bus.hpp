@@ -34,7 +34,8 @@ class DriveBus {
   };
   /// What the firmware has from the drive in a tick.
   struct Sample {
-    std::int32_t count = 0;  ///< encoder count
+    /// Encoder count that the drive has measured.
+    std::int32_t count = 0;
     /// Number of ticks since the drive has measured `count`, at most 255.
     std::uint8_t age_ticks = 0;
     std::uint8_t report = 0;  ///< DriveBit; 0 without `enable_ticks`

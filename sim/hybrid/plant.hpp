@@ -46,7 +46,8 @@ struct PlantOptions {
   bool audit = false;
   /// Number of events that events() lists. Further events are counted but not listed.
   std::size_t listed_events = 4096;
-  std::uint64_t seed = 0;  ///< seed of the random noise of ADCs and DAC
+  /// Seed of the random noise of ADCs and DAC.
+  std::uint64_t seed = 0;
   /// Start of each body in place of that of the model, in the order of Model::bodies; empty: as in
   /// the model. Plants with different starts may share a ModeCache.
   std::vector<BodyStart> starts = {};
@@ -247,7 +248,8 @@ class Plant {
     double limit = 0.0;  // largest magnitude that the analog value may have before the conversion
     double noise = 0.0;
     double counts_per_unit = 0.0;
-    double rounding = 0.5;  // as Adc::rounding
+    // Fraction of a code step that is added before rounding down, as Adc::rounding.
+    double rounding = 0.5;
     // Values of the signal at which the code changes from 0 to 1 (`low`) and from 2^bits - 2 to
     // 2^bits - 1 (`high`), in counts + `rounding`.
     double low = 0.0;

@@ -51,8 +51,9 @@ class SincFilter {
   double period_ = 0.0;
   /// Factor of each moment of a period in the sample that ends it, in the next sample, and so on.
   std::array<Row, kHighestOrder> weights_{};
-  Row moments_{};        // moments of the signal, integrated over the present period up to now
-  double length_ = 0.0;  // time from the begin of the present period up to now
+  Row moments_{};  // moments of the signal, integrated over the present period up to now
+  // Time from the begin of the present period up to now.
+  double length_ = 0.0;
   /// Contributions of past periods to the next samples, the nearest sample first.
   Row due_{};
 };

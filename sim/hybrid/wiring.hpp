@@ -152,7 +152,8 @@ struct Wiring {
   /// Bounds of each state of each switch: bounds[switch][state].
   std::vector<std::vector<std::vector<Bounds>>> bounds;
   int next_bit = 1;
-  int clock = -1;  ///< index of the state that counts the ticks; -1: no element needs the time
+  /// Index of the state that counts the ticks; -1: no element needs the time.
+  int clock = -1;
   /// The bodies of the model, followed by the modes of its structures.
   std::vector<Coordinate> coordinates;
   /// The points of the model (Model::point_names), followed by the modes of its structures.

@@ -14,8 +14,8 @@ namespace {
 using Complex = std::complex<double>;
 using Extended = long double;
 
-constexpr double kLowestHz = 0.02;  // lowest frequency of a grid in Hz; its highest frequency is
-                                    // half the tick rate
+// Lowest frequency of a grid in Hz; its highest frequency is half the tick rate.
+constexpr double kLowestHz = 0.02;
 // Below this frequency a grid has fewer points per decade.
 constexpr double kSlowHz = 1.0;
 constexpr double kPointsPerDecade = 60, kFastPointsPerDecade = 270;
@@ -28,8 +28,8 @@ constexpr double kDampingMax = 0.3;  // damping ratio above which a pole or zero
 constexpr double kNone = std::numeric_limits<double>::infinity();
 constexpr double kHalfPower = 0.5;     // |S|^2 at -3 dB
 constexpr double kStableShare = 1e-9;  // smallest damping ratio of a stable pole
-constexpr double kRounding = 1e-11;    // distance of a computed pole from z = 1 that is a rounding
-                                       // error, as a share of the tick rate
+// Distance of a computed pole from z = 1 that is a rounding error, as a share of the tick rate.
+constexpr double kRounding = 1e-11;
 // The bandwidth of a law is computed at this share of its largest gain. At the largest gain itself
 // the bandwidth would jump if a peak of |S| is close to -3 dB.
 constexpr double kGainShare = 0.97;

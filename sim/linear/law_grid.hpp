@@ -139,7 +139,8 @@ class LawGrid {
                                     // the number of points
   std::vector<bool> integrates_;    // for each plant: true if the plant integrates, with a pole at
                                     // frequency 0
-  std::vector<double> hz_;          // frequency of each point
+  // Frequency of each point.
+  std::vector<double> hz_;
   // Of each frequency of each point: w = tan(pi f T), real and imaginary part of z, real and
   // imaginary part of the plant's response with its bus. A plant has all its points at the first
   // frequency, then at the second one.

@@ -22,7 +22,8 @@ constexpr std::size_t kPeriod = 2048;    // number of instants in a period at wh
 constexpr std::size_t kPart = kPeriod / 8;  // length of one Fourier transform
 constexpr double kHighestShare = 0.49;      // ratio of the highest harmonic's frequency to the tick
                                             // rate
-constexpr double kOvershootMax = 0.055;     // largest overshoot, as a share of the set-point
+// Largest overshoot, as a share of the set-point.
+constexpr double kOvershootMax = 0.055;
 // (instant in ramp times, largest undershoot from this instant on as a share of the set-point)
 constexpr std::array<std::pair<double, double>, 2> kShortMax{{{1.25, 0.02}, {1.6, 0.025}}};
 

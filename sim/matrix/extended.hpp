@@ -36,8 +36,8 @@ std::vector<std::complex<double>> eigenvalues(const ExtendedMatrix &A);
 struct FastModes {
   ComplexMatrix values;  ///< f x 1, eigenvalues with an imaginary part of at least 0
   ComplexMatrix right;   ///< n x f, right eigenvectors
-  ComplexMatrix left;    ///< left eigenvectors as rows, f x n; their product with the right ones is
-                         ///< the identity
+  /// Left eigenvectors as rows, f x n; their product with the right ones is the identity.
+  ComplexMatrix left;
   /// n x n, the matrix A without its fast part, A - right values left, both of a pair
   ExtendedMatrix slow;
   /// n x n, upper bound of the error of each entry of `slow`

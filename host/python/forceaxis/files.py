@@ -28,8 +28,8 @@ from forceaxis._core import InputError
 from forceaxis.results import Json, JsonObject
 
 PACKAGE = str(Path(__file__).parent)
-# Exceptions that the content of a file can cause in a parser. Other exceptions, such as a
-# TypeError, are errors of this package if its own code has raised them.
+# Exceptions that the content of a file can cause in a parser.
+# Other exceptions, such as a TypeError, are errors of this package if its own code raises them.
 DAMAGE = (
     *(ValueError, LookupError, EOFError, ArithmeticError, RuntimeError, MemoryError),
     *(struct.error, zlib.error, lzma.LZMAError, zipfile.BadZipFile, csv.Error),

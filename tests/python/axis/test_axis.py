@@ -136,8 +136,8 @@ def test_what_the_axis_refuses_is_status_1():
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ([], "expected one axis, as --on ADDRESS or in FORCEAXIS_AXIS, such as can0:5, tcp://"),
-        (["--on", "lcm:1", "--on", "can0"], "expected one axis, as --on ADDRESS"),
+        ([], "expected the address of one axis, as --on ADDRESS or in FORCEAXIS_AXIS, such as"),
+        (["--on", "lcm:1", "--on", "can0"], "expected the address of one axis, as --on ADDRESS"),
         (["--on", "lcm"], "--on: lcm: expected the number of an axis, such as lcm:2"),
         (["--on", "lcm:1", "--set", "a=1"], "--set: expected a simulated axis together with"),
         (["--on", "nocan7"], "--on: nocan7: expected a CAN interface that is up"),

@@ -369,7 +369,7 @@ def test_an_axis_that_covers_its_travel_at_once_needs_a_larger_travel(tmp_path):
     with (
         Axis(SimLink(folder / "contact.toml")) as axis,
         Analyzer(axis, MeasuringOrder(travel=40)) as analyzer,
-        pytest.raises(Refusal, match="at 2 DAC codes it is faster: give a larger travel"),
+        pytest.raises(Refusal, match="at 2 DAC codes the axis moves farther: give a larger travel"),
     ):
         friction.glide(analyzer, 64)
 

@@ -85,7 +85,7 @@ def test_a_touch_down_is_held_against_a_posterior(tmp_path):
 @pytest.mark.parametrize(
     ("today", "text"),
     [
-        ("other", "measure with the same options"),
+        ("other", "measure again with the same options"),
         ("none", "expected a CSV file or a file response.npz"),
     ],
 )

@@ -267,7 +267,7 @@ def test_noise_of_a_slow_cycle_between_two_codes_is_none():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("measure",), "expected one axis, as --on ADDRESS"),
+        (("measure",), "expected the address of one axis, as --on ADDRESS"),
         (("measure", "--on", "sim:session"), "expected --free (measure out of contact), --force"),
         (
             ("measure", "fig3_9", "--on", "sim:session"),

@@ -103,5 +103,5 @@ def test_a_program_needs_a_number(tmp_path):
     text = (PRESS_FIT.parents[1] / "cycles/press_fit.toml").read_text()
     file = tmp_path / "cycle.toml"
     file.write_text(text.replace("number = 1\n", ""))
-    with pytest.raises(InputError, match="number: expected a number other than 0"):
+    with pytest.raises(InputError, match="number: expected a number from 1 on"):
         live.live_program(PRESS_FIT, program=file)

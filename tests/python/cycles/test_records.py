@@ -77,7 +77,9 @@ def test_another_part_with_the_same_number_is_refused_and_changes_nothing(tmp_pa
     with RecordFolder(tmp_path) as folder:
         folder.add(part(1))
         before = (tmp_path / "parts/00001_0000000001.json").read_text()
-        with pytest.raises(InputError, match=r"part 1 of power-up 1 is another part there"):
+        with pytest.raises(
+            InputError, match=r"part 1 of power-up 1 is another part in this folder"
+        ):
             folder.add(part(1, **change))
     assert (tmp_path / "parts/00001_0000000001.json").read_text() == before
 
@@ -220,7 +222,7 @@ def test_two_commands_do_not_write_to_one_folder(tmp_path):
 
 def test_a_folder_that_cannot_be_one_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="file: expected a folder for records"):
+    with pytest.raises(InputError, match="file: expected a folder for the records of parts"):
         RecordFolder(tmp_path / "file")
 
 
@@ -262,9 +264,9 @@ def test_the_last_parts_are_read(tmp_path):
     ("text", "words"),
     [
         (None, "expected a folder with records of parts, or a table"),
-        ("", "expected a table of parts with the column state"),
-        ("a,b\n1,2\n", "expected a table of parts with the column state"),
-        ("state,a,a_verdict\n", "expected at least one part"),
+        ("", "expected a table of parts with a column `state`"),
+        ("a,b\n1,2\n", "expected a table of parts with a column `state`"),
+        ("state,a,a_verdict\n", "expected the record of at least one pressed part"),
         ("state,a,a_verdict\ngood,1\n", "line 2: expected 3 cells, got 2"),
         ("state,a,a_verdict\ngood,much,good\n", "line 2: a: expected a number, got much"),
         ("state,number,a,a_verdict\ngood,x,1,good\n", "line 2: number: expected a number, got x"),

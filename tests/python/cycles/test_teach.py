@@ -62,7 +62,9 @@ def test_aborted_parts_and_other_programs_do_not_count(done, wanted, tmp_path):
     file = tmp_path / "new.toml"
     found = teach.teach(RecordedParts("here", [*aborted, *parts, *others]), wanted, 0.01, file)
     assert found.parts == 599
-    with pytest.raises(InputError, match=r"here: expected parts with the program .* 50 others"):
+    with pytest.raises(
+        InputError, match=r"here: expected parts that .* 50 parts of other programs"
+    ):
         teach.teach(RecordedParts("here", others), wanted, 0.01, file)
 
 

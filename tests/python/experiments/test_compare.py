@@ -342,7 +342,7 @@ def test_a_force_that_does_not_settle_has_no_settling_time():
 
 
 REFUSED = {
-    "no contact": (np.zeros(400), {}, r"expected the rise of a contact force, positive in"),
+    "no contact": (np.zeros(400), {}, r"expected a contact force that rises, positive in"),
     "the other sign": (np.where(np.arange(400) < 200, 0, -30.0), {}, r"import the force with the"),
     "no beginning": (np.where(np.arange(400) < 7, 0, 30.0), {}, r"at least 8 samples before the"),
     "no such gap": (None, {"gap": "k_w"}, r"gap: expected a length among the parameters"),
@@ -382,7 +382,7 @@ def test_a_drive_that_does_not_follow_the_recorded_command_is_refused(experiment
         signal("force", "N", time_s, force_of(columns)),
         signal("force_command", "N", time_s, 0 * time_s),
     )
-    with pytest.raises(InputError, match="expected a drive that follows force commands"):
+    with pytest.raises(InputError, match="whose drive follows the recorded force command"):
         compared(experiment, file)
 
 

@@ -58,7 +58,7 @@ def test_a_parameter_of_the_model(contact):
         (
             {"firmware.force_gain": 1},
             {"force_gain": 2},
-            "force_gain: expected one value, got one as a keyword",
+            "force_gain: expected one value of this parameter, got one as a keyword",
         ),
         ({}, {"force_gain": [1, 2]}, "force_gain: expected a number or a text with a unit, got"),
         ({}, {"force_gain": None}, "force_gain: expected a number or a text with a unit, got None"),

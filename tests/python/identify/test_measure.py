@@ -418,7 +418,7 @@ LINE = {
     "no file": (["fig9_9.toml", "--output", "drive.current"], "fig9_9.toml"),
     "counts that stay": (
         ["fig3_8", "--inject", "codes", "--level", 1, "--output", "adc1", "--band", "10:400"],
-        "expected an output that changes",
+        "expected an output signal that changes",
     ),
 }
 

@@ -125,7 +125,7 @@ def test_refusals():
     data = RIGID * cascade(KNOWN)
     with pytest.raises(InputError, match="peak"):
         resonance.fit(HZ, RIGID, RIGID)
-    with pytest.raises(InputError, match="expected equal numbers of values"):
+    with pytest.raises(InputError, match="expected arrays of equal length"):
         resonance.fit(HZ, data[:-1], RIGID)
     with pytest.raises(InputError, match="at least 10"):
         resonance.fit(HZ[:5], data[:5], RIGID[:5])

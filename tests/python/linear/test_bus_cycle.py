@@ -180,7 +180,9 @@ def test_the_loop_says_what_it_was_measured_under(tmp_path):
 
 def test_what_does_not_know_the_bus_refuses(tmp_path):
     path = model(tmp_path, (3, 3, 0))
-    with pytest.raises(_core.InputError, match=r"drive\.cycle_ticks: expected 1 and no delays"):
+    with pytest.raises(
+        _core.InputError, match=r"drive\.cycle_ticks: expected a bus cycle of 1 tick"
+    ):
         LoopSpec(timing="continuous").around(path)
     bode = [sys.executable, "-m", "forceaxis", "loop", "bode", str(path)]
     found = subprocess.run(bode, capture_output=True, text=True, check=False)

@@ -365,7 +365,7 @@ def test_the_laws_of_motion_of_an_experiment(mode, law):
         ),
         (
             ["loop", "limit", "contact", "--set", "firmware.force_bank=2"],
-            "expected the values of bank_2",
+            "expected the values of the filter bank bank_2",
         ),
         (
             ["loop", "limit", "strike_biquad", "--timing", "continuous"],

@@ -330,7 +330,7 @@ WRONG = {
     "cut off": (TOUCH[:-9], GOOD, r"line 41: expected 3 fields .*perhaps because the file was cut"),
     "decimal commas between commas": (
         "t_s,F_N\n" + "".join(f"0,{k:03},1,5\n" for k in range(20)), GOOD,
-        r"line 2: expected 2 columns as in the line above, got 4; decimal commas"),
+        r"line 2: expected 2 columns as in the line above, got 4; if the numbers have"),
     "a text in a field": (changed(12, "0.010,overload,3"), GOOD,
                           r"line 12, F_N: expected a number .* got 'overload'"),
     "a decimal comma in one field": ("t_s;F_N\n" + "".join(
@@ -339,10 +339,10 @@ WRONG = {
     "an infinite number": (changed(12, "0.010,1e300,3"), GOOD,
                            r"line 12, F_N: expected a number below 1e\+100"),
     "times that go back": (changed(22, "0.002,1,3"), GOOD,
-                           r"line 22, t_s: expected a time after 0.019 s, got 0.002 s"),
+                           r"line 22, t_s: .* later than .*, 0.019 s, got 0.002 s"),
     "times that stand still": (changed(22, "0.019,1,3"), GOOD,
-                               r"line 22, t_s: expected a time after 0.019 s, got 0.019 s"),
-    "a value without a time": (changed(22, ",1,3"), GOOD, r"line 22, t_s: expected a time beside"),
+                               r"line 22, t_s: .* later than .*, 0.019 s, got 0.019 s"),
+    "a value without a time": (changed(22, ",1,3"), GOOD, r"line 22, t_s: expected a time for"),
     "no column of times": (TOUCH.replace("t_s", "x"), GOOD,
                            r"expected a column of times, got x, F_N, pos_mm; write --time"),
     "times without a unit": (TOUCH.replace("t_s", "t"), GOOD,
@@ -352,7 +352,7 @@ WRONG = {
     "a column of many": ("t_s,a.F_N,b.F_N\n" + rows("{t},{f},{p}"), GOOD,
                          r"--map: expected the name of one column .* a.F_N, b.F_N"),
     "no unit": (TOUCH.replace("F_N", "F"), ("--map", "force=F"),
-                r"F: expected the unit of this column, the source gives none; write --map"),
+                r"F: expected the unit of this column, but the source states none; write --map"),
     "a unit of something else": (TOUCH, ("--map", "force=F_N:mm"),
                                  r"F_N: expected a unit of force, such as N, got 'mm'"),
     "an unknown unit": (TOUCH, ("--map", "force=F_N:lbf"), r"--map: .*expected a unit such as N"),
@@ -456,7 +456,7 @@ def test_a_recording_is_not_imported_twice_and_an_old_one_stays_after_an_error(t
         "recording", "import", tmp_path / "touch.npz", *GOOD, "--out", tmp_path / "touch"
     )
     assert again.returncode == 2
-    assert "got a recording that is imported already" in again.stderr
+    assert "got a recording that was already imported" in again.stderr
     (tmp_path / "source.csv").write_text(changed(12, "0.010,bad,3"))
     failed = forceaxis(
         "recording", "import", tmp_path / "source.csv", *GOOD, "--out", tmp_path / "touch"

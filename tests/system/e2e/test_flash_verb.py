@@ -468,7 +468,7 @@ def test_openocd_is_missing(bench, elf, tmp_path):
             {"more": 0x08080000, "code": 0x0807F000},
             "expected only addresses of the flash memory, 0x08000000.*0x0807f000..0x0808000",
         ),
-        ({"trailer": "0"}, "expected the loader, an image and its trailer at 0x0803ffc0"),
+        ({"trailer": "0"}, "the trailer of the image at the address 0x0803ffc0"),
         (
             {"more": 0x07FFFC00, "code": 0x07FFF000},
             "expected only addresses.*got bytes for 0x07fff000",
@@ -565,8 +565,12 @@ def test_other_machines(bench, tmp_path):
         ("text.bin", b"hello", "expected one identity"),
         ("cut.elf", b"\x7fELF\x01\x01", "this file ends too early"),
         ("elf.bin", b"\x7fELF\x01\x01", "got an ELF file"),
-        ("sum.hex", b":0100000001FF\n", "hex:1: expected a record with a correct checksum"),
-        ("kind.hex", b":00000007F9\n", "hex:1: expected a record of type 0 to 5, got type 7"),
+        ("sum.hex", b":0100000001FF\n", "hex:1: expected an Intel HEX record with a correct"),
+        (
+            "kind.hex",
+            b":00000007F9\n",
+            "expected an Intel HEX record of type 0 to 5, got a record of type 7",
+        ),
         ("cut.hex", b":0100000001FE\n", "expected an end record"),
         (
             "more.hex",

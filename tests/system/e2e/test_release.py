@@ -66,7 +66,7 @@ def test_examples_are_copied_into_a_folder_that_does_not_have_them(tmp_path):
     before = sorted((tmp_path / "lab").rglob("*"))
     again = verbs.forceaxis("examples", tmp_path / "lab")
     assert again.returncode == 2 and again.stderr.count("\n") == 1
-    assert "expected no file or folder of this name" in again.stderr
+    assert "expected no existing file or folder of this name" in again.stderr
     assert sorted((tmp_path / "lab").rglob("*")) == before
 
 

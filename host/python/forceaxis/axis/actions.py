@@ -24,8 +24,7 @@ FORCE_MAX_COUNTS = 512  # largest value of the object `force_max` in force count
 COAST_MAX_S = 5.0  # longest time in s for which a disabled axis may coast
 # Force in 8-bit counts by which the measured force may exceed its initial value during a retract.
 RETRACT_FORCE_COUNTS = 8
-# Number of steps in which a target force decreases to 0 to release the force, and longest time in s
-# until the force is released.
+# Number of steps in which a target force decreases to 0, and longest time in s of this release.
 RELEASE_MAX_STEPS, RELEASE_MAX_S = 25, 3.0
 # Name of the object that sets the target force, for each mode of operation with force control.
 FORCE_TARGETS = {

@@ -267,7 +267,8 @@ def _wrong(text: str, expected: str) -> InputError:
 def _integer(
     text: str, digits: str | None, known: range, what: str, where: str, example: str
 ) -> int | None:
-    """Returns the number in a part of an address, or None without this part. Raises InputError."""
+    """Returns the number in one piece of the text of an address, or None if this piece is missing.
+    Raises InputError."""
     if digits is None:
         return None
     if not (digits.isascii() and digits.isdecimal() and len(digits) < 9 and int(digits) in known):

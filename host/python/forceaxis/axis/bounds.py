@@ -36,8 +36,8 @@ class Bound:
     remedy: str
 
 
-# Each of the following classes names objects from which bounds of targets are computed. The value
-# of an object is None if the connection cannot access the object.
+# Each of the following classes names objects from which bounds of targets are computed.
+# The value of an object is None if the connection cannot access the object.
 
 
 @dataclass(frozen=True)
@@ -156,8 +156,8 @@ def _refusal(axis: AxisValues, name: str, value: float, bound: Bound) -> str:
 
 def of_reading(planned: PlannedValues) -> Bound | None:
     """Returns the range of the measured force in 8-bit counts, computed from the ADC codes without
-    the two end codes. An end of the range with the force zero is no bound, because the axis then
-    presses against the end or has no contact."""
+    the two end codes. If the force at an end of the range is 0, this end is no bound, because the
+    axis then presses against the end or has no contact."""
     sensor = planned.record(SensorObjects)
     bits, zero, tare = sensor.adc_bits, sensor.force_zero_code, sensor.force_tare
     sign = sensor.force_sign
@@ -208,8 +208,7 @@ def _target_force(other: str) -> Callable[[PlannedValues], Iterator[Bound]]:
         yield from _uncertified(planned, limits, bound)
         reading = of_reading(planned)
         if reading:
-            # The quotient of `force_scale` in uN and `rated_force` in mN is in per mille of
-            # `rated_force`.
+            # `force_scale` is in uN and `rated_force` in mN, so their quotient is in per mille.
             per_count = planned.number("force_scale") / limits.rated_force
             yield bound(
                 reading.most * per_count, reading.least * per_count, reading.by, reading.remedy
@@ -303,8 +302,9 @@ def _approach(planned: PlannedValues) -> Iterator[Bound]:
 
 
 def _code(beside: str = "", always: bool = False) -> Callable[[PlannedValues], Iterator[Bound]]:
-    """Returns a function that yields the bounds of a DAC code. `beside`: name of the object whose
-    DAC code is added in excitation mode, or in every mode if `always` is True."""
+    """Returns a function that yields the bounds of an object that sets a DAC code. `beside`: name
+    of the object whose DAC code is added in excitation mode, or in every mode if `always` is
+    True."""
 
     def bounds(planned: PlannedValues) -> Iterator[Bound]:
         limit = planned.number("output_limit")

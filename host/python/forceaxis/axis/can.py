@@ -37,8 +37,7 @@ except ImportError:
         "expected the packages python-canopen and python-can; install both packages with `pip "
         "install 'forceaxis[can]'`",
     ) from None
-# Log messages of the libraries canopen and can are suppressed, because a command prints an
-# error on one line.
+# A command prints an error on one line, so the libraries canopen and can print no log messages.
 for library in ("can", "canopen"):
     logging.getLogger(library).addHandler(logging.NullHandler())
 
@@ -50,22 +49,20 @@ REQUEST_ID, ANSWER_ID, HEARTBEAT_ID = 0x600, 0x580, 0x700
 TEXT_INDICES = range(0x1008, 0x100B)
 # Command specifiers in the answers of an SDO server (CiA 301, 7.2.4.3).
 UPLOAD_ANSWER, DOWNLOAD_ANSWER, ABORT_ANSWER = 2, 3, 4
-# Upper halves of SDO abort codes: one for a toggle-bit error, and one for a time-out, a wrong
-# command or a wrong block.
+# Upper halves of SDO abort codes: toggle-bit error; and time-out, wrong command or wrong block.
 TRANSFER_ABORTS = (0x0503, 0x0504)
 # Longest time in s to close a bus without traffic. The default of python-canopen is 1 s.
 NOTIFIER_S = 0.05
-# Time in ms after which the axis detects a missing heartbeat of this program (consumer heartbeat
-# time). This program sends ten heartbeats within this time.
+# Consumer heartbeat time in ms: after it, the axis detects a missing heartbeat of this program.
+# This program sends ten heartbeats within this time.
 HEARTBEAT_MS = 1000
 HEARTBEAT_ENTRIES = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
 STORING = ("store_all", "store_parameters")
 # CANopen addresses of the domains.
 RECORDER_DATA, CYCLE_CURVE_DATA, PROGRAM_DATA = (0x2120, 0), (0x243B, 6), (0x1F50, 1)
-SEGMENT_BYTES = 7  # most bytes in a segment of an SDO transfer
-# Largest sizes of an SDO transfer in bytes: of a name, and of a recording (30 KiB in the firmware)
-# or a curve (12 KB). At this size, the program aborts the transfer of a node that sends segments
-# without end.
+SEGMENT_BYTES = 7  # largest number of bytes in a segment of an SDO transfer
+# Largest sizes in bytes of a name, and of a recording (30 KiB in the firmware) or curve (12 KB).
+# At this size, the program aborts the transfer of a node that sends segments without end.
 MOST_BYTES, MOST_DOMAIN_BYTES = 256, 1 << 20
 READ_TRIES = 2
 ABORT_TOO_LONG = 0x06070012  # SDO abort code: the object is longer than expected
@@ -142,11 +139,10 @@ class CanLink(RecorderLink):
         self._network.subscribe(ANSWER_ID + node, self._answered)
         self._errors = canopen.SdoCommunicationError, canopen.SdoAbortedError
         self._lock, self._owns = threading.RLock(), False
-        # Sub-object of 1016h in which this program has entered its heartbeat, and the previous
-        # value of this sub-object. None without such an entry.
+        # Sub-object of 1016h with the heartbeat entry of this program, and its value before.
+        # None without such an entry.
         self._watched: tuple[str, int] | None = None
-        # Command specifier, index and sub-index of the expected SDO answer. None if no answer is
-        # expected.
+        # Command specifier, index and sub-index of the expected SDO answer, or None.
         self._expected: tuple[int, int, int] | None = None
         self._interface = interface if bus is None else None
         # This event is set if another node sends heartbeats with the node id of this program.
@@ -157,7 +153,7 @@ class CanLink(RecorderLink):
         # NMT state of the latest heartbeat of the node. None before that.
         self._nmt_state: int | None = None
         self._network.subscribe(HEARTBEAT_ID + node, self._heard_node)
-        # This event is set if another client sends a request over the SDO channel of this one.
+        # This event is set if another client sends a request over the SDO channel of this program.
         self._asked_by_another = threading.Event()
         self._network.subscribe(REQUEST_ID + node, self._heard_request)
 
@@ -262,8 +258,7 @@ class CanLink(RecorderLink):
     def acquire(self) -> None:
         if self.read_one("command_source") != self.source:
             self._download("command_source", self.source)
-        # A node that missed a heartbeat has left the state operational, so the program starts the
-        # node again.
+        # A node that missed a heartbeat is no longer operational, so this program starts it.
         with self._asking("NMT start"):
             self._network.send_message(0, bytes([NMT_START, self._id]))
         place, raw = self._entry()
@@ -329,8 +324,7 @@ class CanLink(RecorderLink):
         )
 
     def _send_beat(self, data: bytes) -> None:
-        # A thread sends the heartbeat, because an SDO transfer may last longer than the consumer
-        # heartbeat time.
+        # An SDO transfer may last longer than the consumer heartbeat time, so a thread sends.
         try:
             self._network.send_message(HEARTBEAT_ID + self._own, data)
         except can.CanError as error:
@@ -348,8 +342,7 @@ class CanLink(RecorderLink):
         self._watched = place, before
         self._download(place, self._ours)
         self._beaten_until = math.inf
-        # The object 1016h is written before the first heartbeat. The axis monitors the heartbeat
-        # from the first heartbeat on.
+        # Object 1016h is written first: the axis monitors heartbeats from the first one on.
         self._keeper = HeartbeatKeeper(
             self._interface, HEARTBEAT_ID + self._own, bytes([NMT_OPERATIONAL]),
             HEARTBEAT_MS / 10_000, self._send_beat,

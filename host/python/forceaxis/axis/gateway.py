@@ -69,7 +69,8 @@ class GatewayLink(Link):
         return {name: unsigned(name, raw) for name, raw in found.items()}
 
     def text(self, index: int) -> str | None:
-        """Returns a text that is made from the numbers of 1018h, because LCM transmits no texts."""
+        """Returns the name or version of the axis as text, made from the numbers of object 1018h,
+        because LCM transmits no texts."""
         found = self.client.read_raw([PRODUCT, REVISION])
         if index == DEVICE_NAME_INDEX:
             return DEVICE if found[PRODUCT] == BY_NAME[PRODUCT].default else None
@@ -84,7 +85,7 @@ class GatewayLink(Link):
             self.client.write_raw(values)
 
     def start(self) -> None:
-        """Waits until the gateway has started the node, which it does by itself."""
+        """Waits until the gateway has started the node. The gateway does this without a command."""
         end = time.monotonic() + self._ready_s
         while True:
             state = self.client.state(max(end - time.monotonic(), RETRY_PERIOD_S))
@@ -145,8 +146,8 @@ class GatewayLink(Link):
                 f"{self.where}: {held.missing} of {held.total} samples were lost on the way; "
                 "record again"
             )
-        # If CANopen owns the axis, the gateway has made the recorder idle. A client on another bus
-        # that owns it has to do so itself; the samples are here all the same.
+        # If CANopen owns the axis, the gateway has already made the recorder idle.
+        # A client that owns the axis over another bus must do so itself; the samples are valid.
         with contextlib.suppress(Refused):
             self.client.write_raw({"recorder_arm": 0})
         return Recording(held.signals, held.raw, held.decimation, held.trigger_sample)

@@ -30,8 +30,7 @@ TICKS_PER_S: int = _core.TICKS_PER_SECOND
 POLL_PERIOD_S = 0.02  # time in s between two reads while a program waits for a new value
 # Names of the owners of an axis, indexed by the raw value of the object command_source.
 COMMAND_SOURCES = BY_NAME["command_source"].enum
-# Largest relative difference between a calibrated `force_scale` and the `force_scale` of the
-# sensor.
+# Largest relative difference between the calibrated `force_scale` and that of the sensor.
 FORCE_SCALE_TOLERANCE = 0.1
 # CANopen indices of two texts: name of the device, version of the firmware of the device.
 DEVICE_NAME_INDEX, HARDWARE_INDEX, VERSION_INDEX = 0x1008, 0x1009, 0x100A
@@ -149,8 +148,8 @@ class Link(abc.ABC):
         Raises Refused, NoAnswer."""
 
     def start(self) -> None:
-        """Brings the node of the axis into the NMT state operational. This enables no drive: a node
-        that was stopped has disabled its drive, which only its owner enables. Raises Refused,
+        """Brings the node of the axis into the NMT state operational. A node that was stopped has
+        disabled its drive. The drive stays disabled until its owner enables it. Raises Refused,
         NoAnswer."""
         raise Refused(
             f"{self.where}: expected a connection over CAN or to a gateway, because NMT, which "
@@ -175,8 +174,8 @@ class Link(abc.ABC):
         time.sleep(seconds)
 
     def polls(self, seconds: float) -> Iterator[float]:
-        """Yields the time in s since the start of the call every POLL_PERIOD_S, for `seconds`. All
-        times are in the time of the axis."""
+        """Yields, every POLL_PERIOD_S seconds, the time in s since the start of the call, until
+        `seconds` have passed. All times are measured by the clock of the axis."""
         passed = 0.0
         while passed < seconds:
             yield passed

@@ -31,7 +31,8 @@ TCP_URL = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL_URL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
 BAUD_RATE = 115_200  # baud rate, the default of the firmware, for 8 data bits and even parity
 PARITIES = "EN"
-PART_BYTES = 64  # size of cycle_data_1 to _16; also that of the head of an update
+# total size in bytes of cycle_data_1 to _16, which is also that of the head of an update
+PART_BYTES = 64
 FLASH_BUSY = mask("program_flash_status", "busy")
 PART_TRIES = 3  # tries of a request whose answer is lost; the axis ignores repeated bytes
 MOST_REGISTERS = 125  # largest number of registers in one request
@@ -72,8 +73,7 @@ def client(url: str, timeout_s: float = 1.0) -> "ModbusBaseSyncClient":
         made = [ModbusTcpClient(tcp[1].strip("[]"), port=port, timeout=timeout_s, retries=0)]
     elif serial is not None:
         baud = int(serial[2] or BAUD_RATE)
-        # Parity is switched off for a pseudo-terminal, because a pseudo-terminal cannot be opened
-        # with parity.
+        # Parity is off for a pseudo-terminal, which cannot be opened with parity.
         made = [
             ModbusSerialClient(serial[1], baudrate=baud, parity=p, timeout=timeout_s, retries=0)
             for p in PARITIES
@@ -252,8 +252,8 @@ class ModbusLink(Link):
                     self._low_first = bool(raw)
 
     def download_update(self, data: bytes, written: Callable[[int], None]) -> None:
-        """Writes the update piece by piece: one request for each cycle_data_offset and the 16 words
-        after it. The axis erases the slot in the request with the head of the update."""
+        """Writes the update piece by piece. Each request writes cycle_data_offset and the 16 words
+        after it. The axis erases the slot during the request that has the head of the update."""
         first = BY_NAME["cycle_data_offset"].modbus
         write = self.client.write_registers
         for at in range(0, len(data), PART_BYTES):

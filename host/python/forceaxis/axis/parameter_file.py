@@ -5,7 +5,7 @@
     force_gain = 7.5                # code/count
     bank_gain = [4.37, 0.0, 0.0, 0.0]
     [measured]                      # of this axis' own sensor: tare, points of the calibration
-    [objects]                       # type, scale, unit and range of what stands above
+    [objects]                       # type, scale, unit and range of each object above
     force_gain = { type = "u16", ... }
 
 A value is in the unit of the object table, with as many digits as give its raw value back; an enum
@@ -360,8 +360,8 @@ def _elements(key: str, given: toml.TomlValue) -> list[tuple[AxisObject, toml.To
         return list(zip(elements, given, strict=True))
     if key in IDENTITY:
         raise InputError(
-            f"{key}: expected a file without node id and bit rate, because each axis has separate "
-            "values of these objects; remove this line and use `write_objects`"
+            f"{key}: expected a file without node id and bit rate, because each axis has its own "
+            "values of these two objects; remove this line and use `write_objects`"
         )
     if key in objects.BY_NAME:
         raise InputError(
@@ -382,8 +382,8 @@ def _expect_same(known: AxisObject, described: toml.TomlValue | None) -> None:
         return
     if not isinstance(described, dict):
         raise InputError(
-            f"{known.name}: expected a table with the type of this object in [objects], got "
-            "another value"
+            f"{known.name}: expected the type of this object as a table in [objects], got another "
+            "value"
         )
     ours = to_json(signature(known))
     least = _described_bound(known, described, "min", known.min)
@@ -407,6 +407,7 @@ def _described_bound(
     value = described.get(bound, ours)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(
-            f"{known.name}: expected a number as `{bound}` of this object in [objects], got {value}"
+            f"{known.name}: expected a number as the bound `{bound}` of this object in [objects], "
+            f"got {value}"
         )
     return value

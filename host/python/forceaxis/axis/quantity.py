@@ -40,8 +40,7 @@ FIXED_UNITS = {
     "mN": ("N", 1e3), "uN": ("N", 1e6), "ms": ("s", 1e3), "us": ("s", 1e6),
     "tick": ("s", float(TICKS_PER_S)), "Hz": ("Hz", 1.0), "Hz/s": ("Hz/s", 1.0),
 }  # fmt: skip
-# For each unit of a length in encoder counts: the SI unit, and the exponent of the tick rate in the
-# conversion factor.
+# For each unit with encoder counts: SI unit, and exponent of the tick rate in the conversion.
 COUNT_UNITS = {
     "count": ("m", 0), "count/s": ("m/s", 0), "count/s^2": ("m/s^2", 0),
     "count/tick": ("m/s", 1), "count/tick^2": ("m/s^2", 2),

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 NMT_STOPPED, NMT_SILENT = 4, -1  # NMT states of a node
 HEARTBEAT_ID = 0x700
-# Sentences about a node that answers nothing.
+# Sentences for the user about a node that answers no request.
 STOPPED_STATE = "stopped by NMT"
 NODE_STOPPED = "start the node {address} with `start_node`; this enables no drive"
 GATEWAY_STARTS = "the gateway starts the node by itself; this enables no drive"
@@ -49,8 +49,8 @@ class ScannedAxis:
 
 
 def scanned(link: Link, number: int | None = None) -> ScannedAxis:
-    """Reads the data of the axis at a connection and closes the connection. `number` is the number
-    of the axis on the bus, by default the node id."""
+    """Reads the data of the axis that a connection reaches, and closes the connection. `number` is
+    the number of the axis on the bus, by default the node id."""
     axis, found = Axis(link), ScannedAxis(number)
     try:
         if number is None:

@@ -2,7 +2,8 @@
 
     from forceaxis.gateway import Session
 
-    with Session(1) as axis:                       # waits for the axis and acquires it
+    # waits until the axis is available, and acquires it
+    with Session(1) as axis:
         axis.write_all({"position_gain": 4.0, "velocity_gain": 20.0, "force_gain": 5.0})
         axis.home()                                # here is position 0
         axis.enable("profile position")
@@ -43,8 +44,7 @@ class Session(AxisClient):
         timeout_s: float = 2.0,
         wait_s: float = READY_S,
     ) -> None:
-        # Client that receives states of the axis until the thread of the bus delivers the first
-        # state.
+        # Client that receives states of the axis until the first state of the bus thread.
         self._states: deque[axis_state_t] = deque(maxlen=STATES_KEPT)
         super().__init__(axis, url, timeout_s)
         self._link = GatewayLink(axis, url, client=self, ready_s=wait_s)
@@ -65,8 +65,7 @@ class Session(AxisClient):
 
     def close(self) -> None:
         """Disables and releases the axis, unless the axis no longer answers."""
-        # The axis cannot be released if another client owns the axis or if the axis does not
-        # answer.
+        # The axis cannot be released if another client owns it or if it does not answer.
         with contextlib.suppress(Refused, NoAnswer):
             self._drive.off()
             self._link.release()

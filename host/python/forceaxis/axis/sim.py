@@ -25,8 +25,7 @@ from forceaxis.objects import BY_NAME
 if TYPE_CHECKING:
     from forceaxis._core import ConverterTable
 
-# Number of ticks between two writes of the watchdog, equal to 50 ms. The default time of the
-# watchdog is 500 ms.
+# Number of ticks between two writes of the watchdog: 50 ms. The watchdog time is 500 ms.
 FEED_TICKS = 75
 WATCHDOG = BY_NAME["watchdog"].number
 

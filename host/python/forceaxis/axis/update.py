@@ -15,12 +15,12 @@ from forceaxis.chip.update_file import UpdateRecord
 
 # Values of program_control (CiA 302-3; confirm is specific to forceaxis).
 START, CONFIRM = 1, 128
-# Longest time in s until a restarted axis answers: four starts of an image that hangs, each ended
-# by the watchdog, and one of the image before it.
+# Longest time in s until a restarted axis answers. If the new image hangs, the watchdog ends
+# four starts of it, and the earlier image is then started once.
 RESTART_MAX_S = 20.0
 POLL_S = 0.25
-# Time in s without an overrun before an axis accepts a confirmation, and time in s for which this
-# program repeats its request.
+# Time in s without an overrun after which an axis accepts a confirmation.
+# The next value is the time in s for which this program repeats its request.
 CONFIRM_S, CONFIRM_MAX_S = 10.0, 20.0
 REFUSALS = {
     "no_update": "expected an update of forceaxis, got another file",
@@ -41,8 +41,8 @@ REFUSALS = {
 
 @dataclass(frozen=True)
 class ProgramObjects:
-    """The images in the slots of an axis. The CRCs are those of the image that runs and of the
-    image in the other slot."""
+    """The firmware images in the two slots of an axis. The CRCs are those of the image that runs
+    and of the image in the other slot."""
 
     program_slot: str
     program_state: str
@@ -59,7 +59,7 @@ class RefusalObjects:
 
 @dataclass(frozen=True)
 class HealthObjects:
-    """What prevents the confirmation of an image."""
+    """Objects that show why an axis does not confirm a firmware image."""
 
     overruns: int
     core_fault_pc: int
@@ -68,9 +68,9 @@ class HealthObjects:
 
 @dataclass(frozen=True)
 class UpdateResult:
-    """What an update did. `outcome` is "updated", or "unchanged" if the axis ran this image
-    already. `version` and `table` are those of the image, `previous` is the text that the axis gave
-    as its version before."""
+    """Result of an update. `outcome` is "updated", or "unchanged" if the axis ran this image
+    already. `version` and `table` belong to the image; `previous` is the version that the axis
+    reported before the update."""
 
     axis: str
     outcome: str
@@ -87,9 +87,9 @@ class UpdateFailedError(Exception):
 def update(
     connect: Callable[[], Link], records: Sequence[UpdateRecord], new_table: bool = False
 ) -> UpdateResult:
-    """Updates one axis. `connect` returns a new connection to the axis, as often as it is called.
-    `records` are the images for both slots; `new_table` permits an image with another object table
-    than that of the axis.
+    """Updates the firmware of one axis. `connect`: function that returns a new connection to the
+    axis. `records`: the firmware images for both slots. `new_table`: True permits an image whose
+    object table differs from that of the axis.
 
     Raises InputError before anything is erased, if the axis may not be updated now or the update is
     not for this axis; Refused or UpdateFailedError if the update fails, and then the axis runs its
@@ -107,8 +107,9 @@ def update(
         table = axis.integer("object_table_hash")
         if record.table != table and not new_table:
             raise InputError(
-                f"{where}: expected an update with the object table {table:08x} of the axis, got "
-                f"{record.table:08x}; use `new_table` after reading what changes"
+                f"{where}: expected a firmware image with the object table of the axis, "
+                f"{table:08x}, got an image with the table {record.table:08x}; read what changes, "
+                "then use `new_table`"
             )
         axis.acquire()
         _write(axis, record.download(table if new_table else record.table))
@@ -121,23 +122,26 @@ def _expect_updatable(axis: Axis) -> ProgramObjects:
     image. Raises InputError."""
     where, now = axis.link.where, axis.record(OwnerObjects)
     if now.state in POWERED:
-        raise InputError(f"{where}: expected a disabled axis, it is {now.state}; disable it first")
+        raise InputError(
+            f"{where}: expected a disabled axis, got an axis in the state "
+            f"{now.state}; disable the axis first"
+        )
     if now.command_source not in (COMMAND_SOURCES[0], COMMAND_SOURCES[axis.link.source]):
         raise InputError(
-            f"{where}: expected an axis that no other client owns, its owner is "
-            f"{now.command_source}; end that client first"
+            f"{where}: expected an axis without another owner, got an axis that the bus "
+            f"{now.command_source} owns; end the client on that bus first"
         )
     try:
         found = axis.record(ProgramObjects)
     except Refused:
         raise InputError(
-            f"{where}: expected an axis whose firmware can be updated over a bus, it has no object "
-            "program_slot; use a debug probe"
+            f"{where}: expected an axis whose firmware can be updated over a bus, got an axis "
+            "without the object program_slot; use a debug probe"
         ) from None
     if found.program_state == "no_slots":
         raise InputError(
-            f"{where}: expected a board with two slots for images, this one has none; use a debug "
-            "probe"
+            f"{where}: expected a board with two slots for firmware images, got a board without "
+            "slots; use a debug probe"
         )
     if found.program_state != "confirmed":
         raise InputError(f"{where}: {REFUSALS['not_confirmed']}")
@@ -147,8 +151,8 @@ def _expect_updatable(axis: Axis) -> ProgramObjects:
 def _records(
     found: ProgramObjects, records: Sequence[UpdateRecord]
 ) -> tuple[UpdateRecord, UpdateRecord]:
-    """Returns the records for the slot that runs and for the other slot; slot a is the lower
-    one."""
+    """Returns two of the `records`: the image for the slot that runs, and the image for the other
+    slot. Slot a has the lower address."""
     ordered = sorted(records, key=lambda one: one.address)
     return (ordered[0], ordered[1]) if found.program_slot == "a" else (ordered[1], ordered[0])
 
@@ -190,8 +194,8 @@ def _confirmed(
 
 
 def _axis_at(link: Link) -> Axis:
-    """Returns the axis at a connection, which is ended if the axis does not answer: a connection
-    that stays open locks a serial device."""
+    """Returns the axis that a connection reaches. If the axis does not answer, the connection is
+    ended, because an open connection locks a serial device."""
     try:
         return Axis(link)
     except BaseException:
@@ -202,7 +206,7 @@ def _axis_at(link: Link) -> Axis:
 def _restarted(connect: Callable[[], Link], where: str) -> tuple[Axis, ProgramObjects]:
     end = time.monotonic() + RESTART_MAX_S
     with progress.phase("restarting the axis"):
-        time.sleep(4 * POLL_S)  # until then the axis still answers
+        time.sleep(4 * POLL_S)  # the axis answers until it restarts
         while True:
             axis = None
             try:

@@ -96,8 +96,8 @@ class AxisValues:
 
 
 class PlannedValues(AxisValues):
-    """Values that the objects of an axis will have after the raw values `planned` ({name: raw
-    value}) are written."""
+    """Values that the objects of an axis will have after a program has written the raw values
+    `planned` ({name: raw value})."""
 
     def __init__(self, axis: AxisValues, planned: Mapping[str, int]) -> None:
         super().__init__(axis.link)

@@ -95,7 +95,7 @@ class CaseSpeed:
 
 @dataclass(frozen=True)
 class SweepSpeed:
-    """Speed of many runs on one thread and on two threads."""
+    """Speed of a sweep of many runs on one thread and on two threads."""
 
     sweep: str
     runs: int
@@ -108,7 +108,7 @@ class SweepSpeed:
 
 @dataclass(frozen=True)
 class EventCost:
-    """Linear model of the CPU time of a run over its number of switching events."""
+    """Straight line that gives the CPU time of a run from its number of switching events."""
 
     events_least: int
     events_most: int
@@ -145,8 +145,8 @@ class BenchResult:
     checks: list[Requirement] | None = json_field(omit_none=True)
 
 
-# Required ratios of CPU times, {(case, peer): least}: 90 % of the lowest of three runs of --check
-# on two shared cores. The same for the linear analysis, with 110 % of the highest for the most.
+# Required ratios of CPU times, {(case, peer): least}, measured on two shared cores:
+# 90 % of the lowest of three runs of --check, and for the linear analysis 110 % of the highest.
 LEAST_RATIOS = {
     ("A", "odeint"): 1.77,
     ("B", "odeint"): 1.13,
@@ -393,8 +393,8 @@ def event_cost(repeat: int, gains: Sequence[int] = range(2, 26)) -> EventCost:
 
 
 def fastest(repeat: int, *works: Callable[[], Any]) -> list[tuple[float, Any]]:
-    """Calls functions in turns, each `repeat` times. Returns for each function the CPU time of the
-    fastest call in s, and the result of the last call."""
+    """Calls several functions in turns, each `repeat` times. Returns for each function the CPU time
+    in s of its fastest call, and the result of its last call."""
     found: list[tuple[float, Any]] = [(math.inf, None)] * len(works)
     for _ in range(repeat):
         for i, work in enumerate(works):

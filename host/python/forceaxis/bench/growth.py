@@ -46,16 +46,18 @@ DRIVE_KEYS = ("[drive]", "[[adc]]\nchannel = 1")  # first and next table of the 
 
 @dataclass(frozen=True)
 class GrowthPlan:
-    """The points at which growth is measured."""
+    """The sizes of tasks for which CPU time and memory are measured."""
 
-    bodies: Sequence[int] = (2, 5, 11, 20, 29)  # bodies of the chain; it has 2 bodies + 2 states
+    # number of bodies n of the chain, which has 2 n + 2 states
+    bodies: Sequence[int] = (2, 5, 11, 20, 29)
     frequencies_Hz: Sequence[float] = (0, 1, 10, 100, 780)  # of the oscillator; 0: at rest
-    runs: Sequence[int] = (1, 10, 100, 1000, 10_000, 100_000)  # runs of the sweep; powers of 10
+    # number of runs of the sweep, a power of 10
+    runs: Sequence[int] = (1, 10, 100, 1000, 10_000, 100_000)
 
 
 @dataclass(frozen=True)
 class GrowthPoint:
-    """CPU time and memory of one tool at one point."""
+    """CPU time and memory of one tool for one size of a task."""
 
     growth: str  # "states", "events" or "runs"
     tool: str
@@ -64,8 +66,8 @@ class GrowthPoint:
     events: int | None
     cpu_s: float  # CPU time of the run or of the whole sweep in s
     unit_us: float  # CPU time of one tick in us; in a sweep, CPU time of one run in us
-    start_MiB: float  # peak of resident memory before the work
-    added_MiB: float  # increase of this peak by the work
+    start_MiB: float  # peak of the resident memory before the work is done, in MiB
+    added_MiB: float  # increase of the memory peak by the work, in MiB
 
 
 @dataclass(frozen=True)
@@ -77,13 +79,13 @@ class Growth:
     load: float  # average load of the computer in the last minute
 
     def of(self, growth: str, tool: str) -> list[GrowthPoint]:
-        """Returns the points of one tool in the order of their measurement."""
+        """Returns the measurements of one tool in the order in which they were made."""
         return [p for p in self.points if (p.growth, p.tool) == (growth, tool)]
 
 
 @dataclass(frozen=True)
 class Job:
-    """The work of one process: one point of one tool."""
+    """The work of one process: one tool measures one size of a task."""
 
     growth: str
     tool: str
@@ -162,7 +164,8 @@ def own_plant(text: str, folder: Path) -> _core.BenchCase:
 
 
 def one_run(job: Job, folder: Path) -> TimedRun:
-    """Simulates the plant of a point for 2 s once for each repetition. Returns the fastest run."""
+    """Simulates the plant of one size for 2 s, once for each repetition. Returns the fastest
+    run."""
     chain = job.growth == "states"
     gain, setpoint_N = (GAIN, SETPOINT_N) if chain else (RATTLE_GAIN, RATTLE_SETPOINT_N)
     if job.tool == "forceaxis":
@@ -177,7 +180,7 @@ def one_run(job: Job, folder: Path) -> TimedRun:
 
 
 def sweep_s(job: Job, folder: Path) -> float:
-    """Runs the sweep of a point once. Returns its CPU time in s."""
+    """Runs the sweep of one size once. Returns the CPU time of the sweep in s."""
     digits = len(str(int(job.amount))) - 1
     gains = np.linspace(2, 6, 10 ** (digits - digits // 2)).tolist()
     setpoints = np.linspace(40, 120, 10 ** (digits // 2)).tolist()
@@ -215,7 +218,8 @@ def peak_MiB() -> float:
 
 
 def point(job: Job) -> GrowthPoint:
-    """Measures a point in this process, which must not have measured another point."""
+    """Measures one size of a task in this process, which must not have measured another size
+    before."""
     start_MiB = peak_MiB()
     events: int | None = None
     with tempfile.TemporaryDirectory(prefix="forceaxis_growth_") as folder:
@@ -240,7 +244,7 @@ def point(job: Job) -> GrowthPoint:
 
 
 def in_process(job: Job) -> GrowthPoint:
-    """Measures a point in a new process."""
+    """Measures one size of a task in a new process."""
     words = [sys.executable, "-m", "forceaxis.bench.growth", json.dumps(asdict(job))]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -249,7 +253,7 @@ def in_process(job: Job) -> GrowthPoint:
 
 
 def run(plan: GrowthPlan, repeat: int) -> Growth:
-    """Measures all points of a plan, each in a process of its own. The tools take turns."""
+    """Measures all sizes of a plan, each in its own process. The tools are measured in turns."""
     missing = {t: why for t, why in bench.Peers().missing.items() if t in TOOLS}
     amounts = {"states": plan.bodies, "events": plan.frequencies_Hz, "runs": plan.runs}
     jobs = [
@@ -278,7 +282,7 @@ def write(growth: Growth, out: Path) -> None:
 
 
 def draw(growth: Growth, file: Path) -> None:
-    """Draws CPU time and memory of all points to a picture."""
+    """Draws a picture of the CPU time and memory over the size of the task."""
     import matplotlib.pyplot as plt
 
     from forceaxis import drawing

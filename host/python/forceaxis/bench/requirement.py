@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Requirement:
-    """A requirement of a benchmark. The result tells if the measured value meets the
-    requirement."""
+    """A requirement of a benchmark, and whether the measured value meets it."""
 
-    check: str  # quantity, bound and measured value as text
+    check: str  # text about the requirement: quantity, bound and measured value
     held: bool
 
 

@@ -24,7 +24,7 @@ K_S_N_PER_M, B_S_NS_PER_M = 110100.0, 16.5  # stiffness and damping of the force
 
 
 class TimedRun(NamedTuple):
-    """One timed run of a benchmark case."""
+    """Result and CPU time of one run of a benchmark case."""
 
     force_N: NDArray[np.float64]  # contact force in N at each tick
     codes: NDArray[np.int32]  # ADC code of the contact force at each tick
@@ -48,7 +48,7 @@ class Guard:
 
 
 class _Plant:
-    """The plant of the cases A and B of the benchmark.
+    """The simulated plant of the benchmark cases A and B.
 
     The state x is: motor current in A, filtered tachometer voltage in V, position and velocity of
     the robot, position and velocity of the workpiece in m and m/s. Current feedback and amplifier
@@ -87,8 +87,8 @@ class _Plant:
         )
 
     def enter(self, x: State) -> None:
-        """Sets the regions of current feedback and amplifier for the state x after a step of the
-        command."""
+        """Sets the regions of the current feedback and of the amplifier after a step of the
+        command. x: state of the plant."""
         self.feedback = int(x[0] > 30) - int(x[0] < -30)
         e = self.error(x)
         self.amplifier = sum((e > 2, e > 6)) - sum((e < -2, e < -6))
@@ -119,7 +119,7 @@ class _Plant:
         return guards
 
     def cross(self, element: str, into: int | str, x: State) -> None:
-        """Sets the region of an element after an event with the state x."""
+        """Sets the region of an element after an event at which the plant has the state x."""
         if into == "let go":
             into = "overlap" if x[2] > x[4] else "apart"
         elif into == "met":

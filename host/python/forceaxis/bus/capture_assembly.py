@@ -67,7 +67,8 @@ class Assembly:
         return int((~self.have).sum())
 
     def gaps(self) -> list[tuple[int, int]]:
-        """Returns the ranges of missing samples, each as (first sample, first sample after it)."""
+        """Returns the ranges of missing samples, each as (index of its first sample, index of the
+        first sample after it)."""
         edges = np.flatnonzero(np.diff(np.concatenate(([True], self.have, [True]))))
         return [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
 

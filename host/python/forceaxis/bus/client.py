@@ -41,15 +41,15 @@ from forceaxis.bus.state_names import texts
 from forceaxis.objects import BY_NAME, AxisObject, state_needed
 from forceaxis.words import suggestion
 
-# Number of times that a command is sent within its time-out until it is answered. If a network
-# loses half of all datagrams, one command of 100,000 gets no answer.
+# Number of times that a command without an answer is sent within its time-out.
+# If a network loses half of all datagrams, one command of 100,000 gets no answer.
 COMMAND_TRIES = 40
-# A client asks for the samples of a capture if it has received no block for this time in s: while
-# the gateway may not have the samples yet, and after that.
+# Times in s without a block of a capture after which a client asks for its samples.
+# The first time is for a gateway that may not have the samples yet, the second for later.
 PROGRESS_WAIT_S, LATE_BLOCKS_WAIT_S = 1.0, 0.25
-# Bounds of a capture after its trigger: longest time in s until all samples are here, and number of
-# successive requests for lost samples that bring no new sample. If a network loses half of all
-# datagrams, the last block is lost this number of times in one of a million captures.
+# Longest time in s from the trigger of a capture until all its samples have arrived.
+# The second number is that of successive requests for lost samples that bring no new sample.
+# If a network loses half of all datagrams, one of a million captures needs more requests.
 TRANSFER_MAX_S, FRUITLESS_MAX = 120.0, 20
 RANGES_MAX = 100  # largest number of ranges of lost samples in one request
 WAKE_S = 0.25  # longest time in s between two looks at what was received
@@ -280,8 +280,8 @@ class AxisClient(Closable):
 
     def _stalled(self, number: int, is_read: bool) -> bool | None:
         """Returns True if a capture has failed, or if the last block was received so long ago that
-        the client has to ask for the next one, otherwise None. `is_read`: the gateway has the
-        samples."""
+        the client has to ask for the next block. Returns None otherwise. `is_read`: True if the
+        gateway has read all samples from the axis."""
         ended = self._ended(number)
         if ended and ended.code < 0:
             return True
@@ -305,7 +305,7 @@ class AxisClient(Closable):
         """Raises NoAnswer if the recorder still waits for its trigger or records."""
         state = self.read("recorder_state")
         if state not in ("armed", "recording"):
-            return  # the gateway reads the samples from the axis
+            return  # the gateway is still reading the samples from the axis
         why = "the recording has not ended; wait longer"
         if state == "armed":
             why = (
@@ -414,7 +414,8 @@ class AxisClient(Closable):
             elif isinstance(message, axis_capture_t) and message.command_run_id == self._bus.run_id:
                 self._captures.setdefault(message.command_id, Assembly()).take(message)
                 self._block_s = time.monotonic()
-                if len(self._captures) > 16:  # no caller waits any longer for the oldest capture
+                # the oldest capture is dropped, because no caller waits for it any longer
+                if len(self._captures) > 16:
                     del self._captures[min(self._captures)]
             self._news.notify_all()
 

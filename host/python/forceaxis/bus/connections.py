@@ -1,4 +1,5 @@
-"""Bounds the TCP connections of a server of this process, whatever library serves them.
+"""Bounds the number and the age of the TCP connections of a server in this process, for a server of
+any library.
 
     with bounded(port):
         ...
@@ -27,18 +28,18 @@ from typing import NamedTuple, TypeVar
 CONNECTIONS_MAX = 32
 REQUEST_S = 3.0
 PEER_S = 60
-# Time in s between two looks. An age is counted in looks, so it does not grow while the process is
-# suspended.
+# Time in s between two checks of all connections. An age is a number of checks.
+# An age therefore does not grow while the process is suspended.
 LOOK_S = 0.1
 # The fields of struct tcp_info (linux/tcp.h) that Counted has.
 INFO = struct.Struct("=B51xI64xQ")
 ESTABLISHED, CLOSE_WAIT = 1, 8
-OPEN = (ESTABLISHED, CLOSE_WAIT)  # states in which this side has not closed the connection
+OPEN = (ESTABLISHED, CLOSE_WAIT)  # TCP states in which this process has not closed the connection
 T = TypeVar("T")
 
 
 class Counted(NamedTuple):
-    """Numbers that the kernel has for a connection: its state, the time in ms since the last data
+    """Figures of the kernel about a TCP connection: its state, the time in ms since the last data
     of the peer, and the number of bytes that the peer has acknowledged."""
 
     state: int
@@ -47,22 +48,22 @@ class Counted(NamedTuple):
 
 
 class Connection(NamedTuple):
-    """One connection at one look. The order is that in which connections are closed."""
+    """State of one connection at one check. Connections are closed in the order of this type."""
 
     answered: bool
-    active: int  # negative time in ms since the last data of the client
+    active: int  # time in ms since the last data of the client, as a negative number
     descriptor: int
     inode: int
 
 
 class Bounds:
-    """Bounds the connections to one port at each look()."""
+    """Bounds the connections to one TCP port; each call of look() checks all of them."""
 
     def __init__(self, port: int) -> None:
         self._port = port
-        self._looks: dict[int, int] = {}  # {inode of an unanswered connection: looks}
-        # `_view` is a second descriptor of the connection that is being checked, otherwise of
-        # /dev/null.
+        # {inode of a connection without an answer: number of checks}
+        self._looks: dict[int, int] = {}
+        # `_view`: second descriptor of the connection that is being checked, else of /dev/null.
         self._nothing = os.open(os.devnull, os.O_RDONLY)
         self._view = os.dup(self._nothing)
 
@@ -71,7 +72,7 @@ class Bounds:
         os.close(self._nothing)
 
     def look(self) -> None:
-        """Closes what exceeds the bounds."""
+        """Closes the connections that exceed the bounds."""
         found = sorted(self._connections())
         self._looks = {c.inode: self._looks.get(c.inode, 0) + 1 for c in found if not c.answered}
         for i, one in enumerate(found):
@@ -92,8 +93,9 @@ class Bounds:
                     yield Connection(answered, active, descriptor, status.st_ino)
 
     def _with(self, descriptor: int, inode: int, look: Callable[[socket.socket], T]) -> T | None:
-        """Returns look(the connection of a descriptor), or None if the descriptor has no connection
-        to the port, or no longer that of `inode`."""
+        """Calls `look` with the connection of a file descriptor and returns the result. Returns
+        None if the descriptor is no connection to the port, or is no longer the connection with the
+        number `inode`."""
         viewed = None
         try:
             os.dup2(descriptor, self._view, inheritable=False)
@@ -102,20 +104,20 @@ class Bounds:
             tcp = viewed.type == socket.SOCK_STREAM and viewed.family != socket.AF_UNIX
             if not (same and tcp and viewed.getsockname()[1] == self._port):
                 return None
-            viewed.getpeername()  # fails for the socket that listens
+            viewed.getpeername()  # this call fails for the listening socket
             return look(viewed)
         except OSError:  # the connection has ended meanwhile
             return None
         finally:
             if viewed:
                 viewed.detach()
-            # Otherwise the connection would stay open when the server closes it.
+            # Without this call, the connection would stay open after the server has closed it.
             os.dup2(self._nothing, self._view, inheritable=False)
 
 
 def descriptors() -> Iterable[int]:
-    """Returns the descriptors of this process, or all possible ones if none is free for the
-    list."""
+    """Returns the numbers of the open file descriptors of this process. If no descriptor is free
+    for reading this list, returns all possible numbers."""
     try:
         return map(int, os.listdir("/proc/self/fd"))
     except OSError:
@@ -123,8 +125,8 @@ def descriptors() -> Iterable[int]:
 
 
 def watched(connection: socket.socket) -> Counted:
-    """Sets that the kernel ends a connection whose peer does not answer for PEER_S, and returns the
-    numbers that the kernel has for the connection."""
+    """Makes the kernel end a connection whose peer does not answer for PEER_S seconds. Returns the
+    figures of the kernel about the connection."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, PEER_S // 2)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, PEER_S // 6)

@@ -16,13 +16,14 @@ from forceaxis.bus.sources import AddressError, MonitorSettings, ReplaySource
 from forceaxis.bus.topics import Topic, Topics
 
 LAYOUT = Path(__file__).with_name("foxglove_layout.json")
-# Messages that wait for a slow client, about 40 s of an axis; older ones are dropped. The ticks of
-# the samples and the sequence numbers of the messages show that.
+# Number of messages that wait for a slow client, about 40 s of an axis. Older ones are dropped.
+# The ticks of the samples and the sequence numbers of the messages show the dropped ones.
 BACKLOG_MESSAGES = 1 << 16
 
 
 class FoxgloveTopics:
-    """Passes LCM messages to the clients of a server. A topic exists from its first message on."""
+    """Passes LCM messages to the Foxglove clients of a server. A topic is created with its first
+    message."""
 
     def __init__(self, context: foxglove.Context, mm_per_count: float | None = None) -> None:
         self._context, self._topics = context, Topics(mm_per_count)
@@ -62,7 +63,8 @@ def serve(
         number = signal.Signals(received)
         ended.set()
 
-    foxglove.set_log_level("CRITICAL")  # else a line for each handshake that fails
+    # otherwise the library prints a line for each failed handshake
+    foxglove.set_log_level("CRITICAL")
     context = foxglove.Context()
     source = settings.source(FoxgloveTopics(context, settings.mm_per_count))
     for one in (signal.SIGINT, signal.SIGTERM):

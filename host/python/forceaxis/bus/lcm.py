@@ -148,7 +148,9 @@ def connect(url: str | None = None) -> lcm.LCM:
         except (RuntimeError, ValueError) as error:
             errors.seek(0)
             text = " ".join(errors.read(300).decode(errors="replace").split()) or str(error)
-            raise InputError(f"{url}: expected an LCM URL such as {DEFAULT_URL}: {text}") from None
+            raise InputError(
+                f"{url}: expected an LCM URL such as {DEFAULT_URL}, got: {text}"
+            ) from None
         finally:
             os.dup2(saved, 2)
             os.close(saved)
@@ -173,8 +175,8 @@ def _expect_route(url: str) -> None:
 
 @dataclass
 class _Run:
-    """The sequence number that is expected next from one publisher, and the numbers of missing
-    messages."""
+    """State of one publisher: the sequence number that is expected next, and the sequence numbers
+    of missing messages."""
 
     next_seq: int
     missing: set[int] = field(default_factory=set)
@@ -188,7 +190,7 @@ class Gaps:
 
     def __init__(self) -> None:
         self.received = self.lost = self.doubled = self.late = self.restarts = 0
-        self.rivals = False  # True if two publishers send on this channel
+        self.rivals = False  # True if two programs publish on this channel
         self._runs: dict[int, _Run] = {}
         self._latest: int | None = None
 
@@ -286,9 +288,9 @@ class Bus(Closable):
         try:
             while self._run:
                 receiver.handle_timeout(100)
-        except Exception as error:  # the user of this connection reports the error
+        except Exception as error:  # the caller of this connection reports the error
             self.trouble = f"{self.url}: {error}"
         finally:
-            # The subscription refers to this object. While it exists, the sockets stay open, and
-            # the library fails with more than 1024 of them.
+            # The subscription refers to this object, whose sockets stay open while it exists.
+            # The library fails with more than 1024 sockets.
             receiver.unsubscribe(subscription)

@@ -17,11 +17,11 @@ from forceaxis._core import InputError
 
 SYNC_MARK = 0xEDA1DA01
 SYNC_BYTES = struct.pack(">I", SYNC_MARK)
-# Header of a log entry: sync mark, number of the entry, time in us since 1970,
-# size in bytes of the channel's name, size in bytes of the data
+# Header of a log entry: sync mark, number, time in us since 1970, sizes of name and data in bytes.
 HEADER = struct.Struct(">IqqII")
 LONGEST_CHANNEL, LONGEST_DATA = 255, 1 << 28
-LATEST_US = (1 << 63) // 1000  # in the year 2262; nanoseconds of MCAP and NumPy end there
+# largest time in us, in the year 2262: MCAP and NumPy count nanoseconds in 64 bits
+LATEST_US = (1 << 63) // 1000
 
 
 class LogEntry(NamedTuple):

@@ -51,7 +51,8 @@ class ExportSummary:
 
 
 class Columns:
-    """A table that grows by rows of {column: value}. A missing value leaves an empty field."""
+    """A table to which rows of {column: value} are added. A missing value becomes an empty
+    field."""
 
     def __init__(self) -> None:
         self.rows = 0

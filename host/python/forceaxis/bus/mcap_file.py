@@ -21,14 +21,14 @@ from forceaxis.bus.log import LogEntry, new_file
 from forceaxis.bus.topics import LCM, NS_PER_US, RAW, Topic, Topics
 
 PROFILE = "forceaxis"
-# A killed program loses the messages of one chunk.
+# If the program is killed, only the messages of one chunk are lost.
 CHUNK_BYTES = 1 << 18
 RECORD_MOST_BYTES = 1 << 28  # a longer record is damaged
 
 
 class McapWriter:
-    """Writes LCM messages to a new MCAP file, in the place of a LogWriter. Raises InputError if the
-    file exists."""
+    """Writes LCM messages to a new MCAP file, with the methods of a LogWriter. Raises InputError if
+    the file exists."""
 
     def __init__(self, path: Path, stream: BinaryIO | None = None) -> None:
         self.path, self.count = path, 0
@@ -77,8 +77,9 @@ class McapWriter:
 
 
 def _unpacked(chunk: Chunk) -> Chunk:
-    """Returns a chunk without its compression. Raises ValueError for one that would be larger than
-    RECORD_MOST_BYTES, whatever size it states, and exceptions of the packages that decompress."""
+    """Returns the data of a compressed chunk. Raises ValueError if they are larger than
+    RECORD_MOST_BYTES, whatever size the chunk states, and the exceptions of the decompressing
+    packages."""
     most = RECORD_MOST_BYTES + 1
     if chunk.compression == "zstd":
         import zstandard
@@ -96,9 +97,9 @@ def _unpacked(chunk: Chunk) -> Chunk:
 
 
 class McapReader:
-    """Iterates over the LCM messages of an MCAP file, in the place of a LogReader. After the
-    iteration, `damage` says in one text line whether the file is damaged or cut off, else None.
-    Raises InputError."""
+    """Iterates over the LCM messages of an MCAP file, with the methods of a LogReader. After the
+    iteration, `damage` is a text line about a damaged or incomplete file, or None. Raises
+    InputError."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.count = path, 0
@@ -124,8 +125,8 @@ class McapReader:
                     yield channel, record
 
     def _records(self, stream: BinaryIO) -> Iterator[McapRecord]:
-        """Yields the records of a file, without those of damaged chunks and those after damage
-        elsewhere. The packages that decompress have exceptions of their own."""
+        """Yields the records of a file. Records in a damaged chunk, and records after a damage
+        outside of a chunk, are left out. Any exception of a decompressing package is a damage."""
         reader = StreamReader(stream, emit_chunks=True, record_size_limit=RECORD_MOST_BYTES)
         records = reader.records
         while True:

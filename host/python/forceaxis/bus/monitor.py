@@ -81,7 +81,7 @@ class Monitor(App[None]):
         self.source, self.watched, self.only, self.chosen = source, watch, axis, axis
         self.folder = Path(folder or ".")
         self.codes, self.may_record = codes, may_record
-        self.frozen: str | None = None  # time of day at which the user stopped the display, or None
+        self.frozen: str | None = None  # time of day at which the user paused the display, or None
         self.span_s, self.capture_shown = 20, False
         self._captures_seen: dict[int, int] = {}
         self._started, self.panel_height = time.monotonic(), FULL

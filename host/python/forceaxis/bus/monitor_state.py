@@ -143,7 +143,7 @@ class Snapshot:
 
 
 def text(value: int, words: Callable[[int], T]) -> T | None:
-    """Returns words(value), or None if the value is not available."""
+    """Returns the result of `words` for a value, or None if the value is not available."""
     return None if known(value) is None else words(value)
 
 
@@ -266,8 +266,8 @@ class AxisWatch:
         return ("mm", self.mm_per_count) if self.mm_per_count else ("count", 1)
 
     def force_wanted(self) -> int | None:
-        """Returns the demanded force of the active mode of operation in per mille of the rated
-        force. Returns None in a mode that does not control the force."""
+        """Returns the demanded force in per mille of the rated force, or None in a mode of
+        operation that does not control the force."""
         state = self._heard()
         if known(state.mode_display) not in (None, *state_names.FORCE_MODES):
             return None
@@ -277,8 +277,8 @@ class AxisWatch:
         return demand
 
     def position_target(self) -> int | None:
-        """Returns the demanded position of the active mode of operation in counts. Returns None in
-        a mode that controls the force."""
+        """Returns the demanded position in counts, or None in a mode of operation that controls the
+        force."""
         state = self._heard()
         mode = known(state.mode_display)
         if mode in state_names.PROFILE_MODES:

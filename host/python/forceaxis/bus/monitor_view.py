@@ -155,7 +155,8 @@ def force_value(words: AxisSnapshot, codes: bool) -> str:
 
 
 def position_values(words: AxisSnapshot, codes: bool) -> tuple[str, str, str]:
-    """Returns (name, position, speed), in the position unit of the axis or in encoder counts."""
+    """Returns three texts (name, position, speed), with values in the position unit of the axis or
+    in encoder counts."""
     unit = words.position_unit
     if codes or unit == "count":
         speed = signed(words.velocity_cnt_per_s, "count/s")

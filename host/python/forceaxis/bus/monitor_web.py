@@ -63,8 +63,8 @@ def authority(url: str) -> tuple[str, str]:
 
 
 def size_of(width: object, height: object) -> tuple[int, int]:
-    """Returns width and height of a screen within 1 and SIZE_MAX. The default stands for what is no
-    integer."""
+    """Returns width and height of a screen, limited to 1 to SIZE_MAX. A value that is no integer is
+    replaced by its default."""
     sides = zip((width, height), (80, 24), SIZE_MAX, strict=True)
     columns, rows = (
         min(max(1, side), most) if isinstance(side, int) else default
@@ -74,8 +74,8 @@ def size_of(width: object, height: object) -> tuple[int, int]:
 
 
 class Screen(AppService):
-    """The process of one HTML page. `stop` returns after the process has ended, whatever the page
-    or the process does, so that never more than PAGES_MAX processes run."""
+    """The process that runs the screen of one HTML page. `stop` returns only after the process has
+    ended, so that at most PAGES_MAX processes run."""
 
     async def start(self, width: int, height: int) -> None:
         await super().start(*size_of(width, height))
@@ -94,7 +94,8 @@ class Screen(AppService):
         if process is None:
             return
         try:
-            with contextlib.suppress(Exception):  # a page may be lost in many ways
+            # a page may disconnect with any of several exceptions
+            with contextlib.suppress(Exception):
                 async with asyncio.timeout(QUIT_S):
                     await self.send_meta({"type": "quit"})
                     await process.wait()
@@ -110,14 +111,15 @@ class Screen(AppService):
 
 
 def kill(process: asyncio.subprocess.Process, number: int) -> None:
-    """Sends a signal to a process that runs. Process.send_signal() may collect the exit status
-    before asyncio does."""
+    """Sends a signal to a running process. Process.send_signal() is not used, because it may
+    collect the exit status before asyncio does."""
     with contextlib.suppress(ProcessLookupError):
         if process.returncode is None:
             os.kill(process.pid, number)
 
 
-textual_server.AppService = Screen  # type: ignore[misc]  # the server has no other place for it
+# the server offers no other place for this state
+textual_server.AppService = Screen  # type: ignore[misc]
 
 
 class MonitorServer(textual_server.Server):
@@ -153,7 +155,7 @@ class MonitorServer(textual_server.Server):
             raise web.HTTPForbidden(text="expected a page of this server\n")
         try:
             answer = await handler(request)
-        except (OSError, ValueError):  # a path that no file system has
+        except (OSError, ValueError):  # a path that is invalid in every file system
             raise web.HTTPNotFound() from None
         if not answer.prepared:
             answer.headers["Content-Security-Policy"] = f"{POLICY}; connect-src ws://{request.host}"
@@ -215,8 +217,9 @@ def serve(settings: MonitorSettings, host: str, port: int, ready: Callable[[str]
 
 
 def end_by_signal() -> None:
-    """Ends the process at SIGTERM. The main thread waits where its page does not read, so another
-    one waits for the signal; the screen only receives, so nothing has to be finished."""
+    """Ends the process at SIGTERM. A separate thread waits for the signal, because the main thread
+    may be waiting for the page. The screen only receives messages, so no work has to be
+    finished."""
     number = signal.sigwait({signal.SIGTERM})
     os._exit(128 + number)
 

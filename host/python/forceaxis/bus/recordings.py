@@ -41,13 +41,13 @@ class RecordingWriter(Protocol):
 
 
 def reader_of(path: Path) -> RecordingReader:
-    """Returns a reader of a recording, in the format that the begin of the file has. Raises
-    InputError, also if MCAP needs a package that is not installed."""
+    """Returns a reader of a recording. The first bytes of the file determine the format. Raises
+    InputError, also if a package for MCAP is not installed."""
     try:
         with path.open("rb") as file:
             is_mcap = file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
     except OSError:
-        return LogReader(path)  # which says why it cannot read the file
+        return LogReader(path)  # the error states why the file cannot be read
     if not is_mcap:
         return LogReader(path)
     expect_package(paths.display(path), "mcap", "mcap", "mcap")
@@ -68,7 +68,7 @@ def writer_of(path: Path, stream: BinaryIO | None = None) -> RecordingWriter:
 
 
 def expect_suffix(path: Path, parameter: str) -> None:
-    """Raises ParameterError if the suffix of `path` is that of no recording."""
+    """Raises ParameterError if the suffix of `path` belongs to no format of a recording."""
     if path.suffix not in (LOG, MCAP):
         raise ParameterError(parameter, f"{path}: expected a file ending in {MCAP} or {LOG}")
 
@@ -114,7 +114,7 @@ class _ChannelCount:
     gaps: Gaps = field(default_factory=Gaps)
 
     def summary(self) -> ChannelSummary:
-        """Returns the numbers of messages as a result."""
+        """Returns the numbers of converted and damaged messages as a result."""
         span_s = (self.last_us - self.first_us) / 1e6
         ours = self.type is not None
         return ChannelSummary(

@@ -136,7 +136,8 @@ class ReplaySource:
     def record(self, path: Path) -> None:
         """Raises InputError, because the messages of a replay already are in a log."""
         raise InputError(
-            "expected a live bus to record, got the replay of a log; copy this log instead"
+            "expected a live bus whose messages can be recorded, got the replay of a log; copy "
+            "this log instead"
         )
 
     def stop_recording(self) -> RecordingWriter | None:

@@ -27,7 +27,7 @@ from forceaxis.bus.messages import axis_capture_t, axis_state_t, sim_truth_t
 from forceaxis.bus.monitor_state import AxisWatch
 from forceaxis.bus.wire import Message
 
-RAW = "/lcm/"  # begin of the topics with the bytes of LCM messages
+RAW = "/lcm/"  # prefix of the names of topics with the bytes of LCM messages
 LCM, JSON, JSON_SCHEMA = "lcm", "json", "jsonschema"  # encodings, named as in the MCAP registry
 NS_PER_US = 1000
 NS_PER_S = 1_000_000_000
@@ -67,7 +67,8 @@ Fields = dict[str, Any]
 
 
 class Topic(NamedTuple):
-    """A topic and the schema of its messages. A topic of another program has the empty schema."""
+    """A topic with the schema of its messages. The schema is empty for messages of another
+    program."""
 
     name: str
     encoding: str  # encoding of the messages: LCM or JSON
@@ -94,7 +95,7 @@ def topic_name(channel: str) -> str:
 
 
 def raw_topic(channel: str, data: bytes) -> Topic:
-    """Returns the topic with the bytes of the messages of an LCM channel."""
+    """Returns the topic that passes the messages of an LCM channel as bytes."""
     carried = type_of(channel, data)
     if carried is None:
         return Topic(RAW + channel, LCM)
@@ -121,8 +122,8 @@ def unit_of_field(name: str) -> str:
 
 
 def nested(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Returns the place of each name in nested objects: "sensor.force_N" is ("sensor", "force_N").
-    A name is not divided if another name is the beginning of it."""
+    """Returns the keys of each name in nested JSON objects: ("sensor", "force_N") for
+    "sensor.force_N". A name is not divided if it begins with another name and a dot."""
     known = set(names)
     places = []
     for name in names:
@@ -133,15 +134,15 @@ def nested(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def put(table: Fields, place: Sequence[str], value: object) -> None:
-    """Puts a value at a place in nested objects."""
+    """Writes a value into nested JSON objects, at the place that a list of keys states."""
     for part in place[:-1]:
         table = table.setdefault(part, {})
     table[place[-1]] = value
 
 
 def json_schema(title: str, units: Mapping[str, str | None]) -> bytes:
-    """Returns the JSON schema of an object with the fields `units`, which have these units; None
-    is a text. Names are nested as in the messages."""
+    """Returns the JSON schema of an object. `units`: {name of a field: unit of its number, or None
+    for a text}. The names are nested as in the messages."""
     properties: Fields = {}
     for place, unit in zip(nested(list(units)), units.values(), strict=True):
         at = properties
@@ -181,9 +182,9 @@ def engineering_row(axis: AxisWatch, state: axis_state_t, wall_us: int) -> dict[
 
 @dataclass
 class SampleTimes:
-    """Time of the samples of one channel in ns since 1970. The samples of a block end when the
-    block is received and begin after the block before, so the times never go back, whatever the
-    speed of a simulation is."""
+    """Times of the samples of one channel in ns since 1970. The last sample of a block has the time
+    at which the block was received; its first sample is later than the block before. So the times
+    increase at any speed of a simulation."""
 
     last_tick: int | None = None
     last_ns: int = 0
@@ -213,8 +214,8 @@ class Topics:
         self._rows: dict[str, tuple[dict[str, str | None], Topic]] = {}
 
     def of(self, channel: str, data: bytes, wall_us: int) -> Iterator[TopicMessage]:
-        """Yields the messages of topics for one LCM message: its bytes, and unless it is damaged,
-        unknown or doubled, its values."""
+        """Yields the topic messages for one LCM message: one with its bytes, and one with its
+        values unless the message is damaged, unknown or a duplicate."""
         time_ns = wall_us * NS_PER_US
         raw = self._raw.setdefault((channel, data[:8]), raw_topic(channel, data))
         yield TopicMessage(raw, time_ns, data)
@@ -237,7 +238,7 @@ class Topics:
             yield TopicMessage(self._row_topic(channel, message, row), time_ns, _json(row))
 
     def _row_topic(self, channel: str, message: Message, row: Mapping[str, object]) -> Topic:
-        """Returns the JSON topic of a message; a new one if the message has a new field."""
+        """Returns the JSON topic of a message. A message with a new field gets a new topic."""
         units, topic = self._rows.get(channel, ({}, None))
         if topic is None or not row.keys() <= units.keys():
             texts = {name for name, value in row.items() if isinstance(value, str)}

@@ -16,7 +16,7 @@ _SIZES = {
 
 
 class Message(Protocol):
-    """The functions and fields that each generated message type has."""
+    """The interface of the generated message types: functions and fields that each of them has."""
 
     __slots__: ClassVar[list[str]]
     __typenames__: list[str]
@@ -37,9 +37,10 @@ class Message(Protocol):
         """Encodes the message."""
 
 
-# One step of reading a message is one of three forms: size of fields in bytes, without a count;
-# (name of a count, size of the count in bytes);
-# (names of the counts of an array, size of an element in bytes), with the size 0 for strings.
+# One step of reading a message has one of three forms.
+# Fields without a count: their size in bytes.
+# A count: (name of the count, size of the count in bytes).
+# An array: (names of the counts, size of an element in bytes); the size is 0 for strings.
 Step = int | tuple[str, int] | tuple[tuple[str, ...], int]
 
 

@@ -116,7 +116,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Stack:
-    """Facts about the firmware image from which tools/image_report computes the largest depth of
+    """Values about the firmware image from which tools/image_report computes the largest depth of
     the stack."""
 
     thread: str

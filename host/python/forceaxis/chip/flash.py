@@ -50,7 +50,8 @@ class FlashError(Exception):
 
 @dataclass(frozen=True)
 class Plan:
-    """The changes of a board when an image is written: image, flash sectors, parameter store."""
+    """The plan of writing an image to a board: image, overwritten flash sectors, and whether the
+    parameter store is kept."""
 
     board: boards.Board
     probe: boards.Probe
@@ -92,7 +93,7 @@ def board_of(image: images.Image, identity: images.Identity) -> tuple[boards.Boa
 def plan(
     path: Path, address: int | None = None, erase_parameters: bool = False, serial: str = ""
 ) -> Plan:
-    """Returns the Plan for writing a file to a board. Raises InputError if the file is not an image
+    """Returns the plan of writing a file to a board. Raises InputError if the file is not an image
     for the chip of the board."""
     image = images.load(path, address)
     identity = images.identity(image)
@@ -160,8 +161,9 @@ def expect_trailer(image: images.Image, board: boards.Board) -> None:
     at = slots.addresses[0] + slots.bytes - update_file.TRAILER.size
     if image.word(at) != update_file.TRAILER_MAGIC:
         raise InputError(
-            f"{image.path}: expected the loader, an image and its trailer at {at:#010x}, got a "
-            f"file without this trailer; use the file {board.image}.hex that tools/image has built"
+            f"{image.path}: expected a file with the loader, the firmware image and the trailer "
+            f"of the image at the address {at:#010x}, got a file without this trailer; use the "
+            f"file {board.image}.hex that tools/image has built"
         )
 
 
@@ -273,7 +275,7 @@ def options_step(options: boards.ProbeOptions, settings: Sequence[Sequence[int]]
     if options.load is None:
         writes += [f"mww {control:#x} [expr {{[mrw {control:#x}] | {options.lock:#x}}}]"]
     else:
-        # The reset may end this write with an error.
+        # this write may end with an error, because it resets the chip
         writes += [f"catch {{mww {control:#x} {options.load:#x}}}", "sleep 100", "reset init"]
     return f"if {{{' || '.join(differs)}}} {{{'; '.join(writes)}}}"
 

@@ -191,8 +191,8 @@ def hex_record(where: str, line: bytes) -> HexRecord:
         raise InputError(f"{where}: expected a record of Intel HEX, such as :00000001FF")
     if sum(record) % 256:
         raise InputError(
-            f"{where}: expected a record with a correct checksum, got another checksum; the file "
-            "is damaged"
+            f"{where}: expected an Intel HEX record with a correct checksum, got another "
+            "checksum; the file is damaged"
         )
     return HexRecord(int.from_bytes(record[1:3], "big"), record[3], record[4:-1])
 
@@ -208,7 +208,8 @@ def read_hex(path: Path, data: bytes, _address: int | None) -> list[Segment]:
         where = f"{path}:{number}"
         if ended:
             raise InputError(
-                f"{where}: expected the end record as the last record, got a further record"
+                f"{where}: expected the end record as the last record of the Intel HEX file, got "
+                "a further record"
             )
         at, kind, content = hex_record(where, line)
         if kind == DATA_RECORD:
@@ -218,9 +219,14 @@ def read_hex(path: Path, data: bytes, _address: int | None) -> list[Segment]:
         elif kind in (SEGMENT_RECORD, LINEAR_RECORD) and len(content) == 2:
             base = int.from_bytes(content, "big") << (4 if kind == SEGMENT_RECORD else 16)
         elif kind not in START_RECORDS:
-            raise InputError(f"{where}: expected a record of type 0 to 5, got type {kind}")
+            raise InputError(
+                f"{where}: expected an Intel HEX record of type 0 to 5, got a record of type {kind}"
+            )
     if not ended:
-        raise InputError(f"{path}: expected an end record, but the file ends without an end record")
+        raise InputError(
+            f"{path}: expected an Intel HEX file with an end record, got a file that "
+            "ends without an end record"
+        )
     return segments
 
 

@@ -41,7 +41,8 @@ class UpdateRecord:
     image: bytes
 
     def download(self, replaced_table: int) -> bytes:
-        """Returns the bytes for an axis with the object table `replaced_table`: head and image."""
+        """Returns the bytes that an axis with the object table `replaced_table` receives: head and
+        firmware image."""
         head = HEAD.pack(
             HEAD_MAGIC, self.address, len(self.image), self.crc, self.table, replaced_table,
             self.board.encode(), self.version.encode(), BLANK, 0,
@@ -50,13 +51,13 @@ class UpdateRecord:
 
 
 def record(address: int, image: bytes, table: int, board: str, version: str) -> UpdateRecord:
-    """Returns the record of an image that is linked for the slot at `address`."""
+    """Returns the update record of a firmware image that is linked for the slot at `address`."""
     return UpdateRecord(address, zlib.crc32(image), table, board, version, image)
 
 
 def trailer(image: bytes) -> bytes:
-    """Returns the trailer of a confirmed image that a debug probe writes: the first one of its
-    chip."""
+    """Returns the trailer of an image that a debug probe writes. This image is confirmed and has the
+    sequence number 1, as the first image of a chip."""
     words = [TRAILER_MAGIC, len(image), zlib.crc32(image), 1, 0]
     return TRAILER.pack(*words, *[BLANK] * (16 - len(words)))
 

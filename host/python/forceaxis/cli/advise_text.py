@@ -84,8 +84,8 @@ def describe(result: Advice, width: int | None = None) -> str:
 
 
 def _limit_lines(result: Advice) -> list[str]:
-    """Return the text lines about the element states of the model, the mode of vibration that
-    limits the bandwidth, and the critical gain."""
+    """Return the text lines about the states of the model's elements (such as a closed contact),
+    the mode of vibration that limits the bandwidth, and the critical gain."""
     base, mode = result.present, result.limiting_mode
     lines = [f"mode         {result.mode_text}"] if result.mode_text else []
     if isinstance(mode, LimitingMode):
@@ -112,8 +112,8 @@ def _limit_lines(result: Advice) -> list[str]:
 
 
 def _gain_lines(result: Advice) -> list[str]:
-    """Return the text lines about the second critical gain, the gain of the experiment and the
-    largest gain that is stable in the simulation."""
+    """Return the text lines about further gains: the gain at which another pole becomes unstable,
+    the gain of the experiment, and the largest gain that is stable in the simulation."""
     lines = []
     if following := result.next_crossing:
         lines.append(

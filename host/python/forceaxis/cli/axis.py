@@ -177,8 +177,7 @@ def table_of(rows: Sequence[ScannedAxis]) -> Iterator[str]:
     after the row of the axis, at most 76 characters wide."""
     cells = [["id", "name", "version", "table", "state", "fault"]]
     for row in rows:
-        # The text of a firmware version may also contain object table and commit after the version
-        # number.
+        # A firmware version may be followed by the object table and the commit.
         version = row.version and row.version.split(" ")[0]
         values = (row.id, row.name, version, row.table, row.state, row.fault)
         cells.append(["-" if v is None else str(v).replace("_", " ") for v in values])

@@ -40,7 +40,7 @@ def tare(connection: AxisConnection, as_json: bool) -> None:
 
 @axis.command(
     epilog="""forceaxis axis calibrate --on lcm:1 --point 0,0 --point 20.4,50 --point 40.9,100
-    forceaxis axis calibrate --on can0        # asks for one force after another"""
+    forceaxis axis calibrate --on can0        # asks for the reference forces one after another"""
 )
 @click.option(
     "--point",
@@ -102,7 +102,7 @@ def asked(axis: Axis, most: int) -> Iterator[tuple[float, float]]:
         try:
             newton = float(text)
         except ValueError:
-            raise InputError(f"{text}: expected a number, a force in N") from None
+            raise InputError(f"{text}: expected a force in N as a number") from None
         count = actions.reading(axis)
         click.echo(f"{count:.5g} force counts = {newton:g} N")
         yield count, newton
@@ -192,7 +192,8 @@ def capture_lines(found: CaptureSummary) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class SignalSummary:
-    """Statistics of one recorded signal, in the engineering unit of the signal."""
+    """Minimum, mean, maximum and standard deviation of one recorded signal, in the engineering unit
+    of the signal."""
 
     least: float
     mean: float
@@ -212,7 +213,8 @@ class CaptureSummary:
 
 
 def summary(values: NDArray[np.int64 | np.float64]) -> SignalSummary:
-    """Return minimum, mean, maximum and standard deviation of the samples of one signal."""
+    """Return the statistics of one signal: minimum, mean, maximum and standard deviation of its
+    samples."""
     return SignalSummary(
         float(values.min()), float(values.mean()), float(values.max()), float(values.std())
     )

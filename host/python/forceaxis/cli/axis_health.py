@@ -51,8 +51,8 @@ def health(
     overrides: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Compare what is measured TODAY with what was measured at the release of the axis, and name
-    the parameter that has moved.
+    """Compare a measurement of TODAY with the measurement at the release of the axis, and name the
+    parameter that has changed.
 
     TODAY is one or more recordings of first contacts (`forceaxis recording import`) beside a
     posterior, or a folder of `forceaxis measure` beside such a folder, measured with the same

@@ -104,7 +104,7 @@ def bench_(
 
 
 def check_line(requirement: Requirement) -> str:
-    """Return one text line about a speed requirement: the measured value, and if the value
+    """Return one text line about a speed requirement: the measured value, and whether the value
     satisfies the requirement."""
     return f"{'held' if requirement.held else 'NOT HELD':12} {requirement.check}"
 
@@ -121,7 +121,8 @@ def rates_line(r: bench_link.LinkRates) -> str:
 
 
 def growth_text(growth: bench_growth.Growth) -> str:
-    """Return a table with the CPU time and the added peak memory of each tool at each point."""
+    """Return a table with the CPU time and the additional peak memory that each tool needed for
+    each size of the task."""
     lines = []
     for name, unit in (("states", "tick"), ("events", "tick"), ("runs", "run")):
         lines.append(f"{name:>9}  tool         us/{unit:5} CPU time     added memory")
@@ -136,7 +137,7 @@ def growth_text(growth: bench_growth.Growth) -> str:
 
 
 def load_lines(load: float) -> list[str]:
-    """Return a text line if the computer did other work during the measurement."""
+    """Return a warning as a text line if the computer did other work during the measurement."""
     return [f"{'load':12} {load:.1f}: the machine was not idle"] if load > 0.5 else []
 
 

@@ -16,10 +16,11 @@ from forceaxis.results import to_json
 
 
 class Terminal:
-    """Asks the person at the terminal."""
+    """Asks the person at the terminal for actions and numbers during a bring-up."""
 
     def act(self, text: str) -> bool:
-        """Prints what is to be done. Returns False for the answer "s"."""
+        """Prints the action that the person has to do at the board. Returns False if the person
+        answers "s" to skip the step."""
         answer = click.prompt(
             f"  {text}\n  Enter when it is done, s to skip the step",
             default="",

@@ -37,9 +37,9 @@ LOOPBACK, WEB_PORT, FOXGLOVE_PORT = "127.0.0.1", 8780, 8765
     epilog="""forceaxis monitor
     forceaxis monitor --on "lcm:2@udpm://239.255.76.67:7700?ttl=0" --record out/axis2.log
     forceaxis monitor --replay out/axis2.log --speed 4
-    # the same screen in a browser, read-only
+    # shows the same screen in a browser, read-only
     forceaxis monitor --web --port 8780
-    # the same values for Foxglove, read-only
+    # serves the same values to Foxglove, read-only
     forceaxis monitor --foxglove --record axes.mcap
     # one snapshot for a script
     forceaxis monitor --once --json""",

@@ -69,8 +69,8 @@ def log_text(summary: LogSummary) -> str:
 
 
 def export_text(summary: ExportSummary) -> str:
-    """Return the text about an export of a log: the written tables, and the channels and messages
-    that were not exported."""
+    """Return the text about the export of a log of messages: the written tables, and the channels
+    and messages that were not exported."""
     lines = []
     for table in summary.tables:
         lines.append(f"{' '.join(table.files):44} {table.rows} rows, {len(table.columns)} columns")

@@ -31,18 +31,16 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Callback = TypeVar("Callback", bound=Callable[..., None])  # the function of a command
 
-# Longest first sentence of a help text in characters. The library click replaces the rest of a
-# longer sentence by dots.
+# Longest first sentence of a help text in characters: the library click cuts longer ones.
 FIRST_SENTENCE_LENGTH = 300
 
 
-# Control sequences that the program itself sends to a terminal: the colours of click.style, and the
-# start of the progress line of `waiting`.
+# Control sequences of the program itself: colours of click.style, start of the progress line.
 OWN_SEQUENCES = re.compile("((?:\r?\x1b\\[(?:0|1|22|3[0-9]|39|9[0-7])?m|\r\x1b\\[2K)+)")
 
 
-# What a user can do, as texts of the library name it between backticks, and the command that does
-# it. The library does not know the command line.
+# Each action that the library names between backticks, and the command that does this action.
+# The library does not know the command line.
 ACTIONS = {
     "convert_log": "recording convert",
     "critical_gain": "loop limit",
@@ -69,7 +67,8 @@ _ACTION = re.compile(f"`({'|'.join(ACTIONS)})`")
 
 
 def with_commands(text: str) -> str:
-    """Return the text with the commands of `forceaxis` in place of actions between backticks."""
+    """Return the text in which each action between backticks is replaced by the command of
+    `forceaxis` that does it."""
     return _ACTION.sub(lambda named: f"`forceaxis {ACTIONS[named[1]]}`", text)
 
 
@@ -105,8 +104,7 @@ def printed_streams() -> Iterator[None]:
         sys.stdout, sys.stderr = before
         for stream in streams:
             if isinstance(stream, Printed):
-                # Without detach(), the end of this stream would close the file of the earlier
-                # stream.
+                # Without detach(), the end of this stream would close the earlier stream's file.
                 stream.detach()
 
 
@@ -372,8 +370,9 @@ def set_option(text: str) -> Callable[[Callback], Callback]:
 
 
 def mode_option(name: str) -> Callable[[Callback], Callback]:
-    """Return a decorator that adds the option --mode to a command. The function of the
-    command receives the states of elements as the parameter `name`."""
+    """Return a decorator that adds the option --mode to a command. The option selects states of
+    elements, such as an open contact. The function of the command receives these states as the
+    parameter `name`."""
     return click.option(
         "--mode",
         name,
@@ -437,8 +436,7 @@ def _parameters(ctx: click.Context) -> list[str]:
     from forceaxis import _core, toml
     from forceaxis.linear import plant_facts, settings
 
-    # The last option has no value yet, therefore the library click has left the arguments in
-    # `args`.
+    # The last option has no value yet, so the library click has left the arguments in `args`.
     arguments = [p.name for p in ctx.command.params if isinstance(p, click.Argument)] + [
         "model",
         "sim",

@@ -12,8 +12,8 @@ from forceaxis import paths
 from forceaxis.cli.common import Verb, Verbs
 
 SHELLS = click.Choice(["bash", "zsh", "fish"])
-# Bash splits words such as sim:contact and NAME=VALUE. These lines of the script join the parts
-# before the program completes the word, and remove from the results what Bash keeps of the word.
+# Bash splits words such as sim:contact and NAME=VALUE, and the script joins the pieces.
+# After the completion, the script removes from each result the piece that Bash keeps.
 JOINED_WORDS = """
     local words=() cword=0 i kept
     for ((i = 0; i < ${#COMP_WORDS[@]}; i++)); do

@@ -127,7 +127,7 @@ def rate(context: click.Context, option: click.Parameter, text: str | None) -> f
 
 @cycle.command(
     cls=Slow,
-    epilog="""# how often are good parts refused, and how often do bad ones pass?
+    epilog="""# prints how often good parts are refused and bad parts pass
     forceaxis cycle rates press_fit --good sim/parts/press_fit_good.toml \\
     --bad sim/parts/press_fit_bad.toml --parts 1000 --seed 1 --out out/rates
     # bounds that refuse one good part of a hundred
@@ -213,7 +213,10 @@ def rates(
     from forceaxis.cycles import rates as computing
 
     if (propose is None) != (write is None):
-        raise InputError("--propose: expected both --propose RATE and -o FILE, or neither; add one")
+        raise InputError(
+            "--propose: expected both --propose RATE and -o FILE, or none of them; "
+            "add the missing option"
+        )
     request = computing.RatesRequest(
         experiment, good, bad, parts, bad_parts, seed, program, overrides, over
     )

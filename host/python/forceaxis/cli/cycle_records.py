@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from forceaxis.cycles.records import RecordFolder
     from forceaxis.cycles.results import Silence
 
-RUNNING_PARTS = 1000  # parts in the statistics that `watch` prints
+RUNNING_PARTS = 1000  # number of recent parts from which `watch` prints statistics
 SOURCE = click.argument("source", type=click.Path(path_type=Path))
 recorded = click.option(
     "--out", type=Folder(), help="Folder for the records: parts/*.json and parts.csv."
@@ -43,7 +43,7 @@ recorded = click.option(
 
 
 def tables(verb: Callback) -> Callback:
-    """Add the options for further files with all records to a command."""
+    """Add the options to a command that write further files with the records of all parts."""
     verb = click.option(
         "--jsonl",
         is_flag=True,
@@ -141,7 +141,7 @@ def write_curve(
     table: Path | None,
     plot: Path | None,
 ) -> None:
-    """Write the files of a curve, each whole or not at all."""
+    """Write the files of a curve, each completely or not at all."""
     from forceaxis import drawing
     from forceaxis.cycles import curve as curves
 
@@ -267,8 +267,8 @@ def watch(
 
     if (master_every is None) != (master_serial is None):
         raise InputError(
-            "--master-every: expected both --master-every HOURS and --master-serial TEXT, or "
-            "neither; add one"
+            "--master-every: expected both --master-every HOURS and --master-serial TEXT, or none "
+            "of them; add the missing option"
         )
     wanted = cycles.live_program(experiment, (), program)
     due = None if calibration_due is None else calibration_due.date()
@@ -345,7 +345,9 @@ def teach(
     from forceaxis.cycles import records, results, teach
 
     if connection.addresses and parts is None:
-        raise InputError("--on: expected --parts N together with the address of an axis; add one")
+        raise InputError(
+            "--on: expected --parts N together with the address of an axis; add --parts N"
+        )
     connection = connection if parts is None else connection.one()
     wanted = cycles.live_program(experiment, (), program)
     if parts is not None:
@@ -368,7 +370,7 @@ def teach(
 
 
 def _say(event: Silence) -> None:
-    """Print that the axis does not answer, or that it answers again."""
+    """Print a text line when the axis no longer answers, and another one when it answers again."""
     said = f"{event.reason}; waiting" if event.reason else "the axis answers again"
     click.echo(f"forceaxis: warning: {said}", err=True)
 
@@ -381,7 +383,8 @@ def _expect_out(parquet: bool, jsonl: bool, out: Path | None) -> None:
 
 
 def _finish(folder: RecordFolder | None, parquet: bool, jsonl: bool, as_json: bool) -> None:
-    """Write further files with all records, and print the name of the folder."""
+    """Write further files, each with the records of all parts, and print the name of their
+    folder."""
     if folder is None:
         return
     if parquet:

@@ -27,7 +27,8 @@ STORE_STATES = {
 
 
 def number(value: float | None, unit: str) -> str:
-    """Return a value without its unit as text: a length in mm, other values in their unit."""
+    """Return the number of a value as text, without the unit: a length in mm, any other value in
+    its own unit."""
     if value is None:
         return "-"
     return f"{value * 1e3 if unit == 'm' else value:.6g}"
@@ -45,7 +46,7 @@ def table(key: str, rows: Sequence[Sequence[str]], to_the_left: tuple[int, ...] 
 
 
 def part_rows(result: PartResult) -> Rows:
-    """Return the rows (key, text) about one part."""
+    """Return the rows (key, text) about one simulated part."""
     state = summary.CYCLE_STATES.get(result.state, result.state)
     if result.failed_phase:
         state += f": {summary.why_text(result.outcome, result.failed_phase, result.invalid_ticks)}"
@@ -99,7 +100,8 @@ def running_text(found: PartStatistics) -> str:
 
 
 def curve_rows(curve: CurvePoints | None, files: Sequence[Path]) -> Rows:
-    """Return the row (key, text) about the curve of a part and its files."""
+    """Return the row (key, text) about the recorded curve of a part and the files with this
+    curve."""
     if curve is None:
         return []
     text = f"{len(curve.time_s)} points"
@@ -110,27 +112,27 @@ def curve_rows(curve: CurvePoints | None, files: Sequence[Path]) -> Rows:
 
 
 def element_cells(figure: ElementFigure) -> list[str]:
-    """Return the row for one evaluation element in the table for a pressed part."""
+    """Return the row of the table of a pressed part for one evaluation element."""
     texts = [number(v, figure.unit) for v in (figure.value, figure.least, figure.most)]
     return [figure.name, figure.verdict, *texts, shown_unit(figure.unit)]
 
 
 def percent(share: Share) -> list[str]:
-    """Return a share and its interval as cells of a table."""
+    """Return a share and its confidence interval as cells of a table."""
     if share.share is None:
         return ["-", "-"]
     return [f"{100 * share.share:.3g} %", f"{100 * share.low:.3g} to {100 * share.high:.3g} %"]
 
 
 def counts_text(counts: PartCounts) -> str:
-    """Return the numbers of parts by their result as text."""
+    """Return as text how many parts had each result: good, bad, aborted."""
     text = f"{counts.parts}: {counts.good} good, {counts.bad} bad, {counts.aborted} aborted"
     text += f", {counts.no_result} without result" if counts.no_result else ""
     return text + (f", {counts.failed} failed" if counts.failed else "")
 
 
 def rates_rows(result: RatesResult, proposal: Proposal | None) -> Rows:
-    """Return the rows (key, text) about error rates."""
+    """Return the rows (key, text) about how often good parts are refused and bad parts pass."""
     ran = result.runs - result.resumed
     speed = f", {result.ms_per_part:.2f} ms a part" if result.ms_per_part else ""
     rows = [
@@ -168,7 +170,8 @@ def rates_rows(result: RatesResult, proposal: Proposal | None) -> Rows:
 
 
 def proposal_rows(proposal: Proposal) -> Rows:
-    """Return the rows (key, text) about proposed bounds."""
+    """Return the rows (key, text) about the bounds that `forceaxis cycle` proposes for evaluation
+    elements."""
     low, high = (f"{100 * value:.3g}" for value in (proposal.low, proposal.high))
     rows = [
         ("proposal", f"{proposal.program}: {100 * proposal.expected:.3g} % of good parts refused"),
@@ -188,7 +191,7 @@ def proposal_rows(proposal: Proposal) -> Rows:
 
 
 def bound_cells(bounds: MovedBounds) -> list[str]:
-    """Return the row for one evaluation element in the table of proposed bounds."""
+    """Return the row of the table of proposed bounds for one evaluation element."""
     new, old = (
         [number(value, bounds.unit) for value in pair]
         for pair in ((bounds.least, bounds.most), (bounds.least_before, bounds.most_before))
@@ -202,9 +205,9 @@ COLUMNS_MOST = 60
 
 
 def run_chart(values: Sequence[float | None]) -> str:
-    """Return the values in the order of the parts as a line of columns, from the smallest to the
-    largest value. With many values, a column is the mean of parts that follow each other. A point
-    stands for parts without a value."""
+    """Return a run chart as one text line: the values in the order of the parts, as columns whose
+    height is scaled from the smallest to the largest value. With many values, a column is the mean
+    of consecutive parts. A point marks parts without a value."""
     groups = -(-len(values) // COLUMNS_MOST)
     columns = []
     for i in range(0, len(values), groups or 1):
@@ -222,7 +225,8 @@ def run_chart(values: Sequence[float | None]) -> str:
 
 
 def interval_cells(interval: Interval | None, without: str) -> list[str]:
-    """Return a figure and its interval as cells, or why there is none."""
+    """Return a statistical figure and its confidence interval as cells of a table, or the reason
+    why the figure is missing."""
     if interval is None:
         return ["-", without]
     return [f"{interval.value:.3g}", f"{interval.low:.3g} to {interval.high:.3g}"]

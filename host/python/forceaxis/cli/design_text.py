@@ -15,8 +15,8 @@ NARROW_HEAD = ["law", "stable", "error %", "peak N", "losses", "settle ms"]
 
 
 def describe(outcome: DesignOutcome, width: int | None = None) -> str:
-    """Return the text of a design, at most `width` characters wide. Without `width`, the tables
-    have all columns."""
+    """Return the text about a designed force law, at most `width` characters wide. Without `width`,
+    the tables have all columns."""
     bank = outcome.bank
     ranges = ", ".join(f"{n} {r[1]:.4g} to {r[2]:.4g}" for n, r in outcome.ranges.items())
     lines = [
@@ -83,8 +83,8 @@ def _simulated(outcome: DesignOutcome, width: int | None) -> list[str]:
 
 
 def _set_lines(outcome: DesignOutcome) -> list[str]:
-    """Return the text lines about the states of the model in the linear analysis, the other states
-    in the set of plants, and the dry friction in the simulated contacts."""
+    """Return the text lines about the states of the model's elements in the linear analysis, the
+    other states in the set of plants, and the dry friction in the simulated contacts."""
     text = outcome.working.text
     lines = [f"mode         {text}"] if text else []
     others = [Member({}, m).label() for m in outcome.plants.modes if m != outcome.order.states]

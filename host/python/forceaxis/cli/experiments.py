@@ -238,9 +238,9 @@ def sweep(
 
 
 def outcome_text(outcome: "RegressionOutcome", coloured: Callable[[str], str] = str) -> str:
-    """Return the text about one test of `forceaxis test`: a text line with the status, a text line
-    for each value that differs, and a text line with the path of the recorded signals. `coloured`:
-    True if the status has a colour."""
+    """Return the text about one experiment that `forceaxis test` has tested: a text line with the
+    status, a text line for each value that differs, and a text line with the path of the recorded
+    signals. `coloured`: True if the status has a colour."""
     line = f"{coloured(f'{outcome.status:7}')}  {outcome.name}"
     line += "".join(f"\n           warning: {text}" for text in outcome.warnings)
     if outcome.status != "failed":

@@ -19,7 +19,7 @@ from forceaxis.cli.live_options import ENVIRONMENT, AxisConnection, Kinds, error
 if TYPE_CHECKING:
     from forceaxis.axis.update import UpdateResult
 
-# The erase of a slot takes up to 2 s, in which the axis does not answer.
+# During the erase of a slot, up to 2 s, the axis does not answer.
 ANSWER_MAX_S = 5.0
 UPDATED = Kinds(("can", "tcp", "serial"), "because an update is written over CAN or Modbus")
 
@@ -29,7 +29,7 @@ UPDATE_SUFFIX = ".update"
 
 @dataclass(frozen=True)
 class UpdateSummary:
-    """What `forceaxis flash --dry-run --json` prints about an update file."""
+    """The JSON result that `forceaxis flash --dry-run --json` prints about an update file."""
 
     file: Path
     version: str
@@ -148,7 +148,9 @@ def flash_(
         update_fleet(records, chosen.addresses, new_table, as_json)
         return
     if new_table:
-        raise InputError("--new-table: expected --on ADDRESS together with it; add --on")
+        raise InputError(
+            "--new-table: expected --on ADDRESS together with --new-table; add --on ADDRESS"
+        )
     plan = flash.plan(file, address, erase_parameters, serial)
     if dry_run:
         show(plan, as_json)
@@ -180,13 +182,13 @@ def expect_only_bus_options(
     """Raise InputError for options that an update over a bus does not have."""
     if address is not None or erase_parameters or serial:
         raise InputError(
-            "--address, --erase-parameters, --serial: expected none of them for an update over a "
-            "bus, because they belong to a debug probe"
+            "--address, --erase-parameters, --serial: expected none of these options for an "
+            "update over a bus, because only a debug probe uses them"
         )
 
 
 def update_records(file: Path) -> list[update_file.UpdateRecord]:
-    """Return the images of an update file. Raise InputError if it is not one."""
+    """Return the images of an update file. Raise InputError if the file is not an update file."""
     try:
         return update_file.read(file)
     except update_file.UpdateFileError as error:
@@ -257,8 +259,8 @@ def show(plan: flash.Plan, as_json: bool, quiet: bool = False) -> None:
 
 
 def plan_text(plan: flash.Plan) -> str:
-    """Return a text about the firmware image, the flash sectors that are overwritten, the version
-    of the image, and if the stored parameters are kept."""
+    """Return a text about the firmware image: the flash sectors that it overwrites, its version,
+    and whether the stored parameters are kept."""
     who, image, parameters = plan.identity, plan.image, plan.board.memory.parameters
     options = plan.probe.options
     starts = [sector.start for sector in flash.sectors_of(plan.board)]

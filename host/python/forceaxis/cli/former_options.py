@@ -22,8 +22,9 @@ FORMER = frozenset(
 
 
 def expect_none(context: click.Context, words: Sequence[str]) -> None:
-    """Raise UsageError if `words`, the arguments of a command, have an option that the command
-    no longer has. The message is the command with --on, if the values name an axis."""
+    """Raise UsageError if `words`, the arguments of a command, contain an option that the command
+    no longer has. If the values of the option name an axis, the message shows the same command with
+    --on."""
     former = FORMER - {name for option in context.command.params for name in option.opts}
     given: dict[str, list[str]] = {}
     rest: list[str] = []
@@ -46,8 +47,8 @@ def expect_none(context: click.Context, words: Sequence[str]) -> None:
 
 
 def addresses(given: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return the addresses of the axes that former options select, {option: values}. The list is
-    empty if they select several buses or none."""
+    """Return the addresses of the axes that earlier options selected, from {option: values}. The
+    list is empty if the options select several buses or no bus."""
     last = {name: values[-1] for name, values in given.items()}
     buses = {"--can", "--modbus", "--sim", "--axis", "--lcm-url", "--url"} & set(given)
     url = last.get("--lcm-url") or last.get("--url")

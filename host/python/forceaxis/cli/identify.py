@@ -78,8 +78,8 @@ identify.add_command(contact)
 
 
 def show(result: Convertible, as_json: bool, rows: Iterable[tuple[str, str | Estimate]]) -> None:
-    """Print the result of an identification as JSON, or as the text lines `rows` of (name,
-    text)."""
+    """Print the result of an identification as JSON, or as one text line for each pair (name, text)
+    in `rows`."""
     print_result(result, as_json, lambda: "\n".join(f"{name:12} {text}" for name, text in rows))
 
 
@@ -313,8 +313,8 @@ def fit(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Fit parameters of the model MODEL to a measured frequency response, and test if the fitted
-    model explains the response.
+    """Fit parameters of the model MODEL to a measured frequency response, and test whether the
+    fitted model explains the response.
 
     RESPONSE is the folder of `forceaxis measure --out`, or a CSV file with columns frequency_hz,
     coherence and magnitude, phase_deg (or real, imag). For each parameter the command prints its

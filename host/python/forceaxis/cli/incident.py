@@ -91,7 +91,10 @@ def incident(
     if no cause explains the second.
     """
     if posterior and not model:
-        raise InputError("--posterior: expected --explain MODEL beside a posterior, got none")
+        raise InputError(
+            "--posterior: expected --explain MODEL together with --posterior FILE, "
+            "got no --explain; add --explain MODEL"
+        )
     connection = connection if file else connection.one()
     done = _read(connection, clear, wait_s, file)
     if model:
@@ -116,7 +119,8 @@ def _read(
     if file:
         if clear or wait_s or connection.addresses:
             raise InputError(
-                "--file: expected no axis and neither --wait nor --clear beside a stored incident"
+                "--file: expected an incident file alone, because --on, --wait and --clear belong "
+                "to a live axis; remove these options or --file"
             )
         return incidents.load(file)
     with connected(connection) as axis:
@@ -137,7 +141,7 @@ def _explain(
     from forceaxis import linear
     from forceaxis.commission import incident_explain
 
-    # With a simulated axis, --set changes the axis, and the released machine stays as MODEL says.
+    # --set changes the simulated axis; the released machine stays as MODEL says.
     held = {} if connection.is_simulated else linear.overrides(connection.overrides)
     found = incident_explain.explain(done, incident_explain.ExplainOrder(model, posterior, held))
     if out:
@@ -149,7 +153,8 @@ def _explain(
 
 
 def rows_of(found: Explanation) -> list[str]:
-    """Return the lines of an explanation: what happened, and the table of the causes."""
+    """Return the text lines that explain an incident: what happened, and the table of possible
+    causes."""
     touch = f"touch {-1e3 * found.touch_s:.4g} ms before it" if found.touch_s else "no touch"
     best = found.causes[0]
     lines = [

@@ -39,7 +39,7 @@ ENVIRONMENT = "FORCEAXIS_AXIS"  # environment variable with an address, used wit
 @dataclass(frozen=True)
 class Kinds:
     """Kinds of address (keys of address.EXAMPLES) that a command accepts. `why`: the end of a
-    sentence that says why it accepts no other."""
+    sentence that states why the command accepts no other kind."""
 
     kinds: tuple[str, ...] = tuple(addresses.EXAMPLES)
     why: str = ""
@@ -81,7 +81,7 @@ class AxisAddress(click.ParamType[Address]):
         if not isinstance(found, SimAddress):
             return found
         path = EXPERIMENT.convert(found.experiment, None, None)
-        # A name stays a name, in messages too; the address finds its file.
+        # Messages show the name of an experiment; the address finds the file of this name.
         is_name = found.experiment == Path(path).stem
         return found if is_name else dataclasses.replace(found, experiment=str(path))
 
@@ -131,13 +131,14 @@ class AxisConnection:
 
     @property
     def address(self) -> Address:
-        """The address of the axis. The result of one() has one."""
+        """The address of the axis. Use this property only on the result of one(), which has exactly
+        one address."""
         return self.addresses[0]
 
     def chosen(self) -> AxisConnection:
-        """Return this connection; without the option --on, one with the address in the environment
-        variable FORCEAXIS_AXIS, if it exists. The address is then printed first, because the user
-        has not named the axis in this command. Raises InputError."""
+        """Return this connection. If the user gave no option --on and the environment variable
+        FORCEAXIS_AXIS exists, return a connection with the address in this variable, and print the
+        address, because the user has not named the axis in this command. Raises InputError."""
         text = os.environ.get(ENVIRONMENT)
         if self.addresses or not text:
             return self
@@ -150,7 +151,7 @@ class AxisConnection:
         found = self.chosen()
         if len(found.addresses) != 1:
             raise InputError(
-                f"expected one axis, as --on ADDRESS or in {ENVIRONMENT}, such as "
+                f"expected the address of one axis, as --on ADDRESS or in {ENVIRONMENT}, such as "
                 f"{addresses.examples(self.accepted.kinds)}, got {len(found.addresses) or 'none'}"
             )
         if isinstance(found.address, LcmAddress) and found.address.number is None:

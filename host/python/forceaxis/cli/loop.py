@@ -96,8 +96,7 @@ def _model_options(subject: str, *folders: Path) -> Callable[[Callback], Callbac
     return add
 
 
-# Decorators that add the argument MODEL (or MODEL|EXPERIMENT) and the options --set and --mode to a
-# command.
+# Decorators that add --set, --mode and the argument MODEL (or MODEL|EXPERIMENT) to a command.
 model_options = _model_options("MODEL", paths.MODELS)
 subject_options = _model_options("MODEL|EXPERIMENT", paths.MODELS, paths.EXPERIMENTS)
 

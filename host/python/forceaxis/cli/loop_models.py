@@ -64,8 +64,8 @@ def modes_(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Compute the modes of vibration of MODEL: frequency, damping ratio, shape, and if actuator and
-    sensor are colocated in the mode of vibration (thesis 6.1.4).
+    """Compute the modes of vibration of MODEL: frequency, damping ratio, shape, and whether
+    actuator and sensor are colocated in the mode of vibration (thesis 6.1.4).
 
     MODEL is a path or a name in sim/models. The modes are those of the mechanics without damping
     and without drive. The label compares the sign of the residue of a mode, from input to output,
@@ -238,7 +238,7 @@ def _overlay(
     measured: tuple[str, ...],
 ) -> None:
     """Draw measured points over the response of the model. The model has the same input, output,
-    element states and delay as the measurement."""
+    delay and states of its elements as the measurement."""
     from forceaxis import linear
     from forceaxis.cli import text_models
     from forceaxis.identify import overlay

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import cast
 
 # With small matrices, several threads of the BLAS library need fifty times as long as one thread.
-# On a busy computer the threads wait for each other. NumPy reads this variable when NumPy is
-# loaded.
+# NumPy reads this variable when NumPy is loaded.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import click
@@ -20,8 +19,8 @@ from forceaxis._core import InputError
 from forceaxis.cli import moved
 from forceaxis.cli.common import fail, printed_streams
 
-# The first page of the help, from the first question of a user to the last: {heading: {commands:
-# what they do}}. It has to fit a terminal of 24 lines with 80 columns.
+# Commands on the first page of the help, {heading: {commands: what they do}}.
+# The page has to fit a terminal of 24 lines with 80 columns.
 PAGE = {
     "Will my axis be stable?": {
         "new": "write a model and experiments of your axis from data sheets",
@@ -52,9 +51,9 @@ PAGE = {
 }
 WORDS = [word for rows in PAGE.values() for words in rows for word in words.split(", ")]
 
-# The Python modules of each command that is not in a module of its own name. The list VERBS of the
-# first module has the command. If this is a group, the others add commands to it. A module is
-# loaded when its command is used.
+# The Python modules of each command whose module has another name than the command.
+# The list VERBS of the first module has the command, and further modules add commands to a group.
+# A module is loaded when its command is used.
 MODULES = {
     **dict.fromkeys(("run", "sweep", "test"), ("experiments",)),
     **dict.fromkeys(("monitor", "gateway"), ("buses",)),
@@ -66,8 +65,8 @@ MODULES = {
     "recording": ("recording", "recording_logs"),
 }  # fmt: skip
 
-# Exceptions that end a command with one text line and exit status 1. The exceptions are listed
-# by name, so that the Python modules of the exceptions need not be loaded.
+# Exceptions that end a command with one text line and exit status 1.
+# They are listed by name, so that their Python modules need not be loaded.
 FAILURES = {
     "forceaxis._core.SimulationError",
     "forceaxis.experiments.link.LinkError",
@@ -110,8 +109,8 @@ class Program(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and args[0] in moved.COMMANDS:
             raise InputError(
-                f"{args[0]}: expected `{moved.present_line(args)}`, got the earlier name of this "
-                "command"
+                f"{args[0]}: expected the present name of this command, "
+                f"`{moved.present_line(args)}`, got its earlier name"
             )
         if args and args[0] not in WORDS and not args[0].startswith("-"):
             raise click.exceptions.NoSuchCommand(args[0], possibilities=WORDS, ctx=ctx)
@@ -149,8 +148,8 @@ def cli(context: click.Context) -> None:
 
 def with_help(error: click.ClickException) -> str:
     """Return the message of a usage error. If the message does not state what was expected, a hint
-    to `--help` is added. The message about an earlier option of a control law shows the line of
-    today."""
+    to `--help` is added. The message about an earlier option of a control law shows the present
+    command line."""
     text = error.format_message()
     context = getattr(error, "ctx", None)
     if isinstance(error, click.exceptions.NoSuchOption) and context:

@@ -47,7 +47,7 @@ def band(
         low, high = (float(part) for part in text.split(":"))
     except ValueError:
         raise InputError(
-            f"--band: {text}: expected LOW:HIGH, two frequencies in Hz with LOW below HIGH"
+            f"--band: {text}: expected two frequencies in Hz as LOW:HIGH, with LOW below HIGH"
         ) from None
     return low, high
 
@@ -285,7 +285,7 @@ def measure(
 def command_line(
     target: str, options: Mapping[str, OptionValue], overrides: Overrides, plant_set: Overrides
 ) -> str:
-    """Return the text of the command `forceaxis measure` with which the user can repeat this
+    """Return the command line of `forceaxis measure` with which the user can repeat this
     measurement."""
     from forceaxis import linear
 

@@ -1,4 +1,5 @@
-"""Earlier spellings of commands and options, so that an error message can show the present one."""
+"""Earlier spellings of commands and options, from which an error message shows the present
+spelling."""
 
 import shlex
 from collections.abc import Sequence
@@ -35,7 +36,8 @@ LAW_OPTIONS = {
 
 
 def present_line(arguments: Sequence[str]) -> str:
-    """Return the command line of today for `arguments`, which begin with the command."""
+    """Return the present spelling of a command line. `arguments`: the command line with earlier
+    spellings, beginning with the command."""
     command, *rest = arguments
     words = COMMANDS.get(command, command).split()
     if words[0] == "loop":

@@ -22,7 +22,7 @@ from forceaxis.design.data_sheet import default_of
 
 
 def option_of(field: data_sheet.SheetField) -> str:
-    """Return the name of the option that sets the value of a field."""
+    """Return the name of the command's option for one value of the data sheets."""
     return "--" + field.name.lower().replace("_", "-")
 
 

@@ -6,9 +6,8 @@ from forceaxis.design.grid import LOWEST_HZ
 from forceaxis.design.new import HELD, BankForAxis, NewAxis, NoBank
 
 LIMIT_NAMED_BELOW = (
-    # Smallest ratio of the bandwidth with a filter bank to the bandwidth with the P law for a text
-    # without an explanation. Below this ratio, the text states what limits the bandwidth with the
-    # filter bank.
+    # If the bandwidth with a filter bank is below this multiple of the bandwidth with the P law,
+    # the text states what limits the bandwidth with the filter bank.
     1.5
 )
 

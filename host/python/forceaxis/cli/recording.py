@@ -13,7 +13,7 @@ from forceaxis.recordings.source import Source
 from forceaxis.results import JsonObject, to_json
 from forceaxis.words import counted
 
-SHOWN_FINDINGS = 8  # most observations shown of one kind and signal
+SHOWN_FINDINGS = 8  # largest number of observations of one kind that are shown for one signal
 
 readable = click.Path(dir_okay=False, path_type=Path)
 
@@ -36,7 +36,7 @@ def recording() -> None:
 
 
 def source_of(file: Path, separator: str | None) -> Source:
-    """Return the source in a file of any kind that is known."""
+    """Return the source of recordings in a file of any supported kind."""
     from forceaxis.commission import incident
 
     if incident.is_incident(file):

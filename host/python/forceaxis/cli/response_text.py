@@ -77,8 +77,7 @@ def _friction_rows(found: FrictionSummary) -> list[Row]:
 
 
 def _missing_friction_rows(toml_lines: str) -> list[Row]:
-    """Return the rows (name, text) with the [[friction]] elements that the model does not
-    contain."""
+    """Return the rows (name, text) with the [[friction]] elements that are missing in the model."""
     lines = list(filter(None, toml_lines.splitlines()))
     return [("" if i else "model lacks", line) for i, line in enumerate(lines)]
 

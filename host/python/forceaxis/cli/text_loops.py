@@ -36,13 +36,12 @@ def loop_line(loop: AnalysedLoop) -> str:
 
 
 def mode_lines(mode: Working | None) -> list[str]:
-    """Return the text line about the element states of the plant. Return no text line for a model
-    whose elements have no different states."""
+    """Return the text line about the states of the plant's elements, such as an open contact.
+    Return no text line for a model whose elements have only one state."""
     return [f"mode         {mode.text}"] if mode else []
 
 
-# Text about how the firmware can compute a control law, for each control law that no mode of the
-# firmware has.
+# For each control law that no mode of the firmware has: how the firmware can compute it.
 IN_FIRMWARE = {
     "pi": "runs this law as a bank with an integral: `forceaxis design`",
     "lead": "runs this law as a bank with a section: `forceaxis design`",
@@ -116,7 +115,9 @@ def at_gain_lines(limit: LimitResult, at: LoopAtGain) -> list[str]:
 
 
 def dead_zone_lines(why: str | None) -> list[str]:
-    """Return the text line about a law that rounds each force to no command, or none."""
+    """Return the text line about a control law whose dead zone is at least as large as the
+    set-point, because small force errors round to an output of 0. Return no text line for other
+    laws."""
     return [f"dead zone    {why}"] if why else []
 
 
@@ -168,7 +169,7 @@ def describe_loci(result: LocusResult) -> str:
 
 def _set_lines(analysed: AnalysedSet) -> list[str]:
     """Return the text lines about a set of plants: the ranges of the parameters, and the
-    combinations of element states."""
+    combinations of states of the elements, such as an open or closed contact."""
     spans = [f"{n} {r.low:.6g}..{r.high:.6g}" for n, r in analysed.over.ranges.items()]
     if analysed.over.plants is not None:
         spans.append(f"{analysed.over.plants} plants that stand for 95 % of the posterior")

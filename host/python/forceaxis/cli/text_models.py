@@ -27,7 +27,7 @@ def describe_poles(result: PolesResult) -> str:
 
 
 def _root_line(kind: str, root: Root) -> str:
-    """Return the text line about one pole or zero."""
+    """Return the text line about one pole or zero of a plant."""
     text = "at -infinity"
     if root.re_per_s is not None and root.im_per_s is not None:
         text = f"{root.re_per_s:11.6g} {root.im_per_s:+11.6g}j 1/s {root.hz:8.5g} Hz"
@@ -64,7 +64,7 @@ def describe_bode(result: LoopBode | PlantBode) -> str:
 
 def describe_measured(result: MeasuredBode) -> str:
     """Return the text that `forceaxis loop bode --measured` prints: the curves, and for each
-    measurement a statement if the model explains the measurement."""
+    measurement a statement whether the model explains the measurement."""
     lines = [describe_bode(result)]
     for row in result.measured:
         found = row.comparison

@@ -171,8 +171,8 @@ def check(as_json: bool) -> None:
 
 
 def claims_text(result: "claims.CheckedClaims") -> str:
-    """Return two text lines for each number of the thesis. The text lines state if the number
-    agrees, the value in the thesis, and the value that the model gives."""
+    """Return two text lines for each number of the thesis: whether the number agrees, the value in
+    the thesis, and the value that the model gives."""
     from forceaxis.thesis import claims
 
     lines = []

@@ -58,8 +58,8 @@ BIAS_TRIES = 8  # largest number of target_force values that are tried to reach 
 QUIET_LSB = 0.4  # rms noise in ADC codes below which rounding hides the noise of the measured force
 # number of realisations from which the distortion of the response is computed
 DISTORTION_RECORDS = 3
-# Smallest number of changes of the position that have to agree with the bus cycle, and smallest
-# number that shows that the real cycle is not a multiple of it.
+# Smallest number of changes of the position that have to agree with the bus cycle.
+# The second number of changes shows that the real cycle is no multiple of the stated one.
 ARRIVALS_MIN, ARRIVALS_SURE = 6, 8
 AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor of one increase of the amplitude in the search
 # Factor by which the amplitude is reduced after a bound was exceeded.
@@ -226,7 +226,7 @@ class Analyzer:
         if not 0 < low < high < TICKS_PER_S / 2:
             raise Refusal(
                 "band",
-                f"expected a frequency band with 0 < low < high < 750 Hz, got {low:g} to "
+                f"expected a frequency band with 0 < low end < high end < 750 Hz, got {low:g} to "
                 f"{high:g} Hz",
             )
         self.lines = response.lines_of(self.samples, (low, high), TICKS_PER_S)
@@ -307,8 +307,8 @@ class Analyzer:
         if not force_N * (1 + SWING / 2) < order.force_max_N:
             raise Refusal(
                 "force",
-                f"expected a force below {order.force_max_N / (1 + SWING / 2):.4g} N, so that "
-                f"force and excitation together stay below force_max, got {force_N:g} N"
+                f"expected a force set-point below {order.force_max_N / (1 + SWING / 2):.4g} N, "
+                f"so that the force with the excitation stays below force_max, got {force_N:g} N"
             )  # fmt: skip
         bias = self.press(force_N)
         self.bound(bias, "noise", self.samples)
@@ -393,8 +393,8 @@ class Analyzer:
             ends = ", ".join(f"{abort.why} at {abort.amplitude} codes" for abort in level.aborts)
             raise Refusal(
                 "amplitude",
-                "expected an excitation amplitude at which force and travel stay within their "
-                f"bounds, got {ends}",
+                "expected an excitation amplitude at which force and travel of the axis stay "
+                f"within their bounds, but the axis ended each excitation: {ends}",
             )
         output = excitation.output
         found = response.estimate(r, u, y, self.lines, self._steps(output))

@@ -28,8 +28,8 @@ from forceaxis.bus.lcm import TABLE_HASH
 from forceaxis.objects import bits_in, mask
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
-# Longest tick in us that a board may need: 15 % of a tick. The model of core and flash memory gives
-# 55 us (docs/chip/instructions.md).
+# Longest tick in us that a board may need: 15 % of the tick period.
+# The model of core and flash memory gives 55 us (docs/chip/instructions.md).
 TICK_TIME_MAX_US = 100
 # Longest delay in us of a tick. The main loop masks the tick for 40 us at most (port/main.c).
 TICK_LATE_MAX_US = 60
@@ -46,8 +46,8 @@ CROSSTALK_MAX = 0.01
 TURN_TOLERANCE = 0.05  # of a turn by hand
 # DAC codes of the step "outputs". The first ones find a motor that is still connected.
 CODES = (0, 50, -50, 500, 1000, 1700, 2000, -500, -1000, -1700, -2000)
-# While the step "outputs" lasts, a speed above this one in counts/tick is a fault of the axis, and
-# a motion of the encoder by more counts than this ends the step.
+# Speed in counts/tick that is a fault of the axis during the step "outputs".
+# The second number is the motion in encoder counts that ends the step.
 SPEED_MAX, MOTION_MAX = 1, 3
 CODE_V = 20 / 4096  # volts per code of the +-10 V stage
 STAGE_MAX_V = 0.1

@@ -102,8 +102,9 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
     loss = designed.contact_loss.objects if designed.contact_loss else {}
     if bank.hf_gain() > (most := hf_most(designed.adc_bits)):
         raise Refusal(
-            "hf_gain", f"expected a high-frequency gain of at most {most:g} DAC codes per 8-bit "
-            f"count ({HF_CODES_MAX} per ADC code), got {bank.hf_gain():.3g}"
+            "hf_gain", f"expected a force law with a gain at high frequency of at most {most:g} "
+            f"DAC codes per 8-bit count ({HF_CODES_MAX} DAC codes per ADC code), got "
+            f"{bank.hf_gain():.3g}"
         )  # fmt: skip
     members = [member.values for member in fitted_axis.plants.random(MEMBER_COUNT, MEMBER_SEED)]
     with fitted_axis.plant() as plant:

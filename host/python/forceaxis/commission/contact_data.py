@@ -21,21 +21,19 @@ from forceaxis.recordings.touch import RISEN_SHARE, contacts_of, level_of, onset
 Floats: TypeAlias = NDArray[np.float64]
 
 PARTS_MAX = 8  # largest number of steps of the plant in a tick
-# Noise that is assumed for a recording without visible noise, as a fraction of the step between its
-# values.
+# Assumed noise of a recording without visible noise, as a fraction of the step of its values.
 LEAST_NOISE_STEPS = 0.12
 LONG_STRETCH = 20  # samples
 HELD_SAMPLES = 100  # largest number of samples of a held force that are used
 PERIODS = 4  # longest period in samples after which rounding errors are taken to repeat
 GRID_TOLERANCE = 1e-2  # largest distance of a rounded value from its grid, in steps
 GRID_ERROR = 1e-7  # largest error of a value in a file, relative to the range of all values
-# Times in s for a contact without a recorded command. It is compared from BEFORE_S before its touch
-# to the first maximum of the force, at most to AFTER_S after the touch, because the unknown command
-# changes with the force. The simulation begins RUN_UP_S earlier.
+# Times in s for a contact without a recorded command. The comparison begins BEFORE_S before the
+# first contact and ends at the first maximum of the force, at most AFTER_S after the contact:
+# later the unknown command changes with the force. The simulation begins RUN_UP_S earlier.
 BEFORE_S, AFTER_S, RUN_UP_S = 0.01, 0.1, 0.05
-# Touch-downs of one recording are simulated separately if the contact is open between them for at
-# least OPEN_S, in which the workpiece comes to rest; the simulation of the later one begins at
-# least AHEAD_S before its contact.
+# First contacts are simulated separately if the contact is open for OPEN_S or more between them.
+# In this time the workpiece comes to rest. A simulation begins AHEAD_S or more before its contact.
 OPEN_S, AHEAD_S = 0.5, 0.1
 SPEED_SHARE = 0.3  # deviation of an unknown speed or command, relative to its value
 MOVING_STEPS = 1.0  # speed in steps of the encoder per tick above which an axis moves at first
@@ -59,12 +57,13 @@ class Samples:
 
     @property
     def spread(self) -> float:
-        """Returns the standard deviation of noise and rounding together."""
+        """Returns the standard deviation of the noise and the rounding of a signal together."""
         return max(math.hypot(self.noise, self.step / math.sqrt(12)), self.seen)
 
     @property
     def deviations(self) -> Floats:
-        """Returns the standard deviation with which each sample counts, (n,).
+        """Returns the standard deviation from which the weight of each sample in a fit follows,
+        (n,).
 
         The rounding errors of a signal that stands, or moves by a simple fraction of a step from
         sample to sample, repeat, unless noise moves the signal between codes. The mean of m such
@@ -174,21 +173,21 @@ class ContactData:
 
 
 def grid_of(values: Floats) -> float:
-    """Returns the distance between the values that a converter can give, or 0 if the values are not
-    rounded to multiples of one distance."""
+    """Returns the step between adjacent values of a converter, or 0 if the values are not multiples
+    of one step."""
     different = np.unique(values)
     if len(different) < 2:
         return 0.0
     span = float(np.ptp(different))
     step = 0.0
-    for gap in np.diff(different).tolist():  # the greatest common divisor, by Euclid
+    for gap in np.diff(different).tolist():  # greatest common divisor by the algorithm of Euclid
         rest = gap
         while rest > GRID_ERROR * span:
             step, rest = rest, math.fmod(step, rest) if step else 0.0
             rest = min(rest, abs(step - rest))
     if step < 100 * GRID_ERROR * span:
         return 0.0
-    # The smallest distance has the rounding error of two values, the whole range only that of one.
+    # A distance between two values has the rounding errors of both, and the range has only one.
     step = span / round(span / step)
     off = (different - different[0]) / step
     return step if np.all(np.abs(off - np.round(off)) < GRID_TOLERANCE) else 0.0
@@ -267,7 +266,7 @@ def touch_downs(
         (p for p in (1, 2, 4, PARTS_MAX) if rate <= p * TICKS_PER_SECOND * 1.01), PARTS_MAX
     )
     if not all(commanded):
-        # The force rises quickly and its samples are not at ticks.
+        # The force rises quickly between ticks, and its samples are not at ticks.
         parts = max(parts, 4)
     reader = _Reader(model, held, parts)
     touches = []
@@ -279,7 +278,8 @@ def touch_downs(
             part = _cut(recording, begin_s, end_s)
             if all(commanded):
                 touch = _without_rest(reader.read(own, part))
-                if i > 1:  # The drive is not at rest at the cut, so it follows its command first.
+                # The drive moves at the cut, so the simulation begins with the earlier command.
+                if i > 1:
                     touch = touch.until(len(touch.volts), round(RUN_UP_S * reader.rate))
             else:
                 touch = reader.shot(own, part)
@@ -292,13 +292,13 @@ def _signal(name: str, recording: SignalRecording, signal: str) -> RecordedSigna
         return recording[signal]
     except KeyError:
         raise InputError(
-            f"{name}: expected a recording with the signal {signal}, got "
-            f"{', '.join(recording.names)}; `import_recording` gives it a column"
+            f"{name}: expected a recording with the signal {signal}, got a recording of "
+            f"{', '.join(recording.names)}; assign a column to this signal with `import_recording`"
         ) from None
 
 
 class _Reader:
-    """Makes touch-downs for one model."""
+    """Builds touch-downs for one model from recordings."""
 
     def __init__(self, model: str, held: Overrides, parts: int) -> None:
         self.facts = linear.facts(model, held)
@@ -344,8 +344,8 @@ class _Reader:
         volts = recording.held(command, times) * self.volts_per[command]
         if not np.isfinite(volts).all():
             raise InputError(
-                f"{name}: {command}: expected a command that the drive of the model takes; map the "
-                "command of the drive as voltage_command"
+                f"{name}: {command}: expected a command signal that the drive of the model "
+                "follows; import the command of the drive as voltage_command"
             )
         onset, free = self._onset(name, force, first)
         begun = self.samples(force, first, last, free)
@@ -388,8 +388,9 @@ class _Reader:
             position, speed = None, float(recording.sampled("speed", np.array([begin]))[0])
         else:
             raise InputError(
-                f"{name}: expected a command, a position or a speed beside the force, got "
-                f"{', '.join(recording.names)}; without them no parameter can be found"
+                f"{name}: expected a command, a position or a speed in addition to the force, got "
+                f"a recording of {', '.join(recording.names)}; without one of them no parameter "
+                "can be identified"
             )
         held = speed / self.speed_per_volt if math.isfinite(self.speed_per_volt) else 0.0
         onset = (touch_s - begin) * self.rate + ahead
@@ -399,14 +400,15 @@ class _Reader:
         )  # fmt: skip
 
     def _onset(self, name: str, force: RecordedSignal, first: float) -> tuple[float, int]:
-        """Returns the step at which the force begins, and the number of samples before it."""
+        """Returns the step of the plant at which the force begins, and the number of force samples
+        before this step."""
         used = force.true_time_s >= first - 1e-9
         values = force.values[used]
         free = onset_of(values, level_of(values, f"{name}: force"))
         return float((force.true_time_s[used][free] - first) * self.rate), free
 
     def _speed(self, position: Samples, begin: float, end: float) -> float:
-        """Returns the speed in m/s between two steps."""
+        """Returns the mean speed of the axis in m/s between two steps of the plant."""
         used = (position.at >= begin) & (position.at <= end)
         if np.count_nonzero(used) < 2:
             return 0.0

@@ -26,8 +26,8 @@ from forceaxis.commission.known import WORKPIECE_SPREAD, Prior
 from forceaxis.design import model_file
 from forceaxis.linear import working
 
-# Stiffness of a closed backlash, relative to the contact, and its damping relative to that which
-# belongs to stiffness and mass: so hard that their values do not matter.
+# Stiffness of a closed backlash relative to the contact, and its relative damping.
+# Both are so large that their values do not matter.
 PLAY_STIFFNESS, PLAY_DAMPING = 50.0, 0.5
 
 Document = tomlkit.TOMLDocument
@@ -62,7 +62,8 @@ class Element:
 
 
 class Scales:
-    """Force, stiffness and drive of a model and its recordings, from which start values follow."""
+    """Values of a model and its recordings (force, stiffness, drive) from which start values of a
+    fit follow."""
 
     def __init__(self, problem: ContactProblem, best: Floats) -> None:
         values = dict(zip(problem.names, np.exp(best[: len(problem.names)]).tolist(), strict=True))
@@ -96,7 +97,7 @@ def _append(document: Document, kind: str, values: Mapping[str, Any]) -> None:
 
 def _stiffening(scales: Scales) -> Element | None:
     contact = scales.contact
-    if contact.stiffness is None:  # the contact already has a curve
+    if contact.stiffness is None:  # the force of the contact already is a curve over the overlap
         return None
 
     def add(document: Document) -> None:
@@ -189,7 +190,7 @@ def friction(scales: Scales) -> Element | None:
 
 
 def _elements(scales: Scales) -> list[Element]:
-    """Returns the elements that the model does not have."""
+    """Returns the candidate elements that are not in the model."""
     makers = (_stiffening, _hysteresis, lag, backlash, friction)
     return [element for make in makers if (element := make(scales)) is not None]
 
@@ -236,7 +237,8 @@ def tried(
 def _fitted(
     problem: ContactProblem, best: Floats, cost: float, element: Element, path: Path
 ) -> TriedElement | None:
-    """Returns the element with its constants, or None if no start leads to a plant."""
+    """Returns the element with its fitted constants, or None if no start values give a plant that
+    can be simulated."""
     names = [name for name in problem.names if name not in element.drops]
     kept = [i for i, name in enumerate(problem.names) if name in names]
     results = []

@@ -41,8 +41,7 @@ from forceaxis.linear.posterior import Posterior
 from forceaxis.recordings import signal_recording
 from forceaxis.results import to_json
 
-# The recordings determine a parameter if its posterior standard deviation is at most this fraction
-# of the prior one.
+# Largest ratio of posterior to prior deviation at which recordings determine a parameter.
 TOLD_SHARE = 1 / 3
 DOUBTED_BELOW, REJECTED_BELOW = 0.05, 1e-3  # limits of the p value
 CHAINS_FILE = "chains.npz"

@@ -26,7 +26,7 @@ from forceaxis.design import model_file
 from forceaxis.experiments.workers import Workers
 from forceaxis.linear.plant_facts import Overrides
 
-LOG_MAX = 300.0  # largest logarithm of a parameter
+LOG_MAX = 300.0  # bound of the magnitude of the logarithm of a parameter
 WORST_RESIDUAL = 1e5  # residual, in standard deviations, of a plant that cannot be simulated
 PLACE_DEVIATION_M = 1e-3  # prior standard deviation of the position about the first guess
 ZERO_SHARE = 0.01  # prior deviation of the zero of the force, as a share of the recorded range
@@ -57,7 +57,7 @@ class Predicted:
 
 
 def moved_bodies(model: str | Path) -> list[str]:
-    """Returns the bodies that move with the drive while the contacts are open."""
+    """Returns the names of the bodies that move with the drive while all contacts are open."""
     tables = model_file.read(model)
     moved = {linear.facts(model).required_drive.body}
     links = (*tables.springs, *tables.dampers, *tables.backlashes)
@@ -79,14 +79,15 @@ def gap_of(model: str | Path, held: Overrides) -> float:
 
 
 def _simulation(model: Path, order: ContactsOrder, site: int | Workers) -> Simulate:
-    here = order.on(model)  # also refuses a wrong model before there is any work
+    # reading the model first also refuses a wrong model before the long computation
+    here = order.on(model)
     if isinstance(site, Workers):
         return ContactWorkers(site, order)
     return lambda values, starts: here.run(values, starts, site)
 
 
 class ContactProblem:
-    """Recorded touch-downs, and the plants that may have made them.
+    """Likelihood of recorded touch-downs for plants with different parameters.
 
     A point is a vector: the logarithms of the parameters in the order of `priors`, then each of the
     `unknowns` as the distance from its mean in deviations. `priors` of the parameters are normal in
@@ -126,7 +127,7 @@ class ContactProblem:
 
     @property
     def size(self) -> int:
-        """Returns the number of numbers of a point."""
+        """Returns the number of fitted numbers, which is the size of a point."""
         return len(self.centre)
 
     def key(self, seed: int) -> str:

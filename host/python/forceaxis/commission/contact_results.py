@@ -30,7 +30,7 @@ class ContactParameter:
 
 @dataclass(frozen=True)
 class ContactRecording:
-    """A recording of which `contacts` touch-downs were used."""
+    """A recording, and the number `contacts` of its touch-downs that were used."""
 
     name: str
     file: str
@@ -62,7 +62,7 @@ class ContactFit:
 
     @property
     def set_options(self) -> str:
-        """Returns the most likely values as options of a command."""
+        """Returns the most likely values as options --set of a command."""
         return " ".join(
             option_words(set=[f"{name}={p.value:.6g}" for name, p in self.parameters.items()])
         )
@@ -70,7 +70,8 @@ class ContactFit:
 
 @dataclass(frozen=True)
 class Identified:
-    """The result with what its pictures need: the problem, its best point, and the samples."""
+    """The result together with the data for its pictures: the problem, the most likely point, and
+    the samples."""
 
     result: ContactFit
     problem: ContactProblem

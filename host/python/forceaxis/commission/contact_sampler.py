@@ -23,9 +23,10 @@ from forceaxis.commission.contact_likelihood import ContactProblem
 from forceaxis.experiments.workers import Workers
 
 CHAINS = 4
-T_DEGREES = 6.0  # degrees of freedom of Student's t from which walkers are drawn anew
+T_DEGREES = 6.0  # degrees of freedom of the distribution Student's t for new walkers
 BLOCK = 20  # steps after which the convergence is computed
-TUNING_BLOCKS = 2  # blocks that are not kept; the drawn distribution follows the walkers after each
+# number of blocks that are discarded; after each, the distribution is fitted to the walkers
+TUNING_BLOCKS = 2
 BLOCKS_MAX = 30
 R_HAT_MAX, SAMPLES_MIN = 1.02, 1000.0
 KEPT_MAX = 4000  # largest number of samples in a result
@@ -58,7 +59,7 @@ class Sampled:
 
 
 class Drawn:
-    """Student's t with many dimensions around a centre, as a proposal of emcee."""
+    """Multivariate distribution Student's t around a centre, from which emcee proposes moves."""
 
     def __init__(self, centre: Floats, covariance: Floats) -> None:
         self.set(centre, covariance)
@@ -98,14 +99,16 @@ def r_hat(chains: Floats) -> float:
 
 def effective(chain: Floats) -> float:
     """Returns the smallest effective number of samples of a chain, (steps, walkers, size)."""
-    with np.errstate(divide="ignore", invalid="ignore"):  # a walker that has not moved divides by 0
+    # avoids a division by 0 for a walker that has not moved
+    with np.errstate(divide="ignore", invalid="ignore"):
         tau = np.nan_to_num(emcee.autocorr.integrated_time(chain, tol=0, quiet=True), nan=np.inf)
     return float(chain.shape[0] * chain.shape[1] / np.max(np.maximum(tau, 1.0)))
 
 
 class _Chain:
-    """One ensemble of walkers. The random numbers of a block depend only on seed, chain and block,
-    so a chain that continues from a file gives the same samples."""
+    """One Markov chain: an ensemble of walkers (sampled points). The random numbers of a block of
+    steps depend only on seed, chain and block, so a chain that continues from a file gives the same
+    samples."""
 
     def __init__(self, problem: ContactProblem, drawn: Drawn, seed: int, number: int) -> None:
         self.drawn, self.walkers = drawn, 2 * problem.size + 2
@@ -138,12 +141,12 @@ class _Chain:
         self.accepted += float(np.mean(self.sampler.acceptance_fraction))
 
     def tuned(self, centre: Floats, covariance: Floats) -> None:
-        """Forgets what was sampled, and draws walkers anew from another distribution."""
+        """Discards all samples, and samples new walkers from another distribution."""
         self.drawn.set(centre, covariance)
         self.points, self.logs, self.accepted = self.points[:0], self.logs[:0], 0.0
 
     def arrays(self) -> dict[str, Floats]:
-        """Returns what a file keeps of the chain."""
+        """Returns the arrays with which a file stores the chain."""
         return {
             "points": self.points, "logs": self.logs, "coords": self.state.coords,
             "log_prob": self.state.log_prob, "centre": self.drawn.centre, "root": self.drawn.root,
@@ -168,7 +171,8 @@ def _save(file: Path | None, key: str, chains: list[_Chain]) -> None:
 
 
 def _load(file: Path | None, key: str, chains: list[_Chain]) -> bool:
-    """Continues from the chains of a file. Returns False if there is none with this key."""
+    """Continues the chains that a file contains. Returns False if the file has no chains with this
+    key."""
     if file is None or not file.exists():
         return False
     try:
@@ -214,8 +218,8 @@ def sample(
 
 
 def _run(problem: ContactProblem, chains: list[_Chain]) -> None:
-    """Continues the chains by a block. On a cluster they run at the same time, because each waits
-    for its workers."""
+    """Continues all chains by a block of steps. On a cluster they run at the same time, because
+    each chain only waits for its workers."""
     if not isinstance(problem.site, Workers):
         for chain in chains:
             chain.run()
@@ -225,8 +229,8 @@ def _run(problem: ContactProblem, chains: list[_Chain]) -> None:
 
 
 def _tune(problem: ContactProblem, chains: list[_Chain]) -> None:
-    """Lets the walkers find the posterior, and adapts the distribution from which they are
-    drawn."""
+    """Moves the walkers until they have found the posterior, and adapts the distribution from which
+    new walkers are sampled."""
     for _ in range(TUNING_BLOCKS):
         _run(problem, chains)
         every = np.concatenate([c.points[BLOCK // 2 :].reshape(-1, problem.size) for c in chains])

@@ -13,17 +13,18 @@ START_SHARE = 0.7  # standard deviation of the random starts, as a fraction of t
 # Stretches of the continuation in s after the onset, and largest numbers of iterations.
 STRETCHES_S, ITERATIONS, LAST_ITERATIONS = (0.012, 0.03, 0.08), 8, 30
 TOLERANCE = 1e-4  # decrease of the cost at which a search ends
-DAMPINGS = 10.0 ** np.arange(-2, 4)  # tried in each iteration, relative to the last one
+# step sizes that each iteration tries, relative to the last one
+DAMPINGS = 10.0 ** np.arange(-2, 4)
 DAMPING_MAX = 1e8
-# Residuals beyond this number of deviations count linearly, so that a contact that comes too late
-# does not outweigh all others.
+# A residual beyond this number of deviations counts linearly in the sum of squares.
+# So a simulated contact that comes too late does not outweigh all other residuals.
 BEND = 30.0
 
 
 def derivatives(problem: ContactProblem, point: Floats) -> tuple[Floats, Floats]:
-    """Returns the residuals at a point and their derivatives by its numbers, (all,) and (all,
-    size). An unknown of one touch-down changes nothing in the others, so one simulation serves the
-    same unknown of all touch-downs."""
+    """Returns the residuals at a point, (all,), and their derivatives with respect to the numbers
+    of the point, (all, size). An unknown of one touch-down has no effect on other touch-downs, so
+    one simulation gives the derivatives for this unknown of all touch-downs."""
     names, kinds = len(problem.names), sorted({u.kind for u in problem.unknowns})
     groups = [[i] for i in range(names)]
     groups += [
@@ -44,7 +45,8 @@ def derivatives(problem: ContactProblem, point: Floats) -> tuple[Floats, Floats]
 
 
 def _cost(residuals: Floats, bend: float) -> Floats:
-    """Returns half the sum of squares of each row; a residual beyond `bend` adds only linearly."""
+    """Returns half the sum of squares of each row of residuals. A residual larger than `bend`
+    contributes linearly."""
     size = np.abs(residuals)
     return np.asarray(np.sum(np.where(size < bend, size**2 / 2, bend * (size - bend / 2)), axis=-1))
 

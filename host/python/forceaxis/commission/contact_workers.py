@@ -15,7 +15,7 @@ from forceaxis.commission.contact_data import Floats
 from forceaxis.experiments.workers import WorkerDiffers, Workers
 from forceaxis.linear.plant_facts import Overrides
 
-KEPT = 16  # number of plants that a worker keeps
+KEPT = 16  # number of plants that a worker stores for reuse
 
 
 @dataclass(frozen=True)

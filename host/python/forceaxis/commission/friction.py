@@ -45,7 +45,7 @@ DEAD_ZONE_MIN_CODES = 0.12  # smallest dead zone in DAC codes that is treated as
 NOISE_SLIDES = 2.5
 
 # Constants of record_slow_change(), which changes the force slowly: duration in s and number of
-# samples, both for the rise and for the fall of the force
+# samples of the rise of the force, and the same of its fall
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
 # Above this relative force error, friction has stopped an axis without integral action.
 FORCE_ERROR_MIN = 0.06
@@ -226,9 +226,9 @@ def glide(
     travel = min(analyzer.order.travel, start - low, high - start)
     if travel < TRAVEL_MIN_CNT:
         raise Refusal(
-            "travel", f"expected at least {TRAVEL_MIN_CNT} counts of travel to both sides, but "
-            f"the axis is at {start} with position_min {low} and position_max {high}: move the "
-            "axis away from this bound"
+            "travel", f"expected an axis that can move by at least {TRAVEL_MIN_CNT} counts to "
+            f"both sides, but its position is {start}, with position_min {low} and position_max "
+            f"{high}: move the axis away from the nearer bound"
         )  # fmt: skip
     analyzer.set(
         position_min=start - travel, position_max=start + travel, open_loop_code=0,
@@ -256,9 +256,9 @@ def glide(
             except _TooFast:
                 if code == SMALLEST_CODE:
                     raise Refusal(
-                        "travel", f"expected an axis that stays within {travel} counts to both "
-                        f"sides for {SETTLED_S + RECORD_MIN_S:g} s, but at {code} DAC codes it is "
-                        "faster: give a larger travel"
+                        "travel", f"expected an axis that moves by at most {travel} counts to "
+                        f"both sides within {SETTLED_S + RECORD_MIN_S:g} s, but at {code} DAC "
+                        "codes the axis moves farther: give a larger travel"
                     ) from None  # fmt: skip
                 too_fast, code = code, max(SMALLEST_CODE, round(code / 1.5))
                 continue
@@ -301,7 +301,8 @@ def _of_speeds(rows: list[tuple[int, float]]) -> Glide:
     if not rate > 0:
         at = ", ".join(f"{speed:.3g} counts/s at {c} codes" for c, speed in rows)
         raise Refusal(
-            "friction", f"expected a speed that grows with the DAC code, got {at}: check the sign "
+            "friction", f"expected a speed of the axis that grows with the DAC code, got {at}: "
+            "check the sign "
             "of the encoder, output_limit and the speed limit of the drive"
         )  # fmt: skip
     return Glide(float(width), float(shift), float(rate), code)

@@ -1,5 +1,5 @@
-"""Health of an axis: whether what is measured today still is what was measured at its release, and
-which parameter has moved if not.
+"""Health of an axis: compares a measurement of today with the measurement at the release of the
+axis, and finds the parameter that has changed.
 
 found = health(HealthOrder("press/model.toml", [Path("today.npz")], Path("posterior.json")))
 found.healthy, found.p_value, found.moved
@@ -35,28 +35,29 @@ from forceaxis.linear.plant_facts import Overrides
 from forceaxis.recordings import signal_recording
 
 LEVEL = 0.05
-# The measurement of today determines a parameter if it can detect a change of its logarithm of this
-# size.
+# Smallest change of a parameter's logarithm that today's measurement must be able to detect.
 TOLD_CHANGE = 0.5
-# Twice the logarithm of the likelihood below the best parameter, up to which another one explains
-# the change nearly as well.
+# Largest decrease of twice the log likelihood at which another parameter explains the change
+# nearly as well as the best one.
 ALIKE_BELOW = 6.0
 CHANGE_MAX_LOG = math.log(5)  # largest change of a parameter that is searched
 ITERATIONS = 12  # evaluations of a fit
 STARTS_LOG = (0.0, -0.05, 0.05, -0.1, 0.1, -0.2, 0.2, -0.4, 0.4)
-# Largest number of parameters that are named, and smallest share of the chi-square of the first one
-# that a further one has to explain.
+# Largest number of parameters that are named as changed.
+# The second number is the share of the first one's chi-square that a further one must explain.
 MOVED_MAX, SHARE_MIN = 3, 0.02
-LEAST_SHARE = 1e-6  # least share of the information on a parameter that others leave
+# smallest share of the information on a parameter that no other parameter explains
+LEAST_SHARE = 1e-6
 STEP_LOG = 1e-4
-# Increase of the variance of a sum over neighbouring frequencies by the window "hann", which
-# correlates errors by 2/3 and 1/6: 1 + 2 (2/3 + 1/6).
+# Factor of the variance of a sum over neighbouring frequencies because of the window "hann".
+# The window correlates their errors by 2/3 and 1/6: 1 + 2 (2/3 + 1/6).
 HANN_FACTOR = 8 / 3
 
 
 @dataclass(frozen=True)
 class HealthOrder:
-    """What to compare: the model of the machine, the measurements of today, and the release.
+    """The data to compare: the model of the machine, the measurements of today, and those of the
+    release.
 
     `today`: recordings of touch-downs, or the folder of one measurement; `released`: a
     posterior, or the folder of a measurement. `level`: largest
@@ -114,29 +115,31 @@ class _Tests:
 
     @property
     def p(self) -> Floats:
-        """Returns the probability that an unchanged machine shows a change at least as large,
-        (k,)."""
+        """Returns for each parameter the probability that an unchanged machine shows a change at
+        least as large, (k,)."""
         score = np.minimum(self.gain, (self.size / self.deviation) ** 2)
         return np.asarray(special.chdtrc(1, np.maximum(score, 0.0)))
 
     @property
     def told(self) -> NDArray[np.bool_]:
-        """Returns which parameters the measurement of today tells, (k,)."""
+        """Returns an array with True for each parameter that the measurement of today determines,
+        (k,)."""
         return np.asarray(TOLD_CHANGE / self.deviation > special.ndtri(0.975))
 
 
 class _Change(Protocol):
-    """Evidence of today's measurement for changes of parameters."""
+    """Base class: likelihood of today's measurement for changes of the parameters."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """Returns the names of the k parameters."""
 
     def tests(self, chosen: Sequence[int]) -> _Tests:
-        """Returns the tests of each parameter beside changes of the `chosen` ones."""
+        """Returns the test of each parameter, in addition to changes of the `chosen` parameters."""
 
     def other_p(self, chosen: Sequence[int]) -> float:
-        """Returns the p value of what changes of the `chosen` parameters leave."""
+        """Returns the p value of the difference that remains after changes of the `chosen`
+        parameters."""
 
 
 def health(order: HealthOrder) -> Health:
@@ -316,7 +319,7 @@ def _of_touch_downs(order: HealthOrder) -> _LinearChange:
     across = square[:size, size:]
     today = square[:size, :size] - across @ np.linalg.solve(square[size:, size:], across.T)
     off = point[:size] - centre
-    # The likelihood of today has its maximum beside the mode, where the prior has a slope.
+    # The maximum of today's likelihood is beside the mode, where the slope of the prior is not 0.
     pulled = today @ off + off / problem.spread[:size] ** 2
     joint = np.eye(size) + today @ log_covariance(read.table)
     information = np.linalg.solve(joint, today)
@@ -335,8 +338,8 @@ def _of_responses(order: HealthOrder) -> _ResponseChange:
     model = str(linear.find_model(order.model))
     if len(order.today) != 1:
         raise InputError(
-            f"expected one frequency response of today beside {paths.display(order.released)}, got "
-            f"{len(order.today)}"
+            "expected exactly one frequency response of today for the comparison with "
+            f"{paths.display(order.released)}, got {len(order.today)}"
         )
     today = read_response(order.today[0], model, order.held)
     released = read_response(order.released, model, order.held)
@@ -361,6 +364,6 @@ def _expect_same(today: Measurement, released: Measurement, order: HealthOrder) 
     signals = [(m.input, m.output, m.free) for m in (today, released)]
     if not same or signals[0] != signals[1]:
         raise InputError(
-            f"{paths.display(order.today[0])}: expected a response with signals and frequencies of "
-            f"{paths.display(order.released)}; measure with the same options"
+            f"{paths.display(order.today[0])}: expected a response with the same signals and "
+            f"frequencies as {paths.display(order.released)}; measure again with the same options"
         )

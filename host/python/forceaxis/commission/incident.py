@@ -286,7 +286,7 @@ def load(path: Path) -> Incident:
         recording = Recording(tuple(samples), raw.astype(np.int64), 1, trigger)
         incident = Incident(recording, **vars(about))
         is_right = zlib.crc32(packed(incident.recording)) == crc
-        _ = incident.force_N  # needs the parameters of the force
+        _ = incident.force_N  # this value needs the parameters of the measured force
     if version != VERSION:
         raise InputError(
             f"{path}: expected an incident file of version {VERSION}, got version {version}"
@@ -384,6 +384,7 @@ def figure(incident: Incident, counts_per_mm: float | None = None) -> "Figure":
 
 
 def words(incident: Incident) -> str:
-    """Returns the name of the fault, or the error code if there is no fault."""
+    """Returns the name of the fault of an incident, or the error code if the incident has no
+    fault."""
     named = incident.fault if incident.fault != "none" else incident.error_code
     return named.replace("_", " ")

@@ -22,11 +22,11 @@ from forceaxis.design import model_file
 from forceaxis.linear import posterior, working
 from forceaxis.linear.plant_facts import Overrides
 
-# Largest deviation of the logarithm of a parameter, if the machine was released without a
-# posterior: the machine is then assumed to have been as its model says.
+# Largest deviation of a parameter's logarithm if the machine was released without a posterior.
+# The machine is then assumed to have been as its model says.
 RELEASED_SPREAD = 0.05
 ITERATIONS, BEND = 12, 30.0
-FORCE_MIN_N = 1.0  # least force from which the start values of a change of the plant follow
+FORCE_MIN_N = 1.0  # smallest force from which start values of a changed plant are computed
 # Prior standard deviations of a gain, of the encoder scale and of the position of the workpiece.
 GAIN_DEVIATION, SCALE_DEVIATION, PLACE_DEVIATION_M = 0.5, 0.3, 5e-3
 COMMAND = "command"
@@ -224,7 +224,7 @@ class Released:
                 for name, log in zip(self.names, logs, strict=True)}  # fmt: skip
 
     def causes(self) -> list[Cause]:
-        """Returns the causes to try, besides that of a command."""
+        """Returns all causes to try, except the cause that only a command explains the incident."""
         scales = contact_elements.Scales(self.problem, self.fit.point)
         expected = self.problem.predict(self.fit.point[None]).force
         scales.force_N = max(scales.force_N, float(np.ptp(expected)), FORCE_MIN_N)
@@ -247,8 +247,9 @@ class Released:
         return found
 
     def _place(self) -> Cause:
-        """Returns the cause of a workpiece elsewhere. A start is the place of the touch, or for a
-        second without a touch the farthest place that was reached."""
+        """Returns the cause that the workpiece is at another place. Start values of this place: the
+        place of the first contact, or the farthest place that the axis reached without a
+        contact."""
         touch, known = self.data.touches[0], float(self.problem.places[0])
         assert touch.position is not None
         reached = float(np.interp(touch.onset, touch.position.at, touch.position.values))
@@ -260,8 +261,8 @@ class Released:
         )  # fmt: skip
 
     def _slip(self) -> Cause:
-        """Returns the cause of an encoder that loses counts at one instant: the sample at which one
-        step explains the residuals of the position best."""
+        """Returns the cause that the encoder loses counts at one instant: the sample at which a
+        single step explains the residuals of the position best."""
         problem = self.problem
         predicted = problem.predict(self.fit.point[None])
         weight = problem.position.spread**-2
@@ -277,7 +278,7 @@ class Released:
         return replace(cause, slip_at=float(problem.position.low[at]), count=2)
 
     def _stiffness(self) -> list[Cause]:
-        """Returns the cause of a workpiece with another stiffness: that of the spring behind the
+        """Returns the cause that the workpiece has another stiffness: that of the spring behind the
         contact, or of the contact itself."""
         tables = model_file.read(self.path)
         behind = [s for s in tables.springs if tables.workpiece and tables.workpiece in s.between]

@@ -33,13 +33,13 @@ from forceaxis.results import to_json
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Largest difference in rank from the best cause at which another cause is possible: a factor of 150
-# in the probability (Kass and Raftery, J. American Statistical Association 90, 1995).
+# Largest difference in rank from the best cause at which another cause is called possible.
+# It is a factor of 150 in the probability (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995).
 POSSIBLE_BELOW = 10.0
-# Largest difference in rank from the best cause at which another cause is fitted once more, with
-# the derivatives of its own plant.
+# Largest difference in rank from the best cause at which another cause is fitted once more.
+# The second fit uses the derivatives of the plant with this cause.
 AGAIN_BELOW = 50.0
-SPEED_TICKS = 15  # ticks before the touch from which the speed is found
+SPEED_TICKS = 15  # number of ticks before the first contact from which the speed is computed
 UNITS = {"gain": "", "offset": "N", "place": "m", "scale": "", "slip": "m"}
 FILES = ("explanation.json", "explanation.png", "model.toml", "experiment.toml")
 
@@ -94,8 +94,8 @@ class Explanation:
 
 @dataclass(frozen=True)
 class ExplainOrder:
-    """What explains an incident: the model of the released machine with overrides, and optionally
-    the file of its posterior."""
+    """The inputs of an explanation: the model of the released machine with overrides, and
+    optionally the file of its posterior."""
 
     model: str
     posterior: Path | None = None

@@ -1,4 +1,5 @@
-"""The recorded second before a fault as a touch-down whose plant or sensors may have changed.
+"""The recorded second before a fault, treated as a touch-down of a machine whose plant or sensors
+may have changed.
 
 The recorded codes are the input of the simulated plant. A change of the plant is an element of the
 model, a change of a sensor is a further unknown, so the likelihood is that of `contact_likelihood`.
@@ -27,11 +28,11 @@ from forceaxis.linear.plant_facts import Overrides
 
 # Accuracy in m with which the place of an axis is known that is homed as its model says.
 PLACE_KNOWN_M = 2e-5
-# Force above which the workpiece is touched, as a multiple of the standard deviation of the force
-# out of contact, and in steps of its converter.
+# Smallest excess over contact_force that shows a contact, in deviations of the force without one.
+# The second number is the same excess in steps of the converter; the larger one applies.
 TOUCH_DEVIATIONS, TOUCH_STEPS = 6.0, 2.0
 FREE_TICKS_MIN = 10  # ticks out of contact with which a recorded second has to begin
-REST_TICKS = 4  # first ticks from which the speed at the start is found
+REST_TICKS = 4  # number of first ticks from which the speed at the start is computed
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class IncidentProblem(ContactProblem):
         every = self.simulate
 
         def different(values: Floats, starts: Floats) -> Floats:
-            # The unknowns of the sensors change neither plant nor start.
+            # Unknown numbers of the sensors change neither the plant nor its start.
             rows = np.concatenate([values, starts.reshape(len(starts), -1)], axis=1)
             _, first, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
             return np.asarray(every(values[first], starts[first])[same.reshape(-1)])
@@ -150,7 +151,7 @@ class IncidentProblem(ContactProblem):
         return np.asarray(-np.linalg.solve(inverse, matrix.T @ residuals[:, : len(matrix)].T).T)
 
     def residuals_of(self, touch: int, number: int) -> Floats:
-        """Returns that all residuals belong to the only touch-down, (1,)."""
+        """Returns an array with True, (1,), because all residuals belong to the only touch-down."""
         return np.ones(1)
 
 
@@ -174,9 +175,9 @@ def data_of(incident: Incident, model: str | Path, held: Overrides) -> ContactDa
     touching = incident.force.contact_force * incident.force.count_N + limit
     if len(force_N) < FREE_TICKS_MIN or float(quiet.max()) > touching:
         raise InputError(
-            f"{incident.where}: expected a recorded second that begins out of contact, got "
-            f"{len(force_N)} ticks with a force of {force_N[0]:.3g} N in the first one; only a "
-            "fault after a touch or without one can be explained"
+            f"{incident.where}: expected an incident whose recording begins out of contact, got "
+            f"{len(force_N)} ticks of which the first has a force of {force_N[0]:.3g} N; a fault "
+            "can be explained only if the axis began out of contact"
         )
     touched = np.flatnonzero(np.abs(force_N - float(np.median(quiet))) > limit)
     onset = int(touched[0]) if len(touched) else len(force_N) - 1

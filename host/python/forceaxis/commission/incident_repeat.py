@@ -22,7 +22,7 @@ from forceaxis.objects import BY_NAME
 from forceaxis.results import JsonObject
 
 MODEL, EXPERIMENT = "model.toml", "experiment.toml"
-LONGER = 1.5  # duration of the experiment, relative to the recorded time before the fault
+LONGER = 1.5  # ratio of the duration of the experiment to the recorded time before the fault
 # Times and controlwords that enable the axis, and that which starts a move of profile position.
 ENABLE_S = ((0.0, 6), (0.002, 7), (0.004, 15))
 START_S = (0.006, 31)
@@ -89,7 +89,8 @@ def _parameters(incident: Incident) -> JsonObject:
 
 
 def _command(incident: Incident) -> JsonObject:
-    """Returns the objects of [firmware] that command the axis as before the fault."""
+    """Returns the objects of [firmware] with which the axis gets the same commands as before the
+    fault."""
     number = incident.parameters["modes_of_operation"]
     mode = from_raw("modes_of_operation", number)
     used = slice(0, incident.recording.trigger_sample)
@@ -106,7 +107,8 @@ def _command(incident: Incident) -> JsonObject:
 
 
 def _start(document: Any, fit: FittedCause) -> None:
-    """Moves the bodies that move with the drive to where the recorded second began."""
+    """Moves all bodies that move with the drive to their places at the begin of the recorded
+    second."""
     problem = fit.problem
     place = float(problem.number("place", 0, fit.point[None])[0])
     own = dict(zip(problem.names, np.exp(fit.point).tolist(), strict=False))
@@ -117,7 +119,8 @@ def _start(document: Any, fit: FittedCause) -> None:
 
 
 def _sensors(document: Any, released: Released, fit: FittedCause) -> list[dict[str, Any]]:
-    """Changes the sensors of a model as the cause says. Returns events of the experiment."""
+    """Changes the sensors of a model as the cause requires. Returns the events of the experiment
+    for this change."""
     values = fit.values()
     changed = {unknown.kind: values[unknown.kind] for unknown in fit.cause.unknowns}
     known = released.facts.parameters
@@ -133,7 +136,8 @@ def _sensors(document: Any, released: Released, fit: FittedCause) -> list[dict[s
         encoder["scale"] = released.facts.required_encoder.scale * changed["scale"]
     if "slip" not in changed:
         return []
-    # The encoder reads its body relative to the scale, so the scale moves the other way.
+    # The encoder measures its body relative to the scale, so the scale moves in the opposite
+    # direction.
     encoder["reference"] = "encoder_tape"
     body = {"name": "encoder_tape", "mass": SCALE_KG}
     held = {"name": "encoder_glue", "between": ["encoder_tape", "ground"],

@@ -1,7 +1,8 @@
 """Fits the parameters of a model to all responses of one axis, together with prior knowledge.
 
     found = joint(model, priors(model, over), [free, at_30_N, at_150_N], over)
-    found.values, found.intervals, found.over     # or why not: found.rejected, found.text
+    # for a rejected fit instead: found.rejected, found.text
+    found.values, found.intervals, found.over
 
 Responses in contact determine only ratios of masses, stiffnesses and the drive's force constant.
 The response out of contact and the priors determine the absolute values as accurately as they are
@@ -416,8 +417,8 @@ def _searched(problem: Responses) -> Samples:
             break
     if best is None:
         raise InputError(
-            "fit: expected at least one set of start values within the range of the priors, got "
-            "none"
+            "fit: expected at least one set of start values within the ranges of the prior "
+            "values, got none"
         )
     return best.x
 

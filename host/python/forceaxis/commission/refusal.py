@@ -36,9 +36,9 @@ def of_link(axis: Axis, error: Exception) -> Refusal:
         return Refusal("no_answer", str(error))
     text = error.text if isinstance(error, Refusal) else str(error)
     if source != axis.link.source or fault in ORPHANED:
-        about = f"but the owner is {owner} and the fault is {fault}"
+        about = f"the owner is {owner} and the fault is {fault}"
         return Refusal(
-            "ownership", f"expected this program to remain the owner of the axis, {about}: {text}"
+            "ownership", f"expected this program to stay the owner of the axis, but {about}: {text}"
         )
     if fault != "none":
         return Refusal(fault, f"expected an axis without a fault, got {fault}: {text}")

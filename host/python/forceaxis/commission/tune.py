@@ -91,8 +91,7 @@ RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
 CROSSOVER_RAD_PER_S = 3.0
 MS_TOLERANCE = 0.3  # permitted excess of a measured Ms over the predicted Ms
 AVERAGES_FACTOR = 4  # factor for the number of averages if |S| is certain at no frequency
-# Highest frequency of the measured responses, as a multiple of the highest frequency at which a
-# loop becomes unstable.
+# Ratio of the highest measured frequency to the highest one at which a loop becomes unstable.
 RESPONSE_BAND_FACTOR = 1.3
 # highest frequency at which |S| is verified, as a multiple of the bandwidth fT
 VERIFIED_BAND_FACTOR = 3.0
@@ -173,8 +172,8 @@ def _expect_axis_of_model(tuning: TuningFolder, held: AxisSettings, facts: Plant
         )
     if held.adc_bits != facts.reading.bits:
         raise Refusal(
-            "adc", f"expected an ADC of {facts.reading.bits} bits as in the model, got "
-            f"{held.adc_bits} bits from the axis: correct adc_bits or the model"
+            "adc", f"expected an ADC of {facts.reading.bits} bits as in the model, but the axis "
+            f"has adc_bits = {held.adc_bits}: correct adc_bits or the model"
         )  # fmt: skip
     largest_N = max(tuning.order.forces)
     most_N = tuning.order.force_max_N / (1 + analyzer.SWING / 2)
@@ -196,8 +195,8 @@ def _sensor_settings(held: AxisSettings, facts: PlantFacts) -> Settings:
         return {}
     if not quantity.never_set(held.force_scale, held.calibration_date):
         raise Refusal(
-            "scale", f"expected a force_scale of {scale:.6g} uN/count as in the model, got "
-            f"{held.force_scale:g} from the axis: calibrate the axis, or correct the model"
+            "scale", f"expected a force_scale of {scale:.6g} uN/count as in the model, but the "
+            f"axis has {held.force_scale:g} uN/count: calibrate the axis, or correct the model"
         )  # fmt: skip
     return {"force_scale": max(1, round(scale))}
 
@@ -527,8 +526,8 @@ def _verified(
             return row, used
         tuning.say("the sensitivity function is uncertain at all frequencies: more averages")
     raise Refusal(
-        "verify", "expected frequencies at which the sensitivity function is known with small "
-        "uncertainty, got none; give more averages"
+        "verify", "expected at least one frequency at which the measured sensitivity function has "
+        "a small uncertainty, got none; give more averages"
     )  # fmt: skip
 
 
@@ -586,7 +585,8 @@ class TuningStep(Generic[R]):
         if done is None:
             raise Refusal(
                 self.name,
-                "expected a complete earlier result of this step, got none; run this step first",
+                "expected the complete result of this step from an earlier run, got none; run "
+                "this step first",
             )
         return done
 
@@ -759,8 +759,9 @@ class Tuning(TuningFolder):
         try:
             if len(self.order.forces) < 2:
                 raise Refusal(
-                    "levels", f"expected at least two forces, got {len(self.order.forces)}: one "
-                    "force does not show which properties depend on the force; give 30 and 150"
+                    "levels", f"expected at least two forces, got {len(self.order.forces)}: a "
+                    "single force does not show which properties depend on the force; give for "
+                    "example 30 and 150"
                 )  # fmt: skip
             with as_found.restoring(self):
                 for self.step in (only,) if only else STEPS:

@@ -206,7 +206,8 @@ def _closed(
     if not kept:
         raise Refusal(
             "play", "expected a force at which the backlash of the gear stays closed, but at each "
-            f"given force the excitation and the dry friction of {newton:.3g} N open the backlash: "
+            f"given force the excitation together with the dry friction of {newton:.3g} N opens "
+            "the backlash: "
             f"give a force of {1.5 * (newton or max(tuning.order.forces)):.3g} N or more"
         )  # fmt: skip
     gone = [n for n in names if n not in kept]

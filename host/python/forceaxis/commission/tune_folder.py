@@ -137,8 +137,9 @@ def read_touch_down(file: Path) -> TouchDownRecord:
         good = False
     if not good:
         raise InputError(
-            f"{file}: expected numbers in the columns {', '.join(TOUCH_DOWN_COLUMNS)}, which a "
-            "tuning has written; delete this file and verify.json, so that `tune` repeats the step"
+            f"{file}: expected a file of a tuning with numbers in the columns "
+            f"{', '.join(TOUCH_DOWN_COLUMNS)}; delete this file and verify.json, so that `tune` "
+            "repeats the step"
         )
     return record
 

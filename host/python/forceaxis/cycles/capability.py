@@ -24,8 +24,8 @@ from forceaxis.cycles.record import LOST, CurvePoint, PartRecord, measured
 from forceaxis.cycles.records import RecordedParts
 from forceaxis.cycles.statistics import CONFIDENCE, Share, share
 
-# Fewest values from which Cp and Cpk are given. With 30, the interval of Cpk is still about a
-# quarter of it on each side.
+# Smallest number of values for which Cp and Cpk are computed.
+# With 30 values, the confidence interval of Cpk is about 25 % of Cpk to each side.
 VALUES_LEAST = 30
 TOO_FEW = f"fewer than {VALUES_LEAST} values"
 NO_BOUND = "no bound that is a number"

@@ -282,7 +282,9 @@ def nodeset(file: Path) -> Nodeset:
         root = ET.parse(file).getroot()
         uri = root.find(f"{XML}NamespaceUris/{XML}Uri").text or ""  # type: ignore[union-attr]
     except (OSError, ET.ParseError, AttributeError):
-        raise InputError(f"{paths.display(file)}: expected a nodeset of OPC UA as XML") from None
+        raise InputError(
+            f"{paths.display(file)}: expected an XML file with a nodeset of OPC UA"
+        ) from None
     with_subtypes = {}
     for node in list(root):
         if node.get("DesignToolOnly") == "true":

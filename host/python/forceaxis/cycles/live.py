@@ -82,8 +82,8 @@ def live_program(
     compiled = read_program(experiment, given)
     if compiled.number == 0:
         raise InputError(
-            f"{compiled.file}: number: expected a number other than 0, by which an axis keeps the "
-            "program; add it"
+            f"{compiled.file}: number: expected a number from 1 on, by which an axis selects the "
+            "program; add the number"
         )
     return LiveProgram(experiment, given, _core.cycle_record(experiment, given), compiled)
 

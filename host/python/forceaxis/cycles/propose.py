@@ -83,14 +83,16 @@ class Proposal:
     program: str  # file that was written
     rate: float  # share of good parts that shall be refused
     parts: int  # good parts from which the bounds were computed
-    refused_anyway: int  # good parts that are refused whatever the bounds
+    # number of good parts that are refused with any bounds, because of other elements
+    refused_anyway: int
     expected: float  # share of later good parts that will be refused
-    low: float  # 95 % of such proposals refuse a share from here ...
+    low: float  # lower end of the range that contains the refused share of 95 % of such proposals
     high: float  # ... to here
     bounds: list[MovedBounds]
     left: list[LeftElement]
     bad: list[ProposedPasses]
-    bad_passed: float | None  # share of all bad parts that pass, by the weights of their kinds
+    # share of all bad parts that pass, weighted by the frequency of their kinds
+    bad_passed: float | None
 
 
 @dataclass(frozen=True)
@@ -144,7 +146,7 @@ def bounds_by_blocks(
     parts = len(values)
     keyed = [sign * values[:, column] for column, sign in sides]
     orders = [np.argsort(key, kind="stable") for key in keyed]
-    places = [0] * len(sides)  # next part in the order of each side
+    places = [0] * len(sides)  # for each side: index of the next part in the order of values
     last = [-1] * len(sides)  # part whose value is the bound
     taken = np.zeros(parts, dtype=bool)
     beyond = np.zeros(parts, dtype=bool)
@@ -157,7 +159,7 @@ def bounds_by_blocks(
         before, last[side] = last[side], part
         taken[part] = True
         if before < 0 or key[part] > key[before]:
-            # All parts before this one in the order with smaller values are beyond the bound.
+            # All earlier parts in the order that have smaller values are beyond the bound.
             begin = 0 if before < 0 else int(np.searchsorted(key[order], key[before]))
             end = int(np.searchsorted(key[order], key[part]))
             beyond[order[begin:end]] = True
@@ -182,8 +184,8 @@ def check(program: Program, parts: int, rate: float) -> None:
     sides = sides_of(program)
     if not sides:
         raise InputError(
-            f"{program.file}: element: expected an element with least or most that is no window, "
-            "got none; add one, with any bounds"
+            f"{program.file}: element: expected an evaluation element of another kind than "
+            "`window` with a bound `least` or `most`, got none; add such a bound with any value"
         )
     needed = parts_needed(rate, len(sides))
     if parts < needed:
@@ -213,7 +215,7 @@ def proposed(program: Program, outcomes: Sequence[PartOutcome], rate: float) -> 
             f"they refuse {anyway} of {len(judged)} good parts whatever the bounds; widen them, "
             f"give a larger share{more}",
         )
-    # A value is a number of counts times a factor; 12 digits make equal counts equal numbers.
+    # A value is a number of counts times a factor. Rounding to 12 digits makes equal counts equal.
     values = np.array([[tidy(outcome.values[i]) for i in moved] for outcome in rest])
     columns = [(moved.index(side.element), 1 if side.key == "least" else -1) for side in sides]
     found = bounds_by_blocks(values, columns, take)

@@ -39,17 +39,18 @@ class RatesRequest:
     parts: int = 1000  # number of good parts
     bad_parts: int | None = None  # number of parts of each bad kind; None: as `parts`
     seed: int = 0
-    program: Path | None = None  # instead of the program of the experiment
+    program: Path | None = None  # file of a program that replaces the program of the experiment
     overrides: Sequence[str] = ()
-    over: str | None = None  # file of a posterior, from which the press of each part is drawn
+    # file of a posterior, from which the parameters of the press are sampled for each part
+    over: str | None = None
 
     @property
     def all_overrides(self) -> list[str]:
-        """The overrides of every run, with that of the program."""
+        """The overrides of every run, including the one that selects the program."""
         return with_program(self.overrides, self.program)
 
     def read_program(self) -> Program:
-        """Returns the program that the parts are pressed with. Raises InputError."""
+        """Returns the program with which the parts are pressed. Raises InputError."""
         return read_program(self.experiment, self.all_overrides)
 
     @property
@@ -76,13 +77,15 @@ class RatesRequest:
 
 @dataclass(frozen=True)
 class PartCounts:
-    """Numbers of parts by their result."""
+    """Number of parts with each result: good, bad, aborted."""
 
     parts: int
     good: int
     bad: int
-    aborted: int  # parts whose cycle was aborted by a stop, a fault, a halt or another mode
-    no_result: int  # the cycle did not start, or was not over at the end of the experiment
+    # number of parts whose cycle was aborted by a stop, a fault, a halt or a change of the mode
+    aborted: int
+    # number of parts whose cycle did not start, or had not ended at the end of the experiment
+    no_result: int
     failed: int  # runs with an error
 
 
@@ -102,7 +105,7 @@ class GoodRates:
 
     counts: PartCounts
     refused: Share  # share of the parts with a verdict
-    limits: Share  # parts whose cycle did not end as its program intends
+    limits: Share  # number of parts whose cycle did not end as its program intends
     elements: list[ElementRefusals]
 
 
@@ -123,7 +126,7 @@ class BadRates:
     weight: float
     counts: PartCounts
     passed: Share  # share of the parts with a verdict
-    limits: Share  # parts whose cycle ended as its program intends
+    limits: Share  # number of parts whose cycle ended as its program intends
     elements: list[ElementPasses]
 
 
@@ -137,7 +140,8 @@ class RatesResult:
     seed: int
     good: GoodRates
     bad: list[BadRates]
-    bad_passed: float | None  # share of all bad parts that pass, by the weights of their kinds
+    # share of all bad parts that pass, weighted by the frequency of their kinds
+    bad_passed: float | None
     warnings: list[str]
     runs: int
     resumed: int  # number of runs that the journal already had
@@ -152,7 +156,7 @@ class RatesResult:
 
 @dataclass(frozen=True)
 class Group:
-    """Simulated parts of one group: the good parts, or one bad kind."""
+    """Simulated parts of one group: all good parts, or the bad parts of one kind."""
 
     name: str
     weight: float
@@ -167,7 +171,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Rates:
-    """Error rates, with the parts from which they were computed."""
+    """Error rates of a program, together with the simulated parts from which they were computed."""
 
     result: RatesResult
     program: Program
@@ -181,8 +185,9 @@ def rates(
     threads: int | None = None,
     scheduler: str | None = None,
 ) -> Rates:
-    """Simulates good and bad parts. The folder `out` keeps the finished runs, so that the same
-    request, or one with more parts, runs only what is missing; None: nothing is written.
+    """Simulates good and bad parts. The folder `out` stores the finished runs, so that the same
+    request, or a request for more parts, simulates only the missing runs. Nothing is written if
+    `out` is None.
 
     threads: number of threads, by default one for each core. scheduler: address of a Dask
     scheduler whose workers run the parts. Raises InputError for a mistake in the request or a file,
@@ -243,7 +248,7 @@ def rates(
 
 
 def check(request: RatesRequest) -> None:
-    """Raises ParameterError for numbers that cannot be."""
+    """Raises ParameterError if a number of parts is not possible."""
     for name, value in (("parts", request.parts), ("bad_parts", request.bad_count)):
         if not 1 <= value <= PARTS_MOST:
             raise ParameterError(name, f"expected 1 to {PARTS_MOST:,} parts, got {value}")
@@ -273,7 +278,8 @@ def _drawn(group: str, kinds: Sequence[Kind], seed: int, count: int) -> Group:
 
 
 def expect_results(groups: Sequence[Group]) -> None:
-    """Raises SimulationError if all runs of a group failed, so that nothing is known about it."""
+    """Raises SimulationError if all runs of a group of parts failed, so that its error rate is
+    unknown."""
     for group in groups:
         first = group.outcomes[0].error
         if first and all(outcome.error for outcome in group.outcomes):
@@ -281,7 +287,7 @@ def expect_results(groups: Sequence[Group]) -> None:
 
 
 def counts_of(outcomes: Sequence[PartOutcome]) -> PartCounts:
-    """Returns the numbers of parts by their result."""
+    """Returns the number of parts with each result: good, bad, aborted."""
     states = [outcome.state for outcome in outcomes]
     failed = sum(bool(outcome.error) for outcome in outcomes)
     good, bad, aborted = (states.count(state) for state in (GOOD, BAD, ABORTED))
@@ -325,7 +331,7 @@ def _passed(judged: Sequence[PartOutcome]) -> Share:
 
 
 def weighted(shares: Sequence[tuple[float, Share]]) -> float | None:
-    """Returns the mean of shares by weight, or None if one of them is not known."""
+    """Returns the weighted mean of shares, or None if one of the shares is not known."""
     known = [(weight, one.share) for weight, one in shares if one.share is not None]
     if not known or len(known) < len(shares):
         return None
@@ -352,7 +358,8 @@ def warnings(groups: Sequence[Group]) -> list[str]:
 
 
 def write(done: Rates, out: Path) -> None:
-    """Writes the result and a table with all parts to the folder `out`, both or none."""
+    """Writes the result and a table with all parts to the folder `out`: either both files or
+    none."""
     with paths.replacing(out, *FILES) as (summary, table):
         summary.write_text(json.dumps(to_json(done.result), indent=2) + "\n")
         with table.open("w", newline="") as stream:
@@ -374,8 +381,8 @@ def write(done: Rates, out: Path) -> None:
 
 
 def _figures(outcome: PartOutcome, elements: Sequence[Element]) -> list[ElementFigure]:
-    """Returns the values and verdicts of the evaluation elements for a part; a failed run has
-    neither."""
+    """Returns the values and verdicts of the evaluation elements for a part. A failed run has no
+    values and no verdicts."""
     values: Sequence[float | None] = outcome.values or [None] * len(elements)
     verdicts = outcome.verdicts or [""] * len(elements)
     return [

@@ -16,9 +16,9 @@ from forceaxis.experiments.summary import why_text
 from forceaxis.results import json_field
 
 Cell = str | float | int | None
-CurvePoint = tuple[float, float, float]  # time in s, travel in m, force in N
-# Endings of the columns of one element, in their order in a table. The column without an ending has
-# the value.
+CurvePoint = tuple[float, float, float]  # one point of a curve: time in s, travel in m, force in N
+# Endings of the columns of one evaluation element, in the order of a table.
+# The column without an ending has the value of the element.
 VERDICT, LEAST, MOST, UNIT = "_verdict", "_least", "_most", "_unit"
 ENDINGS = ("", VERDICT, LEAST, MOST, UNIT)
 NOTES_BETWEEN = "; "
@@ -34,35 +34,36 @@ class PartRecord:
 
     number: int
     power_up: int = 0  # number of the power-up of the axis in which the part was pressed
-    serial: str = ""  # serial number of the part, from outside
+    serial: str = ""  # serial number of the part, written by a client
     recorded: str = ""  # time of the record in UTC, such as 2026-11-28T03:00:00+00:00
     axis: str = ""  # connection, such as "node 1 on can0"
     device: str = ""  # serial number of the axis as 0x and 8 digits
     program: str = ""  # file
     title: str = ""  # title of the program
     program_number: int = 0
-    program_crc: str = ""  # 8 hexadecimal digits, as the other two
-    law: str = ""  # "bank", or "P" for the law with force_gain alone
+    program_crc: str = ""  # CRC as 8 hexadecimal digits, as are the next two
+    law: str = ""  # force law of the part: "bank", or "P" for the law with force_gain alone
     law_crc: str = ""  # CRC of the bank; empty for the law P
     parameters_crc: str = ""  # CRC of all parameters that the axis stores
     begin_tick: int = 0  # tick counter of the axis at the start of the cycle
     duration_s: float = 0.0
     state: str = ""  # "good", "bad", "aborted" or "lost"
     outcome: str = ""  # how the cycle ended
-    phase: str = ""  # last phase, or the phase in which the cycle failed
-    invalid_ticks: int = 0  # ticks in evaluated phases whose sample was not valid
+    phase: str = ""  # number of the last phase, or of the phase in which the cycle failed
+    invalid_ticks: int = 0  # number of ticks in evaluated phases whose sample was not valid
     notes: list[str] = json_field(default_factory=list)
     elements: list[ElementFigure] = json_field(default_factory=list)
     curve: list[CurvePoint] | None = json_field(omit_none=True)
 
     @property
     def key(self) -> tuple[int, int]:
-        """What identifies the part on its axis: power-up and number."""
+        """Identification of the part on its axis: number of the power-up, and number of the
+        part."""
         return self.power_up, self.number
 
     def is_same_part(self, other: "PartRecord") -> bool:
-        """Returns True if another record is of the same part. It may have been made at another time
-        and over another connection."""
+        """Returns True if another record describes the same part. The two records may have been
+        made at different times and over different connections."""
         names = ("power_up", "number", "device", "program_crc", "begin_tick", "state", "outcome")
         return all(getattr(self, name) == getattr(other, name) for name in names) and [
             (e.verdict, e.value) for e in self.elements
@@ -77,7 +78,7 @@ def state_text(record: PartRecord) -> str:
     return f"{record.state}: {why_text(record.outcome, record.phase, record.invalid_ticks)}"
 
 
-# Columns of a record before those of its elements.
+# Columns of a record that precede the columns of its evaluation elements.
 HEAD = tuple(f.name for f in fields(PartRecord) if f.name not in ("elements", "curve"))
 
 
@@ -101,8 +102,8 @@ def row_of(record: PartRecord) -> dict[str, Cell]:
 
 
 def elements_of(columns: Sequence[str]) -> list[str]:
-    """Returns the names of the elements of a table: each has a column with its verdict, and one
-    with its value."""
+    """Returns the names of the evaluation elements in a table. Each element has one column with its
+    verdict and one with its value."""
     names = [c.removesuffix(VERDICT) for c in columns if c.endswith(VERDICT)]
     return [name for name in names if name in columns]
 
@@ -140,7 +141,7 @@ def from_row(row: Mapping[str, str], names: Sequence[str], where: str) -> PartRe
             most=number(f"{name}{MOST}"),
         )
         for name in names
-        if row[f"{name}{VERDICT}"]  # else the part has no such element
+        if row[f"{name}{VERDICT}"]  # otherwise the part has no such evaluation element
     ]
     return PartRecord(**given)
 

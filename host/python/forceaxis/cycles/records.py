@@ -40,7 +40,8 @@ Key = tuple[int, int]
 
 
 def file_name(key: Key) -> str:
-    """Returns the name of the file of a part. The names sort as the parts were pressed."""
+    """Returns the name of the file of a part. Sorted names have the order in which the parts were
+    pressed."""
     return f"{key[0]:05d}_{key[1]:010d}.json"
 
 
@@ -61,7 +62,7 @@ def files_of(folder: Path) -> dict[Key, Path]:
 
 
 def _synced(path: Path) -> None:
-    """Waits until a file or a folder is on the disk."""
+    """Waits until a file or folder is written to the disk, so that a power cut does not lose it."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -80,7 +81,8 @@ class RecordFolder:
             self._lock = os.open(folder, os.O_RDONLY)
         except OSError as error:
             raise InputError(
-                f"{paths.display(folder)}: expected a folder for records, {error.strerror}"
+                f"{paths.display(folder)}: expected a folder for the records of parts, got: "
+                f"{error.strerror}"
             ) from None
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -123,7 +125,7 @@ class RecordFolder:
 
     @property
     def keys(self) -> list[Key]:
-        """Power-up and number of each part, in order."""
+        """Number of the power-up and number of the part, for each part in their order."""
         return list(self._files)
 
     def record(self, key: Key) -> PartRecord:
@@ -135,15 +137,15 @@ class RecordFolder:
         return map(read_record, self._files.values())
 
     def add(self, record: PartRecord) -> bool:
-        """Writes a record, so that it is on the disk, and returns True. Returns False for a part
-        that the folder has already. Raises InputError if the folder has another part with the same
-        power-up and number."""
+        """Writes a record to the disk and returns True. Returns False if the folder already has the
+        record of this part. Raises InputError if the folder has another part with the same power-up
+        and number."""
         if record.key in self:
             if not self.record(record.key).is_same_part(record):
                 raise InputError(
-                    f"{paths.display(self.folder)}: expected a folder of one axis, but part "
-                    f"{record.number} of power-up {record.power_up} is another part there; give "
-                    "another folder"
+                    f"{paths.display(self.folder)}: expected a folder with the records of one "
+                    f"axis, but part {record.number} of power-up {record.power_up} is another "
+                    "part in this folder; give another folder"
                 )
             return False
         name = file_name(record.key)
@@ -165,7 +167,7 @@ class RecordFolder:
 
         rows = [row_of(record) for record in self.records()]
         columns = _columns_of(rows)
-        # A cell without a value is null, and the type of a column is that of its other cells.
+        # A cell without a value is null. The other cells determine the type of a column.
         table = pyarrow.table({name: [row.get(name) for row in rows] for name in columns})
         with paths.replacing(self.folder, PARQUET) as (file,):
             pyarrow.parquet.write_table(table, file)
@@ -222,7 +224,7 @@ class RecordFolder:
 
 
 def _columns_of(rows: Sequence[dict[str, Cell]]) -> list[str]:
-    """Returns all columns of rows, in the order in which they occur first."""
+    """Returns the names of all columns in some rows, in the order of their first occurrence."""
     return list(dict.fromkeys(name for row in rows for name in row))
 
 
@@ -266,12 +268,16 @@ def _read_lines(file: Path) -> Iterator[PartRecord]:
 
 def _expect_parts(found: RecordedParts) -> RecordedParts:
     if not found.records:
-        raise InputError(f"{found.source}: expected at least one part, got none; press a part")
+        raise InputError(
+            f"{found.source}: expected the record of at least one pressed part, got "
+            "none; press a part first"
+        )
     return found
 
 
 def _read_table(file: Path) -> RecordedParts:
-    """Returns the parts of a CSV table. Of the parts of `cycle rates` only the good ones."""
+    """Returns the parts of a CSV table. Only good parts are returned from a table of `cycle
+    rates`."""
     where = paths.display(file)
     expected = "a folder with records of parts, or a table parts.csv"
     remedy = "`start_cycle` writes records"
@@ -283,14 +289,15 @@ def _read_table(file: Path) -> RecordedParts:
     names = elements_of(columns)
     if "state" not in columns or not names:
         raise InputError(
-            f"{where}: expected a table of parts with the column state and columns of elements, "
-            "got another table; give a parts.csv"
+            f"{where}: expected a table of parts with a column `state` and a column for each "
+            "evaluation element, got another table; give a file parts.csv"
         )
     records, left_out = [], 0
     for i, cells in enumerate(rows[1:], 2):
         if len(cells) != len(columns):
             raise InputError(
-                f"{where}: line {i}: expected {len(columns)} cells, got {len(cells)}; remove it"
+                f"{where}: line {i}: expected {len(columns)} cells, got {len(cells)}; remove this "
+                "line"
             )
         row = dict(zip(columns, cells, strict=True))
         if row.get(GROUP, GOOD_PARTS) != GOOD_PARTS:
@@ -302,7 +309,7 @@ def _read_table(file: Path) -> RecordedParts:
 
 @contextlib.contextmanager
 def folder_or_none(folder: Path | None) -> Iterator[RecordFolder | None]:
-    """Context of a folder with records, or of none."""
+    """Context manager with the folder for records, or with None if there is no folder."""
     if folder is None:
         yield None
         return

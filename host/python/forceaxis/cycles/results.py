@@ -33,19 +33,20 @@ from forceaxis.experiments.points import tidy
 
 SERIAL_WORDS = tuple(f"cycle_serial_{i}" for i in range(1, 5))
 SERIAL_BYTES = 4 * len(SERIAL_WORDS)
-WAITING_MOST = 255  # results that an axis keeps (firmware/cycle/results.h)
-ELEMENTS_MOST = 16  # most evaluation elements of a program (firmware/cycle/program.h)
-READ_TRIES = 20  # tries to read a result while another master selects results
+WAITING_MOST = 255  # number of results that an axis can store (firmware/cycle/results.h)
+ELEMENTS_MOST = 16  # largest number of evaluation elements of a program (firmware/cycle/program.h)
+READ_TRIES = 20  # number of attempts to read a result while another master selects other results
 POLL_S = 0.2  # time in s between two reads of the number of waiting results
 RECONNECT_S = 1.0
-# Age from which the CRC of the parameters is computed again for the next part. It is not computed
-# for each part, because it needs the values of some hundred objects.
+# Age from which the CRC of the parameters is computed again for the next part.
+# It is not computed for each part, because it needs the values of some hundred objects.
 CRC_KEPT_S = 60.0
 
 
 @dataclass(frozen=True)
 class WaitingObjects:
-    """Which results wait for their acknowledgement, and which were lost in a power cut."""
+    """Objects that show which results wait for their acknowledgement, and which results a power cut
+    has erased."""
 
     cycle_results_waiting: int
     cycle_number: int
@@ -56,7 +57,7 @@ class WaitingObjects:
 
 @dataclass(frozen=True)
 class ResultObjects:
-    """The result of the part that cycle_result_number names."""
+    """Objects with the result of the part whose number is in cycle_result_number."""
 
     cycle_result_number: int
     cycle_result_part: int
@@ -77,7 +78,7 @@ class ResultObjects:
 
 @dataclass(frozen=True)
 class ElementObjects:
-    """The result of one evaluation element for this part."""
+    """Objects with the result of one evaluation element of this part."""
 
     cycle_result_value: int
     cycle_result_verdict: str
@@ -85,7 +86,7 @@ class ElementObjects:
 
 @dataclass(frozen=True)
 class Circumstances:
-    """What a record states about the axis, in addition to the result."""
+    """State of the axis that a record contains in addition to the result of a part."""
 
     axis: str = ""
     device: str = ""
@@ -93,17 +94,18 @@ class Circumstances:
     calibration_expired: bool = False
 
 
-# Parameters in the CRC of a record: those that every connection reaches. A connection changes some
-# of the others for its own use.
+# Parameters in the CRC of a record: those that every connection can read.
+# A connection changes some other parameters for its own use.
 COUNTED = tuple(
     o.name
-    for o in sorted(PARAMETERS, key=lambda one: one.modbus)  # a request reads adjacent registers
+    # sorted by register, because one request reads adjacent registers
+    for o in sorted(PARAMETERS, key=lambda one: one.modbus)
     if o.part != "canopen" and o.modbus >= 0
 )
 
 
 def circumstances(axis: Drive) -> Circumstances:
-    """Returns what a record states about the axis. Raises Refused, NoAnswer."""
+    """Returns the state of the axis for a record. Raises Refused, NoAnswer."""
     names = [n for n in COUNTED if axis.link.reaches(n) and not axis.link.manages(n)]
     raw = axis.link.read(names)
     text = "".join(f"{name}={raw[name]}\n" for name in sorted(names))
@@ -140,7 +142,7 @@ def serial_text(found: ResultObjects) -> str:
 
 @dataclass(frozen=True)
 class Selection:
-    """The result that is selected, and whether it exists."""
+    """Objects that show which result is selected and whether it exists."""
 
     cycle_result_number: int
     cycle_result_element: int
@@ -149,7 +151,7 @@ class Selection:
 
 @contextlib.contextmanager
 def _selecting(axis: Drive) -> Iterator[None]:
-    """Context at whose end the result is selected that was selected before."""
+    """Context manager. At its end, it selects the result again that was selected at its begin."""
     before = axis.record(Selection)
     yield
     axis.link.write(
@@ -161,8 +163,8 @@ def _selecting(axis: Drive) -> Iterator[None]:
 
 
 def _selected(axis: Drive, number: int, element: int, kind: type[R]) -> R:
-    """Selects a result and an element of it, and reads the objects of `kind`. Raises Refused, and
-    NoAnswer if another master changes the selection all the time."""
+    """Selects the result of a part and one of its evaluation elements, and reads the objects of
+    `kind`. Raises Refused, and NoAnswer if another master keeps changing the selection."""
     for _ in range(READ_TRIES):
         axis.link.write({"cycle_result_number": number, "cycle_result_element": element})
         found = axis.record(kind)
@@ -176,8 +178,8 @@ def _selected(axis: Drive, number: int, element: int, kind: type[R]) -> R:
 
 
 def waiting_numbers(axis: Drive) -> list[int]:
-    """Returns the numbers of the parts whose results wait, the oldest first. The search goes back
-    from the last part. Raises Refused, NoAnswer."""
+    """Returns the numbers of the parts whose results wait for their acknowledgement, the oldest
+    first. The search begins at the last part. Raises Refused, NoAnswer."""
     now = axis.record(WaitingObjects)
     found: list[int] = []
     if now.cycle_results_waiting:
@@ -255,15 +257,16 @@ def with_curve(axis: Drive, record: PartRecord, wanted: LiveProgram) -> PartReco
 
 
 def acknowledge(axis: Drive, number: int) -> None:
-    """Acknowledges the result of a part: the axis no longer keeps it. Raises Refused, NoAnswer."""
+    """Acknowledges the result of a part, so that the axis need not keep the result. Raises Refused,
+    NoAnswer."""
     axis.link.write({"cycle_acknowledge": number})
 
 
 @dataclass
 class Reminders:
-    """Reminders of work that is due on an axis, as notes in its records."""
+    """Notes in the records of an axis that remind of due work, such as pressing a master part."""
 
-    master_every_h: float | None = None  # None: no master part is asked for
+    master_every_h: float | None = None  # None: the records have no note about a master part
     master_serial: str = ""
     calibration_due: datetime.date | None = None
     master_pressed: datetime.datetime | None = None  # time of the last good master part
@@ -312,11 +315,11 @@ class Collector:
         self._since = time.monotonic()
 
     def collect(self) -> Iterator[PartRecord]:
-        """Yields the results that wait, the oldest first; with a folder only those that it did not
-        have."""
+        """Yields the records of waiting results, the oldest first. With a folder, yields only the
+        records that were not in the folder."""
         for number in waiting_numbers(self.axis):
             record = self.record(number)
-            if record is None:  # another master has acknowledged it meanwhile
+            if record is None:  # another master has acknowledged this result meanwhile
                 continue
             is_new = True
             if self.folder is not None:
@@ -328,8 +331,8 @@ class Collector:
                 yield record
 
     def lost(self) -> list[PartRecord]:
-        """Returns the results that a power cut of the axis has lost; with a folder only those that
-        it did not have. Call collect() first."""
+        """Returns records of the results that a power cut of the axis has erased. With a folder,
+        returns only the records that were not in the folder. Call collect() first."""
         now = self.axis.record(WaitingObjects)
         last = now.cycle_lost_last
         if now.cycle_lost_first == 0:
@@ -347,9 +350,9 @@ class Collector:
         return found
 
     def _is_known(self, lost: PartRecord) -> bool:
-        """Returns True if the folder has a lost part. An axis reports lost parts again after a
-        power cut that comes before it has stored their acknowledgement, but numbers that it has
-        reported once do not occur again."""
+        """Returns True if the folder has the record of a lost part. An axis may report a lost part
+        twice: if a power cut comes before the axis has stored the acknowledgement. It never reports
+        another part with the same number."""
         if self.folder is None:
             return False
         same = [key for key in self.folder.keys if key[1] == lost.number]
@@ -376,7 +379,8 @@ class Collector:
 
 @dataclass(frozen=True)
 class Silence:
-    """The axis does not answer, or answers again with an empty reason."""
+    """Event: the axis does not answer, for a stated reason. With an empty reason: the axis answers
+    again."""
 
     reason: str
 
@@ -414,7 +418,8 @@ def _reconnected(
     folder: RecordFolder,
     reminders: Reminders,
 ) -> Collector:
-    """Connects to an axis again. Raises NoAnswer, also without the interface of the connection."""
+    """Connects to an axis again. Raises NoAnswer, also if the interface of the connection is
+    missing."""
     try:
         axis = Axis(connect())
     except InputError as error:
@@ -436,7 +441,7 @@ def press(axis: Drive, wanted: LiveProgram, serial: str = "") -> PartRecord:
     try:
         fault = live.start(axis, wanted)
     except BaseException:
-        # Without a cycle, the serial number would be that of the next part.
+        # If no cycle starts, the axis would use this serial number for the next part.
         with contextlib.suppress(Refused, NoAnswer):
             axis.link.write(dict.fromkeys(words, 0) if serial else {})
         raise

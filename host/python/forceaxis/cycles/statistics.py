@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from scipy import special
 
 CONFIDENCE = 0.95
-# Fewest good parts from which bounds are proposed. The extremes of 299 values enclose 99 % of what
-# follows on one side with 95 % confidence (Wilks): 0.99^299 < 0.05.
+# Smallest number of good parts from which bounds are proposed (Wilks): 0.99^299 < 0.05.
+# With 95 % confidence, 99 % of later values are within the extreme one of 299 values.
 PARTS_LEAST = 299
 
 
 @dataclass(frozen=True)
 class Share:
-    """A share of parts, with the interval of Clopper and Pearson. Without parts the share is None
-    and the interval is 0 to 1."""
+    """A share of parts with its confidence interval (Clopper and Pearson). Without any part, the
+    share is None and the interval is 0 to 1."""
 
     count: int
     of: int
@@ -25,8 +25,8 @@ class Share:
 
 
 def share(count: int, of: int, confidence: float = CONFIDENCE) -> Share:
-    """Returns the share count / of with its interval, which contains the probability with at least
-    `confidence`."""
+    """Returns the share `count` / `of` and the interval that contains the true probability with at
+    least the probability `confidence`."""
     tail = (1 - confidence) / 2
     low = float(special.betaincinv(count, of - count + 1, tail)) if count else 0.0
     high = float(special.betaincinv(count + 1, of - count, 1 - tail)) if count < of else 1.0

@@ -17,14 +17,15 @@ from forceaxis.cycles.record import CurvePoint
 from forceaxis.drawing import FAINT, INK, style
 from forceaxis.words import plain
 
-ROW_IN, CURVES_IN, WIDTH_IN = 1.9, 3.4, 7.6  # height of a row and of the curves, width, in inches
-MARKED_MOST = 500  # largest number of values that are joined by a line
+# sizes in inches: height of a row of charts, height of the curves, width of the plot
+ROW_IN, CURVES_IN, WIDTH_IN = 1.9, 3.4, 7.6
+MARKED_MOST = 500  # largest number of values that a line connects
 Curves = Sequence[tuple[str, Sequence[CurvePoint]]]  # state of the part, curve
 
 
 def shown_elements(found: PartStatistics) -> list[ElementStatistics]:
-    """Returns the elements that have a plot: those with a value, and with a bound or with values
-    that differ."""
+    """Returns the evaluation elements that get a plot: an element needs at least one value, and
+    either a bound or two different values."""
     return [
         e
         for e in found.elements
@@ -33,8 +34,8 @@ def shown_elements(found: PartStatistics) -> list[ElementStatistics]:
 
 
 def statistics(found: PartStatistics, curves: Curves) -> Figure:
-    """Returns one plot with run charts, histograms, and the curves over each other if there are
-    any."""
+    """Returns one plot with the run charts, the histograms, and the overlaid curves of parts if
+    there are any."""
     elements = shown_elements(found)
     heights = [ROW_IN] * len(elements) + [CURVES_IN] * bool(curves)
     figure = plt.figure(figsize=(WIDTH_IN, 0.4 + sum(heights or [1.0])), layout="constrained")
@@ -63,7 +64,7 @@ def element(one: ElementStatistics) -> Figure:
 
 
 def overlay(curves: Curves) -> Figure:
-    """Returns the last curves over each other."""
+    """Returns a plot of the curves of the last parts, drawn over each other."""
     figure, ax = plt.subplots(figsize=(WIDTH_IN, CURVES_IN), layout="constrained")
     draw_curves(ax, curves)
     plt.close(figure)
@@ -71,7 +72,8 @@ def overlay(curves: Curves) -> Figure:
 
 
 def _draw_element(run_chart: Axes, bars: Axes, one: ElementStatistics) -> None:
-    """Draws the values of an element in the order of the parts, and their histogram on its side."""
+    """Draws the values of an evaluation element in the order of the parts, and their histogram
+    beside the run chart."""
     scale, unit = (MM, "mm") if one.unit == "m" else (1.0, one.unit)
     values = np.array([np.nan if v is None else v * scale for v in one.values])
     least, most = ((np.nan if b is None else b * scale) for b in (one.least, one.most))
@@ -119,7 +121,8 @@ def _draw_element(run_chart: Axes, bars: Axes, one: ElementStatistics) -> None:
 
 
 def draw_curves(ax: Axes, curves: Curves) -> None:
-    """Draws force over travel of parts, those that are not good in another colour and above."""
+    """Draws the force of parts over the travel. Bad and aborted parts have another colour and are
+    drawn on top."""
     style(ax)
     for state, curve in sorted(curves, key=lambda one: one[0] != GOOD):
         travel, force = (np.array([point[i] for point in curve]) for i in (1, 2))

@@ -13,7 +13,8 @@ from forceaxis.cycles.records import RecordedParts
 
 
 def own_parts(records: Iterable[PartRecord], wanted: LiveProgram) -> list[PartRecord]:
-    """Returns the parts that are good or bad by their verdict and have the program `wanted`."""
+    """Returns the parts that were pressed with the program `wanted` and have the verdict good or
+    bad."""
     crc = f"{wanted.program.crc:08X}"
     return [r for r in records if r.program_crc == crc and r.state in (GOOD, BAD)]
 
@@ -40,9 +41,9 @@ def teach(
     records = own_parts(parts.records, wanted)
     if not records:
         raise InputError(
-            f"{parts.source}: expected parts with the program {wanted.program.file}, CRC "
-            f"{wanted.program.crc:08X}, got {len(parts.records)} others; give the program that the "
-            "parts were pressed with in `program`"
+            f"{parts.source}: expected parts that were pressed with the program "
+            f"{wanted.program.file} (CRC {wanted.program.crc:08X}), got {len(parts.records)} parts "
+            "of other programs; name the program of the parts in `program`"
         )
     target = propose.Target(file, wanted.experiment, wanted.overrides)
     outcomes = [outcome_of(record) for record in records]

@@ -161,15 +161,13 @@ def exact(
         else:
             failed = bank.force_gain
         if kept:
-            # The last step has lowered the gain by a large factor, so a larger gain may also keep
-            # the bounds.
+            # The last step has lowered the gain by a large factor: a larger gain may be good too.
             between = lowered(bank, math.sqrt(kept[0].force_gain * failed) / bank.force_gain)
             if between.force_gain <= kept[0].force_gain:
                 break
             bank = between
         else:
-            # The gain decreases by a larger factor in each attempt, because some peaks decrease
-            # slowly.
+            # Each attempt lowers the gain by a larger factor, because some peaks decrease slowly.
             bank = lowered(bank, (0.999 * factor) ** (1 + attempt))
     return kept or (replace(bank, force_gain=0.0), None)
 

@@ -15,8 +15,8 @@ from forceaxis.results import from_json
 GRAVITY_M_PER_S2 = 9.81
 STEPPER_SPEED_M_PER_S = 0.05  # default speed of a stepper axis, whose torque falls with the speed
 
-# An answer: a number, the name of a choice, or None for the `word` of a field and for a field
-# without effect.
+# An answer of the user: a number, the name of a choice, or None.
+# None is the answer `word` of a field, and the value of a field that has no effect.
 Answer = float | str | None
 # function that computes the default of a field from the values of the earlier fields
 DefaultValue = Callable[["SheetValues"], float]

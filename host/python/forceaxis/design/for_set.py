@@ -156,8 +156,8 @@ def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:
         return order.firmware
     if plant.facts.encoder is None:
         raise InputError(
-            f"{plant.model}: encoder: expected a model with an [encoder], which the approach "
-            "needs, got none"
+            f"{plant.model}: encoder: expected a model with an [encoder], because the approach "
+            "needs a measured position, got a model without an encoder"
         )
     most = objects.BY_NAME["approach_velocity_max"].max
     count_per_s = round(order.approach_mm_per_s / 1e3 * abs(plant.facts.required_encoder.scale))

@@ -31,9 +31,9 @@ DAC_CODES = 2048  # number of DAC codes from 0 V to the full scale of the comman
 # Ratio of the first gains to the critical gain.
 # Contact loss makes a loop unstable below the critical gain.
 FIRST_GAIN_SHARE = 1 / 6
-# Contact loss makes contact.toml unstable far below the critical gain. Its gain is lowered by
-# RESERVE_STEP until the simulated contact is stable with RESERVE times the gain too, at most to
-# RESERVE_LEAST of the first gain.
+# Contact loss makes contact.toml unstable far below the critical gain.
+# Its gain is therefore lowered by RESERVE_STEP, at most to RESERVE_LEAST of the first gain.
+# The search ends when the simulated contact is stable with RESERVE times the gain too.
 RESERVE, RESERVE_STEP, RESERVE_LEAST = 2.0, 0.95, 0.25
 STATIC_GAIN_MAX = 1e6  # static gain of a loop that has no integral
 MODEL, CONTACT, STEP = "model.toml", "contact.toml", "step.toml"
@@ -239,8 +239,7 @@ class First:
     # largest multiple of the declared dry friction that `pushes_N` overcomes; None if below 1
     friction_most: float | None
     raised: bool  # True if the force set-point was increased to overcome the friction
-    # factor by which the gain can be raised while the simulated contact stays stable; None if
-    # unknown
+    # factor by which the gain can rise while the simulated contact stays stable; None: not known
     reserve: float | None = None
 
 
@@ -508,8 +507,7 @@ class NewAxis:
     mass_with: str  # end of the sentence about `total_mass_kg`
     force_limit_gain: float  # largest force_gain at which the linear force loop is stable
     force_gain: float  # DAC codes per 8-bit count
-    # factor by which force_gain can be raised while the simulated contact of contact.toml stays
-    # stable; None if unknown
+    # factor by which force_gain can rise while the contact of contact.toml stays stable, or None
     force_gain_reserve: float | None
     force_setpoint: float  # 8-bit counts
     setpoint_N: float

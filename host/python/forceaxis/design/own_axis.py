@@ -105,8 +105,8 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
     rubs = bool(ContactBench(plant, bits).frictions)
     # first combination whose contacts settle after more than LOSSES_MAX[0] contact losses
     spare: SettledContact | None = None
-    # With friction, the default at a contact loss, a cap of 0 DAC codes, is tried last:
-    # the axis may then stay at standstill.
+    # A cap of 0 DAC codes, the default at a contact loss, is tried last with friction.
+    # The axis may stay at standstill with this cap.
     for stands, gain, share in itertools.product(
         (False, True)[: 1 + rubs], GAIN_SHARES, SPEED_SHARES
     ):

@@ -41,28 +41,26 @@ SEED = 1988
 # rise time of the set-point ramp as a multiple of 1 / (bandwidth of a PI law)
 RAMP_PERIODS = 0.2
 RAMP_MIN_S = 0.1  # shortest rise time
-# The differential evolution: strategy, share of the numbers that a trial law inherits, and number
-# of generations. Decision 48 (docs/decisions) compares this choice with others.
+# Settings of the differential evolution: strategy, share of the numbers that a trial law
+# inherits, and number of generations. Decision 48 (docs/decisions) compares other settings.
 STRATEGY, RECOMBINATION, GENERATIONS = "randtobest1bin", 0.9, 100
 POPULATION_PER_NUMBER = 6
 # Number of generations of each restart, and number of restarts with the best laws that go on.
 FIRST_GENERATIONS, KEPT = 60, 2
-# An evolution ends when the bandwidths of a population differ by less than this share. A simplex
-# search finds the rest.
+# An evolution ends when all bandwidths of its population differ by less than this share.
+# A simplex search then finds the maximum.
 SPREAD = 1e-3
 # number of searches for a law with no, with one and with two second-order sections
 RESTARTS = (1, 2, 3)
-# Lowest frequency of zeros and poles for each restart, as a multiple of the bandwidth of a PI law.
+# Lowest frequency of zeros and poles for each restart, relative to the bandwidth of a PI law.
 # The best result is used, because the ramp excludes laws that oscillate after a first contact.
 LOWEST_FACTORS = (1.5, 0.5, 1.0)
 # damping ratio of a pole above which no exact analysis is needed to know that the pole is stable
 SURELY_STABLE = 1e-6
-# Plants whose largest gain is below this multiple of the smallest one are evaluated on a full
-# grid.
+# A plant is evaluated on a full grid if its largest gain is below this multiple of the smallest.
 CLOSE_TO_WORST = 1.05
 CLOSE_MAX = 16  # largest number of random plants for each law that are evaluated on a full grid
-# number of random plants with the worst bandwidth or margin that are evaluated on a full grid, for
-# each bandwidth, margin and delay
+# number of worst random plants per bandwidth, margin and delay that are evaluated on a full grid
 WORST_EACH = 2
 # largest static error of a law without integral action, as a share of the force set-point
 STATIC_ERROR_MAX = 0.01
@@ -260,8 +258,7 @@ def evolved(
     rng = np.random.default_rng(seed)
     first = rng.uniform(low, high, (count, len(limits)))
     first[: len(starts)] = np.clip(starts[:count], low, high)
-    # A law replaces a law of the population only if its bandwidth is not smaller, so the evaluation
-    # of a slower law may end early.
+    # A slower law never replaces a law of the population, so its evaluation may end early.
     floors_Hz: list[float] = []
 
     def cost(columns: Samples) -> Samples:
@@ -402,8 +399,9 @@ def check_plants(plants: PlantSet, grid: Grid) -> None:
         loop = plants.loop(member)
         if loop.limit().gain == 0:
             raise InputError(
-                f"{loop.model}: {member.label()}: expected a plant that is stable with a small "
-                f"gain, but this plant is {loop.limit().reason}; add damping, or give smaller "
+                f"{loop.model}: {member.label()}: expected a plant whose force loop is stable "
+                f"with a small gain, but this plant is {loop.limit().reason}; add damping, or "
+                "give smaller "
                 "tolerances"
             )
 

@@ -127,8 +127,7 @@ class ContactBench:
         `share`."""
         scale = abs(self.facts.required_encoder.scale)
         count = max(1, round(share * self.cases[0].speed_m_per_s * scale))
-        # The cache is emptied, because the files of the two benches have equal names but different
-        # contents.
+        # The cache is emptied: the files of both benches have equal names and other contents.
         self._files = {}
         return ContactBench(
             self.design, self._bits, self.own, self._asked | {"approach_velocity_max": count},
@@ -156,8 +155,9 @@ class ContactBench:
             )
         if self.facts.encoder is None:
             raise InputError(
-                f"{self.design.model}: encoder: expected a model with an [encoder], which the "
-                "approach needs, got none; add an [encoder]"
+                f"{self.design.model}: encoder: expected a model with an [encoder], because the "
+                "approach needs a measured position, got a model without an encoder; add an "
+                "[encoder]"
             )
 
     def _settings(self, bits: int) -> dict[str, float | str]:

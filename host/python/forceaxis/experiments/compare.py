@@ -200,8 +200,8 @@ def _runs(measured: _Measured) -> list[_Run]:
             runs.append((columns, found))
     if not runs:
         raise InputError(
-            f"{paths.display(request.experiment)}: expected runs that make contact as the "
-            "recording does, got none; correct the gap of the model or the set-point"
+            f"{paths.display(request.experiment)}: expected a simulated run with a contact, as in "
+            "the recording, got runs without contact; correct the gap of the model or the set-point"
         )
     if without:
         measured.notes.append(f"{without} of {request.samples} runs make no contact")

@@ -40,8 +40,8 @@ def copy(folder: Path) -> CopiedExamples:
     for name in names:
         if (folder / name).exists():
             raise InputError(
-                f"{paths.display(folder / name)}: expected no file or folder of this name; choose "
-                "another folder, or remove it"
+                f"{paths.display(folder / name)}: expected no existing file or folder of this "
+                "name; choose another folder, or remove the existing one"
             )
     is_new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)

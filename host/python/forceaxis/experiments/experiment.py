@@ -110,8 +110,8 @@ class Experiment:
         for name, value in self._full_names(values).items():
             if name in given:
                 raise InputError(
-                    f"{name}: expected one value, got one as a keyword and one in the overrides; "
-                    "remove one of the two"
+                    f"{name}: expected one value of this parameter, got one as a keyword and one "
+                    "in the overrides; remove one of the two"
                 )
             given[name] = value
         texts = [f"{name}={_text_of(name, value)}" for name, value in given.items()]

@@ -151,8 +151,8 @@ class Predictor:
         )
         if not has:
             raise InputError(
-                f"{self._where}: expected a drive that follows {self.input.partition('_')[0]} "
-                f"commands for the recorded {self.input}, got "
+                f"{self._where}: expected a model whose drive follows the recorded "
+                f"{self.input.partition('_')[0]} command {self.input}, got "
                 f"{drive.type if drive else 'no drive'}; change the drive, or use "
                 "`input` law"
             )
@@ -358,8 +358,8 @@ class Predictor:
         if not speed > 0:
             raise InputError(
                 f"{self.recording.source.file}: expected a recorded {self.input} that moves the "
-                "model towards the workpiece at the first contact, got one that does not; import "
-                "it with the other sign, or give `input`"
+                "model towards the workpiece at the first contact, but the recorded values move "
+                "it away; import the signal with the opposite sign, or give another `input`"
             )
         for _ in range(2):
             found = self.touch_s(self.run({**member, self.gap: gap}, 0), level)

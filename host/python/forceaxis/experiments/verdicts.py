@@ -4,8 +4,8 @@ STABLE = "stable"
 NOT_STABLE = ("unstable", "not_met", "never_in_contact")
 VERDICTS = (STABLE, *NOT_STABLE)
 
-# Mark of a stable run on pages and plots that does not hold its demanded force, where [verdict] has
-# no limit of the force error: the error is above HELD_ERROR_MAX_PERCENT.
+# Mark on pages and plots of a stable run whose force error exceeds HELD_ERROR_MAX_PERCENT.
+# The mark is for experiments whose [verdict] has no limit of the force error.
 NOT_HELD = "not_held"
 HELD_ERROR_MAX_PERCENT = 25.0
 

@@ -99,8 +99,8 @@ def _writes(source: Path | None, overrides: Sequence[str]) -> "_core.FirmwareWri
             return _core.fmu_writes(source, list(overrides))
         if "body" in content:
             raise InputError(
-                f"{source}: expected an experiment or a parameter file, got a model; "
-                "`plant_unit` takes a model"
+                f"{source}: expected an experiment or a parameter file, got a model; use "
+                "`plant_unit` for a model"
             )
     if overrides:
         raise ParameterError("overrides", "expected an experiment, whose values it replaces")

@@ -39,7 +39,7 @@ def read_columns(path: Path | str, names: Sequence[str]) -> list[Reals]:
     for name in names:
         if header.count(name) != 1:
             raise InputError(
-                f"{path}: expected exactly one column with the name {name}, got the columns "
+                f"{path}: expected exactly one column of the name {name}, got the columns "
                 f"{', '.join(header) or '(none)'}; write the names of the columns in the first "
                 "line"
             )

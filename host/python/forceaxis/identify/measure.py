@@ -269,8 +269,8 @@ def measure_setup(
     if steps > MOST_STEPS:
         raise InputError(
             f"{where}: resolution_hz: expected a measurement of at most {MOST_STEPS / rate:g} s, "
-            f"got a measurement of {steps / rate:.4g} s, which includes the wait for transients "
-            f"of {settling / rate:.3g} s; raise resolution_hz or take fewer averages"
+            f"got {steps / rate:.4g} s, of which the axis settles for {settling / rate:.3g} s; "
+            "raise resolution_hz or take fewer averages"
         )
 
     bench = ExcitedPlant(setup, {**overrides, **(plant_set or {})}, parts, samples, where)
@@ -345,7 +345,7 @@ def settling_of(
         if not continuous.select(outputs=[name]).has_path():
             raise InputError(
                 f"{where}: {'input' if name == setup.input else 'output'}: expected a signal that "
-                f"the drive moves, but there is no signal path from drive.command to {name}; "
+                f"depends on the drive, but there is no signal path from drive.command to {name}; "
                 "choose another signal"
             )
     settling = settling_steps(continuous.sampled(dt=dt), where)
@@ -462,8 +462,8 @@ def estimate(
         uu, yy = (abs(U) ** 2).sum(0), (abs(Y) ** 2).sum(0)
         if not uu.all():
             raise InputError(
-                f"{where}: level: expected an excitation that changes the input, but the input "
-                "stays at 0; raise the level"
+                f"{where}: level: expected an excitation that changes the input signal of the "
+                "response, but this signal stays at 0; raise the level"
             )
         H = (U.conj() * Y).sum(0) / uu
         response[here] = H
@@ -477,9 +477,9 @@ def estimate(
         floor[here] = np.sqrt((noise[1] + abs(H) ** 2 * noise[0]) / uu)
     if not (variance > 0).all():
         raise InputError(
-            f"{where}: level: expected an output that changes by more than one count, but "
-            f"{done.output} changes less; raise the level, or use a bias or clamped contacts that "
-            "keep the contact closed"
+            f"{where}: level: expected an output signal that changes by more than one count, but "
+            f"{done.output} changes less; raise the level, or keep the contact closed by a bias "
+            "or by clamped contacts"
         )
     scale = done.scale
     return replace(

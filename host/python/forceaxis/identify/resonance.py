@@ -156,8 +156,8 @@ def _checked(
     data, rigid = (np.asarray(x, complex) for x in (response, rigid_response))
     if f.ndim != 1 or data.shape != f.shape or rigid.shape != f.shape:
         raise InputError(
-            "response: expected equal numbers of values of response, rigid-body response and "
-            f"frequency, got {data.size}, {rigid.size} and {f.size}"
+            "response: expected arrays of equal length for response, rigid-body response and "
+            f"frequency, got the lengths {data.size}, {rigid.size} and {f.size}"
         )
     if len(f) < 10:
         raise InputError(f"frequency_hz: expected at least 10 frequencies, got {len(f)}")
@@ -167,7 +167,7 @@ def _checked(
         )
     for name, values in (("response", data), ("rigid_response", rigid)):
         if not (np.isfinite(values).all() and np.all(np.abs(values) > 0)):
-            raise InputError(f"{name}: expected finite values that are not 0")
+            raise InputError(f"{name}: expected an array of finite values that are not 0")
     return f, data, rigid
 
 

@@ -22,8 +22,7 @@ from forceaxis.results import json_field
 GAIN_STEP = 1 / 256  # smallest step of the objects `force_gain` and `velocity_gain`
 COEFFICIENT_STEP = 2.0**-26
 COEFFICIENT_MAX = 16.0
-# Largest gain at high frequency that the firmware accepts for a filter bank, in DAC codes per ADC
-# code.
+# Largest gain at high frequency of a filter bank in the firmware, in DAC codes per ADC code.
 HF_CODES_MAX = 15
 TICK_S = 1 / _core.TICKS_PER_SECOND
 

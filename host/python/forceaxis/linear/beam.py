@@ -72,9 +72,9 @@ class Factored:
             num, den = gain * np.real(np.poly(zeros)), np.real(np.poly(poles))
         if not (np.isfinite(num).all() and np.isfinite(den).all()):
             raise InputError(
-                f"transfer function: expected coefficients below 1e308, but {len(poles)} poles up "
-                f"to {np.abs(poles).max():.3g} 1/s give larger coefficients; use fewer modes, or "
-                "use the zeros and poles of zpk()"
+                "transfer function: expected polynomial coefficients below 1e308, but the "
+                f"{len(poles)} poles up to {np.abs(poles).max():.3g} 1/s give larger ones; use "
+                "fewer modes, or use the zeros and poles that zpk() returns"
             )
         return control.TransferFunction(num, den)
 
@@ -342,8 +342,7 @@ class LumpedBeam:
         diagonal = np.zeros(2 * n + 1)
         diagonal[[0, *range(1, 2 * n, 2)]] = self.masses_kg
         diagonal[2::2] = self.inertias_kgm2
-        # This matrix also includes the angle of the sliding mass. The end of this function removes
-        # the angle.
+        # This matrix includes the angle of the sliding mass, which the function removes at its end.
         whole = np.zeros((2 * n + 2, 2 * n + 2))
         # Stiffness matrix of a massless element for the coordinates (x, angle length) of both ends.
         bending = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])

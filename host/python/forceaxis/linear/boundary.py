@@ -14,8 +14,8 @@ from forceaxis import _core
 from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.system import System
 
-# Smallest ratio of a new vector component to the vector at which the component is more than a
-# rounding error. A smaller component ends the search for states that the input controls.
+# Smallest ratio of a new vector component to the vector that is no rounding error.
+# A smaller component ends the search for states that the input controls.
 DIRECTION_SHARE_MIN = 1e-15
 
 

@@ -27,8 +27,7 @@ def _loop_gain(loop: Loop, gain: float) -> System:
     return replace(open_loop, C=gain * open_loop.C, D=gain * open_loop.D)
 
 
-# For each name of a transfer function of the loop: the function that returns this transfer function
-# as a System, for a loop at a gain.
+# For each transfer function of the loop: the function that returns it as a System at a gain.
 PARTS: dict[str, Callable[[Loop, float], System]] = {
     "loop": _loop_gain,
     "closed": lambda loop, gain: loop.closed(gain),
@@ -49,8 +48,7 @@ def phase_deg(frequency_hz: Numbers, response: Roots) -> Numbers:
     size = np.log(np.maximum(np.abs(response[:2]), 1e-300))
     slope = (size[1] - size[0]) / np.log(frequency_hz[1] / frequency_hz[0])
     turns = (90 * round(slope) - phase[0]) / 360
-    # If the gain is negative and the magnitude is nearly constant, the phase starts at -180
-    # degrees.
+    # With a negative gain and a nearly constant magnitude, the phase starts at -180 degrees.
     result: Numbers = phase + 360 * np.ceil(turns - 0.55)
     return result
 
@@ -242,8 +240,7 @@ def unit_of(model: str | Path, input: str, output: str, settings: Overrides | No
     facts = linear.facts(model, settings)
     if output == "reading":
         output = facts.required_reading.signal
-    # An output that is not in the table of signals is an ADC or the encoder. The unit of an ADC and
-    # of the encoder is the count.
+    # An output outside of the table of signals is an ADC or the encoder: its unit is the count.
     above = facts.signals.get(output, "count")
     below = "V" if input in ("drive.command", "drive.tach") else "N"
     return "" if above == below else f"{above}/{below}"

@@ -21,8 +21,8 @@ import numpy as np
 from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.plant_facts import BusFacts
 
-# Time in ticks by which a sample arrives after a tick that just misses it. The simulator treats an
-# instant within 1e-6 of a tick as that tick.
+# Delay in ticks of a sample that just misses its tick.
+# The simulator treats an instant within 1e-6 of a tick as this tick.
 MISSED_BY = Fraction(1, 100_000)
 
 

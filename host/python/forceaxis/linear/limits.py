@@ -294,8 +294,7 @@ def step_response(loop: Loop, gain: float, duration_s: float) -> StepResponse:
             "duration_s", f"expected a duration from two ticks to 600 s, got {duration_s:g}"
         )
     stable = loop.stable(gain)
-    # The response is computed for twice the duration, because a settled signal must stay within 2 %
-    # of its final value.
+    # A settled signal stays within 2 % of its final value, so twice the duration is computed.
     time_s, value = loop.step(gain, 2 * duration_s if stable else duration_s)
     within = time_s <= duration_s * (1 + 1e-12)
     final: float | None = None

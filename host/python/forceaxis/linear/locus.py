@@ -126,8 +126,8 @@ def locus(
     ends = array(loop.open, label)
     limit, crossings = loop.limit(), loop.crossings()
     span = span_hz or span_of(ends, limit.frequency_hz)
-    # A branch of the root locus crosses the edge of the plot at the gain 1 / |L|. Much larger gains
-    # are not drawn.
+    # A branch of the root locus crosses the edge of the plot at the gain 1 / |L|.
+    # Much larger gains are not drawn.
     edge = 2 * np.pi * span
     side = np.linspace(0, 1, 24)
     around = np.concatenate(

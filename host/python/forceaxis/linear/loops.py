@@ -41,8 +41,7 @@ from forceaxis.linear.system import TICK_S, System, facts, find_model, linearise
 from forceaxis.linear.working import States, cut_by, working
 
 TIMINGS = ("continuous", "zoh", "zoh+1")
-# Names of the parameters of each control law. A control law may be used without inner damping, but
-# no other parameter may be omitted.
+# Names of the parameters of each control law. Only the inner damping may be omitted.
 LAWS: dict[str, tuple[str, ...]] = {
     "p": (),
     "pi": ("integral_rad_per_s",),
@@ -363,14 +362,14 @@ def _samples(
         return [None]
     if spec.law == "derivative":
         raise _core.InputError(
-            f"{path}: adc.sample_rate: expected a sample at each tick for law derivative, got "
-            f"{sampling.label()}; choose law pd"
+            f"{path}: adc.sample_rate: expected an ADC that samples at each tick, because the law "
+            f"`derivative` needs it, got {sampling.label()}; choose the law `pd`"
         )
     every = Fraction(1 / TICK_S).limit_denominator() / Fraction(sampling.rate_hz)
     if math.lcm(every.numerator, cycle_ticks) > PERIOD_TICKS_MAX:
         raise _core.InputError(
-            f"{path}: adc.sample_rate: expected a rate whose samples repeat after at most "
-            f"{PERIOD_TICKS_MAX} ticks of 1/1500 s and whole bus cycles, got "
+            f"{path}: adc.sample_rate: expected a sampling rate whose pattern of samples repeats "
+            f"after whole bus cycles and at most {PERIOD_TICKS_MAX} ticks of 1/1500 s, got "
             f"{sampling.rate_hz:g} Hz; give the nearest such rate, and check the result with "
             "`run_experiment` at the rate of the sensor"
         )
@@ -530,9 +529,9 @@ def _continuous(system: System, law: str, where: str) -> _Plant:
     if law == "pd":
         if direct[0, 0]:
             raise _core.InputError(
-                f"{where}: output: expected a signal that does not jump when the command jumps, "
-                "because law pd uses the derivative of this signal; choose another timing or "
-                "output"
+                f"{where}: output: expected a signal without a step at a step of the command, "
+                "because the law `pd` uses the derivative of this signal; choose another timing "
+                "or output"
             )
         rate, rate_direct = f @ A, f @ B
     return _Plant(A, B, f, rate, x, v, direct, rate_direct, system.states)
@@ -544,8 +543,8 @@ def _sampled(system: System, law: str, timing: str, tick_s: float, moves: bool) 
     system = system.sampled(0, tick_s, extended=True)
     A, B, C, D = system.A, system.B, system.C, system.D
     states = system.states
-    # The ADC converts immediately before the new DAC code acts. A direct path from the DAC code to
-    # the measured force therefore acts one tick later.
+    # The ADC converts immediately before the new DAC code acts. A direct path from the DAC code
+    # to the measured force therefore acts one tick later.
     if D.any():
         n = len(A)
         A = np.block([[A, np.zeros((n, 1))], [np.zeros((1, n + 1))]])

@@ -39,14 +39,12 @@ CRITERION = (
     "sign of the undamped residue from input to output, drive removed: against the lowest mode "
     "(label) and against the mode below; residue 0: colocated if dampers couple it, else neither"
 )
-# Largest ratio of a residue to the sum of all residues at which the residue counts as a rounding
-# error of 0.
+# Largest ratio of a residue to the sum of all residues that is a rounding error of 0.
 NO_RESIDUE = 1e-9
-# Largest ratio of the frequency of a rigid-body mode to the highest frequency. The frequency of a
-# rigid-body mode differs from 0 only by rounding errors.
+# Largest ratio of the frequency of a rigid-body mode to the highest frequency.
+# The frequency of a rigid-body mode differs from 0 only by rounding errors.
 NO_STIFFNESS = 1e-6
-# Poles with a magnitude below this value in rad/s are equally similar to a mode of vibration at
-# frequency 0.
+# Poles below this magnitude in rad/s are equally similar to a mode of vibration at 0 Hz.
 SLOW_RAD_PER_S = 0.06
 
 
@@ -165,8 +163,8 @@ def mechanics(
     x = [system.states.index(f"{name}.position") for name in names]
     v = [system.states.index(f"{name}.velocity") for name in names]
     root = np.sqrt(np.array([masses[name] for name in names]))
-    # In the coordinates sqrt(m) x all matrices are symmetric. Stuck frictions leave a projection P
-    # in M x'' = P (force - K x). The modes of vibration lie within the projection P.
+    # In the coordinates sqrt(m) x all matrices are symmetric.
+    # Stuck frictions leave a projection P in M x'' = P (force - K x); the modes lie within P.
     P = root[:, None] * system.B[np.ix_(v, range(1, len(v) + 1))] * root
     share, basis = linalg.eigh((P + P.T) / 2)
     basis = basis[:, share > 0.5]
@@ -180,8 +178,7 @@ def mechanics(
     squares, vectors = linalg.eigh(symmetric(x))
     shapes = basis @ vectors
     push = shapes.T @ (root * system.B[v, 0])
-    # Modes of vibration with equal frequencies are rotated so that the input excites only one of
-    # these modes.
+    # Modes with equal frequencies are rotated so that the input excites only one of them.
     highest = squares.max(initial=0.0)
     w = np.sqrt(np.where(squares > NO_STIFFNESS**2 * highest, squares, 0.0))
     first = 0
@@ -369,8 +366,7 @@ def _damped_residues(m: Mechanics, system: linear.System) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = np.einsum("in,in->n", left.conj(), right)
         residues = np.abs((system.C[0] @ right) * (left.conj().T @ system.B[:, 0]) / scale)
-    # A free body without damping has a double pole at 0. The residue is not defined at a double
-    # pole.
+    # A free body without damping has a double pole at 0, where no residue is defined.
     residues[~np.isfinite(residues) | (np.abs(poles) < 1e-6 * np.abs(poles).max())] = 0.0
     keep = np.flatnonzero(poles.imag >= 0)
     pairs = _assign(m, system, poles[keep], right[:, keep])

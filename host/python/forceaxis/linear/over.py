@@ -44,8 +44,7 @@ HALF_POWER = math.sqrt(0.5)
 # Number of random plants that are analysed in addition to the nominal plant and the corner plants.
 RANDOM_MEMBERS = 24
 SEARCH_STARTS = 2  # number of plants from which the search for the worst plant starts
-# First and last step of the search for the worst plant, relative to half the width of the range of
-# a parameter.
+# First and last step of the search for the worst plant, relative to half of a parameter's range.
 COARSE_STEP, FINE_STEP = 1 / 16, 1 / 2048
 COMBINATIONS_MAX = 20000
 LOAD_ANGLE = "drive.load_angle"  # element of a stepper, whose states are the segments of its force
@@ -135,8 +134,8 @@ class _Response:
         )  # fmt: skip
         w = math.exp(top.x)
         best = max(float(sizes[i]), -top.fun)
-        # The search for the maximum determines only half of the digits of the frequency w. The zero
-        # of the slope of |H| determines all digits of w.
+        # The search for the maximum determines only half of the digits of the frequency w.
+        # The zero of the slope of |H| determines all digits of w.
         for share in (1e-7, 1e-6, 1e-5, 1e-4):
             ends = w * (1 - share), w * (1 + share)
             if self._rise(ends[0]) > 0 > self._rise(ends[1]):
@@ -204,8 +203,8 @@ class Worst:
     known_to: float | None = None
 
 
-# Function that analyses some plants with some delays of the loop. The result has for each plant
-# {delay: analysis}, with these delays or more.
+# Function that analyses plants with delays of the loop.
+# The result has for each plant {delay: analysis}, with these delays or more.
 Analyse = Callable[[Sequence[Member], Sequence[str]], list[dict[str, T]]]
 
 
@@ -434,8 +433,7 @@ def _worst(exact: _Set[Figures], group: _Set[Figures]) -> Worst:
         return Worst(False, member={"stable": unstable[0][:2]}, members=members)
     found = {name: exact.first(operator.methodcaller("badness", name)) for name in FIGURES}
     values = {name: getattr(entry[2], name) for name, entry in found.items()}
-    # A force loop without a known crossing of the stability boundary has at least the gain margin
-    # known_to.
+    # A loop without a known crossing of the stability boundary has a gain margin of known_to.
     doubt = min(exact.found.values(), key=lambda entry: entry[2].known_to or math.inf)
     known_to = doubt[2].known_to
     if known_to is not None and known_to > (values["gain_margin"] or math.inf):

@@ -31,16 +31,16 @@ from forceaxis.linear.stability import (
 )
 from forceaxis.linear.system import System
 
-# Turn in degrees from one analysed loop to the next one of a search. Two changes between stable and
-# unstable loops within one step stay unseen.
+# Step in degrees from one analysed loop to the next one of a search.
+# Two changes between stable and unstable within one step are not detected.
 TURN_STEP_DEG = 3.0
 GAIN_SPAN = 1e4  # factor of the gain up to which a margin is searched
 POINTS_PER_DECADE = 60  # points of a grid of frequencies in a decade
 LOWEST_SHARE = 1e-6  # lowest frequency of a grid, as a share of the highest one
 STABLE_BELOW = 1 - 1e-11  # largest magnitude of a pole of a stable loop
 PHASES = 3  # analysed phases in each order of samples and ticks, see Samples.phases()
-# Share of a limit below which a lower one at another phase is not searched, and largest number of
-# parabolas of such a search in one order of samples and ticks.
+# Share of a limit below which a lower limit at another phase is not searched.
+# The second number is the largest number of parabolas of such a search in one order of samples.
 PHASE_SHARE, PARABOLAS_MAX = 1e-5, 4
 
 
@@ -94,9 +94,10 @@ class PeriodicLoop(Loop):
     def open(self) -> System:
         """Not known for a loop with several codes in a period. Raises InputError."""
         raise _core.InputError(
-            f"{self.model}: adc.sample_rate: expected a loop with one code in the period after "
-            f"which its ticks repeat, got {self.whole.B.shape[1]} codes; only the critical gain of "
-            "such a loop is known; remove the keys of the samples for this"
+            f"{self.model}: adc.sample_rate: expected a loop that outputs one DAC code in each "
+            f"period of its samples, got {self.whole.B.shape[1]} codes; for such a loop only the "
+            "critical gain can be computed; remove the keys sample_rate and sample_phase for this "
+            "computation"
         )
 
     @cached_property

@@ -253,10 +253,11 @@ class PlantFacts:
         each tick in this tick."""
         if self.reading and self.reading.sampling:
             raise _core.InputError(
-                f"{self.path}: adc.sample_rate: expected a sample at each tick, without latency, "
-                f"for {purpose}, got {self.reading.sampling.label()}; remove sample_rate, "
-                "sample_phase, latency and converter_filter for this, and check the result with "
-                "`run_experiment` of the model with these keys"
+                f"{self.path}: adc.sample_rate: expected an ADC that samples at each tick and "
+                f"without latency, because {purpose} needs it, got "
+                f"{self.reading.sampling.label()}; remove sample_rate, sample_phase, latency and "
+                "converter_filter for this computation, and check its result with "
+                "`run_experiment` of the complete model"
             )
 
     def expect_no_bus(self, purpose: str) -> None:
@@ -265,9 +266,10 @@ class PlantFacts:
         self.expect_fresh_reading(purpose)
         if not self.bus.is_immediate:
             raise _core.InputError(
-                f"{self.path}: drive.cycle_ticks: expected 1 and no delays for {purpose}, got "
-                f"{self.bus.label()}; remove the keys of the bus for this, and check the result "
-                "with `critical_gain` and `run_experiment` of the model with these keys"
+                f"{self.path}: drive.cycle_ticks: expected a bus cycle of 1 tick without delays, "
+                f"because {purpose} needs it, got {self.bus.label()}; remove the keys of the bus "
+                "for this computation, and check its result with `critical_gain` and "
+                "`run_experiment` of the complete model"
             )
 
     @property

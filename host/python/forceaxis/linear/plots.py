@@ -367,8 +367,8 @@ def pole_zero(
     figure, axes = panels([one.label for one in arrays], wide, wide)
     for ax, one in zip(axes, arrays, strict=True):
         roots = np.concatenate([one.poles, one.zeros])
-        # The frame of the plot shows lightly damped roots and roots in the right half-plane. Most
-        # real roots in the left half-plane are electrical poles of the drive.
+        # The frame shows lightly damped roots and roots in the right half-plane.
+        # Most real roots in the left half-plane are electrical poles of the drive.
         light = np.abs(roots.real) < 0.3 * np.abs(roots)
         structural = roots[light | (roots.real > np.abs(roots.imag))]
         span = span_hz or frame(np.abs(structural if structural.any() else roots)) / (2 * np.pi)

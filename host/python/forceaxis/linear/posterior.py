@@ -21,9 +21,9 @@ LOW, HIGH = 0.025, 0.975  # ends of an interval that holds 95 %
 
 @dataclass(frozen=True)
 class Posterior:
-    """Samples of parameters. `format`: FORMAT. `names`: (p,) parameters of the model. `best`: (p,)
-    most likely values in SI units. `samples`: (n, p) in SI units. `log_density`: (n,) logarithm of
-    the density of each sample up to a constant."""
+    """Samples of the parameters of a model. `format`: FORMAT. `names`: (p,) parameters of the
+    model. `best`: (p,) most likely values in SI units. `samples`: (n, p) in SI units.
+    `log_density`: (n,) logarithm of the density of each sample up to a constant."""
 
     format: str
     names: tuple[str, ...]

@@ -39,21 +39,21 @@ class Figures:
     defined, and the other fields are None or False."""
 
     stable: bool
-    # Bandwidth of the sensitivity function S in Hz. None if |S| stays below -3 dB, and 0 if |S| is
-    # above -3 dB at frequency 0.
+    # Bandwidth of the sensitivity function S in Hz.
+    # None if |S| stays below -3 dB, 0 if |S| is above -3 dB at frequency 0.
     fS_Hz: float | None = None
-    # Bandwidth of the closed loop T in Hz. None if |T| stays above -3 dB, and 0 if |T| is never
-    # above -3 dB.
+    # Bandwidth of the closed loop T in Hz.
+    # None if |T| stays above -3 dB, 0 if |T| is never above -3 dB.
     fT_Hz: float | None = None
     Ms: float | None = None  # largest |S| for frequencies up to half the tick rate
-    # Factor by which the gain can rise until the loop crosses the stability boundary. None if no
-    # crossing is known up to the factor `known_to`.
+    # Factor by which the gain can rise until the loop crosses the stability boundary.
+    # None if no crossing is known up to the factor `known_to`.
     gain_margin: float | None = None
     # The phase margin with the smallest magnitude, in degrees. None if |L| is 1 at no frequency.
     phase_margin_deg: float | None = None
     sag: bool = False  # True if |T| is below -3 dB at a frequency below the bandwidth fS
-    # Factor of the gain above which rounding errors hide crossings of the stability boundary. None
-    # if no such factor exists.
+    # Factor of the gain above which rounding errors hide crossings of the stability boundary.
+    # None if no such factor exists.
     known_to: float | None = None
 
     def badness(self, name: str) -> float:

@@ -131,8 +131,8 @@ def _bank(path: Path, firmware: Firmware) -> banks.Bank | None:
     except KeyError:
         number = int(firmware["force_bank"])
         raise _core.InputError(
-            f"{path}: firmware: expected the values of bank_{number}, because force_bank is "
-            f"{number}"
+            f"{path}: firmware: expected the values of the filter bank bank_{number}, because "
+            f"force_bank is {number}"
         ) from None
 
 
@@ -142,8 +142,8 @@ def _parameters(path: Path, law: str, firmware: Firmware, known: PlantFacts) -> 
         return {}
     if known.reading is None or known.encoder is None:
         raise _core.InputError(
-            f"{path}: model: expected a model with an ADC on channel 0 and an encoder, which law "
-            f"{law} needs"
+            f"{path}: model: expected a model with an ADC on channel 0 and an encoder, because "
+            f"the law {law} needs both"
         )
     scale = abs(known.required_reading.per_count * known.required_encoder.scale)
     found = {}

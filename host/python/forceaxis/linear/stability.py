@@ -24,18 +24,18 @@ from forceaxis.linear.system import TICK_S, System
 from forceaxis.linear.working import Working
 from forceaxis.words import plain
 
-# Largest relative change of the gain at a crossing by rounding of the matrix entries. A crossing of
-# the stability boundary whose gain changes more is not reported.
+# Largest relative change of the gain of a crossing by rounding of the matrix entries.
+# A crossing of the stability boundary whose gain changes more is not reported.
 GAIN_CHANGE_MAX = 1e-7
 GAIN_MAX = 1e15  # largest gain k of a force loop that is analysed
-# Share of a loop's typical gain below which no law works. Below it rounding decides whether two
-# integrators, such as those of a law and of a drive, leave the stability boundary.
+# Share of a loop's typical gain that is smaller than the gain of every useful law.
+# Below this gain, rounding decides whether a loop with two integrators is stable.
 NEGLIGIBLE_GAIN = 1e-9
 SLOWEST_POLE_RAD_PER_S = 1e-3  # slower poles are integrators, within rounding
 # Gains at which an answer without a limit is checked, as shares of the typical gain.
 CHECKED_GAINS = 10.0 ** np.arange(-10, 7)
-# Factor from one gain to the next one of a search. Two changes between stable and unstable loops
-# within one step stay unseen.
+# Factor from one gain to the next gain of a search.
+# Two changes between stable and unstable within one step are not detected.
 GAIN_STEP_FACTOR = 1.1
 GAINS_AT_ONCE = 24  # gains that a search evaluates together
 ROUNDED_AGAIN = 3  # number of times that a matrix is rounded otherwise, to see what this changes
@@ -55,11 +55,11 @@ class Crossing:
     """A crossing: a gain at which a closed-loop pole is on the stability boundary."""
 
     gain: float
-    # The frequency of the crossing in Hz. None for a pole at infinity (continuous loop, negative
-    # direct path).
+    # The frequency of the crossing in Hz.
+    # None for a pole at infinity, of a continuous loop with a negative direct path.
     frequency_hz: float | None
-    # Direction in which the pole moves as the gain rises: 1 leaves the stable region, -1 enters the
-    # stable region, 0 touches the stability boundary.
+    # Direction in which the pole moves as the gain rises: 1 leaves the stable region,
+    # -1 enters the stable region, 0 touches the stability boundary.
     direction: int
 
 
@@ -74,8 +74,7 @@ class Limit:
     # Ranges of stable gains as (from, to). The value `to` is None if the range has no upper end.
     stable_ranges: list[tuple[float, float | None]]
     reason: str
-    # Gain above which rounding errors hide crossings of the stability boundary. None if no such
-    # gain exists.
+    # Gain above which rounding errors hide crossings of the stability boundary, or None.
     known_to: float | None = None
 
     @property
@@ -133,8 +132,8 @@ class Loop:
     bank: Bank | None = None
     own_gain: float | None = None  # gain k of the experiment to which the force loop belongs
     working: Working = field(default_factory=lambda: Working({}))
-    # How a constant set-point acts on the states and on the feedback of a loop over a bus, whose
-    # law acts in every tick and whose input is the code of a cycle. None: as the error.
+    # Effect of a constant set-point on the states and on the feedback of a loop over a bus whose
+    # law acts in every tick and whose input is the code of a cycle. None: as that of the error.
     entry: tuple[Matrix, Matrix] | None = None
 
     @cached_property
@@ -152,8 +151,8 @@ class Loop:
         loop. Raises InputError if the loop does not feed back the signal of ADC 0."""
         if self.codes_per_gain is None:
             raise _core.InputError(
-                "firmware gain: expected a loop that controls the signal of ADC channel 0, got "
-                "another loop; use the gain k of this loop instead"
+                "firmware gain: expected a loop that controls the signal of ADC channel 0, got a "
+                "loop of another signal; use the gain k of this loop instead"
             )
         return gain * self.codes_per_gain
 
@@ -199,9 +198,9 @@ class Loop:
         """Returns the closed-loop poles in 1/s. For a sampled loop, the poles are log(z) / T."""
         return self.closed(gain).poles_s()
 
-    # At a critical gain, L / k on the stability boundary is real and negative. A sampled loop is
-    # transformed to w = (2/T) (z - 1)/(z + 1). This transformation moves the unit circle to the
-    # imaginary axis.
+    # At a critical gain, L / k is real and negative on the stability boundary.
+    # A sampled loop is transformed to w = (2/T) (z - 1)/(z + 1).
+    # This transformation moves the unit circle to the imaginary axis.
 
     @cached_property
     def _minimal(self) -> System:
@@ -376,8 +375,7 @@ class Loop:
         negligible = NEGLIGIBLE_GAIN * self._typical_gain
         for w, direction in dict.fromkeys(found):
             if any(abs(w - pole) < 1e-9 * w for pole, _ in self._boundary_poles):
-                # The phase changes at a pole, but no gain has a crossing of the stability boundary
-                # at a pole.
+                # The phase changes at a pole, but no gain has a crossing there.
                 continue
             G, slope, rounding = self._known(w)
             value = G.real
@@ -590,8 +588,8 @@ class Loop:
         for low, high in zip(edges, [*edges[1:], known_to], strict=True):
             if high is not None and high <= low:
                 continue
-            # The loop is stable in the whole range of gains or nowhere in the range. Small gains
-            # are also checked, because rounding may hide stability at high gains.
+            # The loop is stable in the whole range of gains or nowhere in it.
+            # Small gains are checked too, because rounding may hide stability at high gains.
             if high is None:
                 inside = [2 * low, 10 * low]
             else:
@@ -644,8 +642,8 @@ class Loop:
         above = min((g for g in gains if g > gain), default=None)
         below = max((g for g in gains if g < gain), default=None)
         A, B, C, D = self._plane
-        # |k G| is 1 at the zeros of 1 - k^2 G(s) G(-s). These zeros are the poles of a system with
-        # the positive feedback k^2 G(s) G(-s).
+        # |k G| is 1 at the zeros of 1 - k^2 G(s) G(-s).
+        # These zeros are the poles of a system with the positive feedback k^2 G(s) G(-s).
         share = gain**2 / (1 - gain**2 * D[0, 0] ** 2)
         product = np.block(
             [

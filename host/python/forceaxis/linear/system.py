@@ -142,8 +142,7 @@ class System:
         if not degree:
             result: Matrix = _core.eigenvalues(A - B @ C / value)
             return result
-        # Rows of the output and of the lower derivatives of the output, made orthogonal to each
-        # other.
+        # Rows of the output and of its lower derivatives, made orthogonal to each other.
         rows = C / np.linalg.norm(C)
         for _ in range(degree - 1):
             row = rows[-1:] @ A

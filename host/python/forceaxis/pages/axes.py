@@ -27,8 +27,8 @@ Picture = tuple[str, Markup]  # caption and image
 
 # Largest number of experiments for which the report shows all plots at once.
 SHOWN_EXPERIMENTS_MAX = 6
-# Settings of the table of verdicts over gain and set-point: factors of the gain, factors of the
-# set-point, and the longest duration of a run in ticks.
+# Table of verdicts over gain and set-point: factors of the gain, factors of the set-point,
+# longest duration of a run in ticks.
 MAP_GAIN_FACTORS = (0.5, 0.8, 1.25, 2.0, 3.2, 5.0)
 MAP_SETPOINT_FACTORS = (0.3, 0.6, 1.0, 1.5, 2.2)
 MAP_TICKS_MAX = 12_000
@@ -74,8 +74,7 @@ def limits(model: Path) -> list[str] | None:
     or zoh+1). Returns None if the model has no force loop."""
     try:
         found = [loops.force_loop(model, timing=timing) for timing in loops.TIMINGS]
-    # The model has no force sensor, or the command has no effect on the force: the axis is stuck or
-    # has no contact.
+    # No force sensor, or a command without effect on the force: a stuck axis or no contact.
     except _core.InputError:
         return None
     return [limit_text(loop) for loop in found]

@@ -26,8 +26,7 @@ from forceaxis.linear.system import TICK_S
 from forceaxis.pages.template import template
 from forceaxis.words import plain
 
-# Width of a plot in inches. A row of the page has two plots on a screen and one plot on a
-# telephone.
+# Width of a plot in inches: a row has two plots on a screen and one plot on a telephone.
 WIDE_IN = 4.4
 LOOP_GAIN_DRAWN = 20.0  # largest magnitude of the loop gain that a plot shows
 RANDOM_PLANTS = (
@@ -35,8 +34,7 @@ RANDOM_PLANTS = (
     4
 )
 
-# One curve of a plot for each loop: (loop gain L at the frequencies, key of the line style in
-# LOOKS).
+# One curve of a plot for each loop: (loop gain L at the frequencies, key of its line in LOOKS).
 Loops = list[tuple[Response, str]]
 
 

@@ -39,8 +39,7 @@ class Entry:
     file: Path
     name: str  # path of the experiment file relative to the folder, without suffix
     done: Run | None = None  # the finished run; None after an error
-    # Differences between the result of the run and the table [expect], one text line for each
-    # difference.
+    # differences between the result of the run and the table [expect], one text line for each
     differs: tuple[str, ...] = ()
     error: str = ""
 

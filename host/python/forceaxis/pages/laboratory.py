@@ -295,8 +295,7 @@ class TablesSection:
     constants: list[FittedConstant]
     assumed: list[tuple[str, tables.SourcedParameter]]
     found: tables.FitRecord
-    # Results of the fit without one figure: the figure, the number of its cells, and the number of
-    # correctly predicted cells.
+    # Results of the fit without one figure: figure, number of its cells, correctly predicted cells.
     predicted: list[tuple[str, int, int]]
     plateau: Markup
     criterion: Criterion

@@ -47,8 +47,7 @@ def write(source: Path | None, out: Path, threads: int | None = None) -> ReportS
     """
     own = source is None or source.resolve() == paths.SIM.resolve()
     experiments = paths.EXPERIMENTS if source is None or own else source
-    # A missing fit, an empty folder or an impossible path is reported before the computation
-    # starts.
+    # A missing fit, an empty folder or an impossible path is reported before the computation.
     if own:
         tables.evidence()
     else:

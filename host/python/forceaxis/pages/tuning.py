@@ -31,11 +31,10 @@ from forceaxis.pages.template import template
 from forceaxis.words import plain
 
 FILE = "index.html"
-# Tolerance band of a settled force, relative to the set-point. The plot of a contact ends after the
-# force stays within the tolerance band.
+# Tolerance band of a settled force, relative to the set-point.
+# The plot of a contact ends after the force stays within this band.
 SETTLED_SHARE = 0.02
-# Width of a plot in inches. A row of the page has three plots on a screen and one plot on a
-# telephone.
+# Width of a plot in inches: a row has three plots on a screen and one plot on a telephone.
 FIGURE_WIDTH_IN = 4.2
 
 _number = functools.partial(outcome.number, digits=4)

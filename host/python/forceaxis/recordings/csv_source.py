@@ -141,7 +141,8 @@ def dialect_of(lines: list[str], where: str, separator: str | None = None) -> Cs
     if mark == "," and decimal == "." and header and width == 2 * len(header) > 2:
         raise InputError(
             f"{where}: line {first + 1}: expected {len(header)} columns as in the line above, got "
-            f"{width}; decimal commas need another separator than commas, export with semicolons"
+            f"{width}; if the numbers have decimal commas, export the file with semicolons "
+            "between the columns"
         )
     return CsvDialect(mark, decimal, first, width)
 
@@ -299,13 +300,14 @@ def _text(path: Path, where: str) -> str:
     except UnicodeDecodeError:
         if encoding == "utf-16":
             raise InputError(
-                f"{where}: expected text in UTF-16 as its first bytes say, got other bytes; the "
-                "file may be cut off; export it again"
+                f"{where}: expected text in UTF-16, as the first bytes of the file announce, got "
+                "bytes that are no UTF-16; the file may be cut off; export it again"
             ) from None
         text = data.decode("cp1252", errors="replace")
     if "\0" in text:
         line = text[: text.index("\0")].count("\n") + 1
         raise InputError(
-            f"{where}: line {line}: expected text, got a byte 0; the file is damaged or no CSV"
+            f"{where}: line {line}: expected text, got a byte 0; the file is damaged or is no CSV "
+            "file"
         )
     return text

@@ -11,8 +11,8 @@ from forceaxis.recordings.signal_recording import Floats, SignalFinding
 from forceaxis.words import counted
 
 GAP_PERIODS = 1.6  # a longer distance of two samples is a gap
-# A jump is a step between two samples that is larger than each of the steps around it by this
-# factor, and a share of the whole range at least.
+# A jump is a step between two samples that is larger by this factor than each step around it.
+# The step is also at least this share of the range of all values.
 JUMP_FACTOR, JUMP_SHARE, JUMP_NEIGHBOURS = 12.0, 0.05, 4
 SATURATED_SAMPLES = 3  # successive samples at the largest or the smallest value
 # A signal that reaches its largest value with a step of this many quanta does not settle there.
@@ -78,8 +78,8 @@ def saturations(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
     for end in (float(values.max()), float(values.min())):
         for a, b in _runs(values == end):
             steep = max(steps[a], steps[b]) >= SATURATED_QUANTA * quantum
-            # A signal that is at rest at one end of its range, as a force before the contact, is
-            # left but not entered.
+            # A signal at rest at an end of its range, as a force before a contact, only leaves it.
+            # A stretch is a finding only if the signal both enters and leaves it.
             inside = a > 0 and b < len(values) and min(steps[a], steps[b]) > 1.5 * quantum
             if b - a >= SATURATED_SAMPLES and steep and inside:
                 yield SignalFinding(

@@ -158,7 +158,7 @@ def _unit_of(
     where = f"{source.where}: {column.name}"
     if given is None and wanted not in ("count", "1", None):
         raise InputError(
-            f"{where}: expected the unit of this column, the source gives none; write "
+            f"{where}: expected the unit of this column, but the source states none; write "
             f"`maps` {one.name}={one.column}:UNIT, such as :{wanted}"
         )
     given = given or ""
@@ -208,14 +208,15 @@ class _Times:
         time_s, times = self._column(self._name(column))
         if len(time_s) != len(column.values):
             raise InputError(
-                f"{self._source.where}: {column.name}: expected {len(time_s)} values as "
-                f"{times.name} has, got {len(column.values)}; choose another column of times"
+                f"{self._source.where}: {column.name}: expected {len(time_s)} values, as many as "
+                f"in the column {times.name}, got {len(column.values)}; choose another column of "
+                "times"
             )
         places = np.flatnonzero(has_value)
         without = np.flatnonzero(has_value & np.isnan(time_s))
         if len(without):
             raise InputError(
-                f"{self._source.where}: {times.place(int(without[0]))}: expected a time beside the "
+                f"{self._source.where}: {times.place(int(without[0]))}: expected a time for the "
                 f"value of {column.name}, got none; add the time or remove the sample"
             )
         time_s, values = time_s[places], column.values[places]
@@ -225,9 +226,9 @@ class _Times:
         if len(wrong):
             at = int(places[wrong[0] + 1])
             raise InputError(
-                f"{self._source.where}: {times.place(at)}: expected a time after "
-                f"{time_s[wrong[0]]:.9g} s, got {time_s[wrong[0] + 1]:.9g} s; sort the samples, or "
-                "export one recording without a restart of the clock"
+                f"{self._source.where}: {times.place(at)}: expected a time later than that of the "
+                f"sample before, {time_s[wrong[0]]:.9g} s, got {time_s[wrong[0] + 1]:.9g} s; sort "
+                "the samples, or export a recording during which the clock was not restarted"
             )
         return time_s, values
 

@@ -31,15 +31,15 @@ def read_source(path: Path, separator: str | None = None) -> Source:
         raise InputError(f"{where}: expected a file with data, got an empty file; record again")
     if is_recording(path):
         raise InputError(
-            f"{where}: expected a file of another program, got a recording that is imported "
-            "already; use it as it is"
+            f"{where}: expected a file of another program, got a recording that was already "
+            "imported; use this file without importing it"
         )
     for mark, read in READERS:
         if start.startswith(mark):
             return read(path)
     if b"\0" in start and not start.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputError(
-            f"{where}: expected CSV, NPZ, Parquet, MCAP, an LCM log or an incident, got other "
-            "binary data; export the data as one of these kinds"
+            f"{where}: expected a file of the kind CSV, NPZ, Parquet, MCAP, LCM log or incident, "
+            "got other binary data; export the data as one of these kinds"
         )
     return CsvSource(path, separator)

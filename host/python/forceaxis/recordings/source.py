@@ -179,8 +179,8 @@ def read_messages(path: Path) -> Source:
     where = paths.display(path)
     if damage:
         raise InputError(
-            f"{damage}; expected a complete file; `convert_log` writes a file of "
-            "the messages that are complete"
+            f"{damage}; expected a complete file; `convert_log` writes the complete messages to a "
+            "new file"
         )
     if not tables:
         raise InputError(

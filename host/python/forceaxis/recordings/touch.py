@@ -14,13 +14,13 @@ from forceaxis.recordings.findings import quantum_of
 from forceaxis.recordings.signal_recording import Floats
 
 LEAST_BEFORE = 8  # samples before the first contact
-# The force of a contact is above the noise before it by this number of standard deviations, above
-# this share of the largest force, and above this number of quanta.
+# The force of a contact exceeds this number of standard deviations of the noise before it,
+# this share of the largest force, and this number of quanta.
 NOISE_FACTOR, PEAK_SHARE, QUANTA = 6.0, 0.02, 1.5
 COARSE_SHARE = 0.5  # largest level for quanta, as a share of the largest force
-# Two thresholds find the sample before the force rises: a factor of the standard deviation of the
-# noise, and a share of the largest force. The sample is the last one below the first threshold
-# before the force exceeds the second.
+# Two thresholds find the sample before the force rises. The first is a multiple of the standard
+# deviation of the noise, the second a share of the largest force. The sample is the last one
+# below the first threshold before the force exceeds the second threshold.
 QUIET_FACTOR, RISEN_SHARE = 3.0, 0.1
 LOST_SHARE = 0.5  # share of the level below which the contact is lost
 HELD_SHARE, HELD_LEAST = 0.2, 10  # fraction of the signal, at its end, whose mean is the held force
@@ -66,9 +66,9 @@ def level_of(force: Floats, where: str) -> ForceLevel:
     first = _first_above(force - zero, level)
     if first is None:
         raise InputError(
-            f"{where}: expected the rise of a contact force, positive in compression, got at most "
-            f"{largest:.4g} N above {zero:.4g} N; import the force with the other sign, or record "
-            "a contact"
+            f"{where}: expected a contact force that rises, positive in compression, but the "
+            f"force exceeds its value without contact, {zero:.4g} N, by at most {largest:.4g} N; "
+            "import the force with the opposite sign, or record a contact"
         )
     before = force[: max(0, first - 2)]
     if len(before) < LEAST_BEFORE:

@@ -23,8 +23,7 @@ STABLE, UNSTABLE = "stable at any gain", "unstable at high gain"
 BETWEEN = "unstable between two gains"
 # Largest damping ratio of a pole that is counted as a resonance.
 LIGHT = 0.3
-# Largest distance of a pole from its zero, as a fraction of the frequency of the pole, at which the
-# two are called near.
+# Largest distance of a pole from its zero that is called near, relative to the pole's frequency.
 NEAR = 0.2
 
 

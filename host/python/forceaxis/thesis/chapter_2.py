@@ -40,8 +40,7 @@ BASE_DAMPING = (2000.0, 9500.0, 38000.0)  # of Figs 2.17 to 2.20, N s/m
 LIGHT_BASE = {"b_b": BASE_DAMPING[0]}
 # Damping of the arm of Fig 2.42 in N s/m: lightly damped, and of Fig 4.26.
 LIGHT_ARM, PRINTED_ARM = 60.0, 640.0
-# Gains of the runs in which contact can be lost, as fractions of the linear limit, and initial gaps
-# in m.
+# Runs with contact loss: gains as fractions of the linear limit, and initial gaps in m.
 ABOVE, BELOW, FAR_BELOW = (1.04, 1.2, 1.5), (0.84, 0.88, 0.92), (0.5, 0.6, 0.7)
 GAPS = (0.0, 3e-4, 1e-3, 5e-3, 2e-2)
 STIFF_GRIP = {"k_g": 1e7}

@@ -23,8 +23,7 @@ from forceaxis.thesis.analysis import (
 from forceaxis.thesis.chapter_2 import ARM_DAMPING, LIGHT_BASE
 from forceaxis.thesis.claim import Claim, compared, stated
 
-# Two links whose second one has its mass at the end, beyond the center of percussion of a uniform
-# one.
+# Two links. The second has its mass at the end, beyond the center of percussion of a uniform link.
 MASS_AT_THE_END = TwoLinkArm(c2=TwoLinkArm.l2)
 
 

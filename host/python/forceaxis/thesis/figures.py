@@ -23,9 +23,8 @@ Source = Callable[[], Data]
 # Arguments of a drawing function, with the names of the arguments as keys.
 Options = Mapping[str, str | float | tuple[float, float]]
 
-# Inputs and outputs of the frequency responses: from the command voltage to the measured force,
-# from the force of a perfect actuator to the measured force, and from the command voltage to the
-# tachometer voltage.
+# Inputs and outputs of the frequency responses: command voltage to measured force, force of a
+# perfect actuator to measured force, and command voltage to tachometer voltage.
 VOLTAGE = curves.Channel()
 FORCE = curves.Channel(drive=False)
 TACH = curves.Channel(output="drive.tach")

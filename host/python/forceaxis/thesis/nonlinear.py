@@ -12,13 +12,14 @@ from forceaxis import _core, paths
 from forceaxis.experiments.verdicts import NOT_STABLE
 from forceaxis.linear import loops
 
-# Gains and initial gaps of the table of runs in contact. A gain is relative to the largest stable
-# gain of the linear loop. A gap is the distance in m between robot and workpiece.
+# Gains and initial gaps of the table of runs in contact.
+# A gain is relative to the largest stable gain of the linear loop.
+# A gap is the distance in m between robot and workpiece.
 GAINS = (0.5, 0.6, 0.7, 0.76, 0.8, 0.84, 0.88, 0.92, 0.96, 1.04, 1.08, 1.12, 1.2, 1.3, 1.5)
 GAPS = (0.0, 3e-5, 1e-4, 3e-4, 6e-4, 1e-3, 2e-3, 3e-3, 5e-3, 1e-2, 2e-2)
 
-# Values of the runs with Coulomb friction: friction forces in N, gains relative to the largest
-# stable gain of the linear loop, and initial gaps in m between robot and workpiece.
+# Runs with Coulomb friction: friction forces in N, gains relative to the largest stable gain of
+# the linear loop, and initial gaps in m between robot and workpiece.
 COULOMB = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0)
 FRICTION_GAINS = tuple(np.arange(0.96, 1.45, 0.04).round(2).tolist())
 FRICTION_GAPS = (0.0, 1e-4, 1e-3, 1e-2)

@@ -45,8 +45,7 @@ GAINS = {
     "position_gain": 4.0,
     "velocity_gain": 20.0,
     "force_gain": 5.0,
-    # The value 0 of `bump_decay_shift` switches bumpless transfer off, as in the controller of the
-    # thesis.
+    # `bump_decay_shift` = 0 means no bumpless transfer, as in the controller of the thesis.
     "bump_decay_shift": 0,
 }
 
@@ -123,8 +122,7 @@ def run(
         force_held = float(session.read("force"))
         position_in_contact = int(session.read("position_actual"))
         report("waiting for the strike")
-        # The recorder waits for its trigger, because the time of the impact is not known in
-        # advance.
+        # The time of the impact is not known before, so the recorder waits for its trigger.
         recording = session.capture(
             RECORDED,
             samples=1800,

@@ -88,8 +88,8 @@ class CellResult(Cell):
         limit_count = self.criterion.force_ripple_max_count
         if limit_count is None:
             raise InputError(
-                f"Fig {key_of(self)}: expected a table [verdict] with the key "
-                "force_ripple_max_count"
+                f"Fig {key_of(self)}: expected an experiment with the key force_ripple_max_count "
+                "in its table [verdict]"
             )
         return limit_count
 
@@ -126,8 +126,7 @@ class Constant:
     name: str
     how: str  # text that names the measurement from which the constant is determined
     grid: tuple[float, ...]
-    # Names of the groups of cells that depend on the constant. Empty if all groups depend on the
-    # constant.
+    # Names of the groups of cells that depend on the constant; empty: all groups.
     groups: tuple[str, ...] = ()
 
 
@@ -170,8 +169,7 @@ class Trial:
     of: dict[str, str]  # fields of a cell and their values: the cells that the trial changes
     vary: tuple[Variation, ...]
     set: tuple[str, ...] = ()  # overrides of each run
-    # overrides with which the trials of all cells are run together; empty if the trial takes no
-    # part
+    # overrides of this trial in the run of all trials together; empty: it takes no part in it
     taken: tuple[str, ...] = ()
 
     def changes(self, cell: Cell) -> bool:
@@ -216,11 +214,10 @@ class FitRecord:
     cells: int  # number of cells to which the constants are fitted
     points_at_best: int  # number of grid points with the highest score
     left_out: list[OmittedFigure]
-    # For each constant, pairs of a value (relative to the fitted value) and a score. The score is
-    # the number of table cells whose simulated verdict equals the measured verdict.
+    # For each constant, pairs of a value (relative to the fitted value) and a score.
+    # The score is the number of table cells whose simulated verdict equals the measured verdict.
     plateau: dict[str, list[tuple[float, int]]]
-    # One entry for each alternative interpretation: (name of the open choice, interpretation,
-    # score).
+    # (name of the open choice, interpretation, score) of each alternative interpretation
     readings: list[tuple[str, str, int]]
 
 
@@ -231,18 +228,16 @@ class Tables:
     cells: list[Cell]
     experiments: dict[str, str]  # experiment file for each key "test/grip"
     workpieces: dict[str, dict[str, float]]  # parameter values for each workpiece
-    # Name of the parameter that gives the set-point for cells whose set-point the thesis does not
-    # state.
+    # Name of the parameter for the set-point of cells whose set-point the thesis does not state.
     unstated_setpoint: str
-    # Names of the groups of cells to which the constants are fitted. The cells of all other groups
-    # are predicted.
+    # Names of the groups of cells to which the constants are fitted.
+    # The cells of all other groups are predicted.
     fit_on: tuple[str, ...]
     matched_at_least: int
     constants: list[Constant] = json_field(key="constant")
     readings: list[Reading] = json_field(key="reading", default_factory=list)
     trials: list[Trial] = json_field(key="trial", default_factory=list)
-    # For cells whose simulated verdict differs from the measured verdict: the reason of the
-    # difference, with the text key_of(cell) as key.
+    # {key_of(cell): reason} of each cell whose simulated verdict differs from the measured one
     reasons: dict[str, str] = field(default_factory=dict)
 
     def group(self, cell: Cell) -> str:
@@ -493,8 +488,7 @@ def fit(threads: int | None = None) -> FitRecord:
     tables = load()
     grids = [c.grid for c in tables.constants]
     members = {g: [c for c in tables.cells if tables.group(c) == g] for g in tables.groups()}
-    # For each group of table cells: the indices of the constants that affect the verdicts of the
-    # group.
+    # For each group of table cells: the indices of the constants that affect its verdicts.
     needed = {
         group: [i for i, c in enumerate(tables.constants) if not c.groups or group in c.groups]
         for group in tables.fit_on
