@@ -390,8 +390,8 @@ def test_a_code_that_is_too_fast_in_one_direction_alone_is_reduced(press, monkey
     "speed, text",
     [
         (lambda code: 50.0 * code if code > 16 else None, "at 21 codes it is too fast"),
-        (lambda code: math.copysign(300.0, code), "a speed that grows with the DAC code"),
-        (lambda code: -5.0 * code, "a speed that grows with the DAC code"),
+        (lambda code: math.copysign(300.0, code), "a speed of the axis that grows with"),
+        (lambda code: -5.0 * code, "a speed of the axis that grows with the DAC code"),
     ],
 )  # fmt: skip
 def test_speeds_that_show_no_friction_are_refused(press, monkeypatch, speed, text):

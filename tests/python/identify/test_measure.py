@@ -374,7 +374,10 @@ LINE = {
         "band_hz: expected less than 750 Hz",
     ),
     "band": (["fig3_12", "--band", "1:9601"], "band_hz: expected at most 9600 Hz"),
-    "band text": (["fig3_12", "--band", "9"], "--band: 9: expected LOW:HIGH"),
+    "band text": (
+        ["fig3_12", "--band", "9"],
+        "--band: 9: expected two frequencies in Hz as LOW:HIGH",
+    ),
     "band order": (["fig3_12", "--band", "9:2"], "expected two rising frequencies"),
     "too little data": (["fig3_12", "--averages", "2"], "averages: expected a whole number 4"),
     "no line": (["fig3_12", "--resolution", "500"], "expected at least one line"),
@@ -402,7 +405,7 @@ LINE = {
     ),
     "no contact": (
         ["laboratory", "--output", "sensor.force"],
-        "use a bias or clam",
+        "by a bias or by clamped contacts",
     ),
     "window": (
         ["fig3_12", "--excitation", "sine", "--window", "hann"],

@@ -374,7 +374,7 @@ WRONG = {
                           r"F_N: expected an array of numbers in one dimension"),
     "a matrix": (npz(t_s=TIME_S, F_N=np.ones((40, 2))), GOOD, r"in the shape \(40, 2\)"),
     "arrays of two lengths": (npz(t_s=TIME_S, F_N=FORCE_N[:30]), GOOD,
-                              r"F_N: expected 40 values as t_s has, got 30"),
+                              r"F_N: expected 40 values, as many as in the column t_s, got 30"),
     "a Parquet file that is cut off": (b"PAR1\x15\x04", GOOD, r"wrong: expected a Parquet file"),
     "messages in another encoding": (mcap("cdr"), GOOD, r"got only those of /ft \(cdr\)"),
     "messages of another program": (foreign_log, GOOD, r"got only those of POSE"),

@@ -362,7 +362,7 @@ def test_bin_covers_the_parameters(bench, elf):
 def test_a_short_bin_is_no_image_that_the_loader_starts(bench, tmp_path):
     path = converted(linked(tmp_path, code=0x08000400, more=0x08001400), "bin")
     path.write_bytes(path.read_bytes()[:0x2000])
-    refused(bench.flash(path, "--yes", "--address", "0x08000000"), 2, "its trailer at 0x0803ffc0")
+    refused(bench.flash(path, "--yes", "--address", "0x08000000"), 2, "at the address 0x0803ffc0")
     refused(
         bench.flash(path, "--yes", "--address", "0x0800c000"),
         2,
@@ -557,7 +557,7 @@ def test_other_machines(bench, tmp_path):
     ("name", "content", "text"),
     [
         ("none.elf", b"", "expected a(n| complete) ELF file"),
-        ("none.hex", b"", "expected an end record"),
+        ("none.hex", b"", "expected an Intel HEX file with an end record"),
         ("none.bin", b"", "without bytes for the flash"),
         ("empty.hex", b":00000001FF\n", "without bytes for the flash"),
         ("text.elf", b"hello", "expected a(n| complete) ELF file"),
@@ -571,7 +571,7 @@ def test_other_machines(bench, tmp_path):
             b":00000007F9\n",
             "expected an Intel HEX record of type 0 to 5, got a record of type 7",
         ),
-        ("cut.hex", b":0100000001FE\n", "expected an end record"),
+        ("cut.hex", b":0100000001FE\n", "file with an end record"),
         (
             "more.hex",
             b":00000001FF\n:00000001FF\n",
