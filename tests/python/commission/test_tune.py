@@ -936,6 +936,9 @@ def test_the_verb_goes_on_and_prints_one_object(plants, designed):
     assert summary["levels"].keys() == {"verified-30N", "verified-100N"}
     assert not summary["stored"]  # a simulated axis without a file for its store
     assert "check: done before" in done.stderr
+    law = ("loop", "limit", "laboratory", "--law", designed / "design.json", "--json")
+    gain = json.loads(verbs.forceaxis(*law).stdout)["at"]["firmware_gain"]
+    assert gain == summary["bank"]["force_gain"]
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ def order():
     return order
 
 
-def test_json_is_as_promised(found):
+def test_json_is_as_promised(found, tmp_path):
     done = forceaxis("design", EXPERIMENT, *OVER, "--json", "--latency", "0")
     assert (done.returncode, done.stderr) == (0, "")
     told = json.loads(done.stdout)
@@ -100,6 +100,9 @@ def test_json_is_as_promised(found):
     p = next(r for r in told["simulated"] if r["law"] == "p" and r["case"] == "hold_biquad")
     assert p["static_error_percent"] > 20
     assert told["gain_reductions"] == 0
+    (tmp_path / "design.json").write_text(done.stdout)
+    law = ("loop", "limit", EXPERIMENT, "--law", tmp_path / "design.json", "--json")
+    assert json.loads(forceaxis(*law).stdout)["at"]["firmware_gain"] == bank["force_gain"]
     again = forceaxis("design", EXPERIMENT, *OVER, "--json", "--latency", "0", "--threads", "1")
     assert again.stdout == done.stdout
 
@@ -135,6 +138,13 @@ def test_what_is_written_runs_and_an_axis_takes_it(found, tmp_path):
     pasted = package.run(str(out / "pasted.toml"))
     assert pasted.refused == []
     assert pasted.trace_hash == package.run(str(out / "contact.toml")).trace_hash
+    # The law on its own, around the plant with the 12 bits of the design.
+    laws = [[own, "--law", out / "bank.toml"], [out / "contact.toml"]]
+    limits = [
+        json.loads(forceaxis("loop", "limit", *words, "--json").stdout)["critical_gain"]
+        for words in laws
+    ]
+    assert limits[0] == limits[1]
     done = forceaxis("run", out / "pasted.toml", "--out", out / "run")
     last = (out / "run/trace.csv").read_text().splitlines()
     named = dict(zip(last[0].split(","), last[-1].split(","), strict=True))

@@ -105,7 +105,8 @@ TIMINGS = click.Choice(["continuous", "zoh", "zoh+1"])
 
 
 class Law(click.ParamType[str]):
-    """Type of the option --law, the text of a control law. A shell can complete names and keys."""
+    """Type of the option --law, the text of a control law or a file. A shell can complete names,
+    keys and files."""
 
     name = "law"
 
@@ -119,20 +120,24 @@ class Law(click.ParamType[str]):
             texts = [f"{incomplete[:end]}{key}=" for key in law_text.KEYS]
         else:
             texts = [*loops.LAWS, *(f"{key}=" for key in ("gain", "force_gain"))]
-        return [CompletionItem(text) for text in texts if text.startswith(incomplete)]
+        found = [CompletionItem(text) for text in texts if text.startswith(incomplete)]
+        return found or [CompletionItem(incomplete, type="file")]
 
 
 law_option = click.option(
     "--law",
     type=Law(),
-    metavar="NAME:KEY=VALUE,...",
+    metavar="NAME:KEY=VALUE,...|FILE",
     help="Control law: p; pi:integral=RAD_PER_S, k (1 + integral / s); pd:derivative=S, which "
     "differentiates the measured force; lead:zero=HZ,pole=HZ; derivative:derivative=S with a "
     "sensor of the rate (LINK.spring_force_rate); stiffness:stiffness=N_PER_M, "
     "damping:damping=NS_PER_M and impedance with both, from the encoder (thesis 1.1.3, 6.2.1); "
     "bank: the bank that an experiment selects. Each also takes its gain, gain=V_PER_N or "
     "force_gain=CODES_PER_COUNT as firmware.force_gain, and force laws and stiffness "
-    "velocity_gain=VS_PER_M. Without NAME, as in force_gain=5: the law of the experiment, else p.",
+    "velocity_gain=VS_PER_M. Without NAME, as in force_gain=5: the law of the experiment, else p. "
+    "FILE: law and gain, without the latency, of an experiment, of the bank.toml of "
+    "`forceaxis design`, of the design.json of `forceaxis tune` or of a dump of "
+    "`forceaxis axis params`.",
 )
 
 
@@ -150,10 +155,11 @@ def requests_loop(verb: Callable[..., None]) -> Callable[..., None]:
         **given: Any,
     ) -> None:
         from forceaxis import linear
-        from forceaxis.linear.law_text import LawText, parse_law
+        from forceaxis.design import law_file
+        from forceaxis.linear.law_text import LawText
         from forceaxis.linear.request import LoopRequest
 
-        chosen = LawText() if law is None else parse_law(law)
+        chosen = LawText() if law is None else law_file.law_of(law)
         request = LoopRequest(
             overrides=linear.overrides(overrides),
             states=linear.states(modes),

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from forceaxis.errors import ParameterError
 from forceaxis.linear.loops import LAWS, VELOCITY_GAIN
+from forceaxis.linear.settings import FirmwareLaw
 from forceaxis.words import suggestion
 
 
@@ -34,12 +35,13 @@ KEY_OF = {key.parameter: name for name, key in KEYS.items()}
 @dataclass(frozen=True)
 class LawText:
     """The content of the text of a control law. `law`: a name of LAWS, or None for the law of the
-    experiment. `parameters`: as in LoopSpec. `gain`, `firmware_gain`: as in LoopRequest."""
+    experiment. The other fields: as in LoopRequest."""
 
     law: str | None = None
     parameters: dict[str, float] = field(default_factory=dict)
     gain: float | None = None
     firmware_gain: float | None = None
+    firmware_law: FirmwareLaw | None = None
 
 
 def described_laws() -> str:
@@ -69,7 +71,8 @@ def parse_law(text: str) -> LawText:
         raise ParameterError(
             "law",
             f"{text}: expected one of the laws {described_laws()}, got {name or 'no name'}"
-            f"{suggestion(name, LAWS)}; a value follows its key as in pi:integral=4",
+            f"{suggestion(name, LAWS)}; a value follows its key as in pi:integral=4, and a file "
+            "with a law ends in .toml or .json",
         )
     values: dict[str, float] = {}
     for pair in rest.split(",") if rest or colon else ():

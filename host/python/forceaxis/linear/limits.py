@@ -378,8 +378,8 @@ def poles_of(request: LoopRequest, input: str | None, output: str | None) -> Pol
     request. Without a gain, or with an input, returns the poles and zeros of the plant from `input`
     (None: drive.command) to `output` (None: measured force)."""
     own = request.settings(plant=input is not None)
-    if not request.has_gain and (input is not None or own.firmware_gain is None):
-        if request.law not in (None, "p") or request.parameters:
+    if not request.has_gain and (input is not None or request.law_of(own).firmware_gain is None):
+        if request.law not in (None, "p") or request.parameters or request.firmware_law:
             raise ParameterError("law", GAIN_EXPECTED)
         return _plant_poles(request, own, input or "drive.command", output or "reading")
     if input is not None:

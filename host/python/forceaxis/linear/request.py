@@ -10,7 +10,7 @@ from forceaxis.linear import loops, settings
 from forceaxis.linear import system as linear
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_facts import Overrides
-from forceaxis.linear.settings import ModelSettings
+from forceaxis.linear.settings import FirmwareLaw, ModelSettings
 from forceaxis.linear.stability import Loop
 from forceaxis.linear.working import States
 
@@ -23,7 +23,8 @@ class LoopRequest:
     model: a model or an experiment, as a path or as the stem of a file in sim/. overrides:
     {parameter: value}, with an experiment also firmware.NAME. states: {element: state}. law,
     timing, output, free, parameters: as in LoopSpec. gain: k in the unit of the loop (V/N).
-    firmware_gain: the gain as force_gain, DAC codes per 8-bit count.
+    firmware_gain: the gain as force_gain, DAC codes per 8-bit count. firmware_law: the law with its
+    gain in place of that of the model or experiment.
     """
 
     model: str
@@ -36,11 +37,12 @@ class LoopRequest:
     parameters: Mapping[str, float] = field(default_factory=dict)
     gain: float | None = None
     firmware_gain: float | None = None
+    firmware_law: FirmwareLaw | None = None
 
     @property
     def has_law(self) -> bool:
         """True if the request itself contains a control law or a parameter of a control law."""
-        return self.law is not None or bool(self.parameters)
+        return bool(self.law or self.parameters or self.firmware_law)
 
     @property
     def has_gain(self) -> bool:
@@ -52,27 +54,34 @@ class LoopRequest:
         needed, without the force loop."""
         return settings.of(self.model, self.overrides, plant)
 
+    def law_of(self, own: ModelSettings) -> FirmwareLaw:
+        """Returns the law that the firmware has by the request or by `own`, the settings of the
+        experiment."""
+        return self.firmware_law or own
+
     def spec(self, own: ModelSettings) -> LoopSpec:
         """Returns the specification of the force loop. Fields of the request replace the fields of
         `own`, the settings of the experiment."""
-        law = self.law or own.law
+        firmware = self.law_of(own)
+        law = self.law or firmware.law
         return LoopSpec(
             law=law,
             timing=self.timing or own.timing,
             output=self.output,
             free=self.free,
-            parameters={**(own.parameters if law == own.law else {}), **self.parameters},
-            bank=own.bank if law in ("bank", *loops.MOTION_LAWS) else None,
-            late_motion=own.experiment is not None,
+            parameters={**(firmware.parameters if law == firmware.law else {}), **self.parameters},
+            bank=firmware.bank if law in ("bank", *loops.MOTION_LAWS) else None,
+            late_motion=firmware.late_motion or own.late_motion,
         )
 
     def loop(self) -> Loop:
         """Returns the force loop of the request. The field `own_gain` of the loop is the gain of
-        the experiment. Raises InputError."""
+        the firmware's law. Raises InputError."""
         own = self.settings()
+        firmware = self.law_of(own)
         loop = self.spec(own).around(own.model, own.overrides, self.states)
-        if loop.codes_per_gain and own.firmware_gain:
-            codes = own.force_gain if loop.bank is None else loop.bank.force_gain
+        if loop.codes_per_gain and firmware.firmware_gain:
+            codes = firmware.force_gain if loop.bank is None else loop.bank.force_gain
             loop.own_gain = loop.gain_of(codes) if codes else None
         return loop
 

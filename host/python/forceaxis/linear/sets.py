@@ -231,7 +231,7 @@ def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None
     states = _modes_of(request, own, modes)
     gain, force_gain = request.gain, request.firmware_gain
     if not request.has_gain:
-        force_gain = spec.bank.force_gain if spec.bank else own.force_gain
+        force_gain = spec.bank.force_gain if spec.bank else request.law_of(own).force_gain
     timings = BOTH_TIMINGS if request.timing == "both" else (spec.timing,)
     plants = plant_set.PlantSet(own.model, own.overrides, spans, states, together)
     found = LoopSet(plants, timings, spec, gain, force_gain)

@@ -39,26 +39,35 @@ def read_inputs(path: str, texts: Sequence[str]) -> ExperimentInputs:
     return ExperimentInputs(str(own["model"]), parameters, own["firmware"])
 
 
-@dataclass(frozen=True)
-class ModelSettings:
-    """The plant of a force loop, and the control law of the firmware if an experiment specifies a
-    law."""
+@dataclass(frozen=True, kw_only=True)
+class FirmwareLaw:
+    """The control law of the firmware. law: a name of `loops.LAWS`. bank: the filter bank, or None.
+    force_gain: gain of a law of the thesis in DAC codes per 8-bit count, or None. parameters: those
+    of a law of motion in SI units. late_motion: as in LoopSpec."""
 
-    model: str
-    overrides: dict[str, float | str]  # parameter values in SI units, or texts with a unit
-    experiment: str | None = None
     law: str = "p"
-    timing: str = "zoh"
     bank: banks.Bank | None = None
-    force_gain: float | None = None  # gain of a law of the thesis in DAC codes per 8-bit count
+    force_gain: float | None = None
     parameters: dict[str, float] = field(default_factory=dict)
-    texts: tuple[str, ...] = ()  # overrides of the experiment as texts NAME=VALUE
+    late_motion: bool = False
 
     @property
     def firmware_gain(self) -> float | None:
         """The active gain of the firmware in DAC codes per 8-bit count. None for a model, or if no
         gain is given."""
         return self.bank.force_gain if self.bank else self.force_gain
+
+
+@dataclass(frozen=True)
+class ModelSettings(FirmwareLaw):
+    """The plant of a force loop, and the control law of the firmware if an experiment specifies a
+    law."""
+
+    model: str
+    overrides: dict[str, float | str]  # parameter values in SI units, or texts with a unit
+    experiment: str | None = None
+    timing: str = "zoh"
+    texts: tuple[str, ...] = ()  # overrides of the experiment as texts NAME=VALUE
 
 
 def find(text: str | Path) -> Path:
@@ -106,6 +115,7 @@ def of(text: str | Path, overrides: Overrides | None = None, plant: bool = False
         force_gain=firmware.get("force_gain") or None,
         timing="zoh+1" if firmware.get("latency_ticks") == 1 else "zoh",
         parameters=_parameters(path, law, firmware, linear.facts(model, named)), texts=tuple(texts),
+        late_motion=True,
     )  # fmt: skip
 
 
@@ -120,7 +130,7 @@ def _law(path: Path, firmware: Firmware) -> str:
     name = dict(MODES_OF_OPERATION.values)[drive] if drive else NATIVE_MODES[native]
     raise _core.InputError(
         f"{path}: firmware: expected an experiment with a mode that controls force, got the mode "
-        f"{name}; give the model of this experiment instead"
+        f"{name}; give another experiment, or the model of this experiment alone"
     )
 
 
