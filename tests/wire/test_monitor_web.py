@@ -178,7 +178,7 @@ def test_a_page_of_any_size_that_is_reset_leaves_no_screen(url, tmp_path):
 
 def test_a_screen_whose_page_does_not_read_ends_by_sigterm(url):
     """The screen waits in a write to its pipe, so its main loop handles no signal."""
-    settings = json.dumps(to_json(MonitorSettings(url, None, 1.0, False, None, None)))
+    settings = json.dumps(to_json(MonitorSettings(url, None, 1.0, None, None)))
     driver = "textual.drivers.web_driver:WebDriver"
     environment = {**os.environ, "TEXTUAL_DRIVER": driver, "COLUMNS": "300", "ROWS": "100"}
     process = subprocess.Popen(

@@ -107,7 +107,7 @@ def quick(asked, _out, say):
         ranges = plant_set.ranges_of(plant.model, asked.over, plant.overrides)
         plants = plant_set.PlantSet(str(plant.model), plant.overrides, ranges)
         bits = plant.facts.required_reading.bits
-        goal = Goal(ms=asked.ms, ms_late=asked.ms_late, adc_bits=bits)
+        goal = Goal(ms=asked.ms, ms_late=1.1 * asked.ms, adc_bits=bits)
         problem = reduced.ShortSearch(plants, goal)
         found = problem.designed()
         bank, worst = problem.exact(found.bank)

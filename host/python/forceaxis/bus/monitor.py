@@ -74,13 +74,12 @@ class Monitor(App[None]):
         watch: Watch,
         axis: int | None = None,
         folder: Path | None = None,
-        codes: bool = False,
         may_record: bool = True,
     ) -> None:
         super().__init__()
         self.source, self.watched, self.only, self.chosen = source, watch, axis, axis
         self.folder = Path(folder or ".")
-        self.codes, self.may_record = codes, may_record
+        self.codes, self.may_record = False, may_record
         self.frozen: str | None = None  # time of day at which the user paused the display, or None
         self.span_s, self.capture_shown = 20, False
         self._captures_seen: dict[int, int] = {}

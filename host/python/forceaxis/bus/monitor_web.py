@@ -237,7 +237,7 @@ def main() -> None:
     watch = Watch(settings.mm_per_count)
     source = settings.source(watch)
     try:
-        Monitor(source, watch, settings.axis, codes=settings.codes, may_record=False).run()
+        Monitor(source, watch, settings.axis, may_record=False).run()
     finally:
         source.close()
 

@@ -181,13 +181,11 @@ Source = LiveSource | ReplaySource
 @dataclass(frozen=True)
 class MonitorSettings:
     """What a monitor shows: the axis `axis` (None: all axes) of the LCM bus `url`, or of the log
-    file `replay` at `speed` times its speed. `codes`: True for counts and codes in place of units.
-    """
+    file `replay` at `speed` times its speed."""
 
     url: str | None
     axis: int | None
     speed: float
-    codes: bool
     replay: Path | None
     mm_per_count: float | None
 

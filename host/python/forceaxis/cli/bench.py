@@ -33,7 +33,6 @@ from forceaxis.cli.common import Folder, Verb, as_json, print_result
 )
 @click.option("--repeat", type=click.IntRange(1, 1000), default=10, show_default=True)
 @click.option("--sweeps", is_flag=True, help="Also sweeps: runs per second, time per event.")
-@click.option("--linear", is_flag=True, help="Also the linear analysis and `loop advise`.")
 @click.option(
     "--link",
     "links",
@@ -60,7 +59,6 @@ def bench_(
     tools: tuple[str, ...],
     repeat: int,
     sweeps: bool,
-    linear: bool,
     links: bool,
     growth: bool,
     out: Path | None,
@@ -93,9 +91,7 @@ def bench_(
             "expected --check without --case and --tool, because --check runs all cases with all "
             "tools"
         )
-    result = bench.run(
-        cases or bench.CASES, tools or bench.TOOLS, repeat, sweeps or check, linear or check
-    )
+    result = bench.run(cases or bench.CASES, tools or bench.TOOLS, repeat, sweeps or check, check)
     if check:
         result = replace(result, checks=bench.check(result))
     print_result(result, as_json, lambda: bench_text(result))

@@ -74,7 +74,6 @@ LOOPBACK, WEB_PORT, FOXGLOVE_PORT = "127.0.0.1", 8780, 8765
     show_default=True,
     help="Time in s for which --once receives.",
 )
-@click.option("--codes", is_flag=True, help="Show counts and DAC codes, not N, mm, V (key u).")
 @click.option(
     "--model",
     type=Subject(paths.MODELS),
@@ -103,7 +102,6 @@ def monitor(
     speed: float | None,
     once: bool,
     seconds: float,
-    codes: bool,
     model: str | None,
     web: bool,
     foxglove: bool,
@@ -144,7 +142,7 @@ def monitor(
     from forceaxis.bus.sources import MonitorSettings
 
     mm_per_count = encoder_mm(model) if model else None
-    settings = MonitorSettings(url, axis, speed or 1.0, codes, replay, mm_per_count)
+    settings = MonitorSettings(url, axis, speed or 1.0, replay, mm_per_count)
     if foxglove:
         serve_foxglove(settings, given(host, LOOPBACK), given(port, FOXGLOVE_PORT), record)
     watch = Watch(mm_per_count)
@@ -158,7 +156,7 @@ def monitor(
         if not web:
             from forceaxis.bus.monitor import Monitor
 
-            Monitor(source, watch, axis, codes=codes).run()
+            Monitor(source, watch, axis).run()
     finally:
         writer = source.writer
         source.close()

@@ -402,20 +402,12 @@ def _finish(folder: RecordFolder | None, parquet: bool, jsonl: bool, as_json: bo
 )
 @SOURCE
 @click.option("--last", type=click.IntRange(1), help="Only the last parts. Default: all parts.")
-@click.option(
-    "--curves",
-    type=click.IntRange(0, 1000),
-    default=20,
-    show_default=True,
-    help="Number of the last curves that --plot and --page draw over each other.",
-)
 @click.option("--plot", type=File(), help="Run charts and histograms: FILE.png, .svg or .pdf.")
 @click.option("--page", type=File(), help="Page with figures and plots: FILE.html.")
 @as_json
 def statistics(
     source: Path,
     last: int | None,
-    curves: int,
     plot: Path | None,
     page: Path | None,
     as_json: bool,
@@ -444,7 +436,7 @@ def statistics(
         raise ParameterError("page", f"{page}: expected a file ending in .html")
     parts = records.read_parts(source, last)
     found = capability.statistics(parts)
-    drawn = capability.last_curves(parts, curves)
+    drawn = capability.last_curves(parts)
     if plot is not None:
         from forceaxis import drawing
         from forceaxis.cycles import statistics_plots

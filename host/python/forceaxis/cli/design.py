@@ -71,10 +71,10 @@ class Newtons(click.ParamType[tuple[float, ...]]):
     help="States of amplifier, contact and friction for which the law is designed. visited: those "
     "that occur in a simulated contact, with frictions stuck and sliding.",
 )
-@click.option("--ms", type=float, default=2.0, show_default=True, help="Largest permitted Ms.")
 @click.option(
-    "--ms-late", type=float, default=2.2, show_default=True, help="Largest Ms at latency 1."
-)
+    "--ms", type=float, default=2.0, show_default=True,
+    help="Largest permitted Ms; 1.1 times as much at latency 1.",
+)  # fmt: skip
 @click.option(
     "--gain-margin", type=float, default=2.3, show_default=True, help="Least gain margin."
 )
@@ -135,7 +135,6 @@ def design(
     over: tuple[str, ...],
     modes: str,
     ms: float,
-    ms_late: float,
     gain_margin: float,
     adc_bits: int | None,
     hf_gain: float | None,
@@ -198,7 +197,7 @@ def design(
 
     order = outcome.DesignOrder(
         text, over, linear.overrides(overrides), modes=modes, states=linear.states(states), ms=ms,
-        ms_late=ms_late, gain_margin=gain_margin, adc_bits=adc_bits, latency=latency,
+        gain_margin=gain_margin, adc_bits=adc_bits, latency=latency,
         hf_gain=hf_gain, ramp_s=ramp_s, forces_N=tuple(itertools.chain.from_iterable(forces_N)),
         approach_mm_per_s=approach_mm_per_s, simulate=simulate, threads=threads,
     )  # fmt: skip

@@ -295,9 +295,6 @@ def motor(
     type=click.FloatRange(0, min_open=True),
     help="Sampling period, s. Default: as recorded; required with a CSV file.",
 )
-@click.option(
-    "--scale", type=float, help="Factor that the output was multiplied by. Default: as recorded."
-)
 @click.option("--out", type=Folder(), help="Folder for result.json and plot.png.")
 @as_json
 def fit(
@@ -309,7 +306,6 @@ def fit(
     output: str | None,
     averages: int | None,
     dt: float | None,
-    scale: float | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -337,7 +333,7 @@ def fit(
     from forceaxis.identify import fit as fit_response
 
     held = linear.overrides(overrides)
-    settings = fit_response.ResponseSettings(input, output, averages, dt, scale)
+    settings = fit_response.ResponseSettings(input, output, averages, dt)
     measured = fit_response.read_response(response, model, held, settings)
     starts, units = fit_response.starts_of(names, measured)
     for name in starts:

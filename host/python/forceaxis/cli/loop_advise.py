@@ -166,11 +166,6 @@ def advise(
     help="Highest stiffness, N/m. Default: 4 x nominal value.",
 )
 @click.option("--points", type=click.IntRange(2, 40), default=9, show_default=True)
-@click.option(
-    "--adc-bits",
-    type=click.IntRange(8, 16),
-    help="Resolution of the force ADC. Default: that of the model.",
-)
 @threads
 @drawn
 @as_json
@@ -183,7 +178,6 @@ def compliance(
     lowest: float | None,
     highest: float | None,
     points: int,
-    adc_bits: int | None,
     threads: int | None,
     out: Path | None,
     as_json: bool,
@@ -208,8 +202,8 @@ def compliance(
         )
     span = None if lowest is None or highest is None else (lowest, highest)
     order = soft.ComplianceOrder(
-        model, element, models.overrides(overrides), over or None, span, points, adc_bits, threads,
-        models.states(states),
+        model, element, models.overrides(overrides), over or None, span, points, threads=threads,
+        states=models.states(states),
     )  # fmt: skip
     result = soft.compliance(order)
     if out:

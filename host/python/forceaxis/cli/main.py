@@ -148,12 +148,15 @@ def cli(context: click.Context) -> None:
 
 def with_help(error: click.ClickException) -> str:
     """Return the message of a usage error. If the message does not state what was expected, a hint
-    to `--help` is added. The message about an earlier option of a control law shows the present
-    command line."""
+    to `--help` is added. The message about an earlier option shows the present command line, or
+    says what to do without the option."""
     text = error.format_message()
     context = getattr(error, "ctx", None)
     if isinstance(error, click.exceptions.NoSuchOption) and context:
         known = [name for option in context.command.params for name in option.opts]
+        command = context.command_path.removeprefix("forceaxis ")
+        if instead := moved.GONE.get((command, error.option_name)):
+            return f"{error.option_name}: expected {command} without this option; {instead}"
         if error.option_name in moved.LAW_OPTIONS and "--law" in known:
             line = moved.present_line(sys.argv[1:])
             return f"{error.option_name}: expected `{line}`, got an earlier option"

@@ -34,6 +34,16 @@ LAW_OPTIONS = {
     "--firmware-gain": "force_gain",
 }
 
+# What a user does without an option that a command no longer has: {(command, option): words}.
+GONE = {
+    ("design", "--ms-late"): "at latency 1 the design permits 1.1 times --ms",
+    ("loop compliance", "--adc-bits"): "give a model with this number of bits",
+    ("identify fit", "--scale"): "multiply the column of the file by the factor",
+    ("cycle statistics", "--curves"): "the last 20 curves are drawn",
+    ("monitor", "--codes"): "the key u shows counts and DAC codes",
+    ("bench", "--linear"): "--check measures the linear analysis too",
+}
+
 
 def present_line(arguments: Sequence[str]) -> str:
     """Return the present spelling of a command line. `arguments`: the command line with earlier

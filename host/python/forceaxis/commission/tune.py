@@ -314,7 +314,7 @@ def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
     asked = outcome.DesignOrder(
         str(tuning.model), over=fitted.over, overrides=fitted.values,
         together=fitted.together or ({},), ms=order.ms,
-        ms_late=1.1 * order.ms, hf_gain=_hf_gain(tuning, checked), ramp_s=simulation.RAMP_S,
+        hf_gain=_hf_gain(tuning, checked), ramp_s=simulation.RAMP_S,
         firmware=contact.firmware_of(tuning, checked), states=tuning.states, forces_N=order.forces,
     )  # fmt: skip
     try:

@@ -31,6 +31,7 @@ TOO_FEW = f"fewer than {VALUES_LEAST} values"
 NO_BOUND = "no bound that is a number"
 CONSTANT = "all values are equal"
 BINS_MOST = 30
+CURVES_DRAWN = 20  # largest number of curves that are drawn over each other
 
 
 @dataclass(frozen=True)
@@ -208,7 +209,9 @@ def histogram(values: Sequence[float | None]) -> tuple[list[int], list[float]]:
     return counts.tolist(), edges.tolist()
 
 
-def last_curves(parts: RecordedParts, most: int) -> list[tuple[str, list[CurvePoint]]]:
+def last_curves(
+    parts: RecordedParts, most: int = CURVES_DRAWN
+) -> list[tuple[str, list[CurvePoint]]]:
     """Returns state and curve of the last parts that have a curve, at most `most` of them."""
     found = [(r.state, r.curve) for r in parts.records if r.curve]
     return found[-most:] if most else []

@@ -44,7 +44,6 @@ def check(order: DesignOrder) -> None:
     """Raises InputError if a value of the order is out of range for every model."""
     for name, value, low in (
         ("ms", order.ms, 1.0),
-        ("ms_late", order.ms_late, 1.0),
         ("gain_margin", order.gain_margin, 1.0),
     ):
         if not low < value <= 100:

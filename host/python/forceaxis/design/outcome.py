@@ -22,6 +22,9 @@ TIMINGS = ("zoh", "zoh+1")  # names of the delays in loops.TIMINGS for a latency
 MEMBERS = 12  # number of random plants on which contacts are simulated
 
 
+LATE = 1.1  # largest permitted Ms with one tick of latency as a multiple of that without
+
+
 @dataclass(frozen=True)
 class DesignOrder:
     """The order for a design: model, set of plants, margins and simulated contacts."""
@@ -33,8 +36,7 @@ class DesignOrder:
     modes: str = "visited"
     # {element: state} that all plants of the set of plants have
     states: dict[str, str] = field(default_factory=dict)
-    ms: float = 2.0  # largest permitted Ms
-    ms_late: float = 2.2  # largest permitted Ms with one tick of latency
+    ms: float = 2.0  # largest permitted Ms; LATE times as much with one tick of latency
     gain_margin: float = 2.3  # smallest permitted gain margin as a factor of the gain
     adc_bits: int | None = None  # None: that of the model
     latency: str = "both"  # a key of LATENCIES
@@ -60,7 +62,7 @@ class DesignOrder:
     def goal(self, adc_bits: int) -> Goal:
         """Returns the margins of the order for an ADC of `adc_bits` bits."""
         return Goal(
-            ms=self.ms, ms_late=self.ms_late, gain_margin=self.gain_margin, adc_bits=adc_bits,
+            ms=self.ms, ms_late=LATE * self.ms, gain_margin=self.gain_margin, adc_bits=adc_bits,
             timings=tuple(TIMINGS[latency] for latency in self.latencies), hf_gain=self.hf_gain,
             ramp_s=self.ramp_s,
         )  # fmt: skip

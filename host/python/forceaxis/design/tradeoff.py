@@ -8,7 +8,7 @@ from forceaxis import paths
 from forceaxis.design import changes, for_set, simulate
 from forceaxis.design.certificate import WorstFigures
 from forceaxis.design.grid import Goal
-from forceaxis.design.outcome import DesignOrder
+from forceaxis.design.outcome import LATE, DesignOrder
 from forceaxis.design.reduced import ShapedDesign, ShortSearch
 from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import Bank, BankKeys
@@ -112,7 +112,7 @@ def _set(problem: ShortSearch, goal: Goal, against: str, value: float) -> None:
 
 def _with(goal: Goal, against: str, value: float) -> Goal:
     if against == "ms":
-        return replace(goal, ms=value, ms_late=1.1 * value)
+        return replace(goal, ms=value, ms_late=LATE * value)
     if against == "hf":
         return replace(goal, hf_gain=float(value), adc_bits=16)
     return replace(goal, gain_margin=value)

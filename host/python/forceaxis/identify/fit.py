@@ -292,7 +292,6 @@ class ResponseSettings:
     output: str | None = None
     averages: int | None = None
     dt: float | None = None  #: sampling period in s
-    scale: float | None = None
     modes: dict[str, str] | None = None
 
     def replaced(self) -> dict[str, str | float | dict[str, str]]:
@@ -428,7 +427,7 @@ def response_of_csv(
         inject="volts",
         model=model,
         overrides=dict(overrides),
-        scale=1.0 if settings.scale is None else settings.scale,
+        scale=1.0,
         modes=settings.modes or {},
     )
 
