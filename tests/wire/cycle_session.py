@@ -170,6 +170,7 @@ def beside(folder):
         pressed = to_json(results.press(owner, live.live_program(EXPERIMENT), "B-1"))
         to = ["--on", f"tcp://127.0.0.1:{PORT}", "--out", folder / "records"]
         said = cycle("result", EXPERIMENT, *to)
+        assert said["status"] == 0, said["said"]
         left = owner.get("cycle_results_waiting", "command_source")
         results.press(owner, live.live_program(EXPERIMENT), "B-2")
         copied(folder / "records", 298)

@@ -5,6 +5,7 @@ import contextlib
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import can
 import canopen
@@ -406,7 +407,7 @@ def test_modbus_texts_are_those_of_the_identification(registers):
 
 
 class SettingUp:
-    """Refuses `times` reads with a text, and then answers 0 for each object."""
+    """Refuses `times` commands with a text, and then answers 0 for each object."""
 
     def __init__(self, text, times):
         self.text, self.left = text, times
@@ -416,6 +417,10 @@ class SettingUp:
             self.left -= 1
             raise Refused(self.text)
         return dict.fromkeys(names, 0)
+
+    def write_raw(self, values):
+        self.read_raw(values)
+        self.written = values
 
 
 @pytest.mark.parametrize(("ready_s", "answers"), [(60.0, True), (0.0, False)])
@@ -427,6 +432,22 @@ def test_gateway_read_waits_until_the_axis_is_set_up(monkeypatch, ready_s, answe
     else:
         with pytest.raises(NoAnswer, match="not set up yet"):
             link.read(["command_source"])
+
+
+def test_gateway_write_without_the_axis_waits_until_the_axis_is_set_up(monkeypatch):
+    monkeypatch.setattr(gateway, "RETRY_PERIOD_S", 0.001)
+    client = SettingUp("the axis is not set up yet", 3)
+    GatewayLink(1, client=client).write({"cycle_acknowledge": 7})
+    assert (client.left, client.written) == (0, {"cycle_acknowledge": 7})
+
+
+def test_gateway_write_of_the_owner_is_not_repeated_after_a_restart_of_the_axis():
+    client = SettingUp("the node is stopped by NMT and not set up yet", 1)
+    link = GatewayLink(1, client=client)
+    link._keeper = SimpleNamespace(close=lambda: None)
+    with pytest.raises(Refused, match="not set up yet"):
+        link.write({"controlword": 15})
+    assert not hasattr(client, "written")
 
 
 def test_gateway_read_repeats_no_other_refusal():

@@ -71,7 +71,7 @@ class GatewayLink(Link):
     def text(self, index: int) -> str | None:
         """Returns the name or version of the axis as text, made from the numbers of object 1018h,
         because LCM transmits no texts."""
-        found = self.client.read_raw([PRODUCT, REVISION])
+        found = self._when_set_up(partial(self.client.read_raw, [PRODUCT, REVISION]))
         if index == DEVICE_NAME_INDEX:
             return DEVICE if found[PRODUCT] == BY_NAME[PRODUCT].default else None
         return (
@@ -81,8 +81,14 @@ class GatewayLink(Link):
         )
 
     def write(self, values: Mapping[str, int]) -> None:
+        command = partial(self.client.write_raw, values)
         with self.unfed(values):
-            self.client.write_raw(values)
+            # An acquired axis was set up. If it no longer is, it has restarted, and a command that
+            # may move it must not arrive later.
+            if self._keeper:
+                command()
+            else:
+                self._when_set_up(command)
 
     def start(self) -> None:
         """Waits until the gateway has started the node. The gateway does this without a command."""

@@ -58,7 +58,8 @@ class Session(AxisClient):
     def write_all(self, values: Mapping[str, Value]) -> axis_event_t:
         """Writes objects as AxisClient does, with two differences. The thread that repeatedly
         writes the watchdog does not overwrite a new watchdog value, and a target that the axis
-        would limit raises InputError (axis/bounds)."""
+        would limit raises InputError (axis/bounds). A write is not repeated while the gateway sets
+        up the axis again: the axis has restarted, and a late command could move it."""
         bounds.expect(self._drive, values)
         with self._link.unfed(values):
             return super().write_all(values)
