@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from types import SimpleNamespace
 
 import contact_study as study
 import dask_cluster
@@ -10,7 +11,7 @@ import hidden_machine
 import numpy as np
 import pytest
 import verbs
-from forceaxis import _core
+from forceaxis import _core, paths
 from forceaxis._core import InputError
 from forceaxis.commission import (
     contact_check,
@@ -24,7 +25,7 @@ from forceaxis.commission.contact_likelihood import ContactProblem
 from forceaxis.commission.contact_sampler import Drawn
 from forceaxis.commission.contact_workers import ContactsOrder, run_rows
 from forceaxis.experiments.workers import WorkerDiffers, Workers
-from forceaxis.linear import plant_set, posterior
+from forceaxis.linear import plant_set, posterior, working
 from forceaxis.recordings import signal_recording
 
 MACHINE = hidden_machine.Machine(f_c=4.0, lag_rad_s=1500.0, b_w=80.0)
@@ -379,3 +380,39 @@ def test_wrong_files_of_a_posterior_are_one_line(tmp_path):
         with pytest.raises(InputError, match=r"posterior\.json: ") as error:
             posterior.read(wrong)
         assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("declared", "is_tried", "lines"),
+    [
+        ("", True, ['name = "guide_friction"', 'coulomb = "coulomb"']),
+        ('coulomb = "coulomb"', True, ["value = 5.0", "to be identified"]),
+        ('coulomb = "0 N"\nstiction = "0 N"', True, ['coulomb = "coulomb"']),
+        ('coulomb = "3 N"', False, []),
+        ('coulomb = "0 N"\nstiction = "3 N"', False, []),
+    ],
+)
+def test_friction_is_tried_unless_the_model_declares_some(declared, is_tried, lines, tmp_path):
+    from forceaxis.commission import contact_elements
+
+    text = (paths.MODELS / "laboratory.toml").read_text()
+    text = text.replace('"thesis.toml"', f'"{paths.MODELS}/thesis.toml"')
+    if declared:
+        text += f'\n[[friction]]\nname = "seals"\nbetween = ["robot", "ground"]\n{declared}\n'
+    if '"coulomb"' in declared:
+        text += '\n[parameters.coulomb]\nvalue = 0.0\nunit = "N"\nsource = "wiped"\n'
+    (tmp_path / "model.toml").write_text(text)
+    touch = SimpleNamespace(force=SimpleNamespace(values=np.array([0.0, 50.0])))
+    problem = SimpleNamespace(
+        model=tmp_path / "model.toml", names=(), held={}, data=SimpleNamespace(touches=[touch])
+    )
+    element = contact_elements.friction(contact_elements.Scales(problem, np.zeros(0)))
+    assert (element is not None) == is_tried
+    if element:
+        made = contact_elements.model_text(problem, element, {"coulomb": 5.0})
+        for line in lines:
+            assert line in made
+        (tmp_path / "model.toml").write_text(made)
+        (friction,) = working.frictions(tmp_path / "model.toml")
+        assert (friction.coulomb_N, friction.stiction_N) == (5.0, 5.0)
+        assert element.drops == (("coulomb",) if '"coulomb"' in declared else ())

@@ -78,7 +78,13 @@ class Scales:
         document = model_file.document(problem.model)
         self.contact_keys = set(_named(document, "contact", self.contact.name))
         self.has_lag = "filter" in _adc(document)
-        self.has_backlash, self.has_friction = bool(tables.backlashes), bool(tables.frictions)
+        self.has_backlash = bool(tables.backlashes)
+        self.has_friction = any(
+            working.number(force, facts.parameters)
+            for declared in tables.frictions
+            for force in (declared.coulomb, declared.stiction)
+        )
+        self.declared_friction = tables.frictions[0] if tables.frictions else None
         body = tables.body(self.body)
         self.body_mass = body.mass if body else None
 
@@ -180,13 +186,23 @@ def friction(scales: Scales) -> Element | None:
     if scales.has_friction:
         return None
 
+    # The first friction that the model declares with 0 N, or None.
+    declared = scales.declared_friction
+
     def add(document: Document) -> None:
+        if declared:
+            table = _named(document, "friction", declared.name)
+            table["coulomb"] = "coulomb"
+            table.pop("stiction", None)
+            return
         _append(document, "friction", {
             "name": "guide_friction", "between": [scales.body, "ground"], "coulomb": "coulomb",
         })  # fmt: skip
 
     starts = tuple({"coulomb": scales.force_N * share} for share in (0.02, 0.1))
-    return Element("friction", "the guide has dry friction", add, starts, {"coulomb": "N"})
+    named = str(declared.coulomb) if declared else ""
+    drops = (named,) if named.isidentifier() else ()
+    return Element("friction", "the guide has dry friction", add, starts, {"coulomb": "N"}, drops)
 
 
 def _elements(scales: Scales) -> list[Element]:
@@ -245,7 +261,8 @@ def _fitted(
     for start in element.starts:
         path.write_text(without_unused(model_text(problem, element, start), path))
         own = {name: Prior(value, WORKPIECE_SPREAD) for name, value in start.items()}
-        held = {n: v for n, v in problem.held.items() if n in linear.facts(str(path)).parameters}
+        parameters = linear.facts(str(path)).parameters.keys() - {*own, *element.drops}
+        held = {name: value for name, value in problem.held.items() if name in parameters}
         wider = ContactProblem(
             path, problem.data, {n: problem.priors[n] for n in names} | own, held, problem.site
         )
