@@ -128,7 +128,9 @@ def info(file: Path, as_json: bool) -> None:
         return
     from forceaxis.bus import recordings
     from forceaxis.cli.buses_text import log_text
+    from forceaxis.recordings import reading
 
+    reading.expect_log(file)
     log = recordings.info(file)
     print_result(log, as_json, lambda: log_text(log))
     report_damage(log.damage)

@@ -10,6 +10,7 @@ from forceaxis.recordings.csv_source import CsvSource
 from forceaxis.recordings.signal_recording import is_recording
 from forceaxis.recordings.source import Source, read_messages, read_npz, read_parquet
 
+TABLES = (".csv", ".tsv", ".txt", ".parquet")  # endings of files with a table
 LCM_MARK = b"\xed\xa1\xda\x01"  # of the first entry of an LCM log
 
 # first bytes of a file: reader of the file
@@ -19,6 +20,20 @@ READERS: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
     (MCAP_MAGIC, read_messages),
     (LCM_MARK, read_messages),
 )
+
+
+def expect_log(path: Path) -> None:
+    """Raises InputError if a file is a table of another program, which has to be imported before it
+    is a recording."""
+    if not path.is_file():  # what reads a log says so
+        return
+    with path.open("rb") as file:
+        start = file.read(64)
+    if path.suffix.lower() in TABLES or start.startswith((b"PK", b"PAR1")):
+        raise InputError(
+            f"{paths.display(path)}: expected a recording or a log, got a file of another program; "
+            "`import_recording` makes a recording of it"
+        )
 
 
 def read_source(path: Path, separator: str | None = None) -> Source:
