@@ -14,6 +14,7 @@
 
 #include "firmware/port/host/firmware.hpp"
 #include "sim/hybrid/plant.hpp"
+#include "sim/model/elements/adc.hpp"
 #include "tests/support/poisoned.hpp"
 
 namespace {
