@@ -52,11 +52,16 @@ int holds(std::int64_t mode) {
   return cia402_modes[mode + CIA402_MODE_OFFSET].holds;
 }
 
-double setpoint_of(const Written &written, double newton_per_count) {
+// Returns the quantity (CIA402_HOLDS_) that the drive controls while it is enabled and not halted.
+int held_in_drive(const Written &written) {
   const std::int64_t word = written[AXIS_OBJ_CONTROLWORD];
   const bool enabled = (word & (kEnabling | kHalt)) == kEnabling;
+  return enabled ? holds(written[AXIS_OBJ_MODES_OF_OPERATION]) : CIA402_HOLDS_NONE;
+}
+
+double setpoint_of(const Written &written, double newton_per_count) {
   const int native = holds(cia402_operation_of(static_cast<uint8_t>(written[AXIS_OBJ_MODE])));
-  const int drive = enabled ? holds(written[AXIS_OBJ_MODES_OF_OPERATION]) : CIA402_HOLDS_NONE;
+  const int drive = held_in_drive(written);
   if (native == CIA402_HOLDS_SETPOINT || drive == CIA402_HOLDS_SETPOINT)
     return static_cast<double>(written[AXIS_OBJ_FORCE_SETPOINT]) *
            object_meta(AXIS_OBJ_FORCE_SETPOINT).scale * newton_per_count;
@@ -80,6 +85,30 @@ std::vector<ForceSetpoint> force_setpoints(const Experiment &experiment) {
     for (const ObjectWrite &w : action.writes) written.add(w);
     const double setpoint_N = setpoint_of(written, scale);
     if (setpoint_N != found.back().setpoint_N) found.push_back({action.tick, setpoint_N});
+  }
+  return found;
+}
+
+std::vector<LimitedSetpoint> limited_setpoints(const Experiment &experiment) {
+  Written written;
+  for (const ObjectWrite &w : experiment.initial) written.add(w);
+  const double scale = newton_per_count(*experiment.model, written[AXIS_OBJ_FORCE_SIGN]);
+  std::vector<LimitedSetpoint> found;
+  const auto look = [&] {
+    if (scale == 0.0 || held_in_drive(written) != CIA402_HOLDS_TARGET) return;
+    const double setpoint_N = setpoint_of(written, scale);
+    const bool presses = written[AXIS_OBJ_TARGET_FORCE] + written[AXIS_OBJ_FORCE_OFFSET] > 0;
+    const std::int64_t limit =
+        std::min(written[AXIS_OBJ_FORCE_LIMIT],
+                 written[presses ? AXIS_OBJ_FORCE_LIMIT_POSITIVE : AXIS_OBJ_FORCE_LIMIT_NEGATIVE]);
+    const double limit_N =
+        1e-6 * static_cast<double>(limit) * static_cast<double>(written[AXIS_OBJ_RATED_FORCE]);
+    if (std::fabs(setpoint_N) > limit_N) found.push_back({setpoint_N, limit_N});
+  };
+  look();
+  for (const Action &action : experiment.actions) {
+    for (const ObjectWrite &w : action.writes) written.add(w);
+    if (!action.writes.empty()) look();
   }
   return found;
 }

@@ -36,6 +36,16 @@ struct ForceSetpoint {
 // measure a force.
 std::vector<ForceSetpoint> force_setpoints(const Experiment &);
 
+// A set-point of force that is larger than the limits force_limit, force_limit_positive and
+// force_limit_negative permit in its direction.
+struct LimitedSetpoint {
+  double setpoint_N = 0.0;
+  double limit_N = 0.0;  // largest permitted magnitude
+};
+
+// Returns the limited set-points of the modes with a target force, one for each tick with writes.
+std::vector<LimitedSetpoint> limited_setpoints(const Experiment &);
+
 // Returns nothing if the experiment does not control force, if its last set-point is 0, or if ADC 0
 // does not measure a force. Slopes, limits and fault reactions of the firmware are ignored. If the
 // firmware does not reach the set-point for such a reason, the difference is an error of the

@@ -358,6 +358,9 @@ PYBIND11_MODULE(_core, m) {
       .def_property_readonly(
           "setpoints", &Result::setpoints,
           "list of (time_s, force in N) of all force set-points; [] without a force on ADC 0")
+      .def_property_readonly(
+          "limited_setpoints", &Result::limited_setpoints,
+          "list of (set-point, limit in N) of force set-points above the limit of the force")
       .def_property_readonly("impulses", &Result::impulses,
                              "list of (time_s, body, impulse in N s)")
       .def_property_readonly("contacts", &Result::contacts, "names of the contacts of the model")

@@ -151,6 +151,13 @@ struct Result {
     return list;
   }
 
+  pybind11::list limited_setpoints() const {
+    pybind11::list list;
+    for (const auto &s : forceaxis::host::limited_setpoints(experiment))
+      list.append(pybind11::make_tuple(s.setpoint_N, s.limit_N));
+    return list;
+  }
+
   pybind11::list impulses() const {
     pybind11::list list;
     for (const auto &action : experiment.actions)

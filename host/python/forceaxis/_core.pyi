@@ -70,6 +70,7 @@ class Result:
     tick: np.ndarray[Any, np.dtype[np.uint32]]
     objects: dict[str, str]
     setpoints: list[tuple[float, float]]
+    limited_setpoints: list[tuple[float, float]]
     impulses: list[tuple[float, str, float]]
     contacts: list[str]
     signal_units: dict[str, str]

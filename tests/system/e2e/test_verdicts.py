@@ -61,6 +61,26 @@ def test_a_setpoint_beyond_the_sensor_is_warned_of():
     assert within["warnings"] == [] and within["verdict"] == "stable"
 
 
+@pytest.mark.parametrize(
+    ("limits", "most_N"),
+    [
+        (["force_limit=500"], 50),
+        (["force_limit_positive=600"], 60),
+        (["force_limit=500", "force_limit_positive=600"], 50),
+        (["force_limit=750"], None),
+        (["force_limit_negative=100"], None),  # of tension
+    ],
+)
+def test_a_setpoint_above_the_limit_of_the_force_is_warned_of(limits, most_N):
+    """75 N of a rated force of 100 N; the axis presses with no more than the limit."""
+    sets = [f"firmware.{limit}" for limit in limits]
+    summary = runs.run(ROOT / "sim/experiments/hold_biquad.toml", sets).summary
+    held_N = summary["metrics"]["held_force"]["held_N"]
+    assert held_N == pytest.approx(most_N or 75, abs=1)
+    expected = [f"set-point 75 N: expected at most the limit of the force, {most_N} N"]
+    assert [text.partition(" (")[0] for text in summary["warnings"]] == expected * bool(most_N)
+
+
 # A count of the press's reading at 8 bits is 300 N / 128: it ends at 127.9 counts.
 def test_a_map_is_not_green_beyond_the_sensor(tmp_path):
     grid = {"firmware.force_setpoint": "32,96,160,200", "firmware.force_gain": "3.5,7"}

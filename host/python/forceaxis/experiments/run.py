@@ -138,7 +138,7 @@ def finished(
         verdict=result.verdict or None,
         because=reasons(result.missed, result.metrics, result.fault, converters),
         missed=result.missed,
-        warnings=warnings(result.setpoints, converters),
+        warnings=warnings(result.setpoints, result.limited_setpoints, converters),
         fault=result.fault,
         refused=result.refused,
         trace_hash=result.trace_hash,

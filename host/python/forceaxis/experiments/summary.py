@@ -133,9 +133,14 @@ def reading_range(metrics: Metrics, reading: Converter) -> tuple[float, float]:
     return (max(low, end), high) if end < 0 else (low, min(high, end or high))
 
 
-def warnings(setpoints: Sequence[tuple[float, float]], converters: Converters) -> list[str]:
-    """Returns a warning for each force set-point outside the range of ADC 0. `setpoints` are pairs
-    (time of the change in s, N)."""
+def warnings(
+    setpoints: Sequence[tuple[float, float]],
+    limited: Sequence[tuple[float, float]],
+    converters: Converters,
+) -> list[str]:
+    """Returns a warning for each force set-point outside the range of ADC 0 or above the limit of
+    the demanded force. `setpoints` are pairs (time of the change in s, N), `limited` are pairs
+    (set-point in N, its limit in N)."""
     reading = converters.get("adc0")
     if not reading:
         return []
@@ -145,6 +150,10 @@ def warnings(setpoints: Sequence[tuple[float, float]], converters: Converters) -
         f"set-point {N:.4g} N: expected one within the force reading, {low:.4g} to "
         f"{high:.4g} N; beyond it the force is not controlled"
         for N in beyond
+    ] + [
+        f"set-point {N:.4g} N: expected at most the limit of the force, {most:.4g} N (force_limit "
+        "of rated_force); the axis demands no more"
+        for N, most in dict.fromkeys(limited)
     ]
 
 
