@@ -17,6 +17,7 @@ from pathlib import Path
 from forceaxis import _core
 from forceaxis.cycles import parts
 from forceaxis.experiments import expect
+from forceaxis.pages.commands import with_commands
 from forceaxis.thesis import claims, sentences
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
@@ -181,7 +182,7 @@ def sections(tables):
     same = {}
     for found in tables:
         same.setdefault((found["meaning"], str(found["keys"]), found["when"]), []).append(found)
-    return "".join(section(group) for group in same.values())
+    return with_commands("".join(section(group) for group in same.values()))
 
 
 def units():

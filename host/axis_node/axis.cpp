@@ -87,7 +87,7 @@ void StoreCloser::operator()(store_file_t *store) const {
 }
 
 void expect_files(const AxisOptions &options, const std::string &suffix) {
-  if (!options.journal.empty()) host::expect_journal(options.journal + suffix);
+  if (!options.journal.empty()) host::expect_journal(options.journal + suffix, "--journal");
   if (options.store.empty()) return;
   const std::string file = options.store + suffix;
   host::expect_writable(file, "--store");
@@ -121,7 +121,8 @@ Axis::Axis(int number, int first_axis, const host::Experiment &experiment,
   config_.modbus_baud = static_cast<std::uint32_t>(options.modbus_baud);
   if (!options.journal.empty()) {
     journal_file_ = options.journal + suffix;
-    journal_ = std::make_unique<host::JournalWriter>(journal_file_, experiment, overrides);
+    journal_ =
+        std::make_unique<host::JournalWriter>(journal_file_, "--journal", experiment, overrides);
     journal_->power_up(config_);
   }
   host::FirmwareOptions firmware{.hash = true, .config = &config_};

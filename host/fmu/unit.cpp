@@ -59,7 +59,7 @@ class Reader {
     return required(host::find_object(required(name.value_exact<std::string>(), key)), key);
   }
   [[noreturn]] void fail(const char *key) const {
-    throw sim::InputError(file_, key, "expected what `forceaxis fmu` writes; write the unit again");
+    throw sim::InputError(file_, key, "expected a unit of this version; write the unit again");
   }
 
   const std::string &file() const { return file_; }

@@ -26,6 +26,7 @@ constexpr std::uint32_t kSync = 0x080, kHeartbeat = 0x700;
 constexpr std::uint8_t kOperational = 5;
 constexpr auto kWatchPeriod = 20ms;
 constexpr auto kDropsPeriod = 10s;
+constexpr char kPermitted[] = ", see --lcm-remote";
 // Largest number of frames that one call processes. This limit prevents that many frames delay
 // SYNC, heartbeat and LCM.
 constexpr int kMostFrames = 256;
@@ -84,7 +85,8 @@ class Gateway {
     loop_.spawn(begin());
     loop_.run();
     const lcm_bus::Drops drops = lcm_.drops();
-    if (drops.total() != 0) std::cerr << "gateway: LCM in total: " << drops.text() << std::endl;
+    if (drops.total() != 0)
+      std::cerr << "gateway: LCM in total: " << drops.text(kPermitted) << std::endl;
     return status_;
   }
 
@@ -212,11 +214,11 @@ class Gateway {
     const lcm_bus::Drops drops = lcm_.drops();
     const EventLoop::Time now = EventLoop::Clock::now();
     if (drops.total() == reported_drops_ || now < next_drops_) return;
-    std::cerr << "gateway: LCM: " << drops.text() << std::endl;
+    std::cerr << "gateway: LCM: " << drops.text(kPermitted) << std::endl;
     for (const auto &axis : axes_) {
       axis->node.publisher().event(axis_event_t::EVENT_BUS,
                                    static_cast<std::int64_t>(drops.total() - reported_drops_),
-                                   "LCM: " + drops.text());
+                                   "LCM: " + drops.text(kPermitted));
     }
     reported_drops_ = drops.total();
     next_drops_ = now + kDropsPeriod;

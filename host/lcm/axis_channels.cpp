@@ -15,14 +15,14 @@ constexpr int kMostAtOnce = 128;
 
 }  // namespace
 
-std::string Drops::text() const {
+std::string Drops::text(const std::string &remedy) const {
   std::string said;
   const auto add = [&said](std::uint64_t count, const std::string &what) {
     if (count == 0) return;
     said += (said.empty() ? "" : ", ") + std::to_string(count) + " " + what;
   };
-  add(refused, "commands from other machines refused (the last one from " + last_refused +
-                   ", see --lcm-remote)");
+  add(refused,
+      "commands from other machines refused (the last one from " + last_refused + remedy + ")");
   add(malformed, "malformed messages dropped");
   add(incomplete, "incomplete messages dropped");
   return said;

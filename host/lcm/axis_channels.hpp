@@ -42,8 +42,9 @@ struct Drops {
   std::uint64_t incomplete = 0;  // number of messages with a missing fragment
 
   std::uint64_t total() const { return refused + malformed + incomplete; }
-  // Returns one line with all numbers that are not 0.
-  std::string text() const;
+  // Returns one line with all numbers that are not 0. `remedy` says how to permit a refused
+  // machine, after a comma.
+  std::string text(const std::string &remedy) const;
 };
 
 class AxisChannels {

@@ -72,8 +72,8 @@ class ParameterFile {
     const double scale = (*described)["scale"].value_or(meta.scale);
     if (type != meta.type || unit != meta.unit || scale != meta.scale)
       fail(key,
-           "expected type, unit and scale of this version in [objects], got others; write the "
-           "file with `forceaxis axis params dump` of this version");
+           "expected type, unit and scale of this version in [objects], got others; dump "
+           "the parameters again with this version");
   }
 
   std::int64_t raw_value(const std::string &key, std::uint16_t object,

@@ -4,16 +4,40 @@
 
 #include <csignal>
 #include <iostream>
+#include <string>
+#include <string_view>
 #include <thread>
+#include <utility>
 
 #include "sim/model/model.hpp"
 #include "sim/model/text.hpp"
 
 namespace forceaxis::nodes {
 
+namespace {
+
+// What messages of the library name between backticks, and its name on the command line.
+constexpr std::pair<std::string_view, std::string_view> kNames[] = {
+    {"`overrides`", "--set"},
+    {"`list_objects`", "`forceaxis objects`"},
+    {"`measure_response`", "`forceaxis measure`"},
+    {"`design_law`", "`forceaxis design`"},
+};
+
+std::string for_command_line(std::string text) {
+  for (const auto &[name, word] : kNames) {
+    for (std::size_t at = text.find(name); at != text.npos; at = text.find(name, at)) {
+      text.replace(at, name.size(), word);
+    }
+  }
+  return text;
+}
+
+}  // namespace
+
 int guarded(const char *name, const std::function<int()> &program) {
   const auto report = [name](const std::string &what, int status) {
-    std::cerr << name << ": " << sim::one_line(what) << '\n';
+    std::cerr << name << ": " << sim::one_line(for_command_line(what)) << '\n';
     return status;
   };
   try {

@@ -172,7 +172,7 @@ class Reader {
     }
     if (used != text.size() || used != 8)
       root_.fail("bank_crc", "expected 8 hexadecimal digits, got " + sim::in_quotes(text) +
-                                 "; give the CRC that `forceaxis design` prints");
+                                 "; give the CRC that `design_law` prints");
     return static_cast<std::uint32_t>(value);
   }
 

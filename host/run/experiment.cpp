@@ -167,8 +167,7 @@ std::vector<std::uint16_t> read_traced(Section &section, const sim::Model &model
       if (std::string_view(meta.kind) != "command") known.emplace_back(meta.name);
     if (!object || std::find(known.begin(), known.end(), name) == known.end())
       section.fail("objects", "expected firmware objects with a value, got " + sim::kind_of(entry) +
-                                  sim::suggestion(name, known) +
-                                  "; `forceaxis objects` lists them");
+                                  sim::suggestion(name, known) + "; `list_objects` lists them");
     if (std::find(columns.begin(), columns.end(), name) != columns.end() ||
         std::find(traced.begin(), traced.end(), *object) != traced.end())
       section.fail("objects", "expected each column once, got " + sim::in_quotes(name) +
@@ -233,7 +232,8 @@ toml::table &subtable(toml::table &root, std::string_view key) {
   if (root.get(key) == nullptr) root.insert(key, toml::table{});
   toml::table *table = root.get(key)->as_table();
   if (table == nullptr)
-    throw InputError("--set", std::string(key), "expected a table of this name in the experiment");
+    throw InputError("`overrides`", std::string(key),
+                     "expected a table of this name in the experiment");
   return *table;
 }
 
@@ -242,12 +242,12 @@ void apply_overrides(toml::table &root, std::span<const std::string> overrides) 
   for (const std::string &text : overrides) {
     const std::size_t equals = text.find('=');
     if (equals == std::string::npos || equals == 0 || equals + 1 == text.size())
-      throw InputError("--set", text, "expected NAME=VALUE");
+      throw InputError("`overrides`", text, "expected NAME=VALUE");
     const std::string name = text.substr(0, equals);
     const std::string value = text.substr(equals + 1);
     if (const auto [first, fresh] = given.emplace(name, value); !fresh)
       throw InputError(
-          "--set", name,
+          "`overrides`", name,
           "expected one value, got " + first->second + " and " + value + "; remove one value");
     const std::size_t dot = name.find('.');
     const std::string room = dot == std::string::npos ? "" : name.substr(0, dot);
@@ -259,7 +259,7 @@ void apply_overrides(toml::table &root, std::span<const std::string> overrides) 
       put(subtable(root, room), name.substr(dot + 1), value);
     } else {
       throw InputError(
-          "--set", name,
+          "`overrides`", name,
           "expected a model parameter, firmware.OBJECT, experiment.KEY or verdict.KEY" +
               sim::suggestion(room, {"experiment", "firmware", "verdict"}));
     }
@@ -431,7 +431,7 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
               "expected an experiment, got a model; give an experiment on it, or use a command "
               "that takes a model");
   if (table.contains("output") && !table.contains("duration_s"))
-    root.fail("output", "expected an experiment, got a measurement; use `forceaxis measure`");
+    root.fail("output", "expected an experiment, got a measurement; use `measure_response`");
   root.finish();
   Experiment experiment;
   experiment.file = contents_->file;
@@ -440,9 +440,10 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   experiment.shows = optional_words(root, "shows");
   const double duration_s = root.number("duration_s");
   if (duration_s > kLongestRun_s)  // a longer run would need too much memory for the trace
-    root.fail("duration_s", "expected at most " + sim::number_text(kLongestRun_s) + " s, got " +
-                                sim::number_text(duration_s) +
-                                "; `axis_node` and `plant_node` with --endless run for longer");
+    root.fail("duration_s",
+              "expected at most " + sim::number_text(kLongestRun_s) + " s, got " +
+                  sim::number_text(duration_s) +
+                  "; `axis_node` and `plant_node` run for longer as an endless session");
   experiment.ticks = tick_at(duration_s);
   const double seed = root.number("seed");
   if (seed != std::floor(seed))

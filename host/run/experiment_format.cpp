@@ -21,7 +21,7 @@ constexpr double kTick_s = 1.0 / sim::kTickRateHz;
 
 constexpr TableFormat kSet{
     "Values for parameters of the model, by name: numbers in the unit of the parameter, "
-    "quantities, or names of other parameters. --set NAME=VALUE takes precedence.",
+    "quantities, or names of other parameters. Overrides NAME=VALUE take precedence.",
     {},
     true};
 
@@ -56,7 +56,7 @@ constexpr KeyFormat kFirmwareKeys[] = {
     table("bank_4", kBank), table("shaper_force", kShaper), table("shaper_motion", kShaper),
 };
 constexpr TableFormat kFirmware{
-    "Values for objects of the firmware, by name (`forceaxis objects` lists them): a "
+    "Values for objects of the firmware, by name (`list_objects` lists them): a "
     "number in the unit of the object, a quantity that is converted with the scales of "
     "the model, the name of a parameter, a text of an enumeration, or true or false. "
     "They are written before the first tick: parameters, then commands, `mode` last.",
@@ -162,7 +162,7 @@ constexpr TableFormat kTrace{
     kTraceKeys};
 
 constexpr TableFormat kExpect{
-    "Expected results, with which `forceaxis test` compares the run.", {}, true};
+    "Expected results, with which `test_experiments` compares the run.", {}, true};
 
 constexpr KeyFormat kExperimentKeys[] = {
     other("title", "text", "", "Title of the experiment."),

@@ -128,18 +128,16 @@ std::optional<Journal::Entry> entry_of(const std::string &kind, Line &line) {
   return std::nullopt;
 }
 
-constexpr char kJournalOption[] = "--journal";
-
 sim::InputError not_writable(const std::filesystem::path &file, const char *option, int error) {
   return {file.string(), option,
           std::string("expected a file that can be written, ") + std::strerror(error)};
 }
 
 // Locks the open file. If this fails, closes the file and throws sim::InputError.
-int lock_journal(int opened, const std::filesystem::path &file) {
-  const auto fail = [opened, &file](const char *what) {
+int lock_journal(int opened, const std::filesystem::path &file, const char *option) {
+  const auto fail = [opened, &file, option](const char *what) {
     close(opened);
-    throw sim::InputError(file.string(), kJournalOption, what);
+    throw sim::InputError(file.string(), option, what);
   };
   if (flock(opened, LOCK_EX | LOCK_NB) != 0) {
     fail("expected a file that no other process uses, but another process writes a journal here");
@@ -170,21 +168,21 @@ void expect_writable(const std::filesystem::path &file, const char *option) {
   if (wrong != 0) throw not_writable(file, option, wrong);
 }
 
-void expect_journal(const std::filesystem::path &file) {
-  expect_writable(file, kJournalOption);
+void expect_journal(const std::filesystem::path &file, const char *option) {
+  expect_writable(file, option);
   const int old = open(file.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
-  if (old >= 0) close(lock_journal(old, file));
+  if (old >= 0) close(lock_journal(old, file, option));
 }
 
-JournalWriter::JournalWriter(const std::filesystem::path &file, const Experiment &experiment,
-                             std::span<const std::string> overrides) {
+JournalWriter::JournalWriter(const std::filesystem::path &file, const char *option,
+                             const Experiment &experiment, std::span<const std::string> overrides) {
   const int opened = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
-  if (opened < 0) throw not_writable(file, kJournalOption, errno);
-  lock_ = lock_journal(opened, file);
+  if (opened < 0) throw not_writable(file, option, errno);
+  lock_ = lock_journal(opened, file, option);
   out_.open(file, std::ios::trunc);
   if (!out_) {
     close(lock_);
-    throw not_writable(file, kJournalOption, errno);
+    throw not_writable(file, option, errno);
   }
   out_ << kJournalTitle << "\nexperiment " << std::filesystem::absolute(experiment.file).string()
        << '\n';

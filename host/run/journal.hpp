@@ -45,8 +45,9 @@ inline constexpr char kJournalTitle[] = "forceaxis-journal 1";
 class JournalWriter {
  public:
   // Creates the file, or replaces an existing journal. Throws sim::InputError if the existing file
-  // is not a journal, cannot be written, or is locked by another process.
-  JournalWriter(const std::filesystem::path &file, const Experiment &experiment,
+  // is not a journal, cannot be written, or is locked by another process. `option` is the name of
+  // the file in this message.
+  JournalWriter(const std::filesystem::path &file, const char *option, const Experiment &experiment,
                 std::span<const std::string> overrides);
   ~JournalWriter();
   JournalWriter(const JournalWriter &) = delete;
@@ -85,7 +86,7 @@ class JournalWriter {
 
 // Checks the file like the constructor of JournalWriter and throws the same exceptions, but does
 // not change the file.
-void expect_journal(const std::filesystem::path &file);
+void expect_journal(const std::filesystem::path &file, const char *option);
 
 // Checks that an existing file, or a new file in an existing folder, can be written. Throws
 // sim::InputError.

@@ -223,7 +223,7 @@ std::vector<std::string> object_names(const sim::Section &section) {
     for (const sim::KeyFormat &key : section.format().keys) known.emplace_back(key.key);
     section.fail(unknown.front(), "expected the name of a firmware object, got " +
                                       sim::wrong_names(unknown, known) +
-                                      "; `forceaxis objects` lists them");
+                                      "; `list_objects` lists them");
   }
   return names;
 }

@@ -769,6 +769,23 @@ def test_a_file_that_cannot_be_written_is_one_line_and_status_2(tmp_path, option
     assert [text.read_text() for text in texts] == ["precious\n"] * 2
 
 
+@pytest.mark.parametrize(
+    ("sets", "words"),
+    [
+        (["m_w=1", "m_w=2"], "--set: m_w: expected one value, got 1 and 2"),
+        (["firmware.force_gian=1"], "`forceaxis objects` lists them"),
+    ],
+)
+def test_a_node_names_options_and_commands_for_what_the_library_names(sets, words):
+    given = [word for text in sets for word in ("--set", text)]
+    done = subprocess.run(
+        [NODES / "axis_node", EXPERIMENT, *given], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("axis_node: ") and words in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
 @pytest.mark.parametrize("name", ["axis_node", "plant_node"])
 def test_help_has_an_example(name):
     done = subprocess.run([NODES / name, "--help"], capture_output=True, text=True, check=True)

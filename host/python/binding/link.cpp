@@ -208,7 +208,7 @@ void add_link(py::module_ &m) {
       "Raises InputError, SimulationError, TransportError.");
   m.def(
       "replay", &replay, py::arg("journal"),
-      "Repeats the run of a journal from axis_node --journal in this process. Returns (Result, "
+      "Repeats the run of a journal of axis_node in this process. Returns (Result, "
       "{experiment, overrides, entries, ticks, trace_hash}), where ticks and trace_hash are those "
       "of the recorded run. If the journal has no end, ticks is None and trace_hash is empty. "
       "Raises InputError.");

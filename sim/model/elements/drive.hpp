@@ -254,7 +254,7 @@ struct VelocityDrive {
       "A drive with a velocity loop of its own: a PI controller of the velocity above a current "
       "loop. The integral follows the limited target of the current, so it does not wind up. The "
       "gains are given, or computed from bandwidth, damping_ratio and the mass for which the loop "
-      "was tuned; `forceaxis loop linearise` prints them. VelocityDrive in "
+      "was tuned; `linearise_model` prints them. VelocityDrive in "
       "sim/model/elements/drive.hpp has the equations.";
   static constexpr std::string_view kWhen = "type = \"velocity\"";
   DriveMotor motor;

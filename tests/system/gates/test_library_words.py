@@ -8,15 +8,20 @@ from pathlib import Path
 import click
 import pytest
 import verbs
-from forceaxis.cli import main, moved
-from forceaxis.cli.common import ACTIONS, with_commands
+from forceaxis.cli import common, main, moved
+from forceaxis.pages import template
+from forceaxis.pages.commands import ACTIONS, with_commands
 
-PACKAGE = Path(__file__).resolve().parents[3] / "host/python/forceaxis"
+ROOT = Path(__file__).resolve().parents[3]
+PACKAGE = ROOT / "host/python/forceaxis"
+# Folders of C++ programs, which have options of their own.
+PROGRAMS = ("gateway", "program", "axis_node", "plant_node", "axis_linux")
 # An option, such as --out, and a command.
 NAMED = re.compile(
     rf"(?<![\w-])--[a-z][a-z-]+|\bforceaxis ({'|'.join([*main.WORDS, *moved.COMMANDS])})\b"
 )
 OTHER_PROGRAM = re.compile(r"(tools/\w+|npm \w+)\s+--[a-z-]+")
+COMMANDS = "pages/commands.py"  # names of commands for the terminal and for pages
 GENERATED = "bus/messages"  # from the comments of host/lcm/*.lcm
 pytestmark = pytest.mark.quick
 
@@ -42,9 +47,33 @@ def named_in(source):
                 yield node.lineno, found[0]
 
 
+# A comment, a character or a string of C++. Adjacent strings are one text.
+TOKEN = re.compile(r'//[^\n]*|\'(?:\\.|[^\'\\\n])+\'|(?:"(?:\\.|[^"\\\n])*"\s*)+')
+
+
+def named_in_cpp(source):
+    """[(line, words)] of each option and command that a string of a C++ source names."""
+    for token in TOKEN.finditer(source):
+        if token[0].startswith('"') and "#include" not in source[: token.start()].split("\n")[-1]:
+            text = re.sub(r'"\s*"', "", token[0])
+            for found in NAMED.finditer(text):
+                yield source.count("\n", 0, token.start()) + 1, found[0]
+
+
+def cpp_library():
+    return [
+        path
+        for folder in ("host", "sim")
+        for path in sorted((ROOT / folder).rglob("*.[ch]pp"))
+        if path.relative_to(ROOT / folder).parts[0] not in PROGRAMS
+    ]
+
+
 def library():
     files = {path: path.relative_to(PACKAGE).as_posix() for path in sorted(PACKAGE.rglob("*.py"))}
-    return [path for path, name in files.items() if not name.startswith(("cli/", GENERATED))]
+    return [
+        path for path, name in files.items() if not name.startswith(("cli/", COMMANDS, GENERATED))
+    ]
 
 
 def test_the_library_names_no_option_and_no_command():
@@ -71,8 +100,36 @@ def test_what_names_an_option_or_a_command(text, named):
     assert [words for _, words in named_in(text)] == named
 
 
+def test_the_library_in_cpp_names_no_option_and_no_command():
+    files = cpp_library()
+    assert len(files) > 100
+    named = [
+        f"{path.relative_to(ROOT)}:{line}: {words}"
+        for path in files
+        for line, words in named_in_cpp(path.read_text())
+    ]
+    assert not named, "\n".join(named)
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ('fail("x: use --out");', ["--out"]),
+        ('fail("lists `forceaxis "\n     "objects`");', ["forceaxis objects"]),
+        ("char q = '\"'; // as --out", []),
+        ("// `forceaxis run` and --out", []),
+        ('#include "forceaxis run.hpp"', []),
+        ('node.value == "forceaxis gateway of a bus"', ["forceaxis gateway"]),
+        ('f("\\"", "--json")', ["--json"]),
+        ("--i; a --b;", []),
+    ],
+)
+def test_what_names_an_option_or_a_command_in_cpp(text, named):
+    assert [words for _, words in named_in_cpp(text)] == named
+
+
 def test_each_action_that_the_library_names_is_a_command_that_exists():
-    texts = "".join(path.read_text() for path in library())
+    texts = "".join(path.read_text() for path in [*library(), *cpp_library()])
     for action, words in ACTIONS.items():
         assert f"`{action}`" in texts, action
         command = main.cli
@@ -80,6 +137,22 @@ def test_each_action_that_the_library_names_is_a_command_that_exists():
             command = command.get_command(click.Context(command), word)
             assert command is not None, words
     assert with_commands("a `reset_fault` b `force`") == "a `forceaxis axis reset` b `force`"
+
+
+def test_a_page_has_commands_for_actions_and_escapes_the_rest():
+    page = template.template("tuning").environment.from_string("<p>{{ text }}</p>{{ page | safe }}")
+    shown = page.render(text="`list_objects` <b>", page="<i>`force`</i>")
+    assert shown == "<p>`forceaxis objects` &lt;b&gt;</p><i>`force`</i>"
+
+
+def test_json_has_options_for_parameters(capsys):
+    @click.command()
+    @click.option("--force")
+    def command(force):
+        common.print_json({"text": "`forces_N` is missing, `list_objects`"})
+
+    command.main(["--force", "3"], standalone_mode=False)
+    assert capsys.readouterr().out == '{"text": "--force is missing, `list_objects`"}\n'
 
 
 def test_the_program_prints_commands_for_actions_and_options_for_parameters(tmp_path):

@@ -22,6 +22,7 @@ from forceaxis import paths, progress
 from forceaxis._core import InputError
 from forceaxis.cli import former_options
 from forceaxis.errors import ParameterError
+from forceaxis.pages.commands import with_commands
 from forceaxis.words import printable, suggestion
 
 if TYPE_CHECKING:
@@ -37,39 +38,6 @@ FIRST_SENTENCE_LENGTH = 300
 
 # Control sequences of the program itself: colours of click.style, start of the progress line.
 OWN_SEQUENCES = re.compile("((?:\r?\x1b\\[(?:0|1|22|3[0-9]|39|9[0-7])?m|\r\x1b\\[2K)+)")
-
-
-# Each action that the library names between backticks, and the command that does this action.
-# The library does not know the command line.
-ACTIONS = {
-    "convert_log": "recording convert",
-    "critical_gain": "loop limit",
-    "design_law": "design",
-    "dump_parameters": "axis params dump",
-    "fit_contact": "identify contact",
-    "fit_tables": "thesis tables",
-    "import_recording": "recording import",
-    "list_objects": "objects",
-    "load_program": "cycle load",
-    "new_axis": "new NAME",
-    "plant_unit": "fmu plant",
-    "read_incident": "axis incident",
-    "read_results": "cycle result EXPERIMENT --out FOLDER",
-    "reset_fault": "axis reset",
-    "run_experiment": "run",
-    "start_cycle": "cycle start EXPERIMENT --out FOLDER",
-    "start_node": "axis start",
-    "stop_axis": "axis stop",
-    "write_image": "flash",
-    "write_objects": "axis set",
-}
-_ACTION = re.compile(f"`({'|'.join(ACTIONS)})`")
-
-
-def with_commands(text: str) -> str:
-    """Return the text in which each action between backticks is replaced by the command of
-    `forceaxis` that does it."""
-    return _ACTION.sub(lambda named: f"`forceaxis {ACTIONS[named[1]]}`", text)
 
 
 class Printed(io.TextIOWrapper):
@@ -566,7 +534,9 @@ def print_json(result: "Convertible") -> None:
     from forceaxis.results import to_json
 
     done_waiting()
-    click.echo(json.dumps(to_json(result), allow_nan=False))
+    text = json.dumps(to_json(result), allow_nan=False)
+    context = click.get_current_context(silent=True)
+    click.echo(options_in(context.command, text) if context else text)
 
 
 def print_result(

@@ -3,7 +3,6 @@ options that several of these commands have."""
 
 import functools
 import inspect
-import json
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -22,9 +21,9 @@ from forceaxis.cli.common import (
     done_waiting,
     fitted_lines,
     mode_option,
+    print_json,
     set_option,
 )
-from forceaxis.results import to_json
 
 Result = TypeVar("Result", bound="Convertible")
 
@@ -74,10 +73,10 @@ def present(
 ) -> None:
     """Print the result of a command as a JSON object, or as the text of `describe` and the path
     of the image file `out`."""
-    done_waiting()
     if as_json:
-        click.echo(json.dumps(to_json(result), allow_nan=False))
+        print_json(result)
         return
+    done_waiting()
     click.echo(fitted_lines(describe(result)))
     if out:
         click.echo(f"figure       {paths.quoted(out)}")

@@ -6,6 +6,7 @@ from importlib import resources
 import jinja2
 
 from forceaxis import drawing, words
+from forceaxis.pages.commands import with_commands
 
 
 def _text(name: str) -> str:
@@ -15,12 +16,19 @@ def _text(name: str) -> str:
     return resources.files("forceaxis.pages").joinpath(name).read_text(encoding="utf-8")
 
 
+def _for_reader(value: object) -> object:
+    """Returns an inserted text with the commands in place of actions, other values as they are."""
+    is_html = hasattr(value, "__html__")
+    return with_commands(value) if isinstance(value, str) and not is_html else value
+
+
 def template(name: str) -> jinja2.Template:
     """Returns the page template in the file `name`.html.jinja. The template escapes the characters
     of all inserted texts for HTML."""
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(_text),
         autoescape=True,
+        finalize=_for_reader,
         trim_blocks=True,
         lstrip_blocks=True,
     )
