@@ -56,8 +56,8 @@ def record(address: int, image: bytes, table: int, board: str, version: str) -> 
 
 
 def trailer(image: bytes) -> bytes:
-    """Returns the trailer of an image that a debug probe writes. This image is confirmed and has the
-    sequence number 1, as the first image of a chip."""
+    """Returns the trailer of an image that a debug probe writes. This image is confirmed and has
+    the sequence number 1, as the first image of a chip."""
     words = [TRAILER_MAGIC, len(image), zlib.crc32(image), 1, 0]
     return TRAILER.pack(*words, *[BLANK] * (16 - len(words)))
 

@@ -62,7 +62,7 @@ class ContactFit:
 
     @property
     def set_options(self) -> str:
-        """Returns the most likely values as options --set of a command."""
+        """Returns the options of a command that give the parameters their most likely values."""
         return " ".join(
             option_words(set=[f"{name}={p.value:.6g}" for name, p in self.parameters.items()])
         )
