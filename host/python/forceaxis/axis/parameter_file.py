@@ -340,9 +340,9 @@ def raw_value(known: AxisObject, value: toml.TomlValue, node_id: int) -> int:
         or has_decimals
         or is_unnamed
     ):
-        wanted = "one of " + ", ".join(names) if names else "a number"
+        permitted = "one of " + ", ".join(names) if names else "a number"
         whole_number = " without decimals" if has_decimals else ""
-        raise InputError(f"{known.name}: expected {wanted}{whole_number}, got {value}")
+        raise InputError(f"{known.name}: expected {permitted}{whole_number}, got {value}")
     return to_raw(known.name, value)
 
 
@@ -391,11 +391,11 @@ def _expect_same(known: AxisObject, described: toml.TomlValue | None) -> None:
     is_same = all(described.get(k) == ours.get(k) for k in ("type", "scale", "unit", "enum"))
     if not (is_same and known.min <= least and most <= known.max):
         differing = [k for k in {**ours, **described} if described.get(k) != ours.get(k)]
-        there = ", ".join(f"{k} {described.get(k)}" for k in differing)
-        here = ", ".join(f"{k} {ours.get(k)}" for k in differing)
+        file_states = ", ".join(f"{k} {described.get(k)}" for k in differing)
+        own_table = ", ".join(f"{k} {ours.get(k)}" for k in differing)
         raise InputError(
-            f"{known.name}: expected {here} in [objects], as in this version of forceaxis, got "
-            f"{there}"
+            f"{known.name}: expected {own_table} in [objects], as in this version of forceaxis, "
+            f"got {file_states}"
         )
 
 

@@ -167,15 +167,17 @@ def parse(axis: AxisValues, name: str, text: str) -> Value:
     number, unit = parts.groups()
     if not unit or unit == known.unit:
         return number
-    scale, also, why = scale_of(axis, known), "", ""
+    scale, or_unit, note = scale_of(axis, known), "", ""
     if scale is not None:
         value = _core.quantity_in(f"{number} {unit}", scale[0])
         if value is not None:
             return value * scale[1]
-        also = f" or {scale[0]}"
+        or_unit = f" or {scale[0]}"
     elif _is_length(known):
-        why = UNKNOWN_COUNT_SIZE
-    raise InputError(f"{name}: expected a value with the unit {known.unit}{also}, got {text}{why}")
+        note = UNKNOWN_COUNT_SIZE
+    raise InputError(
+        f"{name}: expected a value with the unit {known.unit}{or_unit}, got {text}{note}"
+    )
 
 
 def all_raw(axis: AxisValues, values: Mapping[str, Value]) -> dict[str, int]:

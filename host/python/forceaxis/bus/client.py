@@ -102,21 +102,23 @@ def to_raw(name: str, value: Value) -> int:
     if known and isinstance(value, str) and value in texts(known):
         return texts(known)[value]
     if known is None:
-        wanted, low, high = "an integer of at most 32 bits", -(2**31), 2**32 - 1
+        permitted, low, high = "an integer of at most 32 bits", -(2**31), 2**32 - 1
     else:
         low, high = known.min, known.max
         span = " to ".join(f"{n * known.scale:g}" for n in dict.fromkeys((low, high)))
         unit = "" if known.unit == "1" else known.unit
-        wanted = f"one of {', '.join(texts(known))}" if texts(known) else f"{span} {unit}".rstrip()
+        permitted = (
+            f"one of {', '.join(texts(known))}" if texts(known) else f"{span} {unit}".rstrip()
+        )
     try:
         if known is None:
             raw = int(value, 0) if isinstance(value, str) else int(value)
         else:
             raw = round(float(value) / known.scale)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name}: expected {wanted}, got {value}") from None
+        raise InputError(f"{name}: expected {permitted}, got {value}") from None
     if not low <= raw <= high:
-        raise InputError(f"{name}: expected {wanted}, got {value}")
+        raise InputError(f"{name}: expected {permitted}, got {value}")
     return raw
 
 

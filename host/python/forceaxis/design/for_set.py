@@ -144,8 +144,8 @@ def expect_no_dead_law(plant: Design, outcome: DesignOutcome) -> None:
     set-points, the range of the sensor is used in place of the set-point."""
     whole = 128 * abs(plant.facts.required_reading.per_count)
     setpoint = min(outcome.order.forces_N, default=whole)
-    if why := plant.facts.dead_law(outcome.bank.gain_at_rest(), setpoint):
-        raise InputError(f"{plant.model}: dead zone: {why}")
+    if reason := plant.facts.dead_law(outcome.bank.gain_at_rest(), setpoint):
+        raise InputError(f"{plant.model}: dead zone: {reason}")
 
 
 def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:

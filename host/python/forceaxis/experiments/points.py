@@ -182,11 +182,11 @@ def check_names(
     taken = {text.partition("=")[0] for text in overrides}
     for axis in axes:
         if axis.name in taken:
-            problem = "each name once among the swept parameters and the overrides"
+            permitted = "each name once among the swept parameters and the overrides"
         else:
-            problem = _problem_of(axis.name, experiment, inputs, overrides)
-        if problem:
-            raise InputError(f"{experiment}: {axis.name}: expected {problem}")
+            permitted = _problem_of(axis.name, experiment, inputs, overrides)
+        if permitted:
+            raise InputError(f"{experiment}: {axis.name}: expected {permitted}")
         taken.add(axis.name)
 
 

@@ -443,8 +443,10 @@ def regression_of(
             "points"
         )
     if not at.any() or (offset and np.ptp(at) == 0):
-        what = "different values" if offset else "values other than 0"
-        raise InputError(f"{path}: {x}: expected a column with {what}; measure at several speeds")
+        contents = "different values" if offset else "values other than 0"
+        raise InputError(
+            f"{path}: {x}: expected a column with {contents}; measure at several speeds"
+        )
     columns = np.stack([at, np.ones(len(at))], 1) if offset else at[:, None]
     found = regression(columns, values)
     return [Estimate(*pair, unit) for pair, unit in zip(found, units, strict=False)]

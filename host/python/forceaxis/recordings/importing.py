@@ -168,9 +168,9 @@ def _unit_of(
         factor = factor_of(given, wanted)
         found = (wanted, factor) if factor else None
     if found is None:
-        what = f"a unit of {one.name}, such as {wanted}" if wanted else "an SI unit"
+        unit_kind = f"a unit of {one.name}, such as {wanted}" if wanted else "an SI unit"
         raise InputError(
-            f"{where}: expected {what}, got {given!r}; write another unit in "
+            f"{where}: expected {unit_kind}, got {given!r}; write another unit in "
             f"`maps` {one.name}={one.column}:UNIT, also as the size of a count, such as 0.5um"
         )
     if column.unit not in (None, "count") and one.unit is not None:
