@@ -21,7 +21,7 @@ void curves_init(fw_t *fw) {
   show_size(fw);
 }
 
-/* Begins the curve of a cycle that has started. */
+/* Begins the recording of the curve when a cycle has started. */
 static void begin(fw_t *fw) {
   const cycle_curve_steps_t steps = {.travel = fw->device.cycle_curve_step_travel,
                                      .force = fw->device.cycle_curve_step_force,

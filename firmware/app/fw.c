@@ -121,7 +121,8 @@ static void drive_written(dictionary_t *objects, uint8_t source, uint16_t object
   fw_t *fw = fw_of(objects);
   if (object == AXIS_OBJ_CONTROLWORD) {
     if (fw->drive.cycle.state == CYCLE_ENDED) {
-      serve_cycle(fw); /* The result of the last part must be complete before a start. */
+      serve_cycle(fw); /* The result of the last part must be complete before the next cycle
+                        * starts. */
     }
     results_follow(fw);
     ownership_command(fw, source, (uint16_t)previous, (uint16_t)value);
@@ -171,8 +172,7 @@ static void node_written(dictionary_t *objects, uint8_t source, uint16_t object,
   }
 }
 
-/* If the store has accepted the command, store_state shows immediately that the store is
- * working. */
+/* After an accepted command, store_state shows immediately that the store is working. */
 static int begin_store(fw_t *fw, int refusal) {
   if (refusal == FW_OK) {
     fw->device_signals.store_state = AXIS_STORE_STATE_SAVING;

@@ -4,7 +4,7 @@
 
 #include "firmware/app/recording.h"
 
-/* Signals that the black box records. These signals show what led to an error. */
+/* Signals that the black box records, because they show what led to an error. */
 static const struct {
   uint16_t object;
   uint32_t address;

@@ -56,7 +56,8 @@ void programs_init(fw_t *fw) {
   show_programs(fw);
 }
 
-/* Selects a program, NULL for none. Returns false while a cycle runs. */
+/* Selects a cycle program, or none if it is NULL. Returns false and changes nothing while a cycle
+ * runs. */
 static bool select(fw_t *fw, const cycle_header_t *program) {
   if (!cycle_mode_select(&fw->drive, program)) {
     return false;
@@ -116,8 +117,8 @@ int programs_check(const fw_t *fw, uint16_t object, int32_t value) {
   return (is_part(object) && is_downloading(fw, CANOPEN_SDOS)) ? FW_ERROR_BUSY : FW_OK;
 }
 
-/* Begins a program or an update with its first word, or continues an update whose offset has passed
- * 65535. */
+/* Begins a program or an update with its first word. Continues an update whose offset has passed
+ * 65535, because the objects show the offset modulo 65536. */
 static void begin_parts(fw_t *fw, uint32_t first) {
   const bool continues = update_is_receiving(&fw->update, fw->axis.signals.tick_count) &&
                          fw->update.received != 0 && (fw->update.received & 0xFFFFu) == 0;

@@ -6,8 +6,8 @@
 #include "firmware/fx/bytes.h"
 
 _Static_assert(sizeof(results_counts_t) == STORE_COUNTS_BYTES, "the stored counts");
-/* A verdict in the object table is the verdict on an evaluation element (CYCLE_GOOD and so on) plus
- * 1. */
+/* The value of cycle_result_verdict is 1 more than the verdict of the evaluation element
+ * (CYCLE_GOOD and so on). */
 _Static_assert(AXIS_CYCLE_RESULT_VERDICT_GOOD == CYCLE_GOOD + 1 &&
                    AXIS_CYCLE_RESULT_VERDICT_COUNT == CYCLE_VERDICTS + 1,
                "verdicts of elements");

@@ -49,7 +49,7 @@ static uint8_t write_tare(fw_t *fw) {
   switch (refusal) {
     case FW_OK:
       return AXIS_TARE_STATE_DONE;
-    case FW_ERROR_RANGE: /* The parameter tare_band was reduced after the tare measurement. */
+    case FW_ERROR_RANGE: /* This happens if tare_band was reduced after the tare measurement. */
       return AXIS_TARE_STATE_REFUSED_BAND;
     default:
       return AXIS_TARE_STATE_REFUSED_ENABLED;

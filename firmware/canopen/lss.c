@@ -12,10 +12,12 @@ enum {
   CONFIGURE_BIT_TIMING = 0x13,
   ACTIVATE_BIT_TIMING = 0x15,
   STORE_CONFIGURATION = 0x17,
-  SELECT_FIRST = 0x40, /* four commands: vendor, product, revision, serial number */
+  SELECT_FIRST = 0x40, /* first of four commands, in this order: vendor, product, revision, serial
+                        * number */
   SELECT_LAST = 0x43,
   SELECTED = 0x44,
-  /* six commands: vendor, product, lowest and highest revision, lowest and highest serial number */
+  /* first of six commands, in this order: vendor, product, lowest and highest revision, lowest and
+   * highest serial number */
   IDENTIFY_FIRST = 0x46,
   IDENTIFY_LAST = 0x4B,
   IDENTIFY_NON_CONFIGURED = 0x4C,

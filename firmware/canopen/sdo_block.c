@@ -326,7 +326,7 @@ bool sdo_block_segment(const sdo_request_t *request) {
   const uint8_t head = request->data[0];
   const bool is_repeated = server->state == SDO_BLOCK_RECEIVED &&
                            server->block_size == VALUE_BLOCK && head == (LAST | VALUE_BLOCK);
-  /* A segment with the number 0 does not exist, so such a frame is an abort. */
+  /* No segment has the number 0, so a frame with this number is an abort. */
   if ((server->state != SDO_BLOCK_AWAITED && !is_repeated) || head == LAST) {
     return false;
   }

@@ -111,7 +111,7 @@ typedef struct {
   uint8_t next_rate; /* index of the bit rate that the next command activate bit timing activates */
   uint8_t node_id;   /* node id after the next reset of communication, or LSS_NO_NODE_ID */
   uint8_t fixed;     /* 1: the board fixes the node id, so that LSS cannot change it */
-  uint8_t state;     /* LSS state: waiting or configuration */
+  uint8_t state;     /* state of LSS (CiA 305): waiting or configuration */
   /* number of address parts that have matched in the command switch state selective */
   uint8_t selected;
   /* number of address parts that have matched in the command identify remote slave */

@@ -231,9 +231,9 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   signals->active_mode = mode;
   fx_assert(fx_magnitude(law_q16) <= UINT32_C(4098) * 65536 &&
             fx_magnitude(signals->bump_bias) <= UINT32_C(6146) * 65536);
-  /* The limits act only on the output. So command_code also shows a saturation if the code is
-   * output one tick later. With an excitation |law| < 4098 codes; |bias| < 6146: the sum is within
-   * +-2^30. */
+  /* The limits change only the output, so command_code still shows what the law commanded, also if
+   * the code is output one tick later. With an excitation |law| < 4098 codes; |bias| < 6146: the
+   * sum is within +-2^30. */
   const int32_t command_q16 = fx_round_to(law_q16 + signals->bump_bias, axis->step_mask);
   axis->command_q16 = command_q16;
   signals->command_code = (int16_t)fx_code_from_q16(command_q16);

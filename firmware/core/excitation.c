@@ -6,7 +6,8 @@ int32_t excitation_step(excitation_t *excitation, const axis_params_t *params, b
   const uint32_t seed = params->excitation_seed;
   const int32_t period = params->excitation_period;
   if (start || (period != 0 && excitation->age_tick >= period)) {
-    /* The factor 2^32 / golden ratio gives very different generator states for similar seeds. */
+    /* A multiplication by 2^32 / golden ratio turns similar seeds into very different states of the
+     * generator. */
     excitation->random = seed * UINT32_C(2654435769);
     excitation->phase_q32 = seed * UINT32_C(65536);
     excitation->swept_q32 = 0;

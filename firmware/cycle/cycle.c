@@ -87,7 +87,8 @@ static int32_t deflection_at(const cycle_header_t *program, int32_t force_q8) {
              : cycle_table_at(cycle_points(program), program->compliance, force_q8);
 }
 
-/* Returns the depth of a travel, which exceeds CYCLE_TRAVEL_MAX by at most CYCLE_TABLE_Y_MAX. */
+/* Returns the depth for a travel. Its magnitude exceeds CYCLE_TRAVEL_MAX by at most
+ * CYCLE_TABLE_Y_MAX. */
 static int32_t depth_of(const cycle_header_t *program, int32_t travel, int32_t force_q8) {
   return travel - deflection_at(program, force_q8);
 }
@@ -205,7 +206,7 @@ static bool has_stiffness(const cycle_t *cycle, const cycle_condition_t *conditi
   return (condition->when == CYCLE_STIFFNESS_ABOVE) ? change >= bound : change <= bound;
 }
 
-/* Returns the depth in this tick, which is computed only for the conditions that need it. */
+/* Returns the depth in this tick. The depth is computed only if a condition needs it. */
 static int32_t depth_now(cycle_t *cycle, const cycle_inputs_t *now) {
   if (cycle->has_depth == 0) {
     cycle->has_depth = 1;
@@ -280,7 +281,8 @@ static void count_invalid(cycle_t *cycle) {
   cycle->invalid_ticks += 1;
 }
 
-/* The force beyond the end of the range is not known, so a force at the end exceeds force_max. */
+/* A force at the end of its range may in truth be larger, so it is treated as larger than
+ * force_max. */
 static uint8_t limit_of(const cycle_t *cycle, const cycle_phase_t *phase,
                         const cycle_inputs_t *now) {
   if ((now->defects & CYCLE_SAMPLE_AT_END) != 0) {

@@ -146,7 +146,7 @@ static inline const cycle_phase_t *cycle_phase(const cycle_t *cycle) {
  * tick. */
 bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now);
 
-/* Ends a running cycle with an outcome in the phase that runs. */
+/* Ends a running cycle in its present phase, with the given outcome. */
 void cycle_end(cycle_t *cycle, uint8_t outcome);
 
 /* Ends a running cycle as CYCLE_STOPPED. A cycle that is aborted before its first tick has not

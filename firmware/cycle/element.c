@@ -63,8 +63,7 @@ bool cycle_element_is_valid(const cycle_element_t *element, const cycle_point_t 
 }
 
 void cycle_element_begin(cycle_element_state_t *state) {
-  /* Each field is set separately, because for the complete structure the compiler would call
-   * memset. */
+  /* Each field is set alone: for a complete structure the compiler would call memset. */
   state->sum = 0;
   state->begin_tick = 0;
   state->last_tick = 0;
@@ -249,7 +248,7 @@ static void take_sample(const cycle_element_t *element, const cycle_point_t *poi
   }
 }
 
-/* A piece of the curve that begins in the window has entered it through no side. */
+/* If the curve begins inside the window, it has entered the window through no side. */
 static void begin_piece(const cycle_element_t *element, cycle_element_state_t *state,
                         const cycle_sample_t *sample) {
   if (element->kind == CYCLE_WINDOW && state->inside != 0) {

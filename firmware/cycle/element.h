@@ -32,7 +32,7 @@ typedef struct {
   int32_t travel;   /* depth (program.h) in encoder counts, +-CYCLE_TRAVEL_MAX */
   int32_t force_q8; /* measured force, +-CYCLE_FORCE_MAX_Q8 */
   uint8_t phase;    /* number of the phase, 0..15 */
-  uint8_t zeroed;   /* 1 from travel 0 on, where the travel begins anew */
+  uint8_t zeroed;   /* 1 from the sample at travel 0 on, at which the travel is set to 0 */
   uint8_t is_valid; /* 1: force and position are valid (sample.h); 0: all evaluation elements ignore
                      * the sample */
 } cycle_sample_t;
@@ -80,7 +80,7 @@ typedef struct {
   uint8_t lower;     /* ENVELOPE: number of points of the lower curve, 2 at least */
   uint8_t upper;    /* ENVELOPE: number of points of the upper curve, which follow the lower ones */
   uint8_t reserved; /* 0 */
-  uint16_t first;   /* ENVELOPE: index of the first point in the program's points */
+  uint16_t first;   /* ENVELOPE: index of its first point among the points of the program */
   uint16_t reserved_2; /* 0 */
   int32_t x_least;
   int32_t x_most;

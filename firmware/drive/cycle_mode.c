@@ -64,7 +64,7 @@ static cycle_inputs_t inputs_of(const cia402_t *drive, const axis_t *axis) {
                                       axis->position_age, drive->params.cycle_age_max)};
 }
 
-/* The position from which a distance of a phase is measured, in user units. */
+/* Returns the position, in user units, from which the distance of a phase is measured. */
 static int32_t base_of(const cia402_t *drive, const axis_t *axis, uint8_t action) {
   if (action == CYCLE_MOVE) {
     return 0;

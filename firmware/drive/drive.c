@@ -45,7 +45,7 @@ static void enter(cia402_t *drive, uint8_t state) {
   drive->outside_tick = 0;
   drive->stopping_tick = 0;
   if (state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
-    /* After a fault the user must write each target again. */
+    /* A fault discards all targets: the user must write each target again. */
     cia402_forget_targets(drive);
   }
   if (state != AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
@@ -68,7 +68,7 @@ static bool is_at_rest(const axis_t *axis) {
 static void raise_fault(cia402_t *drive, axis_t *axis, uint8_t fault) {
   const uint8_t state = state_of(drive);
   if (state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
-    return; /* The first fault stays the reported fault. */
+    return; /* A later fault does not replace the first one, which stays the reported fault. */
   }
   if (cia402_is_powered(state) && drive->params.fault_reaction_option != STOP_AT_ONCE &&
       !first_motion_is_running(&drive->guards.first_motion) && !is_at_rest(axis)) {
@@ -92,7 +92,7 @@ static void watch_following(cia402_t *drive, axis_t *axis) {
   }
   drive->outside_tick += 1;
   if (drive->outside_tick > fx_ticks_from_ms(drive->params.following_error_timeout)) {
-    /* The fault reaction begins at the position of the axis. */
+    /* The trajectory of the fault reaction begins at the present position of the axis. */
     drive->tracking = CIA402_TRACKING_NONE;
     raise_fault(drive, axis, AXIS_FAULT_FOLLOWING_ERROR);
   }
@@ -247,7 +247,7 @@ static inline void assert_after_tick(const cia402_t *drive) {
 void cia402_after(cia402_t *drive, axis_t *axis) {
   cia402_excite_after(drive, axis);
   if (axis->primed == 0) {
-    drive->homed = 0; /* The sensors were invalid, and the encoder may have lost counts. */
+    drive->homed = 0; /* While the sensors were invalid, the encoder may have lost counts. */
   }
   const uint8_t controlled = state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
                              drive->mode->controls_force != 0 &&
@@ -389,7 +389,8 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
   const uint16_t controlword = (uint16_t)value;
   const uint16_t rising = (uint16_t)(controlword & (uint16_t) ~(uint16_t)previous);
   if (object != AXIS_OBJ_CONTROLWORD && value != previous) {
-    /* A target has changed, or a criterion for the report that the target is reached. */
+    /* The drive has to check again whether the target is reached, because the target or a window
+     * has changed. */
     drive->reached_tick = 0;
   }
   if (value != previous) {
@@ -427,7 +428,8 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       break;
     default:
       if (value != previous && parameters_written(drive, object)) {
-        /* The targets were written in other user units or for another direction. */
+        /* The targets are discarded, because they were written in other user units or for another
+         * direction. */
         cia402_forget_targets(drive);
       }
       break;

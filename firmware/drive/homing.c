@@ -135,7 +135,8 @@ static void stand(cia402_t *drive, const axis_t *axis) {
 static void set_home(cia402_t *drive, const axis_t *axis) {
   drive->origin_cnt =
       fx_diff_wrap(cia402_count(drive, drive->params.home_offset), axis->signals.position);
-  drive->position_written = 0; /* The target position referred to the previous origin. */
+  drive->position_written = 0; /* The target position is discarded, because it referred to the
+                                * previous origin. */
   drive->homing.state = CIA402_HOMING_DONE;
   drive->homed = 1;
 }

@@ -176,7 +176,7 @@ void position_guarded_move(cia402_t *drive, axis_t *axis) {
     stop_by_contact(drive, axis);
     return;
   }
-  /* The distance from the trajectory is known if the axis follows the trajectory itself. */
+  /* The distance is already known if the axis follows the unshaped trajectory. */
   pursue_setpoint(drive, motion_has_place(drive) ? &distance : NULL);
 }
 

@@ -12,7 +12,7 @@ uint32_t fx_load_le(const uint8_t *from, uint8_t bytes) {
 }
 
 void fx_clear(void *to, uint32_t count) {
-  volatile uint8_t *out = to; /* volatile: the compiler would call memset */
+  volatile uint8_t *out = to; /* volatile, because the compiler would otherwise call memset */
   for (uint32_t i = 0; i < count; i++) {
     out[i] = 0;
   }

@@ -140,7 +140,7 @@ int32_t fx_fraction_invert(int32_t x, const fx_fraction_t *fraction) {
   return scale_exactly(x, fraction->den, fraction->num, fraction->inverse);
 }
 
-/* The quotient has at most 32 bits, because x is between x0 and x1. */
+/* The quotient has at most 32 bits, because x lies between x0 and x1. */
 int32_t fx_interpolate(int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t x,
                        uint8_t rounding) {
   fx_assert(x0 != x1);

@@ -334,7 +334,7 @@ static uint8_t check_back(first_motion_t *first, const drive_params_t *params, a
   }
   first->phase = (first->sign_seen != 0) ? FIRST_MOTION_DONE : FIRST_MOTION_WATCHING;
   forget_travel(first);
-  axis->rebase = 1; /* This acts also if the mode after the test is open-loop mode. */
+  axis->rebase = 1; /* bumpless transfer, also if the mode after the test is open-loop mode */
   return AXIS_FIRST_MOTION_RESULT_PASSED;
 }
 

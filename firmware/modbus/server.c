@@ -6,7 +6,7 @@
 
 enum { BROADCAST = 0, FRAME_MIN = 4, CRC_BEGIN = 0xFFFF, BYTES_CRC = 2 };
 enum { UNIT = 0, PDU = 1 }; /* offsets in a frame */
-enum { TOO_LONG = 0xFFFF }; /* length that marks a frame to be discarded */
+enum { TOO_LONG = 0xFFFF }; /* value of the length of a frame that must be discarded */
 
 static void begin_frame(modbus_t *modbus) {
   modbus->length = 0;

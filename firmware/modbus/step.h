@@ -64,7 +64,8 @@ typedef enum { MODBUS_ENDED, MODBUS_REGISTERS, MODBUS_BITS, MODBUS_IDENTITY } mo
 
 typedef struct {
   modbus_access_t access;
-  /* which functions continue the request (modbus_part_t); MODBUS_ENDED if the answer is complete */
+  /* file whose functions continue the request (modbus_part_t); MODBUS_ENDED if the answer is
+   * complete */
   uint8_t part;
   uint8_t step; /* step of the request */
   uint8_t unit;

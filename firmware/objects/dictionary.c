@@ -172,7 +172,7 @@ uint32_t dictionary_download_most(const dictionary_t *objects, uint16_t index) {
   return objects->owner->download_most(objects, index);
 }
 
-/* Bytes that are taken keep the owner of the axis, as other accepted writes do. */
+/* Accepted bytes restart the watchdog of the owner, as other accepted writes do. */
 static int taken(dictionary_t *objects, uint8_t source, int result) {
   if (result == FW_OK) {
     dictionary_written_by(objects, source);

@@ -47,10 +47,10 @@ void bus_drive_sample(const bus_drive_t *drive, axis_inputs_t *inputs) {
    * unknown while the master starts the drive again. */
   const uint16_t age = (feedback.on != 0) ? feedback.age_ticks : 0;
   inputs->position_age = (uint8_t)((age < AGE_MAX) ? age : AGE_MAX);
-  /* A port with this drive has no other one, so the drive is fitted before it answers. Its fault
-   * belongs to an enabled axis: at the next enabling the master has not yet reset the fault. After
-   * the reset the drive may show the state fault for some cycles; if the state remains, it is a
-   * reason again. */
+  /* A board with this drive has no other drive, so FITTED is set before the drive answers. A fault
+   * of the drive is reported only while the axis is enabled: when the axis is enabled again, the
+   * master has not reset the fault yet. After the reset the drive may show the state fault for some
+   * cycles. If the drive stays in this state, the master reports a reason again. */
   const bool fails = feedback.reason != DRIVE402_NONE && drive->was_enabled != 0;
   const bool limits = feedback.limit != 0 || feedback.saturated != 0;
   inputs->drive =

@@ -14,10 +14,11 @@ enum {
   ADS_SELFCAL = 0xF0,
   ADS_RESET = 0xFE,
   ADS_ID = 0x30,     /* upper four bits of STATUS */
-  ADS_BUFFER = 0x02, /* bit of STATUS: input buffer on */
+  ADS_BUFFER = 0x02, /* bit of the register STATUS that switches the input buffer on */
   ADS_AIN0_AIN1 = 0x01,
   ADS_7500 = 0xD0,        /* DRATE */
-  ADS_STATUS_MASK = 0xFE, /* all bits but the one that says whether a conversion is ready */
+  ADS_STATUS_MASK = 0xFE, /* mask of all bits of STATUS except the one that shows whether a
+                           * conversion is ready */
   ADS_ADCON_MASK = 0x7F
 };
 

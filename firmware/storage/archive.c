@@ -212,8 +212,8 @@ static void piece_of(const archive_t *archive, const blackbox_t *blackbox, uint3
   }
 }
 
-/* Ends the writing of a record that cannot be written completely. The sector of this record is not
- * used until the next power-up. */
+/* Gives up a record that cannot be written completely. The sector with this record is not used
+ * until the next power-up. */
 static void give_up(archive_t *archive) {
   archive->record = archive->before;
   archive->before = none;

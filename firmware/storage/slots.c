@@ -6,7 +6,7 @@
 
 _Static_assert(sizeof(slot_trailer_t) == SLOT_TRAILER_BYTES, "read by other programs");
 
-enum { LENGTH_MIN = 8 }; /* smallest length of an image: stack and start-up in its vectors */
+enum { LENGTH_MIN = 8 }; /* smallest length of an image in bytes: two vectors, stack and start-up */
 
 const slot_trailer_t *slots_trailer(const uint32_t *slot, uint32_t slot_bytes) {
   const void *trailer = (const uint8_t *)slot + slot_bytes - SLOT_TRAILER_BYTES;

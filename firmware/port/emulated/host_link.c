@@ -18,7 +18,8 @@ static int32_t from_host;
 static int32_t to_host;
 static bool has_host;
 static uint32_t ticks;
-static uint32_t late_ticks; /* ticks that the main loop had not completed before the next one */
+static uint32_t late_ticks; /* number of ticks that the main loop had not completed when the next
+                             * tick began */
 
 /* The command line is "forceaxis FROM_HOST TO_HOST". */
 void host_link_open(void) {

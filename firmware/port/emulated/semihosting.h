@@ -22,7 +22,7 @@ void semihosting_command_line(char *text, uint32_t room);
 /* Opens a file of the host. Returns a negative number if the file cannot be opened. */
 int32_t semihosting_open(const char *name, uint32_t mode);
 
-/* Sets the place in a file at which the next bytes are read or written. */
+/* Sets the offset in a file from which the next bytes are read or written. */
 void semihosting_seek(int32_t file, uint32_t offset);
 
 /* Read or write all `count` bytes, without a time-out. An error ends the program. */

@@ -216,7 +216,7 @@ static void note_force(void) {
   has_force = true;
 }
 
-/* Receives what drive, load cell and converter have sent since the last tick. */
+/* Receives all values that drive, load cell and converter have sent since the last tick. */
 static void receive_all(void) {
   if (force_age < AGE_MAX) {
     force_age++;
@@ -264,7 +264,7 @@ void port_act(const axis_outputs_t *outputs) {
   send_drive();
 }
 
-/* Computes a tick of the master alone, in which the drive is to stop. */
+/* Computes one tick of the drive's master without the axis, in which the drive has to stop. */
 static void stop_tick(void) {
   const axis_outputs_t outputs = {0};
   port_lock();

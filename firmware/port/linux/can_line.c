@@ -59,7 +59,8 @@ static void take_error(can_line_t *line, const struct can_frame *frame) {
   }
 }
 
-/* Looks whether the bus is back. The error frame that reports this may have been dropped. */
+/* Checks whether a bus that was off works again, because the error frame that reports this may have
+ * been dropped. */
 static void look(can_line_t *line) {
   if (line->was_removed) {
     line->was_removed = !can_raw_bind(&line->raw);

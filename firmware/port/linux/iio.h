@@ -66,14 +66,15 @@ int64_t iio_value(const iio_type_t *type, const uint8_t *bytes);
  * enabled, without a repetition, and an enabled buffer. */
 const char *iio_open(iio_t *iio, const iio_settings_t *settings);
 
-/* Reads all scans that are available, at most IIO_READS x IIO_BYTES bytes, without waiting. Returns
- * true if there was a whole one; *code then is the ADC code of the newest: (value >> shift) + 32768
- * for a signed channel, value >> shift otherwise, both limited to 0..65535. Otherwise *code stays
- * as it is. The rest of a scan that has begun follows in a later call. Call it in each tick. */
+/* Reads all available scans without waiting, at most IIO_READS x IIO_BYTES bytes. Call this
+ * function in each tick. Returns true if a complete scan was read, and writes the ADC code of the
+ * newest complete scan to *code: (value >> shift) + 32768 for a signed channel, value >> shift
+ * otherwise, both limited to 0..65535. Without a complete scan *code does not change. An incomplete
+ * scan is continued by a later call. */
 bool iio_take(iio_t *iio, uint16_t *code);
 
-/* Returns why the last iio_take() has read nothing more, as a sentence without a full stop; NULL
- * while there is no reason but that no scan waits. */
+/* Returns the reason why the last iio_take() could not read, as a sentence without a full stop.
+ * Returns NULL if there was no error, also if no scan was available. */
 const char *iio_trouble(const iio_t *iio);
 
 #ifdef __cplusplus

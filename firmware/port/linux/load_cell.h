@@ -10,8 +10,8 @@
 extern "C" {
 #endif
 
-/* The force of a load cell in a CAN frame: an integer of 1 to 4 bytes, the lowest byte first, whose
- * ADC code is that of load_cell_code(). */
+/* Format of the force of a load cell in a CAN frame. The force is an integer of 1 to 4 bytes, the
+ * lowest byte first, which load_cell_code() converts to an ADC code. */
 typedef struct {
   uint16_t identifier; /* CAN identifier of the frame, 1..2047; 0: no frame has the force */
   uint8_t byte;        /* number of the lowest byte in the frame, 0..7 */

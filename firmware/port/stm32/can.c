@@ -126,7 +126,7 @@ uint16_t can_line_lost(can_line_t *line) {
   }
   uint16_t lost = (uint16_t)(line->dropped - line->dropped_reported);
   line->dropped_reported = (uint16_t)(line->dropped_reported + lost);
-  /* The controller does not count lost frames, but at least one frame was lost. */
+  /* one frame is counted, because the controller does not report how many frames were lost */
   if (can_controller_lost(line)) {
     lost++;
   }

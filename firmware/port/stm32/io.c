@@ -7,7 +7,7 @@
 static bool clock_is_right;
 static uint16_t found;   /* errors found at power-up, AXIS_BOARD_STATE_ bits */
 static int16_t dac_code; /* present code of the DAC */
-static bool is_captured; /* the encoder count of this tick was captured */
+static bool is_captured; /* true: the encoder count of this tick was captured */
 
 void io_init(void) {
   set_bits(CLOCK_OF_PORTS);
@@ -37,8 +37,8 @@ void io_start(void) {
   if (!spi_force_start(params)) {
     found |= AXIS_BOARD_STATE_CONVERTER;
   }
-  adc_start_one(false); /* the result is not used: the first conversion after a pause may be
-                         * wrong */
+  adc_start_one(false); /* this result is not used, because the first conversion after a pause may
+                         * be wrong */
 }
 
 bool io_clock_is_right(void) { return clock_is_right; }
@@ -121,7 +121,8 @@ void port_act(const axis_outputs_t *outputs) {
     dac_write(dac_code);
   }
   pins_write_digital(outputs->digital);
-  /* The supply voltage may have fallen while the outputs were written. */
+  /* The supply voltage is checked again, because it may have fallen while the outputs were
+   * written. */
   const bool is_off = !is_on || supply_is_low();
   if (is_off) {
     io_make_safe();

@@ -57,7 +57,8 @@ void serial_interrupt(void) {
       USART2->CR1 = LINE | USART_CR1_TCIE;
     }
   } else if ((control & USART_CR1_TCIE) != 0 && (status & SERIAL_SENT) != 0) {
-    /* The interrupted main loop may have added bytes to the ring buffer. */
+    /* The main loop, which this interrupt has interrupted, may have added bytes to the ring
+     * buffer. */
     if (used(&to_send) > 0) {
       USART2->CR1 = LINE | USART_CR1_TXEIE;
     } else {

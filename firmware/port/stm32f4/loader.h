@@ -1,7 +1,8 @@
 #ifndef FIRMWARE_PORT_STM32F4_LOADER_H_
 #define FIRMWARE_PORT_STM32F4_LOADER_H_
 
-/* What the loader needs of the chip (loader_chip.c), and what emulated/loader.c gives instead. */
+/* Functions of the chip that the loader needs. loader_chip.c implements them, and emulated/loader.c
+ * in the emulator. */
 
 #include "firmware/port/stm32/board.h"
 

@@ -1,4 +1,4 @@
-/* What of the flash the program may change: parameters, incidents, slots for images. */
+/* The regions of the flash that the program may change: parameters, incidents, slots for images. */
 
 #include <stddef.h>
 
@@ -22,7 +22,8 @@ const fw_slots_t *board_slots(void) {
              : NULL;
 }
 
-/* Of the slots, the slot that does not run and the trailer of the running slot may be programmed.
+/* In the slots, only the slot that does not run and the trailer of the running slot may be
+ * programmed.
  */
 void protect_flash(uint32_t first) {
   const uint32_t running = (uintptr_t)vectors_begin;

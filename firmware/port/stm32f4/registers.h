@@ -186,7 +186,8 @@ typedef struct {
 #define FLASH_OPTCR_BOR_LEV MASK(2, 2)
 /* bit that is 0 if sector 0 is protected from programming and erasing */
 #define FLASH_OPTCR_nWRP_0 BIT(16)
-/* 1: nWRP protects from reading as data; the STM32F405 has none */
+/* bit that is 1 if the bits nWRP protect from reading as data; the STM32F405 does not have this
+ * bit */
 #define FLASH_OPTCR_SPRMOD BIT(31)
 /* Keys that unlock FLASH_CR, in this order. */
 #define FLASH_KEY1 UINT32_C(0x45670123)

@@ -73,7 +73,7 @@ bool port_can_receive(can_frame_t *frame) {
   static uint8_t count;
   USART3->CR1 = USART_CR1_UE | USART_CR1_TE | USART_CR1_RE;
   static bool has_more;
-  /* QEMU gives the next byte soon after the one before was read. */
+  /* QEMU delivers the next byte soon after the previous byte was read. */
   for (uint32_t polls = (has_more || count > 0) ? POLLS_MAX : 1; count < FRAME_BYTES && polls > 0;
        polls--) {
     if ((USART3->SR & USART_SR_RXNE) != 0) {

@@ -1,4 +1,4 @@
-/* What the loader needs of the emulated chip. */
+/* The functions of loader.h for the emulated chip. */
 
 #include "firmware/port/stm32f4/loader.h"
 
