@@ -156,8 +156,8 @@ def save(figure: Figure, path: Path | str, kind: str | None = None, dpi: float =
 
 
 def short_svg(svg: str) -> str:
-    """Returns an SVG of Matplotlib that looks the same in fewer characters: without metadata, with
-    short paths, and with each style once, as a class."""
+    """Returns the SVG of a Matplotlib figure in fewer characters, with the same appearance: without
+    metadata, with short paths, and with each style defined once, as a class."""
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r">\s+<", "><", svg)
     svg = re.sub(r' d="([MLz\d.\s-]+)"', lambda path: f' d="{short_path(path[1])}"', svg)
@@ -201,7 +201,8 @@ def short_path(path: str) -> str:
 
 
 def _numbers(point: tuple[int, int]) -> str:
-    """Returns two numbers in tenths as text without characters that SVG does not need."""
+    """Returns two coordinates in tenths of a point as text, without characters that SVG does not
+    need."""
     x, y = (f"{value / 10:.1f}".removesuffix(".0") for value in point)
     x, y = (re.sub(r"^(-?)0(?=\.)", r"\1", value) for value in (x, y))
     return x + ("" if y.startswith("-") else " ") + y

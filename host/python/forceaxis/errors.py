@@ -19,7 +19,7 @@ class ParameterError(InputError):
         self.text = text
 
     def __reduce__(self) -> tuple[type["ParameterError"], tuple[str, str]]:
-        # Without this method, an error in a worker process could not reach this process.
+        # Without this method, an error of a worker process could not be passed to this process.
         return type(self), (self.parameter, self.text)
 
 

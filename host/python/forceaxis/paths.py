@@ -27,7 +27,7 @@ PORTS = ROOT / "firmware/port"  # a folder for each board
 IMAGES = ROOT / "build/image"  # images of the firmware
 # Programs that commands start: axis_linux, axis_node, plant_node, gateway, vcan.
 PROGRAMS = (ROOT / "build/release/host", ROOT / "tools")
-LIBRARIES = ROOT / "build/lib"  # shared libraries that a wheel brings along; not in a checkout
+LIBRARIES = ROOT / "build/lib"  # shared libraries that only a wheel contains, not a checkout
 
 
 def display(path: Path | str) -> str:

@@ -33,7 +33,8 @@ class NamedCase(NamedTuple):
 
 
 class Outcome:
-    """Base of the results of a simulated contact: the verdict, and the fault of the firmware."""
+    """Common fields of the results of a simulated contact: the verdict, and the fault of the
+    firmware."""
 
     verdict: str
     fault: str

@@ -22,9 +22,9 @@ ATTEMPTS = 12  # largest number of gains for which the exact bandwidth and margi
 # Ratio of the first tried gain to the gain from the grid of frequencies.
 # The ratio is below 1, because the grid seldom contains the worst plant.
 FIRST_GAIN_FACTOR = 0.995
-# Ratio of a gain that keeps the bounds to one that does not, above which no gain between is tried.
+# The search of the largest gain ends at this ratio of a gain that is too small to one too large.
 GAIN_NEAR = 0.98
-QUICK_ERROR = 1e-6  # relative error of quick values, with a margin
+QUICK_ERROR = 1e-6  # largest relative error of quickly computed values, with a reserve
 REACHED_SHARE = 0.97  # share of a bound above which a sentence names this bound as reached
 # a frequency belongs to a mode if the ratio of the two frequencies is below this factor
 MODE_FACTOR = 1.35
@@ -83,7 +83,7 @@ class PFigures(WorstFigures):
 
 @dataclass(frozen=True)
 class NoPFigures:
-    """Marker for the result "no gain of the P law keeps the margins"."""
+    """Marks the result that no gain of the P law keeps the margins."""
 
     force_gain: float = 0.0
 
@@ -173,8 +173,8 @@ def exact(
 
 
 def _worst_of(responses: Responses, bank: Bank, goal: Goal, quick: bool) -> dict[str, over.Worst]:
-    """Returns the worst values for each delay of the loop. If quick ones do not keep the bounds,
-    they are returned, because exact ones do not keep them either."""
+    """Returns the worst bandwidth and margins for each delay of the loop. Quick values are returned
+    if they do not keep the bounds, because exact values would not keep them either."""
     searches = _searches(responses, bank)
     if quick or responses.is_exact:
         found = {t: search.quick() for t, search in searches.items()}

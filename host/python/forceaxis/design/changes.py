@@ -129,7 +129,8 @@ class Design:
 
     @property
     def zero_code(self) -> int:
-        """The code that the firmware has at the force 0: the upper 16 bits of a longer code."""
+        """Returns the ADC code at the force 0, as the firmware receives it: the upper 16 bits of a
+        longer code."""
         adc = self.tables.force_adc
         code = int(self.value(adc.zero_code) or 0)
         return code >> (adc.bits - self.facts.required_reading.bits)

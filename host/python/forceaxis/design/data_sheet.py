@@ -391,8 +391,8 @@ class SheetValues:
 
     @property
     def peak_force_n(self) -> float:
-        """Returns the largest force along the axis in N. The supply over the resistance limits the
-        current too, where the data sheet has both."""
+        """Returns the largest force along the axis in N. If the data sheet states supply voltage
+        and resistance, their ratio also limits the current."""
         if self.drive == "stepper":
             return self.efficiency * self.holding_torque_n_m / self.radius_m
         current_a = self.current_limit_a
@@ -488,8 +488,8 @@ def default_current_loop_hz(v: SheetValues) -> float:
 
 
 def default_latency_ms(v: SheetValues) -> float:
-    """Returns the default of the time from a sample to its arrival in ms. Without a filter it
-    stands for the settling of the converter."""
+    """Returns the default of the time in ms from a sample to its arrival. Without a filter, this
+    time represents the settling of the converter."""
     return 0.1 if v.sensor_filter != "none" else 1e3 / (v.sensor_rate_hz or 1500.0)
 
 

@@ -99,11 +99,11 @@ class SettledContact:
 
 def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledContact:
     """Returns the first combination of approach speed, action at a contact loss and gain with which
-    simulated contacts settle. Raises InputError if no combination settles."""
+    the simulated contacts settle. Raises InputError if there is no such combination."""
     scale = abs(plant.facts.required_encoder.scale)
     fastest = ContactBench(plant, bits).cases[0].speed_m_per_s
     rubs = bool(ContactBench(plant, bits).frictions)
-    # first combination whose contacts settle after more than LOSSES_MAX[0] contact losses
+    # first combination with which contacts settle only after more than LOSSES_MAX[0] contact losses
     spare: SettledContact | None = None
     # A cap of 0 DAC codes, the default at a contact loss, is tried last with friction.
     # The axis may stay at standstill with this cap.

@@ -247,8 +247,8 @@ def evolved(
     problem: SearchProblem, limits: Samples, starts: Samples, count: int, generations: int,
     seed: int = SEED,
 ) -> Samples:  # fmt: skip
-    """Returns the laws of the last generation of a differential evolution, one in each row and the
-    best one first.
+    """Returns the laws of the last generation of a differential evolution, one law in each row, the
+    best law first.
 
     The first generation has `count` laws: the rows of `starts`, and random laws within `limits`, an
     array of (lowest, highest). The best law of a thin grid may be bad on a full grid, if a peak of
@@ -433,7 +433,8 @@ def _close_to_worst(thin: Grid, problem: SearchProblem, bank: Bank, steep: float
     """Returns the indices of the plants of a grid that may have the smallest largest gain, or the
     worst bandwidth or margin with a filter bank at its largest gain. `steep`: gain of the bank at
     high frequency with the gain 1."""
-    # The bound at high frequency is the same for all plants, and would hide the other bounds.
+    # The bound at high frequency is left out: it is equal for all plants and would hide other
+    # bounds.
     gains = thin.gains(bank, steep, replace(problem.bounds, hf_gain=math.inf))
     near = np.flatnonzero(gains <= CLOSE_TO_WORST * gains.min())
     found = set(near[np.argsort(gains[near], kind="stable")][:CLOSE_MAX].tolist())
@@ -488,7 +489,7 @@ def _result(
     def taken(name: str) -> SearchResult | None:
         at = next(i for i, row in enumerate(rows) if row.name == name)
         bank, worst = rows[at].bank.bank, rows[at].worst
-        if responses.is_exact:  # Otherwise the values are exact already.
+        if responses.is_exact:  # in all other cases the values are exact already
             bank, worst = certificate.exact(plants, grid, bank, goal, responses, first=1.0)
         if not worst or not worst.fS_Hz:
             return None
@@ -506,7 +507,7 @@ def _result(
 
 
 def _fastest(rows: Sequence[StructureDesign]) -> float:
-    """Returns the largest bandwidth of some rows in Hz, or 0 without a row."""
+    """Returns the largest bandwidth in Hz among rows of a table of laws, or 0 without a row."""
     return max((row.bandwidth_Hz for row in rows), default=0.0)
 
 

@@ -36,20 +36,22 @@ from forceaxis.recordings.touch import (
     touch_of,
 )
 
-CONFIDENCE = 0.95  # confidence of all bands of a recording together
+# probability with which all bands of a recording together contain the measured values
+CONFIDENCE = 0.95
 SAMPLES = (8, 2000)  # fewest and most runs
-BEFORE_S = 0.05  # time before the first contact that is compared and drawn
+BEFORE_S = 0.05  # time in s before the first contact from which signals are compared and drawn
 LEAST_SPAN_S = 0.02
-AFTER_S = 0.05  # time for which a run lasts longer than it is compared
-POINT_BAND = 1.96  # standard deviations of the band of a single sample
-SAME_TICKS = 2  # largest distance of two first contacts that are at the same time
-LEAST_SHARE = 0.5  # share of the runs that must have a figure, so that it is expected
+AFTER_S = 0.05  # time in s by which a run lasts longer than the comparison
+POINT_BAND = 1.96  # half width of the band of a single sample, in standard deviations
+SAME_TICKS = 2  # largest distance in ticks of two first contacts that are treated as simultaneous
+LEAST_SHARE = 0.5  # smallest share of the runs that must have a figure if a comparison expects it
 
 
 @dataclass(frozen=True)
 class ComparedFigure:
-    """A figure of a contact: the measured value, the median of the predicted values, and the band
-    in which the measured value is expected. None means that there is no such figure."""
+    """One figure of a contact, such as its peak force: the measured value, the median of the
+    predicted values, and the band in which the measured value is expected. None means that the
+    contact has no such figure."""
 
     figure: str
     unit: str
@@ -57,7 +59,7 @@ class ComparedFigure:
     predicted: float | None
     low: float | None
     high: float | None
-    agrees: bool  # True if the measured value is within the band, or rightly missing
+    agrees: bool  # True if the measured value is within the band, or is missing as expected
 
 
 @dataclass(frozen=True)
@@ -69,14 +71,16 @@ class RecordingComparison:
     experiment: str
     agrees: bool  # True if all figures are within their bands
     input: str  # signal of the recording that is the input of the runs, or "law"
-    touch_s: float  # first contact in the time of the recording
-    gap_m: float | None  # gap of the model at which a run makes contact at that time
-    zero_N: float  # measured force before the first contact, which is subtracted
+    touch_s: float  # time of the first contact in the recording, in s
+    gap_m: float | None  # gap of the model in m with which a run makes contact at this time
+    # measured force in N before the first contact, which is subtracted from all forces
+    zero_N: float
     noise_N: float  # standard deviation of the noise
     runs: int
-    span_s: float  # time after the first contact that is compared
+    span_s: float  # time in s after the first contact up to which signals are compared
     figures: tuple[ComparedFigure, ...]
-    inside: dict[str, float]  # {signal: share of its samples within the band of a sample}
+    # {signal: share of its samples that are within the band of a single sample}
+    inside: dict[str, float]
     notes: tuple[str, ...]
 
 
@@ -110,8 +114,8 @@ class ComparedRecording:
 
 @dataclass(frozen=True)
 class _Figure:
-    """A figure before its band is known: the values of all runs, and the resolution with which
-    samples give the figure."""
+    """A figure of a contact before its band is computed: the values of all runs, and the resolution
+    with which the samples determine the figure."""
 
     figure: str
     unit: str
@@ -153,7 +157,7 @@ def compare(
     force = recording["force"]
     level = level_of(force.values, f"{where}: force")
     touch_s = touch_of(force.true_time_s, force.values, level)
-    assert touch_s is not None  # level_of() has found a contact
+    assert touch_s is not None  # never None here, because level_of() has found a contact
     if span_s is not None:
         predictor.until_s = touch_s + span_s + AFTER_S
     measured = _Measured(where, predictor, touch_s, level)
@@ -177,7 +181,7 @@ def _runs(measured: _Measured) -> list[_Run]:
     predictor, request = measured.predictor, measured.predictor.request
     nominal = predictor.run(predictor.nominal, request.seed)
     if predictor.input == "force_setpoint":
-        # The set-points of the recording act at the same times from the first contact on.
+        # The recorded set-points act at the same times, counted from the first contact.
         found = predictor.touch_s(nominal, measured.level)
         if found is not None:
             predictor.setpoint_shift_s = found - measured.touch_s
@@ -221,8 +225,8 @@ def _runs(measured: _Measured) -> list[_Run]:
 
 
 def _grid(measured: _Measured, runs: Sequence[_Run], lasts_s: float) -> Floats:
-    """Returns the times from the first contact in s at which signals are compared: those of the
-    recording, or those of ticks if the recording is faster."""
+    """Returns the times in s from the first contact at which signals are compared: the times of the
+    recorded samples, or the times of the ticks if the recording is faster."""
     force = measured.predictor.recording["force"]
     time_s = force.true_time_s - measured.touch_s
     if float(np.median(np.diff(time_s))) < 0.999 * TICK_S:
@@ -250,9 +254,10 @@ def _compared(measured: _Measured, runs: Sequence[_Run], grid: Floats) -> Compar
             series += _missing_noise(series, grid, level) * rng.standard_normal(series.shape)
             own = ForceLevel(0.0, level.noise, level.contact)
             figures = _contact_figures(grid, values, series, own, quantum) + figures
-        elif name == "position":  # the zero of the machine is another one than that of the model
+        elif name == "position":  # the position zero of the machine differs from that of the model
             values = values - np.interp(0.0, grid, values)
-            # The instant of the first contact, at which both are 0, is known to half a sample.
+            # The instant of the first contact, at which both times are 0, is uncertain by half a
+            # sample.
             floor += 0.5 * float(np.max(np.abs(np.diff(values[abs(grid) <= 3 * TICK_S]))))
         middle = np.median(series, axis=0)
         spread = POINT_BAND * series.std(axis=0) + floor
@@ -305,7 +310,7 @@ def _contact_figures(
     def nth(times: tuple[float, ...], index: int) -> float | None:
         return times[index] if index < len(times) else None
 
-    # The first contact is known to half a sample.
+    # The instant of the first contact is uncertain by half a sample.
     impulse = 0.5 * (quantum * IMPULSE_S + period_s * own.peak_N)
     figures = [
         _Figure("peak", "N", own.peak_N, [r.peak_N for r in runs], quantum),
@@ -346,9 +351,9 @@ def _share(values: Sequence[float | None]) -> float:
 
 
 def _with_bands(figures: Sequence[_Figure]) -> tuple[ComparedFigure, ...]:
-    """Returns the figures with bands that hold together with the probability CONFIDENCE: the range
-    of all runs, or as many standard deviations as a normal distribution needs, and the
-    resolution."""
+    """Returns the figures with bands that contain all measured values together with the probability
+    CONFIDENCE. A band is the range of all runs, or as many standard deviations as a normal
+    distribution needs, plus the resolution."""
     tail = (1 - CONFIDENCE) / (2 * len(figures))
     deviations = statistics.NormalDist().inv_cdf(1 - tail)
     return tuple(_with_band(figure, deviations) for figure in figures)

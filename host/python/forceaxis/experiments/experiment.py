@@ -4,7 +4,7 @@ from forceaxis import Experiment
 
 contact = Experiment.load("press/contact.toml")
 result = contact.run(force_gain=7, force_setpoint="75 N")
-print(result)                     # verdict, force held, settling time
+print(result)                     # prints verdict, controlled force and settling time
 result["force"], result.time_s    # NumPy arrays
 result.plot("contact.png")
 """
@@ -158,7 +158,7 @@ class Result:
     """
 
     def __init__(self, run: runs.Run) -> None:
-        """Takes the results of a finished run."""
+        """Stores the results of a finished run."""
         self._run = run
         #: Result in the form that the command `forceaxis run` prints in JSON.
         self.summary: JsonObject = run.summary

@@ -337,7 +337,8 @@ def run_many(
                 else run_on_chip(link, experiment, overrides, trace=False)
             )
             expect_same(report)
-            assert result.criterion is not None  # only experiments with a [verdict] are run here
+            # never None here, because only experiments with a [verdict] are run
+            assert result.criterion is not None
             outcomes.append(
                 {
                     "verdict": result.verdict,

@@ -30,10 +30,10 @@ from forceaxis.words import suggestion
 
 TICK_S = 1 / _core.TICKS_PER_SECOND
 LONGEST_S = 600.0
-SETPOINTS_MAX = 500  # changes of a recorded set-point
+SETPOINTS_MAX = 500  # largest number of changes of a recorded set-point
 OF_FIRMWARE = ("code", "force_setpoint")  # inputs that only the firmware has
 DEFAULT_GAP = "gap"  # parameter that moves the first contact, if the model has it
-FAR_M = 1.0  # length that is added to the gap for a run without contact
+FAR_M = 1.0  # length in m by which the gap is enlarged for a run without contact
 
 Member = Mapping[str, float]  # values of parameters in SI units
 Columns = Mapping[str, Floats]
@@ -41,12 +41,14 @@ Columns = Mapping[str, Floats]
 
 @dataclass(frozen=True)
 class PredictionRequest:
-    """What is predicted, beside the recording. The names of the fields are those of the options."""
+    """The inputs of a prediction in addition to the recording. The fields have the names of the
+    options."""
 
     experiment: Path
     over: Sequence[str] = ()
     overrides: Sequence[str] = ()
-    input: str | None = None  # of INPUTS, "law" for the law of the experiment, None: found
+    # name in INPUTS; "law" for the force law of the experiment; None: selected from the recording
+    input: str | None = None
     gap: str | None = None  # parameter that moves the first contact
     samples: int = 40
     seed: int = 1
@@ -54,7 +56,8 @@ class PredictionRequest:
 
 @dataclass(frozen=True)
 class SignalModel:
-    """How a signal of a recording is computed from the columns of a run."""
+    """Describes how the values of a recorded signal are computed from the columns of a simulated
+    run."""
 
     name: str
     unit: str
@@ -81,8 +84,9 @@ class Predictor:
     signals: tuple[SignalModel, ...] = ()
     gap: str | None = None
     notes: list[str] = field(default_factory=list)
-    until_s: float = math.inf  # time of the recording at which a run with its inputs may end
-    # shift of the recorded set-points in s, once the first contact is known in both
+    # time of the recording in s after which a run with the recorded inputs may end
+    until_s: float = math.inf
+    # shift of the recorded set-points in s, once the first contact of recording and run is known
     setpoint_shift_s: float = 0.0
     _commands: Floats | None = None
 

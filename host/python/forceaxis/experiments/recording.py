@@ -15,7 +15,7 @@ from forceaxis.objects import BY_NAME
 CHANNEL = "SIM_TRUTH"
 BLOCK_SAMPLES = 150  # 0.1 s
 CODE_UNITS = {"encoder": "count", "adc0": "code", "adc1": "code", "dac": "code"}
-NOT_SIGNALS = ("tick", "time_s")  # columns that a message carries as its first tick
+NOT_SIGNALS = ("tick", "time_s")  # columns of the trace that are the time of a message
 
 
 def unit_of(done: Run, column: str) -> str:
@@ -37,7 +37,8 @@ def entries(done: Run) -> Iterator[LogEntry]:
         block = sim_truth_t()
         first, last = int(ticks[start]), int(ticks[start + len(rows) - 1])
         block.utime = first * 2000 // 3
-        block.wall_utime = (last + 1) * 2000 // 3  # it is published when the tick has ended
+        # this message is published when the tick has ended
+        block.wall_utime = (last + 1) * 2000 // 3
         block.seq, block.run_id = number, int(done.result.trace_hash[:15], 16) + 1
         block.axis, block.first_tick, block.decimation = 1, first, 1
         block.num_signals, block.signal, block.unit = len(signals), signals, units

@@ -285,7 +285,7 @@ def run_chunk(
 
 @dataclass(frozen=True)
 class RunSite:
-    """Where runs are made, and the folder that keeps them."""
+    """The place that executes runs, and the folder that stores their results."""
 
     out: Path | None  # None: nothing is written
     threads: int  # threads of this process
@@ -302,8 +302,9 @@ def runner_at(
     outcome_of: Callable[["_core.RunOutcome"], T],
     what: str = "sweep",
 ) -> Iterator[Runner[T]]:
-    """Context manager with a runner at a site. The arguments are those of Journal and Runner.
-    Raises InputError for a folder with other runs, ParameterError for the scheduler."""
+    """Context manager with the runner of a site. The arguments are those of Journal and Runner.
+    Raises InputError if the folder contains other runs, and ParameterError for a wrong
+    scheduler."""
     with contextlib.ExitStack() as stack:
         place: Place = (
             stack.enter_context(Cluster(site.scheduler, experiment, overrides, identity))

@@ -190,7 +190,7 @@ class IsolatedPoint:
 
 @dataclass(frozen=True)
 class Bounces:
-    """How many of the runs lost contact, and the probability that a contact bounces with its 95 %
+    """The number of runs with a contact loss, and the probability of a contact loss with its 95 %
     interval (Clopper and Pearson)."""
 
     runs: int
@@ -200,7 +200,7 @@ class Bounces:
 
 
 def bounces(outcomes: Sequence[PointOutcome]) -> Bounces:
-    """Returns how many of the runs that came into contact lost it."""
+    """Returns the number of runs with contact and the number of those that lost the contact."""
     touched = [one for one in outcomes if not one.error and one.first_contact_s is not None]
     runs, lost = len(touched), sum(bool(one.contact_losses_run) for one in touched)
     low = float(special.betaincinv(lost, runs - lost + 1, 0.025)) if lost else 0.0

@@ -16,7 +16,7 @@ from forceaxis._results import UnitVariable
 Version = Literal["2.0", "3.0"]
 LIBRARY = "forceaxis_fmu"  # file name of the library, without suffix
 STEP_S = 1 / TICKS_PER_SECOND
-STOP_S = 10.0  # end of the experiment that an importer proposes
+STOP_S = 10.0  # end time that an importer of the unit proposes for its experiment
 
 # Exponents of the SI base units of the symbols in the units of models and objects.
 SYMBOLS = {
@@ -47,7 +47,7 @@ class Variable(UnitVariable):
 
     @property
     def has_start(self) -> bool:
-        """Whether modelDescription.xml has a start value for this variable."""
+        """True if modelDescription.xml has a start value for this variable."""
         return self.role in ("input", "fixed", "tunable")
 
     @property
@@ -73,7 +73,7 @@ class Variable(UnitVariable):
 
 @dataclass(frozen=True)
 class About:
-    """What modelDescription.xml says of a unit as a whole."""
+    """The facts about a whole unit that modelDescription.xml states."""
 
     name: str  # name of the model
     description: str
@@ -120,7 +120,8 @@ def xml(version: Version, about: About, variables: Sequence[Variable]) -> bytes:
     listed = ET.SubElement(root, "ModelVariables")
     for reference, variable in enumerate(variables):
         if variable.role == "independent" and version == "2.0":
-            continue  # only 3.0 requires the time, and some importers of 2.0 do not know it
+            # FMI 3.0 requires the time; some importers of FMI 2.0 do not know it as a variable
+            continue
         write.variable(listed, reference, variable)
     write.structure(root, [i for i, v in enumerate(variables) if v.role == "output"])
     ET.indent(root)

@@ -20,7 +20,7 @@ from forceaxis.words import suggestion
 
 LIBRARY = Path(_core.__file__).with_name(f"{description.LIBRARY}.so")
 LINUX_FOLDERS = {"2.0": {"x86_64": "linux64"}, "3.0": {}}  # others: MACHINE-linux
-# Objects that a unit has; the others concern buses and boards.
+# Objects that are variables of a unit; all other objects concern buses and boards.
 PARTS = ("axis", "law", "recorder", "drive")
 NODE_ID = 1  # of a unit, which is on no bus
 WRITTEN = (1980, 1, 1, 0, 0, 0)  # date of all files, so that equal units have equal bytes
@@ -154,7 +154,7 @@ def _write(
 def _token(
     version: Version, facts: Mapping[str, Any], resources: Mapping[str, bytes], library: bytes
 ) -> str:
-    """Returns a hash of everything that a unit consists of."""
+    """Returns a hash of all contents of a unit."""
     content = [version.encode(), toml.write_text(facts).encode(), library]
     content += [part for name, data in sorted(resources.items()) for part in (name.encode(), data)]
     return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in content)).hexdigest()

@@ -156,11 +156,12 @@ class Measurement:
         return np.asarray(self.scale * mean)
 
     def _signals(self, system: linear.System, frequency: Reals) -> Complexes:
-        """Returns input and output of the response, divided by the excitation of the plant."""
+        """Returns the linear responses of the two measured signals to the excitation of the
+        plant."""
         values: Complexes = system.response(frequency).reshape(len(frequency), 2).T
         late = np.exp(-2j * np.pi * frequency * self.dt) - 1
         for row, name in enumerate((self.input, self.output)):
-            if name in CODES[:3]:  # A code is converted before the new excitation acts.
+            if name in CODES[:3]:  # The ADC converts a code before the new excitation acts.
                 values[row] += system.D[row, 0] * late
             elif name == "dac_code":
                 values[row] = 1.0

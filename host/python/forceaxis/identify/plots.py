@@ -43,7 +43,8 @@ def response(
         size.loglog(f, abs(model), color=GOT, linewidth=2.4, alpha=0.5, label="linear model")
     size.loglog(f, magnitude, color=INK, linewidth=0.9, label="measured", marker=marker)
     low, high = size.get_ylim()
-    if high < 10 * low:  # a nearly constant magnitude shall look constant
+    # the axis has a smallest range, so that a nearly constant magnitude looks constant
+    if high < 10 * low:
         middle = math.sqrt(low * high)
         size.set_ylim(middle / math.sqrt(10), middle * math.sqrt(10))
     bottom = np.maximum(magnitude - radius, magnitude * 1e-3)

@@ -70,7 +70,8 @@ class Samples:
         return Fraction(1, self.every.denominator)
 
     def _arriving(self, order: int, late: Fraction) -> "Samples":
-        """Returns samples of which one arrives some time after the start of an order."""
+        """Returns samples whose phase differs from the start of an order of samples and ticks by a
+        given time."""
         arrives = (order * self._step + late - self.latency) % self.every
         return replace(self, phase=arrives)
 
@@ -117,9 +118,10 @@ class TickPlant:
 
 @dataclass(frozen=True)
 class Lifted:
-    """The loop over one period: A, B from the codes (in V), C and D to the law's outputs that
-    become codes, and to the controlled signal at the start of the period. enters, direct: how a
-    set-point that is constant over a period acts on the states and on the law's outputs."""
+    """The loop over one period. The inputs of A, B, C, D are the codes in V; the outputs are those
+    outputs of the law that become codes, and the controlled signal at the start of the period.
+    enters, direct: effect of a set-point, which is constant over a period, on the states and on the
+    outputs of the law."""
 
     A: Matrix
     B: Matrix
@@ -136,8 +138,8 @@ def lift(plant: TickPlant, bus: BusFacts, samples: Samples | None = None) -> Lif
 
 
 def spline_pieces(order: int) -> list[list[Fraction]]:
-    """Returns the pieces of the B-spline of an order: the coefficients of each as a polynomial in
-    the place in its interval, 0 to 1, the lowest power first."""
+    """Returns the polynomial pieces of the B-spline of an order. Each row has the coefficients of
+    one piece, the lowest power first, for a variable from 0 to 1 within the piece."""
     pieces = [[Fraction(1)]]
     for n in range(2, order + 1):
         grown = []
@@ -189,12 +191,13 @@ class _SincFilter:
         shares = self.weights @ self.moved(share, moments)
         value = self.due[0] + shares[0]
         self.due = [row + more for row, more in zip([*self.due[1:], 0], shares[1:], strict=True)]
-        # The next interval is empty at this instant.
+        # the moments of the next interval are 0 at this instant
         self.chain = -self._about(-float(share)) @ moments
         return np.asarray(value[None])
 
     def _about(self, later: float) -> Matrix:
-        """Returns the matrix that moves the place of moments by `later` ticks."""
+        """Returns the matrix that converts moments about an instant to moments about the instant
+        `later` ticks after it."""
         order = len(self.chain)
         return np.array([
             [
@@ -223,7 +226,7 @@ class _Period:
             -samples.newest(0) if samples else 0,
             _SincFilter.states(order) if order else 0,
             laws,
-            1,  # output of the law in the last tick
+            1,  # row that gives the output of the law in the last tick
             1 if plant.derivative_s else 0,  # reading of the last tick
         ]
         self.size = sum(sizes)
@@ -307,7 +310,8 @@ class _Period:
         return code
 
     def _move(self, tick: int) -> None:
-        """Moves the plant to the next tick, and samples the force on the way."""
+        """Computes the plant up to the next tick, and takes the samples of the force that lie in
+        between."""
         cycle = self.bus.cycle_ticks
         sent = self.sent[tick // cycle - (tick - self.bus.delay_ticks_out) // cycle]
         while self.samples and self.samples.instant(self.next_sample) < tick + 1:

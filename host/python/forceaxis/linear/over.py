@@ -47,8 +47,9 @@ SEARCH_STARTS = 2  # number of plants from which the search for the worst plant 
 # First and last step of the search for the worst plant, relative to half of a parameter's range.
 COARSE_STEP, FINE_STEP = 1 / 16, 1 / 2048
 COMBINATIONS_MAX = 20000
-LOAD_ANGLE = "drive.load_angle"  # element of a stepper, whose states are the segments of its force
-STEPPER_PERIODS = 8  # periods of the force at each side of the load angle 0
+# name of the element of a stepper whose states are the segments of its force
+LOAD_ANGLE = "drive.load_angle"
+STEPPER_PERIODS = 8  # number of periods of the force on each side of the load angle 0
 
 
 class _Response:

@@ -45,7 +45,7 @@ PHASE_SHARE, PARABOLAS_MAX = 1e-5, 4
 
 
 def _turned(gain: float, degrees: float) -> complex:
-    """Returns a gain that turns a sinusoid back by some degrees."""
+    """Returns a complex gain that delays a sinusoid by some degrees."""
     return cmath.rect(gain, -math.radians(degrees))
 
 
@@ -92,7 +92,8 @@ class PeriodicLoop(Loop):
 
     @cached_property
     def open(self) -> System:
-        """Not known for a loop with several codes in a period. Raises InputError."""
+        """Raises InputError, because this value is not defined for a loop with several codes in a
+        period."""
         raise _core.InputError(
             f"{self.model}: adc.sample_rate: expected a loop that outputs one DAC code in each "
             f"period of its samples, got {self.whole.B.shape[1]} codes; for such a loop only the "
@@ -106,8 +107,7 @@ class PeriodicLoop(Loop):
         return minimal(replace(self.whole, C=self.whole.C[:codes], D=self.whole.D[:codes]))
 
     def _outermost(self, gain: complex) -> complex:
-        """Returns the closed-loop pole of the largest magnitude at a gain that may turn the
-        codes."""
+        """Returns the closed-loop pole of the largest magnitude at a gain, which may be complex."""
         A, B, C, D = (getattr(self._minimal, name).astype(float) for name in "ABCD")
         closed = A - gain * B @ np.linalg.solve(np.eye(len(D)) + gain * D, C)
         poles = np.linalg.eigvals(closed)
@@ -131,8 +131,8 @@ class PeriodicLoop(Loop):
         return -math.log(max(self._radius(gain), 1e-300)) / self.dt
 
     def _edge(self, gain_at: Callable[[float], complex], good: float, bad: float) -> float:
-        """Returns the place between a stable and an unstable place at which a pole reaches the
-        boundary. `gain_at`: gain of a place."""
+        """Returns the point between a stable and an unstable point at which a pole reaches the
+        stability boundary. `gain_at`: function that returns the gain at a point."""
         return float(
             optimize.brentq(
                 lambda at: self._radius(gain_at(at)) - 1, good, bad, xtol=1e-14 * bad, rtol=1e-13

@@ -13,10 +13,10 @@ from forceaxis.results import from_json
 
 FORMAT = "forceaxis posterior 1"
 SUFFIX = ".json"
-HELD_SHARE = 0.95  # part of the posterior that a set holds
+HELD_SHARE = 0.95  # share of the posterior that the plants of a set represent
 PLANTS = 40  # largest number of plants of a set
 VALUE_LEAST = 1e-100  # smallest value of a parameter in SI units; its inverse is the largest
-LOW, HIGH = 0.025, 0.975  # ends of an interval that holds 95 %
+LOW, HIGH = 0.025, 0.975  # ends of the interval that contains 95 % of the samples
 
 
 @dataclass(frozen=True)

@@ -121,12 +121,12 @@ class Responses:
 
     @property
     def is_free(self) -> bool:
-        """True if the sensor has no known phase."""
+        """True if the phase between the samples of the sensor and the ticks is not known."""
         return self.of(self.plants.nominal()[0]).free
 
     @cached_property
     def in_all_phases(self) -> "Responses":
-        """Responses of the same plants with all phases."""
+        """Responses of the same plants with every analysed phase of the samples."""
         return Responses(self.plants, self.timings, True)
 
 

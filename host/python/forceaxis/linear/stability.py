@@ -495,7 +495,7 @@ class Loop:
         growths = [self._growth(A)]
         for _ in range(ROUNDED_AGAIN):
             growths.append(self._growth(A * (1 + 2.0**-53 * rng.choice([-1, 1], A.shape))))
-        # A change of the same size in another direction must not decide either.
+        # A change of the matrix of the same size in another direction must give the same answer.
         size = 1.0 if self.dt is not None else float(np.abs(self._poles).max())
         least = max(growths) - min(growths) + 2.0**-50 * size
         return None if min(growths) - least < 0 < max(growths) + least else growths[0] < 0
@@ -524,7 +524,7 @@ class Loop:
                 if outside < 0:
                     inside = at
                 elif at > inside and self._settled(at) is False:
-                    while growth(inside) >= 0:  # the growths of a search may be less exact
+                    while growth(inside) >= 0:  # a search may use less exact values of the growth
                         inside = max(inside / GAIN_STEP_FACTOR, least)
                     return self._root(growth, inside, at)
             gain = float(gains[-1])
@@ -538,7 +538,8 @@ class Loop:
         return float(abs(np.angle(poles[np.argmax(np.abs(poles))])) / (2 * math.pi * self.dt))
 
     def _of_poles(self) -> Limit:
-        """Returns the limit as the closed-loop poles have it, without the crossings above."""
+        """Returns the limit that follows from the closed-loop poles, without the crossings above
+        it."""
         start = self._smallest_stable()
         if start is None:
             return Limit(0.0, None, [], [], "unstable at any small gain")
@@ -599,7 +600,7 @@ class Loop:
         return ranges
 
     def _by_response(self) -> Limit:
-        """Returns the limit as the response along the stability boundary has it."""
+        """Returns the limit that follows from the response along the stability boundary."""
         (crossings, known_to), ranges = self._crossed, self._ranges_by_response
         if not ranges or ranges[0][0] > 0:
             reason = "unstable at any small gain" if ranges else "stable at no gain"

@@ -26,15 +26,15 @@ POINT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?$")
 COMMA = re.compile(r"[-+]?(\d+,?\d*|,\d+)([eEdD][-+]?\d+)?$")
 PLAIN = re.compile(r"[-+.0-9eE]*")
 MISSING = ("", "nan", "-nan", "null", "none", "na", "n/a", "-", "---", "#n/a")
-PROBED_LINES = 400  # lines from which the dialect is found
+PROBED_LINES = 400  # number of lines from which the dialect is determined
 SCOPE_ROWS = ("SymbolName", "Name", "Unit", "SampleTime[ms]", "Data-Type")
 SCOPE_END = "EOF"
-SHOWN = 40  # characters of a wrong text in a message
+SHOWN = 40  # largest number of characters of a wrong text that a message shows
 
 
 @dataclass(frozen=True)
 class CsvDialect:
-    """How the rows of a CSV file are written."""
+    """The dialect of a CSV file: the form in which its rows are written."""
 
     separator: str
     decimal: str  # "." or ","
@@ -93,7 +93,8 @@ def _without_end(cells: list[str], width: int) -> list[str]:
 
 
 def _numbers_in(cells: list[str], decimal: str) -> int:
-    """Returns the number of numbers in the fields of a line, or 0 if another field has a text."""
+    """Returns how many fields of a line are numbers, or 0 if one of the other fields contains a
+    text."""
     good = sum(is_number(cell, decimal) for cell in cells)
     missing = sum(cell.casefold() in MISSING for cell in cells)
     return good if good + missing == len(cells) else 0
@@ -123,14 +124,15 @@ def dialect_of(lines: list[str], where: str, separator: str | None = None) -> Cs
         for decimal in (".", ",")
         if mark != decimal
     ]
-    # The most numbers; of equal ones that with the most columns, then the first of the list.
+    # Selects the dialect with the most numbers, then with the most columns, then the first in the
+    # list.
     numbers, width, mark, decimal = max(found, key=lambda one: one[:2])
     if numbers < 2:
         raise InputError(
             f"{where}: expected rows of numbers within the first {PROBED_LINES} lines, got none; "
             "export the data as CSV"
         )
-    # The first row may be above the longest block: a wrong row between them is an error.
+    # The first row may be above the longest block. A wrong row between them is then reported.
     first = next(
         index
         for index, line in enumerate(probed)
@@ -182,7 +184,8 @@ def _header(lines: list[str], dialect: CsvDialect) -> _Header:
     rows: dict[str, list[str]] = {}
     for cells in above:
         if cells and cells[0] in SCOPE_ROWS and len(cells) == dialect.width:
-            rows[cells[0]] = cells  # of two rows `Name` the first names the file
+            # the export has two rows `Name`, of which the first names the file
+            rows[cells[0]] = cells
     if {"Name", "SymbolName"} & set(rows):
         return _scope_header(rows)
     wide = [cells for cells in above if len(cells) == dialect.width and any(cells)]

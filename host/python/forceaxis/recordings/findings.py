@@ -1,5 +1,4 @@
-"""Finds stretches of a signal that a person should know about: gaps, jumps, saturation and constant
-stretches."""
+"""Finds unusual stretches of a signal: gaps, jumps, saturation and constant stretches."""
 
 import itertools
 from collections.abc import Iterator
@@ -10,14 +9,16 @@ from numpy.typing import NDArray
 from forceaxis.recordings.signal_recording import Floats, SignalFinding
 from forceaxis.words import counted
 
-GAP_PERIODS = 1.6  # a longer distance of two samples is a gap
+# ratio of the distance of two samples to the sampling period above which the distance is a gap
+GAP_PERIODS = 1.6
 # A jump is a step between two samples that is larger by this factor than each step around it.
 # The step is also at least this share of the range of all values.
 JUMP_FACTOR, JUMP_SHARE, JUMP_NEIGHBOURS = 12.0, 0.05, 4
 SATURATED_SAMPLES = 3  # successive samples at the largest or the smallest value
 # A signal that reaches its largest value with a step of this many quanta does not settle there.
 SATURATED_QUANTA = 3.0
-CONSTANT_SAMPLES, CONSTANT_FACTOR = 25, 12  # samples; multiple of the usual length
+# smallest number of equal samples that is a finding, and its ratio to the usual number
+CONSTANT_SAMPLES, CONSTANT_FACTOR = 25, 12
 STATE_ENDINGS = (
     "_setpoint",
     "_command",
@@ -39,7 +40,7 @@ def find(name: str, time_s: Floats, values: Floats) -> tuple[SignalFinding, ...]
 
 
 def gaps(time_s: Floats) -> Iterator[SignalFinding]:
-    """Yields the places at which samples are missing."""
+    """Yields a finding for each gap in which samples are missing."""
     if len(time_s) < 3:
         return
     steps = np.diff(time_s)
@@ -53,8 +54,9 @@ def gaps(time_s: Floats) -> Iterator[SignalFinding]:
 
 
 def jumps(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
-    """Yields single steps that are much larger than the steps before and after them, as a lost
-    count or a changed zero makes them. The rise of a contact force has large steps beside it."""
+    """Yields steps that are much larger than the steps before and after them. A lost count or a
+    changed zero causes such a single step. During the rise of a contact force, the neighbouring
+    steps are large too."""
     steps = np.abs(np.diff(values))
     wide = JUMP_NEIGHBOURS
     around = np.pad(steps, wide, mode="edge")
@@ -89,10 +91,10 @@ def saturations(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
 
 
 def constants(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
-    """Yields long stretches of one value in a signal that otherwise changes, as a sensor that has
-    failed gives them."""
+    """Yields long stretches with a constant value in a signal that otherwise changes. A failed
+    sensor causes such stretches."""
     lengths = _equal_runs(values)
-    # Of half of the samples the run is at most this long: a position at rest is constant as usual.
+    # Half of the samples are in runs of at most this length: a position at rest is often constant.
     usual = float(np.median(np.repeat([b - a for a, b in lengths], [b - a for a, b in lengths])))
     least = max(CONSTANT_SAMPLES, CONSTANT_FACTOR * usual)
     for a, b in lengths:

@@ -27,33 +27,33 @@ NAME = re.compile(r"[a-z][a-z0-9_.]*$")
 LEAST_SAMPLES = 8
 DELAY_MAX_S = 1.0
 RATE_MAX_HZ = 10e6
-LARGE_TIME_S = 1e5  # times that begin later are those of a calendar
+LARGE_TIME_S = 1e5  # times in s that begin later than this are times of a calendar
 
 
 @dataclass(frozen=True)
 class SignalMap:
-    """Which column of a source is which signal: NAME=[-]COLUMN[:UNIT]."""
+    """A signal and the column of the source with its values: NAME=[-]COLUMN[:UNIT]."""
 
     name: str
     column: str
-    unit: str | None  # None: the unit that the source gives
+    unit: str | None  # None: the unit that the source states is used
     sign: int
 
 
 @dataclass(frozen=True)
 class ImportRequest:
-    """What is imported. The names of the fields are those of the options."""
+    """The request for an import. The fields have the names of the options."""
 
     map: Sequence[str]
     time: str | None = None  # COLUMN[:UNIT], or None to find the column
-    rate: float | None = None  # in Hz, of a source without times
+    rate: float | None = None  # sampling rate in Hz for a source without times
     delay: Mapping[str, str] = field(default_factory=dict)  # {signal: time with its unit}
     title: str = ""
 
 
 @dataclass(frozen=True)
 class Imported:
-    """A recording that was imported, and what a person should know about the import."""
+    """An imported recording, with notes for the user about the import."""
 
     recording: SignalRecording
     notes: tuple[str, ...]
@@ -64,7 +64,8 @@ def parse_map(text: str, source: Source) -> SignalMap:
     name, equals, rest = text.partition("=")
     if not (equals and rest.strip("-")):
         raise ParameterError("map", f"{text}: expected SIGNAL=COLUMN:UNIT, such as force=Fz:N")
-    if not NAME.match(name) or name.startswith("time_"):  # the file has times of that name
+    # the file of a recording has arrays of times with such names
+    if not NAME.match(name) or name.startswith("time_"):
         raise ParameterError(
             "map", f"{name}: expected a name of small letters, digits, _ and ., such as force, "
             "without time_ at its begin"
@@ -115,7 +116,8 @@ def import_source(source: Source, path: Path, request: ImportRequest) -> Importe
         if clock == len(clocks):
             clocks.append(time_s)
         values = values * (one.sign * factor)
-        rate_hz = float(f"{1 / np.median(np.diff(time_s)):.9g}")  # without the errors of rounding
+        # the digits that are rounding errors are removed
+        rate_hz = float(f"{1 / np.median(np.diff(time_s)):.9g}")
         signals.append(
             RecordedSignal(
                 one.name, unit, column.name, source_unit, factor, one.sign,

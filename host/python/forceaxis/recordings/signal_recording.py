@@ -64,7 +64,7 @@ INPUTS = (*COMMANDS, "force_setpoint")
 
 @dataclass(frozen=True)
 class SignalFinding:
-    """Something that a person should know about a stretch of one signal."""
+    """A finding about a stretch of one signal, such as a gap or a jump."""
 
     kind: str  #: "gap", "jump", "saturation" or "constant"
     from_s: float  #: time of the first sample of the stretch

@@ -17,16 +17,16 @@ LEAST_BEFORE = 8  # samples before the first contact
 # The force of a contact exceeds this number of standard deviations of the noise before it,
 # this share of the largest force, and this number of quanta.
 NOISE_FACTOR, PEAK_SHARE, QUANTA = 6.0, 0.02, 1.5
-COARSE_SHARE = 0.5  # largest level for quanta, as a share of the largest force
+COARSE_SHARE = 0.5  # upper limit of the level that the quanta give, as a share of the largest force
 # Two thresholds find the sample before the force rises. The first is a multiple of the standard
 # deviation of the noise, the second a share of the largest force. The sample is the last one
 # below the first threshold before the force exceeds the second threshold.
 QUIET_FACTOR, RISEN_SHARE = 3.0, 0.1
-LOST_SHARE = 0.5  # share of the level below which the contact is lost
+LOST_SHARE = 0.5  # share of the level of contact below which a contact is lost
 HELD_SHARE, HELD_LEAST = 0.2, 10  # fraction of the signal, at its end, whose mean is the held force
 SETTLED_SHARE = 0.05  # settling band, as a share of the held force
 IMPULSE_S = 0.025
-CONTACTS = 3  # number of contacts whose beginnings and ends are figures
+CONTACTS = 3  # number of contacts whose start and end times are figures
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class ForceLevel:
 
     zero: float
     noise: float  # standard deviation
-    contact: float  # force above the zero from which on there is contact
+    contact: float  # force above the zero from which on the axis is in contact
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ class ContactFigures:
     peak_N: float
     impulse_N_s: float  # impulse of the first 25 ms
     bounces: int  # contact losses
-    starts_s: tuple[float, ...]  # starts of the second contact, the third, ...
-    ends_s: tuple[float, ...]  # ends of the first contact, the second, ...
+    starts_s: tuple[float, ...]  # times in s at which the second, third and later contacts begin
+    ends_s: tuple[float, ...]  # times in s at which the first, second and later contacts end
     settling_s: float | None
     held_N: float
 

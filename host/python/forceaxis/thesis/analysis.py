@@ -180,7 +180,7 @@ def turns(model: str, without: str, **overrides: float) -> str:
     change = added_phase_deg(model, without, drive=False, span_hz=(8.0, 60.0), **overrides)
     found = {"lag": (-change.min(), change.argmin()), "lead": (change.max(), change.argmax())}
     largest = max(turn for turn, _ in found.values())
-    # A turn below a twentieth of the other one is no turn of the mode.
+    # A phase change below a twentieth of the other phase change is ignored.
     names = [name for name, (turn, _) in found.items() if turn > largest / 20]
     names.sort(key=lambda name: found[name][1])
     return f"{', then '.join(names)}: {', '.join(f'{found[name][0]:.3g} deg' for name in names)}"

@@ -60,7 +60,7 @@ def rigid_roots(k_f: float, output: str = "reading") -> np.ndarray:
     """Returns the closed-loop poles of the rigid robot with a perfect actuator in 1/s, sorted. The
     loop feeds back the force, or the position of the joint times k_s."""
     loop = loops.force_loop("fig2_3", timing="continuous", output=output)
-    volts_per_N = k_f / 40.96  # the drive of Fig 2.3 has 40.96 N/V
+    volts_per_N = k_f / 40.96  # the drive of Fig 2.3 gives a force of 40.96 N/V
     scale = 1.0 if output == "reading" else parameter("fig2_3", "k_s")
     return np.sort_complex(loop.closed_poles(volts_per_N * scale))
 

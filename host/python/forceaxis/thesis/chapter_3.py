@@ -26,7 +26,7 @@ from forceaxis.thesis.analysis import (
 from forceaxis.thesis.claim import Claim, compared, stated
 
 TIP, MOTOR = "tip.acceleration", "robot.acceleration"
-ARM_HZ = (25.0, 37.0)  # frequencies around the mode of the arm
+ARM_HZ = (25.0, 37.0)  # frequencies in Hz around the mode of vibration of the arm
 K_AMP = (
     "k_amp = 15 of Fig 4.4 gives a soft current loop; the laboratory's amplifier (Fig 4.3) must "
     "have been steeper: k_amp = 582 gives the 2000 Hz"

@@ -32,7 +32,7 @@ from forceaxis.thesis.claim import Claim, compared, stated
 
 PWM_HZ = 19400.0
 UNBOLTED = {"k_b": 0.0, "b_b": 0.0}
-BASE_HZ = (8.0, 20.0)  # frequencies around the mode of the base
+BASE_HZ = (8.0, 20.0)  # frequencies in Hz around the mode of vibration of the base
 OTHER_WORKPIECE = (
     "the roots cross at 46 Hz with the original, at 34 and 35 Hz with the stiffer and the softer "
     "one: a quarter less, where the thesis sees no significant change"

@@ -22,7 +22,8 @@ class TrialScores:
 
     trial: Trial
     scores: list[list[int]]
-    gives: list[list[bool]]  # True where the cell of the trial has the measured verdict
+    # for each point: True if the cell of the trial has the measured verdict
+    gives: list[list[bool]]
     command: str  # command line that repeats the run of the cell, with the first values
 
     @property
@@ -47,7 +48,7 @@ class TrialsResult:
 
     trials: list[TrialScores]
     together: int  # number of table cells with equal verdicts
-    together_sets: list[str]  # overrides that the taken trials have together
+    together_sets: list[str]  # overrides that result from all chosen trials together
 
 
 def run(cells: Sequence[CellResult], threads: int | None = None) -> TrialsResult:
@@ -97,7 +98,7 @@ def points(trial: Trial) -> list[tuple[str, ...]]:
 
 
 def job(cell: CellResult, trial: Trial, point: Sequence[str]) -> tuple[str, list[str]]:
-    """Returns the simulated run of a cell at one point of a trial."""
+    """Returns the experiment and the overrides of a cell's run at one point of a trial."""
     path, sets = load().job(cell)
     return path, latest([*sets, *trial.set, *point])
 
