@@ -33,7 +33,7 @@ FAINT = "#8a95a0"
 GRID = "#c8d0d8"
 THIN = {"linewidth": 0.9}
 
-# Colours of a verdict: for lines and marks, and for areas.
+# {verdict: colour} for lines and marks, and for areas.
 VERDICT = {
     "stable": "#2f8f78",
     "unstable": GOT,

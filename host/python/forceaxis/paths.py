@@ -1,4 +1,4 @@
-"""Where the files of this package are, in a checkout and in an installed wheel, and functions that
+"""Paths of the files of this package, in a checkout and in an installed wheel, and functions that
 write files."""
 
 import contextlib

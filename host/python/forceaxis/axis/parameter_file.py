@@ -4,7 +4,8 @@
     [axis], [law], [drive], ...     # a table for each part of the object table
     force_gain = 7.5                # code/count
     bank_gain = [4.37, 0.0, 0.0, 0.0]
-    [measured]                      # of this axis' own sensor: tare, points of the calibration
+    # values of this axis' own sensor: tare, points of the calibration
+    [measured]
     [objects]                       # type, scale, unit and range of each object above
     force_gain = { type = "u16", ... }
 

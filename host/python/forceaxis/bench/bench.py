@@ -241,7 +241,7 @@ def runners(name: str, tools: Iterable[str], peers: Peers) -> dict[str, Runner]:
         "odeint": lambda: peers.run("odeint", case, full),
         "mujoco": lambda: peers.run("mujoco", case, full),
     }
-    if not full:  # for SciPy, equations exist only for the benchmark cases A and B
+    if not full:  # the equations for SciPy exist only for the benchmark cases A and B
         every["scipy"] = lambda: scipy_peer.run(case.gain, case.setpoint_N, TICKS)
     return {t: every[t] for t in tools if t in every and t not in peers.missing}
 

@@ -1,5 +1,5 @@
-"""How CPU time and peak memory grow with the number of states, of
-switching events and of runs, beside odeint.
+"""Measures how CPU time and peak memory grow with the number of states, switching events and runs,
+for forceaxis and odeint.
 
 States: a chain of bodies between springs, driven by the motor of the benchmark and pressed on a
 wall, for 2 s. Events: an oscillator that hits a stop in each period and rubs at each reversal, for

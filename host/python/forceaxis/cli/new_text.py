@@ -51,7 +51,8 @@ def _bank(bought: BankForAxis | NoBank | None) -> list[tuple[str, str]]:
     times = ""
     if before is not None and bought.p_static_error is not None:
         reached = "|S| never below -3 dB"
-        if before > 1.01 * LOWEST_HZ:  # with law P, |S| is below -3 dB at a low frequency
+        # this text applies if |S| is below -3 dB at a low frequency with law P
+        if before > 1.01 * LOWEST_HZ:
             reached, times = f"bandwidth fS {before:.3g} Hz", f", {after / before:.2g} times P's"
         rows.append(
             ("P", f"force_gain {bought.p_force_gain:.4g}, {reached}, static error up to "

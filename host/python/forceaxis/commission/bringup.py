@@ -70,9 +70,10 @@ BOARD_ERRORS = {
 
 @dataclass(frozen=True)
 class BoardFacts:
-    """What a step has to know of a board. `errors`: texts of the bits of board_state that mean
-    something else on each board. `stage_codes`: DAC codes at which the voltage of the stage is
-    asked for. `source_ohm`: largest resistance of a source at an input of the ADC."""
+    """Facts about a board that a step of the bring-up needs. `errors`: texts of the bits of
+    board_state that mean something else on each board. `stage_codes`: DAC codes at which the
+    voltage of the stage is asked for. `source_ohm`: largest resistance of a source at an input of
+    the ADC."""
 
     errors: dict[str, str]
     openocd_config: str
@@ -130,7 +131,7 @@ class Operator(Protocol):
 
 @dataclass(frozen=True)
 class BringupRequest:
-    """What is to be done: the names of the steps, or () for all of them."""
+    """The request for a bring-up: the names of the steps, or () for all steps."""
 
     steps: Sequence[str] = ()
 

@@ -50,9 +50,9 @@ FILES = ("posterior.json", "pairs.png", "contacts.png")
 
 @dataclass(frozen=True)
 class ContactOrder:
-    """What to identify: a model, recordings of touch-downs, and names of parameters. `given`: texts
-    NAME=VALUE+-PERCENT% of priors. `held`: other parameters of the model. `threads`: for the
-    simulation. `scheduler`: address of a Dask scheduler whose workers then simulate."""
+    """The order for an identification: a model, recordings of touch-downs, and names of parameters.
+    `given`: texts NAME=VALUE+-PERCENT% of priors. `held`: other parameters of the model. `threads`:
+    for the simulation. `scheduler`: address of a Dask scheduler whose workers then simulate."""
 
     model: str
     recordings: Sequence[Path]
@@ -90,7 +90,7 @@ def prior_of(order: ContactOrder) -> dict[str, Prior]:
 
 
 def read_recordings(order: ContactOrder) -> tuple[ContactData, tuple[ContactRecording, ...]]:
-    """Reads the recordings of an order. Raises InputError."""
+    """Reads the recordings that an order names. Raises InputError."""
     read = [(path.stem, signal_recording.read(path)) for path in order.recordings]
     data = contact_data.touch_downs(order.model, read, order.held)
     samples = [

@@ -34,9 +34,9 @@ KEPT_MAX = 4000  # largest number of samples in a result
 
 @dataclass(frozen=True)
 class Convergence:
-    """How well the chains agree. `r_hat` is the largest and `effective_samples` the smallest of all
-    numbers of the point. `accepted`: share of accepted moves. `steps`: of each chain, without
-    tuning. `evaluations`: simulations of all touch-downs, with search and tuning."""
+    """Convergence of the chains. `r_hat` is the largest and `effective_samples` the smallest value
+    among the numbers of the point. `accepted`: share of accepted moves. `steps`: of each chain,
+    without tuning. `evaluations`: simulations of all touch-downs, with search and tuning."""
 
     r_hat: float
     effective_samples: float

@@ -20,7 +20,7 @@ KEPT = 16  # number of plants that a worker stores for reuse
 
 @dataclass(frozen=True)
 class ContactsOrder:
-    """What _core.Contacts needs, with the text of the model in place of its file."""
+    """Arguments of _core.Contacts, with the text of the model in place of its file."""
 
     text: str  # valid in any folder
     held: Overrides

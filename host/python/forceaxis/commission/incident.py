@@ -68,7 +68,7 @@ class ForceParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class IncidentAbout:
-    """What is known about an error beside its recording. `parameters` is {object: raw value} at
+    """Facts about an error in addition to its recording. `parameters` is {object: raw value} at
     the time when the incident was read."""
 
     where: str

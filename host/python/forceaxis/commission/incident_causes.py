@@ -109,7 +109,7 @@ def _named(document: Document, kind: str, name: str) -> Any:
 
 
 class Released:
-    """The released machine in the recorded second, and the causes that can change it.
+    """The recorded second as the released machine explains it, and the causes to try.
 
     `names`: parameters that were released with an uncertainty. Raises InputError.
     """

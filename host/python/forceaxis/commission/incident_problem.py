@@ -37,9 +37,9 @@ REST_TICKS = 4  # number of first ticks from which the speed at the start is com
 
 @dataclass(frozen=True)
 class Slack:
-    """How the parameters of the released machine, each within its uncertainty, change the residuals
-    of the recorded second. `matrix`: derivatives of the residuals by the logarithms of k
-    parameters, (residuals, k); `inverse`: inverse covariance of the logarithms, (k, k)."""
+    """Effect of the uncertain parameters of the released machine on the residuals of the recorded
+    second. `matrix`: derivatives of the residuals by the logarithms of k parameters, (residuals,
+    k); `inverse`: inverse covariance of the logarithms, (k, k)."""
 
     matrix: Floats
     inverse: Floats

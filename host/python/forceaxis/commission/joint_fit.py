@@ -176,7 +176,7 @@ class Responses:
     measured: list[Measurement]
     # {element: state} in which the model is linearised, for each response
     modes: list[States] = field(default_factory=list)
-    # for each response {parameter: name of this parameter in the priors}
+    # one dictionary for each response: {parameter: name of this parameter in the priors}
     own: list[dict[str, str]] = field(default_factory=list)
     # relative error of the model for each response
     errors: list[float] = field(default_factory=list)

@@ -24,7 +24,7 @@ FREQUENCIES, FREQUENCIES_MIN = 11, 3
 # Displacement of the workpiece that suffices, and smallest displacement that is accepted.
 # The unit is the displacement at which the spring overcomes the friction.
 SLIDES, SLIDES_MIN = 3.0, 1.25
-# largest number of amplitudes at one frequency, and ratio of successive amplitudes
+# largest number of amplitudes that are tried at one frequency, and ratio of successive amplitudes
 AMPLITUDES_MAX, AMPLITUDE_FACTOR = 7, 1.6
 
 

@@ -101,7 +101,8 @@ BAND_MAX_HZ = 400.0
 CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
 # permitted peak force in N of a first contact from the momentum of the axis alone
 IMPACT_PEAK_N = 10.0
-# The text names the limiting bound if the bandwidth is below this multiple of the bandwidth of P.
+# If the bandwidth is below this multiple of the bandwidth of law P, a text names the limiting
+# bound.
 BANDWIDTH_FACTOR = 1.7
 NO_MEMORY = -10  # key of REASONS for an axis that has no memory for parameters
 EARLIER_LAW_AGAIN = "the axis uses its earlier force law again"

@@ -61,7 +61,7 @@ class ElementStatistics:
     largest: float | None
     cp: Interval | None
     cpk: Interval | None
-    without: str  # why there is no Cpk; empty if there is one
+    without: str  # reason why Cpk was not computed; empty if it was computed
     values: list[float | None]  # values in the order of the parts; None: no value was found
 
 

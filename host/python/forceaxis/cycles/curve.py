@@ -39,7 +39,8 @@ class CurvePoints(Curve):
     the cycle, travel in m from travel 0 of the program less the deflection of the press, force in N
     less the offset of a tare, number of the phase."""
 
-    thinned: int  # how often the axis dropped one of two points, because its memory was full
+    # number of times that the axis dropped every second point, because its memory was full
+    thinned: int
 
     def rows(self) -> list[CurvePoint]:
         """Returns the points as a record has them: time, travel and force of each."""

@@ -23,13 +23,14 @@ from forceaxis.objects import BY_NAME
 MODE = "cycle"
 PART_WORDS = BY_NAME["cycle_data_16"].number - BY_NAME["cycle_data_1"].number + 1
 WORD_BYTES = 4
-# Objects that give the numbers of a program their meaning. SCALE is compared with a tolerance.
+# Objects that give the numbers of a program their meaning. SCALE is compared separately, with a
+# tolerance.
 SCALING = ("adc_bits", "force_sign", "rated_force", "feed", "polarity")
 SCALE = "force_scale"
 FORCE_SCALE_TOLERANCE = 0.01  # relative tolerance of force_scale against the model
 ENDED = ("good", "bad", "aborted")
 STORE_MAX_S = 15.0  # includes the erase of a full flash sector
-PART_TIMEOUT_S = 3600.0  # as long as the longest phase may last
+PART_TIMEOUT_S = 3600.0  # longest time in s until a cycle ends: that of the longest phase
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class LoadedProgram:
 
 @dataclass(frozen=True)
 class StoreObjects:
-    """Whether programs and counts of parts are stored."""
+    """Object that shows whether cycle programs and counts of parts are stored."""
 
     cycle_store_state: str
     fault: str

@@ -1,4 +1,4 @@
-"""Outcome of one simulated part."""
+"""Outcome of the cycle of one simulated part, for error rates and bounds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -31,8 +31,8 @@ NOTHING_FOUND = ("none", "not reached", "aborted")  # verdicts of an element wit
 
 @dataclass(frozen=True)
 class ElementFigure:
-    """What an element found, with its bounds in `unit`. A window and an envelope have no bounds
-    that are one number."""
+    """The result of an evaluation element, with its bounds in `unit`. The bounds of a window or an
+    envelope are not single numbers, so they are missing here."""
 
     name: str
     kind: str
@@ -50,7 +50,7 @@ class PhaseSpan:
     name: str
     begin_s: float
     end_s: float
-    why: str  # it ended: the condition, the exceeded limit, or "stopped"
+    why: str  # reason why the phase ended: the condition, the exceeded limit, or "stopped"
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class TickCurve(Curve):
 
 @dataclass(frozen=True)
 class PartPicture:
-    """What the plot of a part shows."""
+    """The contents of the plot of a part."""
 
     title: str
     state: str

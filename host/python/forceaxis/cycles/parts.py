@@ -125,7 +125,8 @@ class Parts:
     file: Path
     title: str
     kinds: list[Kind]
-    names: list[str] = field(default_factory=list)  # of all parameters, in the order of the file
+    # distributions of all parameters, in the order of the file
+    names: list[str] = field(default_factory=list)
 
 
 def read_parts(file: Path, experiment: Path, overrides: Sequence[str] = ()) -> Parts:

@@ -21,7 +21,7 @@ __all__ = ["Element", "End", "Phase", "Program"]
 KEY = "experiment.cycle"  # override that replaces the program of an experiment
 # Kinds of elements whose bounds are no interval of one number.
 SHAPES = ("window", "envelope")
-# How closely a value agrees with a bound that is written in decimals, relative to both.
+# Relative difference up to which a value is equal to a bound that is written in decimals.
 SAME = 1e-10
 
 

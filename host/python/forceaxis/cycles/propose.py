@@ -34,7 +34,7 @@ from forceaxis.experiments.inputs import read_inputs
 from forceaxis.experiments.points import tidy
 
 RATE_LEAST, RATE_MOST = 1e-5, 0.5
-# Why the bounds of an element stay.
+# Reasons why the bounds of an evaluation element do not change.
 LEFT_SHAPE = "its bounds are a shape and no number"
 LEFT_OPEN = "the program gives it no bound"
 

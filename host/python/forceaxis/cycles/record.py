@@ -141,7 +141,7 @@ def from_row(row: Mapping[str, str], names: Sequence[str], where: str) -> PartRe
             most=number(f"{name}{MOST}"),
         )
         for name in names
-        if row[f"{name}{VERDICT}"]  # otherwise the part has no such evaluation element
+        if row[f"{name}{VERDICT}"]  # without a verdict the part has no such evaluation element
     ]
     return PartRecord(**given)
 

@@ -193,7 +193,7 @@ class NextCrossing:
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """What limits the bandwidth of an axis, and its changes.
+    """The property that limits the bandwidth of an axis, and the effects of changes.
 
     `unit`: unit of the gains. `reference_hz`: crossover frequency of the present design, at which
     `loop_gain_at` is computed. `present_gain`: `force_gain` of the experiment. `over` and `modes`:

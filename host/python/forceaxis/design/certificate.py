@@ -19,7 +19,7 @@ from forceaxis.linear.plant_set import Member, PlantSet
 from forceaxis.linear.precise import DELAYS, Responses
 
 ATTEMPTS = 12  # largest number of gains for which the exact bandwidth and margins are computed
-# Ratio of the first tried gain to the gain from the grid of frequencies.
+# Ratio of the first gain that is checked exactly to the gain that the grid of frequencies gives.
 # The ratio is below 1, because the grid seldom contains the worst plant.
 FIRST_GAIN_FACTOR = 0.995
 # The search of the largest gain ends at this ratio of a gain that is too small to one too large.

@@ -137,7 +137,7 @@ class _Measured:
     gap_m: float | None = None
 
 
-# A run, and the instant of tick 0 in s before the first contact of the run.
+# A simulated run, and the time in s from its tick 0 to its first contact.
 _Run = tuple[Columns, float]
 
 

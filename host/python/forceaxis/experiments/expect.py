@@ -307,7 +307,7 @@ class ExpectationCheck:
     obtained: Obtained
     unit: str = ""  # unit of a number
     why: str = ""  # reason for the verdict of the run
-    agrees: bool | None = None  # of a figure of a recording that is missing
+    agrees: bool | None = None  # text for a figure of a recording that is missing
 
     @property
     def passed(self) -> bool:

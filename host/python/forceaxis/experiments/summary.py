@@ -256,7 +256,7 @@ def rows(result: RunResult, overrides: Sequence[str] = ()) -> list[Row]:
     return [*found, ("again", result.command)]
 
 
-# Why no cycle started, by the value of cycle_state.
+# {value of cycle_state: reason why no cycle started}
 NOT_STARTED = {
     "no_program": "the axis has no program",
     "other_bank": "the program is for another bank",

@@ -301,7 +301,7 @@ def sample(plants: PlantSet) -> list[Member]:
 
 
 def _by_loop(plants: PlantSet, spec: LoopSpec | None, analyse: Callable[[Loop], T]) -> Analyse[T]:
-    """Returns a function for _Set that analyses each force loop alone."""
+    """Returns the function with which a _Set analyses each force loop separately."""
     return lambda members, timings: [
         {timing: analyse(plants.loop(member, timing, spec)) for timing in timings}
         for member in members

@@ -501,8 +501,8 @@ class Loop:
         return None if min(growths) - least < 0 < max(growths) + least else growths[0] < 0
 
     def _smallest_stable(self) -> float | None:
-        """Returns the smallest of the CHECKED_GAINS that is settled, or None if the loop is
-        unstable there or no gain is settled."""
+        """Returns the smallest of the CHECKED_GAINS at which rounding does not decide whether the
+        loop is stable. Returns None if the loop is unstable there, or if there is no such gain."""
         for gain in self._typical_gain * CHECKED_GAINS:
             settled = self._settled(gain)
             if settled is not None:

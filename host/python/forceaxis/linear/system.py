@@ -254,7 +254,7 @@ class System:
 def polynomial(roots: Matrix) -> Matrix:
     """Returns the coefficients of the monic real polynomial with the given roots, highest power
     first."""
-    return np.atleast_1d(np.real(np.poly(roots)))  # without roots, NumPy returns a scalar 1
+    return np.atleast_1d(np.real(np.poly(roots)))  # if there are no roots, NumPy returns a scalar 1
 
 
 def find_model(text: str | Path) -> Path:

@@ -1,5 +1,6 @@
-"""What could give the cells of the stability tables that differ: the trials of tables.toml, each
-with the numbers of equal verdicts over its range."""
+"""Trials of changed parameters that could explain the differing cells of the stability tables.
+tables.toml defines the trials; each result has the number of equal verdicts over the range of a
+trial."""
 
 import itertools
 import shlex
