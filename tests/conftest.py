@@ -1,5 +1,6 @@
 """Which tests run alone: tools/test runs those one after another, the others on two workers."""
 
+import os
 from pathlib import Path
 
 import guest
@@ -15,6 +16,13 @@ NO_BUS = (
     "test_recorded",
     "test_steps",
 )
+
+
+def pytest_configure(config):
+    """Says to the sessions of tests/wire/steps.py whether all tests of a module run."""
+    chosen = config.option.keyword or getattr(config.option, "lf", False)
+    if chosen or any("::" in str(word) for word in config.args):
+        os.environ["FORCEAXIS_SOME_TESTS"] = "1"
 
 
 def pytest_collection_modifyitems(items):

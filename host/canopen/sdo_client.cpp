@@ -137,6 +137,11 @@ Frame SdoClient::time_out() {
   return frame;
 }
 
+std::optional<std::uint32_t> SdoClient::announced_size(const Frame &answer) {
+  if ((answer.data[0] & kSized) == 0) return std::nullopt;
+  return load_u32(&answer.data[4]);
+}
+
 std::optional<Frame> SdoClient::begin_upload(const Frame &answer) {
   const unsigned command = answer.data[0];
   if ((command & kExpedited) != 0) {
@@ -146,7 +151,7 @@ std::optional<Frame> SdoClient::begin_upload(const Frame &answer) {
     state_ = State::idle;
     return std::nullopt;
   }
-  if ((command & kSized) != 0) size_ = load_u32(&answer.data[4]);
+  size_ = announced_size(answer);
   state_ = State::upload_segment;
   return request(kUploadSegment << 5);
 }
@@ -186,6 +191,12 @@ std::optional<Frame> SdoClient::receive(const Frame &answer) {
       if (specifier != kAnswerUpload || !ours) return std::nullopt;
       return begin_upload(answer);
     case State::upload_segment:
+      // A request that was repeated because its answer was late is answered twice. The server began
+      // the upload anew with the second answer, before it received the request for a segment.
+      if (specifier == kAnswerUpload && ours && data_.empty()) {
+        size_ = announced_size(answer);
+        return std::nullopt;
+      }
       if (specifier != kAnswerUploadSegment) return abort(kAbortCommand);
       return upload_segment(answer);
     case State::download:

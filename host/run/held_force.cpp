@@ -9,17 +9,18 @@
 #include "host/run/experiment.hpp"
 #include "host/run/objects.hpp"
 #include "sim/hybrid/mode.hpp"
+#include "sim/model/elements/adc.hpp"
 
 extern "C" {
 #include "firmware/drive/modes.h"
-#include "sim/model/elements/adc.hpp"
 }
 
 namespace forceaxis::host {
 namespace {
 
-constexpr int kEnabling = 0x0F;  // all bits of the controlword that enable the drive
-constexpr int kHalt = 0x100;
+// All bits of the controlword that enable the drive.
+constexpr int kEnabling = AXIS_CONTROLWORD_SWITCH_ON | AXIS_CONTROLWORD_ENABLE_VOLTAGE |
+                          AXIS_CONTROLWORD_NO_QUICK_STOP | AXIS_CONTROLWORD_ENABLE_OPERATION;
 
 // The values of the firmware's objects after all writes passed to add().
 class Written {
@@ -55,7 +56,7 @@ int holds(std::int64_t mode) {
 // Returns the quantity (CIA402_HOLDS_) that the drive controls while it is enabled and not halted.
 int held_in_drive(const Written &written) {
   const std::int64_t word = written[AXIS_OBJ_CONTROLWORD];
-  const bool enabled = (word & (kEnabling | kHalt)) == kEnabling;
+  const bool enabled = (word & (kEnabling | AXIS_CONTROLWORD_HALT)) == kEnabling;
   return enabled ? holds(written[AXIS_OBJ_MODES_OF_OPERATION]) : CIA402_HOLDS_NONE;
 }
 

@@ -64,6 +64,30 @@ TEST(SdoClient, WrongToggleIsAborted) {
   EXPECT_FALSE(client.busy());
 }
 
+TEST(SdoClient, AnUploadThatWasAskedForTwiceIsAnsweredTwice) {
+  SdoClient client(0x601);
+  client.upload(0x1008, 0);
+  client.time_out();
+  client.take_result();
+  client.upload(0x1008, 0);
+  // The first answer was only late. The server has a value of another length for the second one.
+  ASSERT_TRUE(client.receive(answer({0x41, 0x08, 0x10, 0, 12, 0, 0, 0})));
+  EXPECT_FALSE(client.receive(answer({0x41, 0x08, 0x10, 0, 9, 0, 0, 0})));
+  EXPECT_TRUE(client.busy());
+  ASSERT_TRUE(client.receive(answer({0x00, 'f', 'o', 'r', 'c', 'e', 'a', 'x'})));
+  EXPECT_FALSE(client.receive(answer({0x1B, 'i', 's', 0, 0, 0, 0, 0})));
+  const SdoResult result = client.take_result();
+  EXPECT_TRUE(result.ok());
+  EXPECT_EQ(result.data, bytes_of("forceaxis"));
+  // After a segment, an upload that begins anew is an error.
+  client.upload(0x1008, 0);
+  client.receive(answer({0x41, 0x08, 0x10, 0, 9, 0, 0, 0}));
+  client.receive(answer({0x00, 'f', 'o', 'r', 'c', 'e', 'a', 'x'}));
+  const auto last = client.receive(answer({0x41, 0x08, 0x10, 0, 9, 0, 0, 0}));
+  ASSERT_TRUE(last);
+  EXPECT_EQ(last->data[0], 0x80);
+}
+
 TEST(SdoClient, ExpeditedDownload) {
   SdoClient client(0x601);
   const std::vector<std::uint8_t> value{0x0F, 0x00};

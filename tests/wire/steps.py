@@ -8,8 +8,8 @@ as the step has ended:
         steps["listed"] = scan()               # an error ends the session
 
 The test module reads the steps by their names, after the session has ended. A step that failed
-fails the tests that ask for it, with its error. The first step that was not reached fails with the
-error of the session, the others with one line.
+fails the tests that ask for it, with its error; if none does, it fails the last test of the module.
+The first step that was not reached fails with the error of the session, the others with one line.
 
     @pytest.fixture(scope="module")
     def found(tmp_path_factory, vcan):
@@ -17,6 +17,7 @@ error of the session, the others with one line.
 """
 
 import json
+import os
 import sys
 import time
 import traceback
@@ -69,6 +70,7 @@ class Found:
         # A session that is killed may leave half a line.
         lines = [json.loads(line) for line in text.splitlines(keepends=True) if line[-1] == "\n"]
         self._steps = {line["step"]: line for line in lines if "step" in line}
+        self._read = set()  # names of the steps that tests asked for
         error = next((line["end"] for line in lines if "end" in line), said[-3000:])
         self._died = status != 0 or bool(error)
         last = next(reversed(self._steps), "its start")
@@ -76,6 +78,7 @@ class Found:
         self._error = "\n" + (error or said[-3000:])  # not told yet
 
     def __getitem__(self, name):
+        self._read.add(name)
         if name not in self._steps:
             if not self._died:
                 raise KeyError(name)
@@ -87,9 +90,14 @@ class Found:
         return step["found"]
 
     def expect_end(self):
-        """Fails if the session died and no test has said so."""
+        """Fails if the session died and no test has said so, or if a step failed that no test has
+        asked for, although all tests of the module ran."""
         if self._died and self._error:
             fail(self._end + self._error)
+        whole = not self._died and "FORCEAXIS_SOME_TESTS" not in os.environ
+        for name, step in self._steps.items():
+            if whole and "error" in step and name not in self._read:
+                fail(f"{name}: {step['error']}")
 
 
 def run(vcan, folder, seconds, session, *arguments):

@@ -54,6 +54,15 @@ def test_a_step_that_fails_fails_alone_with_its_error(tmp_path):
         found["no such step"]
 
 
+def test_a_step_that_fails_and_that_no_test_reads_fails_the_last_test(tmp_path, monkeypatch):
+    monkeypatch.delenv("FORCEAXIS_SOME_TESTS", raising=False)
+    found = run(here, tmp_path, 60, session(tmp_path))
+    with pytest.raises(pytest.fail.Exception, match="late: Traceback"):
+        found.expect_end()
+    monkeypatch.setenv("FORCEAXIS_SOME_TESTS", "1")
+    found.expect_end()
+
+
 @pytest.mark.parametrize(
     ("end", "why"), [("error", "ValueError: the bus is down"), ("kill", "status -9 after after")]
 )

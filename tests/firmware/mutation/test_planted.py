@@ -204,12 +204,8 @@ def test_a_released_image_has_no_instruction_of_an_assertion(tmp_path: Path) -> 
     empty = tmp_path / "firmware/fx/assertion.h"
     empty.parent.mkdir(parents=True)
     empty.write_text("#include <stdbool.h>\n#define fx_assert(condition) ((void)0)\n")
-    sources = [
-        path
-        for path in sorted((ROOT / "firmware").rglob("*.c"))
-        if "fx_assert(" in path.read_text() and "port" not in path.parts
-    ]
-    assert len(sources) >= 15
+    sources = [f for f in sorted((ROOT / "firmware").rglob("*.c")) if "port" not in f.parts]
+    assert len(sources) >= 80
     compiler = ["arm-none-eabi-gcc", "-mcpu=cortex-m4", "-mthumb", "-std=c11", "-ffreestanding"]
     for path in sources:
         objects = []

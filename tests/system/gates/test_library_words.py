@@ -26,25 +26,37 @@ GENERATED = "bus/messages"  # from the comments of host/lcm/*.lcm
 pytestmark = pytest.mark.quick
 
 
-def named_in(source):
-    """[(line, words)] of each option and command that a string of the source names, without the
-    words of a list, which starts another program, such as axis_node."""
+def is_word_of_program(node):
+    """Whether a node is an option alone, as in a list of words that starts another program."""
+    return (
+        isinstance(node, ast.Constant)
+        and isinstance(node.value, str)
+        and bool(re.fullmatch(r"--[a-z-]+", node.value))
+    )
+
+
+def texts(source):
+    """[(line, text)] of each string of a source, with x for each value of a format string, and
+    without the options of a list or tuple, which starts another program, such as axis_node."""
     tree = ast.parse(source)
-    words_of_programs = {
-        id(constant)
-        for node in ast.walk(tree)
-        if isinstance(node, ast.List | ast.Tuple | ast.Call)
-        for constant in ast.walk(node)
-        if isinstance(constant, ast.Constant)
-        and isinstance(constant.value, str)
-        and re.fullmatch(r"--[a-z-]+", constant.value)
-    }
+    known = set()
     for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            if id(node) in words_of_programs:
-                continue
-            for found in NAMED.finditer(OTHER_PROGRAM.sub("", node.value)):
-                yield node.lineno, found[0]
+        if isinstance(node, ast.List | ast.Tuple):
+            known |= {id(word) for word in node.elts if is_word_of_program(word)}
+        elif isinstance(node, ast.JoinedStr):
+            pieces = [p.value if isinstance(p, ast.Constant) else "x" for p in node.values]
+            known |= {id(p) for p in node.values}
+            yield node.lineno, "".join(pieces)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in known:
+            yield node.lineno, node.value
+
+
+def named_in(source):
+    """[(line, words)] of each option and command that a string of a source names."""
+    for line, text in texts(source):
+        for found in NAMED.finditer(OTHER_PROGRAM.sub("", text)):
+            yield line, found[0]
 
 
 # A comment, a character or a string of C++. Adjacent strings are one text.
@@ -89,6 +101,9 @@ def test_the_library_names_no_option_and_no_command():
     ("text", "named"),
     [
         ('raise InputError("x: use --out")', ["--out"]),
+        ('raise InputError("--out")', ["--out"]),
+        ('raise InputError("x: add " + "--out")', ["--out"]),
+        ('raise InputError(f"{x}: add --{name}")', ["--x"]),
         ('f"{x}: `forceaxis axis reset` resets it"', ["forceaxis axis"]),
         ('def f():\n    """As `forceaxis limit` prints it."""', ["forceaxis limit"]),
         ('run(["axis_node", "--can", "vcan0"])', []),

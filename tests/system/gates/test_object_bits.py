@@ -11,10 +11,15 @@ from forceaxis.objects import BY_NAME, OBJECTS, REFUSALS, STATUS_STATES, mask, s
 ROOT = Path(__file__).resolve().parents[3]
 pytestmark = [pytest.mark.quick, pytest.mark.beside]
 OF_BITS = sorted({re.sub(r"_\d+$", "", o.name) for o in OBJECTS if o.bits})
+# Members with the value of such an object that have another name.
+ALIASES = (r"inputs(?:\.|->)(?:din|drive)",)
+OBJECT = rf"(?<![a-z_])(?:{'|'.join([*OF_BITS, *ALIASES])})(?:_\d+)?\b(?:\[\w+\])?"
+NUMBER = r"~?\(?(?:\(?u?int\d+_t\)?\s*\(?)?(?:U?INT\d+_C\()?(?:0[xX]?[\da-fA-F]*|\d+)\b"
+OPERATOR = r"\s*(?:&|\||\^)(?![&|])=?\s*"
 # An object, as a name, a member or the text of a read, beside an operator of bits and a number.
 LITERAL = re.compile(
-    rf"(?<![a-z_])(?:{'|'.join(OF_BITS)})(?:_\d+)?\b(?:\[\w+\])?[\"'\])]*\s*"
-    r"(?:(?:&|\||\^)(?![&|])=?\s*~?\(?(?:U?INT\d+_C\()?(?:0[xX]?[\da-fA-F]*|\d+)|>>|<<)"
+    rf"{OBJECT}[\"'\])]*(?:{OPERATOR}{NUMBER}|\s*(?:>>|<<))"
+    rf"|(?<![\w.]){NUMBER}\)*{OPERATOR}\(?(?:\w+(?:\.|->))*{OBJECT}"
 )
 
 
@@ -46,6 +51,10 @@ def test_no_source_has_a_literal_mask_of_an_object():
         "drive->params.controlword |= UINT16_C(0x100);",
         "return inputs->digital_inputs >> 3 & 1;",
         "fw->signals.rpdo_cob_id[2] & ~0x80000000",
+        "if (inputs.din & 4) {",
+        "if (axis->inputs.drive & 0x04) {",
+        "if ((0x8 & signals->statusword) != 0) {",
+        "if ((statusword & (uint16_t)8) != 0) {",
     ],
 )
 def test_a_literal_mask_is_found(line):
@@ -58,6 +67,8 @@ def test_a_literal_mask_is_found(line):
         "if ((signals->statusword & AXIS_STATUSWORD_FAULT) != 0) {",
         'if axis.read("board_state") & mask("board_state", "dac"):',
         "if (polarity && 1) {",
+        "if (count == 8 && signals->statusword == wanted) {",
+        "mask = AXIS_STATUSWORD_FAULT & signals->statusword;",
     ],
 )
 def test_a_name_is_no_literal_mask(line):
