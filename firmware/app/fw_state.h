@@ -120,8 +120,8 @@ typedef struct {
   uint32_t power_up; /* number of power-ups at which the axis had cycle programs */
   uint32_t number;   /* number of the last pressed part */
   uint32_t parts[CYCLE_PART_VERDICTS];
-  uint32_t oldest_waiting; /* only in the store: smallest number of a result that waits for its
-                            * acknowledgement; 0: none */
+  uint32_t oldest_waiting; /* smallest number of a result that waits for its acknowledgement, set
+                            * only in the store; 0: none */
   uint32_t bad_in_row;     /* number of consecutive bad or aborted parts, at most UINT16_MAX */
 } results_counts_t;
 

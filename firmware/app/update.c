@@ -132,7 +132,7 @@ static int fail(fw_t *fw) {
   return refuse(fw, AXIS_PROGRAM_REFUSAL_FLASH_FAILED, FW_ERROR_NO_DATA);
 }
 
-/* Erases the slot for an update whose head is right. */
+/* Erases the slot for an update whose head is valid. */
 static int take_head(fw_t *fw) {
   const store_memory_t *memory = fw->config.slots->memory;
   const uint8_t reason = refusal_of_head(fw);

@@ -358,7 +358,7 @@ static void make_up(canopen_t *canopen) {
   }
 }
 
-/* Asserts what holds of a node in each tick: its sets have only services that exist. */
+/* Asserts the invariants of a node in each tick: its sets have only services that exist. */
 static inline void assert_node(const canopen_t *canopen) {
   const uint32_t pdos = (uint32_t)canopen->rpdos_late | canopen->rpdos_waiting |
                         canopen->tpdos_watched | canopen->tpdos_timed | canopen->tpdos_inhibited;

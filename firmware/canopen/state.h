@@ -123,7 +123,8 @@ typedef struct {
   uint8_t store; /* LSS_STORE_ */
 } lss_t;
 
-/* What the node defers to fw_between(): nothing, the work after the PDOs, or the complete tick. */
+/* Work that the node defers to fw_between(): nothing, the work after the PDOs, or the complete
+ * tick. */
 enum { CANOPEN_DEFERRED_NOTHING = 0, CANOPEN_DEFERRED_OUTPUT = 1, CANOPEN_DEFERRED_ALL = 2 };
 
 enum { CANOPEN_RESET_NONE = 0, CANOPEN_RESET_COMMUNICATION = 1, CANOPEN_RESET_NODE = 2 };

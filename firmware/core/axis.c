@@ -151,8 +151,8 @@ static uint8_t begin_mode(axis_t *restrict axis, const axis_inputs_t *restrict i
   return mode;
 }
 
-/* Asserts what holds after each tick: no output beyond output_limit, none at all with a fault, and
- * no brake that is released without torque. */
+/* Asserts the invariants after each tick: no output beyond output_limit, none at all with a fault,
+ * and no brake that is released without torque. */
 static inline void assert_after_tick(const axis_t *axis, const axis_outputs_t *outputs) {
   const axis_params_t *params = &axis->params;
   const axis_signals_t *signals = &axis->signals;

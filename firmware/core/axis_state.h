@@ -69,8 +69,8 @@ typedef struct {
   uint8_t digital;
 } axis_outputs_t;
 
-/* Number of fractional bits of axis_outputs_t.dac_fine, and bits of a DAC that outputs all of it.
- */
+/* Number of fractional bits of axis_outputs_t.dac_fine; smallest and largest number of bits of a
+ * DAC, of which the largest outputs all bits of dac_fine. */
 enum { AXIS_FINE_BITS = 4, AXIS_DAC_BITS_MIN = 12, AXIS_DAC_BITS_MAX = 16 };
 
 /* Returns true if the axis has a drive on a bus that is not on. `drive`: its report,

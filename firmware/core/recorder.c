@@ -58,8 +58,8 @@ void recorder_prime(recorder_t *recorder, int32_t value) {
   recorder->trigger_primed = 1;
 }
 
-/* Asserts what holds of a recording: it has room, its indices are within its capacity, and it has
- * no more samples than it can have. */
+/* Asserts the invariants of a recording: it has room, its indices are within its capacity, and it
+ * has no more samples than it can have. */
 static inline void assert_recording(const recorder_t *recorder) {
   const recorder_signals_t *signals = &recorder->signals;
   const uint32_t capacity = signals->recorder_capacity;

@@ -349,8 +349,8 @@ static void go_on(cycle_t *cycle, uint8_t next, const cycle_inputs_t *now) {
   }
 }
 
-/* The first limit that is exceeded is the outcome, and its reaction follows. A second limit ends
- * the cycle. */
+/* The first exceeded limit determines the outcome, and the cycle continues with the reaction of the
+ * phase. A second exceeded limit ends the cycle. */
 static void exceed(cycle_t *cycle, uint8_t limit, const cycle_inputs_t *now) {
   const bool is_first = cycle->outcome == CYCLE_BY_PROGRAM;
   if (is_first) {
@@ -361,7 +361,7 @@ static void exceed(cycle_t *cycle, uint8_t limit, const cycle_inputs_t *now) {
   go_on(cycle, is_first ? cycle_phase(cycle)->reaction : CYCLE_END, now);
 }
 
-/* Returns true if travel 0 is at the sample of this tick. */
+/* Returns true if the sample of this tick defines travel 0. */
 static bool is_at_zero(const cycle_t *cycle, const cycle_inputs_t *now) {
   const int32_t level = cycle->program->zero_level;
   if (cycle->program->zero == CYCLE_ZERO_TOUCH) {

@@ -29,7 +29,7 @@ enum {
 };
 #define CYCLE_MAGIC UINT32_C(0x59435846) /* "FXCY" */
 
-/* Where travel 0 is.
+/* Definition of travel 0.
  *   TOUCH     at the first contact of the cycle
  *   FORCE     at the first sample with a force of at least zero_level (at most, if it is negative)
  *   POSITION  at the position zero_level in user units; the axis has to be homed
@@ -151,10 +151,10 @@ typedef struct {
   uint8_t elements;
   uint16_t points;
   uint32_t bank_crc;  /* CRC of the bank for which the program was made; 0: any bank */
-  uint32_t number;    /* number that the user gave the program */
+  uint32_t number;    /* number of the program, which the user has chosen */
   uint8_t name[12];   /* text, filled up with 0 */
   int32_t zero_level; /* 0 with CYCLE_ZERO_TOUCH, not 0 with CYCLE_ZERO_FORCE */
-  uint8_t zero;       /* what defines travel 0, CYCLE_ZERO_ */
+  uint8_t zero;       /* kind of definition of travel 0, CYCLE_ZERO_ */
   /* Number of points of the curve of compliance, at most CYCLE_COMPLIANCE_MAX, which are the first
    * ones of the program's points: deflection of the press in encoder counts over the force in 1/256
    * count. 0: no deflection. */
@@ -163,7 +163,8 @@ typedef struct {
   uint8_t reserved;     /* 0 */
 } cycle_header_t;
 
-/* Why a program is refused, and the number of the phase or evaluation element that is wrong. */
+/* Reasons why a program is refused, and the number of the phase or evaluation element that is
+ * wrong. */
 enum {
   CYCLE_ACCEPTED = 0,
   CYCLE_NO_PROGRAM = 1,    /* too short, or another magic */

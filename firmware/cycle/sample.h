@@ -20,7 +20,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Why a sample is not valid, as bits. */
+/* Reasons why a sample is not valid, as bits. */
 enum { CYCLE_SAMPLE_VALID = 0, CYCLE_SAMPLE_AT_END = 1, CYCLE_SAMPLE_OLD = 2 };
 
 /* Returns why a sample is not valid, as bits. is_at_end: the force code is at an end of its range.

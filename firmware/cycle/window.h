@@ -1,7 +1,8 @@
 #ifndef FIRMWARE_CYCLE_WINDOW_H_
 #define FIRMWARE_CYCLE_WINDOW_H_
 
-/* How a straight line passes a window. All comparisons are exact. x is +-2^30, y is +-2^17. */
+/* Computes how a straight line passes a window. All comparisons are exact. x is +-2^30, y is
+ * +-2^17. */
 
 #include <stdbool.h>
 #include <stdint.h>

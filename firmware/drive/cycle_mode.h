@@ -36,8 +36,8 @@ bool cycle_mode_can_start(const cia402_t *drive, const axis_t *axis);
 /* Selects the program, NULL for none. Returns false while a cycle runs. */
 bool cycle_mode_select(cia402_t *drive, const cycle_header_t *program);
 
-/* Tells the drive the new address of its program, whose bytes have not changed. Call this function
- * only while no cycle runs. */
+/* Call this function when the selected program has moved to a new address and its bytes have not
+ * changed, and only while no cycle runs. */
 void cycle_mode_moved(cia402_t *drive, const cycle_header_t *program);
 
 /* Returns the CRC of the bank that controls the force now: 0 without a bank, and while its gain is

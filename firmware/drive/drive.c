@@ -222,8 +222,8 @@ void cia402_before(cia402_t *drive, axis_t *axis) {
   cia402_excite_before(drive, axis);
 }
 
-/* Asserts what holds after each tick: the parameters of the axis are those of the user again, and
- * no field is beyond its range. */
+/* Asserts the invariants after each tick: the parameters of the axis are those of the user again,
+ * and no field is beyond its range. */
 static inline void assert_after_tick(const cia402_t *drive) {
   fx_assert(drive->overridden.active == 0 && drive->mode != NULL);
   fx_assert(drive->signals.drive_state < AXIS_DRIVE_STATE_COUNT);

@@ -65,8 +65,8 @@ uint8_t drive402_init(drive402_t *master, const drive402_config_t *config);
  * ignored. */
 void drive402_receive(drive402_t *master, const can_frame_t *frame);
 
-/* Tells the state of the bus (CAN_BUS_) and how many received frames were lost since the last call.
- * Bus off and lost frames are failures. */
+/* Call this function to report the state of the bus (CAN_BUS_) and the number of received frames
+ * that were lost since the last call. Bus off and lost frames are failures. */
 void drive402_bus(drive402_t *master, uint8_t state, uint16_t frames_lost);
 
 /* Returns the state and the values of the drive, from all frames received so far. */
@@ -84,8 +84,9 @@ const char *drive402_phase_text(uint8_t phase);
 const char *drive402_state_text(uint8_t state);
 const char *drive402_reason_text(uint8_t reason);
 
-/* Returns the end of the key in the settings, behind lacks_ or differs_, with which a drive may
- * lack the object that has failed, or keep its own value. Returns NULL if there is no such key. */
+/* Returns the end of a key in the settings of axis_linux, after lacks_ or differs_. With this key a
+ * user states that the drive lacks the object that has failed, or keeps its own value. Returns NULL
+ * if there is no such key. */
 const char *drive402_key(const drive402_feedback_t *feedback);
 
 #endif

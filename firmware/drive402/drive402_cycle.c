@@ -52,8 +52,9 @@ static bool is_doubled(const drive402_t *master) {
          (master->config->without & DRIVE402_WITHOUT_TPDO_TYPE) == 0;
 }
 
-/* Ends a cycle: counts the SYNCs that the drive has not answered, and those that two nodes have.
- * One TPDO too many may be a frame that a disturbed bus has doubled. */
+/* Ends a bus cycle: counts consecutive SYNCs without an answer of the drive, and consecutive SYNCs
+ * with more than one answer. A single additional TPDO may be a frame that a disturbed bus has
+ * doubled. */
 static void close_cycle(drive402_t *master) {
   master->doubled = is_doubled(master) ? (uint8_t)(master->doubled + 1) : 0;
   if (master->doubled == 2) {

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_DRIVE402_DRIVE402_NAMES_H_
 #define FIRMWARE_DRIVE402_DRIVE402_NAMES_H_
 
-/* Names of what the master of a drive reports: its phase, the state of the drive, and the reason of
- * a failure with its text. Each list is written once: X(name, text) for each entry. */
+/* Names for the reports of a drive's master: its phase, the state of the drive, and the reason of a
+ * failure with its text. Each list is written once: X(name, text) for each entry. */
 
 /* Phases of the master, in their order. */
 #define DRIVE402_PHASES(X)                                         \
@@ -23,7 +23,7 @@
   X(FAULT, "fault")                           \
   X(UNKNOWN, "a statusword that the standard does not define")
 
-/* Objects that the master writes, of which a drive may lack some or keep a value of its own.
+/* Objects that the master writes. A drive may lack some of them, or keep its own value.
  * X(name, bit, key, what): <bit> in `without` and `differs` of the configuration, lacks_<key> and
  * differs_<key> are keys in the settings of axis_linux, and <what> follows "the drive has no". */
 #define DRIVE402_VALUES(X)                                                                       \
@@ -37,8 +37,8 @@
   X(TPDO_TYPE, 0x0200, "1800h_2", "object 1800h:2, the transmission type of its TPDO")           \
   X(MODE, 0x0400, "6060h", "object 6060h, the mode of operation")
 
-/* All that a drive may lack. A drive cannot keep a mapping of its own, because the master would
- * then read the statusword and the position from wrong bytes. */
+/* All objects and bits that a drive may lack. A drive cannot keep its own mapping, because the
+ * master would then read the statusword and the position from wrong bytes. */
 #define DRIVE402_OBJECTS(X)                                                                 \
   DRIVE402_VALUES(X)                                                                        \
   X(RPDO_MAPPING, 0x0040, "1600h", "mapping in 1600h and 1400h:1 that could be changed")    \
@@ -120,7 +120,7 @@ enum { DRIVE402_STATES(DRIVE402_NAME_) DRIVE402_STATE_COUNT };
 enum { DRIVE402_REASONS(DRIVE402_NAME_) DRIVE402_REASON_COUNT };
 #undef DRIVE402_NAME_
 
-/* Bits of drive402_config_t.without, and all those of `differs`. */
+/* Bits of drive402_config_t.without, and the set of all bits that `differs` may have. */
 #define DRIVE402_WITHOUT_(name, bit, key, what) DRIVE402_WITHOUT_##name = (bit),
 #define DRIVE402_DIFFERS_(name, bit, key, what) | (bit)
 enum {

@@ -191,7 +191,7 @@ void drive402_setup_list(drive402_t *master) {
                               (lacks(master, DRIVE402_WITHOUT_FOLLOWS) ? 0 : DRIVE402_FOLLOWS));
 }
 
-/* Returns why the transfer that has ended has failed, or DRIVE402_NONE. */
+/* Returns the reason why the ended transfer has failed, or DRIVE402_NONE. */
 static uint8_t transfer_reason(const drive402_t *master) {
   switch (master->sdo.state) {
     case DRIVE402_TRANSFER_TIMED_OUT:
@@ -255,7 +255,7 @@ static bool is_same(const drive402_sdo_t *sdo) {
   return (is_cob_id ? differs & ~NO_REQUEST : differs) == 0;
 }
 
-/* Starts the transfer of the present entry. Returns true if there is none left. */
+/* Starts the transfer of the present entry. Returns true if no entry is left. */
 static bool start_entry(drive402_t *master) {
   master->refused = 0;
   if (master->entry >= (uint32_t)master->config->extra_count + master->entry_count) {

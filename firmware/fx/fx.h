@@ -19,8 +19,8 @@
 
 /* Reads 32 bits as a two's complement number. Scaling: none. Cannot overflow. */
 static inline int32_t fx_s32_from_u32(uint32_t bits) {
-  /* In the C standard the result of a plain cast above INT32_MAX depends on the compiler. The
-   * compiler needs no instruction for this expression. */
+  /* A plain cast is not used: in the C standard its result above INT32_MAX depends on the compiler.
+   * This expression compiles to no instruction. */
   return (bits <= (uint32_t)INT32_MAX) ? (int32_t)bits : (int32_t)(-(int32_t)(~bits) - 1);
 }
 
@@ -75,8 +75,8 @@ static inline int32_t fx_scale(int32_t x, uint32_t n) {
  * fewer than x. Cannot overflow. */
 static inline int32_t fx_floor_shift(int32_t x, uint32_t n) {
   fx_assert(n <= 31);
-  /* In the C standard the right shift of a negative value depends on the compiler; ~x is not
-   * negative. */
+  /* In the C standard the right shift of a negative value depends on the compiler, so ~x is
+   * shifted, which is not negative. */
   return (x < 0) ? (int32_t) ~(int32_t)(~x >> n) : (int32_t)(x >> n);
 }
 

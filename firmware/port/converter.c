@@ -42,9 +42,11 @@ enum {
   AD_PARITY = 0x10,
   AD_CHANNEL = 0x0F
 };
-/* Continuous conversion, status after the data, internal clock, sinc3 filter, parity, FS = 1. */
+/* Mode of the AD7193: continuous conversion, status after the data, internal clock, sinc3 filter,
+ * parity, FS = 1. */
 #define AD_MODE UINT32_C(0x18A001)
-/* Bipolar AIN1 - AIN2, detection of the reference, input buffer. */
+/* Configuration of the AD7193: bipolar input AIN1 - AIN2, detection of the reference voltage, input
+ * buffer on. */
 #define AD_CONFIGURATION UINT32_C(0x000150)
 
 static void send(converter_step_t *step, const uint8_t *bytes, uint8_t count, uint16_t pause_us) {

@@ -15,7 +15,7 @@
 
 enum {
   SLOTS = 2,
-  SLOTS_NONE = 2, /* no slot has an image that may be started */
+  SLOTS_NONE = 2, /* result if no slot has an image that may be started */
   SLOT_TRIES = 4,
   SLOT_TRAILER_BYTES = 64,
   SLOT_IMAGE_BYTES_MAX = 130048 /* 127 KiB */

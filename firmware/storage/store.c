@@ -9,7 +9,7 @@ _Static_assert((unsigned)STORE_SECTOR_MIN >= (unsigned)STORE_SET_BYTES, "a secto
 
 enum { READ_BACK_BYTES = 64, PIECE_BYTES = 16 };
 
-/* Offset of the size of the entries in the head of a record. */
+/* Offset in bytes, from the begin of a record, of the word with the size of its entries. */
 enum { ENTRIES_WORD = 12 };
 
 /* Number of records with counts of parts for which a sector has room beside the largest library. */
@@ -26,7 +26,8 @@ enum {
   STEP_READ_BACK
 };
 
-/* What the store writes: parameters, the mark that all defaults are restored, or extra records. */
+/* Kinds of jobs of the store: write parameters, write the mark that all defaults are restored, or
+ * write extra records. */
 enum { JOB_SAVE, JOB_FORGET, JOB_PARTS };
 
 /* The records that a job writes, in the order of writing. */
@@ -138,7 +139,7 @@ static uint8_t state_of_loaded(const store_t *store, bool older) {
                                     : AXIS_STORE_STATE_LOADED;
 }
 
-/* Loads the entries of a set and notes what has changed. */
+/* Loads the entries of a parameter set, and stores which parameters have changed. */
 static void load_entries(store_t *store, dictionary_t *objects, const record_t *record) {
   store->set = record->begin;
   entries_t entries = entries_of(record);
@@ -226,7 +227,7 @@ static uint32_t entries_end(const store_t *store) {
   return store->begin + RECORD_HEAD_BYTES + bytes_of_item(store, store->item);
 }
 
-/* Begins the next record of the job at an address. Without one the job has ended. */
+/* Begins the next record of the job at an address. If no record is left, the job has ended. */
 static void begin_item(store_t *store, uint32_t at, uint8_t item) {
   while (item < ITEM_END && (store->items & fx_bit(item)) == 0) {
     item = (uint8_t)(item + 1);

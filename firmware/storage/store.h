@@ -65,8 +65,7 @@ enum {
 /* The extra records that are kept beside the parameter set. */
 enum { STORE_PROGRAMS = 0, STORE_COUNTS = 1, STORE_PARTS = 2, STORE_COUNTS_BYTES = 28 };
 
-/* Whether the extra records are stored: nothing to write; writing or waiting; the last write
- * failed. */
+/* State of the extra records: all are stored; a write runs or waits; the last write failed. */
 enum { STORE_PARTS_STORED = 0, STORE_PARTS_WRITING = 1, STORE_PARTS_FAILED = 2 };
 
 /* Content of an extra record. The size in bytes is a multiple of 4. */
@@ -87,7 +86,8 @@ typedef struct {
   uint16_t change_count; /* number of all changes that the load of the parameter set found */
   uint8_t dropped;       /* 1 if at least one change is a STORE_CHANGE_DROPPED */
   store_part_t parts[STORE_PARTS]; /* present content of the extra records */
-  uint32_t found[STORE_PARTS]; /* addresses of the stored bytes at the load, and their numbers */
+  uint32_t found[STORE_PARTS];     /* addresses of the bytes of each extra record that the last load
+                                    * found, and the numbers of these bytes */
   uint32_t found_bytes[STORE_PARTS];
   uint8_t changed;      /* bits of the extra records whose present content is not stored */
   uint8_t parts_failed; /* 1 if the last write of an extra record failed */
@@ -97,11 +97,11 @@ typedef struct {
   /* Work in progress. */
   uint8_t step;
   uint8_t sector;
-  uint8_t job;     /* command of the user, or a write of extra records */
+  uint8_t job;     /* kind of the present job: a command of the user, or a write of extra records */
   uint8_t item;    /* record that is being written */
   uint8_t items;   /* set of the records that this job writes, as bits */
   uint8_t again;   /* 1 during the second attempt to write the record */
-  uint16_t object; /* next object whose entry is programmed */
+  uint16_t object; /* number of the object whose entry is programmed next */
   /* first object of a range of objects, `first` to `last`, whose present values are saved */
   uint16_t first;
   uint16_t last;

@@ -30,7 +30,8 @@ typedef struct {
   const char *buffer;  /* character device of the same converter, such as /dev/iio:device0 */
   const char *channel; /* name of the force channel without in_ and without an ending, such as
                         * voltage0 */
-  uint8_t shift;       /* lowest bits of the value that are cut off, 0..31, or IIO_SHIFT_OWN */
+  uint8_t shift;       /* number of lowest bits of the value that are cut off, 0..31, or
+                        * IIO_SHIFT_OWN */
 } iio_settings_t;
 
 /* Format of a value in a scan: `[be|le]:[s|u]bits/storagebits[Xrepeat][>>shift]`. */

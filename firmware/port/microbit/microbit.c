@@ -58,8 +58,8 @@ void tick_start(void) {
 
 void tick_interrupt(void) {
   entries++;
-  /* In this order: QEMU sets the event again if it is cleared while the counter still equals the
-   * compare value. The chip accepts either order. */
+  /* The compare value is set before the event is cleared: QEMU sets the event again if it is
+   * cleared while the counter still equals the compare value. The chip accepts either order. */
   set_next();
   TIMER0->EVENTS_COMPARE[0] = 0;
   port_tick();

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_PORT_STM32F4_CHIP_H_
 #define FIRMWARE_PORT_STM32F4_CHIP_H_
 
-/* What the files of ../stm32 need to know of this chip: how its registers differ from those of
- * other chips, and which pins the board uses for what. */
+/* Facts about this chip for the files of ../stm32: registers that differ from those of other chips,
+ * and the use of the pins. */
 
 #include "firmware/port/stm32f4/registers.h"
 #include "firmware/storage/record.h"

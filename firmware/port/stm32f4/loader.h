@@ -13,7 +13,7 @@ bool loader_program(uint32_t address, uint32_t word);
  * started the watchdog itself is reset too. */
 void loader_watch(void);
 
-/* Sets the outputs that enable something to low. */
+/* Sets the outputs amp_enable, brake_release and the outputs of cycles to low. */
 void loader_make_safe(void);
 
 #endif

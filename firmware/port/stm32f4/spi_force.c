@@ -11,8 +11,8 @@
 enum { PIN_SCK = 13, PIN_MISO = 14, PIN_MOSI = 15, FUNCTION_SPI2 = 5 };
 enum { PIN_SELECT = 11, PIN_READY = 12 };
 
-/* 42 MHz / 32: 1.3 MHz. The ADS1256 takes a quarter of its clock at most, 1.9 MHz. A byte takes
- * 6.1 us. */
+/* Clock of the SPI bus: 42 MHz / 32 = 1.3 MHz. The ADS1256 permits at most a quarter of its own
+ * clock, 1.9 MHz. A byte takes 6.1 us. */
 #define SPI_BUS (SPI_CR1_MSTR | SPI_CR1_BR_32 | SPI_CR1_SSI | SPI_CR1_SSM | SPI_CR1_CPHA)
 
 #define COUNTS_OF_US (CLOCK_APB1_HZ / 500000)

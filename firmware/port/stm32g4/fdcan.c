@@ -105,7 +105,8 @@ bool can_controller_is_empty(const can_line_t *line) {
   return (line->registers->TXBRP & FDCAN_TXBRP_TRP) == 0;
 }
 
-/* The register TXBCR is for the queue; a queue would not keep the order of frames. */
+/* The register TXBCR gives up frames only in a queue, and a queue would not keep the order of
+ * frames. */
 bool can_controller_abort(can_line_t *line) {
   (void)line;
   return false;

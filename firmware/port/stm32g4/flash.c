@@ -79,8 +79,8 @@ static void await_ready(void) {
   }
 }
 
-/* Writes of bank 2 while bank 1 is read corrupt the data cache (ES0430 2.2.2), so it is off from
- * unlock() to lock(), which empties it. */
+/* A write to bank 2 while bank 1 is read can corrupt the data cache (ES0430 2.2.2). So the data
+ * cache is off from unlock() to lock(), which empties it. */
 static void unlock(void) {
   await_ready();
   FLASH->ACR &= ~FLASH_ACR_DCEN;
@@ -138,7 +138,8 @@ static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t
   FLASH->ACR = access;
 }
 
-/* Programs a double word, within 125 us. A word of ones is left erased. */
+/* Programs a double word, within 125 us. If `word` is all ones, nothing is programmed, because
+ * erased memory already reads as ones. */
 static bool program_word(uint32_t place, uint32_t word) {
   if (word == UINT32_MAX) {
     return true;

@@ -403,7 +403,7 @@ typedef struct {
 
 #define DAC_CR_EN1 BIT(0)
 #define DAC_DOR1_DACC1DOR MASK(0, 12)
-/* The output buffer drives the pin. */
+/* The output buffer of the DAC drives the pin. */
 #define DAC_MCR_MODE1_BUFFER FIELD(0, 3, 0)
 /* The bus is faster than 160 MHz. */
 #define DAC_MCR_HFSEL_160 FIELD(14, 2, 2)
