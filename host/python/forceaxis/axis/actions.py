@@ -468,7 +468,8 @@ def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> Ax
         axis.enable("profile position", trajectory_velocity=per_s)
         try:
             axis.move(place, way / per_s + RETRACT_EXTRA_S)
-        except InputError as error:  # a position limit is nearer than the end of the retract
+        # this happens if a position limit is nearer than the end of the retract
+        except InputError as error:
             raise Refused(
                 f"{axis.link.where}: expected an axis that can be retracted, got: {error}"
             ) from None

@@ -1,13 +1,13 @@
 """Operates one axis with values in engineering units, over any connection.
 
-with Axis.on("sim:session") as axis:                  # acquired; or "can0:5", "lcm:2"
+with Axis.on("sim:session") as axis:                  # acquires the axis; or "can0:5"
     axis.set(position_gain=4.0, velocity_gain=20.0, force_gain=5.0)
     axis.get("force", "fault")                        # {"force": 0.0, "fault": "none"}
     axis.enable("profile position")
     axis.move(36_000)                                 # or "10 mm"
-    axis.press("75 N", seconds=2.0, retract="5 mm")   # approach, hold, apart again, disabled
+    axis.press("75 N", seconds=2.0, retract="5 mm")   # then disables the axis
     held = axis.capture(["force", "dac_code"], samples=1500)
-                                              # at the end: disabled and released
+                                              # the end of the block releases the axis
 """
 
 from __future__ import annotations

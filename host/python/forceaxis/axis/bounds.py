@@ -2,7 +2,7 @@
 a target beyond a bound, so the program refuses such a target. The error text states the target, the
 bound, the object that sets the bound, and the remedy.
 
-expect(axis, {"target_force": 5000})      # InputError where 6072h and rated_force permit less
+expect(axis, {"target_force": 5000})      # InputError if the axis permits less
 
 Axis.set() does this for every target. If a bound is lowered while the axis moves, the bit "internal
 limit" of the statusword is set, and expect() then finds the bound.
@@ -22,7 +22,7 @@ from forceaxis.objects import BY_NAME, mask
 INTERNAL_LIMIT = mask("statusword", "limit")
 RELATIVE_TARGET = mask("controlword", "relative")
 REVERSED_POSITIONS = mask("polarity", "position")
-NO_LIMIT = 2**31 - 1  # magnitude of a position limit that means "no limit"
+NO_LIMIT = 2**31 - 1  # magnitude of a position limit from which on it means "no limit"
 DAC_CODE_MAX = 2047
 
 

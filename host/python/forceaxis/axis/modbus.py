@@ -36,7 +36,7 @@ PART_BYTES = 64
 FLASH_BUSY = mask("program_flash_status", "busy")
 PART_TRIES = 3  # tries of a request whose answer is lost; the axis ignores repeated bytes
 MOST_REGISTERS = 125  # largest number of registers in one request
-# Number of a text in Modbus function 43 / 14, for each CANopen index of the same text.
+# {CANopen index of a text: object id of the same text in Modbus function 43 / 14}
 IDENTIFICATION_OBJECTS = {DEVICE_NAME_INDEX: 4, HARDWARE_INDEX: 5, VERSION_INDEX: 2}
 NOT_NOW = 4  # exception code "server device failure"
 TARGET_NO_ANSWER = 11  # exception code "gateway target device failed to respond"

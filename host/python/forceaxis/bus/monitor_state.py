@@ -131,7 +131,7 @@ class WatchedEvent:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """State of all axes, and the latest events, at one moment."""
+    """State of all axes at one moment, and the latest events."""
 
     axes: dict[str, AxisSnapshot]
     clock: ClockSnapshot | None

@@ -174,7 +174,7 @@ def _set_lines(analysed: AnalysedSet) -> list[str]:
     if analysed.over.plants is not None:
         spans.append(f"{analysed.over.plants} plants that stand for 95 % of the posterior")
     modes = [Member({}, m).label() for m in analysed.over.modes]
-    # the text line describes the nominal element states, which are the first combination
+    # the text line describes the first combination of states, which is the nominal one
     if analysed.loop.working:
         modes[0] = analysed.loop.working.text
     return [

@@ -173,7 +173,7 @@ class Skipped(Exception):
 
 @dataclass(frozen=True)
 class Bench:
-    """A board, the person at the board, and a clock in s."""
+    """The context of a bring-up: a board, the person at the board, and a clock in s."""
 
     axis: Axis
     operator: Operator
@@ -270,7 +270,8 @@ def check_board(bench: Bench) -> BringupStep:
 
 
 def check_tick(bench: Bench) -> BringupStep:
-    """Compares the tick with the clock of this computer, and reads how long ticks last."""
+    """Compares the tick rate of the board with the clock of this computer, and reads the longest
+    duration of a tick."""
     axis, clock = bench.axis, bench.clock
 
     def stamped() -> tuple[float, float, int]:
@@ -372,8 +373,8 @@ def check_outputs(bench: Bench) -> BringupStep:
 
 
 def check_channel(bench: Bench, channel: str) -> BringupStep:
-    """Compares an input of the ADC with a voltmeter, and with itself while the other input, which
-    the ADC converts before, has another voltage."""
+    """Compares an input of the ADC with a voltmeter. Then checks that its reading does not change
+    when the other input, which the ADC converts before it, gets another voltage."""
     axis = bench.axis
     name, pin, other = CHANNELS[channel]
     bits = axis.integer("adc_bits")
@@ -511,7 +512,7 @@ def check_watchdog(bench: Bench) -> BringupStep:
 
 
 def after_reset(bench: Bench, wanted: int, name: str, otherwise: str) -> BringupStep:
-    """Checks the cause of a reset that has just been caused."""
+    """Checks that the board reports the cause of a reset that a step has just provoked."""
     cause = bench.axis.integer("reset_cause")
     if cause & wanted:
         return passed(f"the last reset was by: {causes_of(cause)}", reset_cause=cause)

@@ -43,7 +43,7 @@ MEMBER_COUNT, MEMBER_SEED = 6, 1988
 BEFORE_S, AFTER_S = 0.1, 2.0  # longest recording in s before and after a first contact
 # To leave the contact, the axis first makes short moves, then one move over the whole travel.
 SHORT_MOVE, LONG_MOVE, MOVES_MAX = 0.25, 0.75, 40
-# Objects of the axis, besides the filter bank, on which a first contact depends.
+# Objects of the axis on which a first contact depends, in addition to the filter bank.
 TOUCH_DOWN_OBJECTS = (
     "rated_force", "force_slope", "approach_velocity_max", "contact_force",
     "position_gain", "velocity_gain", "contact_loss_cap", "contact_loss_dwell", "bump_decay_shift",

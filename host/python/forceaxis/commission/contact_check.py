@@ -42,9 +42,9 @@ class ModelCheck:
 
 
 def _tail(blocks: Floats, fitted: float, free: int) -> float:
-    """Returns the probability that the sum of squares of blocks is at least as large. `fitted`:
-    number of numbers that were fitted to them; `free`: number of samples from which the noise was
-    found."""
+    """Returns the probability that the sum of squares of block means is at least as large.
+    `fitted`: number of parameters that were fitted to the blocks; `free`: number of samples from
+    which the noise was computed."""
     degrees = max(len(blocks) - fitted, 1.0)
     total = float(np.sum(blocks**2))
     if free > 0:
@@ -61,7 +61,7 @@ def blocks_of(residuals: Floats, spread: Floats, length: int) -> Floats:
 
 
 def check(problem: ContactProblem, point: Floats) -> ModelCheck:
-    """Tests the plant at the mode of the posterior."""
+    """Tests whether the most likely plant of the posterior explains the touch-downs."""
     predicted = problem.predict(point[None])
     stretches, found = [], []
     signals = {

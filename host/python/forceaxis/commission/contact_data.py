@@ -147,8 +147,8 @@ class TouchDown:
 
 
 def _without_rest(touch: TouchDown) -> TouchDown:
-    """Returns a touch-down without the end at which its force stays within two codes: that many
-    samples say no more than a few."""
+    """Returns a touch-down without most of its end, if the force stays within two codes there: many
+    such samples contain no more information than a few."""
     if touch.force.step == 0.0:
         return touch
     first, end = _stretches(np.round(touch.force.values / touch.force.step))[-1]

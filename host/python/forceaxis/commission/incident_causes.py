@@ -79,7 +79,7 @@ class FittedCause:
         return found
 
     def intervals(self) -> dict[str, tuple[float, float]]:
-        """Returns the 95 % intervals of the numbers of the cause."""
+        """Returns the 95 % intervals of the changed numbers of a cause."""
         half = 1.96 * np.sqrt(np.diag(searching.covariance(self.problem, self.point)))
         found = {}
         for i, name in enumerate(self.problem.names):

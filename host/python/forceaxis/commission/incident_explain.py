@@ -104,8 +104,9 @@ class ExplainOrder:
 
 @dataclass(frozen=True)
 class Explained:
-    """The explanation with what its picture needs: the fits of the causes, the best first, and of
-    the released machine. `files`: {name: text} of the model and the experiment that repeat it."""
+    """The explanation together with the data for its picture: the fits of the causes, the best
+    first, and of the released machine. `files`: {name: text} of the model and the experiment that
+    repeat the incident."""
 
     result: Explanation
     fits: tuple[FittedCause, ...]

@@ -96,8 +96,8 @@ class IncidentProblem(ContactProblem):
         return np.full(len(points), same)
 
     def number(self, kind: str, touch: int, points: Floats, known: float = 0.0) -> Floats:
-        """Returns an unknown in SI units for n points, (n,). An encoder with another scale also
-        tells another place of the axis at the start."""
+        """Returns an unknown in SI units for n points, (n,). If the encoder has another scale, the
+        axis also is at another place at the start."""
         found = super().number(kind, touch, points, known)
         position = self.data.touches[0].position
         if kind != "place" or position is None:
@@ -144,8 +144,8 @@ class IncidentProblem(ContactProblem):
         return np.concatenate([found, self.slack_logs(found) @ root], axis=1)
 
     def slack_logs(self, residuals: Floats) -> Floats:
-        """Returns the logarithms of the released parameters, relative to the released ones, that
-        belong to n rows of residuals(), (n, k). At the best ones d, J' r + K d = 0."""
+        """Returns the changes of the logarithms of the released parameters that belong to n rows of
+        residuals(), (n, k). At the best ones d, J' r + K d = 0."""
         assert self.slack is not None
         matrix, inverse = self.slack.matrix, self.slack.inverse
         return np.asarray(-np.linalg.solve(inverse, matrix.T @ residuals[:, : len(matrix)].T).T)

@@ -333,7 +333,8 @@ class Responses:
         return Minimum(found.x, float(found.cost))
 
     def search(self, begin: Samples) -> Minimum:
-        """Searches the minimum of the coarse residuals, then the maximum of the likelihood."""
+        """Searches first the minimum of the coarse residuals, and from there the maximum of the
+        likelihood."""
         near = np.clip(self.near(begin, 20).x, *self.bounds(1e-3))
         found = optimize.least_squares(
             self.fine, near, bounds=self.bounds(), x_scale=self.spread, max_nfev=25, xtol=1e-7,

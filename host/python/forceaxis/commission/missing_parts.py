@@ -137,7 +137,7 @@ def _fitted(
 
 
 def _shapes(problem: Responses) -> list[list[Shape]]:
-    """Returns the candidates from which fits begin, one list for each kind of element."""
+    """Returns the candidates with start values for fits, one list for each kind of element."""
     return [
         [_sensor_lag(problem)],
         [_drive_lag(problem)],

@@ -302,7 +302,8 @@ def nodeset(file: Path) -> Nodeset:
 def _definition(
     definition: ua.StructureDefinition, fields: Sequence[str], types: dict[str, ua.NodeId]
 ) -> ua.DataValue:
-    """Returns a structure definition whose `fields` may have values of derived types."""
+    """Returns the definition of an OPC UA structure in which `fields` may have values of derived
+    types."""
     definition.StructureType = ua.StructureType.StructureWithSubtypedValues
     for one in definition.Fields:
         one.IsOptional = one.Name in fields

@@ -1,4 +1,5 @@
-"""Cycles of an axis on a connection: download of a program, and a cycle.
+"""Cycles of an axis that is reached over a connection: download of a program, and execution of one
+cycle.
 
 An experiment describes the axis for which the program was made: its model gives counts and newtons,
 its table [firmware] the parameters. The scales of the axis have to agree with it, because the bytes

@@ -8,7 +8,7 @@ from scipy import special
 
 CONFIDENCE = 0.95
 # Smallest number of good parts from which bounds are proposed (Wilks): 0.99^299 < 0.05.
-# With 95 % confidence, 99 % of later values are within the extreme one of 299 values.
+# With 95 % confidence, 99 % of later values do not exceed the largest of 299 values.
 PARTS_LEAST = 299
 
 

@@ -52,7 +52,7 @@ class Change:
     # control law and delay of the loop; None means law p with the delay of the design
     spec: LoopSpec | None = None
     states: Mapping[str, str] = field(default_factory=dict)  # {element: state}
-    # {firmware object: value} that a simulation of this change needs
+    # {firmware object: value} with the settings that a simulation of this change needs
     firmware: Mapping[str, int] = field(default_factory=dict)
     simulated: bool = True  # False if `advise --simulate` does not simulate this change
     in_firmware: bool = True  # False if firmware and simulator do not support this change

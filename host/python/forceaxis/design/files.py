@@ -51,8 +51,8 @@ def bank_objects(
     experiment: str | Path, worst_ms: float, ranges: Mapping[str, tuple[float, float, float]],
     units: Mapping[str, str], date: datetime.date,
 ) -> dict[str, float]:  # fmt: skip
-    """Returns {object: engineering value} of the filter bank in an experiment file: sensor, bank,
-    certificate, limits after a contact loss, and last the selection of the bank.
+    """Returns {object: engineering value} of the filter bank in an experiment file. The order is:
+    sensor, bank, certificate, limits after a contact loss, selection of the bank.
 
     `worst_ms` is the largest Ms over the set of plants; `date` is the date of the certificate.
     """

@@ -28,7 +28,7 @@ TICK_S = 1.0 / _core.TICKS_PER_SECOND
 # shortest and longest usual electrical time constant L / R of a motor in s
 FASTEST_TAU_S, SLOWEST_TAU_S = 2e-5, 0.1
 DAC_CODES = 2048  # number of DAC codes from 0 V to the full scale of the command voltage
-# Ratio of the first gains to the critical gain.
+# Ratio of the gains that a new axis gets first to the critical gain.
 # Contact loss makes a loop unstable below the critical gain.
 FIRST_GAIN_SHARE = 1 / 6
 # Contact loss makes contact.toml unstable far below the critical gain.

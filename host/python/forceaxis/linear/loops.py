@@ -41,7 +41,7 @@ from forceaxis.linear.system import TICK_S, System, facts, find_model, linearise
 from forceaxis.linear.working import States, cut_by, working
 
 TIMINGS = ("continuous", "zoh", "zoh+1")
-# Names of the parameters of each control law. Only the inner damping may be omitted.
+# Names of the parameters of each control law. Only the inner damping is optional.
 LAWS: dict[str, tuple[str, ...]] = {
     "p": (),
     "pi": ("integral_rad_per_s",),

@@ -35,7 +35,7 @@ from forceaxis.linear.system import System
 from forceaxis.linear.working import States
 
 T = TypeVar("T")
-# Plant of the set, delay of the loop, and result of the analysis of this loop.
+# (plant of the set, delay of the loop, result of the analysis of this loop)
 Entry = tuple[Member, str, T]
 # Name and state of each element of the model, in alphabetical order.
 Mode = tuple[tuple[str, str], ...]

@@ -34,11 +34,11 @@ from forceaxis.linear.system import System
 # Step in degrees from one analysed loop to the next one of a search.
 # Two changes between stable and unstable within one step are not detected.
 TURN_STEP_DEG = 3.0
-GAIN_SPAN = 1e4  # factor of the gain up to which a margin is searched
-POINTS_PER_DECADE = 60  # points of a grid of frequencies in a decade
-LOWEST_SHARE = 1e-6  # lowest frequency of a grid, as a share of the highest one
+GAIN_SPAN = 1e4  # largest factor of the gain up to which a gain margin is searched
+POINTS_PER_DECADE = 60  # number of points in each decade of a grid of frequencies
+LOWEST_SHARE = 1e-6  # ratio of the lowest to the highest frequency of a grid
 STABLE_BELOW = 1 - 1e-11  # largest magnitude of a pole of a stable loop
-PHASES = 3  # analysed phases in each order of samples and ticks, see Samples.phases()
+PHASES = 3  # number of analysed phases in each order of samples and ticks, see Samples.phases()
 # Share of a limit below which a lower limit at another phase is not searched.
 # The second number is the largest number of parabolas of such a search in one order of samples.
 PHASE_SHARE, PARABOLAS_MAX = 1e-5, 4
@@ -319,8 +319,8 @@ class FreeLoop(Loop):
         return not (edge and gain >= edge) and all(loop.stable(gain) for loop in self.each)
 
     def least_margin(self, gain: float, known: float | None) -> float | None:
-        """Returns the gain margin at a gain k below the limit. known: that of the phases `each`,
-        between which the limit may be lower."""
+        """Returns the gain margin at a gain k below the limit. known: gain margin of the phases
+        `each`; between these phases the limit may be lower."""
         edge = self.limit().gain
         if not edge or gain >= edge:
             return known
@@ -332,8 +332,8 @@ class FreeLoop(Loop):
 
     @cached_property
     def _limit(self) -> Limit:
-        """The lowest limit of all phases. In each order of samples and ticks it is a smooth
-        function of the phase, whose lowest place is searched with parabolas."""
+        """The lowest limit of the gain over all phases. Within one order of samples and ticks, the
+        limit is a smooth function of the phase, whose minimum is searched with parabolas."""
         limits = [loop.limit() for loop in self.each]
         best = min(limits, key=_stable_to)
         if self.between is None or not best.gain:

@@ -120,7 +120,7 @@ def of(text: str | Path, overrides: Overrides | None = None, plant: bool = False
 
 
 def _law(path: Path, firmware: Firmware) -> str:
-    """Returns the control law of the mode of operation in which the firmware starts."""
+    """Returns the control law of the mode of operation that the firmware starts with."""
     drive = int(firmware.get("modes_of_operation", 0))
     if drive in FORCE_MODES:
         return FORCE_MODES[drive]
