@@ -1,5 +1,6 @@
 """docs/guide/reference has every table and key that the readers read, and no other."""
 
+import re
 import subprocess
 import sys
 import tomllib
@@ -284,8 +285,11 @@ def table_of(tables, path):
 
 def refusal(folder, model, experiment):
     """What is said of the two files; None: they are accepted."""
-    (folder / "shared.toml").write_text("[parameters]\n")
-    (folder / "model.toml").write_text(toml.write_text(model))
+    for name, text in (("shared", "[parameters]\n"), ("model", toml.write_text(model))):
+        file = folder / f"{name}.toml"
+        if not file.exists() or file.read_text() != text:
+            file.unlink(missing_ok=True)  # a file that is written over goes to the disk at once
+            file.write_text(text)
     try:
         Experiment(experiment, folder=folder)
     except InputError as error:
@@ -331,25 +335,57 @@ NEEDED = {
 }
 
 
+def answers(folder, values):
+    """(value, answer) for each of the values(key) of each key of a model and an experiment, as the
+    only mistake. The answer is one line that names the file and the key."""
+    for name, found, drive in formats():
+        for key in found["keys"]:
+            for value in values(key):
+                files = {"model": model_with(drive), "experiment": experiment()}
+                table = table_of(files[name], found["path"])
+                for other in INSTEAD_OF.get(key["key"], ()):
+                    table.pop(other, None)
+                if name == "model":
+                    table.update(NEEDED.get(f"{found['path']}.{key['key']}", {}))
+                table[key["key"]] = value
+                said = refusal(folder, **files)
+                where = f"{found['path']}.{key['key']}".lstrip(".").replace("NAME", "m")
+                place = where if name == "experiment" else where.partition(".")[2] or where
+                assert said and "\n" not in said and ": expected " in said, (where, value, said)
+                assert place.rpartition(".")[2] in said.split(": ")[1], (where, value, said)
+                yield value, said
+
+
 def test_each_key_of_the_reference_is_read(tmp_path):
     """A key that the reader ignores would accept a date."""
     probed = 0
-    for name, found, drive in formats():
-        for key in found["keys"]:
-            files = {"model": model_with(drive), "experiment": experiment()}
-            table = table_of(files[name], found["path"])
-            for other in INSTEAD_OF.get(key["key"], ()):
-                table.pop(other, None)
-            if name == "model":
-                table.update(NEEDED.get(f"{found['path']}.{key['key']}", {}))
-            table[key["key"]] = NEVER_VALID
-            said = refusal(tmp_path, **files)
-            where = f"{found['path']}.{key['key']}".lstrip(".").replace("NAME", "m")
-            place = where if name == "experiment" else where.partition(".")[2] or where
-            assert said and "got a date" in said, (where, said)
-            assert place.rpartition(".")[2] in said.split(": ")[1], (where, said)
-            probed += 1
+    for _, said in answers(tmp_path, lambda key: [NEVER_VALID]):
+        assert "got a date" in said, said
+        probed += 1
     assert probed > 150
+
+
+def wrong_numbers(key):
+    """A quantity of another kind, and numbers next to each end of the range of a key."""
+    if key["form"] not in ("number", "integer", "number or list"):
+        return
+    yield "1 m" if key["unit"] == "kg" else "1 kg"
+    yield from {"> 0": [0, -1], ">= 0": [-1], "not 0": [0]}.get(key["range"], [])
+    if " to " in key["range"]:
+        low, high = map(float, key["range"].split(" to "))
+        whole = key["form"] == "integer"
+        yield from (int(low) - 1, int(high) + 1) if whole else (low - 1e-3, high * 1.001 + 1e-3)
+
+
+def test_each_number_refuses_another_unit_and_what_is_outside_its_range(tmp_path):
+    probed = 0
+    for value, said in answers(tmp_path, wrong_numbers):
+        _, _, got = said.partition(", got ")
+        assert "; " in got, said
+        if not isinstance(value, str):
+            assert float(re.split("[ ;]", got)[0]) == pytest.approx(value, rel=1e-4), said
+        probed += 1
+    assert probed > 250
 
 
 def test_no_key_is_read_that_the_reference_has_not(tmp_path):

@@ -884,7 +884,10 @@ def test_python_objects_are_those_of_the_table(monkeypatch):
             | {"modbus": table.register(o, i), "title": table.title(o, i)}
             | {
                 "values": tuple(map(tuple, o["values"])),
-                "bits": tuple((*bit, tuple(sorted(modes))) for *bit, modes in o["bits"]),
+                "bits": tuple(
+                    {"bit": bit, "key": key, "text": text, "modes": tuple(sorted(modes))}
+                    for bit, key, text, modes in o["bits"]
+                ),
             }
             | {"sentences": tuple(o["sentences"].get(text, "") for _, text in o["values"])}
         )
