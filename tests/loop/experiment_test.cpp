@@ -449,11 +449,10 @@ TEST_F(Files, WhatCannotBeConvertedIsRefusedByName) {
 }
 
 TEST_F(Files, EveryUnknownNameIsReportedAtOnce) {
-  EXPECT_EQ(
-      message(with("force_gain", "a = 1\nforce_gian = 3\nforce_setpiont")),
-      "firmware.a: expected the name of a firmware object, got \"a\", \"force_gian\", "
-      "\"force_setpiont\"; did you mean force_gain, force_setpoint?; `forceaxis objects` lists "
-      "them");
+  EXPECT_EQ(message(with("force_gain", "a = 1\nforce_gian = 3\nforce_setpiont")),
+            "firmware.a: expected the name of a firmware object, got \"a\", \"force_gian\", "
+            "\"force_setpiont\"; did you mean force_gain, force_setpoint?; `list_objects` lists "
+            "them");
   EXPECT_EQ(
       message(with("title", "figur = \"1\"\ntitel")),
       "figur: expected one of the keys title, figure, shows, model, duration_s, seed, cycle, set, "
