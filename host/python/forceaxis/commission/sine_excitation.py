@@ -161,7 +161,7 @@ def of_sines(
     way = x_re + 1j * x_im - force / (sensor + 1j * w * damping)
     quotient = force / way
     # Residuals are relative to the ratio of force to displacement.
-    # An error of force or displacement is a relative error of this ratio.
+    # An error of 1 % of force or displacement changes this ratio by 1 %.
     weight = 1 / abs(quotient)
     table = np.column_stack([np.ones(len(w)), -(w**2)])
     solved, covariance = _solved(table, quotient.real, weight)

@@ -64,7 +64,7 @@ def parse_map(text: str, source: Source) -> SignalMap:
     name, equals, rest = text.partition("=")
     if not (equals and rest.strip("-")):
         raise ParameterError("map", f"{text}: expected SIGNAL=COLUMN:UNIT, such as force=Fz:N")
-    # the file of a recording has arrays of times with such names
+    # in the file of a recording, names with time_ are those of arrays of times
     if not NAME.match(name) or name.startswith("time_"):
         raise ParameterError(
             "map", f"{name}: expected a name of small letters, digits, _ and ., such as force, "
