@@ -6,6 +6,7 @@
 
 #include "firmware/port/host/firmware.hpp"
 #include "sim/hybrid/mode.hpp"
+#include "sim/model/read.hpp"
 #include "sim/model/toml.hpp"
 
 namespace forceaxis::host {
@@ -51,12 +52,13 @@ std::optional<std::uint8_t> bank_of_key(std::string_view key) {
 
 BankValues read_bank(sim::Section &section, std::uint8_t bank) {
   section.finish();
+  sim::Names names;
+  const auto given = sim::read_table<Bank>(section, names);
   law_params_t values{};
-  values.bank_gain[bank] = to_gain(section.number("gain"));
-  values.bank_velocity_gain[bank] = to_gain(section.number("velocity_gain"));
-  const double rate = section.number("integral_rad_per_s");
-  values.bank_integral[bank] =
-      static_cast<std::uint32_t>(std::lround(rate / sim::kTickRateHz * kCoefficientsPerUnit));
+  values.bank_gain[bank] = to_gain(given.gain);
+  values.bank_velocity_gain[bank] = to_gain(given.velocity_gain);
+  values.bank_integral[bank] = static_cast<std::uint32_t>(
+      std::lround(given.integral_rad_per_s / sim::kTickRateHz * kCoefficientsPerUnit));
   constexpr int kInBank = FORCE_LAW_SECTIONS * FORCE_LAW_COEFFICIENTS;
   std::int32_t *coefficients = &values.bank_coefficient[bank * kInBank];
   if (const toml::node *node = section.find("sections"); node != nullptr) {
@@ -84,7 +86,7 @@ BankValues read_bank(sim::Section &section, std::uint8_t bank) {
   }
   const std::uint32_t crc = law_bank_crc(&values, bank);
   writes.push_back({at(AXIS_OBJ_BANK_CRC_1), static_cast<std::int32_t>(crc)});
-  return {bank, section.flag("certificate"), crc, writes};
+  return {bank, given.certificate, crc, writes};
 }
 
 std::vector<ObjectWrite> certificate_of_bank(const BankValues &bank, std::int32_t adc_bits,

@@ -10,15 +10,43 @@
 #include <cstdint>
 #include <optional>
 #include <string_view>
+#include <tuple>
 #include <vector>
 
 #include "host/run/object_values.hpp"
+#include "sim/hybrid/mode.hpp"
+#include "sim/model/field.hpp"
 #include "sim/model/section.hpp"
 
 namespace forceaxis::host {
 
 // Returns the bank number 0 to 3 for a key bank_1 to bank_4, or nothing for any other key.
 std::optional<std::uint8_t> bank_of_key(std::string_view key);
+
+// The keys of a bank but `sections`, whose value is a list of lists.
+struct Bank {
+  double gain = 0.0;
+  double integral_rad_per_s = 0.0;
+  double velocity_gain = 0.0;
+  bool certificate = true;
+
+  static constexpr auto rows() {
+    using sim::field;
+    using namespace sim::format;
+    using D = sim::Dimension;
+    return std::tuple{
+        field(&Bank::gain, ranged("gain", D::ratio, 0.0, 65535.0 / 256.0, "",
+                                  "DAC codes per count of the measured force at 8 bits.")),
+        field(&Bank::integral_rad_per_s,
+              ranged("integral_rad_per_s", D::ratio, 0.0, sim::kTickRateHz, 0.0,
+                     "Rate of the integral action, in rad/s.")),
+        field(&Bank::velocity_gain, ranged("velocity_gain", D::ratio, 0.0, 65535.0 / 256.0, 0.0,
+                                           "DAC codes per encoder count per tick.")),
+        field(&Bank::certificate,
+              other("certificate", "flag", "true",
+                    "Whether the bank has a certificate for the sensor of this experiment."))};
+  }
+};
 
 struct BankValues {
   std::uint8_t bank;  // 0..3

@@ -21,6 +21,7 @@
 #include "sim/model/elements/dac.hpp"
 #include "sim/model/elements/drive.hpp"
 #include "sim/model/elements/encoder.hpp"
+#include "sim/model/read.hpp"
 #include "sim/model/section.hpp"
 #include "sim/model/toml.hpp"
 
@@ -45,23 +46,30 @@ std::int64_t tick_at(double time_s) {
   return static_cast<std::int64_t>(std::ceil(time_s * sim::kTickRateHz - 1e-9));
 }
 
+// Returns the struct that a table describes by the rows of the struct.
+template <class T>
+T read_rows(Section &section) {
+  sim::Names names;
+  return sim::read_table<T>(section, names);
+}
+
 ForceSensor read_force_sensor(Section &section, const sim::Model &model) {
   section.finish();
-  const std::size_t reads = section.choice("force", "choose one of these texts");
+  const auto failure = read_rows<SensorFailure>(section);
   if (!model.adc[0])
     section.fail("force",
                  "expected a model with ADC 0, got a model without ADC 0; remove this sensor");
-  return static_cast<ForceSensor>(reads);
+  return failure.force;
 }
 
 sim::DriveFailure read_drive_failure(Section &section, const sim::Model &model) {
   section.finish();
-  const std::size_t failure = section.choice("failure", "choose one of these texts");
+  const auto state = read_rows<DriveState>(section);
   if (!model.drive || !model.drive->enable_ticks)
     section.fail("failure",
                  "expected a model whose [drive] has enable_ticks, got a drive that reports "
                  "nothing; add enable_ticks to the model or remove this failure");
-  return static_cast<sim::DriveFailure>(failure);
+  return state.failure;
 }
 
 Action read_action(Section &section, double duration_s, const sim::Model &model,
@@ -117,24 +125,13 @@ void read_contact_held(Section &section, const sim::Model &model, Criterion &cri
 
 Criterion read_criterion(Section &section, const sim::Model &model, double duration_s) {
   section.finish();
-  Criterion criterion;
-  criterion.window_s =
-      section.optional_number("window_s").value_or(std::min(criterion.window_s, duration_s));
+  auto criterion = read_rows<Criterion>(section);
+  if (!section.has("window_s")) criterion.window_s = std::min(criterion.window_s, duration_s);
   if (criterion.window_s > duration_s)
     section.fail("window_s", "expected at most the duration of the run, " +
                                  sim::number_text(duration_s) + " s, got " +
                                  sim::number_text(criterion.window_s) + "; shorten the window");
-  criterion.force_ripple_max_count = section.optional_number("force_ripple_max_count");
-  criterion.position_ripple_max_count = section.optional_number("position_ripple_max_count");
   read_contact_held(section, model, criterion);
-  criterion.held_force_error_max_N = section.optional_number("held_force_error_max_N");
-  criterion.held_force_error_max_percent = section.optional_number("held_force_error_max_percent");
-  criterion.overshoot_max_percent = section.optional_number("overshoot_max_percent");
-  criterion.settle_max_s = section.optional_number("settle_max_s");
-  criterion.peak_force_max_N = section.optional_number("peak_force_max_N");
-  criterion.peak_force_max_percent = section.optional_number("peak_force_max_percent");
-  criterion.contact_losses_max = section.optional_number("contact_losses_max");
-  criterion.saturated_max_s = section.optional_number("saturated_max_s");
   if (model.contacts.empty() && (criterion.peak_force_max_N || criterion.peak_force_max_percent ||
                                  criterion.contact_losses_max))
     section.fail(criterion.contact_losses_max ? "contact_losses_max"

@@ -13,16 +13,19 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <tuple>
 #include <utility>
 #include <variant>
 #include <vector>
 
 #include "host/run/cycle_file.hpp"
+#include "host/run/experiment_format.hpp"
 #include "host/run/item.hpp"
 #include "host/run/object_values.hpp"
 #include "sim/hybrid/drive_bus.hpp"
 #include "sim/hybrid/mode.hpp"
+#include "sim/model/field.hpp"
 #include "sim/model/model.hpp"
 #include "sim/model/toml_forward.hpp"
 
@@ -38,6 +41,39 @@ struct Impulse {
 // a disconnected sensor, or the last code with an increasing age, as from a converter that no
 // longer sends ("silent").
 enum class ForceSensor : std::uint8_t { live, held, high, low, zero, silent };
+
+struct SensorFailure {
+  static constexpr std::string_view kMeaning = "A failure of a sensor, or its end.";
+  ForceSensor force = ForceSensor::live;
+
+  static constexpr auto rows() {
+    using namespace sim::format;
+    return std::tuple{field(
+        &SensorFailure::force,
+        choice("force", "live, held, high, low, zero, silent", "", "choose one of these texts",
+               "What ADC 0 converts from this instant on: the signal of the plant (live), the code "
+               "of the previous tick (held), an end of its range (high, low), or the code of no "
+               "force in the model (zero). With silent no new code arrives: the last one becomes "
+               "older."))};
+  }
+};
+
+struct DriveState {
+  static constexpr std::string_view kMeaning =
+      "A failure of a drive that has `enable_ticks` in the model, or its end.";
+  sim::DriveFailure failure = sim::DriveFailure::none;
+
+  static constexpr auto rows() {
+    using namespace sim::format;
+    return std::tuple{field(
+        &DriveState::failure,
+        choice(
+            "failure", "none, off, fault, silent", "", "choose one of these texts",
+            "The drive has switched itself off (off), also with a fault (fault), or its frames do "
+            "not arrive any more while it still receives frames (silent). With none it works "
+            "again, and is on `enable_ticks` later if it is enabled."))};
+  }
+};
 
 // The actions of one table [[at]].
 struct Action {
@@ -85,24 +121,63 @@ struct Criterion {
       c.contact_held = names != nullptr ? !names->empty() : std::get<bool>(value);
     }
   };
-  static constexpr auto items() {
+  // The keys of [verdict] but contact_held, which has several types.
+  static constexpr auto rows() {
+    using sim::field;
+    using sim::format::ranged;
+    using D = sim::Dimension;
+    constexpr double kTick_s = 1.0 / sim::kTickRateHz;
     return std::tuple{
-        item("window_s", &Criterion::window_s, "length of the window at the end of the run, > 0"),
-        item("force_ripple_max_count", &Criterion::force_ripple_max_count,
-             "largest peak-to-peak ripple of the measured force, in 8-bit counts"),
-        item("position_ripple_max_count", &Criterion::position_ripple_max_count,
-             "largest peak-to-peak ripple of the encoder, in counts"),
-        item("held_force_error_max_N", &Criterion::held_force_error_max_N),
-        item("held_force_error_max_percent", &Criterion::held_force_error_max_percent),
-        item("overshoot_max_percent", &Criterion::overshoot_max_percent),
-        item("settle_max_s", &Criterion::settle_max_s),
-        item("peak_force_max_N", &Criterion::peak_force_max_N),
-        item("peak_force_max_percent", &Criterion::peak_force_max_percent),
-        item("contact_losses_max", &Criterion::contact_losses_max),
-        item("saturated_max_s", &Criterion::saturated_max_s),
-        item("contact_held", Held{},
-             "True if all contacts must remain closed, or a list of contacts that must remain "
-             "closed")};
+        field(
+            &Criterion::window_s,
+            ranged(
+                "window_s", D::time, kTick_s, kLongestRun_s,
+                "1 s, or duration_s if that is shorter",
+                "Length of the window at the end of the run over which the verdict is evaluated.")),
+        field(&Criterion::force_ripple_max_count,
+              ranged("force_ripple_max_count", D::count, 0.0, 1e9, "not checked",
+                     "Largest peak-to-peak ripple of the measured force, in counts at 8 bits.")),
+        field(&Criterion::position_ripple_max_count,
+              ranged("position_ripple_max_count", D::count, 0.0, 1e12, "not checked",
+                     "Largest peak-to-peak ripple of the encoder, in counts.")),
+        field(&Criterion::held_force_error_max_N,
+              ranged("held_force_error_max_N", D::force, 0.0, 1e9, "not checked",
+                     "Largest difference between the mean force in the window and the set-point.")),
+        field(
+            &Criterion::held_force_error_max_percent,
+            ranged("held_force_error_max_percent", D::ratio, 0.0, 1e9, "not checked",
+                   "Largest difference between the mean force in the window and the set-point, in "
+                   "percent of the set-point.")),
+        field(&Criterion::overshoot_max_percent,
+              ranged("overshoot_max_percent", D::ratio, 0.0, 1e9, "not checked",
+                     "Largest excess of the force over the last set-point, in percent of the "
+                     "set-point.")),
+        field(&Criterion::settle_max_s,
+              ranged("settle_max_s", D::time, 0.0, kLongestRun_s, "not checked",
+                     "Longest time until the force stays within 5 % of its mean in the window.")),
+        field(&Criterion::peak_force_max_N,
+              ranged("peak_force_max_N", D::force, 0.0, 1e9, "not checked",
+                     "Largest force of any contact over the complete run.")),
+        field(&Criterion::peak_force_max_percent,
+              ranged("peak_force_max_percent", D::ratio, 0.0, 1e9, "not checked",
+                     "Largest force of any contact over the complete run, in percent of the last "
+                     "set-point.")),
+        field(&Criterion::contact_losses_max,
+              ranged("contact_losses_max", D::count, 0.0, 1e9, "not checked",
+                     "Largest number of contact losses over the complete run, counted for the "
+                     "contacts of "
+                     "contact_held or else for all contacts.")),
+        field(&Criterion::saturated_max_s,
+              ranged("saturated_max_s", D::time, 0.0, kLongestRun_s, "not checked",
+                     "Longest total time of the DAC code at an end of its range, over the complete "
+                     "run."))};
+  }
+  static constexpr auto items() {
+    return std::tuple_cat(
+        items_of(rows()),
+        std::tuple{item("contact_held", Held{},
+                        "True if all contacts must remain closed, or a list of contacts that must "
+                        "remain closed")});
   }
 
   bool limits_force() const {

@@ -1,6 +1,11 @@
 #include "host/run/experiment_format.hpp"
 
-#include "sim/hybrid/mode.hpp"
+#include <array>
+#include <cstddef>
+
+#include "host/run/bank_values.hpp"
+#include "host/run/experiment.hpp"
+#include "host/run/shaper_values.hpp"
 
 namespace forceaxis::host {
 namespace {
@@ -17,7 +22,15 @@ using sim::format::table;
 using D = sim::Dimension;
 using S = sim::Sign;
 
-constexpr double kTick_s = 1.0 / sim::kTickRateHz;
+// Returns the keys that a struct declares, and one more, whose value is a list or of several types.
+template <std::size_t Count>
+constexpr std::array<KeyFormat, Count + 1> with_key(const std::array<KeyFormat, Count> &keys,
+                                                    const KeyFormat &one) {
+  std::array<KeyFormat, Count + 1> all{};
+  for (std::size_t i = 0; i < Count; ++i) all[i] = keys[i];
+  all[Count] = one;
+  return all;
+}
 
 constexpr TableFormat kSet{
     "Values for parameters of the model, by name: numbers in the unit of the parameter, "
@@ -25,35 +38,19 @@ constexpr TableFormat kSet{
     {},
     true};
 
-constexpr KeyFormat kBankKeys[] = {
-    ranged("gain", D::ratio, 0.0, 65535.0 / 256.0, "",
-           "DAC codes per count of the measured force at 8 bits."),
-    ranged("integral_rad_per_s", D::ratio, 0.0, sim::kTickRateHz, 0.0,
-           "Rate of the integral action, in rad/s."),
-    ranged("velocity_gain", D::ratio, 0.0, 65535.0 / 256.0, 0.0,
-           "DAC codes per encoder count per tick."),
+constexpr KeyFormat kSectionsKey =
     other("sections", "list of [b0, b1, b2, a1, a2]", "none",
-          "Up to three second-order sections with a0 = 1, coefficients from -16 to 16."),
-    other("certificate", "flag", "true",
-          "Whether the bank has a certificate for the sensor of this experiment."),
-};
+          "Up to three second-order sections with a0 = 1, coefficients from -16 to 16.");
+constexpr auto kBankKeys = with_key(sim::kKeysOf<Bank>, kSectionsKey);
 constexpr TableFormat kBank{"A bank of the force law.", kBankKeys};
 
-constexpr KeyFormat kShaperKeys[] = {
-    needed("mode_Hz", D::frequency, S::positive,
-           "Undamped frequency of the mode of vibration. Half of its damped period must be 1 to "
-           "255 ticks for zv, 1 to 127 ticks for zvd."),
-    ranged("damping", D::ratio, 0.0, 0.9, 0.0, "Damping ratio of the mode of vibration."),
-    other("kind", "zv, zvd", "zvd",
-          "zv: two impulses. zvd: three impulses and twice the delay, for a mode whose "
-          "frequency is known less exactly."),
-};
-constexpr TableFormat kShaper{
-    "An input shaper, which prevents the excitation of one mode of vibration.", kShaperKeys};
-
 constexpr KeyFormat kFirmwareKeys[] = {
-    table("bank_1", kBank), table("bank_2", kBank),         table("bank_3", kBank),
-    table("bank_4", kBank), table("shaper_force", kShaper), table("shaper_motion", kShaper),
+    table("bank_1", kBank),
+    table("bank_2", kBank),
+    table("bank_3", kBank),
+    table("bank_4", kBank),
+    table("shaper_force", sim::kFormat<Shaper>),
+    table("shaper_motion", sim::kFormat<Shaper>),
 };
 constexpr TableFormat kFirmware{
     "Values for objects of the firmware, by name (`list_objects` lists them): a "
@@ -72,65 +69,22 @@ constexpr KeyFormat kImpulseKeys[] = {
 };
 constexpr TableFormat kImpulse{"An impulse on a body.", kImpulseKeys};
 
-constexpr KeyFormat kSensorKeys[] = {
-    other("force", "live, held, high, low, zero, silent", "",
-          "What ADC 0 converts from this instant on: the signal of the plant (live), the code "
-          "of the previous tick (held), an end of its range (high, low), or the code of no "
-          "force in the model (zero). With silent no new code arrives: the last one becomes "
-          "older."),
-};
-constexpr TableFormat kSensor{"A failure of a sensor, or its end.", kSensorKeys};
-
-constexpr KeyFormat kDriveKeys[] = {
-    other("failure", "none, off, fault, silent", "",
-          "The drive has switched itself off (off), also with a fault (fault), or its frames do "
-          "not arrive any more while it still receives frames (silent). With none it works "
-          "again, and is on `enable_ticks` later if it is enabled."),
-};
-constexpr TableFormat kDrive{
-    "A failure of a drive that has `enable_ticks` in the model, or its end.", kDriveKeys};
-
 constexpr KeyFormat kAtKeys[] = {
     ranged("time_s", D::time, 0.0, kLongestRun_s, "",
            "Time of the action, at most duration_s, rounded up to a tick. The action applies "
            "before that tick."),
     table("impulse", kImpulse),
     table("firmware", kFirmwareAt),
-    table("sensor", kSensor),
-    table("drive", kDrive),
+    table("sensor", sim::kFormat<SensorFailure>),
+    table("drive", sim::kFormat<DriveState>),
 };
 constexpr TableFormat kAt{"Actions at one instant. At least one of the tables must be given.",
                           kAtKeys};
 
-constexpr KeyFormat kVerdictKeys[] = {
-    ranged("window_s", D::time, kTick_s, kLongestRun_s, "1 s, or duration_s if that is shorter",
-           "Length of the window at the end of the run over which the verdict is evaluated."),
-    ranged("force_ripple_max_count", D::count, 0.0, 1e9, "not checked",
-           "Largest peak-to-peak ripple of the measured force, in counts at 8 bits."),
-    ranged("position_ripple_max_count", D::count, 0.0, 1e12, "not checked",
-           "Largest peak-to-peak ripple of the encoder, in counts."),
+constexpr KeyFormat kHeldKey =
     other("contact_held", "flag, contact or list of contacts", "false",
-          "Contacts that must stay closed; true: every contact of the model."),
-    ranged("held_force_error_max_N", D::force, 0.0, 1e9, "not checked",
-           "Largest difference between the mean force in the window and the set-point."),
-    ranged("held_force_error_max_percent", D::ratio, 0.0, 1e9, "not checked",
-           "Largest difference between the mean force in the window and the set-point, in "
-           "percent of the set-point."),
-    ranged("overshoot_max_percent", D::ratio, 0.0, 1e9, "not checked",
-           "Largest excess of the force over the last set-point, in percent of the set-point."),
-    ranged("settle_max_s", D::time, 0.0, kLongestRun_s, "not checked",
-           "Longest time until the force stays within 5 % of its mean in the window."),
-    ranged("peak_force_max_N", D::force, 0.0, 1e9, "not checked",
-           "Largest force of any contact over the complete run."),
-    ranged("peak_force_max_percent", D::ratio, 0.0, 1e9, "not checked",
-           "Largest force of any contact over the complete run, in percent of the last "
-           "set-point."),
-    ranged("contact_losses_max", D::count, 0.0, 1e9, "not checked",
-           "Largest number of contact losses over the complete run, counted for the contacts of "
-           "contact_held or else for all contacts."),
-    ranged("saturated_max_s", D::time, 0.0, kLongestRun_s, "not checked",
-           "Longest total time of the DAC code at an end of its range, over the complete run."),
-};
+          "Contacts that must stay closed; true: every contact of the model.");
+constexpr auto kVerdictKeys = with_key(sim::kKeysOf<Criterion>, kHeldKey);
 constexpr TableFormat kVerdict{
     "Limits for the verdict of the run; at least one must be given. `stable`: no limit "
     "is missed. `unstable`: a fault is latched, a ripple is above its limit and does not "

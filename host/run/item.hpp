@@ -9,6 +9,7 @@
 // class, so a field is its row and nothing else.
 #include <cmath>
 #include <optional>
+#include <tuple>
 
 namespace forceaxis::host {
 
@@ -23,6 +24,18 @@ struct Item {
 template <class Get>
 constexpr Item<Get> item(const char *key, Get get, const char *meaning = "") {
   return {key, get, meaning};
+}
+
+/// Declares a field for each row of a struct that a file gives (sim/model/field.hpp), with the same
+/// key, member and meaning.
+template <class Rows>
+constexpr auto items_of(const Rows &rows) {
+  return std::apply(
+      [](const auto &...row) {
+        return std::tuple{
+            item(row.key.key.data(), std::get<0>(row.steps), row.key.meaning.data())...};
+      },
+      rows);
 }
 
 /// A number that is None in Python while it is infinite.

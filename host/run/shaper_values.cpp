@@ -6,6 +6,7 @@
 
 #include "firmware/port/host/firmware.hpp"
 #include "sim/hybrid/mode.hpp"
+#include "sim/model/read.hpp"
 
 namespace forceaxis::host {
 namespace {
@@ -23,8 +24,10 @@ std::optional<std::uint16_t> shaper_of_key(std::string_view key) {
 
 std::vector<ObjectWrite> read_shaper(sim::Section &section, std::uint16_t first) {
   section.finish();
-  const int last = section.choice("kind", "write kind = \"zvd\"") == 0 ? 1 : 2;
-  const double damping = section.number("damping");
+  sim::Names names;
+  const auto given = sim::read_table<Shaper>(section, names);
+  const int last = given.kind == ShaperKind::zv ? 1 : 2;
+  const double damping = given.damping;
   const double root = std::sqrt(1.0 - damping * damping);
   const double half_ticks = sim::kTickRateHz / 2.0;
   const double mode = section.within("mode_Hz", sim::Dimension::frequency,
