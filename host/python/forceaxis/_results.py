@@ -65,17 +65,28 @@ class Metrics:
 class Criterion:
     """The limits of the table [verdict]. None means that the experiment does not have the limit."""
 
-    window_s: float  # length of the window at the end of the run, > 0
-    # largest peak-to-peak ripple of the measured force, in 8-bit counts
+    # Length of the window at the end of the run over which the verdict is evaluated.
+    window_s: float
+    # Largest peak-to-peak ripple of the measured force, in counts at 8 bits.
     force_ripple_max_count: float | None
-    position_ripple_max_count: float | None  # largest peak-to-peak ripple of the encoder, in counts
+    # Largest peak-to-peak ripple of the encoder, in counts.
+    position_ripple_max_count: float | None
+    # Largest difference between the mean force in the window and the set-point.
     held_force_error_max_N: float | None
+    # Largest difference between the mean force in the window and the set-point, in percent of the
+    # set-point.
     held_force_error_max_percent: float | None
+    # Largest excess of the force over the last set-point, in percent of the set-point.
     overshoot_max_percent: float | None
+    # Longest time until the force stays within 5 % of its mean in the window.
     settle_max_s: float | None
-    peak_force_max_N: float | None
+    peak_force_max_N: float | None  # Largest force of any contact over the complete run.
+    # Largest force of any contact over the complete run, in percent of the last set-point.
     peak_force_max_percent: float | None
+    # Largest number of contact losses over the complete run, counted for the contacts of
+    # contact_held or else for all contacts.
     contact_losses_max: float | None
+    # Longest total time of the DAC code at an end of its range, over the complete run.
     saturated_max_s: float | None
     # True if all contacts must remain closed, or a list of contacts that must remain closed
     contact_held: bool | list[str]
