@@ -41,8 +41,9 @@ CycleResult cycle_result_of(const CycleProgram &program, const CycleValues &valu
   for (std::size_t i = 0; i < values.elements.size(); ++i) {
     const CycleValues::Element &found = values.elements[i];
     const CycleElement &element = program.elements.at(i);
-    result.figures.push_back({element.name, element.kind, rounded(found.value * element.per_value),
-                              element.unit, found.tick, kVerdicts[found.verdict]});
+    result.figures.push_back({element.name, std::string(element.kind),
+                              rounded(found.value * element.per_value), std::string(element.unit()),
+                              found.tick, kVerdicts[found.verdict]});
   }
   return result;
 }

@@ -29,6 +29,12 @@ struct Unwrapped<std::optional<T>> {
   using Type = T;
 };
 
+/// The unit and the permitted sign of a number.
+struct Quantity {
+  Dimension dimension;
+  Sign sign = Sign::any;
+};
+
 /// A key and the way from the struct to its member, through members of members. A way through an
 /// empty optional fills it.
 template <class... Steps>
@@ -65,6 +71,18 @@ constexpr auto field(T Owner::*member, const KeyFormat &key) {
 template <class Owner, class Middle, class Inner, class T>
 constexpr auto field(Middle Owner::*outer, T Inner::*inner, const KeyFormat &key) {
   return Field<Middle Owner::*, T Inner::*>{key, {outer, inner}};
+}
+
+/// A field whose unit depends on members before it: `quantity` is a function of the struct.
+template <class Owner, class T>
+struct FieldOf : Field<T Owner::*> {
+  Quantity (Owner::*quantity)() const;
+};
+
+/// Declares a key and its member, in the unit that a function of the struct gives.
+template <class Owner, class T>
+constexpr auto field(T Owner::*member, Quantity (Owner::*quantity)() const, const KeyFormat &key) {
+  return FieldOf<Owner, T>{{key, {member}}, quantity};
 }
 
 /// Returns rows as one tuple: each argument is a Field or a tuple of them.

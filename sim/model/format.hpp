@@ -48,6 +48,8 @@ struct KeyFormat {
   bool needed_beside = false;    ///< The key is required if the table has the key `beside`.
   bool rising = false;           ///< The numbers of a list must be in ascending order.
   std::string_view advice = {};  ///< What to do, for the message about a text that is no choice.
+  /// Kind of table of which no two have the same name, such as "element"; empty: names may repeat.
+  std::string_view unique = {};
   /// The number has the unit of the signal that the table names, or this unit for one ADC code.
   enum class Unit { own, of_signal, of_signal_per_count } unit = Unit::own;
 
@@ -179,6 +181,13 @@ constexpr KeyFormat beside(std::string_view other, KeyFormat format) {
 constexpr KeyFormat needed_beside(std::string_view other, KeyFormat format) {
   format.beside = other;
   format.needed_beside = true;
+  return format;
+}
+
+/// Declares the name of a table of the kind `what`, which no other one of the file has.
+constexpr KeyFormat name_of(std::string_view what, std::string_view meaning) {
+  KeyFormat format = other("name", "identifier", "", meaning);
+  format.unique = what;
   return format;
 }
 

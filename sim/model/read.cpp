@@ -5,6 +5,8 @@
 namespace forceaxis::sim {
 namespace {
 
+constexpr std::string_view kTextText = "a text in quotes";
+
 std::optional<Dimension> per_count(Dimension dimension) {
   switch (dimension) {
     case Dimension::force:
@@ -41,10 +43,12 @@ std::string read_signal(Section &section, Names &names) {
 
 }  // namespace
 
-void Names::claim(const Section &section, const std::string &key, const std::string &name) {
-  if (!taken.insert(name).second)
-    section.fail(key, "expected a name that no other element has, got " + in_quotes(name) +
-                          " again; rename one element");
+void Names::claim(const Section &section, const std::string &key, const std::string &name,
+                  std::string_view what) {
+  if (taken.emplace(what, name).second) return;
+  const std::string of(what);
+  section.fail(key, "expected a name that no other " + of + " has, got " + in_quotes(name) +
+                        " again; rename one " + of);
 }
 
 void expect_beside(Section &section, std::string_view key, std::string_view beside) {
@@ -95,8 +99,12 @@ std::optional<Ends> value_of(Section &section, Names &names, const KeyFormat &, 
 std::optional<std::string> value_of(Section &section, Names &names, const KeyFormat &key,
                                     std::string *) {
   if (key.form == "signal") return read_signal(section, names);
+  if (key.form != "identifier") {
+    if (key.required()) return section.text(key.key, kTextText);
+    return section.optional_text(key.key, kTextText);
+  }
   std::string name = section.name();
-  names.claim(section, "name", name);
+  if (!key.unique.empty()) names.claim(section, "name", name, key.unique);
   return name;
 }
 
@@ -110,7 +118,8 @@ std::optional<std::vector<double>> value_of(Section &section, Names &, const Key
 
 std::optional<std::vector<std::string>> value_of(Section &section, Names &, const KeyFormat &key,
                                                  std::vector<std::string> *) {
-  return section.names(key.key);
+  if (key.form == "list of names") return section.names(key.key);
+  return section.texts(key.key, kTextText);
 }
 
 }  // namespace forceaxis::sim

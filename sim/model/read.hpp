@@ -26,10 +26,12 @@ struct Names {
   std::size_t bodies = 0;
   std::vector<SignalInfo> signals;
   std::optional<Dimension> signal;  ///< unit of the signal that the table being read names
-  std::set<std::string> taken;      ///< names of all elements and ports
+  /// What has a name, and the name: all elements and ports of a model.
+  std::set<std::pair<std::string, std::string>> taken;
 
-  /// Refuses a name that another element or port has.
-  void claim(const Section &section, const std::string &key, const std::string &name);
+  /// Refuses a name that another `what` of the file has.
+  void claim(const Section &section, const std::string &key, const std::string &name,
+             std::string_view what = "element");
 };
 
 // The values of a key by the type of its member. An empty result leaves the member as it is.
@@ -68,6 +70,10 @@ void read_row(Section &section, Names &names, const Row &row, T &target) {
   using Value = typename Unwrapped<Member>::Type;
   if constexpr (requires { std::variant_size<Value>::value; }) {
     read_type(section, names, row.key, row.member(target));
+  } else if constexpr (requires { row.quantity; }) {
+    if (!section.has(row.key.key)) return;
+    const Quantity quantity = (target.*row.quantity)();
+    row.member(target) = section.value(row.key.key, quantity.dimension, quantity.sign);
   } else if constexpr (std::is_enum_v<Value>) {
     row.member(target) = static_cast<Value>(section.choice(row.key.key, row.key.advice));
   } else if constexpr (requires(Value v) { v.front().rows(); }) {

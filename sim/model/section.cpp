@@ -224,7 +224,7 @@ std::string Section::checked_name(std::string_view key, const std::string &text)
 
 std::string Section::name() { return checked_name("name", text("name", kNameText)); }
 
-std::vector<std::string> Section::names(std::string_view key) {
+std::vector<std::string> Section::texts(std::string_view key, std::string_view expected) {
   const toml::node &node = require(key, "a list of names");
   const toml::array *list = node.as_array();
   if (list == nullptr || list->empty())
@@ -233,13 +233,19 @@ std::vector<std::string> Section::names(std::string_view key) {
                   "; write [\"a\", \"b\"]");
   std::vector<std::string> found;
   for (std::size_t i = 0; i < list->size(); ++i) {
-    const std::string entry = std::string(key) + "[" + std::to_string(i) + "]";
-    const toml::node &name = *list->get(i);
-    if (!name.is_string())
-      fail(entry,
-           "expected " + std::string(kNameText) + ", got " + kind_of(name) + "; give a string");
-    found.push_back(checked_name(entry, name.ref<std::string>()));
+    const toml::node &text = *list->get(i);
+    if (!text.is_string())
+      fail(std::string(key) + "[" + std::to_string(i) + "]",
+           "expected " + std::string(expected) + ", got " + kind_of(text) + "; give a string");
+    found.push_back(text.ref<std::string>());
   }
+  return found;
+}
+
+std::vector<std::string> Section::names(std::string_view key) {
+  std::vector<std::string> found = texts(key, kNameText);
+  for (std::size_t i = 0; i < found.size(); ++i)
+    (void)checked_name(std::string(key) + "[" + std::to_string(i) + "]", found[i]);
   return found;
 }
 

@@ -55,6 +55,8 @@ class Section {
   std::optional<std::string> optional_text(std::string_view key, std::string_view expected);
   /// Returns the value of the key `name`, which must be an identifier.
   std::string name();
+  /// Returns the texts of a key: a list that must not be empty.
+  std::vector<std::string> texts(std::string_view key, std::string_view expected);
   /// Returns the names of a key: a list of identifiers that must not be empty.
   std::vector<std::string> names(std::string_view key);
   /// Returns the index of the text of a key in the list of choices that the format declares. If the

@@ -11,7 +11,7 @@ from pathlib import Path
 import can
 import canopen
 import pytest
-from forceaxis._core import cycle_record
+from forceaxis._core import cycle_program
 from forceaxis.cycles.program import with_program
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -268,7 +268,7 @@ def put(node, record, **options):
 
 
 def test_a_program_is_downloaded_and_selected(node):
-    record = cycle_record(ROOT / "sim/experiments/press_fit.toml")
+    record = cycle_program(ROOT / "sim/experiments/press_fit.toml").record
     number = int.from_bytes(record[16:20], "little")
     for options in (
         {},
@@ -327,7 +327,8 @@ def test_the_curve_of_a_cycle_is_uploaded(node, tmp_path):
     assert refusal.value.code == 0x08000024, "no cycle yet"
     program = tmp_path / "waits.toml"
     program.write_text(PROGRAM)
-    put(node, cycle_record(ROOT / "sim/experiments/press_fit.toml", with_program((), program)))
+    compiled = cycle_program(ROOT / "sim/experiments/press_fit.toml", with_program((), program))
+    put(node, compiled.record)
     node.sdo[0x2435][2].raw = 7
     node.sdo[0x6060].raw = -9
     for word in (6, 7, 15, 31):

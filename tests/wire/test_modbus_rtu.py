@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
-from forceaxis._core import cycle_record
+from forceaxis._core import cycle_program
 from forceaxis.cycles.program import with_program
 from forceaxis.objects import OBJECTS
 from pymodbus.client import ModbusSerialClient
@@ -350,7 +350,9 @@ def test_the_curve_of_a_cycle_is_read_in_parts(line, tmp_path):
     assert write("first_motion_test", 0) == [] and write("cycle_curve_step_travel", 10) == []
     program = tmp_path / "waits.toml"
     program.write_text(WAITS)
-    record = cycle_record(ROOT / "sim/experiments/press_fit.toml", with_program((), program))
+    record = cycle_program(
+        ROOT / "sim/experiments/press_fit.toml", with_program((), program)
+    ).record
     for at in range(0, len(record), 64):
         piece = record[at : at + 64]
         words = [w for (v,) in struct.iter_unpack("<I", piece) for w in (v >> 16, v & 0xFFFF)]

@@ -81,13 +81,6 @@ forceaxis::host::CycleProgram cycle_program(const std::filesystem::path &file,
   return *std::move(experiment.cycle);
 }
 
-// Returns the record of an experiment's program (firmware/cycle/program.h).
-py::bytes cycle_record(const std::filesystem::path &file,
-                       const std::vector<std::string> &overrides) {
-  const auto record = cycle_program(file, overrides).record;
-  return {reinterpret_cast<const char *>(record.data()), record.size() * sizeof(record[0])};
-}
-
 // Returns the reason why the table [verdict] of the experiment cannot be evaluated, or nothing.
 std::optional<std::string> not_evaluable(const Experiment &e) {
   try {
@@ -384,19 +377,15 @@ PYBIND11_MODULE(_core, m) {
         "why [verdict] cannot be evaluated, or None), the parameters with value and unit, and the "
         "overrides that have no effect. text: content that is read in place of the file. Raises "
         "InputError.");
-  m.def("cycle_record", &cycle_record, py::arg("experiment"),
-        py::arg("overrides") = std::vector<std::string>{},
-        "Returns the record of an experiment's program of a cycle, as an axis takes it in object "
-        "2435h:1. Raises InputError, also for an experiment without a program.");
   m.def(
       "cycle_program",
       [](const std::filesystem::path &file, const std::vector<std::string> &overrides) {
         return table::object(cycle_program(file, overrides));
       },
       py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
-      "Returns the program of a cycle of an experiment, as its file describes it. Raises "
-      "InputError "
-      "as cycle_record().");
+      "Returns the program of a cycle that an experiment names: what its file describes, and the "
+      "record that an axis takes in object 2435h:1. Raises InputError, also for an experiment "
+      "without a program.");
   py::class_<Experiments>(
       m, "Experiments",
       "Experiment files with the content that was read first, and the models and "

@@ -10,6 +10,7 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -64,8 +65,16 @@ struct Kind<T> : Plain<T> {
 };
 template <class T>
 requires std::is_convertible_v<T, std::string_view>
-struct Kind<T> : Plain<T> {
+struct Kind<T> {
   static std::string python() { return "str"; }
+  static py::object of(const T &value) { return py::str(std::string(std::string_view(value))); }
+};
+template <>
+struct Kind<std::vector<std::byte>> {
+  static std::string python() { return "bytes"; }
+  static py::object of(const std::vector<std::byte> &value) {
+    return py::bytes(reinterpret_cast<const char *>(value.data()), value.size());
+  }
 };
 template <>
 struct Kind<Eigen::MatrixXd> : Plain<Eigen::MatrixXd> {

@@ -216,7 +216,8 @@ void add_toml(py::module_ &m) {
       "experiment_format", [] { return tables_of(forceaxis::host::kExperimentFormat); },
       "Returns the declared tables of an experiment file.");
   m.def(
-      "cycle_format", [] { return tables_of(forceaxis::host::kCycleFormat); },
+      "cycle_format",
+      [] { return tables_of(forceaxis::sim::kFormat<forceaxis::host::CycleProgram>); },
       "Returns the declared tables of the program of a cycle.");
   m.def(
       "axis_linux_format", [] { return tables_of(forceaxis::axis_linux::kSettingsFormat); },

@@ -154,7 +154,8 @@ class CycleReport:
 
 @dataclass(frozen=True)
 class CycleEnd:
-    """A condition that ends a phase."""
+    """A condition that ends the phase. Up to 4 are checked in each tick, in the order of the file,
+    after the limits."""
 
     when: str
     value: float | None  # in `unit`; None if it has none
@@ -164,7 +165,7 @@ class CycleEnd:
 
 @dataclass(frozen=True)
 class CyclePhase:
-    """A phase, with the conditions that end it in the order of the file."""
+    """A phase of the cycle, at most 16. The cycle begins with the first one."""
 
     name: str
     ends: list[CycleEnd]
@@ -174,10 +175,13 @@ class CyclePhase:
 
 @dataclass(frozen=True)
 class CycleElement:
-    """An evaluation element, with bounds in SI units. None means that there is no such bound."""
+    """An evaluation element, at most 16: a figure of the curve of force over x in some phases. The
+    part is good if the cycle ends as intended and each element is within its bounds. A window needs
+    all of from, to, least and most, in the units of x and of the force."""
 
     name: str
     kind: str  # kind of evaluation element: peak, window, ...
+    is_shape: bool  # True for a window and an envelope, whose bounds are no two numbers
     phases: list[str]
     over: str  # travel or time
     of: str  # x or force: what crosses the level of `at` and `difference`
@@ -185,7 +189,7 @@ class CycleElement:
     per_value: float  # value in SI units = value of the firmware * per_value
     x_from: float | None
     x_to: float | None
-    least: float | None
+    least: float | None  # bounds of the value; None: no such bound
     most: float | None
     level: float | None
     lower: list[tuple[float, float]]  # points (x, N) of the curves of an envelope
@@ -194,11 +198,12 @@ class CycleElement:
 
 @dataclass(frozen=True)
 class CycleProgram:
-    """A program of a cycle, compiled for an axis."""
+    """A cycle: phases that follow each other, and what makes a part good."""
 
     file: Path
     title: str
     number: int  # number by which the axis selects the program; 0: none
+    record: bytes  # the program as an axis takes it (firmware/cycle/program.h)
     crc: int  # CRC of the record
     zero: str  # what defines travel 0: touch, force or position
     zero_at: float | None  # the force in N, or the position in m

@@ -18,7 +18,7 @@ struct Ends {
 };
 
 inline constexpr KeyFormat kNameKey =
-    format::other("name", "identifier", "", "Name; no other element of the model may have it.");
+    format::name_of("element", "Name; no other element of the model may have it.");
 inline constexpr KeyFormat kDampingKey =
     format::number("damping", Dimension::damping, Sign::not_negative, 0.0,
                    "Viscous damping, parallel to the stiffness.");

@@ -33,7 +33,7 @@ def programs(axis):
 
 def test_a_program_is_loaded_and_selected(axis, wanted):
     loaded = live.load(axis, wanted)
-    assert (loaded.number, loaded.programs, loaded.size_bytes) == (1, 1, len(wanted.record))
+    assert (loaded.number, loaded.programs, loaded.size_bytes) == (1, 1, len(wanted.program.record))
     assert int(loaded.crc, 16) == wanted.program.crc == axis.integer("cycle_program_crc")
     live.load(axis, live.live_program(SNAP_FIT))
     assert programs(axis) == {
@@ -54,10 +54,11 @@ def test_the_axis_is_disabled_after_a_cycle(axis, wanted):
 def test_a_damaged_program_changes_nothing(axis, wanted, byte):
     live.load(axis, live.live_program(SNAP_FIT))
     before = programs(axis)
-    record = bytearray(wanted.record)
+    record = bytearray(wanted.program.record)
     record[byte] ^= 1
+    damaged = dataclasses.replace(wanted.program, record=bytes(record))
     with pytest.raises(Refused, match=r"refuses the program: (no program|wrong crc)"):
-        live.load(axis, dataclasses.replace(wanted, record=bytes(record)))
+        live.load(axis, dataclasses.replace(wanted, program=damaged))
     assert programs(axis) == before
 
 

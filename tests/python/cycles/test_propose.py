@@ -94,13 +94,15 @@ def test_a_single_bound_takes_the_parts_of_its_side():
 
 
 def element(name, kind="peak", least=0.0, most=1.0, unit="N"):
-    return Element(
-        name, kind, ["seat"], "travel", "x", unit, 1.0, None, None, least, most, None, [], []
-    )
+    shape = kind in ("window", "envelope")
+    bounds = (None, None, least, most, None, [], [])
+    return Element(name, kind, shape, ["seat"], "travel", "x", unit, 1.0, *bounds)
 
 
 def program(*elements):
-    return Program(Path("cycle.toml"), "A program", 1, 0, "touch", None, [], list(elements), [])
+    return Program(
+        Path("cycle.toml"), "A program", 1, b"", 0, "touch", None, [], list(elements), []
+    )
 
 
 def outcomes(values, verdicts=None, how="by_program"):

@@ -235,13 +235,13 @@ MISTAKES = [
     ('title = "A cycle"', 'title = "A cycle"\nnumber = -1', "number", "0..2147483647"),
     ('title = "A cycle"', 'title = "A cycle"\nbank_crc = "12"', "bank_crc", "8 hexadecimal digits"),
     ('title = "A cycle"', 'title = "A cycle"\nzero = "tuch"', "zero", "touch"),
-    ('title = "A cycle"', 'title = "A cycle"\nzero = "force"', "zero_force", "add it"),
+    ('title = "A cycle"', 'title = "A cycle"\nzero = "force"', "zero_force", "add this key"),
     ('title = "A cycle"', 'title = "A cycle"\nzero_force = 3', "zero_force", "remove it"),
     ('title = "A cycle"', 'title = "A cycle"\nzero = "force"\nzero_force = "0 N"', "zero_force",
      "other than 0"),
     ('title = "A cycle"', 'title = "A cycle"\nzero = "force"\nzero_force = "9 MN"', "zero_force",
      "in counts"),
-    ('title = "A cycle"', 'title = "A cycle"\nzero = "position"', "zero_position", "add it"),
+    ('title = "A cycle"', 'title = "A cycle"\nzero = "position"', "zero_position", "add this key"),
     ('name = "press"', 'name = "approach"', "phase[1].name", "no other phase has"),
     ('name = "press"', 'name = "end"', "phase[1].name", "reserved"),
     ('name = "press"', 'name = "a b"', "phase[1].name", "letters"),
@@ -254,7 +254,8 @@ MISTAKES = [
     ('force = "75 N"', 'force = "0.04 N"', "phase[1].force", "thousandth"),
     ('slope = "500 N/s"', "", "phase[1].slope", "press"),
     ('slope = "500 N/s"', 'slope = "-5 N/s"', "phase[1].slope", "> 0"),
-    ('slope = "500 N/s"', 'slope = "500 N/s"\nspeed = "1 mm/s"', "phase[1].speed", "no such key"),
+    ('slope = "500 N/s"', 'slope = "500 N/s"\nspeed = "1 mm/s"', "phase[1].speed",
+     'no such key for do = "press"'),
     ('force_max = "90 N"', "", "phase[1].force_max", "expected"),
     ('force_max = "90 N"', 'force_max = "9 MN"', "phase[1].force_max", "in counts"),
     ('travel_max = "2 mm"', "", "phase[1].travel_max", "expected"),
@@ -263,10 +264,11 @@ MISTAKES = [
     ('time_max = "3 s"', 'time_max = "2 h"', "phase[1].time_max", "expected"),
     ('on_limit = "back"', 'on_limit = "bak"', "phase[1].on_limit", "mean back"),
     ('when = "time"', 'when = "tim"', "phase[1].end[0].when", "time"),
-    ('value = "1 s"', "", "phase[1].end[0].value", "add it"),
+    ('value = "1 s"', "", "phase[1].end[0].value", "add this key"),
     ('value = "1 s"', 'value = "4 s"', "phase[1].end[0].value", "time_max"),
     ('value = "1 s"', 'value = "1 N"', "phase[1].end[0].value", "force"),
-    ('value = "1 s"', 'value = "1 s"\ninputs = ["home"]', "phase[1].end[0].inputs", "no inputs"),
+    ('value = "1 s"', 'value = "1 s"\ninputs = ["home"]', "phase[1].end[0].inputs",
+     'no such key for when = "time"'),
     ('value = "1 s"\nnext = "back"', 'value = "1 s"\nnext = "away"', "phase[1].end[0].next",
      "a phase of this file"),
     ('value = "1 s"\nnext = "back"', 'value = "1 s"', "phase[1].end[0].next", "expected"),
@@ -276,14 +278,15 @@ MISTAKES = [
      "phase[1].end[0].value", "force_max"),
     ('when = "time"\nvalue = "1 s"', 'when = "travel_above"\nvalue = "3 mm"',
      "phase[1].end[0].value", "travel_max"),
-    ('when = "time"\nvalue = "1 s"', 'when = "input_on"', "phase[1].end[0].inputs", "add it"),
+    ('when = "time"\nvalue = "1 s"', 'when = "input_on"', "phase[1].end[0].inputs", "add this key"),
     ('when = "time"\nvalue = "1 s"', 'when = "input_on"\ninputs = ["hom"]',
      "phase[1].end[0].inputs", "home"),
     ('when = "time"\nvalue = "1 s"', 'when = "stiffness_above"\nvalue = "1 kN/m"',
      "phase[1].stiffness_travel", "add it"),
     ('time_max = "3 s"', 'time_max = "3 s"\nstiffness_travel = "1 mm"',
      "phase[1].stiffness_travel", "remove it"),
-    ('when = "contact"', 'when = "contact"\nvalue = 3', "phase[0].end[0].value", "no value"),
+    ('when = "contact"', 'when = "contact"\nvalue = 3', "phase[0].end[0].value",
+     'no such key for when = "contact"'),
     ('time_max = "3 s"\non_limit = "back"\n\n[[phase.end]]\nwhen = "time"\nvalue = "1 s"',
      'time_max = "3 s"\nstiffness_travel = "3 mm"\non_limit = "back"\n\n[[phase.end]]\n'
      'when = "stiffness_below"\nvalue = "1 kN/m"', "phase[1].stiffness_travel", "travel_max"),
@@ -299,7 +302,7 @@ MISTAKES = [
      "without a count"),
     ('name = "peak_force"', 'name = "gate"', "element[2].name", "no other element"),
     ('kind = "peak"', 'kind = "pek"', "element[0].kind", "peak"),
-    ('phases = ["press"]', "phases = []", "element[0].phases", "not empty"),
+    ('phases = ["press"]', "phases = []", "element[0].phases", "an empty list"),
     ('phases = ["press"]', 'phases = ["pres"]', "element[0].phases", "mean press"),
     ('least = "70 N"', 'least = "90 N"', "element[0].most", "at least"),
     ('least = "70 N"', 'least = "70 m"', "element[0].least", "length"),
@@ -311,9 +314,9 @@ MISTAKES = [
     ('from = "0.2 s"', 'from = "0.95 s"', "element[1].to", "at least"),
     ('enters = ["bottom"]', "", "element[2].enters", "expected"),
     ('enters = ["bottom"]', 'enters = ["down"]', "element[2].enters", "left, right"),
-    ('from = "-1 mm"', "", "element[2].from", "all of from, to"),
-    ('level = "10 N"', "", "element[3].level", "add it"),
-    ('level_2 = "60 N"', "", "element[3].level_2", "add it"),
+    ('from = "-1 mm"', "", "element[2].from", 'for kind = "window"'),
+    ('level = "10 N"', "", "element[3].level", "add this key"),
+    ('level_2 = "60 N"', "", "element[3].level_2", "add this key"),
     ('of = "force"', 'of = "y"', "element[3].of", "x, force"),
 ]  # fmt: skip
 
@@ -328,9 +331,10 @@ MORE_MISTAKES = [
     ('name = "tared"', 'name = "a name of 13 b"', "name", "at most 12 bytes, got 14"),
     ('["output_1"]', '["output_5"]', "keep_outputs", "output_4"),
     ('["output_1"]', '["output_3"]', "keep_outputs", "switches on"),
-    ('["output_1"]', '[]', "keep_outputs", "not empty"),
+    ('["output_1"]', '[]', "keep_outputs", "an empty list"),
     ('compliance_force = ["0 N", "100 N"]\n', "", "compliance_force", "expected"),
-    ('compliance_deflection = ["0 mm", "0.1 mm"]\n', "", "compliance_deflection", "expected"),
+    ('compliance_deflection = ["0 mm", "0.1 mm"]\n', "", "compliance_force",
+     "add compliance_deflection"),
     ('["0 N", "100 N"]', '["100 N", "0 N"]', "compliance_force", "rise"),
     ('["0 N", "100 N"]', '["0 N", "50 N", "100 N"]', "compliance_deflection", "2 to 255 points"),
     ('["0 N", "100 N"]\ncompliance_deflection = ["0 mm", "0.1 mm"]',
@@ -344,11 +348,13 @@ MORE_MISTAKES = [
      "output_1, output_2"),
     ('outputs_on = ["output_1", "output_2"]',
      'outputs_on = ["output_1"]\noutputs_off = ["output_1"]', "phase[0].outputs_off", "one list"),
-    ('do = "output"', 'do = "output"\nspeed = 1', "phase[0].speed", "no such key for output"),
-    ('tare_time = "0.2 s"', "", "phase[1].tare_time", "for tare"),
+    ('do = "output"', 'do = "output"\nspeed = 1', "phase[0].speed", 'for do = "output"'),
+    ('tare_time = "0.2 s"', "", "phase[1].tare_time",
+     'for do = "tare"'),
     ('tare_time = "0.2 s"', 'tare_time = "2 s"', "phase[1].tare_time", "time_max"),
     ('tare_time = "0.2 s"', 'tare_time = "11 s"', "phase[1].tare_time", "10"),
-    ('tare_time = "0.2 s"', 'tare_time = "0.2 s"\nforce = 3', "phase[1].force", "for tare"),
+    ('tare_time = "0.2 s"', 'tare_time = "0.2 s"\nforce = 3', "phase[1].force",
+     'for do = "tare"'),
     ('when = "reached"\nnext = "approach"', 'when = "time"\nvalue = 1\nnext = "approach"',
      "phase[1].end", "condition reached"),
     ('distance = "10 mm"', 'distance = "10 mm"\ntare_time = 1', "phase[2].tare_time", "approach"),
@@ -362,8 +368,9 @@ MORE_MISTAKES = [
     ('"80 N", "20 N"]', '"101 N", "20 N"]', "phase[3].table_force", "force_limit"),
     ('"80 N", "20 N"]', '"95 N", "20 N"]', "phase[3].force_max", "at least the force"),
     ('"80 N", "20 N"]', '"80 N", "20 mm"]', "phase[3].table_force[2]", "length"),
-    ('slope = "200 N/s"', "", "phase[3].slope", "for follow"),
-    ('slope = "200 N/s"', 'slope = "200 N/s"\nforce = 5', "phase[3].force", "for follow"),
+    ('slope = "200 N/s"', "", "phase[3].slope", 'for do = "follow"'),
+    ('slope = "200 N/s"', 'slope = "200 N/s"\nforce = 5', "phase[3].force",
+     'for do = "follow"'),
     ('over = "travel"', 'over = "way"', "phase[4].over", "travel"),
     ('table_x = [0, 0.001]', "table_x = [0, 0.004]", "phase[4].table_x", "travel_max"),
     ('when = "depth_above"', 'when = "force_below"', "phase[4].end[1].value", "length"),
@@ -406,6 +413,23 @@ def test_a_tare_needs_a_band(tmp_path):
         _core.InputError, match=r"phase\[1\]\.do: expected an axis with a tare_band"
     ):
         inputs(tmp_path, MORE, EXPERIMENT.replace("tare_band = 2.0\n", ""))
+
+
+def test_a_limit_leaves_room_for_the_offset_of_a_tare_before_it(tmp_path):
+    """In the phases that may follow a tare, and in no other, wherever they stand in the file."""
+    start, tare, rest = re.split(r"(?m)^(?=\[\[phase\]\]\nname = \"(?:tare|approach)\")", MORE)
+    above = '[[phase.end]]\nwhen = "force_above"\nvalue = "{}"\nnext = "back"\n\n'
+    rest = rest.replace(
+        '[[phase]]\nname = "follow"', above.format("64 N") + '[[phase]]\nname = "follow"'
+    )
+    phases, elements = rest[: rest.index("[[element]]")], rest[rest.index("[[element]]") :]
+    inputs(tmp_path, start + tare + rest)
+    inputs(tmp_path, start + phases + tare + elements)
+    with pytest.raises(_core.InputError, match=r"phase\[2\]\.end\[1\]\.value: .* within force_max"):
+        inputs(tmp_path, start + tare + rest.replace("64 N", "66 N"))
+    start += above.format("51 N")
+    with pytest.raises(_core.InputError, match=r"phase\[0\]\.end\[1\]\.value: .* within force_max"):
+        inputs(tmp_path, start + tare + rest)
 
 
 def test_an_element_that_only_a_limit_feeds_is_refused(tmp_path):

@@ -150,13 +150,13 @@ def test_the_report_of_a_run_has_the_part():
 
 
 def test_the_record_of_the_program_is_what_an_axis_takes():
-    record = _core.cycle_record(PRESS_FIT)
+    record = _core.cycle_program(PRESS_FIT).record
     assert record[:4] == b"FXCY" and int.from_bytes(record[6:8], "little") == len(record)
     assert zlib.crc32(record[:-4]) == int.from_bytes(record[-4:], "little")
     with pytest.raises(
         _core.InputError, match="cycle: expected an experiment that names a program"
     ):
-        _core.cycle_record(PRESS_FIT.with_name("contact.toml"))
+        _core.cycle_program(PRESS_FIT.with_name("contact.toml"))
 
 
 # A load cell whose range ends at 400.4 N, under a press that joins at 40 mm/s: 680 N at the peak.

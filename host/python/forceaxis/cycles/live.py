@@ -36,12 +36,10 @@ PART_TIMEOUT_S = 3600.0  # longest time in s until a cycle ends: that of the lon
 
 @dataclass(frozen=True)
 class LiveProgram:
-    """The program of an experiment: the bytes that an axis accepts, and the description in its
-    file."""
+    """The program of an experiment for an axis."""
 
     experiment: Path
     overrides: Sequence[str]
-    record: bytes
     program: Program
 
 
@@ -87,7 +85,7 @@ def live_program(
             f"{compiled.file}: number: expected a number from 1 on, by which an axis selects the "
             "program; add the number"
         )
-    return LiveProgram(experiment, given, _core.cycle_record(experiment, given), compiled)
+    return LiveProgram(experiment, given, compiled)
 
 
 def expect_same_axis(axis: Drive, wanted: LiveProgram) -> None:
@@ -117,7 +115,7 @@ def load(axis: Drive, wanted: LiveProgram) -> LoadedProgram:
     same number is replaced. Raises Refused with the reason, and then the axis has the programs that
     it had before; NoAnswer."""
     expect_same_axis(axis, wanted)
-    record = wanted.record
+    record = wanted.program.record
     for offset in range(0, len(record), PART_WORDS * WORD_BYTES):
         piece = record[offset : offset + PART_WORDS * WORD_BYTES]
         words = struct.unpack(f"<{len(piece) // WORD_BYTES}I", piece)

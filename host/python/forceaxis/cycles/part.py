@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from forceaxis import _core, paths, toml
 from forceaxis._core import InputError
 from forceaxis.cycles.program import (
-    SHAPES,
     Element,
     Program,
     end_text,
@@ -160,15 +159,14 @@ def _traced(experiment: Path) -> str:
 def figure_of(element: Element, verdict: str, value: float | None) -> ElementFigure:
     """Returns what an element found, with its bounds. It has no value if nothing was
     found."""
-    is_shape = element.kind in SHAPES
     return ElementFigure(
         name=element.name,
         kind=element.kind,
         verdict=verdict,
         value=None if verdict in NOTHING_FOUND else value,
-        unit="" if element.kind == "window" else element.unit,
-        least=None if is_shape else element.least,
-        most=None if is_shape else element.most,
+        unit=element.unit,
+        least=None if element.is_shape else element.least,
+        most=None if element.is_shape else element.most,
     )
 
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from forceaxis.cycles.part import Curve, PartPicture, PartRun, phase_samples, short
-from forceaxis.cycles.program import SHAPES, Element
+from forceaxis.cycles.program import Element
 from forceaxis.drawing import AREA, COLORS, FAINT, INK, VERDICT, legend, style
 from forceaxis.words import plain
 
@@ -170,7 +170,7 @@ def _label(
     """Writes name, bounds of a number and verdict of an element above a mark, or below it with a
     negative `offset` in points. `ends_x` are the ends of the mark."""
     text = short(element.name)
-    if element.kind not in SHAPES:
+    if not element.is_shape:
         scale, unit = (MM, "mm") if element.unit == "m" else (1.0, element.unit)
         ends = [b for b in (element.least, element.most) if b is not None]
         if ends:

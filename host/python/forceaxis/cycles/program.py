@@ -19,8 +19,6 @@ from forceaxis.experiments.summary import quantity
 __all__ = ["Element", "End", "Phase", "Program"]
 
 KEY = "experiment.cycle"  # override that replaces the program of an experiment
-# Kinds of elements whose bounds are no interval of one number.
-SHAPES = ("window", "envelope")
 # Relative difference up to which a value is equal to a bound that is written in decimals.
 SAME = 1e-10
 

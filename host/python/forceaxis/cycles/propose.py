@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cycles.outcome import GOOD, MEASURED, PartOutcome
-from forceaxis.cycles.program import SHAPES, Element, Program, number, unit_of_text
+from forceaxis.cycles.program import Element, Program, number, unit_of_text
 from forceaxis.cycles.rates import Group, Rates, weighted
 from forceaxis.cycles.statistics import Share, parts_needed, refused_range, share
 from forceaxis.errors import ParameterError
@@ -109,7 +109,7 @@ def sides_of(program: Program) -> list[Side]:
     return [
         Side(i, key)
         for i, element in enumerate(program.elements)
-        if element.kind not in SHAPES
+        if not element.is_shape
         for key in ("least", "most")
         if getattr(element, key) is not None
     ]
@@ -119,7 +119,7 @@ def left_of(program: Program) -> list[LeftElement]:
     """Returns the elements that a proposal does not change."""
     moved = {side.element for side in sides_of(program)}
     return [
-        LeftElement(e.name, e.kind, LEFT_SHAPE if e.kind in SHAPES else LEFT_OPEN)
+        LeftElement(e.name, e.kind, LEFT_SHAPE if e.is_shape else LEFT_OPEN)
         for i, e in enumerate(program.elements)
         if i not in moved
     ]
