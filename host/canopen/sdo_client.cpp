@@ -156,8 +156,17 @@ std::optional<Frame> SdoClient::begin_upload(const Frame &answer) {
   return request(kUploadSegment << 5);
 }
 
+// A request that was repeated because its answer was late is answered twice. With the second answer
+// the server began the upload anew, before it received the request for the first segment.
+std::optional<Frame> SdoClient::second_answer(const Frame &answer) {
+  if (!data_.empty()) return abort(kAbortCommand);
+  size_ = announced_size(answer);
+  return std::nullopt;
+}
+
 std::optional<Frame> SdoClient::upload_segment(const Frame &answer) {
   const unsigned command = answer.data[0];
+  if (command >> 5 != kAnswerUploadSegment) return abort(kAbortCommand);
   if (((command & kToggle) != 0) != toggle_) return abort(kAbortToggle);
   const std::size_t count = kSegment - (command >> 1 & 7);
   data_.insert(data_.end(), answer.data.begin() + 1,
@@ -191,14 +200,7 @@ std::optional<Frame> SdoClient::receive(const Frame &answer) {
       if (specifier != kAnswerUpload || !ours) return std::nullopt;
       return begin_upload(answer);
     case State::upload_segment:
-      // A request that was repeated because its answer was late is answered twice. The server began
-      // the upload anew with the second answer, before it received the request for a segment.
-      if (specifier == kAnswerUpload && ours && data_.empty()) {
-        size_ = announced_size(answer);
-        return std::nullopt;
-      }
-      if (specifier != kAnswerUploadSegment) return abort(kAbortCommand);
-      return upload_segment(answer);
+      return specifier == kAnswerUpload && ours ? second_answer(answer) : upload_segment(answer);
     case State::download:
       if (specifier != kAnswerDownload || !ours) return std::nullopt;
       break;

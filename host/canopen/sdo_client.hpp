@@ -62,6 +62,7 @@ class SdoClient {
   Frame next_segment();
   Frame abort(std::uint32_t code);
   std::optional<Frame> begin_upload(const Frame &answer);
+  std::optional<Frame> second_answer(const Frame &answer);
   static std::optional<std::uint32_t> announced_size(const Frame &answer);
   std::optional<Frame> upload_segment(const Frame &answer);
 

@@ -576,6 +576,7 @@ NO_FILES = {
             "commission.tune:Tuning._claim",
             "fmu.unit:_write",
             "recordings.importing:import_source",
+            "recordings.reading:expect_log",
         ),
         BYTES,
     ),

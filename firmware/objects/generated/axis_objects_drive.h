@@ -564,7 +564,7 @@ typedef struct {
   uint16_t excitation_ramp; /* time in which the amplitude of the excitation rises from 0 after the start and falls to 0 after the stop [ms] */
   uint16_t limit_cycle_losses; /* number of contact losses within limit_cycle_window at which the firmware reports a limit cycle; 0 means off [1] */
   uint16_t first_motion_code; /* largest magnitude of the DAC code in the first motion test [code] */
-  uint16_t first_motion_counts; /* number of encoder counts by which the first motion test must move the axis. If the axis moves by more than eight times this number, as a sum over all attempts that were stopped, the fault runaway occurs [count] */
+  uint16_t first_motion_counts; /* number of encoder counts by which the first motion test must move the axis. If all attempts that were stopped have moved the axis by more than eight times this number together, the fault runaway occurs [count] */
   uint16_t first_motion_speed; /* largest speed in the first motion test; a higher speed causes the fault runaway [count/tick] */
   uint16_t force_railed_time; /* longest time for which the ADC code of the force may be at an end of its range; a longer time causes the fault force_railed; 0 means off [ms] */
   uint16_t force_stuck_travel; /* if the axis in contact moves by this travel within force_stuck_time and the ADC code of the force does not change, the fault force_stuck occurs; 0 means off [count] */

@@ -681,7 +681,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "disabled", "off,on", 0x231A, 0, 592, 1, "First motion test", 0, 0, "", "refused"},
     {321, 2, "first_motion_code", "parameter", "drive", "largest magnitude of the DAC code in the first motion test", "u16", "code",
      1.0, INT64_C(1), INT64_C(2047), INT64_C(100), "rw", "any", "", 0x231B, 1, 593, 1, "Largest code of the first motion", 0, 0, "", "free"},
-    {322, 2, "first_motion_counts", "parameter", "drive", "number of encoder counts by which the first motion test must move the axis. If the axis moves by more than eight times this number, as a sum over all attempts that were stopped, the fault runaway occurs", "u16", "count",
+    {322, 2, "first_motion_counts", "parameter", "drive", "number of encoder counts by which the first motion test must move the axis. If all attempts that were stopped have moved the axis by more than eight times this number together, the fault runaway occurs", "u16", "count",
      1.0, INT64_C(2), INT64_C(4096), INT64_C(16), "rw", "any", "", 0x231B, 2, 594, 1, "Counts of the first motion", 0, 0, "encoder", "free"},
     {323, 2, "first_motion_speed", "parameter", "drive", "largest speed in the first motion test; a higher speed causes the fault runaway", "u16", "count/tick",
      1.0, INT64_C(1), INT64_C(2048), INT64_C(16), "rw", "any", "", 0x231B, 3, 595, 1, "Largest speed of the first motion", 0, 0, "", "free"},

@@ -532,7 +532,7 @@ def test_a_group_lists_all_its_commands_under_headings_or_none():
 @pytest.mark.parametrize("earlier", moved.COMMANDS)
 def test_the_earlier_name_of_a_command_shows_the_line_of_today(earlier):
     done = forceaxis(earlier, "a model", "--set", "b_m=1")
-    line = re.search("expected `(.*)`", done.stderr).group(1)
+    line = re.search("expected the present name of this command, `(.*)`", done.stderr).group(1)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     typed = shlex.split(line)
     assert typed[0] == "forceaxis" and typed[-3:] == ["a model", "--set", "b_m=1"]

@@ -148,7 +148,7 @@ def test_what_is_written_runs_and_an_axis_takes_it(found, tmp_path):
     done = forceaxis("run", out / "pasted.toml", "--out", out / "run")
     last = (out / "run/trace.csv").read_text().splitlines()
     named = dict(zip(last[0].split(","), last[-1].split(","), strict=True))
-    known = {o["name"]: o["enum"] for o in _core.objects()}
+    known = {o.name: o.enum for o in _core.objects()}
     for name, state in (("bank_state_1", "valid"), ("certificate_state_1", "fits")):
         assert known[name][int(float(named[name]))] == state
 
@@ -297,7 +297,7 @@ def test_a_part_that_rings_is_approached_slower(found, monkeypatch, order, tmp_p
     )
     text = design_text.describe(done)
     run = package.run(str(out / "contact.toml"))
-    lost = run.metrics["contact_losses_run"]
+    lost = run.metrics.contact_losses_run
     head, rows = outcome.CASE_HEAD, outcome.cases(done.rows)
     (cell,) = {row[head.index("losses")] for row in rows if row[0] == "contact 117 N at 7.5 mm/s"
                } or {""}  # fmt: skip

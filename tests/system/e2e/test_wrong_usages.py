@@ -62,7 +62,7 @@ WRONG = [
     ("fmu plant laboratory --set m_ww=3 --out u.fmu", "parameters.m_ww", "did you mean m_w?"),
     ("fmu plant no_model --out u.fmu", "expected a path ending in .toml or a name of"),
     ("fmu plant contact.toml --fmi 1.0 --out u.fmu", "'--fmi'", "'2.0', '3.0'"),
-    ("fmu firmware model.toml --out u.fmu", "got a model", "`forceaxis fmu plant` takes"),
+    ("fmu firmware model.toml --out u.fmu", "got a model", "use `forceaxis fmu plant`"),
     ("fmu firmware --set firmware.force_gain=3 --out u.fmu", "--set", "expected an experiment"),
     ("fmu firmware --input force_gian --out u.fmu", "--input: force_gian", "mean force_gain"),
     ("fmu firmware --input node_id --out u.fmu", "--input: node_id", "a writable object of"),

@@ -36,15 +36,18 @@ def is_word_of_program(node):
 
 
 def texts(source):
-    """[(line, text)] of each string of a source, with x for each value of a format string, and
-    without the options of a list or tuple, which starts another program, such as axis_node."""
+    """[(line, text)] of each string of a source, with "value" for each value of a format string.
+    Options in a list, or appended to one, start another program, such as axis_node, and are left
+    out."""
     tree = ast.parse(source)
     known = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.List | ast.Tuple):
             known |= {id(word) for word in node.elts if is_word_of_program(word)}
+        elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "append":
+            known |= {id(word) for word in node.args if is_word_of_program(word)}
         elif isinstance(node, ast.JoinedStr):
-            pieces = [p.value if isinstance(p, ast.Constant) else "x" for p in node.values]
+            pieces = [p.value if isinstance(p, ast.Constant) else "value" for p in node.values]
             known |= {id(p) for p in node.values}
             yield node.lineno, "".join(pieces)
     for node in ast.walk(tree):
@@ -103,7 +106,7 @@ def test_the_library_names_no_option_and_no_command():
         ('raise InputError("x: use --out")', ["--out"]),
         ('raise InputError("--out")', ["--out"]),
         ('raise InputError("x: add " + "--out")', ["--out"]),
-        ('raise InputError(f"{x}: add --{name}")', ["--x"]),
+        ('raise InputError(f"{x}: add --{name}")', ["--value"]),
         ('f"{x}: `forceaxis axis reset` resets it"', ["forceaxis axis"]),
         ('def f():\n    """As `forceaxis limit` prints it."""', ["forceaxis limit"]),
         ('run(["axis_node", "--can", "vcan0"])', []),
