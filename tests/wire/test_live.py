@@ -264,6 +264,17 @@ def test_a_session_keeps_its_axis_by_writing_its_watchdog_as_it_is(url):
         assert {kind for foreign, kind, _ in axis.written if foreign} == {1}
 
 
+def test_a_session_that_is_closed_twice_stays_closed(url):
+    with Watched(url) as axis:
+        with Session(1, url) as session:
+            session.close()
+            sent = len(axis.written)
+        assert len(axis.written) == sent
+        session.close()
+        with Session(1, url):  # the axis is free again
+            assert axis.written[-1][1] in (axis_command_t.KIND_TAKE, axis_command_t.KIND_WRITE)
+
+
 def test_a_client_captures_what_the_recorder_holds(url):
     with gateway(url, axes="1", rate=20), AxisClient(1, url) as axis:
         held = axis.capture(["force", "position"], samples=500, decimation=1, timeout_s=5)

@@ -46,6 +46,7 @@ class Session(AxisClient):
     ) -> None:
         # Client that receives states of the axis until the first state of the bus thread.
         self._states: deque[axis_state_t] = deque(maxlen=STATES_KEPT)
+        self._is_closed = False
         super().__init__(axis, url, timeout_s)
         self._link = GatewayLink(axis, url, client=self, ready_s=wait_s)
         self._drive = Drive(self._link)
@@ -65,7 +66,11 @@ class Session(AxisClient):
             return super().write_all(values)
 
     def close(self) -> None:
-        """Disables and releases the axis, unless the axis no longer answers."""
+        """Disables and releases the axis, unless the axis no longer answers. A session that is
+        closed already stays closed."""
+        if self._is_closed:
+            return
+        self._is_closed = True
         # The axis cannot be released if another client owns it or if it does not answer.
         with contextlib.suppress(Refused, NoAnswer):
             self._drive.off()
