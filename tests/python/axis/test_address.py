@@ -5,11 +5,12 @@ import os
 import random
 import shlex
 import string
+from types import SimpleNamespace
 
 import pytest
 from forceaxis import Axis, paths
 from forceaxis._core import InputError
-from forceaxis.axis import address, can, modbus
+from forceaxis.axis import address, can, modbus, scan
 from forceaxis.axis.address import (
     CanAddress,
     LcmAddress,
@@ -34,7 +35,8 @@ BY_PATH = "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0"
         ("can0:5@125", CanAddress("can0", 5, 125)),
         ("can0@125", CanAddress("can0", None, 125)),
         ("slcan-1.a:1", CanAddress("slcan-1.a", 1)),
-        ("lcm0:1", CanAddress("lcm0", 1)),
+        ("can0:126@125", CanAddress("can0", 126, 125)),
+        ("simcan:1", CanAddress("simcan", 1)),
         ("tcp://press", TcpAddress("press")),
         ("tcp://press/", TcpAddress("press")),
         ("tcp://192.168.1.5/3", TcpAddress("192.168.1.5", None, 3)),
@@ -57,6 +59,9 @@ BY_PATH = "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0"
         ("sim:press/contact.toml@out/a.store", SimAddress("press/contact.toml", "out/a.store")),
         ("sim:contact@a.store", SimAddress("contact", "a.store")),
         ("sim:/home/me@work/a.toml", SimAddress("/home/me@work/a.toml")),
+        ("sim:a b@c/m.toml", SimAddress("a b@c/m.toml")),
+        ("sim:a b@c/m.toml@d@e/s", SimAddress("a b@c/m.toml", "d@e/s")),
+        ("sim:contact@a.toml.store", SimAddress("contact", "a.toml.store")),
         ("sim:/home/me@work/a.toml@/home/me@work/s", SimAddress("/home/me@work/a.toml",
                                                                  "/home/me@work/s")),
     ],
@@ -77,6 +82,22 @@ def test_what_an_address_means(text, means):
         ("can0:-1", "a node id from 1 to 127"),
         ("can0:٣", "a node id from 1 to 127"),
         ("can0:5@0", "a node id of this program from 1 to 127 after the @, such as can0:5@125"),
+        ("can0:5@5", "two different node ids, got 5 for the axis and for this program; give this "
+                     "program another one after the @, such as can0:5@126"),
+        ("can0@1", "two different node ids, got 1 for the axis"),
+        ("can0:126", "two different node ids, got 126 for the axis and for this program; give this "
+                     "program another one after the @, such as can0:126@125"),
+        ("LCM:2", "lcm:AXIS or lcm:AXIS@URL, such as lcm:2"),
+        ("lcm2", "lcm:AXIS"),
+        ("lcm0:1", "lcm:AXIS"),
+        ("Lcm@udpm://here", "lcm:AXIS"),
+        ("tcp", "tcp://HOST/UNIT"),
+        ("TCP", "tcp://HOST/UNIT"),
+        ("TCP://here/3", "tcp://HOST/UNIT"),
+        ("serial", "serial:DEVICE:UNIT"),
+        ("Serial:/dev/ttyUSB0:3", "serial:DEVICE:UNIT"),
+        ("sim", "sim:EXPERIMENT"),
+        ("SIM:contact", "sim:EXPERIMENT"),
         ("can0/5", "the address of an axis, such as can0:5"),
         ("a_name_that_is_long:5", "the address of an axis"),
         ("http://here", "the address of an axis"),
@@ -142,6 +163,8 @@ def test_every_address_is_read_as_it_is_written_and_most_need_no_quotes():
         # These names are other kinds of address, or end like one.
         if isinstance(made, CanAddress) and (made.interface == "lcm" or text.endswith(".toml")):
             continue
+        if isinstance(made, CanAddress) and (made.number or 1) == (made.own_node or 126):
+            continue
         last = made.device.rpartition("/")[2] if isinstance(made, SerialAddress) else ""
         if ":" in last and "." not in last.rpartition(":")[2] and made.number is None:
             continue
@@ -163,13 +186,58 @@ def test_each_address_connects_to_its_axis(monkeypatch):
     parse("tcp://press:1502/3").link()
     parse("serial:/dev/ttyUSB0@19200:3").link(5.0)
     parse("serial:/dev/ttyUSB0").link()
+    parse(f"serial:{BY_PATH}@19200:3").link()
     assert made == [
         ("can0", 1, 126, {}),
         ("can0", 5, 125, {"timeout_s": 3.0}),
         ("tcp://press:1502", 3, {}),
-        ("/dev/ttyUSB0:19200", 3, {"timeout_s": 5.0}),
-        ("/dev/ttyUSB0", 1, {}),
+        ("/dev/ttyUSB0", 3, {"bit_rate": 19_200, "timeout_s": 5.0}),
+        ("/dev/ttyUSB0", 1, {"bit_rate": 115_200}),
+        (BY_PATH, 3, {"bit_rate": 19_200}),
     ]
+
+
+@pytest.mark.parametrize(
+    ("text", "device", "bit_rate"),
+    [
+        (f"serial:{BY_PATH}@19200:3", BY_PATH, 19_200),
+        (f"serial:{BY_PATH}:3", BY_PATH, 115_200),
+        ("serial:/dev/serial/by-id/usb-1:19200-if00:3", "/dev/serial/by-id/usb-1:19200-if00",
+         115_200),
+        ("serial:/dev/odd:9600:3", "/dev/odd:9600", 115_200),
+    ],
+)  # fmt: skip
+def test_a_serial_device_is_opened_whatever_its_path(monkeypatch, text, device, bit_rate):
+    opened = []
+
+    class Port:
+        def __init__(self, port, **given):
+            opened.append((port, given["baudrate"]))
+
+        def connect(self):
+            return True
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr("pymodbus.client.ModbusSerialClient", Port)
+    monkeypatch.setattr(scan, "scanned", lambda link, number: number)
+    parse(text).link().close()
+    with pytest.raises(AttributeError, match="read_input_registers"):
+        list(scan.on_bus(bus(parse(text))))
+    assert set(opened) == {(device, bit_rate)}
+
+
+def test_an_axis_in_python_is_opened_at_a_serial_device_with_colons(monkeypatch):
+    opened = []
+    port = SimpleNamespace(connect=lambda: True, close=lambda: None)
+    monkeypatch.setattr(
+        "pymodbus.client.ModbusSerialClient",
+        lambda device, **given: opened.append((device, given["baudrate"])) or port,
+    )
+    Axis.modbus(f"{BY_PATH}:19200", 3)
+    Axis.modbus(BY_PATH, 3)
+    assert set(opened) == {(BY_PATH, 19_200), (BY_PATH, 115_200)}
 
 
 def test_an_axis_is_opened_by_its_address(tmp_path):
@@ -186,4 +254,7 @@ def test_an_axis_is_opened_by_its_address(tmp_path):
 def test_the_bus_of_an_address_has_no_axis():
     axes = ("can0:5", "tcp://h:9/3", "lcm:2@u", "sim:contact")
     assert [str(bus(parse(text))) for text in axes] == ["can0", "tcp://h:9", "lcm@u", "sim:contact"]
+    meant = ("can0:5", "can0:1", "tcp://h:9/1", "serial:/dev/x@300:1", "lcm@u", "sim:contact")
+    given = ("can0:5", "can0", "tcp://h:9", "serial:/dev/x@300", "lcm@u", "sim:contact")
+    assert [str(address.numbered(parse(text))) for text in given] == list(meant)
     assert address.examples(("can", "lcm")) == "can0:5 or lcm:2"

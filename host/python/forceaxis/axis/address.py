@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 NUMBERS = range(1, 128)  # numbers of nodes, units and axes
 DEFAULT_NUMBER = 1
 PORTS = range(1, 65536)
+OWN_NODE = 126  # default node id of this program; 127 is a gateway's
 BIT_RATES = range(300, 4_000_001)  # bit rates of a serial line in bit/s
 INTERFACE_LENGTH = 15  # longest name of a network interface in Linux
 
@@ -34,12 +35,21 @@ CAN = re.compile(r"([A-Za-z][\w.-]*)(?::(?!//)([^@]*))?(?:@(.*))?", re.ASCII)
 TCP = re.compile(r"tcp://(\[[\w:.%]+\]|[^:/@?#\[\]\s]+)(?::([^/]*))?(?:/(.*))?")
 SERIAL = re.compile(r"serial:(/[^@]+?)(?:@([^:]*))?(?::([^:./]*))?")
 LCM = re.compile(r"lcm(?::([^@]*))?(?:@(.+))?")
-SIM = re.compile(r"sim:([^@/]+|.+?\.toml)(?:@(.+))?")
+SIM = re.compile(r"sim:(.+?\.toml|[^@/]+)(?:@(.+))?")
+# The words of the other kinds of address, which would also be names of a CAN interface.
+NOT_CAN = re.compile(r"(lcm|tcp|serial|sim)\d*(?:[:@].*)?", re.ASCII | re.IGNORECASE | re.DOTALL)
+# What an address of each of these kinds looks like.
+FORMS = {
+    "tcp": "tcp://HOST/UNIT or tcp://HOST:PORT/UNIT, such as tcp://192.168.1.5/3",
+    "serial": "serial:DEVICE:UNIT or serial:DEVICE@BITRATE:UNIT, such as serial:/dev/ttyUSB0:3",
+    "lcm": "lcm:AXIS or lcm:AXIS@URL, such as lcm:2",
+    "sim": "sim:EXPERIMENT, a name or a path ending in .toml, such as sim:press/contact.toml",
+}
 
 
 @dataclass(frozen=True)
 class CanAddress:
-    """A node on a CAN interface. `own_node`: node id of this program, by default can.OWN_NODE."""
+    """A node on a CAN interface. `own_node`: node id of this program, by default OWN_NODE."""
 
     kind: ClassVar[str] = "can"
     example: ClassVar[str] = "can0:5"
@@ -54,7 +64,7 @@ class CanAddress:
         """Connects to the axis, and returns the open connection. `timeout_s`: longest time in s to
         wait for an answer, by default that of the kind of connection. Raises InputError, and over
         Modbus NoAnswer."""
-        from forceaxis.axis.can import OWN_NODE, CanLink
+        from forceaxis.axis.can import CanLink
 
         node = self.number or DEFAULT_NUMBER
         return CanLink(self.interface, node, self.own_node or OWN_NODE, **_within(timeout_s))
@@ -96,14 +106,11 @@ class SerialAddress:
     def __str__(self) -> str:
         return f"serial:{self.device}{_part('@', self.bit_rate)}{_part(':', self.number)}"
 
-    @property
-    def url(self) -> str:
-        return f"{self.device}{_part(':', self.bit_rate)}"
-
     def link(self, timeout_s: float | None = None) -> Link:
-        from forceaxis.axis.modbus import ModbusLink
+        from forceaxis.axis.modbus import BAUD_RATE, ModbusLink
 
-        return ModbusLink(self.url, self.number or DEFAULT_NUMBER, **_within(timeout_s))
+        unit, rate = self.number or DEFAULT_NUMBER, self.bit_rate or BAUD_RATE
+        return ModbusLink(self.device, unit, bit_rate=rate, **_within(timeout_s))
 
 
 @dataclass(frozen=True)
@@ -194,6 +201,13 @@ def bus(address: Address) -> Address:
     return address if isinstance(address, SimAddress) else replace(address, number=None)
 
 
+def numbered(address: Address) -> Address:
+    """Returns an address on CAN or Modbus with the number of the axis that it means."""
+    if isinstance(address, CanAddress | TcpAddress | SerialAddress):
+        return replace(address, number=address.number or DEFAULT_NUMBER)
+    return address
+
+
 def _can(text: str) -> CanAddress:
     if text.startswith("/dev/"):
         raise _wrong(text, "serial: before a serial device, such as serial:/dev/ttyUSB0:3")
@@ -203,20 +217,30 @@ def _can(text: str) -> CanAddress:
         raise _wrong(
             text, f"a bus before the number of the axis, such as can0:{text} or lcm:{text}"
         )
+    if other := NOT_CAN.fullmatch(text):
+        raise _wrong(text, FORMS[other[1].lower()])
     found = CAN.fullmatch(text)
     if found is None or len(found[1]) > INTERFACE_LENGTH:
         raise _wrong(text, f"the address of an axis, such as {examples()}")
-    return CanAddress(
-        found[1],
-        _integer(text, found[2], NUMBERS, "a node id", "after the colon", "can0:5"),
-        _integer(text, found[3], NUMBERS, "a node id of this program", "after the @", "can0:5@125"),
+    node = _integer(text, found[2], NUMBERS, "a node id", "after the colon", "can0:5")
+    own = _integer(
+        text, found[3], NUMBERS, "a node id of this program", "after the @", "can0:5@125"
     )
+    if (node or DEFAULT_NUMBER) == (own or OWN_NODE):
+        number = node or DEFAULT_NUMBER
+        free = OWN_NODE if number != OWN_NODE else OWN_NODE - 1
+        raise _wrong(
+            text,
+            f"two different node ids, got {number} for the axis and for this program; give this "
+            f"program another one after the @, such as {found[1]}:{number}@{free}",
+        )
+    return CanAddress(found[1], node, own)
 
 
 def _tcp(text: str) -> TcpAddress:
     found = TCP.fullmatch(text)
     if found is None:
-        raise _wrong(text, "tcp://HOST/UNIT or tcp://HOST:PORT/UNIT, such as tcp://192.168.1.5/3")
+        raise _wrong(text, FORMS["tcp"])
     return TcpAddress(
         found[1],
         _integer(text, found[2], PORTS, "a port", "after the colon", "tcp://192.168.1.5:1502/3"),
@@ -227,9 +251,7 @@ def _tcp(text: str) -> TcpAddress:
 def _serial(text: str) -> SerialAddress:
     found = SERIAL.fullmatch(text)
     if found is None:
-        raise _wrong(
-            text, "serial:DEVICE:UNIT or serial:DEVICE@BITRATE:UNIT, such as serial:/dev/ttyUSB0:3"
-        )
+        raise _wrong(text, FORMS["serial"])
     example = "serial:/dev/ttyUSB0@19200:3"
     return SerialAddress(
         found[1],
@@ -241,7 +263,7 @@ def _serial(text: str) -> SerialAddress:
 def _lcm(text: str) -> LcmAddress:
     found = LCM.fullmatch(text)
     if found is None:
-        raise _wrong(text, "lcm:AXIS or lcm:AXIS@URL, such as lcm:2")
+        raise _wrong(text, FORMS["lcm"])
     number = _integer(text, found[1], NUMBERS, "an axis number", "after the colon", "lcm:2")
     return LcmAddress(number, found[2])
 
@@ -249,9 +271,7 @@ def _lcm(text: str) -> LcmAddress:
 def _sim(text: str) -> SimAddress:
     found = SIM.fullmatch(text)
     if found is None:
-        raise _wrong(
-            text, "sim:EXPERIMENT, a name or a path ending in .toml, such as sim:press/contact.toml"
-        )
+        raise _wrong(text, FORMS["sim"])
     return SimAddress(found[1], found[2] or "")
 
 

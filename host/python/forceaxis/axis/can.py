@@ -15,6 +15,7 @@ from typing import BinaryIO
 import numpy as np
 
 from forceaxis._core import InputError
+from forceaxis.axis.address import OWN_NODE
 from forceaxis.axis.drive import COMMAND_BITS, ENABLE
 from forceaxis.axis.link import (
     COMMAND_SOURCES,
@@ -43,7 +44,6 @@ for library in ("can", "canopen"):
 
 NMT_STOPPED, NMT_OPERATIONAL, NMT_START = 4, 5, 1
 START_S = 2.0  # longest time in s until a node that was started answers
-OWN_NODE = 126  # 127 is a gateway's
 RIVAL_LISTEN_S = 0.5
 REQUEST_ID, ANSWER_ID, HEARTBEAT_ID = 0x600, 0x580, 0x700
 TEXT_INDICES = range(0x1008, 0x100B)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pymodbus.pdu import ModbusPDU
 
 TCP_URL = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
-SERIAL_URL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
+SERIAL_URL = re.compile(r"(/.+?)(?::([0-9]{3,7}))?")  # a path may contain colons
 BAUD_RATE = 115_200  # baud rate, the default of the firmware, for 8 data bits and even parity
 PARITIES = "EN"
 # total size in bytes of cycle_data_1 to _16, which is also that of the head of an update
@@ -50,8 +50,9 @@ EXCEPTIONS = {
 }
 
 
-def client(url: str, timeout_s: float = 1.0) -> "ModbusBaseSyncClient":
-    """Returns a connected pymodbus client. Raises InputError, NoAnswer."""
+def client(url: str, timeout_s: float = 1.0, bit_rate: int | None = None) -> "ModbusBaseSyncClient":
+    """Returns a connected pymodbus client. With `bit_rate`, in bit/s, `url` is the path of a
+    serial device. Raises InputError, NoAnswer."""
     tcp, serial = TCP_URL.fullmatch(url), SERIAL_URL.fullmatch(url)
     if tcp is None and serial is None:
         raise ParameterError(
@@ -72,10 +73,10 @@ def client(url: str, timeout_s: float = 1.0) -> "ModbusBaseSyncClient":
         port = int(tcp[2] or 502)
         made = [ModbusTcpClient(tcp[1].strip("[]"), port=port, timeout=timeout_s, retries=0)]
     elif serial is not None:
-        baud = int(serial[2] or BAUD_RATE)
+        device, baud = (url, bit_rate) if bit_rate else (serial[1], int(serial[2] or BAUD_RATE))
         # Parity is off for a pseudo-terminal, which cannot be opened with parity.
         made = [
-            ModbusSerialClient(serial[1], baudrate=baud, parity=p, timeout=timeout_s, retries=0)
+            ModbusSerialClient(device, baudrate=baud, parity=p, timeout=timeout_s, retries=0)
             for p in PARITIES
         ]
     for one in made:
@@ -119,14 +120,16 @@ def _adjacent(names: Iterable[str]) -> Iterator[list[str]]:
 
 
 class ModbusLink(Link):
-    """A Modbus unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". Objects without a register, and
-    recordings, are refused before a request is sent. A thread repeatedly writes the watchdog.
-    Raises InputError, NoAnswer."""
+    """A Modbus unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". With `bit_rate`, in bit/s, `url`
+    is the path of a serial device. Objects without a register, and recordings, are refused before a
+    request is sent. A thread repeatedly writes the watchdog. Raises InputError, NoAnswer."""
 
     source = COMMAND_SOURCES.index("modbus")
 
-    def __init__(self, url: str, unit: int = 1, timeout_s: float = 1.0) -> None:
-        self.client = client(url, timeout_s)
+    def __init__(
+        self, url: str, unit: int = 1, timeout_s: float = 1.0, bit_rate: int | None = None
+    ) -> None:
+        self.client = client(url, timeout_s, bit_rate)
         self.where = f"unit {unit} at {url}"
         self._unit, self._lock = unit, threading.Lock()
         self._low_first: bool | None = None

@@ -69,10 +69,14 @@ def scanned(link: Link, number: int | None = None) -> ScannedAxis:
 
 def on_bus(address: Address) -> Iterator[ScannedAxis]:
     """Yields each axis of the bus at an address. Raises InputError, NoAnswer."""
+    from forceaxis.axis.modbus import BAUD_RATE
+
     if isinstance(address, CanAddress):
         yield from on_can(address.interface)
-    elif isinstance(address, TcpAddress | SerialAddress):
+    elif isinstance(address, TcpAddress):
         yield from on_modbus(address.url)
+    elif isinstance(address, SerialAddress):
+        yield from on_modbus(address.device, address.bit_rate or BAUD_RATE)
     elif isinstance(address, LcmAddress):
         yield from at_gateway(address.url)
     else:
@@ -132,11 +136,12 @@ def on_can(
         yield found
 
 
-def on_modbus(url: str) -> Iterator[ScannedAxis]:
-    """Yields each Modbus unit 1 to 127 that answers a request."""
+def on_modbus(url: str, bit_rate: int | None = None) -> Iterator[ScannedAxis]:
+    """Yields each Modbus unit 1 to 127 that answers a request. `url`, `bit_rate`: as in
+    modbus.client()."""
     from forceaxis.axis.modbus import ModbusLink, client
 
-    answering = client(url, UNIT_TIMEOUT_S)
+    answering = client(url, UNIT_TIMEOUT_S, bit_rate)
     try:
         from pymodbus.exceptions import ModbusException
 
@@ -152,4 +157,4 @@ def on_modbus(url: str) -> Iterator[ScannedAxis]:
     finally:
         answering.close()
     for unit in numbers:
-        yield scanned(ModbusLink(url, unit), unit)
+        yield scanned(ModbusLink(url, unit, bit_rate=bit_rate), unit)
