@@ -33,6 +33,14 @@ def printable(text: str, keep: str = "") -> str:
     return _OBEYED.sub(lambda c: c[0] if c[0] in keep else ascii(c[0])[1:-1], text)
 
 
+def number(text: str | float) -> float:
+    """Returns the number that a user has written. Raises ValueError, also for the underscores with
+    which Python groups digits: 1_0 is a typing error for 1.0 and not 10."""
+    if "_" in str(text):
+        raise ValueError(f"{text}: expected a number without underscores")
+    return float(text)
+
+
 def counted(number: int, noun: str) -> str:
     """Returns a number with a noun in singular or plural: "1 mode", "2 modes"."""
     return f"{number} {noun}{'' if number == 1 else 's'}"

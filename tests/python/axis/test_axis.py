@@ -141,7 +141,7 @@ def test_what_the_axis_refuses_is_status_1():
         (["--on", "lcm"], "--on: lcm: expected the number of an axis, such as lcm:2"),
         (["--on", "lcm:1", "--set", "a=1"], "--set: expected a simulated axis together with"),
         (["--on", "nocan7"], "--on: nocan7: expected a CAN interface that is up"),
-        (["--on", "can0:126"], "node 126, own node 126: expected two different node ids"),
+        (["--on", "can0:126"], "--on: can0:126: expected two different node ids"),
         (["--on", "http://x"], "--on: http://x: expected the address of an axis, such as can0:5"),
         (["--on", "sim:nowhere.toml"], "nowhere.toml"),
     ],
@@ -486,7 +486,7 @@ def test_an_enabled_axis_of_another_client_is_shared_only_if_wanted(axis, monkey
     with pytest.raises(
         Refused,
         match="the axis is operation enabled by another client of this bus; end that client, or "
-        "stop the axis with `stop_axis`",
+        r"stop the axis with `axis.stop\(\)`",
     ):
         other.acquire()
     other.acquire(shared=True)
@@ -521,7 +521,7 @@ def test_a_fault_is_named_in_words_with_the_command_that_resets_it(axis):
     done = forceaxis("axis", "move", *SIM, "5000", "--speed", "2000")
     told = "; `forceaxis axis reset --on sim:sim/experiments/contact.toml` resets the fault"
     assert refusal(done, 1).endswith(told)
-    resets = r"; reset_fault\(\) resets the fault$"
+    resets = r"; `axis.reset_fault\(\)` resets the fault$"
     with pytest.raises(NoAnswer, match=f"fault force_max.*{resets}"):
         actions.move(axis, 5000, 2000)
     for enabling in (

@@ -233,7 +233,7 @@ def test_can_a_node_that_nmt_has_stopped_is_named_and_started(stopped):
     local.value("controlword").raw = 0
     link = CanLink("virtual", 1, bus=bus, timeout_s=0.3)
     try:
-        with pytest.raises(NoAnswer, match=r"stopped by NMT .*`start_node`"):
+        with pytest.raises(NoAnswer, match=r"stopped by NMT .*`axis.start\(\)`"):
             link.read(["force"])
         with pytest.raises(NoAnswer, match="stopped by NMT"):
             link.acquire()  # starts nobody whom somebody else has stopped
@@ -250,7 +250,7 @@ def test_can_a_scan_names_a_stopped_node_and_the_command_that_starts_it(stopped)
     _, _, bus = stopped
     (found,) = scan.on_can("can7", bus, 0.3)
     assert (found.id, found.state) == (1, "stopped by NMT")
-    assert "start the node can7:1 with `start_node`" in found.note
+    assert "start the node can7:1 with `axis.start()`" in found.note
 
 
 def test_can_another_client_of_the_same_channel_is_named_before_a_cycle(node):
@@ -323,7 +323,7 @@ class Registers:
 @pytest.fixture
 def registers(monkeypatch):
     made = Registers()
-    monkeypatch.setattr(modbus, "client", lambda url, timeout_s: made)
+    monkeypatch.setattr(modbus, "client", lambda *_: made)
     return made
 
 

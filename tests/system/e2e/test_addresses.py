@@ -2,17 +2,23 @@
 takes, where the environment names the axis, and what the options before --on are told."""
 
 import contextlib
+import json
 import os
 import shlex
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import click
 import pytest
+import verbs
 from click.shell_completion import BashComplete
 from forceaxis._core import InputError
 from forceaxis.axis import address, scan
+from forceaxis.axis.axis import Axis
+from forceaxis.axis.link import NoAnswer
 from forceaxis.bus import sources
 from forceaxis.cli import flash, live_options, main
 
@@ -140,15 +146,133 @@ def test_an_axis_of_the_environment_is_named_before_anything_is_connected(
     monkeypatch.setenv("FORCEAXIS_AXIS", ADDRESSES[kind])
     with pytest.raises(ReachedError) as done:
         call(example(name))
-    if name == "monitor":  # shows all axes
-        assert str(done.value) == "lcm"
-        return
     text = named(name, kind)
     assert str(done.value) == text
-    assert capsys.readouterr().err.splitlines()[0] == f"axis {ADDRESSES[kind]} from FORCEAXIS_AXIS"
-    with pytest.raises(ReachedError) as done:  # --on is stronger
-        call([*example(name), "--on", text])
-    assert "FORCEAXIS_AXIS" not in capsys.readouterr().err
+    what = "bus" if name in BUS_ONLY else "axis"
+    assert capsys.readouterr().err.splitlines()[0] == f"{what} {text} from FORCEAXIS_AXIS"
+    for environment in (ADDRESSES[kind], "wrong address"):  # --on is stronger
+        monkeypatch.setenv("FORCEAXIS_AXIS", environment)
+        with pytest.raises(ReachedError) as done:
+            call([*example(name), "--on", text])
+        assert str(done.value) == text
+        assert "FORCEAXIS_AXIS" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("line", "environment", "told"),
+    [
+        ("axis get force", "can0", "axis can0:1"),
+        ("axis stop", "tcp://h", "axis tcp://h/1"),
+        ("axis tare", "serial:/dev/ttyUSB0@300", "axis serial:/dev/ttyUSB0@300:1"),
+        ("axis list", "can0:7", "bus can0"),
+        ("monitor --once", "lcm:2@udpm://h:1", "axis lcm:2@udpm://h:1"),
+        ("monitor --once", "lcm@udpm://h:1", "bus lcm@udpm://h:1"),
+    ],
+)
+def test_the_address_of_the_environment_is_printed_with_the_number_that_it_means(
+    call, capsys, monkeypatch, line, environment, told
+):
+    monkeypatch.setenv("FORCEAXIS_AXIS", environment)
+    with pytest.raises(ReachedError) as done:
+        call(line.split())
+    assert capsys.readouterr().err.splitlines()[0] == f"{told} from FORCEAXIS_AXIS"
+    assert str(done.value) == told.partition(" ")[2]
+
+
+def test_a_monitor_refuses_an_axis_of_the_environment_that_no_gateway_publishes(call, monkeypatch):
+    monkeypatch.setenv("FORCEAXIS_AXIS", "can0:5")
+    with pytest.raises(
+        InputError, match=r"^FORCEAXIS_AXIS: can0:5: expected .* such as lcm:2, bec"
+    ):
+        call(["monitor", "--once"])
+
+
+@pytest.mark.parametrize("on", [[], ["--on", "lcm"], ["--on", "can0"]])
+def test_a_list_of_a_bus_refuses_parameters_of_a_simulated_axis(call, on):
+    with pytest.raises(InputError, match="--set: expected a simulated axis together with this"):
+        call(["axis", "list", *on, "--set", "nonsense=1"])
+
+
+def test_a_fleet_with_a_wrong_address_is_refused_before_the_first_is_updated(call):
+    for wrong in ("can0:5@5", "can0:126", "can0@1"):
+        with pytest.raises(InputError, match=f"--on: {wrong}: expected two different node ids"):
+            call(["flash", "a.update", "--on", "can0:1", "--on", wrong])
+
+
+def test_a_fleet_at_an_interface_that_does_not_exist_updates_no_axis(monkeypatch, tmp_path):
+    updated = []
+    monkeypatch.setattr(flash, "update_records", lambda _file: [])
+    monkeypatch.setattr("forceaxis.axis.update.update", lambda *given: updated.append(given))
+
+    def link(own, *_):
+        if own.interface == "can9":
+            raise InputError("can9: expected a CAN interface that is up")
+        if own.number == 2:  # switched off, which is no reason not to begin
+            raise NoAnswer("node 2")
+        return contextlib.ExitStack()
+
+    monkeypatch.setattr(address.CanAddress, "link", link)
+    (tmp_path / "a.update").write_text("")
+    words = ["flash", tmp_path / "a.update", "--on", "can0:1", "--on", "can0:2", "--on", "can9:3"]
+    done = verbs.forceaxis(*words)
+    assert (done.returncode, updated) == (2, []) and "can9: expected" in done.stderr
+
+
+def test_a_stop_of_several_axes_waits_for_none_of_them(monkeypatch):
+    stopped = threading.Event()
+    stop = Axis.stop
+
+    def noted(axis):
+        done = stop(axis)
+        stopped.set()
+        return done
+
+    def dead(_own, *_):
+        raise NoAnswer("it is dead" if stopped.wait(60) else "it was waited for")
+
+    def wrong(*_):
+        raise InputError("expected a CAN interface that is up")
+
+    monkeypatch.setattr(Axis, "stop", noted)
+    monkeypatch.setattr(address.LcmAddress, "link", dead)
+    monkeypatch.setattr(address.CanAddress, "link", wrong)
+    monkeypatch.setenv("FORCEAXIS_AXIS", "sim:contact_unstable")
+    on = [w for text in ("lcm:1", "can0", "sim:contact", "can0:1", "sim:hold_biquad")
+          for w in ("--on", text)]  # fmt: skip
+    done = verbs.forceaxis("axis", "stop", *on)
+    assert done.returncode == 1
+    assert sorted(done.stderr.splitlines()) == [
+        "forceaxis: can0:1: expected a CAN interface that is up",
+        "forceaxis: lcm:1: it is dead",
+    ]
+    told = sorted(line.split(",")[0] for line in done.stdout.splitlines())
+    assert told == [
+        f"sim:{name}: stopped: switch on disabled" for name in ("contact", "hold_biquad")
+    ]
+    done = verbs.forceaxis("axis", "stop", *on[4:6], *on[8:], "--json")
+    assert done.returncode == 0
+    rows = [json.loads(line) for line in done.stdout.splitlines()]
+    assert {row["axis"]: row["state"] for row in rows} == dict.fromkeys(
+        ("sim:contact", "sim:hold_biquad"), "switch on disabled"
+    )
+
+
+def test_the_axes_of_one_modbus_line_are_stopped_one_after_the_other(monkeypatch):
+    within, most, lock = [], [], threading.Lock()
+
+    def link(own, *_):
+        with lock:
+            within.append(own)
+            most.append(len(within))
+        time.sleep(0.05)
+        with lock:
+            within.remove(own)
+        raise NoAnswer("off")
+
+    monkeypatch.setattr(address.SerialAddress, "link", link)
+    on = [word for unit in range(1, 6) for word in ("--on", f"serial:/dev/ttyUSB0:{unit}")]
+    done = verbs.forceaxis("axis", "stop", *on)
+    assert (done.returncode, len(done.stderr.splitlines()), set(most)) == (1, 5, {1})
 
 
 @pytest.mark.parametrize("name", sorted(set(VERBS) - OPTIONAL))
@@ -189,6 +313,17 @@ def test_the_options_before_on_are_told_the_line_to_type(call, name):
         ("axis get --node 3 force", "instead, such as --on can0:5"),
         ("axis get --can can0 --axis 2 force", "instead, such as --on can0:5"),
         ("axis get --sim contact --lcm-url u force", "instead, such as --on can0:5"),
+        ("axis get --can c0 --node 1 --node 2 force", "write `forceaxis axis get --on c0:2 force`"),
+        ("axis stop --can c0 --node 1 --node 2", "`forceaxis axis stop --on c0:1 --on c0:2`"),
+        ("axis stop --can", "instead, such as --on can0:5"),
+        ("axis stop --can --json", "instead, such as --on can0:5"),
+        ("axis stop --can=", "instead, such as --on can0:5"),
+        (
+            "axis get --can can0 --node 200 force",
+            "instead; --on: can0:200: expected a node id from 1 to 127 after the colon, such as "
+            "can0:5",
+        ),
+        ("axis capture --modbus tcp://h force", "because a recording cannot be read over Modbus"),
     ],
 )
 def test_a_former_option_is_told_what_it_became(call, line, told):
@@ -197,10 +332,45 @@ def test_a_former_option_is_told_what_it_became(call, line, told):
     assert refused.value.format_message().endswith(told)
 
 
+@pytest.mark.parametrize(
+    ("line", "new", "more"),
+    [
+        ("bringup --modbus /dev/ttyACM0", "axis bringup --on serial:/dev/ttyACM0", ""),
+        ("incident --axis 1", "axis incident --on lcm:1", ""),
+        ("incident --can can0 --node 3 --clear", "axis incident --on can0:3 --clear", ""),
+        ("log info x.log", "recording info x.log", ""),
+        (
+            "bringup --node 3",
+            "axis bringup --node 3",
+            "; --node: expected the option --on ADDRESS instead, such as --on can0:5",
+        ),
+        ("replay x --lcm-url u", "recording replay x --lcm-url u", "; No such option '--lcm-url'."),
+        (
+            "compliance m --adc-bits 12",
+            "loop compliance m --adc-bits 12",
+            "; --adc-bits: expected loop compliance without this option; give a model with this "
+            "number of bits",
+        ),
+    ],
+)
+def test_a_moved_command_is_told_all_that_has_changed_at_once(call, line, new, more):
+    with pytest.raises(InputError) as told:
+        call(line.split())
+    assert str(told.value) == (
+        f"{line.split()[0]}: expected the present name of this command, `forceaxis {new}`, got its "
+        f"earlier name{more}"
+    )
+
+
 def test_what_needs_no_axis_does_not_ask_the_environment(call, monkeypatch, capsys):
     monkeypatch.setenv("FORCEAXIS_AXIS", "wrong address")
-    for line in ("measure nowhere", "incident --file nowhere.json", "flash axis1.toml"):
-        with pytest.raises((InputError, click.UsageError, OSError)) as refused:
+    for line in (
+        "measure nowhere",
+        "axis incident --file nowhere.json",
+        "flash axis1.toml",
+        "monitor --replay nowhere.log --once",
+    ):
+        with pytest.raises((InputError, click.UsageError, OSError, ReachedError)) as refused:
             call(line.split())
         assert "FORCEAXIS_AXIS" not in f"{refused.value}{capsys.readouterr().err}"
 

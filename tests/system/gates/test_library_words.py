@@ -2,12 +2,14 @@
 
 import ast
 import itertools
+import json
 import re
 from pathlib import Path
 
 import click
 import pytest
 import verbs
+from forceaxis.axis.axis import Axis
 from forceaxis.cli import common, main, moved
 from forceaxis.pages import template
 from forceaxis.pages.commands import ACTIONS, with_commands
@@ -154,7 +156,19 @@ def test_each_action_that_the_library_names_is_a_command_that_exists():
         for word in itertools.takewhile(str.islower, words.split()):
             command = command.get_command(click.Context(command), word)
             assert command is not None, words
-    assert with_commands("a `reset_fault` b `force`") == "a `forceaxis axis reset` b `force`"
+    text = "a `axis.reset_fault()` b `force` `list_objects`"
+    assert with_commands(text) == "a `forceaxis axis reset` b `force` `forceaxis objects`"
+    with_axis = "a `forceaxis axis reset --on can0:5` b `force` `forceaxis objects`"
+    assert with_commands(text, "--on can0:5") == with_axis
+
+
+def test_a_method_of_an_axis_that_a_text_names_exists():
+    named = {
+        name for path in library() for name in re.findall(r"`axis\.(\w+)\(\)`", path.read_text())
+    }
+    assert {"stop", "start", "reset_fault"} <= named
+    for name in named:
+        assert callable(getattr(Axis, name)) and f"axis.{name}()" in ACTIONS
 
 
 def test_a_page_has_commands_for_actions_and_escapes_the_rest():
@@ -171,6 +185,17 @@ def test_json_has_options_for_parameters(capsys):
 
     command.main(["--force", "3"], standalone_mode=False)
     assert capsys.readouterr().out == '{"text": "--force is missing, `list_objects`"}\n'
+
+
+def test_json_has_the_address_of_the_axis_in_each_command(capsys):
+    @click.command()
+    def command():
+        common.set_axis_option("""--on 'sim:a"b'""")
+        common.print_json({"text": "then `axis.reset_fault()`"})
+
+    command.main([], standalone_mode=False)
+    text = json.loads(capsys.readouterr().out)["text"]
+    assert text == """then `forceaxis axis reset --on 'sim:a"b'`"""
 
 
 def test_the_program_prints_commands_for_actions_and_options_for_parameters(tmp_path):

@@ -113,7 +113,7 @@ class Axis(Drive):
             )
             raise Refused(
                 f"{self.link.where}: the axis is {now.state} by {whose}; end that client, or stop "
-                "the axis with `stop_axis`"
+                "the axis with `axis.stop()`"
             )
         self.link.acquire()
         self._owned = True
@@ -136,6 +136,17 @@ class Axis(Drive):
         finally:
             self.link.close()
         return done
+
+    def stop(self) -> actions.AxisStatus:
+        """Stops the axis by a quick stop, even if another client owns the axis. Waits until the
+        axis is disabled, or at standstill if `quick_stop_option` keeps the axis enabled. Returns
+        the state of the axis. Raises NoAnswer, Refused."""
+        return actions.stop(self)
+
+    def start(self) -> None:
+        """Starts a node that NMT has stopped, so that it answers again. Enables no drive. Raises
+        NoAnswer, and Refused over Modbus, which has no NMT."""
+        self.link.start()
 
     def press(
         self,

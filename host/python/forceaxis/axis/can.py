@@ -67,7 +67,7 @@ MOST_BYTES, MOST_DOMAIN_BYTES = 256, 1 << 20
 READ_TRIES = 2
 ABORT_TOO_LONG = 0x06070012  # SDO abort code: the object is longer than expected
 STOPPED = (
-    "the node is stopped by NMT and answers nothing; start it with `start_node`, which "
+    "the node is stopped by NMT and answers nothing; start it with `axis.start()`, which "
     "enables no drive"
 )
 STRUCT_FORMATS = {"u8": "<B", "i8": "<b", "u16": "<H", "i16": "<h", "u32": "<I", "i32": "<i"}

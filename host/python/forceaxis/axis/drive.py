@@ -25,8 +25,8 @@ COMMAND_BITS = ENABLE | FAULT_RESET  # bits that command a state
 DISABLE_VOLTAGE = 0  # the only controlword that ends a latched quick stop
 TARGET_REACHED = mask("statusword", "reached")
 ACKNOWLEDGED = mask("statusword", "acknowledged")
-# End of the error text for an axis with a fault. The command line writes its own command here.
-FAULT_REMEDY = "; reset_fault() resets the fault"
+# End of the error text for an axis with a fault.
+FAULT_REMEDY = "; `axis.reset_fault()` resets the fault"
 # Longest time in s from the controlword to the disabled state, including the ramp of a stop.
 DISABLE_TIMEOUT_S = 2.0
 

@@ -24,7 +24,7 @@ NMT_STOPPED, NMT_SILENT = 4, -1  # NMT states of a node
 HEARTBEAT_ID = 0x700
 # Sentences for the user about a node that answers no request.
 STOPPED_STATE = "stopped by NMT"
-NODE_STOPPED = "start the node {address} with `start_node`; this enables no drive"
+NODE_STOPPED = "start the node {address} with `axis.start()`; this enables no drive"
 GATEWAY_STARTS = "the gateway starts the node by itself; this enables no drive"
 GATEWAY_HEARS_NOTHING = "no message from the node; check power and bus of the axis"
 NODE_ANSWERS_S = 0.5  # time in s in which the nodes of a CAN bus must answer

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import fnmatch
 import sys
 import textwrap
+import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import click
 
 from forceaxis import objects
 from forceaxis._core import InputError
+from forceaxis.axis import address as addresses
+from forceaxis.axis.address import Address, LcmAddress, SerialAddress, SimAddress, TcpAddress
 from forceaxis.cli import live_options
 from forceaxis.cli.common import (
     Object,
@@ -34,12 +42,14 @@ from forceaxis.cli.live_options import (
     owned,
     warn_of_newtons,
 )
+from forceaxis.pages.commands import with_commands
 from forceaxis.results import to_json
 
 if TYPE_CHECKING:
-    from forceaxis.axis.actions import PressSample
+    from forceaxis.axis.actions import AxisStatus, PressSample
     from forceaxis.axis.axis import Axis
     from forceaxis.axis.scan import ScannedAxis
+    from forceaxis.results import Convertible
 
 
 @click.group(
@@ -122,11 +132,16 @@ def print_state(axis: Axis, prefix: str, as_json: bool, **more: float) -> None:
     if as_json:
         print_json({**to_json(now), **more})
     else:
-        click.echo(fitted(
-            f"{prefix}: {now.state}, mode {now.mode}, fault {now.fault}, position "
-            f"{now.position} encoder counts{in_mm(axis, now.position)}, force "
-            f"{now.force_N:.4g} N ({now.force:.4g} force counts)", 2
-        ))  # fmt: skip
+        click.echo(fitted(state_text(axis, prefix, now), 2))
+
+
+def state_text(axis: Axis, prefix: str, now: AxisStatus) -> str:
+    """Return the text line about a state of the axis."""
+    return (
+        f"{prefix}: {now.state}, mode {now.mode}, fault {now.fault}, position "
+        f"{now.position} encoder counts{in_mm(axis, now.position)}, force "
+        f"{now.force_N:.4g} N ({now.force:.4g} force counts)"
+    )
 
 
 @axis.command(
@@ -160,16 +175,25 @@ def list_axes(connection: AxisConnection, as_json: bool) -> None:
 def scanned(connection: AxisConnection) -> list[ScannedAxis]:
     """Return the axes found on the bus of a connection. Raises InputError for several buses, or for
     the number of one axis in --on."""
-    from forceaxis.axis import address, scan
-    from forceaxis.axis.address import LcmAddress
+    from forceaxis.axis import scan
 
-    found = connection.chosen()
-    if len(found.addresses) > 1 or any(one.number for one in connection.addresses):
-        bus = address.bus(found.address)
+    found = connection.chosen(is_bus=True)
+    if len(found.addresses) > 1 or any(one.number for one in found.addresses):
+        bus = addresses.bus(found.address)
         raise InputError(f"expected the address of one bus, without an axis, such as --on {bus}")
     if found.is_simulated:
         return [scan.scanned(found.link())]
-    return list(scan.on_bus(address.bus(found.address) if found.addresses else LcmAddress()))
+    bus = found.address if found.addresses else LcmAddress()
+    return [with_address(bus, row) for row in scan.on_bus(bus)]
+
+
+def with_address(bus: Address, row: ScannedAxis) -> ScannedAxis:
+    """Return the row about an axis of a bus, in which each command of the note has the address of
+    the axis."""
+    if row.note is None or row.id is None or isinstance(bus, SimAddress):
+        return row
+    on = AxisConnection((dataclasses.replace(bus, number=row.id),)).options()
+    return dataclasses.replace(row, note=with_commands(row.note, on))
 
 
 def table_of(rows: Sequence[ScannedAxis]) -> Iterator[str]:
@@ -236,20 +260,73 @@ def set_objects(connection: AxisConnection, words: Sequence[str], as_json: bool)
         print_result(back, as_json, lambda: "\n".join(lines(axis, back)))
 
 
-@axis.command(epilog="forceaxis axis stop --on can0:3")
-@live
+@axis.command(
+    epilog="""forceaxis axis stop --on can0:3
+    forceaxis axis stop --on can0:1 --on can0:2 --on lcm:7"""
+)
+@live_options.options(is_repeatable=True)
 @as_json
 def stop(connection: AxisConnection, as_json: bool) -> None:
-    """Stop the axis by a quick stop, even if another client owns the axis.
+    """Stop one or more axes by a quick stop, even if another client owns the axis.
 
-    The object quick_stop_option selects whether the axis stops by a ramp or at once.
-    Before the owner can enable the axis again, it has to send a controlword that does not enable.
+    Several axes are stopped at the same time, those of one Modbus line one after the other. If an
+    axis cannot be reached, the others are stopped all the same; the exit status is then 1. --json
+    prints one object for each axis.
+
+    The object quick_stop_option selects whether the axis stops by a ramp or at once. Before the
+    owner can enable the axis again, it has to send a controlword that does not enable.
     """
-    from forceaxis.axis import actions
+    each = connection.several()
+    if len(each) == 1:
+        with connected(each[0]) as axis:
+            axis.stop()
+            print_state(axis, "stopped", as_json)
+        return
+    buses: dict[Address, threading.Lock] = {}  # a Modbus line has one connection at a time
+    failed = False
+    with ThreadPoolExecutor(len(each)) as pool:
+        jobs = []
+        for one in each:
+            is_line = isinstance(one.address, TcpAddress | SerialAddress)
+            line = addresses.bus(one.address) if is_line else one.address
+            jobs.append(pool.submit(stop_one, one, buses.setdefault(line, threading.Lock())))
+        for job in as_completed(jobs):
+            done = job.result()
+            if isinstance(done, StoppedAxis):
+                print_result(done.result(), as_json, partial(fitted, done.text, 2))
+            else:
+                failed = True
+                click.echo(f"forceaxis: {done}", err=True)
+    if failed:
+        sys.exit(1)
 
-    with connected(connection) as axis:
-        actions.stop(axis)
-        print_state(axis, "stopped", as_json)
+
+@dataclass(frozen=True)
+class StoppedAxis:
+    """One of several axes that `forceaxis axis stop` has stopped."""
+
+    axis: str  # its address
+    state: AxisStatus
+    text: str
+
+    def result(self) -> dict[str, Convertible]:
+        """Return the address and the state for --json."""
+        return {"axis": self.axis, **vars(self.state)}
+
+
+def stop_one(connection: AxisConnection, line: threading.Lock) -> StoppedAxis | str:
+    """Stop one of several axes. Return its state, or the text of the error. An error belongs to
+    this axis alone, because the other axes have to be stopped all the same."""
+    from forceaxis.axis.axis import Axis
+
+    where = str(connection.address)
+    try:
+        with line, contextlib.closing(Axis(connection.link())) as axis:
+            now = axis.stop()
+            return StoppedAxis(where, now, state_text(axis, f"{where}: stopped", now))
+    except Exception as error:
+        text = with_commands(str(error) or repr(error), connection.options())
+        return f"{where}: {' '.join(text.split())}"
 
 
 @axis.command(epilog="forceaxis axis start --on can0:3")

@@ -3,6 +3,7 @@
 import os
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -21,7 +22,7 @@ from forceaxis.cli.common import (
     print_json,
     show,
 )
-from forceaxis.cli.live_options import Kinds, on_option
+from forceaxis.cli.live_options import ENVIRONMENT, AxisConnection, Kinds, on_option
 from forceaxis.errors import expect_package
 
 if TYPE_CHECKING:
@@ -46,8 +47,9 @@ LOOPBACK, WEB_PORT, FOXGLOVE_PORT = "127.0.0.1", 8780, 8765
 )
 @on_option(
     GATEWAYS,
-    "Show only this axis, lcm:2, or another LCM bus, lcm@URL or lcm:2@URL. Default: all axes of "
-    "the bus LCM_DEFAULT_URL, else of that of liblcm, this machine.",
+    "Show only this axis, lcm:2, or another LCM bus, lcm@URL or lcm:2@URL. Default: "
+    f"{ENVIRONMENT}, else all axes of the bus LCM_DEFAULT_URL, else of that of liblcm, this "
+    "machine.",
 )
 @click.option(
     "--record",
@@ -125,7 +127,7 @@ def monitor(
     /lcm/AXIS_1_STATE carries the bytes of the same messages. The command prints the address, and
     the file of a layout for axis 1. SIGINT or SIGTERM ends it.
     """
-    bus = one_bus(on)
+    bus = LcmAddress() if replay and not on else one_bus(on)
     url, axis = bus.url, bus.number
     is_server, has_address = web or foxglove, host is not None or port is not None
     expect_without("--replay", replay and (record or url), "neither --record nor lcm@URL")
@@ -151,7 +153,7 @@ def monitor(
         if record:
             source.record(record)
         if once:
-            snapshot(watch, source, axis, seconds, as_json)
+            snapshot(watch, source, bus, seconds, as_json)
             return
         if not web:
             from forceaxis.bus.monitor import Monitor
@@ -167,11 +169,12 @@ def monitor(
 
 
 def one_bus(on: tuple[Address, ...]) -> LcmAddress:
-    """Return the address of the option --on, or that of all axes on the default LCM bus. Raises
-    UsageError for several addresses."""
+    """Return the address of the option --on or of the environment variable FORCEAXIS_AXIS, or that
+    of all axes on the default LCM bus. Raises UsageError for several addresses, and InputError."""
     if len(on) > 1:
         raise click.UsageError(f"--on: expected one address, got {len(on)}")
-    return next((one for one in on if isinstance(one, LcmAddress)), LcmAddress())
+    found = AxisConnection(on, accepted=GATEWAYS).chosen().addresses
+    return next((one for one in found if isinstance(one, LcmAddress)), LcmAddress())
 
 
 def expect_without(option: str, wrong: object, others: str) -> None:
@@ -239,7 +242,7 @@ def serve_foxglove(
 
 
 def snapshot(
-    watch: "Watch", source: "Source", axis: int | None, seconds: float, as_json: bool
+    watch: "Watch", source: "Source", bus: LcmAddress, seconds: float, as_json: bool
 ) -> None:
     """Print the latest state of each axis. Exit with status 1 if no state was received, or if an
     axis is silent."""
@@ -251,6 +254,7 @@ def snapshot(
         source.play_all()
     else:
         time.sleep(seconds)
+    axis = bus.number
     shown = watch.snapshot(source.name, source.now_us(), axis, source.trouble)
     if as_json:
         print_json(shown)
@@ -260,11 +264,13 @@ def snapshot(
         which = "an axis" if axis is None else f"axis {axis}"
         within = "" if replayed else f" within {seconds:g} s; is its gateway running?"
         click.echo(f"forceaxis: {source.name}: expected a state of {which}{within}", err=True)
-    silent = ", ".join(number for number, state in shown.axes.items() if state.silent)
+    silent = [number for number, state in shown.axes.items() if state.silent]
     if silent:
+        one = AxisConnection((replace(bus, number=int(silent[0])),)).options()
         click.echo(
-            f"forceaxis: {source.name}: expected live axes, axis {silent} is silent; check power "
-            "and bus of the axis, and start a stopped node with `forceaxis axis start`",
+            f"forceaxis: {source.name}: expected live axes, axis {', '.join(silent)} is silent; "
+            "check power and bus of the axis, and start a stopped node with `forceaxis axis start "
+            f"{one}`",
             err=True,
         )
     if silent or not shown.axes:

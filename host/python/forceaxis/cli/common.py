@@ -4,6 +4,7 @@ types, error messages, progress and colours."""
 import contextlib
 import io
 import json
+import math
 import os
 import re
 import shutil
@@ -23,7 +24,7 @@ from forceaxis._core import InputError
 from forceaxis.cli import former_options
 from forceaxis.errors import ParameterError
 from forceaxis.pages.commands import with_commands
-from forceaxis.words import printable, suggestion
+from forceaxis.words import number, printable, suggestion
 
 if TYPE_CHECKING:
     from forceaxis.experiments.link import LinkOptions
@@ -43,7 +44,8 @@ OWN_SEQUENCES = re.compile("((?:\r?\x1b\\[(?:0|1|22|3[0-9]|39|9[0-7])?m|\r\x1b\\
 class Printed(io.TextIOWrapper):
     """A standard stream for output to a terminal. Control sequences in texts from buses and files
     are printed as visible characters, so that these texts cannot change the terminal. The colours
-    of the program are still shown. Actions that texts of the library name become commands."""
+    of the program are still shown. Actions that texts of the library name become commands, with
+    the axis of the present command."""
 
     def __init__(self, stream: TextIO) -> None:
         super().__init__(
@@ -53,10 +55,25 @@ class Printed(io.TextIOWrapper):
     def write(self, text: str) -> int:
         """Write `text` to the stream, with control sequences from other programs as visible
         characters. Return the length of `text`."""
-        pieces = OWN_SEQUENCES.split(with_commands(text))
+        pieces = OWN_SEQUENCES.split(with_commands(text, axis_option()))
         pieces[::2] = [printable(piece, keep="\n\t\r") for piece in pieces[::2]]
         super().write("".join(pieces))
         return len(text)
+
+
+AXIS_OPTION = "forceaxis.axis_option"  # key in the data of a command
+
+
+def set_axis_option(option: str) -> None:
+    """State the option that selects the axis of the present command, such as "--on can0:5"."""
+    if context := click.get_current_context(silent=True):
+        context.meta[AXIS_OPTION] = option
+
+
+def axis_option() -> str:
+    """Return the option that selects the axis of the present command, or "" without an axis."""
+    context = click.get_current_context(silent=True)
+    return str(context.meta.get(AXIS_OPTION, "")) if context else ""
 
 
 @contextlib.contextmanager
@@ -240,13 +257,13 @@ class Positive(click.ParamType[float]):
         self, value: str | float, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
         try:
-            number = float(value)
+            found = number(value)
         except ValueError:
-            number = float("nan")
-        if not self.low <= number <= self.high:
+            found = math.nan
+        if not self.low <= found <= self.high:
             text = f"expected a number from {self.low:g} to {self.high:g}, got {value}"
             self.fail(text, param, ctx)
-        return number
+        return found
 
 
 class File(click.Path):
@@ -535,6 +552,8 @@ def print_json(result: "Convertible") -> None:
 
     done_waiting()
     text = json.dumps(to_json(result), allow_nan=False)
+    if option := axis_option():
+        text = with_commands(text, json.dumps(option)[1:-1])
     context = click.get_current_context(silent=True)
     click.echo(options_in(context.command, text) if context else text)
 

@@ -1,6 +1,7 @@
 """`forceaxis flash`: write an image of the firmware to the flash memory of a board, through a debug
 probe or over the bus of the axis."""
 
+import contextlib
 import functools
 import shlex
 import sys
@@ -97,6 +98,7 @@ class MemoryAddress(click.ParamType[int]):
     UPDATED,
     f"Address of an axis to update over its bus: {examples(UPDATED.kinds)}. Repeatable: the axes "
     f"are updated one after the other. Default, for a FILE ending in .update: {ENVIRONMENT}.",
+    is_repeatable=True,
 )
 @click.option(
     "--new-table",
@@ -223,11 +225,16 @@ def update_fleet(
 ) -> None:
     """Update axes over their bus, one after the other, and print what happened. The exit status is
     1 after the first axis that fails."""
+    from forceaxis.axis.link import NoAnswer, Refused
     from forceaxis.axis.update import UpdateFailedError, update
 
+    if len(axes) > 1:
+        for axis in axes:  # a wrong address is refused before the first axis is updated
+            with contextlib.suppress(NoAnswer, Refused):
+                axis.link(ANSWER_MAX_S).close()
     done: list[UpdateResult] = []
-    with errors():
-        for axis in axes:
+    for axis in axes:
+        with errors(AxisConnection((axis,))):
             try:
                 found = update(functools.partial(axis.link, ANSWER_MAX_S), records, new_table)
             except UpdateFailedError as error:

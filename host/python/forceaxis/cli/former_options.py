@@ -2,9 +2,13 @@
 with `--on`."""
 
 import shlex
+from collections import deque
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import click
+
+from forceaxis._core import InputError
 
 FORMER = frozenset(
     (
@@ -21,29 +25,71 @@ FORMER = frozenset(
 )
 
 
+class Former(NamedTuple):
+    """The earlier options among the arguments of a command. `names`: these options. `words`: the
+    arguments with --on in their place, or None if their values name no axis of this command.
+    `reason`: why not, or ""."""
+
+    names: list[str]
+    words: list[str] | None = None
+    reason: str = ""
+
+
+def found_in(command: click.Command, words: Sequence[str]) -> Former | None:
+    """Return the earlier options in `words`, the arguments of a command, or None if the command has
+    no option --on or `words` no earlier option."""
+    from forceaxis.cli.live_options import AxisAddress
+
+    kind = next((o.type for o in command.params if isinstance(o.type, AxisAddress)), None)
+    if kind is None:
+        return None
+    former = FORMER - {name for option in command.params for name in option.opts}
+    given: dict[str, list[str]] = {}
+    rest: list[str] = []
+    place = 0  # of --on among the other words
+    remaining = deque(words)
+    is_whole = True
+    while remaining:
+        word = remaining.popleft()
+        name, equals, value = word.partition("=")
+        if word == "--" or name not in former:
+            rest += [word, *remaining] if word == "--" else [word]
+            if word == "--":
+                break
+            continue
+        place = place if given else len(rest)
+        if not equals and remaining and not remaining[0].startswith("--"):
+            value = remaining.popleft()
+        is_whole = is_whole and value != ""
+        given.setdefault(name, []).append(value)
+    if not given:
+        return None
+    on = addresses(given) if is_whole else []
+    on = on if kind.is_repeatable else on[-1:]  # an earlier option given twice had its last value
+    try:
+        for address in on:
+            kind.address("--on", address)
+    except InputError as error:
+        return Former([*given], None, f"; {error}")
+    if not on:
+        return Former([*given])
+    options = [word for address in on for word in ("--on", address)]
+    return Former([*given], [*rest[:place], *options, *rest[place:]])
+
+
 def expect_none(context: click.Context, words: Sequence[str]) -> None:
     """Raise UsageError if `words`, the arguments of a command, contain an option that the command
     no longer has. If the values of the option name an axis, the message shows the same command with
     --on."""
-    former = FORMER - {name for option in context.command.params for name in option.opts}
-    given: dict[str, list[str]] = {}
-    rest: list[str] = []
-    place = 0  # of --on among the other words
-    remaining = iter(words)
-    for word in remaining:
-        name, equals, value = word.partition("=")
-        if word == "--" or name not in former:
-            rest += [word, *remaining] if word == "--" else [word]
-            continue
-        place = place if given else len(rest)
-        given.setdefault(name, []).append(value if equals else next(remaining, ""))
-    if not given:
+    former = found_in(context.command, words)
+    if former is None:
         return
-    found = addresses(given)
-    on = [word for address in found for word in ("--on", address)]
-    example = shlex.join([*rest[:place], *on, *rest[place:]])
-    told = f"; write `{context.command_path} {example}`" if found else ", such as --on can0:5"
-    raise click.UsageError(f"{', '.join(given)}: expected the option --on ADDRESS instead{told}")
+    told = former.reason or ", such as --on can0:5"
+    if former.words is not None:
+        told = f"; write `{context.command_path} {shlex.join(former.words)}`"
+    raise click.UsageError(
+        f"{', '.join(former.names)}: expected the option --on ADDRESS instead{told}"
+    )
 
 
 def addresses(given: Mapping[str, Sequence[str]]) -> list[str]:

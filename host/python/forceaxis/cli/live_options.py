@@ -22,7 +22,7 @@ from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.axis import address as addresses
 from forceaxis.axis.address import Address, LcmAddress, SimAddress
-from forceaxis.cli.common import Callback, Subject, fail, set_option
+from forceaxis.cli.common import Callback, Subject, fail, set_axis_option, set_option
 from forceaxis.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -58,8 +58,8 @@ class AxisAddress(click.ParamType[Address]):
 
     name = "address"
 
-    def __init__(self, accepted: Kinds = ANY) -> None:
-        self.accepted = accepted
+    def __init__(self, accepted: Kinds = ANY, is_repeatable: bool = False) -> None:
+        self.accepted, self.is_repeatable = accepted, is_repeatable
 
     def convert(
         self, value: str | Address, param: click.Parameter | None, ctx: click.Context | None
@@ -127,7 +127,7 @@ class AxisConnection:
 
     @property
     def is_simulated(self) -> bool:
-        return isinstance(next(iter(self.addresses), None), SimAddress)
+        return bool(self.addresses) and all(isinstance(a, SimAddress) for a in self.addresses)
 
     @property
     def address(self) -> Address:
@@ -135,16 +135,36 @@ class AxisConnection:
         one address."""
         return self.addresses[0]
 
-    def chosen(self) -> AxisConnection:
+    def chosen(self, is_bus: bool = False) -> AxisConnection:
         """Return this connection. If the user gave no option --on and the environment variable
         FORCEAXIS_AXIS exists, return a connection with the address in this variable, and print the
-        address, because the user has not named the axis in this command. Raises InputError."""
+        address with the number of the axis, because the user has not named the axis in this
+        command. `is_bus`: the address of the bus in place of that of the axis. Raises
+        InputError."""
         text = os.environ.get(ENVIRONMENT)
-        if self.addresses or not text:
-            return self
-        found = AxisAddress(self.accepted).address(ENVIRONMENT, text)
-        click.echo(f"axis {text} from {ENVIRONMENT}", err=True)
-        return dataclasses.replace(self, addresses=(found,), source=ENVIRONMENT)
+        found = self
+        if text and not self.addresses:
+            address = AxisAddress(self.accepted).address(ENVIRONMENT, text)
+            address = addresses.bus(address) if is_bus else addresses.numbered(address)
+            has_axis = isinstance(address, SimAddress) or address.number is not None
+            click.echo(f"{'axis' if has_axis else 'bus'} {address} from {ENVIRONMENT}", err=True)
+            found = dataclasses.replace(self, addresses=(address,), source=ENVIRONMENT)
+        if found.overrides and not found.is_simulated and (found.addresses or is_bus):
+            raise InputError(
+                "--set: expected a simulated axis together with this option; add --on "
+                "sim:EXPERIMENT or remove --set"
+            )
+        return found
+
+    def several(self) -> list[AxisConnection]:
+        """Return the connections to one or more axes, one for each different address of chosen().
+        Raises InputError."""
+        found = self.chosen()
+        each = [
+            dataclasses.replace(found, addresses=(one,))
+            for one in dict.fromkeys(map(addresses.numbered, found.addresses))
+        ]
+        return [one.one() for one in each] or [found.one()]
 
     def one(self) -> AxisConnection:
         """Return the connection to exactly one axis: the result of chosen(). Raises InputError."""
@@ -157,11 +177,6 @@ class AxisConnection:
         if isinstance(found.address, LcmAddress) and found.address.number is None:
             raise InputError(
                 f"{found.source}: {found.address}: expected the number of an axis, such as lcm:2"
-            )
-        if self.overrides and not found.is_simulated:
-            raise InputError(
-                "--set: expected a simulated axis together with this option; add --on "
-                "sim:EXPERIMENT or remove --set"
             )
         return found
 
@@ -194,23 +209,27 @@ class AxisConnection:
         return f"--on {shlex.quote(str(address))}"
 
 
-def on_option(accepted: Kinds = ANY, help_text: str = "") -> Callable[[Callback], Callback]:
+def on_option(
+    accepted: Kinds = ANY, help_text: str = "", is_repeatable: bool = False
+) -> Callable[[Callback], Callback]:
     """Return a decorator that adds the option --on to a command. The function of the command
-    receives a tuple of addresses as the parameter `on`."""
+    receives a tuple of addresses as the parameter `on`. `is_repeatable`: the command takes several
+    addresses, and not only to refuse them."""
+    example = addresses.examples(accepted.kinds)
+    repeated = " Repeatable." if is_repeatable else ""
     return click.option(
         "--on",
         multiple=True,
-        type=AxisAddress(accepted),
+        type=AxisAddress(accepted, is_repeatable),
         metavar="ADDRESS",
-        help=help_text
-        or f"Address of the axis: {addresses.examples(accepted.kinds)}. Default: {ENVIRONMENT}.",
+        help=help_text or f"Address of the axis: {example}. Default: {ENVIRONMENT}.{repeated}",
     )
 
 
-def options(accepted: Kinds = ANY) -> Callable[[LiveVerb[P]], Verb]:
+def options(accepted: Kinds = ANY, is_repeatable: bool = False) -> Callable[[LiveVerb[P]], Verb]:
     """Return a decorator that adds the options of a connection to a command. The function of the
     command receives the values of the options as an `AxisConnection`, which may have no address or
-    several."""
+    several. `is_repeatable`: as in on_option()."""
 
     def decorated(command: LiveVerb[P]) -> Verb:
         @functools.wraps(command)
@@ -226,7 +245,7 @@ def options(accepted: Kinds = ANY) -> Callable[[LiveVerb[P]], Verb]:
         if "sim" in accepted.kinds:
             text = "A parameter of the model. For a simulated axis: as in `forceaxis run`."
             found = set_option(text)(found)
-        return on_option(accepted)(found)
+        return on_option(accepted, is_repeatable=is_repeatable)(found)
 
     return decorated
 
@@ -307,7 +326,7 @@ def warn_of_newtons(axis: Axis, connection: AxisConnection) -> None:
         click.echo(
             f"forceaxis: warning: {axis.link.where}: {scale} was never set, so forces in N are "
             "wrong unless the sensor has this scale; set force_scale, or use "
-            "`forceaxis axis calibrate`",
+            f"`forceaxis axis calibrate {connection.options()}`",
             err=True,
         )
 
@@ -323,20 +342,23 @@ def owned(connection: AxisConnection, shared: bool = False) -> Iterator[Axis]:
 
 @contextlib.contextmanager
 def errors(connection: AxisConnection | None = None) -> Iterator[None]:
-    """During a `with` block: if the axis refuses a request or does not respond, print one text line
-    and exit with status 1."""
+    """During a `with` block: if the axis refuses a request or a step, or does not respond, print
+    one text line and exit with status 1. Each command that a text of the library names then has the
+    address of the axis, because the environment variable may select another one."""
     from forceaxis.axis.link import NoAnswer, Refused
 
+    if connection is not None:
+        set_axis_option(connection.options())
     try:
         yield
     except (Refused, NoAnswer) as error:
-        text = str(error)
-        if connection is not None:
-            text = text.replace("reset_fault()", "`forceaxis axis reset`")
-            for verb in ("reset", "start", "stop"):
-                command = f"`forceaxis axis {verb}"
-                text = text.replace(f"{command}`", f"{command} {connection.options()}`")
-        fail(text, status=1)
+        fail(str(error), status=1)
+    except Exception as error:
+        from forceaxis.commission.refusal import Refusal
+
+        if isinstance(error, Refusal):
+            fail(str(error), status=1)
+        raise
 
 
 def _terminate(number: int, _frame: FrameType | None) -> None:

@@ -108,10 +108,7 @@ class Program(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and args[0] in moved.COMMANDS:
-            raise InputError(
-                f"{args[0]}: expected the present name of this command, "
-                f"`{moved.present_line(args)}`, got its earlier name"
-            )
+            raise InputError(moved.told(args, ctx))
         if args and args[0] not in WORDS and not args[0].startswith("-"):
             raise click.exceptions.NoSuchCommand(args[0], possibilities=WORDS, ctx=ctx)
         return super().resolve_command(ctx, args)
@@ -153,10 +150,9 @@ def with_help(error: click.ClickException) -> str:
     text = error.format_message()
     context = getattr(error, "ctx", None)
     if isinstance(error, click.exceptions.NoSuchOption) and context:
+        if instead := moved.gone(error):
+            return instead
         known = [name for option in context.command.params for name in option.opts]
-        command = context.command_path.removeprefix("forceaxis ")
-        if instead := moved.GONE.get((command, error.option_name)):
-            return f"{error.option_name}: expected {command} without this option; {instead}"
         if error.option_name in moved.LAW_OPTIONS and "--law" in known:
             line = moved.present_line(sys.argv[1:])
             return f"{error.option_name}: expected `{line}`, got an earlier option"

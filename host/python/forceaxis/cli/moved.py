@@ -4,6 +4,10 @@ spelling."""
 import shlex
 from collections.abc import Sequence
 
+import click
+
+from forceaxis.cli import former_options
+
 # The present words of each command that has moved, by its earlier words.
 COMMANDS = {
     **{
@@ -48,14 +52,53 @@ GONE = {
 def present_line(arguments: Sequence[str]) -> str:
     """Return the present spelling of a command line. `arguments`: the command line with earlier
     spellings, beginning with the command."""
+    return shlex.join(["forceaxis", *_present_words(arguments)])
+
+
+def _present_words(arguments: Sequence[str]) -> list[str]:
     command, *rest = arguments
     words = COMMANDS.get(command, command).split()
-    if words[0] == "loop":
-        rest = _with_one_law(rest)
-    return shlex.join(["forceaxis", *words, *rest])
+    return [*words, *(with_one_law(rest) if words[0] == "loop" else rest)]
 
 
-def _with_one_law(arguments: Sequence[str]) -> list[str]:
+def told(arguments: Sequence[str], context: click.Context) -> str:
+    """Return the error message about a command that has moved: the whole present command line, and
+    what else is wrong with it. `context` is that of the program."""
+    words = _present_words(arguments)
+    count, command, parent = 0, context.command, context
+    while isinstance(command, click.Group) and count < len(words):
+        found = command.get_command(parent, words[count])
+        if found is None:
+            break
+        command, parent = found, click.Context(found, info_name=words[count], parent=parent)
+        count += 1
+    former = former_options.found_in(command, words[count:])
+    if former and former.words is not None:
+        words[count:] = former.words
+    more = ""
+    try:
+        former_options.expect_none(parent, words[count:])
+        command.make_parser(parent).parse_args(words[count:])
+    except click.UsageError as error:
+        more = f"; {gone(error) or error.format_message()}"
+    line = shlex.join(["forceaxis", *words])
+    return (
+        f"{arguments[0]}: expected the present name of this command, `{line}`, got its earlier "
+        f"name{more}"
+    )
+
+
+def gone(error: click.UsageError) -> str | None:
+    """Return what a user does without the option of a usage error, if its command had this option
+    earlier. Otherwise return None."""
+    if not isinstance(error, click.exceptions.NoSuchOption) or error.ctx is None:
+        return None
+    command = error.ctx.command_path.removeprefix("forceaxis ")
+    instead = GONE.get((command, error.option_name))
+    return instead and f"{error.option_name}: expected {command} without this option; {instead}"
+
+
+def with_one_law(arguments: Sequence[str]) -> list[str]:
     """Return `arguments` with one option --law, at the place of the first option of a control law,
     in place of --law and of the earlier options."""
     kept: list[str] = []
@@ -69,7 +112,10 @@ def _with_one_law(arguments: Sequence[str]) -> list[str]:
         place = len(kept) if place is None else place
         value = value if equals else next(rest, "")
         if option == "--law":
-            name, _, more = value.partition(":")
+            first, colon, more = value.partition(":")
+            if not colon and "=" in value:
+                first, more = "", value
+            name = first or name
             pairs += [more] if more else []
         else:
             pairs.append(f"{LAW_OPTIONS[option]}={value}")

@@ -243,8 +243,8 @@ class MotionCheck:
         fault, by = found.fault, found.stopped_by
         if fault != "none":
             hint = FAULT_CAUSES.get(fault, "find its cause")
-            self._done("faults", "failed", f"{_words(fault)}: {hint}, then `axis reset`", fault,
-                       "none")  # fmt: skip
+            self._done("faults", "failed", f"{_words(fault)}: {hint}, then `axis.reset_fault()`",
+                       fault, "none")  # fmt: skip
         else:
             self._done("faults", "passed", "none" if by == "nobody" else f"none, stopped by {by}",
                        fault, "none")  # fmt: skip

@@ -165,7 +165,7 @@ def _expect_axis_of_model(tuning: TuningFolder, held: AxisSettings, facts: Plant
         left = f"; {REMEDY_AFTER_KILL}" if held.fault in ORPHANED else ""
         raise Refusal(
             "fault", f"expected an axis without a fault, got {held.fault}; "
-            f"`reset_fault` resets the fault{left}"
+            f"`axis.reset_fault()` resets the fault{left}"
         )  # fmt: skip
     if facts.reading is None or facts.encoder is None or not facts.contacts:
         raise InputError(

@@ -3,8 +3,12 @@
 import re
 
 # Each action that the library names between backticks, and the command that does this action.
+# The actions `axis...()` are methods of Axis.
 # The library does not know the command line.
 ACTIONS = {
+    "axis.reset_fault()": "axis reset",
+    "axis.start()": "axis start",
+    "axis.stop()": "axis stop",
     "convert_log": "recording convert",
     "critical_gain": "loop limit",
     "design_law": "design",
@@ -20,19 +24,24 @@ ACTIONS = {
     "plant_unit": "fmu plant",
     "read_incident": "axis incident",
     "read_results": "cycle result EXPERIMENT --out FOLDER",
-    "reset_fault": "axis reset",
     "run_experiment": "run",
     "start_cycle": "cycle start EXPERIMENT --out FOLDER",
-    "start_node": "axis start",
-    "stop_axis": "axis stop",
     "test_experiments": "test",
     "write_image": "flash",
     "write_objects": "axis set",
 }
-_ACTION = re.compile(f"`({'|'.join(ACTIONS)})`")
+_ACTION = re.compile(f"`({'|'.join(map(re.escape, ACTIONS))})`")
+ON_AN_AXIS = ("axis ", "cycle ")  # first words of the commands that act on one axis
 
 
-def with_commands(text: str) -> str:
+def with_commands(text: str, on: str = "") -> str:
     """Returns the text in which each action between backticks is replaced by the command of
-    `forceaxis` that does it."""
-    return _ACTION.sub(lambda named: f"`forceaxis {ACTIONS[named[1]]}`", text)
+    `forceaxis` that does it. `on`: the option that selects the axis of which the text tells, for
+    the commands that act on one axis."""
+
+    def command(named: re.Match[str]) -> str:
+        words = ACTIONS[named[1]]
+        has_axis = on and words.startswith(ON_AN_AXIS)
+        return f"`forceaxis {words} {on}`" if has_axis else f"`forceaxis {words}`"
+
+    return _ACTION.sub(command, text)
