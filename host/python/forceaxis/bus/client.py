@@ -39,7 +39,7 @@ from forceaxis.bus.lcm import (
 from forceaxis.bus.messages import axis_capture_t, axis_command_t, axis_event_t, axis_state_t
 from forceaxis.bus.state_names import texts
 from forceaxis.objects import BY_NAME, AxisObject, state_needed
-from forceaxis.words import suggestion
+from forceaxis.words import number, suggestion
 
 # Number of times that a command without an answer is sent within its time-out.
 # If a network loses half of all datagrams, one command of 100,000 gets no answer.
@@ -114,7 +114,7 @@ def to_raw(name: str, value: Value) -> int:
         if known is None:
             raw = int(value, 0) if isinstance(value, str) else int(value)
         else:
-            raw = round(float(value) / known.scale)
+            raw = round(number(value) / known.scale)
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name}: expected {permitted}, got {value}") from None
     if not low <= raw <= high:

@@ -14,6 +14,7 @@ from forceaxis.cli.axis import axis, lines, shown
 from forceaxis.cli.common import Folder, Object, Positive, as_json, print_json, print_result
 from forceaxis.cli.live_options import RECORDED, AxisConnection, live, live_over, owned
 from forceaxis.results import to_json
+from forceaxis.words import number
 
 if TYPE_CHECKING:
     import numpy as np
@@ -82,7 +83,7 @@ def point(text: str) -> tuple[float, float]:
     "COUNT,N". Raises InputError for another text."""
     try:
         count, newton = text.split(",")
-        return float(count), float(newton)
+        return number(count), number(newton)
     except ValueError:
         raise InputError(
             f"--point {text}: expected COUNT,N, a measured force in counts and a reference force "
@@ -100,7 +101,7 @@ def asked(axis: Axis, most: int) -> Iterator[tuple[float, float]]:
         if not text.strip():
             return
         try:
-            newton = float(text)
+            newton = number(text)
         except ValueError:
             raise InputError(f"{text}: expected a force in N as a number") from None
         count = actions.reading(axis)

@@ -13,6 +13,7 @@ from forceaxis.cli.common import File, coloured
 from forceaxis.cli.live_options import AxisConnection, live, owned
 from forceaxis.commission import bringup as steps
 from forceaxis.results import to_json
+from forceaxis.words import number
 
 
 class Terminal:
@@ -41,7 +42,7 @@ class Terminal:
             if not str(answer).strip():
                 return None
             try:
-                return float(answer)
+                return number(answer)
             except ValueError:
                 click.echo(f"  expected a number in {unit}, got {answer}", err=True)
 

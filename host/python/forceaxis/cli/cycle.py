@@ -23,6 +23,7 @@ from forceaxis.cli.common import (
 from forceaxis.cli.live_options import AxisConnection, live, owned
 from forceaxis.errors import ParameterError
 from forceaxis.results import to_json
+from forceaxis.words import number
 
 EXPERIMENT = click.argument("experiment", type=Subject(paths.EXPERIMENTS, as_path=True))
 program_option = click.option(
@@ -115,9 +116,9 @@ def rate(context: click.Context, option: click.Parameter, text: str | None) -> f
     """Return the share from a text such as "1%" or "0.01". Raises InputError for other texts."""
     if text is None:
         return None
-    number, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
+    digits, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
     try:
-        value = float(number) / (100 if percent else 1)
+        value = number(digits) / (100 if percent else 1)
     except ValueError:
         value = -1.0
     if not 0 < value < 1:

@@ -27,6 +27,7 @@ from forceaxis.cli.common import (
     set_option,
 )
 from forceaxis.cli.contact import contact
+from forceaxis.words import number
 
 if TYPE_CHECKING:
     from forceaxis.identify.procedures import Estimate, EstimateWithInterval
@@ -45,9 +46,9 @@ class Known(click.ParamType["Estimate"]):
     ) -> Estimate:
         from forceaxis.identify import procedures
 
-        number, _, error = str(value).replace("±", "+-").partition("+-")
+        digits, _, error = str(value).replace("±", "+-").partition("+-")
         try:
-            known = procedures.Estimate(float(number), float(error or 0.0))
+            known = procedures.Estimate(number(digits), number(error or 0.0))
         except ValueError:
             known = procedures.Estimate(0.0, 0.0)
         if not (1e-30 < known.value < 1e30 and 0 <= known.half < known.value):

@@ -1,8 +1,10 @@
 """`forceaxis loop`, the group of commands that analyse a linear model and its force loop, with the
 options that several of these commands have."""
 
+import contextlib
 import functools
 import inspect
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -12,6 +14,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from forceaxis import paths
+from forceaxis.cli import moved
 from forceaxis.cli.common import (
     Callback,
     File,
@@ -24,6 +27,7 @@ from forceaxis.cli.common import (
     print_json,
     set_option,
 )
+from forceaxis.errors import ParameterError
 
 Result = TypeVar("Result", bound="Convertible")
 
@@ -123,9 +127,31 @@ class Law(click.ParamType[str]):
         return found or [CompletionItem(incomplete, type="file")]
 
 
+def one_law(context: click.Context, option: click.Parameter, texts: tuple[str, ...]) -> str | None:
+    """Return the value of the option --law. Raises BadParameter if the option is given twice, with
+    the text of both if they name one law."""
+    if len(texts) < 2:
+        return next(iter(texts), None)
+    from forceaxis.linear.law_text import parse_law
+
+    merged = moved.with_one_law([word for text in texts for word in ("--law", text)])
+    names = {text.partition(":")[0] for text in texts if ":" in text or "=" not in text}
+    example = ""
+    with contextlib.suppress(ParameterError):
+        parse_law(merged[1])
+        example = f", as {shlex.join(merged)}" if len(names) < 2 else ""
+    raise click.BadParameter(
+        f"expected one law with all its keys{example}, got {len(texts)}: {' and '.join(texts)}",
+        context,
+        option,
+    )
+
+
 law_option = click.option(
     "--law",
     type=Law(),
+    multiple=True,
+    callback=one_law,
     metavar="NAME:KEY=VALUE,...|FILE",
     help="Control law: p; pi:integral=RAD_PER_S, k (1 + integral / s); pd:derivative=S, which "
     "differentiates the measured force; lead:zero=HZ,pole=HZ; derivative:derivative=S with a "

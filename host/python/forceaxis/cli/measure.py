@@ -27,6 +27,7 @@ from forceaxis.cli.common import (
     show,
     waiting,
 )
+from forceaxis.words import number
 
 if TYPE_CHECKING:
     from forceaxis.commission.level import MeasuringOrder
@@ -44,7 +45,7 @@ def band(
     if text is None:
         return None
     try:
-        low, high = (float(part) for part in text.split(":"))
+        low, high = (number(part) for part in text.split(":"))
     except ValueError:
         raise InputError(
             f"--band: {text}: expected two frequencies in Hz as LOW:HIGH, with LOW below HIGH"
@@ -58,7 +59,7 @@ def newtons(context: click.Context, option: click.Parameter, text: str | None) -
     if text is None:
         return ()
     try:
-        forces = tuple(float(part) for part in text.split(","))
+        forces = tuple(number(part) for part in text.split(","))
     except ValueError:
         forces = (0.0,)
     if not all(0 < force < 1e6 for force in forces):

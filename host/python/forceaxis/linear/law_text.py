@@ -7,7 +7,7 @@ from typing import NamedTuple
 from forceaxis.errors import ParameterError
 from forceaxis.linear.loops import LAWS, VELOCITY_GAIN
 from forceaxis.linear.settings import FirmwareLaw
-from forceaxis.words import suggestion
+from forceaxis.words import number, suggestion
 
 
 class LawKey(NamedTuple):
@@ -83,20 +83,20 @@ def parse_law(text: str) -> LawText:
                 f"{text}: expected KEY=VALUE with one of the keys {described_keys()}, got "
                 f"{pair or 'nothing'}{suggestion(key, KEYS)}",
             )
-        number = _number(value)
-        if number is None or KEYS[key].parameter in values:
-            got = f"{value or 'none'}" if number is None else "a second one"
+        found = _number(value)
+        if found is None or KEYS[key].parameter in values:
+            got = f"{value or 'none'}" if found is None else "a second one"
             raise ParameterError(
                 "law", f"{text}: expected one number in {KEYS[key].unit} for {key}, got {got}"
             )
-        values[KEYS[key].parameter] = number
+        values[KEYS[key].parameter] = found
     gain, firmware_gain = (values.pop(name, None) for name in ("gain", "firmware_gain"))
     return LawText(name or None, values, gain, firmware_gain)
 
 
 def _number(text: str) -> float | None:
     try:
-        number = float(text)
+        found = number(text)
     except ValueError:
         return None
-    return number if math.isfinite(number) else None
+    return found if math.isfinite(found) else None
