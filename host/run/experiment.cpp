@@ -123,14 +123,19 @@ void read_contact_held(Section &section, const sim::Model &model, Criterion &cri
   }
 }
 
-Criterion read_criterion(Section &section, const sim::Model &model, double duration_s) {
-  section.finish();
-  auto criterion = read_rows<Criterion>(section);
+// Shortens the default window to the duration of the run. Refuses a given window that is longer.
+void fit_window(const Section &section, Criterion &criterion, double duration_s) {
   if (!section.has("window_s")) criterion.window_s = std::min(criterion.window_s, duration_s);
   if (criterion.window_s > duration_s)
     section.fail("window_s", "expected at most the duration of the run, " +
                                  sim::number_text(duration_s) + " s, got " +
                                  sim::number_text(criterion.window_s) + "; shorten the window");
+}
+
+Criterion read_criterion(Section &section, const sim::Model &model, double duration_s) {
+  section.finish();
+  auto criterion = read_rows<Criterion>(section);
+  fit_window(section, criterion, duration_s);
   read_contact_held(section, model, criterion);
   if (model.contacts.empty() && (criterion.peak_force_max_N || criterion.peak_force_max_percent ||
                                  criterion.contact_losses_max))

@@ -45,7 +45,6 @@ EXCEPTIONS = {
     },
     "a file or text with a refusal for each thing that may be wrong in it": {
         "experiment: ExperimentFile::with": 15,
-        "experiment: read_criterion": 13,
         "journal: read_journal": 17,
         "model: read_parameters": 17,
         "node_options: finish_options": 13,
