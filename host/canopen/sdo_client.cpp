@@ -183,11 +183,15 @@ std::optional<Frame> SdoClient::upload_segment(const Frame &answer) {
   return std::nullopt;
 }
 
+bool SdoClient::has_address(const Frame &answer) const {
+  return answer.data[1] == (index_ & 0xFF) && answer.data[2] == index_ >> 8 &&
+         answer.data[3] == sub_;
+}
+
 std::optional<Frame> SdoClient::receive(const Frame &answer) {
   if (!busy() || answer.length != 8) return std::nullopt;
   const unsigned specifier = answer.data[0] >> 5;
-  const bool ours =
-      answer.data[1] == (index_ & 0xFF) && answer.data[2] == index_ >> 8 && answer.data[3] == sub_;
+  const bool ours = has_address(answer);
   if (specifier == kAbort) {
     if (!ours) return std::nullopt;
     result_ = {load_u32(&answer.data[4]), false, {}};

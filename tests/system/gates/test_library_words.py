@@ -24,6 +24,7 @@ NAMED = re.compile(
 )
 OTHER_PROGRAM = re.compile(r"(tools/\w+|npm \w+)\s+--[a-z-]+")
 COMMANDS = "pages/commands.py"  # names of commands for the terminal and for pages
+OPTIONS = "words.py"  # option_words() makes options of a command line from arguments
 GENERATED = "bus/messages"  # from the comments of host/lcm/*.lcm
 pytestmark = pytest.mark.quick
 
@@ -89,7 +90,9 @@ def cpp_library():
 def library():
     files = {path: path.relative_to(PACKAGE).as_posix() for path in sorted(PACKAGE.rglob("*.py"))}
     return [
-        path for path, name in files.items() if not name.startswith(("cli/", COMMANDS, GENERATED))
+        path
+        for path, name in files.items()
+        if not name.startswith(("cli/", COMMANDS, OPTIONS, GENERATED))
     ]
 
 

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, ClassVar, TypeAlias, TypedDict
 
 from forceaxis import paths
 from forceaxis._core import InputError
+from forceaxis.bus import OWN_NODE
 
 if TYPE_CHECKING:
     from forceaxis.axis.link import Link
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 NUMBERS = range(1, 128)  # numbers of nodes, units and axes
 DEFAULT_NUMBER = 1
 PORTS = range(1, 65536)
-OWN_NODE = 126  # default node id of this program; 127 is a gateway's
 BIT_RATES = range(300, 4_000_001)  # bit rates of a serial line in bit/s
 INTERFACE_LENGTH = 15  # longest name of a network interface in Linux
 

@@ -15,7 +15,6 @@ from typing import BinaryIO
 import numpy as np
 
 from forceaxis._core import InputError
-from forceaxis.axis.address import OWN_NODE
 from forceaxis.axis.drive import COMMAND_BITS, ENABLE
 from forceaxis.axis.link import (
     COMMAND_SOURCES,
@@ -25,6 +24,7 @@ from forceaxis.axis.link import (
     Refused,
     reason,
 )
+from forceaxis.bus import OWN_NODE
 from forceaxis.bus.keeper import HeartbeatKeeper
 from forceaxis.errors import ParameterError
 from forceaxis.objects import BY_NAME, REFUSALS

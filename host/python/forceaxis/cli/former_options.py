@@ -4,7 +4,7 @@ with `--on`."""
 import shlex
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, cast
 
 import click
 
@@ -25,6 +25,14 @@ FORMER = frozenset(
 )
 
 
+class AddressType(Protocol):
+    """The type of the option --on of a command (live_options.AxisAddress)."""
+
+    is_repeatable: bool
+
+    def address(self, source: str, text: str) -> object: ...
+
+
 class Former(NamedTuple):
     """The earlier options among the arguments of a command. `names`: these options. `words`: the
     arguments with --on in their place, or None if their values name no axis of this command.
@@ -38,11 +46,10 @@ class Former(NamedTuple):
 def found_in(command: click.Command, words: Sequence[str]) -> Former | None:
     """Return the earlier options in `words`, the arguments of a command, or None if the command has
     no option --on or `words` no earlier option."""
-    from forceaxis.cli.live_options import AxisAddress
-
-    kind = next((o.type for o in command.params if isinstance(o.type, AxisAddress)), None)
-    if kind is None:
+    on_type = next((o.type for o in command.params if "--on" in o.opts), None)
+    if on_type is None:
         return None
+    kind = cast(AddressType, on_type)
     former = FORMER - {name for option in command.params for name in option.opts}
     given: dict[str, list[str]] = {}
     rest: list[str] = []
