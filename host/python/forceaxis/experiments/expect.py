@@ -21,9 +21,8 @@ from forceaxis.experiments.verdicts import NOT_STABLE, VERDICTS
 from forceaxis.linear import posterior
 from forceaxis.toml import TomlValue
 
-TEXT_KEYS = ("verdict", "fault", "cycle", "trace_hash")
-CYCLE_STATES = objects.BY_NAME["cycle_state"].enum
 HELD_FORCE_KEYS = ("held_force_N", "held_force_error_percent")
+LARGEST_NUMBER = 1e18
 
 
 @dataclass(frozen=True)
@@ -37,17 +36,6 @@ class Tolerance:
     def of(self, value: float) -> float:
         """Returns the tolerance of a value in the unit of the value."""
         return self.tolerance + self.relative * abs(value)
-
-
-# Tolerances of numbers for which [expect] gives no tolerance.
-TOLERANCES = {
-    "peak_force_N": Tolerance(relative=0.01),
-    "final_value": Tolerance(relative=0.01),
-    "settle_s": Tolerance(0.01),
-    "overshoot": Tolerance(0.01),
-    "held_force_N": Tolerance(relative=0.01),
-    "held_force_error_percent": Tolerance(0.1),
-}
 
 
 @dataclass(frozen=True)
@@ -64,6 +52,20 @@ class FormatKey:
 
 
 @dataclass(frozen=True)
+class ResultKey(FormatKey):
+    """A key of [expect] whose value is compared with a result of the run.
+
+    `texts`: permitted texts of a key whose value is a text; empty permits any text. `tolerance`:
+    tolerance of a number if [expect] gives none, and None for a text. `low`: smallest number that
+    the result can be. `no_number`: text of the result of a run that has no such number."""
+
+    texts: tuple[str, ...] = ()
+    tolerance: Tolerance | None = None
+    low: float = 0.0
+    no_number: str = ""
+
+
+@dataclass(frozen=True)
 class FormatTable:
     """Description of a table of an experiment and of the table's keys, for docs/guide/reference."""
 
@@ -76,14 +78,148 @@ class FormatTable:
 
 def _number(
     key: str,
+    tolerance: Tolerance,
     meaning: str,
     unit: str = "",
-    range_: str = ">= 0",
-    form: str = "number or { ... }",
-) -> FormatKey:
-    return FormatKey(key, form, "not compared", meaning, unit, range_)
+    low: float = 0.0,
+    no_number: str = "",
+) -> ResultKey:
+    """Returns the row of a number. `meaning` is a sentence without the full stop."""
+    allowed = (
+        f"{100 * tolerance.relative:g} %"
+        if tolerance.relative
+        else f"{tolerance.tolerance:g} {unit}".rstrip()
+    )
+    return ResultKey(
+        key,
+        f'number, {{ ... }} or "{no_number}"' if no_number else "number or { ... }",
+        "not compared",
+        f"{meaning}; tolerance {allowed}.",
+        unit,
+        ">= 0" if low == 0 else "",
+        tolerance=tolerance,
+        low=low,
+        no_number=no_number,
+    )
 
 
+def _text(key: str, form: str, meaning: str, texts: tuple[str, ...] = ()) -> ResultKey:
+    return ResultKey(key, form, "not compared", meaning, texts=texts)
+
+
+# Results of a run that [expect] can name.
+RESULTS = (
+    _text(
+        "verdict",
+        ", ".join(VERDICTS),
+        "Verdict of the run. `unstable` also accepts `not_met` and `never_in_contact`, with a "
+        "warning.",
+        tuple(VERDICTS),
+    ),
+    _text(
+        "fault",
+        "fault or none",
+        "First fault that the firmware has latched.",
+        tuple(objects.BY_NAME["fault"].enum),
+    ),
+    _text(
+        "cycle",
+        "good, bad, aborted, or another value of cycle_state",
+        "State of the part at the end of the run, for an experiment with the program of a cycle.",
+        tuple(objects.BY_NAME["cycle_state"].enum),
+    ),
+    _text("trace_hash", "64 hex digits", "Hash of all codes in all ticks."),
+    _number(
+        "peak_force_N",
+        Tolerance(relative=0.01),
+        "Largest force of all contacts in the run",
+        "N",
+    ),
+    _number(
+        "final_value",
+        Tolerance(relative=0.01),
+        "Mean of `signal` over the last `final_s` seconds",
+        low=-LARGEST_NUMBER,
+    ),
+    _number(
+        "settle_s",
+        Tolerance(0.01),
+        "Time from `from_s` until `signal` stays within the band around its final value",
+        "s",
+        no_number="never",
+    ),
+    _number(
+        "overshoot",
+        Tolerance(0.01),
+        "Largest excess of `signal` over its final value, as a fraction of the step from the value "
+        "at `from_s` to the final value",
+        no_number="undefined",
+    ),
+    _number(
+        "held_force_N",
+        Tolerance(relative=0.01),
+        "Mean of the force measured by ADC 0 over the window of [verdict]",
+        "N",
+        low=-LARGEST_NUMBER,
+    ),
+    _number(
+        "held_force_error_percent",
+        Tolerance(0.1),
+        "Difference of `held_force_N` and the set-point at the end of the run, in per cent of the "
+        "set-point",
+        "percentage points",
+    ),
+)
+RESULT = {row.key: row for row in RESULTS}
+# Tolerances of numbers for which [expect] gives no tolerance.
+TOLERANCES = {row.key: row.tolerance for row in RESULTS if row.tolerance is not None}
+# Keys that define the evaluation of `signal`, and the recordings that are compared.
+EVALUATION = (
+    FormatKey(
+        "signal",
+        "column of the trace",
+        "force of the first contact, else encoder",
+        "Column of which final_value, settle_s and overshoot are computed.",
+    ),
+    FormatKey(
+        "from_s",
+        "number",
+        "0",
+        "Start of the evaluation of `signal`, for instance the time of a disturbance.",
+        "s",
+        ">= 0",
+    ),
+    FormatKey(
+        "final_s",
+        "number",
+        "a tenth of what follows from_s",
+        "Duration at the end of the run over which the mean gives the final value.",
+        "s",
+        ">= 0",
+    ),
+    FormatKey(
+        "recording",
+        "file name or list of file names",
+        "none",
+        "Imported recordings of the real machine, relative to this file. Each is compared "
+        "with the predicted signals, and the test fails if a figure is outside its band.",
+    ),
+    FormatKey(
+        "recording_over",
+        "list of texts",
+        "none",
+        'Uncertainty of parameters for these bands: ["k_w=10%", "b_w=5..20"], '
+        'or ["posterior.json"], relative to this file.',
+    ),
+    FormatKey(
+        "band",
+        "number or { absolute = ... }",
+        "0.05",
+        "Half the settling band: a fraction of the step, or absolute in the unit of `signal`.",
+        "",
+        ">= 0",
+    ),
+)
 FORMAT = (
     FormatTable(
         path="expect",
@@ -91,104 +227,7 @@ FORMAT = (
         meaning="Expected results of the run, which a test compares with the run. A "
         "number without a table has the tolerance that the meaning of its key names. A "
         "`final_value` below 1e-9 of the largest value of `signal` counts as 0.",
-        keys=(
-            _number(
-                "verdict",
-                "Verdict of the run. `unstable` also accepts `not_met` and `never_in_contact`, "
-                "with a warning.",
-                "",
-                "",
-                "stable, unstable, not_met, never_in_contact",
-            ),
-            _number("fault", "First fault that the firmware has latched.", "", "", "fault or none"),
-            _number(
-                "cycle",
-                "State of the part at the end of the run, for an experiment with the program of a "
-                "cycle.",
-                "",
-                "",
-                "good, bad, aborted, or another value of cycle_state",
-            ),
-            _number("trace_hash", "Hash of all codes in all ticks.", "", "", "64 hex digits"),
-            _number(
-                "peak_force_N", "Largest force of all contacts in the run; tolerance 1 %.", "N"
-            ),
-            _number(
-                "final_value",
-                "Mean of `signal` over the last `final_s` seconds; tolerance 1 %.",
-                "",
-                "",
-            ),
-            _number(
-                "settle_s",
-                "Time from `from_s` until `signal` stays within the band around its final value; "
-                "tolerance 10 ms.",
-                "s",
-                form='number, { ... } or "never"',
-            ),
-            _number(
-                "overshoot",
-                "Largest excess of `signal` over its final value, as a fraction of the step from "
-                "the value at `from_s` to the final value; tolerance 0.01.",
-                form='number, { ... } or "undefined"',
-            ),
-            _number(
-                "held_force_N",
-                "Mean of the force measured by ADC 0 over the window of [verdict]; tolerance 1 %.",
-                "N",
-                "",
-            ),
-            _number(
-                "held_force_error_percent",
-                "Difference of `held_force_N` and the set-point at the end of the run, in per cent "
-                "of the set-point; tolerance 0.1 percentage points.",
-            ),
-            FormatKey(
-                "signal",
-                "column of the trace",
-                "force of the first contact, else encoder",
-                "Column of which final_value, settle_s and overshoot are computed.",
-            ),
-            FormatKey(
-                "from_s",
-                "number",
-                "0",
-                "Start of the evaluation of `signal`, for instance the time of a disturbance.",
-                "s",
-                ">= 0",
-            ),
-            FormatKey(
-                "final_s",
-                "number",
-                "a tenth of what follows from_s",
-                "Duration at the end of the run over which the mean gives the final value.",
-                "s",
-                ">= 0",
-            ),
-            FormatKey(
-                "recording",
-                "file name or list of file names",
-                "none",
-                "Imported recordings of the real machine, relative to this file. Each is compared "
-                "with the predicted signals, and the test fails if a figure is outside its band.",
-            ),
-            FormatKey(
-                "recording_over",
-                "list of texts",
-                "none",
-                'Uncertainty of parameters for these bands: ["k_w=10%", "b_w=5..20"], '
-                'or ["posterior.json"], relative to this file.',
-            ),
-            FormatKey(
-                "band",
-                "number or { absolute = ... }",
-                "0.05",
-                "Half the settling band: a fraction of the step, or absolute in the unit of "
-                "`signal`.",
-                "",
-                ">= 0",
-            ),
-        ),
+        keys=(*RESULTS, *EVALUATION),
     ),
     FormatTable(
         path="expect.KEY",
@@ -219,12 +258,6 @@ FORMAT = (
     ),
 )
 KEYS, NUMBER_KEYS = ([key.key for key in table.keys] for table in FORMAT)
-
-# Texts for results that are not numbers: the signal does not settle, or the signal has no step.
-TEXT_RESULTS = {"settle_s": "never", "overshoot": "undefined"}
-# Keys that define the evaluation of `signal`; all other keys are compared with the run.
-EVALUATION_KEYS = ("signal", "from_s", "final_s", "band", "recording", "recording_over")
-LARGEST_NUMBER = 1e18
 
 
 @dataclass(frozen=True)
@@ -393,10 +426,10 @@ class Reader:
     def wanted(self, key: str, value: TomlValue) -> Expected:
         """Returns the expectation of a number: a Number, or a text which states that the number
         does not exist."""
-        low = -LARGEST_NUMBER if key in ("final_value", "held_force_N") else 0.0
-        if isinstance(value, str) and key in TEXT_RESULTS:
-            if value != TEXT_RESULTS[key]:
-                self.fail(key, f'expected a number or "{TEXT_RESULTS[key]}", got "{value}"')
+        low, no_number = RESULT[key].low, RESULT[key].no_number
+        if isinstance(value, str) and no_number:
+            if value != no_number:
+                self.fail(key, f'expected a number or "{no_number}", got "{value}"')
             return value
         if not isinstance(value, dict):
             expected = self.number(key, value, low)
@@ -458,9 +491,9 @@ def read(file: str | Path, table: ExpectTable, has_verdict: bool) -> Expectation
     final_s = table.get("final_s")
     return Expectation(
         wanted={
-            k: v if k in TEXT_KEYS else reader.wanted(k, v)
-            for k, v in table.items()
-            if k not in EVALUATION_KEYS
+            key: reader.wanted(key, value) if key in TOLERANCES else value
+            for key, value in table.items()
+            if key in RESULT
         },
         signal=table.get("signal"),
         from_s=reader.number("from_s", table.get("from_s", 0), 0.0),
@@ -489,12 +522,12 @@ def _texts(reader: Reader, table: ExpectTable, key: str) -> tuple[str, ...]:
 def _check_texts(reader: Reader, table: ExpectTable, has_verdict: bool) -> None:
     """Checks the keys whose values are texts. `has_verdict` is True if the experiment has a table
     [verdict]. Raises InputError."""
-    faults = objects.BY_NAME["fault"].enum
-    for key, texts in (("verdict", VERDICTS), ("cycle", CYCLE_STATES), ("fault", faults)):
-        if key in table and table[key] not in texts:
-            meant = difflib.get_close_matches(str(table[key]), texts, 1)
+    for row in RESULTS:
+        given = table.get(row.key)
+        if given is not None and row.texts and given not in row.texts:
+            meant = difflib.get_close_matches(str(given), row.texts, 1)
             hint = f"; did you mean {meant[0]}?" if meant else ""
-            reader.fail(key, f"expected one of {', '.join(texts)}, got {table[key]!r}{hint}")
+            reader.fail(row.key, f"expected one of {', '.join(row.texts)}, got {given!r}{hint}")
     if "verdict" in table and not has_verdict:
         reader.fail(
             "verdict", "expected a table [verdict] with the limits of a stable run; add this table"
@@ -625,7 +658,7 @@ def unit_of(key: str, signal: str, done: runs.Run) -> str:
     """Returns the unit of the number with this key of [expect]. The key final_value has the unit of
     `signal`."""
     if key != "final_value":
-        return {"N": "N", "s": "s", "percent": "percentage points"}.get(key.rpartition("_")[2], "")
+        return RESULT[key].unit
     if signal in done.units:
         return str(objects.unit_in_words(objects.BY_NAME[signal]))
     return CODES.get(signal) or done.signal_units.get(signal, "")
