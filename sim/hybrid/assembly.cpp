@@ -60,7 +60,8 @@ class Assembly : public Wiring {
     for (const Element &element : elements) add(element);
   }
 
-  // Adds the modes of all structures, whose states follow those of the bodies, and the ports.
+  // Adds the ports and the modes of all structures. The states of these modes follow the states of
+  // the bodies.
   void add_structures(const Model &model) {
     const std::size_t first = coordinates.size();
     for (const Structure &structure : model.structures) add(structure);
@@ -84,7 +85,8 @@ class Assembly : public Wiring {
     }
   }
 
-  // A mode is a body of the modal mass on a spring and a damper to ground.
+  // A structural mode is modelled as a body that has the modal mass. A spring and a damper connect
+  // this body to ground.
   void add_mode(const std::string &structure, std::size_t number, const Structure::Mode &mode) {
     const std::string name = structure + "." + std::to_string(number);
     const int position_state = add_state(name, 0.0);
@@ -169,17 +171,20 @@ class Assembly : public Wiring {
     return link;
   }
 
-  // Force and input of a curve, and an input in its home segment at which its energy is 0.
+  // Wires for the force and the input of a force curve. `zero` is the input in the curve's home
+  // segment at which the stored energy is 0.
   struct Stored {
     Wire force;
     Wire deflection;
     Extended zero;
   };
 
-  // Returns the energy of a force that is a curve of the deflection.
+  // Returns the stored energy of an element whose force is a piecewise-linear curve of its
+  // deflection.
   Product stored(const std::string &name, int segments, const Curve &curve, Stored of) {
-    // The energy in a segment is E = 1/2 (f + f_b) (d - d_b) + E_b. Index b is the end of the
-    // segment that is nearer to the place of the energy 0.
+    // In a segment of the curve, the energy is E = 1/2 (f + f_b) (d - d_b) + E_b with the force f
+    // and the deflection d. Index b marks the end of the segment that is nearer to the deflection
+    // with energy 0.
     std::vector<Terms> first(curve.segments.size());
     std::vector<Terms> second = first;
     std::vector<Terms> base = first;
@@ -213,7 +218,7 @@ class Assembly : public Wiring {
             add_select(segments, std::move(base))};
   }
 
-  // The spring and dashpot in series of a standard linear solid, beside the deflection s.
+  // Wires of the arm of a standard linear solid, which is a spring and a dashpot in series.
   struct Arm {
     Wire force;  ///< force of the spring in N
     Wire rate;   ///< velocity of the dashpot in m/s
@@ -281,8 +286,9 @@ class Assembly : public Wiring {
     name_link(damper.name, {force, none, none, deflection});
   }
 
-  // A contact of a standard linear solid. With w, the extension of the dashpot, the force while it
-  // is pressed is (k + m) d - m w. While it is apart, its surface is where this would be 0.
+  // Adds a contact with the standard linear solid as material. While the contact is pressed, its
+  // force is (k + m) d - m w, where d is the deflection and w is the extension of the dashpot.
+  // While the contact is apart, its surface is at the deflection at which this force would be 0.
   LinkWires add_solid(const Contact &contact, Wire deflection, Wire rate) {
     const Extended k = contact.stiffness.slopes.front();
     const Extended m = contact.maxwell->stiffness;
@@ -303,8 +309,8 @@ class Assembly : public Wiring {
     return link;
   }
 
-  // A contact with hysteresis. The slider moves only while the contact is pressed: a contact that
-  // opens stops it, because the surface without force stays where it is.
+  // Adds a contact with hysteresis. The slider moves only while the contact is pressed. When the
+  // contact opens, the slider stops, because a surface without force stays at its place.
   LinkWires add_hysteresis(const Contact &contact, Wire deflection, Wire rate) {
     const Extended k = contact.stiffness.slopes.front();
     const Extended h = contact.hysteresis->stiffness;
@@ -320,8 +326,9 @@ class Assembly : public Wiring {
     bounds.back()[kPressed] = {{meeting, 0.0, kInfinity, kApart, kPressed}};
     const Wire surface = add_select(index, {{wire(own, -h / k)}, {wire(deflection)}});
     const Wire surface_rate = add_select(index, {{}, {wire(rate)}});
-    // Rates that end the slip in either direction. While the contact is apart they are beyond their
-    // bounds, and the force of the slider is not watched, because it cannot change.
+    // Rates at which the slip of the slider ends, one for each direction. While the contact is
+    // apart, both rates are outside their bounds, so the slip has ended. The force of the slider
+    // cannot change then and is not watched.
     const Wire watched = add_select(index, {{}, {wire(own_force)}});
     const Wire onward = add_select(index, {{constant(-1)}, {wire(rate)}});
     const Wire backward = add_select(index, {{constant(1)}, {wire(rate)}});
@@ -382,8 +389,8 @@ class Assembly : public Wiring {
   }
 
   void add(const Gravity &gravity) {
-    // A model file has gravity on bodies alone. linearise() applies a force to any point in this
-    // way; a point that is not a body then has the mass 1 kg.
+    // In a model file, gravity acts only on bodies. linearise() uses this function to apply a force
+    // to any point. A point that is not a body then has the mass 1 kg.
     const auto place_of_body = static_cast<std::size_t>(gravity.body);
     const double mass = place_of_body < bodies_ ? coordinates[place_of_body].mass : 1.0;
     std::vector<double> forces;
@@ -426,7 +433,7 @@ class Assembly : public Wiring {
     return place;
   }
 
-  // The time is a state that counts ticks, so that it is exact at the ticks.
+  // The time is a state of the plant that counts ticks, so its value at a tick is exact.
   void add(const External &external) {
     constexpr double kTicksPerS = 1500.0;
     if (clock < 0) {
@@ -605,7 +612,8 @@ class Assembly : public Wiring {
     name_signal("drive.voltage", add_select(kEnable, {{wire(back_emf)}, {wire(output)}}));
   }
 
-  // Returns the target of a drive's current within its limits, and adds the current and its force.
+  // Adds the motor of a drive, with its current and its force. Returns the target of the current,
+  // which is limited to the limits of the motor.
   Wire add_drive_motor(const DriveMotor &motor, Wire wanted, Wire speed, Wire *force) {
     const int current = add_state("drive.current", 0.0);
     drive_states.push_back(current);
@@ -623,8 +631,8 @@ class Assembly : public Wiring {
     return target;
   }
 
-  // Returns the target of the current, which is limited further while the mean current is too
-  // large.
+  // Returns the target of the motor current. While the mean current is too large, the target is
+  // limited to a smaller value.
   Wire add_rated(const DriveMotor &motor, int current, Wire wanted, Wire at_peak) {
     const double rated = *motor.rated_current;
     const double rest = 0.5 * rated;
@@ -670,7 +678,8 @@ class Assembly : public Wiring {
     name_signal("drive.integral", add_sum({state(integral)}));
   }
 
-  // The load angle is a state, so that a reset of it at disabling needs no other states.
+  // The load angle is a state, so that it can be reset when the drive is disabled. The reset
+  // changes no other state.
   void add_stepper(const StepperDrive &stepper, Wire speed, Wire *force) {
     const int angle = add_state("drive.load_angle", 0.0);
     drive_states.push_back(angle);

@@ -9,17 +9,20 @@
 
 namespace forceaxis::sim {
 
-/// Rows that give the factors of each power and of each stored energy in one mode. A row multiplies
-/// the vector z.
+/// Rows that compute the powers and the stored energies in one mode. A power is the product of two
+/// factors, for example a force and a velocity. A stored energy is half such a product plus a
+/// constant part. Each row is multiplied by the vector z.
 struct EnergyRows {
-  std::vector<double> first;           ///< first factor of the power of each supply, then of each
-                                       ///< damper
-  std::vector<double> second;          ///< second factor of the power of each supply, then of each
-                                       ///< damper
-  std::vector<double> store_first;     ///< first factor of the energy in each storage element
-  std::vector<double> store_second;    ///< second factor of the energy in each storage element
-  std::vector<double> store_constant;  ///< constant part, in J, of the energy in each storage
-                                       ///< element
+  /// Rows for the first factor of each power: all energy supplies, followed by all dampers.
+  std::vector<double> first;
+  /// Rows for the second factor of each power: all energy supplies, followed by all dampers.
+  std::vector<double> second;
+  /// Rows for the first factor of the energy in each storage element.
+  std::vector<double> store_first;
+  /// Rows for the second factor of the energy in each storage element.
+  std::vector<double> store_second;
+  /// Rows for the constant part, in J, of the energy in each storage element.
+  std::vector<double> store_constant;
 };
 
 EnergyRows energy_rows(const Network &network, const ModeEquations &equations);

@@ -24,7 +24,7 @@ struct Curve {
 
   /// Saturation curve: the output is the input, limited to the range -limit to limit.
   static Curve clamp(double limit);
-  /// The magnitude of the input, and at least `least`.
+  /// Curve whose output is the magnitude of the input, but at least `least`.
   static Curve dead_size(double least);
   /// Odd curve through the origin with the slope `inner` up to the input `corner`, and the slope
   /// `outer` above `corner`. The output is limited to the range -limit to limit. An infinite
@@ -36,8 +36,9 @@ struct Curve {
   /// Curve by linear interpolation between the points (x[k], y[k]). The curve is constant before
   /// the first point and after the last point.
   static Curve interpolated(const std::vector<double> &x, const std::vector<double> &y);
-  /// Curve that meets a sine through the origin at the ends of its segments, `segments` in a period
-  /// of the input. It has `periods` periods on each side and is 0 beyond them.
+  /// Curve that approximates a sine through the origin. Each period of the sine has `segments`
+  /// segments, and the curve meets the sine at their ends. The curve has `periods` periods on each
+  /// side of the origin and is 0 beyond them.
   static Curve sine(double amplitude, double period, int segments, int periods);
 };
 

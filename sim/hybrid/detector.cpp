@@ -55,8 +55,8 @@ bool Detector::calm(const double *z) {
   return true;
 }
 
-// Runs the second test that Mode describes, with the signals in result_, which the quiet test has
-// computed.
+// Runs the second test that is described at Mode. The quiet test must have computed the signals in
+// result_ before.
 bool Detector::passes_second_test(const double *z) {
   return calm_test_(mode_->calm, z, result_.data() + mode_->signal_place, calm_.data(),
                     curve_.data());
@@ -134,8 +134,8 @@ Detector::Verdict Detector::examine(const double *z, std::size_t channel, double
   return verdict;
 }
 
-// Returns the parts of the grid in which the signal of one channel can reach a bound, one bit for
-// each part.
+// Returns the parts of the time grid in which the signal of one channel can reach a bound. The
+// result has one bit for each part.
 std::uint64_t Detector::parts_in_doubt(const double *z, std::size_t channel, std::size_t wanted) {
   const Mode &m = *mode_;
   const std::size_t c = m.columns;

@@ -71,9 +71,10 @@ class Detector {
   bool passes_piece(const double *z, std::size_t halvings);
   /// Returns the state and the ADC signals 2^-halvings ticks after z, without a test.
   const double *end_of_piece(const double *z, std::size_t halvings);
-  /// expect_calm() says that no switch has changed in a tick although quiet() has failed.
-  /// expects_calm() returns true if this was so in the last such tick of the same mode; calm() then
-  /// takes less time than doubtful_parts(). The order of both tests does not affect any result.
+  /// To be called when no switch has changed in a tick although quiet() has failed. expects_calm()
+  /// then returns true if this also happened in the last such tick of the same mode. In this case,
+  /// calm() takes less time than doubtful_parts(). The order of both tests does not affect any
+  /// result.
   void expect_calm() { expected_calm_ = mode_; }
   bool expects_calm() const { return mode_ == expected_calm_; }
   /// Finds the first change of a switch within the next `end` ticks, which lie in the part `part`
@@ -110,10 +111,10 @@ class Detector {
   kernel::Vector grid_dip_;
   kernel::Vector polynomial_;
   kernel::Vector piece_head_;
-  kernel::Vector piece_sizes_;  // (|B^2 z|, |w z|, |z|)
+  kernel::Vector piece_sizes_;  // magnitudes |B^2 z|, |w z| and |z| for the test of a piece
   std::vector<double> absolute_;
-  // One word for each channel, with one bit for each part of the grid. A bit is set if the signal
-  // of the channel can reach a bound in this part.
+  // One word of 64 bits for each channel, with one bit for each part of the time grid. A bit is set
+  // if the signal of the channel can reach a bound in this part.
   std::vector<std::uint64_t> parts_in_doubt_;
 };
 

@@ -1,14 +1,15 @@
 #pragma once
 // The bus between the firmware and a drive: frames leave once in a cycle and arrive late.
 //
-// A cycle starts at the ticks 0, m, 2 m, ... In the first tick of a cycle the firmware's code and
-// amp_enable leave for the drive, and the drive measures its encoder. The drive applies a frame
-// `delay_ticks_out` ticks later and holds it until the next frame. The firmware has an encoder
-// count `delay_ticks_in` ticks after its measurement and until the next one. Until the first frame
-// arrives the drive is disabled, and the firmware has the count of tick 0.
+// A cycle starts at the ticks 0, m, 2 m, ... In the first tick of a cycle, the firmware's DAC code
+// and amp_enable leave for the drive, and the drive measures its encoder. The drive applies a frame
+// `delay_ticks_out` ticks later and holds it until the next frame. The firmware has each encoder
+// count from `delay_ticks_in` ticks after its measurement until the next count arrives. Until the
+// first frame arrives, the drive is disabled and the firmware has the count of tick 0.
 //
-// A drive with `enable_ticks` reports its state, which travels with the encoder count. It is on
-// `enable_ticks` ticks after the frame that enables it has arrived, and stays disabled until then.
+// A drive with `enable_ticks` reports its state, which travels with the encoder count. The drive is
+// on `enable_ticks` ticks after the frame that enables the drive has arrived. Until then, it stays
+// disabled.
 #include <algorithm>
 #include <cstdint>
 #include <optional>
@@ -21,8 +22,9 @@ namespace forceaxis::sim {
 /// Bits of a drive's report to the firmware.
 enum DriveBit : std::uint8_t { kDriveFitted = 1, kDriveOn = 2, kDriveFault = 4 };
 
-/// A failure of a drive with `enable_ticks`: the drive has switched itself off, with or without a
-/// fault in its report, or its frames do not arrive any more while it still receives frames.
+/// Failures of a drive with `enable_ticks`. `off`: the drive has switched itself off. `fault`: the
+/// drive has switched itself off and reports a fault. `silent`: the frames of the drive do not
+/// arrive any more, but the drive still receives frames.
 enum class DriveFailure : std::uint8_t { none, off, fault, silent };
 
 class DriveBus {
@@ -32,13 +34,13 @@ class DriveBus {
     int dac_code = 0;
     bool amp_enable = false;
   };
-  /// What the firmware has from the drive in a tick.
+  /// The data of the drive that the firmware has in one tick.
   struct Sample {
     /// Encoder count that the drive has measured.
     std::int32_t count = 0;
     /// Number of ticks since the drive has measured `count`, at most 255.
     std::uint8_t age_ticks = 0;
-    std::uint8_t report = 0;  ///< DriveBit; 0 without `enable_ticks`
+    std::uint8_t report = 0;  ///< report of the drive as bits DriveBit; 0 without `enable_ticks`
   };
 
   DriveBus() = default;
@@ -48,10 +50,10 @@ class DriveBus {
         frames_(places(cycle.delay_ticks_out, cycle.ticks)),
         sent_(places(cycle.delay_ticks_in, cycle.ticks)) {}
 
-  /// Returns true if the bus changes anything.
+  /// Returns true if the plant has a bus.
   bool fitted() const { return !frames_.empty(); }
 
-  /// The failure acts from this instant on, and ends with DriveFailure::none.
+  /// Starts a failure of the drive at this instant. DriveFailure::none ends the failure.
   void fail(DriveFailure failure) { failure_ = failure; }
 
   /// Returns the frame that the drive applies in this tick. Must be called once in each tick, with
@@ -66,8 +68,8 @@ class DriveBus {
     return enabled_ticks_ > *enable_ticks_ ? frame : Frame{};
   }
 
-  /// Returns what the firmware has in this tick. `count` is the true encoder count of this tick.
-  /// Must be called at least once in each tick, before act().
+  /// Returns the data of the drive that the firmware has in this tick. `count` is the true encoder
+  /// count of this tick. Must be called at least once in each tick, before act().
   Sample sense(std::int64_t tick, std::int32_t count) {
     if (tick == 0) newest_ = first_ = {0, count, report()};
     if (tick % cycle_.ticks == 0) {
@@ -87,19 +89,20 @@ class DriveBus {
     std::uint8_t report = 0;
   };
   bool is_off() const { return failure_ == DriveFailure::off || failure_ == DriveFailure::fault; }
-  // Returns the report at this instant. The frame of this tick has not arrived yet, so a drive that
-  // needs no time reports one tick later than it follows the code.
+  // Returns the drive's report at this instant. The frame of this tick has not arrived yet. A drive
+  // that needs no time to switch on therefore reports one tick after it has begun to follow the DAC
+  // code.
   std::uint8_t report() const {
     if (!enable_ticks_) return 0;
     if (failure_ == DriveFailure::fault) return kDriveFitted | kDriveFault;
     const bool on = !is_off() && enabled_ticks_ >= std::max(*enable_ticks_, 1);
     return on ? kDriveFitted | kDriveOn : kDriveFitted;
   }
-  // Returns the number of cycles of which a value is still needed.
+  // Returns the number of bus cycles whose values must be stored.
   static std::size_t places(int delay, int ticks) {
     return static_cast<std::size_t>(delay / ticks + 2);
   }
-  // Returns the place of the cycle to which a tick belongs.
+  // Returns the element of the ring buffer `cycles` for the bus cycle to which a tick belongs.
   template <class T>
   T &place(std::vector<T> &cycles, std::int64_t tick) const {
     return cycles[static_cast<std::size_t>(tick / cycle_.ticks) % cycles.size()];

@@ -14,7 +14,7 @@ struct EnergyIntegrals {
   std::vector<double> supplied;
   /// Energy that each damper has dissipated, in the order of Network::dampers().
   std::vector<double> dissipated;
-  /// Spring energy that was lost: of contacts that opened, and of a stepper that was disabled.
+  /// Spring energy that was lost when contacts opened or when a stepper motor was disabled.
   double discarded = 0.0;
   double impulse = 0.0;  ///< work of all impulses on bodies, in J
 };
@@ -30,8 +30,8 @@ class EnergyAccount {
 
   /// Selects the mode of all further calls. `mode` must exist until the next call of enter().
   void enter(const Mode &mode) { mode_ = &mode; }
-  /// Adds the energies of a period of 2^-halvings ticks that starts at the state z. `forms` are
-  /// those of the mode.
+  /// Adds the energies of a period of 2^-halvings ticks that starts at the state z. `forms` has the
+  /// quadratic forms of the present mode.
   void add_whole(const EnergyForms &forms, const double *z, std::size_t halvings);
   /// Adds the energies of a period of `s` ticks that starts at the state z. `rate_hz` is the number
   /// of ticks in a second. `chain` has the Taylor coefficients of the state: order + 1 blocks of
@@ -39,8 +39,8 @@ class EnergyAccount {
   void add_part(const double *z, const double *chain, double s, double rate_hz);
   /// Returns the spring energy at the state z, in J.
   double stored(const double *z) const;
-  /// discard() adds the spring energy that is lost at once, as when a contact opens. add_impulse()
-  /// adds the work of an impulse. The unit is J.
+  /// discard() adds spring energy that is lost at one instant, for example when a contact opens.
+  /// add_impulse() adds the work of an impulse. The unit is J.
   void discard(double energy) { discarded_.add(energy); }
   void add_impulse(double work) { impulse_.add(work); }
   /// Sets the sum of the discarded energy to 0.

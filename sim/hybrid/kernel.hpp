@@ -61,8 +61,8 @@ struct QuietTest {
   std::size_t columns = 0;
 };
 
-/// Computes the products result = tick z and dip = curve |z|. Returns true if every signal stays
-/// within its bounds in all parts of the tick, by inside().
+/// Computes the products result = tick z and dip = curve |z|. Returns true if inside() is true for
+/// every signal in all parts of the tick.
 using Quiet = bool (*)(const QuietTest &test, const double *z, double *result, double *dip);
 
 Quiet best_quiet();
@@ -87,8 +87,8 @@ struct CalmTest {
 };
 
 /// Computes the bounds of the second test from z. `signal` has the signals at the ends of the
-/// parts, which quiet() has computed. Returns true if every signal stays within its bounds in all
-/// parts of the tick, by inside().
+/// parts, which quiet() has computed. Returns true if inside() is true for every signal in all
+/// parts of the tick.
 using Calm = bool (*)(const CalmTest &test, const double *z, const double *signal, double *head,
                       double *dip);
 

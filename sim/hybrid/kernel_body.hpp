@@ -22,8 +22,8 @@ struct Quad {
   typedef double Memory __attribute__((vector_size(32), aligned(8), may_alias));
 };
 
-// Computes M v, or M |v| if kAbsolute is true. The rows of one vector register are summed together,
-// for as many registers as there are indices, so the sums stay in registers.
+// Computes M v, or M |v| if kAbsolute is true. The number of indices is the number of vector
+// registers. The rows of all these registers are summed together, so the sums stay in registers.
 template <class Lanes, bool kAbsolute, std::size_t... kIndex>
 inline void unrolled(std::index_sequence<kIndex...>, const double *m, std::size_t stride,
                      const double *v, std::size_t columns, double *y) {

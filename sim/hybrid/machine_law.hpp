@@ -1,8 +1,9 @@
 #pragma once
-// The controller of a machine that commands the drive in place of the firmware. It is a model of
-// somebody else's controller (MachineController in its header has the equations). It computes a
-// command in the first tick of a cycle from the force of that tick and holds the command for the
-// cycle, so within a tick the voltage is constant and the plant is simulated exactly.
+// The controller of a machine that commands the drive in place of the firmware. The class models a
+// controller of another manufacturer; its equations are at MachineController in
+// sim/model/elements/machine_controller.hpp. In the first tick of each of its cycles, the
+// controller computes a command from the force of that tick. It holds this command until the next
+// cycle. So the voltage is constant within a tick, and the plant is simulated exactly.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -15,7 +16,7 @@ namespace forceaxis::sim {
 
 class MachineLaw {
  public:
-  /// `tick_s` is the time of a step of the plant.
+  /// `tick_s` is the duration of one step of the plant in s.
   MachineLaw(MachineController controller, double tick_s)
       : controller_(std::move(controller)),
         tick_s_(tick_s),
@@ -48,7 +49,8 @@ class MachineLaw {
     return table.values[i - 1] + share * (table.values[i] - table.values[i - 1]);
   }
 
-  // The low pass is exact for a force that is constant between ticks.
+  // Applies the low-pass filter to the force. The filter is exact for a force that is constant
+  // between ticks.
   double filtered(std::int64_t tick, double force) {
     if (!controller_.force()->filter || tick == 0)
       low_ = force;
@@ -81,7 +83,7 @@ class MachineLaw {
     const double part = error / pi.damping;
     const double grown = pi.integral_time ? integral_ + part * cycle_s / *pi.integral_time : 0.0;
     command_ = std::clamp(part + grown, -most, most);
-    // At the limit the integral is held, unless it leaves the limit.
+    // At the limit of the command, the integral changes only if this leads away from the limit.
     if (command_ == part + grown || (part + grown) * (grown - integral_) < 0.0) integral_ = grown;
   }
 

@@ -16,7 +16,7 @@ namespace {
 constexpr std::size_t kFewestParts = 8;
 // A mode has a quiet test only if a tick has at most this number of grid parts.
 constexpr std::size_t kMostTested = 128;
-// Largest number of grid parts; a word of 64 bits has one bit for each.
+// Largest number of grid parts; a word of 64 bits has one bit for each part.
 constexpr std::size_t kMostGrid = 64;
 constexpr std::size_t kMostTickParts = 1 << 20;
 // Upper bound of the relative rounding error of a sum of products.
@@ -33,8 +33,8 @@ ExtendedMatrix square_flow(const ModeCache &cache, const ModeEquations &equation
   return a;
 }
 
-// Computes the flow matrix at every point of the grid. Computes the quiet test on the larger
-// samples from these matrices.
+// Computes the flow matrix at every point of the time grid. From these matrices, computes the quiet
+// test on the samples, which consist of several grid parts.
 void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const BoundMatrix &growth,
               const ExtendedMatrix &a, const ExtendedMatrix &r, const ExtendedMatrix &sensor) {
   const auto n = static_cast<Eigen::Index>(mode.states);
@@ -190,7 +190,7 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   // Parts of a tick are halved until a short Taylor series is accurate to the rounding error.
   std::size_t parts = kFewestParts;
   const Influence scale = influence(a);
-  BoundMatrix growth;  // e^{|A| T / parts}
+  BoundMatrix growth;  // upper bound of e^{|A| T / parts}
   int order = 0;
   while ((order = absolute_series(a, parts, scale, kTruncation, kHighestOrder, &growth)) == 0) {
     parts *= 2;

@@ -135,7 +135,7 @@ struct Mode {
   /// stored by columns.
   kernel::Vector grid_dip;
 
-  /// Empty if the mode has a quiet test.
+  /// Matrices that simulate the mode in pieces. Empty if the mode has a quiet test.
   std::unique_ptr<const Pieces> pieces;
 
   /// ModeEquations::slip stored by rows; empty if no friction sticks.

@@ -22,7 +22,8 @@ std::vector<BoundMatrix> growths(const ExtendedMatrix &b, std::size_t halvings) 
   if (absolute_series(b, parts, influence(b), kTruncation, kHighestOrder, &finest) == 0)
     finest.setConstant(std::numeric_limits<double>::infinity());
   for (std::size_t k = halvings; k-- > 0;) {
-    // In a long piece, the bound may exceed all numbers. Such a piece never passes the test.
+    // In a long piece, the bound may exceed the range of floating-point numbers. Such a piece never
+    // passes the test.
     if (result[k + 1].allFinite())
       result[k] = product(result[k + 1], result[k + 1]);
     else
@@ -77,7 +78,7 @@ std::unique_ptr<const Pieces> build_pieces(const ExtendedMatrix &a, const Extend
   // Each product is a sum of c terms, in the order of the columns.
   const double rounding = static_cast<double>(c + 2) * std::numeric_limits<double>::epsilon() / 2;
   const BoundMatrix left_size = modes.left.cwiseAbs().cast<double>();
-  // A mode with a conjugate counts for both.
+  // A fast mode of a conjugate pair counts for both modes of the pair.
   BoundMatrix fast_size =
       (r.cast<std::complex<Extended>>() * modes.right).cwiseAbs().cast<double>();
   for (Index i = 0; i < f; ++i)

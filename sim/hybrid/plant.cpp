@@ -29,7 +29,7 @@ double edge_distance(double y, std::int64_t floor_y) {
   return smaller(past, 1.0 - past);
 }
 
-// Returns what the firmware has from the drive in this tick over a bus, or without one.
+// Returns the data of the drive that the firmware has in this tick, with or without a bus.
 DriveBus::Sample over(DriveBus &bus, std::int64_t tick, std::int32_t count) {
   return bus.fitted() ? bus.sense(tick, count) : DriveBus::Sample{count, 0, 0};
 }
@@ -59,7 +59,8 @@ double deviate(std::uint64_t seed, std::uint64_t channel, std::int64_t tick) {
   return static_cast<double>(2 * sum - 12 * 0xFFFF) * 0x1p-17;
 }
 
-// Returns the starts of the bodies as pairs of position and velocity, as Stepper expects them.
+// Returns the start values of all bodies as pairs of position and velocity, which is the form that
+// Stepper expects.
 std::vector<double> start_of(const PlantOptions &options) {
   std::vector<double> values;
   for (const BodyStart &start : options.starts) {
@@ -114,7 +115,7 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
 Plant::Converter Plant::converter_of(const Adc &adc) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   const int top = (1 << adc.bits) - 1;
-  // The network applies a limit that a filter follows.
+  // If a filter follows a limit, the network applies this limit.
   const bool by_network = adc.sinc_order > 0;
   const double sensor_limit =
       adc.filter || by_network ? kInfinity : adc.sensor_limit.value_or(kInfinity);
@@ -205,7 +206,7 @@ void Plant::step(int dac_code, bool amp_enable, bool brake_release) {
   step_volts(volts(dac_code), amp_enable, brake_release);
 }
 
-// The instants of the samples within a step.
+// Pauses one step of the plant at the instants of the samples.
 class Plant::SamplePauses final : public Stepper::Pauses {
  public:
   explicit SamplePauses(Plant &plant) : plant_(plant) {}
@@ -242,7 +243,7 @@ void Plant::take_sample(std::size_t channel) {
   adc.samples.take(convert(channel, reading, adc.samples.next()));
 }
 
-// Moves the moments of a signal from the plant to the filter of its converter at this instant.
+// Moves the moments of a signal from the plant to the sinc filter of its converter at this instant.
 void Plant::collect(std::size_t channel, double instant) {
   Converter &adc = converters_[channel];
   const auto first = static_cast<std::size_t>(stepper_.network().filter_states()[channel]);
@@ -313,8 +314,8 @@ double Plant::reading(std::size_t channel) {
   return std::clamp(stepper_.sensors()[channel], -limit, limit);
 }
 
-// Returns the code of a reading, and updates the edge margin. `sample` is the number of the sample,
-// on which the noise depends.
+// Returns the ADC code of a reading, and updates the edge margin. `sample` is the number of the
+// sample, on which the noise depends.
 std::uint16_t Plant::convert(std::size_t channel, double reading, std::int64_t sample) {
   const Converter &adc = converters_[channel];
   // The ADC code changes at the values 1, 2, ..., top of the scaled signal y.

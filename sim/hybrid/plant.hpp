@@ -9,8 +9,8 @@
 //     plant.step(controller(codes), true);                      // to t = (k + 1) / 1500 s
 //   }
 //
-// For a sweep, build one ModeCache for each Model and pass this cache to every Plant of the model,
-// because a new plant needs most time to build its modes: about 0.1 ms for each mode of six states.
+// For a sweep, build one ModeCache for each Model and pass this cache to every Plant of the model.
+// A new plant needs most of its time to build its modes, about 0.1 ms for each mode of six states.
 // Any number of plants in any number of threads may share the cache. Only one thread at a time may
 // use a Plant. Copies of a plant are independent and continue with the same doubles.
 //
@@ -35,10 +35,10 @@
 
 namespace forceaxis::sim {
 
-/// Where a body is at tick 0, and how fast.
+/// Position and velocity of a body at tick 0.
 struct BodyStart {
-  double position = 0.0;  ///< in m
-  double velocity = 0.0;  ///< in m/s
+  double position = 0.0;  ///< position in m
+  double velocity = 0.0;  ///< velocity in m/s
 };
 
 struct PlantOptions {
@@ -48,15 +48,16 @@ struct PlantOptions {
   std::size_t listed_events = 4096;
   /// Seed of the random noise of ADCs and DAC.
   std::uint64_t seed = 0;
-  /// Start of each body in place of that of the model, in the order of Model::bodies; empty: as in
-  /// the model. Plants with different starts may share a ModeCache.
+  /// Start position and velocity of each body, in the order of Model::bodies. If this list is
+  /// empty, the bodies start as the model says. Plants with different starts may share a ModeCache.
   std::vector<BodyStart> starts = {};
 };
 
 /// The codes of encoder and ADCs that the firmware reads. The code is 0 if the model does not have
 /// the encoder or ADC.
 struct SensorCodes {
-  /// Encoder count floor(x scale + 1/2), which wraps at 32 bits. A bus makes it late.
+  /// Encoder count floor(x scale + 1/2), which wraps at 32 bits. With a bus, the count was measured
+  /// in an earlier tick.
   std::int32_t encoder = 0;
   /// Number of ticks since the encoder count was measured; 255 is 255 ticks or more.
   std::uint8_t encoder_age = 0;
@@ -130,9 +131,10 @@ class Plant {
   void step(int dac_code, bool amp_enable, bool brake_release);
   /// Returns the voltage in V, with offset and noise, that the DAC outputs for a code in this tick.
   double volts(int dac_code) const;
-  /// Simulate one step with a voltage in V in place of a code, past a bus. First hold_volts()
-  /// applies the voltage, then step_volts() simulates the step and must have the same arguments.
-  /// Between the two calls, signals() returns the signals at the start of the step.
+  /// Simulate one step with a voltage in V in place of a DAC code. The voltage does not pass
+  /// through a bus. First hold_volts() applies the voltage, then step_volts() simulates the step
+  /// and must have the same arguments. Between the two calls, signals() returns the signals at the
+  /// start of the step.
   void hold_volts(double volts, bool amp_enable) {
     if (sampled_) take_samples();
     stepper_.hold(volts, amp_enable);
@@ -144,20 +146,21 @@ class Plant {
     else
       stepper_.step(volts, amp_enable, brake_release);
   }
-  /// Applies an impulse to a body or port at this instant: it adds impulse / mass to the velocity
-  /// of a body. Throws std::invalid_argument for an unknown name and for an impulse that is not
-  /// finite.
+  /// Applies an impulse to a body or port at this instant. This changes the velocity of a body by
+  /// impulse / mass. Throws std::invalid_argument for an unknown name and for an impulse that is
+  /// not finite.
   void apply_impulse(std::string_view point, double impulse_N_s);
-  /// The drive fails at this instant, or works again with DriveFailure::none. Has an effect only if
-  /// the model's drive has `enable_ticks`.
+  /// Lets the drive fail at this instant. With DriveFailure::none, the drive works again. The call
+  /// has an effect only if the model's drive has `enable_ticks`.
   void fail_drive(DriveFailure failure) { bus_.fail(failure); }
 
   /// Returns the codes of encoder and ADCs at this instant, and updates edge_margin(). The
   /// reference is valid until the next call.
   const SensorCodes &codes();
-  /// Returns the value that an ADC would convert at this instant, in the unit of its signal: with
-  /// filter, creep, drift and limits, but without noise, rounding and the instants of a converter
-  /// that samples at a rate of its own. The model must have the ADC, without a sinc filter.
+  /// Returns the value that an ADC would convert at this instant, in the unit of its signal. The
+  /// value includes filter, creep, drift and limits. It does not include noise, rounding and the
+  /// sample instants of a converter with its own sample rate. The model must have the ADC, and the
+  /// ADC must not have a sinc filter.
   double reading(std::size_t channel);
   /// Returns the position in m that the encoder measures, without rounding. The model must have an
   /// encoder.
@@ -256,8 +259,8 @@ class Plant {
     double high = 0.0;
     SampledSensor samples;
     SincFilter filter;
-    double collected = 0.0;  // instant, in steps, up to which the filter contains the moments of
-                             // the signal
+    double collected =
+        0.0;  // end of the time, in steps, over which the filter has integrated the signal so far
   };
   static Converter converter_of(const Adc &adc);
   Converter converters_[2];
@@ -266,11 +269,13 @@ class Plant {
   bool audit_ = false;
   double initial_energy_ = 0.0;
   double edge_margin_ = 0.0;
-  // A member, because a result in registers would be loaded in one piece from memory into which its
-  // fields have just been stored one by one. The processor has to wait for such stores.
+  // The codes are a member, because a result in registers would be loaded in one piece from memory
+  // into which its fields have just been stored one by one. The processor has to wait for such
+  // stores.
   SensorCodes codes_;
-  // Row that gives the position of the encoder from the states, if a port is one of its ends. It is
-  // behind the others, so that they keep their places in the lines of the cache.
+  // Row of factors that gives the position of the encoder from the states, if a port is one of the
+  // encoder's ends. The row is behind the other members, so that they keep their places in the
+  // lines of the processor's cache.
   std::vector<double> encoder_row_;
   std::optional<MachineLaw> machine_law_;
   std::size_t machine_signal_ = 0;  // index of the signal of the force that the controller measures

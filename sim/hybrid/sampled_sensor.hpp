@@ -1,10 +1,11 @@
 #pragma once
-// The samples of a converter with a clock of its own, between their instants and the firmware.
+// Stores the samples of a converter with its own clock from the instant of sampling until they
+// arrive at the firmware.
 //
 // Sample k is taken phase_s + k / rate_hz after tick 0. The firmware has the newest sample that is
-// at least latency_s old. Until the first sample has arrived, it has the signal of tick 0. An
-// instant that is within 1e-6 steps of a tick is that tick; a sample at a tick is taken before the
-// new DAC code acts.
+// at least latency_s old. Until the first sample has arrived, the firmware has the signal of tick
+// 0. An instant within 1e-6 steps of a tick is treated as that tick. A sample at a tick is taken
+// before the new DAC code acts.
 #include <cmath>
 #include <cstdint>
 #include <vector>
@@ -16,7 +17,7 @@ namespace forceaxis::sim {
 class SampledSensor {
  public:
   SampledSensor() = default;
-  /// `steps_per_s` is the number of steps of the plant per second, of which a tick has `parts`.
+  /// `steps_per_s` is the number of steps of the plant per second. A tick has `parts` steps.
   SampledSensor(const Sampling &sampling, double steps_per_s, int parts)
       : rate_hz_(sampling.rate_hz),
         steps_per_s_(steps_per_s),
@@ -25,16 +26,16 @@ class SampledSensor {
         parts_(parts),
         codes_(static_cast<std::size_t>(sampling.latency_s * sampling.rate_hz) + 3) {}
 
-  /// Returns true if the sensor samples at instants of its own.
+  /// Returns true if the sensor has its own sample instants.
   bool fitted() const { return !codes_.empty(); }
 
   /// Index of the next sample, and its instant in steps since tick 0.
   std::int64_t next() const { return next_; }
   double next_instant() const { return instant(next_); }
 
-  /// Gives the code of the signal at tick 0, before any sample.
+  /// Sets the code of the signal at tick 0. To be called before the first sample.
   void begin(std::uint16_t code) { first_ = code; }
-  /// Gives the code of the next sample.
+  /// Adds the code of the next sample.
   void take(std::uint16_t code) {
     place(next_) = code;
     ++next_;
@@ -59,7 +60,7 @@ class SampledSensor {
   }
 
  private:
-  static constexpr double kSame = 1e-6;  // steps
+  static constexpr double kSame = 1e-6;  // largest distance of equal instants, in steps
 
   double instant(std::int64_t sample) const {
     const double at = phase_ + static_cast<double>(sample) * steps_per_s_ / rate_hz_;

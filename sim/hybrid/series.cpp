@@ -7,7 +7,7 @@ namespace forceaxis::sim {
 
 namespace {
 
-// An entry of a matrix that is not 0, at one place of its row or column.
+// A matrix entry that is not 0, with its index in the row or column.
 struct Factor {
   Eigen::Index place;
   Extended value;
@@ -69,8 +69,8 @@ ExtendedMatrix product(const ExtendedMatrix &a, const ExtendedMatrix &b) {
   return c;
 }
 
-// The kernel computes the same doubles on every processor, which is not so for the product of
-// Eigen.
+// This product uses the kernel, which computes the same doubles on every processor. The product of
+// Eigen does not.
 BoundMatrix product(const BoundMatrix &a, const BoundMatrix &b) {
   const kernel::Multiply multiply = kernel::best_multiply();
   const std::size_t stride = kernel::padded(static_cast<std::size_t>(a.rows()));

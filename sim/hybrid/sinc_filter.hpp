@@ -24,24 +24,25 @@ class SincFilter {
   static constexpr std::size_t kHighestOrder = 5;
 
   SincFilter() = default;
-  /// `order`: N, 3 to 5. `period_ticks`: T, > 0.
+  /// `order` is the order N of the filter, 3 to 5. `period_ticks` is the sample period T in ticks,
+  /// > 0.
   SincFilter(std::size_t order, double period_ticks);
 
   /// Returns true if the converter has a filter.
   bool fitted() const { return order_ > 0; }
   std::size_t order() const { return order_; }
-  /// Returns the factor of moment j + 1 of a period in a sample: in the one at its end for
-  /// `later` = 0, in the next one for 1, and so on.
+  /// Returns the weight of moment j + 1 of a period in a sample. `later` = 0 means the sample at
+  /// the end of the period, `later` = 1 the next sample, and so on.
   double weight(std::size_t later, std::size_t j) const { return weights_[later][j]; }
 
-  /// The signal has had this value at all times before tick 0. The first sample is taken `phase`
-  /// ticks after tick 0, at least 0 and below T.
+  /// Starts the filter with a signal that has had this value at all times before tick 0. The first
+  /// sample is taken `phase` ticks after tick 0, at least 0 and below T.
   void begin(double value, double phase);
   /// Adds the moments of the signal over the last `ticks` ticks.
   void add(std::span<const double> moments, double ticks);
-  /// Returns the sample at the end of the last moments, which is the end of a period. A period may
-  /// differ from T because instants close to a tick are treated as this tick (SampledSensor); it is
-  /// then treated as T.
+  /// Returns the sample at the end of the period whose moments were added last. The length of this
+  /// period may differ from T, because instants close to a tick are treated as this tick
+  /// (SampledSensor). The filter uses T in place of such a length.
   double take();
 
  private:
@@ -49,17 +50,18 @@ class SincFilter {
 
   std::size_t order_ = 0;
   double period_ = 0.0;
-  /// Factor of each moment of a period in the sample that ends it, in the next sample, and so on.
+  /// Weights of the moments of a period in the sample at the end of the period, in the next sample,
+  /// and so on.
   std::array<Row, kHighestOrder> weights_{};
   Row moments_{};  // moments of the signal, integrated over the present period up to now
-  // Time from the begin of the present period up to now.
+  // Time in ticks from the start of the present period up to now.
   double length_ = 0.0;
   /// Contributions of past periods to the next samples, the nearest sample first.
   Row due_{};
 };
 
-// The pieces of a B-spline follow from those of the order below (de Boor). Piece i of order n is a
-// polynomial in x, the place in its interval from 0 to 1:
+// The pieces of a B-spline are computed from those of the next lower order (de Boor). Piece i of
+// order n is a polynomial in x, the place in its interval from 0 to 1:
 //   b_n,i = ((i + x) b_(n-1),i + (n - i - x) b_(n-1),(i-1)) / (n - 1)
 inline SincFilter::SincFilter(std::size_t order, double period_ticks)
     : order_(order), period_(period_ticks) {
@@ -110,7 +112,8 @@ inline void SincFilter::begin(double value, double phase) {
 }
 
 inline void SincFilter::add(std::span<const double> moments, double ticks) {
-  // The moments before grow by (b - t)^(j-1) = ((b' - t) + ticks)^(j-1).
+  // The earlier moments refer to the old end b'. For the new end b, their weight is (b - t)^(j-1) =
+  // ((b' - t) + ticks)^(j-1).
   for (std::size_t j = order_; j-- > 0;) {
     double sum = moments[j];
     double power = 1.0;

@@ -26,7 +26,7 @@ constexpr double kDoubtGrowth = 4.0;
 constexpr double kMostDoubt = 0x1p10;
 constexpr std::size_t kRecentModes = 64;
 // The quadratic forms of a mode are built after its energy was summed over this number of grid
-// parts; to build them costs as much as these sums.
+// parts. To build these forms takes as much time as these sums.
 constexpr int kPartsWithoutForms = 256;
 
 constexpr double kNever = std::numeric_limits<double>::infinity();
@@ -257,7 +257,7 @@ void Stepper::advance(double ticks) {
 }
 
 // Returns the index of the brake that changes its state next in this tick, or the number of brakes
-// if none does.
+// if no brake changes.
 std::size_t Stepper::next_brake() const {
   std::size_t next = brake_due_.size();
   for (std::size_t i = 0; i < brake_due_.size(); ++i)
@@ -326,7 +326,7 @@ int Stepper::sliding(const Wiring::FrictionEnds &friction) const {
 bool Stepper::cross_grid(double rest, bool quiet, bool whole, Progress *progress) {
   const Mode &m = *mode_;
   // Number of parts of the grid up to the end of this tick. The last part can be incomplete.
-  const double places = rest / m.reach;  // exact
+  const double places = rest / m.reach;  // exact, because the divisor is a power of two
   std::size_t parts = m.grid;
   if (places < static_cast<double>(parts)) {
     parts = static_cast<std::size_t>(places);
@@ -389,8 +389,8 @@ Stepper::Progress Stepper::advance_pieces(double rest) {
 }
 
 // Returns the longest piece that can start at `place` and is at most `left` ticks long, unless the
-// finest piece is longer. A piece that would be longer than its place allows has failed the test
-// before.
+// finest piece is longer. A piece starts only at a multiple of its length. A longer piece that
+// contains this start has failed the test before.
 static std::size_t longest_piece(const Pieces &pieces, std::uint64_t place, double left) {
   const auto zeros = static_cast<std::size_t>(std::countr_zero(place));
   std::size_t k = place == 0 ? 0 : pieces.halvings - zeros;
@@ -441,8 +441,7 @@ bool Stepper::cross(double from, double until) {
   int changes_here = 0;
   double doubt = 1.0;
   detector_.set_doubt(doubt);
-  // Largest number of changes at one instant, several times the number of changes if all switches
-  // change one after the other.
+  // Largest number of switch changes at one instant, which is several times the number of switches.
   const int enough_here = 16 + 4 * static_cast<int>(network().switches().size());
   for (;;) {
     const Mode &m = *mode_;

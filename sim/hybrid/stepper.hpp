@@ -28,7 +28,8 @@ struct SwitchEvent {
 class Stepper {
  public:
   /// `listed_events` is the number of events that events() lists. All events are counted. `start`
-  /// has position in m and velocity in m/s of each body at tick 0, or nothing: those of the model.
+  /// has the position in m and the velocity in m/s of each body at tick 0. If `start` is empty, the
+  /// bodies start as the model says.
   Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t listed_events,
           const std::vector<double> &start = {});
 
@@ -43,8 +44,8 @@ class Stepper {
     /// Returns the next instant, as the time in ticks since the start of the present tick. The time
     /// is above 0. A time of 1 or more is not in this tick.
     virtual double next() const = 0;
-    /// Called at this instant. The next instant must be later. sensors() and z() are those of this
-    /// instant.
+    /// The stepper calls this function at the instant that next() has returned. sensors() and z()
+    /// then have the values of this instant. After the call, next() must return a later instant.
     virtual void pause() = 0;
 
    protected:
@@ -59,8 +60,8 @@ class Stepper {
   void clear(std::size_t first_state, std::size_t count) {
     for (std::size_t i = 0; i < count; ++i) z_[first_state + i] = 0.0;
   }
-  /// Applies an impulse in N s to a point (Network::points) at this instant: it adds impulse / mass
-  /// to the velocity of a body. Switches change before time advances.
+  /// Applies an impulse in N s to a point (Network::points) at this instant. This changes the
+  /// velocity of a body by impulse / mass. Switches change before time advances.
   void kick(std::size_t point, double impulse);
 
   const ModeCache &cache() const { return *cache_; }
@@ -89,7 +90,7 @@ class Stepper {
   std::vector<double> stored() const { return stored_energies(*mode_, z_.data()); }
 
  private:
-  // A search for the next change of a switch.
+  // Result of a search for the next change of a switch.
   struct Progress {
     double passed = 0.0;  // time in ticks by which the step has advanced the state
     bool changed = false;
@@ -156,12 +157,12 @@ class Stepper {
   struct Recent {
     ModeKey key = 0;
     const Mode *mode = nullptr;
-    const EnergyForms *forms = nullptr;  // nullptr: not yet requested
+    const EnergyForms *forms = nullptr;  // forms of the energies; nullptr: not yet requested
     int parts = 0;  // number of parts of the time grid in which energies were added without the
                     // matrices `forms`
   };
   std::vector<Recent> recent_;
-  Recent *current_ = nullptr;  // place of *mode_ in recent_
+  Recent *current_ = nullptr;  // entry of recent_ that refers to *mode_
 };
 
 }  // namespace forceaxis::sim

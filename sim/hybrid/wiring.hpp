@@ -38,7 +38,8 @@ struct Wiring {
 
   /// Selector of a wire that has one sum in all modes.
   static constexpr int kAlways = -1;
-  /// Selector of a wire with two sums: drive disabled, drive enabled.
+  /// Selector of a wire with two sums: the first for a disabled drive, the second for an enabled
+  /// drive.
   static constexpr int kEnable = -2;
   struct WireNode {
     int selector;  ///< index of the switch that selects the sum that this wire carries; or kAlways
@@ -63,19 +64,20 @@ struct Wiring {
     double low, high;
     int state_below, state_above;
   };
-  /// A position, a velocity and a mass: a body, or a mode of a structure.
+  /// A body, or a mode of a structure, with its position, velocity and mass.
   struct Coordinate {
     int position;  ///< index of the state that is the position of the body or mode
     int velocity;  ///< index of the state that is the velocity of the body or mode
     double mass;
   };
-  /// The motion of a point is the sum of its shares: a factor times a coordinate.
+  /// One term of the motion of a point, which is a sum of coordinates with factors.
   struct Share {
     int coordinate;
     double factor;
   };
   using Point = std::vector<Share>;
-  /// The velocity of an end of a friction is a sum over states; it is empty for the ground.
+  /// One term of the velocity of an end of a friction, which is a sum of states with factors. The
+  /// sum is empty for the ground.
   struct StateShare {
     int state;
     Extended factor;
@@ -168,8 +170,8 @@ struct Wiring {
   std::vector<std::pair<std::string, Wire>> named_wires;
   std::vector<Wire> signal_wires;
   std::array<Wire, 2> adc_wires = {-1, -1};
-  /// Index of the first integral of the filter of each converter; -1: no filter. The other ones
-  /// follow.
+  /// Index of the state that is the first integral of the filter of each converter; -1: no filter.
+  /// The states of the other integrals follow.
   std::array<int, 2> filter_states = {-1, -1};
   /// Indices, in ascending order, of the states that do not belong to the response to an input: the
   /// clock, the drift of a sensor, and the integrals of a converter's filter.

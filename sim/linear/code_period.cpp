@@ -17,16 +17,19 @@ using Complex = std::complex<double>;
 using Eigen::Index;
 using Row = Eigen::Matrix<Extended, 1, Eigen::Dynamic>;
 
-// Instants within this number of ticks are the same, as in a run.
+// Two instants that differ by less than this number of ticks are treated as equal, as in a
+// simulated run.
 constexpr Extended kSame = 1e-6L;
 
-// Returns the largest whole number that is at most `number`, which is in the unit `step` ticks.
+// Returns floor(number). A number that is nearly a whole number is rounded to this whole number.
+// The unit of `number` is `step` ticks.
 Extended floor_of(Extended number, Extended step) {
   const Extended whole = std::nearbyint(number);
   return std::abs(number - whole) * step < kSame ? whole : std::floor(number);
 }
 
-// A value over the state at the start of a period and the code of this period.
+// A linear function of one period: `row` is multiplied by the state at the start of the period, and
+// `direct` by the code of the period.
 struct Value {
   Row row;
   Extended direct;
@@ -36,7 +39,8 @@ Value sum_of(const Value &a, const Value &b, Extended factor) {
   return {a.row + factor * b.row, a.direct + factor * b.direct};
 }
 
-// A sample over the states and codes of several periods, counted from the first tick of a cycle.
+// A sample of the force as a sum over several periods. The key is the number of the period, counted
+// from the first tick of a cycle.
 using Parts = std::map<int, Value>;
 
 void add_to(Parts &parts, Extended periods, const Value &value, Extended factor) {
@@ -45,7 +49,7 @@ void add_to(Parts &parts, Extended periods, const Value &value, Extended factor)
   place->second = sum_of(place->second, value, factor);
 }
 
-// Returns the system for hessenberg_response(), with states in units that balance it.
+// Returns the system for hessenberg_response(), with states in units that balance the matrix A.
 Hessenberg balanced(ExtendedMatrix A, ExtendedMatrix B, ExtendedMatrix C) {
   const Eigen::VectorXd d = balance(A);
   for (Index i = 0; i < A.rows(); ++i) {
@@ -58,8 +62,9 @@ Hessenberg balanced(ExtendedMatrix A, ExtendedMatrix B, ExtendedMatrix C) {
 
 }  // namespace
 
-// The plant within a period in which one code acts, from the start of the period on. An instant is
-// in (0, cycle_ticks]: at its end, the direct path still shows the old code.
+// The plant within a period in which one code acts. Instants are counted in ticks from the start of
+// the period and are in (0, cycle_ticks]. At the end of the period, the direct path still has the
+// code of this period.
 class CodePeriod::Flow {
  public:
   Flow(const TickSystem &plant, const CodeTiming &timing)
@@ -84,7 +89,8 @@ class CodePeriod::Flow {
     for (Index k = states_ + 1; k < size; ++k) A_(k, k - 1) = 1 / Extended{tick_s_};
   }
 
-  // Returns e^(A t) of the plant and the effect of the code at an instant, as n x (n + 1).
+  // Returns a matrix of n x (n + 1) elements for an instant t. The first n columns are e^(A t) of
+  // the plant. The last column is the effect of the code.
   ExtendedMatrix moved(Extended ticks) const {
     ExtendedMatrix state = step(ticks).topRows(states_);
     ExtendedMatrix result(states_, states_ + 1);
@@ -93,11 +99,11 @@ class CodePeriod::Flow {
     return result;
   }
 
-  // Returns a sample. `instant`: in ticks after the start of a period.
+  // Returns the sample of the force at `instant`, in ticks after the start of a period.
   Parts sample(Extended instant) const {
     Parts parts;
     if (order_ == 0) {
-      // At the end of a period its code still acts.
+      // At the end of a period, the code of this period still acts.
       const Extended periods = -floor_of(-instant / cycle_, cycle_) - 1;
       add_to(parts, periods, force(instant - periods * cycle_), 1);
     }
@@ -106,7 +112,8 @@ class CodePeriod::Flow {
   }
 
  private:
-  // Adds what the force between two samples adds to a sample that is `later` samples later.
+  // Adds the effect of the force in the interval between two samples. The effect is on the sample
+  // that is `later` samples after the end of this interval.
   void add_interval(Parts &parts, Extended instant, int later) const {
     const Extended end = instant - later * every_;
     for (Extended low = end - every_; end - low > kSame;) {
@@ -137,7 +144,7 @@ class CodePeriod::Flow {
     return found;
   }
 
-  // Returns moments about an instant that is some ticks later.
+  // Converts moments to moments about an instant that is `later` ticks later.
   static std::vector<Value> about(const std::vector<Value> &moments, Extended later) {
     std::vector<Value> moved = moments;
     for (std::size_t j = 0; j < moments.size(); ++j) {
@@ -162,7 +169,7 @@ class CodePeriod::Flow {
     return found;
   }
 
-  // Returns sampled() for some ticks. Each is computed once.
+  // Returns sampled() for a number of ticks. The result for each number is computed once.
   const ExtendedMatrix &step(Extended ticks) const {
     const auto known = std::find_if(steps_.begin(), steps_.end(), [&](const auto &one) {
       return std::abs(one.first - ticks) < kSame * kSame;
@@ -174,7 +181,7 @@ class CodePeriod::Flow {
 
   Index states_;
   int order_;
-  Extended cycle_, every_;  // ticks
+  Extended cycle_, every_;  // bus cycle and sample period in ticks
   SincFilter filter_;
   ExtendedMatrix C_;
   Extended D_;
@@ -215,7 +222,7 @@ CodePeriod::CodePeriod(const TickSystem &plant, const CodeTiming &timing)
 
 void CodePeriod::response(std::span<const double> w, std::span<Complex> values) const {
   const auto cycle = static_cast<std::size_t>(cycle_ticks_);
-  std::vector<Complex> turns(w.size());  // z of one tick
+  std::vector<Complex> turns(w.size());  // z of one tick for each frequency
   std::vector<Complex> points(w.size());
   const auto power = [](Complex base, int exponent) {
     Complex result = 1;

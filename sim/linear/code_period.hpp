@@ -1,9 +1,10 @@
 #pragma once
-// The plant of a force loop in which one code leaves a period: the samples of the force sensor
-// repeat with the cycle of the bus, or without a bus with the tick.
+// The plant of a force loop in which the firmware sends one code in each cycle of the bus, or in
+// each tick if there is no bus. The pattern of the samples of the force sensor repeats with this
+// period.
 //
-// The law computes an output in each tick, but only that of the first tick of a cycle becomes a
-// code. The reading of a tick is the newest sample that has arrived. For a code Z^n in cycle n,
+// The law computes an output in each tick, but only the output of the first tick of a cycle becomes
+// a code. The reading of a tick is the newest sample that has arrived. For a code Z^n in cycle n,
 // with Z = e^(2 pi j f m T) and m ticks in a cycle, the reading in tick t of cycle n is R_t Z^n.
 // The law H acts on m frequencies f + k / (m T), so the loop is
 //
@@ -21,16 +22,18 @@
 
 namespace forceaxis::sim {
 
-/// x' = A x + B u and y = C x + D u, with one input and one output. `tick_s` in s.
+/// The linear system x' = A x + B u and y = C x + D u, with one input and one output. `tick_s` is
+/// the duration of a tick in s.
 struct TickSystem {
   ExtendedMatrix A, B, C;
   Extended D = 0;
   double tick_s = 0.0;
 };
 
-/// The instants of the samples in ticks, and the bus. `every`: from sample to sample; a cycle is a
-/// whole number of them. `phase`: of a sample, from tick 0 on. `latency`: from a sample to its
-/// arrival. `sinc_order`: of the converter's filter, 0 for none.
+/// Times of the bus and of the samples, in ticks. `every` is the time from sample to sample; a bus
+/// cycle is a whole number of these times. `phase` is the time from tick 0 to a sample. `latency`
+/// is the time from a sample to its arrival. `sinc_order` is the order of the converter's filter; 0
+/// means no filter.
 struct CodeTiming {
   int cycle_ticks = 1;
   int delay_ticks_out = 0;

@@ -30,7 +30,8 @@ struct Sampled {
   Matrix A, B, C;
 };
 
-// A Markov parameter below this share of the size of its terms is a rounding error of an exact 0.
+// A Markov parameter below this fraction of the size of its terms is treated as 0, because it is a
+// rounding error.
 constexpr Extended kZeroShare = 1e-11L;
 
 // Returns the relative degree r: the first nonzero Markov parameter is C A^(r-1) B. Returns nothing
@@ -76,7 +77,8 @@ MatrixXd complement(const MatrixXd &rows) {
   return basis.rightCols(n - rows.rows());
 }
 
-// The roots place the points of a grid of frequencies, so digits of double are sufficient.
+// The roots only determine where a grid of frequencies is dense, so the precision of double is
+// sufficient.
 Roots roots_of(const MatrixXd &A) {
   Roots roots;
   if (A.rows() == 0) return roots;
@@ -85,9 +87,9 @@ Roots roots_of(const MatrixXd &A) {
   return roots;
 }
 
-// Returns the zeros of a balanced system. The zeros are the poles under a feedback that keeps the
-// output at 0; the states are those for which the output and its next samples are 0, as many as the
-// relative degree says.
+// Returns the zeros of a balanced system. The zeros are the poles of the system with a feedback
+// that keeps the output at 0. Only those states are considered for which the output and its next
+// samples are 0. The number of these samples is the relative degree.
 Roots zeros_of(const Sampled<MatrixXd> &system, Index degree) {
   const auto &[A, B, C] = system;
   MatrixXd rows(degree, A.cols());
@@ -113,10 +115,11 @@ Roots per_second(Roots roots, double T) {
   return roots;
 }
 
-// Instants within 1e-6 of a tick are that tick, as in a run.
+// Returns true if a number differs from a whole number by less than 1e-6. An instant within 1e-6
+// ticks of a tick is treated as that tick, as in a simulated run.
 bool is_whole(Extended number) { return std::abs(number - std::nearbyint(number)) < 1e-6L; }
 
-// Ticks by which a sample arrives after a tick that just misses it.
+// Time in ticks from a tick to a sample that arrives just too late for this tick.
 constexpr Extended kMissedBy = 1e-5L;
 
 }  // namespace
@@ -202,17 +205,18 @@ void ForcePlant::response(std::span<const double> w, std::span<std::complex<doub
   for (auto &value : values) value *= count_per_code_;
 }
 
-// Without a bus, the samples repeat after `readings_` ticks. In these ticks, the age of the reading
-// has as many values, at equal distances from the latency on. Over a bus, the code depends on the
-// reading in the first tick of a cycle, so the largest age in these ticks is used.
+// Without a bus, the pattern of the samples repeats after `readings_` ticks. In these ticks, the
+// age of the reading has `readings_` values at equal distances, none smaller than the latency. Over
+// a bus, the code depends on the reading in the first tick of a cycle, so the largest age in these
+// ticks is used.
 void ForcePlant::set_ages(const Sampling &sampling) {
   constexpr int kReadingsMax = 150;
   const Extended every = 1 / (Extended{sampling.rate_hz} * tick_s_);
   sample_ticks_ = every;
   const Extended latency = Extended{sampling.latency_s} / tick_s_;
   const Extended phase = Extended{sampling.phase_s} / tick_s_;
-  // Age, above the latency, of the newest sample at a tick, where samples arrive at distances
-  // `step`.
+  // Returns the age of the newest sample at a tick, less the latency. Samples arrive every `step`
+  // ticks.
   const auto rest = [&](int tick, Extended step) {
     const Extended past = (tick - latency - phase) / step;
     return is_whole(past) ? Extended{0} : (past - std::floor(past)) * step;
@@ -232,7 +236,7 @@ void ForcePlant::set_ages(const Sampling &sampling) {
   newer_by_ = sampling.phase_known ? 0 : between_ages_;
 }
 
-// Returns the phase of samples that arrive some ticks after a tick.
+// Returns the phase of the samples if they arrive `arrives` ticks after a tick.
 Extended ForcePlant::phase_of(Extended arrives) const {
   const Extended past = (arrives - timing_.latency) / timing_.every;
   return (past - std::floor(past)) * timing_.every;
@@ -253,8 +257,9 @@ std::vector<ForcePlant> ForcePlant::with_other_phases(bool all_phases) const {
   };
   add(0);
   if (!all_phases) return found;
-  // As Samples.phases of host/python/forceaxis/linear/lifted.py: each order of samples and ticks,
-  // with the oldest readings, with those in the middle, and with the newest ones.
+  // The phases are those of Samples.phases in host/python/forceaxis/linear/lifted.py. Samples and
+  // ticks can follow each other in several orders. Each order has three phases: with the oldest
+  // readings, with readings of medium age, and with the newest readings.
   const auto samples = static_cast<int>(std::nearbyint(bus_.ticks / timing_.every));
   const int orders = bus_.ticks / std::gcd(bus_.ticks, samples);
   const Extended step = timing_.every / orders;
@@ -300,7 +305,7 @@ std::complex<double> ForcePlant::held(double w) const {
   return sum * std::complex<double>(ages / Extended(readings_) * filtered(angle));
 }
 
-// Returns the response of the converter's filter. `angle`: of one tick, in rad.
+// Returns the response of the converter's filter. `angle` is the phase angle of one tick in rad.
 std::complex<Extended> ForcePlant::filtered(Extended angle) const {
   const Extended half = angle * sample_ticks_ / 2;
   if (sinc_order_ == 0 || half == 0) return 1;

@@ -20,9 +20,9 @@ namespace forceaxis::sim {
 /// C library depend on the processor.
 double tangent_of(double frequency_hz, double tick_s);
 
-/// A command that is held over a bus cycle of m ticks has, beside its frequency f, the frequencies
-/// f + k / (m tick_s), k = 1 .. m - 1. Returns frequency k in Hz, shifted to between minus and plus
-/// half the tick rate; k = 0 is f itself.
+/// A command that is held over a bus cycle of m ticks has, in addition to its frequency f, the
+/// frequencies f + k / (m tick_s), k = 1 .. m - 1. Returns frequency k in Hz, shifted to between
+/// minus and plus half the tick rate; k = 0 is f itself.
 double alias_of(double frequency_hz, int k, double tick_s, int cycle_ticks);
 
 class ForcePlant {
@@ -42,20 +42,22 @@ class ForcePlant {
   double tick_s() const { return tick_s_; }
   /// Returns the bus between the firmware and the drive. response() is without the bus.
   const BusCycle &bus() const { return bus_; }
-  /// Returns true if one code leaves the period after which the ticks repeat, so that
-  /// held_response() is exact.
+  /// Returns true if held_response() is exact. This is so if the firmware sends one code in each
+  /// period after which the pattern of the samples repeats.
   bool exact() const { return period_ || readings_ == 0; }
-  /// Returns the same plant with the newest readings that a sensor without a known phase can give,
-  /// or with `all_phases` with each phase for which forceaxis.linear analyses the loop. The list is
-  /// empty for another sensor.
+  /// Returns the same plant for other phases of a sensor whose phase is not known. Without
+  /// `all_phases`, the list has the plant with the newest readings that the sensor can give. With
+  /// `all_phases`, it has one plant for each phase for which forceaxis.linear analyses the loop.
+  /// The list is empty for any other sensor.
   std::vector<ForcePlant> with_other_phases(bool all_phases) const;
   /// Computes the response in 8-bit counts per DAC code with the bus and the sensor's samples, at
   /// the frequencies f with w = tan(pi f tick_s) and at f + k / (m tick_s) for a cycle of m ticks.
   /// `w` and `values` have all frequencies for k = 0 first, then those for k = 1. The loop is the
-  /// sum over k of the law times this response. The sum is exact if one code leaves the period
-  /// after which the ticks repeat. Otherwise held() describes the samples.
+  /// sum over k of the law times this response. The sum is exact if exact() is true. Otherwise
+  /// held() approximates the effect of the samples.
   void held_response(std::span<const double> w, std::span<std::complex<double>> values) const;
-  /// Returns the 8-bit counts per DAC code at a response of 1 in the unit of the force per volt.
+  /// Returns the factor that converts a response in the unit of the force per volt to 8-bit counts
+  /// per DAC code.
   double count_per_code() const { return count_per_code_; }
 
  private:
@@ -63,26 +65,28 @@ class ForcePlant {
   Extended phase_of(Extended arrives) const;
   /// Returns true if held() is 1.
   bool immediate() const { return bus_.immediate() && readings_ == 0; }
-  /// Returns the effect of the bus and of the sensor's samples on the response at
-  /// w = tan(pi f tick_s): the delay of the command, the mean of the ticks for which the drive
-  /// holds it, and the ages of the readings: their mean, which leaves out that different ages mix
-  /// frequencies, or over a bus the largest age. Without a known phase the ages are the largest
-  /// ones. The effect includes the filter of the converter.
+  /// Returns the effect of the bus and of the sensor's samples on the response at w = tan(pi f
+  /// tick_s): the delay of the command, the mean over the ticks for which the drive holds the
+  /// command, and the ages of the readings. Without a bus, the effect has the mean over all ages;
+  /// this neglects that different ages mix frequencies. Over a bus, the effect has the largest age.
+  /// Without a known phase, the ages are the largest possible ones. The effect includes the filter
+  /// of the converter.
   std::complex<double> held(double w) const;
   std::complex<Extended> filtered(Extended angle) const;
 
   double tick_s_ = 0.0;
   BusCycle bus_;
-  // Number of different ages of the reading (0: all readings are of their tick), the smallest age,
-  // and the difference between two ages, in ticks.
+  // Number of different ages of the reading (0: each reading was sampled at its own tick), the
+  // smallest age in ticks, and the difference between two successive ages in ticks.
   int readings_ = 0;
   Extended least_age_ = 0, between_ages_ = 0;
-  // Ticks by which the readings are newer with the best phase, 0 for a known phase.
+  // Number of ticks by which the readings are newer with the best phase of the samples; 0 if the
+  // phase is known.
   Extended newer_by_ = 0;
   // Order of the converter's filter, 0 for none, and the period of its samples in ticks.
   int sinc_order_ = 0;
   Extended sample_ticks_ = 0;
-  // Of a sensor whose samples repeat with the codes.
+  // Exact response with a sensor whose pattern of samples repeats with the codes.
   std::optional<CodePeriod> period_;
   TickSystem continuous_;
   CodeTiming timing_;

@@ -28,13 +28,14 @@ constexpr double kDampingMax = 0.3;  // damping ratio above which a pole or zero
 constexpr double kNone = std::numeric_limits<double>::infinity();
 constexpr double kHalfPower = 0.5;     // |S|^2 at -3 dB
 constexpr double kStableShare = 1e-9;  // smallest damping ratio of a stable pole
-// Distance of a computed pole from z = 1 that is a rounding error, as a share of the tick rate.
+// Largest distance of a computed pole from z = 1 that is treated as a rounding error, as a fraction
+// of the tick rate.
 constexpr double kRounding = 1e-11;
-// The bandwidth of a law is computed at this share of its largest gain. At the largest gain itself
-// the bandwidth would jump if a peak of |S| is close to -3 dB.
+// The bandwidth of a law is computed at this fraction of the largest permitted gain. At the largest
+// gain itself the bandwidth would jump if a peak of |S| is close to -3 dB.
 constexpr double kGainShare = 0.97;
-// A force that leaves the band of the ramp by a share x of the set-point divides the value of a law
-// by 1 + kRampWeight x.
+// The force may leave its permitted band at a ramp of the set-point by a fraction x of the
+// set-point. The value of the law is then divided by 1 + kRampWeight x.
 constexpr double kRampWeight = 30;
 
 // A point of a grid: frequency, and w = tan(pi f T).
@@ -44,7 +45,8 @@ struct Point {
   bool operator==(const Point &other) const { return hz == other.hz; }
 };
 
-// Makes the grids of plants at one density. The points that all grids have are computed once.
+// Makes the frequency grids of all plants with one density of points. The points that all grids
+// have are computed once.
 class GridMaker {
  public:
   GridMaker(double density, double tick_s, int cycle_ticks)
@@ -123,14 +125,14 @@ double between(double low_hz, double high_hz, double low_level, double high_leve
 
 }  // namespace
 
-// Real and imaginary part of a loop with a delay, and over a bus |L|^2.
+// Real and imaginary part of the loop gain L with one delay. With a bus, `square` has |L|^2.
 struct LawGrid::Turned {
   std::vector<double> real, imag, square;
 };
 
-// The loop with the gain 1 at some points of the grid: real and imaginary part without a delay,
-// |L|^2, and the square of the magnitude of the law without its integral part; then real and
-// imaginary part with each delay.
+// The loop gain L at some points of the grid, for a law with the gain 1. The first arrays have the
+// real and imaginary part without a delay, |L|^2, and the square of the magnitude of the law
+// without its integral part. `turned` has the real and imaginary part with each delay.
 //
 // Over a bus with a cycle of m ticks, the firmware's code is sampled once in a cycle. Its spectrum
 // is the sum over m frequencies (alias_of). Real and imaginary part without a delay and the noise
@@ -144,7 +146,8 @@ struct LawGrid::Loop {
                                // frequencies
 };
 
-// A loop with a delay around one plant: real and imaginary part and |L|^2 at its frequencies.
+// The loop gain L with one delay around one plant: real part, imaginary part and |L|^2 at the grid
+// frequencies of the plant.
 struct LawGrid::Curve {
   std::span<const double> real, imag, square, hz;
 };
@@ -198,7 +201,8 @@ std::vector<Complex> LawGrid::response(std::size_t plant) const {
 
 namespace {
 
-// The points of one plant in arrays, and the loop that is computed for them.
+// Arrays with the grid points of one plant, and arrays for the loop gain that is computed at these
+// points.
 struct Block {
   std::size_t count;
   const double *w, *plant_re, *plant_im;
@@ -245,7 +249,8 @@ void compute_narrow(const LawShape &law, double tick_s, const Block &block) {
   compute_block(law, tick_s, block);
 }
 
-// The points of one plant, and the loop that is multiplied by 1/z = cosine - j sine.
+// Arrays with the grid points of one plant, and arrays with the loop gain that is multiplied by 1/z
+// = cosine - j sine.
 struct Turn {
   std::size_t count;
   const double *cosine, *sine;
@@ -293,7 +298,8 @@ void LawGrid::compute(const LawShape &law, std::size_t plant, std::size_t first,
   }
 }
 
-// Adds the frequencies of a loop over a bus. `at`, `to`: index of the first point in both loops.
+// Adds the loop gains at all alias frequencies of a loop over a bus. `at` is the index of the first
+// point in `apart`, and `to` its index in `sum`.
 void LawGrid::add_aliases(const Turned &apart, std::size_t at, Turned &sum, std::size_t to,
                           std::size_t points) const {
   for (std::size_t i = 0; i < points; ++i) {
@@ -309,7 +315,8 @@ void LawGrid::add_aliases(const Turned &apart, std::size_t at, Turned &sum, std:
   }
 }
 
-// Returns the loop around one plant. The points of `loop` begin at the point `first`.
+// Returns the loop gain around one plant. The points of `loop` begin at the point `first` of the
+// grid.
 LawGrid::Curve LawGrid::curve(const Loop &loop, std::size_t first, std::size_t plant,
                               std::size_t delay) const {
   const auto part = [&](const std::vector<double> &values, std::size_t begin) {
@@ -356,15 +363,15 @@ void where_positive(std::size_t count, const Excess &excess, const Visit &visit)
   for (; i < count; ++i) visit(i);
 }
 
-// Searches the largest reciprocal of the smallest g > 0 at a point of the grid that fulfils
-// 1 + 2 g real + g^2 share q = 0, with |L|^2 = q. At the gain share g the loop is on the bound:
-// |1 + g share L|^2 = 1 - share.
+// Searches the largest value 1/g over the points of the grid. At each point, g is the smallest
+// positive solution of 1 + 2 g real + g^2 share q = 0 with q = |L|^2. With the gain share g, the
+// loop is on its bound: |1 + g share L|^2 = 1 - share.
 void first_root(std::span<const double> real, std::span<const double> square, double share,
                 Largest &found) {
   const double *const re = real.data();
   const double *const q = square.data();
-  // A reciprocal is ahead + sqrt(ahead^2 - share q) with ahead = -real. It exceeds the value v only
-  // if ahead > v or ahead^2 - share q > (v - ahead)^2.
+  // The value 1/g is ahead + sqrt(ahead^2 - share q) with ahead = -real. It exceeds the value v
+  // only if ahead > v or ahead^2 - share q > (v - ahead)^2.
   const auto excess = [&](std::size_t i) -> Pair {
     const double v = found.value;
     const Pair ahead = -pair(re + i);
@@ -394,7 +401,8 @@ void axis_crossing(std::span<const double> real, std::span<const double> imag, L
   found.add(-re[last], last);
 }
 
-// Searches the largest |L| at a point with a phase within the phase margin of -180 degrees.
+// Searches the largest |L| among the points whose phase differs from -180 degrees by less than the
+// phase margin.
 void within_phase(std::span<const double> real, std::span<const double> square, double margin_deg,
                   Largest &found) {
   const auto cosine =
@@ -418,7 +426,7 @@ double LawGrid::noise_gain(const LawShape &law) const {
   return std::sqrt(most);
 }
 
-// Returns arrays for the loops around the plant with the most points.
+// Returns a Loop with arrays that are large enough for the plant with the most points.
 LawGrid::Loop LawGrid::loop_of_one() const {
   std::size_t most = 0;
   for (std::size_t p = 0; p < plants_.size(); ++p) most = std::max(most, begin_[p + 1] - begin_[p]);
@@ -429,14 +437,15 @@ LawGrid::Loop LawGrid::loop_of_one() const {
 
 namespace {
 
-// Frequencies from 0 on at which a loop with two integrals is close to -1 at some gain.
+// The range of low frequencies, from 0 on, in which the gain of a loop with two integrals is close
+// to -1 at some gain of the law.
 struct LowEnd {
   std::size_t points = 0;  // number of points of the grid
   double least_gain = 0;   // gain above which |S| keeps its bound at these frequencies
 };
 
-// `share`: as in first_root(). A loop that begins behind -180 degrees is unstable at every gain at
-// which it does not cross the negative real axis.
+// `share` has the same meaning as in first_root(). A loop whose phase begins below -180 degrees is
+// unstable at every gain at which it does not cross the negative real axis.
 LowEnd low_end(std::span<const double> real, std::span<const double> imag,
                std::span<const double> square, double share) {
   LowEnd end;
@@ -453,11 +462,11 @@ LowEnd low_end(std::span<const double> real, std::span<const double> imag,
 }  // namespace
 
 // Reduces a limit to the largest gain that the bounds permit for one loop. If plant and law have an
-// integral each, the phase at low frequency is close to -180 degrees, where |L| is large at every
-// useful gain: there, |S| bounds the gain from below.
+// integral each, the phase at low frequency is close to -180 degrees, and |L| is large there at
+// every useful gain. At these frequencies, the bound of |S| gives a smallest permitted gain.
 void LawGrid::reduce(GainLimit &limit, const LawShape &law, const Curve &curve, std::size_t plant,
                      std::size_t delay, const LawBounds &bounds) const {
-  // `search` looks for a value above the one that belongs to the limit.
+  // `search` looks for a value that is larger than the value of the present limit.
   const auto add = [&](GainLimit::Bound bound, double factor, const auto &search) {
     Largest found{factor / limit.gain};
     search(found);
@@ -520,9 +529,10 @@ double apart(double gain, double real, double square) {
   return 1 + 2 * gain * real + gain * gain * square;
 }
 
-// Returns the first frequency at which past(i) is true: 0 for the first point, and the last
-// frequency for none. The frequency is interpolated where level(i) is 1; a level above 1 is past.
-// The search ends at the frequency `most`, which the result does not exceed.
+// Returns the first frequency at which past(i) is true. The result is 0 if past(0) is true, and the
+// last frequency if past(i) is true at no point. The result is interpolated to the frequency at
+// which level(i) is 1, where past(i) means a level above 1. The search ends at the frequency
+// `most`, and the result does not exceed `most`.
 template <typename Past, typename Level>
 double first_past(std::span<const double> hz, double most, const Past &past, const Level &level) {
   if (past(0)) return 0.0;
@@ -531,7 +541,8 @@ double first_past(std::span<const double> hz, double most, const Past &past, con
   return std::min(most, hz.back());
 }
 
-// The first frequencies at which |S| rises above and |T| falls below -3 dB.
+// The following two functions return the first frequency at which |S| rises above -3 dB, and the
+// first frequency at which |T| falls below -3 dB.
 double bandwidth_of(std::span<const double> re, std::span<const double> q,
                     std::span<const double> hz, double gain, double most) {
   return first_past(
@@ -547,7 +558,7 @@ double fall_of(std::span<const double> re, std::span<const double> q, std::span<
       [&](std::size_t i) { return kHalfPower * apart(gain, re[i], q[i]) / (gain * gain * q[i]); });
 }
 
-// The last frequency at which |T| falls below -3 dB; 0 if |T| is never above.
+// Returns the last frequency at which |T| falls below -3 dB, or 0 if |T| is never above -3 dB.
 double last_fall_of(std::span<const double> re, std::span<const double> q,
                     std::span<const double> hz, double gain) {
   const auto level = [&](std::size_t i) {
@@ -559,7 +570,8 @@ double last_fall_of(std::span<const double> re, std::span<const double> q,
   return i == hz.size() ? hz[i - 1] : between(hz[i - 1], hz[i], 1 / level(i - 1), 1 / level(i));
 }
 
-// The smallest factor by which the gain may rise until the loop crosses -1.
+// Returns the smallest factor by which the gain may rise until the curve of the loop gain crosses
+// -1.
 double gain_margin_of(std::span<const double> re, std::span<const double> im, double gain) {
   double least = kNone;
   const auto add = [&](double real) {
@@ -573,7 +585,7 @@ double gain_margin_of(std::span<const double> re, std::span<const double> im, do
   return least;
 }
 
-// The smallest magnitude of the phase margin in rad.
+// Returns the smallest magnitude of the phase margin in rad.
 double phase_margin_of(std::span<const double> re, std::span<const double> im,
                        std::span<const double> q, double gain) {
   double least = kNone;
@@ -608,7 +620,7 @@ std::vector<LoopFigures> LawGrid::figures(const LawShape &law, double gain) cons
   return all;
 }
 
-// A loop with its gain at any frequency.
+// Computes the gain of one loop at any frequency, also between the points of the grid.
 class LawGrid::Sight {
  public:
   Sight(const ForcePlant &plant, const LawShape &law, double gain, int delay_ticks)
@@ -633,7 +645,7 @@ class LawGrid::Sight {
     return sum;
   }
   double apart(double hz) const { return std::norm(1.0 + at(hz)); }
-  // Returns the gain at frequency 0 without the integral.
+  // Returns the loop gain at frequency 0 without the integral of the law.
   double at_rest() const {
     const std::array<double, 1> w{0.0};
     std::array<Complex, 1> value;
@@ -707,10 +719,12 @@ double least_between(double low, double high, const Value &value) {
   return std::min(at_inner, at_outer);
 }
 
-// Values that are close to the best one of a grid may be the best one between its points.
+// A grid point whose value differs from the best one by less than this fraction may be next to the
+// best value between the grid points.
 constexpr double kCloseShare = 0.03;
 
-// Returns true if all poles of the plant are stable, except for one pole at 0 if `integral`.
+// Returns true if all poles of the plant are stable. One pole at 0 is permitted if `integral` is
+// true.
 bool surely_stable(const ForcePlant &plant, bool integral) {
   const double least = kRounding / plant.tick_s();
   const auto others = std::count_if(plant.poles().begin(), plant.poles().end(), [&](Complex pole) {
@@ -719,7 +733,8 @@ bool surely_stable(const ForcePlant &plant, bool integral) {
   return others == (integral ? 1 : 0);
 }
 
-// The polynomial d0 + d1 s + d2 s^2 of a stable section has coefficients of one sign.
+// Returns true if the law is stable. The polynomial d0 + d1 s + d2 s^2 of a stable section has
+// coefficients of the same sign.
 bool surely_stable(const LawShape &law) {
   return law.integral_rad_per_s >= 0 &&
          std::all_of(law.sections.begin(), law.sections.end(), [](const LawSection &s) {
@@ -728,20 +743,21 @@ bool surely_stable(const LawShape &law) {
          });
 }
 
-// Returns the gain of a loop at frequency 0: infinity with an integral in the law, and NaN if that
-// integral has a plant with a negative gain or none. `rest`: the gain without the law's integral.
+// Returns the gain of a loop at frequency 0. `rest` is this gain without the law's integral. With
+// an integral in the law, the result is infinity if `rest` is positive, and NaN otherwise.
 double gain_at_rest(const LawShape &law, double rest) {
   if (!(law.integral_rad_per_s > 0)) return rest;
   return rest > 0 ? kNone : std::numeric_limits<double>::quiet_NaN();
 }
 
-// Poles and zeros of a plant below the grid.
+// Numbers of poles and zeros of a plant whose frequencies are below the grid.
 struct SlowRoots {
   std::size_t poles = 0;  // number of real poles, which belong to no conjugate pair
   std::size_t zeros = 0;
-  // Pairs of a pole and a zero, both stable and real, that differ by at most 1 %, as the creep of a
-  // sensor has them. Below the grid, a pair changes the loop by at most 1 % and turns it by less
-  // than 0.3 degrees, both monotonically; within the grid it is included in the response.
+  // Number of pairs of a pole and a zero that are stable and real and differ by at most 1 %. The
+  // creep of a sensor has such a pair. Below the grid, a pair changes the loop by at most 1 % and
+  // turns it by less than 0.3 degrees, both monotonically; within the grid it is included in the
+  // response.
   std::size_t pairs = 0;
 };
 
@@ -773,9 +789,10 @@ SlowRoots slow_roots(const ForcePlant &plant) {
 }
 
 // Returns true if the loop around a plant with an integral begins at -90 degrees, or just above
-// -180 degrees if the law has an integral too. `real`, `imag`: the loop at the lowest frequency.
-// Below it, two integrals and a pair may have a phase below -180 degrees. If the gain of the loop
-// is above 1 there, this does not make the loop unstable.
+// -180 degrees if the law has an integral too. `real` and `imag` are the loop gain at the lowest
+// frequency of the grid. Below this frequency, two integrals and a pair of SlowRoots may have a
+// phase below -180 degrees. If the gain of the loop is above 1 there, this does not make the loop
+// unstable.
 bool begins_stable(const LawShape &law, const SlowRoots &slow, double real, double imag) {
   return imag < 0 && (law.integral_rad_per_s <= 0 || real < (slow.pairs > 0 ? -1 : 0));
 }
@@ -801,14 +818,14 @@ bool is_known(const SlowRoots &slow, const ForcePlant &plant, const LawShape &la
 
 }  // namespace
 
-// The methods compute one figure each, from the values at the points of the grid.
+// Each method computes one figure of a loop. It begins with the values at the points of the grid.
 class LawGrid::Precise {
  public:
-  // `at_rest`: gain of the loop at frequency 0, infinity with an integral.
+  // `at_rest` is the gain of the loop at frequency 0, which is infinite with an integral.
   Precise(const Curve &curve, const Sight &sight, double gain, double at_rest)
       : curve_(curve), sight_(sight), gain_(gain), rest_(at_rest), last_(curve.hz.size() - 1) {}
 
-  // Returns true if |S| or |T| passes -3 dB below the grid.
+  // Returns true if |S| or |T| passes -3 dB at a frequency below the grid.
   bool passes_below() const {
     const bool open = !std::isinf(rest_);
     const bool far = !open || (1 + rest_) * (1 + rest_) * kHalfPower > 1;
@@ -816,7 +833,8 @@ class LawGrid::Precise {
     return far != (size(0) * kHalfPower > 1) || whole != (below(0) <= 0);
   }
 
-  // The largest distance from 0 at which the loop crosses the negative real axis.
+  // Returns the largest distance from 0 at which the curve of the loop gain crosses the negative
+  // real axis.
   double axis_distance() const {
     const auto [re, im, q, hz] = curve_;
     double most = std::max(-rest_, -gain_ * re[last_]);
@@ -926,7 +944,8 @@ PreciseFigures LawGrid::precise(const LawShape &law, double gain, std::size_t pl
 
 namespace {
 
-// Returns the value of a law, which is 0 if a plant needs a larger gain than another one permits.
+// Returns the value of a law. The value is 0 if one plant needs a larger gain than another plant
+// permits.
 LawValue value_of(const GainLimit &limit, double hz) {
   return kGainShare * limit.gain < limit.least ? LawValue{0, 0} : LawValue{hz, limit.gain};
 }
@@ -954,8 +973,8 @@ LawValue LawGrid::evaluate(const LawShape &law, const LawBounds &bounds, const R
     compute(law, p, 0, loop);
     for (std::size_t d = 0; d < delays_.size(); ++d)
       reduce(limit, law, curve(loop, 0, p, d), p, d, bounds);
-    // At a frequency, |S| and |T| are within -3 dB above some gain. The other plants reduce the
-    // gain, so the bandwidth does not increase.
+    // At each frequency, |S| and |T| are within -3 dB only above some gain. The remaining plants
+    // can only reduce the gain, so they do not increase the bandwidth.
     if (floor_hz > 0) narrow(p);
     if (hz < floor_hz) {
       ends_early_.store(p, std::memory_order_relaxed);

@@ -26,9 +26,10 @@ namespace forceaxis::sim {
 /// Bounds that all loops have to keep. Infinity means no bound.
 struct LawBounds {
   std::vector<double> ms;         ///< largest permitted |S| for each delay of the loop, above 1
-  double gain_margin = 1.0;       ///< factor
-  double phase_margin_deg = 0.0;  ///< 0: no bound
-  double hf_gain = std::numeric_limits<double>::infinity();  ///< DAC codes per 8-bit count
+  double gain_margin = 1.0;       ///< smallest permitted gain margin, as a factor
+  double phase_margin_deg = 0.0;  ///< smallest permitted phase margin in degrees; 0: no bound
+  /// Largest permitted gain at high frequency in DAC codes per 8-bit count.
+  double hf_gain = std::numeric_limits<double>::infinity();
 };
 
 /// The largest gain that the bounds permit, and the point of the grid at which a bound is reached.
@@ -60,14 +61,15 @@ struct LoopFigures {
 /// Figures of one loop that are not limited by the steps of a grid: roots and peaks are searched
 /// for between the points of the grid. Relative errors are about 1e-9.
 ///
-/// Over a bus, |S| and the margins are those of the loop that is sampled once in a cycle. |T| is
-/// |L / (1 + L)|, which has the reading in place of the force and a set-point that acts once in a
-/// cycle: fT differs by some per cent from that of the lifted loop.
+/// Over a bus, |S| and the margins are those of the loop that is sampled once in a cycle. |T| is |L
+/// / (1 + L)|. This is the response of the reading in place of the force, to a set-point that acts
+/// once in a cycle. So fT differs by some per cent from that of the lifted loop.
 struct PreciseFigures {
-  /// Whether the loop is known to be stable: plant and law are stable, an integral acts with the
+  /// True if the loop is known to be stable: plant and law are stable, an integral acts with the
   /// sign that reduces the error, and no gain up to the given gain brings the curve of the loop to
-  /// -1. Otherwise the other fields are 0, and poles have to decide. This is also so for a loop
-  /// with a pole, a zero or a bandwidth below the lowest frequency of the grid.
+  /// -1. Otherwise the other fields are 0, and the stability must be decided from the poles of the
+  /// loop. This is also so for a loop with a pole, a zero or a bandwidth below the lowest frequency
+  /// of the grid.
   bool known_stable = false;
   double fS_hz = 0;  ///< frequency as in LoopFigures; infinity if |S| stays below -3 dB
   double fT_hz = 0;  ///< last frequency at which |T| falls below -3 dB; infinity if |T| stays above
@@ -75,7 +77,7 @@ struct PreciseFigures {
   double Ms = 0;
   double gain_margin = 0;
   double phase_margin_rad = 0;
-  bool sag = false;  ///< |T| is below -3 dB at a frequency below fS_hz
+  bool sag = false;  ///< true if |T| is below -3 dB at a frequency below fS_hz
 };
 
 /// The bandwidth of a law over the set of plants, and the largest gain that keeps the bounds.
@@ -109,9 +111,9 @@ class LawGrid {
   PreciseFigures precise(const LawShape &law, double gain, std::size_t plant,
                          std::size_t delay) const;
   /// Returns the value of a law for a search: the smallest bandwidth at 0.97 times the largest
-  /// gain, where |S| and, for a law with an integral, |T| are within -3 dB. A `ramp` reduces the
-  /// bandwidth if the force does not follow it. The result may be too large if it is below
-  /// `floor_hz`, because the evaluation ends when it is known to be below.
+  /// gain, where |S| and, for a law with an integral, |T| are within -3 dB. With a `ramp`, the
+  /// bandwidth is reduced if the force does not follow the ramp. A bandwidth below `floor_hz` may
+  /// be too large, because the evaluation ends when the bandwidth is known to be below `floor_hz`.
   LawValue evaluate(const LawShape &law, const LawBounds &bounds, const RampResponse *ramp,
                     double floor_hz) const;
 
@@ -133,17 +135,19 @@ class LawGrid {
   std::vector<ForcePlant> plants_;
   std::vector<int> delays_;
   double tick_s_;
-  // Number of frequencies of each point: the ticks of a bus cycle, 1 without a bus.
+  // Number of alias frequencies of each grid point: the number of ticks of a bus cycle, or 1
+  // without a bus.
   std::size_t aliases_;
-  std::vector<std::size_t> begin_;  // index of the first point of each plant; the last element is
-                                    // the number of points
-  std::vector<bool> integrates_;    // for each plant: true if the plant integrates, with a pole at
-                                    // frequency 0
-  // Frequency of each point.
+  // Index of the first grid point of each plant. The last element is the number of all points.
+  std::vector<std::size_t> begin_;
+  // For each plant: true if the plant has an integral, which is a pole at frequency 0.
+  std::vector<bool> integrates_;
+  // Frequency of each grid point in Hz.
   std::vector<double> hz_;
-  // Of each frequency of each point: w = tan(pi f T), real and imaginary part of z, real and
-  // imaginary part of the plant's response with its bus. A plant has all its points at the first
-  // frequency, then at the second one.
+  // Values for each alias frequency of each grid point: w = tan(pi f T), real and imaginary part of
+  // z, and real and imaginary part of the plant's response with its bus. For each plant, the arrays
+  // first have all points at the first alias frequency, then all points at the second one, and so
+  // on.
   std::vector<double> w_, cosine_, sine_, real_, imag_;
   // Plant that ended the last evaluation early. The next evaluation begins with this plant, because
   // it probably ends that evaluation too. The order of the plants changes no result above the

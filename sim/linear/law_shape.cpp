@@ -30,7 +30,8 @@ std::optional<LawShape> LawShape::of_logarithms(std::span<const double> numbers,
                                                 double coefficient_max) {
   LawShape law;
   if (numbers.empty()) return law;
-  // The functions for double of the C library depend on the processor.
+  // The exponential is computed with long double, because the C library's functions for double
+  // depend on the processor.
   const auto exponential = [&](std::size_t i) {
     return static_cast<double>(std::exp(static_cast<long double>(numbers[i])));
   };

@@ -12,7 +12,7 @@
 
 namespace forceaxis::sim {
 
-/// A section ((n0 - n2 w^2) + j n1 w) / ((d0 - d2 w^2) + j d1 w).
+/// A second-order section with the response ((n0 - n2 w^2) + j n1 w) / ((d0 - d2 w^2) + j d1 w).
 struct LawSection {
   double n0, n1, n2, d0, d1, d2;
 
@@ -22,7 +22,7 @@ struct LawSection {
   /// `tick_s` in s. The section has the gain 1 at frequency 0.
   static LawSection of(double zero_hz, double zero_damping, double pole_hz, double pole_damping,
                        double tick_s);
-  /// Returns (b0, b1, b2, a1, a2).
+  /// Returns the coefficients (b0, b1, b2, a1, a2) of the firmware.
   std::array<double, 5> coefficients() const;
 };
 

@@ -61,8 +61,8 @@ Model without_drive(Model model) {
 }
 
 // Returns a copy of the model with an additional constant force on a point, in the form of gravity.
-// The change of the column of the constant 1 is the response of the plant, including sticking
-// frictions.
+// The force changes the column of the constant 1. This change is the response of the plant,
+// including sticking frictions.
 Model pushed(Model model, int point, double force_N) {
   if (point == kGround) return model;
   const double mass =
@@ -146,9 +146,9 @@ std::optional<RowVector> output_row(const Model &model, const Network &network,
   throw InputError(model.file, "input", "expected one of " + listed(names) + ", got " + name);
 }
 
-// Sets A and C. The deflection of the spring of a hysteresis is expressed by the positions: while
-// the slider sticks, it is the deflection of the contact and a constant; otherwise it is a
-// constant. It then does not belong to the response.
+// Sets the matrices A and C. The deflection of a hysteresis spring is expressed by the positions.
+// While the slider sticks, it is the deflection of the contact plus a constant. Otherwise it is a
+// constant. So it does not belong to the response.
 void set_matrices(Linear &linear, const Network &network, const ModeEquations &equations,
                   const ExtendedMatrix &rows) {
   const Eigen::Index n = network.states();

@@ -15,10 +15,10 @@ namespace forceaxis::sim {
 /// Linear system x' = A x + B u, y = C x + D u. x, u and y are deviations from any motion within
 /// one mode.
 struct Linear {
-  Eigen::MatrixXd A;  ///< n x n
-  Eigen::MatrixXd B;  ///< n x inputs
-  Eigen::MatrixXd C;  ///< outputs x n
-  Eigen::MatrixXd D;  ///< outputs x inputs
+  Eigen::MatrixXd A;  ///< system matrix, n x n
+  Eigen::MatrixXd B;  ///< input matrix, n x number of inputs
+  Eigen::MatrixXd C;  ///< output matrix, number of outputs x n
+  Eigen::MatrixXd D;  ///< direct matrix, number of outputs x number of inputs
   std::vector<std::string> states;
 };
 

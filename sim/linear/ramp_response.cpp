@@ -22,12 +22,14 @@ constexpr std::size_t kPeriod = 2048;    // number of instants in a period at wh
 constexpr std::size_t kPart = kPeriod / 8;  // length of one Fourier transform
 constexpr double kHighestShare = 0.49;      // ratio of the highest harmonic's frequency to the tick
                                             // rate
-// Largest overshoot, as a share of the set-point.
+// Largest permitted overshoot, as a fraction of the set-point.
 constexpr double kOvershootMax = 0.055;
-// (instant in ramp times, largest undershoot from this instant on as a share of the set-point)
+// Pairs of an instant in ramp times and the largest permitted undershoot from this instant to the
+// instant of the next pair. The undershoot is a fraction of the set-point.
 constexpr std::array<std::pair<double, double>, 2> kShortMax{{{1.25, 0.02}, {1.6, 0.025}}};
 
-// The operators of the standard library test for infinities.
+// Multiplies complex numbers. Unlike the operator of the standard library, this function does not
+// test for infinities.
 Complex times(Complex a, Complex b) {
   return {a.real() * b.real() - a.imag() * b.imag(), a.real() * b.imag() + a.imag() * b.real()};
 }
@@ -43,7 +45,7 @@ Complex turned(Extended share) {
   return {static_cast<double>(std::cos(angle)), static_cast<double>(std::sin(angle))};
 }
 
-// The powers 0 .. kPeriod - 1 of e^(2 pi j / kPeriod).
+// Returns the powers 0 .. kPeriod - 1 of e^(2 pi j / kPeriod).
 const std::vector<Complex> &roots_of_one() {
   static const std::vector<Complex> roots = [] {
     std::vector<Complex> found;
@@ -53,7 +55,7 @@ const std::vector<Complex> &roots_of_one() {
   return roots;
 }
 
-// Replaces `values` by their sums with e^(2 pi j m a / kPart) for a = 0 .. kPart - 1.
+// Replaces `values` by their Fourier sums with e^(2 pi j m a / kPart) for a = 0 .. kPart - 1.
 void transform(std::array<ComplexPair, kPart> &values) {
   const auto &roots = roots_of_one();
   for (std::size_t i = 1, j = 0; i < kPart; ++i) {
@@ -92,10 +94,10 @@ std::complex<Extended> harmonic_of_setpoint(std::size_t m) {
   return sum * (Extended{2} / kPeriod);
 }
 
-// Returns the largest excess of two forces over the permitted band, as a share of the set-point.
-// `harmonics`: their odd harmonics. The sum over the harmonics 2 m + 1 at the instant 4 a + b of
-// the first half of the period is a Fourier transform over m at the place a, turned by the angle of
-// the instant. The search ends at an excess above `most`.
+// Returns the largest excess of two forces over the permitted band, as a fraction of the set-point.
+// `harmonics` has the odd harmonics of both forces. The sum over the harmonics 2 m + 1 at the
+// instant 4 a + b of the first half of the period is element a of a Fourier transform over m,
+// turned by the angle of the instant. The search ends at an excess above `most`.
 double excess_of(std::span<const ComplexPair> harmonics, double most) {
   const auto &roots = roots_of_one();
   Pair high{};
@@ -181,7 +183,7 @@ double RampResponse::excess(const LawShape &law, double gain, double most) const
   std::array<ComplexPair, kHarmonics> closed;
   for (std::size_t begin = 0; begin < plants_.size() && !(worst > most); begin += count) {
     for (std::size_t m = 0; m < harmonics_; ++m) {
-      // The set-point acts in each tick, so it has no other frequencies than its own.
+      // The set-point acts in each tick, so it has no alias frequencies.
       const auto [re, im] = times(plants_[begin + m], response[m]);
       ComplexPair loop{re, im};
       for (std::size_t k = m + harmonics_; k < count; k += harmonics_) {

@@ -19,10 +19,11 @@ class RampResponse {
   /// `delays_ticks`: delays of the loop. `ramp_s`: rise time of the set-point in s.
   RampResponse(std::span<const ForcePlant *const> plants, std::span<const int> delays_ticks,
                double ramp_s);
-  /// Returns the largest excess of the force over the permitted band about the set-point, as a
-  /// share of the set-point, over all plants and delays; 0 if the force stays within the band. The
-  /// band: at most 5.5 % above, at most 2 % below from 1.25 ramp times on, 2.5 % from 1.6 on.
-  /// Loops after the first one with an excess above `most` are not computed.
+  /// Returns the largest excess of the force over the permitted band about the set-point, over all
+  /// plants and delays. The excess is a fraction of the set-point, and 0 if the force stays within
+  /// the band. The force may be at most 5.5 % above the set-point. It may be at most 2 % below the
+  /// set-point from 1.25 to 1.6 ramp times, and at most 2.5 % below after that. Loops after the
+  /// first one with an excess above `most` are not computed.
   double excess(const LawShape &law, double gain,
                 double most = std::numeric_limits<double>::infinity()) const;
 
@@ -35,7 +36,7 @@ class RampResponse {
  private:
   double tick_s_;
   std::size_t harmonics_ = 0;
-  // tan(pi f T) of all harmonics, then of their other frequencies (alias_of)
+  // Values tan(pi f T) of all harmonics, followed by those of their alias frequencies (alias_of).
   std::vector<double> w_;
   std::vector<std::complex<double>> setpoint_;  // spectrum of the set-point
   std::vector<ComplexPair> plants_;  // responses with delay, in pairs; the last one is repeated if

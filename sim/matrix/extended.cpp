@@ -80,7 +80,7 @@ class Factors {
 
   bool singular() const { return singular_; }
 
-  // Returns the solution x of M x = b. One step corrects the residual.
+  // Returns the solution x of M x = b. One step of iterative refinement reduces the residual.
   Vector solve(const Vector &b) const {
     Vector x = forward(b);
     Vector rest = b;
@@ -139,7 +139,7 @@ class Factors {
 
   Matrix matrix_, factors_;
   Eigen::Matrix<Extended, Eigen::Dynamic, 1> scale_;
-  std::vector<Index> order_;  // order of the rows
+  std::vector<Index> order_;  // order of the rows of the matrix in the factors
   bool singular_ = false;
 };
 

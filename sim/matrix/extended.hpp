@@ -32,13 +32,14 @@ std::vector<std::complex<double>> eigenvalues(const ExtendedMatrix &A);
 
 /// The fast modes of the flow of x' = A x: x is the sum of right (left x), which the fast
 /// eigenvalues move, and of a remainder that they do not move. A conjugate pair of eigenvalues has
-/// one place in each matrix.
+/// one row or column in each matrix.
 struct FastModes {
   ComplexMatrix values;  ///< f x 1, eigenvalues with an imaginary part of at least 0
   ComplexMatrix right;   ///< n x f, right eigenvectors
   /// Left eigenvectors as rows, f x n; their product with the right ones is the identity.
   ComplexMatrix left;
-  /// n x n, the matrix A without its fast part, A - right values left, both of a pair
+  /// n x n, the matrix A without its fast part, A - right values left, with both modes of each
+  /// conjugate pair
   ExtendedMatrix slow;
   /// n x n, upper bound of the error of each entry of `slow`
   ExtendedMatrix error;

@@ -16,14 +16,15 @@ struct Lanes {
   Numbers re, im;
 };
 
-// `left`: the rows of [-H, B], n x (n + inputs); `work`: as many values of the present points.
+// `left` has the rows of the matrix [-H, B], n x (n + inputs). `work` has as many values for the
+// present points.
 struct Elimination {
   std::size_t n, wide;
   const double *left;
   Lanes *work;
 };
 
-// Multiplies by the reciprocal of `divisor`.
+// Multiplies `value` by the reciprocal of `divisor`.
 [[gnu::always_inline]] inline void divide(Lanes &value, const Lanes &divisor) {
   const Numbers size = divisor.re * divisor.re + divisor.im * divisor.im;
   const Numbers re = divisor.re / size;
@@ -38,7 +39,8 @@ struct Elimination {
   from.im -= a.re * b.im + a.im * b.re;
 }
 
-// Exchanges the rows from `begin` on in the lanes in which the lower row has the larger pivot.
+// Exchanges two rows, from the column `begin` on, for each point whose lower row has the larger
+// pivot.
 [[gnu::always_inline]] inline void pivot(Lanes *upper, Lanes *lower, std::size_t begin,
                                          std::size_t end) {
   const Lanes high = upper[begin];

@@ -5,9 +5,9 @@
 //   static constexpr std::string_view kMeaning    what it is, for the reference page
 //   static constexpr auto rows()                  its keys, each with its member
 //   void complete(Section &, Names &)             if it has rules between keys, or derived members
-// and, as one of several types of a table, kWhen. A key is such a row and nothing else: read.hpp
-// reads the file by it, and format_of<T> is the declaration from which the reference page is
-// generated.
+// A struct that is one of several types of a table also has kWhen. Such a row is the only
+// declaration of a key: read.hpp uses the row to read the file, and format_of<T> is the declaration
+// from which the reference page is generated.
 #include <array>
 #include <cstddef>
 #include <optional>
@@ -35,8 +35,8 @@ struct Quantity {
   Sign sign = Sign::any;
 };
 
-/// A key and the way from the struct to its member, through members of members. A way through an
-/// empty optional fills it.
+/// A key, and the path from the struct to the member that stores the value. The path may lead
+/// through members of members. An empty optional on this path is filled.
 template <class... Steps>
 struct Field {
   KeyFormat key;
@@ -73,7 +73,8 @@ constexpr auto field(Middle Owner::*outer, T Inner::*inner, const KeyFormat &key
   return Field<Middle Owner::*, T Inner::*>{key, {outer, inner}};
 }
 
-/// A field whose unit depends on members before it: `quantity` is a function of the struct.
+/// A field whose unit depends on members that are read before it. The function `quantity` of the
+/// struct returns the unit.
 template <class Owner, class T>
 struct FieldOf : Field<T Owner::*> {
   Quantity (Owner::*quantity)() const;
@@ -98,7 +99,8 @@ constexpr auto rows_of(const Parts &...parts) {
 }
 
 /// Returns the rows of a member that is a struct with rows of its own. The keys of an optional
-/// member are keys of the table too: it exists if the file has one of them.
+/// member are also keys of the table. The optional member has a value if the file has one of its
+/// keys.
 template <class Owner, class Inner>
 constexpr auto part(Inner Owner::*member) {
   return std::apply(
@@ -128,8 +130,8 @@ struct Alternatives<std::variant<Types...>> {
   static constexpr const TableFormat *formats[] = {&kFormat<Types>...};
 };
 
-/// Returns true if the choices of the first key of T, "a, b", are the types of T in their order, as
-/// kWhen of each names it.
+/// Returns true if the first key of T lists the names of all types of T as its choices, such as "a,
+/// b", in the order of the types. The name of a type is in its kWhen.
 template <class T>
 constexpr bool choices_are_types() {
   std::string_view choices = std::get<0>(T::rows()).key.form;

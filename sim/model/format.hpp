@@ -43,14 +43,16 @@ struct KeyFormat {
   /// Format of the table or tables, if the value of the key is a table or a list of tables.
   const TableFormat *table = nullptr;
   bool list = false;  ///< The value of the key is a list of tables, [[key]].
-  /// Key beside which alone this key has a meaning; empty if it has one by itself.
+  /// Other key without which this key has no meaning. Empty if this key has a meaning by itself.
   std::string_view beside = {};
-  bool needed_beside = false;    ///< The key is required if the table has the key `beside`.
-  bool rising = false;           ///< The numbers of a list must be in ascending order.
-  std::string_view advice = {};  ///< What to do, for the message about a text that is no choice.
-  /// Kind of table of which no two have the same name, such as "element"; empty: names may repeat.
+  bool needed_beside = false;  ///< The key is required if the table has the key `beside`.
+  bool rising = false;         ///< The numbers of a list must be in ascending order.
+  /// Advice to the user in the message about a text that is not a permitted choice.
+  std::string_view advice = {};
+  /// Kind of table, such as "element", in which every name is unique. Empty if names may repeat.
   std::string_view unique = {};
-  /// The number has the unit of the signal that the table names, or this unit for one ADC code.
+  /// Unit of the number: its own unit, the unit of the signal that the table names, or that unit
+  /// per ADC code.
   enum class Unit { own, of_signal, of_signal_per_count } unit = Unit::own;
 
   constexpr bool required() const { return absent.empty() && !fallback; }
@@ -60,7 +62,7 @@ struct KeyFormat {
 struct TableFormat {
   std::string_view meaning;
   std::span<const KeyFormat> keys;
-  /// The table accepts keys with any name.
+  /// True if the table accepts keys with any name.
   bool open = false;
   /// Condition under which a table has these keys, such as "type = perfect".
   std::string_view when = {};
@@ -184,7 +186,8 @@ constexpr KeyFormat needed_beside(std::string_view other, KeyFormat format) {
   return format;
 }
 
-/// Declares the name of a table of the kind `what`, which no other one of the file has.
+/// Declares the name of a table of the kind `what`. No other table of this kind in the file may
+/// have the same name.
 constexpr KeyFormat name_of(std::string_view what, std::string_view meaning) {
   KeyFormat format = other("name", "identifier", "", meaning);
   format.unique = what;

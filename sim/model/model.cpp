@@ -82,7 +82,7 @@ std::vector<Parameter> read_shared_parameters(const Source &source, const std::s
   return parameters;
 }
 
-// The overrides of a model, and the file name for messages about an override.
+// Applies the overrides of a model. It knows the file name for messages about an override.
 class Overriding {
  public:
   Overriding(Source &source, const std::string &file)
@@ -253,8 +253,8 @@ void check_connected(const Model &model) {
 
 using Rows = std::vector<std::vector<double>>;
 
-// Returns the displacements of all points for a unit of each coordinate, a body or a mode, divided
-// by the square root of its mass.
+// Returns the displacement of each point for a displacement of 1 of each coordinate, divided by the
+// square root of the coordinate's mass. A coordinate is a body or a mode.
 Rows mobility(const Model &model) {
   std::size_t coordinates = model.bodies.size();
   for (const Structure &structure : model.structures) coordinates += structure.modes.size();
@@ -274,8 +274,8 @@ Rows mobility(const Model &model) {
   return rows;
 }
 
-// The frictions of a model, and the brakes without a friction between the same ends, with the path
-// of their key.
+// A friction of a model, or a brake without a friction between the same ends. `key` is the path of
+// its key in the model file.
 struct Constraint {
   std::string key;
   std::string name;
@@ -292,7 +292,7 @@ void check_independent(const Model &model, const std::vector<Constraint> &constr
     for (std::size_t i = 0; i < a.size(); ++i) sum += a[i] * b[i];
     return sum;
   };
-  Rows basis;  // orthonormal
+  Rows basis;  // orthonormal rows
   for (const Constraint &constraint : constraints) {
     std::vector<double> row(points.front().size(), 0.0);
     for (std::size_t i = 0; i < row.size(); ++i)

@@ -25,7 +25,8 @@
 // * A contact exerts k d + b d' while d > 0 and this sum is > 0; otherwise its force is 0.
 // * A contact with hysteresis exerts k d + h e while this is > 0. The deflection e of the spring h
 //   follows d until |h e| reaches the slip force, at which it stays while the slider slips.
-// * A stop has such a contact at each end of the range low < d < high. A backlash is a stop at
+// * A stop has a contact with k and b at each end of the range low < d < high. A backlash is a stop
+// at
 //   -width/2 and +width/2.
 // * A friction opposes sliding with the force `coulomb`. The friction sticks at d' = 0 while the
 //   force that keeps d' = 0 is at most `stiction`. Frictions must not form a loop, because the
@@ -147,9 +148,10 @@ struct Model {
   Boxed<Drive> drive;
   Boxed<MachineController> machine_controller;
   Boxed<Encoder> encoder;
-  Boxed<Switches> switches;  ///< always given; without a position if the file has none
+  Boxed<Switches>
+      switches;  ///< always has a value; all positions are empty if the file has no switches
   std::array<Boxed<Adc>, 2> adc;
-  Boxed<Dac> dac;  ///< always given
+  Boxed<Dac> dac;  ///< always has a value
 
   /// Returns all signals of the model, in the order of Plant::signals().
   std::vector<SignalInfo> signal_list() const;

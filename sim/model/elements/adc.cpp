@@ -5,7 +5,8 @@
 namespace forceaxis::sim {
 namespace {
 
-// The simulation does not distinguish shorter times from 0.
+// Returns a time, or 0 for a time below 1 ns, because the simulation does not distinguish such a
+// time from 0.
 double time_or_0(double time_s) {
   constexpr double kShortest = 1e-9;
   return time_s < kShortest ? 0.0 : time_s;

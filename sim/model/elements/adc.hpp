@@ -8,7 +8,7 @@
 namespace forceaxis::sim {
 
 /// Creep of a sensor: the signal y becomes y + share z, with z' = (y - z) / time and z = 0 at tick
-/// 0. Under a constant load the reading grows by `share` of the load.
+/// 0. Under a constant load, the reading grows by the fraction `share` of the load.
 struct Creep {
   double share = 0.0;
   double time = 0.0;  ///< time constant in s, > 0
@@ -31,9 +31,10 @@ struct Creep {
   }
 };
 
-/// Warm-up of a sensor: a time t after tick 0 its zero has moved by final (1 - e^(-t / time)).
+/// Warm-up of a sensor. At the time t after tick 0, the zero of the sensor has moved by final (1 -
+/// e^(-t / time)).
 struct Drift {
-  double final = 0.0;  ///< in the unit of the signal
+  double final = 0.0;  ///< final change of the zero in the unit of the signal
   double time = 0.0;   ///< time constant in s, > 0
 
   static constexpr auto rows() {
@@ -56,15 +57,15 @@ struct Drift {
 /// Path of a signal to its ADC code: creep and drift of the sensor are added, the sum is limited to
 /// +-sensor_limit, filtered by a first-order low pass, limited to +-conditioning_limit, filtered by
 /// the converter, and converted with noise. Limits and noise have the unit of the signal. The
-/// firmware has codes of at most 16 bits: a converter of more bits gives it the upper 16 of each
-/// code. So per_count, zero_code and bits are those of the code that the firmware has.
+/// firmware has codes of at most 16 bits: a converter with more bits gives the firmware the upper
+/// 16 bits of each code. So per_count, zero_code and bits describe the code that the firmware has.
 struct Adc {
   static constexpr std::string_view kMeaning =
       "An ADC of the firmware. Creep and drift are added to the signal, which then passes the "
       "sensor limit, the low pass, the limit of the electronics, the filter of the converter and "
       "the noise before its conversion to a code. With a sample rate or a latency the firmware has "
       "the newest sample that has arrived, and its age in ticks.";
-  int channel = 0;  ///< 0 or 1
+  int channel = 0;  ///< number of the ADC, 0 or 1
   std::string signal;
   std::optional<Creep> creep;
   std::optional<Drift> drift;
@@ -80,16 +81,16 @@ struct Adc {
   /// Change of the signal for one code step, in the unit of the signal, not 0.
   double per_count = 0.0;
   int zero_code = 0;  ///< ADC code at the signal 0, from 0 to 2^bits - 1
-  int bits = 8;       ///< 8..16
+  int bits = 8;       ///< number of bits of the code, 8..16
   /// Fraction of a code step that is added before the code is rounded down: 1/2, and less if the
   /// code is the upper 16 bits of a longer code.
   double rounding = 0.5;
   std::optional<Sampling>
       sampling;  ///< empty: a sample at each tick, which the firmware has at once
   /// Order of the filter of a sigma-delta converter, 3 to 5, or 0 for none (sinc_filter.hpp). A
-  /// filter has `sampling`.
+  /// converter with a filter also has `sampling`.
   int sinc_order = 0;
-  /// What the file gives, for a converter whose code may have up to 24 bits.
+  /// Values of the model file for a converter whose code may have up to 24 bits.
   struct Given {
     double zero_code = 0.0;
     std::optional<double> sample_rate, sample_phase;

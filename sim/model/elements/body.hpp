@@ -11,10 +11,11 @@ struct Body {
       "A rigid body that moves along the axis. A model has 1 to 32 bodies; other elements "
       "or the drive must connect each of them to ground.";
   std::string name;
-  double mass = 0.0;            ///< in kg with that of what turns with the body, > 0
-  double position = 0.0;        ///< position in m at tick 0
-  double velocity = 0.0;        ///< velocity in m/s at tick 0
-  std::vector<double> inertia;  ///< of what turns with the body in kg m^2
+  double mass = 0.0;      ///< mass in kg, > 0, including the inertias that turn with the body
+  double position = 0.0;  ///< position in m at tick 0
+  double velocity = 0.0;  ///< velocity in m/s at tick 0
+  std::vector<double>
+      inertia;  ///< moments of inertia in kg m^2 of the parts that turn with the body
   std::vector<double> r_trans;  ///< travel of the body for one radian of each inertia in m
 
   static constexpr auto rows() {
@@ -40,7 +41,7 @@ struct Body {
         field(&Body::velocity,
               number("velocity", Dimension::velocity, any, 0.0, "Velocity at the start.")));
   }
-  /// Adds the mass of the inertias.
+  /// Adds the equivalent mass of the inertias to `mass`.
   void complete(Section &section, Names &names);
 };
 

@@ -27,7 +27,8 @@ void Cogging::complete(Section &section, Names &) {
     section.fail("period", "expected at most 1000 segments between from and to, got " +
                                number_text((to - from) / width) +
                                "; shorten the travel, or give fewer segments");
-  // The places are multiples of the width from the start of a period that lies before the travel.
+  // The places of the force values are multiples of the width. They are counted from the start of a
+  // period that begins before the travel.
   const auto first = static_cast<long>(std::floor((from - start) / width));
   const auto last = static_cast<long>(std::ceil((to - start) / width));
   const auto count = static_cast<long>(period.size());

@@ -5,7 +5,8 @@
 
 namespace forceaxis::sim {
 
-/// A force that repeats over the position. It acts backwards on end a and forwards on end b.
+/// A force that is a periodic function of the position. It acts backwards on end a and forwards on
+/// end b.
 struct Cogging : Link {
   static constexpr std::string_view kMeaning =
       "A force that repeats over the position, such as the cogging of a linear motor or a screw. "
@@ -14,7 +15,7 @@ struct Cogging : Link {
   std::vector<double> places;
   /// Force in N at each place. It is interpolated between places and constant outside their range.
   std::vector<double> forces;
-  /// What the file gives: the forces of one period, or the amplitude of a sine with segments.
+  /// Values of the model file: the forces of one period, or the amplitude of a sine with segments.
   struct Given {
     std::vector<double> force;
     double period = 0.0;

@@ -3,12 +3,13 @@
 
 namespace forceaxis::sim {
 
-/// A spring in series with a dry slider (Jenkins element), beside the stiffness k of a contact. The
-/// deflection e of the spring is a state. While the contact is pressed and |stiffness e| < force,
-/// e' = d'; at this bound the slider slips, and e' = 0 until d' changes its sign. While the contact
-/// is open, e' = 0, and its surface is where there is no force, k d + stiffness e = 0.
+/// A spring in series with a dry slider (Jenkins element). Both are parallel to the stiffness k of
+/// a contact. The deflection e of the spring is a state. While the contact is pressed and
+/// |stiffness e| < force, e' = d'; at this bound the slider slips, and e' = 0 until d' changes its
+/// sign. While the contact is open, e' = 0, and the surface of the contact is where the force k d +
+/// stiffness e is 0.
 struct Hysteresis {
-  double stiffness = 0.0;  ///< in N/m, > 0
+  double stiffness = 0.0;  ///< stiffness of the spring in N/m, > 0
   double force = 0.0;      ///< slip force in N, > 0
 
   static constexpr auto rows() {
@@ -39,11 +40,14 @@ struct Contact : Link {
       "damping. Linear figures of a contact with hysteresis are those of small motions about a "
       "point at which the slider sticks, with the stiffness stiffness + hysteresis_stiffness and "
       "without its losses.";
-  Slopes stiffness;      ///< in N/m, > 0, as a function of the overlap in m; all breaks are > 0
+  Slopes stiffness;      ///< contact stiffness in N/m, > 0, as a function of the overlap in m; all
+                         ///< breakpoints are > 0
   double damping = 0.0;  ///< contact damping in N s/m, >= 0
-  double gap = 0.0;      ///< gap of the open contact in m; the overlap is d = x_a - x_b - gap
-  std::optional<Maxwell> maxwell = std::nullopt;  ///< only with one stiffness and no damping
-  /// Only with one stiffness, no damping and no `maxwell`.
+  double gap =
+      0.0;  ///< distance of the surfaces in m at x_a = x_b; the overlap is d = x_a - x_b - gap
+  std::optional<Maxwell> maxwell =
+      std::nullopt;  ///< permitted only with one stiffness and no damping
+  /// Hysteresis of the contact. Permitted only with one stiffness, no damping and no `maxwell`.
   std::optional<Hysteresis> hysteresis = std::nullopt;
 
   static constexpr auto rows() {

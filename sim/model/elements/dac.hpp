@@ -15,10 +15,10 @@ struct Dac {
   double range = 10.0;  ///< output voltage range in V, > 0; output for the lowest code: -range
   double offset = 0.0;  ///< output voltage in V at code 0
   double noise = 0.0;   ///< rms noise of the output voltage in V, >= 0
-  /// Voltage of one code of this DAC.
+  /// Returns the voltage of one code of this DAC.
   double volts_per_step() const { return 2.0 * range / static_cast<double>(1 << bits); }
-  /// Voltage of one DAC code of the firmware, whose gains and limits are in 1/2048 of the range
-  /// whatever the number of bits.
+  /// Returns the voltage of one DAC code of the firmware. The gains and limits of the firmware are
+  /// in 1/2048 of the range for every number of bits.
   double volts_per_code() const { return range / 2048.0; }
 
   static constexpr auto rows() {

@@ -6,7 +6,8 @@ namespace forceaxis::sim {
 
 void DcMotor::complete(Section &section, Names &) {
   if (amp_break)
-    k_amp_outer = section.number("k_amp_outer");  // now the key is required
+    k_amp_outer =
+        section.number("k_amp_outer");  // with the key amp_break, the key k_amp_outer is required
   else if (section.has("k_amp_outer"))
     section.fail("amp_break",
                  "expected a finite number > 0 in V beside k_amp_outer, got nothing; "
@@ -70,8 +71,9 @@ void Drive::complete(Section &section, Names &names) {
                                     "; set the bus to a cycle of 2 ms, 4 ms or longer");
 }
 
-// The poles are the roots of (s^2 + 2 zeta w s + w^2) (s + p), whose sum is the current bandwidth.
-// The bandwidth of the closed loop rises with w from 0 to its limit at p = 0.
+// The poles of the closed velocity loop are the roots of (s^2 + 2 zeta w s + w^2) (s + p), whose
+// sum is the current bandwidth. The bandwidth of the closed loop rises with w from 0 to its limit
+// at p = 0.
 std::optional<VelocityGains> velocity_gains(double mass_kg, double bandwidth, double damping_ratio,
                                             double current_bandwidth) {
   const auto gains = [&](double w) {
@@ -83,7 +85,8 @@ std::optional<VelocityGains> velocity_gains(double mass_kg, double bandwidth, do
     const VelocityGains at = gains(w);
     const double p = current_bandwidth - 2.0 * damping_ratio * w;
     const double top = at.k_velocity * current_bandwidth / mass_kg;
-    // Squares of the magnitudes: std::hypot has other last digits in other versions of libm.
+    // The squares of the magnitudes are compared, because the last digits of std::hypot differ
+    // between versions of libm.
     const auto squared = [](double re, double im) { return re * re + im * im; };
     const double up = squared(top * bandwidth, top / at.integral_time);
     const double down =
@@ -93,7 +96,7 @@ std::optional<VelocityGains> velocity_gains(double mass_kg, double bandwidth, do
   };
   double low = 0.0;
   double high = current_bandwidth / (2.0 * damping_ratio);
-  constexpr double kMost = 1.0 - 1e-9;  // at 1 there is no integral
+  constexpr double kMost = 1.0 - 1e-9;  // at the factor 1, the loop has no integral
   if (!follows(high * kMost)) return std::nullopt;
   high *= kMost;
   for (int k = 0; k < 200 && low < high; ++k) {

@@ -160,24 +160,27 @@ struct PerfectDrive {
   }
 };
 
-/// A motor with a current loop, which a torque drive and a velocity drive have in common:
+/// A motor with a current loop. Torque drives and velocity drives have such a motor:
 ///   i' = rate (c - i)            c is the limited target of the current in A
 ///   F  = force_per_amp i         on the body, -F on reaction
-/// |c| is at most peak_current. With a rated current, |c| is at most rated_current while the mean
-/// current h of the drive has reached it:
+/// |c| is at most peak_current. With a rated current, |c| is at most rated_current from the instant
+/// at which the mean current h of the drive has reached rated_current:
 ///   h' = (max(|i|, rated_current / 2) - h) / T,    T = peak_time / ln((Ip - Ir / 2) / (Ip - Ir))
 /// h begins at rated_current / 2. It reaches rated_current when peak_current has flowed for
 /// peak_time, and the peak is available again when h is below 3/4 of rated_current. While the drive
 /// is disabled, i = 0 and h continues.
 struct DriveMotor {
-  double force_per_amp = 0.0;           ///< k_force, or k_torque / r_trans, in N/A, > 0
-  double rate = 0.0;                    ///< bandwidth of the current loop in rad/s, > 0
-  std::optional<double> peak_current;   ///< in A, > 0; empty: not limited
-  std::optional<double> rated_current;  ///< in A, > 0 and < peak_current; empty: no second limit
-  double peak_time = 0.0;               ///< in s, > 0 if rated_current is given
-  // What the file may give in place of k_force:
-  std::optional<double> k_torque;  ///< in N m/A, > 0
-  std::optional<double> r_trans;   ///< in m/rad, > 0; also for an inertia of the tuning
+  double force_per_amp = 0.0;          ///< k_force, or k_torque / r_trans, in N/A, > 0
+  double rate = 0.0;                   ///< bandwidth of the current loop in rad/s, > 0
+  std::optional<double> peak_current;  ///< largest current in A, > 0; empty: not limited
+  std::optional<double>
+      rated_current;  ///< rated current in A, > 0 and < peak_current; empty: no second limit
+  double peak_time =
+      0.0;  ///< time in s for which peak_current may flow, > 0 if rated_current is given
+  // Values that the model file may have in place of k_force:
+  std::optional<double> k_torque;  ///< torque constant in N m/A, > 0
+  std::optional<double>
+      r_trans;  ///< travel per motor angle in m/rad, > 0; also used for an inertia of the tuning
 
   static constexpr auto rows() {
     using enum Sign;
@@ -212,7 +215,7 @@ struct DriveMotor {
                   optional("peak_time", D::time, positive, "rated_current must be omitted too",
                            "Time for which the drive gives peak_current after a long rest."))));
   }
-  /// `turns`: another key needs the transmission of the motor beside k_force.
+  /// `turns` is true if another key needs the transmission of the motor in addition to k_force.
   void complete(Section &section, bool turns);
 };
 
@@ -225,7 +228,7 @@ struct TorqueDrive {
       "sim/model/elements/drive.hpp has the equations.";
   static constexpr std::string_view kWhen = "type = \"torque\"";
   DriveMotor motor;
-  double current_per_volt = 0.0;  ///< in A/V, not 0
+  double current_per_volt = 0.0;  ///< target current per command voltage in A/V, not 0
   double damping = 0.0;           ///< velocity damping in the drive in N s/m, >= 0
 
   static constexpr auto rows() {
@@ -244,11 +247,11 @@ struct TorqueDrive {
   void complete(Section &section, Names &) { motor.complete(section, false); }
 };
 
-/// A drive with a velocity loop of its own. The target of the current is
+/// A drive with its own velocity loop. The target of the current is
 ///   c = k_velocity / force_per_amp (velocity_per_volt u - v) + q,    q' = (c - q) / integral_time
-/// where c in q' is the limited target. Within the limits this is a PI controller, q' = k_velocity
-/// / force_per_amp (velocity_per_volt u - v) / integral_time; at a limit q goes to the limit and no
-/// further. While the drive is disabled, q = 0.
+/// In the equation of q', c is the limited target. Within the limits, this is a PI controller with
+/// q' = k_velocity / force_per_amp (velocity_per_volt u - v) / integral_time. If the target is at
+/// its limit, q goes to this limit and no further. While the drive is disabled, q = 0.
 struct VelocityDrive {
   static constexpr std::string_view kMeaning =
       "A drive with a velocity loop of its own: a PI controller of the velocity above a current "

@@ -12,7 +12,7 @@ struct Encoder {
   static constexpr std::string_view kMeaning = "The encoder, whose position the firmware reads.";
   int body = kGround;
   int reference = kGround;
-  double scale = 0.0;  ///< count/m, not 0
+  double scale = 0.0;  ///< encoder counts per metre, not 0
 
   static constexpr auto rows() {
     using enum Sign;

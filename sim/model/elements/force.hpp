@@ -43,8 +43,9 @@ struct External {
       "An external force on one body, a table over the time.";
   std::string name;
   int body = kGround;         ///< index of a point
-  std::vector<double> times;  ///< in s since tick 0 in ascending order, >= 0, at least two
-  /// Force in N at each time. It is interpolated between the times, 0 before and after them.
+  std::vector<double> times;  ///< times in s since tick 0 in ascending order, >= 0, at least two
+  /// Force in N at each time. The force is interpolated between the times. It is 0 before the first
+  /// time and after the last time.
   std::vector<double> forces;
 
   static constexpr auto rows() {

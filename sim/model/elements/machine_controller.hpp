@@ -8,13 +8,13 @@
 
 namespace forceaxis::sim {
 
-/// What a controller that measures a force has beside its law.
+/// Settings of a controller that measures a force, in addition to its law.
 struct MachineForce {
   std::string signal;            ///< force that the controller measures
-  double setpoint = 0.0;         ///< in N
-  double speed_max = 0.0;        ///< in m/s, > 0
-  std::optional<double> filter;  ///< corner frequency of the low pass in rad/s, > 0
-  int delay_ticks = 0;           ///< 0..30
+  double setpoint = 0.0;         ///< set-point of the force in N
+  double speed_max = 0.0;        ///< largest commanded speed in m/s, > 0
+  std::optional<double> filter;  ///< corner frequency of the force's low-pass filter in rad/s, > 0
+  int delay_ticks = 0;           ///< delay of the measured force in ticks, 0..30
 
   static constexpr auto demand() {
     using namespace format;
@@ -40,16 +40,17 @@ struct MachineForce {
   void complete(Section &section, Names &names);
 };
 
-/// Commands of a controller of the machine over the time.
+/// Commands of a controller of the machine as a function of the time.
 struct MachineTable {
   static constexpr std::string_view kMeaning =
       "Commands that are given as a table over the time, such as those of a recording.";
   static constexpr std::string_view kWhen = "law = \"table\"";
-  std::vector<double> times;   ///< in s since tick 0 in ascending order, >= 0, at least two
-  std::vector<double> values;  ///< command in m/s or N; constant before and after the times
-  bool interpolated = false;   ///< false: a value is held until the next time
-  std::vector<double> speeds;  ///< the values as the file gives them, in m/s
-  std::vector<double> forces;  ///< or in N
+  std::vector<double> times;   ///< times in s since tick 0 in ascending order, >= 0, at least two
+  std::vector<double> values;  ///< command in m/s or N at each time; constant before the first and
+                               ///< after the last time
+  bool interpolated = false;   ///< false: each value is held until the next time
+  std::vector<double> speeds;  ///< commands in m/s that the model file has
+  std::vector<double> forces;  ///< commands in N that the model file has in place of `speeds`
 
   static constexpr auto rows() {
     using enum Sign;
@@ -79,7 +80,7 @@ struct MachineAdmittance : MachineForce {
       "An admittance: the velocity v of a virtual mass, mass v' = f - damping v, where f is the "
       "set-point less the measured force. At speed_max it stops to accelerate.";
   static constexpr std::string_view kWhen = "law = \"admittance\"";
-  double mass = 0.0;     ///< in kg, > 0
+  double mass = 0.0;     ///< virtual mass in kg, > 0
   double damping = 0.0;  ///< in N s/m, >= 0
 
   static constexpr auto rows() {
@@ -102,8 +103,8 @@ struct MachineForcePi : MachineForce {
       "A PI controller of the force whose output is a velocity: v = f / damping + q, q' = f / "
       "(damping integral_time), where f is the set-point less the measured force.";
   static constexpr std::string_view kWhen = "law = \"force_pi\"";
-  double damping = 0.0;                 ///< in N s/m, > 0
-  std::optional<double> integral_time;  ///< in s, > 0; empty: q = 0
+  double damping = 0.0;                 ///< force error per commanded velocity in N s/m, > 0
+  std::optional<double> integral_time;  ///< integral time in s, > 0; empty: q = 0
 
   static constexpr auto rows() {
     using enum Sign;
@@ -121,16 +122,17 @@ struct MachineForcePi : MachineForce {
   }
 };
 
-/// A controller that belongs to the machine, in place of the firmware: a model of somebody else's
-/// controller, of which no more than this law is known. In the first tick of each cycle it gives
-/// the drive a command, which the drive holds for the cycle: a velocity, or a force for a table of
-/// forces. f is its set-point less the measured force, v its command, T the cycle:
+/// A model of a controller that belongs to the machine and commands the drive in place of the
+/// firmware. Only the law of such a controller is known. In the first tick of each of its cycles,
+/// the controller gives the drive a command. The drive holds this command for the cycle. The
+/// command is a velocity, or a force for a table of forces. f is the set-point less the measured
+/// force, v its command, T the cycle:
 ///   table        v is the value of a table at the time of the tick
 ///   admittance   mass v' = f - damping v
 ///   force_pi     v = f / damping + q,    q' = f / (damping integral_time)
-/// Each law is exact for a force that is constant in a cycle. |v| is at most speed_max, at which
-/// the admittance stops and q is held. The measured force is the signal, through a first-order low
-/// pass and delay_ticks late.
+/// Each law is exact for a force that is constant in a cycle. |v| is at most speed_max. At this
+/// limit, the virtual mass does not accelerate further, and q is held. The measured force is the
+/// signal after a first-order low-pass filter and a delay of delay_ticks.
 struct MachineController {
   static constexpr std::string_view kMeaning =
       "A controller that belongs to the machine, such as that of a robot or a press: a model of "

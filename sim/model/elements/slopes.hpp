@@ -10,20 +10,21 @@ namespace forceaxis::sim {
 /// breaks[k]. A curve with one slope and no break is a straight line.
 struct Slopes {
   std::vector<double> slopes;
-  std::vector<double> breaks;      ///< inputs at which the slope changes, in ascending order
-  std::vector<double> loads = {};  ///< values at which it changes, if the file has them for breaks
+  std::vector<double> breaks;  ///< inputs at which the slope changes, in ascending order
+  std::vector<double> loads =
+      {};  ///< outputs at which the slope changes, if the model file has loads in place of breaks
 
-  /// Derives the breaks from the loads. `key` is that of the slopes.
+  /// Derives the breaks from the loads. `key` is the key of the slopes in the model file.
   void complete(Section &section, const char *key);
 };
 
-/// A spring in series with a dashpot, beside the stiffness k of an element (standard linear solid,
-/// Zener). The extension w of the dashpot is a state:
+/// A spring in series with a dashpot. Both are parallel to the stiffness k of an element, which is
+/// then a standard linear solid (Zener model). The extension w of the dashpot is a state:
 ///   w' = (s - w) / time,    force k s + stiffness (s - w) at the deflection s
 /// The surface of a contact without force recovers: s = stiffness w / (k + stiffness).
 struct Maxwell {
-  double stiffness = 0.0;  ///< in N/m, > 0
-  double time = 0.0;       ///< damping of the dashpot divided by the stiffness in s, > 0
+  double stiffness = 0.0;  ///< stiffness of the spring in N/m, > 0
+  double time = 0.0;  ///< time constant in s, > 0: damping of the dashpot divided by `stiffness`
 
   static constexpr auto rows() {
     using enum Sign;

@@ -7,9 +7,10 @@ struct Spring : Link {
   static constexpr std::string_view kMeaning =
       "A spring with damping. For d = x_a - x_b, the force stiffness * d + damping * d' "
       "acts backwards on a and forwards on b.";
-  Slopes stiffness;      ///< in N/m, >= 0, as a function of the deflection in m
+  Slopes stiffness;      ///< stiffness in N/m, >= 0, as a function of the deflection in m
   double damping = 0.0;  ///< constant damping in N s/m, >= 0
-  std::optional<Maxwell> maxwell = std::nullopt;  ///< in parallel with the stiffness
+  std::optional<Maxwell> maxwell =
+      std::nullopt;  ///< spring and dashpot in parallel with the stiffness
 
   static constexpr auto rows() {
     using enum Sign;
@@ -36,7 +37,7 @@ struct Spring : Link {
 
 struct Damper : Link {
   static constexpr std::string_view kMeaning = "A damper without stiffness.";
-  Slopes damping;  ///< in N s/m, >= 0, as a function of the velocity in m/s
+  Slopes damping;  ///< damping in N s/m, >= 0, as a function of the velocity in m/s
 
   static constexpr auto rows() {
     using enum Sign;

@@ -13,7 +13,8 @@ struct Stop : Link {
       "and `high` must be given.";
   double stiffness = 0.0;  ///< contact stiffness in N/m, > 0
   double damping = 0.0;    ///< contact damping in N s/m, >= 0
-  /// Deflection at the lower stop in m; empty: no lower stop; `low` or `high` is given.
+  /// Deflection at the lower stop in m; empty: no lower stop. At least one of `low` and `high` is
+  /// given.
   std::optional<double> low;
   std::optional<double> high;  ///< deflection at the upper stop in m, >= low; empty: no upper stop
 
@@ -37,7 +38,7 @@ struct Stop : Link {
   void complete(Section &section, Names &names);
 };
 
-/// A stop at -width/2 and one at +width/2.
+/// A backlash: two stops at the deflections -width/2 and +width/2.
 struct Backlash : Stop {
   static constexpr std::string_view kMeaning = "A backlash between two bodies.";
   double width = 0.0;  ///< free travel in m, >= 0

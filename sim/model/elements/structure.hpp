@@ -6,8 +6,9 @@
 
 namespace forceaxis::sim {
 
-/// A structure that is given by its modes of vibration, which a modal analysis has measured while
-/// nothing acted on its ports. At the start it is at rest, with all positions 0.
+/// A structure that is described by its modes of vibration. A modal analysis has measured these
+/// modes while no force acted on the ports. At the start, the structure is at rest, and all
+/// positions are 0.
 struct Structure {
   struct Mode {
     static constexpr std::string_view kMeaning =
@@ -16,9 +17,9 @@ struct Structure {
         "a frequency f far above the others, the shape 2 pi f sqrt(R) at this port and 0 at the "
         "others, and the modal mass 1 kg.";
     double frequency_hz = 0.0;   ///< undamped natural frequency, >= 0; 0: a rigid-body mode
-    double damping_ratio = 0.0;  ///< >= 0, and 0 for a rigid-body mode
+    double damping_ratio = 0.0;  ///< damping ratio, >= 0; 0 for a rigid-body mode
     double mass = 1.0;  ///< modal mass in kg, > 0; 1 if the shape is mass-normalised, in 1/sqrt(kg)
-    std::vector<double> shape;  ///< displacement of each port
+    std::vector<double> shape;  ///< mode shape: displacement of each port
 
     static constexpr auto rows() {
       using enum Dimension;
@@ -49,8 +50,9 @@ struct Structure {
       "32 modes. A structure with a rigid-body mode must be connected to ground; one without is "
       "held by what held it in the measurement. It starts at rest.";
   std::string name;
-  std::vector<std::string> ports;  ///< names, at least one; at least one mode moves each port
-  std::vector<Mode> modes;         ///< at least one
+  std::vector<std::string>
+      ports;                ///< names of the ports, at least one; at least one mode moves each port
+  std::vector<Mode> modes;  ///< modes of vibration, at least one
 
   static constexpr auto rows() {
     return rows_of(
@@ -63,7 +65,7 @@ struct Structure {
                             "the name.")),
         field(&Structure::modes, format::table("mode", kFormat<Mode>, true)));
   }
-  /// Claims the names of the ports.
+  /// Registers the names of the ports, so that no other element can have them.
   void complete(Section &section, Names &names);
 };
 
