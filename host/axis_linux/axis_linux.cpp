@@ -18,7 +18,7 @@ namespace {
 
 using namespace forceaxis;
 
-// The settings of a file. The configuration points into the other members.
+// The values of a settings file. `config` has pointers into the other members.
 struct Settings {
   axis_linux_config_t config{};
   std::string supervisor, drive, store, archive, device, buffer, channel;
@@ -159,7 +159,7 @@ int main(int argc, char **argv) {
     return nodes::refuse("axis_linux", app, error);
   }
   return nodes::guarded("axis_linux", [&]() -> int {
-    static Settings settings;  // exists as long as the process
+    static Settings settings;  // static, so that the settings exist as long as the process
     read(file, settings);
     settings.config.lateness_s = lateness_s;
     throw nodes::UsageError(axis_linux_run(&settings.config));

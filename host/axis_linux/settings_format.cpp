@@ -23,7 +23,7 @@ constexpr TableFormat kObject{
     "the polarity (607Eh) or the quick stop option (605Ah).",
     kObjectKeys};
 
-// What a drive lacks, or may have with a value of its own.
+// Keys for objects that a drive lacks, or that may have another value in the drive.
 #define LACKS(name, bit, key, what) \
   other("lacks_" key, "flag", "false", "The drive has no " what "."),
 #define DIFFERS(name, bit, key, what)    \

@@ -26,7 +26,7 @@ struct AxisOptions {
   std::optional<std::uint32_t> serial;  // CANopen serial number of the first axis.
   double hold_s = 0;
   bool serve = false;
-  bool real_time = false;  // count late ticks
+  bool real_time = false;  // true: late ticks are counted
 
   bool buses() const { return !can.empty() || !modbus.empty(); }
 };
@@ -63,7 +63,8 @@ class Axis {
   int number() const { return number_; }
   std::int64_t coming() const { return firmware_->next_tick(); }
 
-  std::string lost;  // text for the report: how the axis reacted when the plant no longer sent
+  std::string
+      lost;  // text for the report: reaction of the axis after the plant has stopped sending
 
  private:
   fw_t *axis() { return firmware_->axis(); }

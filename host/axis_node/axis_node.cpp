@@ -211,8 +211,8 @@ Axes make_axes(const nodes::NodeOptions &options, const AxisOptions &own,
   return axes;
 }
 
-// Reports each axis that its own experiment enables although it is also commanded over a bus: for a
-// client of the bus, the axis would be enabled by another source.
+// Reports each axis that is enabled by its own experiment although it is also commanded over a bus.
+// For a client on the bus, such an axis would be enabled by another source.
 void report_own_commands(const AxisOptions &own, int first_axis,
                          const std::vector<host::Experiment> &experiments) {
   if (own.can.empty() && own.modbus.empty()) return;

@@ -30,7 +30,8 @@ CanPort::CanPort(const std::string &interface) {
 
 CanPort::~CanPort() { close(line_.raw.fd); }
 
-// Passes each change of the state to the handler. A bus that was off for a short time was off.
+// Passes each change of the bus state to the handler, also if the bus was off only for a short
+// time.
 void CanPort::tell_state(const Handlers &handlers) {
   for (std::uint8_t state = can_line_state(&line_); state != state_;
        state = can_line_state(&line_)) {

@@ -1,6 +1,6 @@
 #pragma once
-// A raw SocketCAN socket for the gateway and the link in lock-step, and the messages of all
-// programs about a CAN interface.
+// A raw SocketCAN socket, which the gateway and the link in lock-step use. This header also has the
+// error messages of all programs about a CAN interface.
 #include <linux/can.h>
 
 #include <chrono>
@@ -13,8 +13,8 @@
 
 namespace forceaxis::canopen {
 
-// The machine does not support CAN, or the interface does not exist or is down. what() returns one
-// line with the remedy.
+// Error: the machine does not support CAN, or the interface does not exist or is down. what()
+// returns one line with the remedy.
 struct CanError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };

@@ -156,8 +156,9 @@ std::optional<Frame> SdoClient::begin_upload(const Frame &answer) {
   return request(kUploadSegment << 5);
 }
 
-// A request that was repeated because its answer was late is answered twice. With the second answer
-// the server began the upload anew, before it received the request for the first segment.
+// Processes the second answer to a request. A request is answered twice if it was repeated because
+// its first answer was late. With the second answer, the server has begun the upload again, before
+// it has received the request for the first segment.
 std::optional<Frame> SdoClient::second_answer(const Frame &answer) {
   if (!data_.empty()) return abort(kAbortCommand);
   size_ = announced_size(answer);

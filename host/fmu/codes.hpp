@@ -1,5 +1,6 @@
 #pragma once
-// The codes that the plant has as outputs and the firmware as inputs, with equal names.
+// The codes that are outputs of the plant unit and inputs of the firmware unit. Both units use the
+// same names.
 #include "host/fmu/unit.hpp"
 
 namespace forceaxis::fmu {

@@ -19,12 +19,13 @@ namespace {
 
 constexpr std::size_t kEnable = kCodeCount;
 constexpr std::size_t kInputCount = kCodeCount + 2;
-constexpr std::size_t kFirstObject = kInputCount + 3;  // after dac_code, amp_enable, brake_release
+constexpr std::size_t kFirstObject =
+    kInputCount + 3;  // index after the outputs dac_code, amp_enable and brake_release
 
-// Largest value of an input that is no Boolean and no encoder count.
+// Returns the largest value of an input that is neither a Boolean nor the encoder count.
 double top_of(std::size_t input) { return input == kAdc0 || input == kAdc1 ? 65535.0 : 255.0; }
 
-// The bit of `din` that an input sets; 0 for an input that is no bit.
+// Returns the bit of `din` that an input sets, or 0 if the input is not a bit.
 std::uint8_t din_bit(std::size_t input) {
   constexpr std::uint8_t kSwitches[] = {AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE,
                                         AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE,
@@ -60,8 +61,8 @@ void write_input(axis_inputs_t &inputs, std::size_t input, double value) {
   }
 }
 
-// The firmware with all of its memory, so that a copy of the bytes to the same address is the
-// complete state.
+// The firmware with all of its memory. A copy of these bytes, written back to the same address,
+// restores the complete state.
 struct Memory {
   fw_t fw;
   std::uint8_t recorder[FW_RECORDER_BYTES];
@@ -191,7 +192,7 @@ class FirmwareUnit final : public Unit {
     std::int64_t tick = 0;
   };
 
-  // Initialises the firmware and makes the initial writes.
+  // Initialises the firmware and writes the initial values of the experiment.
   void power_up() {
     *memory_ = {};
     fw_config_t config{};
@@ -225,7 +226,8 @@ class FirmwareUnit final : public Unit {
   void list_objects() {
     for (const axis_object_meta_t &meta : axis_objects_meta) {
       const std::string_view part = meta.part;
-      if (part == "canopen" || part == "device") continue;  // they concern buses and boards
+      if (part == "canopen" || part == "device")
+        continue;  // these objects concern buses and boards
       objects_.push_back(&meta);
       variables_.push_back(variable_of(meta));
     }
@@ -283,10 +285,11 @@ class FirmwareUnit final : public Unit {
     values_[variable] = value;
   }
 
-  // Returns true if the raw value `number` is to be written. A parameter is written unless the
-  // object has this value. An importer sets an input at each communication point: it is written if
-  // it has changed, so that the axis does not start again by itself after a fault, or if it is 0
-  // and the object is not, so that a stop always acts.
+  // Returns true if the raw value `number` must be written to the object of a variable. A parameter
+  // is written unless the object already has this value. An importer sets each input at each
+  // communication point. An input is written in two cases. In the first case, its value has
+  // changed; so the axis does not start again by itself after a fault. In the second case, its
+  // value is 0 and the object is not 0; so a stop always acts.
   bool is_new(std::size_t variable, double number) const {
     const axis_object_meta_t &meta = meta_of(variable);
     const double present = readable(meta) ? std::round(read(variable) / meta.scale) : 0.0;
@@ -303,8 +306,8 @@ class FirmwareUnit final : public Unit {
 
   FirmwareFacts facts_;
   std::unique_ptr<Memory> memory_;
-  std::vector<const axis_object_meta_t *> objects_;  // variables of the objects, which begin at the
-                                                     // index kFirstObject
+  std::vector<const axis_object_meta_t *>
+      objects_;  // objects of the variables from the index kFirstObject on
   std::optional<host::ExperimentWrites> writes_;
   std::vector<double> values_;  // values to which inputs and parameters were last set
   axis_inputs_t inputs_{};

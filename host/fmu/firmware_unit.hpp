@@ -1,8 +1,8 @@
 #pragma once
-// The firmware of an axis on no bus as a unit: codes of encoder and ADCs in, DAC code and enable
-// out, and the objects of the parts axis, law, recorder and drive of the object table, as variables
-// PART.OBJECT in the units of this table. Writable objects are tunable parameters, or inputs if
-// they are asked for.
+// The firmware of an axis without a bus as a co-simulation unit. The inputs are the codes of
+// encoder and ADCs. The outputs are dac_code, amp_enable and brake_release. The objects of the
+// parts axis, law, recorder and drive of the object table are variables PART.OBJECT, in the units
+// of this table. Writable objects are tunable parameters, or inputs if the user requests this.
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -13,8 +13,9 @@
 namespace forceaxis::fmu {
 
 struct FirmwareFacts {
-  host::Experiment experiment;  // experiment whose `initial` values are written at once and whose
-                                // `actions` before their ticks
+  // Experiment. Its `initial` values are written at power-up. Each of its `actions` is written
+  // before the tick of this action.
+  host::Experiment experiment;
   int dac_bits = 12;
   std::vector<std::uint32_t> program;  // cycle program as 32-bit words (firmware/cycle/program.h);
                                        // empty without a program
@@ -22,7 +23,7 @@ struct FirmwareFacts {
                                        // unit
 };
 
-// Powers up a firmware and makes the initial writes. Throws sim::InputError.
+// Powers up a firmware and writes its initial values. Throws sim::InputError.
 std::unique_ptr<Unit> firmware_unit(FirmwareFacts facts);
 
 }  // namespace forceaxis::fmu

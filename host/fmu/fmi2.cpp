@@ -33,7 +33,7 @@ Instance &instance_of(fmi2Component component) {
 
 void log(const Component &to, Status status, const std::string &text) {
   if (to.callbacks.logger == nullptr) return;
-  // The text is its own format, because some importers show the format alone.
+  // The text itself is the format string, because some importers show only the format string.
   std::string format;
   for (const char letter : text) format += letter == '%' ? "%%" : std::string(1, letter);
   constexpr const char *kCategories[] = {"logAll", "logStatusWarning", "logStatusDiscard",
@@ -77,7 +77,7 @@ fmi2Status get(fmi2Component c, Instance::Types types, const fmi2ValueReference 
     double value = 0.0;
     worst = std::max(worst, instance_of(c).get(vr[i], types, value));
     if (worst > Status::warning) break;
-    // An unsigned integer has the same 32 bits.
+    // An unsigned integer is passed with the same 32 bits.
     if constexpr (std::is_integral_v<Value>)
       values[i] = static_cast<Value>(static_cast<std::int64_t>(value));
     else

@@ -127,7 +127,7 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 point_s, fmi3Float64 st
   return answer(status);
 }
 
-// Values of the types that the variables have.
+// Functions that get and set values of the types that the variables have.
 #define FORCEAXIS_VALUES(NAME, TYPE)                                                       \
   fmi3Status fmi3Get##NAME(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, \
                            fmi3##NAME values[], size_t n_values) {                         \

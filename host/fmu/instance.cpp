@@ -6,8 +6,8 @@
 namespace forceaxis::fmu {
 namespace {
 
-// The importer calls a function at a time at which FMI does not permit this call, or with a wrong
-// argument.
+// Error: the importer calls a function at a time at which FMI does not permit this call, or with a
+// wrong argument.
 struct WrongCall : std::runtime_error {
   using std::runtime_error::runtime_error;
 };

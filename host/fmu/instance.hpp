@@ -1,7 +1,7 @@
 #pragma once
-// An instance of a unit as both versions of FMI see it: states of the life cycle, checks of value
-// references, and errors as one line for the logger of the importer. An importer may use two
-// instances at the same time, but not one instance in two threads.
+// An instance of a co-simulation unit for both versions of FMI. It has the states of the life
+// cycle, checks value references, and reports each error as one line to the logger of the importer.
+// An importer may use two instances at the same time, but not one instance in two threads.
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -13,14 +13,15 @@
 
 namespace forceaxis::fmu {
 
-// The numbers are those of fmi2Status and fmi3Status.
+// Status of a call, with the same numbers as in fmi2Status and fmi3Status.
 enum class Status { ok, warning, discard, error };
 
 class Instance {
  public:
-  // Receives one line for each status that is not ok.
+  // Function that receives one line for each status that is not ok.
   using Log = std::function<void(Status, const std::string &)>;
-  // Throws sim::InputError, also if `token` is not that of the unit.
+  // Opens the unit in the folder `resources`. Throws sim::InputError, also if `token` differs from
+  // the token of the unit.
   Instance(const std::filesystem::path &resources, const std::string &token, Log log);
 
   // Sets the time in s of tick 0, before the initialization.
@@ -33,7 +34,7 @@ class Instance {
   Status step(double point_s, double step_s);
   double time_s() const { return clock_.time_s(); }
 
-  // Read or write one variable of one of the types.
+  // Read or write one variable, whose type must be in the set of types.
   using Types = unsigned;  // set of bits 1 << Type
   Status get(std::uint32_t reference, Types types, double &value);
   Status set(std::uint32_t reference, Types types, double value);

@@ -36,7 +36,7 @@ double code_value(const SensorCodes &codes, std::size_t code) {
   }
 }
 
-constexpr std::size_t kInputs = 3;  // dac_code, amp_enable, brake_release
+constexpr std::size_t kInputs = 3;  // number of inputs: dac_code, amp_enable, brake_release
 
 class PlantUnit final : public Unit {
  public:
@@ -149,8 +149,8 @@ class PlantUnit final : public Unit {
     }
   }
 
-  // Builds the plant with the present parameters. A parameter with its start value is not
-  // overridden, so that parameters which are computed from others follow them.
+  // Builds the plant with the present parameters. A parameter that still has its start value is not
+  // overridden. So a parameter with an expression follows the parameters in this expression.
   void build() {
     if (plant_) return;
     std::map<std::string, sim::Override> changed;
@@ -175,9 +175,10 @@ class PlantUnit final : public Unit {
   std::vector<std::string> impulse_bodies_;
   std::size_t first_code_ = 0;
   std::size_t first_signal_ = 0;
-  std::size_t seed_ = 0;        // index of the variable `seed`, before the parameters of the model
-  std::vector<double> values_;  // present values of the inputs and of the parameters
-  // Empty until a value of the plant is needed.
+  std::size_t seed_ = 0;  // index of the variable `seed`, before the parameters of the model
+  // Present values of the inputs and of the parameters.
+  std::vector<double> values_;
+  // The plant, which is built when one of its values is needed for the first time.
   std::optional<Plant> plant_;
   // Codes of this tick. Plant::codes() is called once in each tick, because it reads the index
   // pulse.

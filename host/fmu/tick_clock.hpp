@@ -1,6 +1,6 @@
 #pragma once
-// Converts the communication points of an importer to ticks of 1/1500 s. A tick is no binary
-// fraction of a second, so a point is rounded to the nearest tick.
+// Converts the communication points of an importer to ticks of 1/1500 s. The length of a tick is
+// not a binary fraction of a second, so a communication point is rounded to the nearest tick.
 #include <cmath>
 #include <cstdint>
 #include <stdexcept>
@@ -17,8 +17,8 @@ struct StepRefused : std::runtime_error {
 
 class TickClock {
  public:
-  // Largest deviation of a step from a whole number of ticks, as a share of the step. A step that
-  // is cut to whole nanoseconds deviates by 1e-6.
+  // Largest deviation of a step from a whole number of ticks, as a fraction of the step. A step of
+  // one tick that is rounded down to whole nanoseconds deviates by 1e-6.
   static constexpr double kTolerance = 2e-6;
   static constexpr double kTicksMax = 1e9;  // largest number of ticks in one step of the importer
 

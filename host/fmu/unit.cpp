@@ -13,7 +13,8 @@
 namespace forceaxis::fmu {
 namespace {
 
-// Reads the values of forceaxis.unit. forceaxis has written the file, so a wrong value is damage.
+// Reads the values of forceaxis.unit. forceaxis has written this file, so a wrong value means that
+// the file is damaged.
 class Reader {
  public:
   explicit Reader(const std::filesystem::path &file)
@@ -46,7 +47,8 @@ class Reader {
     }
     return found;
   }
-  // Reads the object and the raw value in two places of a row, from `first` on.
+  // Reads an object and its raw value from two elements of a row. `first` is the index of the first
+  // of these elements.
   host::ObjectWrite write(const toml::node &row, std::size_t first, const char *key) const {
     const toml::array *places = row.as_array();
     if (places == nullptr || places->size() != first + 2) fail(key);

@@ -1,11 +1,11 @@
 #pragma once
-// A co-simulation unit: the plant or the firmware of an axis behind a list of variables. The two
-// versions of FMI (fmi2.cpp, fmi3.cpp) and the writer of modelDescription.xml read this list, so a
-// value reference is always the index of its variable.
+// A co-simulation unit: the plant or the firmware of an axis, which is accessed through a list of
+// variables. The two versions of FMI (fmi2.cpp, fmi3.cpp) and the writer of modelDescription.xml
+// read this list, so a value reference is always the index of its variable.
 //
 // In one tick of the loop, the firmware unit makes a step, its new outputs are set as inputs of the
-// plant unit, and the plant unit makes a step. In this order the codes are those of a run of
-// forceaxis. A unit has no data in common with another unit.
+// plant unit, and the plant unit makes a step. With this order, the codes are equal to the codes in
+// a run of forceaxis. A unit has no data in common with another unit.
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -30,18 +30,18 @@ struct Variable {
   std::string unit;     // unit as spelled in sim/model/units.hpp or in the object table; "" without
                         // a unit
   std::string meaning;  // meaning in one sentence
-  double start = 0.0;   // start value of an input or parameter, which it has after the creation of
-                        // the unit
+  double start = 0.0;   // value of an input or parameter after the creation of the unit
 };
 
-// The unit refuses a value and keeps the value before; it can continue. what() is one line.
+// Error: the unit refuses a value. The variable keeps its previous value, and the simulation can
+// continue. what() is one line.
 struct ValueRefused : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
 class Unit {
  public:
-  // A copy of the state of one unit, only for this unit.
+  // A copy of the state of one unit. Only this unit can restore the copy.
   struct State {
     virtual ~State() = default;
   };
@@ -49,13 +49,14 @@ class Unit {
   virtual ~Unit() = default;
 
   const std::vector<Variable> &variables() const { return variables_; }
-  // `variable` is an index in variables(), not of the time. A Boolean is 0 or 1. get() may throw
-  // sim::InputError if a parameter of a model has a value that the model does not permit. set()
-  // throws ValueRefused.
+  // `variable` is an index in variables(), except that of the time. A Boolean is 0 or 1. get() may
+  // throw sim::InputError if a parameter of a model has a value that the model does not permit.
+  // set() throws ValueRefused.
   virtual double get(std::size_t variable) = 0;
   virtual void set(std::size_t variable, double value) = 0;
 
-  // Ends the initialization: from now on the fixed parameters are fixed. Throws sim::InputError.
+  // Ends the initialization. After this call, the fixed parameters cannot be changed. Throws
+  // sim::InputError.
   virtual void initialise() = 0;
   // Computes one tick with the present inputs. Throws ValueRefused if an input is outside its
   // range, before anything has changed, and sim::SimulationError, after which only reset() may be
@@ -67,7 +68,8 @@ class Unit {
   virtual std::unique_ptr<State> state() = 0;
   virtual void restore(const State &state) = 0;
 
-  // Returns and forgets lines about events that do not end the simulation.
+  // Returns the warnings since the last call. A warning is one line about an event that does not
+  // end the simulation.
   std::vector<std::string> take_warnings() { return std::exchange(warnings_, {}); }
 
  protected:

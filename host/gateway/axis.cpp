@@ -201,10 +201,11 @@ Task<bool> GatewayAxis::find() {
   co_return false;
 }
 
-// Starts a node that left the state operational after its configuration, and makes a stopped node
-// that is not configured answer SDO requests. An NMT command moves nothing: by default the stop, or
-// the lost heartbeat, has disabled the drive (abort_connection_option), and only new controlwords
-// of its owner enable it. Returns false while the node answers no SDO request.
+// Sends an NMT command in two cases. A configured node that has left the state operational is
+// started. A stopped node that is not configured is made to answer SDO requests. The NMT command
+// does not move the axis: by default the stop, or the lost heartbeat, has disabled the drive
+// (abort_connection_option), and only new controlwords of its owner enable it. Returns false while
+// the node answers no SDO request.
 bool GatewayAxis::keep_started() {
   const bool is_set_up = set_up_boots_ == boots_;
   const bool has_left = is_set_up && nmt_state_ == axis_state_t::NMT_PREOPERATIONAL;

@@ -181,7 +181,7 @@ std::optional<std::string> GatewayCommands::refusal_of(const axis_command_t &com
   if (command.kind < axis_command_t::KIND_WRITE || command.kind > axis_command_t::KIND_REPEAT) {
     return "unknown kind of command, " + std::to_string(command.kind);
   }
-  // The gateway has the samples itself.
+  // The gateway itself has stored the samples, so this command does not need the axis.
   if (command.kind == axis_command_t::KIND_REPEAT) return std::nullopt;
   if (!axis_.present()) return std::string("the axis is silent");
   if (by_address) return std::nullopt;
@@ -445,8 +445,8 @@ Task<void> GatewayCommands::publish_capture(const axis_command_t &command, lcm_b
                     canopen::abort_text(got.ok() ? canopen::kAbortTimeout : got.abort));
     co_return;
   }
-  // This write leaves the recorder to the black box again. It is refused if a source other than
-  // CANopen owns the axis; a client that is the owner then writes the value itself.
+  // After this write, the black box can use the recorder again. It is refused if a source other
+  // than CANopen owns the axis; a client that is the owner then writes the value itself.
   co_await port.write(AXIS_OBJ_RECORDER_ARM, 0);
   Recording &kept = recording_;
   for (const std::string &name : command.signal) {
@@ -495,8 +495,8 @@ Task<void> GatewayCommands::publish_samples(Id id, Range range) {
   }
 }
 
-// Answers with the number of samples of the recording, 0 while it is in progress, and sends samples
-// again whose messages the client has not received.
+// Answers with the number of samples of the recording, or 0 while the recording is in progress.
+// Sends the samples again whose messages the client has not received.
 GatewayCommands::Answer GatewayCommands::repeat(const axis_command_t &command) {
   Answer answer;
   answer.kind = axis_event_t::EVENT_REFUSED;
@@ -527,7 +527,8 @@ GatewayCommands::Answer GatewayCommands::repeat(const axis_command_t &command) {
   answer.code = kNotAvailable;
   answer.text = total == 0 ? "the recording is in progress" : "samples are sent again";
   answer.items = {{"total_samples", total}};
-  // One repetition at a time keeps the rate of messages; the client asks for the rest.
+  // Only one repetition runs at a time, which limits the rate of messages. The client requests the
+  // remaining samples later.
   if (!repeating_ && !ranges.empty()) loop_.spawn(repeat_samples(std::move(ranges)));
   return answer;
 }

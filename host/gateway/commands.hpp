@@ -43,14 +43,15 @@ class GatewayCommands {
   struct Recording {
     Id id{};
     bool complete = false;
-    std::string failure;     // reason why the recording has no samples; empty if it has samples
-    axis_capture_t block{};  // message with all fields except the samples and their tick
+    std::string failure;  // reason why the recording has no samples; empty if it has samples
+    axis_capture_t
+        block{};  // message for the recording, with all fields except the samples and their tick
     std::vector<std::uint8_t> bytes;
     std::vector<ObjectAddress> columns;
     std::size_t row_bytes = 0;
-    std::optional<std::size_t> tick_at;  // column of tick_count
+    std::optional<std::size_t> tick_at;  // index of the column with tick_count
   };
-  // First sample, and the sample after the last one.
+  // Range of samples: number of the first sample, and number of the sample after the last one.
   using Range = std::pair<std::int64_t, std::int64_t>;
   // The object whose name or address is in an item of a command.
   struct Target {

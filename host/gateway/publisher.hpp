@@ -1,6 +1,6 @@
 #pragma once
-// Publishes the values of one axis over LCM: the state when publish_state() is called, and changes
-// of values as events.
+// Publishes the values of one axis over LCM. publish_state() publishes the state. Changes of values
+// are published as events.
 #include <array>
 #include <chrono>
 #include <cstdint>

@@ -42,7 +42,8 @@ class SdoChannel {
     Completion<canopen::SdoResult> *done;
     int tries;  // number of remaining attempts to send the request
   };
-  // A read changes nothing, so it is sent again if a frame may have been lost. A write is not.
+  // A read changes nothing, so a read is sent again if a frame may have been lost. A write is not
+  // sent again.
   static constexpr int kReadTries = 2;
 
   Task<canopen::SdoResult> transfer(std::uint16_t index, std::uint8_t sub, bool is_upload,

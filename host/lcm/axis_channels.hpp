@@ -42,8 +42,8 @@ struct Drops {
   std::uint64_t incomplete = 0;  // number of messages with a missing fragment
 
   std::uint64_t total() const { return refused + malformed + incomplete; }
-  // Returns one line with all numbers that are not 0. `remedy` says how to permit a refused
-  // machine, after a comma.
+  // Returns one line with all numbers that are not 0. `remedy` is a text that begins with a comma
+  // and says how to permit a refused machine.
   std::string text(const std::string &remedy) const;
 };
 

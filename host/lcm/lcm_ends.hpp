@@ -8,7 +8,8 @@
 
 namespace forceaxis::lcm_bus {
 
-// The URL cannot be opened, or the machine has no route for multicast. what() contains the remedy.
+// Error: the LCM URL cannot be opened, or the machine has no route for multicast. what() contains
+// the remedy.
 struct LcmError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };

@@ -28,7 +28,7 @@ std::optional<Dimension> per_count(Dimension dimension) {
   }
 }
 
-// Reads the name of a signal, whose unit the following keys of the table may have.
+// Reads the name of a signal. The following keys of the table may have the unit of this signal.
 std::string read_signal(Section &section, Names &names) {
   std::vector<std::string> known;
   for (const SignalInfo &signal : names.signals) known.push_back(signal.name);

@@ -2,8 +2,8 @@
 // Reads a table of a file into a struct by the rows of the struct (field.hpp).
 //
 // A key that the file omits leaves its member as it is, or sets the default of its declaration.
-// Every value is checked by its declaration: kind, unit, sign or range, and the key beside which
-// alone it has a meaning. Rules between keys are in complete() of the struct.
+// Every value is checked by its declaration: its kind, its unit, its sign or range, and the other
+// key that it needs. Rules between keys are in complete() of the struct.
 #include <cstddef>
 #include <optional>
 #include <set>
@@ -22,19 +22,22 @@ namespace forceaxis::sim {
 
 /// Names to which a table may refer.
 struct Names {
-  std::vector<std::string> points;  ///< bodies, then ports
+  std::vector<std::string> points;  ///< names of all bodies, followed by the names of all ports
   std::size_t bodies = 0;
   std::vector<SignalInfo> signals;
-  std::optional<Dimension> signal;  ///< unit of the signal that the table being read names
-  /// What has a name, and the name: all elements and ports of a model.
+  std::optional<Dimension> signal;  ///< unit of the signal whose name is in the present table
+  /// Pairs of a kind of table and a name, for all names that are already taken. Elements and ports
+  /// of a model have the kind "element".
   std::set<std::pair<std::string, std::string>> taken;
 
-  /// Refuses a name that another `what` of the file has.
+  /// Takes a name for a table of the kind `what`. Throws InputError if another table of this kind
+  /// has the name.
   void claim(const Section &section, const std::string &key, const std::string &name,
              std::string_view what = "element");
 };
 
-// The values of a key by the type of its member. An empty result leaves the member as it is.
+// Return the value of a key in the type of its member. If the result is empty, the member keeps its
+// value.
 std::optional<double> value_of(Section &section, Names &names, const KeyFormat &key, double *);
 std::optional<int> value_of(Section &section, Names &names, const KeyFormat &key, int *);
 std::optional<bool> value_of(Section &section, Names &names, const KeyFormat &key, bool *);
@@ -46,10 +49,11 @@ std::optional<std::vector<double>> value_of(Section &section, Names &names, cons
 std::optional<std::vector<std::string>> value_of(Section &section, Names &names,
                                                  const KeyFormat &key, std::vector<std::string> *);
 
-/// Refuses the key `key` without the key `beside`.
+/// Throws InputError if the table has the key `key` without the key `beside`.
 void expect_beside(Section &section, std::string_view key, std::string_view beside);
 
-/// Refuses a table that has both or none of two keys. `what` is what the keys give.
+/// Throws InputError if the table has both or none of the two keys. `what` names the quantity that
+/// the keys describe.
 void one_of(Section &section, const char *one, const char *other, const std::string &what);
 
 template <class T>

@@ -26,8 +26,8 @@ bool sign_holds(Sign sign, double value) {
   }
 }
 
-// Range of magnitudes. Outside this range, a product of doubles in the equations of motion could
-// overflow or become 0.
+// Range of the magnitudes of numbers in a file. Outside this range, a product of doubles in the
+// equations of motion could overflow or become 0.
 constexpr double kLargest = 1e30;
 constexpr double kSmallest = 1e-30;
 

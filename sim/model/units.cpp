@@ -147,9 +147,9 @@ struct Unit {
 std::optional<Unit> parse_unit(std::string_view text) {
   Unit unit;
   bool divides = false;
-  // true: inside parentheses.
+  // True inside parentheses.
   bool group = false;
-  // true: a blank was read, which stands for a multiplication of two symbols.
+  // True after a blank, which stands for a multiplication of two symbols.
   bool gap = false;
   for (std::size_t i = 0; i < text.size();) {
     const char c = text[i];
@@ -208,7 +208,7 @@ double scaled_number(std::string number, int exponent) {
     number.resize(at);
   }
   number.append(1, 'e').append(std::to_string(exponent));
-  // infinite if the number is too large for a double
+  // The value stays infinite if the number is too large for a double.
   double value = std::numeric_limits<double>::infinity();
   (void)std::from_chars(number.data(), number.data() + number.size(), value);
   return value;

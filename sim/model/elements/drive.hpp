@@ -261,15 +261,16 @@ struct VelocityDrive {
       "sim/model/elements/drive.hpp has the equations.";
   static constexpr std::string_view kWhen = "type = \"velocity\"";
   DriveMotor motor;
-  double velocity_per_volt = 0.0;       ///< in m/s per V, not 0
-  double k_velocity = 0.0;              ///< in N s/m, > 0
-  std::optional<double> integral_time;  ///< in s, > 0; empty: q = 0
-  /// What the file may give in place of k_velocity and integral_time.
+  double velocity_per_volt = 0.0;       ///< velocity per command voltage in m/s per V, not 0
+  double k_velocity = 0.0;              ///< proportional gain in N s/m, > 0
+  std::optional<double> integral_time;  ///< integral time in s, > 0; empty: q = 0
+  /// Values that the model file may have in place of k_velocity and integral_time.
   struct Tuning {
-    std::optional<double> bandwidth;  ///< in rad/s, > 0
+    std::optional<double> bandwidth;  ///< bandwidth of the velocity loop in rad/s, > 0
     double damping_ratio = 0.7071;
-    std::optional<double> mass;     ///< in kg, > 0
-    std::optional<double> inertia;  ///< in kg m^2, > 0
+    std::optional<double> mass;  ///< mass for which the loop is tuned in kg, > 0
+    std::optional<double>
+        inertia;  ///< inertia at the motor for which the loop is tuned in kg m^2, > 0
   };
   Tuning tuning;
 
@@ -313,14 +314,15 @@ struct VelocityDrive {
 /// poles with the damping ratio and a third one on the real axis. Returns nothing if the current
 /// loop is too slow: then no gains give this bandwidth.
 struct VelocityGains {
-  double k_velocity = 0.0;     ///< in N s/m
-  double integral_time = 0.0;  ///< in s
+  double k_velocity = 0.0;     ///< proportional gain in N s/m
+  double integral_time = 0.0;  ///< integral time in s
 };
 std::optional<VelocityGains> velocity_gains(double mass_kg, double bandwidth, double damping_ratio,
                                             double current_bandwidth);
 
-/// A stepper motor whose driver turns its field by steps, as a velocity command. The load angle w
-/// is the travel of the field since the drive was enabled, less the travel of the body:
+/// A stepper motor. Its driver turns the magnetic field by steps, with the DAC voltage as velocity
+/// command. The load angle w is the travel of the field less the travel of the body since the drive
+/// was enabled:
 ///   w' = velocity_per_volt u - v
 ///   F  = f(w) + damping w'       on the body, -F on reaction
 /// f is linear between points that lie on holding_force sin(2 pi w / (4 full_step)) at equal
@@ -335,12 +337,13 @@ struct StepperDrive {
       "to 0. StepperDrive in sim/model/elements/drive.hpp has the equations.";
   static constexpr std::string_view kWhen = "type = \"stepper\"";
   static constexpr int kPeriods = 8;
-  double velocity_per_volt = 0.0;  ///< in m/s per V, not 0
-  double holding_force = 0.0;      ///< largest f in N, > 0
-  double full_step = 0.0;          ///< travel of the body for a full step in m, > 0
-  double damping = 0.0;            ///< in N s/m, >= 0
-  int segments = 16;               ///< number of straight segments for one period of the sine: 4,
-                                   ///< 8, .. 32
+  double velocity_per_volt =
+      0.0;                     ///< velocity of the field per command voltage in m/s per V, not 0
+  double holding_force = 0.0;  ///< largest f in N, > 0
+  double full_step = 0.0;      ///< travel of the body for a full step in m, > 0
+  double damping = 0.0;        ///< in N s/m, >= 0
+  int segments = 16;           ///< number of straight segments for one period of the sine: 4,
+                               ///< 8, .. 32
 
   static constexpr auto rows() {
     using enum Sign;
@@ -378,7 +381,8 @@ struct Drive {
   int body = kGround;
   int reaction = kGround;
   BusCycle bus;
-  /// Ticks from amp_enable until the drive follows the code; empty: the drive reports nothing.
+  /// Number of ticks from amp_enable until the drive follows the DAC code; empty: the drive sends
+  /// no report.
   std::optional<int> enable_ticks;
   using Type = std::variant<DcMotor, FirstOrderDrive, PerfectDrive, TorqueDrive, VelocityDrive,
                             StepperDrive>;

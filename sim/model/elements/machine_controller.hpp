@@ -81,7 +81,7 @@ struct MachineAdmittance : MachineForce {
       "set-point less the measured force. At speed_max it stops to accelerate.";
   static constexpr std::string_view kWhen = "law = \"admittance\"";
   double mass = 0.0;     ///< virtual mass in kg, > 0
-  double damping = 0.0;  ///< in N s/m, >= 0
+  double damping = 0.0;  ///< virtual damping in N s/m, >= 0
 
   static constexpr auto rows() {
     using enum Sign;
