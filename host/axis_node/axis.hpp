@@ -63,8 +63,8 @@ class Axis {
   int number() const { return number_; }
   std::int64_t coming() const { return firmware_->next_tick(); }
 
-  std::string
-      lost;  // text for the report: reaction of the axis after the plant has stopped sending
+  // Text for the report: reaction of the axis after the plant has stopped sending.
+  std::string lost;
 
  private:
   fw_t *axis() { return firmware_->axis(); }

@@ -19,8 +19,8 @@ namespace {
 
 constexpr std::size_t kEnable = kCodeCount;
 constexpr std::size_t kInputCount = kCodeCount + 2;
-constexpr std::size_t kFirstObject =
-    kInputCount + 3;  // index after the outputs dac_code, amp_enable and brake_release
+// Index after the outputs dac_code, amp_enable and brake_release.
+constexpr std::size_t kFirstObject = kInputCount + 3;
 
 // Returns the largest value of an input that is neither a Boolean nor the encoder count.
 double top_of(std::size_t input) { return input == kAdc0 || input == kAdc1 ? 65535.0 : 255.0; }
@@ -226,8 +226,8 @@ class FirmwareUnit final : public Unit {
   void list_objects() {
     for (const axis_object_meta_t &meta : axis_objects_meta) {
       const std::string_view part = meta.part;
-      if (part == "canopen" || part == "device")
-        continue;  // these objects concern buses and boards
+      // These objects concern buses and boards.
+      if (part == "canopen" || part == "device") continue;
       objects_.push_back(&meta);
       variables_.push_back(variable_of(meta));
     }
@@ -306,8 +306,8 @@ class FirmwareUnit final : public Unit {
 
   FirmwareFacts facts_;
   std::unique_ptr<Memory> memory_;
-  std::vector<const axis_object_meta_t *>
-      objects_;  // objects of the variables from the index kFirstObject on
+  // Objects of the variables from the index kFirstObject on.
+  std::vector<const axis_object_meta_t *> objects_;
   std::optional<host::ExperimentWrites> writes_;
   std::vector<double> values_;  // values to which inputs and parameters were last set
   axis_inputs_t inputs_{};

@@ -44,8 +44,8 @@ class GatewayCommands {
     Id id{};
     bool complete = false;
     std::string failure;  // reason why the recording has no samples; empty if it has samples
-    axis_capture_t
-        block{};  // message for the recording, with all fields except the samples and their tick
+    // Message for the recording, with all fields except the samples and their tick.
+    axis_capture_t block{};
     std::vector<std::uint8_t> bytes;
     std::vector<ObjectAddress> columns;
     std::size_t row_bytes = 0;

@@ -13,8 +13,8 @@ namespace forceaxis::host {
 namespace {
 
 constexpr std::uint32_t kToPlant = 1U << 28;
-// Bits of an identifier of inputs: this frame is the status frame; a status frame precedes this
-// one.
+// Bits in the identifier of an input frame. kStatus: this frame is the status frame. kHasStatus: a
+// status frame precedes this frame.
 constexpr std::uint32_t kStatus = 4, kHasStatus = 2;
 constexpr std::uint32_t kUnused = 0xFF;
 constexpr int kAxisShift = 25, kTickShift = 13, kDinShift = 9, kHomeShift = 8;
@@ -110,11 +110,11 @@ class CanOutputs {
   std::uint64_t foreign_ = 0;
 };
 
-// One end of the link. Several frames are sent or received with one system call.
+// One end of a link over CAN. Several frames are sent or received with one system call.
 template <class Out, class In, class Decoder>
 class CanTransport : public Transport<Out, In> {
  public:
-  // The kernel passes only frames of the other direction to the socket.
+  // The kernel passes only frames from the other end of the link to the socket.
   CanTransport(const std::string &interface, std::uint32_t direction, std::int64_t modulus)
       : socket_(interface,
                 {.filter = {CAN_EFF_FLAG | direction, CAN_EFF_FLAG | CAN_RTR_FLAG | kToPlant |

@@ -8,9 +8,9 @@
 //
 // Inputs with the report of a drive or with an age are sent in two frames. The first frame is the
 // status frame: bit 2 of its identifier is set, its data are drive u8, position age u8 and force
-// age u8. In the second frame bit 1 is set. Without the status frame of its tick the second frame
-// has no effect, and the plant repeats both. Inputs without report and ages are sent in one frame,
-// in which both bits are 0.
+// age u8. In the second frame bit 1 is set. If the status frame of the same tick is missing, the
+// second frame has no effect, and the plant repeats both frames. Inputs without report and ages are
+// sent in one frame, in which both bits are 0.
 #include <linux/can.h>
 
 #include <array>

@@ -41,7 +41,7 @@ cycle_header_t header_of(const std::vector<std::uint32_t> &record) {
   return header;
 }
 
-// Returns the program with a number that a library accepts.
+// Returns the program with a number that the library of the chip accepts.
 std::vector<std::uint32_t> numbered(std::vector<std::uint32_t> record) {
   cycle_header_t header = header_of(record);
   if (header.number != 0) return record;
@@ -143,7 +143,8 @@ LinkOutputs ChipSide::tick(const LinkInputs &in) {
   record[12] = in.position_age;
   record[13] = in.force_age;
   const Answer answer = ask(record);
-  const auto code = static_cast<std::int16_t>(get(answer.data(), 2));  // of the chip's 12 bits
+  // DAC code of the chip, 12 bits.
+  const auto code = static_cast<std::int16_t>(get(answer.data(), 2));
   const LinkOutputs out{in.tick,   static_cast<std::int16_t>(code * steps_per_code_),
                         answer[2], answer[3],
                         answer[4], in.axis};

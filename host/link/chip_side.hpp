@@ -17,14 +17,14 @@
 //   read   {refusal i32, value i32}
 //   cycle  {failed phase of the last cycle u32, late ticks u32}
 //
-// A late tick is one whose fw_between() the main loop of the chip had not called before the next
-// tick, unless writes of the host had prolonged an interrupt. The chip makes up for it before it
-// reads the next record, so that in lock-step the evaluation of a cycle ends in the same tick as in
-// process.
+// A tick is late if the main loop of the chip has not called fw_between() for this tick before the
+// next tick. It is not counted as late if writes of the host have prolonged an interrupt. The chip
+// makes the missing call before it reads the next record. So in lock-step, the evaluation of a
+// press cycle ends in the same tick as in a run in one process.
 //
-// The program of a cycle is written piece by piece (cycle_data_offset and the next objects) into
-// the library of the chip and then selected. The library refuses the number 0, so a program with
-// the number 0 gets the number 1. The number does not change what the axis does.
+// The program of a press cycle is written piece by piece (cycle_data_offset and the next objects)
+// into the library of the chip and then selected. The library refuses the number 0, so a program
+// with the number 0 gets the number 1. The number does not change what the axis does.
 #include <array>
 #include <chrono>
 #include <cstdint>
@@ -57,11 +57,11 @@ struct ChipCounts {
 
 class ChipSide {
  public:
-  // Sends the program of the cycle, if there is one, and the initial writes to a chip that has just
-  // powered up. Throws sim::InputError if the firmware refuses an initial write or the program, for
-  // example because the chip has no memory for programs. Every function of this class throws
-  // TransportError if the chip does not answer in time. The experiment must exist as long as this
-  // object.
+  // Sends the program of the press cycle, if the experiment has one, and the initial writes to a
+  // chip that has just powered up. Throws sim::InputError if the firmware refuses an initial write
+  // or the program, for example because the chip has no memory for programs. Every function of this
+  // class throws TransportError if the chip does not answer in time. The experiment must exist as
+  // long as this object.
   ChipSide(const Experiment &experiment, const ChipPipes &pipes);
 
   LinkOutputs tick(const LinkInputs &in);

@@ -38,7 +38,7 @@ struct LinkTimeouts {
   std::chrono::milliseconds running{1000};
 };
 
-// The other process has sent nothing for a time in LinkTimeouts.
+// Error: the other process has sent nothing for one of the times in LinkTimeouts.
 struct LinkSilent : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -90,9 +90,9 @@ class AxisExchange {
   // nothing for the timeout, as a word with bit 0 for axis 1. These axes are then finished.
   unsigned serve(std::chrono::milliseconds wait);
 
-  // Returns true if every axis has computed its last tick or its plant no longer sends. Because the
-  // last answer may have been lost, the caller must continue to call serve() until quiet(), the
-  // time since the last message, is long enough.
+  // Returns true if, for every axis, the last tick was computed or the plant has stopped sending.
+  // Because the last answer may have been lost, the caller must continue to call serve() until
+  // quiet(), the time since the last message, is long enough.
   bool finished() const { return running_ == 0; }
   // Continues to serve axes whose plant had sent nothing for the timeout. Bit axis - 1 of `axes` is
   // set for each of these axes.

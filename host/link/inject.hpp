@@ -11,8 +11,8 @@
 namespace forceaxis::host {
 
 struct Injection {
-  double drop = 0;       // share, 0 to 1, of the sent records that are dropped
-  double duplicate = 0;  // share, 0 to 1, of the sent records that are sent twice
+  double drop = 0;       // fraction, 0 to 1, of the sent records that are dropped
+  double duplicate = 0;  // fraction, 0 to 1, of the sent records that are sent twice
   std::uint64_t seed = 1;
   // Tick whose first sent record has one inverted bit.
   std::optional<std::int64_t> flip_tick;

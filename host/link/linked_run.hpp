@@ -56,7 +56,7 @@ struct LinkSession {
   std::function<void(std::int64_t tick, bool paused, const std::string &text)> report;
 };
 
-// The progress of a run, as the argument of the function LinkWatch.
+// The progress of a run at one tick. It is the argument of the function LinkWatch.
 struct LinkMoment {
   struct Axis {
     int number;

@@ -26,7 +26,7 @@ class ParameterFile {
  public:
   explicit ParameterFile(std::string file) : file_(std::move(file)) {}
 
-  // Returns the writes of the file; the selection of a bank is the last one.
+  // Returns the writes of all values in the file. The last write selects the bank of the force law.
   std::vector<Write> read() {
     tables_ = sim::parse_toml(file_);
     for (const auto &[group, node] : tables_) {
@@ -104,7 +104,7 @@ class ParameterFile {
   std::vector<Write> writes_;
 };
 
-// Writes all values. Values that bound each other are written in several rounds.
+// Writes all values. Values that limit each other are written in several rounds.
 void load(fw_t *firmware, const char *name) {
   ParameterFile file(name);
   std::vector<Write> remaining = file.read();

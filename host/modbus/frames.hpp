@@ -20,7 +20,7 @@ struct Header {
 
 struct Request {
   Header header;
-  Pdu pdu;  // 1 to 253 bytes
+  Pdu pdu;  // protocol data unit, 1 to 253 bytes
 };
 
 // The bytes that one client has sent and that are not yet processed.

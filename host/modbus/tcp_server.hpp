@@ -28,7 +28,7 @@
 
 namespace forceaxis::modbus {
 
-// The TCP port could not be opened. what() is one line with address, port and reason.
+// Error: the TCP port could not be opened. what() is one line with address, port and reason.
 struct ServerError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };

@@ -16,7 +16,8 @@ namespace forceaxis::nodes {
 
 namespace {
 
-// What messages of the library name between backticks, and its name on the command line.
+// Pairs of a name that messages of the library have in backticks, and the corresponding name on the
+// command line.
 constexpr std::pair<std::string_view, std::string_view> kNames[] = {
     {"`overrides`", "--set"},
     {"`list_objects`", "`forceaxis objects`"},

@@ -1,6 +1,6 @@
 #pragma once
-// Functions for the end of the programs axis_node, plant_node and gateway, with one line on
-// standard error and an exit status.
+// Functions that end the programs axis_node, plant_node and gateway. Each program ends with an exit
+// status and, after an error, with one line on standard error.
 #include <CLI/CLI.hpp>
 #include <atomic>
 #include <functional>

@@ -23,7 +23,7 @@ namespace forceaxis::host {
 // Returns the bank number 0 to 3 for a key bank_1 to bank_4, or nothing for any other key.
 std::optional<std::uint8_t> bank_of_key(std::string_view key);
 
-// The keys of a bank but `sections`, whose value is a list of lists.
+// The keys of a bank of the force law, except `sections`, whose value is a list of lists.
 struct Bank {
   double gain = 0.0;
   double integral_rad_per_s = 0.0;
@@ -49,7 +49,7 @@ struct Bank {
 };
 
 struct BankValues {
-  std::uint8_t bank;  // 0..3
+  std::uint8_t bank;  // number of the bank, 0..3
   bool certified;
   std::uint32_t crc;
   std::vector<ObjectWrite> writes;

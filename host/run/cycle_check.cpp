@@ -62,7 +62,8 @@ class Checker {
                    "correct the values");
   }
 
-  // Refuses a force that no valid sample can show, because it is at or beyond the end of the range.
+  // Refuses a force at or beyond the end of the sensor's range, because no valid sample can have
+  // this force.
   void check_shown(const CyclePlace &place, const char *key, double level_q8, double end_q8) const {
     if (std::fabs(level_q8) < std::fabs(end_q8)) return;
     place.fail(key, "expected less than " + sim::number_text(std::fabs(end_q8 / scales_.q8_per_N)) +
@@ -75,7 +76,8 @@ class Checker {
     if (level_q8 < 0) check_shown(place, key, level_q8, scales_.least_q8);
   }
 
-  // Refuses a value that a limit of the phase prevents.
+  // Refuses the value of a condition if it exceeds a limit of the phase, because the limit would be
+  // reached first.
   static void within(const CyclePlace &place, const char *key, std::int64_t value,
                      std::int64_t limit, std::string_view limit_key) {
     if (value > limit)
@@ -87,7 +89,8 @@ class Checker {
     if (key == "force_max") return force_most(phase);
     return key == "time_max" ? phase.time_max : phase.travel_max;
   }
-  // The largest force less the offset of a tare, which may be up to tare_band.
+  // Returns the largest possible force of a phase less the offset of a tare. This offset may be up
+  // to tare_band.
   std::int64_t force_most(const cycle_phase_t &phase) const {
     const bool is_tared = tared_.contains(static_cast<std::size_t>(&phase - code_.phases.data()));
     return phase.force_max_q8 + (is_tared ? static_cast<std::int64_t>(scales_.tare_band_q8) : 0);
@@ -107,7 +110,8 @@ class Checker {
     check_ends(code, place);
   }
 
-  // A target beyond the soft limits would be replaced by the limit.
+  // Refuses a target position beyond a soft limit, because the axis would replace the target by
+  // this limit.
   void check_place(const CyclePlace &place, const char *key, const cycle_phase_t &phase) const {
     const bool is_depth = phase.action == CYCLE_MOVE_TO_DEPTH;
     const double target = phase.target;
@@ -177,7 +181,8 @@ class Checker {
       place.fail("outputs_on", "expected this key or outputs_off for output; add one");
   }
 
-  // Refuses a condition that a limit of its phase, or the force sensor, prevents.
+  // Refuses a condition that can never be fulfilled, because of a limit of its phase or because of
+  // the range of the force sensor.
   void check(const CycleEnd &end, const cycle_condition_t &code, const cycle_phase_t &phase,
              const CyclePlace &place) const {
     const CycleKind &row = end.when.row();
@@ -187,7 +192,8 @@ class Checker {
     if (row.value == sim::Dimension::force && level > 0) check_shown(place, "value", code.level);
   }
 
-  // Refuses conditions of which none ends the phase, or that the action or a limit prevents.
+  // Refuses the conditions of a phase if none of them ends the phase, or if the action or a limit
+  // prevents one of them.
   void check_ends(const cycle_phase_t &phase, const CyclePlace &place) const {
     bool is_reached = false, is_uncounted = false;
     for (const cycle_condition_t &end : phase.conditions) {
@@ -222,8 +228,9 @@ class Checker {
                                  " s; raise it or the speed");
   }
 
-  // Transitions from a phase to the next one: all of them; only those that are not caused by an
-  // exceeded limit; of the latter, only those without a count.
+  // Selects transitions from a phase to the next phase. `all`: all transitions. `intended`: the
+  // transitions that no exceeded limit causes. `uncounted`: the intended transitions without a
+  // count.
   enum class Ways { all, intended, uncounted };
 
   Phases next_of(std::size_t phase, Ways ways) const {
@@ -309,7 +316,7 @@ class Checker {
   const CycleCode &code_;
   const CycleScales &scales_;
   const CyclePlace &root_;
-  Phases tared_;  // in which the program may have an offset
+  Phases tared_;  // phases in which the program may have a tare offset
 };
 
 }  // namespace

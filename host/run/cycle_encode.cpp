@@ -14,15 +14,16 @@ namespace {
 
 using sim::Dimension;
 
-constexpr double kSpeedMax = 3072000;     // counts/s
+constexpr double kSpeedMax = 3072000;     // in counts/s
 constexpr double kForceMax = 32766;       // per mille of rated_force
 constexpr double kSlopeMax = UINT32_MAX;  // per mille of rated_force per second
-constexpr double kTimeMax = 1e9;          // ticks
-constexpr double kLevelMax = INT32_MAX;   // of a stiffness
+constexpr double kTimeMax = 1e9;          // in ticks
+constexpr double kLevelMax = INT32_MAX;   // largest level of a stiffness
 
 static_assert(std::endian::native == std::endian::little, "the record has the lowest byte first");
 
-// Rounds a number of the firmware's units, which has to be from `low` to `high`.
+// Rounds a number in a unit of the firmware. Throws InputError if the result is not from `low` to
+// `high`.
 std::int64_t rounded(const CyclePlace &place, std::string_view key, double value, double low,
                      double high) {
   const double whole = std::nearbyint(value);
@@ -38,7 +39,8 @@ double largest(Dimension dimension) {
   return dimension == Dimension::stiffness ? kLevelMax : CYCLE_TRAVEL_MAX;
 }
 
-// One axis of a curve: the key of its values, the units of the firmware for one of the file.
+// One coordinate of a curve: the key and the values in the file, and the number of firmware units
+// in one unit of the file.
 struct Coordinate {
   const char *key;
   const std::vector<double> &values;
@@ -101,7 +103,7 @@ class Encoder {
         rounded(place, key, value * scales_.per(dimension), -most, most));
   }
 
-  // A magnitude of at least 1.
+  // Returns a rounded magnitude, which must be at least 1.
   static std::uint32_t magnitude(const CyclePlace &place, std::string_view key, double value,
                                  double most) {
     return static_cast<std::uint32_t>(rounded(place, key, std::fabs(value), 1, most));
@@ -133,7 +135,7 @@ class Encoder {
     return static_cast<std::uint8_t>(size);
   }
 
-  // As add_points(), for a table (firmware/cycle/table.h).
+  // Adds the points of a table (firmware/cycle/table.h) like add_points(). Returns their number.
   std::uint8_t add_table(const CyclePlace &place, const Coordinate &x, const Coordinate &y) {
     const std::uint8_t size = add_points(place, x, y);
     for (std::size_t i = code_.points.size() - size + 1; i < code_.points.size(); ++i) {
@@ -146,7 +148,7 @@ class Encoder {
     return size;
   }
 
-  // The motion or the force of a phase, by the keys that its action has.
+  // Encodes the motion or the force of a phase from the keys that belong to the phase's action.
   void encode_action(cycle_phase_t &code, const CyclePhase &phase, const CyclePlace &place) {
     const double per_mille = scales_.per_mille_per_N();
     if (phase.position) code.target = level(place, "position", *phase.position, Dimension::length);
@@ -206,7 +208,7 @@ class Encoder {
     return code;
   }
 
-  // Bounds of the value of an element.
+  // Encodes the bounds of the value of an evaluation element.
   static void encode_bounds(cycle_element_t &code, const CycleElement &element, double per_unit) {
     const auto bound = [](double value) {
       return static_cast<std::int32_t>(

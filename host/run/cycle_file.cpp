@@ -16,7 +16,7 @@ namespace {
 
 using sim::Section;
 
-// Returns the keys of a list, "a, b".
+// Returns the single keys of a text such as "a, b".
 std::vector<std::string_view> split(std::string_view keys) {
   std::vector<std::string_view> all;
   while (!keys.empty()) {

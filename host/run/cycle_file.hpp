@@ -1,12 +1,12 @@
 #pragma once
-// The program of a cycle in a TOML file: phases, their conditions and limits, and evaluation
+// The program of a press cycle in a TOML file: phases, their conditions and limits, and evaluation
 // elements, with units and names. read_cycle() converts it to the record that the firmware runs
 // (firmware/cycle/program.h), with the scales of a model. The rows of the structs are the keys of
 // the file; the words of a key with choices are rows of cycle_kinds.hpp.
 //
-// Every error is an InputError that names file and key: a phase that cannot be reached or cannot
-// end, a loop without a count, a condition that a limit prevents, a force beyond force_limit, or
-// beyond what the force sensor can show.
+// Every error is an InputError that names file and key. Examples of errors are a phase that cannot
+// be reached or cannot end, a loop without a count, and a condition that a limit prevents. A force
+// beyond force_limit or beyond the range of the force sensor is also an error.
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -167,7 +167,7 @@ struct CyclePhase {
       naming<kCycleOutputs>("Outputs that are switched on when the phase begins, of any action");
 };
 
-// An evaluation element as the file describes it, in SI units. Empty: no such bound.
+// An evaluation element as the file describes it, in SI units. An empty bound is not checked.
 struct CycleElement {
   static constexpr const char *kName = "CycleElement";
   static constexpr std::string_view kMeaning =
@@ -187,7 +187,7 @@ struct CycleElement {
   std::vector<double> lower_x, lower_force, upper_x, upper_force;
   double per_value = 1.0;
 
-  // The quantities of x, of the value and of the levels.
+  // Return the quantities of x, of the element's value and of the levels.
   sim::Quantity x() const {
     return {over.code() != 0 ? sim::Dimension::time : sim::Dimension::length};
   }
@@ -296,7 +296,7 @@ struct CycleProgram {
   std::vector<std::uint32_t> record;
 
   std::vector<std::string> phase_names() const;
-  // The CRC of the record, its last word.
+  // Returns the CRC of the record, which is the last word of the record.
   std::uint32_t crc() const { return record.back(); }
   std::vector<std::byte> bytes() const;
   std::optional<double> zero_at() const { return zero_force ? zero_force : zero_position; }
@@ -364,10 +364,10 @@ struct CycleProgram {
   static constexpr CycleText kZero = meanings<kCycleZeros>("Where travel 0 is.");
 };
 
-// Reads a program. The model has to have an encoder and a force on ADC 0. `initial` has the writes
-// to the firmware before tick 0, of which rated_force, force_limit, force_sign, tare_band, the
-// objects of the reading (adc_bits, force_zero_code, force_tare) and the soft limits count. Throws
-// sim::InputError.
+// Reads the program of a press cycle. The model must have an encoder and a force on ADC 0.
+// `initial` has the writes to the firmware before tick 0. Only the writes to these objects are
+// used: rated_force, force_limit, force_sign, tare_band, the objects of the force reading
+// (adc_bits, force_zero_code, force_tare) and the soft limits. Throws sim::InputError.
 CycleProgram read_cycle(const std::filesystem::path &file, const sim::Model &model,
                         const std::vector<ObjectWrite> &initial);
 

@@ -1,7 +1,8 @@
 #pragma once
-// What the program of a cycle names by a word: actions, conditions, kinds of evaluation elements,
-// inputs, outputs, sides. A word is one row: its code in the firmware, the keys that belong to it,
-// and its meaning for the reference page.
+// The words that the program of a press cycle has as values of keys: actions, conditions, kinds of
+// evaluation elements, inputs, outputs and sides. Each word is declared in one row. The row has the
+// code of the word in the firmware, the keys that belong to the word, and its meaning for the
+// reference page.
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -15,20 +16,24 @@
 namespace forceaxis::host {
 
 struct CycleKind {
-  std::uint8_t code;  ///< of firmware/cycle, or a bit of the object digital_inputs
+  /// Code of the word in firmware/cycle, or a bit of the object digital_inputs.
+  std::uint8_t code;
   std::string_view name;
   std::string_view meaning = {};
-  std::string_view needs = {};  ///< keys "a, b" that are required beside the word
-  std::string_view takes = {};  ///< further keys that belong to the word
-  /// Quantity of the key `value` of a condition.
+  /// Keys, as a text "a, b", that a table with this word must have.
+  std::string_view needs = {};
+  /// Further keys, as a text "a, b", that a table with this word may have.
+  std::string_view takes = {};
+  /// Quantity of the key `value`, if the word is a condition.
   std::optional<sim::Dimension> value = std::nullopt;
   sim::Sign sign = sim::Sign::any;
-  /// Limit of the phase which the value of a condition cannot exceed; empty: none.
+  /// Key of the phase limit that the value of a condition cannot exceed. Empty if there is no such
+  /// limit.
   std::string_view limit = {};
-  int direction = 1;  ///< -1: the limit bounds the negative of the value
+  int direction = 1;  ///< -1: the phase limit applies to the negative of the value
 };
 
-// Keys that most elements may have.
+// Keys that most kinds of evaluation elements may have.
 inline constexpr std::string_view kCycleBounds = "from, to, least, most";
 inline constexpr std::string_view kCycleCrossing = "of, direction, ordinal, from, to, least, most";
 
@@ -100,7 +105,8 @@ inline constexpr CycleKind kCycleElementKinds[] = {
      "lower_x, lower_force, upper_x, upper_force", "from, to"},
 };
 
-// x of a curve, and x of the table of follow, whose defaults differ.
+// Words for the x of a curve, and for the x of a table of the action follow. The first word of each
+// list is the default.
 inline constexpr CycleKind kCycleCurves[] = {{0, "travel"}, {1, "time"}};
 inline constexpr CycleKind kCycleTables[] = {{0, "time"}, {1, "travel"}};
 inline constexpr CycleKind kCycleCrossings[] = {{0, "x"}, {1, "force"}};
@@ -141,7 +147,8 @@ struct CycleText {
   constexpr operator std::string_view() const { return {characters.data(), size}; }
 };
 
-/// The words of a list, "a, b, c", as a key with choices declares them.
+/// The words of a list of rows as one text "a, b, c". A key with choices declares its choices in
+/// this form.
 template <const auto &kRows>
 inline constexpr CycleText kWordsOf = [] {
   CycleText text;
@@ -149,7 +156,7 @@ inline constexpr CycleText kWordsOf = [] {
   return text;
 }();
 
-/// "BEFORE a: its meaning. b: its meaning."
+/// Returns a text of the form "BEFORE a: its meaning. b: its meaning."
 template <const auto &kRows>
 constexpr CycleText meanings(std::string_view before) {
   CycleText text;
@@ -159,14 +166,14 @@ constexpr CycleText meanings(std::string_view before) {
   return text;
 }
 
-/// "BEFORE: a, b, c. AFTER"
+/// Returns a text of the form "BEFORE: a, b, c. AFTER".
 template <const auto &kRows>
 constexpr CycleText naming(std::string_view before, std::string_view after = "") {
   CycleText text;
   return (((text += before) += ": ") += kWordsOf<kRows>) += after.empty() ? "." : after;
 }
 
-/// One of the words of a list; the first one until it is read.
+/// One word of a list of rows. Before the file is read, this is the first word.
 template <const auto &kRows>
 struct CycleChoice {
   std::size_t index = 0;
@@ -176,19 +183,20 @@ struct CycleChoice {
   operator std::string_view() const { return row().name; }
 };
 
-/// A set of the words of a list, as the sum of their codes.
+/// A set of words of a list of rows, stored as the sum of their codes.
 template <const auto &kRows>
 struct CycleSet {
   std::uint8_t codes = 0;
 };
 
-/// Refuses the keys that belong to other words of a list, and asks for those that the word needs.
+/// Throws InputError if the table has a key that belongs only to other words of the list, or if a
+/// key that `word` needs is missing.
 void expect_keys(sim::Section &section, std::string_view key, std::span<const CycleKind> rows,
                  const CycleKind &word);
 /// Returns the sum of the codes of the words that a key lists.
 std::uint8_t codes_of(sim::Section &section, std::string_view key, std::span<const CycleKind> rows);
 
-// The values of the rows of a struct with such members (sim/model/read.hpp).
+// Return the values of members of these types, for the rows of a struct (sim/model/read.hpp).
 template <const auto &kRows>
 std::optional<CycleChoice<kRows>> value_of(sim::Section &section, sim::Names &,
                                            const sim::KeyFormat &key, CycleChoice<kRows> *) {

@@ -9,8 +9,8 @@
 namespace forceaxis::host {
 namespace {
 
-// Returns the value rounded to 12 significant digits, as the Python package rounds the values that
-// it reads from an axis. So 4009 counts of 1 um are 0.004009 m in both.
+// Returns the value rounded to 12 significant digits. The Python package rounds values that it
+// reads from an axis in the same way. So 4009 counts of 1 um are 0.004009 m in C++ and in Python.
 double rounded(double value) {
   char text[32];
   const auto end = std::to_chars(text, std::end(text), value, std::chars_format::general, 12).ptr;

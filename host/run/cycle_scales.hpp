@@ -1,5 +1,5 @@
 #pragma once
-// The units of the axis for which a program of a cycle is compiled, and the bounds of this axis.
+// The units and the limits of the axis for which the program of a press cycle is compiled.
 #include <cstdint>
 #include <string>
 #include <string_view>
@@ -15,7 +15,7 @@ namespace forceaxis::host {
 /// A table of a file, for messages about its keys after the file was read.
 struct CyclePlace {
   const sim::Source &source;
-  std::string path = {};  ///< such as "phase[0].end[1]."
+  std::string path = {};  ///< path of the table, such as "phase[0].end[1]."
 
   CyclePlace at(std::string_view list, std::size_t index) const {
     return {source, path + std::string(list) + "[" + std::to_string(index) + "]."};
@@ -23,7 +23,7 @@ struct CyclePlace {
   [[noreturn]] void fail(std::string_view key, const std::string &message) const {
     source.fail(path + std::string(key), message);
   }
-  /// Refuses the table itself.
+  /// Throws InputError for the table itself.
   [[noreturn]] void fail(const std::string &message) const {
     source.fail(path.substr(0, path.size() - 1), message);
   }
@@ -31,24 +31,25 @@ struct CyclePlace {
 
 struct CycleScales {
   double counts_per_m = 0;
-  double q8_per_N = 0;  ///< 1/256 count of measured force
+  double q8_per_N = 0;  ///< number of 1/256 counts of measured force in 1 N
   double rated_N = 0;
-  double limit_N = 0;                            ///< force_limit
-  double tare_band_q8 = 0;                       ///< 0: the axis has no tare
+  double limit_N = 0;  ///< value of the object force_limit in N
+  /// Value of the object tare_band in 1/256 count; 0: the axis has no tare.
+  double tare_band_q8 = 0;
   double position_least = 0, position_most = 0;  ///< soft limits in counts from the reference
   double span = 0;  ///< largest travel between two soft limits, in counts
-  /// Ends of what the force sensor can show in compression and in tension, in 1/256 count; infinite
+  /// Ends of the range of the force sensor in compression and in tension, in 1/256 count; infinite
   /// where the force 0 is at an end of the range of codes (firmware/cycle/sample.h).
   double most_q8 = 0, least_q8 = 0;
 
   double force_max_q8() const;
   double per_mille_per_N() const { return 1000 / rated_N; }
-  /// Returns how many units of the firmware the SI unit of a quantity has.
+  /// Returns the number of firmware units in the SI unit of a quantity.
   double per(sim::Dimension dimension) const;
 };
 
-/// Returns the scales of a model with the writes before tick 0. Throws InputError if the axis runs
-/// no cycle.
+/// Returns the scales of a model. `initial` has the writes before tick 0. Throws InputError if the
+/// axis cannot run a press cycle.
 CycleScales cycle_scales(const sim::Source &source, const sim::Model &model,
                          const std::vector<ObjectWrite> &initial);
 

@@ -298,8 +298,9 @@ std::optional<std::int64_t> written(const Experiment &experiment, std::uint16_t 
   return value;
 }
 
-// Gives the output of the firmware the resolution of the model's DAC if the experiment says
-// nothing. Refuses an output that is finer than the DAC, and a DAC that is coarser than any output.
+// Sets the resolution of the firmware's output to that of the model's DAC, unless the experiment
+// sets this resolution. Refuses an output that is finer than the DAC, and a DAC that is coarser
+// than any output.
 void match_dac(const Section &root, Experiment &experiment) {
   const sim::Model &model = *experiment.model;
   if (model.dac->bits < AXIS_DAC_BITS_MIN) {
@@ -331,7 +332,7 @@ void check_adcs(const Section &root, const Experiment &experiment) {
   }
 }
 
-// Returns the program of the cycle that the experiment names, or nothing.
+// Returns the program of the press cycle that the experiment names, or nothing.
 std::shared_ptr<const CycleProgram> program_of(Section &root, const std::filesystem::path &folder,
                                                const Experiment &experiment) {
   if (!root.has("cycle")) return nullptr;
@@ -363,7 +364,7 @@ std::string hash_inputs(const std::filesystem::path &file, const sim::Model &mod
   return hash.hex();
 }
 
-// Refuses a mode of operation beside a controller of the machine.
+// Refuses a mode of operation if the model has a controller of the machine.
 void expect_no_mode(Section &root, const Experiment &experiment) {
   const auto selected = [&](std::uint16_t object) {
     return written(experiment, object).value_or(0) != 0;

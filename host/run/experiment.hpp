@@ -84,9 +84,9 @@ struct Action {
   std::optional<sim::DriveFailure> drive;
 };
 
-// The limits of the verdict, which verdict.hpp explains. A limit applies to the window, which is
-// the last `window_s` of the run, unless a comment states otherwise. A limit without a value is not
-// checked.
+// The limits of the verdict (verdict.hpp). A limit applies to the time window of the verdict, which
+// is the last `window_s` of the run, unless a comment states otherwise. A limit without a value is
+// not checked.
 struct Criterion {
   static constexpr const char *kName = "Criterion";
   static constexpr const char *kMeaning =
@@ -121,7 +121,7 @@ struct Criterion {
       c.contact_held = names != nullptr ? !names->empty() : std::get<bool>(value);
     }
   };
-  // The keys of [verdict] but contact_held, which has several types.
+  // The keys of the table [verdict], except contact_held, whose value may have several types.
   static constexpr auto rows() {
     using sim::field;
     using sim::format::ranged;
@@ -212,7 +212,7 @@ struct Experiment {
   std::vector<ObjectWrite> initial;
   // Actions, sorted by tick.
   std::vector<Action> actions;
-  // Program of the cycle that mode -9 runs; NULL without one.
+  // Program of the press cycle that mode -9 runs; NULL if the experiment has no program.
   std::shared_ptr<const CycleProgram> cycle;
   std::optional<Criterion> criterion;
   Plot plot;

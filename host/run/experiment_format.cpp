@@ -22,7 +22,8 @@ using sim::format::table;
 using D = sim::Dimension;
 using S = sim::Sign;
 
-// Returns the keys that a struct declares, and one more, whose value is a list or of several types.
+// Returns the keys that a struct declares, followed by the key `one`. The value of this key is a
+// list, or it may have several types.
 template <std::size_t Count>
 constexpr std::array<KeyFormat, Count + 1> with_key(const std::array<KeyFormat, Count> &keys,
                                                     const KeyFormat &one) {

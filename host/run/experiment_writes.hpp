@@ -28,7 +28,8 @@ struct Refusal {
   }
 };
 
-// Returns a text for people about FW_ERROR_, the answer to a refused write.
+// Returns the text that explains an error FW_ERROR_ to the user. The error is the answer to a
+// refused write.
 const char *refusal_text(int error);
 
 class ExperimentWrites {

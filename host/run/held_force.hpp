@@ -46,10 +46,10 @@ struct LimitedSetpoint {
 // Returns the limited set-points of the modes with a target force, one for each tick with writes.
 std::vector<LimitedSetpoint> limited_setpoints(const Experiment &);
 
-// Returns nothing if the experiment does not control force, if its last set-point is 0, or if ADC 0
-// does not measure a force. Slopes, limits and fault reactions of the firmware are ignored. If the
-// firmware does not reach the set-point for such a reason, the difference is an error of the
-// controlled force.
+// Returns the last set-point of force. Returns nothing if the experiment does not control force, if
+// its last set-point is 0, or if ADC 0 does not measure a force. Slopes, limits and fault reactions
+// of the firmware are ignored. If the firmware does not reach the set-point for such a reason, the
+// difference is an error of the controlled force.
 std::optional<ForceTask> force_task(const Experiment &);
 
 struct HeldForce {

@@ -1,12 +1,13 @@
 #pragma once
-// Rows that declare the fields of a result for Python, with the member or function that gives each.
+// Rows that declare the fields of a result for Python. Each row has the member or the function that
+// gives the value of the field.
 //
 // A struct that Python receives has
 //   static constexpr const char *kName       name of its Python class
 //   static constexpr const char *kMeaning    its docstring
 //   static constexpr auto items()            its fields: a tuple of item()
-// host/python/binding/table.hpp converts it by these rows; tools/gen_results.py writes the Python
-// class, so a field is its row and nothing else.
+// host/python/binding/table.hpp uses these rows to convert the struct, and tools/gen_results.py
+// uses them to write the Python class. So a row is the only declaration of a field.
 #include <cmath>
 #include <optional>
 #include <tuple>
@@ -17,7 +18,7 @@ template <class Get>
 struct Item {
   const char *key;
   Get get;
-  const char *meaning;  ///< empty if the name says it
+  const char *meaning;  ///< meaning of the field; empty if the name is sufficient
 };
 
 /// Declares a field: `get` is a member, or a function of the struct.
@@ -26,8 +27,8 @@ constexpr Item<Get> item(const char *key, Get get, const char *meaning = "") {
   return {key, get, meaning};
 }
 
-/// Declares a field for each row of a struct that a file gives (sim/model/field.hpp), with the same
-/// key, member and meaning.
+/// Declares a field for each row of a struct that is read from a file (sim/model/field.hpp), with
+/// the same key, member and meaning.
 template <class Rows>
 constexpr auto items_of(const Rows &rows) {
   return std::apply(
@@ -53,7 +54,7 @@ struct Finite {
 template <class Owner>
 Finite(double Owner::*) -> Finite<Owner>;
 
-/// A member of a member.
+/// Getter and setter for a member of a member.
 template <class Owner, class Middle, class Value>
 struct Within {
   Middle Owner::*outer;

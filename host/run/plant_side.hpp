@@ -116,8 +116,8 @@ class PlantSide {
   // Returns the ADC code that replaces `code` while the force sensor has failed.
   std::uint16_t failed_reading(std::uint16_t code) const;
   void keep(const TickRecord &record, const LinkOutputs &out);
-  // Computes the codes at the ends of the force reading: of the converter, or of the sensor or its
-  // electronics if these saturate earlier.
+  // Computes the codes at the ends of the range of the force reading. This range ends where the
+  // converter saturates, or where the sensor or its electronics saturate earlier.
   void find_reading_ends(const sim::Adc &adc);
   // Returns the force of a code of ADC 0.
   double reading_N(int code) const;
@@ -131,8 +131,9 @@ class PlantSide {
   void look_for_contact();
   void begin_window();
   bool all_pressed() const;
-  // Returns the time at which each contact of the criterion had been closed at least once. If the
-  // criterion names no contact, returns the time at which any contact of the model closed first.
+  // Returns the first time at which every contact of the criterion has been closed at least once.
+  // If the criterion names no contact, returns the time at which any contact of the model closed
+  // first.
   std::optional<double> first_contact_s() const;
   void check_setpoint();
   // Returns the number of contact losses of the criterion's contacts since the start. Backlashes
@@ -157,11 +158,11 @@ class PlantSide {
   std::size_t untouched_ = 0;
   // Largest and smallest output of the firmware, 2047 and -2048 codes, in codes of the DAC.
   int dac_top_, dac_bottom_;
-  // Codes of ADC 0 at the ends of the force reading.
+  // Codes of ADC 0 at the ends of the range of the force reading.
   int adc_low_ = 0, adc_high_ = -1;
   int adc_zero_ = -1;  // code of ADC 0 at force 0
   std::int64_t window_start_;
-  std::int64_t second_half_;  // first tick of the second half of the window of the verdict
+  std::int64_t second_half_;  // first tick in the second half of the verdict's time window
   std::int64_t losses_before_window_ = 0;
   std::int64_t tick_ = 0;
   LinkInputs in_{};

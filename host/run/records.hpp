@@ -18,7 +18,7 @@ struct LinkInputs {
   std::uint16_t adc1_code;
   std::uint8_t din;           // digital inputs of the axis, one bit for each input
   std::uint8_t sensor_valid;  // 0: encoder and ADC codes of this record are not valid
-  std::uint8_t axis;          // numbered from 1
+  std::uint8_t axis;          // number of the axis, counted from 1
   // Report of a drive, AXIS_DRIVE_; 0: amplifier for +-10 V.
   std::uint8_t drive = 0;
   // Ages of the encoder count and of ADC code 0 in ticks; 255 is 255 ticks or more.
@@ -33,9 +33,9 @@ struct LinkOutputs {
   // code of the model's DAC with n bits, -2^(n-1) to 2^(n-1)-1
   std::int16_t dac_code;
   std::uint8_t out;           // digital outputs: bit 0 amp_enable, bit 1 brake_release
-  std::uint8_t fault;         // AXIS_FAULT_
-  std::uint8_t limit_reason;  // AXIS_LIMIT_REASON_
-  std::uint8_t axis;          // numbered from 1
+  std::uint8_t fault;         // fault, one of AXIS_FAULT_
+  std::uint8_t limit_reason;  // reason of a limit, one of AXIS_LIMIT_REASON_
+  std::uint8_t axis;          // number of the axis, counted from 1
 };
 
 // One tick of the trace. The trace hash is the SHA-256 over the fields below of all ticks, in this

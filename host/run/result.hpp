@@ -17,7 +17,7 @@
 
 namespace forceaxis::host {
 
-// State of the firmware after a tick, as AXIS_FAULT_ and AXIS_LIMIT_REASON_.
+// State of the firmware after a tick, as values AXIS_FAULT_ and AXIS_LIMIT_REASON_.
 struct FirmwareRecord {
   std::uint8_t fault;
   std::uint8_t limit_reason;
@@ -43,8 +43,10 @@ struct RunStopped : std::runtime_error {
 
 // Peak-to-peak ripple of a quantity in counts.
 struct Ripple {
-  double count = 0;       // peak-to-peak ripple of the signal in the complete window of the verdict
-  double late_count = 0;  // peak-to-peak ripple of the signal in the second half of the window
+  // Peak-to-peak ripple of the signal in the complete time window of the verdict.
+  double count = 0;
+  // Peak-to-peak ripple of the signal in the second half of the time window.
+  double late_count = 0;
 };
 
 // Metrics over the window of the criterion, or over the last second if the experiment has no
@@ -203,7 +205,7 @@ struct RunResult {
   std::string verdict;               // verdict of evaluate(); "" if the experiment has no criterion
   std::vector<Missed> missed;        // limits of the verdict that the run exceeds, found by
                                      // evaluate()
-  std::optional<CycleResult> cycle;  // empty without a program
+  std::optional<CycleResult> cycle;  // result of the last press cycle; empty without a program
 };
 
 }  // namespace forceaxis::host

@@ -61,7 +61,7 @@ struct Evaluation {
   std::vector<Missed> missed;
 };
 
-// Computes the verdict from the metrics of a run. Other limits need no new run.
+// Computes the verdict from the metrics of a run. A change of the limits needs no new run.
 Evaluation evaluate(const Criterion &criterion, const Metrics &metrics, bool faulted);
 
 }  // namespace forceaxis::host

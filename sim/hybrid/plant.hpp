@@ -259,8 +259,8 @@ class Plant {
     double high = 0.0;
     SampledSensor samples;
     SincFilter filter;
-    double collected =
-        0.0;  // end of the time, in steps, over which the filter has integrated the signal so far
+    // End of the time, in steps, over which the filter has integrated the signal so far.
+    double collected = 0.0;
   };
   static Converter converter_of(const Adc &adc);
   Converter converters_[2];

@@ -148,8 +148,9 @@ struct Model {
   Boxed<Drive> drive;
   Boxed<MachineController> machine_controller;
   Boxed<Encoder> encoder;
-  Boxed<Switches>
-      switches;  ///< always has a value; all positions are empty if the file has no switches
+  /// Switches of the axis. This member always has a value; all positions are empty if the file has
+  /// no switches.
+  Boxed<Switches> switches;
   std::array<Boxed<Adc>, 2> adc;
   Boxed<Dac> dac;  ///< always has a value
 

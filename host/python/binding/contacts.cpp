@@ -1,5 +1,5 @@
-// Contacts of a plant whose input is a recorded command, for many values of its parameters. The
-// comparison with a recording is in commission/contact_likelihood.py.
+// Simulates contacts of a plant for many values of the plant's parameters. The input of the plant
+// is a recorded command. commission/contact_likelihood.py compares the result with a recording.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -93,7 +93,7 @@ class Contacts {
   }
 
  private:
-  // The plant of the latest row. Rows that differ only in their starts share it.
+  // The plant of the latest row. Rows that differ only in their start values share this plant.
   struct Known {
     std::vector<double> parameters;
     std::shared_ptr<ModeCache> plant;
@@ -142,9 +142,9 @@ class Contacts {
   std::vector<std::string> fitted_;
   int parts_;
   bool encoder_ = false;
-  std::vector<bool> moved_;  // for each body of the model
+  std::vector<bool> moved_;  // for each body of the model: true if the start values move the body
   std::vector<std::vector<double>> volts_;
-  std::size_t steps_ = 0;  // of all contacts
+  std::size_t steps_ = 0;  // number of steps of all contacts together
 };
 
 }  // namespace

@@ -103,7 +103,7 @@ struct Parameter {
   }
 };
 
-// The inputs of an experiment without a run.
+// The inputs of an experiment that is read but not run.
 struct Inputs {
   static constexpr const char *kName = "Inputs";
   static constexpr const char *kMeaning = "The experiment that inputs() has read.";

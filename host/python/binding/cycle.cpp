@@ -1,4 +1,4 @@
-// The evaluation elements of a cycle over recorded samples.
+// Evaluates the evaluation elements of a press cycle over recorded samples, for Python.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -20,7 +20,7 @@ namespace {
 using Fields = std::map<std::string, std::int64_t>;
 using Samples = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>;
 
-// Moves a field to its place; a field that is not given is 0.
+// Moves the value of a field to the variable `place`. A field that is not given has the value 0.
 template <typename T>
 void take(Fields &fields, const char *name, T &place) {
   const auto found = fields.find(name);

@@ -1,5 +1,5 @@
-// The master of a CiA 402 drive, one call per tick of simulated time. Frames are exchanged as
-// identifiers and bytes.
+// The CANopen master of a CiA 402 drive, for Python. The master is called once in each tick of
+// simulated time. Frames are exchanged as identifiers and bytes.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -35,7 +35,7 @@ const char *const kStates[] = {DRIVE402_STATES(NAME)};
 const char *const kReasons[] = {DRIVE402_REASONS(NAME)};
 #undef NAME
 
-// What the master knows of its drive, with names in place of numbers.
+// The data that the master has about its drive, with names in place of numbers.
 struct Feedback {
   static constexpr const char *kName = "DriveFeedback";
   static constexpr const char *kMeaning =
@@ -148,7 +148,7 @@ class DriveMaster {
   py::object feedback() const { return table::object(Feedback{drive402_feedback(&master_)}); }
 
  private:
-  // Moves a setting to its field; every setting is required.
+  // Moves the value of a setting to the variable `field`. Every setting is required.
   template <typename T>
   static void read(Settings &settings, const char *name, T &field) {
     const auto found = settings.find(name);

@@ -1,5 +1,5 @@
 #pragma once
-// The energy balance for Python.
+// Converts the energy balance of a plant or a run for Python.
 #include "host/python/binding/table.hpp"
 #include "host/run/item.hpp"
 #include "sim/hybrid/plant.hpp"

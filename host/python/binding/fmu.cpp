@@ -1,5 +1,5 @@
-// Passes to Python what a co-simulation unit consists of: the variables of a unit, and the writes
-// of an experiment for the unit of the firmware.
+// Passes the contents of co-simulation units to Python: the variables of a unit, and the writes of
+// an experiment for the firmware unit.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>

@@ -35,7 +35,7 @@ using forceaxis::sim::RampResponse;
 
 namespace {
 
-// Limits of the density of a grid, and of the sampling period.
+// Smallest and largest density of a frequency grid, and largest sampling period in s.
 constexpr double kDensityMin = 0.1, kDensityMax = 100, kTickMax_s = 1;
 
 using Numbers = py::array_t<double, py::array::c_style | py::array::forcecast>;
@@ -67,10 +67,10 @@ void in_parallel(std::size_t count, unsigned threads, const Work &work) {
     if (error) std::rethrow_exception(error);
 }
 
-// The grid of the plants with a path from the command to the force, and the indices of these plants
-// in the given list. If the phase of their sensor is not known, the same plants follow for the
-// second phase, then for the third one, and so on. The figures of a plant are then the worst ones
-// over the phases.
+// The frequency grid for the plants in which the command acts on the force. `kept` has the indices
+// of these plants in the given list. If the phase of their sensor is not known, the grid has the
+// same plants again for the second phase, then for the third phase, and so on. The figures of a
+// plant are then the worst figures over all phases.
 struct Grid {
   std::vector<std::size_t> kept;
   std::optional<LawGrid> grid;
@@ -96,7 +96,8 @@ const ForcePlant &plant_at(const Grid &grid, std::size_t plant) {
   return plants_of(grid).plants()[index_of(grid, plant)];
 }
 
-// Returns the plants of a grid, after a check that the bounds are for its delays.
+// Returns the plants of a grid. Throws ValueError if `bounds` does not have one value for each
+// delay of the grid.
 const LawGrid &plants_of(const Grid &grid, const LawBounds &bounds) {
   expect(bounds.ms.size() == grid.delays.size(), "ms: expected one value for each delay");
   return plants_of(grid);
@@ -162,8 +163,8 @@ py::tuple law_coefficients(const std::vector<double> &numbers, double tick_s) {
   return py::make_tuple(law->integral_rad_per_s, sections);
 }
 
-// Returns an array (laws, 2) with the bandwidth in Hz and the largest gain of each law. `numbers`
-// has one row for each law.
+// Returns an array of shape (laws, 2) with the bandwidth in Hz and the largest gain of each law.
+// `numbers` has one row for each law.
 py::array_t<double> evaluate(const Grid &grid, const Numbers &numbers, const LawBounds &bounds,
                              const RampResponse *ramp, const std::vector<double> &floors_hz,
                              double coefficient_max, unsigned threads) {
@@ -214,8 +215,8 @@ void add_worse(PreciseFigures &worst, const PreciseFigures &other) {
            worst.sag || other.sag};
 }
 
-// Returns an array (plants, delays, 6). A loop that is not known to be stable has NaN in all
-// columns.
+// Returns an array of shape (plants, delays, 6) with the precise figures of each loop. A loop that
+// is not known to be stable has NaN in all columns.
 py::array_t<double> precise(const Grid &grid, const LawShape &law, const std::vector<double> &gains,
                             unsigned threads) {
   const LawGrid &own = plants_of(grid);

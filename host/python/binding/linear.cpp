@@ -32,7 +32,8 @@ using forceaxis::sim::Model;
 namespace {
 
 using Pair = std::tuple<std::string, std::string>;
-// Rate in Hz, phase in s or None for any phase, latency in s and order of the filter.
+// Samples of a converter: rate in Hz, phase in s (None for any phase), latency in s, and order of
+// the filter.
 using Samples = std::tuple<double, std::optional<double>, double, int>;
 
 struct LinearTable {
@@ -220,7 +221,7 @@ table::Ordered<double> drive_values(const forceaxis::sim::Drive &drive) {
           {"k_amp", motor.k_amp}};
 }
 
-// Returns nothing for an ADC whose code is fresh in each tick.
+// Returns the samples of an ADC, or nothing for an ADC that samples in each tick.
 std::optional<Samples> sampling(const forceaxis::sim::Adc &adc) {
   if (!adc.sampling) return std::nullopt;
   const auto &[rate_hz, phase_s, phase_known, latency_s] = *adc.sampling;

@@ -17,7 +17,7 @@ void add_objects(pybind11::module_ &m);   // objects.cpp
 void add_plant(pybind11::module_ &m);     // plant.cpp
 void add_toml(pybind11::module_ &m);      // toml.cpp
 
-/// SHA-256 of the source files of firmware and simulator (hashes.cpp, the only file that a change
-/// of a hash compiles again).
+/// SHA-256 of the source files of the firmware and of the simulator. hashes.cpp defines them, so
+/// that only this file must be compiled again after a change of a hash.
 extern const char *const kFirmwareHash;
 extern const char *const kSimulatorHash;

@@ -53,8 +53,8 @@ using Flags = py::array_t<bool, py::array::c_style>;
 
 // Simulates one tick for each command. Returns the codes (encoder, adc0, adc1) and the signals
 // `names` at the start of each tick, before its command acts. The commands are DAC codes, or
-// voltages if `volts` is true. If the model has a controller of the machine, voltages act in its
-// place, and codes have no effect. `enabled` says in which ticks the drive is enabled.
+// voltages if `volts` is true. If the model has a controller of the machine, voltages act in place
+// of its output, and codes have no effect. `enabled` says in which ticks the drive is enabled.
 py::tuple follow(Plant &plant, const Commands &commands, bool volts,
                  const std::vector<std::string> &names, const std::optional<Flags> &enabled) {
   std::vector<std::size_t> places;

@@ -49,7 +49,7 @@ struct Converter {
   }
 };
 
-// Returns the converter of each column of codes.
+// Returns the converter for each column of the trace that has codes.
 inline table::Ordered<Converter> converters_of(const forceaxis::sim::Model &model) {
   table::Ordered<Converter> all;
   if (model.encoder)

@@ -1,6 +1,6 @@
 #pragma once
-// Converts structs with items() (host/run/item.hpp) to Python and back, and describes them for
-// tools/gen_results.py, which writes their Python types.
+// Converts structs with items() (host/run/item.hpp) to Python and back, and describes these structs
+// for tools/gen_results.py. This tool writes the Python types of the structs.
 //
 // A struct becomes the dataclass forceaxis._results.NAME, or a dict if the struct has
 // `static constexpr bool kDict = true`; then _core.pyi has a TypedDict NAME.
@@ -37,12 +37,14 @@ concept IsDict = requires {
   T::kDict;
 };
 
-/// A dict with the keys in the order of its entries.
+/// A Python dict whose keys have the order of these entries.
 template <class T>
 using Ordered = std::vector<std::pair<std::string, T>>;
 
 template <class T>
-struct Kind;  // python: its type in a stub; of: its object
+// For each type T: python() returns the Python type for a stub file, and of() converts a value to a
+// Python object.
+struct Kind;
 
 template <class T>
 py::object object(const T &value) {
@@ -143,7 +145,7 @@ struct Kind<std::tuple<T...>> {
     return std::apply([](const T &...value) { return py::make_tuple(object(value)...); }, values);
   }
 };
-/// A tuple of any length.
+/// A list of values that becomes a Python tuple of any length.
 template <class T>
 struct Fixed {
   std::vector<T> values;
@@ -189,7 +191,7 @@ T value_from(const py::object &source) {
   }
 }
 
-/// Returns the struct of an object with these fields.
+/// Returns the struct T for a Python object that has the fields of T.
 template <Described T>
 T from(const py::handle &source) {
   T target;
@@ -206,11 +208,12 @@ T from(const py::handle &source) {
   return target;
 }
 
-/// Calls `describe` of every struct that Python receives.
+/// The functions `describe` of all structs that Python receives.
 inline std::vector<void (*)(py::list &)> described;
 
-/// Adds the description of a struct: name, meaning, "class", "dict" or "partial dict", whose keys
-/// may be missing, and (field, type, meaning) of each field.
+/// Adds the description of a struct: its name, its meaning, its kind, and (field, type, meaning) of
+/// each field. The kind is "class", "dict" or "partial dict". Keys of a partial dict may be
+/// missing.
 template <Described T>
 void describe(py::list &types) {
   py::list fields;
@@ -227,7 +230,8 @@ void describe(py::list &types) {
                               fields));
 }
 
-/// Declares the structs T for tools/gen_results.py, each after those that its fields contain.
+/// Declares the structs T for tools/gen_results.py. Each struct must follow the structs that its
+/// fields contain.
 template <class... T>
 void add_results() {
   (described.push_back(&describe<T>), ...);

@@ -6,8 +6,8 @@ namespace forceaxis::sim {
 
 void Body::complete(Section &section, Names &) {
   if (!section.has("inertia"))
-    (void)section.value("mass", Dimension::mass,
-                        Sign::positive);  // without the key inertia, the key mass is required
+    // Without the key inertia, the key mass is required.
+    (void)section.value("mass", Dimension::mass, Sign::positive);
   if (inertia.size() != r_trans.size())
     section.fail("r_trans", "expected " + std::to_string(inertia.size()) +
                                 " values, one for each inertia, got " +

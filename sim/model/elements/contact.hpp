@@ -43,10 +43,11 @@ struct Contact : Link {
   Slopes stiffness;      ///< contact stiffness in N/m, > 0, as a function of the overlap in m; all
                          ///< breakpoints are > 0
   double damping = 0.0;  ///< contact damping in N s/m, >= 0
-  double gap =
-      0.0;  ///< distance of the surfaces in m at x_a = x_b; the overlap is d = x_a - x_b - gap
-  std::optional<Maxwell> maxwell =
-      std::nullopt;  ///< permitted only with one stiffness and no damping
+  /// Distance of the surfaces in m at x_a = x_b; the overlap is d = x_a - x_b - gap.
+  double gap = 0.0;
+  /// Standard linear solid in parallel with the stiffness. Permitted only with one stiffness and no
+  /// damping.
+  std::optional<Maxwell> maxwell = std::nullopt;
   /// Hysteresis of the contact. Permitted only with one stiffness, no damping and no `maxwell`.
   std::optional<Hysteresis> hysteresis = std::nullopt;
 

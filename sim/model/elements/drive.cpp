@@ -6,8 +6,8 @@ namespace forceaxis::sim {
 
 void DcMotor::complete(Section &section, Names &) {
   if (amp_break)
-    k_amp_outer =
-        section.number("k_amp_outer");  // with the key amp_break, the key k_amp_outer is required
+    // With the key amp_break, the key k_amp_outer is required.
+    k_amp_outer = section.number("k_amp_outer");
   else if (section.has("k_amp_outer"))
     section.fail("amp_break",
                  "expected a finite number > 0 in V beside k_amp_outer, got nothing; "

@@ -173,14 +173,14 @@ struct DriveMotor {
   double force_per_amp = 0.0;          ///< k_force, or k_torque / r_trans, in N/A, > 0
   double rate = 0.0;                   ///< bandwidth of the current loop in rad/s, > 0
   std::optional<double> peak_current;  ///< largest current in A, > 0; empty: not limited
-  std::optional<double>
-      rated_current;  ///< rated current in A, > 0 and < peak_current; empty: no second limit
-  double peak_time =
-      0.0;  ///< time in s for which peak_current may flow, > 0 if rated_current is given
+  /// Rated current in A, > 0 and < peak_current; empty: no second limit.
+  std::optional<double> rated_current;
+  /// Time in s for which peak_current may flow, > 0 if rated_current is given.
+  double peak_time = 0.0;
   // Values that the model file may have in place of k_force:
   std::optional<double> k_torque;  ///< torque constant in N m/A, > 0
-  std::optional<double>
-      r_trans;  ///< travel per motor angle in m/rad, > 0; also used for an inertia of the tuning
+  /// Travel per motor angle in m/rad, > 0; also used for an inertia of the tuning.
+  std::optional<double> r_trans;
 
   static constexpr auto rows() {
     using enum Sign;
@@ -269,8 +269,8 @@ struct VelocityDrive {
     std::optional<double> bandwidth;  ///< bandwidth of the velocity loop in rad/s, > 0
     double damping_ratio = 0.7071;
     std::optional<double> mass;  ///< mass for which the loop is tuned in kg, > 0
-    std::optional<double>
-        inertia;  ///< inertia at the motor for which the loop is tuned in kg m^2, > 0
+    /// Inertia at the motor for which the loop is tuned in kg m^2, > 0.
+    std::optional<double> inertia;
   };
   Tuning tuning;
 
@@ -337,11 +337,11 @@ struct StepperDrive {
       "to 0. StepperDrive in sim/model/elements/drive.hpp has the equations.";
   static constexpr std::string_view kWhen = "type = \"stepper\"";
   static constexpr int kPeriods = 8;
-  double velocity_per_volt =
-      0.0;                     ///< velocity of the field per command voltage in m/s per V, not 0
+  /// Velocity of the field per command voltage in m/s per V, not 0.
+  double velocity_per_volt = 0.0;
   double holding_force = 0.0;  ///< largest f in N, > 0
   double full_step = 0.0;      ///< travel of the body for a full step in m, > 0
-  double damping = 0.0;        ///< in N s/m, >= 0
+  double damping = 0.0;        ///< damping of the load angle in N s/m, >= 0
   int segments = 16;           ///< number of straight segments for one period of the sine: 4,
                                ///< 8, .. 32
 

@@ -11,8 +11,8 @@ namespace forceaxis::sim {
 struct Slopes {
   std::vector<double> slopes;
   std::vector<double> breaks;  ///< inputs at which the slope changes, in ascending order
-  std::vector<double> loads =
-      {};  ///< outputs at which the slope changes, if the model file has loads in place of breaks
+  /// Outputs at which the slope changes, if the model file has loads in place of breaks.
+  std::vector<double> loads = {};
 
   /// Derives the breaks from the loads. `key` is the key of the slopes in the model file.
   void complete(Section &section, const char *key);

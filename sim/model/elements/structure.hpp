@@ -50,8 +50,8 @@ struct Structure {
       "32 modes. A structure with a rigid-body mode must be connected to ground; one without is "
       "held by what held it in the measurement. It starts at rest.";
   std::string name;
-  std::vector<std::string>
-      ports;                ///< names of the ports, at least one; at least one mode moves each port
+  /// Names of the ports, at least one; at least one mode moves each port.
+  std::vector<std::string> ports;
   std::vector<Mode> modes;  ///< modes of vibration, at least one
 
   static constexpr auto rows() {
