@@ -176,6 +176,7 @@ class PlantUnit final : public Unit {
   std::size_t first_code_ = 0;
   std::size_t first_signal_ = 0;
   std::size_t seed_ = 0;  // index of the variable `seed`, before the parameters of the model
+
   // Present values of the inputs and of the parameters.
   std::vector<double> values_;
   // The plant, which is built when one of its values is needed for the first time.

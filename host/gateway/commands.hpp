@@ -44,6 +44,7 @@ class GatewayCommands {
     Id id{};
     bool complete = false;
     std::string failure;  // reason why the recording has no samples; empty if it has samples
+
     // Message for the recording, with all fields except the samples and their tick.
     axis_capture_t block{};
     std::vector<std::uint8_t> bytes;

@@ -15,6 +15,7 @@ struct CycleValues {
   std::int32_t state;    // value of the object cycle_state
   std::int32_t outcome;  // value of the object cycle_outcome
   std::int64_t cycles;   // value of the object cycle_count
+
   // Number of the phase in which a limit was exceeded first, or the cycle was stopped. It has a
   // meaning only if the outcome is not by_program.
   std::optional<std::uint8_t> failed_phase;

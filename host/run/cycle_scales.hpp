@@ -34,10 +34,12 @@ struct CycleScales {
   double q8_per_N = 0;  ///< number of 1/256 counts of measured force in 1 N
   double rated_N = 0;
   double limit_N = 0;  ///< value of the object force_limit in N
+
   /// Value of the object tare_band in 1/256 count; 0: the axis has no tare.
   double tare_band_q8 = 0;
   double position_least = 0, position_most = 0;  ///< soft limits in counts from the reference
   double span = 0;  ///< largest travel between two soft limits, in counts
+
   /// Ends of the range of the force sensor in compression and in tension, in 1/256 count; infinite
   /// where the force 0 is at an end of the range of codes (firmware/cycle/sample.h).
   double most_q8 = 0, least_q8 = 0;

@@ -19,6 +19,7 @@ struct LinkInputs {
   std::uint8_t din;           // digital inputs of the axis, one bit for each input
   std::uint8_t sensor_valid;  // 0: encoder and ADC codes of this record are not valid
   std::uint8_t axis;          // number of the axis, counted from 1
+
   // Report of a drive, AXIS_DRIVE_; 0: amplifier for +-10 V.
   std::uint8_t drive = 0;
   // Ages of the encoder count and of ADC code 0 in ticks; 255 is 255 ticks or more.

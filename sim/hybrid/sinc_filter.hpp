@@ -54,6 +54,7 @@ class SincFilter {
   /// and so on.
   std::array<Row, kHighestOrder> weights_{};
   Row moments_{};  // moments of the signal, integrated over the present period up to now
+
   // Time in ticks from the start of the present period up to now.
   double length_ = 0.0;
   /// Contributions of past periods to the next samples, the nearest sample first.

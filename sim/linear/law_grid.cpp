@@ -28,6 +28,7 @@ constexpr double kDampingMax = 0.3;  // damping ratio above which a pole or zero
 constexpr double kNone = std::numeric_limits<double>::infinity();
 constexpr double kHalfPower = 0.5;     // |S|^2 at -3 dB
 constexpr double kStableShare = 1e-9;  // smallest damping ratio of a stable pole
+
 // Largest distance of a computed pole from z = 1 that is treated as a rounding error, as a fraction
 // of the tick rate.
 constexpr double kRounding = 1e-11;

@@ -28,6 +28,7 @@ struct LawBounds {
   std::vector<double> ms;         ///< largest permitted |S| for each delay of the loop, above 1
   double gain_margin = 1.0;       ///< smallest permitted gain margin, as a factor
   double phase_margin_deg = 0.0;  ///< smallest permitted phase margin in degrees; 0: no bound
+
   /// Largest permitted gain at high frequency in DAC codes per 8-bit count.
   double hf_gain = std::numeric_limits<double>::infinity();
 };

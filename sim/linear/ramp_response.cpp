@@ -22,6 +22,7 @@ constexpr std::size_t kPeriod = 2048;    // number of instants in a period at wh
 constexpr std::size_t kPart = kPeriod / 8;  // length of one Fourier transform
 constexpr double kHighestShare = 0.49;      // ratio of the highest harmonic's frequency to the tick
                                             // rate
+
 // Largest permitted overshoot, as a fraction of the set-point.
 constexpr double kOvershootMax = 0.055;
 // Pairs of an instant in ramp times and the largest permitted undershoot from this instant to the

@@ -36,6 +36,7 @@ std::vector<std::complex<double>> eigenvalues(const ExtendedMatrix &A);
 struct FastModes {
   ComplexMatrix values;  ///< f x 1, eigenvalues with an imaginary part of at least 0
   ComplexMatrix right;   ///< n x f, right eigenvectors
+
   /// Left eigenvectors as rows, f x n; their product with the right ones is the identity.
   ComplexMatrix left;
   /// n x n, the matrix A without its fast part, A - right values left, with both modes of each

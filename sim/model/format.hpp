@@ -43,10 +43,12 @@ struct KeyFormat {
   /// Format of the table or tables, if the value of the key is a table or a list of tables.
   const TableFormat *table = nullptr;
   bool list = false;  ///< The value of the key is a list of tables, [[key]].
+
   /// Other key without which this key has no meaning. Empty if this key has a meaning by itself.
   std::string_view beside = {};
   bool needed_beside = false;  ///< The key is required if the table has the key `beside`.
   bool rising = false;         ///< The numbers of a list must be in ascending order.
+
   /// Advice to the user in the message about a text that is not a permitted choice.
   std::string_view advice = {};
   /// Kind of table, such as "element", in which every name is unique. Empty if names may repeat.

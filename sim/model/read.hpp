@@ -26,6 +26,7 @@ struct Names {
   std::size_t bodies = 0;
   std::vector<SignalInfo> signals;
   std::optional<Dimension> signal;  ///< unit of the signal whose name is in the present table
+
   /// Pairs of a kind of table and a name, for all names that are already taken. Elements and ports
   /// of a model have the kind "element".
   std::set<std::pair<std::string, std::string>> taken;

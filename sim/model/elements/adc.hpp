@@ -82,11 +82,13 @@ struct Adc {
   double per_count = 0.0;
   int zero_code = 0;  ///< ADC code at the signal 0, from 0 to 2^bits - 1
   int bits = 8;       ///< number of bits of the code, 8..16
+
   /// Fraction of a code step that is added before the code is rounded down: 1/2, and less if the
   /// code is the upper 16 bits of a longer code.
   double rounding = 0.5;
   std::optional<Sampling>
       sampling;  ///< empty: a sample at each tick, which the firmware has at once
+
   /// Order of the filter of a sigma-delta converter, 3 to 5, or 0 for none (sinc_filter.hpp). A
   /// converter with a filter also has `sampling`.
   int sinc_order = 0;

@@ -14,6 +14,7 @@ struct Body {
   double mass = 0.0;      ///< mass in kg, > 0, including the inertias that turn with the body
   double position = 0.0;  ///< position in m at tick 0
   double velocity = 0.0;  ///< velocity in m/s at tick 0
+
   /// Moments of inertia in kg m^2 of the parts that turn with the body.
   std::vector<double> inertia;
   std::vector<double> r_trans;  ///< travel of the body for one radian of each inertia in m

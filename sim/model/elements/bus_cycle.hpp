@@ -11,6 +11,7 @@ struct BusCycle {
   int ticks = 1;            ///< period of the frames in ticks: 1, or a multiple of 3
   int delay_ticks_out = 0;  ///< ticks from an output of the firmware to the drive, 0..30
   int delay_ticks_in = 0;   ///< ticks from a measured position to the firmware, 0..30
+
   /// Returns true if every tick has its own frame in both directions and no frame is late.
   bool immediate() const { return ticks == 1 && delay_ticks_out == 0 && delay_ticks_in == 0; }
 

@@ -43,6 +43,7 @@ struct Contact : Link {
   Slopes stiffness;      ///< contact stiffness in N/m, > 0, as a function of the overlap in m; all
                          ///< breakpoints are > 0
   double damping = 0.0;  ///< contact damping in N s/m, >= 0
+
   /// Distance of the surfaces in m at x_a = x_b; the overlap is d = x_a - x_b - gap.
   double gap = 0.0;
   /// Standard linear solid in parallel with the stiffness. Permitted only with one stiffness and no

@@ -15,6 +15,7 @@ struct Dac {
   double range = 10.0;  ///< output voltage range in V, > 0; output for the lowest code: -range
   double offset = 0.0;  ///< output voltage in V at code 0
   double noise = 0.0;   ///< rms noise of the output voltage in V, >= 0
+
   /// Returns the voltage of one code of this DAC.
   double volts_per_step() const { return 2.0 * range / static_cast<double>(1 << bits); }
   /// Returns the voltage of one DAC code of the firmware. The gains and limits of the firmware are

@@ -173,12 +173,14 @@ struct DriveMotor {
   double force_per_amp = 0.0;          ///< k_force, or k_torque / r_trans, in N/A, > 0
   double rate = 0.0;                   ///< bandwidth of the current loop in rad/s, > 0
   std::optional<double> peak_current;  ///< largest current in A, > 0; empty: not limited
+
   /// Rated current in A, > 0 and < peak_current; empty: no second limit.
   std::optional<double> rated_current;
   /// Time in s for which peak_current may flow, > 0 if rated_current is given.
   double peak_time = 0.0;
   // Values that the model file may have in place of k_force:
   std::optional<double> k_torque;  ///< torque constant in N m/A, > 0
+
   /// Travel per motor angle in m/rad, > 0; also used for an inertia of the tuning.
   std::optional<double> r_trans;
 
@@ -264,11 +266,13 @@ struct VelocityDrive {
   double velocity_per_volt = 0.0;       ///< velocity per command voltage in m/s per V, not 0
   double k_velocity = 0.0;              ///< proportional gain in N s/m, > 0
   std::optional<double> integral_time;  ///< integral time in s, > 0; empty: q = 0
+
   /// Values that the model file may have in place of k_velocity and integral_time.
   struct Tuning {
     std::optional<double> bandwidth;  ///< bandwidth of the velocity loop in rad/s, > 0
     double damping_ratio = 0.7071;
     std::optional<double> mass;  ///< mass for which the loop is tuned in kg, > 0
+
     /// Inertia at the motor for which the loop is tuned in kg m^2, > 0.
     std::optional<double> inertia;
   };

@@ -15,6 +15,7 @@ struct Gravity {
       "A force on one body: its mass times an acceleration.";
   std::string name;
   int body = kGround;  ///< index of a body; the mass of a port is not known
+
   /// Acceleration in m/s^2 at each of the positions, or one value for all positions.
   std::vector<double> accelerations;
   /// Positions in m in ascending order; empty if the acceleration is constant.
@@ -44,6 +45,7 @@ struct External {
   std::string name;
   int body = kGround;         ///< index of a point
   std::vector<double> times;  ///< times in s since tick 0 in ascending order, >= 0, at least two
+
   /// Force in N at each time. The force is interpolated between the times. It is 0 before the first
   /// time and after the last time.
   std::vector<double> forces;

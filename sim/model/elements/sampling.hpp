@@ -7,6 +7,7 @@ namespace forceaxis::sim {
 struct Sampling {
   double rate_hz = 1500.0;  ///< samples per second, 1 to 30000
   double phase_s = 0.0;     ///< time of sample 0 in s, from 0 to less than 1 / rate_hz
+
   /// False if the phase of the converter's clock is not known. In this case, only simulated runs
   /// use phase_s.
   bool phase_known = true;

@@ -11,6 +11,7 @@ namespace forceaxis::sim {
 struct Slopes {
   std::vector<double> slopes;
   std::vector<double> breaks;  ///< inputs at which the slope changes, in ascending order
+
   /// Outputs at which the slope changes, if the model file has loads in place of breaks.
   std::vector<double> loads = {};
 

@@ -9,6 +9,7 @@ struct Spring : Link {
       "acts backwards on a and forwards on b.";
   Slopes stiffness;      ///< stiffness in N/m, >= 0, as a function of the deflection in m
   double damping = 0.0;  ///< constant damping in N s/m, >= 0
+
   /// Spring and dashpot in parallel with the stiffness.
   std::optional<Maxwell> maxwell = std::nullopt;
 

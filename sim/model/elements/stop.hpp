@@ -13,6 +13,7 @@ struct Stop : Link {
       "and `high` must be given.";
   double stiffness = 0.0;  ///< contact stiffness in N/m, > 0
   double damping = 0.0;    ///< contact damping in N s/m, >= 0
+
   /// Deflection at the lower stop in m; empty: no lower stop. At least one of `low` and `high` is
   /// given.
   std::optional<double> low;
