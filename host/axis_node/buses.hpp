@@ -27,9 +27,9 @@ class CanPort {
 
   struct Handlers {
     std::function<void(const can_frame_t &)> frame;
-    // Called with the number of received frames that the kernel has dropped.
+    // Function that is called with the number of received frames that the kernel has dropped.
     std::function<void(std::uint16_t)> lost;
-    // Called with the new state (CAN_BUS_) of the interface when the state has changed.
+    // Function that is called with the new state (CAN_BUS_) of the interface after a change.
     std::function<void(std::uint8_t)> state;
   };
   // Passes at most 64 pending frames and the changes of the interface's state to the handlers.

@@ -287,9 +287,9 @@ class FirmwareUnit final : public Unit {
 
   // Returns true if the raw value `number` must be written to the object of a variable. A parameter
   // is written unless the object already has this value. An importer sets each input at each
-  // communication point. An input is written in two cases. In the first case, its value has
-  // changed; so the axis does not start again by itself after a fault. In the second case, its
-  // value is 0 and the object is not 0; so a stop always acts.
+  // communication point. An input that is not 0 is written only if its value has changed, so the
+  // axis does not start again by itself after a fault. An input that is 0 is written if the object
+  // is not 0, so a stop always acts.
   bool is_new(std::size_t variable, double number) const {
     const axis_object_meta_t &meta = meta_of(variable);
     const double present = readable(meta) ? std::round(read(variable) / meta.scale) : 0.0;

@@ -13,8 +13,8 @@
 namespace forceaxis::fmu {
 
 struct FirmwareFacts {
-  // Experiment. Its `initial` values are written at power-up. Each of its `actions` is written
-  // before the tick of this action.
+  // Experiment of the unit. Its `initial` values are written at power-up. Each of its `actions` is
+  // written before the tick of this action.
   host::Experiment experiment;
   int dac_bits = 12;
   std::vector<std::uint32_t> program;  // cycle program as 32-bit words (firmware/cycle/program.h);

@@ -49,9 +49,9 @@ class Unit {
   virtual ~Unit() = default;
 
   const std::vector<Variable> &variables() const { return variables_; }
-  // `variable` is an index in variables(), except that of the time. A Boolean is 0 or 1. get() may
-  // throw sim::InputError if a parameter of a model has a value that the model does not permit.
-  // set() throws ValueRefused.
+  // `variable` is an index in variables(), but not the index of the time. A Boolean is 0 or 1.
+  // get() may throw sim::InputError if a parameter of a model has a value that the model does not
+  // permit. set() throws ValueRefused.
   virtual double get(std::size_t variable) = 0;
   virtual void set(std::size_t variable, double value) = 0;
 
@@ -59,8 +59,8 @@ class Unit {
   // sim::InputError.
   virtual void initialise() = 0;
   // Computes one tick with the present inputs. Throws ValueRefused if an input is outside its
-  // range, before anything has changed, and sim::SimulationError, after which only reset() may be
-  // called.
+  // range; in this case, nothing has changed. Throws sim::SimulationError if the simulation fails;
+  // after this, only reset() may be called.
   virtual void tick() = 0;
   // Returns to the state after the creation.
   virtual void reset() = 0;

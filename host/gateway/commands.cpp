@@ -445,8 +445,8 @@ Task<void> GatewayCommands::publish_capture(const axis_command_t &command, lcm_b
                     canopen::abort_text(got.ok() ? canopen::kAbortTimeout : got.abort));
     co_return;
   }
-  // After this write, the black box can use the recorder again. It is refused if a source other
-  // than CANopen owns the axis; a client that is the owner then writes the value itself.
+  // After this write, the black box can use the recorder again. The write is refused if a source
+  // other than CANopen owns the axis; a client that is the owner then writes the value itself.
   co_await port.write(AXIS_OBJ_RECORDER_ARM, 0);
   Recording &kept = recording_;
   for (const std::string &name : command.signal) {

@@ -135,7 +135,7 @@ void AxisPublisher::publish_state(std::int64_t table_hash, std::int64_t nmt_stat
     s.more_name.push_back(host::object_meta(object).name);
     s.more_value.push_back(value(object));
   }
-  // User units of positions and velocities, if the axis uses user units.
+  // The state also has the user units of positions and velocities, if the axis uses user units.
   for (const std::uint16_t object : {AXIS_OBJ_FEED, AXIS_OBJ_POSITION_UNIT}) {
     if (value(object) == kNotAvailable || value(object) == 0) continue;
     s.more_name.push_back(host::object_meta(object).name);

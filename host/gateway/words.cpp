@@ -25,9 +25,10 @@ std::string name_in_words(std::uint16_t object, std::int32_t value) {
   return text;
 }
 
-// Returns the text for the manufacturer bytes of an emergency message store_failed: the state of
-// the store, the first parameter without its stored value or with an earlier default, and the
-// number of further parameters of this kind.
+// Returns the text for the manufacturer bytes of an emergency message store_failed. The text has
+// the state of the store and the name of the first affected parameter. Such a parameter does not
+// have its stored value, or has an earlier default. The text also has the number of further
+// affected parameters.
 std::string store_text(std::span<const std::uint8_t> manufacturer) {
   std::string text = ": " + host::enum_text(AXIS_OBJ_STORE_STATE, manufacturer[0]);
   std::ranges::replace(text, '_', ' ');

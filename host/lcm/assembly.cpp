@@ -7,7 +7,8 @@ namespace {
 
 using Bytes = std::span<const std::uint8_t>;
 
-constexpr std::uint32_t kWhole = 0x4C433032, kFragment = 0x4C433033;  // "LC02", "LC03"
+// Magic numbers "LC02" and "LC03".
+constexpr std::uint32_t kWhole = 0x4C433032, kFragment = 0x4C433033;
 constexpr std::size_t kWholeHeader = 8, kFragmentHeader = 20;
 constexpr std::size_t kLongestChannel = 63;
 

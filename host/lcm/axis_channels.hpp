@@ -37,7 +37,7 @@ struct CommandId {
 struct Drops {
   // Number of datagrams with commands from networks that are not allowed.
   std::uint64_t refused = 0;
-  std::string last_refused;  // Sender of the last refused datagram, as "ADDRESS:PORT".
+  std::string last_refused;  // sender of the last refused datagram, as "ADDRESS:PORT"
   std::uint64_t malformed = 0;
   std::uint64_t incomplete = 0;  // number of messages with a missing fragment
 

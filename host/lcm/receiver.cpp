@@ -22,7 +22,7 @@ constexpr std::size_t kLargestDatagram = 65536;
 // Packet type by which the kernel marks the local copy of an outgoing multicast datagram. The value
 // is repeated here because linux/if_packet.h conflicts with other headers of this file.
 constexpr std::uint32_t kPacketLoopback = 5;
-constexpr std::uint32_t kSourceAddress = 12;  // offset in the IP header
+constexpr std::uint32_t kSourceAddress = 12;  // offset of the source address in the IP header
 constexpr std::uint32_t kAll = 0xFFFFFFFF;
 // Number of bytes of a refused datagram that are received: UDP header, LCM header and channel name.
 constexpr std::uint32_t kShown = 8 + 20 + 64;

@@ -52,12 +52,13 @@ class PlantExchange {
   // LinkSilent, which names the axes that did not answer in time, and TransportError.
   void exchange(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs);
 
-  // Called at intervals while an answer is late. An exception from this function ends exchange().
+  // Function that is called at intervals while an answer is late. An exception from this function
+  // ends exchange().
   std::function<void()> late;
-  // Called if axes that have answered before do not answer for longer than the timeout, and again
-  // after each further timeout. Bit axis - 1 of `axes` is set for each axis that does not answer.
-  // If this function returns true, the exchange continues to wait. If the function returns false or
-  // is empty, the exchange throws LinkSilent.
+  // Function that is called if axes that have answered before do not answer for longer than the
+  // timeout, and again after each further timeout. Bit axis - 1 of `axes` is set for each axis that
+  // does not answer. If this function returns true, the exchange continues to wait. If the function
+  // returns false or is empty, the exchange throws LinkSilent.
   std::function<bool(unsigned axes)> silent;
 
   LinkStatistics statistics() const;

@@ -48,11 +48,11 @@ struct LinkReport {
 // Functions by which a session is ended and reports its state. run() calls these functions in its
 // own thread.
 struct LinkSession {
-  // Returns true if the session must end. This function is called in every tick, and while an
+  // Function that returns true if the session must end. It is called in every tick, and while an
   // answer is late.
   std::function<bool()> ended;
-  // Called with one line of text when the session is interrupted or continues. `paused` is true
-  // while the plants wait for an axis_node that sends nothing.
+  // Function that is called with one line of text when the session is interrupted or continues.
+  // `paused` is true while the plants wait for an axis_node that sends nothing.
   std::function<void(std::int64_t tick, bool paused, const std::string &text)> report;
 };
 
@@ -67,7 +67,7 @@ struct LinkMoment {
   std::optional<std::int64_t> late_us;
   std::vector<Axis> axes;  // the axes whose run has not ended at this tick
 };
-constexpr std::int64_t kTicksBetweenMoments = 150;  // 0.1 s
+constexpr std::int64_t kTicksBetweenMoments = 150;  // a time of 0.1 s
 using LinkWatch = std::function<void(const LinkMoment &)>;
 
 // The plants of a run. The constructor opens the link, so that an error is found before plant_node

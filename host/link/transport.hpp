@@ -11,8 +11,8 @@
 
 namespace forceaxis::host {
 
-// The transport cannot be opened, or the operating system refuses a call. what() returns one line
-// with the remedy.
+// Error: the transport cannot be opened, or the operating system refuses a call. what() returns one
+// line with the remedy.
 struct TransportError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };

@@ -44,10 +44,10 @@ class TcpServer {
   // the longest watchdog time of an axis.
   static constexpr std::chrono::milliseconds kOwner{66000};
 
-  // Called with each request to a unit. The program must call answer(client, ...) after this call
-  // has returned. The next request of the client waits until then.
+  // Function that is called with each request to a unit. The program must call answer(client, ...)
+  // after this call has returned. The next request of the client waits until then.
   using Serve = std::function<void(std::uint64_t client, std::uint8_t unit, const Pdu &request)>;
-  // Called before the server closes the connection with this socket.
+  // Function that is called before the server closes the connection with this socket.
   using Closing = std::function<void(int socket)>;
 
   // Opens the TCP port. `address` is a numeric IPv4 address; 0.0.0.0 stands for all interfaces.

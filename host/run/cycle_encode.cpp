@@ -14,10 +14,10 @@ namespace {
 
 using sim::Dimension;
 
-constexpr double kSpeedMax = 3072000;     // in counts/s
-constexpr double kForceMax = 32766;       // per mille of rated_force
-constexpr double kSlopeMax = UINT32_MAX;  // per mille of rated_force per second
-constexpr double kTimeMax = 1e9;          // in ticks
+constexpr double kSpeedMax = 3072000;     // largest speed in counts/s
+constexpr double kForceMax = 32766;       // largest force in per mille of rated_force
+constexpr double kSlopeMax = UINT32_MAX;  // largest slope in per mille of rated_force per second
+constexpr double kTimeMax = 1e9;          // longest time in ticks
 constexpr double kLevelMax = INT32_MAX;   // largest level of a stiffness
 
 static_assert(std::endian::native == std::endian::little, "the record has the lowest byte first");

@@ -1,8 +1,8 @@
 #pragma once
 // The program of a press cycle in a TOML file: phases, their conditions and limits, and evaluation
 // elements, with units and names. read_cycle() converts it to the record that the firmware runs
-// (firmware/cycle/program.h), with the scales of a model. The rows of the structs are the keys of
-// the file; the words of a key with choices are rows of cycle_kinds.hpp.
+// (firmware/cycle/program.h), with the scales of a model. The rows of the structs declare the keys
+// of the file. cycle_kinds.hpp declares the words that a key may have as its value.
 //
 // Every error is an InputError that names file and key. Examples of errors are a phase that cannot
 // be reached or cannot end, a loop without a count, and a condition that a limit prevents. A force
@@ -292,7 +292,8 @@ struct CycleProgram {
   std::vector<double> compliance_force, compliance_deflection;
   std::vector<CyclePhase> phases;
   std::vector<CycleElement> elements;
-  // The record of the program, at most 4096 bytes, in words so that it is aligned.
+  // The record of the program, at most 4096 bytes. It is stored as 32-bit words, so that it is
+  // aligned.
   std::vector<std::uint32_t> record;
 
   std::vector<std::string> phase_names() const;

@@ -15,7 +15,7 @@ namespace {
 
 using sim::Dimension;
 
-// The values of objects before tick 0.
+// The values that the objects of the firmware have before tick 0.
 struct Initial {
   const std::vector<ObjectWrite> &writes;
 

@@ -36,10 +36,10 @@ struct Impulse {
   double impulse_N_s;
 };
 
-// The code of ADC 0: the converted signal of the plant ("live"), the code of the previous tick
-// ("held"), the highest or lowest code ("high", "low"), the code for the force 0 ("zero"), as with
-// a disconnected sensor, or the last code with an increasing age, as from a converter that no
-// longer sends ("silent").
+// The code of ADC 0 that the firmware reads. `live`: the converted signal of the plant, without a
+// failure. `held`: the code of the previous tick. `high` and `low`: the highest and the lowest
+// code. `zero`: the code for the force 0, as with a disconnected sensor. `silent`: the last code
+// with an increasing age, as from a converter that no longer sends.
 enum class ForceSensor : std::uint8_t { live, held, high, low, zero, silent };
 
 struct SensorFailure {

@@ -23,8 +23,8 @@ struct FirmwareOptions {
   bool hash = false;
   // Configuration of the firmware. If the pointer is NULL, the axis has no bus.
   const fw_config_t *config = nullptr;
-  // Called with every write of the experiment before the firmware receives the write. The tick of
-  // initial writes is 0.
+  // Function that is called with every write of the experiment before the firmware receives the
+  // write. The tick of initial writes is 0.
   std::function<void(std::int64_t, const ObjectWrite &)> writing = {};
 };
 

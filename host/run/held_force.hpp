@@ -85,7 +85,7 @@ struct HeldForce {
 inline constexpr double kSettledPart = 0.05;
 
 // Evaluates the force of a run. `values` has the value of the signal ForceTask::signal at each
-// tick. The window begins at the tick `window_start`.
+// tick. The time window of the verdict begins at the tick `window_start`.
 HeldForce held_force(const ForceTask &task, const std::vector<double> &values,
                      std::int64_t window_start);
 

@@ -45,8 +45,8 @@ inline constexpr char kJournalTitle[] = "forceaxis-journal 1";
 class JournalWriter {
  public:
   // Creates the file, or replaces an existing journal. Throws sim::InputError if the existing file
-  // is not a journal, cannot be written, or is locked by another process. `option` is the name of
-  // the file in this message.
+  // is not a journal, cannot be written, or is locked by another process. `option` is the name for
+  // the file in the message of this error.
   JournalWriter(const std::filesystem::path &file, const char *option, const Experiment &experiment,
                 std::span<const std::string> overrides);
   ~JournalWriter();

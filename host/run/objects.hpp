@@ -32,8 +32,8 @@ std::vector<std::string> enum_texts(std::uint16_t object);
 // number.
 std::string enum_text(std::uint16_t object, std::int32_t value);
 
-// Returns the name of the object at a CANopen address, or an empty text. Addresses that only
-// version 0.1.0 used in the store are known too.
+// Returns the name of the object at a CANopen address, or an empty text. The function also knows
+// addresses that only version 0.1.0 used in the store.
 std::string_view name_at(std::uint32_t index, std::uint32_t sub);
 
 // Returns the name of a special raw value of an object that is not an enumeration. Returns an empty

@@ -107,8 +107,8 @@ class PlantSide {
 
   // Number of ticks between two calls of the function options.stop.
   static constexpr std::int64_t kTicksBetweenAsking = 1024;
-  static constexpr std::uint8_t kEnabled = 1;   // AXIS_DIGITAL_INPUTS_ENABLE
-  static constexpr std::uint8_t kNoFault = 0;   // AXIS_FAULT_NONE
+  static constexpr std::uint8_t kEnabled = 1;   // same value as AXIS_DIGITAL_INPUTS_ENABLE
+  static constexpr std::uint8_t kNoFault = 0;   // same value as AXIS_FAULT_NONE
   static constexpr std::uint8_t kOldest = 255;  // largest age in LinkInputs
 
   bool due() const { return action_ != experiment_->actions.end() && action_->tick <= tick_; }
@@ -171,7 +171,7 @@ class PlantSide {
   std::uint8_t first_fault_ = kNoFault;
   std::optional<ForceTask> force_task_;
   std::size_t task_place_ = 0;      // index of the signal that ForceTask::signal names
-  std::vector<double> task_force_;  // value in N, at each tick, of the signal ForceTask::signal
+  std::vector<double> task_force_;  // value of the signal ForceTask::signal in N at each tick
   Span<int> force_, force_late_;
   Span<std::int64_t> position_, position_late_;
   Metrics metrics_;

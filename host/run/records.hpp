@@ -20,18 +20,19 @@ struct LinkInputs {
   std::uint8_t sensor_valid;  // 0: encoder and ADC codes of this record are not valid
   std::uint8_t axis;          // number of the axis, counted from 1
 
-  // Report of a drive, AXIS_DRIVE_; 0: amplifier for +-10 V.
+  // Report of the drive, as bits AXIS_DRIVE_REPORT_. 0 means that the drive is an amplifier for
+  // +-10 V.
   std::uint8_t drive = 0;
-  // Ages of the encoder count and of ADC code 0 in ticks; 255 is 255 ticks or more.
+  // Ages in ticks of the encoder count and of the code of ADC 0; 255 is 255 ticks or more.
   std::uint8_t position_age = 0;
   std::uint8_t force_age = 0;
 };
 
-// Record from the firmware to the plant, which answers the record LinkInputs of the same tick and
+// Record from the firmware to the plant. It answers the record LinkInputs of the same tick and
 // axis.
 struct LinkOutputs {
   std::int64_t tick;
-  // code of the model's DAC with n bits, -2^(n-1) to 2^(n-1)-1
+  // Code of the model's DAC, from -2^(n-1) to 2^(n-1)-1 for a DAC with n bits.
   std::int16_t dac_code;
   std::uint8_t out;           // digital outputs: bit 0 amp_enable, bit 1 brake_release
   std::uint8_t fault;         // fault, one of AXIS_FAULT_

@@ -11,8 +11,8 @@
 namespace forceaxis::host {
 namespace {
 
-// The store or the incident archive of a replay, in memory. The content is that at the start of the
-// journal.
+// The store or the incident archive of a replay, in memory. At first, it has the content from the
+// start of the journal.
 class RamStore {
  public:
   RamStore(std::span<const std::uint8_t> image, std::uint32_t sector_bytes)

@@ -12,8 +12,8 @@ namespace forceaxis::host {
 void apply(const Journal::Entry &entry, FirmwareSide &firmware);
 
 // Repeats the run of the journal in one process, up to the last recorded tick. `experiment` must be
-// the experiment of the journal, from which the plant, the impulses and the failures of the force
-// sensor are taken. Throws the exceptions of run().
+// the experiment of the journal. The plant, the impulses and the failures of the force sensor are
+// taken from this experiment. Throws the exceptions of run().
 RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options);
 
 }  // namespace forceaxis::host

@@ -49,7 +49,7 @@ struct Ripple {
   double late_count = 0;
 };
 
-// Metrics over the window of the criterion, or over the last second if the experiment has no
+// Metrics over the time window of the criterion, or over the last second if the experiment has no
 // criterion.
 struct Metrics {
   static constexpr const char *kName = "Metrics";
@@ -125,7 +125,7 @@ struct Metrics {
   }
 };
 
-// Value of one evaluation element in a cycle, and the verdict on it.
+// Value of one evaluation element in a press cycle, and the verdict on this value.
 struct CycleFigure {
   static constexpr const char *kName = "CycleFigure";
   static constexpr const char *kMeaning =
@@ -149,7 +149,7 @@ struct CycleFigure {
   }
 };
 
-// Result of the last cycle of a run.
+// Result of the last press cycle of a run.
 struct CycleResult {
   static constexpr const char *kName = "CycleReport";
   static constexpr const char *kMeaning = "The last cycle of a run.";

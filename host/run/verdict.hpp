@@ -30,11 +30,15 @@ inline constexpr const char *kNeverInContact = "never_in_contact";
 // value in the complete window.
 inline constexpr double kDyingPart = 0.6;
 
-// One limit that a run missed. `limit` is a key of [verdict] or one of: "fault"; "contact_made_s"
-// (value: first time of contact in s, bound: start of the window); "contact_losses" (in the
-// window); "setpoint" (the experiment has no force set-point); "setpoint_range" (set-point in N,
-// bound: end of the measuring range); "reading_range" and "output_range" (ticks of the window at an
-// end of the range).
+// One limit that a run missed. `limit` is a key of [verdict] or one of these names:
+//   fault             the firmware had a fault
+//   contact_made_s    the contact was made too late; value: time of the first contact in s, bound:
+//                     start of the time window
+//   contact_losses    a contact opened in the time window
+//   setpoint          the experiment has no force set-point
+//   setpoint_range    value: set-point in N, bound: end of the measuring range
+//   reading_range     ticks of the time window with the force reading at an end of its range
+//   output_range      ticks of the time window with the output at an end of its range
 struct Missed {
   static constexpr const char *kName = "MissedLimit";
   static constexpr const char *kMeaning = "A limit of [verdict] that a run exceeds.";

@@ -53,7 +53,8 @@ class Assembly : public Wiring {
   }
 
  private:
-  std::size_t bodies_ = 0;  // number of bodies; their positions are the first coordinates
+  // Number of bodies; the first coordinates of the plant are their positions.
+  std::size_t bodies_ = 0;
 
   template <class Element>
   void add_all(const std::vector<Element> &elements) {
@@ -225,7 +226,7 @@ class Assembly : public Wiring {
     Wire own;    ///< deflection of the spring in m
   };
 
-  // Adds the extension of the dashpot as a state.
+  // Adds the extension of the dashpot as a state of the plant.
   int add_dashpot(const std::string &name) { return add_state(name + ".dashpot", 0.0); }
 
   Arm add_arm(const std::string &name, const Maxwell &maxwell, int dashpot, Wire deflection) {
@@ -568,7 +569,7 @@ class Assembly : public Wiring {
     const int current = add_state("drive.current", 0.0);
     const int filtered = add_state("drive.tach_filtered", 0.0);
     drive_states.push_back(current);
-    // transmission ratio of the motor in rad/m
+    // Transmission ratio of the motor in rad/m.
     const Extended ratio = 1 / static_cast<Extended>(motor.r_trans);
     const Wire tach = add_sum({wire(speed, static_cast<Extended>(motor.k_tach) * ratio)});
     const Extended a = motor.a_preamp_fdbk;
@@ -691,7 +692,7 @@ class Assembly : public Wiring {
                                     stepper.segments, StepperDrive::kPeriods);
     const int segments = add_segments("drive.load_angle", lead, curve, true);
     const Wire pull = add_curve(segments, lead, curve);
-    // In the first and the last segment the motor has stalled.
+    // In the first and the last segment of the curve, the motor has stalled.
     std::vector<Terms> drags(curve.segments.size(), Terms{wire(slip, stepper.damping)});
     drags.front() = drags.back() = {};
     const Wire turning = add_select(segments, std::move(drags));

@@ -8,9 +8,9 @@
 namespace forceaxis::sim {
 namespace {
 
-// Computes the integral of Phi(t)' q Phi(t) dt over 1, 1/2, ..., 2^-halvings ticks. The Taylor
-// series gives the integral over a short part of the tick. The length of the part is then doubled
-// until the part is a tick.
+// Computes the integral of Phi(t)' q Phi(t) dt over 1, 1/2, ..., 2^-halvings ticks. Phi is the flow
+// matrix of the mode, and q is a symmetric matrix. The Taylor series gives the integral over a
+// short part of the tick. The length of the part is then doubled until the part is a tick.
 class Gram {
  public:
   Gram(const ExtendedMatrix &a, Extended tick, std::size_t halvings) : tick_(tick) {

@@ -12,7 +12,7 @@ struct Polynomial {
   const double *q;
   std::size_t degree;
   double noise;       // upper bound of the rounding error of value()
-  double whole_bend;  // value of bend(1)
+  double whole_bend;  // bound that bend(1) returns
 
   double value(double s) const {
     double sum = q[degree];
@@ -29,7 +29,7 @@ struct Polynomial {
     *slope = derivative;
     return sum;
   }
-  // Returns an upper bound of |g''| in [0, s].
+  // Returns an upper bound of the second derivative |g''| in [0, s].
   double bend(double s) const {
     if (s == 1.0) return whole_bend;
     double sum = 0.0;

@@ -36,7 +36,7 @@ Curve Curve::dead_size(double least) {
 Curve Curve::amplifier(double inner, double corner, double outer, double limit) {
   const Extended k = inner;
   const Extended ko = outer;
-  // Output at the input 0 if the line above the corner is extended to this input.
+  // Output at the input 0 if the straight line above the corner is extended to this input.
   const Extended step = (k - ko) * static_cast<Extended>(corner);
   Curve curve;
   curve.segments = {{"inner", k, 0}};

@@ -65,22 +65,22 @@ class Detector {
   bool calm(const double *z);
   /// Prepares the test of pieces that start at z, for a mode with pieces.
   void start_piece(const double *z);
-  /// The test of a piece of 2^-halvings ticks that starts at z, which is described at Pieces.
-  /// Returns true if certainly no switch changes during the piece. result() then has the state at
-  /// its end.
+  /// The test of a piece, which is described at Pieces. The piece has 2^-halvings ticks and starts
+  /// at the state z. Returns true if certainly no switch changes during the piece. result() then
+  /// has the state at its end.
   bool passes_piece(const double *z, std::size_t halvings);
-  /// Returns the state and the ADC signals 2^-halvings ticks after z, without a test.
+  /// Returns the state and the ADC signals 2^-halvings ticks after the state z, without a test.
   const double *end_of_piece(const double *z, std::size_t halvings);
-  /// To be called when no switch has changed in a tick although quiet() has failed. expects_calm()
-  /// then returns true if this also happened in the last such tick of the same mode. In this case,
-  /// calm() takes less time than doubtful_parts(). The order of both tests does not affect any
-  /// result.
+  /// expect_calm() records that no switch has changed in a tick although quiet() has failed.
+  /// expects_calm() returns true if the last such tick was in the same mode and calm() has not
+  /// failed since then. In this case, calm() takes less time than doubtful_parts(). The order of
+  /// both tests does not affect any result.
   void expect_calm() { expected_calm_ = mode_; }
   bool expects_calm() const { return mode_ == expected_calm_; }
   /// Finds the first change of a switch within the next `end` ticks, which lie in the part `part`
-  /// of the grid. Only channels that can reach a bound in this part, by doubtful_parts(), are
-  /// searched. In a mode with pieces, the part 0 is the piece of the last call of passes_piece().
-  /// Returns false if no switch changes.
+  /// of the grid. Only the channels that can reach a bound in this part are searched;
+  /// doubtful_parts() has found these channels. In a mode with pieces, the part 0 is the piece of
+  /// the last call of passes_piece(). Returns false if no switch changes.
   bool first_change(const double *z, std::size_t part, double end, Change *found);
 
  private:

@@ -1,11 +1,12 @@
 #pragma once
-// The bus between the firmware and a drive: frames leave once in a cycle and arrive late.
+// The bus between the firmware and a drive. Frames leave once in each bus cycle and arrive late.
 //
-// A cycle starts at the ticks 0, m, 2 m, ... In the first tick of a cycle, the firmware's DAC code
-// and amp_enable leave for the drive, and the drive measures its encoder. The drive applies a frame
-// `delay_ticks_out` ticks later and holds it until the next frame. The firmware has each encoder
-// count from `delay_ticks_in` ticks after its measurement until the next count arrives. Until the
-// first frame arrives, the drive is disabled and the firmware has the count of tick 0.
+// A bus cycle has m ticks and starts at the ticks 0, m, 2 m, ... In the first tick of a cycle, the
+// firmware's DAC code and amp_enable leave for the drive, and the drive measures its encoder. The
+// drive applies a frame `delay_ticks_out` ticks later and holds it until the next frame. The
+// firmware has each encoder count from `delay_ticks_in` ticks after its measurement until the next
+// count arrives. Until the first frame arrives, the drive is disabled and the firmware has the
+// count of tick 0.
 //
 // A drive with `enable_ticks` reports its state, which travels with the encoder count. The drive is
 // on `enable_ticks` ticks after the frame that enables the drive has arrived. Until then, it stays

@@ -3,7 +3,7 @@
 namespace forceaxis::sim {
 namespace {
 
-// The reciprocals 1 / k of the integers, each with one rounding.
+// The reciprocals 1 / k of the integers k, each rounded once.
 struct Reciprocals {
   double value[64];
   constexpr Reciprocals() : value{} {
@@ -51,8 +51,8 @@ void EnergyAccount::add_whole(const EnergyForms &forms, const double *z, std::si
   for (Sum &sum : dissipated_) sum.add(*value++);
 }
 
-// Integrates each product of two polynomials term by term, from the start of the expansion over s
-// ticks.
+// Adds the energies of s ticks from the start of the Taylor expansion. Each power is a product of
+// two polynomials, which is integrated term by term.
 void EnergyAccount::add_part(const double *z, const double *chain, double s, double rate_hz) {
   const Mode &m = *mode_;
   const std::size_t c = m.columns;

@@ -54,7 +54,8 @@ struct QuietTest {
   std::size_t curve_stride = 0;
   const double *low = nullptr;
   const double *high = nullptr;
-  /// First row of the signals in `tick`. The signals occupy (samples + 1) * stride rows.
+  /// Index of the first row of the matrix `tick` that computes a signal. The signals occupy
+  /// (samples + 1) * stride rows.
   std::size_t first = 0;
   std::size_t stride = 0;
   std::size_t samples = 0;
@@ -78,7 +79,7 @@ struct CalmTest {
   const double *doubt = nullptr;
   const double *low = nullptr;
   const double *high = nullptr;
-  /// First row of the first term in `head`.
+  /// Index of the first row of the matrix `head` that computes the first term of the second test.
   std::size_t first = 0;
   std::size_t stride = 0;
   std::size_t samples = 0;

@@ -103,7 +103,8 @@ inline bool quiet(const forceaxis::sim::kernel::QuietTest &test, const double *z
   return all;
 }
 
-// Returns the largest |v|. Two maxima are formed, because each comparison waits for the one before.
+// Returns the largest |v|. The maxima of the even and of the odd elements are computed separately,
+// because each comparison has to wait for the previous one.
 inline double largest_size(const double *v, std::size_t count) {
   double even = 0.0;
   double odd = 0.0;

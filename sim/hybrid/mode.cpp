@@ -96,7 +96,7 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Boun
 
   ExtendedMatrix flow = ExtendedMatrix::Identity(c, c);
   ExtendedMatrix signal = r;
-  // |r| |Phi|, to which the rounding error of a signal is relative.
+  // The product |r| |Phi|. The rounding error of a signal is relative to this product.
   const BoundMatrix r_size = absolute(r);
   BoundMatrix size = r_size;
   const std::size_t parts = mode.samples * kFewestParts;

@@ -22,8 +22,8 @@ namespace forceaxis::sim {
 
 inline constexpr double kTickRateHz = 1500.0;
 
-/// The simulation cannot continue, because a switch changes without end or a state is not finite.
-/// If element and time are known, what() names them.
+/// Error: the simulation cannot continue, because a switch changes without end or a state is not
+/// finite. If element and time are known, what() names them.
 struct SimulationError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -138,7 +138,7 @@ struct Mode {
   /// Matrices that simulate the mode in pieces. Empty if the mode has a quiet test.
   std::unique_ptr<const Pieces> pieces;
 
-  /// ModeEquations::slip stored by rows; empty if no friction sticks.
+  /// The matrix ModeEquations::slip, stored by rows; empty if no friction sticks.
   std::vector<double> slip;
 
   EnergyRows energy;

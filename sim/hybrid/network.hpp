@@ -88,7 +88,7 @@ class Network {
 
   /// The state of the plant that has the shortest time constant in a mode.
   struct Fastest {
-    std::string state;    ///< name of what the state belongs to: a body, the drive or a filter
+    std::string state;    ///< name of the body, drive or filter to which the state belongs
     std::string element;  ///< name of the element that affects this state most
     double rate;          ///< inverse of the time constant with which the state changes, in 1/s
   };

@@ -14,7 +14,7 @@ using Eigen::Index;
 // Modes with eigenvalues above this rate, in 1/tick, are separated as fast modes.
 constexpr Extended kFastRate = 4;
 
-// Returns an upper bound of e^{|b| h} for the pieces 0..halvings.
+// Returns an upper bound of e^{|b| h} for each piece 0..halvings. h is the length of the piece.
 std::vector<BoundMatrix> growths(const ExtendedMatrix &b, std::size_t halvings) {
   std::vector<BoundMatrix> result(halvings + 1);
   const std::size_t parts = std::size_t{1} << halvings;

@@ -46,14 +46,15 @@ struct Pieces {
   kernel::Vector head;
   std::size_t head_stride = 0;
   std::size_t bend_place = 0;   ///< index of the first row of `head` that computes r B^2 z
-  std::size_t fast_place = 0;   ///< first row of w z in `head`
-  std::size_t start_place = 0;  ///< first row of r z in `head`
+  std::size_t fast_place = 0;   ///< index of the first row of `head` that computes w z
+  std::size_t start_place = 0;  ///< index of the first row of `head` that computes r z
 
   /// For each piece 0..halvings, the matrix, stored by columns, whose rows give the state, the ADC
   /// signals and the channel signals at the end of the piece.
   std::vector<kernel::Vector> flow;
   std::size_t flow_stride = 0;
-  std::size_t signal_place = 0;  ///< first row of the channel signals in `flow`
+  /// Index of the first row of `flow` that computes a channel signal.
+  std::size_t signal_place = 0;
 
   /// For each piece, the matrix, stored by columns, that maps (|B^2 z|, |w z|, |z|) to the
   /// deviation of each signal, without the term |r B^2 z|.

@@ -56,8 +56,8 @@ struct PlantOptions {
 /// The codes of encoder and ADCs that the firmware reads. The code is 0 if the model does not have
 /// the encoder or ADC.
 struct SensorCodes {
-  /// Encoder count floor(x scale + 1/2), which wraps at 32 bits. With a bus, the count was measured
-  /// in an earlier tick.
+  /// Encoder count floor(x scale + 1/2), which wraps at 32 bits. With a bus, the count may be from
+  /// an earlier tick.
   std::int32_t encoder = 0;
   /// Number of ticks since the encoder count was measured; 255 is 255 ticks or more.
   std::uint8_t encoder_age = 0;
@@ -66,11 +66,11 @@ struct SensorCodes {
   /// so all conversions in one tick give the same code. A sensor with a sample rate or a latency
   /// (SampledSensor) gives the newest sample that has arrived.
   std::uint16_t adc[2] = {0, 0};
-  /// Number of ticks, rounded up, since code 0 was sampled; 255 is 255 ticks or more.
+  /// Number of ticks, rounded up, since the code of ADC 0 was sampled; 255 is 255 ticks or more.
   std::uint8_t force_age = 0;
-  /// States of limit switches, home switch and index pulse, one SwitchBit each.
+  /// States of limit switches, home switch and index pulse, as bits SwitchBit.
   std::uint8_t switches = 0;
-  /// Report of a drive with `enable_ticks`, one DriveBit each; 0 for any other drive.
+  /// Report of a drive with `enable_ticks`, as bits DriveBit; 0 for any other drive.
   std::uint8_t drive = 0;
 };
 
@@ -107,7 +107,7 @@ struct EnergyAudit {
     std::string element;
     double energy = 0.0;
   };
-  std::vector<Damper> dissipated;  ///< one entry for each element
+  std::vector<Damper> dissipated;  ///< energies that were dissipated, one entry for each element
   double residual = 0.0;
 };
 
@@ -251,7 +251,7 @@ class Plant {
     double limit = 0.0;  // largest magnitude that the analog value may have before the conversion
     double noise = 0.0;
     double counts_per_unit = 0.0;
-    // Fraction of a code step that is added before rounding down, as Adc::rounding.
+    // Fraction of a code step that is added before rounding down (Adc::rounding).
     double rounding = 0.5;
     // Values of the signal at which the code changes from 0 to 1 (`low`) and from 2^bits - 2 to
     // 2^bits - 1 (`high`), in counts + `rounding`.

@@ -1,6 +1,6 @@
 #pragma once
-// Taylor series of matrix exponentials with bounds, and the copies of matrices in extended
-// precision to the arrays of a mode.
+// Functions that compute Taylor series of matrix exponentials with error bounds, and functions that
+// copy matrices in extended precision to the arrays of a mode.
 #include <cstddef>
 #include <vector>
 
@@ -14,8 +14,8 @@ inline constexpr double kTruncation = 0x1p-58;
 /// Highest order of the Taylor series on a part of a tick.
 inline constexpr int kHighestOrder = 13;
 
-/// Upper bounds are computed in double, with an error that is far below the rounding error that
-/// each test of a mode assumes.
+/// Matrix of upper bounds. These are computed in double, with an error that is far below the
+/// rounding error that each test of a mode assumes.
 using BoundMatrix = Eigen::MatrixXd;
 
 /// Returns the product a b. Every entry is summed in ascending order of the columns of a. Terms
@@ -52,7 +52,7 @@ ExtendedMatrix series(const ExtendedMatrix &b, int terms);
 /// for the last matrix. The error is relative to the change of a state and not to the state.
 std::vector<ExtendedMatrix> changes(const ExtendedMatrix &a, std::size_t halvings, int terms);
 
-/// Appends a matrix by rows.
+/// Appends the elements of a matrix to `out`, row by row.
 void put_rows(const ExtendedMatrix &rows, std::vector<double> *out);
 
 /// Copies `rows` into a matrix that is stored by columns. The first row is copied to the row

@@ -30,8 +30,8 @@ constexpr std::size_t kRecentModes = 64;
 constexpr int kPartsWithoutForms = 256;
 
 constexpr double kNever = std::numeric_limits<double>::infinity();
-// Largest relative difference of two velocities that is attributed to rounding, so that the ends of
-// a friction stick.
+// Largest relative difference of the velocities of a friction's ends that is attributed to
+// rounding. With at most this difference, the ends stick.
 constexpr double kSame = 0x1p-36;
 
 double smaller(double a, double b) { return a < b ? a : b; }

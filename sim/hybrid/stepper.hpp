@@ -94,7 +94,7 @@ class Stepper {
   struct Progress {
     double passed = 0.0;  // time in ticks by which the step has advanced the state
     bool changed = false;
-    Detector::Change next;  // valid if `changed` is true
+    Detector::Change next;  // next change of a switch; valid if `changed` is true
   };
 
   void switch_drive(double command, bool enable);
@@ -153,7 +153,8 @@ class Stepper {
   std::vector<std::int64_t> counts_;
   std::size_t count_stride_ = 0;
 
-  // Modes that this plant has used last. Their use needs no lock of the shared cache.
+  // Modes that this plant has used most recently. To use them again, the plant need not lock the
+  // shared cache.
   struct Recent {
     ModeKey key = 0;
     const Mode *mode = nullptr;

@@ -226,7 +226,8 @@ void CodePeriod::response(std::span<const double> w, std::span<Complex> values) 
   std::vector<Complex> points(w.size());
   const auto power = [](Complex base, int exponent) {
     Complex result = 1;
-    const Complex factor = exponent < 0 ? std::conj(base) : base;  // |base| is 1
+    // The conjugate is the inverse, because |base| is 1.
+    const Complex factor = exponent < 0 ? std::conj(base) : base;
     for (int i = 0; i < std::abs(exponent); ++i) result *= factor;
     return result;
   };
@@ -239,7 +240,7 @@ void CodePeriod::response(std::span<const double> w, std::span<Complex> values) 
   if (balanced_.H.rows() > 0)
     hessenberg_response(balanced_.H, balanced_.B, balanced_.C,
                         Eigen::MatrixXd::Zero(balanced_.C.rows(), 1), points, states);
-  std::vector<Complex> apart;  // e^(-2 pi j k / m)
+  std::vector<Complex> apart;  // factors e^(-2 pi j k / m)
   for (std::size_t k = 0; k < cycle; ++k) {
     const Extended angle =
         -2 * std::numbers::pi_v<Extended> * static_cast<Extended>(k) / static_cast<Extended>(cycle);

@@ -57,7 +57,7 @@ class CodePeriod {
     double direct;
   };
   struct Reading {
-    std::size_t first, end;  // terms
+    std::size_t first, end;  // range of indices in terms_
     std::vector<int> ticks;  // ticks of the bus cycle in which the law uses this reading of the
                              // sensor
   };

@@ -295,7 +295,7 @@ std::complex<double> ForcePlant::held(double w) const {
   sum /= static_cast<double>(bus_.ticks);
   if (readings_ == 0) return sum;
   using Turn = std::complex<Extended>;
-  const Extended angle = 2 * std::atan(Extended{w});  // angle of one tick
+  const Extended angle = 2 * std::atan(Extended{w});  // phase angle of one tick in rad
   const Turn step = std::polar(Extended{1}, -angle * between_ages_);
   Turn age = std::polar(Extended{1}, -angle * least_age_), ages = 0;
   for (int reading = 0; reading < readings_; ++reading) {

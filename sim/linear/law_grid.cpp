@@ -26,7 +26,7 @@ constexpr Extended kFarthestHalfWidths = 25;
 constexpr double kDampingMax = 0.3;  // damping ratio above which a pole or zero needs no denser
                                      // grid
 constexpr double kNone = std::numeric_limits<double>::infinity();
-constexpr double kHalfPower = 0.5;     // |S|^2 at -3 dB
+constexpr double kHalfPower = 0.5;     // value of |S|^2 at -3 dB
 constexpr double kStableShare = 1e-9;  // smallest damping ratio of a stable pole
 
 // Largest distance of a computed pole from z = 1 that is treated as a rounding error, as a fraction
@@ -39,7 +39,7 @@ constexpr double kGainShare = 0.97;
 // set-point. The value of the law is then divided by 1 + kRampWeight x.
 constexpr double kRampWeight = 30;
 
-// A point of a grid: frequency, and w = tan(pi f T).
+// A point of a frequency grid, with its frequency and w = tan(pi f T).
 struct Point {
   double hz, w;
   bool operator<(const Point &other) const { return hz < other.hz; }
@@ -89,7 +89,7 @@ class GridMaker {
 
   void add_around(std::vector<Point> &grid, Complex root) const {
     double center = root.imag() / (2 * std::numbers::pi);
-    // A mode above half the rate of a bus shows at a lower frequency.
+    // A mode of vibration above half the cycle rate of a bus appears at a lower frequency.
     while (center > cycle_hz_) center -= cycle_hz_;
     center = std::min(center, cycle_hz_ - center);
     const double width = std::max(std::abs(root.real()) / (2 * std::numbers::pi), 1e-5 * center);
@@ -142,7 +142,7 @@ struct LawGrid::Loop {
   void resize(std::size_t points, std::size_t delays, std::size_t aliases);
 
   std::vector<double> real, imag, square, noise;
-  std::vector<Turned> turned;  // the loop with each delay
+  std::vector<Turned> turned;  // loop gain with each delay
   Turned apart;                // loop gain with one delay, before the sum over the alias
                                // frequencies
 };
@@ -345,7 +345,7 @@ struct Largest {
   }
 };
 
-// Two doubles in a vector, at any address.
+// A vector of two doubles, which may be at any address.
 using Pair [[gnu::vector_size(16), gnu::aligned(8), gnu::may_alias]] = double;
 
 const Pair &pair(const double *values) { return *reinterpret_cast<const Pair *>(values); }
@@ -391,7 +391,8 @@ void axis_crossing(std::span<const double> real, std::span<const double> imag, L
   const std::size_t last = real.size() - 1;
   const double *const re = real.data();
   const double *const im = imag.data();
-  // A crossing lies between two points, so one of them is at least as far from 0.
+  // A crossing lies between two points, so one of these points is at least as far from 0 as the
+  // crossing.
   const auto excess = [&](std::size_t i) -> Pair {
     return larger(-pair(re + i), -pair(re + i + 1)) - found.value;
   };
@@ -441,7 +442,7 @@ namespace {
 // The range of low frequencies, from 0 on, in which the gain of a loop with two integrals is close
 // to -1 at some gain of the law.
 struct LowEnd {
-  std::size_t points = 0;  // number of points of the grid
+  std::size_t points = 0;  // number of grid points in this range
   double least_gain = 0;   // gain above which |S| keeps its bound at these frequencies
 };
 
@@ -496,7 +497,7 @@ void LawGrid::reduce(GainLimit &limit, const LawShape &law, const Curve &curve, 
     });
 }
 
-// Returns the largest gain of each plant alone.
+// Returns the largest permitted gain of each plant alone.
 std::vector<GainLimit> LawGrid::limits(const LawShape &law, double hf_gain,
                                        const LawBounds &bounds) const {
   GainLimit free;
@@ -525,7 +526,7 @@ GainLimit LawGrid::largest_gain(const LawShape &law, double hf_gain,
 
 namespace {
 
-// |1 + g L|^2
+// Returns |1 + g L|^2 for the gain g.
 double apart(double gain, double real, double square) {
   return 1 + 2 * gain * real + gain * gain * square;
 }
@@ -898,7 +899,7 @@ class LawGrid::Precise {
 
  private:
   double size(std::size_t i) const { return apart(gain_, curve_.real[i], curve_.square[i]); }
-  // Positive where |T| is below -3 dB.
+  // Returns a value that is positive where |T| is below -3 dB.
   double below(std::size_t i) const {
     return kHalfPower * size(i) - gain_ * gain_ * curve_.square[i];
   }

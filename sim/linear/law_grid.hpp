@@ -89,8 +89,9 @@ struct LawValue {
 
 class LawGrid {
  public:
-  /// `delays_ticks`: delays of the loop. `density`: ratio of the number of grid points to that of a
-  /// full grid. Figures of a full grid have a relative error of about 0.001.
+  /// `delays_ticks` has the delays of the loop in ticks. `density` is the ratio of the number of
+  /// grid points to that of a full grid. Figures of a full grid have a relative error of about
+  /// 0.001.
   LawGrid(std::vector<ForcePlant> plants, std::vector<int> delays_ticks, double density);
 
   const std::vector<ForcePlant> &plants() const { return plants_; }
@@ -100,11 +101,11 @@ class LawGrid {
 
   /// Returns the largest magnitude of a law without its integral part at the grid frequencies.
   double noise_gain(const LawShape &law) const;
-  /// Returns the largest gain that the bounds permit for each plant alone. `hf_gain`: gain of the
-  /// law at high frequency. The gain is 0 if no gain keeps the bounds.
+  /// Returns the largest gain that the bounds permit for each plant alone. `hf_gain` is the gain of
+  /// the law at high frequency. The result is 0 if no gain keeps the bounds.
   std::vector<GainLimit> limits(const LawShape &law, double hf_gain, const LawBounds &bounds) const;
-  /// Returns the smallest one of limits(), with the gain 0 if GainLimit::least of another plant is
-  /// larger.
+  /// Returns the result of limits() with the smallest gain. Its gain is 0 if GainLimit::least of
+  /// another plant is larger.
   GainLimit largest_gain(const LawShape &law, double hf_gain, const LawBounds &bounds) const;
   /// Returns the figures of all loops at a gain, one plant after another, each with all delays.
   std::vector<LoopFigures> figures(const LawShape &law, double gain) const;
@@ -123,7 +124,7 @@ class LawGrid {
   struct Turned;
   struct Curve;
   class Precise;
-  class Sight;  // one loop at any frequency
+  class Sight;  // gain of one loop at any frequency
   void add_frequency(double w);
   void add_aliases(const Turned &apart, std::size_t at, Turned &sum, std::size_t to,
                    std::size_t points) const;
@@ -151,8 +152,8 @@ class LawGrid {
   // on.
   std::vector<double> w_, cosine_, sine_, real_, imag_;
   // Plant that ended the last evaluation early. The next evaluation begins with this plant, because
-  // it probably ends that evaluation too. The order of the plants changes no result above the
-  // floor.
+  // it probably ends that evaluation too. The order of the plants changes no result above
+  // `floor_hz`.
   mutable std::atomic<std::size_t> ends_early_{0};
 };
 

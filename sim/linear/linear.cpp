@@ -209,7 +209,7 @@ Linear linearise(const Model &given, const LinearMode &mode, std::span<const str
   const Eigen::Index n = network.states();
   const auto width = static_cast<Eigen::Index>(outputs.size());
 
-  // Returns the rows of all outputs, or the columns of x' and y for one input.
+  // Returns the rows that give all outputs from the vector (x, 1, u).
   const auto outputs_of = [&](const Model &of, const Network &with, const ModeEquations &e) {
     ExtendedMatrix rows(width, with.columns());
     for (Eigen::Index i = 0; i < width; ++i) {

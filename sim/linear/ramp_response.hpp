@@ -16,7 +16,8 @@ namespace forceaxis::sim {
 
 class RampResponse {
  public:
-  /// `delays_ticks`: delays of the loop. `ramp_s`: rise time of the set-point in s.
+  /// `delays_ticks` has the delays of the loop in ticks. `ramp_s` is the rise time of the set-point
+  /// in s.
   RampResponse(std::span<const ForcePlant *const> plants, std::span<const int> delays_ticks,
                double ramp_s);
   /// Returns the largest excess of the force over the permitted band about the set-point, over all

@@ -190,8 +190,8 @@ Eigen::VectorXd balance(const ExtendedMatrix &A) {
 std::vector<std::complex<double>> eigenvalues(const ExtendedMatrix &A) {
   check_finite(A);
   if (A.rows() == 0) return {};
-  // The iteration fails for a few matrices, and then not for their transposes, which have the same
-  // eigenvalues.
+  // The eigenvalue iteration fails for a few matrices, but not for their transposes. A transpose
+  // has the same eigenvalues.
   Eigen::EigenSolver<ExtendedMatrix> solver(balanced(A), false);
   if (solver.info() != Eigen::Success) solver.compute(balanced(A.transpose()), false);
   if (solver.info() != Eigen::Success)
@@ -262,7 +262,7 @@ FastModes fast_modes(const ExtendedMatrix &A, Extended above) {
   const ExtendedMatrix error =
       residual * rows.cwiseAbs() +
       16 * std::numeric_limits<Extended>::epsilon() * (moved.cwiseAbs() * rows.cwiseAbs());
-  // With a larger error, nothing is gained by the separation.
+  // With a larger error, the separation of the fast modes has no benefit.
   constexpr Extended kMostError = 0x1p-40L;
   if (!(error.maxCoeff() <= kMostError * balanced.cwiseAbs().maxCoeff())) return none;
 

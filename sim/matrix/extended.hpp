@@ -39,10 +39,10 @@ struct FastModes {
 
   /// Left eigenvectors as rows, f x n; their product with the right ones is the identity.
   ComplexMatrix left;
-  /// n x n, the matrix A without its fast part, A - right values left, with both modes of each
-  /// conjugate pair
+  /// The n x n matrix A without its fast part: A - right values left, with both modes of each
+  /// conjugate pair.
   ExtendedMatrix slow;
-  /// n x n, upper bound of the error of each entry of `slow`
+  /// The n x n matrix of upper bounds of the error of each entry of `slow`.
   ExtendedMatrix error;
 };
 

@@ -6,7 +6,7 @@ namespace forceaxis::sim {
 
 #if defined(__x86_64__)
 #define FORCEAXIS_WIDE [[gnu::target("avx2")]]
-/// True if this processor executes functions with FORCEAXIS_WIDE.
+/// True if this processor can execute functions with the attribute FORCEAXIS_WIDE.
 inline const bool kWide = __builtin_cpu_supports("avx2") != 0;
 #else
 #define FORCEAXIS_WIDE

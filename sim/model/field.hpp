@@ -2,9 +2,9 @@
 // Rows that declare the keys of a table together with their members in a struct.
 //
 // A struct that a file describes has
-//   static constexpr std::string_view kMeaning    what it is, for the reference page
-//   static constexpr auto rows()                  its keys, each with its member
-//   void complete(Section &, Names &)             if it has rules between keys, or derived members
+//   static constexpr std::string_view kMeaning    description for the reference page
+//   static constexpr auto rows()                  the keys, each with its member
+//   void complete(Section &, Names &)             for rules between keys, and for derived members
 // A struct that is one of several types of a table also has kWhen. Such a row is the only
 // declaration of a key: read.hpp uses the row to read the file, and format_of<T> is the declaration
 // from which the reference page is generated.
@@ -98,9 +98,8 @@ constexpr auto rows_of(const Parts &...parts) {
   return std::tuple_cat(as_tuple(parts)...);
 }
 
-/// Returns the rows of a member that is a struct with rows of its own. The keys of an optional
-/// member are also keys of the table. The optional member has a value if the file has one of its
-/// keys.
+/// Returns the rows of a member that is a struct with its own rows. The keys of an optional member
+/// are also keys of the table. The optional member has a value if the file has one of its keys.
 template <class Owner, class Inner>
 constexpr auto part(Inner Owner::*member) {
   return std::apply(

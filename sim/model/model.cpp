@@ -446,7 +446,7 @@ int Model::point_index(std::string_view name) const {
 }
 
 struct ModelFile::Content {
-  Source source;  // with the parameters of the file, before any override
+  Source source;  // the model file with its parameters before any override
   toml::table table;
   std::string title, shows;
 };

@@ -90,7 +90,7 @@ struct Symbol {
   std::string_view base;
   int exponent;
   double factor;
-  bool prefixed;  // prefixes are allowed
+  bool prefixed;  // true: the symbol may have a prefix
   Powers powers;
 };
 

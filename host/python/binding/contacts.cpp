@@ -115,7 +115,7 @@ class Contacts {
         first += volts.size();
         start += kStartValues;
       }
-    } catch (const std::runtime_error &) {  // SimulationError or InputError
+    } catch (const std::runtime_error &) {  // the error is a SimulationError or an InputError
       std::fill(out, out + kSignals * steps_, std::numeric_limits<double>::quiet_NaN());
     }
   }

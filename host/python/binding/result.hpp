@@ -29,7 +29,7 @@ pybind11::array_t<T> column(const Rows &rows, Get get) {
   return values;
 }
 
-/// A converter of the model, where quantity in `unit` = (code - zero) * per_code.
+/// A converter of the model. Its quantity in `unit` is (code - zero) * per_code.
 struct Converter {
   static constexpr const char *kName = "ConverterTable";
   static constexpr const char *kMeaning =

@@ -1,5 +1,5 @@
 #pragma once
-// All elements of a model.
+// Includes the headers of all elements of a model.
 #include "sim/model/elements/adc.hpp"
 #include "sim/model/elements/body.hpp"
 #include "sim/model/elements/bus_cycle.hpp"

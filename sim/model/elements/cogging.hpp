@@ -56,7 +56,7 @@ struct Cogging : Link {
                      "Value of x_a - x_b at which the travel ends; greater than `from`. The travel "
                      "has at most 1000 segments.")));
   }
-  /// Derives places and forces.
+  /// Derives `places` and `forces` from the values of the model file.
   void complete(Section &section, Names &names);
 };
 

@@ -1,5 +1,5 @@
 #pragma once
-// What elements have in common: a name, and for most of them two ends.
+// Members that elements have in common: a name and, for most elements, two ends.
 #include <string>
 
 #include "sim/model/field.hpp"

@@ -126,7 +126,7 @@ struct MachineForcePi : MachineForce {
 /// firmware. Only the law of such a controller is known. In the first tick of each of its cycles,
 /// the controller gives the drive a command. The drive holds this command for the cycle. The
 /// command is a velocity, or a force for a table of forces. f is the set-point less the measured
-/// force, v its command, T the cycle:
+/// force, v the command of the controller, and T its cycle:
 ///   table        v is the value of a table at the time of the tick
 ///   admittance   mass v' = f - damping v
 ///   force_pi     v = f / damping + q,    q' = f / (damping integral_time)
