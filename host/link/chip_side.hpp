@@ -3,14 +3,14 @@
 // the experiment and the ticks are sent to the chip as records through one pipe. The chip sends its
 // answers through a second pipe.
 //
-// Records are little-endian. To the chip, 16 bytes:
+// Records are little-endian. A record to the chip has 16 bytes:
 //   tick   {1, din u8, sensor_valid u8, drive u8, encoder i32, adc0 u16, adc1 u16,
 //           position_age u8, force_age u8, 0 u16}
 //   write  {2, 0, object u16, value i32, 0 u32, 0 u32}
 //   end    {3, 0 ...}
 //   read   {4, 0, object u16, 0 ...}
 //   cycle  {5, 0 ...}
-// From the chip, 8 bytes:
+// An answer from the chip has 8 bytes:
 //   tick   {dac i16, out u8, fault u8, limit_reason u8, 0, low 16 bits of its interrupt entries}
 //   write  {refusal i32, 0 u32}
 //   end    {interrupt entries u32, ticks u32}

@@ -183,7 +183,7 @@ struct CycleChoice {
   operator std::string_view() const { return row().name; }
 };
 
-/// A set of words of a list of rows, stored as the sum of their codes.
+/// A set of words from a list of rows, stored as the sum of the words' codes.
 template <const auto &kRows>
 struct CycleSet {
   std::uint8_t codes = 0;

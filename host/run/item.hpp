@@ -2,7 +2,7 @@
 // Rows that declare the fields of a result for Python. Each row has the member or the function that
 // gives the value of the field.
 //
-// A struct that Python receives has
+// A struct that Python receives has these members:
 //   static constexpr const char *kName       name of its Python class
 //   static constexpr const char *kMeaning    its docstring
 //   static constexpr auto items()            its fields: a tuple of item()

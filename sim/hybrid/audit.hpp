@@ -30,7 +30,7 @@ EnergyRows energy_rows(const Network &network, const ModeEquations &equations);
 /// The integrals of all powers in one mode, as quadratic forms of the vector z. They take longer to
 /// build than the mode itself.
 struct EnergyForms {
-  /// Number of rows of a matrix of forms: the padded number of supplies and dampers.
+  /// Number of rows in a matrix of forms: the padded number of supplies and dampers.
   std::size_t stride = 0;
   /// Quadratic forms of the energies in J, with the index [column j][row i][supplies, then
   /// dampers]. The forms with index k are integrals over 2^-k ticks. Only a mode with pieces has

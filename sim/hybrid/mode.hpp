@@ -39,14 +39,15 @@ struct SimulationError : std::runtime_error {
 /// larger than this deviation, no switch changes during the tick. The test is valid for each
 /// channel alone, and for one tick that starts at any instant.
 ///
-/// Second test. The product with |z| adds large terms that cancel in the plant, for example the
+/// Second test. The product with |z| adds large terms that cancel in the plant. Examples are the
 /// positions of two bodies at a stiff spring, or the current and its command. A channel that fails
 /// the quiet test is therefore tested with a second bound,
 ///     |s''(t)| <= |r A^2 Phi(t_k) z| + (T/K) |r A Phi(t_k)| e^{|A| T/K} |A^2 z|,
-/// which is the second derivative at the start of the part and a bound on the third derivative:
-/// `calm_head` maps z to A^2 z and to the first term, `calm_tail` maps |A^2 z| to the second term
-/// (both times (T/K)^2 / 8), and `calm_doubt` times the largest |z_j| bounds the rounding error. In
-/// A^2 z, bodies at standstill and bodies with equal motion cancel.
+/// where the first term is the second derivative at the start of the part, and the second term is
+/// from a bound on the third derivative. `calm_head` maps z to A^2 z and to the first term.
+/// `calm_tail` maps |A^2 z| to the second term. Both terms are multiplied by (T/K)^2 / 8.
+/// `calm_doubt` times the largest |z_j| bounds the rounding error. In A^2 z, bodies at standstill
+/// and bodies with equal motion cancel.
 ///
 /// Grid. For channels that fail both tests, the quiet test on a grid of `grid` parts of length
 /// `reach` finds the parts in which a switch may change. The state at the start of a part is one
@@ -57,17 +58,17 @@ struct SimulationError : std::runtime_error {
 /// Accuracy of the series. `reach` is halved until the term of order `order` is below 2^-58 N in
 /// each entry. N is the influence, the sum over k of (|A| T / s)^k, and s is a power of two, at
 /// least 1. Unless s is 1, s is 2 to 5 times the spectral radius of |A| T. The omitted terms then
-/// add up to less than 2^-58 N |z|. Let d be the Perron vector of |A| T, with |A| T d = radius d;
-/// for a chain of equal bodies and springs, d is the highest frequency for velocities and 1 for
+/// add up to less than 2^-58 N |z|. Let d be the Perron vector of |A| T, so |A| T d = radius d. For
+/// a chain of equal bodies and springs, d is the highest frequency for velocities and 1 for
 /// positions. In the norm max_j |x_j| / d_j, N is at most 2, so one part changes the state by less
 /// than 2^-57 of its norm from the exact flow. This change is a sixteenth of the rounding error
 /// 2^-53. The error of a state is relative to the effect of the other states on this state within
 /// some time constants, or within a tick. Other states have no effect on the error. The error is
-/// not relative to the entries of the flow. For example, if only one body moves, the motion of a
-/// body ten springs away, which is 1e-30 of this motion, is not computed correctly, because a
-/// smaller `reach` would be necessary. So `reach` depends on the fastest rate and not on the number
-/// of states. Up to a rate of about 1 per tick, `reach` is 1/8. For faster rates, `reach` is the
-/// power of two at which rate times reach is 1/16 to 1/4.
+/// not relative to the entries of the flow. For example, only one body of a chain moves, and the
+/// motion of a body ten springs away is 1e-30 of this motion. The small motion is not computed
+/// correctly, because this would need a smaller `reach`. So `reach` depends on the fastest rate and
+/// not on the number of states. Up to a rate of about 1 per tick, `reach` is 1/8. For faster rates,
+/// `reach` is the power of two at which rate times reach is 1/16 to 1/4.
 struct Mode {
   ModeKey key = 0;
   std::size_t states = 0;

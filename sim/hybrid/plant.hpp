@@ -124,9 +124,9 @@ class Plant {
   /// used.
   void step(int dac_code, bool amp_enable) { step(dac_code, amp_enable, amp_enable); }
   /// Simulates one step. The third argument is the output brake_release of the firmware, which
-  /// releases and engages the brakes of the model. If the model has a bus (DriveBus), code and
-  /// amp_enable are those of the firmware, which the drive applies later. brake_release and the
-  /// switches are not on the bus. If the model has a controller of the machine, that controller
+  /// releases and engages the brakes of the model. If the model has a bus (DriveBus), the firmware
+  /// sends code and amp_enable over the bus, and the drive applies them later. brake_release and
+  /// the switches are not on the bus. If the model has a controller of the machine, that controller
   /// commands the drive, with brakes released, and the arguments have no effect.
   void step(int dac_code, bool amp_enable, bool brake_release);
   /// Returns the voltage in V, with offset and noise, that the DAC outputs for a code in this tick.

@@ -2,16 +2,17 @@
 // The filter of a sigma-delta converter: a sinc filter of order N, in the limit of a fast
 // modulator.
 //
-// A sample weights the signal of the last N periods T of the samples with the N-fold convolution of
-// a boxcar of the width T, which is a B-spline: a polynomial of degree N - 1 in each period. So the
-// sample is a sum of moments of the signal over the last N periods,
+// A sample is a weighted mean of the signal over the last N sample periods T. The weight is the
+// N-fold convolution of a boxcar of the width T. This weight is a B-spline, so it is a polynomial
+// of degree N - 1 in each period. So the sample is a sum of moments of the signal over the last N
+// periods,
 //     m_j = integral of (b - t)^(j-1) / (j-1)! y(t) dt,    j = 1..N,
 // where b is the end of the period. The plant integrates these moments as chained integrals of the
-// signal, m_1' = y and m_j' = m_(j-1), from 0 on in each part of a period (Wiring::filter_states).
-// The unit of time is the tick.
+// signal, m_1' = y and m_j' = m_(j-1), which start at 0 in each part of a period
+// (Wiring::filter_states). The unit of time is the tick.
 //
-// The magnitude of the filter is |sin(pi f T) / (pi f T)|^N, its delay N T / 2. After a step, the
-// sample N periods later is the final value.
+// The magnitude of the filter is |sin(pi f T) / (pi f T)|^N. Its delay is N T / 2. After a step,
+// the sample N periods later is the final value.
 #include <array>
 #include <cmath>
 #include <cstddef>

@@ -15,14 +15,14 @@
 
 namespace forceaxis::sim {
 
-/// Returns w = tan(pi f tick_s) of a frequency in Hz between minus and plus half the tick rate,
-/// where w is -1e9 and 1e9. The function uses long double, because the functions for double of the
-/// C library depend on the processor.
+/// Returns w = tan(pi f tick_s) for a frequency f in Hz from minus half to plus half the tick rate.
+/// At these two ends, w is -1e9 and 1e9. The function uses long double, because the functions for
+/// double of the C library depend on the processor.
 double tangent_of(double frequency_hz, double tick_s);
 
 /// A command that is held over a bus cycle of m ticks has, in addition to its frequency f, the
-/// frequencies f + k / (m tick_s), k = 1 .. m - 1. Returns frequency k in Hz, shifted to between
-/// minus and plus half the tick rate; k = 0 is f itself.
+/// frequencies f + k / (m tick_s), k = 1 .. m - 1. Returns frequency k in Hz, shifted to the range
+/// from minus half to plus half the tick rate; k = 0 is f itself.
 double alias_of(double frequency_hz, int k, double tick_s, int cycle_ticks);
 
 class ForcePlant {

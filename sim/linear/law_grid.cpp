@@ -181,7 +181,7 @@ LawGrid::LawGrid(std::vector<ForcePlant> plants, std::vector<int> delays_ticks, 
 
 void LawGrid::add_frequency(double w) {
   w_.push_back(w);
-  // z = (1 + j w) / (1 - j w)
+  // The point on the unit circle is z = (1 + j w) / (1 - j w).
   const double scale = 1 / (1 + w * w);
   cosine_.push_back((1 - w * w) * scale);
   sine_.push_back(2 * w * scale);

@@ -1,10 +1,11 @@
 #pragma once
-// Evaluates force laws over a set of plants: the largest gain that keeps the margins, bandwidths
-// and margins at a gain.
+// Evaluates force laws over a set of plants. Computes the largest gain that keeps the margins. Also
+// computes the bandwidths and margins at a given gain.
 //
-// Each plant has its own grid of frequencies, which is dense near its poles and zeros, because a
-// resonance is narrower than the steps of a common grid. S = 1 / (1 + g L) is the sensitivity
-// function and T = g L / (1 + g L) the closed loop, for the gain g and the loop L with the gain 1.
+// Each plant has its own frequency grid. This grid is dense near the poles and zeros of the plant,
+// because a resonance is narrower than the steps of a common grid. L is the loop gain with a law of
+// the gain 1, and g is the gain of the law. S = 1 / (1 + g L) is the sensitivity function, and T =
+// g L / (1 + g L) is the response of the closed loop.
 //
 // The condition that |1 + g L| is above a bound is quadratic in g at each frequency. The largest
 // gain is therefore computed without iteration. A loop that is stable at

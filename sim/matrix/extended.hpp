@@ -30,9 +30,9 @@ Eigen::VectorXd balance(const ExtendedMatrix &A);
 /// finite A.
 std::vector<std::complex<double>> eigenvalues(const ExtendedMatrix &A);
 
-/// The fast modes of the flow of x' = A x: x is the sum of right (left x), which the fast
-/// eigenvalues move, and of a remainder that they do not move. A conjugate pair of eigenvalues has
-/// one row or column in each matrix.
+/// The fast modes of the system x' = A x. The state x is the sum of two parts. The part right (left
+/// x) moves with the fast eigenvalues. The remaining part does not move with them. A conjugate pair
+/// of eigenvalues has one row or column in each matrix.
 struct FastModes {
   ComplexMatrix values;  ///< f x 1, eigenvalues with an imaginary part of at least 0
   ComplexMatrix right;   ///< n x f, right eigenvectors
@@ -42,7 +42,7 @@ struct FastModes {
   /// The n x n matrix A without its fast part: A - right values left, with both modes of each
   /// conjugate pair.
   ExtendedMatrix slow;
-  /// The n x n matrix of upper bounds of the error of each entry of `slow`.
+  /// The n x n matrix with an upper bound of the error for each entry of `slow`.
   ExtendedMatrix error;
 };
 
@@ -57,7 +57,8 @@ ExtendedMatrix solve(const ExtendedMatrix &A, const ExtendedMatrix &B);
 
 /// Returns an n x (n + m) matrix for the sample time T in s. Its left n columns are e^(A T) - 1;
 /// its right m columns are the integral of e^(A t) B over T. The method computes e^(A T) - 1
-/// without forming e^(A T), which preserves the accuracy of slow states beside fast states.
+/// without forming e^(A T), which preserves the accuracy of slow states in a system with fast
+/// states.
 ExtendedMatrix sampled(const ExtendedMatrix &A, const ExtendedMatrix &B, double T);
 
 /// The matrices H, Q^T B and C Q for hessenberg_response() in double. H = Q^T A Q is an upper

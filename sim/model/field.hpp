@@ -1,7 +1,7 @@
 #pragma once
 // Rows that declare the keys of a table together with their members in a struct.
 //
-// A struct that a file describes has
+// A struct whose values are read from a file has these members:
 //   static constexpr std::string_view kMeaning    description for the reference page
 //   static constexpr auto rows()                  the keys, each with its member
 //   void complete(Section &, Names &)             for rules between keys, and for derived members

@@ -165,7 +165,7 @@ struct Model {
 };
 
 /// A new value for one parameter: a number in the unit of the parameter, or a text with a quantity
-/// or the name of another parameter. If that other parameter is overridden too, its new value is
+/// or the name of another parameter. If this other parameter is overridden too, its new value is
 /// used.
 struct Override {
   std::string parameter;

@@ -54,11 +54,12 @@ struct Drift {
   }
 };
 
-/// Path of a signal to its ADC code: creep and drift of the sensor are added, the sum is limited to
-/// +-sensor_limit, filtered by a first-order low pass, limited to +-conditioning_limit, filtered by
-/// the converter, and converted with noise. Limits and noise have the unit of the signal. The
-/// firmware has codes of at most 16 bits: a converter with more bits gives the firmware the upper
-/// 16 bits of each code. So per_count, zero_code and bits describe the code that the firmware has.
+/// Path of a signal to its ADC code. The creep and the drift of the sensor are added to the signal.
+/// The sum is limited to +-sensor_limit, filtered by a first-order low-pass filter, and limited to
+/// +-conditioning_limit. It is then filtered by the converter and converted with noise. Limits and
+/// noise have the unit of the signal. The firmware has codes of at most 16 bits: a converter with
+/// more bits gives the firmware the upper 16 bits of each code. So per_count, zero_code and bits
+/// describe the code that the firmware has.
 struct Adc {
   static constexpr std::string_view kMeaning =
       "An ADC of the firmware. Creep and drift are added to the signal, which then passes the "

@@ -5,9 +5,9 @@ namespace forceaxis::sim {
 
 /// A spring in series with a dry slider (Jenkins element). Both are parallel to the stiffness k of
 /// a contact. The deflection e of the spring is a state. While the contact is pressed and
-/// |stiffness e| < force, e' = d'; at this bound the slider slips, and e' = 0 until d' changes its
-/// sign. While the contact is open, e' = 0, and the surface of the contact is where the force k d +
-/// stiffness e is 0.
+/// |stiffness e| < force, e' = d'. At the bound |stiffness e| = force, the slider slips, and e' = 0
+/// until d' changes its sign. While the contact is open, e' = 0, and the surface of the contact is
+/// where the force k d + stiffness e is 0.
 struct Hysteresis {
   double stiffness = 0.0;  ///< stiffness of the spring in N/m, > 0
   double force = 0.0;      ///< slip force in N, > 0

@@ -167,8 +167,8 @@ struct PerfectDrive {
 /// at which the mean current h of the drive has reached rated_current:
 ///   h' = (max(|i|, rated_current / 2) - h) / T,    T = peak_time / ln((Ip - Ir / 2) / (Ip - Ir))
 /// h begins at rated_current / 2. It reaches rated_current when peak_current has flowed for
-/// peak_time, and the peak is available again when h is below 3/4 of rated_current. While the drive
-/// is disabled, i = 0 and h continues.
+/// peak_time, and peak_current is available again when h is below 3/4 of rated_current. While the
+/// drive is disabled, i = 0 and h continues.
 struct DriveMotor {
   double force_per_amp = 0.0;          ///< k_force, or k_torque / r_trans, in N/A, > 0
   double rate = 0.0;                   ///< bandwidth of the current loop in rad/s, > 0
