@@ -28,7 +28,7 @@ constexpr std::size_t kMostUnsent = 256;
 std::uint32_t serial_of(int axis) {
   std::array<char, 256> name{};
   gethostname(name.data(), name.size() - 1);
-  std::uint32_t hash = 2166136261U;  // FNV-1a hash
+  std::uint32_t hash = 2166136261U;  // start value of the FNV-1a hash
   for (const char *at = name.data(); *at != 0; ++at) {
     hash = (hash ^ static_cast<std::uint8_t>(*at)) * 16777619U;
   }

@@ -245,7 +245,7 @@ void lose(Axis &axis, nodes::ModbusPort *modbus, host::AxisTransport &transport)
                   .text();
 }
 
-// Result of serve_run().
+// Result of serve_run(), which serves the plants of one run.
 struct Served {
   unsigned silent = 0;  // set of axes without answers of their plant, bit 0 for axis 1
   std::uint64_t lost_records = 0;

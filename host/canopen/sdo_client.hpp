@@ -27,7 +27,7 @@ struct SdoResult {
   std::uint32_t abort = 0;         // SDO abort code of the transfer; 0: no error
   bool silent = false;             // true: the server sent no response; `abort` is then
                                    // kAbortTimeout
-  std::vector<std::uint8_t> data;  // uploaded data
+  std::vector<std::uint8_t> data;  // data of an upload
 
   bool ok() const { return abort == 0; }
 };

@@ -226,7 +226,7 @@ class FirmwareUnit final : public Unit {
   void list_objects() {
     for (const axis_object_meta_t &meta : axis_objects_meta) {
       const std::string_view part = meta.part;
-      // These objects concern buses and boards.
+      // These objects concern buses and boards, so they are not variables of the unit.
       if (part == "canopen" || part == "device") continue;
       objects_.push_back(&meta);
       variables_.push_back(variable_of(meta));

@@ -29,7 +29,7 @@ struct Variable {
   Role role = Role::output;
   std::string unit;     // unit as spelled in sim/model/units.hpp or in the object table; "" without
                         // a unit
-  std::string meaning;  // meaning in one sentence
+  std::string meaning;  // meaning of the variable in one sentence
   double start = 0.0;   // value of an input or parameter after the creation of the unit
 };
 

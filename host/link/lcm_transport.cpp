@@ -6,8 +6,8 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
-#include <forceaxis/link_inputs_t.hpp>   // generated from host/lcm
-#include <forceaxis/link_outputs_t.hpp>  // generated from host/lcm
+#include <forceaxis/link_inputs_t.hpp>   // header that is generated from host/lcm
+#include <forceaxis/link_outputs_t.hpp>  // header that is generated from host/lcm
 #include <map>
 #include <optional>
 #include <type_traits>

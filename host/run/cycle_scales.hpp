@@ -23,7 +23,7 @@ struct CyclePlace {
   [[noreturn]] void fail(std::string_view key, const std::string &message) const {
     source.fail(path + std::string(key), message);
   }
-  /// Throws InputError for the table itself.
+  /// Throws InputError with a message about the table itself.
   [[noreturn]] void fail(const std::string &message) const {
     source.fail(path.substr(0, path.size() - 1), message);
   }

@@ -75,7 +75,7 @@ struct DriveState {
   }
 };
 
-// The actions of one table [[at]].
+// The actions in one table [[at]] of an experiment.
 struct Action {
   std::int64_t tick;  // number of the tick before which the actions are applied
   std::vector<ObjectWrite> writes;
@@ -99,14 +99,14 @@ struct Criterion {
   // is empty and every contact of the model must stay closed.
   bool contact_held = false;
   std::vector<std::string> contacts = {};
-  // Limits for an experiment that controls force; the quantities are those of HeldForce. Errors are
+  // Limits for an experiment that controls force. HeldForce explains the quantities. Errors are
   // magnitudes.
   std::optional<double> held_force_error_max_N;
   std::optional<double> held_force_error_max_percent;
   std::optional<double> overshoot_max_percent;
   std::optional<double> settle_max_s;
   std::optional<double> peak_force_max_percent;
-  // Limits that apply to the complete run; the quantities are those of Metrics.
+  // Limits that apply to the complete run. Metrics explains the quantities.
   std::optional<double> peak_force_max_N;
   std::optional<double> contact_losses_max;
   std::optional<double> saturated_max_s;
@@ -210,7 +210,7 @@ struct Experiment {
   // Number of ticks that the plant simulates. The firmware computes ticks + 1 ticks.
   std::int64_t ticks = 0;
   std::vector<ObjectWrite> initial;
-  // Actions, sorted by tick.
+  // Actions of the experiment, sorted by tick.
   std::vector<Action> actions;
   // Program of the press cycle that mode -9 runs; NULL if the experiment has no program.
   std::shared_ptr<const CycleProgram> cycle;

@@ -157,7 +157,7 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Boun
                        "inductances at its ends");
 }
 
-// Sets the bounds of the tests, which are narrower than those of the channels by the rounding
+// Sets the bounds for the tests. They are narrower than the bounds of the channels by the rounding
 // error.
 void narrow_bounds(Mode &mode) {
   mode.low.assign(kernel::padded(mode.channels), -std::numeric_limits<double>::infinity());

@@ -62,8 +62,8 @@ class SincFilter {
   Row due_{};
 };
 
-// The pieces of a B-spline are computed from those of the next lower order (de Boor). Piece i of
-// order n is a polynomial in x, the place in its interval from 0 to 1:
+// The pieces of a B-spline are computed from the pieces of the next lower order (de Boor). Piece i
+// of order n is a polynomial in x. x is the position within the interval of the piece, from 0 to 1:
 //   b_n,i = ((i + x) b_(n-1),i + (n - i - x) b_(n-1),(i-1)) / (n - 1)
 inline SincFilter::SincFilter(std::size_t order, double period_ticks)
     : order_(order), period_(period_ticks) {

@@ -58,7 +58,8 @@ struct Wiring {
     /// State of the switch at the start of a linear analysis; -1 means the state `home`.
     int analysed = -1;
   };
-  /// The bounds of one signal while a switch has a certain state. The fields are those of Channel.
+  /// The bounds of one signal while a switch has a certain state. The fields have the same meaning
+  /// as in Channel.
   struct Bounds {
     Wire wire;
     double low, high;

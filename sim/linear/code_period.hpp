@@ -51,13 +51,13 @@ class CodePeriod {
  private:
   class Flow;
   // A reading is the sum of its terms: Z^periods (row X + direct) with X = (Z - A)^-1 B. The row is
-  // that of `balanced_.C` with the index of the term.
+  // the row of `balanced_.C` that has the index of the term.
   struct Term {
     int periods;
     double direct;
   };
   struct Reading {
-    std::size_t first, end;  // range of indices in terms_
+    std::size_t first, end;  // terms of the reading: indices first to end - 1 in terms_
     std::vector<int> ticks;  // ticks of the bus cycle in which the law uses this reading of the
                              // sensor
   };

@@ -284,7 +284,7 @@ void ForcePlant::held_response(std::span<const double> w,
 
 std::complex<double> ForcePlant::held(double w) const {
   const std::complex<double> back =
-      std::complex<double>(1, -w) / std::complex<double>(1, w);  // 1/z
+      std::complex<double>(1, -w) / std::complex<double>(1, w);  // value of 1/z
   std::complex<double> turned = 1;
   for (int tick = 0; tick < bus_.delay_ticks_out; ++tick) turned *= back;
   std::complex<double> sum = 0;

@@ -63,7 +63,7 @@ class ForcePlant {
  private:
   void set_ages(const Sampling &sampling);
   Extended phase_of(Extended arrives) const;
-  /// Returns true if held() is 1.
+  /// Returns true if bus and samples have no effect on the response, so that held() is 1.
   bool immediate() const { return bus_.immediate() && readings_ == 0; }
   /// Returns the effect of the bus and of the sensor's samples on the response at w = tan(pi f
   /// tick_s): the delay of the command, the mean over the ticks for which the drive holds the

@@ -54,7 +54,7 @@ struct LoopFigures {
   /// Last frequency at which |T| falls below -3 dB: 0 if |T| is below at all frequencies of the
   /// grid, and half the tick rate if |T| is above at the last one.
   double fT_hz;
-  double Ms;                ///< largest |S|
+  double Ms;                ///< largest magnitude of the sensitivity function, |S|
   double gain_margin;       ///< gain margin as a factor; infinity if the loop has none
   double phase_margin_rad;  ///< phase margin of the smallest magnitude; infinity if |L| is 1 at no
                             ///< frequency

@@ -34,9 +34,9 @@ struct KeyFormat {
   std::string_view meaning;  ///< meaning of the key, one complete sentence
   std::optional<Dimension> dimension = std::nullopt;
   Sign sign = Sign::any;
-  /// Smallest permitted number.
+  /// Smallest permitted number as the value of the key.
   double low = -kUnlimited;
-  /// Largest permitted number.
+  /// Largest permitted number as the value of the key.
   double high = kUnlimited;
   /// Number that the reader uses if the file omits the key.
   std::optional<double> fallback = std::nullopt;

@@ -222,7 +222,8 @@ void check_connected(const Model &model) {
     for (const Ends link : links_of(structure, port)) links.push_back(link);
     port += static_cast<int>(structure.ports.size());
   }
-  std::vector<bool> reached(static_cast<std::size_t>(port) + 1, false);  // index 0 is ground
+  // Element 0 stands for the ground.
+  std::vector<bool> reached(static_cast<std::size_t>(port) + 1, false);
   reached[0] = true;
   for (bool grown = true; grown;) {
     grown = false;
@@ -292,7 +293,7 @@ void check_independent(const Model &model, const std::vector<Constraint> &constr
     for (std::size_t i = 0; i < a.size(); ++i) sum += a[i] * b[i];
     return sum;
   };
-  Rows basis;  // orthonormal rows
+  Rows basis;  // orthonormal basis of the rows so far
   for (const Constraint &constraint : constraints) {
     std::vector<double> row(points.front().size(), 0.0);
     for (std::size_t i = 0; i < row.size(); ++i)
@@ -321,7 +322,7 @@ void check_independent(const Model &model, const std::vector<Constraint> &constr
 // Refuses a loop of frictions, because the friction forces in the loop are undetermined while all
 // of these frictions stick.
 void check_frictions(const Model &model) {
-  std::vector<int> group(model.point_names().size() + 1);  // index 0 is ground
+  std::vector<int> group(model.point_names().size() + 1);  // element 0 stands for the ground
   std::vector<Constraint> constraints;
   for (std::size_t i = 0; i < group.size(); ++i) group[i] = static_cast<int>(i);
   const auto join = [&](const char *element, std::size_t i, const auto &friction) {

@@ -77,7 +77,7 @@ struct Grid {
   std::vector<int> delays;
 };
 
-// Throws ValueError unless a condition holds.
+// Throws ValueError with the text `text` unless the condition `holds` is true.
 void expect(bool holds, const char *text) {
   if (!holds) throw py::value_error(text);
 }

@@ -310,7 +310,7 @@ struct VelocityDrive {
                        "Inertia at the motor for which the velocity loop was tuned, in "
                        "place of tuned_mass.")));
   }
-  /// Computes the gains from the tuning.
+  /// Computes k_velocity and integral_time from `tuning`.
   void complete(Section &section, Names &names);
 };
 

@@ -23,7 +23,7 @@ inline constexpr KeyFormat kDampingKey =
     format::number("damping", Dimension::damping, Sign::not_negative, 0.0,
                    "Viscous damping, parallel to the stiffness.");
 
-/// An element with two ends.
+/// An element of the model that has two ends.
 struct Link {
   std::string name;
   Ends ends;
