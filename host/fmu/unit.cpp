@@ -3,12 +3,15 @@
 #include <limits>
 #include <optional>
 
-#include "firmware/port/host/firmware.hpp"
 #include "host/fmu/firmware_unit.hpp"
 #include "host/fmu/plant_unit.hpp"
 #include "host/run/objects.hpp"
 #include "sim/model/section.hpp"
 #include "sim/model/toml.hpp"
+
+extern "C" {
+#include "firmware/core/axis_state.h"
+}
 
 namespace forceaxis::fmu {
 namespace {

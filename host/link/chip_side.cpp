@@ -7,12 +7,20 @@
 #include <cstring>
 #include <utility>
 
-#include "firmware/port/host/firmware.hpp"
 #include "host/link/transport.hpp"
 #include "host/run/cycle_result.hpp"
 #include "host/run/objects.hpp"
 #include "host/run/plant_side.hpp"
 #include "sim/model/elements/dac.hpp"
+
+extern "C" {
+#include "firmware/cycle/cycle.h"
+#include "firmware/cycle/program.h"
+#include "firmware/fx/bytes.h"
+#include "firmware/fx/fx.h"
+#include "firmware/objects/generated/axis_objects_device.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
+}
 
 namespace forceaxis::host {
 namespace {

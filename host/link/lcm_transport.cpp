@@ -12,10 +12,13 @@
 #include <optional>
 #include <type_traits>
 
-#include "firmware/port/host/firmware.hpp"
 #include "host/lcm/lcm_ends.hpp"
 #include "host/lcm/receiver.hpp"
 #include "host/lcm/url.hpp"
+
+extern "C" {
+#include "firmware/fx/fx.h"
+}
 
 namespace forceaxis::host {
 namespace {

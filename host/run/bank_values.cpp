@@ -4,10 +4,15 @@
 #include <limits>
 #include <string>
 
-#include "firmware/port/host/firmware.hpp"
 #include "sim/hybrid/mode.hpp"
 #include "sim/model/read.hpp"
 #include "sim/model/toml.hpp"
+
+extern "C" {
+#include "firmware/core/certificate.h"
+#include "firmware/core/law_bank.h"
+#include "firmware/objects/generated/axis_objects_law.h"
+}
 
 namespace forceaxis::host {
 namespace {

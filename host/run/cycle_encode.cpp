@@ -9,6 +9,10 @@
 
 #include "sim/model/text.hpp"
 
+extern "C" {
+#include "firmware/fx/bytes.h"
+}
+
 namespace forceaxis::host {
 namespace {
 

@@ -4,9 +4,12 @@
 #include <cstdint>
 #include <vector>
 
-#include "firmware/port/host/firmware.hpp"
 #include "host/run/cycle_file.hpp"
 #include "host/run/cycle_scales.hpp"
+
+extern "C" {
+#include "firmware/cycle/program.h"
+}
 
 namespace forceaxis::host {
 

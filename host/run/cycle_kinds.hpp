@@ -10,8 +10,13 @@
 #include <span>
 #include <string_view>
 
-#include "firmware/port/host/firmware.hpp"
 #include "sim/model/read.hpp"
+
+extern "C" {
+#include "firmware/cycle/element.h"
+#include "firmware/cycle/program.h"
+#include "firmware/objects/generated/axis_objects_axis.h"
+}
 
 namespace forceaxis::host {
 

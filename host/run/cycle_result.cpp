@@ -3,8 +3,13 @@
 #include <charconv>
 #include <iterator>
 
-#include "firmware/port/host/firmware.hpp"
 #include "host/run/objects.hpp"
+
+extern "C" {
+#include "firmware/cycle/cycle.h"
+#include "firmware/objects/generated/axis_objects_device.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
+}
 
 namespace forceaxis::host {
 namespace {

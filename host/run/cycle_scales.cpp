@@ -5,10 +5,14 @@
 #include <limits>
 #include <stdexcept>
 
-#include "firmware/port/host/firmware.hpp"
 #include "sim/hybrid/mode.hpp"
 #include "sim/model/elements/adc.hpp"
 #include "sim/model/elements/encoder.hpp"
+
+extern "C" {
+#include "firmware/objects/generated/axis_objects_axis.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
+}
 
 namespace forceaxis::host {
 namespace {

@@ -4,9 +4,13 @@
 #include <numbers>
 #include <string>
 
-#include "firmware/port/host/firmware.hpp"
 #include "sim/hybrid/mode.hpp"
 #include "sim/model/read.hpp"
+
+extern "C" {
+#include "firmware/drive/shaper.h"
+#include "firmware/objects/generated/axis_objects_drive.h"
+}
 
 namespace forceaxis::host {
 namespace {

@@ -12,7 +12,6 @@
 #include <mutex>
 #include <thread>
 
-#include "firmware/port/host/firmware.hpp"
 #include "host/python/binding/energy.hpp"
 #include "host/python/binding/parts.hpp"
 #include "host/python/binding/result.hpp"
@@ -21,6 +20,10 @@
 #include "host/run/journal.hpp"
 #include "host/run/objects.hpp"
 #include "host/run/run.hpp"
+
+extern "C" {
+#include "firmware/app/fw.h"
+}
 
 namespace py = pybind11;
 

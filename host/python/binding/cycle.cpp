@@ -10,8 +10,13 @@
 #include <tuple>
 #include <vector>
 
-#include "firmware/port/host/firmware.hpp"
 #include "host/python/binding/parts.hpp"
+
+extern "C" {
+#include "firmware/cycle/element.h"
+#include "firmware/cycle/program.h"
+#include "firmware/cycle/sample.h"
+}
 
 namespace py = pybind11;
 

@@ -12,10 +12,15 @@
 #include <utility>
 #include <vector>
 
-#include "firmware/port/host/firmware.hpp"
 #include "host/python/binding/parts.hpp"
 #include "host/python/binding/table.hpp"
 #include "host/run/item.hpp"
+
+extern "C" {
+#include "firmware/drive402/drive402.h"
+#include "firmware/drive402/drive402_cycle.h"
+#include "firmware/drive402/drive402_names.h"
+}
 
 namespace py = pybind11;
 

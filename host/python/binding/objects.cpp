@@ -9,10 +9,14 @@
 #include <vector>
 
 #include "firmware/objects/generated/axis_objects_meta.h"
-#include "firmware/port/host/firmware.hpp"
 #include "host/python/binding/parts.hpp"
 #include "host/python/binding/table.hpp"
 #include "host/run/item.hpp"
+
+extern "C" {
+#include "firmware/core/certificate.h"
+#include "firmware/objects/generated/axis_objects_meta.h"
+}
 
 namespace py = pybind11;
 using forceaxis::host::item;
