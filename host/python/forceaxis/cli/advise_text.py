@@ -19,8 +19,8 @@ FS = (
     "lowest frequency at which |S| reaches -3 dB, of the worst member with the largest gain at "
     "gain margin 2.3 and |S| <= 2"
 )
-FIRMWARE_GAIN_MAX = 256  # largest force_gain
-NAME_WIDTH_MIN = 20  # smallest number of characters for the name of a change
+FIRMWARE_GAIN_MAX = 256  # largest value of the object force_gain
+NAME_WIDTH_MIN = 20  # smallest number of characters for the name of a change of the axis
 
 
 def short(value: float | None) -> str:
@@ -30,8 +30,8 @@ def short(value: float | None) -> str:
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the table of `forceaxis loop advise`: the heading, of one or two text lines, and
-    a note that explains the column. The note is "" if the heading is enough."""
+    """A column of the table of `forceaxis loop advise`. `head`: the heading, of one or two text
+    lines. `note`: a text that explains the column, or "" if the heading is enough."""
 
     head: str
     note: str = ""
@@ -84,8 +84,8 @@ def describe(result: Advice, width: int | None = None) -> str:
 
 
 def _limit_lines(result: Advice) -> list[str]:
-    """Return the text lines about the states of the model's elements (such as a closed contact),
-    the mode of vibration that limits the bandwidth, and the critical gain."""
+    """Return the text lines about the limit of the present design: the states of the model's
+    elements (such as a closed contact), the limiting mode of vibration, and the critical gain."""
     base, mode = result.present, result.limiting_mode
     lines = [f"mode         {result.mode_text}"] if result.mode_text else []
     if isinstance(mode, LimitingMode):
@@ -112,8 +112,8 @@ def _limit_lines(result: Advice) -> list[str]:
 
 
 def _gain_lines(result: Advice) -> list[str]:
-    """Return the text lines about further gains: the gain at which another pole becomes unstable,
-    the gain of the experiment, and the largest gain that is stable in the simulation."""
+    """Return the text lines about three gains: the gain at which another pole becomes unstable, the
+    gain of the experiment, and the largest gain that is stable in the simulation."""
     lines = []
     if following := result.next_crossing:
         lines.append(
@@ -133,8 +133,8 @@ def _gain_lines(result: Advice) -> list[str]:
 
 
 def _columns(result: Advice) -> dict[int, Column]:
-    """Return the columns of the table of `forceaxis loop advise` for which the result has values,
-    as {index of the text in `_cells`: column}."""
+    """Return the columns of the table of `forceaxis loop advise` that have values in this result.
+    The key of a column is the index of its text in the list that _cells() returns."""
     hz = short(result.reference_hz)
     columns = [
         Column(result.unit),
@@ -157,8 +157,8 @@ def _columns(result: Advice) -> dict[int, Column]:
 
 
 def _cells(row: PresentDesign | AdviceRow) -> list[str]:
-    """Return one row of the table that `forceaxis loop advise` prints: one text for each column, in
-    the order of `_columns`."""
+    """Return one row of the table that `forceaxis loop advise` prints. The row has one text for
+    each possible column, in the order of the list `columns` in _columns()."""
     factors: tuple[float | None, ...] = (1.0, 1.0, 1.0)
     if isinstance(row, AdviceRow):
         factors = (row.ratio.critical_gain, row.ratio.loop_gain_at, row.ratio.crossover_hz)
@@ -190,8 +190,8 @@ def _cells(row: PresentDesign | AdviceRow) -> list[str]:
 
 
 def _notes(result: Advice, shown: list[Column]) -> list[str]:
-    """Return the notes below the table of `forceaxis loop advise`, which explain the columns of the
-    table."""
+    """Return the notes below the table of `forceaxis loop advise`, such as the meaning of its
+    columns."""
     notes = ["; ".join(column.note for column in shown if column.note)]
     if any(row.known_to is not None for row in (result.present, *result.rows)):
         notes.append(

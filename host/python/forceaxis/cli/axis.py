@@ -88,8 +88,8 @@ def shown(value: float | str) -> str:
 
 
 def lines(axis: Axis, values: Mapping[str, float | str]) -> Iterator[str]:
-    """Yield one text line with value and unit for each object in `values` ({name: value}). A force
-    is shown in N and in counts."""
+    """Yield one text line for each object in `values` ({name: value}), with the value and its unit.
+    A force is shown in N and in counts."""
     from forceaxis.axis import quantity
 
     width = max((len(name) for name in values), default=0)
@@ -105,8 +105,8 @@ def lines(axis: Axis, values: Mapping[str, float | str]) -> Iterator[str]:
 
 
 def assignments(words: Sequence[str]) -> dict[str, str]:
-    """Return the names and values from a list of texts "NAME=VALUE" as {NAME: VALUE}. Raises
-    InputError for texts of another form."""
+    """Return {NAME: VALUE} from a list of texts "NAME=VALUE". Raises InputError for a text of
+    another form."""
     for word in words:
         name, equals, value = word.partition("=")
         if not (name and equals and value):
@@ -124,8 +124,8 @@ def in_mm(axis: Axis, position: int) -> str:
 
 
 def print_state(axis: Axis, prefix: str, as_json: bool, **more: float) -> None:
-    """Print drive state, mode of operation, fault, position and force of the axis in one text line
-    or as JSON."""
+    """Print the drive state, mode of operation, fault, position and force of the axis, in one text
+    line or as JSON."""
     from forceaxis.axis import actions
 
     now = actions.state(axis)
@@ -136,7 +136,7 @@ def print_state(axis: Axis, prefix: str, as_json: bool, **more: float) -> None:
 
 
 def state_text(axis: Axis, prefix: str, now: AxisStatus) -> str:
-    """Return the text line about a state of the axis."""
+    """Return the text line about the state `now` of an axis."""
     return (
         f"{prefix}: {now.state}, mode {now.mode}, fault {now.fault}, position "
         f"{now.position} encoder counts{in_mm(axis, now.position)}, force "
@@ -173,8 +173,8 @@ def list_axes(connection: AxisConnection, as_json: bool) -> None:
 
 
 def scanned(connection: AxisConnection) -> list[ScannedAxis]:
-    """Return the axes found on the bus of a connection. Raises InputError for several buses, or for
-    the number of one axis in --on."""
+    """Return the axes found on the bus of a connection. Raises InputError if --on selects several
+    buses, or one axis instead of a bus."""
     from forceaxis.axis import scan
 
     found = connection.chosen(is_bus=True)
@@ -188,8 +188,8 @@ def scanned(connection: AxisConnection) -> list[ScannedAxis]:
 
 
 def with_address(bus: Address, row: ScannedAxis) -> ScannedAxis:
-    """Return the row about an axis of a bus, in which each command of the note has the address of
-    the axis."""
+    """Return `row`, the description of one axis on the bus `bus`. Each command in the note of the
+    result contains the address of the axis."""
     if row.note is None or row.id is None or isinstance(bus, SimAddress):
         return row
     on = AxisConnection((dataclasses.replace(bus, number=row.id),)).options()
@@ -197,8 +197,8 @@ def with_address(bus: Address, row: ScannedAxis) -> ScannedAxis:
 
 
 def table_of(rows: Sequence[ScannedAxis]) -> Iterator[str]:
-    """Yield the text lines of the table of axes. A note about an axis is printed in the text lines
-    after the row of the axis, at most 76 characters wide."""
+    """Yield the text lines of the table of axes. A note about an axis follows the row of the axis,
+    in text lines of at most 76 characters."""
     cells = [["id", "name", "version", "table", "state", "fault"]]
     for row in rows:
         # A firmware version may be followed by the object table and the commit.
@@ -267,7 +267,7 @@ def set_objects(connection: AxisConnection, words: Sequence[str], as_json: bool)
 @live_options.options(is_repeatable=True)
 @as_json
 def stop(connection: AxisConnection, as_json: bool) -> None:
-    """Stop one or more axes by a quick stop, even if another client owns the axis.
+    """Stop one or more axes by a quick stop, even if another client owns them.
 
     Several axes are stopped at the same time, those of one Modbus line one after the other. If an
     axis cannot be reached, the others are stopped all the same; the exit status is then 1. --json
@@ -305,18 +305,18 @@ def stop(connection: AxisConnection, as_json: bool) -> None:
 class StoppedAxis:
     """One of several axes that `forceaxis axis stop` has stopped."""
 
-    axis: str  # its address
+    axis: str  # address of the axis
     state: AxisStatus
     text: str
 
     def result(self) -> dict[str, Convertible]:
-        """Return the address and the state for --json."""
+        """Return the address and the state of the axis for --json."""
         return {"axis": self.axis, **vars(self.state)}
 
 
 def stop_one(connection: AxisConnection, line: threading.Lock) -> StoppedAxis | str:
-    """Stop one of several axes. Return its state, or the text of the error. An error belongs to
-    this axis alone, because the other axes have to be stopped all the same."""
+    """Stop one of several axes. Return its state, or the text of the error. An error is returned
+    and not raised, because the other axes have to be stopped all the same."""
     from forceaxis.axis.axis import Axis
 
     where = str(connection.address)
@@ -358,7 +358,7 @@ def reset(connection: AxisConnection, as_json: bool) -> None:
         print_state(axis, "reset", as_json)
 
 
-# A negative number such as -500 is an argument of the command and not an option.
+# With this setting, a negative number such as -500 is an argument of a command and not an option.
 NEGATIVE = {"ignore_unknown_options": True}
 
 

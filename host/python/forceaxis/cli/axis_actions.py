@@ -79,8 +79,8 @@ def calibrate(connection: AxisConnection, given: Sequence[str], as_json: bool) -
 
 
 def point(text: str) -> tuple[float, float]:
-    """Return a calibration point (measured force in counts, reference force in N) from a text
-    "COUNT,N". Raises InputError for another text."""
+    """Return a calibration point from a text "COUNT,N": the measured force in counts, and the
+    reference force in N. Raises InputError for another text."""
     try:
         count, newton = text.split(",")
         return number(count), number(newton)
@@ -92,8 +92,8 @@ def point(text: str) -> tuple[float, float]:
 
 
 def asked(axis: Axis, most: int) -> Iterator[tuple[float, float]]:
-    """Ask the user for reference forces, at most `most` times, until the user enters an empty text
-    line. Yield each calibration point as (measured force in counts, reference force in N)."""
+    """Ask the user for reference forces until the user enters an empty text line, at most `most`
+    times. Yield each calibration point as (measured force in counts, reference force in N)."""
     from forceaxis.axis import actions
 
     for i in range(most):
@@ -184,7 +184,7 @@ def capture(
 
 
 def capture_lines(found: CaptureSummary) -> Iterator[str]:
-    """Yield the text lines about a recording: number of samples, and the statistics of each
+    """Yield the text lines about a recording: the number of samples, and the statistics of each
     signal."""
     yield f"{found.samples} samples, trigger at {found.trigger_sample}"
     for name, row in found.signals.items():
@@ -199,13 +199,13 @@ class SignalSummary:
     least: float
     mean: float
     most: float
-    deviation: float  #: standard deviation
+    deviation: float  #: standard deviation of the samples
 
 
 @dataclass(frozen=True)
 class CaptureSummary:
-    """Result of `forceaxis axis capture`: number and spacing of the samples, statistics of each
-    signal."""
+    """Result of `forceaxis axis capture`: number of samples, spacing of samples, and statistics of
+    each signal."""
 
     samples: int
     decimation: int  # number of ticks from one sample to the next
@@ -214,8 +214,7 @@ class CaptureSummary:
 
 
 def summary(values: NDArray[np.int64 | np.float64]) -> SignalSummary:
-    """Return the statistics of one signal: minimum, mean, maximum and standard deviation of its
-    samples."""
+    """Return the minimum, mean, maximum and standard deviation of the samples of one signal."""
     return SignalSummary(
         float(values.min()), float(values.mean()), float(values.max()), float(values.std())
     )

@@ -1,4 +1,4 @@
-"""`forceaxis axis health`: compare an axis with its release."""
+"""`forceaxis axis health`: compare an axis with the same axis at its release."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def health(
 
 
 def rows_of(found: Health) -> list[str]:
-    """Return the lines of a health check: the verdict, and the table of the parameters."""
+    """Return the text lines about a health check: the verdict, and the table of the parameters."""
     if found.healthy:
         verdict = coloured("healthy", "passed")
     elif found.moved:

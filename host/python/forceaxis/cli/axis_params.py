@@ -90,7 +90,7 @@ def dump(connection: AxisConnection, file: Path | None, everything: bool, as_jso
 def diff(
     connection: AxisConnection, file: str, skip: Sequence[str], measured: bool, as_json: bool
 ) -> None:
-    """Compare the parameters of the axis with FILE, and print each parameter that differs with the
+    """Compare the parameters of the axis with FILE. For each parameter that differs, print the
     value in the axis, the value in FILE and the unit.
 
     A parameter that a dump does not contain is compared with its default. The exit status is 1 if
@@ -206,8 +206,8 @@ def restore(connection: AxisConnection, yes: bool, as_json: bool) -> None:
 
 
 def table(rows: Sequence[DifferenceShown]) -> list[str]:
-    """Return the text lines of a table with all parameters that differ, after a header. If no
-    parameter differs, return no text line."""
+    """Return the text lines of a table of all parameters that differ. The first line is the header.
+    If no parameter differs, return no text line."""
     cells = [
         ["" if value == "1" else str(value) for value in (row.name, row.axis, row.file, row.unit)]
         for row in rows

@@ -100,14 +100,14 @@ def bench_(
 
 
 def check_line(requirement: Requirement) -> str:
-    """Return one text line about a speed requirement: the measured value, and whether the value
-    satisfies the requirement."""
+    """Return one text line about a speed requirement: the measured value, and whether the
+    requirement is satisfied."""
     return f"{'held' if requirement.held else 'NOT HELD':12} {requirement.check}"
 
 
 def rates_line(r: bench_link.LinkRates) -> str:
-    """Return one text line about the lock-step of firmware and plant over a transport: ticks per
-    second, and the number of messages per second of the transport alone (ping-pong)."""
+    """Return one text line about the lock-step of firmware and plant over a transport. The line has
+    the ticks per second, and the messages per second of the transport alone (ping-pong)."""
     return (
         f"{r.link:12} {r.ticks_per_s:,.0f} ticks/s ({r.real_time:.1f} x real time), "
         f"{r.share:.0%} of a raw ping-pong's {r.raw_per_s:,.0f}/s; six axes "
@@ -117,8 +117,8 @@ def rates_line(r: bench_link.LinkRates) -> str:
 
 
 def growth_text(growth: bench_growth.Growth) -> str:
-    """Return a table with the CPU time and the additional peak memory that each tool needed for
-    each size of the task."""
+    """Return a table of the time and memory that each tool needed for each size of the task. The
+    table has the CPU time and the additional peak memory."""
     lines = []
     for name, unit in (("states", "tick"), ("events", "tick"), ("runs", "run")):
         lines.append(f"{name:>9}  tool         us/{unit:5} CPU time     added memory")
@@ -133,13 +133,14 @@ def growth_text(growth: bench_growth.Growth) -> str:
 
 
 def load_lines(load: float) -> list[str]:
-    """Return a warning as a text line if the computer did other work during the measurement."""
+    """Return one text line with a warning if the computer did other work during the measurement.
+    Otherwise return no text line."""
     return [f"{'load':12} {load:.1f}: the machine was not idle"] if load > 0.5 else []
 
 
 def bench_text(result: bench.BenchResult) -> str:
-    """Return a table of the measured models, and one text line for each other result of the
-    benchmark."""
+    """Return the text about a benchmark: a table of the measured models, and one text line for each
+    other result."""
     lines = [
         "case  tool                x real time   us/tick   spread   ratio   force error   events"
     ]

@@ -31,7 +31,8 @@ class Terminal:
         return str(answer).strip().lower() != "s"
 
     def number(self, text: str, unit: str) -> float | None:
-        """Asks for a number until the answer is a number or empty."""
+        """Asks for a number until the answer is a number or empty. Returns None for an empty
+        answer."""
         while True:
             answer = click.prompt(
                 f"  {text}, in {unit} (Enter if it is not known)",

@@ -169,8 +169,9 @@ def monitor(
 
 
 def one_bus(on: tuple[Address, ...]) -> LcmAddress:
-    """Return the address of the option --on or of the environment variable FORCEAXIS_AXIS, or that
-    of all axes on the default LCM bus. Raises UsageError for several addresses, and InputError."""
+    """Return the bus address that --on or the environment variable FORCEAXIS_AXIS gives. Without
+    both, return the address of the default LCM bus. Raises UsageError for several addresses, and
+    InputError."""
     if len(on) > 1:
         raise click.UsageError(f"--on: expected one address, got {len(on)}")
     found = AxisConnection(on, accepted=GATEWAYS).chosen().addresses
@@ -178,7 +179,7 @@ def one_bus(on: tuple[Address, ...]) -> LcmAddress:
 
 
 def expect_without(option: str, wrong: object, others: str) -> None:
-    """Raise UsageError if `wrong` is true, because `option` excludes other options."""
+    """Raise UsageError if `wrong` is true. The message says that `option` excludes `others`."""
     if wrong:
         raise click.UsageError(
             f"{option}: expected {others} together with this option; remove one of the options"
@@ -186,7 +187,7 @@ def expect_without(option: str, wrong: object, others: str) -> None:
 
 
 def expect_with(options: str, wrong: object, other: str) -> None:
-    """Raise UsageError if `wrong` is true, because `options` need another option."""
+    """Raise UsageError if `wrong` is true. The message says that `options` need `other`."""
     if wrong:
         first = other.partition(" ")[0]
         raise click.UsageError(
@@ -244,7 +245,7 @@ def serve_foxglove(
 def snapshot(
     watch: "Watch", source: "Source", bus: LcmAddress, seconds: float, as_json: bool
 ) -> None:
-    """Print the latest state of each axis. Exit with status 1 if no state was received, or if an
+    """Print the latest state of each axis. The exit status is 1 if no state was received, or if an
     axis is silent."""
     from forceaxis.bus.sources import ReplaySource
     from forceaxis.cli.buses_text import snapshot_text

@@ -52,8 +52,8 @@ def position_text(a: AxisSnapshot) -> str:
 
 
 def log_text(summary: LogSummary) -> str:
-    """Return the summary of a log as text: a text line about the log, and a table of the channels
-    of the log."""
+    """Return the summary of a log as text: one text line about the whole log, and a table of its
+    channels."""
     rows: list[tuple[str, ...]] = [("channel", "type", "messages", "per s", "lost", "doubled", "")]
     for name, row in summary.channels.items():
         rate = "" if row.rate_per_s is None else f"{row.rate_per_s:.1f}"
@@ -69,8 +69,8 @@ def log_text(summary: LogSummary) -> str:
 
 
 def export_text(summary: ExportSummary) -> str:
-    """Return the text about the export of a log of messages: the written tables, and the channels
-    and messages that were not exported."""
+    """Return the text about an export of a message log. The text names the written tables, and the
+    channels and messages that were not exported."""
     lines = []
     for table in summary.tables:
         lines.append(f"{' '.join(table.files):44} {table.rows} rows, {len(table.columns)} columns")

@@ -1,5 +1,5 @@
-"""Code for all commands: layout of the help, common options with their
-types, error messages, progress and colours."""
+"""Code that all commands use: layout of the help, common options with their types, error messages,
+progress and colours."""
 
 import contextlib
 import io
@@ -37,15 +37,16 @@ Callback = TypeVar("Callback", bound=Callable[..., None])  # the function of a c
 FIRST_SENTENCE_LENGTH = 300
 
 
-# Control sequences of the program itself: colours of click.style, start of the progress line.
+# Control sequences that the program itself writes: colours of click.style, start of the progress
+# line.
 OWN_SEQUENCES = re.compile("((?:\r?\x1b\\[(?:0|1|22|3[0-9]|39|9[0-7])?m|\r\x1b\\[2K)+)")
 
 
 class Printed(io.TextIOWrapper):
     """A standard stream for output to a terminal. Control sequences in texts from buses and files
     are printed as visible characters, so that these texts cannot change the terminal. The colours
-    of the program are still shown. Actions that texts of the library name become commands, with
-    the axis of the present command."""
+    that the program itself writes are still shown. Actions in texts of the library are replaced by
+    commands that name the axis of the present command."""
 
     def __init__(self, stream: TextIO) -> None:
         super().__init__(
@@ -53,15 +54,15 @@ class Printed(io.TextIOWrapper):
         )
 
     def write(self, text: str) -> int:
-        """Write `text` to the stream, with control sequences from other programs as visible
-        characters. Return the length of `text`."""
+        """Write `text` to the stream, and return its length. Control sequences that the program
+        itself did not write become visible characters."""
         pieces = OWN_SEQUENCES.split(with_commands(text, axis_option()))
         pieces[::2] = [printable(piece, keep="\n\t\r") for piece in pieces[::2]]
         super().write("".join(pieces))
         return len(text)
 
 
-AXIS_OPTION = "forceaxis.axis_option"  # key in the data of a command
+AXIS_OPTION = "forceaxis.axis_option"  # key in `meta` of a click context
 
 
 def set_axis_option(option: str) -> None:
@@ -93,7 +94,7 @@ def printed_streams() -> Iterator[None]:
                 stream.detach()
 
 
-# Name of the option for each parameter of the library whose option has another name.
+# Options whose name differs from the name of the library parameter: {parameter: option}.
 OTHER_NAMES = {
     "names": "--fit",
     "states": "--mode", "overrides": "--set", "forces_N": "--force",
@@ -103,8 +104,8 @@ OTHER_NAMES = {
 
 def option_of(command: click.Command, parameter: str) -> str | None:
     """Return the name of the option of `command` that sets a parameter of the library, such as
-    "--timing" for "timing". If an argument of the command sets the parameter, return the name of
-    the argument in the help. Otherwise return None."""
+    "--timing" for "timing". If an argument of the command sets the parameter, return the argument's
+    name in the help. Otherwise return None."""
     if any("--law" in known.opts for known in command.params):
         from forceaxis.linear.law_text import KEY_OF
 
@@ -126,9 +127,8 @@ def option_of(command: click.Command, parameter: str) -> str | None:
 
 
 def with_options(command: click.Command, error: InputError) -> str:
-    """Return the message of `error` for the user, in which the options of `command` replace the
-    parameters of the library. A parameter is replaced between backticks or at the beginning of the
-    message."""
+    """Return the message of `error` for the user, in which options of `command` replace parameters
+    of the library. A parameter is replaced if it is between backticks, or begins the message."""
     text = str(error)
     if isinstance(error, ParameterError):
         text = f"{option_of(command, error.parameter) or error.parameter}: {error.text}"
@@ -136,20 +136,19 @@ def with_options(command: click.Command, error: InputError) -> str:
 
 
 def options_in(command: click.Command, text: str) -> str:
-    """Return the text with the names of options of `command` in place of parameters between
-    backticks."""
+    """Return `text` with options of `command` in place of parameters of the library. Only
+    parameters between backticks are replaced."""
     return re.sub(r"`(\w+)`", lambda named: option_of(command, named[1]) or named[0], text)
 
 
 def given(value: T | None, default: T) -> T:
-    """Return the value of an option, or the default value without the option."""
+    """Return the value of an option, or `default` if the user did not give the option."""
     return default if value is None else value
 
 
 class Verb(click.Command):
-    """A command of `forceaxis`. The help of the command prints an example with the line
-    breaks of the source. Error messages name the options of the command, not the parameters of the
-    library."""
+    """A command of `forceaxis`. Its help prints an example with the line breaks of the source. Its
+    error messages name options of the command instead of parameters of the library."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if any("--on" in option.opts for option in self.params):
@@ -173,8 +172,8 @@ class Verb(click.Command):
 
 
 class Slow(Verb):
-    """A command whose computation can last many seconds. A terminal shows the progress until the
-    command prints the result."""
+    """A command whose computation can last many seconds. Until the command prints its result, a
+    terminal shows the progress of the computation."""
 
     def invoke(self, ctx: click.Context) -> None:
         with waiting(self.name):
@@ -182,15 +181,15 @@ class Slow(Verb):
 
 
 def done_waiting() -> None:
-    """Clear the progress line on the terminal. A command calls this function before the
-    command prints a result."""
+    """Clear the progress line on the terminal. A command calls this function before it prints a
+    result."""
     if stop := click.get_current_context().meta.get("forceaxis.waiting"):
         stop()
 
 
 def listed(context: click.Context, formatter: click.HelpFormatter, verbs: Iterable[str]) -> None:
-    """Write a list of commands to the help, each with the first sentence of the help of the
-    command."""
+    """Write a list of commands to the help. Each row has the name of a command, and the first
+    sentence of the help of this command."""
     group = cast(click.Group, context.command)
     found = [(name, cast(click.Command, group.get_command(context, name))) for name in verbs]
     formatter.write_dl(
@@ -199,9 +198,9 @@ def listed(context: click.Context, formatter: click.HelpFormatter, verbs: Iterab
 
 
 class Verbs(click.Group):
-    """A group of commands, such as `forceaxis axis` with the command `forceaxis axis
-    move`. The help lists the commands under the headings of `sections`, else in alphabetical
-    order."""
+    """A group of commands: `forceaxis axis` is a group with the command `forceaxis axis move`. The
+    help lists the commands under the headings of `sections`, or in alphabetical order without
+    `sections`."""
 
     command_class = Verb
     format_epilog = Verb.format_epilog
@@ -216,7 +215,7 @@ class Verbs(click.Group):
         self.sections = sections or {}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names of all commands, those of `sections` first and in their order."""
+        """Return the names of all commands. The commands of `sections` come first, in order."""
         first = [name for names in self.sections.values() for name in names]
         return first + [name for name in super().list_commands(ctx) if name not in first]
 
@@ -286,8 +285,8 @@ class Kind(click.Choice[str]):
 
 class Subject(click.ParamType[str | Path]):
     """Type of an argument for a file that the command reads. The user gives the path of the
-    file, or the file name without ".toml" for a file in one of `folders`. The command receives
-    the text that the user has given, or a Path if `as_path` is True."""
+    file. For a file in one of `folders`, the file name without ".toml" is enough. The command
+    receives the text that the user has given, or a Path if `as_path` is True."""
 
     name = "file"
 
@@ -335,8 +334,8 @@ class Subject(click.ParamType[str | Path]):
 
 
 class Override(click.ParamType[str]):
-    """Type of the option --set, a text NAME=VALUE. A shell can complete the names of model
-    parameters and firmware objects, and the named values of an object."""
+    """Type of the option --set, whose value is a text NAME=VALUE. A shell can complete the names of
+    model parameters and of firmware objects, and the named values of an object."""
 
     name = "override"
 
@@ -401,8 +400,9 @@ class Object(click.ParamType[str]):
 
 
 def completed(ctx: click.Context, text: str) -> list[str]:
-    """Return all texts with which a shell can complete `--set TEXT`: names of firmware objects with
-    their named values, parameters of the model, and the duration and the window of the verdict."""
+    """Return all texts with which a shell can complete `--set TEXT`. They are names of firmware
+    objects and their named values, parameters of the model, and two lengths of time: the duration
+    of the experiment and the window of the verdict."""
     from forceaxis import objects
 
     name, equals, _ = text.partition("=")
@@ -485,8 +485,8 @@ def linked(command: Callback) -> Callback:
 
 def link_of(kind: str | None, lcm_url: str, link_can: str, inject: str) -> "LinkOptions | None":
     """Return the settings of the connection to a separate firmware process, or None without the
-    option --link. If the kernel does not support CAN, the command is started again in a guest
-    kernel that supports CAN."""
+    option --link. If the connection needs CAN and the kernel does not support CAN, the command is
+    started again in a guest kernel that supports CAN."""
     if kind is None:
         return None
     from forceaxis.experiments import link
@@ -505,8 +505,8 @@ COLOURS = {
 
 def coloured(text: str, word: str | None = None) -> str:
     """Return `text` in the colour of the result `word`, for example "stable" or "failed". Without
-    `word`, `text` itself is the result. If the result has no colour or the environment variable
-    NO_COLOR exists, return `text` without a colour."""
+    `word`, `text` itself is the result. Return `text` without a colour if the result has none, or
+    if the environment variable NO_COLOR exists."""
     colour = COLOURS.get((word or text).strip())
     plain = os.environ.get("NO_COLOR") or not colour
     return text if plain else click.style(text, fg=colour, bold=True)
@@ -523,16 +523,16 @@ def fitted(text: str, indent: int = 0) -> str:
 
 
 def fitted_lines(text: str) -> str:
-    """Wrap the texts of text lines "key text" to the width of the terminal. A text with two spaces
-    in sequence is a row of a table and is not wrapped."""
+    """Wrap text lines of the form "key text" to the width of the terminal. A text that contains two
+    consecutive spaces is a row of a table, and is not wrapped."""
     return "\n".join(
         line if "  " in line[13:].strip() else fitted(line, 13) for line in text.splitlines()
     )
 
 
 def show(rows: Iterable[tuple[str, str]]) -> None:
-    """Print rows (key, text), one text line for each row. On a terminal, long texts are wrapped and
-    the verdict is coloured."""
+    """Print rows (key, text), one text line for each row. On a terminal, long texts are wrapped,
+    and the text of the verdict is coloured."""
     done_waiting()
     for key, text in rows:
         line = f"{key:12} {text}"
@@ -561,8 +561,8 @@ def print_json(result: "Convertible") -> None:
 def print_result(
     result: "Convertible", as_json: bool, text: Callable[[], str], out: Path | None = None
 ) -> None:
-    """Print a result as JSON, or as the text that the function `text` returns. The text ends with
-    `out`, the folder of the written files."""
+    """Print a result as JSON, or as the text that the function `text` returns. If `out` is given,
+    the last text line names `out`, the folder of the written files."""
     if as_json:
         print_json(result)
         return
@@ -587,9 +587,9 @@ def aligned(rows: Sequence[Sequence[str]], to_the_left: Container[int] = (0,)) -
 
 @contextlib.contextmanager
 def waiting(what: str | None) -> Iterator[None]:
-    """Show the progress of the command `what` on standard error during a `with` block. On a
-    terminal, one text line is updated, beginning after two seconds. If standard error is a file,
-    each phase is written as one text line."""
+    """Show the progress of the command `what` on standard error during a `with` block. A terminal
+    shows one text line, which appears after two seconds and is then updated. Without a terminal,
+    each phase of the computation is written as one text line."""
     if not sys.stderr.isatty():
         with progress.told(lambda phase: click.echo(f"{what}: {phase}", err=True)):
             yield

@@ -112,8 +112,8 @@ def compare(
 
 
 def text_of(result: "RecordingComparison") -> str:
-    """Return the table that compares recordings with predictions, with the verdict in the first
-    text line."""
+    """Return the table that compares recordings with predictions. The first text line has the
+    verdict."""
     outside = [one.figure for one in result.figures if not one.agrees]
     verdict = "agrees" if result.agrees else f"differs in {', '.join(outside)}"
     gap = "" if result.gap_m is None else f", gap {1e3 * result.gap_m:.4g} mm"

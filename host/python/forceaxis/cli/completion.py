@@ -12,8 +12,8 @@ from forceaxis import paths
 from forceaxis.cli.common import Verb, Verbs
 
 SHELLS = click.Choice(["bash", "zsh", "fish"])
-# Bash splits words such as sim:contact and NAME=VALUE, and the script joins the pieces.
-# After the completion, the script removes from each result the piece that Bash keeps.
+# Bash splits command-line words such as sim:contact and NAME=VALUE at the colon or equals sign.
+# These lines join the pieces. After the completion, KEPT_REMOVED removes the piece that Bash keeps.
 JOINED_WORDS = """
     local words=() cword=0 i kept
     for ((i = 0; i < ${#COMP_WORDS[@]}; i++)); do
@@ -45,8 +45,8 @@ def _script(shell: str) -> str:
 
 
 def _places(shell: str) -> tuple[Path, Path | None]:
-    """Return two paths for a shell: the completion script, and the start-up file that has to load
-    the completion script. The second path is None for Fish, which needs no start-up file."""
+    """Return two paths for a shell. The first is the path of the completion script. The second is
+    the path of the start-up file that has to load the script, or None for Fish."""
     home = Path.home()
     data = Path(os.environ.get("XDG_DATA_HOME") or home / ".local/share")
     if shell == "fish":
@@ -97,7 +97,7 @@ def install(shell: str | None) -> None:
 @completion.command(cls=Verb, epilog="forceaxis completion show bash")
 @click.argument("shell", metavar="SHELL", type=SHELLS)
 def show(shell: str) -> None:
-    """Print the completion script of the shell SHELL (bash, zsh or fish), for an installation by
+    """Print the completion script for the shell SHELL (bash, zsh or fish), to install the script by
     hand."""
     click.echo(_script(shell))
 

@@ -87,8 +87,8 @@ def rows_of(found: ContactFit) -> list[str]:
 
 
 def element_rows(found: ContactFit) -> list[str]:
-    """Return the text lines about elements with which the model would explain the recordings
-    better."""
+    """Return the text lines about elements that the model may lack. With such an element, the model
+    would explain the recordings better."""
     if not found.elements:
         return ["lacks        none of the elements that were tried explains the rest"]
     lines = []

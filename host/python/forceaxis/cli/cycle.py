@@ -105,7 +105,7 @@ def run(
 
 
 def expect_picture(plot: Path | None) -> None:
-    """Raise ParameterError if the file of --plot has the suffix of no picture."""
+    """Raise ParameterError if the suffix of the --plot file is not that of an image."""
     from forceaxis import drawing
 
     if plot is not None and plot.suffix not in drawing.SUFFIXES:
@@ -113,7 +113,8 @@ def expect_picture(plot: Path | None) -> None:
 
 
 def rate(context: click.Context, option: click.Parameter, text: str | None) -> float | None:
-    """Return the share from a text such as "1%" or "0.01". Raises InputError for other texts."""
+    """Return a share from 0 to 1 as a number, from a text such as "1%" or "0.01". Raises InputError
+    for other texts."""
     if text is None:
         return None
     digits, percent = text.strip().removesuffix("%"), text.strip().endswith("%")

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from forceaxis.cycles.records import RecordFolder
     from forceaxis.cycles.results import Silence
 
-RUNNING_PARTS = 1000  # number of recent parts from which `watch` prints statistics
+RUNNING_PARTS = 1000  # largest number of recent parts over which `watch` computes statistics
 SOURCE = click.argument("source", type=click.Path(path_type=Path))
 recorded = click.option(
     "--out", type=Folder(), help="Folder for the records: parts/*.json and parts.csv."
@@ -43,7 +43,7 @@ recorded = click.option(
 
 
 def tables(verb: Callback) -> Callback:
-    """Add the options to a command that write further files with the records of all parts."""
+    """Add options to a command for further files, each with the records of all parts."""
     verb = click.option(
         "--jsonl",
         is_flag=True,
@@ -141,7 +141,7 @@ def write_curve(
     table: Path | None,
     plot: Path | None,
 ) -> None:
-    """Write the files of a curve, each completely or not at all."""
+    """Write the files of a recorded curve. Each file is written completely or not at all."""
     from forceaxis import drawing
     from forceaxis.cycles import curve as curves
 
@@ -383,8 +383,8 @@ def _expect_out(parquet: bool, jsonl: bool, out: Path | None) -> None:
 
 
 def _finish(folder: RecordFolder | None, parquet: bool, jsonl: bool, as_json: bool) -> None:
-    """Write further files, each with the records of all parts, and print the name of their
-    folder."""
+    """Write further files, each with the records of all parts of `folder`. Then print the name of
+    `folder`."""
     if folder is None:
         return
     if parquet:

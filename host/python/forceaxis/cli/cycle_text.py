@@ -18,7 +18,7 @@ from forceaxis.experiments import summary
 from forceaxis.words import counted
 
 Rows = list[summary.Row]
-# Texts for values of cycle_store_state.
+# Texts for values of the object cycle_store_state.
 STORE_STATES = {
     "stored": "the axis has stored the program",
     "no_memory": "the axis has no parameter store: a power cut loses the program",
@@ -27,15 +27,15 @@ STORE_STATES = {
 
 
 def number(value: float | None, unit: str) -> str:
-    """Return the number of a value as text, without the unit: a length in mm, any other value in
-    its own unit."""
+    """Return a value as text, without its unit. A length is in mm, any other value in its own
+    unit."""
     if value is None:
         return "-"
     return f"{value * 1e3 if unit == 'm' else value:.6g}"
 
 
 def shown_unit(unit: str) -> str:
-    """Return the unit of number()."""
+    """Return the unit of the text that number() returns for a value in `unit`."""
     return "mm" if unit == "m" else unit
 
 
@@ -81,8 +81,8 @@ def record_rows(record: PartRecord) -> Rows:
 
 
 def record_line(record: PartRecord) -> str:
-    """Return a recorded part as one line: its number, verdict, evaluation elements that are not
-    good, and notes."""
+    """Return one text line about a recorded part: the number of the part, its verdict, the
+    evaluation elements that are not good, and the notes."""
     if record.state == LOST:
         return f"part {record.number}: the axis has lost its result in a power cut"
     serial = f" {record.serial}" if record.serial else ""
@@ -91,7 +91,8 @@ def record_line(record: PartRecord) -> str:
 
 
 def running_text(found: PartStatistics) -> str:
-    """Return the statistics up to now as a short text: good parts, and the smallest Cpk."""
+    """Return a short text about the parts until now: the number of good parts, and the smallest
+    Cpk."""
     text = f"{found.good} of {found.good_share.of} good"
     smallest = min(
         ((e.cpk.value, e.name) for e in found.elements if e.cpk is not None), default=None
@@ -100,8 +101,8 @@ def running_text(found: PartStatistics) -> str:
 
 
 def curve_rows(curve: CurvePoints | None, files: Sequence[Path]) -> Rows:
-    """Return the row (key, text) about the recorded curve of a part and the files with this
-    curve."""
+    """Return the row (key, text) about the recorded curve of a part and about the files that have
+    this curve."""
     if curve is None:
         return []
     text = f"{len(curve.time_s)} points"
@@ -112,7 +113,7 @@ def curve_rows(curve: CurvePoints | None, files: Sequence[Path]) -> Rows:
 
 
 def element_cells(figure: ElementFigure) -> list[str]:
-    """Return the row of the table of a pressed part for one evaluation element."""
+    """Return the row for one evaluation element in the table of a pressed part."""
     texts = [number(v, figure.unit) for v in (figure.value, figure.least, figure.most)]
     return [figure.name, figure.verdict, *texts, shown_unit(figure.unit)]
 
@@ -191,7 +192,7 @@ def proposal_rows(proposal: Proposal) -> Rows:
 
 
 def bound_cells(bounds: MovedBounds) -> list[str]:
-    """Return the row of the table of proposed bounds for one evaluation element."""
+    """Return the row for one evaluation element in the table of proposed bounds."""
     new, old = (
         [number(value, bounds.unit) for value in pair]
         for pair in ((bounds.least, bounds.most), (bounds.least_before, bounds.most_before))
@@ -199,15 +200,16 @@ def bound_cells(bounds: MovedBounds) -> list[str]:
     return [bounds.name, *new, shown_unit(bounds.unit), f"{old[0]} to {old[1]}"]
 
 
-# Heights of the columns of a run chart as text, and the most columns of one.
+# Characters for the columns of a run chart, from the lowest to the highest column.
+# COLUMNS_MOST is the largest number of columns of a run chart.
 HEIGHTS = "▁▂▃▄▅▆▇█"
 COLUMNS_MOST = 60
 
 
 def run_chart(values: Sequence[float | None]) -> str:
-    """Return a run chart as one text line: the values in the order of the parts, as columns whose
-    height is scaled from the smallest to the largest value. With many values, a column is the mean
-    of consecutive parts. A point marks parts without a value."""
+    """Return a run chart as one text line. It has one column for each value, in the order of the
+    parts, and "·" for a part without a value. The heights are scaled from the smallest to the
+    largest value. With many values, a column is the mean of consecutive parts."""
     groups = -(-len(values) // COLUMNS_MOST)
     columns = []
     for i in range(0, len(values), groups or 1):
@@ -225,8 +227,8 @@ def run_chart(values: Sequence[float | None]) -> str:
 
 
 def interval_cells(interval: Interval | None, without: str) -> list[str]:
-    """Return a statistical figure and its confidence interval as cells of a table, or the reason
-    why the figure is missing."""
+    """Return cells of a table: a statistical value and its confidence interval, or the reason why
+    the value is missing."""
     if interval is None:
         return ["-", without]
     return [f"{interval.value:.3g}", f"{interval.low:.3g} to {interval.high:.3g}"]
@@ -243,7 +245,7 @@ def bounds_text(one: ElementStatistics) -> str:
 
 
 def element_table(found: PartStatistics) -> list[list[str]]:
-    """Return the table of the evaluation elements with their statistics; the first row is the
+    """Return a table with the statistics of each evaluation element. The first row is the
     header."""
     rows = [["element", "values", "mean", "deviation", "bounds", "unit", "good", "Cp", "Cpk",
              "95 % interval"]]  # fmt: skip

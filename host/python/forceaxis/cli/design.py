@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class Newtons(click.ParamType[tuple[float, ...]]):
-    """Type of an option for one or more forces in N, separated by commas, such as "30,75"."""
+    """Type of an option for one or more forces in N. Commas separate the forces, as in "30,75"."""
 
     name = "newtons"
 
@@ -228,9 +228,9 @@ def design(
 def _identified(
     order: "DesignOrder", measured: tuple[str, ...], priors: tuple[str, ...]
 ) -> "DesignOrder":
-    """Fit the model to the measured responses. Return `order` with the fitted parameters, and
-    with the confidence intervals of the parameters as tolerances. Raises Refusal if the fit is
-    rejected."""
+    """Fit the model to the measured responses. Return `order`, the request for a design, with the
+    fitted parameters. Their tolerances are the confidence intervals of the fit. Raises Refusal if
+    the fit is rejected."""
     from forceaxis.commission import damper_fit, known
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify.fit import read_response
@@ -271,7 +271,7 @@ def _pareto(order: "DesignOrder", pareto: str, out: Path | None, as_json: bool) 
 
 @contextlib.contextmanager
 def progress_on(stream: TextIO) -> Iterator[Callable[[str], None] | None]:
-    """Provide a function for a `with` block that shows a text as the progress line of a terminal.
+    """Provide, for a `with` block, a function that shows a text as the progress line of a terminal.
     Provide None if `stream` is not a terminal."""
     if not stream.isatty():
         yield None

@@ -1,5 +1,5 @@
-"""Texts that `forceaxis design` prints: the designed filter bank, and the trade-off of the option
---pareto."""
+"""Texts that `forceaxis design` prints about the designed filter bank and, with the option
+--pareto, about the trade-off."""
 
 from pathlib import Path
 
@@ -83,8 +83,9 @@ def _simulated(outcome: DesignOutcome, width: int | None) -> list[str]:
 
 
 def _set_lines(outcome: DesignOutcome) -> list[str]:
-    """Return the text lines about the states of the model's elements in the linear analysis, the
-    other states in the set of plants, and the dry friction in the simulated contacts."""
+    """Return the text lines about the set of plants: the states of the model's elements in the
+    linear analysis, and all further states in the set. The last text line states the dry friction
+    in the simulated contacts."""
     text = outcome.working.text
     lines = [f"mode         {text}"] if text else []
     others = [Member({}, m).label() for m in outcome.plants.modes if m != outcome.order.states]

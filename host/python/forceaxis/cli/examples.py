@@ -27,7 +27,7 @@ def examples_(folder: Path, as_json: bool) -> None:
 
 
 def text_of(result: examples.CopiedExamples) -> str:
-    """Return one line for each folder with its number of files."""
+    """Return one text line for each copied folder, with the number of files in the folder."""
     return "\n".join(f"{count:4}  {name}" for name, count in result.files.items())
 
 

@@ -111,8 +111,8 @@ def run(
 def named(
     context: click.Context, option: click.Parameter, texts: tuple[str, ...]
 ) -> dict[str, str]:
-    """Return the names and values from the texts "NAME=VALUE" of an option as {NAME: VALUE}. Raises
-    InputError for a text of another form, and for a name that occurs twice."""
+    """Return {NAME: VALUE} from the texts "NAME=VALUE" of an option. Raises InputError for a text
+    of another form, and for a NAME that occurs twice."""
     given: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -238,9 +238,9 @@ def sweep(
 
 
 def outcome_text(outcome: "RegressionOutcome", coloured: Callable[[str], str] = str) -> str:
-    """Return the text about one experiment that `forceaxis test` has tested: a text line with the
-    status, a text line for each value that differs, and a text line with the path of the recorded
-    signals. `coloured`: True if the status has a colour."""
+    """Return the text about one experiment that `forceaxis test` has tested. The text has a line
+    with the status, a line for each value that differs, and a line with the path of the recorded
+    signals. `coloured`: function that returns the text of the status in colour."""
     line = f"{coloured(f'{outcome.status:7}')}  {outcome.name}"
     line += "".join(f"\n           warning: {text}" for text in outcome.warnings)
     if outcome.status != "failed":

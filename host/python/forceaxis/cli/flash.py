@@ -20,7 +20,7 @@ from forceaxis.cli.live_options import ENVIRONMENT, AxisConnection, Kinds, error
 if TYPE_CHECKING:
     from forceaxis.axis.update import UpdateResult
 
-# During the erase of a slot, up to 2 s, the axis does not answer.
+# The axis does not answer while it erases a firmware slot, which takes up to 2 s.
 ANSWER_MAX_S = 5.0
 UPDATED = Kinds(("can", "tcp", "serial"), "because an update is written over CAN or Modbus")
 
@@ -36,7 +36,7 @@ class UpdateSummary:
     version: str
     table_hash: str
     board: str
-    addresses: list[str]  # addresses of the slots, for which the images are linked
+    addresses: list[str]  # start addresses of the firmware slots, one for each image
     sizes: list[int]  # sizes of the images in bytes
 
 
@@ -181,7 +181,7 @@ def expect_only_bus_options(
     erase_parameters: bool,
     serial: str,
 ) -> None:
-    """Raise InputError for options that an update over a bus does not have."""
+    """Raise InputError if an option is given that only a debug probe uses."""
     if address is not None or erase_parameters or serial:
         raise InputError(
             "--address, --erase-parameters, --serial: expected none of these options for an "
@@ -223,8 +223,8 @@ def update_fleet(
     new_table: bool,
     as_json: bool,
 ) -> None:
-    """Update axes over their bus, one after the other, and print what happened. The exit status is
-    1 after the first axis that fails."""
+    """Update axes over their bus, one after the other, and print the result of each axis. The
+    command ends with exit status 1 after the first axis that fails."""
     from forceaxis.axis.link import NoAnswer, Refused
     from forceaxis.axis.update import UpdateFailedError, update
 
@@ -247,7 +247,7 @@ def update_fleet(
 
 
 def result_text(found: "UpdateResult") -> str:
-    """Return a line about one axis."""
+    """Return one text line about the update of one axis."""
     if found.outcome == "unchanged":
         return f"{found.axis}: unchanged, it runs version {found.version} in slot {found.slot}"
     return (
@@ -257,7 +257,7 @@ def result_text(found: "UpdateResult") -> str:
 
 
 def show(plan: flash.Plan, as_json: bool, quiet: bool = False) -> None:
-    """Print on standard output what will be written to the chip, and on standard error a warning
+    """Print on standard output what will be written to the chip. Print on standard error a warning
     about the firmware image. With `quiet`, print only the warning."""
     if plan.warning:
         click.echo(f"forceaxis: warning: {plan.warning}", err=True)
@@ -266,8 +266,8 @@ def show(plan: flash.Plan, as_json: bool, quiet: bool = False) -> None:
 
 
 def plan_text(plan: flash.Plan) -> str:
-    """Return a text about the firmware image: the flash sectors that it overwrites, its version,
-    and whether the stored parameters are kept."""
+    """Return a text about a firmware image: its version, the flash sectors that it overwrites, and
+    whether the stored parameters are kept."""
     who, image, parameters = plan.identity, plan.image, plan.board.memory.parameters
     options = plan.probe.options
     starts = [sector.start for sector in flash.sectors_of(plan.board)]

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 
 def unit_options(set_help: str) -> Callable[[Callback], Callback]:
-    """Return a decorator that adds the options of both commands."""
+    """Return a decorator that adds the options that `fmu plant` and `fmu firmware` have in
+    common."""
 
     def add(command: Callback) -> Callback:
         version = click.option(
@@ -120,7 +121,7 @@ def firmware(
 
 
 def show(done: "Written", as_json: bool) -> None:
-    """Print what was written."""
+    """Print the path and the content of the written unit."""
 
     def text() -> str:
         of = f" of {Path(done.source).name}" if done.source else ""

@@ -1,5 +1,5 @@
-"""The options that selected a connection before `--on`: the error for one of them is the command
-with `--on`."""
+"""Options that selected a connection before `--on` replaced them. The error message for such an
+option shows the command with `--on`."""
 
 import shlex
 from collections import deque
@@ -35,8 +35,8 @@ class AddressType(Protocol):
 
 class Former(NamedTuple):
     """The earlier options among the arguments of a command. `names`: these options. `words`: the
-    arguments with --on in their place, or None if their values name no axis of this command.
-    `reason`: why not, or ""."""
+    arguments with --on instead of these options, or None if no --on can replace them. `reason`: the
+    end of the error message that states why, or ""."""
 
     names: list[str]
     words: list[str] | None = None
@@ -44,8 +44,8 @@ class Former(NamedTuple):
 
 
 def found_in(command: click.Command, words: Sequence[str]) -> Former | None:
-    """Return the earlier options in `words`, the arguments of a command, or None if the command has
-    no option --on or `words` no earlier option."""
+    """Return the earlier options in `words`, the arguments of a command. Return None if the command
+    has no option --on, or if `words` has no earlier option."""
     on_type = next((o.type for o in command.params if "--on" in o.opts), None)
     if on_type is None:
         return None
@@ -53,7 +53,7 @@ def found_in(command: click.Command, words: Sequence[str]) -> Former | None:
     former = FORMER - {name for option in command.params for name in option.opts}
     given: dict[str, list[str]] = {}
     rest: list[str] = []
-    place = 0  # of --on among the other words
+    place = 0  # index in `rest` at which --on replaces the earlier options
     remaining = deque(words)
     is_whole = True
     while remaining:
@@ -72,7 +72,8 @@ def found_in(command: click.Command, words: Sequence[str]) -> Former | None:
     if not given:
         return None
     on = addresses(given) if is_whole else []
-    on = on if kind.is_repeatable else on[-1:]  # an earlier option given twice had its last value
+    # If an earlier option was given several times, its last value counted.
+    on = on if kind.is_repeatable else on[-1:]
     try:
         for address in on:
             kind.address("--on", address)
@@ -86,8 +87,8 @@ def found_in(command: click.Command, words: Sequence[str]) -> Former | None:
 
 def expect_none(context: click.Context, words: Sequence[str]) -> None:
     """Raise UsageError if `words`, the arguments of a command, contain an option that the command
-    no longer has. If the values of the option name an axis, the message shows the same command with
-    --on."""
+    no longer has. If the values of this option name an axis, the message shows the same command
+    with --on."""
     former = found_in(context.command, words)
     if former is None:
         return
@@ -100,8 +101,8 @@ def expect_none(context: click.Context, words: Sequence[str]) -> None:
 
 
 def addresses(given: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return the addresses of the axes that earlier options selected, from {option: values}. The
-    list is empty if the options select several buses or no bus."""
+    """Return the addresses of the axes that the values of earlier options name. `given`: {option:
+    values}. The list is empty if the options select several buses or no bus."""
     last = {name: values[-1] for name, values in given.items()}
     buses = {"--can", "--modbus", "--sim", "--axis", "--lcm-url", "--url"} & set(given)
     url = last.get("--lcm-url") or last.get("--url")

@@ -79,8 +79,8 @@ identify.add_command(contact)
 
 
 def show(result: Convertible, as_json: bool, rows: Iterable[tuple[str, str | Estimate]]) -> None:
-    """Print the result of an identification as JSON, or as one text line for each pair (name, text)
-    in `rows`."""
+    """Print the result of an identification as JSON, or as text. The text has one line for each
+    pair (name, text) in `rows`."""
     print_result(result, as_json, lambda: "\n".join(f"{name:12} {text}" for name, text in rows))
 
 

@@ -113,7 +113,7 @@ def incident(
 def _read(
     connection: AxisConnection, clear: bool, wait_s: float | None, file: Path | None
 ) -> Incident:
-    """Return the incident of a file or of an axis."""
+    """Return the incident from the file `file`, or from the axis if `file` is None."""
     from forceaxis.commission import incident as incidents
 
     if file:
@@ -141,7 +141,7 @@ def _explain(
     from forceaxis import linear
     from forceaxis.commission import incident_explain
 
-    # --set changes the simulated axis; the released machine stays as MODEL says.
+    # --set changes the simulated axis. The plant of the explanation keeps the values of MODEL.
     held = {} if connection.is_simulated else linear.overrides(connection.overrides)
     found = incident_explain.explain(done, incident_explain.ExplainOrder(model, posterior, held))
     if out:

@@ -38,8 +38,8 @@ ENVIRONMENT = "FORCEAXIS_AXIS"  # environment variable with an address, used wit
 
 @dataclass(frozen=True)
 class Kinds:
-    """Kinds of address (keys of address.EXAMPLES) that a command accepts. `why`: the end of a
-    sentence that states why the command accepts no other kind."""
+    """Kinds of address (keys of address.EXAMPLES) that a command accepts. `why`: the reason why the
+    command accepts no other kind, as the end of a sentence."""
 
     kinds: tuple[str, ...] = tuple(addresses.EXAMPLES)
     why: str = ""
@@ -67,8 +67,9 @@ class AxisAddress(click.ParamType[Address]):
         return self.address("--on", value) if isinstance(value, str) else value
 
     def address(self, source: str, text: str) -> Address:
-        """Return the address in `text`. Raises InputError, with the option or the variable
-        `source`, for another text or for a kind of address that the command does not accept."""
+        """Return the address in `text`. Raises InputError for another text, or for a kind of
+        address that the command does not accept. `source`: option or environment variable with the
+        text."""
         try:
             found = addresses.parse(text)
         except InputError as error:
@@ -81,7 +82,7 @@ class AxisAddress(click.ParamType[Address]):
         if not isinstance(found, SimAddress):
             return found
         path = EXPERIMENT.convert(found.experiment, None, None)
-        # Messages show the name of an experiment; the address finds the file of this name.
+        # Messages show the name of an experiment. The search by this name finds its file again.
         is_name = found.experiment == Path(path).stem
         return found if is_name else dataclasses.replace(found, experiment=str(path))
 
@@ -116,7 +117,7 @@ def serial_devices(folder: Path = Path("/dev")) -> list[str]:
 @dataclass(frozen=True)
 class AxisConnection:
     """Connection to an axis as selected by the user: the addresses of the option --on, and the
-    values of --set and --model. `source`: the option or the environment variable with the
+    values of --set and --model. `source`: the option or environment variable that gave the
     address."""
 
     addresses: tuple[Address, ...] = ()
@@ -131,15 +132,15 @@ class AxisConnection:
 
     @property
     def address(self) -> Address:
-        """The address of the axis. Use this property only on the result of one(), which has exactly
-        one address."""
+        """The address of the axis. Use this property only after one(), whose result has exactly one
+        address."""
         return self.addresses[0]
 
     def chosen(self, is_bus: bool = False) -> AxisConnection:
-        """Return this connection. If the user gave no option --on and the environment variable
-        FORCEAXIS_AXIS exists, return a connection with the address in this variable, and print the
-        address with the number of the axis, because the user has not named the axis in this
-        command. `is_bus`: the address of the bus in place of that of the axis. Raises
+        """Return this connection. If the user gave no --on, and the environment variable
+        FORCEAXIS_AXIS exists, return a connection with the address in this variable, and print this
+        address. The user has not named the axis in this command, so the printed address always has
+        a number. `is_bus`: keep the address of the bus alone, without the number of an axis. Raises
         InputError."""
         text = os.environ.get(ENVIRONMENT)
         found = self
@@ -201,7 +202,7 @@ class AxisConnection:
         return found
 
     def options(self) -> str:
-        """Return the option that selects this axis as text, for use in another command."""
+        """Return the option that selects this axis, as text for use in another command."""
         address = self.address
         if isinstance(address, SimAddress):
             shown = paths.display(address.experiment)
@@ -213,8 +214,8 @@ def on_option(
     accepted: Kinds = ANY, help_text: str = "", is_repeatable: bool = False
 ) -> Callable[[Callback], Callback]:
     """Return a decorator that adds the option --on to a command. The function of the command
-    receives a tuple of addresses as the parameter `on`. `is_repeatable`: the command takes several
-    addresses, and not only to refuse them."""
+    receives a tuple of addresses as the parameter `on`. `is_repeatable`: True if the command
+    accepts several addresses. Other commands refuse a second address."""
     example = addresses.examples(accepted.kinds)
     repeated = " Repeatable." if is_repeatable else ""
     return click.option(
@@ -228,8 +229,8 @@ def on_option(
 
 def options(accepted: Kinds = ANY, is_repeatable: bool = False) -> Callable[[LiveVerb[P]], Verb]:
     """Return a decorator that adds the options of a connection to a command. The function of the
-    command receives the values of the options as an `AxisConnection`, which may have no address or
-    several. `is_repeatable`: as in on_option()."""
+    command receives the values of the options as an `AxisConnection`, with any number of addresses.
+    `is_repeatable`: as in on_option()."""
 
     def decorated(command: LiveVerb[P]) -> Verb:
         @functools.wraps(command)
@@ -266,8 +267,8 @@ def live_over(accepted: Kinds) -> Callable[[LiveVerb[P]], Verb]:
 
 
 def live(command: LiveVerb[P]) -> Verb:
-    """Add the options of a connection over any bus to a command that needs exactly one axis, as
-    live_over() does."""
+    """Add the options of a connection to a command that needs exactly one axis. The address may be
+    of any bus. For certain buses only, use live_over()."""
     return live_over(ANY)(command)
 
 
@@ -343,8 +344,8 @@ def owned(connection: AxisConnection, shared: bool = False) -> Iterator[Axis]:
 @contextlib.contextmanager
 def errors(connection: AxisConnection | None = None) -> Iterator[None]:
     """During a `with` block: if the axis refuses a request or a step, or does not respond, print
-    one text line and exit with status 1. Each command that a text of the library names then has the
-    address of the axis, because the environment variable may select another one."""
+    one text line and exit with status 1. If the text line contains a command, the command has
+    --on, because the environment variable may select another axis."""
     from forceaxis.axis.link import NoAnswer, Refused
 
     if connection is not None:

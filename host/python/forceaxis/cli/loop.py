@@ -1,5 +1,5 @@
-"""`forceaxis loop`, the group of commands that analyse a linear model and its force loop, with the
-options that several of these commands have."""
+"""`forceaxis loop`: the group of commands that analyse a linear model and its force loop. The
+module also has the options that several of these commands share."""
 
 import contextlib
 import functools
@@ -75,8 +75,8 @@ def draw(out: Path | None, make: Callable[[ModuleType], "Figure"]) -> None:
 def present(
     result: Result, as_json: bool, describe: Callable[[Result], str], out: Path | None = None
 ) -> None:
-    """Print the result of a command as a JSON object, or as the text of `describe` and the path
-    of the image file `out`."""
+    """Print the result of a command as a JSON object, or as the text that `describe` returns. The
+    text ends with the path of the image file `out`."""
     if as_json:
         print_json(result)
         return
@@ -99,7 +99,8 @@ def _model_options(subject: str, *folders: Path) -> Callable[[Callback], Callbac
     return add
 
 
-# Decorators that add --set, --mode and the argument MODEL (or MODEL|EXPERIMENT) to a command.
+# Decorators that add --set, --mode and the argument MODEL to a command. In the second decorator
+# the argument is MODEL|EXPERIMENT.
 model_options = _model_options("MODEL", paths.MODELS)
 subject_options = _model_options("MODEL|EXPERIMENT", paths.MODELS, paths.EXPERIMENTS)
 
@@ -128,8 +129,8 @@ class Law(click.ParamType[str]):
 
 
 def one_law(context: click.Context, option: click.Parameter, texts: tuple[str, ...]) -> str | None:
-    """Return the value of the option --law. Raises BadParameter if the option is given twice, with
-    the text of both if they name one law."""
+    """Return the value of the option --law. Raises BadParameter if the option is given twice. If
+    both texts name one law, the message shows the two texts as one text."""
     if len(texts) < 2:
         return next(iter(texts), None)
     from forceaxis.linear.law_text import parse_law
@@ -167,8 +168,8 @@ law_option = click.option(
 
 
 def requests_loop(verb: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the parameter `request`, a LoopRequest. The LoopRequest is made from all
-    options that are not parameters of the command's own function."""
+    """Give a command the parameter `request`, a LoopRequest. All options that are not parameters of
+    the command's own function become fields of this LoopRequest."""
     own = inspect.signature(verb).parameters
 
     @functools.wraps(verb)

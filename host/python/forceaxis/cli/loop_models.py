@@ -237,8 +237,8 @@ def _overlay(
     as_json: bool,
     measured: tuple[str, ...],
 ) -> None:
-    """Draw measured points over the response of the model. The model has the same input, output,
-    delay and states of its elements as the measurement."""
+    """Draw measured points over the response of the model. Input, output, delay and states of the
+    model's elements are those of the measurement."""
     from forceaxis import linear
     from forceaxis.cli import text_models
     from forceaxis.identify import overlay

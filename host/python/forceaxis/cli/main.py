@@ -1,5 +1,5 @@
-"""The program `forceaxis`, which loads the Python module of a command and runs the command.
-The exit status is 0 on success, 1 if the run or check failed, and 2 for wrong usage or input."""
+"""The program `forceaxis`: it loads the Python module of a command, and runs the command. The exit
+status is 0 on success, 1 if the run or check failed, and 2 for wrong usage or input."""
 
 import importlib
 import os
@@ -19,7 +19,7 @@ from forceaxis._core import InputError
 from forceaxis.cli import moved
 from forceaxis.cli.common import fail, printed_streams
 
-# Commands on the first page of the help, {heading: {commands: what they do}}.
+# Commands on the first page of the help: {heading: {commands: what these commands do}}.
 # The page has to fit a terminal of 24 lines with 80 columns.
 PAGE = {
     "Will my axis be stable?": {
@@ -51,8 +51,8 @@ PAGE = {
 }
 WORDS = [word for rows in PAGE.values() for words in rows for word in words.split(", ")]
 
-# The Python modules of each command whose module has another name than the command.
-# The list VERBS of the first module has the command, and further modules add commands to a group.
+# Python modules of each command whose module has another name than the command.
+# The list VERBS of the first module contains the command. Further modules add commands to a group.
 # A module is loaded when its command is used.
 MODULES = {
     **dict.fromkeys(("run", "sweep", "test"), ("experiments",)),
@@ -145,8 +145,8 @@ def cli(context: click.Context) -> None:
 
 def with_help(error: click.ClickException) -> str:
     """Return the message of a usage error. If the message does not state what was expected, a hint
-    to `--help` is added. The message about an earlier option shows the present command line, or
-    says what to do without the option."""
+    to `--help` is added. If the command line has an option or command of an earlier version, the
+    message shows the command line of the present version, or says what to do instead."""
     text = error.format_message()
     context = getattr(error, "ctx", None)
     if isinstance(error, click.exceptions.NoSuchOption) and context:
@@ -164,8 +164,8 @@ def with_help(error: click.ClickException) -> str:
 
 
 def with_table(message: str) -> str:
-    """Return `message` with a hint if the table [set] of a file has an unknown name, and another
-    table of the file format has the same name. Return other messages unchanged."""
+    """Return `message`, with a hint if a file has a wrong key in its table [set]: the hint names
+    another table in which this key is valid. Return other messages unchanged."""
     wrong = re.search(r'set\.(\w+): expected one of the parameters .* got "\1"; correct', message)
     if wrong:
         from forceaxis.experiments.points import meant
@@ -175,15 +175,15 @@ def with_table(message: str) -> str:
 
 
 def main() -> None:
-    """Run the program `forceaxis`. Terminal control characters in texts from buses and files are
-    not sent to the terminal."""
+    """Run the program `forceaxis`. Control characters in texts from buses and files are made
+    visible, and do not reach the terminal."""
     with printed_streams():
         command_line()
 
 
 def _run() -> None:
-    """Run the command, and exit with its status unless that is 0. Commands return None; click
-    returns the status of Context.exit()."""
+    """Run the command, and exit with its status unless this status is 0. A command returns None,
+    and click returns the status of Context.exit()."""
     if status := cli(prog_name="forceaxis", standalone_mode=False):
         sys.exit(status)
 

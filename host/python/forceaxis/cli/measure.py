@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 def band(
     context: click.Context, option: click.Parameter, text: str | None
 ) -> tuple[float, float] | None:
-    """Return the two frequencies in Hz from a text "LOW:HIGH". Raises InputError for other
-    texts."""
+    """Return two frequencies in Hz from the text "LOW:HIGH" of the option --band. Raises InputError
+    for other texts."""
     if text is None:
         return None
     try:
@@ -54,7 +54,7 @@ def band(
 
 
 def newtons(context: click.Context, option: click.Parameter, text: str | None) -> tuple[float, ...]:
-    """Return the forces in N from a text of numbers with commas between them, for example "30,75".
+    """Return the forces in N from a text such as "30,75", in which commas separate the forces.
     Raises InputError for another text, or if a force is not above 0."""
     if text is None:
         return ()
@@ -305,8 +305,8 @@ def command_line(
 
 
 def in_words(summary: MeasurementSummary) -> str:
-    """Return the text about a measurement of a model: excitation, bandwidth and other values of the
-    response, coherence, and the comparison with the model."""
+    """Return the text about the measurement of a simulated plant: excitation, bandwidth, other
+    values of the response, coherence, and comparison with the model."""
     from forceaxis.identify.measurement import COHERENT
 
     compared, readings = summary.comparison, summary.readings

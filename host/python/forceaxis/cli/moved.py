@@ -1,5 +1,5 @@
-"""Earlier spellings of commands and options, from which an error message shows the present
-spelling."""
+"""Commands and options of earlier versions. The error message for one of them shows the command
+line of the present version."""
 
 import shlex
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ import click
 
 from forceaxis.cli import former_options
 
-# The present words of each command that has moved, by its earlier words.
+# Commands that have another name in this version: {earlier name: present name}.
 COMMANDS = {
     **{
         name: f"loop {name}"
@@ -25,7 +25,7 @@ COMMANDS = {
     "replay": "recording replay",
 }  # fmt: skip
 
-# The key in the text of --law for each earlier option of a control law.
+# Earlier options of a control law, and the key of each in the text of --law: {option: key}.
 LAW_OPTIONS = {
     "--integral-rad-per-s": "integral",
     "--derivative-s": "derivative",
@@ -38,7 +38,7 @@ LAW_OPTIONS = {
     "--firmware-gain": "force_gain",
 }
 
-# What a user does without an option that a command no longer has: {(command, option): words}.
+# What a user does instead of using an option that no longer exists: {(command, option): text}.
 GONE = {
     ("design", "--ms-late"): "at latency 1 the design permits 1.1 times --ms",
     ("loop compliance", "--adc-bits"): "give a model with this number of bits",
@@ -50,8 +50,8 @@ GONE = {
 
 
 def present_line(arguments: Sequence[str]) -> str:
-    """Return the present spelling of a command line. `arguments`: the command line with earlier
-    spellings, beginning with the command."""
+    """Return the command line of the present version for a command line of an earlier version.
+    `arguments`: the earlier command line, beginning with the command."""
     return shlex.join(["forceaxis", *_present_words(arguments)])
 
 
@@ -62,8 +62,9 @@ def _present_words(arguments: Sequence[str]) -> list[str]:
 
 
 def told(arguments: Sequence[str], context: click.Context) -> str:
-    """Return the error message about a command that has moved: the whole present command line, and
-    what else is wrong with it. `context` is that of the program."""
+    """Return the error message about a command that has another name in this version. The message
+    has the whole command line of this version, and what else is wrong with the command line.
+    `context`: the click context of the program."""
     words = _present_words(arguments)
     count, command, parent = 0, context.command, context
     while isinstance(command, click.Group) and count < len(words):
@@ -89,8 +90,8 @@ def told(arguments: Sequence[str], context: click.Context) -> str:
 
 
 def gone(error: click.UsageError) -> str | None:
-    """Return what a user does without the option of a usage error, if its command had this option
-    earlier. Otherwise return None."""
+    """Return what the user does instead of using the option of a usage error. Return None if the
+    command did not have this option in an earlier version."""
     if not isinstance(error, click.exceptions.NoSuchOption) or error.ctx is None:
         return None
     command = error.ctx.command_path.removeprefix("forceaxis ")
@@ -99,8 +100,8 @@ def gone(error: click.UsageError) -> str | None:
 
 
 def with_one_law(arguments: Sequence[str]) -> list[str]:
-    """Return `arguments` with one option --law, at the place of the first option of a control law,
-    in place of --law and of the earlier options."""
+    """Return `arguments` with one option --law, which replaces --law and the earlier options of a
+    control law. The option is at the index of the first option that it replaces."""
     kept: list[str] = []
     name, pairs, place = "", list[str](), None
     rest = iter(arguments)

@@ -22,7 +22,7 @@ from forceaxis.design.data_sheet import default_of
 
 
 def option_of(field: data_sheet.SheetField) -> str:
-    """Return the name of the command's option for one value of the data sheets."""
+    """Return the name of the option that sets one value of the data sheets."""
     return "--" + field.name.lower().replace("_", "-")
 
 
@@ -39,8 +39,8 @@ def options(command: Callback) -> Callback:
 
 
 def prompt(field: data_sheet.SheetField, proposed: str, number: int) -> str:
-    """Ask the user for one value of the data sheets until the answer is valid. Return the answer,
-    or the word with which the user returns to the previous question."""
+    """Ask the user for one value of the data sheets until the answer is valid, and return the
+    answer. The answer data_sheet.BACK means that the user returns to the previous question."""
     count = len(data_sheet.FIELDS)
     if number == 1:
         click.echo(

@@ -29,8 +29,8 @@ def describe(done: NewAxis) -> list[tuple[str, str]]:
 
 
 def _reserve(done: NewAxis) -> str:
-    """Return the end of the text about the gain of the P law: the factor by which it can be raised,
-    and the critical gain."""
+    """Return the end of the text about the gain of the P law: by what factor the gain can be
+    raised, and the critical gain."""
     if done.force_gain_reserve is None:
         return f", a sixth of the linear limit {done.force_limit_gain:.4g}"
     return (
@@ -40,8 +40,8 @@ def _reserve(done: NewAxis) -> str:
 
 
 def _bank(bought: BankForAxis | NoBank | None) -> list[tuple[str, str]]:
-    """Return the text lines (key, text) that compare the designed filter bank with the P law at the
-    same margins."""
+    """Return the text lines (key, text) that compare the designed filter bank with the P law. Both
+    have the same margins."""
     if bought is None:
         return []
     if isinstance(bought, NoBank):
@@ -51,7 +51,7 @@ def _bank(bought: BankForAxis | NoBank | None) -> list[tuple[str, str]]:
     times = ""
     if before is not None and bought.p_static_error is not None:
         reached = "|S| never below -3 dB"
-        # this text applies if |S| is below -3 dB at a low frequency with law P
+        # this text applies if |S| with the P law is below -3 dB at low frequencies
         if before > 1.01 * LOWEST_HZ:
             reached, times = f"bandwidth fS {before:.3g} Hz", f", {after / before:.2g} times P's"
         rows.append(

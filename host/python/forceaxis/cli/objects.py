@@ -24,7 +24,7 @@ FILE_OPTIONS = [f"--{kind}" for kind in FILES]
 
 
 def file_options(verb: Callback) -> Callback:
-    """Add an option to a command for each kind of file that describes the objects."""
+    """Add options for files that describe the objects, one option for each kind of file."""
     for kind, (_, content) in reversed(FILES.items()):
         option = click.option(
             f"--{kind}", type=File(), metavar="FILE", help=f"Write the {content}."
@@ -34,8 +34,8 @@ def file_options(verb: Callback) -> Callback:
 
 
 def addresses(o: objects.AxisObject) -> tuple[str, str]:
-    """Return the CANopen address and the Modbus register of an object as two texts. The second text
-    is empty if the object has no register."""
+    """Return the CANopen address and the Modbus register of an object, as two texts. The register
+    is an empty text if the object has none."""
     space = "h" if o.access == "rw" else "i"
     return f"{o.index:04x}:{o.sub:x}", f"{space} {o.modbus:04x}" if o.modbus >= 0 else ""
 
@@ -72,8 +72,8 @@ def line(o: objects.AxisObject) -> str:
 
 
 def details(o: objects.AxisObject) -> Iterator[str]:
-    """Yield the text lines about one object: meaning, addresses, type, range, default, access,
-    values, storage and PDO."""
+    """Yield the text lines about one object: its meaning, addresses, type, range, default value,
+    access, named values, storage, and PDOs that may contain it."""
     yield from textwrap.wrap(f"{o.name}: {o.meaning}", DETAIL_COLUMNS, subsequent_indent="  ")
     size = 32 if o.type.endswith("32") else 16
     registers = f"{o.modbus:#06x}" + (f" and {o.modbus + 1:#06x}" if size == 32 else "")

@@ -36,7 +36,7 @@ def recording() -> None:
 
 
 def source_of(file: Path, separator: str | None) -> Source:
-    """Return the source of recordings in a file of any supported kind."""
+    """Return an object that reads recordings from a file of any supported kind."""
     from forceaxis.commission import incident
 
     if incident.is_incident(file):
@@ -143,7 +143,7 @@ def report_damage(damage: str | None) -> None:
 
 
 def summary(found: SignalRecording) -> JsonObject:
-    """Return the header of a recording, with the number and the range of the samples."""
+    """Return the header of a recording, and the number and range of the samples of each signal."""
     signals: list[JsonObject] = [
         {
             **to_json(signal.header),
@@ -159,7 +159,8 @@ def summary(found: SignalRecording) -> JsonObject:
 
 
 def text_of(done: Imported) -> str:
-    """Return the table of the signals, and a text line for each gap, jump or other observation."""
+    """Return a table of the imported signals, and one text line for each gap, jump or other
+    observation."""
     found = done.recording
     head = ("signal", "unit", "samples", "rate Hz", "from s", "to s", "min", "max", "delay s", "of")
     rows = [head, *(_row(signal) for signal in found)]
@@ -197,8 +198,8 @@ def _row(signal: RecordedSignal) -> tuple[str, ...]:
 
 
 def findings_of(signal: RecordedSignal) -> list[str]:
-    """Return a text line for each gap, jump or other observation in a signal, and a line with the
-    number of those that are not shown."""
+    """Return one text line for each gap, jump or other observation in a signal. If some of them are
+    not shown, the last text line states how many."""
     lines, left = [], dict[str, int]()
     for finding in signal.findings:
         count = left[finding.kind] = left.get(finding.kind, 0) + 1

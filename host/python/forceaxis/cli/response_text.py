@@ -6,7 +6,7 @@ from forceaxis.commission.friction import FrictionSummary
 from forceaxis.commission.measuring import AxisMeasurementSummary
 from forceaxis.identify.measurement import COHERENT
 
-Row = tuple[str, str]  # name and text of a printed text line
+Row = tuple[str, str]  # name and text of one text line
 
 
 def describe_response(summary: AxisMeasurementSummary) -> list[Row]:
@@ -112,8 +112,8 @@ def describe_fit(summary: AxisFitSummary) -> list[str]:
 
 
 def _damper_lines(summary: AxisFitSummary) -> list[str]:
-    """Return the text lines about the dampers that replaced dry friction in a fit. Without dampers,
-    the list is empty."""
+    """Return the text lines about the dampers that represent dry friction in a fit. If the fit has
+    no such dampers, the list is empty."""
     if summary.friction is None:
         return []
     lines = []

@@ -10,8 +10,8 @@ SHOWN_POINTS = 10
 
 
 def rows(done: Sweep) -> list[summary.Row]:
-    """Return the rows (key, text) about a sweep: runs, verdicts or stability boundaries, warnings,
-    failures."""
+    """Return the rows (key, text) about a sweep: its runs, its verdicts or stability boundaries,
+    its warnings and its failed runs."""
     result, counts = done.result, done.result.counts
     ran = counts.runs - counts.resumed
     speed = f", {ran / result.seconds:.0f} a second" if ran and result.seconds else ""

@@ -1,5 +1,5 @@
-"""Texts that the commands for a force loop print: limit, rlocus, nyquist, step, and bode for a
-set of plants."""
+"""Texts that the commands limit, rlocus, nyquist and step of `forceaxis loop` print, and the text
+of the command bode for a set of plants."""
 
 from dataclasses import replace
 
@@ -15,8 +15,8 @@ from forceaxis.words import counted
 
 
 def law_text(loop: AnalysedLoop) -> str:
-    """Return the name of the control law with the parameters of the law or the coefficients of its
-    filter bank."""
+    """Return the name of the control law, and its parameters or the coefficients of its filter
+    bank."""
     bank = loop.bank
     parts = [f"{name} {value:.5g}" for name, value in loop.parameters.items()]
     if bank:
@@ -30,8 +30,8 @@ def law_text(loop: AnalysedLoop) -> str:
 
 
 def loop_line(loop: AnalysedLoop) -> str:
-    """Return the text line about the force loop that was analysed: control law, delay of the loop
-    and controlled signal."""
+    """Return the text line about the analysed force loop: its control law, its delay and its
+    controlled signal."""
     return f"loop         {law_text(loop)}, {loop.timing}, {loop.output}"
 
 
@@ -41,7 +41,7 @@ def mode_lines(mode: Working | None) -> list[str]:
     return [f"mode         {mode.text}"] if mode else []
 
 
-# For each control law that no mode of the firmware has: how the firmware can compute it.
+# Control laws that no mode of the firmware has: {law: how the firmware can compute the law}.
 IN_FIRMWARE = {
     "pi": "runs this law as a bank with an integral: `forceaxis design`",
     "lead": "runs this law as a bank with a section: `forceaxis design`",
@@ -50,7 +50,7 @@ IN_FIRMWARE = {
 }
 
 
-# Texts for a bandwidth of 0 Hz, which is the result of a large static error of the control law.
+# Texts for a bandwidth of 0 Hz. The bandwidth is 0 Hz if the static error of the law is large.
 AT_REST = {
     "fS_Hz": "above it from 0 Hz on: a static error of 71 % or more",
     "fT_Hz": "below it from 0 Hz on: a static error of 29 % or more",
@@ -58,8 +58,8 @@ AT_REST = {
 
 
 def describe_limit(result: LimitResult) -> str:
-    """Return the text that `forceaxis loop limit` prints: critical gain, crossings of the stability
-    boundary, and margins of one force loop."""
+    """Return the text that `forceaxis loop limit` prints for one force loop: critical gain, gains
+    at which a pole crosses the stability boundary, and margins."""
     unit, in_firmware = result.unit, IN_FIRMWARE.get(result.loop.law)
     lines = [loop_line(result.loop), *mode_lines(result.loop.working)]
     if in_firmware:
@@ -115,9 +115,9 @@ def at_gain_lines(limit: LimitResult, at: LoopAtGain) -> list[str]:
 
 
 def dead_zone_lines(why: str | None) -> list[str]:
-    """Return the text line about a control law whose dead zone is at least as large as the
-    set-point, because small force errors round to an output of 0. Return no text line for other
-    laws."""
+    """Return the text line about a control law with a large dead zone. The output of the law is 0
+    for all force errors up to the set-point, because of rounding. Return no text line if `why` is
+    None."""
     return [f"dead zone    {why}"] if why else []
 
 
@@ -168,8 +168,8 @@ def describe_loci(result: LocusResult) -> str:
 
 
 def _set_lines(analysed: AnalysedSet) -> list[str]:
-    """Return the text lines about a set of plants: the ranges of the parameters, and the
-    combinations of states of the elements, such as an open or closed contact."""
+    """Return the text lines about a set of plants. The first states the ranges of the parameters.
+    The others state one combination each of states of the elements, such as an open contact."""
     spans = [f"{n} {r.low:.6g}..{r.high:.6g}" for n, r in analysed.over.ranges.items()]
     if analysed.over.plants is not None:
         spans.append(f"{analysed.over.plants} plants that stand for 95 % of the posterior")
@@ -184,8 +184,8 @@ def _set_lines(analysed: AnalysedSet) -> list[str]:
 
 
 def worst_lines(at: WorstAtGain, unit: str) -> list[str]:
-    """Return the text lines about the worst bandwidth and margins over a set of plants. Each value
-    is printed with the plant that has this value. `unit`: unit of the gain."""
+    """Return the text lines about the worst bandwidth and margins over a set of plants. After each
+    value follows the plant that has this value. `unit`: unit of the gain."""
     own = f", force_gain {at.firmware_gain:.5g}" if at.firmware_gain else ""
     head = f"at           {at.gain:.6g} {unit}{own}: "
     if not at.stable:

@@ -64,7 +64,7 @@ def describe_bode(result: LoopBode | PlantBode) -> str:
 
 def describe_measured(result: MeasuredBode) -> str:
     """Return the text that `forceaxis loop bode --measured` prints: the curves, and for each
-    measurement a statement whether the model explains the measurement."""
+    measurement a statement whether the model explains this measurement."""
     lines = [describe_bode(result)]
     for row in result.measured:
         found = row.comparison
@@ -78,8 +78,8 @@ def describe_measured(result: MeasuredBode) -> str:
 
 
 def describe_modes(result: ModeAnalysis) -> str:
-    """Return the text that `forceaxis loop modes` prints: a table row for each mode of vibration,
-    and the shape of each mode of vibration."""
+    """Return the text that `forceaxis loop modes` prints: one table row and one shape for each mode
+    of vibration."""
     lines = [
         f"{result.model}, contact {result.contact or 'none'}: {result.input} to {result.output}",
         *mode_lines(result.working),
@@ -114,8 +114,8 @@ def _number(value: float | None) -> str:
 
 
 def describe_system(system: System, mode: Working | None, drive: DriveFacts | None = None) -> str:
-    """Return the text that `forceaxis loop linearise` prints: the gains of a drive's velocity loop,
-    and one row of the matrices for each state and output."""
+    """Return the text that `forceaxis loop linearise` prints: the rows of the matrices, one for
+    each state and each output. For a drive with a velocity loop, the text has its gains too."""
     kind = "continuous" if system.dt is None else f"sampled every {system.dt:.6g} s"
     lines = [f"system       {kind}, inputs {', '.join(system.inputs)}"]
     lines += mode_lines(mode)

@@ -72,9 +72,9 @@ def tables_(
 
 
 def tables_text(result: tables.TablesResult) -> str:
-    """Return the text lines about the stability tables of the thesis: each cell whose simulated
-    verdict differs, with the reason; the fitted constants; the number of cells with equal
-    verdicts."""
+    """Return the text lines about the stability tables of the thesis. They have each cell whose
+    simulated verdict differs from the thesis, with the reason, then the fitted constants, and then
+    the number of cells whose verdicts are equal."""
     lines = []
     for cell in result.cells:
         if cell.agrees:
@@ -130,7 +130,7 @@ def session(out: Path, as_json: bool) -> None:
 
 
 def session_text(found: "SessionResult") -> str:
-    """Return the values that were observed in a laboratory session as text lines with units."""
+    """Return the values that were observed in a laboratory session, as text lines with units."""
     from forceaxis.thesis import session as thesis_session
 
     scales = thesis_session.scales()
@@ -171,8 +171,8 @@ def check(as_json: bool) -> None:
 
 
 def claims_text(result: "claims.CheckedClaims") -> str:
-    """Return two text lines for each number of the thesis: whether the number agrees, the value in
-    the thesis, and the value that the model gives."""
+    """Return two text lines for each number of the thesis: whether this number agrees with the
+    model, the value in the thesis, and the value that the model gives."""
     from forceaxis.thesis import claims
 
     lines = []
